@@ -1,0 +1,3 @@
+//! Nudge tells when one agent's action influences another's.
+
+pub mod information;

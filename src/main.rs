@@ -1,0 +1,3 @@
+//! The `nudge` binary.
+
+fn main() {}
