@@ -1,0 +1,120 @@
+//! Batches and receipts.
+
+use crate::api::{MOST_BATCH_TRANSITIONS, proto};
+use crate::domain::{Acknowledged, Batch, Entry, Label, Receipt, Record, Records, Rejection, Schema, Sequence, Widths};
+use crate::error::{ErrorKind, Fault, Problem};
+
+/// Decodes a batch. Its own faults fail it as a whole; those of single records keep their place in it.
+pub fn batch(schema: &Schema, batch: proto::Batch) -> Result<Batch, Problem> {
+    use proto::batch::Transitions;
+    let sequence = sequence(batch.sequence)?;
+    let segment = segment(&batch.segment)?;
+    let widths = Widths::of(schema);
+    let records = match batch.transitions {
+        None => Records::default(),
+        Some(Transitions::Rows(rows)) => {
+            within_limit(rows.transitions.len())?;
+            Records::collect(widths, rows.transitions.into_iter().map(record))
+        }
+        Some(Transitions::Columns(columns)) => {
+            within_limit(columns.count as usize)?;
+            records(widths, columns).map_err(|faults| Problem::invalid("batch", faults))?
+        }
+    };
+    Ok(Batch { sequence, segment, records })
+}
+
+/// Decodes the number of a batch.
+pub fn sequence(number: u64) -> Result<Sequence, Problem> {
+    Sequence::new(number).map_err(|detail| Problem::invalid("batch", vec![Fault::new("/sequence", detail)]))
+}
+
+fn segment(text: &str) -> Result<Option<Label>, Problem> {
+    if text.is_empty() {
+        return Ok(None);
+    }
+    text.parse().map(Some).map_err(|detail: String| Problem::invalid("batch", vec![Fault::new("/segment", detail)]))
+}
+
+fn within_limit(transitions: usize) -> Result<(), Problem> {
+    if transitions <= MOST_BATCH_TRANSITIONS {
+        return Ok(());
+    }
+    let message = format!("got {transitions} transitions in a batch, expected at most {MOST_BATCH_TRANSITIONS}");
+    Err(Problem::new(ErrorKind::TooLarge, "BATCH_TOO_LARGE", message))
+}
+
+fn record(transition: proto::Transition) -> Result<Record, (String, String)> {
+    let entry = entry(transition.entry).map_err(|reason| ("/entry".to_owned(), reason))?;
+    let count = transition.count.unwrap_or(1);
+    Ok(Record { state: transition.state, actions: transition.actions, entry, count })
+}
+
+fn entry(number: i32) -> Result<Entry, String> {
+    match proto::Entry::try_from(number) {
+        Ok(proto::Entry::Unspecified) => Ok(Entry::Unknown),
+        Ok(proto::Entry::Stayed) => Ok(Entry::Stayed),
+        Ok(proto::Entry::Entered) => Ok(Entry::Entered),
+        Err(_) => Err(format!("got {number}, expected 0, 1 or 2")),
+    }
+}
+
+fn records(widths: Widths, columns: proto::Columns) -> Result<Records, Vec<Fault>> {
+    let len = columns.count as usize;
+    let mut faults = Vec::new();
+    let mut check = |pointer: &str, got: usize, expected: usize| {
+        if got != expected {
+            let detail = format!("got {got} values, expected {expected} for {len} transitions");
+            faults.push(Fault::new(pointer, detail));
+        }
+    };
+    check("/columns/states", columns.states.len(), len * widths.state);
+    check("/columns/actions", columns.actions.len(), len * widths.actions);
+    for (pointer, got) in [("/columns/entries", columns.entries.len()), ("/columns/counts", columns.counts.len())] {
+        check(pointer, got, if got == 0 { 0 } else { len });
+    }
+    if !faults.is_empty() {
+        return Err(faults);
+    }
+    let mut undecodable = Vec::new();
+    let decode = |(index, number): (usize, &i32)| {
+        entry(*number).unwrap_or_else(|reason| {
+            undecodable.push(Rejection { index: index as u32, field: "/entry".into(), reason });
+            Entry::Unknown
+        })
+    };
+    let entries = columns.entries.iter().enumerate().map(decode).collect();
+    let proto::Columns { states, actions, counts, .. } = columns;
+    Ok(Records { len, states, actions, entries, counts, undecodable }.normalised())
+}
+
+/// Encodes what a producer is told about a batch.
+pub fn receipt(sequence: Sequence, told: Acknowledged) -> proto::Receipt {
+    use proto::BatchStatus::{Applied, Duplicate};
+    let (status, receipt, unverified) = match told {
+        Acknowledged::Applied(receipt) => (Applied, receipt, false),
+        Acknowledged::Duplicate(receipt) => (Duplicate, receipt, false),
+        Acknowledged::Unverified => (Duplicate, Receipt::default(), true),
+    };
+    proto::Receipt {
+        sequence: sequence.get(),
+        status: status.into(),
+        accepted: receipt.accepted,
+        rejected_count: receipt.rejected_count,
+        rejected: receipt.rejected.into_iter().map(Into::into).collect(),
+        unverified,
+    }
+}
+
+/// Encodes acknowledgements that are told together; they are in order, and the last one's number covers all.
+pub fn acknowledgement(told: Vec<(Sequence, Acknowledged)>, committed: Sequence) -> proto::IngestResponse {
+    let receipts = told.into_iter().map(|(sequence, told)| receipt(sequence, told)).collect();
+    let acknowledgement = proto::Acknowledgement { committed_sequence: committed.get(), receipts };
+    proto::IngestResponse { message: Some(proto::ingest_response::Message::Acknowledgement(acknowledgement)) }
+}
+
+impl From<Rejection> for proto::Rejection {
+    fn from(rejection: Rejection) -> Self {
+        Self { index: rejection.index, field: rejection.field, reason: rejection.reason }
+    }
+}

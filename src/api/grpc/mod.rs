@@ -1,0 +1,9 @@
+//! Between proto messages and the domain.
+
+mod answer;
+mod environment;
+mod ingest;
+mod question;
+
+pub use ingest::{acknowledgement, batch, receipt, sequence};
+pub use question::{batch_question, list_states, question, scope};

@@ -1,0 +1,160 @@
+//! Answers: what the counts of a state say about influence. Every figure is in the answer's unit.
+
+use super::{RuleKind, StateKey, Uid, Unit};
+
+/// Whether the ego's action influences the other's.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Verdict {
+    /// It does, by the rule.
+    Influences,
+    /// It does not, by the rule.
+    NoInfluence,
+    /// What was seen does not decide.
+    Undecided,
+}
+
+impl Verdict {
+    /// Every verdict, in the order in which they are told.
+    pub const ALL: [Self; 3] = [Self::Influences, Self::NoInfluence, Self::Undecided];
+
+    /// Returns the word on the wire.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Influences => "influences",
+            Self::NoInfluence => "no_influence",
+            Self::Undecided => "undecided",
+        }
+    }
+}
+
+impl std::str::FromStr for Verdict {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong = || format!("got {text:?}, expected influences, no_influence or undecided");
+        Self::ALL.into_iter().find(|verdict| verdict.as_str() == text).ok_or_else(wrong)
+    }
+}
+
+/// What a verdict rests on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Basis {
+    /// This many visits.
+    Counts(u64),
+    /// Nothing was seen, and no model is active.
+    Prior,
+}
+
+impl Basis {
+    /// Returns the word on the wire.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Counts(_) => "counts",
+            Self::Prior => "prior",
+        }
+    }
+}
+
+/// The answers to one question.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Answers {
+    /// The environment that was asked about.
+    pub environment_uid: Uid,
+    /// What the numbers in the answers stand for.
+    pub labels: Labels,
+    /// One a state, in the question's order.
+    pub answers: Vec<Answer>,
+}
+
+/// What the action indices in answers stand for.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Labels {
+    /// The ego's actions.
+    pub ego: Variable,
+    /// The other's actions.
+    pub other: Variable,
+    /// The agents whose actions are held fixed.
+    pub given: Vec<Variable>,
+}
+
+/// A variable and the labels of its values.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Variable {
+    /// Its name.
+    pub name: String,
+    /// A label a value, in index order; empty where there are more than [`Variable::MOST_LABELS`].
+    pub actions: Vec<String>,
+}
+
+impl Variable {
+    /// The largest alphabet whose labels are told.
+    pub const MOST_LABELS: u64 = 4_096;
+}
+
+/// The answer for one state.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Answer {
+    /// The state.
+    pub key: StateKey,
+    /// How often it was seen, in the segments asked for.
+    pub visits: u64,
+    /// The verdict.
+    pub verdict: Verdict,
+    /// What the verdict rests on.
+    pub basis: Basis,
+    /// Absent in the `verdict` view.
+    pub figures: Option<Figures>,
+    /// The ego's actions in index order; `full` view only.
+    pub by_action: Option<Vec<ActionFigures>>,
+}
+
+/// What one state's counts measure.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Figures {
+    /// The state's bins with their labels: feature, bin, label.
+    pub bins: Vec<Bin>,
+    /// How often the state was entered, where every transition carried the flag.
+    pub entries: Option<u64>,
+    /// The unit of every figure.
+    pub unit: Unit,
+    /// The threshold used, in that unit.
+    pub threshold: f64,
+    /// The kind of rule that decided.
+    pub rule: RuleKind,
+    /// Plug-in mutual information, at least 0; 0 at no visits.
+    pub plug_in: f64,
+    /// Its mean under independence at these margins.
+    pub expected_if_independent: f64,
+    /// How that mean was computed.
+    pub expected_method: &'static str,
+    /// Further estimators that were asked for, by name.
+    pub estimates: Vec<(&'static str, f64)>,
+    /// How many transitions of the environment the answer stands on.
+    pub revision: u64,
+}
+
+/// One bin of a state.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Bin {
+    /// The feature.
+    pub feature: String,
+    /// The bin's number.
+    pub bin: u32,
+    /// What people call it.
+    pub label: String,
+}
+
+/// What one ego action was seen to do.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ActionFigures {
+    /// Its index.
+    pub index: u64,
+    /// Its label.
+    pub action: String,
+    /// How often it was seen in this state.
+    pub visits: u64,
+    /// Plug-in KL(p(other given this action) from p(other)); `None` when unvisited. It favours the rarest action.
+    pub plug_in_divergence: Option<f64>,
+    /// Relative frequency of each of the other's actions after it, in index order; `None` when unvisited.
+    pub response: Option<Vec<f64>>,
+}

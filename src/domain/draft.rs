@@ -1,0 +1,147 @@
+//! An environment as somebody described it, before it has been checked. Every face decodes to this; [`super::Schema`] is what comes of it.
+
+/// The state and the agents of an environment, unchecked.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct SchemaDraft {
+    /// The coordinates of the state, in order.
+    pub state: Vec<FeatureDraft>,
+    /// The agents, in order.
+    pub agents: Vec<AgentDraft>,
+}
+
+/// An agent, unchecked.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct AgentDraft {
+    /// Its name.
+    pub name: String,
+    /// The coordinates of its action, in order.
+    pub action: Vec<FeatureDraft>,
+}
+
+/// A feature, unchecked: exactly one kind is expected.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct FeatureDraft {
+    /// Its name.
+    pub name: String,
+    /// The unit of its values, for people.
+    pub unit: Option<String>,
+    /// The kinds that were given.
+    pub kinds: Vec<KindDraft>,
+}
+
+/// A kind of feature, unchecked.
+#[derive(Debug, Clone, PartialEq)]
+pub enum KindDraft {
+    /// Edges, which are rounded to f32 here and must still increase.
+    Continuous(Vec<f64>),
+    /// The number of bins.
+    Circular(i64),
+    /// The smallest and the largest value.
+    Integer(i64, i64),
+    /// The labels.
+    Categorical(Vec<String>),
+}
+
+/// A rule, or the part of one that was given.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct RuleDraft {
+    /// `evidence` or `paper`.
+    pub kind: Option<String>,
+    /// In `unit` where one is given beside it, else in the unit of the rule it is merged over.
+    pub threshold: Option<f64>,
+    /// `nats` or `bits`.
+    pub unit: Option<String>,
+    /// Visits below which the paper's rule stays undecided.
+    pub min_visits: Option<u64>,
+    /// Probability from which the evidence rule decides.
+    pub confidence: Option<f64>,
+}
+
+/// A value of a feature, as it was written.
+#[derive(Debug, Clone, PartialEq)]
+pub enum ValueDraft {
+    /// A number.
+    Number(f64),
+    /// A label.
+    Text(String),
+    /// Text from a place that knows no types, such as a query string: a label or a number.
+    Untyped(String),
+    /// Something that no feature can take, as it was written.
+    Other(String),
+}
+
+/// The values of features by name, in the order in which they were written.
+pub type NamedValues = Vec<(String, ValueDraft)>;
+
+/// An agent's action, as it was written.
+#[derive(Debug, Clone, PartialEq)]
+pub enum ActionDraft {
+    /// The only feature's value.
+    Bare(ValueDraft),
+    /// A value a feature.
+    Named(NamedValues),
+}
+
+/// The states of a question, unchecked.
+#[derive(Debug, Clone, PartialEq)]
+pub enum StatesDraft {
+    /// A value a feature, in the environment's order.
+    Positional(Vec<Vec<f32>>),
+    /// Values by name.
+    Named(Vec<NamedValues>),
+    /// Keys, `3.0.7`.
+    Keys(Vec<String>),
+}
+
+impl Default for StatesDraft {
+    fn default() -> Self {
+        Self::Keys(Vec::new())
+    }
+}
+
+/// Which figures of which pair, unchecked: what every question about influence has in common.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct PairDraft {
+    /// The agent whose influence is asked about; the first one if absent.
+    pub ego: Option<String>,
+    /// The agent that may be influenced; the second one if absent.
+    pub other: Option<String>,
+    /// Agents whose actions are held fixed.
+    pub given: Vec<String>,
+    /// The segments to count; all if empty.
+    pub segments: Vec<String>,
+    /// The parts of the rule that differ from the environment's.
+    pub rule: RuleDraft,
+    /// The unit of the answer's figures.
+    pub unit: Option<String>,
+}
+
+/// A question about influence, unchecked.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct QuestionDraft {
+    /// Whose influence on whom, from which counts, by which rule.
+    pub pair: PairDraft,
+    /// The states that are asked about.
+    pub states: StatesDraft,
+    /// Names of further estimators of mutual information.
+    pub estimators: Vec<String>,
+    /// `verdict`, `figures` or `full`.
+    pub view: Option<String>,
+}
+
+/// A question for a page of states, unchecked.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct ListingDraft {
+    /// Whose influence on whom, from which counts, by which rule.
+    pub pair: PairDraft,
+    /// `visits` or `plug_in`, then `desc` (default) or `asc`.
+    pub order_by: Option<String>,
+    /// Leaves out states with fewer visits.
+    pub min_visits: u64,
+    /// Leaves out states with another verdict.
+    pub verdict: Option<String>,
+    /// The most to return; 0 for the default.
+    pub page_size: u64,
+    /// The token of the page before.
+    pub page_token: Option<String>,
+}

@@ -1,0 +1,34 @@
+//! An environment as the store keeps it.
+
+use std::fmt;
+
+use super::{Name, Rule, Schema};
+
+/// The store's number of an environment; never used twice.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct EnvironmentId(pub i64);
+
+/// What tells an environment from an earlier one of the same name. Given by the server, never reused.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+pub struct Uid(pub String);
+
+impl fmt::Display for Uid {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+/// One named world.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Environment {
+    /// The store's number of it.
+    pub id: EnvironmentId,
+    /// The server's name of it for ever.
+    pub uid: Uid,
+    /// The name that people use.
+    pub name: Name,
+    /// Its state and agents, which never change.
+    pub schema: Schema,
+    /// Its decision rule, which may.
+    pub rule: Rule,
+}

@@ -1,0 +1,202 @@
+//! Features: named coordinates of a state or of an action, and the bins that their values fall into.
+
+use std::f64::consts::TAU;
+use std::fmt;
+use std::sync::Arc;
+
+use super::{Label, Name};
+
+/// One named coordinate with a discretiser.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Feature {
+    /// Unique among the features and agents of its environment.
+    pub name: Name,
+    /// The unit of its values, for people.
+    pub unit: Option<Label>,
+    /// How values become bins.
+    pub kind: FeatureKind,
+}
+
+/// How the values of a feature become bins. Made only by [`super::Schema::try_from`], so every variant is within its limits.
+#[derive(Debug, Clone, PartialEq)]
+pub enum FeatureKind {
+    /// Bin = number of edges <= value; strictly increasing finite edges, so k edges make k + 1 bins.
+    Continuous(Arc<[f32]>),
+    /// That many equal bins of an angle in radians, the first centred on 0.
+    Circular(u32),
+    /// Whole numbers from the first to the second, a bin each.
+    Integer(i32, i32),
+    /// One bin a label, in this order; on the wire a value is the label or its index.
+    Categorical(Arc<[Label]>),
+}
+
+/// A value that has no bin: what it was and what was expected.
+#[derive(Debug, Clone, Copy)]
+pub struct Misfit<'a> {
+    value: f32,
+    kind: &'a FeatureKind,
+}
+
+impl FeatureKind {
+    /// Returns the number of bins, at least 1.
+    pub fn bins(&self) -> u32 {
+        match self {
+            Self::Continuous(edges) => edges.len() as u32 + 1,
+            Self::Circular(bins) => *bins,
+            Self::Integer(min, max) => max.abs_diff(*min) + 1,
+            Self::Categorical(labels) => labels.len() as u32,
+        }
+    }
+
+    /// Returns the bin of `value`; NaN, infinities and values outside an alphabet are misfits.
+    #[inline]
+    pub fn bin(&self, value: f32) -> Result<u32, Misfit<'_>> {
+        let misfit = Misfit { value, kind: self };
+        if !value.is_finite() {
+            return Err(misfit);
+        }
+        match self {
+            Self::Continuous(edges) => Ok(edges_at_or_below(edges, value)),
+            Self::Circular(bins) => Ok(sector(*bins, value)),
+            Self::Integer(min, max) => whole(value, *min, *max).ok_or(misfit),
+            Self::Categorical(labels) => whole(value, 0, labels.len() as i32 - 1).ok_or(misfit),
+        }
+    }
+
+    /// Returns the index of a categorical label, as the value it has on the wire.
+    pub fn label_index(&self, text: &str) -> Option<u32> {
+        match self {
+            Self::Categorical(labels) => labels.iter().position(|label| label.as_str() == text).map(|i| i as u32),
+            _ => None,
+        }
+    }
+
+    /// Returns what people call a bin: a label, a number, an interval `[0.5, 1)` or the centre of a sector in radians.
+    pub fn bin_label(&self, bin: u32) -> String {
+        match self {
+            Self::Continuous(edges) => interval(edges, bin as usize),
+            Self::Circular(bins) => format!("{:.3}", sector_centre(*bins, bin)),
+            Self::Integer(min, _) => (i64::from(*min) + i64::from(bin)).to_string(),
+            Self::Categorical(labels) => labels[bin as usize].to_string(),
+        }
+    }
+
+    /// Returns what a value must be, for error messages.
+    pub fn expected(&self) -> String {
+        match self {
+            Self::Continuous(_) => "a finite number".into(),
+            Self::Circular(_) => "a finite angle in radians".into(),
+            Self::Integer(min, max) => format!("a whole number from {min} to {max}"),
+            Self::Categorical(labels) => expected_label(labels),
+        }
+    }
+}
+
+impl fmt::Display for Misfit<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "got {}, expected {}", self.value, self.kind.expected())
+    }
+}
+
+fn expected_label(labels: &[Label]) -> String {
+    const TOLD: usize = 12;
+    let told: Vec<&str> = labels.iter().take(TOLD).map(Label::as_str).collect();
+    let more = if labels.len() > TOLD { ", ..." } else { "" };
+    format!("one of {}{more}, or an index from 0 to {}", told.join(", "), labels.len() - 1)
+}
+
+/// Counts without branching while the list is short, which is faster than a search there.
+#[inline]
+fn edges_at_or_below(edges: &[f32], value: f32) -> u32 {
+    const SHORT: usize = 16;
+    if edges.len() <= SHORT {
+        edges.iter().map(|&edge| u32::from(edge <= value)).sum()
+    } else {
+        edges.partition_point(|&edge| edge <= value) as u32
+    }
+}
+
+#[inline]
+fn sector(bins: u32, angle: f32) -> u32 {
+    let turns = f64::from(angle) / TAU;
+    let position = (turns * f64::from(bins) + 0.5).floor();
+    position.rem_euclid(f64::from(bins)) as u32
+}
+
+/// Returns the centre of a sector in radians, in (-pi, pi].
+fn sector_centre(bins: u32, bin: u32) -> f64 {
+    let turns = f64::from(bin) / f64::from(bins);
+    TAU * if turns > 0.5 { turns - 1.0 } else { turns }
+}
+
+#[inline]
+fn whole(value: f32, min: i32, max: i32) -> Option<u32> {
+    let within = value >= min as f32 && value <= max as f32 && value.fract() == 0.0;
+    within.then(|| (value as i32 - min) as u32)
+}
+
+fn interval(edges: &[f32], bin: usize) -> String {
+    match (bin.checked_sub(1).map(|low| edges[low]), edges.get(bin)) {
+        (None, None) => "any".into(),
+        (None, Some(high)) => format!("< {high}"),
+        (Some(low), None) => format!(">= {low}"),
+        (Some(low), Some(high)) => format!("[{low}, {high})"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn continuous(edges: &[f32]) -> FeatureKind {
+        FeatureKind::Continuous(edges.into())
+    }
+
+    #[test]
+    fn a_value_on_an_edge_belongs_above_it() {
+        let kind = continuous(&[0.5, 0.7, 1.0]);
+        let bins: Vec<u32> = [0.4, 0.5, 0.7, 0.69999, 1.0, -0.0, 9.0].map(|v| kind.bin(v).expect("finite")).to_vec();
+        assert_eq!(bins, [0, 1, 2, 1, 3, 0, 3]);
+    }
+
+    #[test]
+    fn long_and_short_edge_lists_agree() {
+        let edges: Vec<f32> = (0..40).map(|i| i as f32 * 0.5).collect();
+        for step in -4..100 {
+            let value = step as f32 * 0.25;
+            let counted = edges.iter().filter(|&&e| e <= value).count() as u32;
+            assert_eq!(continuous(&edges).bin(value).expect("finite"), counted);
+        }
+    }
+
+    #[test]
+    fn angles_wrap_and_the_first_sector_is_centred_on_zero() {
+        let kind = FeatureKind::Circular(8);
+        let eighth = std::f32::consts::TAU / 8.0;
+        assert_eq!(kind.bin(0.0).expect("finite"), 0);
+        assert_eq!(kind.bin(-0.3).expect("finite"), 0);
+        assert_eq!(kind.bin(eighth).expect("finite"), 1);
+        assert_eq!(kind.bin(-eighth).expect("finite"), 7);
+        assert_eq!(kind.bin(100.0 * std::f32::consts::TAU + eighth).expect("finite"), 1);
+        assert!(kind.bin(f32::MAX).expect("finite") < 8);
+    }
+
+    #[test]
+    fn integers_refuse_fractions_and_what_lies_outside() {
+        let kind = FeatureKind::Integer(-2, 3);
+        assert_eq!(kind.bin(-2.0).expect("within"), 0);
+        assert_eq!(kind.bin(-0.0).expect("within"), 2);
+        for bad in [1.5, 4.0, -3.0, f32::NAN, f32::INFINITY, 16_777_217.0] {
+            assert!(kind.bin(bad).is_err(), "{bad}");
+        }
+        assert_eq!(kind.bin(9.0).unwrap_err().to_string(), "got 9, expected a whole number from -2 to 3");
+    }
+
+    #[test]
+    fn bins_are_named_for_people() {
+        let kind = continuous(&[0.5, 1.0]);
+        assert_eq!([0, 1, 2].map(|bin| kind.bin_label(bin)), ["< 0.5", "[0.5, 1)", ">= 1"]);
+        assert_eq!(FeatureKind::Circular(4).bin_label(3), "-1.571");
+        assert_eq!(FeatureKind::Integer(-2, 3).bin_label(0), "-2");
+    }
+}

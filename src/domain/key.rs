@@ -1,0 +1,36 @@
+//! The key of a state: its bin numbers.
+
+use std::fmt;
+
+/// A state by its bin numbers, written joined by dots: `3.0.7`. Ordered by bins, first feature first.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct StateKey(Box<[u32]>);
+
+impl StateKey {
+    /// Makes the key of these bins, which the caller took from a schema.
+    pub fn new(bins: &[u32]) -> Self {
+        Self(bins.into())
+    }
+
+    /// Reads a key as [`fmt::Display`] wrote it, without asking whether a schema has such bins: for text that was checked before it was stored.
+    pub fn from_stored(text: &str) -> Option<Self> {
+        text.split('.').map(|part| part.parse().ok()).collect::<Option<Box<[u32]>>>().map(Self)
+    }
+
+    /// Returns the bin of each feature.
+    pub fn bins(&self) -> &[u32] {
+        &self.0
+    }
+}
+
+impl fmt::Display for StateKey {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (i, bin) in self.0.iter().enumerate() {
+            if i > 0 {
+                f.write_str(".")?;
+            }
+            write!(f, "{bin}")?;
+        }
+        Ok(())
+    }
+}

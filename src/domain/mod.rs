@@ -1,0 +1,44 @@
+//! What Nudge talks about: types that cannot be wrong, and the rules that make them so. Nothing here does I/O.
+//!
+//! The words, used alike in proto, SQL, REST, logs and code:
+//!
+//! * An **environment** is one named world: a [`Schema`] (its state's **features** and its **agents**), which never changes, and a [`Rule`], which may.
+//! * A **state** is a tuple of feature values; discretised, a tuple of bins, whose [`StateKey`] is `3.0.7`.
+//! * A **joint action** is one action index per agent, as one number, the first agent most significant.
+//! * A **transition** is (state, joint action), seen once or `count` times; `entry` says whether it entered its state.
+//! * A **cell** is (state, **segment**, joint action) with its [`Tally`]: visits `n` and `entries`.
+//!
+//! Input passes through stages, each a type: drafts and [`Records`] (decoded), [`Schema`], [`Question`] and [`Increment`] (valid),
+//! [`Receipt`] (committed) and [`Answer`].
+
+pub mod draft;
+
+mod answer;
+mod batch;
+mod checked;
+mod counts;
+mod environment;
+mod feature;
+mod hash;
+mod key;
+mod name;
+mod named;
+mod overview;
+mod question;
+mod records;
+mod rule;
+mod schema;
+
+pub use answer::{ActionFigures, Answer, Answers, Basis, Bin, Figures, Labels, Variable, Verdict};
+pub use batch::{Acknowledged, Batch, Receipt, Sequence};
+pub use counts::{Cell, Counts, Increment, SegmentId, Tally};
+pub use draft::{RuleDraft, SchemaDraft};
+pub use environment::{Environment, EnvironmentId, Uid};
+pub use feature::{Feature, FeatureKind, Misfit};
+pub use key::StateKey;
+pub use name::{Label, Name, ProducerId};
+pub use overview::{HistogramBin, LabelledCell, StateFigures, StatePage, StateView, Summary};
+pub use question::{Estimator, MOST_STATES, Pair, Question, Scope, View};
+pub use records::{Digest, Entry, Record, Records, Rejection, Widths};
+pub use rule::{Rule, RuleKind, Unit};
+pub use schema::{Agent, Schema, SchemaHash};

@@ -1,0 +1,243 @@
+//! A question about influence, checked against its environment.
+
+use std::str::FromStr;
+
+use super::draft::{PairDraft, QuestionDraft, StatesDraft};
+use super::{Environment, Label, Rule, Schema, StateKey, Unit};
+use crate::error::{Fault, Problem};
+
+/// The most states of one question.
+pub const MOST_STATES: usize = 10_000;
+
+/// How much of an answer is wanted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum View {
+    /// State key, visits, verdict and basis.
+    Verdict,
+    /// All but the figures of each ego action.
+    Figures,
+    /// Everything.
+    Full,
+}
+
+/// A further estimator of mutual information.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Estimator {
+    /// Plug-in less its mean under independence.
+    Excess,
+    /// Plug-in less Miller and Madow's first-order bias.
+    MillerMadow,
+}
+
+impl Estimator {
+    /// Returns the word on the wire.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Excess => "excess",
+            Self::MillerMadow => "miller_madow",
+        }
+    }
+}
+
+impl FromStr for Estimator {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let known = [Self::Excess, Self::MillerMadow];
+        let wrong = || format!("unknown estimator {text:?}, expected excess or miller_madow");
+        known.into_iter().find(|estimator| estimator.as_str() == text).ok_or_else(wrong)
+    }
+}
+
+impl View {
+    /// Returns the word on the wire.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Verdict => "verdict",
+            Self::Figures => "figures",
+            Self::Full => "full",
+        }
+    }
+}
+
+impl FromStr for View {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let known = [Self::Verdict, Self::Figures, Self::Full];
+        let wrong = || format!("got {text:?}, expected verdict, figures or full");
+        known.into_iter().find(|view| view.as_str() == text).ok_or_else(wrong)
+    }
+}
+
+/// Whose influence on whom, with whose actions held fixed: positions of agents, all different.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+pub struct Pair {
+    /// The agent whose influence is asked about.
+    pub ego: usize,
+    /// The agent that may be influenced.
+    pub other: usize,
+    /// Agents whose actions are held fixed, in the environment's order.
+    pub given: Vec<usize>,
+}
+
+/// What every question has in common: the pair, the counts it rests on and the rule.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Scope {
+    /// Whose influence on whom.
+    pub pair: Pair,
+    /// The segments to count, each once and in order; all if `None`.
+    pub segments: Option<Vec<Label>>,
+    /// The rule that decides.
+    pub rule: Rule,
+    /// The unit of the answer's figures.
+    pub unit: Unit,
+}
+
+/// A question about influence in some states.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Question {
+    /// The pair, the counts and the rule.
+    pub scope: Scope,
+    /// The states, in the order of the answers.
+    pub states: Vec<StateKey>,
+    /// Further estimators.
+    pub estimators: Vec<Estimator>,
+    /// How much is wanted of each answer.
+    pub view: View,
+}
+
+impl Question {
+    /// Checks a question and lists every fault.
+    pub fn new(environment: &Environment, draft: &QuestionDraft) -> Result<Self, Problem> {
+        let mut faults = Vec::new();
+        let scope = keep(Scope::check(environment, &draft.pair), &mut faults);
+        let states = keep(states(&environment.schema, &draft.states), &mut faults);
+        let estimators = parse_all(&draft.estimators, "/estimators", &mut faults);
+        let view = match draft.view.as_deref().map(View::from_str).transpose() {
+            Ok(view) => view,
+            Err(detail) => {
+                faults.push(Fault::new("/view", detail));
+                None
+            }
+        };
+        match (scope, states) {
+            (Some(scope), Some(states)) if faults.is_empty() => {
+                let view = view.unwrap_or(if states.len() == 1 { View::Full } else { View::Figures });
+                Ok(Self { scope, states, estimators, view })
+            }
+            _ => Err(Problem::invalid("question", faults)),
+        }
+    }
+}
+
+impl Scope {
+    /// Checks the common part of a question.
+    pub fn new(environment: &Environment, draft: &PairDraft) -> Result<Self, Problem> {
+        Self::check(environment, draft).map_err(|faults| Problem::invalid("question", faults))
+    }
+
+    fn check(environment: &Environment, draft: &PairDraft) -> Result<Self, Vec<Fault>> {
+        let mut faults = Vec::new();
+        let pair = keep(pair(&environment.schema, draft), &mut faults);
+        let mut segments: Vec<Label> = parse_all(&draft.segments, "/segments", &mut faults);
+        segments.sort_unstable();
+        segments.dedup();
+        let under_rule = |found: Vec<Fault>| found.into_iter().map(|fault| fault.under("/rule")).collect();
+        let rule = keep(environment.rule.merged(&draft.rule).map_err(under_rule), &mut faults);
+        let unit = draft.unit.as_deref().map(Unit::from_str).transpose();
+        if let Err(detail) = &unit {
+            faults.push(Fault::new("/unit", detail.clone()));
+        }
+        match (pair, rule, unit) {
+            (Some(pair), Some(rule), Ok(unit)) if faults.is_empty() => {
+                let segments = (!draft.segments.is_empty()).then_some(segments);
+                Ok(Self { pair, segments, rule, unit: unit.unwrap_or(rule.unit) })
+            }
+            _ => Err(faults),
+        }
+    }
+}
+
+/// Returns the value, or `None` after adding its faults to the rest.
+fn keep<T>(checked: Result<T, Vec<Fault>>, faults: &mut Vec<Fault>) -> Option<T> {
+    checked.map_err(|more| faults.extend(more)).ok()
+}
+
+fn parse_all<T: FromStr<Err = String>>(texts: &[String], pointer: &str, faults: &mut Vec<Fault>) -> Vec<T> {
+    let parse = |(i, text): (usize, &String)| {
+        text.parse().map_err(|detail| faults.push(Fault::new(format!("{pointer}/{i}"), detail))).ok()
+    };
+    texts.iter().enumerate().filter_map(parse).collect()
+}
+
+fn pair(schema: &Schema, draft: &PairDraft) -> Result<Pair, Vec<Fault>> {
+    let mut faults = Vec::new();
+    let mut agent = |pointer: String, name: &str| {
+        let found = schema.agent(name);
+        if found.is_none() {
+            let names: Vec<&str> = schema.agents().iter().map(|agent| agent.name.as_str()).collect();
+            faults.push(Fault::new(pointer, format!("unknown agent {name:?}, expected one of {}", names.join(", "))));
+        }
+        found
+    };
+    // The first two agents by default; where one of them is named, the absent one is the other of the two.
+    let (first, second) = (schema.agents()[0].name.as_str(), schema.agents()[1].name.as_str());
+    let opposite =
+        |named: &Option<String>, usual, instead| if named.as_deref() == Some(usual) { instead } else { usual };
+    let ego = agent("/ego".into(), draft.ego.as_deref().unwrap_or(opposite(&draft.other, first, second)));
+    let other = agent("/other".into(), draft.other.as_deref().unwrap_or(opposite(&draft.ego, second, first)));
+    let named = draft.given.iter().enumerate();
+    let mut given: Vec<usize> = named.filter_map(|(i, name)| agent(format!("/given/{i}"), name)).collect();
+    if let (Some(ego), Some(other)) = (ego, other) {
+        if ego == other {
+            let name = &schema.agents()[ego].name;
+            faults.push(Fault::new("/other", format!("got {name}, which is the ego too; expected another agent")));
+        }
+        for (i, agent) in given.iter().enumerate() {
+            if *agent == ego || *agent == other || given[..i].contains(agent) {
+                let name = &schema.agents()[*agent].name;
+                faults.push(Fault::new(
+                    format!("/given/{i}"),
+                    format!("got {name}, expected neither ego nor other nor twice"),
+                ));
+            }
+        }
+        given.sort_unstable();
+        if faults.is_empty() {
+            return Ok(Pair { ego, other, given });
+        }
+    }
+    Err(faults)
+}
+
+fn states(schema: &Schema, draft: &StatesDraft) -> Result<Vec<StateKey>, Vec<Fault>> {
+    match draft {
+        StatesDraft::Positional(states) => each(states, "/states", |values| schema.key_of_values(values)),
+        StatesDraft::Named(states) => {
+            each(states, "/states", |named| schema.key_of_values(&schema.state_values(named)?))
+        }
+        StatesDraft::Keys(keys) => {
+            each(keys, "/keys", |text| schema.key_of_text(text).map_err(|detail| vec![Fault::new("", detail)]))
+        }
+    }
+}
+
+fn each<T>(
+    drafts: &[T],
+    pointer: &str,
+    key: impl Fn(&T) -> Result<StateKey, Vec<Fault>>,
+) -> Result<Vec<StateKey>, Vec<Fault>> {
+    if !(1..=MOST_STATES).contains(&drafts.len()) {
+        return Err(vec![Fault::new(pointer, format!("got {} states, expected 1 to {MOST_STATES}", drafts.len()))]);
+    }
+    let mut faults = Vec::new();
+    let mut keys = Vec::with_capacity(drafts.len());
+    for (i, draft) in drafts.iter().enumerate() {
+        match key(draft) {
+            Ok(key) => keys.push(key),
+            Err(found) => faults.extend(found.into_iter().map(|fault| fault.under(&format!("{pointer}/{i}")))),
+        }
+    }
+    if faults.is_empty() { Ok(keys) } else { Err(faults) }
+}

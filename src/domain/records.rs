@@ -1,0 +1,159 @@
+//! A batch as it was decoded: columns of values, the same whichever face it came through.
+//!
+//! Nothing here has been compared with bins yet. Rows and JSON become columns too, so there is one thing to digest and one thing to validate.
+
+use super::Label;
+
+/// Whether a step entered its state.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[repr(u8)]
+pub enum Entry {
+    /// The sender does not say.
+    #[default]
+    Unknown = 0,
+    /// A stay goes on.
+    Stayed = 1,
+    /// This step entered the state.
+    Entered = 2,
+}
+
+impl From<Option<bool>> for Entry {
+    fn from(flag: Option<bool>) -> Self {
+        match flag {
+            None => Self::Unknown,
+            Some(false) => Self::Stayed,
+            Some(true) => Self::Entered,
+        }
+    }
+}
+
+/// A record that was not counted, and why.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Rejection {
+    /// Its position in the batch, from 0.
+    pub index: u32,
+    /// The field at fault as a JSON pointer into the record, `/state/distance`.
+    pub field: String,
+    /// The value that was found and what was expected.
+    pub reason: String,
+}
+
+/// The content of one batch, decoded and not yet validated.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Records {
+    /// How many records there are.
+    pub len: usize,
+    /// State values, record after record, one a state feature.
+    pub states: Vec<f32>,
+    /// Action values, record after record, one an action feature.
+    pub actions: Vec<f32>,
+    /// One a record, or empty where none says.
+    pub entries: Vec<Entry>,
+    /// How often each record was observed, or empty for once each.
+    pub counts: Vec<u64>,
+    /// The records that could not be decoded, by index; their values above are zeros.
+    pub undecodable: Vec<Rejection>,
+}
+
+/// One record of a batch, as rows and JSON give it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Record {
+    /// One value a state feature.
+    pub state: Vec<f32>,
+    /// One value an action feature.
+    pub actions: Vec<f32>,
+    /// Whether the step entered its state.
+    pub entry: Entry,
+    /// How often it was observed.
+    pub count: u64,
+}
+
+impl Records {
+    /// Collects records of these widths; a record that could not be decoded keeps its place.
+    pub fn collect(widths: Widths, records: impl ExactSizeIterator<Item = Result<Record, (String, String)>>) -> Self {
+        let mut all = Self { len: records.len(), ..Self::default() };
+        for (index, record) in records.enumerate() {
+            let record = record.and_then(|record| widths.check(record)).unwrap_or_else(|(field, reason)| {
+                all.undecodable.push(Rejection { index: index as u32, field, reason });
+                widths.blank()
+            });
+            all.states.extend(&record.state);
+            all.actions.extend(&record.actions);
+            all.entries.push(record.entry);
+            all.counts.push(record.count);
+        }
+        all.normalised()
+    }
+
+    /// Returns these records in the one form that equal content has: -0.0 is 0.0, and a column that only holds its default is empty.
+    pub fn normalised(mut self) -> Self {
+        self.states.iter_mut().chain(&mut self.actions).for_each(|value| *value += 0.0);
+        if self.entries.iter().all(|entry| *entry == Entry::Unknown) {
+            self.entries.clear();
+        }
+        if self.counts.iter().all(|count| *count == 1) {
+            self.counts.clear();
+        }
+        self
+    }
+
+    /// Returns the digest of this content under a segment: BLAKE3, the same on every face.
+    pub fn digest(&self, segment: Option<&Label>) -> Digest {
+        let mut hasher = blake3::Hasher::new();
+        let segment = segment.map_or("", Label::as_str);
+        for size in
+            [segment.len(), self.len, self.states.len(), self.actions.len(), self.entries.len(), self.counts.len()]
+        {
+            hasher.update(&(size as u64).to_le_bytes());
+        }
+        hasher.update(segment.as_bytes());
+        hasher.update(bytemuck::cast_slice(&self.states));
+        hasher.update(bytemuck::cast_slice(&self.actions));
+        hasher.update(&self.entries.iter().map(|entry| *entry as u8).collect::<Vec<u8>>());
+        hasher.update(bytemuck::cast_slice(&self.counts));
+        for rejection in &self.undecodable {
+            hasher.update(&rejection.index.to_le_bytes());
+            for text in [&rejection.field, &rejection.reason] {
+                hasher.update(&(text.len() as u64).to_le_bytes()).update(text.as_bytes());
+            }
+        }
+        Digest(*hasher.finalize().as_bytes())
+    }
+}
+
+/// BLAKE3 of a batch's content.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Digest(pub [u8; 32]);
+
+/// How many values a record of an environment has.
+#[derive(Debug, Clone, Copy)]
+pub struct Widths {
+    /// State features.
+    pub state: usize,
+    /// Action features of all agents.
+    pub actions: usize,
+}
+
+impl Widths {
+    /// Returns the widths of a schema's records.
+    pub fn of(schema: &super::Schema) -> Self {
+        Self { state: schema.state().len(), actions: schema.action_width() }
+    }
+
+    fn blank(self) -> Record {
+        Record { state: vec![0.0; self.state], actions: vec![0.0; self.actions], entry: Entry::Unknown, count: 1 }
+    }
+
+    fn check(self, record: Record) -> Result<Record, (String, String)> {
+        let wrong = |field: &str, got: usize, expected: usize| {
+            Err((field.to_owned(), format!("got {got} values, expected {expected}")))
+        };
+        if record.state.len() != self.state {
+            return wrong("/state", record.state.len(), self.state);
+        }
+        if record.actions.len() != self.actions {
+            return wrong("/actions", record.actions.len(), self.actions);
+        }
+        Ok(record)
+    }
+}

@@ -1,0 +1,287 @@
+//! The fixed part of an environment: its state, its agents, and their arithmetic. A [`Schema`] cannot be wrong.
+
+use std::fmt;
+use std::sync::Arc;
+
+use super::checked::{self, Faults};
+use super::{Feature, Name, SchemaDraft, StateKey};
+use crate::error::Fault;
+
+/// The state and the agents of an environment. Cloning is cheap.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Schema(Arc<Parts>);
+
+#[derive(Debug, PartialEq)]
+struct Parts {
+    state: Vec<Feature>,
+    agents: Vec<Agent>,
+    /// Joint actions per step of each agent's action: the first agent is most significant.
+    strides: Vec<u64>,
+    hash: SchemaHash,
+}
+
+/// One decision maker with its action space.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Agent {
+    /// Unique among the features and agents of its environment.
+    pub name: Name,
+    /// The coordinates of its action; the first is most significant in the action's index.
+    pub action: Vec<Feature>,
+}
+
+/// BLAKE3 of a schema: two environments with the same hash count the same way.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SchemaHash(pub [u8; 32]);
+
+impl fmt::Display for SchemaHash {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.iter().try_for_each(|byte| write!(f, "{byte:02x}"))
+    }
+}
+
+impl std::str::FromStr for SchemaHash {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let mut bytes = [0; 32];
+        let wrong = || format!("got {text:?}, expected 64 hexadecimal digits");
+        if text.len() != 64 || !text.is_ascii() {
+            return Err(wrong());
+        }
+        for (byte, i) in bytes.iter_mut().zip((0..64).step_by(2)) {
+            *byte = u8::from_str_radix(&text[i..i + 2], 16).map_err(|_| wrong())?;
+        }
+        Ok(Self(bytes))
+    }
+}
+
+impl Agent {
+    /// Returns the number of actions.
+    pub fn actions(&self) -> u64 {
+        self.action.iter().map(|feature| u64::from(feature.kind.bins())).product()
+    }
+
+    /// Returns the labels of an action's features joined by "/".
+    pub fn action_label(&self, index: u64) -> String {
+        let mut rest = index;
+        let mut labels = Vec::with_capacity(self.action.len());
+        for feature in self.action.iter().rev() {
+            let bins = u64::from(feature.kind.bins());
+            labels.push(feature.kind.bin_label((rest % bins) as u32));
+            rest /= bins;
+        }
+        labels.reverse();
+        labels.join("/")
+    }
+}
+
+impl Schema {
+    /// Returns the coordinates of the state.
+    pub fn state(&self) -> &[Feature] {
+        &self.0.state
+    }
+
+    /// Returns the agents.
+    pub fn agents(&self) -> &[Agent] {
+        &self.0.agents
+    }
+
+    /// Returns the position of the agent of that name.
+    pub fn agent(&self, name: &str) -> Option<usize> {
+        self.agents().iter().position(|agent| agent.name.as_str() == name)
+    }
+
+    /// Returns every action feature, agent after agent: the order of positional action values.
+    pub fn action_features(&self) -> impl Iterator<Item = (&Agent, &Feature)> {
+        self.agents().iter().flat_map(|agent| agent.action.iter().map(move |feature| (agent, feature)))
+    }
+
+    /// Returns how many action values a transition has.
+    pub fn action_width(&self) -> usize {
+        self.agents().iter().map(|agent| agent.action.len()).sum()
+    }
+
+    /// Returns what tells this schema from any other.
+    pub fn hash(&self) -> SchemaHash {
+        self.0.hash
+    }
+
+    /// Returns the action of one agent in a joint action.
+    #[inline]
+    pub fn action_of(&self, joint: u64, agent: usize) -> u64 {
+        joint / self.0.strides[agent] % self.agents()[agent].actions()
+    }
+
+    /// Returns every agent's action in a joint action.
+    pub fn actions_of(&self, joint: u64) -> Vec<u64> {
+        (0..self.agents().len()).map(|agent| self.action_of(joint, agent)).collect()
+    }
+
+    /// Returns the key of a state given as one value a feature, or every fault.
+    pub fn key_of_values(&self, values: &[f32]) -> Result<StateKey, Vec<Fault>> {
+        if values.len() != self.state().len() {
+            let detail = format!("got {} values, expected {}", values.len(), self.state().len());
+            return Err(vec![Fault::new("", detail)]);
+        }
+        let mut faults = Vec::new();
+        let mut bins = Vec::with_capacity(values.len());
+        for (feature, &value) in self.state().iter().zip(values) {
+            match feature.kind.bin(value) {
+                Ok(bin) => bins.push(bin),
+                Err(misfit) => faults.push(Fault::new(format!("/{}", feature.name), misfit.to_string())),
+            }
+        }
+        if faults.is_empty() { Ok(StateKey::new(&bins)) } else { Err(faults) }
+    }
+
+    /// Returns the key written as `text`, `3.0.7`, or what is wrong with it.
+    pub fn key_of_text(&self, text: &str) -> Result<StateKey, String> {
+        let parts: Vec<&str> = text.split('.').collect();
+        if parts.len() != self.state().len() {
+            return Err(format!("got {text:?}, expected {} bin numbers joined by dots", self.state().len()));
+        }
+        let bin = |(part, feature): (&&str, &Feature)| {
+            let bin: Option<u32> = part.parse().ok().filter(|bin| *bin < feature.kind.bins());
+            bin.filter(|bin| bin.to_string() == **part).ok_or_else(|| {
+                let last = feature.kind.bins() - 1;
+                format!("got {part:?} for {} in {text:?}, expected a bin from 0 to {last}", feature.name)
+            })
+        };
+        let bins: Vec<u32> = parts.iter().zip(self.state()).map(bin).collect::<Result<_, _>>()?;
+        Ok(StateKey::new(&bins))
+    }
+
+    /// Returns this schema as it would be described, for people and files.
+    pub fn draft(&self) -> SchemaDraft {
+        checked::draft_of(self.state(), self.agents())
+    }
+}
+
+impl TryFrom<&SchemaDraft> for Schema {
+    type Error = Vec<Fault>;
+
+    /// Checks a description and lists every fault by pointer.
+    fn try_from(draft: &SchemaDraft) -> Result<Self, Vec<Fault>> {
+        let mut faults = Faults::default();
+        let state = checked::state(&draft.state, &mut faults);
+        let agents = checked::agents(&draft.agents, &mut faults);
+        checked::one_namespace(draft, &mut faults);
+        let strides = checked::strides(&agents, &mut faults);
+        faults.into_result()?;
+        let hash = super::hash::schema_hash(&state, &agents);
+        Ok(Self(Arc::new(Parts { state, agents, strides, hash })))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::draft::{AgentDraft, FeatureDraft, KindDraft};
+    use super::*;
+
+    fn feature(name: &str, kind: KindDraft) -> FeatureDraft {
+        FeatureDraft { name: name.into(), unit: None, kinds: vec![kind] }
+    }
+
+    fn labels(labels: &[&str]) -> KindDraft {
+        KindDraft::Categorical(labels.iter().map(|l| l.to_string()).collect())
+    }
+
+    fn hallway() -> SchemaDraft {
+        let turn = feature("turn", KindDraft::Continuous(vec![-0.2, 0.2]));
+        let speed = feature("speed", labels(&["slow", "fast"]));
+        SchemaDraft {
+            state: vec![
+                feature("distance", KindDraft::Continuous(vec![0.5, 0.7, 1.0])),
+                feature("lane", KindDraft::Integer(0, 3)),
+            ],
+            agents: vec![
+                AgentDraft { name: "robot".into(), action: vec![turn, speed] },
+                AgentDraft { name: "human".into(), action: vec![feature("move", labels(&["stay", "go", "wave"]))] },
+            ],
+        }
+    }
+
+    #[test]
+    fn a_joint_action_comes_apart_again() {
+        let schema = Schema::try_from(&hallway()).expect("valid");
+        assert_eq!(schema.agents()[0].actions(), 6);
+        assert_eq!(schema.agents()[0].action_label(3), "[-0.2, 0.2)/fast");
+        assert_eq!(schema.actions_of(3 * 3 + 2), [3, 2]);
+    }
+
+    #[test]
+    fn values_and_keys_name_the_same_state() {
+        let schema = Schema::try_from(&hallway()).expect("valid");
+        let key = schema.key_of_values(&[0.7, 3.0]).expect("valid");
+        assert_eq!(key.to_string(), "2.3");
+        assert_eq!(schema.key_of_text("2.3"), Ok(key));
+        for bad in ["2", "2.3.1", "4.0", "02.3", "+2.3", "", "a.b", "2.-1"] {
+            assert!(schema.key_of_text(bad).is_err(), "{bad}");
+        }
+        let faults = schema.key_of_values(&[f32::NAN, 1.5]).expect_err("both wrong");
+        assert_eq!(faults.iter().map(|f| f.pointer.as_str()).collect::<Vec<_>>(), ["/distance", "/lane"]);
+    }
+
+    #[test]
+    fn a_description_comes_back_as_it_was() {
+        let draft = hallway();
+        let schema = Schema::try_from(&draft).expect("valid");
+        let again = Schema::try_from(&schema.draft()).expect("valid");
+        assert_eq!((again.hash(), again), (schema.hash(), schema));
+    }
+
+    #[test]
+    fn the_hash_tells_schemas_apart() {
+        let base = Schema::try_from(&hallway()).expect("valid").hash();
+        let mut other = hallway();
+        other.state[0].kinds = vec![KindDraft::Continuous(vec![0.5, 0.7, 1.5])];
+        assert_ne!(Schema::try_from(&other).expect("valid").hash(), base);
+        other = hallway();
+        other.agents.swap(0, 1);
+        assert_ne!(Schema::try_from(&other).expect("valid").hash(), base);
+        assert_eq!(base.to_string().parse(), Ok(base));
+    }
+
+    #[test]
+    fn every_fault_of_a_description_is_listed_by_pointer() {
+        let mut draft = hallway();
+        draft.state[0].kinds = vec![KindDraft::Continuous(vec![1.0, 0.5, f64::NAN])];
+        draft.state[1].name = "Robot".into();
+        draft.state.push(feature("robot", KindDraft::Circular(0)));
+        draft.agents[1].action[0].kinds = vec![labels(&["a", "a", ""])];
+        draft.agents[0].action[1].kinds.clear();
+        let faults = Schema::try_from(&draft).expect_err("wrong");
+        let pointers: Vec<&str> = faults.iter().map(|f| f.pointer.as_str()).collect();
+        assert_eq!(
+            pointers,
+            [
+                "/state/0/continuous/edges/1",
+                "/state/0/continuous/edges/2",
+                "/state/1/name",
+                "/state/2/circular/bins",
+                "/agents/0/action/1",
+                "/agents/1/action/0/categorical/labels/1",
+                "/agents/1/action/0/categorical/labels/2",
+                "/agents/0/name",
+            ]
+        );
+    }
+
+    #[test]
+    fn edges_that_are_one_f32_do_not_increase() {
+        let mut draft = hallway();
+        draft.state[0].kinds = vec![KindDraft::Continuous(vec![0.7, 0.700_000_001])];
+        assert!(Schema::try_from(&draft).is_err());
+    }
+
+    #[test]
+    fn the_joint_alphabet_has_a_limit() {
+        let mut draft = hallway();
+        let wide = || feature("x", KindDraft::Integer(0, (1 << 21) - 1));
+        draft.agents = (0..3).map(|i| AgentDraft { name: format!("a{i}"), action: vec![wide()] }).collect();
+        let faults = Schema::try_from(&draft).expect_err("2^63 joint actions");
+        assert_eq!(faults[0].pointer, "/agents");
+        draft.agents[0].action[0].kinds = vec![KindDraft::Integer(0, (1 << 20) - 1)];
+        assert!(Schema::try_from(&draft).is_ok(), "2^62 joint actions");
+    }
+}

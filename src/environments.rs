@@ -1,0 +1,124 @@
+//! Which worlds there are: their beginning, their rule and their end. The store keeps them; what is decided here is what a repeated or changed
+//! description means.
+
+use std::sync::Arc;
+
+use crate::domain::draft::{RuleDraft, SchemaDraft};
+use crate::domain::{Environment, Name, Rule, Schema};
+use crate::error::{ErrorKind, Fault, Problem};
+use crate::ingest::Ingest;
+use crate::store::{Store, StoreError};
+
+/// A handle on the environments. Cloning is cheap.
+#[derive(Clone)]
+pub struct Environments {
+    store: Arc<dyn Store>,
+    ingest: Ingest,
+}
+
+/// A page of environments.
+pub struct Page {
+    /// In order of name.
+    pub environments: Vec<Arc<Environment>>,
+    /// Asks for the next page; `None` on the last.
+    pub next_page_token: Option<String>,
+}
+
+impl Environments {
+    /// Makes a handle.
+    pub fn new(store: Arc<dyn Store>, ingest: Ingest) -> Self {
+        Self { store, ingest }
+    }
+
+    /// Returns the environment of that name.
+    pub fn find(&self, name: &str) -> Result<Arc<Environment>, Problem> {
+        self.store.environment(name).ok_or_else(|| {
+            Problem::new(ErrorKind::NotFound, "ENVIRONMENT_NOT_FOUND", format!("unknown environment `{name}`"))
+        })
+    }
+
+    /// Returns a page of environments; `page_size` 0 takes the default.
+    pub fn list(&self, page_size: u64, page_token: Option<&str>) -> Result<Page, Problem> {
+        let size = page_size_of(page_size)?;
+        let after = |environment: &Arc<Environment>| page_token.is_none_or(|token| environment.name.as_str() > token);
+        let mut environments: Vec<_> = self.store.environments().into_iter().filter(after).take(size + 1).collect();
+        let more = environments.len() > size;
+        environments.truncate(size);
+        let last = environments.last().filter(|_| more).map(|environment| environment.name.to_string());
+        Ok(Page { environments, next_page_token: last })
+    }
+
+    /// Makes an environment, or confirms that it exists with this schema; a rule that is given is set. Returns whether it was made now.
+    pub async fn apply(
+        &self,
+        name: &str,
+        schema: &SchemaDraft,
+        rule: Option<&RuleDraft>,
+    ) -> Result<(Arc<Environment>, bool), Problem> {
+        let (name, schema, rule) = checked(name, schema, rule)?;
+        if let Some(existing) = self.store.environment(name.as_str()) {
+            return self.confirm(existing, &schema, rule).await;
+        }
+        match self.store.create(&name, &schema, rule.unwrap_or_default()).await {
+            Ok(made) => Ok((made, true)),
+            Err(StoreError::AlreadyExists(_)) => self.confirm(self.find(name.as_str())?, &schema, rule).await,
+            Err(error) => Err(error.into()),
+        }
+    }
+
+    /// Changes the parts of a rule that are given.
+    pub async fn update_rule(&self, name: &str, rule: &RuleDraft) -> Result<Arc<Environment>, Problem> {
+        let environment = self.find(name)?;
+        let rule = environment.rule.merged(rule).map_err(|faults| Problem::invalid("rule", faults))?;
+        Ok(self.store.set_rule(environment.id, rule).await?)
+    }
+
+    /// Removes an environment with its counts and watermarks, and ends its streams.
+    pub async fn delete(&self, name: &str) -> Result<(), Problem> {
+        let environment = self.find(name)?;
+        self.store.delete(environment.id).await?;
+        self.ingest.end_streams(environment.id);
+        Ok(())
+    }
+
+    async fn confirm(
+        &self,
+        existing: Arc<Environment>,
+        schema: &Schema,
+        rule: Option<Rule>,
+    ) -> Result<(Arc<Environment>, bool), Problem> {
+        if existing.schema.hash() != schema.hash() {
+            let message =
+                format!("environment `{}` exists with another schema; delete it or take another name", existing.name);
+            return Err(Problem::new(ErrorKind::AlreadyExists, "SCHEMA_CONFLICT", message)
+                .with("schema_hash", existing.schema.hash()));
+        }
+        match rule {
+            Some(rule) if rule != existing.rule => Ok((self.store.set_rule(existing.id, rule).await?, false)),
+            _ => Ok((existing, false)),
+        }
+    }
+}
+
+/// Returns a page size within 1 to 1,000; 0 stands for 100.
+pub fn page_size_of(asked: u64) -> Result<usize, Problem> {
+    match asked {
+        0 => Ok(100),
+        1..=1_000 => Ok(asked as usize),
+        _ => Err(Problem::invalid("page", vec![Fault::new("/page_size", format!("got {asked}, expected 1 to 1000"))])),
+    }
+}
+
+type Checked = (Name, Schema, Option<Rule>);
+
+fn checked(name: &str, schema: &SchemaDraft, rule: Option<&RuleDraft>) -> Result<Checked, Problem> {
+    let mut faults = Vec::new();
+    let name = name.parse::<Name>().map_err(|detail| faults.push(Fault::new("/name", detail)));
+    let schema = Schema::try_from(schema).map_err(|found| faults.extend(found));
+    let rule = rule.map(|rule| Rule::default().merged(rule)).transpose();
+    let rule = rule.map_err(|found| faults.extend(found.into_iter().map(|fault| fault.under("/rule"))));
+    match (name, schema, rule) {
+        (Ok(name), Ok(schema), Ok(rule)) => Ok((name, schema, rule)),
+        _ => Err(Problem::invalid("environment", faults)),
+    }
+}

@@ -1,0 +1,3 @@
+//! Everything on a listening socket.
+
+pub mod status;

@@ -1,0 +1,210 @@
+//! What was counted, durably: the [`Store`] trait with its promise, SQLite behind it, and a bounded cache of counts.
+//!
+//! Absent on purpose: nothing here validates (it takes [`Increment`]s), waits in a queue, or knows a wire format.
+
+use std::sync::Arc;
+
+use async_trait::async_trait;
+
+use crate::domain::{
+    Acknowledged, Counts, Digest, Environment, EnvironmentId, Increment, Label, Name, ProducerId, Receipt, Rule,
+    Schema, SegmentId, Sequence, StateKey,
+};
+
+mod error;
+
+pub use error::StoreError;
+
+/// Keeps environments and counts each batch exactly once.
+///
+/// **The promise.** When [`Store::commit`] returns `Ok`, every batch it calls `Applied` is on stable storage with its counts, its receipt and its
+/// number, all in one transaction; what follows holds for ever, through kill -9 and power loss on a disk that honours flush:
+///
+/// | a batch's number is | its content is | outcome |
+/// |---|---|---|
+/// | last + 1 | any | `Applied`, last advances |
+/// | above last + 1 | any | `Refused(OutOfOrder)`, nothing changes |
+/// | at or below last, among the last 1,024 | the same | `Duplicate` with the first receipt |
+/// | at or below last, among the last 1,024 | another | `Refused(Reused)`, nothing changes |
+/// | at or below last, older | not compared | `Unverified` |
+/// | any | of an environment that is gone | `Refused(Gone)` |
+/// | last + 1 | would pass a quota, or 2^63 - 1 transitions | `Refused(Quota)`, `Refused(Overflow)`; the number is not used |
+///
+/// One refused batch changes nothing for the others of its commit; a later batch of the same producer is then `OutOfOrder`.
+///
+/// When `commit` returns an error, no batch of it may be acknowledged: [`StoreError::Aborted`] says that none was counted,
+/// [`StoreError::OutcomeUnknown`] that each may have been. In both cases the next [`Store::watermark`] tells which.
+///
+/// A read that starts after `commit` returned sees what it counted.
+#[async_trait]
+pub trait Store: Send + Sync {
+    /// Returns every environment, in order of name. From memory.
+    fn environments(&self) -> Vec<Arc<Environment>>;
+
+    /// Returns the environment of that name. From memory.
+    fn environment(&self, name: &str) -> Option<Arc<Environment>>;
+
+    /// Makes an environment with a new uid; `AlreadyExists` where the name is taken.
+    async fn create(&self, name: &Name, schema: &Schema, rule: Rule) -> Result<Arc<Environment>, StoreError>;
+
+    /// Replaces the rule of an environment.
+    async fn set_rule(&self, id: EnvironmentId, rule: Rule) -> Result<Arc<Environment>, StoreError>;
+
+    /// Removes an environment with its counts, receipts and watermarks.
+    async fn delete(&self, id: EnvironmentId) -> Result<(), StoreError>;
+
+    /// Returns the last committed sequence of a producer, as the next commit would find it.
+    async fn watermark(&self, id: EnvironmentId, producer: &ProducerId) -> Result<Sequence, StoreError>;
+
+    /// Commits batches in their order, in one transaction, and returns an outcome each.
+    async fn commit(&self, batches: &[Numbered]) -> Result<Vec<Outcome>, StoreError>;
+
+    /// Returns the counts of states, in the order asked; a state never seen has none.
+    async fn counts(&self, id: EnvironmentId, keys: &[StateKey]) -> Result<Vec<StateCounts>, StoreError>;
+
+    /// Returns the next states after a cursor, in an order of the store's own, without filling the cache. Empty at the end.
+    async fn scan(&self, id: EnvironmentId, after: Cursor, states: u32) -> Result<Vec<Scanned>, StoreError>;
+
+    /// Returns the segments of an environment in order of label; transitions without a segment have the label `None`.
+    async fn segments(&self, id: EnvironmentId) -> Result<Vec<(SegmentId, Option<Label>)>, StoreError>;
+
+    /// Returns the totals of an environment.
+    async fn totals(&self, id: EnvironmentId) -> Result<Totals, StoreError>;
+
+    /// Compares the totals of every environment with the sums of its cells. Where they differ, the environment becomes read-only.
+    async fn audit(&self) -> Result<Vec<Audit>, StoreError>;
+
+    /// Returns whether a commit can be tried now: `Ok`, or why not.
+    async fn ready(&self) -> Result<(), StoreError>;
+
+    /// Returns the size of the database on disk in bytes, journal included.
+    async fn bytes(&self) -> Result<u64, StoreError>;
+
+    /// Moves the journal into the database and closes it. No call may follow.
+    async fn close(&self);
+}
+
+/// A validated batch with its number: what [`Store::commit`] takes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Numbered {
+    /// Whom it is for.
+    pub environment: EnvironmentId,
+    /// Who sent it.
+    pub producer: ProducerId,
+    /// Its number.
+    pub sequence: Sequence,
+    /// Of its decoded content.
+    pub digest: Digest,
+    /// What it adds.
+    pub increment: Increment,
+    /// What its sender is told, now and whenever it is sent again.
+    pub receipt: Receipt,
+}
+
+/// What became of one batch of a commit.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Outcome {
+    /// It is counted, once.
+    Acknowledged(Acknowledged),
+    /// It counts nothing, and its number is not used.
+    Refused(Refusal),
+}
+
+/// Why a whole batch was refused.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Refusal {
+    /// The environment was deleted.
+    Gone,
+    /// The environment's totals do not match its cells.
+    ReadOnly,
+    /// The number is ahead of the one expected.
+    OutOfOrder {
+        /// The number that would be applied.
+        expected: Sequence,
+    },
+    /// The number was used with another content.
+    Reused,
+    /// A quota of the environment would be passed.
+    Quota {
+        /// `cells`, `segments` or `producers`.
+        what: &'static str,
+        /// The most there may be.
+        limit: u64,
+    },
+    /// The environment's transitions would pass 2^63 - 1.
+    Overflow,
+}
+
+/// The most an environment may hold.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Quotas {
+    /// Cells.
+    pub cells: u64,
+    /// Segments.
+    pub segments: u64,
+    /// Producers.
+    pub producers: u64,
+}
+
+impl Default for Quotas {
+    fn default() -> Self {
+        Self { cells: 5_000_000, segments: 4_096, producers: 10_000 }
+    }
+}
+
+/// The counts of one state, and what they stand on.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct StateCounts {
+    /// The cells.
+    pub counts: Arc<Counts>,
+    /// How many transitions the environment had when this was read.
+    pub revision: u64,
+}
+
+/// A place in a scan.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Cursor(pub i64);
+
+/// One state of a scan.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Scanned {
+    /// Where the scan goes on after it.
+    pub cursor: Cursor,
+    /// The state.
+    pub key: StateKey,
+    /// Its cells.
+    pub counts: Counts,
+}
+
+/// How much an environment holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Totals {
+    /// Transitions: the sum of all visits. Grows with every commit that counts something, so it is the revision too.
+    pub transitions: u64,
+    /// Distinct states.
+    pub states: u64,
+    /// Cells.
+    pub cells: u64,
+    /// Segments.
+    pub segments: u64,
+    /// Producers.
+    pub producers: u64,
+}
+
+/// Totals beside what the cells add up to.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Audit {
+    /// The environment.
+    pub environment: Name,
+    /// As kept with every commit: transitions, states, cells.
+    pub kept: [u64; 3],
+    /// As summed over states and cells.
+    pub found: [u64; 3],
+}
+
+impl Audit {
+    /// Returns whether the totals match.
+    pub fn is_sound(&self) -> bool {
+        self.kept == self.found
+    }
+}
