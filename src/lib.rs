@@ -10,3 +10,4 @@ pub mod information;
 pub mod ingest;
 pub mod serve;
 pub mod store;
+pub mod telemetry;

@@ -1,5 +1,6 @@
 //! The key of a state: its bin numbers.
 
+use std::borrow::Borrow;
 use std::fmt;
 
 /// A state by its bin numbers, written joined by dots: `3.0.7`. Ordered by bins, first feature first.
@@ -19,6 +20,13 @@ impl StateKey {
 
     /// Returns the bin of each feature.
     pub fn bins(&self) -> &[u32] {
+        &self.0
+    }
+}
+
+/// A key hashes and compares as its bins, so a map can be asked without making a key.
+impl Borrow<[u32]> for StateKey {
+    fn borrow(&self) -> &[u32] {
         &self.0
     }
 }

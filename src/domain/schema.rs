@@ -15,8 +15,8 @@ pub struct Schema(Arc<Parts>);
 struct Parts {
     state: Vec<Feature>,
     agents: Vec<Agent>,
-    /// Joint actions per step of each agent's action: the first agent is most significant.
-    strides: Vec<u64>,
+    /// Joint actions per step of each agent's action, and its number of actions: the first agent is most significant.
+    radix: Vec<(u64, u64)>,
     hash: SchemaHash,
 }
 
@@ -109,7 +109,8 @@ impl Schema {
     /// Returns the action of one agent in a joint action.
     #[inline]
     pub fn action_of(&self, joint: u64, agent: usize) -> u64 {
-        joint / self.0.strides[agent] % self.agents()[agent].actions()
+        let (stride, actions) = self.0.radix[agent];
+        joint / stride % actions
     }
 
     /// Returns every agent's action in a joint action.
@@ -169,7 +170,8 @@ impl TryFrom<&SchemaDraft> for Schema {
         let strides = checked::strides(&agents, &mut faults);
         faults.into_result()?;
         let hash = super::hash::schema_hash(&state, &agents);
-        Ok(Self(Arc::new(Parts { state, agents, strides, hash })))
+        let radix = strides.into_iter().zip(agents.iter().map(Agent::actions)).collect();
+        Ok(Self(Arc::new(Parts { state, agents, radix, hash })))
     }
 }
 

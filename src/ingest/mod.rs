@@ -1,38 +1,184 @@
 //! How transitions become counts: validate, sequence, commit together, then acknowledge.
+//!
+//! ```text
+//! Batch --validate--> Numbered --queue (bounded)--> committer --store.commit--> Acknowledged
+//! ```
+//!
+//! The queue is bounded by transitions. A stream waits for room, which stops the reading of its socket; a single call is refused at once.
+//! There is no wall clock in the protocol: order comes from sequence numbers, and the truth about them from the store.
 
 use std::sync::Arc;
 
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc, oneshot};
+use tokio_util::task::TaskTracker;
+
+mod committer;
+mod streams;
+mod validate;
+
+use committer::{MOST_COMMIT_TRANSITIONS, Pending, Resume, Work};
+use streams::{Lease, Registration, Streams};
+pub use validate::validate;
+
 use crate::domain::{Acknowledged, Batch, Environment, EnvironmentId, ProducerId, Sequence};
-use crate::error::Problem;
-use crate::store::Store;
+use crate::error::{ErrorKind, Problem};
+use crate::store::{Numbered, Store};
+use crate::telemetry;
+
+/// The most transitions that wait: one commit at work and one that fills.
+const MOST_QUEUED: usize = 2 * MOST_COMMIT_TRANSITIONS;
+
+/// The most questions and batches that wait, however small.
+const MOST_WORK: usize = 8_192;
+
+/// How many batches of one stream may wait for their acknowledgement.
+pub const WINDOW: usize = 256;
 
 /// A handle on ingestion. Cloning is cheap.
 #[derive(Clone)]
-pub struct Ingest {}
+pub struct Ingest {
+    queue: mpsc::Sender<Work>,
+    room: Arc<Semaphore>,
+    streams: Streams,
+    committer: TaskTracker,
+}
 
 impl Ingest {
-    /// Starts the committer.
-    pub fn start(_store: Arc<dyn Store>) -> Self {
-        todo!()
+    /// Starts the committer on a store.
+    pub fn start(store: Arc<dyn Store>) -> Self {
+        let (queue, work) = mpsc::channel(MOST_WORK);
+        let committer = TaskTracker::new();
+        committer.spawn(committer::run(store, work));
+        committer.close();
+        Self { queue, room: Arc::new(Semaphore::new(MOST_QUEUED)), streams: Streams::default(), committer }
     }
 
     /// Counts one batch and returns after it is on stable storage; refuses at once, retryably, when too much waits.
     pub async fn write(
         &self,
-        _environment: &Arc<Environment>,
-        _producer: ProducerId,
-        _batch: Batch,
+        environment: &Environment,
+        producer: ProducerId,
+        batch: Batch,
     ) -> Result<Acknowledged, Problem> {
-        todo!()
+        let size = size_of(&batch);
+        let room = self.room.clone().try_acquire_many_owned(size).map_err(|_| overloaded())?;
+        self.enqueue(environment, producer, batch, None, room).await?.acknowledged().await.map(|(_, told)| told)
     }
 
-    /// Returns the last committed sequence of a producer.
-    pub async fn committed(&self, _environment: &Environment, _producer: &ProducerId) -> Result<Sequence, Problem> {
-        todo!()
+    /// Opens a stream of a producer: fences its older one, and asks for the resume point behind everything queued before.
+    pub async fn open(&self, environment: Arc<Environment>, producer: ProducerId) -> Result<Session, Problem> {
+        let registration = self.streams.open(environment.id, producer.clone());
+        let committed = self.committed(&environment, &producer).await?;
+        Ok(Session { ingest: self.clone(), environment, producer, registration, committed })
+    }
+
+    /// Returns the last committed sequence of a producer, after everything queued before.
+    pub async fn committed(&self, environment: &Environment, producer: &ProducerId) -> Result<Sequence, Problem> {
+        let (reply, answer) = oneshot::channel();
+        let resume = Resume { environment: environment.id, producer: producer.clone(), reply };
+        self.queue.send(Work::Resume(resume)).await.map_err(|_| stopped())?;
+        answer.await.map_err(|_| stopped())?
     }
 
     /// Ends the streams into an environment that was deleted.
-    pub fn end_streams(&self, _environment: EnvironmentId) {
-        todo!()
+    pub fn end_streams(&self, environment: EnvironmentId) {
+        self.streams.end_all(environment);
     }
+
+    /// Returns how many transitions wait for their commit.
+    pub fn queued(&self) -> usize {
+        MOST_QUEUED - self.room.available_permits()
+    }
+
+    /// Returns whether the committer still takes batches.
+    pub fn is_running(&self) -> bool {
+        !self.queue.is_closed()
+    }
+
+    /// Commits and answers everything queued before, then stops. What is sent later is refused, retryably.
+    pub async fn close(&self) {
+        // An error means that the committer is stopping already.
+        let _ = self.queue.send(Work::Stop).await;
+        self.committer.wait().await;
+    }
+
+    async fn enqueue(
+        &self,
+        environment: &Environment,
+        producer: ProducerId,
+        batch: Batch,
+        lease: Option<Arc<Lease>>,
+        room: OwnedSemaphorePermit,
+    ) -> Result<Ticket, Problem> {
+        let sequence = batch.sequence;
+        let digest = batch.records.digest(batch.segment.as_ref());
+        let (increment, receipt) = validate(&environment.schema, batch.segment, &batch.records);
+        let batch = Numbered { environment: environment.id, producer, sequence, digest, increment, receipt };
+        let (reply, answer) = oneshot::channel();
+        let pending = Pending { batch, lease, room, reply };
+        self.queue.send(Work::Batch(pending)).await.map_err(|_| stopped())?;
+        telemetry::queued(self.queued());
+        Ok(Ticket { sequence, answer })
+    }
+}
+
+/// One open stream of a producer.
+pub struct Session {
+    ingest: Ingest,
+    environment: Arc<Environment>,
+    producer: ProducerId,
+    registration: Registration,
+    committed: Sequence,
+}
+
+impl Session {
+    /// Returns the resume point.
+    pub fn committed(&self) -> Sequence {
+        self.committed
+    }
+
+    /// Returns the environment that the stream goes into.
+    pub fn environment(&self) -> &Environment {
+        &self.environment
+    }
+
+    /// Queues a batch, waiting for room; the ticket is answered after its commit.
+    pub async fn submit(&self, batch: Batch) -> Result<Ticket, Problem> {
+        self.registration.lease().check()?;
+        let room = self.ingest.room.clone().acquire_many_owned(size_of(&batch)).await.map_err(|_| stopped())?;
+        let lease = Some(self.registration.lease().clone());
+        self.ingest.enqueue(&self.environment, self.producer.clone(), batch, lease, room).await
+    }
+
+    /// Waits until the stream is fenced or its environment is deleted, and returns which.
+    pub async fn ended(&self) -> Problem {
+        self.registration.lease().ended().await
+    }
+}
+
+/// A batch that waits for its commit.
+pub struct Ticket {
+    sequence: Sequence,
+    answer: oneshot::Receiver<Result<Acknowledged, Problem>>,
+}
+
+impl Ticket {
+    /// Waits until the batch is on stable storage, or refused.
+    pub async fn acknowledged(self) -> Result<(Sequence, Acknowledged), Problem> {
+        let told = self.answer.await.map_err(|_| stopped())??;
+        Ok((self.sequence, told))
+    }
+}
+
+/// A batch takes room for each transition, and an empty one for itself.
+fn size_of(batch: &Batch) -> u32 {
+    batch.records.len.max(1) as u32
+}
+
+fn overloaded() -> Problem {
+    Problem::new(ErrorKind::Overloaded, "OVERLOADED", format!("{MOST_QUEUED} transitions wait already; send it again"))
+}
+
+fn stopped() -> Problem {
+    Problem::new(ErrorKind::Unavailable, "STOPPING", "the service is stopping; resume and send it again")
 }

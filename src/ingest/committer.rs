@@ -1,0 +1,178 @@
+//! The one task that commits. It takes everything that waits, commits it together, and only then answers.
+//!
+//! No client can cancel it, and it never talks to anything but the store.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use tokio::sync::{OwnedSemaphorePermit, mpsc, oneshot};
+
+use super::streams::Lease;
+use crate::domain::{Acknowledged, EnvironmentId, ProducerId, Sequence};
+use crate::error::{ErrorKind, Problem};
+use crate::store::{Numbered, Outcome, Refusal, Store, StoreError};
+use crate::telemetry;
+
+/// The most transitions of one commit.
+pub const MOST_COMMIT_TRANSITIONS: usize = 256_000;
+
+/// What the committer does, in the order in which it was asked.
+pub enum Work {
+    /// Commit a batch.
+    Batch(Pending),
+    /// Tell a producer how far it is, after everything that it sent before.
+    Resume(Resume),
+    /// Finish what was asked before, and end.
+    Stop,
+}
+
+/// A batch that waits for its commit.
+pub struct Pending {
+    /// The batch.
+    pub batch: Numbered,
+    /// The stream that sent it, if one did.
+    pub lease: Option<Arc<Lease>>,
+    /// Its share of the queue, given back with the answer.
+    pub room: OwnedSemaphorePermit,
+    /// Where the answer goes.
+    pub reply: oneshot::Sender<Result<Acknowledged, Problem>>,
+}
+
+/// A question for the resume point.
+pub struct Resume {
+    /// The environment.
+    pub environment: EnvironmentId,
+    /// The producer.
+    pub producer: ProducerId,
+    /// Where the answer goes.
+    pub reply: oneshot::Sender<Result<Sequence, Problem>>,
+}
+
+/// Commits until it is told to stop or nobody can ask any more.
+pub async fn run(store: Arc<dyn Store>, mut queue: mpsc::Receiver<Work>) {
+    let mut group = Group::default();
+    while let Some(first) = queue.recv().await {
+        let mut next = Some(first);
+        while let Some(work) = next {
+            match work {
+                Work::Batch(pending) => group.add(pending),
+                Work::Resume(resume) => {
+                    group.commit(&*store).await;
+                    answer_resume(&*store, resume).await;
+                }
+                Work::Stop => {
+                    queue.close();
+                }
+            }
+            next = if group.is_full() { None } else { queue.try_recv().ok() };
+        }
+        group.commit(&*store).await;
+    }
+}
+
+/// The batches of one commit.
+#[derive(Default)]
+struct Group {
+    batches: Vec<Numbered>,
+    replies: Vec<(oneshot::Sender<Result<Acknowledged, Problem>>, OwnedSemaphorePermit)>,
+    transitions: usize,
+}
+
+impl Group {
+    fn add(&mut self, pending: Pending) {
+        // A stream that was fenced while its batch waited must not count: its successor was, or will be, told a resume point without it.
+        if let Some(Err(problem)) = pending.lease.as_ref().map(|lease| lease.check()) {
+            let _ = pending.reply.send(Err(problem));
+            return;
+        }
+        self.transitions += pending.room.num_permits();
+        self.batches.push(pending.batch);
+        self.replies.push((pending.reply, pending.room));
+    }
+
+    fn is_full(&self) -> bool {
+        self.transitions >= MOST_COMMIT_TRANSITIONS
+    }
+
+    async fn commit(&mut self, store: &dyn Store) {
+        if self.batches.is_empty() {
+            return;
+        }
+        let started = Instant::now();
+        let result = store.commit(&self.batches).await;
+        telemetry::committed(started.elapsed(), self.transitions);
+        let batches = std::mem::take(&mut self.batches);
+        let replies = std::mem::take(&mut self.replies);
+        self.transitions = 0;
+        let answers = match result {
+            Ok(outcomes) => outcomes.into_iter().zip(&batches).map(|(outcome, batch)| told(store, batch, outcome)).collect(),
+            Err(error) => failed(error, batches.len()),
+        };
+        for ((reply, room), answer) in replies.into_iter().zip(answers) {
+            drop(room);
+            // A client that went away finds its answer when it resumes.
+            let _ = reply.send(answer);
+        }
+    }
+}
+
+async fn answer_resume(store: &dyn Store, resume: Resume) {
+    let watermark = store.watermark(resume.environment, &resume.producer).await;
+    let _ = resume.reply.send(watermark.map_err(|error| {
+        tracing::error!(%error, "a resume point could not be read");
+        error.into()
+    }));
+}
+
+fn told(store: &dyn Store, batch: &Numbered, outcome: Outcome) -> Result<Acknowledged, Problem> {
+    match outcome {
+        Outcome::Acknowledged(told) => {
+            count(store, batch, &told);
+            Ok(told)
+        }
+        Outcome::Refused(refusal) => Err(refused(batch, refusal)),
+    }
+}
+
+fn count(store: &dyn Store, batch: &Numbered, told: &Acknowledged) {
+    let environments = store.environments();
+    let Some(environment) = environments.iter().find(|environment| environment.id == batch.environment) else { return };
+    match told {
+        Acknowledged::Applied(receipt) => telemetry::applied(environment.name.as_str(), receipt.accepted, receipt.rejected_count),
+        Acknowledged::Duplicate(_) | Acknowledged::Unverified => telemetry::duplicate(environment.name.as_str()),
+    }
+}
+
+fn failed(error: StoreError, batches: usize) -> Vec<Result<Acknowledged, Problem>> {
+    tracing::error!(%error, batches, "a commit failed; its producers will resume");
+    let problem = Problem::from(error);
+    vec![Err(problem); batches]
+}
+
+fn refused(batch: &Numbered, refusal: Refusal) -> Problem {
+    let sequence = batch.sequence;
+    match refusal {
+        Refusal::Gone => Problem::new(ErrorKind::NotFound, "ENVIRONMENT_NOT_FOUND", "the environment was deleted"),
+        Refusal::ReadOnly => Problem::new(
+            ErrorKind::Conflict,
+            "ENVIRONMENT_READ_ONLY",
+            "the environment's totals do not match its cells: it can be read, but takes no transitions; see the log",
+        ),
+        Refusal::OutOfOrder { expected } => {
+            let message = format!("got sequence {sequence} of producer `{}`, expected {expected}", batch.producer);
+            Problem::new(ErrorKind::OutOfOrder, "OUT_OF_ORDER", message).with("expected_sequence", expected)
+        }
+        Refusal::Reused => {
+            let message = format!("sequence {sequence} of producer `{}` was used with another content", batch.producer);
+            Problem::new(ErrorKind::Conflict, "SEQUENCE_REUSED", message).with("sequence", sequence)
+        }
+        Refusal::Quota { what, limit } => {
+            let message = format!("the batch would pass the environment's quota of {limit} {what}");
+            Problem::new(ErrorKind::Quota, "QUOTA_EXCEEDED", message).with("limit", limit)
+        }
+        Refusal::Overflow => {
+            let message = "the batch would bring the environment's transitions past 2^63 - 1";
+            Problem::new(ErrorKind::Quota, "COUNT_OVERFLOW", message).with("limit", i64::MAX)
+        }
+    }
+}

@@ -1,0 +1,122 @@
+//! Logs, and the one list of metrics: `nudge_<noun>_<unit>[_total]` in base units. Labels are bounded: never a state, an agent or a producer.
+
+use std::time::Duration;
+
+use metrics::{Unit, counter, describe_counter, describe_gauge, describe_histogram, gauge, histogram};
+
+use crate::error::Problem;
+
+const ACCEPTED: &str = "nudge_transitions_accepted_total";
+const REJECTED: &str = "nudge_transitions_rejected_total";
+const DUPLICATES: &str = "nudge_batches_duplicate_total";
+const REFUSED: &str = "nudge_batches_refused_total";
+const COMMIT_SECONDS: &str = "nudge_commit_duration_seconds";
+const COMMIT_TRANSITIONS: &str = "nudge_commit_transitions";
+const QUEUED: &str = "nudge_queue_transitions";
+const STREAMS: &str = "nudge_streams";
+const STATES: &str = "nudge_states";
+const CELLS: &str = "nudge_cells";
+const DATABASE: &str = "nudge_database_bytes";
+const QUERY_SECONDS: &str = "nudge_query_duration_seconds";
+const VERDICTS: &str = "nudge_verdicts_total";
+const REQUESTS: &str = "nudge_requests_total";
+const REQUEST_SECONDS: &str = "nudge_request_duration_seconds";
+const BUILD: &str = "nudge_build_info";
+
+/// The upper bounds of the buckets of every histogram of seconds.
+pub const SECONDS: [f64; 12] = [0.0001, 0.00025, 0.0005, 0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.5, 2.5];
+
+/// The upper bounds of the buckets of [`COMMIT_TRANSITIONS`].
+pub const SIZES: [f64; 7] = [1.0, 10.0, 100.0, 1_000.0, 10_000.0, 100_000.0, 256_000.0];
+
+/// The name of the histogram that takes [`SIZES`].
+pub const SIZED: &str = COMMIT_TRANSITIONS;
+
+/// Gives every metric its help text and unit.
+pub fn describe() {
+    describe_counter!(ACCEPTED, "Transitions (records) counted, by environment");
+    describe_counter!(REJECTED, "Transitions (records) rejected one by one, by environment");
+    describe_counter!(DUPLICATES, "Batches acknowledged again without being counted again, by environment");
+    describe_counter!(REFUSED, "Batches refused as a whole, by reason");
+    describe_histogram!(COMMIT_SECONDS, Unit::Seconds, "Time from the begin of a commit to its acknowledgement");
+    describe_histogram!(COMMIT_TRANSITIONS, "Transitions per commit");
+    describe_gauge!(QUEUED, "Transitions that wait for their commit");
+    describe_gauge!(STREAMS, "Open ingest streams");
+    describe_gauge!(STATES, "Distinct states, by environment");
+    describe_gauge!(CELLS, "Cells (state, segment, joint action), by environment");
+    describe_gauge!(DATABASE, Unit::Bytes, "Size of the database on disk, journal included");
+    describe_histogram!(QUERY_SECONDS, Unit::Seconds, "Time to answer a question about influence, without its transport");
+    describe_counter!(VERDICTS, "Verdicts given, by basis");
+    describe_counter!(REQUESTS, "Requests, by face, route or method, and code");
+    describe_histogram!(REQUEST_SECONDS, Unit::Seconds, "Time to answer a request, by face and route or method");
+    describe_gauge!(BUILD, "1, with the version and the source revision as labels");
+    gauge!(BUILD, "version" => env!("CARGO_PKG_VERSION"), "revision" => option_env!("NUDGE_REVISION").unwrap_or("unknown")).set(1.0);
+}
+
+/// Records a commit of so many transitions.
+pub fn committed(took: Duration, transitions: usize) {
+    histogram!(COMMIT_SECONDS).record(took.as_secs_f64());
+    histogram!(COMMIT_TRANSITIONS).record(transitions as f64);
+}
+
+/// Records a batch that was counted.
+pub fn applied(environment: &str, accepted: u64, rejected: u64) {
+    counter!(ACCEPTED, "environment" => environment.to_owned()).increment(accepted);
+    if rejected > 0 {
+        counter!(REJECTED, "environment" => environment.to_owned()).increment(rejected);
+    }
+}
+
+/// Records a batch that had been counted before.
+pub fn duplicate(environment: &str) {
+    counter!(DUPLICATES, "environment" => environment.to_owned()).increment(1);
+}
+
+/// Records a batch that was refused as a whole.
+pub fn refused(problem: &Problem) {
+    counter!(REFUSED, "reason" => problem.reason).increment(1);
+}
+
+/// Records how many transitions wait.
+pub fn queued(transitions: usize) {
+    gauge!(QUEUED).set(transitions as f64);
+}
+
+/// Records that a stream opened; the guard records that it ended.
+pub fn stream_opened() -> impl Drop {
+    struct Open;
+    impl Drop for Open {
+        fn drop(&mut self) {
+            gauge!(STREAMS).decrement(1.0);
+        }
+    }
+    gauge!(STREAMS).increment(1.0);
+    Open
+}
+
+/// Records how much an environment holds.
+pub fn holds(environment: &str, states: u64, cells: u64) {
+    gauge!(STATES, "environment" => environment.to_owned()).set(states as f64);
+    gauge!(CELLS, "environment" => environment.to_owned()).set(cells as f64);
+}
+
+/// Records the size of the database.
+pub fn database(bytes: u64) {
+    gauge!(DATABASE).set(bytes as f64);
+}
+
+/// Records a question that was answered, with how many of its verdicts rest on counts and how many on the prior.
+pub fn answered(took: Duration, by_counts: u64, by_prior: u64) {
+    histogram!(QUERY_SECONDS).record(took.as_secs_f64());
+    for (basis, verdicts) in [("counts", by_counts), ("prior", by_prior)] {
+        if verdicts > 0 {
+            counter!(VERDICTS, "basis" => basis).increment(verdicts);
+        }
+    }
+}
+
+/// Records a request.
+pub fn request(face: &'static str, route: String, code: String, took: Duration) {
+    histogram!(REQUEST_SECONDS, "face" => face, "route" => route.clone()).record(took.as_secs_f64());
+    counter!(REQUESTS, "face" => face, "route" => route, "code" => code).increment(1);
+}
