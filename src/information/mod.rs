@@ -10,6 +10,7 @@
 //! | [`divergence`] | what one row contributes: the share of `plug_in` that belongs to one ego action |
 //! | [`expected_if_independent`] | mean of `plug_in` were the variables independent at these margins |
 //! | [`excess`], [`miller_madow`] | `plug_in` less its bias, reckoned in two ways; may be negative |
+//! | [`conditional`] | any of these, given other agents' actions |
 //!
 //! # Conventions
 //!
@@ -26,6 +27,7 @@
 //! No I/O, no clock, no randomness, no dependency but `std`. No verdicts: whether a figure is large, or earned by
 //! the counts, is not asked here.
 
+mod conditional;
 mod deviance;
 mod mutual_information;
 mod null;
@@ -34,6 +36,7 @@ mod samples;
 mod table;
 mod x_ln_x;
 
+pub use conditional::conditional;
 pub use deviance::divergence;
 pub use mutual_information::{excess, miller_madow, plug_in};
 pub use null::{ExpectedMethod, expected_if_independent};
