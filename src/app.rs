@@ -3,11 +3,12 @@
 use std::sync::Arc;
 
 use tokio_util::sync::CancellationToken;
+use tokio_util::task::TaskTracker;
 
 use crate::environments::Environments;
 use crate::influence::Influence;
 use crate::ingest::Ingest;
-use crate::store::Store;
+use crate::store::{Audit, Store, StoreError};
 
 /// One handle of each room. Cloning is cheap.
 #[derive(Clone)]
@@ -22,4 +23,44 @@ pub struct App {
     pub influence: Influence,
     /// Cancelled when the service begins to stop: not ready, streams end, nothing new begins.
     pub draining: CancellationToken,
+    background: TaskTracker,
+}
+
+impl App {
+    /// Opens the rooms on a store, and begins to compare its totals with its cells.
+    pub fn open(store: Arc<dyn Store>) -> Self {
+        let ingest = Ingest::start(store.clone());
+        let app = Self {
+            environments: Environments::new(store.clone(), ingest.clone()),
+            influence: Influence::new(store.clone()),
+            ingest,
+            store,
+            draining: CancellationToken::new(),
+            background: TaskTracker::new(),
+        };
+        let audit = audit(app.store.clone());
+        app.background.spawn(app.draining.clone().run_until_cancelled_owned(audit));
+        app
+    }
+
+    /// Stops the rooms: commits and answers what is queued, then closes the store.
+    pub async fn close(&self) {
+        self.draining.cancel();
+        self.background.close();
+        self.background.wait().await;
+        self.ingest.close().await;
+        self.store.close().await;
+    }
+}
+
+async fn audit(store: Arc<dyn Store>) {
+    match store.audit().await {
+        Ok(audits) if audits.iter().all(Audit::is_sound) => tracing::debug!("totals match the cells"),
+        // The store has told which environments are read-only now.
+        Ok(_) => {}
+        Err(error @ StoreError::Unreadable(_)) => {
+            tracing::error!(%error, "totals could not be compared with the cells")
+        }
+        Err(error) => tracing::warn!(%error, "totals were not compared with the cells"),
+    }
 }

@@ -4,7 +4,7 @@
 use std::sync::Arc;
 
 use crate::domain::draft::{RuleDraft, SchemaDraft};
-use crate::domain::{Environment, Name, Rule, Schema};
+use crate::domain::{Environment, EnvironmentPage, Name, Rule, Schema};
 use crate::error::{ErrorKind, Fault, Problem};
 use crate::ingest::Ingest;
 use crate::store::{Store, StoreError};
@@ -14,14 +14,6 @@ use crate::store::{Store, StoreError};
 pub struct Environments {
     store: Arc<dyn Store>,
     ingest: Ingest,
-}
-
-/// A page of environments.
-pub struct Page {
-    /// In order of name.
-    pub environments: Vec<Arc<Environment>>,
-    /// Asks for the next page; `None` on the last.
-    pub next_page_token: Option<String>,
 }
 
 impl Environments {
@@ -38,14 +30,14 @@ impl Environments {
     }
 
     /// Returns a page of environments; `page_size` 0 takes the default.
-    pub fn list(&self, page_size: u64, page_token: Option<&str>) -> Result<Page, Problem> {
+    pub fn list(&self, page_size: u64, page_token: Option<&str>) -> Result<EnvironmentPage, Problem> {
         let size = page_size_of(page_size)?;
         let after = |environment: &Arc<Environment>| page_token.is_none_or(|token| environment.name.as_str() > token);
         let mut environments: Vec<_> = self.store.environments().into_iter().filter(after).take(size + 1).collect();
         let more = environments.len() > size;
         environments.truncate(size);
         let last = environments.last().filter(|_| more).map(|environment| environment.name.to_string());
-        Ok(Page { environments, next_page_token: last })
+        Ok(EnvironmentPage { environments, next_page_token: last })
     }
 
     /// Makes an environment, or confirms that it exists with this schema; a rule that is given is set. Returns whether it was made now.

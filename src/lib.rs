@@ -2,9 +2,11 @@
 
 pub mod api;
 pub mod app;
+pub mod config;
 pub mod domain;
 pub mod environments;
 pub mod error;
+pub mod evidence;
 pub mod influence;
 pub mod information;
 pub mod ingest;

@@ -1,8 +1,12 @@
 //! Logs, and the one list of metrics: `nudge_<noun>_<unit>[_total]` in base units. Labels are bounded: never a state, an agent or a producer.
 
+use std::sync::OnceLock;
 use std::time::Duration;
 
 use metrics::{Unit, counter, describe_counter, describe_gauge, describe_histogram, gauge, histogram};
+
+use metrics_exporter_prometheus::{Matcher, PrometheusBuilder, PrometheusHandle};
+use tracing_subscriber::EnvFilter;
 
 use crate::error::Problem;
 
@@ -24,16 +28,13 @@ const REQUEST_SECONDS: &str = "nudge_request_duration_seconds";
 const BUILD: &str = "nudge_build_info";
 
 /// The upper bounds of the buckets of every histogram of seconds.
-pub const SECONDS: [f64; 12] = [0.0001, 0.00025, 0.0005, 0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.5, 2.5];
+const SECONDS: [f64; 12] = [0.0001, 0.00025, 0.0005, 0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.5, 2.5];
 
-/// The upper bounds of the buckets of [`COMMIT_TRANSITIONS`].
-pub const SIZES: [f64; 7] = [1.0, 10.0, 100.0, 1_000.0, 10_000.0, 100_000.0, 256_000.0];
-
-/// The name of the histogram that takes [`SIZES`].
-pub const SIZED: &str = COMMIT_TRANSITIONS;
+/// The upper bounds of the buckets of the histogram of commit sizes.
+const SIZES: [f64; 7] = [1.0, 10.0, 100.0, 1_000.0, 10_000.0, 100_000.0, 256_000.0];
 
 /// Gives every metric its help text and unit.
-pub fn describe() {
+fn describe() {
     describe_counter!(ACCEPTED, "Transitions (records) counted, by environment");
     describe_counter!(REJECTED, "Transitions (records) rejected one by one, by environment");
     describe_counter!(DUPLICATES, "Batches acknowledged again without being counted again, by environment");
@@ -45,7 +46,11 @@ pub fn describe() {
     describe_gauge!(STATES, "Distinct states, by environment");
     describe_gauge!(CELLS, "Cells (state, segment, joint action), by environment");
     describe_gauge!(DATABASE, Unit::Bytes, "Size of the database on disk, journal included");
-    describe_histogram!(QUERY_SECONDS, Unit::Seconds, "Time to answer a question about influence, without its transport");
+    describe_histogram!(
+        QUERY_SECONDS,
+        Unit::Seconds,
+        "Time to answer a question about influence, without its transport"
+    );
     describe_counter!(VERDICTS, "Verdicts given, by basis");
     describe_counter!(REQUESTS, "Requests, by face, route or method, and code");
     describe_histogram!(REQUEST_SECONDS, Unit::Seconds, "Time to answer a request, by face and route or method");
@@ -119,4 +124,45 @@ pub fn answered(took: Duration, by_counts: u64, by_prior: u64) {
 pub fn request(face: &'static str, route: String, code: String, took: Duration) {
     histogram!(REQUEST_SECONDS, "face" => face, "route" => route.clone()).record(took.as_secs_f64());
     counter!(REQUESTS, "face" => face, "route" => route, "code" => code).increment(1);
+}
+
+/// Returns every metric in Prometheus' text format. Installs the recorder of this process at its first use.
+pub fn render() -> String {
+    let recorder = recorder();
+    recorder.run_upkeep();
+    recorder.render()
+}
+
+/// Installs the recorder of this process, once: metrics recorded earlier are lost.
+pub fn recorder() -> &'static PrometheusHandle {
+    static RECORDER: OnceLock<PrometheusHandle> = OnceLock::new();
+    RECORDER.get_or_init(|| {
+        let builder = PrometheusBuilder::new()
+            .set_buckets(&SECONDS)
+            .and_then(|builder| builder.set_buckets_for_metric(Matcher::Full(COMMIT_TRANSITIONS.into()), &SIZES))
+            .expect("the lists of buckets are not empty");
+        let handle = builder.install_recorder().expect("nothing else in this process installs a recorder");
+        describe();
+        handle
+    })
+}
+
+/// How log lines look.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum LogFormat {
+    /// For people on a terminal.
+    Human,
+    /// One JSON object a line.
+    Json,
+}
+
+/// Sends logs to standard error; `RUST_LOG` says which, by default what an operator should know.
+pub fn log(format: LogFormat) {
+    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("info"));
+    let lines = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).with_target(false);
+    // A second call finds the first one's subscriber, which stays.
+    let _ = match format {
+        LogFormat::Human => lines.with_ansi(std::io::IsTerminal::is_terminal(&std::io::stderr())).try_init(),
+        LogFormat::Json => lines.json().flatten_event(true).try_init(),
+    };
 }

@@ -4,6 +4,9 @@
 
 pub mod grpc;
 
+use crate::domain::View;
+use crate::error::{ErrorKind, Problem};
+
 /// The messages and services of package `nudge.v1`, generated from `proto/`.
 #[allow(missing_docs, clippy::all)]
 pub mod proto {
@@ -18,3 +21,21 @@ pub const MOST_MESSAGE_BYTES: usize = 4 << 20;
 
 /// The most transitions of a batch.
 pub const MOST_BATCH_TRANSITIONS: usize = 10_000;
+
+/// Returns an answer in a view if it fits into a message.
+pub fn fitting<M: prost::Message>(answer: M, view: View) -> Result<M, Problem> {
+    if answer.encoded_len() <= MOST_MESSAGE_BYTES { Ok(answer) } else { Err(too_large(view)) }
+}
+
+/// Says that an answer does not fit into a message, and what to ask for instead.
+pub fn too_large(view: View) -> Problem {
+    let instead = match view {
+        View::Full => "ask for view figures, or for fewer states",
+        View::Figures => "ask for view verdict, or for fewer states",
+        View::Verdict => "ask for fewer states",
+    };
+    let view = view.as_str();
+    let message =
+        format!("the answer in view {view} is larger than the limit of {MOST_MESSAGE_BYTES} bytes: {instead}");
+    Problem::new(ErrorKind::TooLarge, "ANSWER_TOO_LARGE", message).with("limit_bytes", MOST_MESSAGE_BYTES)
+}

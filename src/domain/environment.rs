@@ -1,6 +1,7 @@
 //! An environment as the store keeps it.
 
 use std::fmt;
+use std::sync::Arc;
 
 use super::{Name, Rule, Schema};
 
@@ -31,4 +32,13 @@ pub struct Environment {
     pub schema: Schema,
     /// Its decision rule, which may.
     pub rule: Rule,
+}
+
+/// A page of environments.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EnvironmentPage {
+    /// In order of name.
+    pub environments: Vec<Arc<Environment>>,
+    /// Asks for the next page; `None` on the last.
+    pub next_page_token: Option<String>,
 }

@@ -33,7 +33,7 @@ pub use answer::{ActionFigures, Answer, Answers, Basis, Bin, Figures, Labels, Va
 pub use batch::{Acknowledged, Batch, Receipt, Sequence};
 pub use counts::{Cell, Counts, Increment, SegmentId, Tally};
 pub use draft::{RuleDraft, SchemaDraft};
-pub use environment::{Environment, EnvironmentId, Uid};
+pub use environment::{Environment, EnvironmentId, EnvironmentPage, Uid};
 pub use feature::{Feature, FeatureKind, Misfit};
 pub use key::StateKey;
 pub use name::{Label, Name, ProducerId};

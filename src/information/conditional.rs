@@ -14,9 +14,7 @@ use super::table::Table;
 pub fn conditional(slices: &[Table], figure: impl Fn(&Table) -> f64) -> f64 {
     let total: u128 = slices.iter().map(|slice| u128::from(slice.total())).sum();
     let occupied = slices.iter().filter(|slice| slice.total() > 0);
-    occupied.fold(0.0, |sum, slice| {
-        sum + slice.total() as f64 / total as f64 * figure(slice)
-    })
+    occupied.fold(0.0, |sum, slice| sum + slice.total() as f64 / total as f64 * figure(slice))
 }
 
 #[cfg(test)]

@@ -23,10 +23,7 @@ pub fn divergence(table: &Table, row: usize) -> f64 {
 
 /// Returns N^2 times the plug-in mutual information, in nats: the rows' deviances, summed in their order.
 pub(super) fn table_deviance(table: &Table) -> f64 {
-    table
-        .cells()
-        .chunk_by(|a, b| a.row == b.row)
-        .fold(0.0, |sum, row| sum + row_deviance(table, row))
+    table.cells().chunk_by(|a, b| a.row == b.row).fold(0.0, |sum, row| sum + row_deviance(table, row))
 }
 
 /// Returns r_i N K_i as the sum, over every column, of the deviance of n N from r c, given one row's cells (a row
@@ -65,9 +62,7 @@ fn deviance(a: u128, b: u128) -> f64 {
     }
     // At v = 0.1 the first power left out is below the rounding of the sum.
     let square = v * v;
-    let tail = [17.0, 15.0, 13.0, 11.0, 9.0, 7.0, 5.0, 3.0]
-        .iter()
-        .fold(0.0, |tail, odd| (tail + 1.0 / odd) * square);
+    let tail = [17.0, 15.0, 13.0, 11.0, 9.0, 7.0, 5.0, 3.0].iter().fold(0.0, |tail, odd| (tail + 1.0 / odd) * square);
     difference * v + 2.0 * observed * v * tail
 }
 
@@ -90,11 +85,7 @@ mod tests {
 
     #[test]
     fn rows_alike_have_exactly_none() {
-        for table in [
-            grid(&[&[1, 2, 3], &[7, 14, 21]]),
-            grid(&[&[3, 1, 4]]),
-            grid(&[&[3], &[1], &[4]]),
-        ] {
+        for table in [grid(&[&[1, 2, 3], &[7, 14, 21]]), grid(&[&[3, 1, 4]]), grid(&[&[3], &[1], &[4]])] {
             assert!((0..table.rows().len()).all(|row| divergence(&table, row) == 0.0));
         }
     }
@@ -109,10 +100,7 @@ mod tests {
 
     #[test]
     fn the_series_meets_the_formula() {
-        let (below, above) = (
-            deviance(1_222_222, 1_000_000),
-            deviance(1_222_223, 1_000_000),
-        );
+        let (below, above) = (deviance(1_222_222, 1_000_000), deviance(1_222_223, 1_000_000));
 
         // d/da of a ln(a / b) + b - a is ln(a / b).
         assert!((above - below - 1.222_222_5_f64.ln()).abs() < 1e-9);

@@ -27,12 +27,8 @@ pub fn miller_madow(table: &Table) -> f64 {
     if table.total() == 0 {
         return 0.0;
     }
-    let [cells, rows, columns] = [
-        table.cells().len(),
-        table.rows().len(),
-        table.columns().len(),
-    ]
-    .map(|occupied| occupied as f64);
+    let [cells, rows, columns] =
+        [table.cells().len(), table.rows().len(), table.columns().len()].map(|occupied| occupied as f64);
     plug_in(table) - (cells - rows - columns + 1.0) / (2.0 * table.total() as f64)
 }
 
@@ -54,10 +50,7 @@ fn by_entropies(table: &Table) -> Option<f64> {
     }
     let x_ln_x = x_ln_x::tabulated();
     let sum = |counts: &[u64]| counts.iter().fold(0.0, |sum, &n| sum + x_ln_x[n as usize]);
-    let cells = table
-        .cells()
-        .iter()
-        .fold(0.0, |sum, cell| sum + x_ln_x[cell.n as usize]);
+    let cells = table.cells().iter().fold(0.0, |sum, cell| sum + x_ln_x[cell.n as usize]);
     let total = x_ln_x[table.total() as usize];
     Some((total - sum(table.rows()) - sum(table.columns()) + cells) / table.total() as f64)
 }
@@ -84,23 +77,13 @@ mod tests {
     fn the_empty_table_has_none() {
         let empty = Table::default();
 
-        assert_eq!(
-            [plug_in(&empty), miller_madow(&empty), excess(&empty)],
-            [0.0; 3]
-        );
+        assert_eq!([plug_in(&empty), miller_madow(&empty), excess(&empty)], [0.0; 3]);
     }
 
     #[test]
     fn one_row_or_one_column_has_none() {
-        for table in [
-            grid(&[&[3, 1, 4, 1, 5]]),
-            grid(&[&[3], &[1], &[4]]),
-            grid(&[&[7]]),
-        ] {
-            assert_eq!(
-                [plug_in(&table), miller_madow(&table), excess(&table)],
-                [0.0; 3]
-            );
+        for table in [grid(&[&[3, 1, 4, 1, 5]]), grid(&[&[3], &[1], &[4]]), grid(&[&[7]])] {
+            assert_eq!([plug_in(&table), miller_madow(&table), excess(&table)], [0.0; 3]);
         }
     }
 

@@ -29,7 +29,7 @@ impl ExpectedMethod {
 /// To N = 1,000 exact: ln N + (sum_ij E[n_ij ln n_ij] - sum_i r_i ln r_i - sum_j c_j ln c_j) / N with each n_ij
 /// hypergeometric in (r_i, c_j, N) (Vinh, Epps & Bailey 2010, "Information theoretic measures for clusterings
 /// comparison"). Above that (R - 1)(C - 1) / 2N on the occupied rows and columns (Miller 1955), which overstates
-/// tables with fewer visits than cells.
+/// tables with fewer visits than cells; never more than the smaller entropy of the two margins, which bounds any plug-in.
 ///
 /// Never negative; exactly 0 at N = 0 and with one row or one column.
 pub fn expected_if_independent(table: &Table) -> (f64, ExpectedMethod) {
@@ -41,7 +41,14 @@ pub fn expected_if_independent(table: &Table) -> (f64, ExpectedMethod) {
 
 fn asymptotic(table: &Table) -> f64 {
     let [rows, columns] = [table.rows(), table.columns()].map(|sums| sums.len() as f64);
-    (rows - 1.0) * (columns - 1.0) / (2.0 * table.total() as f64)
+    let [of_rows, of_columns] = [table.rows(), table.columns()].map(|sums| entropy(sums, table.total()));
+    ((rows - 1.0) * (columns - 1.0) / (2.0 * table.total() as f64)).min(of_rows).min(of_columns)
+}
+
+/// Returns the plug-in entropy of a margin in nats, at least 0.
+fn entropy(sums: &[u64], total: u64) -> f64 {
+    let share = |sum: &u64| *sum as f64 / total as f64;
+    sums.iter().map(share).map(|p| -p * p.ln()).sum::<f64>().max(0.0)
 }
 
 fn hypergeometric(table: &Table) -> f64 {
@@ -49,8 +56,7 @@ fn hypergeometric(table: &Table) -> f64 {
         return 0.0;
     }
     let (rows, columns) = (margins(table.rows()), margins(table.columns()));
-    let mut sum =
-        x_ln_x::tabulated()[table.total() as usize] - surprise(&rows) - surprise(&columns);
+    let mut sum = x_ln_x::tabulated()[table.total() as usize] - surprise(&rows) - surprise(&columns);
     for row in &rows {
         for column in &columns {
             sum += row.times * column.times * mean_x_ln_x(row.sum, column.sum, table.total());
@@ -69,19 +75,12 @@ struct Margin {
 fn margins(sums: &[u64]) -> Vec<Margin> {
     let mut sums = sums.to_vec();
     sums.sort_unstable();
-    sums.chunk_by(|a, b| a == b)
-        .map(|equal| Margin {
-            sum: equal[0],
-            times: equal.len() as f64,
-        })
-        .collect()
+    sums.chunk_by(|a, b| a == b).map(|equal| Margin { sum: equal[0], times: equal.len() as f64 }).collect()
 }
 
 fn surprise(margins: &[Margin]) -> f64 {
     let x_ln_x = x_ln_x::tabulated();
-    margins.iter().fold(0.0, |sum, margin| {
-        sum + margin.times * x_ln_x[margin.sum as usize]
-    })
+    margins.iter().fold(0.0, |sum, margin| sum + margin.times * x_ln_x[margin.sum as usize])
 }
 
 /// A term this small beside the sum so far ends it: those that follow fall off faster than geometrically, and at

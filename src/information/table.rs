@@ -42,10 +42,7 @@ impl Table {
     pub fn from_counts(counts: impl IntoIterator<Item = (u64, u64, u64)>) -> Self {
         let mut counts: Vec<_> = counts.into_iter().filter(|&(_, _, n)| n > 0).collect();
         let total: u128 = counts.iter().map(|&(_, _, n)| u128::from(n)).sum();
-        assert!(
-            total <= u128::from(LARGEST_TOTAL),
-            "the counts of a table sum to {total}, more than 2^63 - 1"
-        );
+        assert!(total <= u128::from(LARGEST_TOTAL), "the counts of a table sum to {total}, more than 2^63 - 1");
         merge_equal_cells(&mut counts);
 
         let row_labels = distinct(counts.iter().map(|&(row, _, _)| row));
@@ -58,20 +55,9 @@ impl Table {
             let column = position(&column_labels, column_label);
             rows[row] += n;
             columns[column] += n;
-            cells.push(Occupied {
-                row: compressed(row),
-                column: compressed(column),
-                n,
-            });
+            cells.push(Occupied { row: compressed(row), column: compressed(column), n });
         }
-        Self {
-            cells,
-            rows,
-            columns,
-            row_labels,
-            column_labels,
-            total: total as u64,
-        }
+        Self { cells, rows, columns, row_labels, column_labels, total: total as u64 }
     }
 
     /// Returns the occupied cells, by row and then by column.
@@ -148,34 +134,12 @@ mod tests {
 
     #[test]
     fn compresses_labels_of_a_huge_alphabet() {
-        let table = Table::from_counts([
-            (1 << 62, 7, 2),
-            (3, u64::MAX, 5),
-            (3, 7, 0),
-            (1 << 62, 7, 1),
-        ]);
+        let table = Table::from_counts([(1 << 62, 7, 2), (3, u64::MAX, 5), (3, 7, 0), (1 << 62, 7, 1)]);
 
         assert_eq!(table.row_labels(), [3, 1 << 62]);
         assert_eq!(table.column_labels(), [7, u64::MAX]);
-        assert_eq!(
-            table.cells(),
-            [
-                Occupied {
-                    row: 0,
-                    column: 1,
-                    n: 5
-                },
-                Occupied {
-                    row: 1,
-                    column: 0,
-                    n: 3
-                }
-            ]
-        );
-        assert_eq!(
-            (table.rows(), table.columns(), table.total()),
-            (&[5, 3][..], &[3, 5][..], 8)
-        );
+        assert_eq!(table.cells(), [Occupied { row: 0, column: 1, n: 5 }, Occupied { row: 1, column: 0, n: 3 }]);
+        assert_eq!((table.rows(), table.columns(), table.total()), (&[5, 3][..], &[3, 5][..], 8));
     }
 
     #[test]
@@ -185,10 +149,7 @@ mod tests {
 
     #[test]
     fn holds_the_largest_total() {
-        assert_eq!(
-            Table::from_counts([(0, 0, LARGEST_TOTAL - 1), (0, 0, 1)]).total(),
-            LARGEST_TOTAL
-        );
+        assert_eq!(Table::from_counts([(0, 0, LARGEST_TOTAL - 1), (0, 0, 1)]).total(), LARGEST_TOTAL);
     }
 
     #[test]

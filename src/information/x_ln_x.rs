@@ -14,11 +14,7 @@ pub(super) fn tabulated() -> &'static [f64] {
 
 /// 0 ln 0 = 0, the limit from above.
 fn x_ln_x(x: u64) -> f64 {
-    if x == 0 {
-        0.0
-    } else {
-        x as f64 * (x as f64).ln()
-    }
+    if x == 0 { 0.0 } else { x as f64 * (x as f64).ln() }
 }
 
 #[cfg(test)]

@@ -105,7 +105,9 @@ impl Group {
         let replies = std::mem::take(&mut self.replies);
         self.transitions = 0;
         let answers = match result {
-            Ok(outcomes) => outcomes.into_iter().zip(&batches).map(|(outcome, batch)| told(store, batch, outcome)).collect(),
+            Ok(outcomes) => {
+                outcomes.into_iter().zip(&batches).map(|(outcome, batch)| told(store, batch, outcome)).collect()
+            }
             Err(error) => failed(error, batches.len()),
         };
         for ((reply, room), answer) in replies.into_iter().zip(answers) {
@@ -138,7 +140,9 @@ fn count(store: &dyn Store, batch: &Numbered, told: &Acknowledged) {
     let environments = store.environments();
     let Some(environment) = environments.iter().find(|environment| environment.id == batch.environment) else { return };
     match told {
-        Acknowledged::Applied(receipt) => telemetry::applied(environment.name.as_str(), receipt.accepted, receipt.rejected_count),
+        Acknowledged::Applied(receipt) => {
+            telemetry::applied(environment.name.as_str(), receipt.accepted, receipt.rejected_count)
+        }
         Acknowledged::Duplicate(_) | Acknowledged::Unverified => telemetry::duplicate(environment.name.as_str()),
     }
 }

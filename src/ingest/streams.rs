@@ -75,9 +75,11 @@ impl Lease {
 
     fn problem(&self) -> Problem {
         match self.why.get() {
-            Some(End::Deleted) => {
-                Problem::new(ErrorKind::NotFound, "ENVIRONMENT_NOT_FOUND", "the environment was deleted while this stream was open")
-            }
+            Some(End::Deleted) => Problem::new(
+                ErrorKind::NotFound,
+                "ENVIRONMENT_NOT_FOUND",
+                "the environment was deleted while this stream was open",
+            ),
             _ => Problem::new(ErrorKind::Conflict, "FENCED", "a later stream of the same producer has taken over"),
         }
     }

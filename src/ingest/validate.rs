@@ -57,7 +57,8 @@ impl<'a> Merge<'a> {
         let state = &records.states[index * self.widths.state..][..self.widths.state];
         let actions = &records.actions[index * self.widths.actions..][..self.widths.actions];
         let n = records.counts.get(index).copied().unwrap_or(1);
-        let (Some(()), Some(joint), Some(sum)) = (self.discretise(state), joint(self.schema, actions), self.sum(n)) else {
+        let (Some(()), Some(joint), Some(sum)) = (self.discretise(state), joint(self.schema, actions), self.sum(n))
+        else {
             return Err(self.rejection(index, state, actions, n));
         };
         let entries = match records.entries.get(index).copied().unwrap_or_default() {
@@ -146,7 +147,10 @@ mod tests {
         let agent = |name: &str, action| AgentDraft { name: name.into(), action: vec![action] };
         let draft = SchemaDraft {
             state: vec![feature("x", KindDraft::Continuous(vec![0.5, 1.0])), feature("lane", KindDraft::Integer(0, 3))],
-            agents: vec![agent("a", feature("go", labels(&["l", "r"]))), agent("b", feature("go", labels(&["l", "r", "s"])))],
+            agents: vec![
+                agent("a", feature("go", labels(&["l", "r"]))),
+                agent("b", feature("go", labels(&["l", "r", "s"]))),
+            ],
         };
         Schema::try_from(&draft).expect("valid")
     }

@@ -1,3 +1,35 @@
-//! Everything on a listening socket.
+//! Everything on a listening socket: REST, gRPC, gRPC-Web and operations on one port.
+//!
+//! Handlers decode, ask a room of [`App`], and encode. An `if` about the problem rather than the protocol belongs further in.
 
-pub mod status;
+use axum::Router;
+use tokio::net::TcpListener;
+
+use crate::app::App;
+
+mod grpc;
+mod listen;
+mod operations;
+mod status;
+
+/// What the faces can be told beside the app.
+#[derive(Debug, Clone, Default)]
+pub struct Settings {
+    /// Origins whose pages may call.
+    pub cors_origins: Vec<String>,
+}
+
+/// Serves an app on a listener until it drains and its connections have ended.
+pub async fn serve(app: App, listener: TcpListener, settings: Settings) -> Result<(), tonic_reflection::server::Error> {
+    let router = router(app.clone(), settings).await?;
+    listen::accept(listener, router, app.draining).await;
+    Ok(())
+}
+
+/// Returns every route of every face.
+async fn router(app: App, _settings: Settings) -> Result<Router, tonic_reflection::server::Error> {
+    // Without this an unknown REST path would answer 200 with a gRPC status.
+    let grpc = grpc::routes(app.clone()).await?.into_axum_router().reset_fallback();
+    let grpc = grpc.layer(tonic_web::GrpcWebLayer::new());
+    Ok(operations::router(app).merge(grpc))
+}

@@ -1,9 +1,7 @@
 //! The figures of `information` against 50-digit references and other tools' answers; `tests/golden/SOURCE.md` says
 //! where each value came from.
 
-use nudge::information::{
-    ExpectedMethod, Table, divergence, excess, expected_if_independent, miller_madow, plug_in,
-};
+use nudge::information::{ExpectedMethod, Table, divergence, excess, expected_if_independent, miller_madow, plug_in};
 use serde_json::Value;
 use std::f64::consts::LN_2;
 
@@ -16,18 +14,8 @@ const ENUMERATION: f64 = 1e-10;
 fn plug_in_and_miller_madow_match_the_references() {
     for (golden, table) in with_reference() {
         let reference = &golden["reference"];
-        close(
-            &golden,
-            plug_in(&table),
-            number(&reference["mi_plugin_nats"]),
-            TARGET,
-        );
-        close(
-            &golden,
-            miller_madow(&table),
-            number(&reference["mi_miller_madow_nats"]),
-            TARGET,
-        );
+        close(&golden, plug_in(&table), number(&reference["mi_plugin_nats"]), TARGET);
+        close(&golden, miller_madow(&table), number(&reference["mi_miller_madow_nats"]), TARGET);
     }
 }
 
@@ -37,11 +25,7 @@ fn divergences_match_the_references_and_unvisited_rows_have_none() {
         for (label, reference) in (0..).zip(list(&golden["reference"]["dkl_per_ego_action_nats"])) {
             match table.row_labels().binary_search(&label) {
                 Ok(row) => close(&golden, divergence(&table, row), number(reference), TARGET),
-                Err(_) => assert!(
-                    reference.is_null(),
-                    "{}: row {label} was visited",
-                    golden["id"]
-                ),
+                Err(_) => assert!(reference.is_null(), "{}: row {label} was visited", golden["id"]),
             }
         }
     }
@@ -51,34 +35,19 @@ fn divergences_match_the_references_and_unvisited_rows_have_none() {
 fn occupied_rows_columns_and_cells_match_the_references() {
     for (golden, table) in with_reference() {
         let support = &golden["reference"]["support"];
-        let occupied = [
-            table.rows().len(),
-            table.columns().len(),
-            table.cells().len(),
-        ];
-        assert_eq!(
-            occupied.map(Value::from),
-            [&support["R"], &support["H"], &support["joint"]].map(Value::clone)
-        );
+        let occupied = [table.rows().len(), table.columns().len(), table.cells().len()];
+        assert_eq!(occupied.map(Value::from), [&support["R"], &support["H"], &support["joint"]].map(Value::clone));
         assert_eq!(table.total(), golden["N"]);
     }
 }
 
 #[test]
 fn the_table_of_no_visits_has_zero_of_everything() {
-    let (golden, table) = tables()
-        .find(|(golden, _)| golden["N"] == 0)
-        .expect("the golden file has an empty table");
+    let (golden, table) = tables().find(|(golden, _)| golden["N"] == 0).expect("the golden file has an empty table");
 
     assert!(golden.get("reference").is_none());
-    assert_eq!(
-        [plug_in(&table), miller_madow(&table), excess(&table)],
-        [0.0; 3]
-    );
-    assert_eq!(
-        expected_if_independent(&table),
-        (0.0, ExpectedMethod::Hypergeometric)
-    );
+    assert_eq!([plug_in(&table), miller_madow(&table), excess(&table)], [0.0; 3]);
+    assert_eq!(expected_if_independent(&table), (0.0, ExpectedMethod::Hypergeometric));
 }
 
 #[test]
@@ -129,10 +98,7 @@ const EXPECTED: [(&str, f64); 18] = [
 #[test]
 fn the_exact_expectation_matches_50_digits() {
     for (golden, table) in tables().filter(|(golden, _)| golden["N"].as_u64() <= Some(1_000)) {
-        let (_, reference) = EXPECTED
-            .iter()
-            .find(|(id, _)| golden["id"] == *id)
-            .expect("every small table is listed");
+        let (_, reference) = EXPECTED.iter().find(|(id, _)| golden["id"] == *id).expect("every small table is listed");
         let (expected, method) = expected_if_independent(&table);
 
         assert_eq!(method, ExpectedMethod::Hypergeometric);
@@ -146,10 +112,7 @@ fn the_expectation_of_a_billion_visits_is_the_leading_term() {
     for (golden, table) in tables().filter(|(golden, _)| golden["N"] == 1_000_000_000) {
         let freedoms = number(&golden["reference"]["df_effective"]);
 
-        assert_eq!(
-            expected_if_independent(&table),
-            (freedoms / 2e9, ExpectedMethod::Asymptotic)
-        );
+        assert_eq!(expected_if_independent(&table), (freedoms / 2e9, ExpectedMethod::Asymptotic));
     }
 }
 
@@ -163,38 +126,21 @@ fn billions_of_visits_near_independence_keep_their_digits() {
         [999_999_998, 600_000_005, 399_999_989],
         [1_500_000_004, 900_000_000, 600_000_013],
     ];
-    let cells = (0..)
-        .zip(nearly_a_product)
-        .flat_map(|(i, row)| (0..).zip(row).map(move |(j, n)| (i, j, n)));
-    relatively_close(
-        plug_in(&Table::from_counts(cells)),
-        5.134_259_250_946_52e-17,
-    );
+    let cells = (0..).zip(nearly_a_product).flat_map(|(i, row)| (0..).zip(row).map(move |(j, n)| (i, j, n)));
+    relatively_close(plug_in(&Table::from_counts(cells)), 5.134_259_250_946_52e-17);
 
-    let (golden, table) = tables()
-        .find(|(golden, _)| golden["id"] == "t10_2x2_1e9")
-        .expect("a golden table");
-    relatively_close(
-        plug_in(&table),
-        number(&golden["reference"]["mi_plugin_nats"]),
-    );
-    relatively_close(
-        divergence(&table, 0),
-        number(&golden["reference"]["dkl_per_ego_action_nats"][0]),
-    );
+    let (golden, table) = tables().find(|(golden, _)| golden["id"] == "t10_2x2_1e9").expect("a golden table");
+    relatively_close(plug_in(&table), number(&golden["reference"]["mi_plugin_nats"]));
+    relatively_close(divergence(&table, 0), number(&golden["reference"]["dkl_per_ego_action_nats"][0]));
 }
 
 /// Returns the golden tables, each as it stands in the file and as counts.
 fn tables() -> impl Iterator<Item = (Value, Table)> {
-    let file: Value = serde_json::from_str(include_str!("../golden/mi_tables.json"))
-        .expect("the golden file is JSON");
+    let file: Value = serde_json::from_str(include_str!("../golden/mi_tables.json")).expect("the golden file is JSON");
     list(&file["tables"]).clone().into_iter().map(|golden| {
         let rows = (0..).zip(list(&golden["counts"]));
-        let cells = rows.flat_map(|(i, row)| {
-            (0..)
-                .zip(list(row))
-                .map(move |(j, n)| (i, j, n.as_u64().expect("a count")))
-        });
+        let cells =
+            rows.flat_map(|(i, row)| (0..).zip(list(row)).map(move |(j, n)| (i, j, n.as_u64().expect("a count"))));
         let table = Table::from_counts(cells);
         (golden, table)
     })
@@ -207,9 +153,7 @@ fn with_reference() -> impl Iterator<Item = (Value, Table)> {
 /// Returns what other tools answered under a key, as far as they did.
 fn answers(golden: &Value, key: &str) -> Vec<f64> {
     let answers = golden["peers"][key].as_array().into_iter().flatten();
-    answers
-        .filter_map(|answer| answer["value"].as_f64())
-        .collect()
+    answers.filter_map(|answer| answer["value"].as_f64()).collect()
 }
 
 fn list(value: &Value) -> &Vec<Value> {
@@ -222,15 +166,9 @@ fn number(value: &Value) -> f64 {
 
 fn close(golden: &Value, value: f64, reference: f64, tolerance: f64) {
     let id = &golden["id"];
-    assert!(
-        (value - reference).abs() <= tolerance,
-        "{id}: {value:e} instead of {reference:e}"
-    );
+    assert!((value - reference).abs() <= tolerance, "{id}: {value:e} instead of {reference:e}");
 }
 
 fn relatively_close(value: f64, reference: f64) {
-    assert!(
-        (value / reference - 1.0).abs() <= TARGET,
-        "{value:e} instead of {reference:e}"
-    );
+    assert!((value / reference - 1.0).abs() <= TARGET, "{value:e} instead of {reference:e}");
 }

@@ -2,7 +2,7 @@
 
 use crate::api::proto;
 use crate::domain::draft::{AgentDraft, FeatureDraft, KindDraft, RuleDraft, SchemaDraft};
-use crate::domain::{Environment, Rule};
+use crate::domain::{Environment, EnvironmentPage, Rule};
 
 impl From<proto::Schema> for SchemaDraft {
     fn from(schema: proto::Schema) -> Self {
@@ -84,6 +84,15 @@ impl From<&Environment> for proto::Environment {
             schema_hash: environment.schema.hash().0.to_vec(),
             schema: Some(environment.schema.draft().into()),
             rule: Some(environment.rule.into()),
+        }
+    }
+}
+
+impl From<EnvironmentPage> for proto::ListEnvironmentsResponse {
+    fn from(page: EnvironmentPage) -> Self {
+        Self {
+            environments: page.environments.iter().map(|environment| (&**environment).into()).collect(),
+            next_page_token: page.next_page_token.unwrap_or_default(),
         }
     }
 }

@@ -1,0 +1,44 @@
+//! The one configuration of a service: what `nudge serve` takes, with its defaults.
+
+use std::net::SocketAddr;
+use std::path::PathBuf;
+
+/// How a service runs. Every field has a flag and an environment variable of the same name, `--data` and `NUDGE_DATA`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Config {
+    /// The one address of REST, gRPC, metrics and the page. Port 0 takes a free one.
+    pub listen: SocketAddr,
+    /// The directory of the database, made if it is missing.
+    pub data: PathBuf,
+    /// The most cells of an environment.
+    pub max_cells: u64,
+    /// The most segments of an environment.
+    pub max_segments: u64,
+    /// The most producers of an environment.
+    pub max_producers: u64,
+    /// Cells of the states that are kept in memory.
+    pub cache_cells: usize,
+    /// Origins whose pages may call REST and gRPC-Web; none by default.
+    pub cors_origins: Vec<String>,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            listen: SocketAddr::from(([127, 0, 0, 1], 8080)),
+            data: PathBuf::from("nudge-data"),
+            max_cells: 5_000_000,
+            max_segments: 4_096,
+            max_producers: 10_000,
+            cache_cells: 400_000,
+            cors_origins: Vec::new(),
+        }
+    }
+}
+
+impl Config {
+    /// Returns the path of the database.
+    pub fn database(&self) -> PathBuf {
+        self.data.join("nudge.db")
+    }
+}

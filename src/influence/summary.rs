@@ -1,0 +1,54 @@
+//! What all states say together.
+
+use super::survey::Survey;
+use crate::domain::{HistogramBin, Label, Scope, Summary, Verdict};
+use crate::evidence;
+
+/// The lower bounds of the histogram's bins, in the summary's unit.
+const BOUNDS: [f64; 12] = [0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.75, 1.0, 1.5, 2.0];
+
+/// Sums up a survey.
+pub fn summary(scope: &Scope, segments: Vec<Label>, survey: &Survey) -> Summary {
+    let visits = |least: u64| -> u64 { survey.rows.iter().map(|row| row.visits).filter(|n| *n >= least).sum() };
+    let transitions = visits(0);
+    let enough = visits(scope.rule.min_visits);
+    let share = if transitions == 0 { 0.0 } else { enough as f64 / transitions as f64 };
+    Summary {
+        transitions,
+        states: survey.rows.len() as u64,
+        segments,
+        min_visits: scope.rule.min_visits,
+        share_of_visits_with_enough_data: share,
+        verdicts: verdicts(scope, survey),
+        histogram: histogram(scope, survey),
+        as_of: survey.as_of,
+        unit: scope.unit,
+        threshold: scope.rule.in_unit(scope.unit).threshold,
+    }
+}
+
+fn verdicts(scope: &Scope, survey: &Survey) -> [u64; 3] {
+    let mut counted = [0; 3];
+    for row in &survey.rows {
+        let verdict = evidence::decide(&scope.rule, row.visits, row.plug_in);
+        counted[Verdict::ALL.iter().position(|v| *v == verdict).expect("all are listed")] += 1;
+    }
+    counted
+}
+
+fn histogram(scope: &Scope, survey: &Survey) -> Vec<HistogramBin> {
+    let bin = |(i, from): (usize, &f64)| HistogramBin {
+        from: *from,
+        to: BOUNDS.get(i + 1).copied(),
+        plug_in: 0,
+        expected_if_independent: 0,
+    };
+    let mut bins: Vec<HistogramBin> = BOUNDS.iter().enumerate().map(bin).collect();
+    // Every figure is at least 0, the first bound.
+    let at = |nats: f64| BOUNDS.partition_point(|bound| *bound <= scope.unit.from_nats(nats)) - 1;
+    for row in &survey.rows {
+        bins[at(row.plug_in)].plug_in += 1;
+        bins[at(row.expected)].expected_if_independent += 1;
+    }
+    bins
+}

@@ -1,0 +1,70 @@
+//! `EnvironmentService`.
+
+use tonic::{Request, Response, Status};
+
+use super::{Face, call};
+use crate::api::proto::environment_service_server::EnvironmentService;
+use crate::api::proto::{
+    ApplyEnvironmentRequest, ApplyEnvironmentResponse, DeleteEnvironmentRequest, DeleteEnvironmentResponse,
+    GetEnvironmentRequest, GetEnvironmentResponse, ListEnvironmentsRequest, ListEnvironmentsResponse,
+    UpdateRuleRequest, UpdateRuleResponse,
+};
+
+#[tonic::async_trait]
+impl EnvironmentService for Face {
+    async fn apply_environment(
+        &self,
+        request: Request<ApplyEnvironmentRequest>,
+    ) -> Result<Response<ApplyEnvironmentResponse>, Status> {
+        call("ApplyEnvironment", async {
+            let ApplyEnvironmentRequest { name, schema, rule } = request.into_inner();
+            let (schema, rule) = (schema.unwrap_or_default().into(), rule.map(Into::into));
+            let (environment, created) = self.app.environments.apply(&name, &schema, rule.as_ref()).await?;
+            Ok(ApplyEnvironmentResponse { environment: Some((&*environment).into()), created })
+        })
+        .await
+    }
+
+    async fn get_environment(
+        &self,
+        request: Request<GetEnvironmentRequest>,
+    ) -> Result<Response<GetEnvironmentResponse>, Status> {
+        call("GetEnvironment", async {
+            let environment = self.app.environments.find(&request.into_inner().name)?;
+            Ok(GetEnvironmentResponse { environment: Some((&*environment).into()) })
+        })
+        .await
+    }
+
+    async fn list_environments(
+        &self,
+        request: Request<ListEnvironmentsRequest>,
+    ) -> Result<Response<ListEnvironmentsResponse>, Status> {
+        call("ListEnvironments", async {
+            let ListEnvironmentsRequest { page_size, page_token } = request.into_inner();
+            let token = Some(page_token.as_str()).filter(|token| !token.is_empty());
+            Ok(self.app.environments.list(u64::from(page_size), token)?.into())
+        })
+        .await
+    }
+
+    async fn update_rule(&self, request: Request<UpdateRuleRequest>) -> Result<Response<UpdateRuleResponse>, Status> {
+        call("UpdateRule", async {
+            let UpdateRuleRequest { name, rule } = request.into_inner();
+            let environment = self.app.environments.update_rule(&name, &rule.unwrap_or_default().into()).await?;
+            Ok(UpdateRuleResponse { environment: Some((&*environment).into()) })
+        })
+        .await
+    }
+
+    async fn delete_environment(
+        &self,
+        request: Request<DeleteEnvironmentRequest>,
+    ) -> Result<Response<DeleteEnvironmentResponse>, Status> {
+        call("DeleteEnvironment", async {
+            self.app.environments.delete(&request.into_inner().name).await?;
+            Ok(DeleteEnvironmentResponse {})
+        })
+        .await
+    }
+}

@@ -1,0 +1,76 @@
+//! `InfluenceService`.
+
+use tonic::{Request, Response, Status};
+
+use super::{Face, call};
+use crate::api::proto::influence_service_server::InfluenceService;
+use crate::api::proto::{
+    BatchGetInfluenceRequest, BatchGetInfluenceResponse, GetInfluenceRequest, GetInfluenceResponse, GetStateRequest,
+    GetStateResponse, ListStatesRequest, ListStatesResponse, SummarizeRequest, SummarizeResponse,
+};
+use crate::api::{fitting, grpc};
+use crate::domain::draft::QuestionDraft;
+use crate::domain::{Answers, Question, View};
+use crate::error::Problem;
+
+impl Face {
+    async fn answer(&self, environment: &str, draft: &QuestionDraft) -> Result<(Answers, View), Problem> {
+        let environment = self.app.environments.find(environment)?;
+        let question = Question::new(&environment, draft)?;
+        Ok((self.app.influence.answer(&environment, &question).await?, question.view))
+    }
+}
+
+#[tonic::async_trait]
+impl InfluenceService for Face {
+    async fn get_influence(
+        &self,
+        request: Request<GetInfluenceRequest>,
+    ) -> Result<Response<GetInfluenceResponse>, Status> {
+        call("GetInfluence", async {
+            let (environment, draft) = grpc::question(request.into_inner())?;
+            let (answers, view) = self.answer(&environment, &draft).await?;
+            fitting(answers.into(), view)
+        })
+        .await
+    }
+
+    async fn batch_get_influence(
+        &self,
+        request: Request<BatchGetInfluenceRequest>,
+    ) -> Result<Response<BatchGetInfluenceResponse>, Status> {
+        call("BatchGetInfluence", async {
+            let (environment, draft) = grpc::batch_question(request.into_inner())?;
+            let (answers, view) = self.answer(&environment, &draft).await?;
+            fitting(answers.into(), view)
+        })
+        .await
+    }
+
+    async fn get_state(&self, request: Request<GetStateRequest>) -> Result<Response<GetStateResponse>, Status> {
+        call("GetState", async {
+            let GetStateRequest { environment, key } = request.into_inner();
+            let environment = self.app.environments.find(&environment)?;
+            fitting(self.app.influence.state(&environment, &key).await?.into(), View::Full)
+        })
+        .await
+    }
+
+    async fn list_states(&self, request: Request<ListStatesRequest>) -> Result<Response<ListStatesResponse>, Status> {
+        call("ListStates", async {
+            let (environment, listing) = grpc::list_states(request.into_inner())?;
+            let environment = self.app.environments.find(&environment)?;
+            fitting(self.app.influence.states(&environment, &listing).await?.into(), View::Verdict)
+        })
+        .await
+    }
+
+    async fn summarize(&self, request: Request<SummarizeRequest>) -> Result<Response<SummarizeResponse>, Status> {
+        call("Summarize", async {
+            let (environment, pair) = grpc::scope(request.into_inner().scope);
+            let environment = self.app.environments.find(&environment)?;
+            Ok(self.app.influence.summary(&environment, &pair).await?.into())
+        })
+        .await
+    }
+}

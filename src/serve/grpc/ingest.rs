@@ -1,0 +1,254 @@
+//! `IngestService`: one producer's stream, from its hello to its last receipt.
+//!
+//! Reading and acknowledging run side by side. Whatever ends the reading (the client is done, the service drains, a fault), every batch that was
+//! taken is acknowledged before the stream's own end is told.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use futures::StreamExt;
+use tokio::sync::mpsc;
+use tokio_stream::wrappers::ReceiverStream;
+use tonic::{Code, Request, Response, Status, Streaming};
+
+use super::{Face, call};
+use crate::api::proto::ingest_request::Message;
+use crate::api::proto::ingest_service_server::IngestService;
+use crate::api::proto::{
+    GetProducerRequest, GetProducerResponse, Hello, IngestRequest, IngestResponse, Welcome, WriteRequest,
+    WriteResponse, ingest_response,
+};
+use crate::api::{MOST_BATCH_TRANSITIONS, MOST_MESSAGE_BYTES, grpc};
+use crate::domain::{Environment, ProducerId, Sequence};
+use crate::error::{ErrorKind, Fault, Problem};
+use crate::ingest::{Session, Ticket, WINDOW};
+use crate::serve::status;
+use crate::telemetry;
+
+/// How long a stream may take to say hello.
+const HELLO: Duration = Duration::from_secs(10);
+
+/// Acknowledgements that wait for the socket.
+const OUTBOUND: usize = 16;
+
+type Outbound = mpsc::Sender<Result<IngestResponse, Status>>;
+
+#[tonic::async_trait]
+impl IngestService for Face {
+    type IngestStream = ReceiverStream<Result<IngestResponse, Status>>;
+
+    async fn ingest(&self, request: Request<Streaming<IngestRequest>>) -> Result<Response<Self::IngestStream>, Status> {
+        let (out, responses) = mpsc::channel(OUTBOUND);
+        tokio::spawn(self.clone().stream(request.into_inner(), out));
+        Ok(Response::new(ReceiverStream::new(responses)))
+    }
+
+    async fn write(&self, request: Request<WriteRequest>) -> Result<Response<WriteResponse>, Status> {
+        call("Write", async {
+            let WriteRequest { environment, environment_uid, producer, batch } = request.into_inner();
+            let environment = self.environment(&environment, &environment_uid)?;
+            let producer = producer_of(&producer)?;
+            let batch = grpc::batch(&environment.schema, batch.unwrap_or_default())?;
+            let sequence = batch.sequence;
+            let told = self.app.ingest.write(&environment, producer, batch).await.inspect_err(telemetry::refused)?;
+            Ok(WriteResponse { receipt: Some(grpc::receipt(sequence, told)) })
+        })
+        .await
+    }
+
+    async fn get_producer(
+        &self,
+        request: Request<GetProducerRequest>,
+    ) -> Result<Response<GetProducerResponse>, Status> {
+        call("GetProducer", async {
+            let GetProducerRequest { environment, producer } = request.into_inner();
+            let environment = self.app.environments.find(&environment)?;
+            let committed = self.app.ingest.committed(&environment, &producer_of(&producer)?).await?;
+            Ok(GetProducerResponse {
+                committed_sequence: committed.get(),
+                environment_uid: environment.uid.to_string(),
+            })
+        })
+        .await
+    }
+}
+
+impl Face {
+    /// Runs a stream to its end and tells the end.
+    async fn stream(self, mut inbound: Streaming<IngestRequest>, out: Outbound) {
+        let _open = telemetry::stream_opened();
+        let ended = match self.welcome(&mut inbound, &out).await {
+            Ok(session) => self.converse(&session, &mut inbound, &out).await,
+            Err(end) => Err(end),
+        };
+        if let Err(End::Problem(problem)) = ended {
+            telemetry::refused(&problem);
+            // The client may be gone; it will find out when it resumes.
+            let _ = out.send(Err(status::grpc(problem))).await;
+        }
+    }
+
+    async fn welcome(&self, inbound: &mut Streaming<IngestRequest>, out: &Outbound) -> Result<Session, End> {
+        let first = tokio::time::timeout(HELLO, inbound.message()).await;
+        let first = first.map_err(|_| protocol("no hello within 10 seconds"))?.map_err(End::from_read)?;
+        let Some(IngestRequest { message: Some(Message::Hello(hello)) }) = first else {
+            return Err(protocol("a stream begins with a hello").into());
+        };
+        let (environment, producer) = self.introduce(hello)?;
+        let session = self.app.ingest.open(environment, producer).await?;
+        let welcome = ingest_response::Message::Welcome(welcome(&session));
+        out.send(Ok(IngestResponse { message: Some(welcome) })).await.map_err(|_| End::Gone)?;
+        Ok(session)
+    }
+
+    /// Checks who says hello, to which environment, with which description of it in mind.
+    fn introduce(&self, hello: Hello) -> Result<(Arc<Environment>, ProducerId), Problem> {
+        let environment = self.environment(&hello.environment, &hello.environment_uid)?;
+        let producer = producer_of(&hello.producer)?;
+        let hash = environment.schema.hash();
+        if !hello.schema_hash.is_empty() && hello.schema_hash != hash.0 {
+            let message = format!("environment `{}` has another schema than the stream was made for", environment.name);
+            return Err(Problem::new(ErrorKind::Conflict, "SCHEMA_CONFLICT", message).with("schema_hash", hash));
+        }
+        Ok((environment, producer))
+    }
+
+    /// Returns the environment of that name, unless it is another one than the caller knew under its uid.
+    fn environment(&self, name: &str, uid: &str) -> Result<Arc<Environment>, Problem> {
+        let environment = self.app.environments.find(name)?;
+        if uid.is_empty() || environment.uid.0 == uid {
+            return Ok(environment);
+        }
+        let message = format!("environment `{name}` was deleted and made again: its uid is no longer `{uid}`");
+        Err(Problem::new(ErrorKind::NotFound, "ENVIRONMENT_REPLACED", message)
+            .with("environment_uid", &environment.uid))
+    }
+
+    async fn converse(
+        &self,
+        session: &Session,
+        inbound: &mut Streaming<IngestRequest>,
+        out: &Outbound,
+    ) -> Result<(), End> {
+        // Rendezvous only: tickets wait in the acknowledging half, which bounds them by the window.
+        let (tickets, taken) = mpsc::channel(1);
+        let mut reading = std::pin::pin!(self.read(session, inbound, tickets));
+        let mut acknowledging = std::pin::pin!(acknowledge(session.committed(), taken, out));
+        tokio::select! {
+            end = &mut reading => acknowledging.await.and(end),
+            failed = &mut acknowledging => failed,
+        }
+    }
+
+    /// Takes batches until the client is done or something ends the stream. Giving up the tickets' sender is what lets the acknowledging half end.
+    async fn read(
+        &self,
+        session: &Session,
+        inbound: &mut Streaming<IngestRequest>,
+        tickets: mpsc::Sender<Ticket>,
+    ) -> Result<(), End> {
+        loop {
+            let message = tokio::select! {
+                biased;
+                () = self.app.draining.cancelled() => return Err(draining().into()),
+                problem = session.ended() => return Err(problem.into()),
+                message = inbound.message() => message.map_err(End::from_read)?,
+            };
+            let batch = match message {
+                None => return Ok(()),
+                Some(IngestRequest { message: Some(Message::Batch(batch)) }) => batch,
+                Some(_) => return Err(protocol("expected a batch").into()),
+            };
+            let batch = grpc::batch(&session.environment().schema, batch)?;
+            let ticket = session.submit(batch).await?;
+            tickets.send(ticket).await.map_err(|_| End::Gone)?;
+        }
+    }
+}
+
+/// Tells receipts in order, as many together as one commit made ready.
+async fn acknowledge(resumed: Sequence, taken: mpsc::Receiver<Ticket>, out: &Outbound) -> Result<(), End> {
+    let answers = ReceiverStream::new(taken).map(Ticket::acknowledged).buffered(WINDOW);
+    let mut ready = std::pin::pin!(answers.ready_chunks(WINDOW));
+    let mut committed = resumed;
+    while let Some(answers) = ready.next().await {
+        let mut told = Vec::with_capacity(answers.len());
+        let mut refused = None;
+        for answer in answers {
+            match answer {
+                Ok(acknowledged) => told.push(acknowledged),
+                Err(problem) => {
+                    refused = Some(problem);
+                    break;
+                }
+            }
+        }
+        if let Some((last, _)) = told.last() {
+            committed = committed.max(*last);
+            out.send(Ok(grpc::acknowledgement(told, committed))).await.map_err(|_| End::Gone)?;
+        }
+        if let Some(problem) = refused {
+            return Err(problem.into());
+        }
+    }
+    Ok(())
+}
+
+/// Why a stream ends before its client is done.
+enum End {
+    /// The client is told.
+    Problem(Problem),
+    /// There is nobody to tell.
+    Gone,
+}
+
+impl From<Problem> for End {
+    fn from(problem: Problem) -> Self {
+        Self::Problem(problem)
+    }
+}
+
+impl End {
+    /// A message that is too large or cannot be decoded is the client's to mend; any other failure to read is a lost connection.
+    fn from_read(status: Status) -> Self {
+        match status.code() {
+            Code::OutOfRange => {
+                let message = format!("a message is larger than the limit of {MOST_MESSAGE_BYTES} bytes");
+                Problem::new(ErrorKind::TooLarge, "MESSAGE_TOO_LARGE", message)
+                    .with("limit_bytes", MOST_MESSAGE_BYTES)
+                    .into()
+            }
+            Code::Internal | Code::Unimplemented => Problem::new(
+                ErrorKind::Invalid,
+                "UNDECODABLE",
+                format!("a message cannot be decoded: {}", status.message()),
+            )
+            .into(),
+            _ => Self::Gone,
+        }
+    }
+}
+
+fn welcome(session: &Session) -> Welcome {
+    let environment = session.environment();
+    Welcome {
+        committed_sequence: session.committed().get(),
+        environment_uid: environment.uid.to_string(),
+        schema_hash: environment.schema.hash().0.to_vec(),
+        window: WINDOW as u32,
+        max_batch_transitions: MOST_BATCH_TRANSITIONS as u32,
+        max_message_bytes: MOST_MESSAGE_BYTES as u32,
+    }
+}
+
+fn producer_of(text: &str) -> Result<ProducerId, Problem> {
+    text.parse().map_err(|detail: String| Problem::invalid("producer", vec![Fault::new("/producer", detail)]))
+}
+
+fn protocol(message: &str) -> Problem {
+    Problem::new(ErrorKind::Invalid, "PROTOCOL", message)
+}
+
+fn draining() -> Problem {
+    Problem::new(ErrorKind::Unavailable, "STOPPING", "the service is stopping; reconnect and resume")
+}

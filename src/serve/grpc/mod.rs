@@ -1,0 +1,77 @@
+//! The gRPC face: decode by `api`, ask the same rooms as REST, encode by `api`.
+
+use std::future::Future;
+use std::time::Instant;
+
+use tonic::service::Routes;
+use tonic::{Code, Response, Status};
+
+use super::status;
+use crate::api::MOST_MESSAGE_BYTES;
+use crate::api::proto::environment_service_server::EnvironmentServiceServer;
+use crate::api::proto::influence_service_server::InfluenceServiceServer;
+use crate::api::proto::ingest_service_server::IngestServiceServer;
+use crate::api::proto::{self};
+use crate::app::App;
+use crate::error::Problem;
+use crate::telemetry;
+
+mod environment;
+mod influence;
+mod ingest;
+
+/// One face of the service; every gRPC service is implemented on it.
+#[derive(Clone)]
+struct Face {
+    app: App,
+}
+
+/// Returns the routes of every gRPC service, with health and reflection.
+pub async fn routes(app: App) -> Result<Routes, tonic_reflection::server::Error> {
+    macro_rules! limited {
+        ($server:ident) => {
+            $server::new(Face { app: app.clone() })
+                .max_decoding_message_size(MOST_MESSAGE_BYTES)
+                .max_encoding_message_size(MOST_MESSAGE_BYTES)
+        };
+    }
+    let (health, checked) = tonic_health::server::health_reporter();
+    health.set_serving::<EnvironmentServiceServer<Face>>().await;
+    health.set_serving::<IngestServiceServer<Face>>().await;
+    health.set_serving::<InfluenceServiceServer<Face>>().await;
+    tokio::spawn(not_serving_when(app.draining.clone(), health));
+    let descriptors = || {
+        tonic_reflection::server::Builder::configure()
+            .register_encoded_file_descriptor_set(proto::DESCRIPTORS)
+            .register_encoded_file_descriptor_set(tonic_health::pb::FILE_DESCRIPTOR_SET)
+    };
+    let mut routes = Routes::builder();
+    routes
+        .add_service(limited!(EnvironmentServiceServer))
+        .add_service(limited!(IngestServiceServer))
+        .add_service(limited!(InfluenceServiceServer))
+        .add_service(checked)
+        .add_service(descriptors().build_v1()?)
+        .add_service(descriptors().build_v1alpha()?);
+    Ok(routes.routes())
+}
+
+async fn not_serving_when(draining: tokio_util::sync::CancellationToken, health: tonic_health::server::HealthReporter) {
+    draining.cancelled().await;
+    let names = ["", "nudge.v1.EnvironmentService", "nudge.v1.IngestService", "nudge.v1.InfluenceService"];
+    for name in names {
+        health.set_service_status(name, tonic_health::ServingStatus::NotServing).await;
+    }
+}
+
+/// Runs a call: its problem becomes a status, its time and code are recorded.
+async fn call<T>(
+    method: &'static str,
+    answer: impl Future<Output = Result<T, Problem>>,
+) -> Result<Response<T>, Status> {
+    let started = Instant::now();
+    let result = answer.await.map(Response::new).map_err(status::grpc);
+    let code = result.as_ref().map_or_else(Status::code, |_| Code::Ok);
+    telemetry::request("grpc", method.to_owned(), format!("{code:?}"), started.elapsed());
+    result
+}

@@ -1,0 +1,53 @@
+//! What operators ask: is the process alive, can it work, what does it measure.
+
+use axum::extract::{RawQuery, State};
+use axum::http::StatusCode;
+use axum::response::{IntoResponse, Response};
+use axum::routing::get;
+use axum::{Json, Router};
+
+use crate::app::App;
+use crate::telemetry;
+
+/// Returns the routes for operators.
+pub fn router(app: App) -> Router {
+    Router::new()
+        .route("/livez", get(|| async { "ok\n" }))
+        .route("/readyz", get(readyz))
+        .route("/metrics", get(metrics))
+        .with_state(app)
+}
+
+/// 200 where the service can take and answer, else 503; `?verbose` tells each check.
+async fn readyz(State(app): State<App>, RawQuery(query): RawQuery) -> Response {
+    let database = app.store.ready().await.map_err(|error| error.to_string());
+    let checks = [
+        ("database", database),
+        ("committer", app.ingest.is_running().then_some(()).ok_or_else(|| "stopped".into())),
+        ("draining", (!app.draining.is_cancelled()).then_some(()).ok_or_else(|| "the service is stopping".into())),
+    ];
+    let ready = checks.iter().all(|(_, check)| check.is_ok());
+    let status = if ready { StatusCode::OK } else { StatusCode::SERVICE_UNAVAILABLE };
+    let verbose =
+        query.is_some_and(|query| query.split('&').any(|part| part == "verbose" || part.starts_with("verbose=")));
+    if !verbose {
+        return (status, if ready { "ready\n" } else { "not ready\n" }).into_response();
+    }
+    let told = |(name, check): (&str, Result<(), String>)| (name.to_owned(), check.err().unwrap_or("ok".into()).into());
+    let checks: serde_json::Map<String, serde_json::Value> = checks.into_iter().map(told).collect();
+    (status, Json(serde_json::json!({ "ready": ready, "checks": checks }))).into_response()
+}
+
+/// The metrics in Prometheus' text format.
+async fn metrics(State(app): State<App>) -> Response {
+    for environment in app.store.environments() {
+        if let Ok(totals) = app.store.totals(environment.id).await {
+            telemetry::holds(environment.name.as_str(), totals.states, totals.cells);
+        }
+    }
+    if let Ok(bytes) = app.store.bytes().await {
+        telemetry::database(bytes);
+    }
+    telemetry::queued(app.ingest.queued());
+    ([("content-type", "text/plain; version=0.0.4; charset=utf-8")], telemetry::render()).into_response()
+}
