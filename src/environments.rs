@@ -4,7 +4,7 @@
 use std::sync::Arc;
 
 use crate::domain::draft::{RuleDraft, SchemaDraft};
-use crate::domain::{Environment, EnvironmentPage, Name, Rule, Schema};
+use crate::domain::{Environment, EnvironmentPage, Name, Rule, Schema, page_size};
 use crate::error::{ErrorKind, Fault, Problem};
 use crate::ingest::Ingest;
 use crate::store::{Store, StoreError};
@@ -29,9 +29,9 @@ impl Environments {
         })
     }
 
-    /// Returns a page of environments; `page_size` 0 takes the default.
-    pub fn list(&self, page_size: u64, page_token: Option<&str>) -> Result<EnvironmentPage, Problem> {
-        let size = page_size_of(page_size)?;
+    /// Returns a page of environments; a size of 0 takes the default.
+    pub fn list(&self, asked: u64, page_token: Option<&str>) -> Result<EnvironmentPage, Problem> {
+        let size = page_size(asked)?;
         let after = |environment: &Arc<Environment>| page_token.is_none_or(|token| environment.name.as_str() > token);
         let mut environments: Vec<_> = self.store.environments().into_iter().filter(after).take(size + 1).collect();
         let more = environments.len() > size;
@@ -89,15 +89,6 @@ impl Environments {
             Some(rule) if rule != existing.rule => Ok((self.store.set_rule(existing.id, rule).await?, false)),
             _ => Ok((existing, false)),
         }
-    }
-}
-
-/// Returns a page size within 1 to 1,000; 0 stands for 100.
-pub fn page_size_of(asked: u64) -> Result<usize, Problem> {
-    match asked {
-        0 => Ok(100),
-        1..=1_000 => Ok(asked as usize),
-        _ => Err(Problem::invalid("page", vec![Fault::new("/page_size", format!("got {asked}, expected 1 to 1000"))])),
     }
 }
 

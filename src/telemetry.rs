@@ -8,8 +8,6 @@ use metrics::{Unit, counter, describe_counter, describe_gauge, describe_histogra
 use metrics_exporter_prometheus::{Matcher, PrometheusBuilder, PrometheusHandle};
 use tracing_subscriber::EnvFilter;
 
-use crate::error::Problem;
-
 const ACCEPTED: &str = "nudge_transitions_accepted_total";
 const REJECTED: &str = "nudge_transitions_rejected_total";
 const DUPLICATES: &str = "nudge_batches_duplicate_total";
@@ -78,8 +76,8 @@ pub fn duplicate(environment: &str) {
 }
 
 /// Records a batch that was refused as a whole.
-pub fn refused(problem: &Problem) {
-    counter!(REFUSED, "reason" => problem.reason).increment(1);
+pub fn refused(reason: &'static str) {
+    counter!(REFUSED, "reason" => reason).increment(1);
 }
 
 /// Records how many transitions wait.

@@ -37,7 +37,7 @@ pub use environment::{Environment, EnvironmentId, EnvironmentPage, Uid};
 pub use feature::{Feature, FeatureKind, Misfit};
 pub use key::StateKey;
 pub use name::{Label, Name, ProducerId};
-pub use overview::{HistogramBin, LabelledCell, StateFigures, StatePage, StateView, Summary};
+pub use overview::{HistogramBin, LabelledCell, StateFigures, StatePage, StateView, Summary, page_size};
 pub use question::{Estimator, MOST_STATES, Pair, Question, Scope, View};
 pub use records::{Digest, Entry, Record, Records, Rejection, Widths};
 pub use rule::{Rule, RuleKind, Unit};

@@ -1,6 +1,16 @@
 //! Answers about more, or less, than influence in one state: a state's counts, pages of states, and all states together.
 
 use super::{Bin, Label, StateKey, Tally, Unit, Verdict};
+use crate::error::{Fault, Problem};
+
+/// Returns a page size within 1 to 1,000; 0 stands for 100.
+pub fn page_size(asked: u64) -> Result<usize, Problem> {
+    match asked {
+        0 => Ok(100),
+        1..=1_000 => Ok(asked as usize),
+        _ => Err(Problem::invalid("page", vec![Fault::new("/page_size", format!("got {asked}, expected 1 to 1000"))])),
+    }
+}
 
 /// The counts of one state.
 #[derive(Debug, Clone, PartialEq)]

@@ -3,8 +3,7 @@
 use super::answer::bins;
 use super::survey::{Order, OrderBy, Row, Survey};
 use crate::domain::draft::ListingDraft;
-use crate::domain::{Schema, Scope, StateFigures, StateKey, StatePage, Verdict};
-use crate::environments::page_size_of;
+use crate::domain::{Schema, Scope, StateFigures, StateKey, StatePage, Verdict, page_size};
 use crate::error::{Fault, Problem};
 use crate::evidence;
 
@@ -36,7 +35,7 @@ impl Listing {
                 .map_err(|detail| keep("/page_token", detail))
                 .ok()
         });
-        let size = page_size_of(draft.page_size).map_err(|problem| faults.extend(problem.faults)).ok();
+        let size = page_size(draft.page_size).map_err(|problem| faults.extend(problem.faults)).ok();
         match (order, after, size) {
             (Some(order), Some(after), Some(size)) if faults.is_empty() => {
                 Ok(Self { order, min_visits: draft.min_visits, verdict, size, after })

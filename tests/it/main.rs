@@ -1,3 +1,10 @@
-//! Tests of the library from outside.
+//! Every test that needs a service, a database or the whole source tree, in one binary.
 
+#![allow(missing_docs)]
+
+mod architecture;
 mod golden_tables;
+mod ingest;
+mod kill;
+mod support;
+mod uncertain_commit;

@@ -50,7 +50,7 @@ impl IngestService for Face {
             let producer = producer_of(&producer)?;
             let batch = grpc::batch(&environment.schema, batch.unwrap_or_default())?;
             let sequence = batch.sequence;
-            let told = self.app.ingest.write(&environment, producer, batch).await.inspect_err(telemetry::refused)?;
+            let told = self.app.ingest.write(&environment, producer, batch).await.inspect_err(|problem| telemetry::refused(problem.reason))?;
             Ok(WriteResponse { receipt: Some(grpc::receipt(sequence, told)) })
         })
         .await
@@ -82,7 +82,7 @@ impl Face {
             Err(end) => Err(end),
         };
         if let Err(End::Problem(problem)) = ended {
-            telemetry::refused(&problem);
+            telemetry::refused(problem.reason);
             // The client may be gone; it will find out when it resumes.
             let _ = out.send(Err(status::grpc(problem))).await;
         }
