@@ -9,5 +9,6 @@ pub mod error;
 pub mod influence;
 pub mod information;
 pub mod ingest;
+pub mod recordings;
 pub mod serve;
 pub mod store;
