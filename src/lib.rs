@@ -1,7 +1,39 @@
-//! Nudge tells when one agent's action influences another's.
+//! Nudge tells when one agent's action influences another's: in this state, how strongly, how sure, and which actions do it.
+//!
+//! # The map, in reading order
+//!
+//! Each room may use the ones above it, never the ones below (`tests/it/architecture.rs`).
+//!
+//! * [`information`]: the mathematics of contingency tables. Slices in, numbers out.
+//! * [`error`], [`config`], [`telemetry`]: kinds of error, the one configuration, logs and the one list of metrics.
+//! * [`domain`]: environments, features, states, transitions, counts, questions, answers. Types that cannot be wrong.
+//! * [`evidence`]: what counts can support: from figures to a verdict.
+//! * [`store`]: what was counted, durably: a promise, and SQLite behind it.
+//! * [`recordings`]: play that was recorded elsewhere, read as transitions.
+//! * [`api`]: the wire: generated proto types, JSON, and their conversions.
+//! * [`ingest`]: how transitions become counts.
+//! * [`client`]: speaking to a service as a game server does.
+//! * [`environments`]: which worlds there are: their beginning, their rule and their end.
+//! * [`influence`]: the question itself.
+//! * [`app`]: one handle of each room.
+//! * [`serve`]: everything on a listening socket.
+//! * [`cli`]: the commands.
+//!
+//! # A write and a read
+//!
+//! ```text
+//! write   bytes -> serve (decode by api) -> ingest (validate, merge) -> committer -> store.commit -> receipt
+//! read    bytes -> serve (decode by api) -> influence -> store.counts -> information -> evidence -> answer
+//! ```
+//!
+//! # Deliberately absent
+//!
+//! Nothing in `information`, `domain` or `evidence` does I/O. Raw values are not kept anywhere: only bins are counted. There is no wall clock in the
+//! protocol. The committer talks to nothing but the store. Nothing flows upwards but return values.
 
 pub mod api;
 pub mod app;
+pub mod client;
 pub mod config;
 pub mod domain;
 pub mod environments;
@@ -10,6 +42,7 @@ pub mod evidence;
 pub mod influence;
 pub mod information;
 pub mod ingest;
+pub mod recordings;
 pub mod serve;
 pub mod store;
 pub mod telemetry;

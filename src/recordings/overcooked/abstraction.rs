@@ -1,0 +1,177 @@
+//! Which part of a kitchen's state an environment sees, and how a step becomes values.
+
+use std::fmt;
+use std::str::FromStr;
+
+use super::{Cell, Held, Kitchen, Move, Object, Orientation, Player, Step, Thing};
+use crate::domain::SchemaDraft;
+use crate::domain::draft::{AgentDraft, FeatureDraft, KindDraft};
+
+/// How much of a kitchen's state is kept. Each is finer than the one before.
+///
+/// What lies on the counters is never kept: with it almost no state is seen twice.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Abstraction {
+    /// Where both players are.
+    Pos,
+    /// And where they look.
+    PosOri,
+    /// And what they hold.
+    #[default]
+    PosOriHeld,
+    /// And how far each pot is: `empty`, `one`, `two` onions, `cooking`, `ready`.
+    PosOriHeldPot,
+}
+
+impl Abstraction {
+    /// Every abstraction, coarsest first.
+    pub const ALL: [Self; 4] = [Self::Pos, Self::PosOri, Self::PosOriHeld, Self::PosOriHeldPot];
+
+    /// Returns the word for it.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Pos => "pos",
+            Self::PosOri => "pos_ori",
+            Self::PosOriHeld => "pos_ori_held",
+            Self::PosOriHeldPot => "pos_ori_held_pot",
+        }
+    }
+
+    /// Returns the name of the environment of a layout seen this way: `counter_circuit` for the usual one, `counter_circuit.pos` for another.
+    pub fn environment_name(self, layout: &str) -> String {
+        if self == Self::default() { layout.to_owned() } else { format!("{layout}.{self}") }
+    }
+
+    fn has_orientation(self) -> bool {
+        self != Self::Pos
+    }
+
+    fn has_held(self) -> bool {
+        matches!(self, Self::PosOriHeld | Self::PosOriHeldPot)
+    }
+
+    fn has_pots(self) -> bool {
+        self == Self::PosOriHeldPot
+    }
+}
+
+impl fmt::Display for Abstraction {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.as_str())
+    }
+}
+
+impl FromStr for Abstraction {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let names = Self::ALL.map(Self::as_str);
+        let wrong = || format!("got {text:?}, expected one of {}", names.join(", "));
+        Self::ALL.into_iter().find(|one| one.as_str() == text).ok_or_else(wrong)
+    }
+}
+
+/// A layout seen through an abstraction: an environment, and the way into it.
+///
+/// Its agents are `player_0` and `player_1`, whose action is one of six moves. Its state begins with player 0's `position`, `orientation` and
+/// `held`, as far as they are kept, then player 1's, then the pots row by row.
+#[derive(Debug, Clone)]
+pub struct World {
+    kitchen: Kitchen,
+    abstraction: Abstraction,
+}
+
+impl World {
+    /// Sees a layout through an abstraction.
+    pub fn new(kitchen: Kitchen, abstraction: Abstraction) -> Self {
+        Self { kitchen, abstraction }
+    }
+
+    /// Returns the environment's name.
+    pub fn environment_name(&self) -> String {
+        self.abstraction.environment_name(&self.kitchen.name)
+    }
+
+    /// Returns the environment's description.
+    pub fn description(&self) -> SchemaDraft {
+        let mut state = Vec::new();
+        for player in PLAYERS {
+            state.extend(self.player_features(player));
+        }
+        if self.abstraction.has_pots() {
+            let pot = |pot: &Cell| categorical(format!("pot_{}_{}", pot.x, pot.y), POT.map(str::to_owned).to_vec());
+            state.extend(self.kitchen.pots.iter().map(pot));
+        }
+        let moves = || categorical("move".into(), labels(Move::ALL, Move::label));
+        let agents = PLAYERS.map(|name| AgentDraft { name: name.into(), action: vec![moves()] });
+        SchemaDraft { state, agents: agents.to_vec() }
+    }
+
+    fn player_features(&self, player: &str) -> Vec<FeatureDraft> {
+        let positions = labels(&self.kitchen.walkable, |cell| format!("{},{}", cell.x, cell.y));
+        let mut features = vec![categorical(format!("{player}.position"), positions)];
+        if self.abstraction.has_orientation() {
+            features.push(categorical(format!("{player}.orientation"), labels(Orientation::ALL, Orientation::label)));
+        }
+        if self.abstraction.has_held() {
+            features.push(categorical(format!("{player}.held"), labels(Held::ALL, Held::label)));
+        }
+        features
+    }
+
+    /// Returns a step as one value a state feature and one value an agent, in the environment's order.
+    pub fn values(&self, step: &Step) -> (Vec<f32>, Vec<f32>) {
+        let mut state = Vec::new();
+        for player in &step.players {
+            self.push_player(player, &mut state);
+        }
+        if self.abstraction.has_pots() {
+            state.extend(self.kitchen.pots.iter().map(|pot| pot_bucket(*pot, &step.objects)));
+        }
+        (state, step.actions.iter().map(|action| index(Move::ALL, action)).collect())
+    }
+
+    fn push_player(&self, player: &Player, state: &mut Vec<f32>) {
+        state.push(index(&self.kitchen.walkable, &Cell { x: player.x, y: player.y }));
+        if self.abstraction.has_orientation() {
+            state.push(index(Orientation::ALL, &player.orientation));
+        }
+        if self.abstraction.has_held() {
+            state.push(index(Held::ALL, &player.held));
+        }
+    }
+}
+
+const PLAYERS: [&str; 2] = ["player_0", "player_1"];
+const POT: [&str; 5] = ["empty", "one", "two", "cooking", "ready"];
+
+/// Steps from the third onion until a soup is done.
+const COOKED: u32 = 20;
+
+fn pot_bucket(pot: Cell, objects: &[Object]) -> f32 {
+    let soup = objects.iter().find(|object| (object.x, object.y) == (pot.x, pot.y)).map(|object| object.thing);
+    match soup {
+        Some(Thing::Soup { items: 3, timer }) => {
+            if timer < COOKED {
+                3.0
+            } else {
+                4.0
+            }
+        }
+        Some(Thing::Soup { items, .. }) => f32::from(items),
+        _ => 0.0,
+    }
+}
+
+/// Returns the index of `one` as the value it has on the wire. What is not there gets an index that no feature takes, and is rejected by name.
+fn index<T: PartialEq>(all: &[T], one: &T) -> f32 {
+    all.iter().position(|known| known == one).map_or(-1.0, |index| index as f32)
+}
+
+fn categorical(name: String, labels: Vec<String>) -> FeatureDraft {
+    FeatureDraft { name, unit: None, kinds: vec![KindDraft::Categorical(labels)] }
+}
+
+fn labels<T: Copy, L: Into<String>>(all: &[T], label: impl Fn(T) -> L) -> Vec<String> {
+    all.iter().map(|one| label(*one).into()).collect()
+}
