@@ -70,7 +70,8 @@ fn imports_point_downwards() {
         for file in files {
             for line in code(&file) {
                 for prefix in ["crate::", "nudge::"] {
-                    let imported = named_after(&line, prefix).into_iter().filter(|name| !name.is_empty() && *name != room);
+                    let imported =
+                        named_after(&line, prefix).into_iter().filter(|name| !name.is_empty() && *name != room);
                     let upwards = imported.filter(|name| RANKS.concat().contains(name) && rank(name) >= rank(&room));
                     wrong.extend(upwards.map(|name| format!("{}: {room} imports {name}", file.display())));
                 }
@@ -89,7 +90,8 @@ fn crates_stay_in_their_rooms() {
                 for (name, rooms) in RESERVED {
                     let path = format!("{name}::");
                     let mut uses = line.match_indices(&path).map(|(at, _)| line[..at].chars().last());
-                    let begins = |before: Option<char>| before.is_none_or(|c| !c.is_alphanumeric() && c != '_' && c != ':');
+                    let begins =
+                        |before: Option<char>| before.is_none_or(|c| !c.is_alphanumeric() && c != '_' && c != ':');
                     if uses.any(begins) && !rooms.contains(&room.as_str()) {
                         wrong.push(format!("{}: {room} uses {name}", file.display()));
                     }

@@ -124,7 +124,9 @@ impl Load {
                 next += 1;
             }
             let response = responses.message().await.ok()??;
-            let Some(ingest_response::Message::Acknowledgement(told)) = response.message else { panic!("{response:?}") };
+            let Some(ingest_response::Message::Acknowledgement(told)) = response.message else {
+                panic!("{response:?}")
+            };
             self.acknowledged = told.committed_sequence + offset;
             progress.fetch_add(told.receipts.len() as u64, Ordering::Relaxed);
         }

@@ -6,9 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use async_trait::async_trait;
 use nudge::api::proto;
 use nudge::domain::{Environment, EnvironmentId, Label, Name, ProducerId, Rule, Schema, SegmentId, Sequence, StateKey};
-use nudge::store::{
-    Audit, Cursor, Numbered, Options, Outcome, Scanned, StateCounts, Store, StoreError, Totals,
-};
+use nudge::store::{Audit, Cursor, Numbered, Options, Outcome, Scanned, StateCounts, Store, StoreError, Totals};
 use tempfile::TempDir;
 use tonic::Code;
 

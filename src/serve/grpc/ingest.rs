@@ -50,7 +50,12 @@ impl IngestService for Face {
             let producer = producer_of(&producer)?;
             let batch = grpc::batch(&environment.schema, batch.unwrap_or_default())?;
             let sequence = batch.sequence;
-            let told = self.app.ingest.write(&environment, producer, batch).await.inspect_err(|problem| telemetry::refused(problem.reason))?;
+            let told = self
+                .app
+                .ingest
+                .write(&environment, producer, batch)
+                .await
+                .inspect_err(|problem| telemetry::refused(problem.reason))?;
             Ok(WriteResponse { receipt: Some(grpc::receipt(sequence, told)) })
         })
         .await

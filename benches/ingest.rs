@@ -1,0 +1,188 @@
+//! Durable ingest through gRPC beside a sink that decodes and drops, and beside a plain loop of prepared upserts.
+//!
+//! `cargo bench --bench ingest`
+
+#![allow(missing_docs)]
+
+mod support;
+
+use std::net::SocketAddr;
+use std::pin::Pin;
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use futures::StreamExt;
+use nudge::api::proto::ingest_service_server::{IngestService, IngestServiceServer};
+use nudge::api::proto::{
+    self, GetProducerRequest, GetProducerResponse, IngestRequest, IngestResponse, WriteRequest, WriteResponse,
+    ingest_request, ingest_response,
+};
+use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqliteSynchronous};
+use sqlx::{Connection, SqliteConnection};
+use support::{ACTIONS, BATCH, Service, batches, make_world, median, pump, report, runtime, state};
+use tokio::net::TcpListener;
+use tokio_stream::wrappers::TcpListenerStream;
+use tonic::{Request, Response, Status, Streaming};
+
+const ROUNDS: usize = 5;
+const HOT_BATCHES: u64 = 4_000;
+const UNIFORM_BATCHES: u64 = 1_000;
+
+fn main() {
+    runtime().block_on(async {
+        hot().await;
+        uniform().await;
+        memory().await;
+    });
+}
+
+fn per_second(batches: u64, took: Duration) -> f64 {
+    (batches * BATCH as u64) as f64 / took.as_secs_f64()
+}
+
+/// 8,000 hot cells: 223 states of 36 joint actions.
+async fn hot() {
+    let load = batches(223, 64, 1);
+    let (sink, service) = (sink().await, Service::start().await);
+    make_world(service.address).await;
+    pump(service.address, "p", &load, 200).await;
+    let (mut durable, mut dropped) = (Vec::new(), Vec::new());
+    for _ in 0..ROUNDS {
+        dropped.push(per_second(HOT_BATCHES, pump(sink, "p", &load, HOT_BATCHES).await));
+        durable.push(per_second(HOT_BATCHES, pump(service.address, "p", &load, HOT_BATCHES).await));
+    }
+    service.stop().await;
+    let (durable, dropped) = (median(durable), median(dropped));
+    report("durable ingest, 8,000 hot cells", durable, "decode and drop", dropped, "transitions/s", "(target >= 0.5)");
+}
+
+/// A million states, uniformly.
+async fn uniform() {
+    let load = batches(1_000_000, UNIFORM_BATCHES as usize, 2);
+    let service = Service::start().await;
+    make_world(service.address).await;
+    let durable = per_second(UNIFORM_BATCHES, pump(service.address, "p", &load, UNIFORM_BATCHES).await);
+    service.stop().await;
+    let dropped = per_second(UNIFORM_BATCHES, pump(sink().await, "p", &load, UNIFORM_BATCHES).await);
+    let plain = plain_upserts(UNIFORM_BATCHES).await;
+    report("durable ingest, a million states", durable, "decode and drop", dropped, "transitions/s", "");
+    report(
+        "durable ingest, a million states",
+        durable,
+        "prepared upserts, 10,000 a transaction",
+        plain,
+        "transitions/s",
+        "",
+    );
+}
+
+/// One prepared upsert a transition into a bare table, 10,000 a transaction, WAL and FULL.
+async fn plain_upserts(batches: u64) -> f64 {
+    let directory = tempfile::TempDir::new().expect("a temporary directory");
+    let options = SqliteConnectOptions::new()
+        .filename(directory.path().join("plain.db"))
+        .create_if_missing(true)
+        .journal_mode(SqliteJournalMode::Wal)
+        .synchronous(SqliteSynchronous::Full);
+    let mut connection = SqliteConnection::connect_with(&options).await.expect("a database");
+    let table =
+        "create table cells (state integer, joint integer, n integer, primary key (state, joint)) without rowid";
+    sqlx::query(table).execute(&mut connection).await.expect("a table");
+    let mut random = <rand::rngs::StdRng as rand::SeedableRng>::seed_from_u64(3);
+    let started = Instant::now();
+    for _ in 0..batches * BATCH as u64 / 10_000 {
+        let mut transaction = connection.begin().await.expect("a transaction");
+        for _ in 0..10_000 {
+            let upsert = "insert into cells values (?, ?, 1) on conflict do update set n = n + 1";
+            let number = rand::RngExt::random_range(&mut random, 0..1_000_000_i64);
+            let joint = rand::RngExt::random_range(&mut random, 0..i64::from(ACTIONS * ACTIONS));
+            sqlx::query(upsert).bind(number).bind(joint).execute(&mut *transaction).await.expect("counted");
+        }
+        transaction.commit().await.expect("committed");
+    }
+    per_second(batches, started.elapsed())
+}
+
+/// Resident memory of the real binary while a million distinct cells come in.
+async fn memory() {
+    let directory = tempfile::TempDir::new().expect("a temporary directory");
+    let mut child = Command::new(env!("CARGO_BIN_EXE_nudge"))
+        .args(["serve", "--listen", "127.0.0.1:0", "--data"])
+        .arg(directory.path())
+        .stdout(Stdio::piped())
+        .spawn()
+        .expect("the binary starts");
+    let mut line = String::new();
+    let stdout = child.stdout.take().expect("piped");
+    std::io::BufRead::read_line(&mut std::io::BufReader::new(stdout), &mut line).expect("a line");
+    let address = line.trim().rsplit("http://").next().and_then(|address| address.parse().ok()).expect("an address");
+    make_world(address).await;
+    let distinct: Vec<proto::Columns> = (0..1_000).map(distinct).collect();
+    pump(address, "p", &distinct, 1_000).await;
+    let status = std::fs::read_to_string(format!("/proc/{}/status", child.id())).expect("linux");
+    let of = |field: &str| -> f64 {
+        let line = status.lines().find(|line| line.starts_with(field)).expect("present");
+        line.split_whitespace().nth(1).and_then(|kib| kib.parse::<f64>().ok()).expect("a number") / 1024.0
+    };
+    println!(
+        "a million distinct cells: {:.0} MiB resident, {:.0} MiB at the peak (target < 150 MB)",
+        of("VmRSS"),
+        of("VmHWM")
+    );
+    child.kill().expect("running");
+    child.wait().expect("killed");
+}
+
+/// The `i`th thousand of a million different states.
+fn distinct(i: u32) -> proto::Columns {
+    let first = i * BATCH as u32;
+    // The first batch that is sent has the number 1.
+    let states = (first..first + BATCH as u32).flat_map(state).collect();
+    proto::Columns { count: BATCH as u32, states, actions: vec![1.0; 2 * BATCH], ..Default::default() }
+}
+
+/// Decodes every batch, drops it and acknowledges it, as many together as were ready.
+struct Sink;
+
+async fn sink() -> SocketAddr {
+    let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
+    let address = listener.local_addr().expect("bound");
+    let service = IngestServiceServer::new(Sink).max_decoding_message_size(nudge::api::MOST_MESSAGE_BYTES);
+    let server = tonic::transport::Server::builder().add_service(service);
+    tokio::spawn(server.serve_with_incoming(TcpListenerStream::new(listener)));
+    address
+}
+
+#[tonic::async_trait]
+impl IngestService for Sink {
+    type IngestStream = Pin<Box<dyn futures::Stream<Item = Result<IngestResponse, Status>> + Send>>;
+
+    async fn ingest(&self, request: Request<Streaming<IngestRequest>>) -> Result<Response<Self::IngestStream>, Status> {
+        let answers = request.into_inner().ready_chunks(64).map(|messages| {
+            let mut told = proto::Acknowledgement::default();
+            for message in messages {
+                match message?.message {
+                    Some(ingest_request::Message::Batch(batch)) => {
+                        told.committed_sequence = batch.sequence;
+                        told.receipts.push(proto::Receipt { sequence: batch.sequence, ..Default::default() });
+                    }
+                    _ => {
+                        let welcome = proto::Welcome { window: 256, ..Default::default() };
+                        let message = Some(ingest_response::Message::Welcome(welcome));
+                        return Ok(IngestResponse { message });
+                    }
+                }
+            }
+            Ok(IngestResponse { message: Some(ingest_response::Message::Acknowledgement(told)) })
+        });
+        Ok(Response::new(Box::pin(answers)))
+    }
+
+    async fn write(&self, _: Request<WriteRequest>) -> Result<Response<WriteResponse>, Status> {
+        Err(Status::unimplemented("a sink"))
+    }
+
+    async fn get_producer(&self, _: Request<GetProducerRequest>) -> Result<Response<GetProducerResponse>, Status> {
+        Err(Status::unimplemented("a sink"))
+    }
+}

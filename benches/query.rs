@@ -1,0 +1,264 @@
+//! Questions beside constants: REST beside a bare axum handler, gRPC beside the same call answered with a constant, busy beside idle.
+//!
+//! `cargo bench --bench query`
+
+#![allow(missing_docs)]
+
+mod support;
+
+use std::net::SocketAddr;
+use std::process::{Command, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use nudge::api::proto::influence_service_client::InfluenceServiceClient;
+use nudge::api::proto::influence_service_server::{InfluenceService, InfluenceServiceServer};
+use nudge::api::proto::{
+    BatchGetInfluenceRequest, BatchGetInfluenceResponse, GetInfluenceRequest, GetInfluenceResponse, GetStateRequest,
+    GetStateResponse, ListStatesRequest, ListStatesResponse, Scope, StateValues, SummarizeRequest, SummarizeResponse,
+    View,
+};
+use support::{Service, batches, channel, make_world, median, pump, quantile, report, runtime, state};
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::{TcpListener, TcpStream};
+use tokio_stream::wrappers::TcpListenerStream;
+use tonic::{Request, Response, Status};
+
+const ROUNDS: usize = 5;
+const STATES: u32 = 10_000;
+const PATH: &str = "/v1/environments/world/influence?key=1.1.1.1.1.1&view=figures";
+
+fn main() {
+    runtime().block_on(async {
+        let service = Service::start().await;
+        make_world(service.address).await;
+        pump(service.address, "p", &batches(STATES, 500, 1), 500).await;
+        rest(&service).await;
+        grpc(&service).await;
+        busy(&service).await;
+        service.stop().await;
+    });
+    start();
+}
+
+/// One state over REST in view `figures`, four connections.
+async fn rest(service: &Service) {
+    let path = known_path();
+    let body = get(&mut TcpStream::connect(service.address).await.expect("listening"), &path).await;
+    let constant = constant(body).await;
+    let (mut answers, mut constants) = (Vec::new(), Vec::new());
+    for _ in 0..ROUNDS {
+        constants.push(requests_per_second(constant, &path).await);
+        answers.push(requests_per_second(service.address, &path).await);
+    }
+    let (answers, constants) = (median(answers), median(constants));
+    report(
+        "one known state over REST",
+        answers,
+        "bare axum, constant JSON of that size",
+        constants,
+        "requests/s",
+        "(target >= 0.4)",
+    );
+}
+
+fn known_path() -> String {
+    let key = state(1).map(|bin| bin.to_string()).join(".");
+    PATH.replace("1.1.1.1.1.1", &key)
+}
+
+async fn constant(body: Vec<u8>) -> SocketAddr {
+    let body = bytes::Bytes::from(body);
+    let answer = move || {
+        let body = body.clone();
+        async move { ([("content-type", "application/json")], body) }
+    };
+    let router = axum::Router::new().fallback(answer);
+    let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
+    let address = listener.local_addr().expect("bound");
+    tokio::spawn(async { axum::serve(listener, router).await });
+    address
+}
+
+async fn requests_per_second(address: SocketAddr, path: &str) -> f64 {
+    const EACH: usize = 4_000;
+    const CONNECTIONS: usize = 4;
+    let started = Instant::now();
+    let ask = || async {
+        let mut stream = TcpStream::connect(address).await.expect("listening");
+        stream.set_nodelay(true).expect("a socket");
+        for _ in 0..EACH {
+            get(&mut stream, path).await;
+        }
+    };
+    futures::future::join_all((0..CONNECTIONS).map(|_| ask())).await;
+    (EACH * CONNECTIONS) as f64 / started.elapsed().as_secs_f64()
+}
+
+/// Asks over a kept connection, as plainly as possible: the client should cost little. Returns the body.
+async fn get(stream: &mut TcpStream, path: &str) -> Vec<u8> {
+    let request = format!("GET {path} HTTP/1.1\r\nhost: bench\r\n\r\n");
+    stream.write_all(request.as_bytes()).await.expect("sent");
+    let mut answer = Vec::with_capacity(4_096);
+    loop {
+        stream.read_buf(&mut answer).await.expect("answered");
+        let Some(end) = answer.windows(4).position(|four| four == b"\r\n\r\n") else { continue };
+        let head = String::from_utf8_lossy(&answer[..end]).to_ascii_lowercase();
+        assert!(head.starts_with("http/1.1 200"), "{head} {}", String::from_utf8_lossy(&answer[end..]));
+        let length = head.split("content-length: ").nth(1).and_then(|rest| rest.lines().next()?.parse::<usize>().ok());
+        let length = length.expect("a length");
+        if answer.len() >= end + 4 + length {
+            return answer.split_off(end + 4);
+        }
+    }
+}
+
+fn question() -> BatchGetInfluenceRequest {
+    BatchGetInfluenceRequest {
+        scope: Some(Scope { environment: "world".into(), ..Default::default() }),
+        states: (0..STATES).map(|number| StateValues { values: state(number).into() }).collect(),
+        view: View::Verdict.into(),
+        ..Default::default()
+    }
+}
+
+/// 10,000 known states in one call, view `verdict`.
+async fn grpc(service: &Service) {
+    let mut client = InfluenceServiceClient::new(channel(service.address).await);
+    let answer = client.batch_get_influence(question()).await.expect("answered").into_inner();
+    let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
+    let address = listener.local_addr().expect("bound");
+    let constant = tonic::transport::Server::builder().add_service(InfluenceServiceServer::new(Constant(answer)));
+    tokio::spawn(constant.serve_with_incoming(TcpListenerStream::new(listener)));
+    let mut constant = InfluenceServiceClient::new(channel(address).await);
+    let (mut answers, mut constants) = (Vec::new(), Vec::new());
+    for _ in 0..ROUNDS {
+        constants.push(calls_per_second(&mut constant).await);
+        answers.push(calls_per_second(&mut client).await);
+    }
+    let (answers, constants) = (median(answers), median(constants));
+    report(
+        "10,000 known states over gRPC",
+        answers,
+        "the same call, constant answer",
+        constants,
+        "calls/s",
+        "(target >= 0.3)",
+    );
+}
+
+async fn calls_per_second(client: &mut InfluenceServiceClient<tonic::transport::Channel>) -> f64 {
+    const CALLS: usize = 40;
+    let question = question();
+    let started = Instant::now();
+    for _ in 0..CALLS {
+        client.batch_get_influence(question.clone()).await.expect("answered");
+    }
+    CALLS as f64 / started.elapsed().as_secs_f64()
+}
+
+/// The slowest hundredth of single questions while transitions come in at full speed, beside the same when idle.
+async fn busy(service: &Service) {
+    let idle = latencies(service.address).await;
+    let over = Arc::new(AtomicBool::new(false));
+    let (address, done) = (service.address, over.clone());
+    let ingesting = tokio::spawn(async move {
+        let load = batches(STATES, 64, 1);
+        while !done.load(Ordering::Relaxed) {
+            pump(address, "q", &load, 200).await;
+        }
+    });
+    tokio::time::sleep(Duration::from_millis(500)).await;
+    let busy = latencies(service.address).await;
+    over.store(true, Ordering::Relaxed);
+    ingesting.await.expect("ends");
+    let micros = |latencies: &mut Vec<Duration>, q| quantile(latencies, q).as_secs_f64() * 1e6;
+    let (mut idle, mut busy) = (idle, busy);
+    println!(
+        "one question, p50: {:.0} us while ingesting, {:.0} us idle",
+        micros(&mut busy, 0.5),
+        micros(&mut idle, 0.5)
+    );
+    report(
+        "one question, p99 while ingesting",
+        micros(&mut busy, 0.99),
+        "p99 idle",
+        micros(&mut idle, 0.99),
+        "us",
+        "(target <= 5)",
+    );
+}
+
+async fn latencies(address: SocketAddr) -> Vec<Duration> {
+    let path = known_path();
+    let mut stream = TcpStream::connect(address).await.expect("listening");
+    stream.set_nodelay(true).expect("a socket");
+    let mut latencies = Vec::new();
+    for _ in 0..2_000 {
+        let started = Instant::now();
+        get(&mut stream, &path).await;
+        latencies.push(started.elapsed());
+    }
+    latencies
+}
+
+/// From the start of the real binary on an empty database to its first ready answer, beside `sqlite3` opening the same file.
+fn start() {
+    let directory = tempfile::TempDir::new().expect("a temporary directory");
+    let ready = median((0..ROUNDS).map(|_| start_to_ready(directory.path())).collect());
+    let file = directory.path().join("nudge.db");
+    let open = || {
+        let started = Instant::now();
+        let opened =
+            Command::new("sqlite3").arg(&file).arg("select count(*) from environments").stdout(Stdio::null()).status();
+        opened.ok().map(|_| started.elapsed().as_secs_f64() * 1e3)
+    };
+    match (0..ROUNDS).map(|_| open()).collect::<Option<Vec<f64>>>() {
+        Some(opened) => report("start to ready", ready, "sqlite3 opening the file", median(opened), "ms", ""),
+        None => println!("start to ready: {ready:.0} ms (no sqlite3 on this machine to stand beside it)"),
+    }
+}
+
+fn start_to_ready(data: &std::path::Path) -> f64 {
+    let started = Instant::now();
+    let mut child = Command::new(env!("CARGO_BIN_EXE_nudge"))
+        .args(["serve", "--listen", "127.0.0.1:0", "--data"])
+        .arg(data)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .expect("the binary starts");
+    let mut line = String::new();
+    let stdout = child.stdout.take().expect("piped");
+    std::io::BufRead::read_line(&mut std::io::BufReader::new(stdout), &mut line).expect("a line");
+    let took = started.elapsed().as_secs_f64() * 1e3;
+    child.kill().expect("running");
+    child.wait().expect("killed");
+    took
+}
+
+/// Answers every batch of questions with the same bytes.
+struct Constant(BatchGetInfluenceResponse);
+
+#[tonic::async_trait]
+impl InfluenceService for Constant {
+    async fn batch_get_influence(
+        &self,
+        _: Request<BatchGetInfluenceRequest>,
+    ) -> Result<Response<BatchGetInfluenceResponse>, Status> {
+        Ok(Response::new(self.0.clone()))
+    }
+    async fn get_influence(&self, _: Request<GetInfluenceRequest>) -> Result<Response<GetInfluenceResponse>, Status> {
+        Err(Status::unimplemented("a constant"))
+    }
+    async fn get_state(&self, _: Request<GetStateRequest>) -> Result<Response<GetStateResponse>, Status> {
+        Err(Status::unimplemented("a constant"))
+    }
+    async fn list_states(&self, _: Request<ListStatesRequest>) -> Result<Response<ListStatesResponse>, Status> {
+        Err(Status::unimplemented("a constant"))
+    }
+    async fn summarize(&self, _: Request<SummarizeRequest>) -> Result<Response<SummarizeResponse>, Status> {
+        Err(Status::unimplemented("a constant"))
+    }
+}

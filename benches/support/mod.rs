@@ -1,0 +1,166 @@
+//! What the benchmarks share: a world of six features and two agents, its load, and the arithmetic of a ratio.
+//!
+//! Every figure is printed beside its yardstick from the same run: machines differ and are noisy, ratios less so.
+
+#![allow(dead_code, missing_docs)]
+
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use nudge::api::proto::environment_service_client::EnvironmentServiceClient;
+use nudge::api::proto::ingest_service_client::IngestServiceClient;
+use nudge::api::proto::{self, IngestRequest, ingest_request, ingest_response};
+use nudge::app::App;
+use nudge::serve::{Settings, serve};
+use nudge::store::{Options, SqliteStore};
+use rand::rngs::StdRng;
+use rand::{RngExt, SeedableRng};
+use tempfile::TempDir;
+use tokio::net::TcpListener;
+use tokio::sync::mpsc;
+use tokio::task::JoinHandle;
+use tokio_stream::wrappers::ReceiverStream;
+use tonic::transport::Channel;
+
+pub const BATCH: usize = 1_000;
+pub const STATE_BINS: [u32; 6] = [10, 10, 10, 10, 10, 10];
+pub const ACTIONS: u32 = 6;
+
+/// The service in this process, on a database of its own.
+pub struct Service {
+    pub address: SocketAddr,
+    pub app: App,
+    pub directory: Arc<TempDir>,
+    serving: JoinHandle<()>,
+}
+
+impl Service {
+    pub async fn start() -> Self {
+        let directory = Arc::new(TempDir::new().expect("a temporary directory"));
+        let path = directory.path().join("nudge.db");
+        let store = SqliteStore::open(&path, Options::default()).await.expect("a database");
+        let app = App::open(Arc::new(store));
+        let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
+        let address = listener.local_addr().expect("bound");
+        let serving = serve(app.clone(), listener, Settings::default());
+        let serving = tokio::spawn(async { serving.await.expect("the service runs") });
+        Self { address, app, directory, serving }
+    }
+
+    pub async fn stop(self) {
+        self.app.draining.cancel();
+        self.serving.await.expect("the service ends");
+        self.app.close().await;
+    }
+}
+
+pub async fn channel(address: SocketAddr) -> Channel {
+    Channel::from_shared(format!("http://{address}")).expect("an address").connect().await.expect("somebody listens")
+}
+
+pub async fn make_world(address: SocketAddr) {
+    let integer = |name: String, bins: u32| proto::Feature {
+        name,
+        unit: String::new(),
+        kind: Some(proto::feature::Kind::Integer(proto::Integer { min: 0, max: bins as i32 - 1 })),
+    };
+    let edges = |name: String, bins: u32| proto::Feature {
+        kind: Some(proto::feature::Kind::Continuous(proto::Continuous {
+            edges: (1..bins).map(|edge| f64::from(edge) - 0.5).collect(),
+        })),
+        ..integer(name, bins)
+    };
+    // Half of the features are cut at edges, half are whole numbers.
+    let feature = |(i, bins): (usize, u32)| {
+        if i % 2 == 0 { edges(format!("f{i}"), bins) } else { integer(format!("f{i}"), bins) }
+    };
+    let agent = |name: &str| proto::Agent { name: name.into(), action: vec![integer("move".into(), ACTIONS)] };
+    let schema = proto::Schema {
+        state: STATE_BINS.into_iter().enumerate().map(feature).collect(),
+        agents: vec![agent("ego"), agent("other")],
+    };
+    let request = proto::ApplyEnvironmentRequest { name: "world".into(), schema: Some(schema), rule: None };
+    EnvironmentServiceClient::new(channel(address).await).apply_environment(request).await.expect("valid");
+}
+
+/// Batches whose transitions fall into `states` states, uniformly.
+pub fn batches(states: u32, how_many: usize, seed: u64) -> Vec<proto::Columns> {
+    let mut random = StdRng::seed_from_u64(seed);
+    let mut batch = || {
+        let mut columns = proto::Columns { count: BATCH as u32, ..Default::default() };
+        for _ in 0..BATCH {
+            columns.states.extend(state(random.random_range(0..states)));
+            columns.actions.extend([0, 0].map(|_| random.random_range(0..ACTIONS) as f32));
+        }
+        columns
+    };
+    (0..how_many).map(|_| batch()).collect()
+}
+
+/// The values of a state by its number, spread over the alphabet.
+pub fn state(number: u32) -> [f32; 6] {
+    let mut rest = number.wrapping_mul(7_919) % 1_000_000;
+    STATE_BINS.map(|bins| {
+        let bin = rest % bins;
+        rest /= bins;
+        bin as f32
+    })
+}
+
+/// Sends batches under the numbers after the resume point and returns how long it took until the last was acknowledged.
+pub async fn pump(address: SocketAddr, producer: &str, batches: &[proto::Columns], how_many: u64) -> Duration {
+    let (requests, outbound) = mpsc::channel(64);
+    let hello = proto::Hello { environment: "world".into(), producer: producer.into(), ..Default::default() };
+    let send = |message| IngestRequest { message: Some(message) };
+    requests.send(send(ingest_request::Message::Hello(hello))).await.expect("open");
+    let mut client = IngestServiceClient::new(channel(address).await);
+    let mut responses = client.ingest(ReceiverStream::new(outbound)).await.expect("a stream").into_inner();
+    let welcome = responses.message().await.expect("a welcome").expect("a welcome").message;
+    let Some(ingest_response::Message::Welcome(welcome)) = welcome else { panic!("{welcome:?}") };
+    let first = welcome.committed_sequence;
+    let window = tokio::sync::Semaphore::new(welcome.window as usize);
+    let started = Instant::now();
+    let sending = async {
+        for sequence in first + 1..=first + how_many {
+            window.acquire().await.expect("open").forget();
+            let columns = batches[sequence as usize % batches.len()].clone();
+            let transitions = Some(proto::batch::Transitions::Columns(columns));
+            let batch = proto::Batch { sequence, segment: String::new(), transitions };
+            requests.send(send(ingest_request::Message::Batch(batch))).await.expect("open");
+        }
+    };
+    let receiving = async {
+        let mut committed = first;
+        while committed < first + how_many {
+            let message = responses.message().await.expect("acknowledged").expect("open").message;
+            let Some(ingest_response::Message::Acknowledgement(told)) = message else { panic!("{message:?}") };
+            committed = told.committed_sequence;
+            window.add_permits(told.receipts.len());
+        }
+    };
+    tokio::join!(sending, receiving);
+    started.elapsed()
+}
+
+pub fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
+}
+
+pub fn quantile(values: &mut [Duration], q: f64) -> Duration {
+    values.sort();
+    values[((values.len() - 1) as f64 * q) as usize]
+}
+
+/// Prints a figure beside its yardstick.
+pub fn report(what: &str, figure: f64, yardstick: &str, beside: f64, unit: &str, target: &str) {
+    println!(
+        "{what}: {figure:.0} {unit} beside {beside:.0} {unit} ({yardstick}): ratio {:.3} {target}",
+        figure / beside
+    );
+}
+
+pub fn runtime() -> tokio::runtime::Runtime {
+    tokio::runtime::Builder::new_multi_thread().enable_all().build().expect("a runtime")
+}
