@@ -3,6 +3,7 @@
 //! Requests become drafts, which the domain checks; answers become proto messages, and JSON is made of those, so that the faces cannot disagree.
 
 pub mod grpc;
+pub mod json;
 
 /// The messages and services of package `nudge.v1`, generated from `proto/`.
 #[allow(missing_docs, clippy::all)]
