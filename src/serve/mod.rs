@@ -1,3 +1,4 @@
 //! Everything on a listening socket.
 
+pub mod rest;
 pub mod status;

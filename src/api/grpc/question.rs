@@ -40,10 +40,7 @@ pub fn batch_question(request: proto::BatchGetInfluenceRequest) -> Result<(Strin
         }
         (states, keys) if states.is_empty() => StatesDraft::Keys(keys),
         _ => {
-            return Err(Problem::invalid(
-                "question",
-                vec![Fault::new("/keys", "got states too, expected one of them")],
-            ));
+            return Err(Problem::invalid("question", vec![Fault::new("/keys", "got states too, expected one of them")]));
         }
     };
     // A batch of one is still a batch.
