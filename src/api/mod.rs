@@ -3,6 +3,7 @@
 //! Requests become drafts, which the domain checks; answers become proto messages, and JSON is made of those, so that the faces cannot disagree.
 
 pub mod grpc;
+pub mod json;
 
 use crate::domain::View;
 use crate::error::{ErrorKind, Problem};

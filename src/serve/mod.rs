@@ -10,26 +10,22 @@ use crate::app::App;
 mod grpc;
 mod listen;
 mod operations;
+mod rest;
 mod status;
 
-/// What the faces can be told beside the app.
-#[derive(Debug, Clone, Default)]
-pub struct Settings {
-    /// Origins whose pages may call.
-    pub cors_origins: Vec<String>,
-}
+pub use rest::Settings;
 
 /// Serves an app on a listener until it drains and its connections have ended.
 pub async fn serve(app: App, listener: TcpListener, settings: Settings) -> Result<(), tonic_reflection::server::Error> {
-    let router = router(app.clone(), settings).await?;
+    let router = router(app.clone(), &settings).await?;
     listen::accept(listener, router, app.draining).await;
     Ok(())
 }
 
 /// Returns every route of every face.
-async fn router(app: App, _settings: Settings) -> Result<Router, tonic_reflection::server::Error> {
+async fn router(app: App, settings: &Settings) -> Result<Router, tonic_reflection::server::Error> {
     // Without this an unknown REST path would answer 200 with a gRPC status.
     let grpc = grpc::routes(app.clone()).await?.into_axum_router().reset_fallback();
     let grpc = grpc.layer(tonic_web::GrpcWebLayer::new());
-    Ok(operations::router(app).merge(grpc))
+    Ok(rest::router(app.clone(), settings).merge(operations::router(app)).merge(grpc))
 }

@@ -1,9 +1,12 @@
 //! The one place that knows status codes: kinds of error beside their HTTP and gRPC codes.
 
-use http::StatusCode;
+use axum::Extension;
+use axum::response::{IntoResponse, Response};
+use http::{StatusCode, header};
 use tonic::{Code, Status};
 use tonic_types::{ErrorDetails, StatusExt};
 
+use crate::api::json;
 use crate::error::{ErrorKind, Problem};
 
 /// How long a caller should wait before it tries again.
@@ -37,4 +40,91 @@ pub fn grpc(problem: Problem) -> Status {
         details.set_retry_info(Some(RETRY_AFTER));
     }
     Status::with_error_details(code, problem.message, details)
+}
+
+/// A problem under its HTTP status. As a response it is only a note, which [`Failure::tell`] turns into a body once the request's path is known.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Failure {
+    status: StatusCode,
+    problem: Problem,
+}
+
+impl From<Problem> for Failure {
+    fn from(problem: Problem) -> Self {
+        Self { status: codes(problem.kind).0, problem }
+    }
+}
+
+impl Failure {
+    /// Makes the failure of a request that no room of ours refused, but the HTTP machinery did.
+    pub fn of_http(status: StatusCode) -> Self {
+        let (kind, reason, message) = match status {
+            StatusCode::NOT_FOUND => (ErrorKind::NotFound, "PATH_NOT_FOUND", "nothing is served under this path"),
+            StatusCode::METHOD_NOT_ALLOWED => {
+                (ErrorKind::Invalid, "METHOD_NOT_ALLOWED", "this path does not take this method")
+            }
+            StatusCode::PAYLOAD_TOO_LARGE => {
+                (ErrorKind::TooLarge, "BODY_TOO_LARGE", "the body is larger than 16 MiB; send less at a time")
+            }
+            StatusCode::UNSUPPORTED_MEDIA_TYPE => {
+                (ErrorKind::Invalid, "UNSUPPORTED_MEDIA_TYPE", "the body is of a type that this path does not take")
+            }
+            StatusCode::SERVICE_UNAVAILABLE => {
+                (ErrorKind::Unavailable, "TIMEOUT", "no answer within 30 seconds; sending it again is safe")
+            }
+            status if status.is_server_error() => {
+                (ErrorKind::Internal, "INTERNAL", "the service failed; the cause is in its log")
+            }
+            _ => (ErrorKind::Invalid, "BAD_REQUEST", "the request could not be read"),
+        };
+        Self { status, problem: Problem::new(kind, reason, message) }
+    }
+
+    /// Makes the failure of a body whose type is not one of `expected`.
+    pub fn of_media_type(found: &str, expected: &str) -> Self {
+        let mut failure = Self::of_http(StatusCode::UNSUPPORTED_MEDIA_TYPE);
+        failure.problem.message = format!("got content type {found:?}, expected {expected}");
+        failure
+    }
+
+    /// Tells the failure of the request of that path as `application/problem+json`, and when to retry where it helps.
+    pub fn tell(&self, instance: &str) -> Response {
+        let body = json::Problem::new(&self.problem, self.status.as_u16(), instance);
+        let content_type = [(header::CONTENT_TYPE, "application/problem+json")];
+        let mut response = (self.status, content_type, axum::Json(body)).into_response();
+        if self.problem.kind.is_retryable() {
+            response.headers_mut().insert(header::RETRY_AFTER, RETRY_AFTER.as_secs().into());
+        }
+        response
+    }
+}
+
+impl IntoResponse for Failure {
+    fn into_response(self) -> Response {
+        (self.status, Extension(self)).into_response()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_retry_is_advised_where_it_helps() {
+        let overloaded = Failure::from(Problem::new(ErrorKind::Overloaded, "OVERLOADED", "too much waits"));
+        let response = overloaded.tell("/v1/x");
+        assert_eq!(response.status(), StatusCode::SERVICE_UNAVAILABLE);
+        assert_eq!(response.headers()[header::RETRY_AFTER], "1");
+        assert_eq!(response.headers()[header::CONTENT_TYPE], "application/problem+json");
+        let invalid = Failure::from(Problem::invalid("question", Vec::new())).tell("/v1/x");
+        assert!(!invalid.headers().contains_key(header::RETRY_AFTER));
+    }
+
+    #[test]
+    fn every_refusal_keeps_its_status() {
+        for code in [400, 404, 405, 408, 413, 414, 415, 431, 500, 502, 503] {
+            let status = StatusCode::from_u16(code).expect("a status");
+            assert_eq!(Failure::of_http(status).tell("/").status(), status);
+        }
+    }
 }

@@ -29,14 +29,14 @@ pub fn sequence(number: u64) -> Result<Sequence, Problem> {
     Sequence::new(number).map_err(|detail| Problem::invalid("batch", vec![Fault::new("/sequence", detail)]))
 }
 
-fn segment(text: &str) -> Result<Option<Label>, Problem> {
+pub(in crate::api) fn segment(text: &str) -> Result<Option<Label>, Problem> {
     if text.is_empty() {
         return Ok(None);
     }
     text.parse().map(Some).map_err(|detail: String| Problem::invalid("batch", vec![Fault::new("/segment", detail)]))
 }
 
-fn within_limit(transitions: usize) -> Result<(), Problem> {
+pub(in crate::api) fn within_limit(transitions: usize) -> Result<(), Problem> {
     if transitions <= MOST_BATCH_TRANSITIONS {
         return Ok(());
     }

@@ -6,4 +6,5 @@ mod ingest;
 mod question;
 
 pub use ingest::{acknowledgement, batch, receipt, sequence};
+pub(in crate::api) use ingest::{segment, within_limit};
 pub use question::{batch_question, list_states, question, scope};

@@ -1,0 +1,164 @@
+//! Any JSON value, kept in the order and with the doubles in which it was written, so that the domain can say what is wrong with it.
+
+use std::fmt;
+
+use serde::de::{Deserialize, Deserializer, Error, MapAccess, SeqAccess, Visitor};
+
+use crate::domain::draft::{ActionDraft, NamedValues, ValueDraft};
+
+/// Longer than any label, so a text beyond it need not be told in full.
+const LONGEST_TOLD: usize = 64;
+
+/// A JSON value.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Loose {
+    Null,
+    Bool(bool),
+    /// Apart from other numbers, because f64 would round a large count.
+    Whole(u64),
+    Number(f64),
+    Text(String),
+    List(usize),
+    Object(Vec<(String, Loose)>),
+}
+
+impl Loose {
+    /// Returns this value as that of a feature.
+    pub(super) fn into_value(self) -> ValueDraft {
+        match self {
+            Self::Whole(number) => ValueDraft::Number(number as f64),
+            Self::Number(number) => ValueDraft::Number(number),
+            Self::Text(text) if text.chars().nth(LONGEST_TOLD).is_none() => ValueDraft::Text(text),
+            other => ValueDraft::Other(other.to_string()),
+        }
+    }
+
+    /// Returns this value as an agent's action.
+    pub(super) fn into_action(self) -> ActionDraft {
+        match self {
+            Self::Object(members) => ActionDraft::Named(named(members)),
+            other => ActionDraft::Bare(other.into_value()),
+        }
+    }
+}
+
+/// Returns members as values of features.
+pub(super) fn named(members: Vec<(String, Loose)>) -> NamedValues {
+    members.into_iter().map(|(name, value)| (name, value.into_value())).collect()
+}
+
+impl fmt::Display for Loose {
+    /// Tells a value briefly, for error messages.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Null => f.write_str("null"),
+            Self::Bool(flag) => flag.fmt(f),
+            Self::Whole(number) => number.fmt(f),
+            Self::Number(number) => number.fmt(f),
+            Self::Text(text) => match text.char_indices().nth(LONGEST_TOLD) {
+                None => write!(f, "{text:?}"),
+                Some((end, _)) => write!(f, "{:?}...", &text[..end]),
+            },
+            Self::List(len) => write!(f, "a list of {len}"),
+            Self::Object(_) => f.write_str("an object"),
+        }
+    }
+}
+
+impl<'de> Deserialize<'de> for Loose {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_any(Anything)
+    }
+}
+
+struct Anything;
+
+impl<'de> Visitor<'de> for Anything {
+    type Value = Loose;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("a value")
+    }
+
+    fn visit_unit<E: Error>(self) -> Result<Loose, E> {
+        Ok(Loose::Null)
+    }
+
+    fn visit_bool<E: Error>(self, flag: bool) -> Result<Loose, E> {
+        Ok(Loose::Bool(flag))
+    }
+
+    fn visit_u64<E: Error>(self, number: u64) -> Result<Loose, E> {
+        Ok(Loose::Whole(number))
+    }
+
+    fn visit_i64<E: Error>(self, number: i64) -> Result<Loose, E> {
+        Ok(Loose::Number(number as f64))
+    }
+
+    fn visit_f64<E: Error>(self, number: f64) -> Result<Loose, E> {
+        Ok(Loose::Number(number))
+    }
+
+    fn visit_str<E: Error>(self, text: &str) -> Result<Loose, E> {
+        Ok(Loose::Text(text.to_owned()))
+    }
+
+    fn visit_string<E: Error>(self, text: String) -> Result<Loose, E> {
+        Ok(Loose::Text(text))
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<Loose, A::Error> {
+        let mut len = 0;
+        while seq.next_element::<Loose>()?.is_some() {
+            len += 1;
+        }
+        Ok(Loose::List(len))
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Loose, A::Error> {
+        let mut members = Vec::with_capacity(map.size_hint().unwrap_or(8));
+        while let Some(member) = map.next_entry()? {
+            members.push(member);
+        }
+        Ok(Loose::Object(members))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn loose(text: &str) -> Loose {
+        serde_json::from_str(text).expect("JSON")
+    }
+
+    #[test]
+    fn doubles_and_order_are_kept() {
+        let Loose::Object(members) = loose(r#"{"b": 1, "a": "x", "b": null}"#) else { panic!("an object") };
+        let names: Vec<&str> = members.iter().map(|(name, _)| name.as_str()).collect();
+        assert_eq!(names, ["b", "a", "b"]);
+    }
+
+    #[test]
+    fn values_are_told_briefly() {
+        let told = |text: &str| match loose(text).into_value() {
+            ValueDraft::Other(told) => told,
+            other => panic!("{other:?}"),
+        };
+        assert_eq!(told("null"), "null");
+        assert_eq!(told("true"), "true");
+        assert_eq!(told("[1, [2]]"), "a list of 2");
+        assert_eq!(told("{}"), "an object");
+        let long = told(&format!("\"{}\"", "é".repeat(1_000)));
+        assert_eq!(long, format!("\"{}\"...", "é".repeat(64)));
+    }
+
+    #[test]
+    fn numbers_and_labels_are_values() {
+        assert_eq!(loose("-3").into_value(), ValueDraft::Number(-3.0));
+        assert_eq!(loose("1e300").into_value(), ValueDraft::Number(1e300));
+        assert_eq!(loose("\"左\"").into_value(), ValueDraft::Text("左".into()));
+        assert_eq!(loose("18446744073709551615"), Loose::Whole(u64::MAX));
+    }
+}

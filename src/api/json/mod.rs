@@ -1,0 +1,35 @@
+//! Between JSON and the domain: requests become drafts, which the domain checks; answers are made of proto messages, so that a gRPC answer and a REST
+//! answer are the same JSON.
+//!
+//! The doc comments here are the descriptions of the OpenAPI document. Nothing here knows HTTP.
+
+mod answer;
+mod decode;
+mod environment;
+mod loose;
+mod overview;
+mod problem;
+mod query;
+mod question;
+mod receipt;
+mod rule;
+mod transitions;
+
+pub use answer::{ActionFigures, Answer, Answers, Basis, Bin, Labels, MutualInformation, State, Variable};
+pub use decode::{decode, pointer};
+pub use environment::{
+    Agent, Categorical, Circular, Continuous, Description, Environment, EnvironmentPage, Feature, Integer,
+    description_of_text,
+};
+pub use overview::{Cell, Counts, HistogramBin, StateFigures, StatePage, Summary, VerdictCounts};
+pub use problem::{Fault, Problem};
+pub use query::{Parameters, batch_of_query, listing, page, pair, question_of_query};
+pub use question::Question;
+pub use receipt::{Producer, Receipt, Rejection};
+pub use rule::{Rule, RuleChange};
+pub use transitions::{Incoming, Transition, Transitions, batch_of_json, batch_of_lines};
+
+/// Returns the text, or `None` where proto says "absent" by an empty one.
+fn present(text: String) -> Option<String> {
+    Some(text).filter(|text| !text.is_empty())
+}

@@ -1,0 +1,238 @@
+//! Questions as a query string asks them. Nothing in a query string has a type, so numbers and labels are told apart by the features they are for.
+
+use super::pointer;
+use crate::domain::RuleDraft;
+use crate::domain::draft::{ListingDraft, NamedValues, PairDraft, QuestionDraft, StatesDraft, ValueDraft};
+use crate::error::{Fault, Problem};
+
+/// The parameters of a query string, taken one by one: what is left at the end is unknown.
+#[derive(Debug, Default)]
+pub struct Parameters {
+    left: Vec<(String, String)>,
+    faults: Vec<Fault>,
+}
+
+impl Parameters {
+    /// Makes parameters of decoded pairs.
+    pub fn new(pairs: Vec<(String, String)>) -> Self {
+        Self { left: pairs, faults: Vec::new() }
+    }
+
+    /// Returns `value` unless a parameter was faulty, or was not taken.
+    pub fn finish<T>(mut self, value: T) -> Result<T, Problem> {
+        let unknown = |(name, _): (String, String)| Fault::new(pointer(&name), "unknown parameter");
+        self.faults.extend(self.left.into_iter().map(unknown));
+        if self.faults.is_empty() { Ok(value) } else { Err(Problem::invalid("query", self.faults)) }
+    }
+
+    /// Takes every value of a parameter.
+    fn take(&mut self, name: &str) -> Vec<String> {
+        self.left.extract_if(.., |(found, _)| found == name).map(|(_, value)| value).collect()
+    }
+
+    /// Takes the value of a parameter that is given once at most; an empty one counts as absent.
+    fn text(&mut self, name: &str) -> Option<String> {
+        let mut values = self.take(name);
+        if values.len() > 1 {
+            self.fault(name, format!("given {} times, expected once", values.len()));
+        }
+        values.pop().filter(|value| !value.is_empty())
+    }
+
+    /// Takes the values of a parameter that may be repeated, or joined by commas.
+    fn list(&mut self, name: &str) -> Vec<String> {
+        let values = self.take(name);
+        values.iter().flat_map(|value| value.split(',')).filter(|part| !part.is_empty()).map(Into::into).collect()
+    }
+
+    fn number<T: std::str::FromStr>(&mut self, name: &str, expected: &str) -> Option<T> {
+        let text = self.text(name)?;
+        let number = text.parse().ok();
+        if number.is_none() {
+            self.fault(name, format!("got {text:?}, expected {expected}"));
+        }
+        number
+    }
+
+    fn whole(&mut self, name: &str) -> Option<u64> {
+        self.number(name, "a whole number, at least 0")
+    }
+
+    /// Takes every parameter whose name begins with `prefix`, without it.
+    fn under(&mut self, prefix: &str) -> NamedValues {
+        let under = self.left.extract_if(.., |(name, _)| name.starts_with(prefix));
+        under.map(|(name, value)| (name[prefix.len()..].to_owned(), ValueDraft::Untyped(value))).collect()
+    }
+
+    fn required<T>(&mut self, name: &str, value: Option<T>) -> Option<T> {
+        let told = self.faults.iter().any(|fault| fault.pointer == pointer(name));
+        if value.is_none() && !told {
+            self.fault(name, "missing");
+        }
+        value
+    }
+
+    fn fault(&mut self, name: &str, detail: impl Into<String>) {
+        self.faults.push(Fault::new(pointer(name), detail));
+    }
+
+    fn pair(&mut self) -> PairDraft {
+        PairDraft {
+            ego: self.text("ego"),
+            other: self.text("other"),
+            given: self.list("given"),
+            segments: self.list("segments"),
+            rule: self.rule(),
+            unit: self.text("unit"),
+        }
+    }
+
+    fn rule(&mut self) -> RuleDraft {
+        RuleDraft {
+            kind: self.text("rule.kind"),
+            threshold: self.number("rule.threshold", "a number"),
+            unit: self.text("rule.unit"),
+            min_visits: self.whole("rule.min_visits"),
+            confidence: self.number("rule.confidence", "a number"),
+        }
+    }
+
+    fn state(&mut self) -> StatesDraft {
+        let named = self.under("state.");
+        let keys: Vec<String> = self.text("key").into_iter().collect();
+        match (named.is_empty(), keys.is_empty()) {
+            (true, _) => StatesDraft::Keys(keys),
+            (false, true) => StatesDraft::Named(vec![named]),
+            (false, false) => {
+                self.fault("key", "got values of the state too, expected one of them");
+                StatesDraft::default()
+            }
+        }
+    }
+}
+
+/// Reads a question about one state.
+pub fn question_of_query(mut query: Parameters) -> Result<QuestionDraft, Problem> {
+    let draft = QuestionDraft {
+        pair: query.pair(),
+        states: query.state(),
+        estimators: query.list("estimators"),
+        view: query.text("view"),
+    };
+    query.finish(draft)
+}
+
+/// Reads a question for a page of states.
+pub fn listing(mut query: Parameters) -> Result<ListingDraft, Problem> {
+    let draft = ListingDraft {
+        pair: query.pair(),
+        order_by: query.text("order_by"),
+        min_visits: query.whole("min_visits").unwrap_or(0),
+        verdict: query.text("verdict"),
+        page_size: query.whole("page_size").unwrap_or(0),
+        page_token: query.text("page_token"),
+    };
+    query.finish(draft)
+}
+
+/// Reads whose influence on whom is asked about.
+pub fn pair(mut query: Parameters) -> Result<PairDraft, Problem> {
+    let pair = query.pair();
+    query.finish(pair)
+}
+
+/// Reads which page is asked for: its size, 0 for the default, and its token.
+pub fn page(mut query: Parameters) -> Result<(u64, Option<String>), Problem> {
+    let page = (query.whole("page_size").unwrap_or(0), query.text("page_token"));
+    query.finish(page)
+}
+
+/// Reads what stands beside the transitions of a batch: its producer, its sequence and its segment.
+pub fn batch_of_query(mut query: Parameters) -> Result<(String, u64, Option<String>), Problem> {
+    let producer = query.text("producer");
+    let producer = query.required("producer", producer).unwrap_or_default();
+    let sequence = query.whole("sequence");
+    let sequence = query.required("sequence", sequence).unwrap_or_default();
+    let batch = (producer, sequence, query.text("segment"));
+    query.finish(batch)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parameters(pairs: &[(&str, &str)]) -> Parameters {
+        Parameters::new(pairs.iter().map(|(name, value)| ((*name).to_owned(), (*value).to_owned())).collect())
+    }
+
+    fn pointers(problem: Problem) -> Vec<String> {
+        problem.faults.into_iter().map(|fault| fault.pointer).collect()
+    }
+
+    #[test]
+    fn everything_can_be_asked() {
+        let query = parameters(&[
+            ("ego", "robot"),
+            ("other", ""),
+            ("given", "cook,waiter"),
+            ("given", "guest"),
+            ("segments", "train"),
+            ("rule.threshold", "0.25"),
+            ("rule.min_visits", "3"),
+            ("unit", "bits"),
+            ("estimators", "excess,miller_madow"),
+            ("view", "figures"),
+            ("state.distance", "1.2"),
+            ("state.held", "左"),
+        ]);
+        let draft = question_of_query(query).expect("valid");
+        assert_eq!((draft.pair.ego.as_deref(), draft.pair.other), (Some("robot"), None));
+        assert_eq!(draft.pair.given, ["cook", "waiter", "guest"]);
+        assert_eq!(draft.pair.segments, ["train"]);
+        assert_eq!((draft.pair.rule.threshold, draft.pair.rule.min_visits), (Some(0.25), Some(3)));
+        assert_eq!((draft.pair.unit.as_deref(), draft.view.as_deref()), (Some("bits"), Some("figures")));
+        assert_eq!(draft.estimators, ["excess", "miller_madow"]);
+        let value = |name: &str, text: &str| (name.to_owned(), ValueDraft::Untyped(text.into()));
+        assert_eq!(draft.states, StatesDraft::Named(vec![vec![value("distance", "1.2"), value("held", "左")]]));
+    }
+
+    #[test]
+    fn every_fault_is_listed_by_name() {
+        let query = parameters(&[
+            ("egg", "robot"),
+            ("unit", "nats"),
+            ("unit", "bits"),
+            ("rule.threshold", "high"),
+            ("rule.min_visits", "-1"),
+            ("key", "1.2"),
+            ("state.x", "1"),
+            ("a/b", ""),
+        ]);
+        let expected = ["/rule.threshold", "/rule.min_visits", "/unit", "/key", "/egg", "/a~1b"];
+        assert_eq!(pointers(question_of_query(query).expect_err("wrong")), expected);
+    }
+
+    #[test]
+    fn a_state_may_be_named_by_its_key() {
+        let draft = question_of_query(parameters(&[("key", "3.0.7")])).expect("valid");
+        assert_eq!(draft.states, StatesDraft::Keys(vec!["3.0.7".into()]));
+    }
+
+    #[test]
+    fn pages_are_asked_for() {
+        let query = parameters(&[("order_by", "visits desc"), ("min_visits", "8"), ("page_size", "5")]);
+        let draft = listing(query).expect("valid");
+        assert_eq!((draft.order_by.as_deref(), draft.min_visits, draft.page_size), (Some("visits desc"), 8, 5));
+        assert_eq!(page(parameters(&[("page_token", "x")])).expect("valid"), (0, Some("x".into())));
+        assert_eq!(pointers(page(parameters(&[("page_size", "many")])).expect_err("wrong")), ["/page_size"]);
+    }
+
+    #[test]
+    fn lines_need_a_producer_and_a_sequence() {
+        assert_eq!(pointers(batch_of_query(parameters(&[])).expect_err("wrong")), ["/producer", "/sequence"]);
+        let query = parameters(&[("producer", "a"), ("sequence", "one")]);
+        assert_eq!(pointers(batch_of_query(query).expect_err("wrong")), ["/sequence"]);
+        let query = parameters(&[("producer", "a"), ("sequence", "1"), ("segment", "x")]);
+        assert_eq!(batch_of_query(query).expect("valid"), ("a".into(), 1, Some("x".into())));
+    }
+}

@@ -1,0 +1,95 @@
+//! Receipts, and how far a producer is.
+
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use crate::api::proto;
+
+/// What became of a batch. It is on stable storage when this is sent.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct Receipt {
+    /// The batch.
+    pub sequence: u64,
+    /// `applied` (counted now) or `duplicate` (counted before; this is the first receipt).
+    #[schema(example = "applied")]
+    pub status: &'static str,
+    /// Records that were counted.
+    pub accepted: u64,
+    /// Records that were not.
+    pub rejected_count: u64,
+    /// The first 100 of those.
+    pub rejected: Vec<Rejection>,
+    /// True for a duplicate so old that its content was not compared and its receipt is no longer kept: the figures above are then 0. Else absent.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    #[schema(required = false)]
+    pub unverified: bool,
+}
+
+/// A record that was not counted.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct Rejection {
+    /// Its position in the batch, from 0.
+    pub index: u32,
+    /// The first field at fault, as a JSON pointer into the record.
+    #[schema(example = "/state/distance")]
+    pub field: String,
+    /// The value that was found and what was expected.
+    pub reason: String,
+}
+
+/// How far a producer is.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct Producer {
+    /// The last committed sequence, 0 if there is none. Send what follows it.
+    pub committed_sequence: u64,
+    /// The environment's uid.
+    pub environment_uid: String,
+}
+
+impl From<proto::Receipt> for Receipt {
+    fn from(receipt: proto::Receipt) -> Self {
+        let status = match receipt.status() {
+            proto::BatchStatus::Applied => "applied",
+            proto::BatchStatus::Duplicate => "duplicate",
+            proto::BatchStatus::Unspecified => "unknown",
+        };
+        Self {
+            sequence: receipt.sequence,
+            status,
+            accepted: receipt.accepted,
+            rejected_count: receipt.rejected_count,
+            rejected: receipt.rejected.into_iter().map(Into::into).collect(),
+            unverified: receipt.unverified,
+        }
+    }
+}
+
+impl From<proto::Rejection> for Rejection {
+    fn from(rejection: proto::Rejection) -> Self {
+        let proto::Rejection { index, field, reason } = rejection;
+        Self { index, field, reason }
+    }
+}
+
+impl From<proto::GetProducerResponse> for Producer {
+    fn from(response: proto::GetProducerResponse) -> Self {
+        let proto::GetProducerResponse { committed_sequence, environment_uid } = response;
+        Self { committed_sequence, environment_uid }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn unverified_is_told_only_when_so() {
+        let receipt = proto::Receipt { sequence: 3, status: proto::BatchStatus::Applied.into(), ..Default::default() };
+        let mut told = Receipt::from(receipt);
+        let expected = json!({"sequence": 3, "status": "applied", "accepted": 0, "rejected_count": 0, "rejected": []});
+        assert_eq!(serde_json::to_value(&told).expect("JSON"), expected);
+        told.unverified = true;
+        assert_eq!(serde_json::to_value(&told).expect("JSON")["unverified"], true);
+    }
+}

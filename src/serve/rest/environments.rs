@@ -1,0 +1,118 @@
+//! Environments: made, shown, changed and removed.
+
+use axum::extract::State;
+use axum::response::{IntoResponse, Response};
+use http::StatusCode;
+
+use super::extract::{Json, Path, Query};
+use super::openapi::Refusals;
+use crate::api::{json, proto};
+use crate::app::App;
+use crate::domain;
+use crate::environments::Page;
+use crate::error::Problem;
+use crate::serve::status::Failure;
+
+/// Creates an environment, or confirms that it exists with this very description.
+///
+/// A rule that is present sets the rule of an environment that exists; absent, it keeps it. Another schema under the name is refused with 409.
+#[utoipa::path(
+    put,
+    path = "/v1/environments/{environment}",
+    tag = "environments",
+    params(("environment" = String, Path, description = "The environment's name: `[a-z0-9][a-z0-9._-]{0,62}`")),
+    request_body = json::Description,
+    responses(
+        (status = 201, description = "Created", body = json::Environment),
+        (status = 200, description = "Existed already", body = json::Environment),
+        Refusals,
+    )
+)]
+pub async fn apply_environment(
+    State(app): State<App>,
+    Path(name): Path<String>,
+    Json(description): Json<json::Description>,
+) -> Result<Response, Failure> {
+    let (schema, rule) = description.into_drafts();
+    let (environment, created) = app.environments.apply(&name, &schema, rule.as_ref()).await?;
+    let status = if created { StatusCode::CREATED } else { StatusCode::OK };
+    Ok((status, shown(&environment)).into_response())
+}
+
+/// Returns one environment.
+#[utoipa::path(
+    get,
+    path = "/v1/environments/{environment}",
+    tag = "environments",
+    params(("environment" = String, Path, description = "The environment's name")),
+    responses((status = 200, description = "The environment", body = json::Environment), Refusals)
+)]
+pub async fn get_environment(
+    State(app): State<App>,
+    Path(name): Path<String>,
+) -> Result<axum::Json<json::Environment>, Failure> {
+    Ok(shown(&*app.environments.find(&name)?))
+}
+
+/// Returns environments in order of name, a page at a time.
+#[utoipa::path(
+    get,
+    path = "/v1/environments",
+    tag = "environments",
+    params(
+        ("page_size" = Option<u32>, Query, description = "The most to return, 1 to 1,000; 100 by default"),
+        ("page_token" = Option<String>, Query, description = "The `next_page_token` of the page before"),
+    ),
+    responses((status = 200, description = "A page of environments", body = json::EnvironmentPage), Refusals)
+)]
+pub async fn list_environments(
+    State(app): State<App>,
+    Query(query): Query,
+) -> Result<axum::Json<json::EnvironmentPage>, Failure> {
+    let (page_size, page_token) = json::page(query)?;
+    let Page { environments, next_page_token } = app.environments.list(page_size, page_token.as_deref())?;
+    let environments = environments.iter().map(|environment| (&**environment).into()).collect();
+    let next_page_token = next_page_token.unwrap_or_default();
+    Ok(axum::Json(proto::ListEnvironmentsResponse { environments, next_page_token }.into()))
+}
+
+/// Changes the parts of the rule that are given and keeps the rest.
+#[utoipa::path(
+    patch,
+    path = "/v1/environments/{environment}",
+    tag = "environments",
+    params(("environment" = String, Path, description = "The environment's name")),
+    request_body = json::RuleChange,
+    responses((status = 200, description = "The environment with its new rule", body = json::Environment), Refusals)
+)]
+pub async fn update_rule(
+    State(app): State<App>,
+    Path(name): Path<String>,
+    Json(change): Json<json::RuleChange>,
+) -> Result<axum::Json<json::Environment>, Failure> {
+    let environment = app.environments.update_rule(&name, &change.rule.into()).await.map_err(under_rule)?;
+    Ok(shown(&environment))
+}
+
+/// Removes an environment with its counts and watermarks, for ever, and ends its streams.
+#[utoipa::path(
+    delete,
+    path = "/v1/environments/{environment}",
+    tag = "environments",
+    params(("environment" = String, Path, description = "The environment's name")),
+    responses((status = 204, description = "The environment is gone"), Refusals)
+)]
+pub async fn delete_environment(State(app): State<App>, Path(name): Path<String>) -> Result<StatusCode, Failure> {
+    app.environments.delete(&name).await?;
+    Ok(StatusCode::NO_CONTENT)
+}
+
+fn shown(environment: &domain::Environment) -> axum::Json<json::Environment> {
+    axum::Json(proto::Environment::from(environment).into())
+}
+
+/// The body holds the rule under `rule`, so its faults lie there.
+fn under_rule(problem: Problem) -> Problem {
+    let faults = problem.faults.into_iter().map(|fault| fault.under("/rule")).collect();
+    Problem { faults, ..problem }
+}

@@ -1,0 +1,120 @@
+//! What handlers take out of a request. What cannot be taken is a problem, as everywhere.
+
+use axum::extract::{self, FromRequest, FromRequestParts, Request};
+use bytes::Bytes;
+use http::request::Parts;
+use http::{HeaderMap, header};
+use serde::de::DeserializeOwned;
+
+use crate::api::json::{self, Parameters};
+use crate::error::{Fault, Problem};
+use crate::serve::status::Failure;
+
+/// The variable parts of the path.
+pub struct Path<T>(pub T);
+
+/// The parameters of the query string.
+pub struct Query(pub Parameters);
+
+/// A body that is one JSON document.
+pub struct Json<T>(pub T);
+
+/// A body with its media type.
+pub struct Document {
+    /// What the bytes are.
+    pub media: Media,
+    /// The body.
+    pub bytes: Bytes,
+}
+
+/// A media type that some path takes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Media {
+    /// One JSON document.
+    Json,
+    /// A JSON document a line.
+    Lines,
+}
+
+impl<T: DeserializeOwned + Send, S: Send + Sync> FromRequestParts<S> for Path<T> {
+    type Rejection = Failure;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Failure> {
+        match extract::Path::from_request_parts(parts, state).await {
+            Ok(extract::Path(path)) => Ok(Self(path)),
+            Err(rejection) => Err(Problem::invalid("path", vec![Fault::new("", rejection.body_text())]).into()),
+        }
+    }
+}
+
+impl<S: Send + Sync> FromRequestParts<S> for Query {
+    type Rejection = Failure;
+
+    async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Failure> {
+        match extract::Query::try_from_uri(&parts.uri) {
+            Ok(extract::Query(pairs)) => Ok(Self(Parameters::new(pairs))),
+            Err(rejection) => Err(Problem::invalid("query", vec![Fault::new("", rejection.body_text())]).into()),
+        }
+    }
+}
+
+impl<T: DeserializeOwned, S: Send + Sync> FromRequest<S> for Json<T> {
+    type Rejection = Failure;
+
+    async fn from_request(request: Request, state: &S) -> Result<Self, Failure> {
+        match Document::from_request(request, state).await? {
+            Document { media: Media::Json, bytes } => Ok(Self(json::decode("body", &bytes)?)),
+            Document { media: Media::Lines, .. } => Err(Failure::of_media_type(LINES[0], JSON)),
+        }
+    }
+}
+
+impl<S: Send + Sync> FromRequest<S> for Document {
+    type Rejection = Failure;
+
+    async fn from_request(request: Request, state: &S) -> Result<Self, Failure> {
+        let media = media(request.headers())?;
+        let body = Bytes::from_request(request, state).await;
+        let bytes = body.map_err(|rejection| Failure::of_http(rejection.status()))?;
+        Ok(Self { media, bytes })
+    }
+}
+
+const JSON: &str = "application/json";
+const LINES: [&str; 3] = ["application/x-ndjson", "application/ndjson", "application/jsonl"];
+
+/// A body without a type is refused too: a browser sends such a body to another site without asking that site first.
+fn media(headers: &HeaderMap) -> Result<Media, Failure> {
+    let found = headers.get(header::CONTENT_TYPE).and_then(|value| value.to_str().ok()).unwrap_or_default();
+    let essence = found.split(';').next().unwrap_or_default().trim().to_ascii_lowercase();
+    let structured = essence.starts_with("application/") && essence.ends_with("+json");
+    match essence.as_str() {
+        JSON => Ok(Media::Json),
+        _ if structured => Ok(Media::Json),
+        lines if LINES.contains(&lines) => Ok(Media::Lines),
+        _ => Err(Failure::of_media_type(found, "application/json, or application/x-ndjson for transitions")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(text: &str) -> Option<Media> {
+        let mut headers = HeaderMap::new();
+        headers.insert(header::CONTENT_TYPE, text.parse().expect("a header"));
+        media(&headers).ok()
+    }
+
+    #[test]
+    fn media_types_are_read_without_their_parameters() {
+        assert_eq!(of("application/json"), Some(Media::Json));
+        assert_eq!(of("Application/JSON; charset=utf-8"), Some(Media::Json));
+        assert_eq!(of("application/merge-patch+json"), Some(Media::Json));
+        assert_eq!(of("application/x-ndjson"), Some(Media::Lines));
+        for other in ["text/plain", "application/x-www-form-urlencoded", "application/jsonp", "", "json", ";"] {
+            assert_eq!(of(other), None, "{other}");
+        }
+        assert!(media(&HeaderMap::new()).is_err());
+    }
+}

@@ -1,0 +1,56 @@
+//! The question itself, about one state or several.
+
+use axum::extract::State;
+
+use super::extract::{Json, Path, Query};
+use super::openapi::{PairParameters, Refusals, StateParameters};
+use crate::api::{json, proto};
+use crate::app::App;
+use crate::domain::Question;
+use crate::domain::draft::QuestionDraft;
+use crate::serve::status::Failure;
+
+type Answered = Result<axum::Json<json::Answers>, Failure>;
+
+/// Returns the answers for up to 10,000 states, in order.
+///
+/// A state that is not valid fails the call, and every fault is listed by pointer (`/states/17/distance`); a valid state that was never seen is an
+/// answer with 0 visits.
+#[utoipa::path(
+    post,
+    path = "/v1/environments/{environment}/influence",
+    tag = "influence",
+    params(("environment" = String, Path, description = "The environment's name")),
+    request_body = json::Question,
+    responses((status = 200, description = "The answers", body = json::Answers), Refusals)
+)]
+pub async fn batch_get_influence(
+    State(app): State<App>,
+    Path(name): Path<String>,
+    Json(question): Json<json::Question>,
+) -> Answered {
+    answer(&app, &name, &question.try_into()?).await
+}
+
+/// Returns the answer for one state, for a command line and for people.
+#[utoipa::path(
+    get,
+    path = "/v1/environments/{environment}/influence",
+    tag = "influence",
+    params(
+        ("environment" = String, Path, description = "The environment's name"),
+        PairParameters,
+        StateParameters,
+    ),
+    responses((status = 200, description = "The answer, as a list of one", body = json::Answers), Refusals)
+)]
+pub async fn get_influence(State(app): State<App>, Path(name): Path<String>, Query(query): Query) -> Answered {
+    answer(&app, &name, &json::question_of_query(query)?).await
+}
+
+async fn answer(app: &App, name: &str, draft: &QuestionDraft) -> Answered {
+    let environment = app.environments.find(name)?;
+    let question = Question::new(&environment, draft)?;
+    let answers = app.influence.answer(&environment, &question).await?;
+    Ok(axum::Json(proto::BatchGetInfluenceResponse::from(answers).into()))
+}

@@ -1,0 +1,100 @@
+//! What is done for every request: an id, a trace, limits, compression, and problems for errors.
+//!
+//! On the REST routes only: a timeout or a body limit would end the streams of the gRPC face.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+use axum::Router;
+use axum::extract::DefaultBodyLimit;
+use axum::middleware;
+use http::{HeaderName, HeaderValue, Method, Request, StatusCode, header};
+use tower::ServiceBuilder;
+use tower_http::CompressionLevel;
+use tower_http::catch_panic::CatchPanicLayer;
+use tower_http::compression::CompressionLayer;
+use tower_http::compression::predicate::{NotForContentType, Predicate, SizeAbove};
+use tower_http::cors::{AllowOrigin, CorsLayer};
+use tower_http::limit::RequestBodyLimitLayer;
+use tower_http::request_id::{MakeRequestId, PropagateRequestIdLayer, RequestId, SetRequestIdLayer};
+use tower_http::timeout::TimeoutLayer;
+use tower_http::trace::{DefaultOnResponse, TraceLayer};
+use tracing::{Level, Span};
+
+use super::{Settings, problems};
+
+const TIMEOUT: Duration = Duration::from_secs(30);
+const MOST_BODY_BYTES: usize = 16 << 20;
+/// An answer for one state is smaller, and sooner sent than compressed.
+const LEAST_COMPRESSED_BYTES: u64 = 1_024;
+const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
+
+/// Puts the layers around the routes and the fallback of a router.
+pub fn around(router: Router, settings: &Settings) -> Router {
+    let compressible = SizeAbove::new(LEAST_COMPRESSED_BYTES).and(NotForContentType::IMAGES);
+    // The first is outermost.
+    let layers = ServiceBuilder::new()
+        .layer(SetRequestIdLayer::new(REQUEST_ID, Numbered::default()))
+        .layer(
+            TraceLayer::new_for_http()
+                .make_span_with(span)
+                .on_request(())
+                .on_response(DefaultOnResponse::new().level(Level::DEBUG))
+                .on_failure(()),
+        )
+        .layer(PropagateRequestIdLayer::new(REQUEST_ID))
+        .layer(CompressionLayer::new().quality(CompressionLevel::Fastest).compress_when(compressible))
+        .layer(middleware::from_fn(problems::tell))
+        .layer(CatchPanicLayer::custom(problems::of_panic))
+        .layer(TimeoutLayer::with_status_code(StatusCode::SERVICE_UNAVAILABLE, TIMEOUT))
+        .layer(RequestBodyLimitLayer::new(MOST_BODY_BYTES))
+        .layer(DefaultBodyLimit::disable());
+    let router = router.layer(layers);
+    if settings.cors_origins.is_empty() { router } else { router.layer(cors(&settings.cors_origins)) }
+}
+
+fn span<B>(request: &Request<B>) -> Span {
+    let id = request.headers().get(REQUEST_ID).and_then(|id| id.to_str().ok());
+    tracing::debug_span!("request", method = %request.method(), path = request.uri().path(), id)
+}
+
+fn cors(origins: &[String]) -> CorsLayer {
+    let header = |origin: &String| {
+        let value = HeaderValue::from_str(origin);
+        value.inspect_err(|_| tracing::warn!(origin, "an origin that cannot be a header is not allowed")).ok()
+    };
+    let allowed = match origins.iter().any(|origin| origin == "*") {
+        true => AllowOrigin::any(),
+        false => AllowOrigin::list(origins.iter().filter_map(header)),
+    };
+    CorsLayer::new()
+        .allow_origin(allowed)
+        .allow_methods([Method::GET, Method::PUT, Method::POST, Method::PATCH, Method::DELETE])
+        .allow_headers([header::CONTENT_TYPE, REQUEST_ID])
+        .expose_headers([header::RETRY_AFTER, REQUEST_ID])
+}
+
+/// Numbers requests under a random beginning, which is cheaper than a random number for each.
+#[derive(Clone)]
+struct Numbered {
+    run: Arc<str>,
+    next: Arc<AtomicU64>,
+}
+
+impl Default for Numbered {
+    fn default() -> Self {
+        let run = uuid::Uuid::new_v4().simple().to_string();
+        Self { run: run[..16].into(), next: Arc::default() }
+    }
+}
+
+impl MakeRequestId for Numbered {
+    fn make_request_id<B>(&mut self, _: &Request<B>) -> Option<RequestId> {
+        let number = self.next.fetch_add(1, Ordering::Relaxed);
+        HeaderValue::try_from(format!("{}-{number:x}", self.run)).ok().map(RequestId::new)
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,154 @@
+//! Every error is a problem, whoever refused.
+
+use axum::body::Body;
+use axum::response::Response;
+use axum::routing::{get, post};
+use http_body_util::BodyExt;
+use serde_json::Value;
+use tower::ServiceExt;
+
+use super::*;
+use crate::serve::rest::extract::{Json, Path, Query};
+use crate::serve::rest::{documentation, problems};
+use crate::serve::status::Failure;
+
+async fn panics() {
+    panic!("on purpose")
+}
+
+async fn name(Path(name): Path<String>) -> String {
+    name
+}
+
+async fn numbers(Json(numbers): Json<Vec<f64>>) -> String {
+    numbers.len().to_string()
+}
+
+async fn nothing(Query(query): Query) -> Result<(), Failure> {
+    Ok(query.finish(())?)
+}
+
+fn router() -> Router {
+    let router = Router::new()
+        .route("/panics", get(panics))
+        .route("/names/{name}", get(name))
+        .route("/numbers", post(numbers))
+        .route("/nothing", get(nothing))
+        .route("/slow", get(std::future::pending::<()>))
+        .route("/large", get(|| async { "x".repeat(2_000) }))
+        .merge(documentation())
+        .fallback(problems::unknown_path);
+    let settings = Settings { cors_origins: vec!["https://good.example".into(), "\n".into()] };
+    around(router, &settings)
+}
+
+async fn send(request: http::request::Builder, body: impl Into<Body>) -> Response {
+    router().oneshot(request.body(body.into()).expect("a request")).await.expect("infallible")
+}
+
+async fn problem(response: Response, status: u16, reason: &str) -> Value {
+    assert_eq!(response.status(), status);
+    assert_eq!(response.headers()[header::CONTENT_TYPE], "application/problem+json");
+    assert!(response.headers().contains_key(REQUEST_ID));
+    let bytes = response.into_body().collect().await.expect("a body").to_bytes();
+    let problem: Value = serde_json::from_slice(&bytes).expect("JSON");
+    assert_eq!((&problem["status"], &problem["reason"]), (&status.into(), &reason.into()), "{problem}");
+    problem
+}
+
+fn json() -> http::request::Builder {
+    Request::post("/numbers").header(header::CONTENT_TYPE, "application/json")
+}
+
+#[tokio::test]
+async fn an_unknown_path_is_a_problem() {
+    let told = problem(send(Request::get("/v3/x?y"), ()).await, 404, "PATH_NOT_FOUND").await;
+    assert_eq!(told["instance"], "/v3/x");
+    problem(send(Request::get("/docs/nothing.js"), ()).await, 404, "PATH_NOT_FOUND").await;
+}
+
+#[tokio::test]
+async fn a_wrong_method_is_a_problem_that_names_the_right_one() {
+    let response = send(Request::put("/numbers"), ()).await;
+    assert_eq!(response.headers()[header::ALLOW], "POST");
+    problem(response, 405, "METHOD_NOT_ALLOWED").await;
+}
+
+#[tokio::test]
+async fn a_panic_is_a_problem_without_its_cause() {
+    let told = problem(send(Request::get("/panics"), ()).await, 500, "INTERNAL").await;
+    assert!(!told.to_string().contains("on purpose"));
+}
+
+#[tokio::test(start_paused = true)]
+async fn what_takes_too_long_is_a_problem_to_retry() {
+    let response = send(Request::get("/slow"), ()).await;
+    assert_eq!(response.headers()[header::RETRY_AFTER], "1");
+    problem(response, 503, "TIMEOUT").await;
+}
+
+#[tokio::test]
+async fn a_body_has_a_type_and_a_limit() {
+    problem(send(Request::post("/numbers"), "[1]").await, 415, "UNSUPPORTED_MEDIA_TYPE").await;
+    let lines = Request::post("/numbers").header(header::CONTENT_TYPE, "application/x-ndjson");
+    problem(send(lines, "[1]").await, 415, "UNSUPPORTED_MEDIA_TYPE").await;
+    let large = vec![b' '; MOST_BODY_BYTES + 1];
+    problem(send(json().header(header::CONTENT_LENGTH, large.len()), large.clone()).await, 413, "BODY_TOO_LARGE").await;
+    problem(send(json(), large.clone()).await, 413, "BODY_TOO_LARGE").await;
+    let fits = [b"[1, 2]", &large[..MOST_BODY_BYTES - 6]].concat();
+    assert_eq!(send(json(), fits).await.status(), StatusCode::OK);
+}
+
+#[tokio::test]
+async fn a_fault_of_a_body_is_told_by_pointer() {
+    let told = problem(send(json(), "[1, null]").await, 400, "INVALID_INPUT").await;
+    assert_eq!(told["errors"][0]["pointer"], "/1");
+}
+
+#[tokio::test]
+async fn malformed_paths_and_queries_are_problems() {
+    problem(send(Request::get("/names/%FF"), ()).await, 400, "INVALID_INPUT").await;
+    assert_eq!(send(Request::get("/names/%zz"), ()).await.status(), StatusCode::OK);
+    for query in ["a=%FF", "%FF=1", "a", "=", "a=%zz&b"] {
+        problem(send(Request::get(format!("/nothing?{query}")), ()).await, 400, "INVALID_INPUT").await;
+    }
+    assert_eq!(send(Request::get("/nothing?"), ()).await.status(), StatusCode::OK);
+}
+
+#[tokio::test]
+async fn large_answers_are_compressed_on_demand() {
+    let encoding = |response: Response| response.headers().get(header::CONTENT_ENCODING).cloned();
+    let asking = |path: &str| Request::get(path).header(header::ACCEPT_ENCODING, "gzip");
+    assert!(encoding(send(asking("/large"), ()).await).is_some());
+    assert!(encoding(send(Request::get("/large"), ()).await).is_none());
+    assert!(encoding(send(asking("/names/x"), ()).await).is_none());
+}
+
+#[tokio::test]
+async fn only_listed_origins_are_allowed() {
+    let allowed = async |origin: &str| {
+        let response = send(Request::get("/names/x").header(header::ORIGIN, origin), ()).await;
+        response.headers().get(header::ACCESS_CONTROL_ALLOW_ORIGIN).cloned()
+    };
+    assert_eq!(allowed("https://good.example").await, Some(HeaderValue::from_static("https://good.example")));
+    assert_eq!(allowed("https://bad.example").await, None);
+}
+
+#[tokio::test]
+async fn a_request_id_is_kept_or_made() {
+    let response = send(Request::get("/names/x").header(REQUEST_ID, "mine"), ()).await;
+    assert_eq!(response.headers()[REQUEST_ID], "mine");
+    let ids = [send(Request::get("/names/x"), ()).await, send(Request::get("/names/x"), ()).await];
+    assert_ne!(ids[0].headers()[REQUEST_ID], ids[1].headers()[REQUEST_ID]);
+}
+
+#[tokio::test]
+async fn the_documentation_comes_from_here() {
+    let page = send(Request::get("/docs/"), ()).await;
+    assert_eq!(page.status(), StatusCode::OK);
+    let page = page.into_body().collect().await.expect("a body").to_bytes();
+    assert!(!String::from_utf8_lossy(&page).contains("://"), "the page asks the internet for nothing");
+    for path in ["/openapi.json", "/docs/swagger-ui-bundle.js", "/docs/swagger-initializer.js"] {
+        assert_eq!(send(Request::get(path), ()).await.status(), StatusCode::OK, "{path}");
+    }
+}

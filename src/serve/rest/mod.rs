@@ -1,0 +1,54 @@
+//! The REST face: paths, and what is done for every request on them.
+//!
+//! A handler decodes a draft, asks the room that knows, and encodes what it says. What is wrong with the input is decided further in.
+
+mod environments;
+mod extract;
+mod influence;
+mod layers;
+mod openapi;
+mod problems;
+mod states;
+mod summary;
+mod transitions;
+
+use axum::Router;
+use axum::routing::{get, post, put};
+use utoipa_swagger_ui::{Config, SwaggerUi};
+
+use crate::app::App;
+
+/// What may be set about the REST face.
+#[derive(Debug, Clone, Default)]
+pub struct Settings {
+    /// The origins whose pages may call from a browser, `https://example.org`; `*` for any. None by default.
+    pub cors_origins: Vec<String>,
+}
+
+/// Returns the REST face with its documentation.
+pub fn router(app: App, settings: &Settings) -> Router {
+    layers::around(routes().with_state(app).merge(documentation()).fallback(problems::unknown_path), settings)
+}
+
+fn routes() -> Router<App> {
+    let environment = put(environments::apply_environment)
+        .get(environments::get_environment)
+        .patch(environments::update_rule)
+        .delete(environments::delete_environment);
+    let influence = get(influence::get_influence).post(influence::batch_get_influence);
+    Router::new()
+        .route("/v1/environments", get(environments::list_environments))
+        .route("/v1/environments/{environment}", environment)
+        .route("/v1/environments/{environment}/transitions", post(transitions::write))
+        .route("/v1/environments/{environment}/producers/{producer}", get(transitions::get_producer))
+        .route("/v1/environments/{environment}/influence", influence)
+        .route("/v1/environments/{environment}/states", get(states::list_states))
+        .route("/v1/environments/{environment}/states/{key}", get(states::get_state))
+        .route("/v1/environments/{environment}/summary", get(summary::summarize))
+}
+
+fn documentation() -> Router {
+    // The page would otherwise ask a validator on the internet.
+    let config = Config::default().validator_url("none");
+    SwaggerUi::new("/docs").url("/openapi.json", openapi::document()).config(config).into()
+}

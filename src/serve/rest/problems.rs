@@ -1,0 +1,42 @@
+//! Every error is a problem: what handlers refuse, what the HTTP machinery refuses, and panics.
+
+use std::any::Any;
+
+use axum::extract::Request;
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+use http::{StatusCode, header};
+
+use crate::serve::status::Failure;
+
+/// Answers for every path that is not served.
+pub async fn unknown_path() -> Failure {
+    Failure::of_http(StatusCode::NOT_FOUND)
+}
+
+/// Answers for a handler that panicked, and writes the cause to the log.
+pub fn of_panic(cause: Box<dyn Any + Send>) -> Response {
+    let text = cause.downcast_ref::<String>().map(String::as_str).or(cause.downcast_ref::<&str>().copied());
+    tracing::error!(cause = text.unwrap_or("unknown"), "a request handler panicked");
+    Failure::of_http(StatusCode::INTERNAL_SERVER_ERROR).into_response()
+}
+
+/// Gives every error answer the body of a problem, which names the request's path.
+pub async fn tell(request: Request, next: Next) -> Response {
+    let uri = request.uri().clone();
+    let response = next.run(request).await;
+    let status = response.status();
+    if status.is_client_error() || status.is_server_error() { told(response, uri.path()) } else { response }
+}
+
+fn told(response: Response, path: &str) -> Response {
+    let (mut parts, _) = response.into_parts();
+    let failure = parts.extensions.remove::<Failure>().unwrap_or_else(|| Failure::of_http(parts.status));
+    let mut told = failure.tell(path);
+    // Keeps headers such as Allow, and drops those that described the old body.
+    for name in [header::CONTENT_TYPE, header::CONTENT_LENGTH, header::CONTENT_ENCODING] {
+        parts.headers.remove(name);
+    }
+    told.headers_mut().extend(parts.headers);
+    told
+}

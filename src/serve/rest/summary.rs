@@ -1,0 +1,28 @@
+//! What all states say together.
+
+use axum::extract::State;
+
+use super::extract::{Path, Query};
+use super::openapi::{PairParameters, Refusals};
+use crate::api::{json, proto};
+use crate::app::App;
+use crate::serve::status::Failure;
+
+/// Returns what all states say together: how much was seen, where data suffice, and how mutual information is distributed.
+#[utoipa::path(
+    get,
+    path = "/v1/environments/{environment}/summary",
+    tag = "summary",
+    params(("environment" = String, Path, description = "The environment's name"), PairParameters),
+    responses((status = 200, description = "The summary", body = json::Summary), Refusals)
+)]
+pub async fn summarize(
+    State(app): State<App>,
+    Path(name): Path<String>,
+    Query(query): Query,
+) -> Result<axum::Json<json::Summary>, Failure> {
+    let pair = json::pair(query)?;
+    let environment = app.environments.find(&name)?;
+    let summary = app.influence.summary(&environment, &pair).await?;
+    Ok(axum::Json(proto::SummarizeResponse::from(summary).into()))
+}

@@ -1,0 +1,74 @@
+//! Transitions: counted once, and how far a producer is.
+
+use axum::extract::State;
+
+use super::extract::{Document, Media, Path, Query};
+use super::openapi::Refusals;
+use crate::api::json::Incoming;
+use crate::api::{grpc, json, proto};
+use crate::app::App;
+use crate::domain::{ProducerId, Schema};
+use crate::error::{Fault, Problem};
+use crate::serve::status::Failure;
+
+/// Counts one batch of transitions, once however often it is sent, and answers after it is on stable storage.
+///
+/// A transition that cannot be counted is rejected on its own, and the receipt says why. As `application/x-ndjson` the body is a transition a line,
+/// and producer, sequence and segment are query parameters.
+#[utoipa::path(
+    post,
+    path = "/v1/environments/{environment}/transitions",
+    tag = "transitions",
+    params(
+        ("environment" = String, Path, description = "The environment's name"),
+        ("producer" = Option<String>, Query, description = "Who sends; with `application/x-ndjson` only, and required there"),
+        ("sequence" = Option<u64>, Query, description = "The batch's number; with `application/x-ndjson` only, and required there"),
+        ("segment" = Option<String>, Query, description = "Where its transitions come from; with `application/x-ndjson` only"),
+    ),
+    request_body(content((json::Transitions = "application/json"), (json::Transition = "application/x-ndjson"))),
+    responses((status = 200, description = "The receipt", body = json::Receipt), Refusals)
+)]
+pub async fn write(
+    State(app): State<App>,
+    Path(name): Path<String>,
+    Query(query): Query,
+    document: Document,
+) -> Result<axum::Json<json::Receipt>, Failure> {
+    let environment = app.environments.find(&name)?;
+    let Incoming { producer, batch } = decode(&environment.schema, query, &document)?;
+    let sequence = batch.sequence;
+    let told = app.ingest.write(&environment, producer, batch).await?;
+    Ok(axum::Json(grpc::receipt(sequence, told).into()))
+}
+
+/// Returns the last committed sequence of a producer, so that it knows what to send next.
+#[utoipa::path(
+    get,
+    path = "/v1/environments/{environment}/producers/{producer}",
+    tag = "transitions",
+    params(
+        ("environment" = String, Path, description = "The environment's name"),
+        ("producer" = String, Path, description = "The producer's id"),
+    ),
+    responses((status = 200, description = "How far the producer is", body = json::Producer), Refusals)
+)]
+pub async fn get_producer(
+    State(app): State<App>,
+    Path((name, producer)): Path<(String, String)>,
+) -> Result<axum::Json<json::Producer>, Failure> {
+    let environment = app.environments.find(&name)?;
+    let committed = app.ingest.committed(&environment, &parse(&producer)?).await?;
+    let environment_uid = environment.uid.to_string();
+    Ok(axum::Json(proto::GetProducerResponse { committed_sequence: committed.get(), environment_uid }.into()))
+}
+
+fn decode(schema: &Schema, query: json::Parameters, document: &Document) -> Result<Incoming, Problem> {
+    match document.media {
+        Media::Json => query.finish(()).and_then(|()| json::batch_of_json(schema, &document.bytes)),
+        Media::Lines => json::batch_of_lines(schema, json::batch_of_query(query)?, &document.bytes),
+    }
+}
+
+fn parse(producer: &str) -> Result<ProducerId, Problem> {
+    producer.parse().map_err(|detail: String| Problem::invalid("producer", vec![Fault::new("/producer", detail)]))
+}
