@@ -61,7 +61,7 @@ impl Environments {
     /// Changes the parts of a rule that are given.
     pub async fn update_rule(&self, name: &str, rule: &RuleDraft) -> Result<Arc<Environment>, Problem> {
         let environment = self.find(name)?;
-        let rule = environment.rule.merged(rule).map_err(|faults| Problem::invalid("rule", faults))?;
+        let rule = environment.rule.merged(rule).map_err(|faults| Problem::invalid("rule", under_rule(faults)))?;
         Ok(self.store.set_rule(environment.id, rule).await?)
     }
 
@@ -99,9 +99,14 @@ fn checked(name: &str, schema: &SchemaDraft, rule: Option<&RuleDraft>) -> Result
     let name = name.parse::<Name>().map_err(|detail| faults.push(Fault::new("/name", detail)));
     let schema = Schema::try_from(schema).map_err(|found| faults.extend(found));
     let rule = rule.map(|rule| Rule::default().merged(rule)).transpose();
-    let rule = rule.map_err(|found| faults.extend(found.into_iter().map(|fault| fault.under("/rule"))));
+    let rule = rule.map_err(|found| faults.extend(under_rule(found)));
     match (name, schema, rule) {
         (Ok(name), Ok(schema), Ok(rule)) => Ok((name, schema, rule)),
         _ => Err(Problem::invalid("environment", faults)),
     }
+}
+
+/// A rule stands under `rule` in every request, so its faults lie there.
+fn under_rule(faults: Vec<Fault>) -> Vec<Fault> {
+    faults.into_iter().map(|fault| fault.under("/rule")).collect()
 }

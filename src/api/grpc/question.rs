@@ -46,9 +46,7 @@ pub fn batch_question(request: proto::BatchGetInfluenceRequest) -> Result<(Strin
             ));
         }
     };
-    // A batch of one is still a batch.
-    let view = view(request.view)?.or_else(|| Some("figures".into()));
-    Ok((environment, QuestionDraft { pair, states, estimators: request.estimators, view }))
+    Ok((environment, QuestionDraft { pair, states, estimators: request.estimators, view: view(request.view)? }))
 }
 
 /// Decodes a question for a page of states.

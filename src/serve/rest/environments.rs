@@ -9,8 +9,6 @@ use super::openapi::Refusals;
 use crate::api::{json, proto};
 use crate::app::App;
 use crate::domain;
-use crate::environments::Page;
-use crate::error::Problem;
 use crate::serve::status::Failure;
 
 /// Creates an environment, or confirms that it exists with this very description.
@@ -70,10 +68,8 @@ pub async fn list_environments(
     Query(query): Query,
 ) -> Result<axum::Json<json::EnvironmentPage>, Failure> {
     let (page_size, page_token) = json::page(query)?;
-    let Page { environments, next_page_token } = app.environments.list(page_size, page_token.as_deref())?;
-    let environments = environments.iter().map(|environment| (&**environment).into()).collect();
-    let next_page_token = next_page_token.unwrap_or_default();
-    Ok(axum::Json(proto::ListEnvironmentsResponse { environments, next_page_token }.into()))
+    let page: proto::ListEnvironmentsResponse = app.environments.list(page_size, page_token.as_deref())?.into();
+    Ok(axum::Json(page.into()))
 }
 
 /// Changes the parts of the rule that are given and keeps the rest.
@@ -90,7 +86,7 @@ pub async fn update_rule(
     Path(name): Path<String>,
     Json(change): Json<json::RuleChange>,
 ) -> Result<axum::Json<json::Environment>, Failure> {
-    let environment = app.environments.update_rule(&name, &change.rule.into()).await.map_err(under_rule)?;
+    let environment = app.environments.update_rule(&name, &change.rule.into()).await?;
     Ok(shown(&environment))
 }
 
@@ -109,10 +105,4 @@ pub async fn delete_environment(State(app): State<App>, Path(name): Path<String>
 
 fn shown(environment: &domain::Environment) -> axum::Json<json::Environment> {
     axum::Json(proto::Environment::from(environment).into())
-}
-
-/// The body holds the rule under `rule`, so its faults lie there.
-fn under_rule(problem: Problem) -> Problem {
-    let faults = problem.faults.into_iter().map(|fault| fault.under("/rule")).collect();
-    Problem { faults, ..problem }
 }

@@ -4,7 +4,7 @@ use axum::extract::State;
 
 use super::extract::{Json, Path, Query};
 use super::openapi::{PairParameters, Refusals, StateParameters};
-use crate::api::{json, proto};
+use crate::api::{fitting, json, proto};
 use crate::app::App;
 use crate::domain::Question;
 use crate::domain::draft::QuestionDraft;
@@ -51,6 +51,6 @@ pub async fn get_influence(State(app): State<App>, Path(name): Path<String>, Que
 async fn answer(app: &App, name: &str, draft: &QuestionDraft) -> Answered {
     let environment = app.environments.find(name)?;
     let question = Question::new(&environment, draft)?;
-    let answers = app.influence.answer(&environment, &question).await?;
-    Ok(axum::Json(proto::BatchGetInfluenceResponse::from(answers).into()))
+    let answers: proto::BatchGetInfluenceResponse = app.influence.answer(&environment, &question).await?.into();
+    Ok(axum::Json(fitting(answers, question.view)?.into()))
 }
