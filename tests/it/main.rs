@@ -1,0 +1,5 @@
+//! Tests of whole rooms and of the service as a whole: one binary, a module a subject.
+
+mod sqlite_store;
+mod store_contract;
+mod support;
