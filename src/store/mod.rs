@@ -12,8 +12,10 @@ use crate::domain::{
 };
 
 mod error;
+mod sqlite;
 
 pub use error::StoreError;
+pub use sqlite::{Options, SqliteStore};
 
 /// Keeps environments and counts each batch exactly once.
 ///

@@ -6,5 +6,7 @@ mod architecture;
 mod golden_tables;
 mod ingest;
 mod kill;
+mod sqlite_store;
+mod store_contract;
 mod support;
 mod uncertain_commit;

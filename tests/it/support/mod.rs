@@ -1,5 +1,8 @@
 //! What tests share: a service on port 0 with a temporary database, and a producer that speaks the protocol by hand.
 
+pub mod batches;
+pub mod databases;
+
 use std::net::SocketAddr;
 use std::path::Path;
 use std::sync::Arc;

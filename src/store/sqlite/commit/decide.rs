@@ -1,0 +1,89 @@
+//! The table of [`crate::store::Store`], row by row.
+
+use std::cmp::Ordering;
+
+use sqlx::Row;
+use sqlx::sqlite::SqliteConnection;
+
+use super::ledger::{Account, Ledgers};
+use super::quota;
+use crate::domain::{Acknowledged, Digest, Receipt, Sequence};
+use crate::store::sqlite::error::{aborted, spoiled};
+use crate::store::sqlite::text;
+use crate::store::sqlite::writer::Transaction;
+use crate::store::{Numbered, Outcome, Refusal, StoreError};
+
+/// How many of each producer's batches are kept, with digest and receipt.
+pub(super) const KEPT: u64 = 1_024;
+
+/// Decides one batch after those before it, and merges it where it is accepted.
+pub(super) async fn decide<'a>(
+    transaction: &mut Transaction<'_>,
+    ledgers: &mut Ledgers<'a>,
+    batch: &'a Numbered,
+) -> Result<Outcome, StoreError> {
+    let Some(ledger) = ledgers.of(batch.environment) else { return Ok(Outcome::Refused(Refusal::Gone)) };
+    if ledger.is_read_only {
+        return Ok(Outcome::Refused(Refusal::ReadOnly));
+    }
+    let account = ledger.accounts.get(batch.producer.as_str()).expect("a ledger has every producer of its commit");
+    let expected = account.last().next();
+    match batch.sequence.cmp(&expected) {
+        _ if batch.sequence == Sequence::NONE => Ok(Outcome::Refused(Refusal::OutOfOrder { expected })),
+        Ordering::Greater => Ok(Outcome::Refused(Refusal::OutOfOrder { expected })),
+        Ordering::Less => seen_before(transaction.connection(), account, batch).await,
+        Ordering::Equal => {
+            if let Some(refusal) = quota::refusal(transaction, ledger, batch).await? {
+                return Ok(Outcome::Refused(refusal));
+            }
+            ledger.accept(batch);
+            Ok(Outcome::Acknowledged(Acknowledged::Applied(batch.receipt.clone())))
+        }
+    }
+}
+
+/// Compares a batch with the one that used its number: earlier in this commit, or in the database.
+async fn seen_before(
+    connection: &mut SqliteConnection,
+    account: &Account<'_>,
+    batch: &Numbered,
+) -> Result<Outcome, StoreError> {
+    let back = account.last().get() - batch.sequence.get();
+    if back >= KEPT {
+        return Ok(Outcome::Acknowledged(Acknowledged::Unverified));
+    }
+    let in_this_commit = account.accepted.iter().rev().nth(back as usize);
+    if let Some(first) = in_this_commit {
+        return Ok(compare(batch, first.digest, || first.receipt.clone()));
+    }
+    let Some((producer, _)) = account.stored else { return Ok(Outcome::Acknowledged(Acknowledged::Unverified)) };
+    let (digest, receipt) = kept(connection, producer, batch.sequence).await?;
+    Ok(compare(batch, digest, || receipt))
+}
+
+fn compare(batch: &Numbered, first: Digest, receipt: impl FnOnce() -> Receipt) -> Outcome {
+    if batch.digest == first {
+        Outcome::Acknowledged(Acknowledged::Duplicate(receipt()))
+    } else {
+        Outcome::Refused(Refusal::Reused)
+    }
+}
+
+async fn kept(
+    connection: &mut SqliteConnection,
+    producer: i64,
+    sequence: Sequence,
+) -> Result<(Digest, Receipt), StoreError> {
+    let row = sqlx::query("select digest, receipt from batches where producer = ? and sequence = ?")
+        .bind(producer)
+        .bind(sequence.get() as i64)
+        .fetch_one(connection)
+        .await
+        .map_err(aborted)?;
+    let digest = row.try_get::<&[u8], _>(0).map_err(aborted)?.try_into();
+    let receipt = text::receipt(row.try_get(1).map_err(aborted)?);
+    match (digest, receipt) {
+        (Ok(digest), Some(receipt)) => Ok((Digest(digest), receipt)),
+        _ => Err(spoiled(&format!("receipt {sequence}"))),
+    }
+}

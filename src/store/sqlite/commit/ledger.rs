@@ -1,0 +1,180 @@
+//! What the database says of each environment and producer of a commit, and what is accepted on top of it.
+
+use std::collections::BTreeMap;
+
+use sqlx::Row;
+use sqlx::sqlite::SqliteConnection;
+
+use super::merge::Merged;
+use crate::domain::{EnvironmentId, Label, Sequence};
+use crate::store::sqlite::directory::Directory;
+use crate::store::sqlite::error::aborted;
+use crate::store::sqlite::{Map, text};
+use crate::store::{Numbered, Quotas, StoreError};
+
+/// The ledgers of a commit: one an environment that exists. In order of environment, so that the same commit always writes in the same order.
+pub(super) struct Ledgers<'a>(BTreeMap<EnvironmentId, Ledger<'a>>);
+
+/// One environment in a commit.
+pub(super) struct Ledger<'a> {
+    pub(super) environment: EnvironmentId,
+    pub(super) is_read_only: bool,
+    pub(super) quotas: Quotas,
+    /// Totals before this commit.
+    pub(super) transitions: u64,
+    pub(super) cells: u64,
+    /// The producers of this commit by name.
+    pub(super) accounts: Map<&'a str, Account<'a>>,
+    /// The segments of this commit that exist.
+    pub(super) segments: Map<&'a str, i64>,
+    /// What is accepted.
+    pub(super) merged: Merged<'a>,
+    /// How many cells of `merged` the database has not, once a quota was so near that they were looked up.
+    pub(super) fresh_cells: Option<u64>,
+}
+
+/// One producer in a commit.
+#[derive(Default)]
+pub(super) struct Account<'a> {
+    /// Its id and last sequence, where the database knows it.
+    pub(super) stored: Option<(i64, Sequence)>,
+    /// The batches accepted now, which follow each other.
+    pub(super) accepted: Vec<&'a Numbered>,
+}
+
+impl Account<'_> {
+    /// Returns the last sequence before this commit.
+    pub(super) fn before(&self) -> Sequence {
+        self.stored.map_or(Sequence::NONE, |(_, sequence)| sequence)
+    }
+
+    /// Returns the last sequence with what is accepted now.
+    pub(super) fn last(&self) -> Sequence {
+        self.accepted.last().map_or(self.before(), |batch| batch.sequence)
+    }
+}
+
+impl<'a> Ledgers<'a> {
+    /// Reads what the database says of every environment and producer of these batches.
+    pub(super) async fn read(
+        connection: &mut SqliteConnection,
+        directory: &Directory,
+        quotas: Quotas,
+        batches: &'a [Numbered],
+    ) -> Result<Self, StoreError> {
+        let mut ledgers = BTreeMap::new();
+        for (environment, parties) in parties(batches) {
+            let Some([transitions, cells]) = totals(connection, environment).await.map_err(aborted)? else { continue };
+            let ledger = Ledger {
+                environment,
+                is_read_only: directory.is_read_only(environment),
+                quotas,
+                transitions,
+                cells,
+                accounts: accounts(connection, environment, parties.producers).await.map_err(aborted)?,
+                segments: segments(connection, environment, &parties.labels).await.map_err(aborted)?,
+                merged: Merged::default(),
+                fresh_cells: None,
+            };
+            ledgers.insert(environment, ledger);
+        }
+        Ok(Self(ledgers))
+    }
+
+    /// Returns the ledger of an environment; `None` where it is gone.
+    pub(super) fn of(&mut self, environment: EnvironmentId) -> Option<&mut Ledger<'a>> {
+        self.0.get_mut(&environment)
+    }
+
+    /// Returns whether there is nothing to write.
+    pub(super) fn accepted_nothing(&self) -> bool {
+        self.0.values().all(Ledger::accepted_nothing)
+    }
+
+    /// Returns the ledgers with something to write.
+    pub(super) fn into_accepted(self) -> impl Iterator<Item = Ledger<'a>> {
+        self.0.into_values().filter(|ledger| !ledger.accepted_nothing())
+    }
+}
+
+impl Ledger<'_> {
+    fn accepted_nothing(&self) -> bool {
+        self.accounts.values().all(|account| account.accepted.is_empty())
+    }
+}
+
+/// Returns how a segment's label is stored: transitions without one have the empty label, which no label can be.
+pub(super) fn stored_label(label: Option<&Label>) -> &str {
+    label.map_or("", Label::as_str)
+}
+
+/// Who and what a commit names in one environment.
+#[derive(Default)]
+struct Parties<'a> {
+    producers: Map<&'a str, Account<'a>>,
+    labels: Map<&'a str, ()>,
+}
+
+fn parties(batches: &[Numbered]) -> BTreeMap<EnvironmentId, Parties<'_>> {
+    let mut all: BTreeMap<EnvironmentId, Parties<'_>> = BTreeMap::new();
+    for batch in batches {
+        let parties = all.entry(batch.environment).or_default();
+        parties.producers.entry(batch.producer.as_str()).or_default();
+        parties.labels.insert(stored_label(batch.increment.segment.as_ref()), ());
+    }
+    all
+}
+
+async fn totals(connection: &mut SqliteConnection, id: EnvironmentId) -> Result<Option<[u64; 2]>, sqlx::Error> {
+    let row = sqlx::query("select transitions, cells from totals where environment = ?")
+        .bind(id.0)
+        .fetch_optional(connection)
+        .await?;
+    let Some(row) = row else { return Ok(None) };
+    Ok(Some([row.try_get::<i64, _>(0)?.unsigned_abs(), row.try_get::<i64, _>(1)?.unsigned_abs()]))
+}
+
+async fn accounts<'a>(
+    connection: &mut SqliteConnection,
+    id: EnvironmentId,
+    mut accounts: Map<&'a str, Account<'a>>,
+) -> Result<Map<&'a str, Account<'a>>, sqlx::Error> {
+    let rows = sqlx::query(
+        "select producers.id, producers.name, producers.sequence
+         from json_each(?2) as wanted
+         cross join producers on producers.environment = ?1 and producers.name = wanted.value",
+    )
+    .bind(id.0)
+    .bind(text::of_list(accounts.keys()))
+    .fetch_all(connection)
+    .await?;
+    for row in rows {
+        if let Some(account) = accounts.get_mut(row.try_get::<&str, _>(1)?) {
+            account.stored = Some((row.try_get(0)?, Sequence::from_stored(row.try_get(2)?)));
+        }
+    }
+    Ok(accounts)
+}
+
+async fn segments<'a>(
+    connection: &mut SqliteConnection,
+    id: EnvironmentId,
+    labels: &Map<&'a str, ()>,
+) -> Result<Map<&'a str, i64>, sqlx::Error> {
+    let rows = sqlx::query(
+        "select segments.id, segments.label
+         from json_each(?2) as wanted
+         cross join segments on segments.environment = ?1 and segments.label = wanted.value",
+    )
+    .bind(id.0)
+    .bind(text::of_list(labels.keys()))
+    .fetch_all(connection)
+    .await?;
+    let mut found = Map::default();
+    for row in rows {
+        if let Some((label, ())) = labels.get_key_value(row.try_get::<&str, _>(1)?) {
+            found.insert(*label, row.try_get(0)?);
+        }
+    }
+    Ok(found)
+}

@@ -1,0 +1,73 @@
+//! Finding states and cells that exist.
+
+use std::sync::LazyLock;
+
+use sqlx::Row;
+use sqlx::sqlite::SqliteConnection;
+
+use crate::domain::{EnvironmentId, StateKey};
+use crate::store::sqlite::ids::StateIds;
+use crate::store::sqlite::rows::ManyRows;
+use crate::store::sqlite::text;
+
+/// A cell as the database names it: state, segment and joint action.
+pub(super) type CellKey = (i64, i64, i64);
+
+/// States a statement; their keys are one text.
+const KEYS: usize = 1_000;
+
+/// Returns the id of each state that exists. Hot states come from memory.
+pub(super) async fn states(
+    connection: &mut SqliteConnection,
+    ids: &mut StateIds,
+    environment: EnvironmentId,
+    keys: &[&StateKey],
+) -> Result<Vec<Option<i64>>, sqlx::Error> {
+    let mut found: Vec<Option<i64>> = keys.iter().map(|key| ids.get(environment, key)).collect();
+    let missing: Vec<usize> = (0..keys.len()).filter(|at| found[*at].is_none()).collect();
+    for chunk in missing.chunks(KEYS) {
+        for (at, id) in select_states(connection, environment, chunk.iter().map(|at| keys[*at])).await? {
+            let at = chunk[at];
+            found[at] = Some(id);
+            ids.insert(environment, keys[at].clone(), id);
+        }
+    }
+    Ok(found)
+}
+
+async fn select_states(
+    connection: &mut SqliteConnection,
+    environment: EnvironmentId,
+    keys: impl Iterator<Item = &StateKey>,
+) -> Result<Vec<(usize, i64)>, sqlx::Error> {
+    let rows = sqlx::query(
+        "select wanted.key, states.id from json_each(?2) as wanted
+         cross join states on states.environment = ?1 and states.key = wanted.value",
+    )
+    .bind(environment.0)
+    .bind(text::of_list(keys))
+    .fetch_all(connection)
+    .await?;
+    rows.iter().map(|row| Ok((row.try_get::<i64, _>(0)? as usize, row.try_get(1)?))).collect()
+}
+
+/// Returns how many of these cells exist. Each is given once, best in order.
+pub(super) async fn count_cells(connection: &mut SqliteConnection, cells: &[CellKey]) -> Result<u64, sqlx::Error> {
+    static COUNT: LazyLock<ManyRows> = LazyLock::new(|| {
+        ManyRows::new(
+            "select count(*) from (values",
+            "(?, ?, ?)",
+            ") as wanted cross join cells
+             on cells.state = wanted.column1 and cells.segment = wanted.column2 and cells.joint = wanted.column3",
+        )
+    });
+    let mut present = 0;
+    for (text, chunk) in COUNT.chunks(cells) {
+        let bind = |query: sqlx::query::QueryScalar<'static, _, i64, _>, cell: &CellKey| {
+            query.bind(cell.0).bind(cell.1).bind(cell.2)
+        };
+        let count = chunk.iter().fold(sqlx::query_scalar(text), bind).fetch_one(&mut *connection).await?;
+        present += count.unsigned_abs();
+    }
+    Ok(present)
+}

@@ -1,0 +1,38 @@
+//! Counting batches exactly once: decide each by the table of [`crate::store::Store`], merge what is accepted, write it, commit.
+//!
+//! `ledger` is what the database says before, and what is accepted on top of it; `decide` is the table; `quota` its last row; `merge` adds equal cells
+//! together; `write` puts it all into the database.
+
+use self::ledger::Ledgers;
+use super::directory::Directory;
+use super::writer::Writer;
+use crate::store::{Numbered, Outcome, Quotas, StoreError};
+
+mod decide;
+mod ledger;
+mod lookup;
+mod merge;
+mod quota;
+mod write;
+
+/// Commits batches in their order, in one transaction, and returns an outcome each.
+pub(super) async fn commit(
+    writer: &Writer,
+    directory: &Directory,
+    quotas: Quotas,
+    batches: &[Numbered],
+) -> Result<Vec<Outcome>, StoreError> {
+    let mut transaction = writer.begin().await?;
+    let mut ledgers = Ledgers::read(transaction.connection(), directory, quotas, batches).await?;
+    let mut outcomes = Vec::with_capacity(batches.len());
+    for batch in batches {
+        outcomes.push(decide::decide(&mut transaction, &mut ledgers, batch).await?);
+    }
+    if ledgers.accepted_nothing() {
+        transaction.end().await?;
+        return Ok(outcomes);
+    }
+    let deltas = write::write(&mut transaction, ledgers).await?;
+    transaction.commit(|memory, _| deltas.iter().for_each(|delta| delta.apply_to(&memory.cache))).await?;
+    Ok(outcomes)
+}

@@ -1,0 +1,275 @@
+//! Writing what was accepted: segments and states that are new, cells, totals, and the numbers that were used.
+
+use std::sync::LazyLock;
+
+use sqlx::sqlite::SqliteConnection;
+
+use super::decide::KEPT;
+use super::ledger::{Account, Ledger, Ledgers};
+use super::lookup::{self, CellKey};
+use crate::domain::{Cell, EnvironmentId, SegmentId, StateKey, Tally};
+use crate::store::sqlite::cache::CountsCache;
+use crate::store::sqlite::error::aborted;
+use crate::store::sqlite::ids::StateIds;
+use crate::store::sqlite::rows::ManyRows;
+use crate::store::sqlite::text;
+use crate::store::sqlite::writer::Transaction;
+use crate::store::{Numbered, StoreError};
+
+/// What a commit adds to one environment, for the cache.
+pub(super) struct Delta<'a> {
+    environment: EnvironmentId,
+    revision: u64,
+    states: Vec<&'a StateKey>,
+    /// In order of state.
+    rows: Vec<CellRow>,
+}
+
+/// A cell as it is written.
+struct CellRow {
+    key: CellKey,
+    tally: Tally,
+    /// Its state's number in the commit.
+    state: u32,
+}
+
+impl Delta<'_> {
+    /// Brings the cache up to date.
+    pub(super) fn apply_to(&self, cache: &CountsCache) {
+        let states = self.rows.chunk_by(|a, b| a.state == b.state);
+        let delta = states.map(|rows| (self.states[rows[0].state as usize], rows.iter().map(CellRow::cell)));
+        cache.apply(self.environment, self.revision, delta);
+    }
+}
+
+impl CellRow {
+    fn cell(&self) -> Cell {
+        Cell { joint: self.key.2 as u64, segment: SegmentId(self.key.1), tally: self.tally }
+    }
+}
+
+/// Writes everything, and returns what the cache has to be told after COMMIT.
+pub(super) async fn write<'a>(
+    transaction: &mut Transaction<'_>,
+    ledgers: Ledgers<'a>,
+) -> Result<Vec<Delta<'a>>, StoreError> {
+    let (connection, ids) = transaction.parts();
+    let mut deltas = Vec::new();
+    for mut ledger in ledgers.into_accepted() {
+        for (name, account) in ledger.accounts.iter().filter(|(_, account)| !account.accepted.is_empty()) {
+            write_account(connection, ledger.environment, name, account).await?;
+        }
+        if ledger.merged.len() > 0 {
+            deltas.push(write_counts(connection, ids, &mut ledger).await.map_err(aborted)?);
+        }
+    }
+    Ok(deltas)
+}
+
+async fn write_counts<'a>(
+    connection: &mut SqliteConnection,
+    ids: &mut StateIds,
+    ledger: &mut Ledger<'a>,
+) -> Result<Delta<'a>, sqlx::Error> {
+    let environment = ledger.environment;
+    let segments = segments(connection, ledger).await?;
+    let states = states(connection, ids, environment, ledger.merged.states()).await?;
+    let rows = cell_rows(ledger, &segments, &states.ids);
+    let fresh = count_fresh(connection, &rows, states.first_new).await?;
+    upsert_cells(connection, &rows).await?;
+    add_totals(connection, environment, [ledger.merged.transitions(), states.new, fresh]).await?;
+    let revision = ledger.transitions + ledger.merged.transitions();
+    Ok(Delta { environment, revision, states: ledger.merged.states().to_vec(), rows })
+}
+
+/// Returns the ids of the segments of the commit, which are made where they are new.
+async fn segments(connection: &mut SqliteConnection, ledger: &Ledger<'_>) -> Result<Vec<i64>, sqlx::Error> {
+    let mut ids = Vec::new();
+    for label in ledger.merged.segments() {
+        ids.push(match ledger.segments.get(label) {
+            Some(id) => *id,
+            None => insert_segment(connection, ledger.environment, label).await?,
+        });
+    }
+    Ok(ids)
+}
+
+async fn insert_segment(
+    connection: &mut SqliteConnection,
+    environment: EnvironmentId,
+    label: &str,
+) -> Result<i64, sqlx::Error> {
+    let text = "insert into segments (environment, label) values (?, ?)";
+    let done = sqlx::query(text).bind(environment.0).bind(label.to_owned()).execute(connection).await?;
+    Ok(done.last_insert_rowid())
+}
+
+/// The states of a commit: every id from `first_new` on was given now.
+struct States {
+    ids: Vec<i64>,
+    first_new: i64,
+    new: u64,
+}
+
+/// Returns the ids of states, which are made where they are new. The only writer gives out ids itself, so it needs no answer from the database.
+async fn states(
+    connection: &mut SqliteConnection,
+    known: &mut StateIds,
+    environment: EnvironmentId,
+    keys: &[&StateKey],
+) -> Result<States, sqlx::Error> {
+    let found = lookup::states(connection, known, environment, keys).await?;
+    let text = "select coalesce(max(id), 0) + 1 from states";
+    let first_new: i64 = sqlx::query_scalar(text).fetch_one(&mut *connection).await?;
+    let mut new: Vec<usize> = (0..keys.len()).filter(|at| found[*at].is_none()).collect();
+    new.sort_unstable_by_key(|at| keys[*at]);
+    let mut ids: Vec<i64> = found.into_iter().map(|id| id.unwrap_or_default()).collect();
+    for (id, at) in (first_new..).zip(&new) {
+        ids[*at] = id;
+        known.insert(environment, keys[*at].clone(), id);
+    }
+    let rows: Vec<(i64, &StateKey)> = new.iter().map(|at| (ids[*at], keys[*at])).collect();
+    insert_states(connection, environment, &rows).await?;
+    Ok(States { ids, first_new, new: new.len() as u64 })
+}
+
+async fn insert_states(
+    connection: &mut SqliteConnection,
+    environment: EnvironmentId,
+    rows: &[(i64, &StateKey)],
+) -> Result<(), sqlx::Error> {
+    static INSERT: LazyLock<ManyRows> =
+        LazyLock::new(|| ManyRows::new("insert into states (id, environment, key) values", "(?, ?, ?)", ""));
+    for (text, chunk) in INSERT.chunks(rows) {
+        let mut query = sqlx::query(text);
+        for (id, key) in chunk {
+            query = query.bind(*id).bind(environment.0).bind(key.to_string());
+        }
+        query.execute(&mut *connection).await?;
+    }
+    Ok(())
+}
+
+/// Returns the cells of a commit in the order of the table, so that neighbours are written together.
+fn cell_rows(ledger: &mut Ledger<'_>, segments: &[i64], states: &[i64]) -> Vec<CellRow> {
+    let row = |((state, segment, joint), tally)| CellRow {
+        key: (states[state as usize], segments[segment as usize], signed(joint)),
+        tally,
+        state,
+    };
+    let mut rows: Vec<CellRow> = ledger.merged.take_cells().map(row).collect();
+    rows.sort_unstable_by_key(|row| row.key);
+    rows
+}
+
+/// Returns how many cells will be new: all of a new state, and those of older states that are not found.
+async fn count_fresh(
+    connection: &mut SqliteConnection,
+    rows: &[CellRow],
+    first_new_state: i64,
+) -> Result<u64, sqlx::Error> {
+    let of_older = rows.partition_point(|row| row.key.0 < first_new_state);
+    let candidates: Vec<CellKey> = rows[..of_older].iter().map(|row| row.key).collect();
+    Ok(rows.len() as u64 - lookup::count_cells(connection, &candidates).await?)
+}
+
+async fn upsert_cells(connection: &mut SqliteConnection, rows: &[CellRow]) -> Result<(), sqlx::Error> {
+    static UPSERT: LazyLock<ManyRows> = LazyLock::new(|| {
+        ManyRows::new(
+            "insert into cells (state, segment, joint, n, entries) values",
+            "(?, ?, ?, ?, ?)",
+            "on conflict do update set n = n + excluded.n, entries = entries + excluded.entries",
+        )
+    });
+    for (text, chunk) in UPSERT.chunks(rows) {
+        let mut query = sqlx::query(text);
+        for CellRow { key: (state, segment, joint), tally, .. } in chunk {
+            query = query.bind(*state).bind(*segment).bind(*joint);
+            query = query.bind(signed(tally.n)).bind(tally.entries.map(signed));
+        }
+        query.execute(&mut *connection).await?;
+    }
+    Ok(())
+}
+
+async fn add_totals(
+    connection: &mut SqliteConnection,
+    environment: EnvironmentId,
+    added: [u64; 3],
+) -> Result<(), sqlx::Error> {
+    let [transitions, states, cells] = added.map(signed);
+    sqlx::query(
+        "update totals set transitions = transitions + ?, states = states + ?, cells = cells + ? where environment = ?",
+    )
+    .bind(transitions)
+    .bind(states)
+    .bind(cells)
+    .bind(environment.0)
+    .execute(connection)
+    .await?;
+    Ok(())
+}
+
+/// Advances a producer over its batches, and keeps what is needed to answer duplicates.
+async fn write_account(
+    connection: &mut SqliteConnection,
+    environment: EnvironmentId,
+    producer: &str,
+    account: &Account<'_>,
+) -> Result<(), StoreError> {
+    let id = match account.stored {
+        Some((id, _)) => id,
+        None => insert_producer(connection, environment, producer).await.map_err(aborted)?,
+    };
+    let (before, last) = (signed(account.before().get()), signed(account.last().get()));
+    let text = "update producers set sequence = ? where id = ? and sequence = ?";
+    let done = sqlx::query(text).bind(last).bind(id).bind(before).execute(&mut *connection).await.map_err(aborted)?;
+    if done.rows_affected() != 1 {
+        return Err(aborted(format!("the sequence of producer `{producer}` is no longer {before}")));
+    }
+    insert_batches(connection, id, &account.accepted).await.map_err(aborted)?;
+    prune_batches(connection, id, last).await.map_err(aborted)
+}
+
+async fn insert_producer(
+    connection: &mut SqliteConnection,
+    environment: EnvironmentId,
+    producer: &str,
+) -> Result<i64, sqlx::Error> {
+    let text = "insert into producers (environment, name, sequence) values (?, ?, 0)";
+    let done = sqlx::query(text).bind(environment.0).bind(producer.to_owned()).execute(connection).await?;
+    Ok(done.last_insert_rowid())
+}
+
+async fn insert_batches(
+    connection: &mut SqliteConnection,
+    producer: i64,
+    batches: &[&Numbered],
+) -> Result<(), sqlx::Error> {
+    static INSERT: LazyLock<ManyRows> = LazyLock::new(|| {
+        ManyRows::new("insert into batches (producer, sequence, digest, receipt) values", "(?, ?, ?, ?)", "")
+    });
+    for (sql, chunk) in INSERT.chunks(batches) {
+        let mut query = sqlx::query(sql);
+        for batch in chunk {
+            query = query.bind(producer).bind(signed(batch.sequence.get()));
+            query = query.bind(batch.digest.0.to_vec()).bind(text::of_receipt(&batch.receipt));
+        }
+        query.execute(&mut *connection).await?;
+    }
+    Ok(())
+}
+
+async fn prune_batches(connection: &mut SqliteConnection, producer: i64, last: i64) -> Result<(), sqlx::Error> {
+    let oldest_kept = last - signed(KEPT);
+    if oldest_kept > 0 {
+        let text = "delete from batches where producer = ? and sequence <= ?";
+        sqlx::query(text).bind(producer).bind(oldest_kept).execute(connection).await?;
+    }
+    Ok(())
+}
+
+/// Returns a number as the database holds it.
+fn signed(number: u64) -> i64 {
+    i64::try_from(number).expect("a batch that would pass 2^63 - 1 was refused")
+}

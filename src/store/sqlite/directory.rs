@@ -1,0 +1,64 @@
+//! The environments, in memory. It is changed after the database has been, and read by everything.
+
+use std::collections::{BTreeMap, HashSet};
+use std::sync::{Arc, PoisonError, RwLock};
+
+use crate::domain::{Environment, EnvironmentId, Name};
+
+/// Every environment by its name, and which of them take no more batches.
+#[derive(Default)]
+pub(super) struct Directory {
+    environments: RwLock<BTreeMap<Name, Arc<Environment>>>,
+    read_only: RwLock<HashSet<EnvironmentId>>,
+}
+
+impl Directory {
+    /// Returns every environment, in order of name.
+    pub(super) fn all(&self) -> Vec<Arc<Environment>> {
+        self.read(|environments| environments.values().cloned().collect())
+    }
+
+    /// Returns the environment of that name.
+    pub(super) fn named(&self, name: &str) -> Option<Arc<Environment>> {
+        self.read(|environments| environments.get(name).cloned())
+    }
+
+    /// Returns the environment of that id.
+    pub(super) fn of_id(&self, id: EnvironmentId) -> Option<Arc<Environment>> {
+        self.read(|environments| environments.values().find(|environment| environment.id == id).cloned())
+    }
+
+    /// Adds an environment, or replaces it.
+    pub(super) fn put(&self, environment: Arc<Environment>) {
+        self.write(|environments| environments.insert(environment.name.clone(), environment));
+    }
+
+    /// Removes an environment.
+    pub(super) fn remove(&self, id: EnvironmentId) {
+        self.write(|environments| environments.retain(|_, environment| environment.id != id));
+    }
+
+    /// Replaces all environments by what the database holds.
+    pub(super) fn replace(&self, all: Vec<Environment>) {
+        let all = all.into_iter().map(|environment| (environment.name.clone(), Arc::new(environment))).collect();
+        self.write(|environments| *environments = all);
+    }
+
+    /// Lets an environment take no more batches, until the process ends. Returns whether it took some before.
+    pub(super) fn make_read_only(&self, id: EnvironmentId) -> bool {
+        self.read_only.write().unwrap_or_else(PoisonError::into_inner).insert(id)
+    }
+
+    /// Returns whether an environment takes no more batches.
+    pub(super) fn is_read_only(&self, id: EnvironmentId) -> bool {
+        self.read_only.read().unwrap_or_else(PoisonError::into_inner).contains(&id)
+    }
+
+    fn read<R>(&self, look: impl FnOnce(&BTreeMap<Name, Arc<Environment>>) -> R) -> R {
+        look(&self.environments.read().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    fn write<R>(&self, change: impl FnOnce(&mut BTreeMap<Name, Arc<Environment>>) -> R) -> R {
+        change(&mut self.environments.write().unwrap_or_else(PoisonError::into_inner))
+    }
+}

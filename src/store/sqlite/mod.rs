@@ -1,0 +1,135 @@
+//! The store in one SQLite file: one connection that writes, a few that read, and what is remembered of it in memory.
+//!
+//! `open` makes it, `writer` owns the connection that writes, `commit` decides and counts, `read` and `audit` look, `environments` keeps the worlds,
+//! `cache`, `directory` and `ids` remember, `text` says how things are written, `error` what its errors mean.
+
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use async_trait::async_trait;
+use sqlx::SqlitePool;
+
+use self::cache::CountsCache;
+use self::directory::Directory;
+use self::writer::{Memory, Writer};
+use super::{Audit, Cursor, Numbered, Outcome, Quotas, Scanned, StateCounts, Store, StoreError, Totals};
+use crate::domain::{Environment, EnvironmentId, Label, Name, ProducerId, Rule, Schema, SegmentId, Sequence, StateKey};
+
+mod audit;
+mod cache;
+mod commit;
+mod directory;
+mod environments;
+mod error;
+mod ids;
+mod open;
+mod read;
+mod rows;
+mod text;
+mod writer;
+
+/// A map of keys that came from outside: fast, and seeded so that nobody can choose them to collide.
+type Map<K, V> = foldhash::HashMap<K, V>;
+
+/// How a store is opened.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// The most an environment may hold.
+    pub quotas: Quotas,
+    /// The size of the cache of counts, in cells of 40 bytes; a state weighs six cells more.
+    pub cache_cells: usize,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { quotas: Quotas::default(), cache_cells: 400_000 }
+    }
+}
+
+/// A [`Store`] in one file.
+pub struct SqliteStore {
+    path: PathBuf,
+    quotas: Quotas,
+    memory: Arc<Memory>,
+    writer: Writer,
+    readers: SqlitePool,
+    /// Held as long as the store lives. Last, so that it is let go after the connections.
+    lock: Mutex<Option<std::fs::File>>,
+}
+
+impl SqliteStore {
+    /// Opens the database of that file, or makes it with its directories. Nobody else can open it while the store lives.
+    pub async fn open(path: &Path, options: Options) -> Result<Self, StoreError> {
+        open::open(path, options).await
+    }
+}
+
+#[async_trait]
+impl Store for SqliteStore {
+    fn environments(&self) -> Vec<Arc<Environment>> {
+        self.memory.directory.all()
+    }
+
+    fn environment(&self, name: &str) -> Option<Arc<Environment>> {
+        self.memory.directory.named(name)
+    }
+
+    async fn create(&self, name: &Name, schema: &Schema, rule: Rule) -> Result<Arc<Environment>, StoreError> {
+        environments::create(&self.writer, name, schema, rule).await
+    }
+
+    async fn set_rule(&self, id: EnvironmentId, rule: Rule) -> Result<Arc<Environment>, StoreError> {
+        environments::set_rule(&self.writer, &self.memory.directory, id, rule).await
+    }
+
+    async fn delete(&self, id: EnvironmentId) -> Result<(), StoreError> {
+        environments::delete(&self.writer, id).await
+    }
+
+    async fn watermark(&self, id: EnvironmentId, producer: &ProducerId) -> Result<Sequence, StoreError> {
+        let mut transaction = self.writer.begin().await?;
+        let watermark = read::watermark(transaction.connection(), id, producer).await?;
+        transaction.end().await?;
+        watermark.ok_or(StoreError::UnknownEnvironment)
+    }
+
+    async fn commit(&self, batches: &[Numbered]) -> Result<Vec<Outcome>, StoreError> {
+        commit::commit(&self.writer, &self.memory.directory, self.quotas, batches).await
+    }
+
+    async fn counts(&self, id: EnvironmentId, keys: &[StateKey]) -> Result<Vec<StateCounts>, StoreError> {
+        read::counts(&self.readers, &self.memory.cache, id, keys).await
+    }
+
+    async fn scan(&self, id: EnvironmentId, after: Cursor, states: u32) -> Result<Vec<Scanned>, StoreError> {
+        read::scan(&self.readers, id, after, states).await
+    }
+
+    async fn segments(&self, id: EnvironmentId) -> Result<Vec<(SegmentId, Option<Label>)>, StoreError> {
+        read::segments(&self.readers, id).await
+    }
+
+    async fn totals(&self, id: EnvironmentId) -> Result<Totals, StoreError> {
+        read::totals(&self.readers, id).await
+    }
+
+    async fn audit(&self) -> Result<Vec<Audit>, StoreError> {
+        audit::audit(&self.readers, &self.memory.directory).await
+    }
+
+    async fn ready(&self) -> Result<(), StoreError> {
+        self.writer.ready().await
+    }
+
+    async fn bytes(&self) -> Result<u64, StoreError> {
+        read::bytes(&self.path).await
+    }
+
+    async fn close(&self) {
+        self.readers.close().await;
+        if let Err(error) = self.writer.close().await {
+            tracing::warn!(%error, "the journal was not moved into the database; the next start does it");
+        }
+        *self.lock.lock().unwrap_or_else(PoisonError::into_inner) = None;
+    }
+}

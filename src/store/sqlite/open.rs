@@ -1,0 +1,112 @@
+//! Opening a database: its directory, its lock, its tables, its connections.
+
+use std::ffi::OsString;
+use std::fs::{File, TryLockError};
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use sqlx::migrate::Migrator;
+use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
+use sqlx::{ConnectOptions, Connection, SqlitePool};
+
+use super::error::{migrating, opening, unopenable};
+use super::{CountsCache, Directory, Memory, Options, SqliteStore, Writer};
+use crate::store::StoreError;
+
+static MIGRATIONS: Migrator = sqlx::migrate!();
+
+const READERS: u32 = 3;
+
+/// Kibibytes of pages that the writer keeps. More is faster only while many cells are new.
+const WRITER_CACHE_KIB: u32 = 24 * 1024;
+const READER_CACHE_KIB: u32 = 4 * 1024;
+
+/// Journal pages after which a commit moves them into the database: 16 MiB.
+const CHECKPOINT_PAGES: u32 = 4_096;
+/// What is left of the journal file after a large commit.
+const JOURNAL_BYTES: u32 = 64 << 20;
+
+pub(super) async fn open(path: &Path, options: Options) -> Result<SqliteStore, StoreError> {
+    if let Some(directory) = path.parent() {
+        std::fs::create_dir_all(directory)
+            .map_err(|error| unopenable(path, format!("cannot make its directory: {error}")))?;
+    }
+    let lock = lock(path)?;
+    let writing = writing(path);
+    migrate(path, &writing).await?;
+    let memory = Arc::new(Memory { directory: Directory::default(), cache: CountsCache::new(options.cache_cells) });
+    let writer = Writer::new(writing, Arc::clone(&memory));
+    writer.begin().await?.end().await?;
+    let readers = readers(path).await.map_err(|error| opening(path, &error))?;
+    let lock = Mutex::new(Some(lock));
+    Ok(SqliteStore { path: path.to_owned(), quotas: options.quotas, memory, writer, readers, lock })
+}
+
+/// Takes the lock that says "a nudge serves this". The kernel lets go of it when the process ends, however it ends. It is a file of its own, because
+/// the database's own locks are let go between transactions.
+fn lock(path: &Path) -> Result<File, StoreError> {
+    let beside = lock_path(path);
+    let open = File::options().create(true).truncate(false).write(true).open(&beside);
+    let file =
+        open.map_err(|error| unopenable(&beside, format!("{error}; give this user the right to write there")))?;
+    match file.try_lock() {
+        Ok(()) => Ok(file),
+        Err(TryLockError::WouldBlock) => Err(StoreError::InUse(path.display().to_string())),
+        Err(TryLockError::Error(error)) => Err(unopenable(&beside, format!("cannot lock it: {error}"))),
+    }
+}
+
+fn lock_path(path: &Path) -> PathBuf {
+    let mut name = OsString::from(path);
+    name.push(".lock");
+    name.into()
+}
+
+async fn migrate(path: &Path, options: &SqliteConnectOptions) -> Result<(), StoreError> {
+    let mut connection = options.connect().await.map_err(|error| opening(path, &error))?;
+    if !is_ours(&mut connection).await.map_err(|error| opening(path, &error))? {
+        return Err(unopenable(path, "it is another program's database; choose another --data directory"));
+    }
+    // `run` would do the same, but its future cannot be sent to another thread.
+    MIGRATIONS.run_direct(None, &mut connection, false).await.map_err(|error| migrating(path, &error))?;
+    connection.close().await.map_err(|error| opening(path, &error))
+}
+
+/// Returns whether the database is empty or has our tables.
+async fn is_ours(connection: &mut SqliteConnection) -> Result<bool, sqlx::Error> {
+    let text = "select count(*) = 0 or coalesce(sum(name = '_sqlx_migrations'), 0) from sqlite_schema";
+    sqlx::query_scalar(text).fetch_one(connection).await
+}
+
+fn connecting(path: &Path, cache_kib: u32) -> SqliteConnectOptions {
+    SqliteConnectOptions::new()
+        .filename(path)
+        .busy_timeout(Duration::from_secs(5))
+        .pragma("cache_size", format!("-{cache_kib}"))
+        .pragma("temp_store", "memory")
+        .thread_name(|number| format!("nudge-sqlite-{number}"))
+        .disable_statement_logging()
+}
+
+/// `synchronous = full` makes a commit wait for the disk; `normal` would lose acknowledged batches in a power cut.
+fn writing(path: &Path) -> SqliteConnectOptions {
+    connecting(path, WRITER_CACHE_KIB)
+        .create_if_missing(true)
+        .journal_mode(SqliteJournalMode::Wal)
+        .synchronous(SqliteSynchronous::Full)
+        .foreign_keys(true)
+        .pragma("wal_autocheckpoint", CHECKPOINT_PAGES.to_string())
+        .pragma("journal_size_limit", JOURNAL_BYTES.to_string())
+}
+
+async fn readers(path: &Path) -> Result<SqlitePool, sqlx::Error> {
+    SqlitePoolOptions::new()
+        .min_connections(1)
+        .max_connections(READERS)
+        .test_before_acquire(false)
+        .idle_timeout(None)
+        .max_lifetime(None)
+        .connect_with(connecting(path, READER_CACHE_KIB).read_only(true).row_buffer_size(1_024))
+        .await
+}

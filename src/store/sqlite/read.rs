@@ -1,0 +1,192 @@
+//! Reads. Each is one statement, so it sees one moment, and ends before it returns, so it does not hold up the journal.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use sqlx::sqlite::{SqliteConnection, SqliteRow};
+use sqlx::{Row, SqlitePool};
+
+use super::cache::{CountsCache, Epoch};
+use super::error::{spoiled, unreadable};
+use super::text;
+use crate::domain::{Cell, Counts, EnvironmentId, Label, ProducerId, SegmentId, Sequence, StateKey, Tally};
+use crate::store::{Cursor, Scanned, StateCounts, StoreError, Totals};
+
+/// Returns the counts of states: what is cached from memory, the rest by one statement.
+pub(super) async fn counts(
+    readers: &SqlitePool,
+    cache: &CountsCache,
+    id: EnvironmentId,
+    keys: &[StateKey],
+) -> Result<Vec<StateCounts>, StoreError> {
+    let (mut found, epoch) = cache.get(id, keys);
+    let missing: Vec<usize> = (0..keys.len()).filter(|at| found[*at].is_none()).collect();
+    if !missing.is_empty() {
+        let wanted: Vec<&StateKey> = missing.iter().map(|at| &keys[*at]).collect();
+        let loaded = load(readers, id, &wanted).await?;
+        remember(cache, id, epoch, &wanted, &loaded);
+        missing.into_iter().zip(loaded).for_each(|(at, counts)| found[at] = Some(counts));
+    }
+    Ok(found.into_iter().flatten().collect())
+}
+
+fn remember(cache: &CountsCache, id: EnvironmentId, epoch: Epoch, keys: &[&StateKey], loaded: &[StateCounts]) {
+    let Some(first) = loaded.first() else { return };
+    let states = keys.iter().zip(loaded).map(|(key, state)| (StateKey::clone(key), Arc::clone(&state.counts)));
+    cache.insert(id, epoch, first.revision, states);
+}
+
+/// Loads states with the environment's revision, from one snapshot. A row without a segment is a state without cells.
+async fn load(readers: &SqlitePool, id: EnvironmentId, keys: &[&StateKey]) -> Result<Vec<StateCounts>, StoreError> {
+    let rows = sqlx::query(
+        "select wanted.key, totals.transitions, cells.segment, cells.joint, cells.n, cells.entries
+         from totals cross join json_each(?2) as wanted
+         left join states on states.environment = ?1 and states.key = wanted.value
+         left join cells on cells.state = states.id
+         where totals.environment = ?1",
+    )
+    .bind(id.0)
+    .bind(text::of_list(keys))
+    .fetch_all(readers)
+    .await
+    .map_err(unreadable)?;
+    let first = rows.first().ok_or(StoreError::UnknownEnvironment)?;
+    let revision = whole(first, 1).map_err(unreadable)?;
+    let mut cells = vec![Vec::new(); keys.len()];
+    for row in &rows {
+        if let Some((at, cell)) = loaded_cell(row).map_err(unreadable)? {
+            cells[at].push(cell);
+        }
+    }
+    Ok(cells.into_iter().map(|cells| StateCounts { counts: Arc::new(Counts::new(cells)), revision }).collect())
+}
+
+fn loaded_cell(row: &SqliteRow) -> Result<Option<(usize, Cell)>, sqlx::Error> {
+    if row.try_get::<Option<i64>, _>(2)?.is_none() {
+        return Ok(None);
+    }
+    Ok(Some((row.try_get::<i64, _>(0)? as usize, cell(row, 2)?)))
+}
+
+/// Returns the next states after a cursor, in order of their ids.
+pub(super) async fn scan(
+    readers: &SqlitePool,
+    id: EnvironmentId,
+    after: Cursor,
+    states: u32,
+) -> Result<Vec<Scanned>, StoreError> {
+    // `not indexed` walks the states by id; the index would have to be sorted for every page.
+    let rows = sqlx::query(
+        "select page.id, page.key, cells.segment, cells.joint, cells.n, cells.entries
+         from (select id, key from states not indexed where environment = ? and id > ? order by id limit ?) as page
+         cross join cells on cells.state = page.id
+         order by page.id",
+    )
+    .bind(id.0)
+    .bind(after.0)
+    .bind(states)
+    .fetch_all(readers)
+    .await
+    .map_err(unreadable)?;
+    let same = |a: &SqliteRow, b: &SqliteRow| matches!((whole(a, 0), whole(b, 0)), (Ok(a), Ok(b)) if a == b);
+    rows.chunk_by(same).map(scanned).collect()
+}
+
+fn scanned(rows: &[SqliteRow]) -> Result<Scanned, StoreError> {
+    let key: &str = rows[0].try_get(1).map_err(unreadable)?;
+    let cells = rows.iter().map(|row| cell(row, 2)).collect::<Result<_, _>>().map_err(unreadable)?;
+    Ok(Scanned {
+        cursor: Cursor(rows[0].try_get(0).map_err(unreadable)?),
+        key: StateKey::from_stored(key).ok_or_else(|| spoiled(&format!("state {key:?}")))?,
+        counts: Counts::new(cells),
+    })
+}
+
+/// Returns the segments in order of label.
+pub(super) async fn segments(
+    readers: &SqlitePool,
+    id: EnvironmentId,
+) -> Result<Vec<(SegmentId, Option<Label>)>, StoreError> {
+    let rows = sqlx::query("select id, label from segments where environment = ? order by label")
+        .bind(id.0)
+        .fetch_all(readers)
+        .await
+        .map_err(unreadable)?;
+    rows.iter().map(segment).collect()
+}
+
+fn segment(row: &SqliteRow) -> Result<(SegmentId, Option<Label>), StoreError> {
+    let text: &str = row.try_get(1).map_err(unreadable)?;
+    let label = match text {
+        "" => None,
+        text => Some(text.parse().map_err(|_| spoiled(&format!("segment {text:?}")))?),
+    };
+    Ok((SegmentId(row.try_get(0).map_err(unreadable)?), label))
+}
+
+/// Returns the totals of an environment.
+pub(super) async fn totals(readers: &SqlitePool, id: EnvironmentId) -> Result<Totals, StoreError> {
+    let row = sqlx::query(
+        "select transitions, states, cells,
+             (select count(*) from segments where segments.environment = totals.environment),
+             (select count(*) from producers where producers.environment = totals.environment)
+         from totals where environment = ?",
+    )
+    .bind(id.0)
+    .fetch_optional(readers)
+    .await
+    .map_err(unreadable)?
+    .ok_or(StoreError::UnknownEnvironment)?;
+    let number = |at| whole(&row, at).map_err(unreadable);
+    Ok(Totals {
+        transitions: number(0)?,
+        states: number(1)?,
+        cells: number(2)?,
+        segments: number(3)?,
+        producers: number(4)?,
+    })
+}
+
+/// Returns the last sequence of a producer; `None` where there is no such environment.
+pub(super) async fn watermark(
+    connection: &mut SqliteConnection,
+    id: EnvironmentId,
+    producer: &ProducerId,
+) -> Result<Option<Sequence>, StoreError> {
+    let sequence: Option<i64> = sqlx::query_scalar(
+        "select coalesce(producers.sequence, 0)
+         from totals left join producers on producers.environment = totals.environment and producers.name = ?2
+         where totals.environment = ?1",
+    )
+    .bind(id.0)
+    .bind(producer.as_str())
+    .fetch_optional(connection)
+    .await
+    .map_err(unreadable)?;
+    Ok(sequence.map(Sequence::from_stored))
+}
+
+/// Returns the bytes of the database and its journal.
+pub(super) async fn bytes(path: &Path) -> Result<u64, StoreError> {
+    let database = tokio::fs::metadata(path).await.map_err(unreadable)?.len();
+    let mut journal = path.as_os_str().to_owned();
+    journal.push("-wal");
+    // A database that was just closed has none.
+    let journal = tokio::fs::metadata(journal).await.map_or(0, |metadata| metadata.len());
+    Ok(database + journal)
+}
+
+/// Reads segment, joint action, visits and entries from four columns.
+fn cell(row: &SqliteRow, first: usize) -> Result<Cell, sqlx::Error> {
+    let entries: Option<i64> = row.try_get(first + 3)?;
+    Ok(Cell {
+        segment: SegmentId(row.try_get(first)?),
+        joint: whole(row, first + 1)?,
+        tally: Tally { n: whole(row, first + 2)?, entries: entries.map(i64::unsigned_abs) },
+    })
+}
+
+/// Reads a number that the tables keep from being negative.
+fn whole(row: &SqliteRow, at: usize) -> Result<u64, sqlx::Error> {
+    Ok(row.try_get::<i64, _>(at)?.unsigned_abs())
+}

@@ -1,0 +1,230 @@
+//! How schemas, rules and receipts are written in the database: JSON of our own, apart from every face's, because it is kept for ever.
+//!
+//! Floats are texts in it: the shortest decimal, which the standard library reads back to the same bits. JSON numbers would be read by rules of
+//! somebody else's.
+
+use std::fmt::Display;
+use std::str::FromStr;
+
+use serde::{Deserialize, Serialize};
+
+use crate::domain::draft::{AgentDraft, FeatureDraft, KindDraft};
+use crate::domain::{Receipt, Rejection, Rule, Schema, SchemaDraft};
+
+#[derive(Serialize, Deserialize)]
+struct SchemaText {
+    state: Vec<FeatureText>,
+    agents: Vec<AgentText>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct AgentText {
+    name: String,
+    action: Vec<FeatureText>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct FeatureText {
+    name: String,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    unit: Option<String>,
+    #[serde(flatten)]
+    kind: KindText,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum KindText {
+    Continuous(Vec<String>),
+    Circular(i64),
+    Integer(i64, i64),
+    Categorical(Vec<String>),
+}
+
+#[derive(Serialize, Deserialize)]
+struct RuleText {
+    kind: String,
+    threshold: String,
+    unit: String,
+    min_visits: u64,
+    confidence: String,
+}
+
+/// Names are short: a thousand receipts are kept of every producer.
+#[derive(Serialize, Deserialize)]
+struct ReceiptText {
+    accepted: u64,
+    #[serde(default, skip_serializing_if = "is_zero")]
+    rejected_count: u64,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    rejected: Vec<(u32, String, String)>,
+}
+
+/// Writes a schema.
+pub(super) fn of_schema(schema: &Schema) -> String {
+    let draft = schema.draft();
+    let agent = |agent: AgentDraft| AgentText { name: agent.name, action: features_text(agent.action) };
+    let agents = draft.agents.into_iter().map(agent).collect();
+    json(&SchemaText { state: features_text(draft.state), agents })
+}
+
+/// Reads a schema back.
+pub(super) fn schema(text: &str) -> Option<Schema> {
+    let text: SchemaText = serde_json::from_str(text).ok()?;
+    let agent = |agent: AgentText| Some(AgentDraft { name: agent.name, action: features(agent.action)? });
+    let agents = text.agents.into_iter().map(agent).collect::<Option<_>>()?;
+    Schema::try_from(&SchemaDraft { state: features(text.state)?, agents }).ok()
+}
+
+/// Writes a rule.
+pub(super) fn of_rule(rule: &Rule) -> String {
+    json(&RuleText {
+        kind: rule.kind.as_str().into(),
+        threshold: rule.threshold.to_string(),
+        unit: rule.unit.as_str().into(),
+        min_visits: rule.min_visits,
+        confidence: rule.confidence.to_string(),
+    })
+}
+
+/// Reads a rule back.
+pub(super) fn rule(text: &str) -> Option<Rule> {
+    let text: RuleText = serde_json::from_str(text).ok()?;
+    Some(Rule {
+        kind: text.kind.parse().ok()?,
+        threshold: text.threshold.parse().ok()?,
+        unit: text.unit.parse().ok()?,
+        min_visits: text.min_visits,
+        confidence: text.confidence.parse().ok()?,
+    })
+}
+
+/// Writes a receipt.
+pub(super) fn of_receipt(receipt: &Receipt) -> String {
+    let rejection = |r: &Rejection| (r.index, r.field.clone(), r.reason.clone());
+    json(&ReceiptText {
+        accepted: receipt.accepted,
+        rejected_count: receipt.rejected_count,
+        rejected: receipt.rejected.iter().map(rejection).collect(),
+    })
+}
+
+/// Reads a receipt back.
+pub(super) fn receipt(text: &str) -> Option<Receipt> {
+    let text: ReceiptText = serde_json::from_str(text).ok()?;
+    let rejection = |(index, field, reason)| Rejection { index, field, reason };
+    Some(Receipt {
+        accepted: text.accepted,
+        rejected_count: text.rejected_count,
+        rejected: text.rejected.into_iter().map(rejection).collect(),
+    })
+}
+
+/// Writes a list of texts.
+pub(super) fn of_list<T: Display>(texts: impl IntoIterator<Item = T>) -> String {
+    json(&texts.into_iter().map(|text| text.to_string()).collect::<Vec<_>>())
+}
+
+fn features_text(features: Vec<FeatureDraft>) -> Vec<FeatureText> {
+    let feature = |feature: FeatureDraft| {
+        let kind = feature.kinds.into_iter().next().map(kind_text).expect("a schema's feature has one kind");
+        FeatureText { name: feature.name, unit: feature.unit, kind }
+    };
+    features.into_iter().map(feature).collect()
+}
+
+fn kind_text(kind: KindDraft) -> KindText {
+    match kind {
+        // An edge is an f32 widened, and its shortest decimal is that of the f32.
+        KindDraft::Continuous(edges) => KindText::Continuous(edges.iter().map(|e| (*e as f32).to_string()).collect()),
+        KindDraft::Circular(bins) => KindText::Circular(bins),
+        KindDraft::Integer(min, max) => KindText::Integer(min, max),
+        KindDraft::Categorical(labels) => KindText::Categorical(labels),
+    }
+}
+
+fn features(texts: Vec<FeatureText>) -> Option<Vec<FeatureDraft>> {
+    let feature =
+        |text: FeatureText| Some(FeatureDraft { name: text.name, unit: text.unit, kinds: vec![kind(text.kind)?] });
+    texts.into_iter().map(feature).collect()
+}
+
+fn kind(text: KindText) -> Option<KindDraft> {
+    Some(match text {
+        // Widening an f32 is exact, so it cannot be rounded twice.
+        KindText::Continuous(edges) => {
+            let edge = |edge: &String| f32::from_str(edge).ok().map(f64::from);
+            KindDraft::Continuous(edges.iter().map(edge).collect::<Option<_>>()?)
+        }
+        KindText::Circular(bins) => KindDraft::Circular(bins),
+        KindText::Integer(min, max) => KindDraft::Integer(min, max),
+        KindText::Categorical(labels) => KindDraft::Categorical(labels),
+    })
+}
+
+fn json(value: &impl Serialize) -> String {
+    serde_json::to_string(value).expect("texts and whole numbers can always be written")
+}
+
+fn is_zero(number: &u64) -> bool {
+    *number == 0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::domain::{RuleKind, Unit};
+
+    fn feature(name: &str, kind: KindDraft) -> FeatureDraft {
+        FeatureDraft { name: name.into(), unit: Some("m/s²".into()), kinds: vec![kind] }
+    }
+
+    fn schema_with_edges(edges: Vec<f64>) -> Schema {
+        let labels = KindDraft::Categorical(vec!["a\"b\\".into(), "左".into()]);
+        let agent = |name: &str| AgentDraft { name: name.into(), action: vec![feature("move", labels.clone())] };
+        let state = vec![
+            feature("x", KindDraft::Continuous(edges)),
+            feature("y", KindDraft::Circular(8)),
+            feature("z", KindDraft::Integer(-3, 3)),
+        ];
+        Schema::try_from(&SchemaDraft { state, agents: vec![agent("robot"), agent("human")] }).expect("valid")
+    }
+
+    #[test]
+    fn a_schema_reads_back_exactly() {
+        let awkward = [f32::MIN, -0.1, f32::MIN_POSITIVE / 8.0, 0.7, 16_777_217.0, 3.4e38];
+        let written = schema_with_edges(awkward.map(f64::from).to_vec());
+        let text = of_schema(&written);
+        assert!(text.contains("\"0.7\""), "{text}");
+        let read = schema(&text).expect("what we wrote");
+        assert_eq!((read.hash(), &read), (written.hash(), &written));
+        assert_eq!(schema("{}"), None);
+    }
+
+    proptest::proptest! {
+        #[test]
+        fn any_edge_reads_back_exactly(bits: u32) {
+            let edge = f32::from_bits(bits);
+            proptest::prop_assume!(edge.is_finite());
+            let written = schema_with_edges(vec![f64::from(edge)]);
+            proptest::prop_assert_eq!(schema(&of_schema(&written)), Some(written));
+        }
+
+        #[test]
+        fn any_rule_reads_back_exactly(threshold in 0.0..1e300, confidence in 0.5..1.0, min_visits: u64) {
+            let written = Rule { kind: RuleKind::Paper, threshold, unit: Unit::Bits, min_visits, confidence };
+            proptest::prop_assert_eq!(rule(&of_rule(&written)), Some(written));
+        }
+    }
+
+    #[test]
+    fn a_receipt_reads_back_and_a_plain_one_is_short() {
+        let plain = Receipt { accepted: 7, ..Receipt::default() };
+        assert_eq!(of_receipt(&plain), r#"{"accepted":7}"#);
+        let rejection = Rejection { index: 3, field: "/state/x".into(), reason: "got NaN, \"expected\"".into() };
+        let full = Receipt { accepted: u64::MAX, rejected_count: 1, rejected: vec![rejection] };
+        for written in [plain, full] {
+            assert_eq!(receipt(&of_receipt(&written)), Some(written));
+        }
+    }
+}

@@ -1,0 +1,135 @@
+//! The one connection that writes, and its transactions.
+//!
+//! A transaction takes the connection out of its place and puts it back only after a clean end. So whatever ends it otherwise (an error, a dropped
+//! future) drops the connection, and the database rolls back what it had not committed. The next transaction then opens a new connection, and its
+//! `begin immediate` waits until the old one is gone: from there on it is known what was committed, and memory is brought up to date.
+
+use std::sync::Arc;
+
+use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
+use sqlx::{ConnectOptions, Connection};
+use tokio::sync::{Mutex, MutexGuard};
+
+use super::cache::CountsCache;
+use super::directory::Directory;
+use super::environments;
+use super::error::{aborted, outcome_unknown};
+use super::ids::StateIds;
+use crate::store::StoreError;
+
+/// What is remembered of the database, and changed after each commit.
+pub(super) struct Memory {
+    /// The environments.
+    pub(super) directory: Directory,
+    /// The counts of states.
+    pub(super) cache: CountsCache,
+}
+
+/// The door to the writing connection: one transaction at a time.
+pub(super) struct Writer {
+    options: SqliteConnectOptions,
+    memory: Arc<Memory>,
+    place: Mutex<Place>,
+}
+
+#[derive(Default)]
+struct Place {
+    connection: Option<SqliteConnection>,
+    ids: StateIds,
+    closed: bool,
+}
+
+/// A transaction that has the write lock. Dropped without [`Transaction::commit`], it changes nothing.
+pub(super) struct Transaction<'a> {
+    place: MutexGuard<'a, Place>,
+    connection: Option<SqliteConnection>,
+    memory: &'a Memory,
+}
+
+impl Writer {
+    /// Makes a writer that connects at its first use.
+    pub(super) fn new(options: SqliteConnectOptions, memory: Arc<Memory>) -> Self {
+        Self { options, memory, place: Mutex::default() }
+    }
+
+    /// Waits for the transaction before, and begins.
+    pub(super) async fn begin(&self) -> Result<Transaction<'_>, StoreError> {
+        self.begin_in(self.place.lock().await).await
+    }
+
+    /// Returns whether a transaction can begin. One that is under way says that it could.
+    pub(super) async fn ready(&self) -> Result<(), StoreError> {
+        match self.place.try_lock() {
+            Ok(place) => self.begin_in(place).await?.end().await,
+            Err(_) => Ok(()),
+        }
+    }
+
+    /// Moves the journal into the database and closes the connection for ever.
+    pub(super) async fn close(&self) -> Result<(), sqlx::Error> {
+        let mut place = self.place.lock().await;
+        place.closed = true;
+        let Some(mut connection) = place.connection.take() else { return Ok(()) };
+        sqlx::query("pragma wal_checkpoint(truncate)").execute(&mut connection).await?;
+        connection.close().await
+    }
+
+    async fn begin_in<'a>(&'a self, mut place: MutexGuard<'a, Place>) -> Result<Transaction<'a>, StoreError> {
+        if place.closed {
+            return Err(aborted("the store is closed"));
+        }
+        let kept = place.connection.take();
+        let is_new = kept.is_none();
+        let connection = match kept {
+            Some(connection) => connection,
+            None => self.options.connect().await.map_err(aborted)?,
+        };
+        let mut transaction = Transaction { place, connection: Some(connection), memory: &self.memory };
+        sqlx::query("begin immediate").execute(transaction.connection()).await.map_err(aborted)?;
+        if is_new {
+            let all = environments::load(transaction.connection()).await?;
+            self.memory.directory.replace(all);
+            self.memory.cache.resume();
+        }
+        Ok(transaction)
+    }
+}
+
+impl Transaction<'_> {
+    /// Returns the connection.
+    pub(super) fn connection(&mut self) -> &mut SqliteConnection {
+        self.connection.as_mut().expect("it is taken only when the transaction ends")
+    }
+
+    /// Returns the connection and the ids of states beside it.
+    pub(super) fn parts(&mut self) -> (&mut SqliteConnection, &mut StateIds) {
+        let connection = self.connection.as_mut().expect("it is taken only when the transaction ends");
+        (connection, &mut self.place.ids)
+    }
+
+    /// Commits, and lets `remember` bring memory up to date before anybody else can begin.
+    pub(super) async fn commit(mut self, remember: impl FnOnce(&Memory, &mut StateIds)) -> Result<(), StoreError> {
+        sqlx::query("commit").execute(self.connection()).await.map_err(outcome_unknown)?;
+        remember(self.memory, &mut self.place.ids);
+        self.place.connection = self.connection.take();
+        Ok(())
+    }
+
+    /// Ends a transaction that wrote nothing.
+    pub(super) async fn end(mut self) -> Result<(), StoreError> {
+        sqlx::query("rollback").execute(self.connection()).await.map_err(aborted)?;
+        self.place.connection = self.connection.take();
+        Ok(())
+    }
+}
+
+impl Drop for Transaction<'_> {
+    fn drop(&mut self) {
+        if let Some(connection) = self.connection.take() {
+            // Memory first: once the connection is gone, its last COMMIT may come true at any moment.
+            self.memory.cache.suspend();
+            self.place.ids = StateIds::default();
+            drop(connection);
+        }
+    }
+}

@@ -1,0 +1,143 @@
+//! What only the SQLite store can show: its lock, files that are not its own, damage, and numbers that no test can count up to.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use nudge::domain::{EnvironmentId, Rule};
+use nudge::store::{Numbered, Options, Outcome, Quotas, Refusal, SqliteStore, Store, StoreError};
+use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
+use sqlx::{ConnectOptions, Connection};
+
+use crate::support::batches::*;
+use crate::support::databases::{Database, SqliteFile};
+
+async fn open(file: &SqliteFile) -> Arc<dyn Store> {
+    file.open(Quotas::default()).await
+}
+
+async fn refused(path: &Path) -> String {
+    match SqliteStore::open(path, Options::default()).await {
+        Ok(_) => panic!("{} was opened", path.display()),
+        Err(error) => error.to_string(),
+    }
+}
+
+/// Returns a connection that knows nothing of the store's rules.
+async fn raw(path: &Path) -> SqliteConnection {
+    SqliteConnectOptions::new().filename(path).foreign_keys(false).connect().await.expect("a connection")
+}
+
+async fn execute(path: &Path, sql: &'static str) {
+    let mut connection = raw(path).await;
+    sqlx::query(sql).execute(&mut connection).await.expect("a statement that works");
+    connection.close().await.expect("closed");
+}
+
+async fn with_some_counts(store: &Arc<dyn Store>) -> (EnvironmentId, Numbered) {
+    let id = store.create(&"hallway".parse().expect("a name"), &schema(), Rule::default()).await.expect("made").id;
+    let first = batch(id, "game", 1).cell(1, 1, tally(2, 1)).cell(1, 2, tally(3, 1)).done();
+    store.commit(std::slice::from_ref(&first)).await.expect("a commit");
+    (id, first)
+}
+
+#[tokio::test]
+async fn a_second_store_on_the_same_file_is_refused() {
+    let file = SqliteFile::new();
+    let store = open(&file).await;
+    let second = SqliteStore::open(&file.path(), Options::default()).await.err();
+    let Some(StoreError::InUse(path)) = second else { panic!("{second:?}") };
+    assert!(path.ends_with("nudge.db"));
+    assert!(!StoreError::InUse(path).to_string().contains('\n'));
+    drop(store);
+    let store = open(&file).await;
+    store.close().await;
+    open(&file).await;
+}
+
+#[tokio::test]
+async fn what_is_not_our_database_is_refused_with_advice() {
+    let file = SqliteFile::new();
+    let path = file.path();
+    std::fs::create_dir_all(path.parent().expect("a directory")).expect("made");
+    std::fs::write(&path, "to be, or not to be: that is the question ".repeat(100)).expect("written");
+    assert!(refused(&path).await.contains("not a database; move it away"));
+
+    std::fs::remove_file(&path).expect("removed");
+    execute_making(&path, "create table poems (line text)").await;
+    assert!(refused(&path).await.contains("another program's database"));
+
+    let directory = path.with_file_name("directory.db");
+    std::fs::create_dir(&directory).expect("made");
+    assert!(refused(&directory).await.contains("give this user the right"));
+
+    let below_a_file = path.join("nudge.db");
+    assert!(refused(&below_a_file).await.contains("cannot make its directory"));
+}
+
+async fn execute_making(path: &Path, sql: &'static str) {
+    let options = SqliteConnectOptions::new().filename(path).create_if_missing(true);
+    let mut connection = options.connect().await.expect("a connection");
+    sqlx::query(sql).execute(&mut connection).await.expect("a statement that works");
+    connection.close().await.expect("closed");
+}
+
+#[tokio::test]
+async fn a_database_of_a_newer_version_is_refused() {
+    let file = SqliteFile::new();
+    open(&file).await.close().await;
+    let newer = "insert into _sqlx_migrations (version, description, success, checksum, execution_time)
+                 values (9999, 'of the future', true, x'00', 0)";
+    execute(&file.path(), newer).await;
+    assert!(refused(&file.path()).await.contains("made by a newer nudge"));
+    execute(&file.path(), "delete from _sqlx_migrations where version = 9999").await;
+    execute(&file.path(), "update _sqlx_migrations set checksum = x'00'").await;
+    assert!(refused(&file.path()).await.contains("another build"));
+}
+
+#[tokio::test]
+async fn damage_is_found_and_makes_the_environment_read_only() {
+    let file = SqliteFile::new();
+    let store = open(&file).await;
+    let (id, first) = with_some_counts(&store).await;
+    let healthy = store.create(&"healthy".parse().expect("a name"), &schema(), Rule::default()).await.expect("made").id;
+    assert!(store.audit().await.expect("an audit").iter().all(|audit| audit.is_sound()));
+
+    execute(&file.path(), "update cells set n = n + 4 where joint = 2").await;
+    let audits = store.audit().await.expect("an audit");
+    assert_eq!((audits[0].kept, audits[0].found), ([5, 1, 2], [9, 1, 2]));
+    let next = batch(id, "game", 2).done();
+    let elsewhere = batch(healthy, "game", 1).cell(1, 1, tally(1, 1)).done();
+    let outcomes = store.commit(&[next, first, elsewhere.clone()]).await.expect("a commit");
+    let read_only = Outcome::Refused(Refusal::ReadOnly);
+    assert_eq!(outcomes, [read_only.clone(), read_only, applied(&elsewhere)]);
+    assert_eq!(store.counts(id, &[state(1)]).await.expect("still readable").len(), 1);
+}
+
+#[tokio::test]
+async fn damage_beyond_any_number_is_still_told() {
+    let file = SqliteFile::new();
+    let store = open(&file).await;
+    with_some_counts(&store).await;
+    execute(&file.path(), "update cells set n = 9223372036854775807").await;
+    let audits = store.audit().await.expect("an audit");
+    assert_eq!(audits[0].found[0], u64::MAX - 1);
+    execute(&file.path(), "delete from cells").await;
+    assert_eq!(store.audit().await.expect("an audit")[0].found, [0, 1, 0]);
+}
+
+#[tokio::test]
+async fn a_producer_can_reach_the_largest_sequence() {
+    let file = SqliteFile::new();
+    let store = open(&file).await;
+    let (id, _) = with_some_counts(&store).await;
+    execute(&file.path(), "update producers set sequence = 9223372036854775806").await;
+    let last = batch(id, "game", u64::MAX >> 1).cell(1, 1, tally(1, 1)).done();
+    assert_eq!(
+        store.commit(&[last.clone(), last.clone()]).await.expect("a commit"),
+        [applied(&last), duplicate(&last)]
+    );
+    assert_eq!(store.commit(std::slice::from_ref(&last)).await.expect("a commit"), [duplicate(&last)]);
+    let first = batch(id, "game", 1).done();
+    assert_eq!(store.commit(&[first]).await.expect("a commit"), [unverified()]);
+    assert_eq!(store.watermark(id, &last.producer).await.expect("a watermark"), last.sequence);
+}

@@ -1,0 +1,530 @@
+//! The promise of a store, case by case. One suite for every backend: [`store_contract!`] runs it on a database.
+
+use std::sync::Arc;
+
+use nudge::domain::{Cell, Environment, EnvironmentId, SegmentId, Sequence, Tally};
+use nudge::store::{Cursor, Numbered, Outcome, Quotas, Refusal, Store, StoreError, Totals};
+
+use crate::support::batches::*;
+use crate::support::databases::{Database, SqliteFile};
+
+macro_rules! store_contract {
+    ($database:expr; $($case:ident),* $(,)?) => {
+        $(#[tokio::test]
+        async fn $case() {
+            super::$case(&$database).await;
+        })*
+    };
+}
+
+mod sqlite {
+    store_contract!(super::SqliteFile::new();
+        an_environment_is_made_changed_and_removed,
+        environments_survive,
+        batches_count_in_their_order,
+        a_gap_is_refused,
+        a_number_used_with_another_content_is_refused,
+        duplicates_get_their_first_receipt,
+        duplicates_are_known_after_reopening,
+        duplicates_older_than_the_last_1024_are_unverified,
+        the_largest_sequence_has_no_successor,
+        a_run_of_one_producer_advances_in_one_commit,
+        a_refused_batch_changes_nothing_for_the_others,
+        empty_batches_use_their_numbers,
+        a_new_environment_of_the_same_name_begins_anew,
+        the_cells_quota_is_exact,
+        the_cells_quota_counts_what_the_same_commit_adds,
+        known_cells_fit_at_the_quota,
+        the_segments_quota_is_exact,
+        the_producers_quota_is_exact,
+        transitions_stop_at_the_largest_number,
+        a_joint_action_that_cannot_be_stored_is_refused,
+        entries_become_unknown_and_stay_so,
+        segments_are_kept_apart,
+        counts_come_in_the_order_asked,
+        many_states_are_read_at_once,
+        a_scan_sees_every_state_once,
+        what_a_commit_counts_is_read_after_it,
+        an_audit_finds_nothing_wrong,
+        many_new_states_in_one_commit,
+        environments_do_not_mix,
+    );
+}
+
+async fn make(store: &Arc<dyn Store>, name: &str) -> EnvironmentId {
+    let made = store.create(&name.parse().expect("a name"), &schema(), nudge::domain::Rule::default()).await;
+    made.expect("a new environment").id
+}
+
+async fn open(database: &dyn Database) -> (Arc<dyn Store>, EnvironmentId) {
+    let store = database.open(Quotas::default()).await;
+    let id = make(&store, "hallway").await;
+    (store, id)
+}
+
+async fn commit(store: &Arc<dyn Store>, batches: &[Numbered]) -> Vec<Outcome> {
+    store.commit(batches).await.expect("a commit")
+}
+
+async fn watermark(store: &Arc<dyn Store>, id: EnvironmentId, producer: &str) -> u64 {
+    store.watermark(id, &producer.parse().expect("a producer")).await.expect("a watermark").get()
+}
+
+/// Returns (joint action, visits, entries) of every cell of a state.
+async fn cells(store: &Arc<dyn Store>, id: EnvironmentId, place: u32) -> Vec<(u64, u64, Option<u64>)> {
+    let counts = store.counts(id, &[state(place)]).await.expect("counts");
+    assert_eq!(counts.len(), 1);
+    counts[0].counts.cells().iter().map(|cell| (cell.joint, cell.tally.n, cell.tally.entries)).collect()
+}
+
+async fn totals(store: &Arc<dyn Store>, id: EnvironmentId) -> Totals {
+    store.totals(id).await.expect("totals")
+}
+
+fn is_unknown<T: std::fmt::Debug>(result: Result<T, StoreError>) -> bool {
+    matches!(result, Err(StoreError::UnknownEnvironment))
+}
+
+async fn an_environment_is_made_changed_and_removed(database: &dyn Database) {
+    let (store, id) = open(database).await;
+    let made: Arc<Environment> = store.environment("hallway").expect("made");
+    assert_eq!((made.id, made.schema.hash()), (id, schema().hash()));
+
+    let again = store.create(&made.name, &schema(), made.rule).await;
+    assert!(matches!(again, Err(StoreError::AlreadyExists(name)) if name == "hallway"));
+
+    let rule = nudge::domain::Rule { threshold: 0.1 + 0.2, ..made.rule };
+    assert_eq!(store.set_rule(id, rule).await.expect("changed").rule, rule);
+    assert_eq!(store.environment("hallway").expect("still there").rule, rule);
+
+    store.delete(id).await.expect("removed");
+    assert!(store.environment("hallway").is_none() && store.environments().is_empty());
+    assert!(is_unknown(store.delete(id).await));
+    assert!(is_unknown(store.set_rule(id, rule).await));
+    assert!(is_unknown(store.totals(id).await));
+    assert!(is_unknown(store.watermark(id, &"game".parse().expect("a producer")).await));
+    assert!(is_unknown(store.counts(id, &[state(1)]).await));
+}
+
+async fn environments_survive(database: &dyn Database) {
+    let (store, _) = open(database).await;
+    make(&store, "counter_circuit").await;
+    let before = store.environments();
+    assert_eq!(before.iter().map(|e| e.name.as_str()).collect::<Vec<_>>(), ["counter_circuit", "hallway"]);
+    drop(store);
+    let store = database.open(Quotas::default()).await;
+    assert_eq!(store.environments(), before);
+    store.close().await;
+    assert_eq!(database.open(Quotas::default()).await.environments(), before);
+}
+
+async fn batches_count_in_their_order(database: &dyn Database) {
+    let (store, id) = open(database).await;
+    let first = batch(id, "game", 1).cell(3, 5, tally(2, 1)).cell(3, 6, tally(1, 1)).cell(4, 5, tally(1, 0)).done();
+    let second = batch(id, "game", 2).cell(3, 5, tally(10, 3)).done();
+    assert_eq!(commit(&store, std::slice::from_ref(&first)).await, [applied(&first)]);
+    assert_eq!(commit(&store, std::slice::from_ref(&second)).await, [applied(&second)]);
+    assert_eq!(cells(&store, id, 3).await, [(5, 12, Some(4)), (6, 1, Some(1))]);
+    assert_eq!(cells(&store, id, 4).await, [(5, 1, Some(0))]);
+    assert_eq!(cells(&store, id, 9).await, []);
+    let expected = Totals { transitions: 14, states: 2, cells: 3, segments: 1, producers: 1 };
+    assert_eq!(totals(&store, id).await, expected);
+    assert_eq!(watermark(&store, id, "game").await, 2);
+    assert_eq!(watermark(&store, id, "another").await, 0);
+}
+
+async fn a_gap_is_refused(database: &dyn Database) {
+    let (store, id) = open(database).await;
+    for ahead in [2, 3, u64::MAX >> 1] {
+        let batch = batch(id, "game", ahead).cell(1, 1, tally(1, 1)).done();
+        assert_eq!(commit(&store, &[batch]).await, [out_of_order(1)]);
+    }
+    assert_eq!(totals(&store, id).await, Totals::default());
+    let first = batch(id, "game", 1).done();
+    commit(&store, std::slice::from_ref(&first)).await;
+    assert_eq!(commit(&store, &[batch(id, "game", 3).done()]).await, [out_of_order(2)]);
+}
+
+async fn a_number_used_with_another_content_is_refused(database: &dyn Database) {
+    let (store, id) = open(database).await;
+    let first = batch(id, "game", 1).cell(1, 1, tally(1, 1)).done();
+    let other = batch(id, "game", 1).cell(2, 2, tally(5, 5)).content(77).done();
+    assert_eq!(
+        commit(&store, &[first.clone(), other.clone()]).await,
+        [applied(&first), Outcome::Refused(Refusal::Reused)]
+    );
+    assert_eq!(commit(&store, &[other]).await, [Outcome::Refused(Refusal::Reused)]);
+    assert_eq!(commit(&store, std::slice::from_ref(&first)).await, [duplicate(&first)]);
+    assert_eq!(totals(&store, id).await.transitions, 1);
+}
+
+async fn duplicates_get_their_first_receipt(database: &dyn Database) {
+    let (store, id) = open(database).await;
+    let mut first = batch(id, "game", 1).cell(1, 1, tally(1, 1)).done();
+    let rejection = nudge::domain::Rejection { index: 7, field: "/state/x".into(), reason: "got \"NaN\"".into() };
+    first.receipt.rejected_count = 101;
+    first.receipt.rejected = vec![rejection; 100];
+    let mut again = first.clone();
+    again.receipt = Default::default();
+    let outcomes = commit(&store, &[first.clone(), again.clone(), again.clone()]).await;
+    assert_eq!(outcomes, [applied(&first), duplicate(&first), duplicate(&first)]);
+    assert_eq!(commit(&store, &[again]).await, [duplicate(&first)]);
+    assert_eq!(totals(&store, id).await.transitions, 1);
+}
+
+async fn duplicates_are_known_after_reopening(database: &dyn Database) {
+    let (store, id) = open(database).await;
+    let batches: Vec<Numbered> = (1..=5).map(|s| batch(id, "game", s).cell(1, s, tally(s, 0)).done()).collect();
+    commit(&store, &batches).await;
+    drop(store);
+    let store = database.open(Quotas::default()).await;
+    let expected: Vec<Outcome> = batches.iter().map(duplicate).collect();
+    assert_eq!(commit(&store, &batches).await, expected);
+    assert_eq!(watermark(&store, id, "game").await, 5);
+    assert_eq!(totals(&store, id).await.transitions, 15);
+}
+
+async fn duplicates_older_than_the_last_1024_are_unverified(database: &dyn Database) {
+    let (store, id) = open(database).await;
+    let batches: Vec<Numbered> = (1..=1_030).map(|s| batch(id, "game", s).cell(1, 1, tally(1, 1)).done()).collect();
+    for chunk in batches.chunks(300) {
+        commit(&store, chunk).await;
+    }
+    let kept = 1_030 - 1_024;
+    let outcomes = commit(&store, &[batches[0].clone(), batches[kept - 1].clone(), batches[kept].clone()]).await;
+    assert_eq!(outcomes, [unverified(), unverified(), duplicate(&batches[kept])]);
+    let mut other = batches[0].clone();
+    other.digest = nudge::domain::Digest([99; 32]);
+    assert_eq!(commit(&store, &[other]).await, [unverified()]);
+    // A commit may itself push a batch out of what is kept.
+    let next = batch(id, "game", 1_031).done();
+    assert_eq!(commit(&store, &[next.clone(), batches[kept].clone()]).await, [applied(&next), unverified()]);
+    assert_eq!(totals(&store, id).await.transitions, 1_030);
+}
+
+/// Nobody sends 2^63 batches, so the last number is only refused here; the SQLite tests reach it.
+async fn the_largest_sequence_has_no_successor(database: &dyn Database) {
+    let (store, id) = open(database).await;
+    let last = batch(id, "game", u64::MAX >> 1).done();
+    assert_eq!(commit(&store, &[last]).await, [out_of_order(1)]);
+    assert!(Sequence::new(1 << 63).is_err());
+}
+
+async fn a_run_of_one_producer_advances_in_one_commit(database: &dyn Database) {
+    let (store, id) = open(database).await;
+    let send = |producer, sequence| batch(id, producer, sequence).cell(1, 1, tally(1, 1)).done();
+    let batches = [send("a", 1), send("b", 1), send("a", 2), send("a", 4), send("a", 3), send("a", 4), send("a", 2)];
+    let outcomes = commit(&store, &batches).await;
+    let expected = [
+        applied(&batches[0]),
+        applied(&batches[1]),
+        applied(&batches[2]),
+        out_of_order(3),
+        applied(&batches[4]),
+        applied(&batches[5]),
+        duplicate(&batches[6]),
+    ];
+    assert_eq!(outcomes, expected);
+    assert_eq!((watermark(&store, id, "a").await, watermark(&store, id, "b").await), (4, 1));
+    assert_eq!(cells(&store, id, 1).await, [(1, 5, Some(5))]);
+}
+
+async fn a_refused_batch_changes_nothing_for_the_others(database: &dyn Database) {
+    let (store, id) = open(database).await;
+    let gone = EnvironmentId(id.0 + 1);
+    let batches = [
+        batch(gone, "a", 1).cell(1, 1, tally(1, 1)).done(),
+        batch(id, "a", 2).cell(1, 1, tally(1, 1)).done(),
+        batch(id, "b", 1).cell(1, 1, tally(1, 1)).done(),
+    ];
+    let expected = [Outcome::Refused(Refusal::Gone), out_of_order(1), applied(&batches[2])];
+    assert_eq!(commit(&store, &batches).await, expected);
+    let expected = Totals { transitions: 1, states: 1, cells: 1, segments: 1, producers: 1 };
+    assert_eq!(totals(&store, id).await, expected);
+    assert_eq!(commit(&store, &[]).await, []);
+}
+
+async fn empty_batches_use_their_numbers(database: &dyn Database) {
+    let (store, id) = open(database).await;
+    let first = batch(id, "game", 1).segment("trial-1").done();
+    let second = batch(id, "game", 2).cell(1, 1, tally(1, 1)).done();
+    assert_eq!(commit(&store, std::slice::from_ref(&first)).await, [applied(&first)]);
+    assert_eq!(commit(&store, &[first.clone(), second.clone()]).await, [duplicate(&first), applied(&second)]);
+    assert_eq!(totals(&store, id).await.segments, 1, "a segment begins with its first cell");
+    assert_eq!(watermark(&store, id, "game").await, 2);
+}
+
+async fn a_new_environment_of_the_same_name_begins_anew(database: &dyn Database) {
+    let (store, old) = open(database).await;
+    let first = batch(old, "game", 1).cell(1, 1, tally(1, 1)).segment("trial").done();
+    commit(&store, std::slice::from_ref(&first)).await;
+    assert_eq!(cells(&store, old, 1).await.len(), 1);
+    let old_uid = store.environment("hallway").expect("there").uid.clone();
+    store.delete(old).await.expect("removed");
+
+    let new = make(&store, "hallway").await;
+    assert_ne!((old, &old_uid), (new, &store.environment("hallway").expect("there").uid));
+    assert_eq!(commit(&store, &[first]).await, [Outcome::Refused(Refusal::Gone)]);
+    assert_eq!((watermark(&store, new, "game").await, totals(&store, new).await), (0, Totals::default()));
+    assert_eq!(cells(&store, new, 1).await, []);
+    let first = batch(new, "game", 1).cell(1, 1, tally(3, 3)).done();
+    assert_eq!(commit(&store, std::slice::from_ref(&first)).await, [applied(&first)]);
+    assert_eq!(cells(&store, new, 1).await, [(1, 3, Some(3))]);
+    assert!(store.audit().await.expect("an audit").iter().all(|audit| audit.is_sound()));
+}
+
+async fn the_cells_quota_is_exact(database: &dyn Database) {
+    let store = database.open(Quotas { cells: 4, ..Quotas::default() }).await;
+    let id = make(&store, "hallway").await;
+    let three = batch(id, "a", 1).cell(1, 1, tally(1, 1)).cell(1, 2, tally(1, 1)).cell(2, 1, tally(1, 1)).done();
+    let two_more = batch(id, "b", 1).cell(5, 1, tally(1, 1)).cell(5, 2, tally(1, 1)).done();
+    let one_more = batch(id, "b", 1).cell(1, 1, tally(1, 1)).cell(5, 1, tally(1, 1)).content(2).done();
+    assert_eq!(commit(&store, std::slice::from_ref(&three)).await, [applied(&three)]);
+    assert_eq!(commit(&store, std::slice::from_ref(&two_more)).await, [over_quota("cells", 4)]);
+    assert_eq!(totals(&store, id).await.producers, 1, "a refused batch does not make its producer");
+    assert_eq!(
+        commit(&store, &[two_more.clone(), one_more.clone()]).await,
+        [over_quota("cells", 4), applied(&one_more)]
+    );
+    assert_eq!(totals(&store, id).await.cells, 4);
+    let another_segment = batch(id, "a", 2).cell(1, 1, tally(1, 1)).segment("x").done();
+    assert_eq!(commit(&store, &[another_segment]).await, [over_quota("cells", 4)]);
+    assert_eq!(totals(&store, id).await.segments, 1, "a refused batch does not make its segment");
+}
+
+async fn the_cells_quota_counts_what_the_same_commit_adds(database: &dyn Database) {
+    let store = database.open(Quotas { cells: 3, ..Quotas::default() }).await;
+    let id = make(&store, "hallway").await;
+    let known = batch(id, "a", 1).cell(1, 1, tally(1, 1)).done();
+    commit(&store, std::slice::from_ref(&known)).await;
+    let batches = [
+        batch(id, "a", 2).cell(1, 1, tally(1, 1)).cell(1, 2, tally(1, 1)).done(),
+        batch(id, "b", 1).cell(1, 2, tally(1, 1)).cell(1, 1, tally(1, 1)).done(),
+        batch(id, "c", 1).cell(1, 3, tally(1, 1)).cell(1, 4, tally(1, 1)).done(),
+        batch(id, "d", 1).cell(1, 3, tally(1, 1)).cell(1, 2, tally(1, 1)).cell(1, 1, tally(1, 1)).done(),
+        batch(id, "e", 1).cell(1, 5, tally(1, 1)).done(),
+    ];
+    let expected = [
+        applied(&batches[0]),
+        applied(&batches[1]),
+        over_quota("cells", 3),
+        applied(&batches[3]),
+        over_quota("cells", 3),
+    ];
+    assert_eq!(commit(&store, &batches).await, expected);
+    assert_eq!(cells(&store, id, 1).await, [(1, 4, Some(4)), (2, 3, Some(3)), (3, 1, Some(1))]);
+    assert_eq!(totals(&store, id).await.cells, 3);
+}
+
+async fn known_cells_fit_at_the_quota(database: &dyn Database) {
+    let store = database.open(Quotas::default()).await;
+    let id = make(&store, "hallway").await;
+    let first = batch(id, "a", 1).cell(1, 1, tally(1, 1)).cell(1, 2, tally(1, 1)).done();
+    commit(&store, &[first]).await;
+    drop(store);
+    // Somebody lowered the quota below what is there.
+    let store = database.open(Quotas { cells: 1, ..Quotas::default() }).await;
+    let known = batch(id, "a", 2).cell(1, 1, tally(1, 1)).cell(1, 2, tally(1, 1)).done();
+    let new = batch(id, "a", 3).cell(1, 3, tally(1, 1)).done();
+    assert_eq!(commit(&store, &[known.clone(), new]).await, [applied(&known), over_quota("cells", 1)]);
+}
+
+async fn the_segments_quota_is_exact(database: &dyn Database) {
+    let store = database.open(Quotas { segments: 2, ..Quotas::default() }).await;
+    let id = make(&store, "hallway").await;
+    let send = |producer, label: &str| batch(id, producer, 1).cell(1, 1, tally(1, 1)).segment(label).done();
+    let plain = batch(id, "a", 1).cell(1, 1, tally(1, 1)).done();
+    let batches = [plain, send("b", "x"), send("c", "x"), send("d", "y"), batch(id, "e", 1).segment("z").done()];
+    let expected = [
+        applied(&batches[0]),
+        applied(&batches[1]),
+        applied(&batches[2]),
+        over_quota("segments", 2),
+        applied(&batches[4]),
+    ];
+    assert_eq!(commit(&store, &batches).await, expected);
+    assert_eq!(commit(&store, &[send("d", "y")]).await, [over_quota("segments", 2)]);
+    assert_eq!(totals(&store, id).await.segments, 2);
+}
+
+async fn the_producers_quota_is_exact(database: &dyn Database) {
+    let store = database.open(Quotas { producers: 2, ..Quotas::default() }).await;
+    let id = make(&store, "hallway").await;
+    let batches =
+        [batch(id, "a", 1).done(), batch(id, "b", 1).done(), batch(id, "c", 1).done(), batch(id, "a", 2).done()];
+    let expected = [applied(&batches[0]), applied(&batches[1]), over_quota("producers", 2), applied(&batches[3])];
+    assert_eq!(commit(&store, &batches).await, expected);
+    assert_eq!(commit(&store, &batches[2..3]).await, [over_quota("producers", 2)]);
+    assert_eq!(totals(&store, id).await.producers, 2);
+}
+
+async fn transitions_stop_at_the_largest_number(database: &dyn Database) {
+    let (store, id) = open(database).await;
+    const MOST: u64 = u64::MAX >> 1;
+    let nearly = batch(id, "a", 1).cell(1, 1, tally(MOST - 1, MOST - 1)).done();
+    let two = batch(id, "a", 2).cell(1, 1, tally(2, 0)).done();
+    let elsewhere = batch(id, "b", 1).cell(9, 9, tally(u64::MAX, 0)).cell(9, 8, tally(2, 0)).done();
+    let one = batch(id, "c", 1).cell(1, 1, tally(1, 0)).done();
+    let one_too_many = batch(id, "d", 1).cell(7, 7, tally(1, 0)).done();
+    let overflow = Outcome::Refused(Refusal::Overflow);
+    let batches = [nearly.clone(), two, elsewhere, one.clone(), one_too_many];
+    let expected = [applied(&nearly), overflow.clone(), overflow.clone(), applied(&one), overflow.clone()];
+    assert_eq!(commit(&store, &batches).await, expected);
+    assert_eq!(commit(&store, &batches[4..]).await, [overflow]);
+    assert_eq!(totals(&store, id).await.transitions, MOST);
+    assert_eq!(cells(&store, id, 1).await, [(1, MOST, Some(MOST - 1))]);
+    assert_eq!(watermark(&store, id, "a").await, 1);
+    assert!(store.audit().await.expect("an audit")[0].is_sound());
+}
+
+async fn a_joint_action_that_cannot_be_stored_is_refused(database: &dyn Database) {
+    let (store, id) = open(database).await;
+    let far = batch(id, "a", 1).cell(1, (1 << 62) - 1, tally(1, 1)).done();
+    let beyond = batch(id, "b", 1).cell(1, 1 << 63, tally(1, 1)).done();
+    assert_eq!(commit(&store, &[far.clone(), beyond]).await, [applied(&far), Outcome::Refused(Refusal::Overflow)]);
+    assert_eq!(cells(&store, id, 1).await, [((1 << 62) - 1, 1, Some(1))]);
+}
+
+async fn entries_become_unknown_and_stay_so(database: &dyn Database) {
+    let (store, id) = open(database).await;
+    let unknown = Tally { n: 2, entries: None };
+    let steps = [tally(3, 2), unknown, tally(1, 1)];
+    for (sequence, step) in (1..).zip(steps) {
+        // One cell warm in the cache, one never read before the end.
+        commit(&store, &[batch(id, "a", sequence).cell(1, 1, step).cell(2, 1, step).done()]).await;
+        cells(&store, id, 1).await;
+    }
+    assert_eq!(cells(&store, id, 1).await, [(1, 6, None)]);
+    assert_eq!(cells(&store, id, 2).await, [(1, 6, None)]);
+    let together: Vec<Numbered> = (1..).zip(steps).map(|(s, step)| batch(id, "b", s).cell(3, 1, step).done()).collect();
+    commit(&store, &together).await;
+    assert_eq!(cells(&store, id, 3).await, [(1, 6, None)]);
+}
+
+async fn segments_are_kept_apart(database: &dyn Database) {
+    let (store, id) = open(database).await;
+    let batches = [
+        batch(id, "a", 1).cell(1, 1, tally(1, 1)).done(),
+        batch(id, "a", 2).cell(1, 1, tally(2, 2)).segment("train").done(),
+        batch(id, "a", 3).cell(1, 1, tally(4, 4)).segment("a \"quoted\" 左").done(),
+        batch(id, "a", 4).cell(1, 1, tally(8, 8)).segment("train").done(),
+    ];
+    commit(&store, &batches[..2]).await;
+    commit(&store, &batches[2..]).await;
+    let segments = store.segments(id).await.expect("segments");
+    let labels: Vec<Option<&str>> = segments.iter().map(|(_, label)| label.as_ref().map(|l| l.as_str())).collect();
+    assert_eq!(labels, [None, Some("a \"quoted\" 左"), Some("train")]);
+    let counts = store.counts(id, &[state(1)]).await.expect("counts");
+    let of = |at: usize| counts[0].counts.of_segments(Some(&[segments[at].0])).map(|cell| cell.tally.n).sum::<u64>();
+    assert_eq!([of(0), of(1), of(2)], [1, 4, 10]);
+    assert_eq!(totals(&store, id).await.cells, 3);
+}
+
+async fn counts_come_in_the_order_asked(database: &dyn Database) {
+    let (store, id) = open(database).await;
+    commit(&store, &[batch(id, "a", 1).cell(1, 1, tally(1, 0)).cell(2, 1, tally(2, 0)).done()]).await;
+    store.counts(id, &[state(2)]).await.expect("counts");
+    let keys = [state(2), state(7), state(1), state(2)];
+    for _ in 0..2 {
+        let counts = store.counts(id, &keys).await.expect("counts");
+        let visits: Vec<u64> = counts.iter().map(|c| c.counts.cells().iter().map(|cell| cell.tally.n).sum()).collect();
+        assert_eq!(visits, [2, 0, 1, 2]);
+        assert!(counts.iter().all(|c| c.revision == 3));
+    }
+    assert_eq!(store.counts(id, &[]).await.expect("nothing asked"), []);
+}
+
+async fn many_states_are_read_at_once(database: &dyn Database) {
+    let (store, id) = open(database).await;
+    let sending = (0..5_000).fold(batch(id, "a", 1), |sending, place| {
+        if place % 2 == 0 { sending.cell(place, u64::from(place), tally(1, 1)) } else { sending }
+    });
+    commit(&store, &[sending.done()]).await;
+    let keys: Vec<_> = (0..10_000).rev().map(|at| state(at % 5_000)).collect();
+    let counts = store.counts(id, &keys).await.expect("counts");
+    for (key, counts) in keys.iter().zip(&counts) {
+        let place = key.bins()[0];
+        let joints: Vec<u64> = counts.counts.cells().iter().map(|cell| cell.joint).collect();
+        assert_eq!(joints, if place % 2 == 0 { vec![u64::from(place)] } else { vec![] });
+    }
+}
+
+async fn a_scan_sees_every_state_once(database: &dyn Database) {
+    let (store, id) = open(database).await;
+    let other = make(&store, "other").await;
+    let many = |id, producer: &str, places: std::ops::Range<u32>| {
+        places.fold(batch(id, producer, 1), |b, place| b.cell(place, 1, tally(1, 1)).cell(place, 2, tally(1, 0))).done()
+    };
+    commit(&store, &[many(id, "a", 0..10), many(other, "a", 0..10), many(id, "b", 10..25)]).await;
+    let mut seen = Vec::new();
+    let mut cursor = Cursor::default();
+    loop {
+        let page = store.scan(id, cursor, 7).await.expect("a page");
+        let Some(last) = page.last() else { break };
+        assert!(page.len() <= 7);
+        cursor = last.cursor;
+        assert!(page.iter().all(|state| state.counts.cells().len() == 2));
+        seen.extend(page.into_iter().map(|scanned| scanned.key));
+    }
+    seen.sort();
+    assert_eq!(seen, (0..25).map(state).collect::<Vec<_>>());
+}
+
+async fn what_a_commit_counts_is_read_after_it(database: &dyn Database) {
+    let (store, id) = open(database).await;
+    for sequence in 1..=20 {
+        let sending = batch(id, "a", sequence).cell(1, sequence % 3, tally(1, 1)).cell(2, 0, tally(1, 1));
+        commit(&store, &[sending.done()]).await;
+        let counts = store.counts(id, &[state(1), state(2), state(3)]).await.expect("counts");
+        let visits = |at: usize| counts[at].counts.cells().iter().map(|cell| cell.tally.n).sum::<u64>();
+        assert_eq!([visits(0), visits(1), visits(2)], [sequence, sequence, 0]);
+        assert!(counts.iter().all(|c| c.revision == 2 * sequence));
+    }
+}
+
+async fn an_audit_finds_nothing_wrong(database: &dyn Database) {
+    let (store, id) = open(database).await;
+    make(&store, "empty").await;
+    commit(&store, &[batch(id, "a", 1).cell(1, 1, tally(5, 1)).cell(2, 1, tally(6, 1)).done()]).await;
+    let audits = store.audit().await.expect("an audit");
+    assert_eq!(audits.iter().map(|a| a.environment.as_str()).collect::<Vec<_>>(), ["empty", "hallway"]);
+    assert_eq!((audits[0].kept, audits[0].found), ([0; 3], [0; 3]));
+    assert_eq!((audits[1].kept, audits[1].found), ([11, 2, 2], [11, 2, 2]));
+    assert!(store.ready().await.is_ok());
+    assert!(store.bytes().await.expect("a size") > 0);
+}
+
+async fn many_new_states_in_one_commit(database: &dyn Database) {
+    let (store, id) = open(database).await;
+    let sending = |sequence, from: u32| {
+        (from..from + 3_000).fold(batch(id, "a", sequence), |b, place| b.cell(place, 7, tally(1, 1))).done()
+    };
+    commit(&store, &[sending(1, 0), sending(2, 1_500)]).await;
+    commit(&store, &[sending(3, 3_000)]).await;
+    let expected = Totals { transitions: 9_000, states: 6_000, cells: 6_000, segments: 1, producers: 1 };
+    assert_eq!(totals(&store, id).await, expected);
+    assert_eq!(cells(&store, id, 3_100).await, [(7, 2, Some(2))]);
+    assert!(store.audit().await.expect("an audit")[0].is_sound());
+}
+
+async fn environments_do_not_mix(database: &dyn Database) {
+    let (store, one) = open(database).await;
+    let two = make(&store, "other").await;
+    let batches = [
+        batch(one, "a", 1).cell(1, 1, tally(1, 1)).done(),
+        batch(two, "a", 1).cell(1, 1, tally(10, 1)).done(),
+        batch(two, "a", 2).cell(1, 1, tally(10, 1)).done(),
+    ];
+    let expected: Vec<Outcome> = batches.iter().map(applied).collect();
+    assert_eq!(commit(&store, &batches).await, expected);
+    assert_eq!((watermark(&store, one, "a").await, watermark(&store, two, "a").await), (1, 2));
+    assert_eq!(
+        (cells(&store, one, 1).await, cells(&store, two, 1).await),
+        (vec![(1, 1, Some(1))], vec![(1, 20, Some(2))])
+    );
+    let counts = store.counts(one, &[state(1)]).await.expect("counts");
+    let cell = Cell { joint: 1, segment: SegmentId(counts[0].counts.cells()[0].segment.0), tally: tally(1, 1) };
+    assert_eq!((counts[0].counts.cells(), counts[0].revision), (&[cell][..], 1));
+    store.delete(one).await.expect("removed");
+    assert_eq!((totals(&store, two).await.transitions, cells(&store, two, 1).await.len()), (20, 1));
+}

@@ -1,0 +1,99 @@
+//! Short ways to say what a test sends to a store.
+
+use nudge::domain::draft::{AgentDraft, FeatureDraft, KindDraft};
+use nudge::domain::{
+    Acknowledged, Digest, EnvironmentId, Increment, Receipt, Schema, SchemaDraft, Sequence, StateKey, Tally,
+};
+use nudge::store::{Numbered, Outcome, Refusal};
+
+/// Returns a schema of one wide state feature and two agents with 1,024 actions each.
+pub fn schema() -> Schema {
+    let feature =
+        |name: &str, max| FeatureDraft { name: name.into(), unit: None, kinds: vec![KindDraft::Integer(0, max)] };
+    let agent = |name: &str| AgentDraft { name: name.into(), action: vec![feature("move", 1_023)] };
+    let draft = SchemaDraft { state: vec![feature("place", 1 << 20)], agents: vec![agent("robot"), agent("human")] };
+    Schema::try_from(&draft).expect("valid")
+}
+
+/// Returns the key of a state of [`schema`].
+pub fn state(place: u32) -> StateKey {
+    StateKey::new(&[place])
+}
+
+/// Returns visits whose entries are all known.
+pub fn tally(n: u64, entries: u64) -> Tally {
+    Tally { n, entries: Some(entries) }
+}
+
+/// A batch in the making.
+pub struct Sending(Numbered);
+
+/// Begins an empty batch.
+pub fn batch(environment: EnvironmentId, producer: &str, sequence: u64) -> Sending {
+    Sending(Numbered {
+        environment,
+        producer: producer.parse().expect("a producer id"),
+        sequence: Sequence::new(sequence).expect("a sequence"),
+        digest: Digest([sequence as u8; 32]),
+        increment: Increment::default(),
+        receipt: Receipt::default(),
+    })
+}
+
+impl Sending {
+    /// Adds a cell; each of them once.
+    pub fn cell(mut self, place: u32, joint: u64, tally: Tally) -> Self {
+        let increment = &mut self.0.increment;
+        let key = state(place);
+        let at = increment.states.iter().position(|known| *known == key).unwrap_or_else(|| {
+            increment.states.push(key);
+            increment.states.len() - 1
+        });
+        increment.cells.push((at as u32, joint, tally));
+        increment.transitions = increment.transitions.saturating_add(tally.n);
+        self.0.receipt.accepted = increment.transitions;
+        self
+    }
+
+    /// Names the segment.
+    pub fn segment(mut self, label: &str) -> Self {
+        self.0.increment.segment = Some(label.parse().expect("a label"));
+        self
+    }
+
+    /// Tells the content from that of another batch with the same number.
+    pub fn content(mut self, byte: u8) -> Self {
+        self.0.digest = Digest([byte; 32]);
+        self
+    }
+
+    /// Returns the batch.
+    pub fn done(self) -> Numbered {
+        self.0
+    }
+}
+
+/// Returns the outcome of a batch that is counted.
+pub fn applied(batch: &Numbered) -> Outcome {
+    Outcome::Acknowledged(Acknowledged::Applied(batch.receipt.clone()))
+}
+
+/// Returns the outcome of a batch that was counted before.
+pub fn duplicate(batch: &Numbered) -> Outcome {
+    Outcome::Acknowledged(Acknowledged::Duplicate(batch.receipt.clone()))
+}
+
+/// Returns the outcome of a batch that was counted so long ago that nobody knows its content.
+pub fn unverified() -> Outcome {
+    Outcome::Acknowledged(Acknowledged::Unverified)
+}
+
+/// Returns the outcome of a batch whose number is ahead.
+pub fn out_of_order(expected: u64) -> Outcome {
+    Outcome::Refused(Refusal::OutOfOrder { expected: Sequence::new(expected).expect("a sequence") })
+}
+
+/// Returns the outcome of a batch that a quota has no room for.
+pub fn over_quota(what: &'static str, limit: u64) -> Outcome {
+    Outcome::Refused(Refusal::Quota { what, limit })
+}
