@@ -3,9 +3,11 @@
 #![allow(missing_docs)]
 
 mod architecture;
+mod faces;
 mod golden_tables;
 mod ingest;
 mod kill;
+mod operations;
 mod sqlite_store;
 mod store_contract;
 mod support;

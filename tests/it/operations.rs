@@ -1,0 +1,128 @@
+//! What operators and foreign clients meet: probes, metrics, reflection, gRPC-Web, unknown paths, the OpenAPI document.
+
+use serde_json::json;
+use tokio_stream::StreamExt;
+use tonic_health::pb::HealthCheckRequest;
+use tonic_health::pb::health_client::HealthClient;
+use tonic_reflection::pb::v1::ServerReflectionRequest;
+use tonic_reflection::pb::v1::server_reflection_client::ServerReflectionClient;
+use tonic_reflection::pb::v1::server_reflection_request::MessageRequest;
+use tonic_reflection::pb::v1::server_reflection_response::MessageResponse;
+
+use crate::support::TestApp;
+
+#[tokio::test]
+async fn probes_tell_alive_ready_and_draining() {
+    let app = TestApp::start().await;
+    assert_eq!(app.rest("GET", "/livez", None).await.0, 200);
+    let (status, checks) = app.rest("GET", "/readyz?verbose", None).await;
+    assert_eq!((status, &checks["checks"]["database"]), (200, &json!("ok")));
+}
+
+#[tokio::test]
+async fn metrics_count_what_happens() {
+    let app = TestApp::start().await;
+    app.lane().await;
+    let body = json!({"producer": "metrics", "sequence": 1, "transitions": [
+        {"state": {"distance": 1, "held": 0}, "actions": {"robot": 0, "human": 0}}, {"state": {}, "actions": {}}]});
+    assert_eq!(app.rest("POST", "/v1/environments/lane/transitions", Some(&body)).await.0, 200);
+    let (status, text) = app.rest("GET", "/metrics", None).await;
+    let text = text.as_str().unwrap_or_default();
+    assert_eq!(status, 200);
+    for line in [
+        "# HELP nudge_transitions_accepted_total",
+        "nudge_transitions_accepted_total{environment=\"lane\"}",
+        "nudge_build_info{",
+        "nudge_commit_duration_seconds_bucket",
+        "nudge_database_bytes",
+        "nudge_cells{environment=\"lane\"}",
+    ] {
+        assert!(text.contains(line), "{line} in\n{text}");
+    }
+    assert!(!text.contains("producer="), "labels are bounded");
+}
+
+#[tokio::test]
+async fn every_error_of_rest_is_a_problem() {
+    let app = TestApp::start().await;
+    let cases = [
+        ("GET", "/v1/environmints", 404),
+        ("GET", "/v2/nothing/here", 404),
+        ("DELETE", "/v1/environments", 405),
+        ("GET", "/v1/environments/lane", 404),
+        ("GET", "/v1/environments?page_sise=3", 400),
+        ("GET", "/v1/environments?page_size=5000", 400),
+        ("PUT", "/v1/environments/lane", 415),
+    ];
+    for (method, path, expected) in cases {
+        let request = reqwest::Client::new().request(method.parse().expect("a method"), app.url(path));
+        let response = request.send().await.expect("answered");
+        assert_eq!(response.status().as_u16(), expected, "{method} {path}");
+        let kind = response.headers().get("content-type").and_then(|kind| kind.to_str().ok()).map(str::to_owned);
+        assert_eq!(kind.as_deref(), Some("application/problem+json"), "{method} {path}");
+        let body: serde_json::Value = response.json().await.expect("JSON");
+        assert_eq!(body["status"], json!(expected));
+    }
+}
+
+#[tokio::test]
+async fn the_openapi_document_names_every_path() {
+    let app = TestApp::start().await;
+    let (status, document) = app.rest("GET", "/openapi.json", None).await;
+    assert_eq!((status, document["openapi"].as_str().map(|version| &version[..3])), (200, Some("3.1")));
+    let paths: Vec<&String> = document["paths"].as_object().expect("paths").keys().collect();
+    for path in [
+        "/v1/environments",
+        "/v1/environments/{environment}",
+        "/v1/environments/{environment}/transitions",
+        "/v1/environments/{environment}/producers/{producer}",
+        "/v1/environments/{environment}/influence",
+        "/v1/environments/{environment}/states",
+        "/v1/environments/{environment}/states/{key}",
+        "/v1/environments/{environment}/summary",
+    ] {
+        assert!(paths.iter().any(|known| *known == path), "{path} in {paths:?}");
+    }
+    assert_eq!(app.rest("GET", "/docs/", None).await.0, 200);
+}
+
+#[tokio::test]
+async fn grpc_tells_its_health_and_itself() {
+    let app = TestApp::start().await;
+    let mut health = HealthClient::new(app.channel().await);
+    for service in ["", "nudge.v1.IngestService", "nudge.v1.InfluenceService", "nudge.v1.EnvironmentService"] {
+        let answer = health.check(HealthCheckRequest { service: service.into() }).await.expect("known").into_inner();
+        assert_eq!(answer.status, 1, "{service} serves");
+    }
+    let request = ServerReflectionRequest {
+        host: String::new(),
+        message_request: Some(MessageRequest::ListServices(String::new())),
+    };
+    let mut answers = ServerReflectionClient::new(app.channel().await)
+        .server_reflection_info(tokio_stream::once(request))
+        .await
+        .expect("reflection")
+        .into_inner();
+    let answer = answers.next().await.expect("an answer").expect("an answer").message_response;
+    let Some(MessageResponse::ListServicesResponse(listed)) = answer else { panic!("{answer:?}") };
+    let names: Vec<String> = listed.service.into_iter().map(|service| service.name).collect();
+    assert!(names.contains(&"nudge.v1.IngestService".to_owned()), "{names:?}");
+}
+
+#[tokio::test]
+async fn grpc_web_is_spoken_over_http_1() {
+    let app = TestApp::start().await;
+    let response = reqwest::Client::new()
+        .post(app.url("/nudge.v1.EnvironmentService/ListEnvironments"))
+        .header("content-type", "application/grpc-web+proto")
+        .header("x-grpc-web", "1")
+        .body(vec![0_u8; 5])
+        .send()
+        .await
+        .expect("answered");
+    assert_eq!(response.status().as_u16(), 200);
+    let kind = response.headers()["content-type"].to_str().expect("text").to_owned();
+    assert!(kind.starts_with("application/grpc-web"), "{kind}");
+    let body = response.bytes().await.expect("a body");
+    assert!(String::from_utf8_lossy(&body).contains("grpc-status:0"), "{body:?}");
+}
