@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::api::json::description_of_text;
-use crate::domain::{Rejection, Sequence};
+use crate::domain::{Entry, Rejection, Sequence};
 use crate::error::ErrorKind;
 
 fn schema() -> Schema {
