@@ -2,10 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use serde::{Serialize, Serializer};
+use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::present;
+use super::{Labels, State, present};
 use crate::api::proto;
 
 /// The answers to one question, with what indices in them stand for.
@@ -15,27 +15,6 @@ pub struct Answers {
     pub labels: Labels,
     /// One a state, in the order asked.
     pub answers: Vec<Answer>,
-}
-
-/// What indices in answers stand for.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, ToSchema)]
-pub struct Labels {
-    /// The ego.
-    pub ego: Variable,
-    /// The other.
-    pub other: Variable,
-    /// The agents held fixed.
-    pub given: Vec<Variable>,
-}
-
-/// A variable and the labels of its values.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, ToSchema)]
-pub struct Variable {
-    /// Its name.
-    #[schema(example = "robot")]
-    pub name: String,
-    /// A label an action, in index order; empty where there are more than 4,096.
-    pub actions: Vec<String>,
 }
 
 /// The answer for one state. Fields from `unit` on are absent in the view `verdict`.
@@ -81,29 +60,6 @@ pub struct Answer {
     pub revision: Option<u64>,
 }
 
-/// A state by key and bins.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, ToSchema)]
-pub struct State {
-    /// Bin numbers joined by dots.
-    #[schema(example = "3.0.7")]
-    pub key: String,
-    /// One a feature, in the environment's order; absent in the view `verdict`.
-    #[serde(skip_serializing_if = "Vec::is_empty", serialize_with = "as_object")]
-    #[schema(value_type = BTreeMap<String, Bin>, required = false)]
-    pub bins: Vec<(String, Bin)>,
-}
-
-/// One bin of a state.
-#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
-pub struct Bin {
-    /// The bin's number, from 0.
-    #[schema(example = 3)]
-    pub bin: u32,
-    /// What people call it.
-    #[schema(example = "[2, 3)")]
-    pub label: String,
-}
-
 /// What a verdict rests on.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, ToSchema)]
 pub struct Basis {
@@ -143,11 +99,6 @@ pub struct ActionFigures {
     pub response: Option<Vec<f64>>,
 }
 
-/// Writes pairs as an object in their order, which a map type would lose.
-fn as_object<S: Serializer>(bins: &[(String, Bin)], serializer: S) -> Result<S::Ok, S::Error> {
-    serializer.collect_map(bins.iter().map(|(feature, bin)| (feature, bin)))
-}
-
 /// Returns the word for a verdict.
 pub(super) fn verdict(number: i32) -> &'static str {
     match proto::Verdict::try_from(number) {
@@ -182,22 +133,6 @@ impl From<proto::GetInfluenceResponse> for Answers {
     }
 }
 
-impl From<proto::Labels> for Labels {
-    fn from(labels: proto::Labels) -> Self {
-        Self {
-            ego: labels.ego.map(Into::into).unwrap_or_default(),
-            other: labels.other.map(Into::into).unwrap_or_default(),
-            given: labels.given.into_iter().map(Into::into).collect(),
-        }
-    }
-}
-
-impl From<proto::Variable> for Variable {
-    fn from(variable: proto::Variable) -> Self {
-        Self { name: variable.name, actions: variable.actions }
-    }
-}
-
 impl From<proto::Answer> for Answer {
     fn from(answer: proto::Answer) -> Self {
         let by_action: Vec<ActionFigures> = answer.by_action.into_iter().map(Into::into).collect();
@@ -220,13 +155,6 @@ impl From<proto::Answer> for Answer {
     }
 }
 
-impl From<proto::State> for State {
-    fn from(state: proto::State) -> Self {
-        let bin = |bin: proto::Bin| (bin.feature, Bin { bin: bin.bin, label: bin.label });
-        Self { key: state.key, bins: state.bins.into_iter().map(bin).collect() }
-    }
-}
-
 impl From<proto::MutualInformation> for MutualInformation {
     fn from(figures: proto::MutualInformation) -> Self {
         Self {
@@ -242,5 +170,94 @@ impl From<proto::ActionFigures> for ActionFigures {
     fn from(figures: proto::ActionFigures) -> Self {
         let proto::ActionFigures { action, index, visits, plug_in_divergence, response } = figures;
         Self { action, index, visits, plug_in_divergence, response: Some(response).filter(|r| !r.is_empty()) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    fn verdict_only() -> proto::Answer {
+        proto::Answer {
+            state: Some(proto::State { key: "3.0".into(), bins: Vec::new() }),
+            visits: 12,
+            verdict: proto::Verdict::NoInfluence.into(),
+            basis: proto::Basis::Counts.into(),
+            ..proto::Answer::default()
+        }
+    }
+
+    fn with_figures() -> proto::Answer {
+        let bin = |feature: &str, bin, label: &str| proto::Bin { feature: feature.into(), bin, label: label.into() };
+        proto::Answer {
+            state: Some(proto::State { key: "3.0".into(), bins: vec![bin("z", 3, "[2, 3)"), bin("a", 0, "left")] }),
+            entries: Some(7),
+            unit: "nats".into(),
+            threshold: Some(0.5),
+            rule: "paper".into(),
+            mutual_information: Some(proto::MutualInformation {
+                plug_in: 0.25,
+                expected_if_independent: 0.125,
+                expected_method: "hypergeometric".into(),
+                estimates: [("excess".to_owned(), 0.125)].into(),
+            }),
+            lag: Some(0),
+            directed: Some(false),
+            revision: Some(99),
+            ..verdict_only()
+        }
+    }
+
+    fn full() -> proto::Answer {
+        let figures = |index, visits, plug_in_divergence, response| proto::ActionFigures {
+            action: format!("a{index}"),
+            index,
+            visits,
+            plug_in_divergence,
+            response,
+        };
+        let by_action = vec![figures(0, 12, Some(0.0), vec![0.5, 0.5]), figures(1, 0, None, Vec::new())];
+        proto::Answer { by_action, ..with_figures() }
+    }
+
+    fn told(answer: proto::Answer) -> String {
+        serde_json::to_string(&Answer::from(answer)).expect("JSON")
+    }
+
+    #[test]
+    fn the_verdict_view_is_short() {
+        let expected =
+            r#"{"state":{"key":"3.0"},"visits":12,"verdict":"no_influence","basis":{"kind":"counts","visits":12}}"#;
+        assert_eq!(told(verdict_only()), expected);
+    }
+
+    #[test]
+    fn figures_keep_the_order_of_features() {
+        let expected = concat!(
+            r#"{"state":{"key":"3.0","bins":{"z":{"bin":3,"label":"[2, 3)"},"a":{"bin":0,"label":"left"}}},"#,
+            r#""visits":12,"entries":7,"verdict":"no_influence","basis":{"kind":"counts","visits":12},"#,
+            r#""unit":"nats","threshold":0.5,"rule":"paper","#,
+            r#""mutual_information":{"plug_in":0.25,"expected_if_independent":0.125,"#,
+            r#""expected_method":"hypergeometric","estimates":{"excess":0.125}},"#,
+            r#""lag":0,"directed":false,"revision":99}"#
+        );
+        assert_eq!(told(with_figures()), expected);
+    }
+
+    #[test]
+    fn an_action_that_was_not_taken_has_no_figures() {
+        let answer: serde_json::Value = serde_json::from_str(&told(full())).expect("JSON");
+        let expected = json!([
+            {"action": "a0", "index": 0, "visits": 12, "plug_in_divergence": 0.0, "response": [0.5, 0.5]},
+            {"action": "a1", "index": 1, "visits": 0, "plug_in_divergence": null, "response": null},
+        ]);
+        assert_eq!(answer["by_action"], expected);
+    }
+
+    #[test]
+    fn a_prior_has_no_visits() {
+        let basis = basis(proto::Basis::Prior.into(), 0);
+        assert_eq!(serde_json::to_value(basis).expect("JSON"), json!({"kind": "prior"}));
     }
 }

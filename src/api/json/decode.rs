@@ -7,15 +7,22 @@ use crate::error::{Fault, Problem};
 
 /// Decodes a JSON document; `what` names it in the problem.
 pub fn decode<'a, T: Deserialize<'a>>(what: &str, bytes: &'a [u8]) -> Result<T, Problem> {
-    serde_json::from_slice(bytes).map_err(|error| {
-        let detail = in_words_of_json(&error.to_string());
-        Problem::invalid(what, vec![Fault::new(place::<T>(bytes), detail)])
-    })
+    serde_json::from_slice(bytes)
+        .map_err(|error| Problem::invalid(what, vec![fault(place::<T>(bytes), &error.to_string())]))
 }
 
 /// Returns a JSON pointer to a member, which escapes `~` and `/` (RFC 6901).
 pub fn pointer(name: &str) -> String {
     format!("/{}", name.replace('~', "~0").replace('/', "~1"))
+}
+
+/// What is missing has a place too: where it would be.
+fn fault(place: String, message: &str) -> Fault {
+    let missing = message.strip_prefix("missing field `").and_then(|rest| rest.split_once('`'));
+    match missing {
+        Some((name, _)) => Fault::new(place + &pointer(name), "missing"),
+        None => Fault::new(place, in_words_of_json(message)),
+    }
 }
 
 /// Decodes once more to learn where it fails. Keeping track of the place costs time, which only documents that fail should pay.
@@ -69,6 +76,12 @@ mod tests {
         let fault = fault(r#"{"state": [{"name": "a", "circluar": {"bins": 8}}]}"#);
         assert_eq!(fault.pointer, "/state/0/circluar");
         assert!(fault.detail.contains("unknown field `circluar`"), "{}", fault.detail);
+    }
+
+    #[test]
+    fn what_is_missing_is_told_with_its_place() {
+        let fault = fault(r#"{"state": [{"name": "a", "integer": {"min": 1}}]}"#);
+        assert_eq!((fault.pointer.as_str(), fault.detail.as_str()), ("/state/0/integer/max", "missing"));
     }
 
     #[test]

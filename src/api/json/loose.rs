@@ -9,6 +9,9 @@ use crate::domain::draft::{ActionDraft, NamedValues, ValueDraft};
 /// Longer than any label, so a text beyond it need not be told in full.
 const LONGEST_TOLD: usize = 64;
 
+/// No feature takes a number that f32 cannot hold, so it is told as it was written.
+const BEYOND_EVERY_FEATURE: f64 = 1e39;
+
 /// A JSON value.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Loose {
@@ -27,7 +30,7 @@ impl Loose {
     pub(super) fn into_value(self) -> ValueDraft {
         match self {
             Self::Whole(number) => ValueDraft::Number(number as f64),
-            Self::Number(number) => ValueDraft::Number(number),
+            Self::Number(number) if number.abs() < BEYOND_EVERY_FEATURE => ValueDraft::Number(number),
             Self::Text(text) if text.chars().nth(LONGEST_TOLD).is_none() => ValueDraft::Text(text),
             other => ValueDraft::Other(other.to_string()),
         }
@@ -54,7 +57,8 @@ impl fmt::Display for Loose {
             Self::Null => f.write_str("null"),
             Self::Bool(flag) => flag.fmt(f),
             Self::Whole(number) => number.fmt(f),
-            Self::Number(number) => number.fmt(f),
+            // Debug tells 1e300 as that, Display with three hundred zeros.
+            Self::Number(number) => write!(f, "{number:?}"),
             Self::Text(text) => match text.char_indices().nth(LONGEST_TOLD) {
                 None => write!(f, "{text:?}"),
                 Some((end, _)) => write!(f, "{:?}...", &text[..end]),
@@ -150,6 +154,7 @@ mod tests {
         assert_eq!(told("true"), "true");
         assert_eq!(told("[1, [2]]"), "a list of 2");
         assert_eq!(told("{}"), "an object");
+        assert_eq!(told("-1e300"), "-1e300");
         let long = told(&format!("\"{}\"", "é".repeat(1_000)));
         assert_eq!(long, format!("\"{}\"...", "é".repeat(64)));
     }
@@ -157,7 +162,7 @@ mod tests {
     #[test]
     fn numbers_and_labels_are_values() {
         assert_eq!(loose("-3").into_value(), ValueDraft::Number(-3.0));
-        assert_eq!(loose("1e300").into_value(), ValueDraft::Number(1e300));
+        assert_eq!(loose("0.7").into_value(), ValueDraft::Number(0.7));
         assert_eq!(loose("\"左\"").into_value(), ValueDraft::Text("左".into()));
         assert_eq!(loose("18446744073709551615"), Loose::Whole(u64::MAX));
     }

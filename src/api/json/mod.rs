@@ -5,29 +5,33 @@
 
 mod answer;
 mod decode;
+mod description;
 mod environment;
+mod labels;
 mod loose;
 mod overview;
+mod parameters;
 mod problem;
 mod query;
 mod question;
 mod receipt;
+mod record;
 mod rule;
 mod transitions;
 
-pub use answer::{ActionFigures, Answer, Answers, Basis, Bin, Labels, MutualInformation, State, Variable};
+pub use answer::{ActionFigures, Answer, Answers, Basis, MutualInformation};
 pub use decode::{decode, pointer};
-pub use environment::{
-    Agent, Categorical, Circular, Continuous, Description, Environment, EnvironmentPage, Feature, Integer,
-    description_of_text,
-};
+pub use description::{Agent, Categorical, Circular, Continuous, Description, Feature, Integer, description_of_text};
+pub use environment::{Environment, EnvironmentPage};
+pub use labels::{Bin, Labels, State, Variable};
 pub use overview::{Cell, Counts, HistogramBin, StateFigures, StatePage, Summary, VerdictCounts};
+pub use parameters::Parameters;
 pub use problem::{Fault, Problem};
-pub use query::{Parameters, batch_of_query, listing, page, pair, question_of_query};
-pub use question::Question;
+pub use query::{batch_of_query, listing, page, pair, question_of_query};
+pub use question::{NamedState, Question};
 pub use receipt::{Producer, Receipt, Rejection};
 pub use rule::{Rule, RuleChange};
-pub use transitions::{Incoming, Transition, Transitions, batch_of_json, batch_of_lines};
+pub use transitions::{Action, FeatureValue, Incoming, Transition, Transitions, batch_of_json, batch_of_lines};
 
 /// Returns the text, or `None` where proto says "absent" by an empty one.
 fn present(text: String) -> Option<String> {

@@ -31,7 +31,7 @@ pub struct Problem {
     pub errors: Vec<Fault>,
     /// Numbers and names that a program can act on.
     #[serde(flatten)]
-    #[schema(value_type = Object, additional_properties)]
+    #[schema(ignore)]
     pub details: Map<String, Value>,
 }
 

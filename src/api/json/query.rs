@@ -1,81 +1,11 @@
 //! Questions as a query string asks them. Nothing in a query string has a type, so numbers and labels are told apart by the features they are for.
 
-use super::pointer;
+use super::Parameters;
 use crate::domain::RuleDraft;
-use crate::domain::draft::{ListingDraft, NamedValues, PairDraft, QuestionDraft, StatesDraft, ValueDraft};
-use crate::error::{Fault, Problem};
-
-/// The parameters of a query string, taken one by one: what is left at the end is unknown.
-#[derive(Debug, Default)]
-pub struct Parameters {
-    left: Vec<(String, String)>,
-    faults: Vec<Fault>,
-}
+use crate::domain::draft::{ListingDraft, PairDraft, QuestionDraft, StatesDraft};
+use crate::error::Problem;
 
 impl Parameters {
-    /// Makes parameters of decoded pairs.
-    pub fn new(pairs: Vec<(String, String)>) -> Self {
-        Self { left: pairs, faults: Vec::new() }
-    }
-
-    /// Returns `value` unless a parameter was faulty, or was not taken.
-    pub fn finish<T>(mut self, value: T) -> Result<T, Problem> {
-        let unknown = |(name, _): (String, String)| Fault::new(pointer(&name), "unknown parameter");
-        self.faults.extend(self.left.into_iter().map(unknown));
-        if self.faults.is_empty() { Ok(value) } else { Err(Problem::invalid("query", self.faults)) }
-    }
-
-    /// Takes every value of a parameter.
-    fn take(&mut self, name: &str) -> Vec<String> {
-        self.left.extract_if(.., |(found, _)| found == name).map(|(_, value)| value).collect()
-    }
-
-    /// Takes the value of a parameter that is given once at most; an empty one counts as absent.
-    fn text(&mut self, name: &str) -> Option<String> {
-        let mut values = self.take(name);
-        if values.len() > 1 {
-            self.fault(name, format!("given {} times, expected once", values.len()));
-        }
-        values.pop().filter(|value| !value.is_empty())
-    }
-
-    /// Takes the values of a parameter that may be repeated, or joined by commas.
-    fn list(&mut self, name: &str) -> Vec<String> {
-        let values = self.take(name);
-        values.iter().flat_map(|value| value.split(',')).filter(|part| !part.is_empty()).map(Into::into).collect()
-    }
-
-    fn number<T: std::str::FromStr>(&mut self, name: &str, expected: &str) -> Option<T> {
-        let text = self.text(name)?;
-        let number = text.parse().ok();
-        if number.is_none() {
-            self.fault(name, format!("got {text:?}, expected {expected}"));
-        }
-        number
-    }
-
-    fn whole(&mut self, name: &str) -> Option<u64> {
-        self.number(name, "a whole number, at least 0")
-    }
-
-    /// Takes every parameter whose name begins with `prefix`, without it.
-    fn under(&mut self, prefix: &str) -> NamedValues {
-        let under = self.left.extract_if(.., |(name, _)| name.starts_with(prefix));
-        under.map(|(name, value)| (name[prefix.len()..].to_owned(), ValueDraft::Untyped(value))).collect()
-    }
-
-    fn required<T>(&mut self, name: &str, value: Option<T>) -> Option<T> {
-        let told = self.faults.iter().any(|fault| fault.pointer == pointer(name));
-        if value.is_none() && !told {
-            self.fault(name, "missing");
-        }
-        value
-    }
-
-    fn fault(&mut self, name: &str, detail: impl Into<String>) {
-        self.faults.push(Fault::new(pointer(name), detail));
-    }
-
     fn pair(&mut self) -> PairDraft {
         PairDraft {
             ego: self.text("ego"),
@@ -160,6 +90,7 @@ pub fn batch_of_query(mut query: Parameters) -> Result<(String, u64, Option<Stri
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::domain::draft::ValueDraft;
 
     fn parameters(pairs: &[(&str, &str)]) -> Parameters {
         Parameters::new(pairs.iter().map(|(name, value)| ((*name).to_owned(), (*value).to_owned())).collect())

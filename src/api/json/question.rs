@@ -6,8 +6,8 @@ use serde::Deserialize;
 use serde::de::{Deserializer, MapAccess, Visitor};
 use utoipa::ToSchema;
 
-use super::Rule;
 use super::loose::Loose;
+use super::{FeatureValue, Rule};
 use crate::domain::draft::{NamedValues, PairDraft, QuestionDraft, StatesDraft};
 use crate::error::{Fault, Problem};
 
@@ -37,7 +37,7 @@ pub struct Question {
     /// `verdict`, `figures` (the default for several states) or `full` (the default for one).
     pub view: Option<String>,
     /// States, each a value a feature: a number in the feature's unit, or a label.
-    #[schema(value_type = Option<Vec<BTreeMap<String, Object>>>, example = json!([{"distance": 1.2, "held": "onion"}]))]
+    #[schema(value_type = Option<Vec<BTreeMap<String, FeatureValue>>>, example = json!([{"distance": 1.2, "held": "onion"}]))]
     pub states: Option<Vec<NamedState>>,
     /// States by key.
     pub keys: Option<Vec<String>>,

@@ -24,6 +24,7 @@ use tracing::{Level, Span};
 
 use super::{Settings, problems};
 
+// Both limits are told in words in `status.rs`.
 const TIMEOUT: Duration = Duration::from_secs(30);
 const MOST_BODY_BYTES: usize = 16 << 20;
 /// An answer for one state is smaller, and sooner sent than compressed.

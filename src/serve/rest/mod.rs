@@ -39,7 +39,7 @@ fn routes() -> Router<App> {
     Router::new()
         .route("/v1/environments", get(environments::list_environments))
         .route("/v1/environments/{environment}", environment)
-        .route("/v1/environments/{environment}/transitions", post(transitions::write))
+        .route("/v1/environments/{environment}/transitions", post(transitions::write_transitions))
         .route("/v1/environments/{environment}/producers/{producer}", get(transitions::get_producer))
         .route("/v1/environments/{environment}/influence", influence)
         .route("/v1/environments/{environment}/states", get(states::list_states))

@@ -29,7 +29,7 @@ pub fn document() -> utoipa::openapi::OpenApi {
         environments::get_environment,
         environments::update_rule,
         environments::delete_environment,
-        transitions::write,
+        transitions::write_transitions,
         transitions::get_producer,
         influence::get_influence,
         influence::batch_get_influence,

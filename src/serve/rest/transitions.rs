@@ -28,7 +28,7 @@ use crate::serve::status::Failure;
     request_body(content((json::Transitions = "application/json"), (json::Transition = "application/x-ndjson"))),
     responses((status = 200, description = "The receipt", body = json::Receipt), Refusals)
 )]
-pub async fn write(
+pub async fn write_transitions(
     State(app): State<App>,
     Path(name): Path<String>,
     Query(query): Query,

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::api::json::description_of_text;
-use crate::domain::{Rejection, Sequence};
+use crate::domain::{Entry, Rejection, Sequence};
 use crate::error::ErrorKind;
 
 fn schema() -> Schema {
@@ -137,7 +137,8 @@ fn what_is_wrong_with_the_batch_fails_it() {
     assert_eq!(pointer(r#"{"producer": "a b", "sequence": 1, "transitions": []}"#), at("/producer"));
     assert_eq!(pointer(r#"{"producer": "a", "sequence": 1, "segment": "\n", "transitions": []}"#), at("/segment"));
     assert_eq!(pointer(r#"{"producer": "a", "sequence": 1, "segments": "x", "transitions": []}"#), at("/segments"));
-    assert_eq!(pointer(r#"{"sequence": 1, "transitions": []}"#), at(""));
+    assert_eq!(pointer(r#"{"sequence": 1, "transitions": []}"#), at("/producer"));
+    assert_eq!(pointer("[]"), at(""));
     assert_eq!(pointer(r#"{"producer": "a", "sequence": 1, "transitions": {}}"#), at("/transitions"));
     assert_eq!(pointer(r#"{"producer": "a", "sequence": 1, "transitions": [{]}"#), at("/transitions/0"));
 }
