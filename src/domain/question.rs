@@ -228,8 +228,12 @@ fn each<T>(
     pointer: &str,
     key: impl Fn(&T) -> Result<StateKey, Vec<Fault>>,
 ) -> Result<Vec<StateKey>, Vec<Fault>> {
-    if !(1..=MOST_STATES).contains(&drafts.len()) {
-        return Err(vec![Fault::new(pointer, format!("got {} states, expected 1 to {MOST_STATES}", drafts.len()))]);
+    if drafts.is_empty() {
+        // Not every face can tell which of the two lists was meant.
+        return Err(vec![Fault::new("/states", format!("got none, expected 1 to {MOST_STATES} states or keys"))]);
+    }
+    if drafts.len() > MOST_STATES {
+        return Err(vec![Fault::new(pointer, format!("got {}, expected 1 to {MOST_STATES}", drafts.len()))]);
     }
     let mut faults = Vec::new();
     let mut keys = Vec::with_capacity(drafts.len());

@@ -6,6 +6,7 @@ use axum::Router;
 use tokio::net::TcpListener;
 
 use crate::app::App;
+use crate::telemetry;
 
 mod grpc;
 mod listen;
@@ -17,6 +18,8 @@ pub use rest::Settings;
 
 /// Serves an app on a listener until it drains and its connections have ended.
 pub async fn serve(app: App, listener: TcpListener, settings: Settings) -> Result<(), tonic_reflection::server::Error> {
+    // Before the first request, whose figures would be lost.
+    telemetry::recorder();
     let router = router(app.clone(), &settings).await?;
     listen::accept(listener, router, app.draining).await;
     Ok(())

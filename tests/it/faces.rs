@@ -127,7 +127,7 @@ fn faults() -> Vec<(Value, proto::BatchGetInfluenceRequest, &'static str, &'stat
             &["/states/1/held"],
         ),
         (json!({"keys": ["9.0", "0"]}), by_keys(&["9.0", "0"]), "INVALID_INPUT", &["/keys/0", "/keys/1"]),
-        (json!({"keys": []}), by_keys(&[]), "INVALID_INPUT", &["/keys"]),
+        (json!({"keys": []}), by_keys(&[]), "INVALID_INPUT", &["/states"]),
         (
             json!({"keys": ["0.0"], "ego": "robbot", "unit": "hartleys"}),
             scoped(proto::Scope { ego: "robbot".into(), unit: "hartleys".into(), ..scope() }),
