@@ -33,6 +33,7 @@
 
 pub mod api;
 pub mod app;
+pub mod cli;
 pub mod client;
 pub mod config;
 pub mod domain;

@@ -1,3 +1,5 @@
 //! The `nudge` binary.
 
-fn main() {}
+fn main() -> std::process::ExitCode {
+    nudge::cli::run()
+}

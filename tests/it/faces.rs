@@ -46,8 +46,9 @@ fn by_values(states: &[[f32; 2]]) -> proto::BatchGetInfluenceRequest {
 
 /// The same question in the words of each face.
 fn questions() -> Vec<(Value, proto::BatchGetInfluenceRequest)> {
-    let scoped = |scope: proto::Scope, request: proto::BatchGetInfluenceRequest| {
-        proto::BatchGetInfluenceRequest { scope: Some(scope), ..request }
+    let scoped = |scope: proto::Scope, request: proto::BatchGetInfluenceRequest| proto::BatchGetInfluenceRequest {
+        scope: Some(scope),
+        ..request
     };
     let rule = proto::Rule { threshold: Some(0.2), min_visits: Some(1), ..Default::default() };
     let full = proto::View::Full.into();
@@ -109,7 +110,11 @@ async fn the_same_question_gets_the_same_answer() {
 async fn one_state_in_a_query_string_is_the_same_question() {
     let app = lane_with_play().await;
     let (_, posted) = app.rest("POST", INFLUENCE, Some(&json!({"keys": ["0.0"], "unit": "bits"}))).await;
-    for query in ["key=0.0&unit=bits", "state.distance=0.1&state.held=nothing&unit=bits", "state.held=0&state.distance=1e-1&unit=bits&view=full"] {
+    for query in [
+        "key=0.0&unit=bits",
+        "state.distance=0.1&state.held=nothing&unit=bits",
+        "state.held=0&state.distance=1e-1&unit=bits&view=full",
+    ] {
         let (status, got) = app.rest("GET", &format!("{INFLUENCE}?{query}"), None).await;
         assert_eq!((status, &got), (200, &posted), "{query}");
     }

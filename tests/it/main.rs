@@ -1,13 +1,17 @@
-//! Every test that needs a service, a database or the whole source tree, in one binary.
+//! Every test that needs a service, a database, the binary or the whole source tree, in one binary.
 
 #![allow(missing_docs)]
 
 mod architecture;
+mod cli;
+mod client;
 mod faces;
+mod fake;
 mod golden_tables;
 mod ingest;
 mod kill;
 mod operations;
+mod proxy;
 mod sqlite_store;
 mod store_contract;
 mod support;

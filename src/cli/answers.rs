@@ -1,0 +1,197 @@
+//! Answers for people: what was found, from how much, beside what chance alone would give.
+
+use super::output::{Table, count, figure};
+use crate::api::proto;
+
+/// How many of the other's actions are told after each of the ego's.
+const RESPONSES_TOLD: usize = 3;
+
+/// Returns answers as text: one in full, several as a table.
+pub(super) fn render(environment: &str, response: &proto::BatchGetInfluenceResponse) -> String {
+    let labels = response.labels.clone().unwrap_or_default();
+    let heading = heading(environment, &labels, &response.answers);
+    match response.answers.as_slice() {
+        [only] if only.mutual_information.is_some() => format!("{heading}\n\n{}", one(only, &labels)),
+        all => format!("{heading}\n\n{}{}", several(all), by_state(all, &labels)),
+    }
+}
+
+fn heading(environment: &str, labels: &proto::Labels, answers: &[proto::Answer]) -> String {
+    let name = |variable: &Option<proto::Variable>| variable.as_ref().map(|one| one.name.clone()).unwrap_or_default();
+    let given: Vec<&str> = labels.given.iter().map(|variable| variable.name.as_str()).collect();
+    let given = if given.is_empty() { String::new() } else { format!(" given {}", given.join(", ")) };
+    let (ego, other) = (name(&labels.ego), name(&labels.other));
+    let first = answers.first().filter(|answer| answer.mutual_information.is_some());
+    let rule = first.map(|answer| {
+        let threshold = answer.threshold.unwrap_or_default();
+        format!("\n{} rule, threshold {threshold} {}", answer.rule, answer.unit)
+    });
+    format!("{environment}: {ego} on {other}{given}, same tick{}", rule.unwrap_or_default())
+}
+
+/// Tells one answer in full.
+fn one(answer: &proto::Answer, labels: &proto::Labels) -> String {
+    let state = answer.state.clone().unwrap_or_default();
+    let mut text = format!("state {}\n", state.key);
+    for bin in &state.bins {
+        text += &format!("  {} = {}\n", bin.feature, bin.label);
+    }
+    let entries = answer.entries.map(|entries| format!(", {} entries", count(entries))).unwrap_or_default();
+    text += &format!("\n{}, from {}: {} visits{entries}\n", verdict(answer), basis(answer), count(answer.visits));
+    text += &information(answer);
+    if !answer.by_action.is_empty() {
+        text += &format!("\n{}", by_action(answer, labels));
+    }
+    text
+}
+
+fn information(answer: &proto::Answer) -> String {
+    let information = answer.mutual_information.clone().unwrap_or_default();
+    let mut table = Table::new(&["mutual information", &answer.unit]);
+    let method = &information.expected_method;
+    table.row(["plug-in".into(), figure(information.plug_in)]);
+    table.row([format!("expected if independent ({method})"), figure(information.expected_if_independent)]);
+    let mut estimates: Vec<_> = information.estimates.into_iter().collect();
+    estimates.sort_by(|a, b| a.0.cmp(&b.0));
+    for (name, value) in estimates {
+        table.row([name, figure(value)]);
+    }
+    table.render("  ")
+}
+
+fn by_action(answer: &proto::Answer, labels: &proto::Labels) -> String {
+    let responses = labels.other.as_ref().map(|other| other.actions.as_slice()).unwrap_or_default();
+    let divergence = format!("divergence ({})", answer.unit);
+    let mut table = Table::new(&["action", "visits", &divergence, "answered by"]);
+    for action in &answer.by_action {
+        let divergence = action.plug_in_divergence.map_or("-".into(), figure);
+        table.row([
+            action.action.clone(),
+            count(action.visits),
+            divergence,
+            most_frequent(&action.response, responses),
+        ]);
+    }
+    table.render("  ")
+}
+
+/// Returns the likeliest responses with their shares: `stay 61 %, north 20 %`.
+fn most_frequent(shares: &[f64], labels: &[String]) -> String {
+    let mut ranked: Vec<(usize, f64)> = shares.iter().copied().enumerate().filter(|(_, share)| *share > 0.0).collect();
+    ranked.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
+    let told = ranked.iter().take(RESPONSES_TOLD).map(|(index, share)| {
+        let label = labels.get(*index).cloned().unwrap_or_else(|| format!("#{index}"));
+        format!("{label} {:.0} %", share * 100.0)
+    });
+    told.collect::<Vec<_>>().join(", ")
+}
+
+/// Tells several answers a line each.
+fn several(answers: &[proto::Answer]) -> String {
+    let with_figures = answers.iter().any(|answer| answer.mutual_information.is_some());
+    let mut titles = vec!["state", "visits", "verdict", "basis"];
+    if with_figures {
+        titles.extend(["plug-in", "if independent", "unit"]);
+    }
+    let mut table = Table::new(&titles);
+    for answer in answers {
+        let key = answer.state.clone().unwrap_or_default().key;
+        let mut row = vec![key, count(answer.visits), verdict(answer).into(), basis(answer).into()];
+        if with_figures {
+            let information = answer.mutual_information.clone().unwrap_or_default();
+            let figures = [information.plug_in, information.expected_if_independent].map(figure);
+            row.extend(figures);
+            row.push(answer.unit.clone());
+        }
+        table.row(row);
+    }
+    table.render("")
+}
+
+/// Tells the ego's actions of each answer that has them.
+fn by_state(answers: &[proto::Answer], labels: &proto::Labels) -> String {
+    let full = answers.iter().filter(|answer| !answer.by_action.is_empty());
+    full.map(|answer| {
+        let key = answer.state.clone().unwrap_or_default().key;
+        format!("\nstate {key}\n{}", by_action(answer, labels))
+    })
+    .collect()
+}
+
+fn verdict(answer: &proto::Answer) -> &'static str {
+    match answer.verdict() {
+        proto::Verdict::Influences => "influences",
+        proto::Verdict::NoInfluence => "no_influence",
+        proto::Verdict::Undecided => "undecided",
+        proto::Verdict::Unspecified => "?",
+    }
+}
+
+fn basis(answer: &proto::Answer) -> &'static str {
+    match answer.basis() {
+        proto::Basis::Counts => "counts",
+        proto::Basis::Model => "model",
+        proto::Basis::Prior => "prior",
+        proto::Basis::Unspecified => "?",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn variable(name: &str, actions: &[&str]) -> Option<proto::Variable> {
+        let actions = actions.iter().map(|action| (*action).to_owned()).collect();
+        Some(proto::Variable { name: name.into(), actions })
+    }
+
+    fn answer(key: &str) -> proto::Answer {
+        let bin = |feature: &str, label: &str| proto::Bin { feature: feature.into(), bin: 0, label: label.into() };
+        let action = |action: &str, visits, divergence, response: &[f64]| proto::ActionFigures {
+            action: action.into(),
+            visits,
+            plug_in_divergence: divergence,
+            response: response.to_vec(),
+            ..proto::ActionFigures::default()
+        };
+        proto::Answer {
+            state: Some(proto::State { key: key.into(), bins: vec![bin("distance", "[1, 2)"), bin("lane", "3")] }),
+            visits: 1_812,
+            verdict: proto::Verdict::NoInfluence.into(),
+            basis: proto::Basis::Counts.into(),
+            entries: Some(40),
+            unit: "nats".into(),
+            threshold: Some(0.5),
+            rule: "paper".into(),
+            mutual_information: Some(proto::MutualInformation {
+                plug_in: 0.01324,
+                expected_if_independent: 0.0121,
+                expected_method: "asymptotic".into(),
+                estimates: [("excess".to_owned(), 0.00114)].into(),
+            }),
+            by_action: vec![action("stay", 1_800, Some(0.01), &[0.25, 0.75]), action("go", 0, None, &[])],
+            ..proto::Answer::default()
+        }
+    }
+
+    fn response(answers: Vec<proto::Answer>) -> proto::BatchGetInfluenceResponse {
+        let labels = proto::Labels {
+            ego: variable("robot", &["stay", "go"]),
+            other: variable("human", &["stay", "go"]),
+            given: Vec::new(),
+        };
+        proto::BatchGetInfluenceResponse { labels: Some(labels), answers }
+    }
+
+    #[test]
+    fn one_state_is_told_in_full() {
+        insta::assert_snapshot!(render("hallway", &response(vec![answer("2.3")])));
+    }
+
+    #[test]
+    fn several_states_are_told_a_line_each() {
+        let plain = proto::Answer { by_action: Vec::new(), ..answer("2.3") };
+        let unseen = proto::Answer { visits: 0, basis: proto::Basis::Prior.into(), ..plain.clone() };
+        insta::assert_snapshot!(render("hallway", &response(vec![plain, unseen])));
+    }
+}

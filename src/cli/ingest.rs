@@ -1,0 +1,212 @@
+//! `nudge ingest`: recorded play, sent so that every transition counts once however often the command is run.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use serde_json::{Value, json};
+
+use super::Failure;
+use super::output::{Table, count, print, print_json};
+use super::progress::Progress;
+use super::server::Server;
+use crate::api::proto;
+use crate::client::{Connection, Totals, Track};
+use crate::recordings::overcooked::{self, Abstraction, Game, Kitchen, World};
+
+/// What is part of every producer id: another way to cut the same file into batches must take another.
+const WAY: &str = "overcooked.1";
+
+/// Transitions of a batch; see [`WAY`].
+const BATCH_SIZE: usize = 1_000;
+
+/// Send recorded play to a service, each transition once
+#[derive(Debug, Args)]
+#[command(long_about = "Send recorded play to a service, each transition once.\n\n\
+    Environments that are missing are made, one a layout: counter_circuit, or counter_circuit.pos for another abstraction \
+    than the usual one. A trial is a segment. The producer is named after the file's content, so a second run \
+    changes nothing, and a run that was interrupted goes on where it stopped.\n\n\
+    Example:\n  nudge ingest --format overcooked data/overcooked/train.csv.gz data/overcooked/test.csv.gz\n  \
+    nudge ingest --format overcooked train.csv --abstraction pos")]
+pub(super) struct Ingest {
+    /// Files to send, gzipped or not
+    #[arg(required = true, value_name = "FILE")]
+    files: Vec<PathBuf>,
+    /// What the files are
+    #[arg(long, value_enum)]
+    format: Format,
+    /// How much of the state is kept: pos, pos_ori, pos_ori_held or pos_ori_held_pot
+    #[arg(long, default_value_t)]
+    abstraction: Abstraction,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    server: Server,
+}
+
+/// What a file is.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum Format {
+    /// Games of Overcooked: layout, trial, t, state, action0, action1
+    Overcooked,
+}
+
+/// The games of one file on one layout.
+pub(super) struct Part {
+    world: World,
+    games: Vec<Game>,
+    producer: String,
+}
+
+impl Ingest {
+    pub(super) async fn run(self) -> Result<(), Failure> {
+        let Format::Overcooked = self.format;
+        // Every file is read before the first is sent, so a mistake in the last one costs nothing.
+        let mut parts = Vec::new();
+        for file in &self.files {
+            let name = file.display().to_string();
+            let bytes = std::fs::read(file).map_err(|error| Failure::usage(format!("cannot read {name}: {error}")))?;
+            parts.extend(parts_of(&name, &bytes, self.abstraction)?);
+        }
+        let connection = self.server.connect().await?;
+        let progress = Progress::new(parts.iter().map(Part::steps).sum());
+        let report = Report::of(&parts, &connection, &progress).await?;
+        progress.finish();
+        report.print(self.json)
+    }
+}
+
+/// Takes a file of that name apart by layout; games stay in the file's order.
+pub(super) fn parts_of(name: &str, bytes: &[u8], abstraction: Abstraction) -> Result<Vec<Part>, Failure> {
+    let wrong = |why: &dyn std::fmt::Display| Failure::usage(format!("cannot read {name}: {why}"));
+    let text = overcooked::decompressed(bytes).map_err(|error| wrong(&error))?;
+    let games = overcooked::read(&text).map_err(|error| wrong(&error))?;
+    let digest = blake3::hash(&text).to_hex();
+    let mut by_layout: BTreeMap<String, Vec<Game>> = BTreeMap::new();
+    for game in games {
+        by_layout.entry(game.layout.clone()).or_default().push(game);
+    }
+    let part = |(layout, games)| Part::new(layout, games, abstraction, &digest[..32]);
+    Ok(by_layout.into_iter().filter_map(part).collect())
+}
+
+impl Part {
+    /// Makes a part; `None` for a layout that nobody knows, which reading has refused already.
+    fn new(layout: String, games: Vec<Game>, abstraction: Abstraction, digest: &str) -> Option<Self> {
+        let world = World::new(Kitchen::named(&layout)?, abstraction);
+        Some(Self { world, games, producer: format!("{WAY}:{layout}:{abstraction}:{digest}") })
+    }
+
+    /// Returns the name of the environment that it goes into.
+    pub(super) fn environment_name(&self) -> String {
+        self.world.environment_name()
+    }
+
+    /// Returns how many transitions it holds.
+    pub(super) fn steps(&self) -> u64 {
+        self.games.iter().map(|game| game.steps.len() as u64).sum()
+    }
+
+    /// Makes the environment if it is missing, and sends what the service has not committed yet.
+    async fn send(&self, connection: &Connection, progress: &Progress) -> Result<Totals, Failure> {
+        let name = self.world.environment_name();
+        progress.part(&name);
+        let schema = Some(self.world.description().into());
+        let request = proto::ApplyEnvironmentRequest { name: name.clone(), schema, rule: None };
+        connection.environments().apply_environment(request).await?;
+        let producer = connection.producer(&name, &self.producer).batch_size(BATCH_SIZE).replay();
+        let mut producer = producer.open().await?;
+        for game in &self.games {
+            producer.segment(Some(&game.trial)).await?;
+            let mut track = Track::new(producer.schema());
+            for step in &game.steps {
+                let (state, actions) = self.world.values(step);
+                producer.send(track.record(state, actions)).await?;
+                progress.step();
+            }
+        }
+        let totals = producer.close().await?;
+        progress.part_done(&name, totals.sent);
+        Ok(totals)
+    }
+}
+
+/// What became of everything, by environment.
+#[derive(Default)]
+pub(super) struct Report {
+    environments: BTreeMap<String, Totals>,
+}
+
+impl Report {
+    /// Sends parts, one after the other.
+    pub(super) async fn of(parts: &[Part], connection: &Connection, progress: &Progress) -> Result<Self, Failure> {
+        let mut report = Self::default();
+        for part in parts {
+            report.add(part.environment_name(), part.send(connection, progress).await?);
+        }
+        Ok(report)
+    }
+
+    /// Adds what became of a part.
+    fn add(&mut self, environment: String, part: Totals) {
+        let totals = self.environments.entry(environment).or_default();
+        totals.sent += part.sent;
+        totals.accepted += part.accepted;
+        totals.resumed += part.resumed;
+        totals.rejected += part.rejected;
+        totals.rejections.extend(part.rejections);
+    }
+
+    /// Prints the figures. Rejected transitions make the command fail, after everything else was counted.
+    fn print(&self, as_json: bool) -> Result<(), Failure> {
+        if as_json {
+            print_json(&self.json())?
+        } else {
+            print(&self.table())?
+        }
+        match self.environments.iter().find_map(|(name, totals)| Some((name, totals.rejections.first()?))) {
+            None => Ok(()),
+            Some((name, first)) => {
+                let (position, field, reason) = (first.position, &first.field, &first.reason);
+                let message =
+                    format!("transitions were rejected; the first in `{name}` is number {position}, {field}: {reason}");
+                Err(Failure::refused(message))
+            }
+        }
+    }
+
+    /// Returns the figures as a table.
+    pub(super) fn table(&self) -> String {
+        let mut table = Table::new(&["environment", "transitions", "accepted", "resumed", "rejected"]);
+        let row = |name: &str, figures: [u64; 4]| {
+            std::iter::once(name.to_owned()).chain(figures.map(count)).collect::<Vec<_>>()
+        };
+        for (name, totals) in &self.environments {
+            table.row(row(name, figures(totals)));
+        }
+        let sum = |sum: [u64; 4], totals| std::array::from_fn(|i| sum[i] + figures(totals)[i]);
+        table.row(row("all", self.environments.values().fold([0; 4], sum)));
+        table.render("")
+    }
+
+    fn json(&self) -> Value {
+        let environment = |(name, totals): (&String, &Totals)| {
+            let [transitions, accepted, resumed, rejected] = figures(totals);
+            let rejections: Vec<Value> = totals.rejections.iter().map(rejection).collect();
+            json!({
+                "environment": name, "transitions": transitions, "accepted": accepted, "resumed": resumed,
+                "rejected_count": rejected, "rejected": rejections,
+            })
+        };
+        json!({ "environments": self.environments.iter().map(environment).collect::<Vec<_>>() })
+    }
+}
+
+fn figures(totals: &Totals) -> [u64; 4] {
+    [totals.sent, totals.accepted, totals.resumed, totals.rejected]
+}
+
+fn rejection(rejected: &crate::client::Rejected) -> Value {
+    json!({ "position": rejected.position, "field": rejected.field, "reason": rejected.reason })
+}

@@ -1,0 +1,95 @@
+//! The command line: a file a command. Each reads its arguments, calls one room, and prints; nothing is decided here.
+//!
+//! Results go to standard output, everything else to standard error. Exit code 0: done; 1: the service refused, or rejected something; 2: the
+//! command cannot be done as it was given (a wrong flag, no such file, no service there).
+
+mod answers;
+mod check;
+mod demo;
+mod env;
+mod failure;
+mod ingest;
+mod output;
+mod progress;
+mod query;
+mod serve;
+mod server;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+pub use failure::Failure;
+
+/// Tells when one agent's action influences another's
+#[derive(Debug, Parser)]
+#[command(
+    name = "nudge",
+    version,
+    long_about = "Tells when one agent's action influences another's: in this state, how strongly, how sure, and which actions do it.\n\n\
+        A first look, with a service running (`nudge serve`):\n  \
+        nudge ingest --format overcooked data/overcooked/train.csv.gz\n  \
+        nudge query cramped_room --state player_0.position=1,1 player_0.orientation=N player_0.held=nothing \
+        player_1.position=3,1 player_1.orientation=S player_1.held=onion"
+)]
+pub struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+/// A comment on a variant would replace the help of the command's own type, so there is none.
+#[derive(Debug, Subcommand)]
+enum Command {
+    Serve(serve::Serve),
+    Demo(demo::Demo),
+    #[command(subcommand)]
+    Env(env::Env),
+    Ingest(ingest::Ingest),
+    Query(Box<query::Query>),
+    Check(check::Check),
+}
+
+/// Reads the arguments of the process, does what they say, and returns the exit code.
+pub fn run() -> ExitCode {
+    match execute(Cli::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => failure.report(),
+    }
+}
+
+fn execute(cli: Cli) -> Result<(), Failure> {
+    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build();
+    let runtime = runtime.map_err(|error| Failure::usage(format!("cannot start threads: {error}")))?;
+    runtime.block_on(async {
+        match cli.command {
+            Command::Serve(command) => command.run().await,
+            Command::Demo(command) => command.run().await,
+            Command::Env(command) => command.run().await,
+            Command::Ingest(command) => command.run().await,
+            Command::Query(command) => command.run().await,
+            Command::Check(command) => command.run().await,
+        }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::CommandFactory;
+
+    use super::*;
+
+    #[test]
+    fn the_arguments_do_not_contradict_each_other() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn every_command_teaches_by_an_example() {
+        let cli = Cli::command();
+        let nested = |command: &clap::Command| command.get_subcommands().cloned().collect::<Vec<_>>();
+        for command in nested(&cli).iter().flat_map(|command| [vec![command.clone()], nested(command)].concat()) {
+            let help = command.get_long_about().map(ToString::to_string).unwrap_or_default();
+            assert!(help.contains("\n  nudge "), "{} has no example", command.get_name());
+        }
+    }
+}

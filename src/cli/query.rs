@@ -1,0 +1,243 @@
+//! `nudge query`: the question itself.
+
+use std::collections::HashSet;
+
+use clap::{Args, ValueEnum};
+
+use super::output::{print, print_json, to_json};
+use super::server::Server;
+use super::{Failure, answers};
+use crate::api::{json as dto, proto};
+use crate::client::schema_of;
+use crate::domain::Schema;
+use crate::domain::draft::{NamedValues, ValueDraft};
+use crate::error::{Fault, Problem};
+
+/// Ask whether one agent's action influences another's in some states
+#[derive(Debug, Args)]
+#[command(
+    long_about = "Ask whether one agent's action influences another's in some states, how strongly, and from how many visits.\n\n\
+    A state is given by the values of its features, or by its key. Several --state or --key ask about several states; where a feature is named \
+    again, the next state begins. Plug-in mutual information stands beside what it would be on average if nothing depended on anything: at few \
+    visits the two are close, and the figure is mostly bias.\n\n\
+    Example:\n  nudge query hallway --state distance=1.2 lane=3 --ego robot --other human\n  \
+    nudge query hallway --key 3.0 --key 3.1 --segments trial-3 --unit bits\n  \
+    nudge query hallway --key 3.0 --rule-kind paper --rule-threshold 0.2 --json"
+)]
+pub(super) struct Query {
+    /// Name of the environment
+    environment: String,
+    /// A state by the values of its features: numbers or labels
+    #[arg(long, num_args = 1.., value_name = "FEATURE=VALUE", value_parser = assignment)]
+    state: Vec<(String, String)>,
+    /// A state by its key, such as 3.0.7
+    #[arg(long, num_args = 1.., conflicts_with = "state")]
+    key: Vec<String>,
+    /// Agent whose influence is asked about; the first one unless given
+    #[arg(long, value_name = "AGENT")]
+    ego: Option<String>,
+    /// Agent that may be influenced; the second one unless given
+    #[arg(long, value_name = "AGENT")]
+    other: Option<String>,
+    /// Agents whose actions are held fixed
+    #[arg(long, num_args = 1.., value_name = "AGENT")]
+    given: Vec<String>,
+    /// Segments to count; all unless given
+    #[arg(long, num_args = 1.., value_name = "SEGMENT")]
+    segments: Vec<String>,
+    /// Further estimators of mutual information, such as excess or miller_madow
+    #[arg(long, num_args = 1.., value_name = "NAME")]
+    estimators: Vec<String>,
+    /// Unit of the figures, nats or bits; the rule's unless given
+    #[arg(long)]
+    unit: Option<String>,
+    /// How much is told; full for one state and figures for several unless given
+    #[arg(long, value_enum)]
+    view: Option<View>,
+    #[command(flatten)]
+    rule: Rule,
+    /// Print JSON, as REST answers it
+    #[arg(long)]
+    json: bool,
+    #[command(flatten)]
+    server: Server,
+}
+
+/// The parts of the rule that differ from the environment's.
+#[derive(Debug, Clone, Default, Args)]
+struct Rule {
+    /// Rule that decides: evidence or paper
+    #[arg(long, value_name = "KIND")]
+    rule_kind: Option<String>,
+    /// Mutual information above which there is influence
+    #[arg(long, value_name = "NUMBER")]
+    rule_threshold: Option<f64>,
+    /// Unit of the threshold, nats or bits
+    #[arg(long, value_name = "UNIT")]
+    rule_unit: Option<String>,
+    /// Visits below which the paper's rule stays undecided
+    #[arg(long, value_name = "VISITS")]
+    rule_min_visits: Option<u64>,
+    /// Probability from which the evidence rule decides
+    #[arg(long, value_name = "PROBABILITY")]
+    rule_confidence: Option<f64>,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum View {
+    /// State, visits, verdict and basis
+    Verdict,
+    /// All but the figures of each ego action
+    Figures,
+    /// Everything
+    Full,
+}
+
+impl Query {
+    pub(super) async fn run(self) -> Result<(), Failure> {
+        if self.state.is_empty() && self.key.is_empty() {
+            let message = "no state: add --state FEATURE=VALUE ... or --key KEY (`nudge env show` lists the features)";
+            return Err(Failure::usage(message));
+        }
+        let connection = self.server.connect().await?;
+        let schema = schema_of(&connection.environment(&self.environment).await?)?;
+        let request = self.request(&schema)?;
+        let response = connection.influence().batch_get_influence(request).await?.into_inner();
+        if self.json {
+            print_json(&to_json(dto::Answers::from(response)))
+        } else {
+            print(&answers::render(&self.environment, &response))
+        }
+    }
+
+    /// Returns the question as the service takes it.
+    fn request(&self, schema: &Schema) -> Result<proto::BatchGetInfluenceRequest, Problem> {
+        let states = values(schema, grouped(&self.state))?;
+        let asked = states.len() + self.key.len();
+        Ok(proto::BatchGetInfluenceRequest {
+            scope: Some(self.scope()),
+            states,
+            keys: self.key.clone(),
+            view: self.view(asked).into(),
+            estimators: self.estimators.clone(),
+        })
+    }
+
+    fn scope(&self) -> proto::Scope {
+        proto::Scope {
+            environment: self.environment.clone(),
+            ego: self.ego.clone().unwrap_or_default(),
+            other: self.other.clone().unwrap_or_default(),
+            given: self.given.clone(),
+            segments: self.segments.clone(),
+            rule: Some(self.rule.clone().into()),
+            unit: self.unit.clone().unwrap_or_default(),
+        }
+    }
+
+    fn view(&self, asked: usize) -> proto::View {
+        match self.view {
+            Some(View::Verdict) => proto::View::Verdict,
+            Some(View::Figures) => proto::View::Figures,
+            Some(View::Full) => proto::View::Full,
+            None if asked == 1 => proto::View::Full,
+            None => proto::View::Figures,
+        }
+    }
+}
+
+impl From<Rule> for proto::Rule {
+    fn from(rule: Rule) -> Self {
+        Self {
+            kind: rule.rule_kind,
+            threshold: rule.rule_threshold,
+            unit: rule.rule_unit,
+            min_visits: rule.rule_min_visits,
+            confidence: rule.rule_confidence,
+        }
+    }
+}
+
+fn assignment(text: &str) -> Result<(String, String), String> {
+    let (feature, value) = text.split_once('=').ok_or("expected FEATURE=VALUE")?;
+    Ok((feature.into(), value.into()))
+}
+
+/// Begins another state where a feature is named again: `--state x=1 y=2 --state x=3 y=4` is two, `--state x=1 --state y=2` is one.
+fn grouped(assignments: &[(String, String)]) -> Vec<NamedValues> {
+    let mut states: Vec<NamedValues> = Vec::new();
+    let mut named = HashSet::new();
+    for (feature, value) in assignments {
+        if states.is_empty() || !named.insert(feature.as_str()) {
+            named = HashSet::from([feature.as_str()]);
+            states.push(NamedValues::new());
+        }
+        if let Some(state) = states.last_mut() {
+            state.push((feature.clone(), ValueDraft::Untyped(value.clone())));
+        }
+    }
+    states
+}
+
+fn values(schema: &Schema, states: Vec<NamedValues>) -> Result<Vec<proto::StateValues>, Problem> {
+    let mut faults: Vec<Fault> = Vec::new();
+    let mut all = Vec::new();
+    for (i, named) in states.iter().enumerate() {
+        match schema.state_values(named) {
+            Ok(values) => all.push(proto::StateValues { values }),
+            Err(found) => faults.extend(found.into_iter().map(|fault| fault.under(&format!("/states/{i}")))),
+        }
+    }
+    if faults.is_empty() { Ok(all) } else { Err(Problem::invalid("question", faults)) }
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+    use crate::recordings::overcooked::{Abstraction, Kitchen, World};
+
+    #[derive(Parser)]
+    struct Only {
+        #[command(flatten)]
+        query: Query,
+    }
+
+    fn request(arguments: &[&str]) -> Result<proto::BatchGetInfluenceRequest, Problem> {
+        let world = World::new(Kitchen::named("cramped_room").expect("known"), Abstraction::Pos);
+        let schema = Schema::try_from(&world.description()).expect("valid");
+        let arguments = ["nudge", "cramped_room.pos"].iter().chain(arguments);
+        Only::try_parse_from(arguments).expect("well formed").query.request(&schema)
+    }
+
+    #[test]
+    fn labels_and_indices_become_values_in_the_order_of_the_description() {
+        let request = request(&["--state", "player_1.position=3", "player_0.position=2,1"]).expect("valid");
+        assert_eq!(request.states, [proto::StateValues { values: vec![1.0, 3.0] }]);
+        assert_eq!(request.view(), proto::View::Full);
+    }
+
+    #[test]
+    fn a_state_begins_where_a_feature_is_named_again() {
+        let (a, b) = ("player_0.position=0", "player_1.position=1");
+        assert_eq!(request(&["--state", a, "--state", b]).expect("one").states.len(), 1);
+        let two = request(&["--state", a, b, "--state", b, a]).expect("two");
+        assert_eq!((two.states.len(), two.view()), (2, proto::View::Figures));
+    }
+
+    #[test]
+    fn every_fault_is_told_with_its_state() {
+        let faults = request(&["--state", "player_0.position=9,9", "size=2"]).expect_err("wrong").faults;
+        let pointers: Vec<&str> = faults.iter().map(|fault| fault.pointer.as_str()).collect();
+        assert_eq!(pointers, ["/states/0/size", "/states/0/player_0.position", "/states/0/player_1.position"]);
+    }
+
+    #[test]
+    fn the_rule_and_the_pair_are_passed_on_as_given() {
+        let request = request(&["--key", "0.1", "--ego", "player_1", "--rule-threshold", "0.2", "--unit", "bits"]);
+        let scope = request.expect("valid").scope.expect("always there");
+        assert_eq!((scope.ego.as_str(), scope.other.as_str(), scope.unit.as_str()), ("player_1", "", "bits"));
+        assert_eq!(scope.rule, Some(proto::Rule { threshold: Some(0.2), ..proto::Rule::default() }));
+    }
+}

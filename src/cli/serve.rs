@@ -1,0 +1,200 @@
+//! `nudge serve`: the service on a socket, until a signal.
+
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use clap::{Args, ValueEnum};
+use tokio::net::TcpListener;
+
+use super::{Failure, output};
+use crate::app::App;
+use crate::config::Config;
+use crate::serve::{Settings, serve};
+use crate::store::{Options, Quotas, SqliteStore};
+use crate::telemetry::{self, LogFormat};
+
+/// Serve REST, gRPC, gRPC-Web and metrics on one port
+#[derive(Debug, Args)]
+#[command(long_about = "Serve REST, gRPC, gRPC-Web and metrics on one port.\n\n\
+    Counts are kept in DIR/nudge.db, one service to a directory. SIGTERM or Ctrl-C stops it gracefully: streams end after their last receipt, \
+    within 10 seconds, and nothing that was acknowledged is lost. A second signal stops it at once, and loses nothing either.\n\n\
+    Example:\n  nudge serve --listen 127.0.0.1:8080 --data ./nudge-data")]
+pub struct Serve {
+    #[command(flatten)]
+    settings: ServeSettings,
+    /// Print the configuration that flags and environment make, and end.
+    #[arg(long)]
+    print_config: bool,
+}
+
+/// The flags of a service; each has an environment variable.
+#[derive(Debug, Args)]
+pub struct ServeSettings {
+    /// The address of every face. Port 0 takes a free one.
+    #[arg(long, env = "NUDGE_LISTEN", value_name = "ADDR", default_value_t = Config::default().listen)]
+    pub listen: SocketAddr,
+    /// The directory of the database, made if it is missing.
+    #[arg(long, env = "NUDGE_DATA", value_name = "DIR", default_value_os_t = Config::default().data)]
+    pub data: PathBuf,
+    /// The most cells (state, segment, joint action) of an environment.
+    #[arg(long, env = "NUDGE_MAX_CELLS", value_name = "N", default_value_t = Config::default().max_cells)]
+    pub max_cells: u64,
+    /// The most segments of an environment.
+    #[arg(long, env = "NUDGE_MAX_SEGMENTS", value_name = "N", default_value_t = Config::default().max_segments)]
+    pub max_segments: u64,
+    /// The most producers of an environment.
+    #[arg(long, env = "NUDGE_MAX_PRODUCERS", value_name = "N", default_value_t = Config::default().max_producers)]
+    pub max_producers: u64,
+    /// Cells kept in memory.
+    #[arg(long, env = "NUDGE_CACHE_CELLS", value_name = "N", default_value_t = Config::default().cache_cells)]
+    pub cache_cells: usize,
+    /// An origin whose pages may call, such as https://example.org; repeat it, or separate several by commas.
+    #[arg(long, env = "NUDGE_CORS_ORIGINS", value_name = "ORIGIN", value_delimiter = ',')]
+    pub cors_origins: Vec<String>,
+    /// How log lines look.
+    #[arg(long, env = "NUDGE_LOG", value_enum, default_value_t = Log::Human)]
+    pub log: Log,
+}
+
+/// How log lines look.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Log {
+    /// For people.
+    Human,
+    /// One JSON object a line.
+    Json,
+}
+
+impl Log {
+    /// Returns the format of log lines.
+    pub fn format(self) -> LogFormat {
+        match self {
+            Self::Human => LogFormat::Human,
+            Self::Json => LogFormat::Json,
+        }
+    }
+}
+
+impl ServeSettings {
+    /// Returns the configuration.
+    pub fn config(&self) -> Config {
+        Config {
+            listen: self.listen,
+            data: self.data.clone(),
+            max_cells: self.max_cells,
+            max_segments: self.max_segments,
+            max_producers: self.max_producers,
+            cache_cells: self.cache_cells,
+            cors_origins: self.cors_origins.clone(),
+        }
+    }
+}
+
+impl Serve {
+    /// Serves until a signal.
+    pub async fn run(self) -> Result<(), Failure> {
+        let config = self.settings.config();
+        if self.print_config {
+            return print(&config, self.settings.log);
+        }
+        telemetry::log(self.settings.log.format());
+        let signals = Signals::install()?;
+        let service = Service::start(&config).await?;
+        output::print(&format!("listening on http://{}", service.address))?;
+        signals.next().await;
+        service.stop_unless(&signals).await
+    }
+}
+
+/// A service that runs in this process.
+pub struct Service {
+    /// Its rooms.
+    pub app: App,
+    /// Where it listens.
+    pub address: SocketAddr,
+    serving: tokio::task::JoinHandle<Result<(), String>>,
+}
+
+impl Service {
+    /// Opens the database, takes the port and begins to serve.
+    pub async fn start(config: &Config) -> Result<Self, Failure> {
+        let quotas = Quotas { cells: config.max_cells, segments: config.max_segments, producers: config.max_producers };
+        let options = Options { quotas, cache_cells: config.cache_cells };
+        // The port first: whoever finds it taken should not have touched the data.
+        let listener = TcpListener::bind(config.listen).await.map_err(|error| cannot_listen(config.listen, &error))?;
+        let address = listener.local_addr().map_err(|error| cannot_listen(config.listen, &error))?;
+        let store =
+            SqliteStore::open(&config.database(), options).await.map_err(|error| Failure::usage(error.to_string()))?;
+        let app = App::open(Arc::new(store));
+        let settings = Settings { cors_origins: config.cors_origins.clone() };
+        let serving = serve(app.clone(), listener, settings);
+        let serving = tokio::spawn(async { serving.await.map_err(|error| error.to_string()) });
+        tracing::info!(%address, database = %config.database().display(), "serving");
+        Ok(Self { app, address, serving })
+    }
+
+    /// Stops gracefully, or at once when another signal comes.
+    pub async fn stop_unless(self, signals: &Signals) -> Result<(), Failure> {
+        tracing::info!("stopping: streams end after their last receipt");
+        tokio::select! {
+            stopped = self.stop() => stopped,
+            () = signals.next() => Err(Failure::refused("stopped at once by a second signal; nothing acknowledged is lost")),
+        }
+    }
+
+    /// Ends streams after their last receipt, commits what is queued, and closes the database.
+    pub async fn stop(self) -> Result<(), Failure> {
+        self.app.draining.cancel();
+        let served = self.serving.await.map_err(|error| Failure::usage(error.to_string()))?;
+        self.app.close().await;
+        served.map_err(|error| Failure::usage(error.to_string()))
+    }
+}
+
+/// SIGINT and SIGTERM.
+pub struct Signals(tokio::sync::Mutex<(tokio::signal::unix::Signal, tokio::signal::unix::Signal)>);
+
+impl Signals {
+    /// Takes the signals over from the operating system's default.
+    pub fn install() -> Result<Self, Failure> {
+        use tokio::signal::unix::{SignalKind, signal};
+        let of = |kind| signal(kind).map_err(|error| Failure::usage(error.to_string()));
+        Ok(Self(tokio::sync::Mutex::new((of(SignalKind::interrupt())?, of(SignalKind::terminate())?))))
+    }
+
+    /// Waits for the next of them.
+    pub async fn next(&self) {
+        let mut signals = self.0.lock().await;
+        let (interrupt, terminate) = &mut *signals;
+        tokio::select! {
+            _ = interrupt.recv() => {}
+            _ = terminate.recv() => {}
+        }
+    }
+}
+
+fn cannot_listen(address: SocketAddr, error: &std::io::Error) -> Failure {
+    let advice = match error.kind() {
+        std::io::ErrorKind::AddrInUse => ": stop what listens there, or choose another address with --listen",
+        std::io::ErrorKind::PermissionDenied => ": choose a port above 1023 with --listen",
+        _ => ": choose another address with --listen",
+    };
+    Failure::usage(format!("cannot listen on {address}: {error}{advice}"))
+}
+
+fn print(config: &Config, log: Log) -> Result<(), Failure> {
+    let log = if log == Log::Json { "json" } else { "human" };
+    let quoted = |origins: &[String]| origins.iter().map(|origin| format!("{origin:?}")).collect::<Vec<_>>().join(", ");
+    output::print(&format!(
+        "listen = \"{}\"\ndata = {:?}\nmax_cells = {}\nmax_segments = {}\nmax_producers = {}\ncache_cells = {}\n\
+         cors_origins = [{}]\nlog = \"{log}\"",
+        config.listen,
+        config.data,
+        config.max_cells,
+        config.max_segments,
+        config.max_producers,
+        config.cache_cells,
+        quoted(&config.cors_origins),
+    ))
+}
