@@ -13,7 +13,8 @@ const RANKS: &[&[&str]] = &[
     &["environments", "influence"],
     &["app"],
     &["serve"],
-    &["cli", "main"],
+    &["cli"],
+    &["main"],
 ];
 
 /// Crates, and the only rooms that may name them.
