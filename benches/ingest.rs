@@ -19,9 +19,7 @@ use nudge::api::proto::{
 };
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqliteSynchronous};
 use sqlx::{Connection, SqliteConnection};
-use support::{ACTIONS, BATCH, Service, batches, make_world, median, pump, report, runtime, state};
-use tokio::net::TcpListener;
-use tokio_stream::wrappers::TcpListenerStream;
+use support::{ACTIONS, BATCH, Service, batches, listen, make_world, median, pump, report, runtime, state};
 use tonic::{Request, Response, Status, Streaming};
 
 const ROUNDS: usize = 5;
@@ -145,12 +143,8 @@ fn distinct(i: u32) -> proto::Columns {
 struct Sink;
 
 async fn sink() -> SocketAddr {
-    let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
-    let address = listener.local_addr().expect("bound");
     let service = IngestServiceServer::new(Sink).max_decoding_message_size(nudge::api::MOST_MESSAGE_BYTES);
-    let server = tonic::transport::Server::builder().add_service(service);
-    tokio::spawn(server.serve_with_incoming(TcpListenerStream::new(listener)));
-    address
+    listen(tonic::service::Routes::new(service).into_axum_router()).await
 }
 
 #[tonic::async_trait]

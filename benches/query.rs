@@ -19,10 +19,9 @@ use nudge::api::proto::{
     GetStateResponse, ListStatesRequest, ListStatesResponse, Scope, StateValues, SummarizeRequest, SummarizeResponse,
     View,
 };
-use support::{Service, batches, channel, make_world, median, pump, quantile, report, runtime, state};
+use support::{Service, batches, channel, listen, make_world, median, pump, quantile, report, runtime, state};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
-use tokio::net::{TcpListener, TcpStream};
-use tokio_stream::wrappers::TcpListenerStream;
+use tokio::net::TcpStream;
 use tonic::{Request, Response, Status};
 
 const ROUNDS: usize = 5;
@@ -75,10 +74,7 @@ async fn constant(body: Vec<u8>) -> SocketAddr {
         async move { ([("content-type", "application/json")], body) }
     };
     let router = axum::Router::new().fallback(answer);
-    let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
-    let address = listener.local_addr().expect("bound");
-    tokio::spawn(async { axum::serve(listener, router).await });
-    address
+    listen(router).await
 }
 
 async fn requests_per_second(address: SocketAddr, path: &str) -> f64 {
@@ -127,10 +123,8 @@ fn question() -> BatchGetInfluenceRequest {
 async fn grpc(service: &Service) {
     let mut client = InfluenceServiceClient::new(channel(service.address).await);
     let answer = client.batch_get_influence(question()).await.expect("answered").into_inner();
-    let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
-    let address = listener.local_addr().expect("bound");
-    let constant = tonic::transport::Server::builder().add_service(InfluenceServiceServer::new(Constant(answer)));
-    tokio::spawn(constant.serve_with_incoming(TcpListenerStream::new(listener)));
+    let constant = tonic::service::Routes::new(InfluenceServiceServer::new(Constant(answer)));
+    let address = listen(constant.into_axum_router()).await;
     let mut constant = InfluenceServiceClient::new(channel(address).await);
     let (mut answers, mut constants) = (Vec::new(), Vec::new());
     for _ in 0..ROUNDS {

@@ -55,6 +55,14 @@ impl Service {
     }
 }
 
+/// Serves a yardstick's routes as the service serves its own: the same accept loop and the same sockets.
+pub async fn listen(router: axum::Router) -> SocketAddr {
+    let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
+    let address = listener.local_addr().expect("bound");
+    tokio::spawn(nudge::serve::listen::accept(listener, router, Default::default()));
+    address
+}
+
 pub async fn channel(address: SocketAddr) -> Channel {
     Channel::from_shared(format!("http://{address}")).expect("an address").connect().await.expect("somebody listens")
 }

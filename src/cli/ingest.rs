@@ -57,6 +57,8 @@ pub(super) struct Part {
     world: World,
     games: Vec<Game>,
     producer: String,
+    /// The file that it is from.
+    file: String,
 }
 
 impl Ingest {
@@ -87,15 +89,16 @@ pub(super) fn parts_of(name: &str, bytes: &[u8], abstraction: Abstraction) -> Re
     for game in games {
         by_layout.entry(game.layout.clone()).or_default().push(game);
     }
-    let part = |(layout, games)| Part::new(layout, games, abstraction, &digest[..32]);
+    let part = |(layout, games)| Part::new(name, layout, games, abstraction, &digest[..32]);
     Ok(by_layout.into_iter().filter_map(part).collect())
 }
 
 impl Part {
     /// Makes a part; `None` for a layout that nobody knows, which reading has refused already.
-    fn new(layout: String, games: Vec<Game>, abstraction: Abstraction, digest: &str) -> Option<Self> {
+    fn new(file: &str, layout: String, games: Vec<Game>, abstraction: Abstraction, digest: &str) -> Option<Self> {
         let world = World::new(Kitchen::named(&layout)?, abstraction);
-        Some(Self { world, games, producer: format!("{WAY}:{layout}:{abstraction}:{digest}") })
+        let producer = format!("{WAY}:{layout}:{abstraction}:{digest}");
+        Some(Self { world, games, producer, file: file.to_owned() })
     }
 
     /// Returns the name of the environment that it goes into.
@@ -127,7 +130,7 @@ impl Part {
             }
         }
         let totals = producer.close().await?;
-        progress.part_done(&name, totals.sent);
+        progress.part_done(&format!("{}: {name}", self.file), totals.sent);
         Ok(totals)
     }
 }

@@ -189,7 +189,7 @@ mod tests {
         for bad in [1.5, 4.0, -3.0, f32::NAN, f32::INFINITY, 16_777_217.0] {
             assert!(kind.bin(bad).is_err(), "{bad}");
         }
-        assert_eq!(kind.bin(9.0).unwrap_err().to_string(), "got 9, expected a whole number from -2 to 3");
+        assert_eq!(kind.bin(9.0).expect_err("outside").to_string(), "got 9, expected a whole number from -2 to 3");
     }
 
     #[test]

@@ -8,8 +8,9 @@ use tokio::net::TcpListener;
 use crate::app::App;
 use crate::telemetry;
 
+pub mod listen;
+
 mod grpc;
-mod listen;
 mod operations;
 mod rest;
 mod status;
