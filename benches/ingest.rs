@@ -27,10 +27,18 @@ const HOT_BATCHES: u64 = 4_000;
 const UNIFORM_BATCHES: u64 = 1_000;
 
 fn main() {
+    // `cargo bench --bench ingest -- hot` measures one of them.
+    let wanted = |name: &str| std::env::args().skip(1).filter(|arg| arg != "--bench").all(|arg| arg == name);
     runtime().block_on(async {
-        hot().await;
-        uniform().await;
-        memory().await;
+        if wanted("hot") {
+            hot().await;
+        }
+        if wanted("uniform") {
+            uniform().await;
+        }
+        if wanted("memory") {
+            memory().await;
+        }
     });
 }
 
