@@ -68,10 +68,10 @@ pub(super) async fn delete(writer: &Writer, id: EnvironmentId) -> Result<(), Sto
         transaction.end().await?;
         return Err(StoreError::UnknownEnvironment);
     }
-    let forget = |memory: &super::Memory, ids: &mut super::ids::StateIds| {
+    let forget = |memory: &super::Memory, known: &mut super::known::Known| {
         memory.directory.remove(id);
         memory.cache.forget(id);
-        ids.forget(id);
+        known.forget(id);
     };
     transaction.commit(forget).await
 }

@@ -14,7 +14,7 @@ use super::cache::CountsCache;
 use super::directory::Directory;
 use super::environments;
 use super::error::{aborted, outcome_unknown};
-use super::ids::StateIds;
+use super::known::Known;
 use crate::store::StoreError;
 
 /// What is remembered of the database, and changed after each commit.
@@ -35,7 +35,7 @@ pub(super) struct Writer {
 #[derive(Default)]
 struct Place {
     connection: Option<SqliteConnection>,
-    ids: StateIds,
+    known: Known,
     closed: bool,
 }
 
@@ -101,16 +101,16 @@ impl Transaction<'_> {
         self.connection.as_mut().expect("it is taken only when the transaction ends")
     }
 
-    /// Returns the connection and the ids of states beside it.
-    pub(super) fn parts(&mut self) -> (&mut SqliteConnection, &mut StateIds) {
+    /// Returns the connection and what is known to exist beside it.
+    pub(super) fn parts(&mut self) -> (&mut SqliteConnection, &mut Known) {
         let connection = self.connection.as_mut().expect("it is taken only when the transaction ends");
-        (connection, &mut self.place.ids)
+        (connection, &mut self.place.known)
     }
 
     /// Commits, and lets `remember` bring memory up to date before anybody else can begin.
-    pub(super) async fn commit(mut self, remember: impl FnOnce(&Memory, &mut StateIds)) -> Result<(), StoreError> {
+    pub(super) async fn commit(mut self, remember: impl FnOnce(&Memory, &mut Known)) -> Result<(), StoreError> {
         sqlx::query("commit").execute(self.connection()).await.map_err(outcome_unknown)?;
-        remember(self.memory, &mut self.place.ids);
+        remember(self.memory, &mut self.place.known);
         self.place.connection = self.connection.take();
         Ok(())
     }
@@ -128,7 +128,7 @@ impl Drop for Transaction<'_> {
         if let Some(connection) = self.connection.take() {
             // Memory first: once the connection is gone, its last COMMIT may come true at any moment.
             self.memory.cache.suspend();
-            self.place.ids = StateIds::default();
+            self.place.known = Known::default();
             drop(connection);
         }
     }
