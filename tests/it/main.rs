@@ -2,4 +2,5 @@
 
 mod sqlite_store;
 mod store_contract;
+mod store_model;
 mod support;

@@ -190,3 +190,33 @@ async fn commits_go_on_while_an_environment_is_removed() {
     assert!(store.audit().await.expect("an audit").iter().all(|audit| audit.is_sound()));
     assert_eq!(count(&file.path(), "select count(*) from states").await, 2);
 }
+
+/// The store's promise when the future of a commit is dropped at any moment: it happened or it did not, and everything agrees which.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_commit_that_is_cancelled_happened_or_not() {
+    let file = SqliteFile::new();
+    let store = open(&file).await;
+    let (id, first) = with_some_counts(&store).await;
+    let (mut happened, mut cancelled) = (0, 0);
+    for round in 0..300_u64 {
+        let last = store.watermark(id, &first.producer).await.expect("a watermark").get();
+        let next = batch(id, "game", last + 1).cell(5, 5, tally(1, 1)).done();
+        let patience = std::time::Duration::from_micros(round * 7 % 900);
+        let answer = tokio::time::timeout(patience, store.commit(std::slice::from_ref(&next))).await;
+        cancelled += u64::from(answer.is_err());
+        // Read before the next transaction settles it, and after.
+        let early = visits(&store, id, 5).await;
+        let committed = store.watermark(id, &first.producer).await.expect("a watermark").get() - 1;
+        let late = visits(&store, id, 5).await;
+        assert!(early <= late && late == committed, "{early} {late} {committed}");
+        assert!(answer.is_err() || committed == last, "acknowledged and lost");
+        happened = committed;
+    }
+    assert!(cancelled > 0 && happened > 0, "{cancelled} cancelled, {happened} happened");
+    assert!(store.audit().await.expect("an audit")[0].is_sound());
+}
+
+async fn visits(store: &Arc<dyn Store>, id: EnvironmentId, place: u32) -> u64 {
+    let counts = store.counts(id, &[state(place)]).await.expect("counts");
+    counts[0].counts.cells().iter().map(|cell| cell.tally.n).sum()
+}
