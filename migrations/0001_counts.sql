@@ -4,7 +4,8 @@ create table environments (
     -- never used twice, so that nothing which belongs to a deleted environment can be taken for a new one's
     id          integer primary key autoincrement,
     uid         text not null unique,
-    name        text not null unique,
+    -- null once it is removed, while its rows go in small steps
+    name        text unique,
     schema      text not null,
     schema_hash blob not null check (length(schema_hash) = 32),
     rule        text not null

@@ -14,5 +14,6 @@ mod operations;
 mod proxy;
 mod sqlite_store;
 mod store_contract;
+mod store_model;
 mod support;
 mod uncertain_commit;

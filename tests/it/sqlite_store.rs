@@ -141,3 +141,82 @@ async fn a_producer_can_reach_the_largest_sequence() {
     assert_eq!(store.commit(&[first]).await.expect("a commit"), [unverified()]);
     assert_eq!(store.watermark(id, &last.producer).await.expect("a watermark"), last.sequence);
 }
+
+async fn count(path: &Path, sql: &'static str) -> i64 {
+    sqlx::query_scalar(sql).fetch_one(&mut raw(path).await).await.expect("a number")
+}
+
+#[tokio::test]
+async fn an_interrupted_removal_goes_on_when_the_store_is_opened() {
+    let file = SqliteFile::new();
+    let store = open(&file).await;
+    let (id, _) = with_some_counts(&store).await;
+    drop(store);
+    execute(&file.path(), "update environments set name = null").await;
+    execute(&file.path(), "delete from totals").await;
+    let store = open(&file).await;
+    assert!(store.environments().is_empty());
+    let left =
+        "select (select count(*) from environments) + (select count(*) from states) + (select count(*) from cells)
+                + (select count(*) from producers) + (select count(*) from batches) + (select count(*) from segments)";
+    assert_eq!(count(&file.path(), left).await, 0);
+    let (new, _) = with_some_counts(&store).await;
+    assert_ne!(id, new);
+}
+
+#[tokio::test]
+async fn commits_go_on_while_an_environment_is_removed() {
+    let file = SqliteFile::new();
+    let store = open(&file).await;
+    let large = store.create(&"large".parse().expect("a name"), &schema(), Rule::default()).await.expect("made").id;
+    for sequence in 1..=5 {
+        let states = (0..2_000).map(|at| sequence as u32 * 2_000 + at);
+        let sending = states.fold(batch(large, "game", sequence), |sending, place| sending.cell(place, 1, tally(1, 1)));
+        store.commit(&[sending.done()]).await.expect("a commit");
+    }
+    let (small, _) = with_some_counts(&store).await;
+    let removal = tokio::spawn({
+        let store = Arc::clone(&store);
+        async move { store.delete(large).await }
+    });
+    let mut during = 0;
+    for sequence in 2..200 {
+        let next = batch(small, "game", sequence).cell(7, sequence, tally(1, 1)).done();
+        assert_eq!(store.commit(std::slice::from_ref(&next)).await.expect("a commit"), [applied(&next)]);
+        during += u64::from(!removal.is_finished() && store.environment("large").is_none());
+    }
+    removal.await.expect("no panic").expect("removed");
+    assert!(during > 0, "no commit came between the steps");
+    assert!(store.audit().await.expect("an audit").iter().all(|audit| audit.is_sound()));
+    assert_eq!(count(&file.path(), "select count(*) from states").await, 2);
+}
+
+/// The store's promise when the future of a commit is dropped at any moment: it happened or it did not, and everything agrees which.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_commit_that_is_cancelled_happened_or_not() {
+    let file = SqliteFile::new();
+    let store = open(&file).await;
+    let (id, first) = with_some_counts(&store).await;
+    let (mut happened, mut cancelled) = (0, 0);
+    for round in 0..300_u64 {
+        let last = store.watermark(id, &first.producer).await.expect("a watermark").get();
+        let next = batch(id, "game", last + 1).cell(5, 5, tally(1, 1)).done();
+        let patience = std::time::Duration::from_micros(round * 7 % 900);
+        let answer = tokio::time::timeout(patience, store.commit(std::slice::from_ref(&next))).await;
+        cancelled += u64::from(answer.is_err());
+        // Read before the next transaction settles it, and after.
+        let early = visits(&store, id, 5).await;
+        let committed = store.watermark(id, &first.producer).await.expect("a watermark").get() - 1;
+        let late = visits(&store, id, 5).await;
+        assert!(early <= late && late == committed, "{early} {late} {committed}");
+        assert!(answer.is_err() || committed == last, "acknowledged and lost");
+        happened = committed;
+    }
+    assert!(cancelled > 0 && happened > 0, "{cancelled} cancelled, {happened} happened");
+    assert!(store.audit().await.expect("an audit")[0].is_sound());
+}
+
+async fn visits(store: &Arc<dyn Store>, id: EnvironmentId, place: u32) -> u64 {
+    let counts = store.counts(id, &[state(place)]).await.expect("counts");
+    counts[0].counts.cells().iter().map(|cell| cell.tally.n).sum()
+}

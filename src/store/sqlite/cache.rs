@@ -192,3 +192,6 @@ impl Inner {
 fn weight(entry: &Entry) -> usize {
     entry.counts.cells().len() + STATE_WEIGHT
 }
+
+#[cfg(test)]
+mod tests;

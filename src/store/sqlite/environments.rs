@@ -1,4 +1,4 @@
-//! The worlds in the database: made, changed, removed, and read at the start.
+//! The worlds in the database: made, changed, and read at the start.
 
 use std::sync::Arc;
 
@@ -14,7 +14,7 @@ use crate::store::StoreError;
 
 /// Reads every environment.
 pub(super) async fn load(connection: &mut SqliteConnection) -> Result<Vec<Environment>, StoreError> {
-    let rows = sqlx::query("select id, uid, name, schema, schema_hash, rule from environments")
+    let rows = sqlx::query("select id, uid, name, schema, schema_hash, rule from environments where name is not null")
         .fetch_all(connection)
         .await
         .map_err(unreadable)?;
@@ -62,20 +62,6 @@ pub(super) async fn set_rule(
     Ok(changed)
 }
 
-pub(super) async fn delete(writer: &Writer, id: EnvironmentId) -> Result<(), StoreError> {
-    let mut transaction = writer.begin().await?;
-    if !remove(transaction.connection(), id).await.map_err(aborted)? {
-        transaction.end().await?;
-        return Err(StoreError::UnknownEnvironment);
-    }
-    let forget = |memory: &super::Memory, ids: &mut super::ids::StateIds| {
-        memory.directory.remove(id);
-        memory.cache.forget(id);
-        ids.forget(id);
-    };
-    transaction.commit(forget).await
-}
-
 async fn is_taken(connection: &mut SqliteConnection, name: &Name) -> Result<bool, StoreError> {
     sqlx::query_scalar("select exists (select 1 from environments where name = ?)")
         .bind(name.as_str())
@@ -103,24 +89,6 @@ async fn insert(
     let id = done.last_insert_rowid();
     sqlx::query("insert into totals (environment) values (?)").bind(id).execute(connection).await?;
     Ok(EnvironmentId(id))
-}
-
-/// Removes an environment with everything that belongs to it, children first. Returns whether there was one.
-async fn remove(connection: &mut SqliteConnection, id: EnvironmentId) -> Result<bool, sqlx::Error> {
-    let texts = [
-        "delete from cells where state in (select id from states where environment = ?)",
-        "delete from states where environment = ?",
-        "delete from segments where environment = ?",
-        "delete from batches where producer in (select id from producers where environment = ?)",
-        "delete from producers where environment = ?",
-        "delete from totals where environment = ?",
-        "delete from environments where id = ?",
-    ];
-    let mut last = 0;
-    for text in texts {
-        last = sqlx::query(text).bind(id.0).execute(&mut *connection).await?.rows_affected();
-    }
-    Ok(last == 1)
 }
 
 fn read(row: &SqliteRow) -> Result<Environment, StoreError> {

@@ -1,7 +1,7 @@
 //! The store in one SQLite file: one connection that writes, a few that read, and what is remembered of it in memory.
 //!
-//! `open` makes it, `writer` owns the connection that writes, `commit` decides and counts, `read` and `audit` look, `environments` keeps the worlds,
-//! `cache`, `directory` and `ids` remember, `text` says how things are written, `error` what its errors mean.
+//! `open` makes it, `writer` owns the connection that writes, `commit` decides and counts, `read` and `audit` look, `environments` and `removal` keep the worlds,
+//! `cache`, `directory` and `known` remember, `text` and `packed` say how things are written, `error` what its errors mean.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -21,9 +21,12 @@ mod commit;
 mod directory;
 mod environments;
 mod error;
-mod ids;
+mod known;
 mod open;
+mod packed;
 mod read;
+mod recent;
+mod removal;
 mod rows;
 mod text;
 mod writer;
@@ -83,7 +86,7 @@ impl Store for SqliteStore {
     }
 
     async fn delete(&self, id: EnvironmentId) -> Result<(), StoreError> {
-        environments::delete(&self.writer, id).await
+        removal::delete(&self.writer, id).await
     }
 
     async fn watermark(&self, id: EnvironmentId, producer: &ProducerId) -> Result<Sequence, StoreError> {

@@ -11,6 +11,7 @@ use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection, SqliteJournalMode, Sq
 use sqlx::{ConnectOptions, Connection, SqlitePool};
 
 use super::error::{migrating, opening, unopenable};
+use super::removal;
 use super::{CountsCache, Directory, Memory, Options, SqliteStore, Writer};
 use crate::store::StoreError;
 
@@ -37,7 +38,8 @@ pub(super) async fn open(path: &Path, options: Options) -> Result<SqliteStore, S
     migrate(path, &writing).await?;
     let memory = Arc::new(Memory { directory: Directory::default(), cache: CountsCache::new(options.cache_cells) });
     let writer = Writer::new(writing, Arc::clone(&memory));
-    writer.begin().await?.end().await?;
+    // The first transaction fills memory.
+    removal::sweep(&writer).await?;
     let readers = readers(path).await.map_err(|error| opening(path, &error))?;
     let lock = Mutex::new(Some(lock));
     Ok(SqliteStore { path: path.to_owned(), quotas: options.quotas, memory, writer, readers, lock })

@@ -3,13 +3,15 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use futures::TryStreamExt;
 use sqlx::sqlite::{SqliteConnection, SqliteRow};
 use sqlx::{Row, SqlitePool};
 
 use super::cache::{CountsCache, Epoch};
 use super::error::{spoiled, unreadable};
+use super::packed::{self, packed_cells};
 use super::text;
-use crate::domain::{Cell, Counts, EnvironmentId, Label, ProducerId, SegmentId, Sequence, StateKey, Tally};
+use crate::domain::{Counts, EnvironmentId, Label, ProducerId, SegmentId, Sequence, StateKey};
 use crate::store::{Cursor, Scanned, StateCounts, StoreError, Totals};
 
 /// Returns the counts of states: what is cached from memory, the rest by one statement.
@@ -36,36 +38,25 @@ fn remember(cache: &CountsCache, id: EnvironmentId, epoch: Epoch, keys: &[&State
     cache.insert(id, epoch, first.revision, states);
 }
 
-/// Loads states with the environment's revision, from one snapshot. A row without a segment is a state without cells.
+/// Loads states with the environment's revision, from one snapshot.
 async fn load(readers: &SqlitePool, id: EnvironmentId, keys: &[&StateKey]) -> Result<Vec<StateCounts>, StoreError> {
-    let rows = sqlx::query(
-        "select wanted.key, totals.transitions, cells.segment, cells.joint, cells.n, cells.entries
-         from totals cross join json_each(?2) as wanted
+    let text = concat!(
+        "select wanted.key, totals.transitions, ",
+        packed_cells!("states.id"),
+        " from totals cross join json_each(?2) as wanted
          left join states on states.environment = ?1 and states.key = wanted.value
-         left join cells on cells.state = states.id
-         where totals.environment = ?1",
-    )
-    .bind(id.0)
-    .bind(text::of_list(keys))
-    .fetch_all(readers)
-    .await
-    .map_err(unreadable)?;
-    let first = rows.first().ok_or(StoreError::UnknownEnvironment)?;
-    let revision = whole(first, 1).map_err(unreadable)?;
-    let mut cells = vec![Vec::new(); keys.len()];
-    for row in &rows {
-        if let Some((at, cell)) = loaded_cell(row).map_err(unreadable)? {
-            cells[at].push(cell);
-        }
+         where totals.environment = ?1"
+    );
+    let query = sqlx::query(text).bind(id.0).bind(text::of_list(keys));
+    let mut loaded: Vec<Option<StateCounts>> = vec![None; keys.len()];
+    // As they come: the rows of thousands of states together would be larger than their counts.
+    let mut rows = query.fetch(readers);
+    while let Some(row) = rows.try_next().await.map_err(unreadable)? {
+        let at = whole(&row, 0).map_err(unreadable)? as usize;
+        let revision = whole(&row, 1).map_err(unreadable)?;
+        loaded[at] = Some(StateCounts { counts: Arc::new(counts_of(&row, 2)?), revision });
     }
-    Ok(cells.into_iter().map(|cells| StateCounts { counts: Arc::new(Counts::new(cells)), revision }).collect())
-}
-
-fn loaded_cell(row: &SqliteRow) -> Result<Option<(usize, Cell)>, sqlx::Error> {
-    if row.try_get::<Option<i64>, _>(2)?.is_none() {
-        return Ok(None);
-    }
-    Ok(Some((row.try_get::<i64, _>(0)? as usize, cell(row, 2)?)))
+    loaded.into_iter().collect::<Option<_>>().ok_or(StoreError::UnknownEnvironment)
 }
 
 /// Returns the next states after a cursor, in order of their ids.
@@ -75,31 +66,34 @@ pub(super) async fn scan(
     after: Cursor,
     states: u32,
 ) -> Result<Vec<Scanned>, StoreError> {
-    // `not indexed` walks the states by id; the index would have to be sorted for every page.
-    let rows = sqlx::query(
-        "select page.id, page.key, cells.segment, cells.joint, cells.n, cells.entries
-         from (select id, key from states not indexed where environment = ? and id > ? order by id limit ?) as page
-         cross join cells on cells.state = page.id
-         order by page.id",
-    )
-    .bind(id.0)
-    .bind(after.0)
-    .bind(states)
-    .fetch_all(readers)
-    .await
-    .map_err(unreadable)?;
-    let same = |a: &SqliteRow, b: &SqliteRow| matches!((whole(a, 0), whole(b, 0)), (Ok(a), Ok(b)) if a == b);
-    rows.chunk_by(same).map(scanned).collect()
+    // `not indexed` walks the states by id; with the index, they would have to be sorted for every page.
+    let text = concat!(
+        "select id, key, ",
+        packed_cells!("states.id"),
+        " from states not indexed where environment = ? and id > ? order by id limit ?"
+    );
+    let mut rows = sqlx::query(text).bind(id.0).bind(after.0).bind(states).fetch(readers);
+    let mut page = Vec::new();
+    while let Some(row) = rows.try_next().await.map_err(unreadable)? {
+        page.push(scanned(&row)?);
+    }
+    Ok(page)
 }
 
-fn scanned(rows: &[SqliteRow]) -> Result<Scanned, StoreError> {
-    let key: &str = rows[0].try_get(1).map_err(unreadable)?;
-    let cells = rows.iter().map(|row| cell(row, 2)).collect::<Result<_, _>>().map_err(unreadable)?;
+fn scanned(row: &SqliteRow) -> Result<Scanned, StoreError> {
+    let key: &str = row.try_get(1).map_err(unreadable)?;
     Ok(Scanned {
-        cursor: Cursor(rows[0].try_get(0).map_err(unreadable)?),
+        cursor: Cursor(row.try_get(0).map_err(unreadable)?),
         key: StateKey::from_stored(key).ok_or_else(|| spoiled(&format!("state {key:?}")))?,
-        counts: Counts::new(cells),
+        counts: counts_of(row, 2)?,
     })
+}
+
+fn counts_of(row: &SqliteRow, at: usize) -> Result<Counts, StoreError> {
+    match row.try_get::<Option<&str>, _>(at).map_err(unreadable)? {
+        None => Ok(Counts::default()),
+        Some(text) => packed::counts(text).ok_or_else(|| spoiled("a state's counts")),
+    }
 }
 
 /// Returns the segments in order of label.
@@ -174,16 +168,6 @@ pub(super) async fn bytes(path: &Path) -> Result<u64, StoreError> {
     // A database that was just closed has none.
     let journal = tokio::fs::metadata(journal).await.map_or(0, |metadata| metadata.len());
     Ok(database + journal)
-}
-
-/// Reads segment, joint action, visits and entries from four columns.
-fn cell(row: &SqliteRow, first: usize) -> Result<Cell, sqlx::Error> {
-    let entries: Option<i64> = row.try_get(first + 3)?;
-    Ok(Cell {
-        segment: SegmentId(row.try_get(first)?),
-        joint: whole(row, first + 1)?,
-        tally: Tally { n: whole(row, first + 2)?, entries: entries.map(i64::unsigned_abs) },
-    })
 }
 
 /// Reads a number that the tables keep from being negative.

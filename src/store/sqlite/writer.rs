@@ -14,7 +14,7 @@ use super::cache::CountsCache;
 use super::directory::Directory;
 use super::environments;
 use super::error::{aborted, outcome_unknown};
-use super::ids::StateIds;
+use super::known::Known;
 use crate::store::StoreError;
 
 /// What is remembered of the database, and changed after each commit.
@@ -35,7 +35,7 @@ pub(super) struct Writer {
 #[derive(Default)]
 struct Place {
     connection: Option<SqliteConnection>,
-    ids: StateIds,
+    known: Known,
     closed: bool,
 }
 
@@ -101,16 +101,16 @@ impl Transaction<'_> {
         self.connection.as_mut().expect("it is taken only when the transaction ends")
     }
 
-    /// Returns the connection and the ids of states beside it.
-    pub(super) fn parts(&mut self) -> (&mut SqliteConnection, &mut StateIds) {
+    /// Returns the connection and what is known to exist beside it.
+    pub(super) fn parts(&mut self) -> (&mut SqliteConnection, &mut Known) {
         let connection = self.connection.as_mut().expect("it is taken only when the transaction ends");
-        (connection, &mut self.place.ids)
+        (connection, &mut self.place.known)
     }
 
     /// Commits, and lets `remember` bring memory up to date before anybody else can begin.
-    pub(super) async fn commit(mut self, remember: impl FnOnce(&Memory, &mut StateIds)) -> Result<(), StoreError> {
+    pub(super) async fn commit(mut self, remember: impl FnOnce(&Memory, &mut Known)) -> Result<(), StoreError> {
         sqlx::query("commit").execute(self.connection()).await.map_err(outcome_unknown)?;
-        remember(self.memory, &mut self.place.ids);
+        remember(self.memory, &mut self.place.known);
         self.place.connection = self.connection.take();
         Ok(())
     }
@@ -128,8 +128,73 @@ impl Drop for Transaction<'_> {
         if let Some(connection) = self.connection.take() {
             // Memory first: once the connection is gone, its last COMMIT may come true at any moment.
             self.memory.cache.suspend();
-            self.place.ids = StateIds::default();
+            self.place.known = Known::default();
             drop(connection);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::domain::StateKey;
+
+    fn writer(directory: &tempfile::TempDir) -> Writer {
+        let options = SqliteConnectOptions::new().filename(directory.path().join("test.db")).create_if_missing(true);
+        let memory = Memory { directory: Directory::default(), cache: CountsCache::new(100) };
+        Writer::new(options, Arc::new(memory))
+    }
+
+    async fn execute(transaction: &mut Transaction<'_>, text: &'static str) {
+        sqlx::raw_sql(text).execute(transaction.connection()).await.expect("a statement that works");
+    }
+
+    /// Returns a writer with a table of environments, for the first transaction to read, and one whose references are checked at COMMIT only.
+    async fn prepared(directory: &tempfile::TempDir) -> Writer {
+        let mut connection = writer(directory).options.connect().await.expect("a connection");
+        let text = "create table environments (id, uid, name, schema, schema_hash, rule);
+                    create table parents (id integer primary key);
+                    create table children (parent references parents (id) deferrable initially deferred)";
+        sqlx::raw_sql(text).execute(&mut connection).await.expect("tables");
+        connection.close().await.expect("closed");
+        writer(directory)
+    }
+
+    async fn children(writer: &Writer) -> i64 {
+        let mut transaction = writer.begin().await.expect("a transaction");
+        let count = sqlx::query_scalar("select count(*) from children").fetch_one(transaction.connection()).await;
+        transaction.end().await.expect("ended");
+        count.expect("a number")
+    }
+
+    #[tokio::test]
+    async fn a_failed_commit_has_an_unknown_outcome_and_is_settled_by_the_next_transaction() {
+        let directory = tempfile::tempdir().expect("a directory");
+        let writer = prepared(&directory).await;
+        let mut transaction = writer.begin().await.expect("a transaction");
+        execute(&mut transaction, "insert into children values (7)").await;
+        transaction.parts().1.add_state(crate::domain::EnvironmentId(1), &StateKey::new(&[1]), 1);
+        let failed = transaction.commit(|_, _| panic!("memory must not be told")).await;
+        assert!(matches!(failed, Err(StoreError::OutcomeUnknown(_))), "{failed:?}");
+        assert!(writer.place.lock().await.connection.is_none(), "the connection is dropped");
+        assert_eq!(children(&writer).await, 0);
+        let known = &mut writer.place.lock().await.known;
+        assert_eq!(known.state(crate::domain::EnvironmentId(1), &StateKey::new(&[1])), None);
+    }
+
+    #[tokio::test]
+    async fn a_dropped_transaction_leaves_nothing_behind() {
+        let directory = tempfile::tempdir().expect("a directory");
+        let writer = prepared(&directory).await;
+        let mut transaction = writer.begin().await.expect("a transaction");
+        execute(&mut transaction, "insert into parents values (7); insert into children values (7)").await;
+        drop(transaction);
+        assert_eq!(children(&writer).await, 0);
+        let mut transaction = writer.begin().await.expect("a transaction");
+        execute(&mut transaction, "insert into parents values (7); insert into children values (7)").await;
+        transaction.commit(|_, _| ()).await.expect("committed");
+        assert_eq!(children(&writer).await, 1);
+        writer.close().await.expect("closed");
+        assert!(writer.begin().await.is_err(), "no call may follow");
     }
 }

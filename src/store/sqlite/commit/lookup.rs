@@ -6,12 +6,9 @@ use sqlx::Row;
 use sqlx::sqlite::SqliteConnection;
 
 use crate::domain::{EnvironmentId, StateKey};
-use crate::store::sqlite::ids::StateIds;
+use crate::store::sqlite::known::{CellKey, Known};
 use crate::store::sqlite::rows::ManyRows;
 use crate::store::sqlite::text;
-
-/// A cell as the database names it: state, segment and joint action.
-pub(super) type CellKey = (i64, i64, i64);
 
 /// States a statement; their keys are one text.
 const KEYS: usize = 1_000;
@@ -19,17 +16,17 @@ const KEYS: usize = 1_000;
 /// Returns the id of each state that exists. Hot states come from memory.
 pub(super) async fn states(
     connection: &mut SqliteConnection,
-    ids: &mut StateIds,
+    known: &mut Known,
     environment: EnvironmentId,
     keys: &[&StateKey],
 ) -> Result<Vec<Option<i64>>, sqlx::Error> {
-    let mut found: Vec<Option<i64>> = keys.iter().map(|key| ids.get(environment, key)).collect();
+    let mut found: Vec<Option<i64>> = keys.iter().map(|key| known.state(environment, key)).collect();
     let missing: Vec<usize> = (0..keys.len()).filter(|at| found[*at].is_none()).collect();
     for chunk in missing.chunks(KEYS) {
         for (at, id) in select_states(connection, environment, chunk.iter().map(|at| keys[*at])).await? {
             let at = chunk[at];
             found[at] = Some(id);
-            ids.insert(environment, keys[at].clone(), id);
+            known.add_state(environment, keys[at], id);
         }
     }
     Ok(found)
@@ -51,8 +48,19 @@ async fn select_states(
     rows.iter().map(|row| Ok((row.try_get::<i64, _>(0)? as usize, row.try_get(1)?))).collect()
 }
 
-/// Returns how many of these cells exist. Each is given once, best in order.
-pub(super) async fn count_cells(connection: &mut SqliteConnection, cells: &[CellKey]) -> Result<u64, sqlx::Error> {
+/// Returns how many of these cells exist; each is given once. Hot cells come from memory.
+pub(super) async fn count_cells(
+    connection: &mut SqliteConnection,
+    known: &mut Known,
+    cells: &[CellKey],
+) -> Result<u64, sqlx::Error> {
+    let mut unknown: Vec<CellKey> = cells.iter().filter(|cell| !known.has_cell(cell)).copied().collect();
+    unknown.sort_unstable();
+    let remembered = (cells.len() - unknown.len()) as u64;
+    Ok(remembered + select_count(connection, &unknown).await?)
+}
+
+async fn select_count(connection: &mut SqliteConnection, cells: &[CellKey]) -> Result<u64, sqlx::Error> {
     static COUNT: LazyLock<ManyRows> = LazyLock::new(|| {
         ManyRows::new(
             "select count(*) from (values",

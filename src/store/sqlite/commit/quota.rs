@@ -3,9 +3,10 @@
 use sqlx::sqlite::SqliteConnection;
 
 use super::ledger::{Account, Ledger, stored_label};
-use super::lookup::{self, CellKey};
+use super::lookup;
 use crate::domain::StateKey;
 use crate::store::sqlite::error::aborted;
+use crate::store::sqlite::known::CellKey;
 use crate::store::sqlite::writer::Transaction;
 use crate::store::{Numbered, Refusal, StoreError};
 
@@ -105,14 +106,13 @@ async fn count_fresh(
     ledger: &Ledger<'_>,
     cells: Vec<NamedCell<'_>>,
 ) -> Result<u64, StoreError> {
-    let (connection, ids) = transaction.parts();
+    let (connection, known) = transaction.parts();
     let keys: Vec<&StateKey> = cells.iter().map(|(key, _, _)| *key).collect();
-    let states = lookup::states(connection, ids, ledger.environment, &keys).await.map_err(aborted)?;
+    let states = lookup::states(connection, known, ledger.environment, &keys).await.map_err(aborted)?;
     let stored = |((_, label, joint), state): (&NamedCell<'_>, Option<i64>)| -> Option<CellKey> {
         Some((state?, *ledger.segments.get(label)?, *joint as i64))
     };
-    let mut candidates: Vec<CellKey> = cells.iter().zip(states).filter_map(stored).collect();
-    candidates.sort_unstable();
-    let present = lookup::count_cells(connection, &candidates).await.map_err(aborted)?;
+    let candidates: Vec<CellKey> = cells.iter().zip(states).filter_map(stored).collect();
+    let present = lookup::count_cells(connection, known, &candidates).await.map_err(aborted)?;
     Ok(cells.len() as u64 - present)
 }

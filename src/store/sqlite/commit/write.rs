@@ -6,11 +6,11 @@ use sqlx::sqlite::SqliteConnection;
 
 use super::decide::KEPT;
 use super::ledger::{Account, Ledger, Ledgers};
-use super::lookup::{self, CellKey};
+use super::lookup;
 use crate::domain::{Cell, EnvironmentId, SegmentId, StateKey, Tally};
 use crate::store::sqlite::cache::CountsCache;
 use crate::store::sqlite::error::aborted;
-use crate::store::sqlite::ids::StateIds;
+use crate::store::sqlite::known::{CellKey, Known};
 use crate::store::sqlite::rows::ManyRows;
 use crate::store::sqlite::text;
 use crate::store::sqlite::writer::Transaction;
@@ -53,14 +53,14 @@ pub(super) async fn write<'a>(
     transaction: &mut Transaction<'_>,
     ledgers: Ledgers<'a>,
 ) -> Result<Vec<Delta<'a>>, StoreError> {
-    let (connection, ids) = transaction.parts();
+    let (connection, known) = transaction.parts();
     let mut deltas = Vec::new();
     for mut ledger in ledgers.into_accepted() {
         for (name, account) in ledger.accounts.iter().filter(|(_, account)| !account.accepted.is_empty()) {
             write_account(connection, ledger.environment, name, account).await?;
         }
         if ledger.merged.len() > 0 {
-            deltas.push(write_counts(connection, ids, &mut ledger).await.map_err(aborted)?);
+            deltas.push(write_counts(connection, known, &mut ledger).await.map_err(aborted)?);
         }
     }
     Ok(deltas)
@@ -68,15 +68,16 @@ pub(super) async fn write<'a>(
 
 async fn write_counts<'a>(
     connection: &mut SqliteConnection,
-    ids: &mut StateIds,
+    known: &mut Known,
     ledger: &mut Ledger<'a>,
 ) -> Result<Delta<'a>, sqlx::Error> {
     let environment = ledger.environment;
     let segments = segments(connection, ledger).await?;
-    let states = states(connection, ids, environment, ledger.merged.states()).await?;
+    let states = states(connection, known, environment, ledger.merged.states()).await?;
     let rows = cell_rows(ledger, &segments, &states.ids);
-    let fresh = count_fresh(connection, &rows, states.first_new).await?;
+    let fresh = count_fresh(connection, known, &rows, states.first_new).await?;
     upsert_cells(connection, &rows).await?;
+    rows.iter().for_each(|row| known.add_cell(row.key));
     add_totals(connection, environment, [ledger.merged.transitions(), states.new, fresh]).await?;
     let revision = ledger.transitions + ledger.merged.transitions();
     Ok(Delta { environment, revision, states: ledger.merged.states().to_vec(), rows })
@@ -114,7 +115,7 @@ struct States {
 /// Returns the ids of states, which are made where they are new. The only writer gives out ids itself, so it needs no answer from the database.
 async fn states(
     connection: &mut SqliteConnection,
-    known: &mut StateIds,
+    known: &mut Known,
     environment: EnvironmentId,
     keys: &[&StateKey],
 ) -> Result<States, sqlx::Error> {
@@ -126,7 +127,7 @@ async fn states(
     let mut ids: Vec<i64> = found.into_iter().map(|id| id.unwrap_or_default()).collect();
     for (id, at) in (first_new..).zip(&new) {
         ids[*at] = id;
-        known.insert(environment, keys[*at].clone(), id);
+        known.add_state(environment, keys[*at], id);
     }
     let rows: Vec<(i64, &StateKey)> = new.iter().map(|at| (ids[*at], keys[*at])).collect();
     insert_states(connection, environment, &rows).await?;
@@ -165,12 +166,13 @@ fn cell_rows(ledger: &mut Ledger<'_>, segments: &[i64], states: &[i64]) -> Vec<C
 /// Returns how many cells will be new: all of a new state, and those of older states that are not found.
 async fn count_fresh(
     connection: &mut SqliteConnection,
+    known: &mut Known,
     rows: &[CellRow],
     first_new_state: i64,
 ) -> Result<u64, sqlx::Error> {
     let of_older = rows.partition_point(|row| row.key.0 < first_new_state);
     let candidates: Vec<CellKey> = rows[..of_older].iter().map(|row| row.key).collect();
-    Ok(rows.len() as u64 - lookup::count_cells(connection, &candidates).await?)
+    Ok(rows.len() as u64 - lookup::count_cells(connection, known, &candidates).await?)
 }
 
 async fn upsert_cells(connection: &mut SqliteConnection, rows: &[CellRow]) -> Result<(), sqlx::Error> {

@@ -1,0 +1,354 @@
+//! The store against a model in memory: random commits, resends, restarts, environments that end and begin again, reads warm and cold.
+//!
+//! The model knows nothing of merging, caching or SQL: it keeps every batch it accepted and adds up what is asked.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+
+use nudge::domain::{Digest, EnvironmentId, Rule, Tally};
+use nudge::store::{Cursor, Numbered, Outcome, Quotas, Refusal, Store, Totals};
+use proptest::prelude::*;
+
+use crate::support::batches::*;
+use crate::support::databases::{Database, SqliteFile};
+
+const PLACES: u32 = 4;
+const NAMES: [&str; 2] = ["hallway", "kitchen"];
+const PRODUCERS: [&str; 3] = ["a", "b", "c"];
+const SEGMENTS: [&str; 3] = ["", "train", "test"];
+/// Small enough that a run meets each of them.
+const QUOTAS: Quotas = Quotas { cells: 14, segments: 2, producers: 2 };
+
+#[derive(Debug, Clone)]
+enum Step {
+    Commit(Vec<Send>),
+    Reopen { clean: bool },
+    Remake { name: usize },
+    Read(Vec<u32>),
+}
+
+#[derive(Debug, Clone)]
+struct Send {
+    name: usize,
+    producer: usize,
+    /// How far from the number expected: 0 is the next one, -1 the last one again.
+    off: i64,
+    reuse: bool,
+    segment: usize,
+    cells: BTreeMap<(u32, u64), (u64, Option<u64>)>,
+}
+
+fn sends() -> impl Strategy<Value = Send> {
+    let tally = (1_u64..4, prop::option::weighted(0.8, 0_u64..2));
+    let cells = prop::collection::btree_map((0..PLACES, 0_u64..3), tally, 0..5);
+    let off = prop_oneof![8 => Just(0_i64), 3 => -4_i64..0, 1 => 1_i64..4];
+    (0..NAMES.len(), 0..PRODUCERS.len(), off, prop::bool::weighted(0.1), 0..SEGMENTS.len(), cells)
+        .prop_map(|(name, producer, off, reuse, segment, cells)| Send { name, producer, off, reuse, segment, cells })
+}
+
+fn steps() -> impl Strategy<Value = Vec<Step>> {
+    let step = prop_oneof![
+        8 => prop::collection::vec(sends(), 1..6).prop_map(Step::Commit),
+        1 => any::<bool>().prop_map(|clean| Step::Reopen { clean }),
+        1 => (0..NAMES.len()).prop_map(|name| Step::Remake { name }),
+        4 => prop::collection::vec(0..PLACES, 1..4).prop_map(Step::Read),
+    ];
+    prop::collection::vec(step, 1..25)
+}
+
+/// One environment of the model: every batch that was accepted, by producer, in order.
+#[derive(Default)]
+struct World {
+    id: Option<EnvironmentId>,
+    accepted: BTreeMap<String, Vec<Numbered>>,
+}
+
+type CellName = (u32, String, u64);
+
+impl World {
+    fn cells(&self) -> BTreeMap<CellName, Tally> {
+        let mut cells = BTreeMap::new();
+        self.accepted.values().flatten().for_each(|batch| {
+            for (name, tally) in named(batch) {
+                cells.entry(name).or_insert(Tally::EMPTY).add(tally);
+            }
+        });
+        cells
+    }
+
+    fn decide(&mut self, batch: &Numbered) -> Outcome {
+        let known = self.accepted.get(batch.producer.as_str());
+        let last = known.map_or(0, Vec::len) as u64;
+        match batch.sequence.get() {
+            sequence if sequence > last + 1 => out_of_order(last + 1),
+            sequence if sequence == last + 1 => self.count(batch),
+            sequence => {
+                let first = &known.expect("it has a last one")[sequence as usize - 1];
+                if first.digest == batch.digest { duplicate(first) } else { Outcome::Refused(Refusal::Reused) }
+            }
+        }
+    }
+
+    fn count(&mut self, batch: &Numbered) -> Outcome {
+        if !self.accepted.contains_key(batch.producer.as_str()) && self.accepted.len() as u64 >= QUOTAS.producers {
+            return over_quota("producers", QUOTAS.producers);
+        }
+        let before = self.cells();
+        let segments: BTreeSet<&String> = before.keys().map(|(_, segment, _)| segment).collect();
+        let added = named(batch);
+        let is_new_segment = added.first().is_some_and(|((_, segment, _), _)| !segments.contains(segment));
+        if is_new_segment && segments.len() as u64 >= QUOTAS.segments {
+            return over_quota("segments", QUOTAS.segments);
+        }
+        let fresh = added.iter().filter(|(name, _)| !before.contains_key(name)).count();
+        if (before.len() + fresh) as u64 > QUOTAS.cells {
+            return over_quota("cells", QUOTAS.cells);
+        }
+        self.accepted.entry(batch.producer.to_string()).or_default().push(batch.clone());
+        applied(batch)
+    }
+
+    fn totals(&self) -> Totals {
+        let cells = self.cells();
+        Totals {
+            transitions: cells.values().map(|tally| tally.n).sum(),
+            states: cells.keys().map(|(place, _, _)| place).collect::<BTreeSet<_>>().len() as u64,
+            cells: cells.len() as u64,
+            segments: cells.keys().map(|(_, segment, _)| segment).collect::<BTreeSet<_>>().len() as u64,
+            producers: self.accepted.len() as u64,
+        }
+    }
+}
+
+fn named(batch: &Numbered) -> Vec<(CellName, Tally)> {
+    let segment = batch.increment.segment.as_ref().map_or(String::new(), ToString::to_string);
+    let place = |state: u32| batch.increment.states[state as usize].bins()[0];
+    let name = |(state, joint, tally): &(u32, u64, Tally)| ((place(*state), segment.clone(), *joint), *tally);
+    batch.increment.cells.iter().map(name).collect()
+}
+
+/// The store and the model side by side.
+struct Pair {
+    file: SqliteFile,
+    /// `None` only while it is opened again.
+    open: Option<Arc<dyn Store>>,
+    worlds: [World; NAMES.len()],
+    /// Makes the content of every batch different.
+    sent: u64,
+}
+
+impl Pair {
+    async fn new(cache_cells: usize) -> Self {
+        let mut file = SqliteFile::new();
+        file.cache_cells = cache_cells;
+        let store = file.open(QUOTAS).await;
+        let mut pair = Self { file, open: Some(store), worlds: Default::default(), sent: 0 };
+        for name in 0..NAMES.len() {
+            pair.make(name).await;
+        }
+        pair
+    }
+
+    async fn make(&mut self, name: usize) {
+        let made = self.store().create(&NAMES[name].parse().expect("a name"), &schema(), Rule::default()).await;
+        self.worlds[name] = World { id: Some(made.expect("made").id), ..World::default() };
+    }
+
+    fn store(&self) -> &dyn Store {
+        &**self.open.as_ref().expect("open between steps")
+    }
+
+    fn id(&self, name: usize) -> EnvironmentId {
+        self.worlds[name].id.expect("made at the start")
+    }
+
+    async fn step(&mut self, step: &Step) {
+        match step {
+            Step::Commit(sends) => self.commit(sends).await,
+            Step::Reopen { clean } => {
+                if *clean {
+                    self.store().close().await;
+                }
+                self.open = None;
+                self.open = Some(self.file.open(QUOTAS).await);
+            }
+            Step::Remake { name } => {
+                self.store().delete(self.id(*name)).await.expect("removed");
+                self.make(*name).await;
+            }
+            Step::Read(places) => self.compare_states(places).await,
+        }
+    }
+
+    /// Numbers are chosen by what the model expects after the batches before, as producers do.
+    async fn commit(&mut self, sends: &[Send]) {
+        let mut batches = Vec::new();
+        let mut expected = Vec::new();
+        for send in sends {
+            let batch = self.batch(send);
+            expected.push(self.worlds[send.name].decide(&batch));
+            batches.push(batch);
+        }
+        assert_eq!(self.store().commit(&batches).await.expect("a commit"), expected);
+    }
+
+    fn batch(&mut self, send: &Send) -> Numbered {
+        let known = self.worlds[send.name].accepted.get(PRODUCERS[send.producer]);
+        let last = known.map_or(0, Vec::len) as i64;
+        let sequence = (last + 1 + send.off).max(1);
+        if let Some(first) = known.and_then(|known| known.get(sequence as usize - 1)).filter(|_| !send.reuse) {
+            return first.clone();
+        }
+        self.sent += 1;
+        let mut sending = batch(self.id(send.name), PRODUCERS[send.producer], sequence as u64);
+        for ((place, joint), (n, entries)) in &send.cells {
+            let entries = entries.map(|entries| entries.min(*n));
+            sending = sending.cell(*place, *joint, Tally { n: *n, entries });
+        }
+        if send.segment > 0 {
+            sending = sending.segment(SEGMENTS[send.segment]);
+        }
+        let mut batch = sending.done();
+        batch.digest = Digest(*blake3::hash(&self.sent.to_le_bytes()).as_bytes());
+        batch
+    }
+
+    async fn compare_states(&self, places: &[u32]) {
+        for (name, world) in self.worlds.iter().enumerate() {
+            let labels = self.labels(name).await;
+            let keys: Vec<_> = places.iter().map(|place| state(*place)).collect();
+            let found = self.store().counts(self.id(name), &keys).await.expect("counts");
+            let cells = world.cells();
+            for (place, found) in places.iter().zip(found) {
+                let told = found.counts.cells().iter();
+                let told = told.map(|cell| ((*place, labels[&cell.segment.0].clone(), cell.joint), cell.tally));
+                let expected = cells.iter().filter(|((of, _, _), _)| of == place);
+                assert_eq!(told.collect::<BTreeMap<_, _>>(), expected.map(|(n, t)| (n.clone(), *t)).collect());
+                assert_eq!(found.revision, world.totals().transitions);
+            }
+        }
+    }
+
+    async fn labels(&self, name: usize) -> BTreeMap<i64, String> {
+        let segments = self.store().segments(self.id(name)).await.expect("segments");
+        segments.into_iter().map(|(id, label)| (id.0, label.map_or(String::new(), |l| l.to_string()))).collect()
+    }
+
+    async fn compare_all(&self) {
+        self.compare_states(&(0..PLACES).collect::<Vec<_>>()).await;
+        for (name, world) in self.worlds.iter().enumerate() {
+            let id = self.id(name);
+            assert_eq!(self.store().totals(id).await.expect("totals"), world.totals());
+            for producer in PRODUCERS {
+                let last = world.accepted.get(producer).map_or(0, Vec::len) as u64;
+                let found = self.store().watermark(id, &producer.parse().expect("a producer")).await;
+                assert_eq!(found.expect("a watermark").get(), last);
+            }
+            let scanned = self.store().scan(id, Cursor::default(), 100).await.expect("a page");
+            let cells: usize = scanned.iter().map(|state| state.counts.cells().len()).sum();
+            assert_eq!((scanned.len() as u64, cells), (world.totals().states, world.cells().len()));
+        }
+        assert!(self.store().audit().await.expect("an audit").iter().all(|audit| audit.is_sound()));
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(100))]
+
+    #[test]
+    fn the_store_does_what_the_model_does(cache_cells in prop_oneof![Just(0), 1_usize..60], steps in steps()) {
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
+        runtime.block_on(async {
+            let mut pair = Pair::new(cache_cells).await;
+            for step in &steps {
+                pair.step(step).await;
+            }
+            pair.compare_all().await;
+            pair.step(&Step::Reopen { clean: false }).await;
+            pair.compare_all().await;
+        });
+    }
+}
+
+/// What is sent, and what readers must find while it is sent.
+struct Traffic {
+    store: Arc<dyn Store>,
+    id: EnvironmentId,
+    /// Visits of each state handed to the store, and those it acknowledged.
+    sent: [AtomicU64; PLACES as usize],
+    acknowledged: [AtomicU64; PLACES as usize],
+    over: AtomicBool,
+}
+
+impl Traffic {
+    async fn write(&self, commits: u64) {
+        for sequence in 1..=commits {
+            let places = (0..PLACES).filter(|place| (sequence >> place) & 1 == 1);
+            let one = |sending: Sending, place| sending.cell(place, sequence % 3, tally(1, 1));
+            let next = places.clone().fold(batch(self.id, "game", sequence), one).done();
+            places.clone().for_each(|place| add(&self.sent[place as usize]));
+            assert_eq!(self.store.commit(std::slice::from_ref(&next)).await.expect("a commit"), [applied(&next)]);
+            places.for_each(|place| add(&self.acknowledged[place as usize]));
+        }
+        self.over.store(true, Ordering::SeqCst);
+    }
+
+    /// Reads one state, or several, until the writer is done; returns how often.
+    async fn read(&self, places: Vec<u32>) -> u64 {
+        let keys: Vec<_> = places.iter().map(|place| state(*place)).collect();
+        let mut seen = vec![(0, 0); places.len()];
+        let mut reads = 0;
+        while !self.over.load(Ordering::SeqCst) {
+            let before: Vec<u64> = places.iter().map(|place| load(&self.acknowledged[*place as usize])).collect();
+            let found = self.store.counts(self.id, &keys).await.expect("counts");
+            for (at, found) in found.iter().enumerate() {
+                let visits = found.counts.cells().iter().map(|cell| cell.tally.n).sum::<u64>();
+                assert!(visits >= before[at], "an acknowledged batch is missing: {visits} of {}", before[at]);
+                assert!(visits <= load(&self.sent[places[at] as usize]), "more than was sent");
+                assert!((visits, found.revision) >= seen[at] && found.revision >= seen[at].1, "back in time");
+                seen[at] = (visits, found.revision);
+            }
+            reads += 1;
+            // A read from the cache never waits, and would keep the other readers from their turn.
+            tokio::task::yield_now().await;
+        }
+        reads
+    }
+}
+
+fn add(number: &AtomicU64) {
+    number.fetch_add(1, Ordering::SeqCst);
+}
+
+fn load(number: &AtomicU64) -> u64 {
+    number.load(Ordering::SeqCst)
+}
+
+/// Runs one writer beside readers of overlapping states.
+async fn readers_beside_a_writer(cache_cells: usize) {
+    let mut file = SqliteFile::new();
+    file.cache_cells = cache_cells;
+    let store = file.open(Quotas::default()).await;
+    let id = store.create(&"hallway".parse().expect("a name"), &schema(), Rule::default()).await.expect("made").id;
+    let over = AtomicBool::new(false);
+    let traffic = Arc::new(Traffic { store, id, sent: Default::default(), acknowledged: Default::default(), over });
+    let reading = [vec![0], vec![1, 2], vec![0, 1, 2, 3], vec![3]].map(|places| {
+        let traffic = Arc::clone(&traffic);
+        tokio::spawn(async move { traffic.read(places).await })
+    });
+    traffic.write(1_000).await;
+    for reader in reading {
+        assert!(reader.await.expect("no assertion failed") > 10);
+    }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 3)]
+async fn readers_never_see_a_state_go_back_with_a_warm_cache() {
+    readers_beside_a_writer(10_000).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 3)]
+async fn readers_never_see_a_state_go_back_with_hardly_a_cache() {
+    readers_beside_a_writer(20).await;
+}
