@@ -147,6 +147,19 @@ async fn count(path: &Path, sql: &'static str) -> i64 {
 }
 
 #[tokio::test]
+async fn receipts_do_not_pile_up() {
+    let file = SqliteFile::new();
+    let store = open(&file).await;
+    let (id, _) = with_some_counts(&store).await;
+    let batches: Vec<Numbered> = (2..=1_500).map(|sequence| batch(id, "game", sequence).done()).collect();
+    for chunk in batches.chunks(700) {
+        store.commit(chunk).await.expect("a commit");
+    }
+    assert_eq!(count(&file.path(), "select count(*) from batches").await, 1_024);
+    assert_eq!(count(&file.path(), "select min(sequence) from batches").await, 1_500 - 1_023);
+}
+
+#[tokio::test]
 async fn an_interrupted_removal_goes_on_when_the_store_is_opened() {
     let file = SqliteFile::new();
     let store = open(&file).await;

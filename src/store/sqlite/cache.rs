@@ -9,7 +9,7 @@
 //!   commit and no other; and a state that was loaded after COMMIT and before `apply` has the delta already, and is left alone.
 //! * A reader's load comes in only where its revision is at least `floor`, the larger of `applied` and the highest revision that was loaded. Below
 //!   `applied`, the delta which it lacks has passed and would be lost. Below what another reader has loaded, a state that the other saw already
-//!   could go back in time. For the same reason a load never replaces a younger one.
+//!   could go back in time. So a load never replaces a younger one either.
 //! * So a cached state is that of the last applied commit or a later one, and an acknowledged commit has been applied: reads see it.
 //!
 //! When nobody knows whether a COMMIT took effect, the cache is emptied and stays unused until that is settled; loads which began before carry an
@@ -156,9 +156,6 @@ impl Inner {
     }
 
     fn put(&mut self, key: (EnvironmentId, StateKey), entry: Entry) {
-        if self.entries.peek(&key).is_some_and(|present| present.revision >= entry.revision) {
-            return;
-        }
         self.weight += weight(&entry);
         let replaced = self.entries.put(key, entry);
         self.weight -= replaced.map_or(0, |entry| weight(&entry));

@@ -43,9 +43,8 @@ impl Known {
         self.cells.insert(cell, ());
     }
 
-    /// Forgets an environment, and all cells with it: the ids of its states may be given to others.
+    /// Forgets the states of an environment. Its cells may stay: states that come after may get the same ids, but never its segments' ids.
     pub(super) fn forget(&mut self, environment: EnvironmentId) {
         self.states.retain(|(of, _)| *of != environment);
-        self.cells.retain(|_| false);
     }
 }

@@ -112,3 +112,24 @@ async fn readers(path: &Path) -> Result<SqlitePool, sqlx::Error> {
         .connect_with(connecting(path, READER_CACHE_KIB).read_only(true).row_buffer_size(1_024))
         .await
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    async fn pragma(connection: &mut SqliteConnection, text: &'static str) -> i64 {
+        sqlx::query_scalar(text).fetch_one(connection).await.expect("a number")
+    }
+
+    #[tokio::test]
+    async fn commits_wait_for_the_disk_and_memory_is_bounded() {
+        let directory = tempfile::tempdir().expect("a directory");
+        let mut writer = writing(&directory.path().join("test.db")).connect().await.expect("a connection");
+        let mode: String = sqlx::query_scalar("pragma journal_mode").fetch_one(&mut writer).await.expect("a word");
+        assert_eq!(mode, "wal");
+        assert_eq!(pragma(&mut writer, "pragma synchronous").await, 2, "2 is full");
+        assert_eq!(pragma(&mut writer, "pragma foreign_keys").await, 1);
+        assert_eq!(pragma(&mut writer, "pragma cache_size").await, -24 * 1024);
+        assert_eq!(pragma(&mut writer, "pragma wal_autocheckpoint").await, 4_096);
+    }
+}

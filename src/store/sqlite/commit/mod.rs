@@ -1,13 +1,14 @@
 //! Counting batches exactly once: decide each by the table of [`crate::store::Store`], merge what is accepted, write it, commit.
 //!
 //! `ledger` is what the database says before, and what is accepted on top of it; `decide` is the table; `quota` its last row; `merge` adds equal cells
-//! together; `write` puts it all into the database.
+//! together; `write` and `account` put it all into the database.
 
 use self::ledger::Ledgers;
 use super::directory::Directory;
 use super::writer::Writer;
 use crate::store::{Numbered, Outcome, Quotas, StoreError};
 
+mod account;
 mod decide;
 mod ledger;
 mod lookup;
@@ -35,4 +36,9 @@ pub(super) async fn commit(
     let deltas = write::write(&mut transaction, ledgers).await?;
     transaction.commit(|memory, _| deltas.iter().for_each(|delta| delta.apply_to(&memory.cache))).await?;
     Ok(outcomes)
+}
+
+/// Returns a number as the database holds it.
+fn signed(number: u64) -> i64 {
+    i64::try_from(number).expect("a batch that would pass 2^63 - 1 was refused")
 }

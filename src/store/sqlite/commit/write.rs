@@ -1,20 +1,19 @@
-//! Writing what was accepted: segments and states that are new, cells, totals, and the numbers that were used.
+//! Writing what was accepted: segments and states that are new, cells and totals. The numbers that were used are in `account`.
 
 use std::sync::LazyLock;
 
 use sqlx::sqlite::SqliteConnection;
 
-use super::decide::KEPT;
-use super::ledger::{Account, Ledger, Ledgers};
-use super::lookup;
+use super::account::write_account;
+use super::ledger::{Ledger, Ledgers};
+use super::{lookup, signed};
 use crate::domain::{Cell, EnvironmentId, SegmentId, StateKey, Tally};
+use crate::store::StoreError;
 use crate::store::sqlite::cache::CountsCache;
 use crate::store::sqlite::error::aborted;
 use crate::store::sqlite::known::{CellKey, Known};
 use crate::store::sqlite::rows::ManyRows;
-use crate::store::sqlite::text;
 use crate::store::sqlite::writer::Transaction;
-use crate::store::{Numbered, StoreError};
 
 /// What a commit adds to one environment, for the cache.
 pub(super) struct Delta<'a> {
@@ -210,68 +209,4 @@ async fn add_totals(
     .execute(connection)
     .await?;
     Ok(())
-}
-
-/// Advances a producer over its batches, and keeps what is needed to answer duplicates.
-async fn write_account(
-    connection: &mut SqliteConnection,
-    environment: EnvironmentId,
-    producer: &str,
-    account: &Account<'_>,
-) -> Result<(), StoreError> {
-    let id = match account.stored {
-        Some((id, _)) => id,
-        None => insert_producer(connection, environment, producer).await.map_err(aborted)?,
-    };
-    let (before, last) = (signed(account.before().get()), signed(account.last().get()));
-    let text = "update producers set sequence = ? where id = ? and sequence = ?";
-    let done = sqlx::query(text).bind(last).bind(id).bind(before).execute(&mut *connection).await.map_err(aborted)?;
-    if done.rows_affected() != 1 {
-        return Err(aborted(format!("the sequence of producer `{producer}` is no longer {before}")));
-    }
-    insert_batches(connection, id, &account.accepted).await.map_err(aborted)?;
-    prune_batches(connection, id, last).await.map_err(aborted)
-}
-
-async fn insert_producer(
-    connection: &mut SqliteConnection,
-    environment: EnvironmentId,
-    producer: &str,
-) -> Result<i64, sqlx::Error> {
-    let text = "insert into producers (environment, name, sequence) values (?, ?, 0)";
-    let done = sqlx::query(text).bind(environment.0).bind(producer.to_owned()).execute(connection).await?;
-    Ok(done.last_insert_rowid())
-}
-
-async fn insert_batches(
-    connection: &mut SqliteConnection,
-    producer: i64,
-    batches: &[&Numbered],
-) -> Result<(), sqlx::Error> {
-    static INSERT: LazyLock<ManyRows> = LazyLock::new(|| {
-        ManyRows::new("insert into batches (producer, sequence, digest, receipt) values", "(?, ?, ?, ?)", "")
-    });
-    for (sql, chunk) in INSERT.chunks(batches) {
-        let mut query = sqlx::query(sql);
-        for batch in chunk {
-            query = query.bind(producer).bind(signed(batch.sequence.get()));
-            query = query.bind(batch.digest.0.to_vec()).bind(text::of_receipt(&batch.receipt));
-        }
-        query.execute(&mut *connection).await?;
-    }
-    Ok(())
-}
-
-async fn prune_batches(connection: &mut SqliteConnection, producer: i64, last: i64) -> Result<(), sqlx::Error> {
-    let oldest_kept = last - signed(KEPT);
-    if oldest_kept > 0 {
-        let text = "delete from batches where producer = ? and sequence <= ?";
-        sqlx::query(text).bind(producer).bind(oldest_kept).execute(connection).await?;
-    }
-    Ok(())
-}
-
-/// Returns a number as the database holds it.
-fn signed(number: u64) -> i64 {
-    i64::try_from(number).expect("a batch that would pass 2^63 - 1 was refused")
 }
