@@ -34,7 +34,7 @@ pub struct Increment {
     pub segment: Option<Label>,
     /// Each state once.
     pub states: Vec<StateKey>,
-    /// Each cell once, by the state's position above and the joint action.
+    /// By the state's position above and the joint action, in any order; the same cell may stand here more than once.
     pub cells: Vec<(u32, u64, Tally)>,
     /// The sum of all `n`.
     pub transitions: u64,

@@ -16,6 +16,9 @@ use crate::telemetry;
 /// The most transitions of one commit.
 pub const MOST_COMMIT_TRANSITIONS: usize = 256_000;
 
+/// The most states of one commit, counting those of each batch: what a commit keeps in memory grows with them.
+const MOST_COMMIT_STATES: usize = 64_000;
+
 /// What the committer does, in the order in which it was asked.
 pub enum Work {
     /// Commit a batch.
@@ -76,6 +79,7 @@ struct Group {
     batches: Vec<Numbered>,
     replies: Vec<(oneshot::Sender<Result<Acknowledged, Problem>>, OwnedSemaphorePermit)>,
     transitions: usize,
+    states: usize,
 }
 
 impl Group {
@@ -86,12 +90,13 @@ impl Group {
             return;
         }
         self.transitions += pending.room.num_permits();
+        self.states += pending.batch.increment.states.len();
         self.batches.push(pending.batch);
         self.replies.push((pending.reply, pending.room));
     }
 
     fn is_full(&self) -> bool {
-        self.transitions >= MOST_COMMIT_TRANSITIONS
+        self.transitions >= MOST_COMMIT_TRANSITIONS || self.states >= MOST_COMMIT_STATES
     }
 
     async fn commit(&mut self, store: &dyn Store) {
@@ -103,7 +108,7 @@ impl Group {
         telemetry::committed(started.elapsed(), self.transitions);
         let batches = std::mem::take(&mut self.batches);
         let replies = std::mem::take(&mut self.replies);
-        self.transitions = 0;
+        (self.transitions, self.states) = (0, 0);
         let answers = match result {
             Ok(outcomes) => {
                 outcomes.into_iter().zip(&batches).map(|(outcome, batch)| told(store, batch, outcome)).collect()

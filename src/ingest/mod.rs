@@ -32,7 +32,7 @@ const MOST_QUEUED: usize = 2 * MOST_COMMIT_TRANSITIONS;
 const MOST_WORK: usize = 8_192;
 
 /// How many batches of one stream may wait for their acknowledgement.
-pub const WINDOW: usize = 128;
+pub const WINDOW: usize = 512;
 
 /// A handle on ingestion. Cloning is cheap.
 #[derive(Clone)]

@@ -1,4 +1,4 @@
-//! From decoded records to what they add: every value gets its bin, every record that has none is rejected, the rest is merged by cell.
+//! From decoded records to what they add: every value gets its bin, and every record that has none is rejected.
 //!
 //! A pure function of the schema, so a batch that is sent again gets the same receipt.
 
@@ -10,17 +10,17 @@ use crate::domain::{Entry, Increment, Label, Misfit, Receipt, Records, Rejection
 
 /// Returns what the records add under a segment, and the receipt.
 pub fn validate(schema: &Schema, segment: Option<Label>, records: &Records) -> (Increment, Receipt) {
-    let mut merge = Merge::new(schema, records.len);
+    let mut sum = Sum::new(schema, records.len);
     let mut receipt = Receipt::default();
     let mut undecodable = records.undecodable.iter().peekable();
     for index in 0..records.len {
         let known = undecodable.next_if(|rejection| rejection.index as usize == index).cloned();
-        match known.map_or_else(|| merge.add(records, index), Err) {
+        match known.map_or_else(|| sum.add(records, index), Err) {
             Ok(()) => receipt.accepted += 1,
             Err(rejection) => reject(&mut receipt, rejection),
         }
     }
-    (merge.into_increment(segment), receipt)
+    (sum.into_increment(segment), receipt)
 }
 
 fn reject(receipt: &mut Receipt, rejection: Rejection) {
@@ -30,25 +30,25 @@ fn reject(receipt: &mut Receipt, rejection: Rejection) {
     }
 }
 
-/// Cells merged so far.
-struct Merge<'a> {
+/// What was added so far.
+struct Sum<'a> {
     schema: &'a Schema,
     widths: Widths,
     /// The bins of the record at hand.
     bins: Vec<u32>,
     states: HashMap<StateKey, u32, RandomState>,
-    cells: HashMap<(u32, u64), Tally, RandomState>,
+    cells: Vec<(u32, u64, Tally)>,
     transitions: u64,
 }
 
-impl<'a> Merge<'a> {
+impl<'a> Sum<'a> {
     fn new(schema: &'a Schema, records: usize) -> Self {
         Self {
             schema,
             widths: Widths::of(schema),
             bins: Vec::with_capacity(schema.state().len()),
-            states: HashMap::with_capacity_and_hasher(records, RandomState::default()),
-            cells: HashMap::with_capacity_and_hasher(records, RandomState::default()),
+            states: HashMap::default(),
+            cells: Vec::with_capacity(records),
             transitions: 0,
         }
     }
@@ -68,7 +68,7 @@ impl<'a> Merge<'a> {
         };
         self.transitions = sum;
         let state = self.state();
-        self.cells.entry((state, joint)).or_insert(Tally::EMPTY).add(Tally { n, entries });
+        self.cells.push((state, joint, Tally { n, entries }));
         Ok(())
     }
 
@@ -121,8 +121,7 @@ impl<'a> Merge<'a> {
             states[position as usize] = Some(key);
         }
         let states = states.into_iter().map(|key| key.expect("positions are dense")).collect();
-        let cells = self.cells.into_iter().map(|((state, joint), tally)| (state, joint, tally)).collect();
-        Increment { segment, states, cells, transitions: self.transitions }
+        Increment { segment, states, cells: self.cells, transitions: self.transitions }
     }
 }
 
@@ -165,16 +164,15 @@ mod tests {
     }
 
     #[test]
-    fn equal_cells_are_merged() {
+    fn equal_states_are_one() {
         let (increment, receipt) = run(vec![
             record(&[0.7, 1.0], &[1.0, 2.0], Entry::Entered, 1),
             record(&[0.6, 1.0], &[1.0, 2.0], Entry::Stayed, 4),
             record(&[0.6, 1.0], &[0.0, 0.0], Entry::Unknown, 2),
         ]);
-        let mut cells = increment.cells.clone();
-        cells.sort_by_key(|cell| cell.1);
         assert_eq!(increment.states.iter().map(ToString::to_string).collect::<Vec<_>>(), ["1.1"]);
-        assert_eq!(cells, [(0, 0, Tally { n: 2, entries: None }), (0, 5, Tally { n: 5, entries: Some(1) })]);
+        let tally = |n, entries| Tally { n, entries };
+        assert_eq!(increment.cells, [(0, 5, tally(1, Some(1))), (0, 5, tally(4, Some(0))), (0, 0, tally(2, None))]);
         assert_eq!((increment.transitions, receipt.accepted, receipt.rejected_count), (7, 3, 0));
     }
 

@@ -80,7 +80,7 @@ impl<'a> Merged<'a> {
         self.cells.keys().map(name)
     }
 
-    /// Returns the cells of an increment that are not here, by their names.
+    /// Returns the cells of an increment that are not here, each once, by their names.
     pub(super) fn absent<'i>(&self, increment: &'i Increment) -> Vec<(&'i StateKey, &'i str, u64)> {
         let label = stored_label(increment.segment.as_ref());
         let segment = self.segments.iter().position(|known| *known == label).map(|at| at as u32);
@@ -90,7 +90,10 @@ impl<'a> Merged<'a> {
             let present = known.is_some_and(|(state, segment)| self.cells.contains_key(&(*state, segment, *joint)));
             (!present).then_some((key, label, *joint))
         };
-        increment.cells.iter().filter_map(name).collect()
+        let mut absent: Vec<_> = increment.cells.iter().filter_map(name).collect();
+        absent.sort_unstable();
+        absent.dedup();
+        absent
     }
 
     /// Returns the tallies by the numbers of state and segment, and the joint action; they are here no longer.
