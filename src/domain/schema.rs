@@ -4,7 +4,7 @@ use std::fmt;
 use std::sync::Arc;
 
 use super::checked::{self, Faults};
-use super::{Feature, Name, SchemaDraft, StateKey};
+use super::{Feature, FeatureKind, Name, SchemaDraft, StateKey};
 use crate::error::Fault;
 
 /// The state and the agents of an environment. Cloning is cheap.
@@ -17,6 +17,8 @@ struct Parts {
     agents: Vec<Agent>,
     /// Joint actions per step of each agent's action, and its number of actions: the first agent is most significant.
     radix: Vec<(u64, u64)>,
+    /// The kinds of all action features, agent after agent: what the discretiser runs over.
+    action_kinds: Vec<FeatureKind>,
     hash: SchemaHash,
 }
 
@@ -98,7 +100,16 @@ impl Schema {
 
     /// Returns how many action values a transition has.
     pub fn action_width(&self) -> usize {
-        self.agents().iter().map(|agent| agent.action.len()).sum()
+        self.0.action_kinds.len()
+    }
+
+    /// Returns the joint action of one value an action feature: mixed radix over all of them, the first most significant. `None` where a value has no
+    /// bin.
+    #[inline]
+    pub fn joint_action(&self, values: &[f32]) -> Option<u64> {
+        self.0.action_kinds.iter().zip(values).try_fold(0, |joint, (kind, value)| {
+            Some(joint * u64::from(kind.bins()) + u64::from(kind.bin(*value).ok()?))
+        })
     }
 
     /// Returns what tells this schema from any other.
@@ -171,7 +182,8 @@ impl TryFrom<&SchemaDraft> for Schema {
         faults.into_result()?;
         let hash = super::hash::schema_hash(&state, &agents);
         let radix = strides.into_iter().zip(agents.iter().map(Agent::actions)).collect();
-        Ok(Self(Arc::new(Parts { state, agents, radix, hash })))
+        let action_kinds = agents.iter().flat_map(|agent| &agent.action).map(|feature| feature.kind.clone()).collect();
+        Ok(Self(Arc::new(Parts { state, agents, radix, action_kinds, hash })))
     }
 }
 

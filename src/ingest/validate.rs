@@ -30,6 +30,9 @@ fn reject(receipt: &mut Receipt, rejection: Rejection) {
     }
 }
 
+/// States that a batch has room for before it grows.
+const USUAL_STATES: usize = 256;
+
 /// What was added so far.
 struct Sum<'a> {
     schema: &'a Schema,
@@ -47,7 +50,7 @@ impl<'a> Sum<'a> {
             schema,
             widths: Widths::of(schema),
             bins: Vec::with_capacity(schema.state().len()),
-            states: HashMap::default(),
+            states: HashMap::with_capacity_and_hasher(records.min(USUAL_STATES), RandomState::default()),
             cells: Vec::with_capacity(records),
             transitions: 0,
         }
@@ -57,7 +60,8 @@ impl<'a> Sum<'a> {
         let state = &records.states[index * self.widths.state..][..self.widths.state];
         let actions = &records.actions[index * self.widths.actions..][..self.widths.actions];
         let n = records.counts.get(index).copied().unwrap_or(1);
-        let (Some(()), Some(joint), Some(sum)) = (self.discretise(state), joint(self.schema, actions), self.sum(n))
+        let (Some(()), Some(joint), Some(sum)) =
+            (self.discretise(state), self.schema.joint_action(actions), self.sum(n))
         else {
             return Err(self.rejection(index, state, actions, n));
         };
@@ -123,15 +127,6 @@ impl<'a> Sum<'a> {
         let states = states.into_iter().map(|key| key.expect("positions are dense")).collect();
         Increment { segment, states, cells: self.cells, transitions: self.transitions }
     }
-}
-
-/// Returns the joint action of these values: mixed radix over all action features, the first most significant.
-fn joint(schema: &Schema, values: &[f32]) -> Option<u64> {
-    let mut joint = 0;
-    for ((_, feature), value) in schema.action_features().zip(values) {
-        joint = joint * u64::from(feature.kind.bins()) + u64::from(feature.kind.bin(*value).ok()?);
-    }
-    Some(joint)
 }
 
 #[cfg(test)]

@@ -5,6 +5,9 @@ use crate::domain::{Increment, StateKey, Tally};
 use crate::store::Numbered;
 use crate::store::sqlite::Map;
 
+/// The most cells that a commit makes room for at its first batch.
+const USUAL_CELLS: usize = 8_192;
+
 /// The sum of accepted increments of one environment. States and segments are numbered in order of appearance.
 #[derive(Default)]
 pub(super) struct Merged<'a> {
@@ -29,6 +32,9 @@ impl<'a> Merged<'a> {
             return;
         }
         let segment = self.segment(stored_label(increment.segment.as_ref()));
+        if self.cells.is_empty() {
+            self.cells.reserve((8 * increment.cells.len()).min(USUAL_CELLS));
+        }
         let states: Vec<u32> = increment.states.iter().map(|key| self.state(key)).collect();
         for (state, joint, tally) in &increment.cells {
             self.cells.entry((states[*state as usize], segment, *joint)).or_insert(Tally::EMPTY).add(*tally);
