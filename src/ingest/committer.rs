@@ -17,7 +17,7 @@ use crate::telemetry;
 pub const MOST_COMMIT_TRANSITIONS: usize = 256_000;
 
 /// The most states of one commit, counting those of each batch: what a commit keeps in memory grows with them.
-const MOST_COMMIT_STATES: usize = 64_000;
+const MOST_COMMIT_STATES: usize = 50_000;
 
 /// What the committer does, in the order in which it was asked.
 pub enum Work {

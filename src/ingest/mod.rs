@@ -25,14 +25,14 @@ use crate::error::{ErrorKind, Problem};
 use crate::store::{Numbered, Store};
 use crate::telemetry;
 
-/// The most transitions that wait: one commit at work and one that fills.
-const MOST_QUEUED: usize = 2 * MOST_COMMIT_TRANSITIONS;
+/// The most transitions that wait: one commit at work, and the beginning of the next.
+const MOST_QUEUED: usize = MOST_COMMIT_TRANSITIONS + MOST_COMMIT_TRANSITIONS / 4;
 
 /// The most questions and batches that wait, however small.
 const MOST_WORK: usize = 8_192;
 
 /// How many batches of one stream may wait for their acknowledgement.
-pub const WINDOW: usize = 512;
+pub const WINDOW: usize = 320;
 
 /// A handle on ingestion. Cloning is cheap.
 #[derive(Clone)]
