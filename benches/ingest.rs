@@ -1,6 +1,6 @@
 //! Durable ingest through gRPC beside a sink that decodes and drops, and beside a plain loop of prepared upserts.
 //!
-//! `cargo bench --bench ingest`
+//! `cargo bench --bench ingest`, or `cargo bench --bench ingest -- hot` for one of them.
 
 #![allow(missing_docs)]
 
@@ -19,7 +19,7 @@ use nudge::api::proto::{
 };
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqliteSynchronous};
 use sqlx::{Connection, SqliteConnection};
-use support::{ACTIONS, BATCH, Service, batches, listen, make_world, median, pump, report, runtime, state};
+use support::{ACTIONS, BATCH, Service, batches, listen, make_world, median, pump, report, runtime, state, wanted};
 use tonic::{Request, Response, Status, Streaming};
 
 const ROUNDS: usize = 5;
@@ -27,8 +27,6 @@ const HOT_BATCHES: u64 = 4_000;
 const UNIFORM_BATCHES: u64 = 1_000;
 
 fn main() {
-    // `cargo bench --bench ingest -- hot` measures one of them.
-    let wanted = |name: &str| std::env::args().skip(1).filter(|arg| arg != "--bench").all(|arg| arg == name);
     runtime().block_on(async {
         if wanted("hot") {
             hot().await;

@@ -1,6 +1,6 @@
 //! Questions beside constants: REST beside a bare axum handler, gRPC beside the same call answered with a constant, busy beside idle.
 //!
-//! `cargo bench --bench query`
+//! `cargo bench --bench query`, or `cargo bench --bench query -- grpc` for one of them.
 
 #![allow(missing_docs)]
 
@@ -19,7 +19,7 @@ use nudge::api::proto::{
     GetStateResponse, ListStatesRequest, ListStatesResponse, Scope, StateValues, SummarizeRequest, SummarizeResponse,
     View,
 };
-use support::{Service, batches, channel, listen, make_world, median, pump, quantile, report, runtime, state};
+use support::{Service, batches, channel, listen, make_world, median, pump, quantile, report, runtime, state, wanted};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 use tonic::{Request, Response, Status};
@@ -33,12 +33,20 @@ fn main() {
         let service = Service::start().await;
         make_world(service.address).await;
         pump(service.address, "p", &batches(STATES, 500, 1), 500).await;
-        rest(&service).await;
-        grpc(&service).await;
-        busy(&service).await;
+        if wanted("rest") {
+            rest(&service).await;
+        }
+        if wanted("grpc") {
+            grpc(&service).await;
+        }
+        if wanted("busy") {
+            busy(&service).await;
+        }
         service.stop().await;
     });
-    start();
+    if wanted("start") {
+        start();
+    }
 }
 
 /// One state over REST in view `figures`, four connections.

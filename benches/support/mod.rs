@@ -169,6 +169,12 @@ pub fn report(what: &str, figure: f64, yardstick: &str, beside: f64, unit: &str,
     );
 }
 
+/// Whether a figure is wanted: all are, unless some are named.
+pub fn wanted(name: &str) -> bool {
+    let mut named = std::env::args().skip(1).filter(|argument| argument != "--bench").peekable();
+    named.peek().is_none() || named.any(|argument| argument == name)
+}
+
 pub fn runtime() -> tokio::runtime::Runtime {
     tokio::runtime::Builder::new_multi_thread().enable_all().build().expect("a runtime")
 }

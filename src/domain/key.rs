@@ -2,10 +2,11 @@
 
 use std::borrow::Borrow;
 use std::fmt;
+use std::sync::Arc;
 
-/// A state by its bin numbers, written joined by dots: `3.0.7`. Ordered by bins, first feature first.
+/// A state by its bin numbers, written joined by dots: `3.0.7`. Ordered by bins, first feature first. Cloning is cheap.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct StateKey(Box<[u32]>);
+pub struct StateKey(Arc<[u32]>);
 
 impl StateKey {
     /// Makes the key of these bins, which the caller took from a schema.
@@ -15,7 +16,7 @@ impl StateKey {
 
     /// Reads a key as [`fmt::Display`] wrote it, without asking whether a schema has such bins: for text that was checked before it was stored.
     pub fn from_stored(text: &str) -> Option<Self> {
-        text.split('.').map(|part| part.parse().ok()).collect::<Option<Box<[u32]>>>().map(Self)
+        text.split('.').map(|part| part.parse().ok()).collect::<Option<Arc<[u32]>>>().map(Self)
     }
 
     /// Returns the bin of each feature.

@@ -40,18 +40,24 @@ impl Table {
     ///
     /// If the counts sum to more than [`LARGEST_TOTAL`].
     pub fn from_counts(counts: impl IntoIterator<Item = (u64, u64, u64)>) -> Self {
-        let mut counts: Vec<_> = counts.into_iter().filter(|&(_, _, n)| n > 0).collect();
+        let given = counts.into_iter();
+        let mut counts = Vec::with_capacity(given.size_hint().1.unwrap_or(0));
+        counts.extend(given.filter(|&(_, _, n)| n > 0));
         let total: u128 = counts.iter().map(|&(_, _, n)| u128::from(n)).sum();
         assert!(total <= u128::from(LARGEST_TOTAL), "the counts of a table sum to {total}, more than 2^63 - 1");
         merge_equal_cells(&mut counts);
 
-        let row_labels = distinct(counts.iter().map(|&(row, _, _)| row));
         let column_labels = distinct(counts.iter().map(|&(_, column, _)| column));
-        let mut rows = vec![0; row_labels.len()];
         let mut columns = vec![0; column_labels.len()];
+        let (mut row_labels, mut rows) = (Vec::new(), Vec::new());
         let mut cells = Vec::with_capacity(counts.len());
+        // The counts are in order of row, so a row is new exactly when its label is.
         for (row_label, column_label, n) in counts {
-            let row = position(&row_labels, row_label);
+            if row_labels.last() != Some(&row_label) {
+                row_labels.push(row_label);
+                rows.push(0);
+            }
+            let row = rows.len() - 1;
             let column = position(&column_labels, column_label);
             rows[row] += n;
             columns[column] += n;
