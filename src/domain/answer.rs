@@ -102,8 +102,8 @@ pub struct Answer {
     pub verdict: Verdict,
     /// What the verdict rests on.
     pub basis: Basis,
-    /// Absent in the `verdict` view.
-    pub figures: Option<Figures>,
+    /// Absent in the `verdict` view, which is asked for by the ten thousand.
+    pub figures: Option<Box<Figures>>,
     /// The ego's actions in index order; `full` view only.
     pub by_action: Option<Vec<ActionFigures>>,
 }

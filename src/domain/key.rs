@@ -1,7 +1,7 @@
 //! The key of a state: its bin numbers.
 
 use std::borrow::Borrow;
-use std::fmt;
+use std::fmt::{self, Write};
 use std::sync::Arc;
 
 /// A state by its bin numbers, written joined by dots: `3.0.7`. Ordered by bins, first feature first. Cloning is cheap.
@@ -38,7 +38,11 @@ impl fmt::Display for StateKey {
             if i > 0 {
                 f.write_str(".")?;
             }
-            write!(f, "{bin}")?;
+            // Most features have fewer than ten bins, and keys are written by the ten thousand.
+            match char::from_digit(*bin, 10) {
+                Some(digit) => f.write_char(digit)?,
+                None => write!(f, "{bin}")?,
+            }
         }
         Ok(())
     }

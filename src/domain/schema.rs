@@ -120,8 +120,10 @@ impl Schema {
     /// Returns the action of one agent in a joint action.
     #[inline]
     pub fn action_of(&self, joint: u64, agent: usize) -> u64 {
+        // Divisions are what this costs, and the first and the last agent each need but one.
         let (stride, actions) = self.0.radix[agent];
-        joint / stride % actions
+        let rest = if stride == 1 { joint } else { joint / stride };
+        if agent == 0 { rest } else { rest % actions }
     }
 
     /// Returns every agent's action in a joint action.

@@ -1,15 +1,50 @@
-//! The answer for one state, from its counts.
+//! Answers from counts: of one state, and of thousands by several threads.
+
+use std::sync::Arc;
 
 use super::tables::Tables;
 use crate::domain::{
     ActionFigures, Agent, Answer, Bin, Cell, Estimator, Figures, Question, Schema, SegmentId, StateKey, Tally, View,
 };
+use crate::error::{ErrorKind, Problem};
 use crate::evidence;
 use crate::information::{excess, miller_madow, plug_in};
 use crate::store::StateCounts;
 
+/// States that are answered at once; more are shared among threads, so that nobody waits behind ten thousand.
+const SHARE: usize = 2_500;
+
+/// Returns the answers for the states of a question, which have these counts.
+pub async fn answers(
+    schema: &Schema,
+    question: &Question,
+    segments: Option<&[SegmentId]>,
+    counts: Vec<StateCounts>,
+) -> Result<Vec<Answer>, Problem> {
+    if counts.len() <= SHARE {
+        let states = question.states.iter().zip(&counts);
+        return Ok(states.map(|(key, state)| answer(schema, question, segments, key, state)).collect());
+    }
+    let shared = Arc::new((schema.clone(), question.clone(), segments.map(<[SegmentId]>::to_vec), counts));
+    let share = |from: usize| {
+        let shared = shared.clone();
+        tokio::task::spawn_blocking(move || {
+            let (schema, question, segments, counts) = &*shared;
+            let states = question.states.iter().zip(counts).skip(from).take(SHARE);
+            states.map(|(key, state)| answer(schema, question, segments.as_deref(), key, state)).collect::<Vec<_>>()
+        })
+    };
+    let shares: Vec<_> = (0..question.states.len()).step_by(SHARE).map(share).collect();
+    let mut answers = Vec::with_capacity(question.states.len());
+    for share in shares {
+        let share = share.await;
+        answers.extend(share.map_err(|error| Problem::new(ErrorKind::Internal, "INTERNAL", error.to_string()))?);
+    }
+    Ok(answers)
+}
+
 /// Returns the answer for a state with these counts.
-pub fn answer(
+fn answer(
     schema: &Schema,
     question: &Question,
     segments: Option<&[SegmentId]>,
@@ -21,11 +56,13 @@ pub fn answer(
     let visits = tables.whole.total();
     let nats = tables.figure(plug_in);
     let unit = question.scope.unit;
-    let figures = (question.view != View::Verdict).then(|| Figures {
-        bins: bins(schema, key),
-        entries: total(cells()).entries,
-        revision: state.revision,
-        ..figures(question, &tables, nats)
+    let figures = (question.view != View::Verdict).then(|| {
+        Box::new(Figures {
+            bins: bins(schema, key),
+            entries: total(cells()).entries,
+            revision: state.revision,
+            ..figures(question, &tables, nats)
+        })
     });
     let by_action = (question.view == View::Full).then(|| {
         let [ego, other] = [question.scope.pair.ego, question.scope.pair.other].map(|agent| &schema.agents()[agent]);

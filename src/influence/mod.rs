@@ -18,8 +18,8 @@ use survey::Surveys;
 
 use crate::domain::draft::{ListingDraft, PairDraft};
 use crate::domain::{
-    Agent, Answer, Answers, Basis, Cell, Environment, Label, LabelledCell, Labels, Pair, Question, Schema, Scope,
-    SegmentId, StatePage, StateView, Summary, Variable,
+    Agent, Answers, Basis, Cell, Environment, Label, LabelledCell, Labels, Pair, Question, Schema, Scope, SegmentId,
+    StatePage, StateView, Summary, Variable,
 };
 use crate::error::{Fault, Problem};
 use crate::store::Store;
@@ -45,9 +45,7 @@ impl Influence {
         size::check(schema, question)?;
         let segments = self.segments(environment, question.scope.segments.as_deref()).await?;
         let counts = self.store.counts(environment.id, &question.states).await.map_err(logged)?;
-        let states = question.states.iter().zip(&counts);
-        let answer = |(key, state)| answer::answer(schema, question, segments.as_deref(), key, state);
-        let answers: Vec<Answer> = states.map(answer).collect();
+        let answers = answer::answers(schema, question, segments.as_deref(), counts).await?;
         let by_prior = answers.iter().filter(|answer| answer.basis == Basis::Prior).count() as u64;
         telemetry::answered(started.elapsed(), answers.len() as u64 - by_prior, by_prior);
         Ok(Answers { environment_uid: environment.uid.clone(), labels: labels(schema, &question.scope.pair), answers })

@@ -117,11 +117,27 @@ fn merge_equal_cells(counts: &mut Vec<(u64, u64, u64)>) {
     });
 }
 
-fn distinct(labels: impl Iterator<Item = u64>) -> Vec<u64> {
+/// Returns each label once, ascending. Small alphabets are the rule, and a set of bits sorts them by itself.
+fn distinct(labels: impl Iterator<Item = u64> + Clone) -> Vec<u64> {
+    let small = labels
+        .clone()
+        .try_fold(0_u64, |seen, label| Some(seen | 1 << u32::try_from(label).ok().filter(|bit| *bit < 64)?));
+    if let Some(seen) = small {
+        return bits(seen).collect();
+    }
     let mut labels: Vec<u64> = labels.collect();
     labels.sort_unstable();
     labels.dedup();
     labels
+}
+
+/// Returns the positions of the bits that are set, ascending.
+fn bits(mut set: u64) -> impl Iterator<Item = u64> {
+    std::iter::from_fn(move || {
+        let lowest = (set != 0).then(|| u64::from(set.trailing_zeros()))?;
+        set &= set - 1;
+        Some(lowest)
+    })
 }
 
 fn position(labels: &[u64], label: u64) -> usize {

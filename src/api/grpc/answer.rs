@@ -43,7 +43,7 @@ impl From<Answer> for proto::Answer {
         let by_action = answer.by_action.into_iter().flatten().map(Into::into).collect();
         match answer.figures {
             None => base,
-            Some(figures) => with_figures(Self { by_action, ..base }, &answer.key, figures),
+            Some(figures) => with_figures(Self { by_action, ..base }, &answer.key, *figures),
         }
     }
 }
