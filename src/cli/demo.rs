@@ -10,7 +10,7 @@ use super::Failure;
 use super::ingest::{self, Report};
 use super::output::{Table, count, figure, print};
 use super::progress::Progress;
-use super::serve::{Service, Signals};
+use super::serve::{Service, Signals, address};
 use crate::api::proto;
 use crate::client::Connection;
 use crate::config::Config;
@@ -30,7 +30,7 @@ const TOLD: u32 = 3;
 )]
 pub(super) struct Demo {
     /// Address of every face; port 0 takes a free one
-    #[arg(long, env = "NUDGE_LISTEN", value_name = "ADDR", default_value_t = Config::default().listen)]
+    #[arg(long, env = "NUDGE_LISTEN", value_name = "ADDR", value_parser = address, default_value_t = Config::default().listen)]
     listen: SocketAddr,
     /// Directory of the database, made if it is missing
     #[arg(long, value_name = "DIR", default_value = "nudge-demo")]

@@ -32,7 +32,7 @@ pub struct Serve {
 #[derive(Debug, Args)]
 pub struct ServeSettings {
     /// The address of every face. Port 0 takes a free one.
-    #[arg(long, env = "NUDGE_LISTEN", value_name = "ADDR", default_value_t = Config::default().listen)]
+    #[arg(long, env = "NUDGE_LISTEN", value_name = "ADDR", value_parser = address, default_value_t = Config::default().listen)]
     pub listen: SocketAddr,
     /// The directory of the database, made if it is missing.
     #[arg(long, env = "NUDGE_DATA", value_name = "DIR", default_value_os_t = Config::default().data)]
@@ -172,6 +172,11 @@ impl Signals {
             _ = terminate.recv() => {}
         }
     }
+}
+
+/// Reads an address to listen on.
+pub(super) fn address(text: &str) -> Result<SocketAddr, String> {
+    text.parse().map_err(|_| format!("got {text:?}, expected an IP address and a port such as 127.0.0.1:8080"))
 }
 
 fn cannot_listen(address: SocketAddr, error: &std::io::Error) -> Failure {
