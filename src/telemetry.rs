@@ -34,7 +34,7 @@ const SIZES: [f64; 7] = [1.0, 10.0, 100.0, 1_000.0, 10_000.0, 100_000.0, 256_000
 /// Gives every metric its help text and unit.
 fn describe() {
     describe_counter!(ACCEPTED, "Transitions (records) counted, by environment");
-    describe_counter!(REJECTED, "Transitions (records) rejected one by one, by environment");
+    describe_counter!(REJECTED, "Transitions (records) rejected one by one, by environment and reason");
     describe_counter!(DUPLICATES, "Batches acknowledged again without being counted again, by environment");
     describe_counter!(REFUSED, "Batches refused as a whole, by reason");
     describe_histogram!(COMMIT_SECONDS, Unit::Seconds, "Time from the begin of a commit to its acknowledgement");
@@ -62,12 +62,14 @@ pub fn committed(took: Duration, transitions: usize) {
     histogram!(COMMIT_TRANSITIONS).record(transitions as f64);
 }
 
-/// Records a batch that was counted.
-pub fn applied(environment: &str, accepted: u64, rejected: u64) {
-    counter!(ACCEPTED, "environment" => environment.to_owned()).increment(accepted);
-    if rejected > 0 {
-        counter!(REJECTED, "environment" => environment.to_owned()).increment(rejected);
-    }
+/// Records records that were counted.
+pub fn accepted(environment: &str, records: u64) {
+    counter!(ACCEPTED, "environment" => environment.to_owned()).increment(records);
+}
+
+/// Records records that were rejected for the same reason, one of few words.
+pub fn rejected(environment: &str, reason: &'static str, records: u64) {
+    counter!(REJECTED, "environment" => environment.to_owned(), "reason" => reason).increment(records);
 }
 
 /// Records a batch that had been counted before.

@@ -8,7 +8,7 @@ use std::time::Instant;
 use tokio::sync::{OwnedSemaphorePermit, mpsc, oneshot};
 
 use super::streams::Lease;
-use crate::domain::{Acknowledged, EnvironmentId, ProducerId, Sequence};
+use crate::domain::{Acknowledged, EnvironmentId, ProducerId, Receipt, Sequence};
 use crate::error::{ErrorKind, Problem};
 use crate::store::{Numbered, Outcome, Refusal, Store, StoreError};
 use crate::telemetry;
@@ -145,11 +145,27 @@ fn count(store: &dyn Store, batch: &Numbered, told: &Acknowledged) {
     let environments = store.environments();
     let Some(environment) = environments.iter().find(|environment| environment.id == batch.environment) else { return };
     match told {
-        Acknowledged::Applied(receipt) => {
-            telemetry::applied(environment.name.as_str(), receipt.accepted, receipt.rejected_count)
-        }
+        Acknowledged::Applied(receipt) => count_records(environment.name.as_str(), receipt),
         Acknowledged::Duplicate(_) | Acknowledged::Unverified => telemetry::duplicate(environment.name.as_str()),
     }
+}
+
+fn count_records(environment: &str, receipt: &Receipt) {
+    telemetry::accepted(environment, receipt.accepted);
+    for rejection in &receipt.rejected {
+        telemetry::rejected(environment, part_at_fault(&rejection.field), 1);
+    }
+    let untold = receipt.rejected_count - receipt.rejected.len() as u64;
+    if untold > 0 {
+        telemetry::rejected(environment, "untold", untold);
+    }
+}
+
+/// Returns the part of a record that a pointer leads into: one of few words, whatever a client sends.
+fn part_at_fault(pointer: &str) -> &'static str {
+    const PARTS: [&str; 4] = ["state", "actions", "entry", "count"];
+    let first = pointer.split('/').nth(1).unwrap_or_default();
+    PARTS.into_iter().find(|part| *part == first).unwrap_or("other")
 }
 
 fn failed(error: StoreError, batches: usize) -> Vec<Result<Acknowledged, Problem>> {

@@ -10,12 +10,18 @@ use crate::telemetry;
 
 pub mod listen;
 
+mod cors;
 mod grpc;
 mod operations;
 mod rest;
 mod status;
 
-pub use rest::Settings;
+/// What may be set about the faces.
+#[derive(Debug, Clone, Default)]
+pub struct Settings {
+    /// The origins whose pages may call from a browser, `https://example.org`; `*` for any. None by default.
+    pub cors_origins: Vec<String>,
+}
 
 /// Serves an app on a listener until it drains and its connections have ended.
 pub async fn serve(app: App, listener: TcpListener, settings: Settings) -> Result<(), tonic_reflection::server::Error> {
@@ -31,5 +37,6 @@ async fn router(app: App, settings: &Settings) -> Result<Router, tonic_reflectio
     // Without this an unknown REST path would answer 200 with a gRPC status.
     let grpc = grpc::routes(app.clone()).await?.into_axum_router().reset_fallback();
     let grpc = grpc.layer(tonic_web::GrpcWebLayer::new());
-    Ok(rest::router(app.clone(), settings).merge(operations::router(app)).merge(grpc))
+    let router = rest::router(app.clone()).merge(operations::router(app)).merge(grpc);
+    Ok(cors::allow(router, &settings.cors_origins))
 }

@@ -32,6 +32,8 @@ async fn metrics_count_what_happens() {
     for line in [
         "# HELP nudge_transitions_accepted_total",
         "nudge_transitions_accepted_total{environment=\"lane\"}",
+        "nudge_transitions_rejected_total{environment=\"lane\",reason=\"state\"}",
+        "route=\"POST /v1/environments/{environment}/transitions\",code=\"200\"",
         "nudge_build_info{",
         "nudge_commit_duration_seconds_bucket",
         "nudge_database_bytes",

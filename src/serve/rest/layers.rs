@@ -4,25 +4,25 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use axum::Router;
-use axum::extract::DefaultBodyLimit;
+use axum::extract::{DefaultBodyLimit, MatchedPath};
 use axum::middleware;
-use http::{HeaderName, HeaderValue, Method, Request, StatusCode, header};
+use http::{HeaderName, HeaderValue, Request, StatusCode};
 use tower::ServiceBuilder;
 use tower_http::CompressionLevel;
 use tower_http::catch_panic::CatchPanicLayer;
 use tower_http::compression::CompressionLayer;
 use tower_http::compression::predicate::{NotForContentType, Predicate, SizeAbove};
-use tower_http::cors::{AllowOrigin, CorsLayer};
 use tower_http::limit::RequestBodyLimitLayer;
 use tower_http::request_id::{MakeRequestId, PropagateRequestIdLayer, RequestId, SetRequestIdLayer};
 use tower_http::timeout::TimeoutLayer;
 use tower_http::trace::{DefaultOnResponse, TraceLayer};
 use tracing::{Level, Span};
 
-use super::{Settings, problems};
+use super::problems;
+use crate::telemetry;
 
 // Both limits are told in words in `status.rs`.
 const TIMEOUT: Duration = Duration::from_secs(30);
@@ -32,7 +32,7 @@ const LEAST_COMPRESSED_BYTES: u64 = 1_024;
 const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 
 /// Puts the layers around the routes and the fallback of a router.
-pub fn around(router: Router, settings: &Settings) -> Router {
+pub fn around(router: Router) -> Router {
     let compressible = SizeAbove::new(LEAST_COMPRESSED_BYTES).and(NotForContentType::IMAGES);
     // The first is outermost.
     let layers = ServiceBuilder::new()
@@ -51,29 +51,23 @@ pub fn around(router: Router, settings: &Settings) -> Router {
         .layer(TimeoutLayer::with_status_code(StatusCode::SERVICE_UNAVAILABLE, TIMEOUT))
         .layer(RequestBodyLimitLayer::new(MOST_BODY_BYTES))
         .layer(DefaultBodyLimit::disable());
-    let router = router.layer(layers);
-    if settings.cors_origins.is_empty() { router } else { router.layer(cors(&settings.cors_origins)) }
+    router.layer(layers)
+}
+
+/// Records each request under its route, which is one of few, unlike its path.
+pub async fn measure(request: axum::extract::Request, next: middleware::Next) -> axum::response::Response {
+    let started = Instant::now();
+    let matched = request.extensions().get::<MatchedPath>();
+    let route =
+        matched.map_or_else(|| "unmatched".to_owned(), |path| format!("{} {}", request.method(), path.as_str()));
+    let response = next.run(request).await;
+    telemetry::request("rest", route, response.status().as_u16().to_string(), started.elapsed());
+    response
 }
 
 fn span<B>(request: &Request<B>) -> Span {
     let id = request.headers().get(REQUEST_ID).and_then(|id| id.to_str().ok());
     tracing::debug_span!("request", method = %request.method(), path = request.uri().path(), id)
-}
-
-fn cors(origins: &[String]) -> CorsLayer {
-    let header = |origin: &String| {
-        let value = HeaderValue::from_str(origin);
-        value.inspect_err(|_| tracing::warn!(origin, "an origin that cannot be a header is not allowed")).ok()
-    };
-    let allowed = match origins.iter().any(|origin| origin == "*") {
-        true => AllowOrigin::any(),
-        false => AllowOrigin::list(origins.iter().filter_map(header)),
-    };
-    CorsLayer::new()
-        .allow_origin(allowed)
-        .allow_methods([Method::GET, Method::PUT, Method::POST, Method::PATCH, Method::DELETE])
-        .allow_headers([header::CONTENT_TYPE, REQUEST_ID])
-        .expose_headers([header::RETRY_AFTER, REQUEST_ID])
 }
 
 /// Numbers requests under a random beginning, which is cheaper than a random number for each.

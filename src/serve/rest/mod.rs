@@ -18,16 +18,10 @@ use utoipa_swagger_ui::{Config, SwaggerUi};
 
 use crate::app::App;
 
-/// What may be set about the REST face.
-#[derive(Debug, Clone, Default)]
-pub struct Settings {
-    /// The origins whose pages may call from a browser, `https://example.org`; `*` for any. None by default.
-    pub cors_origins: Vec<String>,
-}
-
 /// Returns the REST face with its documentation.
-pub fn router(app: App, settings: &Settings) -> Router {
-    layers::around(routes().with_state(app).merge(documentation()).fallback(problems::unknown_path), settings)
+pub fn router(app: App) -> Router {
+    let routes = routes().layer(axum::middleware::from_fn(layers::measure)).with_state(app);
+    layers::around(routes.merge(documentation()).fallback(problems::unknown_path))
 }
 
 fn routes() -> Router<App> {

@@ -3,11 +3,13 @@
 use axum::body::Body;
 use axum::response::Response;
 use axum::routing::{get, post};
+use http::header;
 use http_body_util::BodyExt;
 use serde_json::Value;
 use tower::ServiceExt;
 
 use super::*;
+use crate::serve::cors;
 use crate::serve::rest::extract::{Json, Path, Query};
 use crate::serve::rest::{documentation, problems};
 use crate::serve::status::Failure;
@@ -38,8 +40,7 @@ fn router() -> Router {
         .route("/large", get(|| async { "x".repeat(2_000) }))
         .merge(documentation())
         .fallback(problems::unknown_path);
-    let settings = Settings { cors_origins: vec!["https://good.example".into(), "\n".into()] };
-    around(router, &settings)
+    cors::allow(around(router), &["https://good.example".into(), "\n".into()])
 }
 
 async fn send(request: http::request::Builder, body: impl Into<Body>) -> Response {
