@@ -181,7 +181,7 @@ fn to_try(address: SocketAddr, best: &Best) -> String {
          curl -s 'http://{address}/v1/environments/{environment}/influence?key={key}'\n  \
          curl -s 'http://{address}/v1/environments/{environment}/summary'\n  \
          nudge query {environment} --key {key} --server http://{address}\n  \
-         buf curl --http2-prior-knowledge -d '{{\"scope\":{{\"environment\":\"{environment}\"}},\"key\":\"{key}\"}}' \
+         buf curl --protocol grpc --http2-prior-knowledge -d '{{\"scope\":{{\"environment\":\"{environment}\"}},\"key\":\"{key}\"}}' \
          http://{address}/nudge.v1.InfluenceService/GetInfluence\n  \
          documentation: http://{address}/docs\n\nserving until Ctrl-C"
     )
