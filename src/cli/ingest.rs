@@ -11,7 +11,7 @@ use super::output::{Table, count, print, print_json};
 use super::progress::Progress;
 use super::server::Server;
 use crate::api::proto;
-use crate::client::{Connection, Totals, Track};
+use crate::client::{Connection, Totals, Track, patiently};
 use crate::recordings::overcooked::{self, Abstraction, Game, Kitchen, World};
 
 /// What is part of every producer id: another way to cut the same file into batches must take another.
@@ -117,7 +117,11 @@ impl Part {
         progress.part(&name);
         let schema = Some(self.world.description().into());
         let request = proto::ApplyEnvironmentRequest { name: name.clone(), schema, rule: None };
-        connection.environments().apply_environment(request).await?;
+        let apply = || {
+            let (mut client, request) = (connection.environments(), request.clone());
+            async move { client.apply_environment(request).await }
+        };
+        patiently(apply).await?;
         let producer = connection.producer(&name, &self.producer).batch_size(BATCH_SIZE).replay();
         let mut producer = producer.open().await?;
         for game in &self.games {

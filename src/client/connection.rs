@@ -3,11 +3,13 @@
 use std::error::Error;
 use std::time::Duration;
 
+use tokio::time::Instant;
 use tonic::transport::{Channel, Endpoint};
-use tonic::{Code, Request, Status};
+use tonic::{Code, Request, Response, Status};
 use tonic_types::StatusExt;
 
-use super::error::said;
+use super::error::{is_transient, said};
+use super::trouble::Trouble;
 use super::{ClientError, Producer, ProducerBuilder};
 use crate::api::proto;
 use crate::api::proto::environment_service_client::EnvironmentServiceClient;
@@ -17,6 +19,9 @@ use crate::domain::{Schema, SchemaDraft};
 
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
 const PROBE_TIMEOUT: Duration = Duration::from_secs(5);
+
+/// How long a question is asked again while nobody answers it.
+const PATIENCE: Duration = Duration::from_secs(60);
 
 /// How long a silent connection is trusted before it is asked for a sign of life, and how long the answer may take: a half-open connection is
 /// noticed within their sum.
@@ -67,8 +72,11 @@ impl Connection {
 
     /// Returns an environment by name.
     pub async fn environment(&self, name: &str) -> Result<proto::Environment, ClientError> {
-        let request = proto::GetEnvironmentRequest { name: name.into() };
-        let response = self.environments().get_environment(request).await?.into_inner();
+        let ask = || {
+            let (mut client, request) = (self.environments(), proto::GetEnvironmentRequest { name: name.into() });
+            async move { client.get_environment(request).await }
+        };
+        let response: proto::GetEnvironmentResponse = patiently(ask).await?;
         response.environment.ok_or_else(|| ClientError::Disagreement("the service answered without environment".into()))
     }
 
@@ -102,6 +110,23 @@ impl Connection {
                 ClientError::NotNudge { address: self.address.clone(), why }
             }
             _ => ClientError::NotNudge { address: self.address.clone(), why: said(&status) },
+        }
+    }
+}
+
+/// Asks until the service answers, which may be away for a moment: as patiently as a producer that sends.
+pub async fn patiently<T, F>(mut ask: impl FnMut() -> F) -> Result<T, ClientError>
+where
+    F: Future<Output = Result<Response<T>, Status>>,
+{
+    let mut trouble = Trouble::begin(Instant::now());
+    loop {
+        match ask().await {
+            Ok(response) => return Ok(response.into_inner()),
+            Err(status) if is_transient(&status) && trouble.lasted(Instant::now()) < PATIENCE => {
+                tokio::time::sleep(trouble.failed(said(&status))).await;
+            }
+            Err(status) => return Err(status.into()),
         }
     }
 }

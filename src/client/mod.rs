@@ -44,7 +44,7 @@ mod totals;
 mod track;
 mod trouble;
 
-pub use connection::{Connection, schema_of};
+pub use connection::{Connection, patiently, schema_of};
 pub use error::{ClientError, Refusal};
 pub use producer::{Producer, ProducerBuilder};
 pub use totals::{Rejected, Totals};
