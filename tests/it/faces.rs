@@ -293,3 +293,28 @@ async fn states_and_summary_agree() {
     assert_eq!(over_rest, serde_json::to_value(dto::Summary::from(over_grpc)).expect("JSON"));
     assert_eq!((&over_rest["transitions"], &over_rest["states"]), (&json!(41), &json!(2)));
 }
+
+#[tokio::test]
+async fn a_third_agent_held_fixed_reveals_what_it_hid() {
+    let app = TestApp::start().await;
+    let agent = |name: &str| json!({"name": name, "action": [{"name": "go", "integer": {"min": 0, "max": 1}}]});
+    let body =
+        json!({"state": [{"name": "x", "circular": {"bins": 4}}], "agents": [agent("a"), agent("b"), agent("c")]});
+    assert_eq!(app.rest("PUT", "/v1/environments/xor", Some(&body)).await.0, 201);
+    // b is the exclusive or of a and c: alone, a says nothing about it.
+    let played = [(0, 0, 0), (0, 1, 1), (1, 1, 0), (1, 0, 1)];
+    let played: Vec<Value> = played
+        .iter()
+        .map(|(a, b, c)| json!({"state": {"x": 0}, "actions": {"a": a, "b": b, "c": c}, "count": 25}))
+        .collect();
+    let body = json!({"producer": "p", "sequence": 1, "transitions": played});
+    assert_eq!(app.rest("POST", "/v1/environments/xor/transitions", Some(&body)).await.0, 200);
+    let plug_in = async |query: &str| {
+        let (status, answer) = app.rest("GET", &format!("/v1/environments/xor/influence?key=0&{query}"), None).await;
+        assert_eq!(status, 200, "{answer}");
+        answer["answers"][0]["mutual_information"]["plug_in"].as_f64().expect("a figure")
+    };
+    assert_eq!(plug_in("unit=bits").await, 0.0);
+    assert!((plug_in("unit=bits&given=c").await - 1.0).abs() < 1e-12);
+    assert!((plug_in("ego=c&other=b&given=a").await - 2_f64.ln()).abs() < 1e-12);
+}

@@ -7,11 +7,10 @@ use tonic::service::Routes;
 use tonic::{Code, Response, Status};
 
 use super::status;
-use crate::api::MOST_MESSAGE_BYTES;
 use crate::api::proto::environment_service_server::EnvironmentServiceServer;
 use crate::api::proto::influence_service_server::InfluenceServiceServer;
 use crate::api::proto::ingest_service_server::IngestServiceServer;
-use crate::api::proto::{self};
+use crate::api::{MOST_MESSAGE_BYTES, proto};
 use crate::app::App;
 use crate::error::Problem;
 use crate::telemetry;
