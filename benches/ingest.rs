@@ -8,7 +8,6 @@ mod support;
 
 use std::net::SocketAddr;
 use std::pin::Pin;
-use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use futures::StreamExt;
@@ -19,7 +18,9 @@ use nudge::api::proto::{
 };
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqliteSynchronous};
 use sqlx::{Connection, SqliteConnection};
-use support::{ACTIONS, BATCH, Service, batches, listen, make_world, median, pump, report, runtime, state, wanted};
+use support::{
+    ACTIONS, BATCH, Service, batches, listen, make_world, median, pump, report, runtime, start_binary, state, wanted,
+};
 use tonic::{Request, Response, Status, Streaming};
 
 const ROUNDS: usize = 5;
@@ -110,16 +111,7 @@ async fn plain_upserts(batches: u64) -> f64 {
 /// Resident memory of the real binary while a million distinct cells come in.
 async fn memory() {
     let directory = tempfile::TempDir::new().expect("a temporary directory");
-    let mut child = Command::new(env!("CARGO_BIN_EXE_nudge"))
-        .args(["serve", "--listen", "127.0.0.1:0", "--data"])
-        .arg(directory.path())
-        .stdout(Stdio::piped())
-        .spawn()
-        .expect("the binary starts");
-    let mut line = String::new();
-    let stdout = child.stdout.take().expect("piped");
-    std::io::BufRead::read_line(&mut std::io::BufReader::new(stdout), &mut line).expect("a line");
-    let address = line.trim().rsplit("http://").next().and_then(|address| address.parse().ok()).expect("an address");
+    let (mut child, address) = start_binary(directory.path());
     make_world(address).await;
     let distinct: Vec<proto::Columns> = (0..1_000).map(distinct).collect();
     pump(address, "p", &distinct, 1_000).await;

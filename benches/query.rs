@@ -19,7 +19,9 @@ use nudge::api::proto::{
     GetStateResponse, ListStatesRequest, ListStatesResponse, Scope, StateValues, SummarizeRequest, SummarizeResponse,
     View,
 };
-use support::{Service, batches, channel, listen, make_world, median, pump, quantile, report, runtime, state, wanted};
+use support::{
+    Service, batches, channel, listen, make_world, median, pump, quantile, report, runtime, start_binary, state, wanted,
+};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 use tonic::{Request, Response, Status};
@@ -224,16 +226,7 @@ fn start() {
 
 fn start_to_ready(data: &std::path::Path) -> f64 {
     let started = Instant::now();
-    let mut child = Command::new(env!("CARGO_BIN_EXE_nudge"))
-        .args(["serve", "--listen", "127.0.0.1:0", "--data"])
-        .arg(data)
-        .stdout(Stdio::piped())
-        .stderr(Stdio::null())
-        .spawn()
-        .expect("the binary starts");
-    let mut line = String::new();
-    let stdout = child.stdout.take().expect("piped");
-    std::io::BufRead::read_line(&mut std::io::BufReader::new(stdout), &mut line).expect("a line");
+    let (mut child, _) = start_binary(data);
     let took = started.elapsed().as_secs_f64() * 1e3;
     child.kill().expect("running");
     child.wait().expect("killed");

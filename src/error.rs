@@ -64,6 +64,11 @@ impl fmt::Display for Fault {
     }
 }
 
+/// Returns a JSON pointer to a member, which escapes `~` and `/` (RFC 6901).
+pub fn pointer(name: &str) -> String {
+    format!("/{}", name.replace('~', "~0").replace('/', "~1"))
+}
+
 /// An error as every face tells it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Problem {

@@ -4,7 +4,10 @@
 
 #![allow(dead_code, missing_docs)]
 
+use std::io::{BufRead, BufReader};
 use std::net::SocketAddr;
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -53,6 +56,21 @@ impl Service {
         self.serving.await.expect("the service ends");
         self.app.close().await;
     }
+}
+
+/// Starts the real binary on a directory and returns once it says where it listens.
+pub fn start_binary(data: &Path) -> (Child, SocketAddr) {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_nudge"))
+        .args(["serve", "--listen", "127.0.0.1:0", "--data"])
+        .arg(data)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .expect("the binary starts");
+    let mut line = String::new();
+    BufReader::new(child.stdout.take().expect("piped")).read_line(&mut line).expect("a line");
+    let address = line.trim().rsplit("http://").next().and_then(|address| address.parse().ok());
+    (child, address.expect("an address"))
 }
 
 /// Serves a yardstick's routes as the service serves its own: the same accept loop and the same sockets.

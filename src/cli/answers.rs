@@ -1,6 +1,7 @@
 //! Answers for people: what was found, from how much, beside what chance alone would give.
 
 use super::output::{Table, count, figure};
+use crate::api::json::verdict;
 use crate::api::proto;
 
 /// How many of the other's actions are told after each of the ego's.
@@ -37,7 +38,8 @@ fn one(answer: &proto::Answer, labels: &proto::Labels) -> String {
         text += &format!("  {} = {}\n", bin.feature, bin.label);
     }
     let entries = answer.entries.map(|entries| format!(", {} entries", count(entries))).unwrap_or_default();
-    text += &format!("\n{}, from {}: {} visits{entries}\n", verdict(answer), basis(answer), count(answer.visits));
+    text +=
+        &format!("\n{}, from {}: {} visits{entries}\n", verdict(answer.verdict), basis(answer), count(answer.visits));
     text += &information(answer);
     if !answer.by_action.is_empty() {
         text += &format!("\n{}", by_action(answer, labels));
@@ -96,7 +98,7 @@ fn several(answers: &[proto::Answer]) -> String {
     let mut table = Table::new(&titles);
     for answer in answers {
         let key = answer.state.clone().unwrap_or_default().key;
-        let mut row = vec![key, count(answer.visits), verdict(answer).into(), basis(answer).into()];
+        let mut row = vec![key, count(answer.visits), verdict(answer.verdict).into(), basis(answer).into()];
         if with_figures {
             let information = answer.mutual_information.clone().unwrap_or_default();
             let figures = [information.plug_in, information.expected_if_independent].map(figure);
@@ -116,15 +118,6 @@ fn by_state(answers: &[proto::Answer], labels: &proto::Labels) -> String {
         format!("\nstate {key}\n{}", by_action(answer, labels))
     })
     .collect()
-}
-
-fn verdict(answer: &proto::Answer) -> &'static str {
-    match answer.verdict() {
-        proto::Verdict::Influences => "influences",
-        proto::Verdict::NoInfluence => "no_influence",
-        proto::Verdict::Undecided => "undecided",
-        proto::Verdict::Unspecified => "?",
-    }
 }
 
 fn basis(answer: &proto::Answer) -> &'static str {

@@ -11,6 +11,7 @@ use super::ingest::{self, Report};
 use super::output::{Table, count, figure, print};
 use super::progress::Progress;
 use super::serve::{Service, Signals, address};
+use crate::api::json::verdict;
 use crate::api::proto;
 use crate::client::Connection;
 use crate::config::Config;
@@ -165,13 +166,8 @@ fn summary_row(environment: &str, summary: &proto::SummarizeResponse) -> [String
 }
 
 fn state_row(environment: &str, key: String, state: &proto::StateFigures) -> [String; 6] {
-    let verdict = match state.verdict() {
-        proto::Verdict::Influences => "influences",
-        proto::Verdict::NoInfluence => "no_influence",
-        _ => "undecided",
-    };
     let [plug_in, expected] = [state.plug_in, state.expected_if_independent].map(figure);
-    [environment.to_owned(), key, count(state.visits), plug_in, expected, verdict.to_owned()]
+    [environment.to_owned(), key, count(state.visits), plug_in, expected, verdict(state.verdict).to_owned()]
 }
 
 fn to_try(address: SocketAddr, best: &Best) -> String {

@@ -1,6 +1,6 @@
 //! Answers: what the counts of a state say about influence. Every figure is in the answer's unit.
 
-use super::{RuleKind, StateKey, Uid, Unit};
+use super::{RuleKind, StateKey, Unit};
 
 /// Whether the ego's action influences the other's.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -58,8 +58,6 @@ impl Basis {
 /// The answers to one question.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Answers {
-    /// The environment that was asked about.
-    pub environment_uid: Uid,
     /// What the numbers in the answers stand for.
     pub labels: Labels,
     /// One a state, in the question's order.

@@ -2,7 +2,7 @@
 
 use super::draft::{ActionDraft, NamedValues, ValueDraft};
 use super::{Agent, Feature, Schema};
-use crate::error::Fault;
+use crate::error::{Fault, pointer};
 
 impl Schema {
     /// Returns one value a state feature, or every fault: missing, unknown and doubled features, labels and numbers that do not fit.
@@ -64,8 +64,6 @@ fn values(features: &[Feature], named: &NamedValues) -> Result<Vec<f32>, Vec<Fau
 }
 
 fn unknown<'a>(names: impl Iterator<Item = &'a str>, known: impl Fn(&str) -> bool, what: &str) -> Vec<Fault> {
-    // A pointer escapes `~` and `/` (RFC 6901).
-    let pointer = |name: &str| format!("/{}", name.replace('~', "~0").replace('/', "~1"));
     names.filter(|name| !known(name)).map(|name| Fault::new(pointer(name), format!("unknown {what}"))).collect()
 }
 

@@ -48,7 +48,7 @@ impl Influence {
         let answers = answer::answers(schema, question, segments.as_deref(), counts).await?;
         let by_prior = answers.iter().filter(|answer| answer.basis == Basis::Prior).count() as u64;
         telemetry::answered(started.elapsed(), answers.len() as u64 - by_prior, by_prior);
-        Ok(Answers { environment_uid: environment.uid.clone(), labels: labels(schema, &question.scope.pair), answers })
+        Ok(Answers { labels: labels(schema, &question.scope.pair), answers })
     }
 
     /// Returns the counts of the state of that key.

@@ -41,12 +41,15 @@ impl Tables {
         if self.slices.is_empty() {
             return information::expected_if_independent(&self.whole);
         }
-        let exact = self
-            .slices
-            .iter()
-            .all(|slice| information::expected_if_independent(slice).1 == ExpectedMethod::Hypergeometric);
-        let method = if exact { ExpectedMethod::Hypergeometric } else { ExpectedMethod::Asymptotic };
-        (self.figure(|table| information::expected_if_independent(table).0), method)
+        let mut method = ExpectedMethod::Hypergeometric;
+        let mean = information::conditional(&self.slices, |slice| {
+            let (expected, of_slice) = information::expected_if_independent(slice);
+            if of_slice == ExpectedMethod::Asymptotic {
+                method = of_slice;
+            }
+            expected
+        });
+        (mean, method)
     }
 
     /// Returns the plug-in divergence of the ego's action at a row of the whole table, in nats: its mean over the slices, weighted by how often the

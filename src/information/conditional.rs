@@ -11,7 +11,7 @@ use super::table::Table;
 /// 0 where they hold no visits; empty slices are not asked for their figure.
 ///
 /// Conditioning on an action of the same tick can itself open a dependence, where both agents cause it (a collider).
-pub fn conditional(slices: &[Table], figure: impl Fn(&Table) -> f64) -> f64 {
+pub fn conditional(slices: &[Table], mut figure: impl FnMut(&Table) -> f64) -> f64 {
     let total: u128 = slices.iter().map(|slice| u128::from(slice.total())).sum();
     let occupied = slices.iter().filter(|slice| slice.total() > 0);
     occupied.fold(0.0, |sum, slice| sum + slice.total() as f64 / total as f64 * figure(slice))

@@ -8,7 +8,7 @@ use std::time::Instant;
 use tokio::sync::{OwnedSemaphorePermit, mpsc, oneshot};
 
 use super::streams::Lease;
-use crate::domain::{Acknowledged, EnvironmentId, ProducerId, Receipt, Sequence};
+use crate::domain::{Acknowledged, Environment, EnvironmentId, ProducerId, Receipt, Sequence};
 use crate::error::{ErrorKind, Problem};
 use crate::store::{Numbered, Outcome, Refusal, Store, StoreError};
 use crate::telemetry;
@@ -111,7 +111,8 @@ impl Group {
         (self.transitions, self.states) = (0, 0);
         let answers = match result {
             Ok(outcomes) => {
-                outcomes.into_iter().zip(&batches).map(|(outcome, batch)| told(store, batch, outcome)).collect()
+                let environments = store.environments();
+                outcomes.into_iter().zip(&batches).map(|(outcome, batch)| told(&environments, batch, outcome)).collect()
             }
             Err(error) => failed(error, batches.len()),
         };
@@ -131,18 +132,17 @@ async fn answer_resume(store: &dyn Store, resume: Resume) {
     }));
 }
 
-fn told(store: &dyn Store, batch: &Numbered, outcome: Outcome) -> Result<Acknowledged, Problem> {
+fn told(environments: &[Arc<Environment>], batch: &Numbered, outcome: Outcome) -> Result<Acknowledged, Problem> {
     match outcome {
         Outcome::Acknowledged(told) => {
-            count(store, batch, &told);
+            count(environments, batch, &told);
             Ok(told)
         }
         Outcome::Refused(refusal) => Err(refused(batch, refusal)),
     }
 }
 
-fn count(store: &dyn Store, batch: &Numbered, told: &Acknowledged) {
-    let environments = store.environments();
+fn count(environments: &[Arc<Environment>], batch: &Numbered, told: &Acknowledged) {
     let Some(environment) = environments.iter().find(|environment| environment.id == batch.environment) else { return };
     match told {
         Acknowledged::Applied(receipt) => count_records(environment.name.as_str(), receipt),

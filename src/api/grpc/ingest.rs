@@ -1,7 +1,9 @@
 //! Batches and receipts.
 
 use crate::api::{MOST_BATCH_TRANSITIONS, proto};
-use crate::domain::{Acknowledged, Batch, Entry, Label, Receipt, Record, Records, Rejection, Schema, Sequence, Widths};
+use crate::domain::{
+    Acknowledged, Batch, Entry, Label, ProducerId, Receipt, Record, Records, Rejection, Schema, Sequence, Widths,
+};
 use crate::error::{ErrorKind, Fault, Problem};
 
 /// Decodes a batch. Its own faults fail it as a whole; those of single records keep their place in it.
@@ -22,6 +24,11 @@ pub fn batch(schema: &Schema, batch: proto::Batch) -> Result<Batch, Problem> {
         }
     };
     Ok(Batch { sequence, segment, records })
+}
+
+/// Decodes a producer's id.
+pub fn producer(text: &str) -> Result<ProducerId, Problem> {
+    text.parse().map_err(|detail: String| Problem::invalid("producer", vec![Fault::new("/producer", detail)]))
 }
 
 /// Decodes the number of a batch.

@@ -100,7 +100,7 @@ pub struct ActionFigures {
 }
 
 /// Returns the word for a verdict.
-pub(super) fn verdict(number: i32) -> &'static str {
+pub fn verdict(number: i32) -> &'static str {
     match proto::Verdict::try_from(number) {
         Ok(proto::Verdict::Influences) => "influences",
         Ok(proto::Verdict::NoInfluence) => "no_influence",

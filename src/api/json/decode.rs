@@ -3,17 +3,12 @@
 use serde::Deserialize;
 use serde_path_to_error::Segment;
 
-use crate::error::{Fault, Problem};
+use crate::error::{Fault, Problem, pointer};
 
 /// Decodes a JSON document; `what` names it in the problem.
 pub fn decode<'a, T: Deserialize<'a>>(what: &str, bytes: &'a [u8]) -> Result<T, Problem> {
     serde_json::from_slice(bytes)
         .map_err(|error| Problem::invalid(what, vec![fault(place::<T>(bytes), &error.to_string())]))
-}
-
-/// Returns a JSON pointer to a member, which escapes `~` and `/` (RFC 6901).
-pub fn pointer(name: &str) -> String {
-    format!("/{}", name.replace('~', "~0").replace('/', "~1"))
 }
 
 /// What is missing has a place too: where it would be.

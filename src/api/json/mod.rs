@@ -19,8 +19,8 @@ mod record;
 mod rule;
 mod transitions;
 
-pub use answer::{ActionFigures, Answer, Answers, Basis, MutualInformation};
-pub use decode::{decode, pointer};
+pub use answer::{ActionFigures, Answer, Answers, Basis, MutualInformation, verdict};
+pub use decode::decode;
 pub use description::{Agent, Categorical, Circular, Continuous, Description, Feature, Integer, description_of_text};
 pub use environment::{Environment, EnvironmentPage};
 pub use labels::{Bin, Labels, State, Variable};

@@ -1,8 +1,7 @@
 //! The parameters of a query string, with their faults.
 
-use super::pointer;
 use crate::domain::draft::{NamedValues, ValueDraft};
-use crate::error::{Fault, Problem};
+use crate::error::{Fault, Problem, pointer};
 
 /// The parameters of a query string, taken one by one: what is left at the end is unknown.
 #[derive(Debug, Default)]

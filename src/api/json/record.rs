@@ -3,9 +3,8 @@
 use std::collections::HashSet;
 
 use super::loose::{Loose, named};
-use super::pointer;
 use crate::domain::{Entry, Record, Schema};
-use crate::error::Fault;
+use crate::error::{Fault, pointer};
 
 /// Decodes one transition, or returns the place of its first fault and what is wrong with it, briefly, because receipts are kept.
 pub(super) fn record(schema: &Schema, text: &[u8]) -> Result<Record, (String, String)> {

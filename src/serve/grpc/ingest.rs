@@ -20,7 +20,7 @@ use crate::api::proto::{
 };
 use crate::api::{MOST_BATCH_TRANSITIONS, MOST_MESSAGE_BYTES, grpc};
 use crate::domain::{Environment, ProducerId, Sequence};
-use crate::error::{ErrorKind, Fault, Problem};
+use crate::error::{ErrorKind, Problem};
 use crate::ingest::{Session, Ticket, WINDOW};
 use crate::serve::status;
 use crate::telemetry;
@@ -47,7 +47,7 @@ impl IngestService for Face {
         call("Write", async {
             let WriteRequest { environment, environment_uid, producer, batch } = request.into_inner();
             let environment = self.environment(&environment, &environment_uid)?;
-            let producer = producer_of(&producer)?;
+            let producer = grpc::producer(&producer)?;
             let batch = grpc::batch(&environment.schema, batch.unwrap_or_default())?;
             let sequence = batch.sequence;
             let told = self
@@ -68,7 +68,7 @@ impl IngestService for Face {
         call("GetProducer", async {
             let GetProducerRequest { environment, producer } = request.into_inner();
             let environment = self.app.environments.find(&environment)?;
-            let committed = self.app.ingest.committed(&environment, &producer_of(&producer)?).await?;
+            let committed = self.app.ingest.committed(&environment, &grpc::producer(&producer)?).await?;
             Ok(GetProducerResponse {
                 committed_sequence: committed.get(),
                 environment_uid: environment.uid.to_string(),
@@ -109,7 +109,7 @@ impl Face {
     /// Checks who says hello, to which environment, with which description of it in mind.
     fn introduce(&self, hello: Hello) -> Result<(Arc<Environment>, ProducerId), Problem> {
         let environment = self.environment(&hello.environment, &hello.environment_uid)?;
-        let producer = producer_of(&hello.producer)?;
+        let producer = grpc::producer(&hello.producer)?;
         let hash = environment.schema.hash();
         if !hello.schema_hash.is_empty() && hello.schema_hash != hash.0 {
             let message = format!("environment `{}` has another schema than the stream was made for", environment.name);
@@ -244,10 +244,6 @@ fn welcome(session: &Session) -> Welcome {
         max_batch_transitions: MOST_BATCH_TRANSITIONS as u32,
         max_message_bytes: MOST_MESSAGE_BYTES as u32,
     }
-}
-
-fn producer_of(text: &str) -> Result<ProducerId, Problem> {
-    text.parse().map_err(|detail: String| Problem::invalid("producer", vec![Fault::new("/producer", detail)]))
 }
 
 fn protocol(message: &str) -> Problem {

@@ -7,8 +7,8 @@ use super::openapi::Refusals;
 use crate::api::json::Incoming;
 use crate::api::{grpc, json, proto};
 use crate::app::App;
-use crate::domain::{ProducerId, Schema};
-use crate::error::{Fault, Problem};
+use crate::domain::Schema;
+use crate::error::Problem;
 use crate::serve::status::Failure;
 
 /// Counts one batch of transitions, once however often it is sent, and answers after it is on stable storage.
@@ -57,7 +57,7 @@ pub async fn get_producer(
     Path((name, producer)): Path<(String, String)>,
 ) -> Result<axum::Json<json::Producer>, Failure> {
     let environment = app.environments.find(&name)?;
-    let committed = app.ingest.committed(&environment, &parse(&producer)?).await?;
+    let committed = app.ingest.committed(&environment, &grpc::producer(&producer)?).await?;
     let environment_uid = environment.uid.to_string();
     Ok(axum::Json(proto::GetProducerResponse { committed_sequence: committed.get(), environment_uid }.into()))
 }
@@ -67,8 +67,4 @@ fn decode(schema: &Schema, query: json::Parameters, document: &Document) -> Resu
         Media::Json => query.finish(()).and_then(|()| json::batch_of_json(schema, &document.bytes)),
         Media::Lines => json::batch_of_lines(schema, json::batch_of_query(query)?, &document.bytes),
     }
-}
-
-fn parse(producer: &str) -> Result<ProducerId, Problem> {
-    producer.parse().map_err(|detail: String| Problem::invalid("producer", vec![Fault::new("/producer", detail)]))
 }

@@ -31,6 +31,7 @@ impl<'a> Merged<'a> {
         if increment.cells.is_empty() {
             return;
         }
+        self.transitions += increment.transitions;
         let segment = self.segment(stored_label(increment.segment.as_ref()));
         if self.cells.is_empty() {
             self.cells.reserve((8 * increment.cells.len()).min(USUAL_CELLS));
@@ -38,7 +39,6 @@ impl<'a> Merged<'a> {
         let states: Vec<u32> = increment.states.iter().map(|key| self.state(key)).collect();
         for (state, joint, tally) in &increment.cells {
             self.cells.entry((states[*state as usize], segment, *joint)).or_insert(Tally::EMPTY).add(*tally);
-            self.transitions += tally.n;
         }
     }
 

@@ -38,7 +38,7 @@ pub(super) async fn refusal(
 /// The sum of all visits bounds every visit and every entry, so it is the only sum to check.
 fn overflows(ledger: &Ledger<'_>, batch: &Numbered) -> bool {
     let before = ledger.transitions + ledger.merged.transitions();
-    let sum = batch.increment.cells.iter().try_fold(before, |sum, (_, _, tally)| sum.checked_add(tally.n));
+    let sum = before.checked_add(batch.increment.transitions);
     sum.is_none_or(|sum| sum > MOST) || batch.increment.cells.iter().any(|(_, joint, _)| *joint > MOST)
 }
 
