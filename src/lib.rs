@@ -9,6 +9,7 @@
 //! * [`domain`]: environments, features, states, transitions, counts, questions, answers. Types that cannot be wrong.
 //! * [`evidence`]: what counts can support: from figures to a verdict.
 //! * [`store`]: what was counted, durably: a promise, and SQLite behind it.
+//! * [`simulation`]: worlds that produce transitions.
 //! * [`recordings`]: play that was recorded elsewhere, read as transitions.
 //! * [`api`]: the wire: generated proto types, JSON, and their conversions.
 //! * [`ingest`]: how transitions become counts.
@@ -45,5 +46,6 @@ pub mod information;
 pub mod ingest;
 pub mod recordings;
 pub mod serve;
+pub mod simulation;
 pub mod store;
 pub mod telemetry;

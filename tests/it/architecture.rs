@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 const RANKS: &[&[&str]] = &[
     &["information", "error", "config", "telemetry"],
     &["domain"],
-    &["evidence", "store", "recordings", "api"],
+    &["evidence", "store", "simulation", "recordings", "api"],
     &["ingest", "client"],
     &["environments", "influence"],
     &["app"],
@@ -25,6 +25,7 @@ const RESERVED: &[(&str, &[&str])] = &[
     ("axum", &["serve"]),
     ("clap", &["cli", "main"]),
     ("csv", &["recordings"]),
+    ("plotters", &["simulation"]),
     ("tokio", &["ingest", "store", "client", "influence", "app", "serve", "cli", "main"]),
 ];
 
