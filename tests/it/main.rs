@@ -7,6 +7,7 @@ mod cli;
 mod client;
 mod faces;
 mod fake;
+mod golden_social_force;
 mod golden_tables;
 mod ingest;
 mod kill;
