@@ -41,11 +41,11 @@ mod outbox;
 mod producer;
 mod task;
 mod totals;
-mod track;
 mod trouble;
 
 pub use connection::{Connection, patiently, schema_of};
 pub use error::{ClientError, Refusal};
 pub use producer::{Producer, ProducerBuilder};
 pub use totals::{Rejected, Totals};
-pub use track::Track;
+
+pub use crate::domain::Track;

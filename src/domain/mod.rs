@@ -28,6 +28,7 @@ mod question;
 mod records;
 mod rule;
 mod schema;
+mod track;
 
 pub use answer::{ActionFigures, Answer, Answers, Basis, Bin, Figures, Labels, Variable, Verdict};
 pub use batch::{Acknowledged, Batch, Receipt, Sequence};
@@ -42,3 +43,4 @@ pub use question::{Estimator, MOST_STATES, Pair, Question, Scope, View};
 pub use records::{Digest, Entry, Record, Records, Rejection, Widths};
 pub use rule::{Rule, RuleKind, Unit};
 pub use schema::{Agent, Schema, SchemaHash};
+pub use track::Track;

@@ -60,6 +60,11 @@ impl Crowd {
         &self.pedestrians
     }
 
+    /// Lets one more in, whose id nobody else has.
+    pub fn add(&mut self, pedestrian: Pedestrian) {
+        self.pedestrians.push(pedestrian);
+    }
+
     /// Takes out everyone of whom `leaves` is true. The others keep their order.
     pub fn remove(&mut self, leaves: impl Fn(&Pedestrian) -> bool) {
         self.pedestrians.retain(|pedestrian| !leaves(pedestrian));
@@ -69,6 +74,12 @@ impl Crowd {
     pub fn set_velocity(&mut self, id: u32, velocity: DVec2) -> bool {
         let found = self.pedestrians.iter_mut().find(|pedestrian| pedestrian.id == id);
         found.map(|pedestrian| pedestrian.velocity = velocity).is_some()
+    }
+
+    /// Gives one pedestrian another way to go, a unit vector; returns whether that one is there.
+    pub fn set_direction(&mut self, id: u32, direction: DVec2) -> bool {
+        let found = self.pedestrians.iter_mut().find(|pedestrian| pedestrian.id == id);
+        found.map(|pedestrian| pedestrian.direction = direction).is_some()
     }
 
     /// Walks for `dt` seconds: semi-implicit Euler, so forces come from the state before and positions move with the velocity after.

@@ -1,6 +1,9 @@
 //! Worlds that produce transitions: pedestrians who avoid each other in a hallway. Seeded, and without I/O: the same seed gives the same bytes.
 
 mod crowd;
+pub mod drawing;
+pub mod hallway;
+pub mod observation;
 mod social_force;
 mod walls;
 

@@ -1,11 +1,11 @@
 //! Entry flags for one track sent in order.
 
-use crate::domain::{Entry, Record, Schema, StateKey};
+use super::{Entry, Record, Schema, StateKey};
 
-/// Follows one track, the consecutive steps of one game, and says which of them entered their state.
+/// Follows one track, the consecutive steps of one game or of one pair, and says which of them entered their state.
 ///
 /// Steps of one stay are not independent draws, so the service counts entries beside visits. What is compared is the discretised state: moving
-/// within a bin is a stay. Take a new `Track` for every game.
+/// within a bin is a stay. Take a new `Track` for every game, and wherever a step was not observed.
 #[derive(Debug, Clone)]
 pub struct Track {
     schema: Schema,
