@@ -12,8 +12,10 @@ mod ingest;
 mod output;
 mod progress;
 mod query;
+mod report;
 mod serve;
 mod server;
+mod simulate;
 
 use std::process::ExitCode;
 
@@ -46,6 +48,8 @@ enum Command {
     Env(env::Env),
     Ingest(ingest::Ingest),
     Query(Box<query::Query>),
+    #[command(subcommand)]
+    Simulate(simulate::Simulate),
     Check(check::Check),
 }
 
@@ -67,6 +71,7 @@ fn execute(cli: Cli) -> Result<(), Failure> {
             Command::Env(command) => command.run().await,
             Command::Ingest(command) => command.run().await,
             Command::Query(command) => command.run().await,
+            Command::Simulate(command) => command.run().await,
             Command::Check(command) => command.run().await,
         }
     })

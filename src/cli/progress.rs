@@ -31,6 +31,13 @@ impl Progress {
         }
     }
 
+    /// Notes how many steps are done by now.
+    pub(super) fn at(&self, steps: u64) {
+        if let Some(bar) = &self.bar {
+            bar.set_position(steps);
+        }
+    }
+
     /// Notes that a part is done.
     pub(super) fn part_done(&self, name: &str, steps: u64) {
         if self.bar.is_none() {

@@ -80,6 +80,17 @@ impl Connection {
         response.environment.ok_or_else(|| ClientError::Disagreement("the service answered without environment".into()))
     }
 
+    /// Makes an environment, or confirms that it exists with this very description; its rule stays as it is.
+    pub async fn apply(&self, name: &str, schema: &SchemaDraft) -> Result<(), ClientError> {
+        let request =
+            proto::ApplyEnvironmentRequest { name: name.into(), schema: Some(schema.clone().into()), rule: None };
+        let ask = || {
+            let (mut client, request) = (self.environments(), request.clone());
+            async move { client.apply_environment(request).await }
+        };
+        patiently(ask).await.map(drop)
+    }
+
     async fn dial(address: &str) -> Result<Self, ClientError> {
         let unusable = |why: String| ClientError::Address { address: address.into(), why };
         let endpoint = Endpoint::from_shared(address.to_owned()).map_err(|error| unusable(innermost(&error)))?;

@@ -56,8 +56,8 @@ impl ProducerBuilder {
 
     /// Declares that the source makes the same transitions again, as a file does.
     ///
-    /// Numbering starts at 1 and batches close by size, segment and flush only, never by time: with the same content, batch size, segments and
-    /// flushes, batch k is always the same. Batches that the service has committed are passed over and counted as `resumed`, so an interrupted
+    /// Numbering starts at 1 and batches close by size, segment, cut and flush only, never by time: with the same content, batch size, segments,
+    /// cuts and flushes, batch k is always the same. Batches that the service has committed are passed over and counted as `resumed`, so an interrupted
     /// replay goes on where it stopped and a finished one changes nothing. Choose the producer id from the content.
     pub fn replay(self) -> Self {
         Self { replay: true, ..self }
@@ -164,6 +164,11 @@ impl Producer {
     pub async fn segment(&mut self, segment: Option<&str>) -> Result<(), ClientError> {
         let segment = segment.map(str::parse::<Label>).transpose().map_err(ClientError::Invalid)?;
         self.command(Command::Segment(segment.map(|label| label.to_string()).unwrap_or_default())).await
+    }
+
+    /// Closes the batch, so that it is sent without waiting for more.
+    pub async fn cut(&mut self) -> Result<(), ClientError> {
+        self.command(Command::Cut).await
     }
 
     /// Closes the batch, waits until everything handed over is acknowledged, and returns what became of it.

@@ -22,6 +22,8 @@ pub(super) enum Command {
     Send(Record),
     /// Another segment from here on; empty for none.
     Segment(String),
+    /// Closes the batch.
+    Cut,
     /// Closes the batch, and answers when everything up to here is acknowledged.
     Flush(oneshot::Sender<Totals>),
 }
@@ -111,6 +113,7 @@ impl Task {
         match command {
             Command::Send(transition) => self.on_transition(transition),
             Command::Segment(segment) => self.outbox.set_segment(segment),
+            Command::Cut => self.outbox.cut(),
             Command::Flush(reply) => {
                 self.outbox.cut();
                 self.flushes.push((self.outbox.totals().last_sequence, reply));

@@ -9,7 +9,7 @@ use crate::fake::{CALM, Fake};
 
 const TEST_GAMES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/data/overcooked/test.csv.gz");
 
-fn nudge(address: &str, arguments: &[&str]) -> Command {
+pub fn nudge(address: &str, arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_nudge"));
     command.args(arguments).env("NUDGE_SERVER", address).stdin(Stdio::null());
     command
@@ -20,11 +20,11 @@ async fn run(fake: &Fake, arguments: &[&str]) -> (i32, String, String) {
 }
 
 /// Waits beside the runtime, on which the service runs.
-async fn output(mut command: Command) -> Output {
+pub async fn output(mut command: Command) -> Output {
     tokio::task::spawn_blocking(move || command.output()).await.expect("no panic").expect("it starts")
 }
 
-fn told(output: &Output) -> (i32, String, String) {
+pub fn told(output: &Output) -> (i32, String, String) {
     let text = |bytes: &[u8]| String::from_utf8(bytes.to_vec()).expect("text");
     (output.status.code().expect("not killed"), text(&output.stdout), text(&output.stderr))
 }

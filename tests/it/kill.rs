@@ -4,10 +4,7 @@
 //! must show doubles: a test that cannot see them would prove nothing.
 
 use std::collections::BTreeMap;
-use std::io::{BufRead, BufReader};
 use std::net::SocketAddr;
-use std::path::Path;
-use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
@@ -20,6 +17,7 @@ use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 use tempfile::TempDir;
 
+use crate::server::Server;
 use crate::support::{RawStream, channel, hello, lane_schema};
 
 const PRODUCERS: u64 = 4;
@@ -28,34 +26,6 @@ const IN_FLIGHT: usize = 32;
 
 fn kills() -> u64 {
     std::env::var("NUDGE_KILLS").ok().and_then(|kills| kills.parse().ok()).unwrap_or(60)
-}
-
-/// The real binary on a database.
-struct Server {
-    child: Child,
-    address: SocketAddr,
-}
-
-impl Server {
-    /// Starts it and returns once it says where it listens.
-    fn start(data: &Path, listen: &str) -> Self {
-        let mut child = Command::new(env!("CARGO_BIN_EXE_nudge"))
-            .args(["serve", "--listen", listen, "--data"])
-            .arg(data)
-            .stdout(Stdio::piped())
-            .stderr(Stdio::null())
-            .spawn()
-            .expect("the binary starts");
-        let mut line = String::new();
-        BufReader::new(child.stdout.take().expect("piped")).read_line(&mut line).expect("a line");
-        let address = line.trim().rsplit("http://").next().and_then(|address| address.parse().ok());
-        Self { child, address: address.unwrap_or_else(|| panic!("no address in {line:?}")) }
-    }
-
-    fn kill(mut self) {
-        self.child.kill().expect("running");
-        self.child.wait().expect("killed");
-    }
 }
 
 /// The batch that a producer sends under a number: always the same.

@@ -13,6 +13,8 @@ mod ingest;
 mod kill;
 mod operations;
 mod proxy;
+mod server;
+mod simulate;
 mod sqlite_store;
 mod store_contract;
 mod store_model;

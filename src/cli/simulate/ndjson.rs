@@ -1,0 +1,57 @@
+//! Transitions as lines of JSON, as `POST /v1/environments/{e}/transitions` takes them.
+
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
+use std::path::Path;
+
+use serde::Serialize;
+
+use super::sending::{groups, observed};
+use super::{cannot_write, description};
+use crate::cli::Failure;
+use crate::domain::{Entry, Record, Schema};
+use crate::error::Problem;
+use crate::simulation::hallway::Hallway;
+
+/// Writes every transition of a hallway to a file, or to standard output if it is called `-`.
+pub(super) fn write(hallway: &Hallway, file: &Path) -> Result<(), Failure> {
+    let schema = Schema::try_from(&description()?).map_err(|faults| Problem::invalid("environment", faults))?;
+    let failed = |error| cannot_write(file, &error);
+    let out: Box<dyn Write> = if file == Path::new("-") {
+        Box::new(io::stdout().lock())
+    } else {
+        Box::new(File::create(file).map_err(failed)?)
+    };
+    let mut out = BufWriter::new(out);
+    for trials in groups(hallway.protocol().trials) {
+        for (_, records) in observed(hallway, &schema, trials)? {
+            for observation in records.iter().flatten() {
+                writeln!(out, "{}", line(&schema, &observation.transition)).map_err(failed)?;
+            }
+        }
+    }
+    out.flush().map_err(failed)
+}
+
+#[derive(Serialize)]
+struct Line<'a> {
+    state: BTreeMap<&'a str, f32>,
+    actions: BTreeMap<&'a str, BTreeMap<&'a str, f32>>,
+    entry: bool,
+}
+
+/// Returns a transition by the names of an environment, on one line.
+fn line(schema: &Schema, transition: &Record) -> String {
+    let state = schema.state().iter().zip(&transition.state);
+    let mut actions: BTreeMap<&str, BTreeMap<&str, f32>> = BTreeMap::new();
+    for ((agent, feature), value) in schema.action_features().zip(&transition.actions) {
+        actions.entry(agent.name.as_str()).or_default().insert(feature.name.as_str(), *value);
+    }
+    let line = Line {
+        state: state.map(|(feature, value)| (feature.name.as_str(), *value)).collect(),
+        actions,
+        entry: transition.entry == Entry::Entered,
+    };
+    serde_json::to_string(&line).expect("names are text")
+}
