@@ -1,9 +1,10 @@
 //! Worlds that produce transitions: pedestrians who avoid each other in a hallway. Seeded, and without I/O: the same seed gives the same bytes.
 
 mod crowd;
+mod neighbours;
 mod social_force;
 mod walls;
 
 pub use crowd::{Crowd, Pedestrian};
-pub use social_force::{SocialForce, semi_minor_axis};
+pub use social_force::{NEGLIGIBLE, SocialForce, semi_minor_axis};
 pub use walls::{Segment, Wall};
