@@ -3,10 +3,11 @@
 mod crowd;
 pub mod drawing;
 pub mod hallway;
+mod neighbours;
 pub mod observation;
 mod social_force;
 mod walls;
 
 pub use crowd::{Crowd, Pedestrian};
-pub use social_force::{SocialForce, semi_minor_axis};
+pub use social_force::{NEGLIGIBLE, SocialForce, semi_minor_axis};
 pub use walls::{Segment, Wall};

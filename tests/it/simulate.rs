@@ -233,7 +233,7 @@ async fn wrong_values_are_told_by_flag_one_a_line() {
     let cases: [(&[&str], &[&str]); 4] = [
         (
             &["--dt", "-1", "--noise", "NaN", "--width", "inf"],
-            &["--width: got inf, expected", "--dt: got -1, expected a number from", "--noise: "],
+            &["--width: got inf, expected", "--dt: got -1, expected a number from", "--noise: got NaN, expected"],
         ),
         (&["--pedestrians", "500"], &["--pedestrians: got 500, expected at most about "]),
         (&["--record-interval", "0.12"], &["--record-interval: got 0.12, expected a whole multiple of dt"]),
