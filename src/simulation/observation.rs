@@ -20,6 +20,8 @@ use std::collections::HashMap;
 use std::f64::consts::{PI, TAU};
 
 use glam::DVec2;
+use kdtree::KdTree;
+use kdtree::distance::squared_euclidean;
 
 use super::hallway::Trial;
 use super::{Pedestrian, SocialForce, semi_minor_axis};
@@ -69,7 +71,7 @@ impl Observer {
     /// A pair enters its state when the discretised state differs from the record before, or when it was not observed then.
     pub fn observe(&mut self, time: f64, before: &[Pedestrian], after: &[Pedestrian]) -> Vec<Observation> {
         let after: HashMap<u32, &Pedestrian> = after.iter().map(|pedestrian| (pedestrian.id, pedestrian)).collect();
-        let closest: Vec<Vec<usize>> = (0..before.len()).map(|ego| two_closest(before, ego)).collect();
+        let closest = two_closest(before);
         let mut earlier = std::mem::take(&mut self.tracks);
         let mut observations = Vec::new();
         for (i, ego) in before.iter().enumerate() {
@@ -131,15 +133,20 @@ impl Iterator for Observations {
     }
 }
 
-/// Returns the positions in the list of the two closest to one of them, as far as there are two; of those equally far the earlier.
-fn two_closest(pedestrians: &[Pedestrian], of: usize) -> Vec<usize> {
-    let distance = |i: usize| pedestrians[of].position.distance_squared(pedestrians[i].position);
-    let closest_but = |but: usize| {
-        let others = (0..pedestrians.len()).filter(move |&i| i != of && i != but);
-        others.min_by(|&i, &j| distance(i).total_cmp(&distance(j)))
+/// Returns for each pedestrian the positions in the list of the two closest others, as far as there are two; of those equally far the earlier first.
+fn two_closest(pedestrians: &[Pedestrian]) -> Vec<Vec<usize>> {
+    const FINITE: &str = "pedestrians are at finite places";
+    let mut index = KdTree::new(2);
+    for (i, one) in pedestrians.iter().enumerate() {
+        index.add(one.position.to_array(), i).expect(FINITE);
+    }
+    let closest = |(i, one): (usize, &Pedestrian)| {
+        // One of the three closest to a place is who stands there.
+        let mut found = index.nearest(&one.position.to_array(), 3, &squared_euclidean).expect(FINITE);
+        found.sort_by(|(a, i), (b, j)| a.total_cmp(b).then(i.cmp(j)));
+        found.into_iter().map(|(_, j)| *j).filter(|j| *j != i).take(2).collect()
     };
-    let first = closest_but(of);
-    first.into_iter().chain(first.and_then(closest_but)).collect()
+    pedestrians.iter().enumerate().map(closest).collect()
 }
 
 fn state(ego: &Pedestrian, neighbour: &Pedestrian, closest_to_neighbour: &Pedestrian) -> Vec<f32> {

@@ -33,3 +33,11 @@ impl Server {
         self.child.wait().expect("killed");
     }
 }
+
+/// A test that fails leaves no service behind, which would keep whatever it inherited: files, locks, the port.
+impl Drop for Server {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}

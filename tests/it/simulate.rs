@@ -191,9 +191,11 @@ async fn rest_takes_the_lines_and_counts_what_the_stream_counts() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn threads_do_not_change_a_byte() {
+async fn the_threads_of_a_large_crowd_do_not_change_a_byte() {
     let lines = async |threads: &str, seed: &str| {
-        let mut command = nudge("127.0.0.1:1", &["simulate", "hallway", "--trials", "5", "--seed", seed, "--out", "-"]);
+        let crowd = ["--pedestrians", "200", "--length", "100", "--start-zone", "40", "--longest-trial", "4"];
+        let options = ["--trials", "2", "--seed", seed, "--out", "-"];
+        let mut command = nudge("127.0.0.1:1", &[&["simulate", "hallway"], &crowd[..], &options[..]].concat());
         command.env("RAYON_NUM_THREADS", threads);
         output(command).await.stdout
     };

@@ -7,7 +7,7 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use super::sending::{groups, observed};
+use super::sending::observed;
 use super::{cannot_write, description};
 use crate::cli::Failure;
 use crate::domain::{Entry, Record, Schema};
@@ -24,11 +24,9 @@ pub(super) fn write(hallway: &Hallway, file: &Path) -> Result<(), Failure> {
         Box::new(File::create(file).map_err(failed)?)
     };
     let mut out = BufWriter::new(out);
-    for trials in groups(hallway.protocol().trials) {
-        for (_, records) in observed(hallway, &schema, trials)? {
-            for observation in records.iter().flatten() {
-                writeln!(out, "{}", line(&schema, &observation.transition)).map_err(failed)?;
-            }
+    for number in 1..=hallway.protocol().trials {
+        for observation in observed(hallway, number, &schema)?.flatten() {
+            writeln!(out, "{}", line(&schema, &observation.transition)).map_err(failed)?;
         }
     }
     out.flush().map_err(failed)

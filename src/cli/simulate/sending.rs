@@ -3,14 +3,13 @@
 use std::time::Duration;
 
 use clap::ValueEnum;
-use rayon::prelude::*;
 use tokio::time::{Instant, sleep_until};
 
 use super::description;
 use crate::cli::Failure;
 use crate::client::{Connection, Producer, Totals};
 use crate::domain::Schema;
-use crate::error::{Fault, Problem};
+use crate::error::Problem;
 use crate::simulation::hallway::{Hallway, Protocol};
 use crate::simulation::observation::{Observation, Observations};
 
@@ -51,9 +50,6 @@ pub(in crate::cli) struct Moment {
     pub(in crate::cli) transitions: u64,
 }
 
-/// The observations of one trial, record after record.
-pub(super) type Records = Vec<Vec<Observation>>;
-
 impl Run {
     /// Sends what the service has not committed yet, a segment a trial, and says every simulated second how far it is.
     ///
@@ -67,10 +63,9 @@ impl Run {
         connection.apply(&self.environment, &description()?).await?;
         let producer = connection.producer(&self.environment, &self.producer()).batch_size(BATCH_SIZE).replay();
         let mut stream = Stream::begin(producer.open().await?, self);
-        for trials in groups(self.hallway.protocol().trials) {
-            for (number, records) in observed(&self.hallway, &stream.schema, trials)? {
-                stream.trial(number, &records, &mut progress).await?;
-            }
+        for number in 1..=self.hallway.protocol().trials {
+            let observations = observed(&self.hallway, number, stream.producer.schema())?;
+            stream.trial(number, observations, &mut progress).await?;
         }
         stream.end().await
     }
@@ -84,29 +79,15 @@ impl Run {
     }
 }
 
-/// Returns the numbers of the trials, as many at a time as there are threads.
-pub(super) fn groups(trials: u32) -> impl Iterator<Item = std::ops::RangeInclusive<u32>> {
-    let size = rayon::current_num_threads();
-    (1..=trials).step_by(size).map(move |first| first..=trials.min(first + size as u32 - 1))
-}
-
-/// Simulates some trials at once and returns them in order.
-pub(super) fn observed(
-    hallway: &Hallway,
-    schema: &Schema,
-    trials: std::ops::RangeInclusive<u32>,
-) -> Result<Vec<(u32, Records)>, Failure> {
-    let observed = |number| Ok((number, Observations::of(hallway.trial(number)?, schema).collect()));
-    let simulate = || trials.into_par_iter().map(observed).collect::<Result<_, Fault>>();
-    // Other tasks of this thread go elsewhere meanwhile.
-    let trials = tokio::task::block_in_place(simulate);
-    trials.map_err(|fault| Problem::invalid("hallway", vec![fault]).into())
+/// Begins to observe a trial.
+pub(super) fn observed(hallway: &Hallway, number: u32, schema: &Schema) -> Result<Observations, Failure> {
+    let trial = hallway.trial(number).map_err(|fault| Problem::invalid("hallway", vec![fault]))?;
+    Ok(Observations::of(trial, schema))
 }
 
 /// The stream of one run.
 struct Stream {
     producer: Producer,
-    schema: Schema,
     pace: Pace,
     record_interval: Duration,
     records_per_second: usize,
@@ -120,7 +101,6 @@ impl Stream {
     fn begin(producer: Producer, run: &Run) -> Self {
         let record_interval = Duration::from_secs_f64(run.hallway.protocol().record_interval);
         Self {
-            schema: producer.schema().clone(),
             producer,
             pace: run.pace,
             record_interval,
@@ -135,36 +115,36 @@ impl Stream {
     async fn trial(
         &mut self,
         number: u32,
-        records: &Records,
+        mut observations: Observations,
         progress: &mut impl FnMut(Moment),
     ) -> Result<(), Failure> {
         self.producer.segment(Some(&format!("trial-{number}"))).await?;
         let mut passed = Duration::ZERO;
-        for second in records.chunks(self.records_per_second) {
+        loop {
+            // Other tasks of this thread go elsewhere while a large crowd walks.
+            let second = || observations.by_ref().take(self.records_per_second).collect::<Vec<_>>();
+            let second = tokio::task::block_in_place(second);
+            if second.is_empty() {
+                return Ok(());
+            }
             let lasts = self.record_interval * second.len() as u32;
             passed += lasts;
-            self.second(lasts, second.iter().flatten()).await?;
+            self.second(lasts, second.into_iter().flatten().collect()).await?;
             progress(Moment { trial: number, time: passed.as_secs_f64(), transitions: self.transitions });
         }
-        Ok(())
     }
 
     /// Sends a second when it is over. What the service holds already is passed over without waiting.
-    async fn second(
-        &mut self,
-        lasts: Duration,
-        observations: impl Iterator<Item = &Observation> + Clone,
-    ) -> Result<(), Failure> {
-        let count = observations.clone().count();
-        self.batches += count.div_ceil(BATCH_SIZE) as u64;
+    async fn second(&mut self, lasts: Duration, observations: Vec<Observation>) -> Result<(), Failure> {
+        self.transitions += observations.len() as u64;
+        self.batches += observations.len().div_ceil(BATCH_SIZE) as u64;
         if self.pace == Pace::RealTime && self.batches > self.producer.resume_point() {
             self.due += lasts;
             sleep_until(self.due).await;
         }
         for observation in observations {
-            self.producer.send(observation.transition.clone()).await?;
+            self.producer.send(observation.transition).await?;
         }
-        self.transitions += count as u64;
         Ok(self.producer.cut().await?)
     }
 

@@ -1,3 +1,5 @@
+//! A hallway's trials: where they begin and end, what is refused, and what can be seen in them.
+
 use glam::DVec2;
 use proptest::prelude::*;
 

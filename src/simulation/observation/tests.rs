@@ -1,6 +1,9 @@
+//! Observations of pedestrians that were placed by hand.
+
 use std::f32::consts::{FRAC_PI_2, PI};
 
 use glam::dvec2;
+use proptest::prelude::*;
 use serde_json::Value;
 
 use super::*;
@@ -163,4 +166,18 @@ fn a_trial_is_observed_from_its_first_record_to_its_last() {
     assert!(records[0].iter().all(|row| row.time == 0.0 && row.transition.entry == Entry::Entered));
     assert!(records.iter().flatten().any(|row| row.transition.entry == Entry::Stayed));
     assert_eq!(observe().collect::<Vec<_>>(), records);
+}
+
+proptest! {
+    #[test]
+    fn the_two_closest_are_found_however_many_there_are(places in prop::collection::vec((0.0..200.0, 0.0..4.0), 1..300)) {
+        let all: Vec<Pedestrian> = (0..).zip(places).map(|(id, place)| at(id, place, (1.0, 0.0))).collect();
+        for (i, found) in two_closest(&all).into_iter().enumerate() {
+            let distance = |j: &usize| all[i].position.distance_squared(all[*j].position);
+            let mut others: Vec<usize> = (0..all.len()).filter(|j| *j != i).collect();
+            others.sort_by(|a, b| distance(a).total_cmp(&distance(b)));
+            others.truncate(2);
+            prop_assert_eq!(found, others);
+        }
+    }
 }
