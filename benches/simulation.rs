@@ -31,7 +31,7 @@ fn main() {
 /// Prints a row for each size and returns pedestrian-steps a second by size.
 fn sizes(threads: usize) -> Vec<(usize, f64)> {
     println!(
-        "{threads} threads:\n{:>12} {:>20} {:>10} {:>22}",
+        "threads: {threads}\n{:>12} {:>20} {:>10} {:>22}",
         "pedestrians", "pedestrian-steps/s", "us/step", "cost to linear, x1,000"
     );
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");

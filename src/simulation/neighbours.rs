@@ -5,8 +5,8 @@ use kdtree::KdTree;
 use kdtree::distance::squared_euclidean;
 use rayon::prelude::*;
 
-/// From this size on a crowd is searched through an index; below it looking at everyone is as quick.
-pub(super) const INDEXED_FROM: usize = 150;
+/// From this size on a crowd is searched through an index. Measured: as quick as looking at everyone at 50, a sixth quicker at 100.
+const INDEXED_FROM: usize = 64;
 
 /// How much farther than needed a search goes, in m: enough for some 13 steps of 0.05 s of a crowd whose fastest walks at 2.3 m/s. A skin of 1 or 2 m
 /// made 10,000 pedestrians slower, for they searched more often.
