@@ -7,7 +7,7 @@ mod cli;
 mod client;
 mod faces;
 mod fake;
-mod golden_tables;
+mod golden;
 mod ingest;
 mod kill;
 mod operations;
