@@ -14,6 +14,8 @@
 //! | [`adjusted`] | `plug_in` as a share of what is possible beyond chance |
 //! | [`uniform_policy`] | `plug_in` without the ego's habits |
 //! | [`conditional`] | any of these, given other agents' actions |
+//! | [`p_value`], [`smallest_p`] | could chance alone have made these counts, and could it be told? |
+//! | [`benjamini_hochberg`], [`bayesian_fdr`] | which of many states to call influenced |
 //!
 //! # Conventions
 //!
@@ -27,7 +29,7 @@
 //!
 //! # Absent on purpose
 //!
-//! No I/O, no clock. No verdicts: whether a figure is large, or earned by
+//! No I/O, no clock, no randomness but from a seed that is given. No verdicts: whether a figure is large, or earned by
 //! the counts, is not asked here.
 
 mod alphabet;
@@ -41,6 +43,7 @@ mod null;
 mod repeats;
 #[cfg(test)]
 mod samples;
+mod significance;
 mod table;
 mod x_ln_x;
 
@@ -50,4 +53,5 @@ pub use deviance::divergence;
 pub use estimators::{adjusted, chao_shen, dirichlet, grassberger_2003, james_stein, nsb, uniform_policy};
 pub use mutual_information::{excess, miller_madow, plug_in};
 pub use null::{ExpectedMethod, expected_if_independent};
+pub use significance::{Method, Significance, bayesian_fdr, benjamini_hochberg, p_value, smallest_p};
 pub use table::{LARGEST_TOTAL, Occupied, Table};

@@ -2,6 +2,7 @@
 //! says where each value came from.
 
 mod estimators;
+mod significance;
 mod tables;
 
 use nudge::information::{Alphabet, Table};
