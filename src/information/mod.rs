@@ -6,7 +6,7 @@
 //!
 //! | function | figure |
 //! |---|---|
-//! | [`plug_in`] | mutual information of the observed frequencies |
+//! | [`plug_in`] | mutual information of the observed frequencies; [`plug_in_dense`] of a grid of counts |
 //! | [`divergence`] | what one row contributes: the share of `plug_in` that belongs to one ego action |
 //! | [`expected_if_independent`] | mean of `plug_in` were the variables independent at these margins |
 //! | [`excess`], [`miller_madow`] | `plug_in` less its bias, reckoned in two ways; may be negative |
@@ -34,6 +34,7 @@
 
 mod alphabet;
 mod conditional;
+mod dense;
 mod deviance;
 mod estimators;
 mod gamma;
@@ -49,6 +50,7 @@ mod x_ln_x;
 
 pub use alphabet::Alphabet;
 pub use conditional::conditional;
+pub use dense::plug_in_dense;
 pub use deviance::divergence;
 pub use estimators::{adjusted, chao_shen, dirichlet, grassberger_2003, james_stein, nsb, uniform_policy};
 pub use mutual_information::{excess, miller_madow, plug_in};
