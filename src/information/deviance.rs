@@ -3,6 +3,14 @@
 
 use super::table::{Occupied, Table};
 
+/// Returns n ln(n / e) + e - n with e = row column / total, in nats: what a cell adds to N times the plug-in mutual
+/// information, never negative. The sums are at least 1.
+pub(super) fn cell_deviance(n: u64, row: u64, column: u64, total: u64) -> f64 {
+    let [n, row, column, wide] = [n, row, column, total].map(u128::from);
+    let scaled = if n == 0 { (row * column) as f64 } else { deviance(n * wide, row * column) };
+    scaled / total as f64
+}
+
 /// Returns how far the column frequencies of one row lie from those of the whole table: the plug-in
 /// Kullback-Leibler divergence of row i, in nats, never negative (Kullback & Leibler 1951).
 ///

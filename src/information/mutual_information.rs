@@ -41,7 +41,7 @@ pub fn excess(table: &Table) -> f64 {
 }
 
 /// Below this many nats the difference of entropies has lost digits worth having. Its error is some 1e-15.
-const CANCELS_BELOW: f64 = 1e-3;
+pub(super) const CANCELS_BELOW: f64 = 1e-3;
 
 /// The form in T(x), where all of its terms are tabulated: the quick way.
 fn by_entropies(table: &Table) -> Option<f64> {

@@ -1,6 +1,7 @@
 //! What the plug-in would be on average were the two variables independent: the yardstick beside every answer.
 //! Not a test of significance: it knows the mean of the null distribution, not its tail.
 
+use super::repeats::{self, Repeated, repeated};
 use super::table::Table;
 use super::x_ln_x;
 
@@ -46,7 +47,7 @@ fn asymptotic(table: &Table) -> f64 {
 }
 
 /// Returns the plug-in entropy of a margin in nats, at least 0.
-fn entropy(sums: &[u64], total: u64) -> f64 {
+pub(super) fn entropy(sums: &[u64], total: u64) -> f64 {
     let share = |sum: &u64| *sum as f64 / total as f64;
     sums.iter().map(share).map(|p| -p * p.ln()).sum::<f64>().max(0.0)
 }
@@ -55,32 +56,20 @@ fn hypergeometric(table: &Table) -> f64 {
     if table.rows().len() <= 1 || table.columns().len() <= 1 {
         return 0.0;
     }
-    let (rows, columns) = (margins(table.rows()), margins(table.columns()));
+    let [rows, columns] = [table.rows(), table.columns()].map(|sums| repeated(sums.iter().copied()));
     let mut sum = x_ln_x::tabulated()[table.total() as usize] - surprise(&rows) - surprise(&columns);
     for row in &rows {
         for column in &columns {
-            sum += row.times * column.times * mean_x_ln_x(row.sum, column.sum, table.total());
+            sum += row.times * column.times * mean_x_ln_x(row.n, column.n, table.total());
         }
     }
     // Dependence by chance is positive, but where it is tiny, rounding may say otherwise.
     (sum / table.total() as f64).max(0.0)
 }
 
-/// A row or column sum, and how many rows or columns share it: what depends on sums alone is found once for all.
-struct Margin {
-    sum: u64,
-    times: f64,
-}
-
-fn margins(sums: &[u64]) -> Vec<Margin> {
-    let mut sums = sums.to_vec();
-    sums.sort_unstable();
-    sums.chunk_by(|a, b| a == b).map(|equal| Margin { sum: equal[0], times: equal.len() as f64 }).collect()
-}
-
-fn surprise(margins: &[Margin]) -> f64 {
+fn surprise(margins: &[Repeated]) -> f64 {
     let x_ln_x = x_ln_x::tabulated();
-    margins.iter().fold(0.0, |sum, margin| sum + margin.times * x_ln_x[margin.sum as usize])
+    repeats::sum(margins, |n| x_ln_x[n as usize])
 }
 
 /// A term this small beside the sum so far ends it: those that follow fall off faster than geometrically, and at

@@ -12,6 +12,11 @@ pub(super) fn tabulated() -> &'static [f64] {
     &VALUES
 }
 
+/// Returns x ln x in nats, looked up as far as it is tabulated.
+pub(super) fn at(x: u64) -> f64 {
+    if x <= LARGEST { VALUES[x as usize] } else { x_ln_x(x) }
+}
+
 /// 0 ln 0 = 0, the limit from above.
 fn x_ln_x(x: u64) -> f64 {
     if x == 0 { 0.0 } else { x as f64 * (x as f64).ln() }
@@ -29,5 +34,7 @@ mod tests {
     #[test]
     fn reaches_the_largest() {
         assert_eq!(tabulated()[LARGEST as usize], 1_000.0 * 1_000_f64.ln());
+        assert_eq!(at(LARGEST), tabulated()[LARGEST as usize]);
+        assert_eq!(at(LARGEST + 1), 1_001.0 * 1_001_f64.ln());
     }
 }

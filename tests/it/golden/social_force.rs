@@ -92,7 +92,7 @@ fn pedestrians(init: &Value) -> Vec<Pedestrian> {
 }
 
 fn golden() -> Value {
-    serde_json::from_str(include_str!("../golden/social_force.json")).expect("the golden file is JSON")
+    serde_json::from_str(include_str!("../../golden/social_force.json")).expect("the golden file is JSON")
 }
 
 fn list(value: &Value) -> &Vec<Value> {

@@ -1,12 +1,10 @@
-//! The figures of `information` against 50-digit references and other tools' answers; `tests/golden/SOURCE.md` says
-//! where each value came from.
+//! The figures of observed frequencies and their yardsticks.
 
+use super::{TARGET, answers, close, list, number, relatively_close, tables, with_reference};
 use nudge::information::{ExpectedMethod, Table, divergence, excess, expected_if_independent, miller_madow, plug_in};
 use serde_json::Value;
 use std::f64::consts::LN_2;
 
-/// The target for every figure, absolute, in nats.
-const TARGET: f64 = 1e-12;
 /// What is left of the enumerated expectations of the golden file; see its notes.
 const ENUMERATION: f64 = 1e-10;
 
@@ -132,43 +130,4 @@ fn billions_of_visits_near_independence_keep_their_digits() {
     let (golden, table) = tables().find(|(golden, _)| golden["id"] == "t10_2x2_1e9").expect("a golden table");
     relatively_close(plug_in(&table), number(&golden["reference"]["mi_plugin_nats"]));
     relatively_close(divergence(&table, 0), number(&golden["reference"]["dkl_per_ego_action_nats"][0]));
-}
-
-/// Returns the golden tables, each as it stands in the file and as counts.
-fn tables() -> impl Iterator<Item = (Value, Table)> {
-    let file: Value = serde_json::from_str(include_str!("../golden/mi_tables.json")).expect("the golden file is JSON");
-    list(&file["tables"]).clone().into_iter().map(|golden| {
-        let rows = (0..).zip(list(&golden["counts"]));
-        let cells =
-            rows.flat_map(|(i, row)| (0..).zip(list(row)).map(move |(j, n)| (i, j, n.as_u64().expect("a count"))));
-        let table = Table::from_counts(cells);
-        (golden, table)
-    })
-}
-
-fn with_reference() -> impl Iterator<Item = (Value, Table)> {
-    tables().filter(|(golden, _)| golden["N"] != 0)
-}
-
-/// Returns what other tools answered under a key, as far as they did.
-fn answers(golden: &Value, key: &str) -> Vec<f64> {
-    let answers = golden["peers"][key].as_array().into_iter().flatten();
-    answers.filter_map(|answer| answer["value"].as_f64()).collect()
-}
-
-fn list(value: &Value) -> &Vec<Value> {
-    value.as_array().expect("a list in the golden file")
-}
-
-fn number(value: &Value) -> f64 {
-    value.as_f64().expect("a number in the golden file")
-}
-
-fn close(golden: &Value, value: f64, reference: f64, tolerance: f64) {
-    let id = &golden["id"];
-    assert!((value - reference).abs() <= tolerance, "{id}: {value:e} instead of {reference:e}");
-}
-
-fn relatively_close(value: f64, reference: f64) {
-    assert!((value / reference - 1.0).abs() <= TARGET, "{value:e} instead of {reference:e}");
 }

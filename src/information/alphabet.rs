@@ -1,0 +1,13 @@
+//! How many values the two variables of a table can take, seen or not.
+
+/// The sizes of the alphabets of a table's row and column variables: R and K in the formulas.
+///
+/// They come from the environment, not from what was seen, and a [`Table`](super::Table) does not know them. Where a
+/// table has more occupied rows or columns than its alphabet is said to have, those occupied are taken instead.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Alphabet {
+    /// How many values the row variable (the ego's action) can take.
+    pub rows: u64,
+    /// How many values the column variable (the other's action) can take.
+    pub columns: u64,
+}
