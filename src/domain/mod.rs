@@ -29,7 +29,7 @@ mod records;
 mod rule;
 mod schema;
 
-pub use answer::{ActionFigures, Answer, Answers, Basis, Bin, Figures, Labels, Variable, Verdict};
+pub use answer::{ActionFigures, Answer, Answers, Basis, Bin, Dependence, Figures, Labels, Variable, Verdict};
 pub use batch::{Acknowledged, Batch, Receipt, Sequence};
 pub use counts::{Cell, Counts, Increment, SegmentId, Tally};
 pub use draft::{RuleDraft, SchemaDraft};

@@ -27,6 +27,7 @@
 //! No I/O, no clock, no randomness, no dependency but `std`. No verdicts: whether a figure is large, or earned by
 //! the counts, is not asked here.
 
+mod alphabet;
 mod conditional;
 mod deviance;
 mod mutual_information;
@@ -36,6 +37,7 @@ mod samples;
 mod table;
 mod x_ln_x;
 
+pub use alphabet::Alphabet;
 pub use conditional::conditional;
 pub use deviance::divergence;
 pub use mutual_information::{excess, miller_madow, plug_in};
