@@ -25,6 +25,12 @@ impl Beta {
         Self { a, b, ln_beta: ln_gamma(a) + ln_gamma(b) - ln_gamma(sharpness) }
     }
 
+    /// Returns the variance, a b / ((a + b)^2 (a + b + 1)).
+    pub fn variance(&self) -> f64 {
+        let sum = self.a + self.b;
+        self.a * self.b / (sum * sum * (sum + 1.0))
+    }
+
     /// Returns P(X <= x) and the density at x, for x in (0, 1).
     pub fn cdf(&self, x: f64) -> (f64, f64) {
         let Self { a, b, ln_beta } = *self;
@@ -74,4 +80,45 @@ fn nearly_normal(a: f64, b: f64, x: f64) -> f64 {
     let (v, w) = ((b * x).cbrt(), (a * (1.0 - x)).cbrt());
     let z = 3.0 * (v * (1.0 - 1.0 / (9.0 * b)) - w * (1.0 - 1.0 / (9.0 * a))) / (v * v / b + w * w / a).sqrt();
     0.5 * statrs::function::erf::erfc(-z / std::f64::consts::SQRT_2)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// Of a probability, where it is evaluated and where it is approximated.
+    const EVALUATED: f64 = 1e-8;
+    const APPROXIMATED: f64 = 1e-4;
+
+    #[test]
+    fn a_point_and_two_points_are_told() {
+        assert!(Beta::matched(0.3, 0.0).cdf(0.29).0 < 1e-9 && Beta::matched(0.3, 0.0).cdf(0.31).0 > 1.0 - 1e-9);
+        assert!((Beta::matched(0.3, 0.21).cdf(0.5).0 - 0.7).abs() < 1e-2);
+        assert!(Beta::matched(0.0, 0.0).cdf(1e-6).0 > 0.999);
+    }
+
+    proptest! {
+        #[test]
+        fn the_fraction_agrees_with_statrs(mean in 0.001..0.999_f64, digits in 0.1..4.0_f64, deviations in -3.0..3.0_f64) {
+            let beta = Beta::matched(mean, mean * (1.0 - mean) * 10_f64.powf(-digits));
+            let x = mean + deviations * beta.variance().sqrt();
+            prop_assume!(x > 0.0 && x < 1.0 && beta.a.min(beta.b) <= CONTINUED_TO);
+
+            let expected = statrs::function::beta::beta_reg(beta.a, beta.b, x);
+
+            prop_assert!((beta.cdf(x).0 - expected).abs() < EVALUATED, "{beta:?} {x}: {} {expected}", beta.cdf(x).0);
+        }
+
+        #[test]
+        fn the_approximation_meets_the_fraction(mean in 0.01..0.99_f64, deviations in -3.0..3.0_f64) {
+            let sharpness = 1.01 * CONTINUED_TO / mean.min(1.0 - mean);
+            let beta = Beta::matched(mean, mean * (1.0 - mean) / (sharpness + 1.0));
+            let x = mean + deviations * beta.variance().sqrt();
+
+            let expected = statrs::function::beta::beta_reg(beta.a, beta.b, x);
+
+            prop_assert!((beta.cdf(x).0 - expected).abs() < APPROXIMATED, "{beta:?} {x}: {} {expected}", beta.cdf(x).0);
+        }
+    }
 }

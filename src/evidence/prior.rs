@@ -5,7 +5,7 @@ use super::gamma::digamma;
 use super::increments::{add, depth};
 use super::likelihood::Likelihood;
 use super::moments::{Letter, Moments, Rest, Slab, Term, moments};
-use super::parameters::{FIXED, K, Parameters, SLAB_CONCENTRATIONS, SLABS};
+use super::parameters::{FIXED, K, NULLS, Parameters, SLAB_CONCENTRATIONS, SLABS};
 use super::posterior::Posterior;
 use crate::information::Table;
 
@@ -16,7 +16,12 @@ const NEGLIGIBLE: f64 = 1e-4;
 pub struct Prior {
     pub(super) likelihood: Likelihood,
     pub(super) parameters: Parameters,
+    ln_nulls: [f64; NULLS],
+    ln_slabs: [f64; SLABS],
+    /// ln min(R, K).
     largest: f64,
+    /// psi(r + k + 1) by slab, then by visits r.
+    row_psi: Vec<[f64; K]>,
     /// On the environment's base, and the uniform one.
     bases: [Vec<Tabulated>; 2],
     unseen: Posterior,
@@ -56,6 +61,9 @@ impl Prior {
         let mut prior = Self {
             likelihood: Likelihood::new(*alphabet, base.clone()),
             parameters: parameters.clone(),
+            ln_nulls: std::array::from_fn(|b| parameters.nulls[b].ln()),
+            ln_slabs: std::array::from_fn(|slab| parameters.slabs[slab].ln()),
+            row_psi: (0..depth(1)).map(|r| SLAB_CONCENTRATIONS.map(|k| digamma(r as f64 + k + 1.0))).collect(),
             largest: (alphabet.rows.min(alphabet.columns).max(1) as f64).ln(),
             bases,
             unseen: Posterior::impossible(),
@@ -87,11 +95,18 @@ impl Prior {
         Posterior::new(dependent, self.largest, kept.map(|(slab, weight)| (weight, self.moments(slab, slices))))
     }
 
+    /// Returns P(dependent) alone, which takes a twentieth of the time of a whole [`posterior`](Self::posterior).
+    pub fn dependent(&self, slices: &[Table]) -> f64 {
+        if self.largest == 0.0 { 0.0 } else { self.weights(slices).dependent }
+    }
+
     /// Returns the probabilities of dependence and of the slabs.
     pub(super) fn weights(&self, slices: &[Table]) -> Weights {
-        let Parameters { dependent, nulls, slabs } = &self.parameters;
-        let shared = |logarithms: &[f64]| ln_sum(logarithms.iter().zip(nulls).map(|(ln, weight)| ln + weight.ln()));
-        let mut logarithms: [f64; SLABS] = std::array::from_fn(|slab| slabs[slab].ln());
+        let dependent = self.parameters.dependent;
+        let shared = |logarithms: &[f64; NULLS]| {
+            ln_sum(&std::array::from_fn::<_, NULLS, _>(|b| logarithms[b] + self.ln_nulls[b]))
+        };
+        let mut logarithms = self.ln_slabs;
         let mut informed = false;
         for slice in slices {
             let Some(evidence) = self.likelihood.evidence(slice) else { continue };
@@ -104,9 +119,9 @@ impl Prior {
         }
         let slabs = normalised(logarithms);
         if !informed {
-            return Weights { dependent: *dependent, slabs };
+            return Weights { dependent, slabs };
         }
-        let odds = ln_sum(logarithms.iter().copied()) + (dependent / (1.0 - dependent)).ln();
+        let odds = ln_sum(&logarithms) + (dependent / (1.0 - dependent)).ln();
         Weights { dependent: 1.0 / (1.0 + (-odds).exp()), slabs }
     }
 
@@ -123,11 +138,14 @@ impl Prior {
         })
     }
 
-    fn slice_moments(&self, slab: usize, table: &Table) -> Moments {
+    pub(super) fn slice_moments(&self, slab: usize, table: &Table) -> Moments {
         let k = SLAB_CONCENTRATIONS[slab % K];
         let alphabet = self.likelihood.alphabet;
         let shares = self.likelihood.base.shares();
-        let psi_a1 = |r: u64| digamma(r as f64 + k + 1.0);
+        let psi_a1 = |r: u64| match self.row_psi.get(r as usize) {
+            Some(psi) => psi[slab % K],
+            None => digamma(r as f64 + k + 1.0),
+        };
         let labels = table.column_labels();
         if slab < FIXED {
             let on_base = slab < K;
@@ -192,7 +210,7 @@ impl Rest {
 }
 
 /// Returns ln sum e^x.
-fn ln_sum(logarithms: impl Iterator<Item = f64> + Clone) -> f64 {
-    let largest = logarithms.clone().fold(f64::NEG_INFINITY, f64::max);
-    largest + logarithms.map(|ln| (ln - largest).exp()).sum::<f64>().ln()
+fn ln_sum(logarithms: &[f64]) -> f64 {
+    let largest = logarithms.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    largest + logarithms.iter().map(|ln| (ln - largest).exp()).sum::<f64>().ln()
 }
