@@ -5,7 +5,7 @@ use rand_distr::{Distribution, Gamma};
 use rand_pcg::Pcg64;
 
 use super::fit::normalised;
-use super::parameters::{B, FIXED, K, NULL_CONCENTRATIONS, NULLS, SLAB_CONCENTRATIONS};
+use super::parameters::{FIXED, NULL_CONCENTRATIONS, NULL_GRID, NULLS, SLAB_CONCENTRATIONS, SLAB_GRID};
 use super::prior::{Prior, Weights};
 use crate::information::Table;
 
@@ -90,7 +90,7 @@ impl<'a> Draws<'a> {
         });
         let null = null.unwrap_or(NULLS - 1);
         let mut counts = self.prior.null_base(null);
-        counts.iter_mut().for_each(|share| *share *= NULL_CONCENTRATIONS[null % B]);
+        counts.iter_mut().for_each(|share| *share *= NULL_CONCENTRATIONS[null % NULL_GRID]);
         for (label, n) in slice.table.column_labels().iter().zip(slice.table.columns()) {
             counts[*label as usize] += *n as f64;
         }
@@ -102,7 +102,7 @@ impl<'a> Draws<'a> {
     fn dependent(&self, slice: &Slice, slab: usize, rng: &mut Pcg64) -> Joint {
         let table = slice.table;
         let mut base = self.prior.slab_base(slab, table);
-        base.iter_mut().for_each(|share| *share *= SLAB_CONCENTRATIONS[slab % K]);
+        base.iter_mut().for_each(|share| *share *= SLAB_CONCENTRATIONS[slab % SLAB_GRID]);
         let policy = self.policy(table, rng);
         let mut responses = Vec::with_capacity(policy.len() * base.len());
         let mut occupied = table.row_labels().iter().enumerate().peekable();
@@ -136,7 +136,7 @@ impl<'a> Draws<'a> {
 
         let mut shared = vec![0.0; columns];
         for (null, weight) in slice.nulls.iter().enumerate() {
-            let b = NULL_CONCENTRATIONS[null % B];
+            let b = NULL_CONCENTRATIONS[null % NULL_GRID];
             let weight = weight * (1.0 - self.weights.dependent) / (total + b);
             shared.iter_mut().zip(self.prior.null_base(null)).for_each(|(sum, share)| *sum += weight * b * share);
             for (label, n) in table.column_labels().iter().zip(table.columns()) {
@@ -151,7 +151,7 @@ impl<'a> Draws<'a> {
             let visits = row.map_or(0.0, |row| table.rows()[row] as f64);
             let mut response = shared.clone();
             for (slab, weight) in self.weights.slabs.iter().enumerate() {
-                let k = SLAB_CONCENTRATIONS[slab % K];
+                let k = SLAB_CONCENTRATIONS[slab % SLAB_GRID];
                 let weight = weight * self.weights.dependent / (visits + k);
                 response.iter_mut().zip(&bases[slab]).for_each(|(sum, share)| *sum += weight * k * share);
                 for cell in row.map_or(&[][..], |row| table.row(row)) {
@@ -174,13 +174,13 @@ impl Prior {
     }
 
     fn null_base(&self, null: usize) -> Vec<f64> {
-        if null < B { self.likelihood.base.shares().to_vec() } else { self.uniform() }
+        if null < NULL_GRID { self.likelihood.base.shares().to_vec() } else { self.uniform() }
     }
 
     fn slab_base(&self, slab: usize, table: &Table) -> Vec<f64> {
         match slab {
-            0..K => self.likelihood.base.shares().to_vec(),
-            K..FIXED => self.uniform(),
+            0..SLAB_GRID => self.likelihood.base.shares().to_vec(),
+            SLAB_GRID..FIXED => self.uniform(),
             _ => {
                 let mut counts = self.likelihood.base.shares().to_vec();
                 for (label, n) in table.column_labels().iter().zip(table.columns()) {
@@ -216,4 +216,53 @@ fn ln_gamma_variate(a: f64, rng: &mut Pcg64) -> f64 {
     }
     let uniform = 1.0 - rng.random::<f64>();
     gamma(a + 1.0).sample(rng).ln() + uniform.ln() / a
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::evidence::{Base, Fit};
+    use crate::information::Alphabet;
+
+    /// Mutual information of a drawn distribution, in nats.
+    fn information(joint: &Joint) -> f64 {
+        let columns = joint.responses.len() / joint.policy.len();
+        let rows = || joint.policy.iter().zip(joint.responses.chunks(columns));
+        let marginal: Vec<f64> = (0..columns).map(|j| rows().map(|(p, row)| p * row[j]).sum()).collect();
+        let term = |p: f64, rho: f64, q: f64| if rho > 0.0 { p * rho * (rho / q).ln() } else { 0.0 };
+        rows().map(|(p, row)| row.iter().zip(&marginal).map(|(rho, q)| term(*p, *rho, *q)).sum::<f64>()).sum()
+    }
+
+    /// Standard errors allowed for the draws, and nats for the second order that moments go to.
+    const ERRORS: f64 = 4.0;
+    const ORDER: f64 = 0.04;
+
+    #[test]
+    fn moments_are_those_of_what_is_drawn() {
+        let alphabet = Alphabet { rows: 6, columns: 6 };
+        let prior = Prior::new(&Fit::cold(alphabet, Base::new(&[9, 4, 1, 6, 2, 2])));
+        let leaning = |each: u64| {
+            Table::from_counts((0..36).map(|cell| (cell / 6, cell % 6, each * if cell % 7 == 0 { 5 } else { 1 })))
+        };
+        let some = Table::from_counts([(0, 0, 4), (0, 2, 1), (1, 0, 2), (3, 3, 5), (3, 0, 1), (4, 1, 2)]);
+        for slices in [vec![], vec![some.clone()], vec![leaning(1)], vec![leaning(20)], vec![some, leaning(3)]] {
+            let draws = Draws::new(&prior, &slices);
+            let mut rng = draws.generator();
+            let times = 4_000;
+            let mut drawn = |time: usize| {
+                let joints = draws.draw((time as f64 + 0.5) / times as f64, &mut rng);
+                joints.iter().zip(&draws.slices).map(|(joint, slice)| slice.share * information(joint)).sum::<f64>()
+            };
+            let information: Vec<f64> = (0..times).map(&mut drawn).collect();
+            let mean = information.iter().sum::<f64>() / times as f64;
+            let variance = information.iter().map(|mi| (mi - mean).powi(2)).sum::<f64>() / times as f64;
+
+            let posterior = prior.posterior(&slices);
+
+            let allowed = ORDER + ERRORS * (variance / times as f64).sqrt();
+            assert!((posterior.mean() - mean).abs() < allowed, "{} {mean}", posterior.mean());
+            let above = information.iter().filter(|mi| **mi > 0.3).count() as f64 / times as f64;
+            assert!((posterior.above(0.3) - above).abs() < 0.1, "{} {above}", posterior.above(0.3));
+        }
+    }
 }

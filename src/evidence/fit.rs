@@ -3,7 +3,7 @@
 
 use super::base::Base;
 use super::likelihood::Likelihood;
-use super::parameters::{FIXED, K, NULLS, Parameters, SLABS};
+use super::parameters::{FIXED, NULLS, Parameters, SLAB_GRID, SLABS};
 use crate::information::{Alphabet, Table};
 
 /// Rounds of the fit, from [`Parameters::cold`].
@@ -40,7 +40,7 @@ struct State {
     nulls: Vec<Scaled<NULLS>>,
     anchors: Vec<Scaled<NULLS>>,
     fixed: Scaled<FIXED>,
-    own: Scaled<K>,
+    own: Scaled<SLAB_GRID>,
 }
 
 /// The numbers `parts` times e^`ln_scale`; the largest part is 1.
@@ -84,7 +84,7 @@ impl Fitter {
     /// Slices of one occupied row or column are left out: they are as likely either way, so they would leave the share of dependent states and the
     /// weights of the slabs where those settle without them.
     pub fn add(&mut self, slices: &[Table]) {
-        let (mut fixed, mut own) = ([0.0; FIXED], [0.0; K]);
+        let (mut fixed, mut own) = ([0.0; FIXED], [0.0; SLAB_GRID]);
         let (mut nulls, mut anchors) = (Vec::new(), Vec::new());
         for slice in slices {
             let Some(evidence) = self.likelihood.evidence(slice) else { continue };

@@ -7,7 +7,7 @@
 use super::base::Base;
 use super::gamma::ln_rising;
 use super::increments::{Increments, add};
-use super::parameters::{B, FIXED, K, NULL_CONCENTRATIONS, NULLS, SLAB_CONCENTRATIONS};
+use super::parameters::{FIXED, NULL_CONCENTRATIONS, NULL_GRID, NULLS, SLAB_CONCENTRATIONS, SLAB_GRID};
 use crate::information::{Alphabet, Table};
 
 /// Visits outside the most visited row below which a slice is anchored at that row.
@@ -25,17 +25,17 @@ pub(super) struct Evidence {
     /// sum_i ln DM(n_i.; k m) over the rows that are not anchored: each row has its own response.
     pub fixed: [f64; FIXED],
     /// sum_i ln DM(n_i.; k mhat) - sum_j n_ij ln mhat_j over the same rows, with mhat the state's own marginal: relative to the null.
-    pub own: [f64; K],
+    pub own: [f64; SLAB_GRID],
 }
 
 /// The tables that evidence is looked up in.
 pub(super) struct Likelihood {
     pub alphabet: Alphabet,
     pub base: Base,
-    cells: [Increments<K>; 2],
-    rows: Increments<K>,
-    columns: [Increments<B>; 2],
-    totals: Increments<B>,
+    cells: [Increments<SLAB_GRID>; 2],
+    rows: Increments<SLAB_GRID>,
+    columns: [Increments<NULL_GRID>; 2],
+    totals: Increments<NULL_GRID>,
 }
 
 impl Likelihood {
@@ -77,16 +77,16 @@ impl Likelihood {
     pub fn shared(&self, counts: impl Iterator<Item = (u64, u64)>, total: u64) -> [f64; NULLS] {
         let mut sums = [0.0; NULLS];
         for (label, n) in counts {
-            add(&mut sums[..B], self.columns[0].of(label as usize, n));
-            add(&mut sums[B..], self.columns[1].of(0, n));
+            add(&mut sums[..NULL_GRID], self.columns[0].of(label as usize, n));
+            add(&mut sums[NULL_GRID..], self.columns[1].of(0, n));
         }
         let total = self.totals.of(0, total);
-        std::array::from_fn(|b| sums[b] - total[b % B])
+        std::array::from_fn(|b| sums[b] - total[b % NULL_GRID])
     }
 
     /// Returns sum_i ln Gamma(k + r_i) - ln Gamma(k) over the rows that are not anchored.
-    fn rows(&self, table: &Table, anchor: Option<usize>) -> [f64; K] {
-        let mut sums = [0.0; K];
+    fn rows(&self, table: &Table, anchor: Option<usize>) -> [f64; SLAB_GRID] {
+        let mut sums = [0.0; SLAB_GRID];
         for (row, n) in table.rows().iter().enumerate() {
             if Some(row) != anchor {
                 add(&mut sums, self.rows.of(0, *n));
@@ -95,24 +95,24 @@ impl Likelihood {
         sums
     }
 
-    fn fixed(&self, table: &Table, anchor: Option<usize>, rows: &[f64; K]) -> [f64; FIXED] {
+    fn fixed(&self, table: &Table, anchor: Option<usize>, rows: &[f64; SLAB_GRID]) -> [f64; FIXED] {
         let mut sums = [0.0; FIXED];
         for cell in table.cells().iter().filter(|cell| Some(cell.row as usize) != anchor) {
-            add(&mut sums[..K], self.cells[0].of(table.column_labels()[cell.column as usize] as usize, cell.n));
-            add(&mut sums[K..], self.cells[1].of(0, cell.n));
+            add(&mut sums[..SLAB_GRID], self.cells[0].of(table.column_labels()[cell.column as usize] as usize, cell.n));
+            add(&mut sums[SLAB_GRID..], self.cells[1].of(0, cell.n));
         }
-        std::array::from_fn(|slab| sums[slab] - rows[slab % K])
+        std::array::from_fn(|slab| sums[slab] - rows[slab % SLAB_GRID])
     }
 
     /// The rising factorials are over mhat_j^n: their factors are then k + t / mhat_j, at least k and at most k + N + 1, and a product of many of
     /// them needs one logarithm.
-    fn own(&self, table: &Table, anchor: Option<usize>, rows: &[f64; K]) -> [f64; K] {
+    fn own(&self, table: &Table, anchor: Option<usize>, rows: &[f64; SLAB_GRID]) -> [f64; SLAB_GRID] {
         /// 90^100 and 0.1^100 are far from the ends of an `f64`.
         const FACTORS: u64 = 100;
         /// Cells up to this are multiplied out, in tables up to FACTORS - 10 visits.
         const MULTIPLIED: u64 = 16;
         let mut sums = rows.map(|row| -row);
-        let (mut products, mut factors) = ([1.0; K], 0);
+        let (mut products, mut factors) = ([1.0; SLAB_GRID], 0);
         for cell in table.cells().iter().filter(|cell| Some(cell.row as usize) != anchor) {
             let share = self.own_share(table, cell.column as usize);
             if cell.n > MULTIPLIED || table.total() > FACTORS {

@@ -11,7 +11,7 @@
 //! Rows that were not visited are all alike, and columns that were not are alike up to their share m_j, for which every L_ij is the same: neither
 //! is looked at one by one. A row is what it would be without visits, corrected in its occupied cells.
 
-use crate::information::{Alphabet, Table};
+use crate::information::{Alphabet, Occupied, Table};
 
 /// One slab as a slice sees it.
 pub(super) struct Slab<'a> {
@@ -93,16 +93,6 @@ impl Empty {
     }
 }
 
-/// Sums over rows.
-#[derive(Default)]
-struct Sums {
-    entropy: f64,
-    curvature: f64,
-    spread: f64,
-    divergence: f64,
-    square: f64,
-}
-
 /// Returns the moments of a slice under a slab; `psi_a1` gives psi(r + k + 1) of a row with r visits, `term` the term of n + k m_j at a column's
 /// position.
 pub(super) fn moments(
@@ -112,80 +102,143 @@ pub(super) fn moments(
     psi_a1: impl Fn(u64) -> f64,
     term: impl Fn(usize, u64) -> Term,
 ) -> Moments {
-    let k = slab.concentration;
-    let weight = table.total() as f64 + 0.5 * alphabet.rows as f64;
-    let unvisited = alphabet.rows as f64 - table.rows().len() as f64;
-    let policy = |r: u64| (r as f64 + 0.5) / weight;
-
-    // q_j = m_j drawn + sum_i p_i n_ij / A_i.
-    let drawn = table.rows().iter().fold(unvisited * policy(0), |sum, &r| sum + policy(r) * k / (r as f64 + k));
-    let mut q: Vec<f64> = slab.columns.iter().map(|letter| letter.share * drawn).collect();
-    for cell in table.cells() {
-        let r = table.rows()[cell.row as usize];
-        q[cell.column as usize] += policy(r) * cell.n as f64 / (r as f64 + k);
-    }
-    let column = |(letter, q): (&Letter, &f64)| Column {
-        share: letter.share,
-        ln_ratio: (letter.share / q).ln(),
-        inverse_q: 1.0 / q,
-    };
-    let columns: Vec<Column> = slab.columns.iter().zip(&q).map(column).collect();
-
-    let ln_drawn = drawn.ln();
-    let rest = &slab.rest;
-    let mut empty = Empty([
-        rest.share,
-        -rest.share * ln_drawn,
-        rest.share * ln_drawn * ln_drawn,
-        rest.letters / drawn,
-        rest.share / drawn,
-    ]);
-    let mut empty_psi = rest.psi;
-    for (column, letter) in columns.iter().zip(slab.columns) {
-        empty = empty.plus(Empty::of(column), 1.0);
-        empty_psi += letter.empty.psi;
-    }
-
+    let view = View::new(table, alphabet, slab);
     let mut sums = Sums::default();
-    let mut add = |rows: f64, r: u64, cells: &[crate::information::Occupied]| {
-        let (p, a) = (policy(r), r as f64 + k);
-        let ln_a = a.ln();
-        let (mut psi, mut left) = (empty_psi, empty);
-        let [mut curvature, mut first, mut second] = [0.0; 3];
+    for (cells, &r) in table.cells().chunk_by(|a, b| a.row == b.row).zip(table.rows()) {
+        sums.add(1.0, view.policy(r), r as f64 + slab.concentration, psi_a1(r), view.row(r, cells, &term));
+    }
+    if view.unvisited > 0.0 {
+        sums.add(view.unvisited, view.policy(0), slab.concentration, psi_a1(0), view.row(0, &[], &term));
+    }
+    Moments {
+        mean: view.entropy() - 0.5 * sums.curvature - sums.entropy,
+        variance: sums.spread + (sums.square - sums.divergence * sums.divergence) / (view.weight + 1.0),
+    }
+}
+
+/// What all rows of a slice have in common under a slab.
+struct View<'a> {
+    slab: &'a Slab<'a>,
+    /// N + R/2.
+    weight: f64,
+    /// Rows that were not visited.
+    unvisited: f64,
+    /// sum_i p_i k / A_i: the part of q that is drawn from the base.
+    drawn: f64,
+    /// q_j of the occupied columns, by position.
+    q: Vec<f64>,
+    columns: Vec<Column>,
+    /// What a row without visits has.
+    empty: Empty,
+    /// sum_j k m_j psi(k m_j + 1).
+    empty_psi: f64,
+}
+
+/// One row: sum_j a_ij psi(a_ij + 1), sum_j rho (1 - rho) / q, sum_j rho L, sum_j rho L^2.
+struct Row {
+    psi: f64,
+    curvature: f64,
+    first: f64,
+    second: f64,
+}
+
+/// Sums over rows: sum p E H(row), sum p^2 curvature / (A + 1), sum p^2 (sum rho L^2 - L_i^2) / (A + 1), sum p L_i, sum p L_i^2.
+#[derive(Default)]
+struct Sums {
+    entropy: f64,
+    curvature: f64,
+    spread: f64,
+    divergence: f64,
+    square: f64,
+}
+
+impl Sums {
+    fn add(&mut self, rows: f64, p: f64, a: f64, psi_a1: f64, row: Row) {
+        self.entropy += rows * p * (psi_a1 - row.psi / a);
+        self.curvature += rows * p * p * row.curvature / (a + 1.0);
+        self.spread += rows * p * p * (row.second - row.first * row.first) / (a + 1.0);
+        self.divergence += rows * p * row.first;
+        self.square += rows * p * row.first * row.first;
+    }
+}
+
+impl<'a> View<'a> {
+    fn new(table: &Table, alphabet: Alphabet, slab: &'a Slab<'a>) -> Self {
+        let mut view = Self {
+            slab,
+            weight: table.total() as f64 + 0.5 * alphabet.rows as f64,
+            unvisited: alphabet.rows as f64 - table.rows().len() as f64,
+            drawn: 0.0,
+            q: Vec::new(),
+            columns: Vec::new(),
+            empty: Empty::default(),
+            empty_psi: slab.rest.psi,
+        };
+        let share = |r: u64| view.policy(r) / (r as f64 + slab.concentration);
+        let drawn = table.rows().iter().fold(view.unvisited * share(0), |sum, &r| sum + share(r)) * slab.concentration;
+        // q_j = m_j drawn + sum_i p_i n_ij / A_i.
+        let mut q: Vec<f64> = slab.columns.iter().map(|letter| letter.share * drawn).collect();
+        for cell in table.cells() {
+            q[cell.column as usize] += share(table.rows()[cell.row as usize]) * cell.n as f64;
+        }
+        view.drawn = drawn;
+        view.q = q;
+        view.look_at_columns();
+        view
+    }
+
+    fn look_at_columns(&mut self) {
+        let column = |(letter, q): (&Letter, &f64)| Column {
+            share: letter.share,
+            ln_ratio: (letter.share / q).ln(),
+            inverse_q: 1.0 / q,
+        };
+        self.columns = self.slab.columns.iter().zip(&self.q).map(column).collect();
+        // Of the columns that were not visited, m / q is 1 / drawn.
+        let Rest { letters, share, .. } = self.slab.rest;
+        let ln = -self.drawn.ln();
+        self.empty = Empty([share, share * ln, share * ln * ln, letters / self.drawn, share / self.drawn]);
+        for (column, letter) in self.columns.iter().zip(self.slab.columns) {
+            self.empty = self.empty.plus(Empty::of(column), 1.0);
+            self.empty_psi += letter.empty.psi;
+        }
+    }
+
+    /// Returns p of a row with r visits.
+    fn policy(&self, r: u64) -> f64 {
+        (r as f64 + 0.5) / self.weight
+    }
+
+    /// Returns H(q).
+    fn entropy(&self) -> f64 {
+        let Rest { x_ln_x, share, .. } = self.slab.rest;
+        -self.q.iter().fold(self.drawn * (x_ln_x + share * self.drawn.ln()), |sum, q| sum + q * q.ln())
+    }
+
+    /// Returns the sums of a row with r visits in these cells.
+    fn row(&self, r: u64, cells: &[Occupied], term: impl Fn(usize, u64) -> Term) -> Row {
+        let k = self.slab.concentration;
+        let a = r as f64 + k;
+        let (ln_k, ln_a) = (k.ln(), a.ln());
+        let mut row = Row { psi: self.empty_psi, curvature: 0.0, first: 0.0, second: 0.0 };
+        let mut empty = self.empty;
         for cell in cells {
             let at = cell.column as usize;
-            let (letter, column) = (&slab.columns[at], &columns[at]);
-            let term = term(at, cell.n);
-            psi += term.psi - letter.empty.psi;
-            left = left.plus(Empty::of(column), -1.0);
+            let (letter, column, term) = (&self.slab.columns[at], &self.columns[at], term(at, cell.n));
+            empty = empty.plus(Empty::of(column), -1.0);
             let rho = (cell.n as f64 + k * letter.share) / a;
-            // ln(rho / q), with ln q = ln m - ln(m / q).
-            let ln_ratio = term.ln - ln_a - (letter.empty.ln - k.ln()) + column.ln_ratio;
-            curvature += rho * (1.0 - rho) * column.inverse_q;
-            first += rho * ln_ratio;
-            second += rho * ln_ratio * ln_ratio;
+            // ln(rho / q), by ln q = ln m - ln(m / q).
+            let ln_ratio = term.ln - ln_a - (letter.empty.ln - ln_k) + column.ln_ratio;
+            row.psi += term.psi - letter.empty.psi;
+            row.curvature += rho * (1.0 - rho) * column.inverse_q;
+            row.first += rho * ln_ratio;
+            row.second += rho * ln_ratio * ln_ratio;
         }
-        let (scale, shift) = (k / a, k.ln() - ln_a);
-        let Empty([m, e, e2, m_q, m2_q]) = left;
-        curvature += scale * m_q - scale * scale * m2_q;
-        first += scale * (e + shift * m);
-        second += scale * (e2 + 2.0 * shift * e + shift * shift * m);
-        sums.entropy += rows * p * (psi_a1(r) - psi / a);
-        sums.curvature += rows * p * p * curvature / (a + 1.0);
-        sums.spread += rows * p * p * (second - first * first) / (a + 1.0);
-        sums.divergence += rows * p * first;
-        sums.square += rows * p * first * first;
-    };
-    for (row, cells) in table.cells().chunk_by(|a, b| a.row == b.row).enumerate() {
-        add(1.0, table.rows()[row], cells);
-    }
-    if unvisited > 0.0 {
-        add(unvisited, 0, &[]);
-    }
-
-    let entropy = -q.iter().fold(drawn * (rest.x_ln_x + rest.share * ln_drawn), |sum, q| sum + q * q.ln());
-    Moments {
-        mean: entropy - 0.5 * sums.curvature - sums.entropy,
-        variance: sums.spread + (sums.square - sums.divergence * sums.divergence) / (weight + 1.0),
+        let (scale, shift) = (k / a, ln_k - ln_a);
+        let Empty([m, e, e2, m_q, m2_q]) = empty;
+        row.curvature += scale * m_q - scale * scale * m2_q;
+        row.first += scale * (e + shift * m);
+        row.second += scale * (e2 + 2.0 * shift * e + shift * shift * m);
+        row
     }
 }

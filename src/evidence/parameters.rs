@@ -6,15 +6,15 @@ pub(super) const NULL_CONCENTRATIONS: [f64; 7] = [0.3, 0.6, 1.0, 2.0, 3.5, 6.0, 
 pub(super) const SLAB_CONCENTRATIONS: [f64; 9] = [0.1, 0.2, 0.4, 0.8, 1.5, 3.0, 6.0, 12.0, 25.0];
 
 /// Concentrations of the null, and of a slab, on one base.
-pub(super) const B: usize = NULL_CONCENTRATIONS.len();
+pub(super) const NULL_GRID: usize = NULL_CONCENTRATIONS.len();
 /// Concentrations of the slabs on one base.
-pub(super) const K: usize = SLAB_CONCENTRATIONS.len();
+pub(super) const SLAB_GRID: usize = SLAB_CONCENTRATIONS.len();
 /// Components of the null: on the environment's base, then on the uniform one.
-pub(super) const NULLS: usize = 2 * B;
+pub(super) const NULLS: usize = 2 * NULL_GRID;
 /// Slabs on a fixed base: the environment's, then the uniform one.
-pub(super) const FIXED: usize = 2 * K;
+pub(super) const FIXED: usize = 2 * SLAB_GRID;
 /// Slabs: on the fixed bases, then on the state's own marginal.
-pub(super) const SLABS: usize = FIXED + K;
+pub(super) const SLABS: usize = FIXED + SLAB_GRID;
 
 /// Pseudo-states that an environment's share of dependent states starts from: dependent ones, and all. A Beta(3, 7) prior: with a flat one, an
 /// environment of a single independent state would be called dependent 40 % of the time.

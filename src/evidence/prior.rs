@@ -5,7 +5,7 @@ use super::gamma::digamma;
 use super::increments::{add, depth};
 use super::likelihood::Likelihood;
 use super::moments::{Letter, Moments, Rest, Slab, Term, moments};
-use super::parameters::{FIXED, K, NULLS, Parameters, SLAB_CONCENTRATIONS, SLABS};
+use super::parameters::{FIXED, NULLS, Parameters, SLAB_CONCENTRATIONS, SLAB_GRID, SLABS};
 use super::posterior::Posterior;
 use crate::information::Table;
 
@@ -21,7 +21,7 @@ pub struct Prior {
     /// ln min(R, K).
     largest: f64,
     /// psi(r + k + 1) by slab, then by visits r.
-    row_psi: Vec<[f64; K]>,
+    row_psi: Vec<[f64; SLAB_GRID]>,
     /// On the environment's base, and the uniform one.
     bases: [Vec<Tabulated>; 2],
     unseen: Posterior,
@@ -139,17 +139,17 @@ impl Prior {
     }
 
     pub(super) fn slice_moments(&self, slab: usize, table: &Table) -> Moments {
-        let k = SLAB_CONCENTRATIONS[slab % K];
+        let k = SLAB_CONCENTRATIONS[slab % SLAB_GRID];
         let alphabet = self.likelihood.alphabet;
         let shares = self.likelihood.base.shares();
         let psi_a1 = |r: u64| match self.row_psi.get(r as usize) {
-            Some(psi) => psi[slab % K],
+            Some(psi) => psi[slab % SLAB_GRID],
             None => digamma(r as f64 + k + 1.0),
         };
         let labels = table.column_labels();
         if slab < FIXED {
-            let on_base = slab < K;
-            let tabulated = &self.bases[usize::from(!on_base)][slab % K];
+            let on_base = slab < SLAB_GRID;
+            let tabulated = &self.bases[usize::from(!on_base)][slab % SLAB_GRID];
             let share = |at: usize| if on_base { shares[labels[at] as usize] } else { 1.0 / alphabet.columns as f64 };
             let letter = |at: usize| if on_base { labels[at] as usize } else { 0 };
             let term = |at: usize, n: u64| tabulated.term(letter(at), n, k * share(at));

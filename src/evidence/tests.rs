@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 use statrs::function::gamma::{digamma, ln_gamma};
 
-use super::parameters::{FIXED, K, NULL_CONCENTRATIONS, SLAB_CONCENTRATIONS, SLABS};
+use super::parameters::{FIXED, NULL_CONCENTRATIONS, SLAB_CONCENTRATIONS, SLAB_GRID, SLABS};
 use super::*;
 use crate::domain::{Dependence, Rule, RuleKind};
 use crate::information::{Alphabet, Table};
@@ -110,8 +110,8 @@ fn base_of(slab: usize, rows: &[Vec<f64>]) -> Vec<f64> {
     let total: f64 = rows.iter().flatten().sum();
     let column = |j: usize| rows.iter().map(|row| row[j]).sum::<f64>();
     match slab {
-        0..K => g,
-        K..FIXED => vec![1.0 / 6.0; 6],
+        0..SLAB_GRID => g,
+        SLAB_GRID..FIXED => vec![1.0 / 6.0; 6],
         _ => (0..6).map(|j| (column(j) + g[j]) / (total + 1.0)).collect(),
     }
 }
@@ -125,7 +125,7 @@ fn defined(fit: &Fit, table: &Table) -> f64 {
     let rows = dense(table);
     let shared = |counts: &[f64]| -> f64 {
         let component = |b: usize| {
-            let base = base_of(if b < 7 { 0 } else { K }, &rows);
+            let base = base_of(if b < 7 { 0 } else { SLAB_GRID }, &rows);
             fit.parameters.nulls[b] * ln_dm(counts, &scaled(&base, NULL_CONCENTRATIONS[b % 7])).exp()
         };
         (0..14).map(component).sum::<f64>().ln()
@@ -140,7 +140,8 @@ fn defined(fit: &Fit, table: &Table) -> f64 {
         let others = rows.iter().enumerate().filter(|(row, _)| Some(*row) != anchor);
         let evidence = others.map(|(_, row)| {
             let relative: f64 = row.iter().zip(&base).map(|(n, share)| n * share.ln()).sum();
-            ln_dm(row, &scaled(&base, SLAB_CONCENTRATIONS[slab % K])) - if slab < FIXED { 0.0 } else { relative }
+            ln_dm(row, &scaled(&base, SLAB_CONCENTRATIONS[slab % SLAB_GRID]))
+                - if slab < FIXED { 0.0 } else { relative }
         });
         let start = if slab < FIXED { anchor.map_or(0.0, |row| shared(&rows[row])) } else { null };
         fit.parameters.slabs[slab] * (start + evidence.sum::<f64>()).exp()
@@ -152,7 +153,7 @@ fn defined(fit: &Fit, table: &Table) -> f64 {
 /// Mean and variance of mutual information under one slab as they are defined, cell by cell.
 fn defined_moments(slab: usize, table: &Table) -> (f64, f64) {
     let rows = dense(table);
-    let k = SLAB_CONCENTRATIONS[slab % K];
+    let k = SLAB_CONCENTRATIONS[slab % SLAB_GRID];
     let base = base_of(slab, &rows);
     let total: f64 = rows.iter().flatten().sum();
     let policy: Vec<f64> = rows.iter().map(|row| (row.iter().sum::<f64>() + 0.5) / (total + 3.0)).collect();

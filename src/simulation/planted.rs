@@ -190,3 +190,71 @@ fn shuffle<T>(items: &mut [T], rng: &mut Pcg64) {
         items.swap(last, rng.random_range(0..=last));
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ROUNDING: f64 = 1e-12;
+
+    fn drawn(generator: Generator, arm: Arm) -> Vec<Planted> {
+        planted(generator, &Options { states: 400, arm, ..Options::default() })
+    }
+
+    #[test]
+    fn the_same_seed_gives_the_same_states() {
+        for generator in Generator::ALL {
+            assert_eq!(drawn(generator, Arm::Plain), drawn(generator, Arm::Plain));
+            let other = planted(generator, &Options { states: 400, seed: 2, ..Options::default() });
+            assert_ne!(drawn(generator, Arm::Plain), other);
+        }
+    }
+
+    #[test]
+    fn influence_is_where_it_was_planted() {
+        for generator in Generator::ALL {
+            for arm in [Arm::Plain, Arm::LeakFree] {
+                let states = drawn(generator, arm);
+                let dependent = states.iter().filter(|state| state.dependent).count();
+
+                assert!((90..150).contains(&dependent), "{generator:?}: {dependent} of 400");
+                for state in states {
+                    assert_eq!(state.information > ROUNDING, state.dependent, "{generator:?}: {}", state.information);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn visits_and_letters_are_in_range() {
+        for generator in Generator::ALL {
+            let Alphabet { rows, columns } = generator.alphabet();
+            let states = drawn(generator, Arm::Plain);
+
+            assert!(states.iter().all(|state| (1..=500).contains(&state.table.total())));
+            assert!(states.iter().all(|state| state.table.row_labels().iter().all(|label| *label < rows)));
+            assert!(states.iter().all(|state| state.table.column_labels().iter().all(|label| *label < columns)));
+        }
+    }
+
+    #[test]
+    fn information_is_that_of_the_distribution() {
+        let copy = [vec![0.5, 0.0], vec![0.0, 0.5]];
+        assert!((information(&copy) - 2_f64.ln()).abs() < ROUNDING);
+        assert!(information(&product_of_margins(&copy)) < ROUNDING);
+    }
+
+    #[test]
+    fn shuffling_keeps_how_often_each_action_was_taken() {
+        let mut rng = Pcg64::seed_from_u64(3);
+        let mut items: Vec<u64> = (0..100).map(|at| at % 7).collect();
+        let before = items.clone();
+        shuffle(&mut items, &mut rng);
+
+        assert_ne!(items, before);
+        items.sort_unstable();
+        let mut sorted = before;
+        sorted.sort_unstable();
+        assert_eq!(items, sorted);
+    }
+}

@@ -11,6 +11,7 @@ mod golden_tables;
 mod ingest;
 mod kill;
 mod operations;
+mod planted;
 mod proxy;
 mod sqlite_store;
 mod store_contract;
