@@ -36,6 +36,28 @@ impl std::str::FromStr for Verdict {
     }
 }
 
+/// Whether there is any dependence between the two actions, however weak: a question of its own beside the verdict, which asks how strong it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Dependence {
+    /// There is.
+    Established,
+    /// There is none.
+    Excluded,
+    /// What was seen does not tell.
+    Open,
+}
+
+impl Dependence {
+    /// Returns the word on the wire.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Established => "established",
+            Self::Excluded => "excluded",
+            Self::Open => "open",
+        }
+    }
+}
+
 /// What a verdict rests on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Basis {

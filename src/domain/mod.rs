@@ -30,7 +30,7 @@ mod rule;
 mod schema;
 mod track;
 
-pub use answer::{ActionFigures, Answer, Answers, Basis, Bin, Figures, Labels, Variable, Verdict};
+pub use answer::{ActionFigures, Answer, Answers, Basis, Bin, Dependence, Figures, Labels, Variable, Verdict};
 pub use batch::{Acknowledged, Batch, Receipt, Sequence};
 pub use counts::{Cell, Counts, Increment, SegmentId, Tally};
 pub use draft::{RuleDraft, SchemaDraft};

@@ -1,55 +1,77 @@
 //! What counts can support: from figures to a verdict, by a rule. Pure; nothing here counts, reads or asks a network.
+//!
+//! # What the words mean
+//!
+//! Plug-in mutual information of a rarely seen state is mostly chance: of six actions played at random by either side, nearly every state seen eight
+//! times shows more than half a nat. So a state is weighed against all others of its environment. A [`Fitter`] learns how many of them show any
+//! dependence, and how differently the other then behaves after different ego actions; a [`Prior`] made of its [`Fit`] answers for one state:
+//!
+//! | figure | question it answers |
+//! |---|---|
+//! | [`Posterior::dependent`] | How sure is it that the other's action depends on the ego's at all, however weakly? |
+//! | [`Posterior::above`] | How sure is it that this is stronger than a threshold? |
+//! | [`Posterior::mean`], [`Posterior::interval`] | How strong is it, and between which bounds nine times in ten? |
+//! | [`dependence`] | Is the first question settled, by the counts and not by the prior? |
+//! | [`decide`] | Is the second? `influences`, `no_influence`, or `undecided`: see more, or ask a model |
+//! | [`Prior::by_action`] | Which of the ego's actions does it, and what does the other then do? |
+//! | [`Prior::visits_to_decide`] | How much more must be seen until there is a verdict? |
+//! | [`Prior::information_gain`] | Which action tells most when it is tried next? |
+//!
+//! Dependence can be established and yet be too weak for `influences`; both are told.
+//!
+//! # When not to believe them
+//!
+//! * **The same tick has no direction.** Both actions are of one moment: that one answers the other is the caller's knowledge, not a finding.
+//! * **A common cause looks like influence.** If both agents see a light that the state does not hold, their actions depend on each other.
+//!   Conditioning on a third agent's action of the same tick can even create dependence where there was none.
+//! * **A stay is not a draw.** Agents that hold an action for a second are counted ten times a second; the evidence takes every count for a new
+//!   decision and grows far too sure. Counting entries only avoids it.
+//! * **Habits hide power.** The figures are about what the ego does, not about what it could do: an ego that always turns left shows no influence,
+//!   whatever its turning would cause. Actions that were never tried have the environment's figures.
+//! * **One fit for one environment.** States are taken for samples of one kind. Where every state is dependent but differently so, intervals can hold
+//!   the truth eight times in ten instead of nine.
+//!
+//! # How
+//!
+//! Spike and slab: with probability 1 - pi all rows of a state's table share one response (the null); else each row has its own, drawn towards a base
+//! with concentration k (a slab). Bases are the other's overall behaviour in the environment, the uniform one, and, for slabs, the state's own marginal.
+//! Evidence is that of Dirichlet-multinomials; pi and the weights of all concentrations are fitted over the states. Mutual information is 0 under the
+//! null, and a Beta distribution matched to its mean and variance under each slab. A table of one occupied row or column fits both hypotheses alike
+//! and leaves pi.
+//!
+//! # Absent on purpose
+//!
+//! No clock, and no randomness but what the counts themselves seed: the same counts and fit give the same bits. No visits-or-entries choice: the
+//! caller says which tables are the evidence.
 
-use crate::domain::{Basis, Rule, RuleKind, Verdict};
+mod base;
+mod beta;
+mod by_action;
+mod decision;
+mod draws;
+mod fit;
+mod futures;
+mod gamma;
+mod increments;
+mod likelihood;
+mod moments;
+mod parameters;
+mod posterior;
+mod prior;
 
-/// Returns the verdict of a rule on a state with these visits and this plug-in mutual information in nats.
-///
-/// The paper's rule: plug-in above the threshold where visits suffice. The evidence rule needs a prior fitted over all states; until there is one it
-/// decides nothing.
-pub fn decide(rule: &Rule, visits: u64, plug_in: f64) -> Verdict {
-    match rule.kind {
-        RuleKind::Evidence => Verdict::Undecided,
-        RuleKind::Paper if visits == 0 || visits < rule.min_visits => Verdict::Undecided,
-        RuleKind::Paper if plug_in > rule.threshold_nats() => Verdict::Influences,
-        RuleKind::Paper => Verdict::NoInfluence,
-    }
-}
+pub use base::Base;
+pub use by_action::{ActionPosterior, Ego};
+pub use decision::{Belief, basis, decide, dependence};
+pub use fit::{Fit, Fitter};
+pub use parameters::Parameters;
+pub use posterior::Posterior;
+pub use prior::Prior;
 
-/// Returns what a verdict on a state with these visits rests on.
-pub fn basis(visits: u64) -> Basis {
-    if visits == 0 { Basis::Prior } else { Basis::Counts(visits) }
-}
+/// The largest alphabet of either variable that posteriors are for: their tables hold every letter of the columns.
+pub const MOST_LETTERS: u64 = 4_096;
+
+/// The most pairs of actions that figures by action and of futures are for: they look at every one of them many times.
+pub const MOST_CELLS: u64 = 4_096;
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::domain::Unit;
-
-    #[test]
-    fn the_paper_decides_where_visits_suffice() {
-        let rule = Rule::default();
-        assert_eq!(decide(&rule, 7, 9.0), Verdict::Undecided);
-        assert_eq!(decide(&rule, 8, 0.51), Verdict::Influences);
-        assert_eq!(decide(&rule, 8, 0.5), Verdict::NoInfluence);
-    }
-
-    #[test]
-    fn a_threshold_in_bits_is_compared_in_bits() {
-        let rule = Rule { unit: Unit::Bits, ..Rule::default() };
-        assert_eq!(decide(&rule, 8, 0.4), Verdict::Influences);
-        assert_eq!(decide(&rule, 8, 0.3), Verdict::NoInfluence);
-    }
-
-    #[test]
-    fn nothing_seen_decides_nothing() {
-        let rule = Rule { min_visits: 0, threshold: 0.0, ..Rule::default() };
-        assert_eq!(decide(&rule, 0, 0.0), Verdict::Undecided);
-        assert_eq!(basis(0), Basis::Prior);
-    }
-
-    #[test]
-    fn the_evidence_rule_waits_for_its_prior() {
-        let rule = Rule { kind: RuleKind::Evidence, ..Rule::default() };
-        assert_eq!(decide(&rule, 1_000, 2.0), Verdict::Undecided);
-    }
-}
+mod tests;

@@ -68,7 +68,7 @@ fn answer(
         let [ego, other] = [question.scope.pair.ego, question.scope.pair.other].map(|agent| &schema.agents()[agent]);
         by_action(ego, other, &tables, |nats| unit.from_nats(nats))
     });
-    let verdict = evidence::decide(&question.scope.rule, visits, nats);
+    let verdict = evidence::decide(&question.scope.rule, visits, nats, None);
     Answer { key: key.clone(), visits, verdict, basis: evidence::basis(visits), figures, by_action }
 }
 

@@ -60,7 +60,7 @@ impl Listing {
     }
 
     fn wants(&self, scope: &Scope, row: &Row) -> bool {
-        let verdict = || evidence::decide(&scope.rule, row.visits, row.plug_in);
+        let verdict = || evidence::decide(&scope.rule, row.visits, row.plug_in, None);
         row.visits >= self.min_visits && self.verdict.is_none_or(|wanted| verdict() == wanted)
     }
 
@@ -80,7 +80,7 @@ fn figures(schema: &Schema, scope: &Scope, row: &Row) -> StateFigures {
         visits: row.visits,
         plug_in: scope.unit.from_nats(row.plug_in),
         expected_if_independent: scope.unit.from_nats(row.expected),
-        verdict: evidence::decide(&scope.rule, row.visits, row.plug_in),
+        verdict: evidence::decide(&scope.rule, row.visits, row.plug_in, None),
     }
 }
 

@@ -30,7 +30,7 @@ pub fn summary(scope: &Scope, segments: Vec<Label>, survey: &Survey) -> Summary 
 fn verdicts(scope: &Scope, survey: &Survey) -> [u64; 3] {
     let mut counted = [0; 3];
     for row in &survey.rows {
-        let verdict = evidence::decide(&scope.rule, row.visits, row.plug_in);
+        let verdict = evidence::decide(&scope.rule, row.visits, row.plug_in, None);
         counted[Verdict::ALL.iter().position(|v| *v == verdict).expect("all are listed")] += 1;
     }
     counted

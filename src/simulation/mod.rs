@@ -5,6 +5,7 @@ pub mod drawing;
 pub mod hallway;
 mod neighbours;
 pub mod observation;
+pub mod planted;
 mod social_force;
 mod walls;
 

@@ -11,6 +11,7 @@ mod golden;
 mod ingest;
 mod kill;
 mod operations;
+mod planted;
 mod proxy;
 mod server;
 mod simulate;
