@@ -1,6 +1,7 @@
 //! The service without its socket: one handle of each room, opened and closed in one place.
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
@@ -27,8 +28,9 @@ pub struct App {
 }
 
 impl App {
-    /// Opens the rooms on a store, and begins to compare its totals with its cells.
-    pub fn open(store: Arc<dyn Store>) -> Self {
+    /// Opens the rooms on a store, and begins to compare its totals with its cells. Priors are fitted as counts grow if it is said how often to
+    /// look.
+    pub fn open(store: Arc<dyn Store>, fit_every: Option<Duration>) -> Self {
         let ingest = Ingest::start(store.clone());
         let app = Self {
             environments: Environments::new(store.clone(), ingest.clone()),
@@ -40,6 +42,10 @@ impl App {
         };
         let audit = audit(app.store.clone());
         app.background.spawn(app.draining.clone().run_until_cancelled_owned(audit));
+        if let Some(every) = fit_every {
+            let fitting = app.influence.clone().keep_fitted(every);
+            app.background.spawn(app.draining.clone().run_until_cancelled_owned(fitting));
+        }
         app
     }
 

@@ -2,6 +2,7 @@
 
 use std::net::SocketAddr;
 use std::path::PathBuf;
+use std::time::Duration;
 
 /// How a service runs. Every field has a flag and an environment variable of the same name, `--data` and `NUDGE_DATA`.
 #[derive(Debug, Clone, PartialEq)]
@@ -18,6 +19,8 @@ pub struct Config {
     pub max_producers: u64,
     /// Cells of the states that are kept in memory.
     pub cache_cells: usize,
+    /// How often it is looked whether priors are to be fitted again; never if it is zero.
+    pub fit_every: Duration,
     /// Origins whose pages may call REST and gRPC-Web; none by default.
     pub cors_origins: Vec<String>,
 }
@@ -31,6 +34,7 @@ impl Default for Config {
             max_segments: 4_096,
             max_producers: 10_000,
             cache_cells: 400_000,
+            fit_every: Duration::from_secs(5),
             cors_origins: Vec::new(),
         }
     }

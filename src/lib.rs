@@ -7,7 +7,7 @@
 //! * [`information`]: the mathematics of contingency tables. Slices in, numbers out.
 //! * [`error`], [`config`], [`telemetry`]: kinds of error, the one configuration, logs and the one list of metrics.
 //! * [`domain`]: environments, features, states, transitions, counts, questions, answers. Types that cannot be wrong.
-//! * [`evidence`]: what counts can support: from figures to a verdict.
+//! * [`evidence`]: what counts can support: the prior fitted to all states, the posterior of one, the verdict.
 //! * [`store`]: what was counted, durably: a promise, and SQLite behind it.
 //! * [`simulation`]: worlds that produce transitions.
 //! * [`recordings`]: play that was recorded elsewhere, read as transitions.
@@ -20,11 +20,12 @@
 //! * [`serve`]: everything on a listening socket.
 //! * [`cli`]: the commands.
 //!
-//! # A write and a read
+//! # A write, a read, and what is learned
 //!
 //! ```text
 //! write   bytes -> serve (decode by api) -> ingest (validate, merge) -> committer -> store.commit -> receipt
 //! read    bytes -> serve (decode by api) -> influence -> store.counts -> information -> evidence -> answer
+//! learn   influence -> store.scan -> evidence (fit over all states) -> store.keep_fit
 //! ```
 //!
 //! # Deliberately absent

@@ -1,7 +1,7 @@
 //! Answers for people: what was found, from how much, beside what chance alone would give.
 
 use super::output::{Table, count, figure};
-use crate::api::json::verdict;
+use crate::api::json::{dependence, verdict};
 use crate::api::proto;
 
 /// How many of the other's actions are told after each of the ego's.
@@ -40,6 +40,7 @@ fn one(answer: &proto::Answer, labels: &proto::Labels) -> String {
     let entries = answer.entries.map(|entries| format!(", {} entries", count(entries))).unwrap_or_default();
     text +=
         &format!("\n{}, from {}: {} visits{entries}\n", verdict(answer.verdict), basis(answer), count(answer.visits));
+    text += &format!("{}\n", evidence(answer));
     text += &information(answer);
     if !answer.by_action.is_empty() {
         text += &format!("\n{}", by_action(answer, labels));
@@ -47,10 +48,35 @@ fn one(answer: &proto::Answer, labels: &proto::Labels) -> String {
     text
 }
 
+/// Tells what the counts support, a line each.
+fn evidence(answer: &proto::Answer) -> String {
+    let mut lines = Vec::new();
+    if let (Some(probability), Some(threshold)) = (&answer.probability, answer.threshold) {
+        let above = format!("P(above {threshold} {}) {}", answer.unit, figure(probability.above_threshold));
+        let dependence = dependence(answer.dependence).unwrap_or("unknown");
+        lines.push(format!("{above}; dependence {dependence}, P(dependent) {}", figure(probability.dependent)));
+    }
+    if let Some(test) = &answer.significance {
+        lines.push(format!("test of independence: p = {} ({})", figure(test.p_value), test.method));
+    }
+    if let Some(needed) = &answer.visits_to_decide {
+        lines.push(match needed.visits {
+            Some(visits) => format!("about {} more visits would decide", count(visits)),
+            None => "no number of visits up to 10,000 is likely to decide".into(),
+        });
+    }
+    lines.iter().map(|line| format!("{line}\n")).collect()
+}
+
 fn information(answer: &proto::Answer) -> String {
     let information = answer.mutual_information.clone().unwrap_or_default();
     let mut table = Table::new(&["mutual information", &answer.unit]);
     let method = &information.expected_method;
+    if let (Some(mean), Some(interval)) = (information.posterior_mean, information.interval) {
+        table.row(["posterior mean".into(), figure(mean)]);
+        table.row(["90 % from".into(), figure(interval.lower)]);
+        table.row(["90 % to".into(), figure(interval.upper)]);
+    }
     table.row(["plug-in".into(), figure(information.plug_in)]);
     table.row([format!("expected if independent ({method})"), figure(information.expected_if_independent)]);
     let mut estimates: Vec<_> = information.estimates.into_iter().collect();
@@ -64,13 +90,16 @@ fn information(answer: &proto::Answer) -> String {
 fn by_action(answer: &proto::Answer, labels: &proto::Labels) -> String {
     let responses = labels.other.as_ref().map(|other| other.actions.as_slice()).unwrap_or_default();
     let divergence = format!("divergence ({})", answer.unit);
-    let mut table = Table::new(&["action", "visits", &divergence, "answered by"]);
+    let mut table = Table::new(&["action", "visits", &divergence, "from", "to", "plug-in", "answered by"]);
+    let told = |figures: Option<f64>| figures.map_or("-".into(), figure);
     for action in &answer.by_action {
-        let divergence = action.plug_in_divergence.map_or("-".into(), figure);
         table.row([
             action.action.clone(),
             count(action.visits),
-            divergence,
+            told(action.divergence),
+            told(action.divergence_interval.map(|interval| interval.lower)),
+            told(action.divergence_interval.map(|interval| interval.upper)),
+            told(action.plug_in_divergence),
             most_frequent(&action.response, responses),
         ]);
     }
@@ -93,7 +122,7 @@ fn several(answers: &[proto::Answer]) -> String {
     let with_figures = answers.iter().any(|answer| answer.mutual_information.is_some());
     let mut titles = vec!["state", "visits", "verdict", "basis"];
     if with_figures {
-        titles.extend(["plug-in", "if independent", "unit"]);
+        titles.extend(["P(above)", "dependence", "posterior mean", "plug-in", "if independent", "unit"]);
     }
     let mut table = Table::new(&titles);
     for answer in answers {
@@ -101,8 +130,11 @@ fn several(answers: &[proto::Answer]) -> String {
         let mut row = vec![key, count(answer.visits), verdict(answer.verdict).into(), basis(answer).into()];
         if with_figures {
             let information = answer.mutual_information.clone().unwrap_or_default();
-            let figures = [information.plug_in, information.expected_if_independent].map(figure);
-            row.extend(figures);
+            let above = answer.probability.map(|probability| probability.above_threshold);
+            row.push(above.map_or("-".into(), figure));
+            row.push(dependence(answer.dependence).unwrap_or("-").into());
+            row.push(information.posterior_mean.map_or("-".into(), figure));
+            row.extend([information.plug_in, information.expected_if_independent].map(figure));
             row.push(answer.unit.clone());
         }
         table.row(row);
@@ -144,6 +176,8 @@ mod tests {
             action: action.into(),
             visits,
             plug_in_divergence: divergence,
+            divergence: divergence.map(|divergence| divergence / 2.0),
+            divergence_interval: divergence.map(|upper| proto::Interval { lower: 0.0, upper }),
             response: response.to_vec(),
             ..proto::ActionFigures::default()
         };
@@ -161,7 +195,13 @@ mod tests {
                 expected_if_independent: 0.0121,
                 expected_method: "asymptotic".into(),
                 estimates: [("excess".to_owned(), 0.00114)].into(),
+                posterior_mean: Some(0.0012),
+                interval: Some(proto::Interval { lower: 0.0, upper: 0.0143 }),
             }),
+            dependence: proto::Dependence::Open.into(),
+            probability: Some(proto::Probability { dependent: 0.2, above_threshold: 0.0 }),
+            significance: Some(proto::Significance { p_value: 0.21, method: "permutation".into() }),
+            visits_to_decide: Some(proto::VisitsToDecide { visits: Some(2_000) }),
             by_action: vec![action("stay", 1_800, Some(0.01), &[0.25, 0.75]), action("go", 0, None, &[])],
             ..proto::Answer::default()
         }

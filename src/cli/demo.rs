@@ -1,4 +1,7 @@
-//! `nudge demo`: the service with real human games in it, what it found, and what to try.
+//! `nudge demo`: the service with real human games and a simulated hallway in it, what it found, and what to try.
+
+mod found;
+mod live;
 
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
@@ -6,27 +9,39 @@ use std::time::Duration;
 
 use clap::Args;
 
+use self::found::Best;
+use self::live::Live;
 use super::Failure;
-use super::ingest::{self, Report};
-use super::output::{Table, count, figure, print};
+use super::duration::duration;
+use super::ingest::{self, Part};
+use super::output::print;
 use super::progress::Progress;
+use super::report::Report;
 use super::serve::{Service, Signals, address};
-use crate::api::json::verdict;
+use super::simulate::{Pace, Run};
 use crate::api::proto;
 use crate::client::Connection;
 use crate::config::Config;
+use crate::error::Problem;
 use crate::recordings::overcooked::{self, Abstraction};
+use crate::simulation::hallway::{Hallway, Protocol};
 use crate::telemetry;
 
-/// States told of each environment.
-const TOLD: u32 = 3;
+/// The environment of the simulated hallway.
+const HALLWAY: &str = "hallway";
 
-/// Try it: the service, real human games, and what they show
+/// Trials of the simulated hallway: enough that something is established in it.
+const TRIALS: u32 = 300;
+
+/// The demo lasts seconds, so priors are fitted more eagerly than usual.
+const FIT_EVERY: Duration = Duration::from_secs(1);
+
+/// Try it: the service, real human games, a simulated hallway, and what they show
 #[derive(Debug, Args)]
 #[command(
-    long_about = "Start a service on a database of its own, send real human games of Overcooked into it over gRPC, say what was found, \
-    and keep serving until Ctrl-C.\n\n\
-    The games come with the program. A second run finds them counted and changes nothing.\n\n\
+    long_about = "Start a service on a database of its own, send real human games of Overcooked and a simulated hallway into it over gRPC, show \
+    what it counts and finds meanwhile, say what was found, and keep serving until Ctrl-C.\n\n\
+    The games come with the program, and the hallway has a seed. A second run finds all of them counted and changes nothing.\n\n\
     Example:\n  nudge demo --data ./nudge-demo --duration 20s"
 )]
 pub(super) struct Demo {
@@ -39,7 +54,7 @@ pub(super) struct Demo {
     /// End by itself after so long: 20s, 5m or 1h
     #[arg(long, value_parser = duration)]
     duration: Option<Duration>,
-    /// Start over: forget the games that were counted before
+    /// Start over: forget what was counted before
     #[arg(long)]
     fresh: bool,
 }
@@ -49,7 +64,7 @@ impl Demo {
     pub(super) async fn run(self) -> Result<(), Failure> {
         telemetry::log(telemetry::LogFormat::Human);
         let signals = Signals::install()?;
-        let config = Config { listen: self.listen, data: self.data.clone(), ..Config::default() };
+        let config = Config { listen: self.listen, data: self.data.clone(), fit_every: FIT_EVERY, ..Config::default() };
         let service = Service::start(&config).await?;
         let address = reachable(service.address);
         print(&format!("listening on http://{address}, counting in {}", config.database().display()))?;
@@ -66,7 +81,7 @@ impl Demo {
         let shown = async {
             let connection = Connection::open(&address.to_string()).await?;
             let environments = self.play(&connection).await?;
-            let best = tell(&connection, &environments).await?;
+            let best = found::tell(&connection, &environments).await?;
             print(&to_try(address, &best))?;
             std::future::pending().await
         };
@@ -76,24 +91,46 @@ impl Demo {
         }
     }
 
-    /// Sends the games that are not counted yet and returns the names of their environments.
+    /// Sends the games and the hallway side by side, as far as they are not counted yet, and returns the names of their environments.
     async fn play(&self, connection: &Connection) -> Result<Vec<String>, Failure> {
-        let mut parts = Vec::new();
-        for (name, bytes) in overcooked::embedded() {
-            parts.extend(ingest::parts_of(name, bytes, Abstraction::default())?);
-        }
-        let mut names: Vec<String> = parts.iter().map(ingest::Part::environment_name).collect();
+        let parts = games()?;
+        let mut names: Vec<String> = parts.iter().map(Part::environment_name).collect();
+        names.push(HALLWAY.into());
         names.sort();
         names.dedup();
         if self.fresh {
             forget(connection, &names).await?;
         }
-        let progress = Progress::new(parts.iter().map(ingest::Part::steps).sum());
-        let report = Report::of(&parts, connection, &progress).await?;
-        progress.finish();
-        print(&format!("\nhuman games of Overcooked, each transition counted once\n{}", report.table()))?;
+        let hallway = Hallway::try_from(Protocol { trials: TRIALS, ..Protocol::default() });
+        let hallway = hallway.map_err(|faults| Problem::invalid("hallway", faults))?;
+        let run = Run { hallway, environment: HALLWAY.into(), pace: Pace::Fast };
+        let silent = Progress::silent();
+        let mut live = Live::begin(connection, names.clone()).await?;
+        let played = tokio::select! {
+            played = async { tokio::try_join!(Report::of(&parts, connection, &silent), run.send(connection, |_| ())) } => played?,
+            stopped = live.run() => match stopped? {},
+        };
+        live.finish();
+        for name in &names {
+            found::settle(connection, name).await?;
+        }
+        let (mut report, hallway) = played;
+        report.add(HALLWAY.into(), hallway);
+        print(&format!(
+            "\nhuman games of Overcooked and a simulated hallway, each transition counted once\n{}",
+            report.table()
+        ))?;
         Ok(names)
     }
+}
+
+/// Returns the games that come with the program.
+fn games() -> Result<Vec<Part>, Failure> {
+    let mut parts = Vec::new();
+    for (name, bytes) in overcooked::embedded() {
+        parts.extend(ingest::parts_of(name, bytes, Abstraction::default())?);
+    }
+    Ok(parts)
 }
 
 async fn forget(connection: &Connection, names: &[String]) -> Result<(), Failure> {
@@ -108,74 +145,13 @@ async fn forget(connection: &Connection, names: &[String]) -> Result<(), Failure
     Ok(())
 }
 
-/// A state worth a look: its environment and its key.
-#[derive(Default)]
-struct Best {
-    environment: String,
-    key: String,
-    plug_in: f64,
-}
-
-/// Prints where plug-in mutual information is highest beside what independence would give, and returns the highest of all.
-async fn tell(connection: &Connection, environments: &[String]) -> Result<Best, Failure> {
-    let mut best = Best::default();
-    let mut table = Table::new(&["environment", "state", "visits", "plug-in", "if independent", "paper's rule"]);
-    let mut summaries =
-        Table::new(&["environment", "transitions", "states", "visits in states with >= 8", "undecided"]);
-    for environment in environments {
-        let scope = proto::Scope { environment: environment.clone(), ..Default::default() };
-        let request = proto::SummarizeRequest { scope: Some(scope.clone()) };
-        summaries.row(summary_row(environment, &connection.influence().summarize(request).await?.into_inner()));
-        let request = proto::ListStatesRequest {
-            scope: Some(scope),
-            order_by: "plug_in desc".into(),
-            min_visits: 8,
-            page_size: TOLD,
-            ..Default::default()
-        };
-        for state in connection.influence().list_states(request).await?.into_inner().states {
-            let key = state.state.clone().unwrap_or_default().key;
-            if state.plug_in > best.plug_in {
-                best = Best { environment: environment.clone(), key: key.clone(), plug_in: state.plug_in };
-            }
-            table.row(state_row(environment, key, &state));
-        }
-    }
-    print(&format!("\n{}", summaries.render("")))?;
-    print(&format!(
-        "\nwhere player_0 and player_1 seem most dependent (nats, states seen at least 8 times)\n{}",
-        table.render("")
-    ))?;
-    print(
-        "\nThese are the highest of hundreds of states, seen a few times each: there plug-in mutual information is mostly bias and luck, \
-         which is why\nevery figure stands beside the one expected if the players were independent.",
-    )?;
-    Ok(best)
-}
-
-fn summary_row(environment: &str, summary: &proto::SummarizeResponse) -> [String; 5] {
-    let undecided = summary.verdicts.map_or(0, |verdicts| verdicts.undecided);
-    let share = summary.share_of_visits_with_enough_data * 100.0;
-    [
-        environment.to_owned(),
-        count(summary.transitions),
-        count(summary.states),
-        format!("{share:.0} %"),
-        count(undecided),
-    ]
-}
-
-fn state_row(environment: &str, key: String, state: &proto::StateFigures) -> [String; 6] {
-    let [plug_in, expected] = [state.plug_in, state.expected_if_independent].map(figure);
-    [environment.to_owned(), key, count(state.visits), plug_in, expected, verdict(state.verdict).to_owned()]
-}
-
 fn to_try(address: SocketAddr, best: &Best) -> String {
     let Best { environment, key, .. } = best;
     format!(
         "\nto try:\n  \
          curl -s 'http://{address}/v1/environments/{environment}/influence?key={key}'\n  \
-         curl -s 'http://{address}/v1/environments/{environment}/summary'\n  \
+         curl -s 'http://{address}/v1/environments/{environment}/summary?fdr=0.05'\n  \
+         curl -s -H 'accept: text/vnd.graphviz' 'http://{address}/v1/environments/{environment}/graph?key={key}'\n  \
          nudge query {environment} --key {key} --server http://{address}\n  \
          buf curl --protocol grpc --http2-prior-knowledge -d '{{\"scope\":{{\"environment\":\"{environment}\"}},\"key\":\"{key}\"}}' \
          http://{address}/nudge.v1.InfluenceService/GetInfluence\n  \
@@ -188,32 +164,5 @@ fn reachable(address: SocketAddr) -> SocketAddr {
     match address.ip() {
         ip if ip.is_unspecified() => SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), address.port()),
         _ => address,
-    }
-}
-
-fn duration(text: &str) -> Result<Duration, String> {
-    let wrong = || format!("got {text:?}, expected a whole number and s, m or h: 20s");
-    let (number, unit) = text.split_at(text.len() - text.chars().next_back().map_or(0, char::len_utf8));
-    let seconds = match unit {
-        "s" => 1,
-        "m" => 60,
-        "h" => 3_600,
-        _ => return Err(wrong()),
-    };
-    let number: u64 = number.parse().map_err(|_| wrong())?;
-    number.checked_mul(seconds).map(Duration::from_secs).ok_or_else(wrong)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn durations_have_a_unit() {
-        assert_eq!(duration("20s"), Ok(Duration::from_secs(20)));
-        assert_eq!(duration("2m"), Ok(Duration::from_secs(120)));
-        for bad in ["", "20", "s", "-1s", "1.5s", "20 s", "9é", "99999999999999999999h"] {
-            assert!(duration(bad).is_err(), "{bad}");
-        }
     }
 }

@@ -6,6 +6,7 @@
 mod answers;
 mod check;
 mod demo;
+mod duration;
 mod env;
 mod failure;
 mod ingest;
@@ -50,6 +51,7 @@ enum Command {
     Query(Box<query::Query>),
     #[command(subcommand)]
     Simulate(simulate::Simulate),
+    #[command(subcommand)]
     Check(check::Check),
 }
 

@@ -17,6 +17,11 @@ impl Progress {
         Self { bar: std::io::stderr().is_terminal().then(|| bar(steps)) }
     }
 
+    /// Shows nothing, for those who tell in another way.
+    pub(super) fn silent() -> Self {
+        Self { bar: Some(ProgressBar::hidden()) }
+    }
+
     /// Says what is being done.
     pub(super) fn part(&self, name: &str) {
         if let Some(bar) = &self.bar {

@@ -19,7 +19,7 @@ use crate::error::{Fault, Problem};
     long_about = "Ask whether one agent's action influences another's in some states, how strongly, and from how many visits.\n\n\
     A state is given by the values of its features, or by its key. Several --state or --key ask about several states; where a feature is named \
     again, the next state begins. Plug-in mutual information stands beside what it would be on average if nothing depended on anything: at few \
-    visits the two are close, and the figure is mostly bias.\n\n\
+    visits the two are close, and the figure is mostly bias. The posterior mean, its interval and the probabilities are what the counts support.\n\n\
     Example:\n  nudge query hallway --state distance=1.2 lane=3 --ego robot --other human\n  \
     nudge query hallway --key 3.0 --key 3.1 --segments trial-3 --unit bits\n  \
     nudge query hallway --key 3.0 --rule-kind paper --rule-threshold 0.2 --json"
@@ -45,9 +45,15 @@ pub(super) struct Query {
     /// Segments to count; all unless given
     #[arg(long, num_args = 1.., value_name = "SEGMENT")]
     segments: Vec<String>,
-    /// Further estimators of mutual information, such as excess or miller_madow
-    #[arg(long, num_args = 1.., value_name = "NAME")]
+    /// Further estimators of mutual information, such as nsb, dirichlet or uniform_policy
+    #[arg(long, num_args = 1.., value_delimiter = ',', value_name = "NAME")]
     estimators: Vec<String>,
+    /// Test independence by permuting all transitions of a state, or those of a segment only
+    #[arg(long, value_enum)]
+    significance: Option<Significance>,
+    /// Say how many more visits a verdict would take
+    #[arg(long)]
+    visits_to_decide: bool,
     /// Unit of the figures, nats or bits; the rule's unless given
     #[arg(long)]
     unit: Option<String>,
@@ -93,6 +99,23 @@ enum View {
     Full,
 }
 
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum Significance {
+    /// Permute all transitions of the state
+    Pooled,
+    /// Permute within each segment only
+    WithinSegments,
+}
+
+impl From<Significance> for proto::Permutations {
+    fn from(significance: Significance) -> Self {
+        match significance {
+            Significance::Pooled => Self::Pooled,
+            Significance::WithinSegments => Self::WithinSegments,
+        }
+    }
+}
+
 impl Query {
     pub(super) async fn run(self) -> Result<(), Failure> {
         if self.state.is_empty() && self.key.is_empty() {
@@ -120,6 +143,8 @@ impl Query {
             keys: self.key.clone(),
             view: self.view(asked).into(),
             estimators: self.estimators.clone(),
+            significance: self.significance.map_or(proto::Permutations::Unspecified, Into::into).into(),
+            visits_to_decide: self.visits_to_decide,
         })
     }
 
@@ -154,6 +179,7 @@ impl From<Rule> for proto::Rule {
             unit: rule.rule_unit,
             min_visits: rule.rule_min_visits,
             confidence: rule.rule_confidence,
+            estimators: None,
         }
     }
 }

@@ -3,10 +3,12 @@
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
+use std::time::Duration;
 
 use clap::{Args, ValueEnum};
 use tokio::net::TcpListener;
 
+use super::duration::duration;
 use super::{Failure, output};
 use crate::app::App;
 use crate::config::Config;
@@ -49,6 +51,9 @@ pub struct ServeSettings {
     /// Cells kept in memory.
     #[arg(long, env = "NUDGE_CACHE_CELLS", value_name = "N", default_value_t = Config::default().cache_cells)]
     pub cache_cells: usize,
+    /// How often it is looked whether priors are to be fitted to the counts again, which is when a tenth more was counted; 0s for never.
+    #[arg(long, env = "NUDGE_FIT_EVERY", value_name = "TIME", value_parser = duration, default_value = "5s")]
+    pub fit_every: Duration,
     /// An origin whose pages may call, such as https://example.org; repeat it, or separate several by commas.
     #[arg(long, env = "NUDGE_CORS_ORIGINS", value_name = "ORIGIN", value_delimiter = ',')]
     pub cors_origins: Vec<String>,
@@ -86,6 +91,7 @@ impl ServeSettings {
             max_segments: self.max_segments,
             max_producers: self.max_producers,
             cache_cells: self.cache_cells,
+            fit_every: self.fit_every,
             cors_origins: self.cors_origins.clone(),
         }
     }
@@ -126,7 +132,7 @@ impl Service {
         let address = listener.local_addr().map_err(|error| cannot_listen(config.listen, &error))?;
         let store =
             SqliteStore::open(&config.database(), options).await.map_err(|error| Failure::usage(error.to_string()))?;
-        let app = App::open(Arc::new(store));
+        let app = App::open(Arc::new(store), Some(config.fit_every).filter(|every| !every.is_zero()));
         let settings = Settings { cors_origins: config.cors_origins.clone() };
         let serving = serve(app.clone(), listener, settings);
         let serving = tokio::spawn(async { serving.await.map_err(|error| error.to_string()) });
@@ -192,7 +198,7 @@ fn print(config: &Config, log: Log) -> Result<(), Failure> {
     let log = if log == Log::Json { "json" } else { "human" };
     let quoted = |origins: &[String]| origins.iter().map(|origin| format!("{origin:?}")).collect::<Vec<_>>().join(", ");
     output::print(&format!(
-        "listen = \"{}\"\ndata = {:?}\nmax_cells = {}\nmax_segments = {}\nmax_producers = {}\ncache_cells = {}\n\
+        "listen = \"{}\"\ndata = {:?}\nmax_cells = {}\nmax_segments = {}\nmax_producers = {}\ncache_cells = {}\nfit_every = \"{}s\"\n\
          cors_origins = [{}]\nlog = \"{log}\"",
         config.listen,
         config.data,
@@ -200,6 +206,7 @@ fn print(config: &Config, log: Log) -> Result<(), Failure> {
         config.max_segments,
         config.max_producers,
         config.cache_cells,
+        config.fit_every.as_secs(),
         quoted(&config.cors_origins),
     ))
 }

@@ -36,7 +36,8 @@ pub(super) enum Simulate {
 #[command(
     long_about = "Simulate pedestrians who avoid each other in a hallway (Helbing and Molnar's social force model, 1995), and send what \
     they do to a service as a game server would: each pedestrian and its two closest neighbours, every 0.2 s.\n\n\
-    The environment is made if it is missing (examples/hallway.json). A trial is a segment. The producer is named after the parameters and the \
+    The environment is made if it is missing (examples/hallway.json). A trial is a segment, seed-0.trial-1: give another hallway \
+    an environment of its own. The producer is named after the parameters and the \
     seed, so a second run changes nothing, a run that was interrupted goes on where it stopped, and a run of more trials goes on behind it.\n\n\
     Example:\n  nudge simulate hallway --preset 30x6 --trials 100 --seed 7\n  \
     nudge simulate hallway --pace real-time --trials 1\n  \

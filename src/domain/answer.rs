@@ -36,24 +36,46 @@ impl std::str::FromStr for Verdict {
     }
 }
 
-/// Whether there is any dependence between the two actions, however weak: a question of its own beside the verdict, which asks how strong it is.
+/// Whether there is any dependence at all, however weak: another question than whether it is strong enough to count as influence.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Dependence {
     /// There is.
     Established,
     /// There is none.
     Excluded,
-    /// What was seen does not tell.
+    /// What was seen does not decide.
     Open,
 }
 
 impl Dependence {
+    /// Every value, in the order in which they are told.
+    pub const ALL: [Self; 3] = [Self::Established, Self::Excluded, Self::Open];
+
     /// Returns the word on the wire.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Established => "established",
             Self::Excluded => "excluded",
             Self::Open => "open",
+        }
+    }
+}
+
+/// What the evidence of a state counts as independent draws.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Independence {
+    /// Entries: every transition said whether it entered its state.
+    Entries,
+    /// Visits, of which some may only be steps of one stay.
+    Assumed,
+}
+
+impl Independence {
+    /// Returns the word on the wire.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Entries => "entries",
+            Self::Assumed => "assumed",
         }
     }
 }
@@ -149,7 +171,68 @@ pub struct Figures {
     pub expected_method: &'static str,
     /// Further estimators that were asked for, by name.
     pub estimates: Vec<(&'static str, f64)>,
+    /// What the evidence counts as independent draws.
+    pub independence: Independence,
+    /// What the counts say by the fitted prior; `None` where the alphabets are too large for it.
+    pub evidence: Option<Evidence>,
+    /// The test of independence, where it was asked for.
+    pub significance: Option<Significance>,
+    /// Where it was asked for: how many more visits a verdict would take, `None` if no number of them is likely to bring one.
+    pub visits_to_decide: Option<Option<u64>>,
+    /// The fit of the prior.
+    pub fit: FitId,
     /// How many transitions of the environment the answer stands on.
+    pub revision: u64,
+}
+
+/// What the counts of a state say by the fitted prior.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Evidence {
+    /// Whether there is any dependence at all.
+    pub dependence: Dependence,
+    /// The probabilities behind it and behind the verdict.
+    pub probability: Probability,
+    /// The mean of mutual information, at least 0.
+    pub posterior_mean: f64,
+    /// Where it lies with a probability of 90 %.
+    pub interval: Interval,
+}
+
+impl Evidence {
+    /// Returns evidence in nats, told in a unit.
+    pub fn in_unit(self, unit: Unit) -> Self {
+        let posterior_mean = unit.from_nats(self.posterior_mean);
+        Self { posterior_mean, interval: self.interval.map(|nats| unit.from_nats(nats)), ..self }
+    }
+}
+
+/// Probabilities given the counts.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Probability {
+    /// P(MI > 0).
+    pub dependent: f64,
+    /// P(MI > threshold).
+    pub above_threshold: f64,
+}
+
+/// A 90 % credible interval: its lower and its upper end.
+pub type Interval = [f64; 2];
+
+/// The outcome of a test of independence.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Significance {
+    /// The probability of a plug-in at least as large under independence.
+    pub p_value: f64,
+    /// How it was computed.
+    pub method: &'static str,
+}
+
+/// Which fit of the prior was used; with the revision it makes an answer reproducible.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct FitId {
+    /// 0 for the prior that nothing was fitted to, then 1, 2, ...
+    pub version: u64,
+    /// How many transitions the environment had when it was made.
     pub revision: u64,
 }
 
@@ -173,8 +256,13 @@ pub struct ActionFigures {
     pub action: String,
     /// How often it was seen in this state.
     pub visits: u64,
-    /// Plug-in KL(p(other given this action) from p(other)); `None` when unvisited. It favours the rarest action.
+    /// Posterior mean of KL(p(other given this action) from p(other)), and its interval: what actions are ranked by.
+    pub divergence: Option<(f64, Interval)>,
+    /// The same by relative frequencies; `None` when unvisited. It favours the rarest action.
     pub plug_in_divergence: Option<f64>,
-    /// Relative frequency of each of the other's actions after it, in index order; `None` when unvisited.
+    /// Probability of each of the other's actions after it, in index order: given the counts, or without evidence the relative frequency.
+    /// `None` where neither is known.
     pub response: Option<Vec<f64>>,
+    /// Where each of these probabilities lies with a probability of 90 %; empty without evidence.
+    pub response_intervals: Vec<Interval>,
 }

@@ -70,7 +70,7 @@ impl Counts {
     }
 
     /// Returns the cells of the segments named, or of all.
-    pub fn of_segments<'a>(&'a self, segments: Option<&'a [SegmentId]>) -> impl Iterator<Item = &'a Cell> {
+    pub fn of_segments<'a>(&'a self, segments: Option<&'a [SegmentId]>) -> impl Iterator<Item = &'a Cell> + Clone {
         self.cells.iter().filter(move |cell| segments.is_none_or(|named| named.contains(&cell.segment)))
     }
 

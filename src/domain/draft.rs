@@ -55,6 +55,8 @@ pub struct RuleDraft {
     pub min_visits: Option<u64>,
     /// Probability from which the evidence rule decides.
     pub confidence: Option<f64>,
+    /// Names of the estimators that answers tell.
+    pub estimators: Option<Vec<String>>,
 }
 
 /// A value of a feature, as it was written.
@@ -93,6 +95,22 @@ pub enum StatesDraft {
     Keys(Vec<String>),
 }
 
+impl StatesDraft {
+    /// Returns how many there are.
+    pub fn len(&self) -> usize {
+        match self {
+            Self::Positional(states) => states.len(),
+            Self::Named(states) => states.len(),
+            Self::Keys(keys) => keys.len(),
+        }
+    }
+
+    /// Returns whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+}
+
 impl Default for StatesDraft {
     fn default() -> Self {
         Self::Keys(Vec::new())
@@ -127,6 +145,30 @@ pub struct QuestionDraft {
     pub estimators: Vec<String>,
     /// `verdict`, `figures` or `full`.
     pub view: Option<String>,
+    /// `pooled` or `within_segments`; absent for no test of independence.
+    pub significance: Option<String>,
+    /// Whether it is wanted how many more visits a verdict would take.
+    pub visits_to_decide: bool,
+}
+
+/// Which states count as discoveries, unchecked.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct DiscoveryDraft {
+    /// The share of false ones among them that is accepted on average.
+    pub fdr: Option<f64>,
+    /// `bayes` (default) or `bh`.
+    pub method: Option<String>,
+}
+
+/// A question for what to try next, unchecked.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct ExplorationDraft {
+    /// Whose influence on whom, from which counts, by which rule.
+    pub pair: PairDraft,
+    /// Leaves out states with fewer visits.
+    pub min_visits: u64,
+    /// The most to return; 0 for the default.
+    pub limit: u64,
 }
 
 /// A question for a page of states, unchecked.
@@ -134,12 +176,14 @@ pub struct QuestionDraft {
 pub struct ListingDraft {
     /// Whose influence on whom, from which counts, by which rule.
     pub pair: PairDraft,
-    /// `visits` or `plug_in`, then `desc` (default) or `asc`.
+    /// `visits`, `plug_in`, `posterior_mean` or `p_dependent`, then `desc` (default) or `asc`.
     pub order_by: Option<String>,
     /// Leaves out states with fewer visits.
     pub min_visits: u64,
     /// Leaves out states with another verdict.
     pub verdict: Option<String>,
+    /// Leaves out states that are not among the discoveries.
+    pub discovery: DiscoveryDraft,
     /// The most to return; 0 for the default.
     pub page_size: u64,
     /// The token of the page before.

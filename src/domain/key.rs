@@ -19,6 +19,13 @@ impl StateKey {
         text.split('.').map(|part| part.parse().ok()).collect::<Option<Arc<[u32]>>>().map(Self)
     }
 
+    /// Returns a number that follows from the key alone, for choices at random that must be the same again.
+    pub fn seed(&self) -> u64 {
+        let digest = blake3::hash(bytemuck::cast_slice(&self.0));
+        let [first, ..] = bytemuck::cast::<[u8; 32], [u64; 4]>(*digest.as_bytes());
+        first
+    }
+
     /// Returns the bin of each feature.
     pub fn bins(&self) -> &[u32] {
         &self.0

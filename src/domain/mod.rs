@@ -18,6 +18,7 @@ mod batch;
 mod checked;
 mod counts;
 mod environment;
+mod estimator;
 mod feature;
 mod hash;
 mod key;
@@ -30,16 +31,23 @@ mod rule;
 mod schema;
 mod track;
 
-pub use answer::{ActionFigures, Answer, Answers, Basis, Bin, Dependence, Figures, Labels, Variable, Verdict};
+pub use answer::{
+    ActionFigures, Answer, Answers, Basis, Bin, Dependence, Evidence, Figures, FitId, Independence, Interval, Labels,
+    Probability, Significance, Variable, Verdict,
+};
 pub use batch::{Acknowledged, Batch, Receipt, Sequence};
 pub use counts::{Cell, Counts, Increment, SegmentId, Tally};
 pub use draft::{RuleDraft, SchemaDraft};
 pub use environment::{Environment, EnvironmentId, EnvironmentPage, Uid};
+pub use estimator::{Estimator, Estimators};
 pub use feature::{Feature, FeatureKind, Misfit};
 pub use key::StateKey;
 pub use name::{Label, Name, ProducerId};
-pub use overview::{HistogramBin, LabelledCell, StateFigures, StatePage, StateView, Summary, page_size};
-pub use question::{Estimator, MOST_STATES, Pair, Question, Scope, View};
+pub use overview::{
+    Discoveries, Discovery, DiscoveryMethod, Edge, Exploration, FittedPrior, Graph, HistogramBin, LabelledCell,
+    StateFigures, StatePage, StateView, Summary, Trial, page_size,
+};
+pub use question::{MOST_STATES, Pair, Permutations, Question, Scope, View};
 pub use records::{Digest, Entry, Record, Records, Rejection, Widths};
 pub use rule::{Rule, RuleKind, Unit};
 pub use schema::{Agent, Schema, SchemaHash};

@@ -1,6 +1,7 @@
 //! Answers about more, or less, than influence in one state: a state's counts, pages of states, and all states together.
 
-use super::{Bin, Label, StateKey, Tally, Unit, Verdict};
+use super::draft::DiscoveryDraft;
+use super::{Answer, Bin, Evidence, FitId, Label, StateKey, Tally, Unit, Verdict};
 use crate::error::{Fault, Problem};
 
 /// Returns a page size within 1 to 1,000; 0 stands for 100.
@@ -68,6 +69,82 @@ pub struct StateFigures {
     pub expected_if_independent: f64,
     /// The verdict.
     pub verdict: Verdict,
+    /// What the counts say by the fitted prior, in the page's unit; its interval is left out.
+    pub evidence: Option<Evidence>,
+    /// The p-value of the test of independence, where discoveries by it were asked for.
+    pub p_value: Option<f64>,
+}
+
+/// Which states count as discoveries: a false discovery rate, and how it is kept.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Discovery {
+    /// The share of false ones that is accepted on average, above 0 and below 1.
+    pub fdr: f64,
+    /// How they are found.
+    pub method: DiscoveryMethod,
+}
+
+/// How discoveries are found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub enum DiscoveryMethod {
+    /// The largest set whose mean probability of independence is within the rate.
+    #[default]
+    Bayes,
+    /// Benjamini and Hochberg's procedure (1995) on the tests of independence.
+    Bh,
+}
+
+impl DiscoveryMethod {
+    /// Returns the word on the wire.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Bayes => "bayes",
+            Self::Bh => "bh",
+        }
+    }
+}
+
+impl std::str::FromStr for DiscoveryMethod {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let known = [Self::Bayes, Self::Bh].into_iter().find(|method| method.as_str() == text);
+        known.ok_or_else(|| format!("got {text:?}, expected bayes or bh"))
+    }
+}
+
+impl Discovery {
+    /// Checks which discoveries are asked for; `None` if none are.
+    pub fn new(draft: &DiscoveryDraft) -> Result<Option<Self>, Vec<Fault>> {
+        let mut faults = Vec::new();
+        let method = draft.method.as_deref().map(str::parse).transpose();
+        let method: Option<DiscoveryMethod> =
+            method.map_err(|detail| faults.push(Fault::new("/method", detail))).unwrap_or_default();
+        match draft.fdr {
+            Some(fdr) if !(fdr > 0.0 && fdr < 1.0) => {
+                faults.push(Fault::new("/fdr", format!("got {fdr}, expected a number above 0 and below 1")));
+            }
+            None if draft.method.is_some() => {
+                faults.push(Fault::new("/fdr", "missing, and a method is given"));
+            }
+            _ => {}
+        }
+        if !faults.is_empty() {
+            return Err(faults);
+        }
+        Ok(draft.fdr.map(|fdr| Self { fdr, method: method.unwrap_or_default() }))
+    }
+}
+
+/// States that are called dependent at a false discovery rate.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Discoveries {
+    /// The rate and the method.
+    pub discovery: Discovery,
+    /// How many they are.
+    pub states: u64,
+    /// States among which they were looked for.
+    pub testable: u64,
 }
 
 /// What all states say together.
@@ -93,6 +170,14 @@ pub struct Summary {
     pub unit: Unit,
     /// The threshold used, in that unit.
     pub threshold: f64,
+    /// States by dependence, in the order of [`Dependence::ALL`](super::Dependence::ALL).
+    pub dependence: [u64; 3],
+    /// The fit of the prior.
+    pub fit: FitId,
+    /// The share of states that depend, as fitted.
+    pub dependent_share: Option<f64>,
+    /// The discoveries, where a rate was given.
+    pub discoveries: Option<Discoveries>,
 }
 
 /// States whose mutual information lies between two bounds.
@@ -106,4 +191,79 @@ pub struct HistogramBin {
     pub plug_in: u64,
     /// States whose mean under independence lies here.
     pub expected_if_independent: u64,
+    /// States whose posterior mean lies here.
+    pub posterior_mean: u64,
+}
+
+/// The causal graph of one state.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Graph {
+    /// The state.
+    pub key: StateKey,
+    /// Its bins with their labels.
+    pub bins: Vec<Bin>,
+    /// The names of the agents, in the environment's order.
+    pub nodes: Vec<String>,
+    /// Every pair of agents, in their order.
+    pub edges: Vec<Edge>,
+}
+
+/// A pair of agents in a graph: the answer serves both directions, since at lag 0 there is none.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Edge {
+    /// The position of the earlier agent.
+    pub from: usize,
+    /// The position of the later agent.
+    pub to: usize,
+    /// The answer, with figures.
+    pub answer: Answer,
+}
+
+/// Where one more visit is worth most.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Exploration {
+    /// What to try, the most valuable first.
+    pub trials: Vec<Trial>,
+    /// How many states were looked at.
+    pub considered: u64,
+    /// The revision this was made from.
+    pub as_of: u64,
+}
+
+/// An action to try in a state.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Trial {
+    /// The state.
+    pub key: StateKey,
+    /// Its bins with their labels.
+    pub bins: Vec<Bin>,
+    /// How often it was seen.
+    pub visits: u64,
+    /// The ego's action.
+    pub index: u64,
+    /// Its label.
+    pub action: String,
+    /// How often it was taken in this state.
+    pub action_visits: u64,
+    /// By how much one more visit is expected to lower the entropy of "MI is above the threshold", in nats.
+    pub information_gain: f64,
+    /// P(MI > threshold) as it is.
+    pub above_threshold: f64,
+}
+
+/// The prior of one pair, as it was fitted.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FittedPrior {
+    /// The name of the earlier agent.
+    pub earlier: String,
+    /// The name of the later agent.
+    pub later: String,
+    /// The names of the agents held fixed.
+    pub given: Vec<String>,
+    /// Its version and revision.
+    pub fit: FitId,
+    /// States that it was fitted to.
+    pub states: u64,
+    /// The share of states that depend.
+    pub dependent_share: f64,
 }

@@ -3,11 +3,17 @@
 use std::str::FromStr;
 
 use super::draft::{PairDraft, QuestionDraft, StatesDraft};
-use super::{Environment, Label, Rule, Schema, StateKey, Unit};
+use super::{Environment, Estimator, Estimators, Label, Rule, Schema, StateKey, Unit};
 use crate::error::{Fault, Problem};
 
 /// The most states of one question.
 pub const MOST_STATES: usize = 10_000;
+
+/// The most states of a question that asks for tests of independence.
+const MOST_TESTED: usize = 1_000;
+
+/// The most states of a question that asks how many more visits a verdict would take.
+const MOST_FORESEEN: usize = 100;
 
 /// How much of an answer is wanted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -20,32 +26,24 @@ pub enum View {
     Full,
 }
 
-/// A further estimator of mutual information.
+/// What may be exchanged for what in a permutation test.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Estimator {
-    /// Plug-in less its mean under independence.
-    Excess,
-    /// Plug-in less Miller and Madow's first-order bias.
-    MillerMadow,
+pub enum Permutations {
+    /// All transitions of a state.
+    Pooled,
+    /// Those of the same segment only: trials, or pairs of players, may differ in their habits.
+    WithinSegments,
 }
 
-impl Estimator {
-    /// Returns the word on the wire.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Excess => "excess",
-            Self::MillerMadow => "miller_madow",
-        }
-    }
-}
-
-impl FromStr for Estimator {
+impl FromStr for Permutations {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let known = [Self::Excess, Self::MillerMadow];
-        let wrong = || format!("unknown estimator {text:?}, expected excess or miller_madow");
-        known.into_iter().find(|estimator| estimator.as_str() == text).ok_or_else(wrong)
+        match text {
+            "pooled" => Ok(Self::Pooled),
+            "within_segments" => Ok(Self::WithinSegments),
+            _ => Err(format!("got {text:?}, expected pooled or within_segments")),
+        }
     }
 }
 
@@ -81,6 +79,13 @@ pub struct Pair {
     pub given: Vec<usize>,
 }
 
+impl Pair {
+    /// Returns the same pair with the earlier agent as the ego: mutual information is symmetric, and so is what is fitted to it.
+    pub fn undirected(&self) -> Self {
+        Self { ego: self.ego.min(self.other), other: self.ego.max(self.other), given: self.given.clone() }
+    }
+}
+
 /// What every question has in common: the pair, the counts it rests on and the rule.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scope {
@@ -101,10 +106,14 @@ pub struct Question {
     pub scope: Scope,
     /// The states, in the order of the answers.
     pub states: Vec<StateKey>,
-    /// Further estimators.
-    pub estimators: Vec<Estimator>,
+    /// Further estimators: the ones named, else the environment's.
+    pub estimators: Estimators,
     /// How much is wanted of each answer.
     pub view: View,
+    /// Whether the test of independence is wanted, and how it permutes.
+    pub significance: Option<Permutations>,
+    /// Whether it is wanted how many more visits a verdict would take.
+    pub visits_to_decide: bool,
 }
 
 impl Question {
@@ -113,21 +122,31 @@ impl Question {
         let mut faults = Vec::new();
         let scope = keep(Scope::check(environment, &draft.pair), &mut faults);
         let states = keep(states(&environment.schema, &draft.states), &mut faults);
-        let estimators = parse_all(&draft.estimators, "/estimators", &mut faults);
-        let view = match draft.view.as_deref().map(View::from_str).transpose() {
-            Ok(view) => view,
-            Err(detail) => {
-                faults.push(Fault::new("/view", detail));
-                None
+        let estimators: Vec<Estimator> = parse_all(&draft.estimators, "/estimators", &mut faults);
+        let view = parse(draft.view.as_deref(), "/view", &mut faults);
+        let asked = draft.states.len();
+        let mut few = |wanted: bool, most: usize, pointer: &str| {
+            if wanted && asked > most {
+                let detail = format!("got {asked} states, expected at most {most} where this is asked for");
+                faults.push(Fault::new(pointer, detail));
             }
         };
-        match (scope, states) {
-            (Some(scope), Some(states)) if faults.is_empty() => {
-                let view = view.unwrap_or(if states.len() == 1 { View::Full } else { View::Figures });
-                Ok(Self { scope, states, estimators, view })
-            }
-            _ => Err(Problem::invalid("question", faults)),
-        }
+        few(draft.significance.is_some(), MOST_TESTED, "/significance");
+        few(draft.visits_to_decide, MOST_FORESEEN, "/visits_to_decide");
+        let significance = parse(draft.significance.as_deref(), "/significance", &mut faults);
+        let (Some(scope), Some(states), true) = (scope, states, faults.is_empty()) else {
+            return Err(Problem::invalid("question", faults));
+        };
+        let estimators = if estimators.is_empty() { scope.rule.estimators } else { estimators.into_iter().collect() };
+        let view = view.unwrap_or(if states.len() == 1 { View::Full } else { View::Figures });
+        Ok(Self { scope, states, estimators, view, significance, visits_to_decide: draft.visits_to_decide })
+    }
+}
+
+impl Question {
+    /// Returns whether answering takes long enough to be done aside.
+    pub fn is_slow(&self) -> bool {
+        self.view == View::Full || self.significance.is_some() || self.visits_to_decide
     }
 }
 
@@ -162,6 +181,10 @@ impl Scope {
 /// Returns the value, or `None` after adding its faults to the rest.
 fn keep<T>(checked: Result<T, Vec<Fault>>, faults: &mut Vec<Fault>) -> Option<T> {
     checked.map_err(|more| faults.extend(more)).ok()
+}
+
+fn parse<T: FromStr<Err = String>>(text: Option<&str>, pointer: &str, faults: &mut Vec<Fault>) -> Option<T> {
+    text?.parse().map_err(|detail: String| faults.push(Fault::new(pointer, detail))).ok()
 }
 
 fn parse_all<T: FromStr<Err = String>>(texts: &[String], pointer: &str, faults: &mut Vec<Fault>) -> Vec<T> {

@@ -2,7 +2,7 @@
 
 use std::f64::consts::LN_2;
 
-use super::RuleDraft;
+use super::{Estimator, Estimators, RuleDraft};
 use crate::error::Fault;
 
 /// The unit of every information figure of an answer. Inside, everything is in nats.
@@ -54,7 +54,7 @@ impl std::str::FromStr for Unit {
 }
 
 /// Which rule decides.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum RuleKind {
     /// By the posterior probability that mutual information exceeds the threshold.
     Evidence,
@@ -97,12 +97,21 @@ pub struct Rule {
     pub min_visits: u64,
     /// Probability from which the evidence rule decides, above 0.5 and below 1.
     pub confidence: f64,
+    /// What answers tell beside the plug-in, unless a question names others. They decide nothing.
+    pub estimators: Estimators,
 }
 
 impl Default for Rule {
-    /// The paper's rule at half a nat and eight visits: what can be decided until the evidence rule exists.
+    /// By the evidence: influence above half a nat, at a confidence of 0.8.
     fn default() -> Self {
-        Self { kind: RuleKind::Paper, threshold: 0.5, unit: Unit::Nats, min_visits: 8, confidence: 0.8 }
+        Self {
+            kind: RuleKind::Evidence,
+            threshold: 0.5,
+            unit: Unit::Nats,
+            min_visits: 8,
+            confidence: 0.8,
+            estimators: Estimators::default(),
+        }
     }
 }
 
@@ -138,10 +147,17 @@ impl Rule {
             faults
                 .push(Fault::new("/confidence", format!("got {confidence}, expected a number above 0.5 and below 1")));
         }
+        let estimators = estimators(draft, &mut faults).unwrap_or(self.estimators);
         // A negative zero would be told as "-0".
-        let rule = Self { kind, threshold: threshold + 0.0, unit: base.unit, min_visits, confidence };
+        let rule = Self { kind, threshold: threshold + 0.0, unit: base.unit, min_visits, confidence, estimators };
         if faults.is_empty() { Ok(rule) } else { Err(faults) }
     }
+}
+
+/// Returns the estimators that are named, if a list is given.
+fn estimators(draft: &RuleDraft, faults: &mut Vec<Fault>) -> Option<Estimators> {
+    let names = draft.estimators.as_ref()?.iter().enumerate();
+    Some(names.filter_map(|(i, name)| kept(name.parse::<Estimator>(), &format!("/estimators/{i}"), faults)).collect())
 }
 
 fn parsed<T: std::str::FromStr<Err = String>>(
@@ -149,13 +165,11 @@ fn parsed<T: std::str::FromStr<Err = String>>(
     pointer: &str,
     faults: &mut Vec<Fault>,
 ) -> Option<T> {
-    match text.as_deref()?.parse() {
-        Ok(value) => Some(value),
-        Err(detail) => {
-            faults.push(Fault::new(pointer, detail));
-            None
-        }
-    }
+    kept(text.as_deref()?.parse(), pointer, faults)
+}
+
+fn kept<T>(parsed: Result<T, String>, pointer: &str, faults: &mut Vec<Fault>) -> Option<T> {
+    parsed.map_err(|detail| faults.push(Fault::new(pointer, detail))).ok()
 }
 
 #[cfg(test)]
@@ -185,9 +199,10 @@ mod tests {
             unit: Some("hartleys".into()),
             min_visits: Some(u64::MAX),
             confidence: Some(0.5),
+            estimators: Some(vec!["nsb".into(), "bayes".into()]),
         };
         let pointers: Vec<String> =
             Rule::default().merged(&draft).expect_err("all wrong").into_iter().map(|f| f.pointer).collect();
-        assert_eq!(pointers, ["/kind", "/unit", "/threshold", "/min_visits", "/confidence"]);
+        assert_eq!(pointers, ["/kind", "/unit", "/threshold", "/min_visits", "/confidence", "/estimators/1"]);
     }
 }

@@ -67,7 +67,7 @@ mod tests {
     use crate::domain::Unit;
 
     fn paper(rule: Rule, visits: u64, plug_in: f64) -> Verdict {
-        decide(&rule, visits, plug_in, None)
+        decide(&Rule { kind: RuleKind::Paper, ..rule }, visits, plug_in, None)
     }
 
     fn evidence(visits: u64, unseen: f64, now: f64) -> Verdict {

@@ -1,41 +1,48 @@
-//! Answers from counts: of one state, and of thousands by several threads.
+//! Answers: of one state, and of thousands by several threads.
 
 use std::sync::Arc;
 
+use super::actions;
+use super::judge::{Judge, Judged};
+use super::survey::Plan;
 use super::tables::Tables;
 use crate::domain::{
-    ActionFigures, Agent, Answer, Bin, Cell, Estimator, Figures, Question, Schema, SegmentId, StateKey, Tally, View,
+    Answer, Bin, Cell, Estimator, Figures, Permutations, Question, Schema, Scope, Significance, StateKey, Tally, Unit,
+    View,
 };
 use crate::error::{ErrorKind, Problem};
 use crate::evidence;
-use crate::information::{excess, miller_madow, plug_in};
+use crate::information::{self, Alphabet};
 use crate::store::StateCounts;
 
 /// States that are answered at once; more are shared among threads, so that nobody waits behind ten thousand.
 const SHARE: usize = 2_500;
 
+/// Permutations of a test of independence: its p-value is known to about a thousandth.
+const PERMUTATIONS: u64 = 4_000;
+
+/// What an answer is made from, beside the counts of its state.
+#[derive(Clone)]
+pub struct Ground {
+    /// The environment, the segments and the fit.
+    pub plan: Plan,
+    /// The question.
+    pub question: Question,
+}
+
 /// Returns the answers for the states of a question, which have these counts.
-pub async fn answers(
-    schema: &Schema,
-    question: &Question,
-    segments: Option<&[SegmentId]>,
-    counts: Vec<StateCounts>,
-) -> Result<Vec<Answer>, Problem> {
-    if counts.len() <= SHARE {
-        let states = question.states.iter().zip(&counts);
-        return Ok(states.map(|(key, state)| answer(schema, question, segments, key, state)).collect());
+pub async fn answers(ground: Ground, counts: Vec<StateCounts>) -> Result<Vec<Answer>, Problem> {
+    let states = ground.question.states.len();
+    if states <= SHARE && !ground.question.is_slow() {
+        return Ok(ground.answers(&counts, 0..states));
     }
-    let shared = Arc::new((schema.clone(), question.clone(), segments.map(<[SegmentId]>::to_vec), counts));
+    let shared = Arc::new((ground, counts));
     let share = |from: usize| {
         let shared = shared.clone();
-        tokio::task::spawn_blocking(move || {
-            let (schema, question, segments, counts) = &*shared;
-            let states = question.states.iter().zip(counts).skip(from).take(SHARE);
-            states.map(|(key, state)| answer(schema, question, segments.as_deref(), key, state)).collect::<Vec<_>>()
-        })
+        tokio::task::spawn_blocking(move || shared.0.answers(&shared.1, from..(from + SHARE).min(states)))
     };
-    let shares: Vec<_> = (0..question.states.len()).step_by(SHARE).map(share).collect();
-    let mut answers = Vec::with_capacity(question.states.len());
+    let shares: Vec<_> = (0..states).step_by(SHARE).map(share).collect();
+    let mut answers = Vec::with_capacity(states);
     for share in shares {
         let share = share.await;
         answers.extend(share.map_err(|error| Problem::new(ErrorKind::Internal, "INTERNAL", error.to_string()))?);
@@ -43,33 +50,94 @@ pub async fn answers(
     Ok(answers)
 }
 
-/// Returns the answer for a state with these counts.
-fn answer(
-    schema: &Schema,
-    question: &Question,
-    segments: Option<&[SegmentId]>,
-    key: &StateKey,
-    state: &StateCounts,
-) -> Answer {
-    let cells = || state.counts.of_segments(segments);
-    let tables = Tables::new(schema, &question.scope.pair, cells());
-    let visits = tables.whole.total();
-    let nats = tables.figure(plug_in);
-    let unit = question.scope.unit;
-    let figures = (question.view != View::Verdict).then(|| {
-        Box::new(Figures {
-            bins: bins(schema, key),
-            entries: total(cells()).entries,
-            revision: state.revision,
-            ..figures(question, &tables, nats)
-        })
-    });
-    let by_action = (question.view == View::Full).then(|| {
-        let [ego, other] = [question.scope.pair.ego, question.scope.pair.other].map(|agent| &schema.agents()[agent]);
-        by_action(ego, other, &tables, |nats| unit.from_nats(nats))
-    });
-    let verdict = evidence::decide(&question.scope.rule, visits, nats, None);
-    Answer { key: key.clone(), visits, verdict, basis: evidence::basis(visits), figures, by_action }
+impl Ground {
+    fn judge(&self) -> Judge<'_> {
+        self.plan.judge(self.question.view)
+    }
+
+    fn answers(&self, counts: &[StateCounts], states: std::ops::Range<usize>) -> Vec<Answer> {
+        let judge = self.judge();
+        let keys = &self.question.states;
+        states.map(|state| self.answer(judge, &keys[state], &counts[state])).collect()
+    }
+
+    /// Returns the answer for a state with these counts.
+    fn answer(&self, judge: Judge<'_>, key: &StateKey, state: &StateCounts) -> Answer {
+        let cells = || state.counts.of_segments(self.plan.segments.as_deref());
+        let judged = judge.judge(cells());
+        let visits = judged.tables.whole.total();
+        let figures = (judge.view != View::Verdict).then(|| {
+            Box::new(Figures {
+                bins: bins(judge.schema, key),
+                entries: total(cells()).entries,
+                significance: self.question.significance.map(|how| self.significance(how, cells(), key.seed())),
+                visits_to_decide: self.visits_to_decide(&judged, cells()),
+                revision: state.revision,
+                ..self.figures(judge, &judged)
+            })
+        });
+        let by_action = (judge.view == View::Full).then(|| {
+            let draws = judged.tables.draws(judge.schema, &judge.scope.pair, cells()).1;
+            actions::by_action(judge, &judged.tables, &draws)
+        });
+        let basis = evidence::basis(visits);
+        Answer { key: key.clone(), visits, verdict: judged.verdict, basis, figures, by_action }
+    }
+
+    /// Tests independence in a state.
+    fn significance<'c>(
+        &self,
+        how: Permutations,
+        cells: impl Iterator<Item = &'c Cell> + Clone,
+        seed: u64,
+    ) -> Significance {
+        let (schema, pair) = (&self.plan.environment.schema, &self.plan.scope.pair);
+        let slices = match how {
+            Permutations::Pooled => Tables::new(schema, pair, cells.clone()).draws(schema, pair, cells).1.into_owned(),
+            Permutations::WithinSegments => Tables::draws_by_segment(schema, pair, cells),
+        };
+        let test = information::p_value(&slices, PERMUTATIONS, seed);
+        Significance { p_value: test.p_value, method: test.method.as_str() }
+    }
+
+    /// Looks how many more visits a verdict would take, if that is asked for and there are not too many actions for it.
+    fn visits_to_decide<'c>(
+        &self,
+        judged: &Judged,
+        cells: impl Iterator<Item = &'c Cell> + Clone,
+    ) -> Option<Option<u64>> {
+        let Scope { pair, rule, .. } = &self.plan.scope;
+        let prior = self.plan.fitted.as_ref().filter(|_| self.question.visits_to_decide)?.in_detail()?;
+        let draws = judged.tables.draws(&self.plan.environment.schema, pair, cells).1;
+        Some(prior.visits_to_decide(&draws, rule))
+    }
+
+    fn figures(&self, judge: Judge<'_>, judged: &Judged) -> Figures {
+        let unit = judge.scope.unit;
+        let (expected, method) = judged.tables.expected_if_independent();
+        let [rows, columns] =
+            [judge.scope.pair.ego, judge.scope.pair.other].map(|agent| judge.schema.agents()[agent].actions());
+        let alphabet = Alphabet { rows, columns };
+        let estimate =
+            |estimator: Estimator| (estimator.as_str(), estimated(estimator, &judged.tables, alphabet, unit));
+        Figures {
+            bins: Vec::new(),
+            entries: None,
+            unit,
+            threshold: judge.scope.rule.in_unit(unit).threshold,
+            rule: judge.scope.rule.kind,
+            plug_in: unit.from_nats(judged.plug_in),
+            expected_if_independent: unit.from_nats(expected),
+            expected_method: method.as_str(),
+            estimates: self.question.estimators.iter().map(estimate).collect(),
+            independence: judged.independence,
+            evidence: judge.evidence(judged).map(|evidence| evidence.in_unit(unit)),
+            significance: None,
+            visits_to_decide: None,
+            fit: self.plan.fit(),
+            revision: 0,
+        }
+    }
 }
 
 /// Returns the sum of cells.
@@ -90,53 +158,19 @@ pub fn bins(schema: &Schema, key: &StateKey) -> Vec<Bin> {
     schema.state().iter().zip(key.bins()).map(bin).collect()
 }
 
-fn figures(question: &Question, tables: &Tables, nats: f64) -> Figures {
-    let unit = question.scope.unit;
-    let (expected, method) = tables.expected_if_independent();
-    let estimate = |estimator: &Estimator| {
-        let nats = match estimator {
-            Estimator::Excess => tables.figure(excess),
-            Estimator::MillerMadow => tables.figure(miller_madow),
-        };
-        (estimator.as_str(), unit.from_nats(nats))
-    };
-    Figures {
-        bins: Vec::new(),
-        entries: None,
-        unit,
-        threshold: question.scope.rule.in_unit(unit).threshold,
-        rule: question.scope.rule.kind,
-        plug_in: unit.from_nats(nats),
-        expected_if_independent: unit.from_nats(expected),
-        expected_method: method.as_str(),
-        estimates: question.estimators.iter().map(estimate).collect(),
-        revision: 0,
-    }
-}
-
-/// Returns the figures of every ego action, seen or not, in index order.
-fn by_action(ego: &Agent, other: &Agent, tables: &Tables, unit: impl Fn(f64) -> f64) -> Vec<ActionFigures> {
-    let whole = &tables.whole;
-    let figures = |index: u64| {
-        let row = whole.row_labels().binary_search(&index).ok();
-        ActionFigures {
-            index,
-            action: ego.action_label(index),
-            visits: row.map_or(0, |row| whole.rows()[row]),
-            plug_in_divergence: row.map(|row| unit(tables.divergence(row))),
-            response: row.map(|row| response(tables, row, other.actions())),
-        }
-    };
-    (0..ego.actions()).map(figures).collect()
-}
-
-/// Returns the relative frequency of each of the other's actions after the ego's action at a row.
-fn response(tables: &Tables, row: usize, actions: u64) -> Vec<f64> {
-    let whole = &tables.whole;
-    let mut response = vec![0.0; actions as usize];
-    for cell in whole.row(row) {
-        let action = whole.column_labels()[cell.column as usize];
-        response[action as usize] = cell.n as f64 / whole.rows()[row] as f64;
-    }
-    response
+/// Returns an estimate in a unit.
+fn estimated(estimator: Estimator, tables: &Tables, alphabet: Alphabet, unit: Unit) -> f64 {
+    let nats = tables.figure(|table| match estimator {
+        Estimator::Excess => information::excess(table),
+        Estimator::MillerMadow => information::miller_madow(table),
+        Estimator::ChaoShen => information::chao_shen(table),
+        Estimator::JamesStein => information::james_stein(table, alphabet),
+        Estimator::Grassberger2003 => information::grassberger_2003(table),
+        Estimator::Nsb => information::nsb(table, alphabet),
+        Estimator::Dirichlet => information::dirichlet(table, alphabet),
+        Estimator::Adjusted => information::adjusted(table),
+        Estimator::UniformPolicy => information::uniform_policy(table),
+    });
+    // A share has no unit.
+    if estimator == Estimator::Adjusted { nats } else { unit.from_nats(nats) }
 }

@@ -1,17 +1,20 @@
 //! Pages of states in an order.
 
 use super::answer::bins;
-use super::survey::{Order, OrderBy, Row, Survey};
+use super::discoveries::Found;
+use super::order::{Order, OrderBy};
+use super::survey::{Row, Survey};
 use crate::domain::draft::ListingDraft;
-use crate::domain::{Schema, Scope, StateFigures, StateKey, StatePage, Verdict, page_size};
+use crate::domain::{Discovery, Schema, Scope, StateFigures, StateKey, StatePage, Unit, Verdict, page_size};
 use crate::error::{Fault, Problem};
-use crate::evidence;
 
 /// A checked request for a page.
 pub struct Listing {
     order: Order,
     min_visits: u64,
     verdict: Option<Verdict>,
+    /// Which states are discoveries, if only those are wanted.
+    pub discovery: Option<Discovery>,
     size: usize,
     after: Option<Place>,
 }
@@ -36,32 +39,36 @@ impl Listing {
                 .ok()
         });
         let size = page_size(draft.page_size).map_err(|problem| faults.extend(problem.faults)).ok();
+        let discovery = Discovery::new(&draft.discovery).map_err(|found| faults.extend(found)).unwrap_or_default();
         match (order, after, size) {
             (Some(order), Some(after), Some(size)) if faults.is_empty() => {
-                Ok(Self { order, min_visits: draft.min_visits, verdict, size, after })
+                Ok(Self { order, min_visits: draft.min_visits, verdict, discovery, size, after })
             }
             _ => Err(Problem::invalid("listing", faults)),
         }
     }
 
-    /// Returns the page of a survey.
-    pub fn page(&self, schema: &Schema, scope: &Scope, survey: &Survey) -> StatePage {
+    /// Returns the page of a survey; of the discoveries only, if there are any to tell.
+    pub fn page(&self, schema: &Schema, scope: &Scope, survey: &Survey, found: Option<&Found>) -> StatePage {
         let positions = survey.ordered(self.order);
-        let row = |position: &u32| &survey.rows[*position as usize];
-        let passed = |position: &u32| self.after.as_ref().is_some_and(|after| self.place_of(row(position)) <= *after);
+        let row = |position: u32| &survey.rows[position as usize];
+        let passed = |position: &u32| self.after.as_ref().is_some_and(|after| self.place_of(row(*position)) <= *after);
         let start = positions.partition_point(passed);
-        let wanted = positions[start..].iter().map(row).filter(|row| self.wants(scope, row));
-        let mut rows: Vec<&Row> = wanted.take(self.size + 1).collect();
-        let more = rows.len() > self.size;
-        rows.truncate(self.size);
-        let next_page_token = rows.last().filter(|_| more).map(|row| self.token(row));
-        let states = rows.into_iter().map(|row| figures(schema, scope, row)).collect();
-        StatePage { states, next_page_token, as_of: survey.as_of, unit: scope.unit }
+        let told = |position: u32| found.is_none_or(|found| found.rows[position as usize]);
+        let wanted = positions[start..].iter().copied().filter(|at| told(*at) && self.wants(row(*at)));
+        let mut page: Vec<u32> = wanted.take(self.size + 1).collect();
+        let more = page.len() > self.size;
+        page.truncate(self.size);
+        let next_page_token = page.last().filter(|_| more).map(|at| self.token(row(*at)));
+        let states = page.into_iter().map(|at| StateFigures {
+            p_value: found.and_then(|found| found.p_values.get(at as usize).copied().flatten()),
+            ..figures(schema, scope.unit, row(at))
+        });
+        StatePage { states: states.collect(), next_page_token, as_of: survey.as_of, unit: scope.unit }
     }
 
-    fn wants(&self, scope: &Scope, row: &Row) -> bool {
-        let verdict = || evidence::decide(&scope.rule, row.visits, row.plug_in, None);
-        row.visits >= self.min_visits && self.verdict.is_none_or(|wanted| verdict() == wanted)
+    fn wants(&self, row: &Row) -> bool {
+        row.visits >= self.min_visits && self.verdict.is_none_or(|wanted| row.verdict == wanted)
     }
 
     fn place_of(&self, row: &Row) -> Place {
@@ -73,14 +80,16 @@ impl Listing {
     }
 }
 
-fn figures(schema: &Schema, scope: &Scope, row: &Row) -> StateFigures {
+fn figures(schema: &Schema, unit: Unit, row: &Row) -> StateFigures {
     StateFigures {
         key: row.key.clone(),
         bins: bins(schema, &row.key),
         visits: row.visits,
-        plug_in: scope.unit.from_nats(row.plug_in),
-        expected_if_independent: scope.unit.from_nats(row.expected),
-        verdict: evidence::decide(&scope.rule, row.visits, row.plug_in, None),
+        plug_in: unit.from_nats(row.plug_in),
+        expected_if_independent: unit.from_nats(row.expected),
+        verdict: row.verdict,
+        evidence: row.evidence.map(|evidence| evidence.in_unit(unit)),
+        p_value: None,
     }
 }
 
@@ -90,6 +99,8 @@ fn order(text: Option<&str>) -> Result<Order, String> {
     let by = match words.next() {
         Some("visits") => Some(OrderBy::Visits),
         Some("plug_in") => Some(OrderBy::PlugIn),
+        Some("posterior_mean") => Some(OrderBy::PosteriorMean),
+        Some("p_dependent") => Some(OrderBy::Dependent),
         _ => None,
     };
     let descending = match words.next() {
@@ -99,7 +110,7 @@ fn order(text: Option<&str>) -> Result<Order, String> {
     };
     match (by, descending, words.next()) {
         (Some(by), Some(descending), None) => Ok(Order { by, descending }),
-        _ => Err(format!("got {text:?}, expected visits or plug_in, then desc or asc")),
+        _ => Err(format!("got {text:?}, expected visits, plug_in, posterior_mean or p_dependent, then desc or asc")),
     }
 }
 
@@ -109,6 +120,10 @@ fn order_word(order: Order) -> &'static str {
         (OrderBy::Visits, false) => "va",
         (OrderBy::PlugIn, true) => "pd",
         (OrderBy::PlugIn, false) => "pa",
+        (OrderBy::PosteriorMean, true) => "md",
+        (OrderBy::PosteriorMean, false) => "ma",
+        (OrderBy::Dependent, true) => "dd",
+        (OrderBy::Dependent, false) => "da",
     }
 }
 

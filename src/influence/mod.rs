@@ -1,27 +1,38 @@
 //! The question itself: in this state, does the ego's action influence the other's, how strongly, and which of its actions do it?
 //!
-//! Reads counts from the store, makes tables of them, lets `information` measure and `evidence` decide. Nothing here writes, and nothing here knows
-//! a wire format but for the size that an answer may have.
+//! Reads counts from the store, makes tables of them, lets `information` measure and `evidence` decide. Nothing here counts, and nothing here knows
+//! a wire format but for the size that an answer may have; what is fitted to all counts of an environment is kept in the store beside them.
 
 use std::sync::Arc;
 use std::time::Instant;
 
+mod actions;
 mod answer;
+mod discoveries;
+mod explore;
+mod fits;
+mod judge;
 mod listing;
+mod order;
+mod scan;
 mod size;
 mod summary;
 mod survey;
 mod tables;
 
-use listing::Listing;
-use survey::Surveys;
+use std::time::Duration;
 
-use crate::domain::draft::{ListingDraft, PairDraft};
+use answer::Ground;
+use fits::Fits;
+use listing::Listing;
+use survey::{Plan, Survey, Surveys};
+
+use crate::domain::draft::{DiscoveryDraft, ExplorationDraft, ListingDraft, PairDraft, QuestionDraft};
 use crate::domain::{
-    Agent, Answers, Basis, Cell, Environment, Label, LabelledCell, Labels, Pair, Question, Schema, Scope, SegmentId,
-    StatePage, StateView, Summary, Variable,
+    Agent, Answers, Basis, Cell, Discovery, Edge, Environment, Exploration, FittedPrior, Graph, Label, LabelledCell,
+    Labels, Pair, Question, Schema, Scope, SegmentId, StatePage, StateView, Summary, Variable, View, page_size,
 };
-use crate::error::{Fault, Problem};
+use crate::error::{ErrorKind, Fault, Problem};
 use crate::store::Store;
 use crate::telemetry;
 
@@ -29,23 +40,30 @@ use crate::telemetry;
 #[derive(Clone)]
 pub struct Influence {
     store: Arc<dyn Store>,
+    fits: Fits,
     surveys: Surveys,
 }
 
 impl Influence {
     /// Makes a handle on the answers from a store.
     pub fn new(store: Arc<dyn Store>) -> Self {
-        Self { surveys: Surveys::new(store.clone()), store }
+        Self { fits: Fits::new(store.clone()), surveys: Surveys::new(store.clone()), store }
+    }
+
+    /// Keeps the priors fitted as counts grow, looking every so often, for ever.
+    pub async fn keep_fitted(self, every: Duration) {
+        self.fits.keep_up(every).await;
     }
 
     /// Answers a question. Its answers stand on every transition acknowledged before it was asked.
-    pub async fn answer(&self, environment: &Environment, question: &Question) -> Result<Answers, Problem> {
+    pub async fn answer(&self, environment: &Arc<Environment>, question: &Question) -> Result<Answers, Problem> {
         let started = Instant::now();
         let schema = &environment.schema;
         size::check(schema, question)?;
-        let segments = self.segments(environment, question.scope.segments.as_deref()).await?;
+        let plan = self.plan(environment, question.scope.clone()).await?;
         let counts = self.store.counts(environment.id, &question.states).await.map_err(logged)?;
-        let answers = answer::answers(schema, question, segments.as_deref(), counts).await?;
+        let ground = Ground { plan, question: question.clone() };
+        let answers = answer::answers(ground, counts).await?;
         let by_prior = answers.iter().filter(|answer| answer.basis == Basis::Prior).count() as u64;
         telemetry::answered(started.elapsed(), answers.len() as u64 - by_prior, by_prior);
         Ok(Answers { labels: labels(schema, &question.scope.pair), answers })
@@ -73,19 +91,102 @@ impl Influence {
     pub async fn states(&self, environment: &Arc<Environment>, listing: &ListingDraft) -> Result<StatePage, Problem> {
         let scope = Scope::new(environment, &listing.pair)?;
         let listing = Listing::new(&environment.schema, listing)?;
-        let segments = self.segments(environment, scope.segments.as_deref()).await?;
-        let survey = self.surveys.get(environment, &scope.pair, segments).await.map_err(logged)?;
-        Ok(listing.page(&environment.schema, &scope, &survey))
+        let plan = self.plan(environment, scope).await?;
+        let survey = self.surveys.get(&plan).await.map_err(logged)?;
+        let found = self.discoveries(&plan, &survey, listing.discovery).await?;
+        Ok(listing.page(&environment.schema, &plan.scope, &survey, found.as_deref()))
     }
 
     /// Returns what all states say together.
-    pub async fn summary(&self, environment: &Arc<Environment>, pair: &PairDraft) -> Result<Summary, Problem> {
+    pub async fn summary(
+        &self,
+        environment: &Arc<Environment>,
+        pair: &PairDraft,
+        discovery: &DiscoveryDraft,
+    ) -> Result<Summary, Problem> {
         let scope = Scope::new(environment, pair)?;
-        let segments = self.segments(environment, scope.segments.as_deref()).await?;
-        let survey = self.surveys.get(environment, &scope.pair, segments).await.map_err(logged)?;
+        let discovery = Discovery::new(discovery).map_err(|faults| Problem::invalid("question", faults))?;
+        let plan = self.plan(environment, scope).await?;
+        let survey = self.surveys.get(&plan).await.map_err(logged)?;
+        let found = self.discoveries(&plan, &survey, discovery).await?;
         let named = self.store.segments(environment.id).await.map_err(logged)?;
         let named = named.into_iter().filter_map(|(_, label)| label).collect();
-        Ok(summary::summary(&scope, named, &survey))
+        Ok(summary::summary(&plan.scope, named, &survey, found.map(|found| found.discoveries)))
+    }
+
+    /// Returns the causal graph of one state: every pair of agents with its answer.
+    pub async fn graph(&self, environment: &Arc<Environment>, draft: &QuestionDraft) -> Result<Graph, Problem> {
+        let first = Question { view: View::Figures, ..Question::new(environment, draft)? };
+        let mut edges = Vec::new();
+        for pair in fits::every_pair(&environment.schema) {
+            let (from, to) = (pair.ego, pair.other);
+            let question = Question { scope: Scope { pair, ..first.scope.clone() }, ..first.clone() };
+            let answers = self.answer(environment, &question).await?.answers;
+            edges.extend(answers.into_iter().map(|answer| Edge { from, to, answer }));
+        }
+        let key = first.states.first().cloned().ok_or_else(|| Problem::invalid("question", Vec::new()))?;
+        let nodes = environment.schema.agents().iter().map(|agent| agent.name.to_string()).collect();
+        Ok(Graph { bins: answer::bins(&environment.schema, &key), key, nodes, edges })
+    }
+
+    /// Returns the states, and the ego's actions in them, where one more visit is worth most.
+    pub async fn explore(
+        &self,
+        environment: &Arc<Environment>,
+        draft: &ExplorationDraft,
+    ) -> Result<Exploration, Problem> {
+        let scope = Scope::new(environment, &draft.pair)?;
+        let limit = page_size(draft.limit).map_err(|_| Problem::invalid("question", vec![limit_fault(draft.limit)]))?;
+        let plan = self.plan(environment, scope).await?;
+        let survey = self.surveys.get(&plan).await.map_err(logged)?;
+        let keys = explore::candidates(&survey, draft.min_visits);
+        let counts = self.store.counts(environment.id, &keys).await.map_err(logged)?;
+        let explored = move || explore::explore(&plan, &keys, &counts, limit, survey.as_of);
+        let explored = tokio::task::spawn_blocking(explored).await;
+        explored.map_err(|error| Problem::new(ErrorKind::Internal, "INTERNAL", error.to_string()))
+    }
+
+    /// Fits the prior of a pair, or of every pair, to the counts as they are now.
+    pub async fn fit(
+        &self,
+        environment: &Arc<Environment>,
+        pair: Option<&PairDraft>,
+    ) -> Result<Vec<FittedPrior>, Problem> {
+        let pairs = match pair {
+            Some(pair) => vec![Scope::new(environment, pair)?.pair.undirected()],
+            None => fits::every_pair(&environment.schema),
+        };
+        let mut fitted = Vec::with_capacity(pairs.len());
+        for pair in pairs {
+            let Some(found) = self.fits.fit(environment, &pair).await.map_err(logged)? else { continue };
+            let name = |agent: usize| environment.schema.agents()[agent].name.to_string();
+            fitted.push(FittedPrior {
+                earlier: name(pair.ego),
+                later: name(pair.other),
+                given: pair.given.iter().map(|agent| name(*agent)).collect(),
+                fit: found.id,
+                states: found.fit.states,
+                dependent_share: found.fit.parameters.dependent,
+            });
+        }
+        Ok(fitted)
+    }
+
+    /// Finds out what questions of that scope rest on: the numbers of their segments and the fit.
+    async fn plan(&self, environment: &Arc<Environment>, scope: Scope) -> Result<Plan, Problem> {
+        let segments = self.segments(environment, scope.segments.as_deref()).await?;
+        let fitted = self.fits.get(environment, &scope.pair).await.map_err(logged)?;
+        Ok(Plan { environment: environment.clone(), scope, segments, fitted })
+    }
+
+    async fn discoveries(
+        &self,
+        plan: &Plan,
+        survey: &Survey,
+        discovery: Option<Discovery>,
+    ) -> Result<Option<Arc<discoveries::Found>>, Problem> {
+        let Some(discovery) = discovery else { return Ok(None) };
+        Ok(Some(survey.discoveries(&*self.store, plan, discovery).await.map_err(logged)?))
     }
 
     /// Returns the numbers of the segments named, or every unknown one as a fault.
@@ -106,6 +207,10 @@ impl Influence {
         }
         if faults.is_empty() { Ok(Some(ids)) } else { Err(Problem::invalid("question", faults)) }
     }
+}
+
+fn limit_fault(limit: u64) -> Fault {
+    Fault::new("/limit", format!("got {limit}, expected 1 to 1000"))
 }
 
 fn logged(error: crate::store::StoreError) -> Problem {

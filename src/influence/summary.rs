@@ -1,14 +1,13 @@
 //! What all states say together.
 
 use super::survey::Survey;
-use crate::domain::{HistogramBin, Label, Scope, Summary, Verdict};
-use crate::evidence;
+use crate::domain::{Dependence, Discoveries, HistogramBin, Label, Scope, Summary, Verdict};
 
 /// The lower bounds of the histogram's bins, in the summary's unit.
 const BOUNDS: [f64; 12] = [0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.75, 1.0, 1.5, 2.0];
 
 /// Sums up a survey.
-pub fn summary(scope: &Scope, segments: Vec<Label>, survey: &Survey) -> Summary {
+pub fn summary(scope: &Scope, segments: Vec<Label>, survey: &Survey, discoveries: Option<Discoveries>) -> Summary {
     let visits = |least: u64| -> u64 { survey.rows.iter().map(|row| row.visits).filter(|n| *n >= least).sum() };
     let transitions = visits(0);
     let enough = visits(scope.rule.min_visits);
@@ -19,19 +18,23 @@ pub fn summary(scope: &Scope, segments: Vec<Label>, survey: &Survey) -> Summary 
         segments,
         min_visits: scope.rule.min_visits,
         share_of_visits_with_enough_data: share,
-        verdicts: verdicts(scope, survey),
+        verdicts: tally(&Verdict::ALL, survey.rows.iter().map(|row| row.verdict)),
         histogram: histogram(scope, survey),
         as_of: survey.as_of,
         unit: scope.unit,
         threshold: scope.rule.in_unit(scope.unit).threshold,
+        dependence: tally(&Dependence::ALL, survey.rows.iter().filter_map(|row| Some(row.evidence?.dependence))),
+        fit: survey.fit,
+        dependent_share: survey.dependent_share,
+        discoveries,
     }
 }
 
-fn verdicts(scope: &Scope, survey: &Survey) -> [u64; 3] {
+/// Returns how often each of three words was said.
+fn tally<T: PartialEq>(words: &[T; 3], said: impl Iterator<Item = T>) -> [u64; 3] {
     let mut counted = [0; 3];
-    for row in &survey.rows {
-        let verdict = evidence::decide(&scope.rule, row.visits, row.plug_in, None);
-        counted[Verdict::ALL.iter().position(|v| *v == verdict).expect("all are listed")] += 1;
+    for word in said {
+        counted[words.iter().position(|one| *one == word).expect("all are listed")] += 1;
     }
     counted
 }
@@ -42,6 +45,7 @@ fn histogram(scope: &Scope, survey: &Survey) -> Vec<HistogramBin> {
         to: BOUNDS.get(i + 1).copied(),
         plug_in: 0,
         expected_if_independent: 0,
+        posterior_mean: 0,
     };
     let mut bins: Vec<HistogramBin> = BOUNDS.iter().enumerate().map(bin).collect();
     // Every figure is at least 0, the first bound.
@@ -49,6 +53,9 @@ fn histogram(scope: &Scope, survey: &Survey) -> Vec<HistogramBin> {
     for row in &survey.rows {
         bins[at(row.plug_in)].plug_in += 1;
         bins[at(row.expected)].expected_if_independent += 1;
+        if let Some(evidence) = row.evidence {
+            bins[at(evidence.posterior_mean)].posterior_mean += 1;
+        }
     }
     bins
 }

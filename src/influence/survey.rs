@@ -6,17 +6,21 @@
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use lru::LruCache;
+use rayon::prelude::*;
 
-use super::tables::Tables;
-use crate::domain::{Environment, EnvironmentId, Pair, SegmentId, StateKey};
-use crate::information::plug_in;
-use crate::store::{Cursor, Store, StoreError};
+use super::discoveries::{self, Found};
+use super::fits::Fitted;
+use super::judge::Judge;
+use super::order::Order;
+use super::scan::Pages;
+use crate::domain::{
+    Discovery, DiscoveryMethod, Environment, EnvironmentId, Evidence, FitId, Pair, Rule, RuleKind, Scope, SegmentId,
+    StateKey, Verdict, View,
+};
+use crate::store::{Scanned, Store, StoreError};
 
 /// Cells up to which a survey is made while the caller waits.
 const SMALL: u64 = 100_000;
-
-/// States read at a time, so that no read transaction is long.
-const STEP: u32 = 1_000;
 
 /// Surveys kept.
 const KEPT: std::num::NonZeroUsize = std::num::NonZeroUsize::new(16).expect("not zero");
@@ -32,50 +36,47 @@ pub struct Row {
     pub plug_in: f64,
     /// Its mean under independence.
     pub expected: f64,
+    /// What the counts say by the fitted prior.
+    pub evidence: Option<Evidence>,
+    /// The verdict.
+    pub verdict: Verdict,
 }
 
-/// The rows of one environment, pair and choice of segments.
+/// The rows of one environment, pair, choice of segments and rule.
 pub struct Survey {
     /// Every state seen, in order of key.
     pub rows: Vec<Row>,
     /// How many transitions the environment had when the pass began.
     pub as_of: u64,
-    orders: [OnceLock<Vec<u32>>; 4],
-}
-
-/// What rows are ordered by.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum OrderBy {
-    /// How often a state was seen.
-    Visits,
-    /// Plug-in mutual information.
-    PlugIn,
-}
-
-/// An order of rows; equal rows are in order of key.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Order {
-    /// What counts.
-    pub by: OrderBy,
-    /// Largest first.
-    pub descending: bool,
-}
-
-impl Order {
-    /// Returns a number that orders rows as this order does. Figures are not negative, so their bits are in their order.
-    pub fn rank(self, row: &Row) -> u64 {
-        let value = match self.by {
-            OrderBy::Visits => row.visits,
-            OrderBy::PlugIn => row.plug_in.to_bits(),
-        };
-        if self.descending { !value } else { value }
-    }
+    /// The fit that the evidence rests on.
+    pub fit: FitId,
+    /// The share of dependent states by that fit.
+    pub dependent_share: Option<f64>,
+    orders: [OnceLock<Vec<u32>>; 8],
+    found: tokio::sync::Mutex<LruCache<(u64, DiscoveryMethod), Arc<Found>>>,
 }
 
 impl Survey {
+    /// Returns the discoveries among the rows, found at their first use.
+    pub async fn discoveries(
+        &self,
+        store: &dyn Store,
+        plan: &Plan,
+        discovery: Discovery,
+    ) -> Result<Arc<Found>, StoreError> {
+        let mut kept = self.found.lock().await;
+        let key = (discovery.fdr.to_bits(), discovery.method);
+        if let Some(found) = kept.get(&key) {
+            return Ok(found.clone());
+        }
+        let found = Arc::new(discoveries::find(store, plan, self, discovery).await?);
+        kept.put(key, found.clone());
+        Ok(found)
+    }
+
     /// Returns the positions of all rows in an order, sorted at its first use.
     pub fn ordered(&self, order: Order) -> &[u32] {
-        let slot = usize::from(order.by == OrderBy::PlugIn) * 2 + usize::from(order.descending);
+        let slot = order.by as usize * 2 + usize::from(order.descending);
         self.orders[slot].get_or_init(|| {
             let mut positions: Vec<u32> = (0..self.rows.len() as u32).collect();
             // Rows are in order of key and the sort is stable, so equal ranks stay in order of key.
@@ -85,7 +86,12 @@ impl Survey {
     }
 }
 
-type Key = (EnvironmentId, Pair, Option<Vec<SegmentId>>);
+/// What a survey is of: its rule by what decides, bit by bit.
+type Key = (EnvironmentId, Pair, Option<Vec<SegmentId>>, (RuleKind, u64, u64, u64));
+
+fn of_rule(rule: &Rule) -> (RuleKind, u64, u64, u64) {
+    (rule.kind, rule.threshold_nats().to_bits(), rule.min_visits, rule.confidence.to_bits())
+}
 
 /// The surveys made so far. Cloning is cheap.
 #[derive(Clone)]
@@ -101,6 +107,35 @@ struct Kept {
     making: Arc<tokio::sync::Mutex<()>>,
 }
 
+/// What a survey is made of.
+#[derive(Clone)]
+pub struct Plan {
+    /// The environment.
+    pub environment: Arc<Environment>,
+    /// The pair and the rule.
+    pub scope: Scope,
+    /// The segments to count; all if `None`.
+    pub segments: Option<Vec<SegmentId>>,
+    /// The fit that the evidence rests on.
+    pub fitted: Option<Arc<Fitted>>,
+}
+
+impl Plan {
+    fn key(&self) -> Key {
+        (self.environment.id, self.scope.pair.clone(), self.segments.clone(), of_rule(&self.scope.rule))
+    }
+
+    /// Returns who judges by this plan.
+    pub fn judge(&self, view: View) -> Judge<'_> {
+        Judge { schema: &self.environment.schema, scope: &self.scope, fitted: self.fitted.as_deref(), view }
+    }
+
+    /// Returns which fit it is.
+    pub fn fit(&self) -> FitId {
+        self.fitted.as_ref().map(|fitted| fitted.id).unwrap_or_default()
+    }
+}
+
 impl Surveys {
     /// Keeps surveys of a store.
     pub fn new(store: Arc<dyn Store>) -> Self {
@@ -108,51 +143,45 @@ impl Surveys {
     }
 
     /// Returns a survey: of this moment if the environment is small, else the last one made.
-    pub async fn get(
-        &self,
-        environment: &Arc<Environment>,
-        pair: &Pair,
-        segments: Option<Vec<SegmentId>>,
-    ) -> Result<Arc<Survey>, StoreError> {
-        let key = (environment.id, pair.clone(), segments);
-        let totals = self.store.totals(environment.id).await?;
-        let Kept { survey, making } = self.kept(&key);
+    pub async fn get(&self, plan: &Plan) -> Result<Arc<Survey>, StoreError> {
+        let totals = self.store.totals(plan.environment.id).await?;
+        let Kept { survey, making } = self.kept(&plan.key());
         match survey {
-            Some(survey) if survey.as_of >= totals.transitions => Ok(survey),
+            Some(survey) if survey.as_of >= totals.transitions && survey.fit == plan.fit() => Ok(survey),
             Some(stale) if totals.cells > SMALL => {
                 if let Ok(turn) = making.try_lock_owned() {
-                    self.refresh(environment.clone(), key, turn);
+                    self.refresh(plan.clone(), turn);
                 }
                 Ok(stale)
             }
-            _ => self.make_now(environment, key, making, totals.transitions).await,
+            _ => self.make_now(plan, making, totals.transitions).await,
         }
     }
 
     async fn make_now(
         &self,
-        environment: &Environment,
-        key: Key,
+        plan: &Plan,
         making: Arc<tokio::sync::Mutex<()>>,
         revision: u64,
     ) -> Result<Arc<Survey>, StoreError> {
         let _turn = making.lock().await;
         // Somebody else may have made it while this caller waited for its turn.
-        if let Some(survey) = self.kept(&key).survey.filter(|survey| survey.as_of >= revision) {
+        let fresh = |survey: &Arc<Survey>| survey.as_of >= revision && survey.fit == plan.fit();
+        if let Some(survey) = self.kept(&plan.key()).survey.filter(fresh) {
             return Ok(survey);
         }
-        let survey = Arc::new(make(&*self.store, environment, &key).await?);
-        self.keep(key, survey.clone());
+        let survey = Arc::new(make(&*self.store, plan).await?);
+        self.keep(plan.key(), survey.clone());
         Ok(survey)
     }
 
-    fn refresh(&self, environment: Arc<Environment>, key: Key, turn: tokio::sync::OwnedMutexGuard<()>) {
+    fn refresh(&self, plan: Plan, turn: tokio::sync::OwnedMutexGuard<()>) {
         let surveys = self.clone();
         tokio::spawn(async move {
-            match make(&*surveys.store, &environment, &key).await {
-                Ok(survey) => surveys.keep(key, Arc::new(survey)),
+            match make(&*surveys.store, &plan).await {
+                Ok(survey) => surveys.keep(plan.key(), Arc::new(survey)),
                 Err(error) => {
-                    tracing::warn!(%error, environment = %environment.name, "a survey could not be refreshed")
+                    tracing::warn!(%error, environment = %plan.environment.name, "a survey could not be refreshed")
                 }
             }
             drop(turn);
@@ -170,24 +199,35 @@ impl Surveys {
     }
 }
 
-async fn make(store: &dyn Store, environment: &Environment, key: &Key) -> Result<Survey, StoreError> {
-    let (id, pair, segments) = key;
-    let as_of = store.totals(*id).await?.transitions;
+async fn make(store: &dyn Store, plan: &Plan) -> Result<Survey, StoreError> {
+    let as_of = store.totals(plan.environment.id).await?.transitions;
     let mut rows = Vec::new();
-    let mut cursor = Cursor::default();
-    loop {
-        let page = store.scan(*id, cursor, STEP).await?;
-        let Some(last) = page.last() else { break };
-        cursor = last.cursor;
-        rows.extend(page.into_iter().filter_map(|scanned| {
-            let tables = Tables::new(&environment.schema, pair, scanned.counts.of_segments(segments.as_deref()));
-            let visits = tables.whole.total();
-            let expected = tables.expected_if_independent().0;
-            (visits > 0).then(|| Row { key: scanned.key, visits, plug_in: tables.figure(plug_in), expected })
-        }));
-        // Between steps others have their turn.
-        tokio::task::yield_now().await;
+    let mut pages = Pages::new(store, plan.environment.id);
+    while let Some(page) = pages.next().await? {
+        let plan = plan.clone();
+        let measured = tokio::task::spawn_blocking(move || measured(&plan, page)).await;
+        rows.extend(measured.map_err(|error| StoreError::Unreadable(error.to_string()))?);
     }
     rows.sort_unstable_by(|a, b| a.key.cmp(&b.key));
-    Ok(Survey { rows, as_of, orders: Default::default() })
+    let found = tokio::sync::Mutex::new(LruCache::new(KEPT));
+    let dependent_share = plan.fitted.as_ref().map(|fitted| fitted.fit.parameters.dependent);
+    Ok(Survey { rows, as_of, fit: plan.fit(), dependent_share, orders: Default::default(), found })
+}
+
+/// Measures the states of a page; those not seen in the segments asked for are left out.
+fn measured(plan: &Plan, page: Vec<Scanned>) -> Vec<Row> {
+    let judge = plan.judge(View::Figures);
+    let row = |scanned: Scanned| {
+        let judged = judge.judge(scanned.counts.of_segments(plan.segments.as_deref()));
+        let visits = judged.tables.whole.total();
+        (visits > 0).then(|| Row {
+            key: scanned.key,
+            visits,
+            plug_in: judged.plug_in,
+            expected: judged.tables.expected_if_independent().0,
+            evidence: judge.evidence(&judged),
+            verdict: judged.verdict,
+        })
+    };
+    page.into_par_iter().filter_map(row).collect()
 }

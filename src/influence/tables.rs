@@ -1,8 +1,10 @@
 //! From a state's cells to contingency tables: whole, and one for each joint action of the agents held fixed.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
-use crate::domain::{Cell, Pair, Schema};
+use super::answer::total;
+use crate::domain::{Cell, Independence, Pair, Schema, SegmentId};
 use crate::information::{self, ExpectedMethod, Table};
 
 /// The tables of one state for one pair.
@@ -15,20 +17,39 @@ pub struct Tables {
 
 impl Tables {
     /// Builds the tables of these cells.
-    pub fn new<'a>(schema: &Schema, pair: &Pair, cells: impl Iterator<Item = &'a Cell>) -> Self {
-        let counted = |cell: &Cell| {
-            (schema.action_of(cell.joint, pair.ego), schema.action_of(cell.joint, pair.other), cell.tally.n)
+    pub fn new<'a>(schema: &Schema, pair: &Pair, cells: impl Iterator<Item = &'a Cell> + Clone) -> Self {
+        let visits = |cell: &Cell| cell.tally.n;
+        let whole = Table::from_counts(cells.clone().map(|cell| counted(schema, pair, cell, visits)));
+        let slices = if pair.given.is_empty() { Vec::new() } else { slices(schema, pair, cells, visits, no_more) };
+        Self { whole, slices }
+    }
+
+    /// Returns what the evidence rests on: the tables of what counts as independent draws, rows for the earlier agent, a slice for each joint action
+    /// of the agents held fixed. These are entries where every transition carried the flag, else visits.
+    pub fn draws<'a>(
+        &self,
+        schema: &Schema,
+        pair: &Pair,
+        cells: impl Iterator<Item = &'a Cell> + Clone,
+    ) -> (Independence, Cow<'_, [Table]>) {
+        let undirected = pair.undirected();
+        let independence = independence(cells.clone());
+        let tables = match (independence, undirected == *pair, self.slices.is_empty()) {
+            (Independence::Assumed, true, true) => std::slice::from_ref(&self.whole).into(),
+            (Independence::Assumed, true, false) => self.slices.as_slice().into(),
+            _ => slices(schema, &undirected, cells, drawn(independence), no_more).into(),
         };
-        if pair.given.is_empty() {
-            return Self { whole: Table::from_counts(cells.map(counted)), slices: Vec::new() };
-        }
-        let mut slices: BTreeMap<Vec<u64>, Vec<(u64, u64, u64)>> = BTreeMap::new();
-        for cell in cells {
-            let fixed = pair.given.iter().map(|agent| schema.action_of(cell.joint, *agent)).collect();
-            slices.entry(fixed).or_default().push(counted(cell));
-        }
-        let whole = Table::from_counts(slices.values().flatten().copied());
-        Self { whole, slices: slices.into_values().map(Table::from_counts).collect() }
+        (independence, tables)
+    }
+
+    /// Returns the same cut further, by segment.
+    pub fn draws_by_segment<'a>(
+        schema: &Schema,
+        pair: &Pair,
+        cells: impl Iterator<Item = &'a Cell> + Clone,
+    ) -> Vec<Table> {
+        let drawn = drawn(independence(cells.clone()));
+        slices(schema, &pair.undirected(), cells, drawn, |cell| Some(cell.segment))
     }
 
     /// Returns a figure of the table, or its mean over the slices where agents are held fixed.
@@ -65,4 +86,46 @@ impl Tables {
         });
         parts.sum::<f64>() / self.whole.rows()[row] as f64
     }
+}
+
+/// The row, the column and the count of a cell of a table.
+type Counted = (u64, u64, u64);
+
+/// What a slice is of: the joint action of the agents held fixed, and what it is cut by further.
+type Stratum = (Vec<u64>, Option<SegmentId>);
+
+/// Returns what counts as independent draws in these cells.
+fn independence<'a>(cells: impl Iterator<Item = &'a Cell>) -> Independence {
+    if total(cells).entries.is_some() { Independence::Entries } else { Independence::Assumed }
+}
+
+fn drawn(independence: Independence) -> impl Fn(&Cell) -> u64 + Copy {
+    move |cell| match independence {
+        Independence::Entries => cell.tally.entries.unwrap_or(0),
+        Independence::Assumed => cell.tally.n,
+    }
+}
+
+/// Returns a table for each joint action of the agents held fixed and each value of `further`, in their order.
+fn slices<'a>(
+    schema: &Schema,
+    pair: &Pair,
+    cells: impl Iterator<Item = &'a Cell>,
+    count: impl Fn(&Cell) -> u64 + Copy,
+    further: impl Fn(&Cell) -> Option<SegmentId>,
+) -> Vec<Table> {
+    let mut slices: BTreeMap<Stratum, Vec<Counted>> = BTreeMap::new();
+    for cell in cells {
+        let fixed = pair.given.iter().map(|agent| schema.action_of(cell.joint, *agent)).collect();
+        slices.entry((fixed, further(cell))).or_default().push(counted(schema, pair, cell, count));
+    }
+    slices.into_values().map(Table::from_counts).collect()
+}
+
+fn no_more(_: &Cell) -> Option<SegmentId> {
+    None
+}
+
+fn counted(schema: &Schema, pair: &Pair, cell: &Cell, count: impl Fn(&Cell) -> u64) -> Counted {
+    (schema.action_of(cell.joint, pair.ego), schema.action_of(cell.joint, pair.other), count(cell))
 }

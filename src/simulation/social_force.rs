@@ -57,8 +57,9 @@ impl Default for SocialForce {
 impl SocialForce {
     /// Returns every constant that no crowd could walk with.
     pub fn check(&self) -> Vec<Fault> {
-        let positive = (f64::MIN_POSITIVE, f64::MAX, "a positive number");
-        let not_negative = (0.0, f64::MAX, "a number that is not negative");
+        // Farther out nobody could tell what was meant, and positions would leave the numbers.
+        let positive = (1e-6, 1e6, "a number from 1e-6 to 1e6");
+        let not_negative = (0.0, 1e6, "a number from 0 to 1e6");
         let constants = [
             ("/relaxation_time", self.relaxation_time, positive),
             ("/repulsion", self.repulsion, not_negative),
@@ -69,7 +70,7 @@ impl SocialForce {
             ("/sight_half_angle", self.sight_half_angle, (0.0, 180.0, "an angle of 0 to 180 degrees")),
             ("/weight_behind", self.weight_behind, (0.0, 1.0, "a weight of 0 to 1")),
             ("/noise", self.noise, not_negative),
-            ("/speed_cap", self.speed_cap, (1.0, f64::MAX, "a number of at least 1")),
+            ("/speed_cap", self.speed_cap, (1.0, 1e3, "a number from 1 to 1000")),
         ];
         let wrong = constants.into_iter().filter(|(_, value, (low, high, _))| !(low..=high).contains(&value));
         wrong
@@ -277,10 +278,10 @@ mod tests {
         assert_eq!(
             told,
             [
-                "/repulsion_range: got 0, expected a positive number",
-                "/wall_range: got NaN, expected a positive number",
+                "/repulsion_range: got 0, expected a number from 1e-6 to 1e6",
+                "/wall_range: got NaN, expected a number from 1e-6 to 1e6",
                 "/weight_behind: got 1.5, expected a weight of 0 to 1",
-                "/noise: got -0.1, expected a number that is not negative",
+                "/noise: got -0.1, expected a number from 0 to 1e6",
             ]
         );
     }

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use async_trait::async_trait;
 
 use crate::domain::{
-    Acknowledged, Counts, Digest, Environment, EnvironmentId, Increment, Label, Name, ProducerId, Receipt, Rule,
+    Acknowledged, Counts, Digest, Environment, EnvironmentId, FitId, Increment, Label, Name, ProducerId, Receipt, Rule,
     Schema, SegmentId, Sequence, StateKey,
 };
 
@@ -72,6 +72,12 @@ pub trait Store: Send + Sync {
 
     /// Returns the totals of an environment.
     async fn totals(&self, id: EnvironmentId) -> Result<Totals, StoreError>;
+
+    /// Returns the fits of an environment, in order of pair.
+    async fn fits(&self, id: EnvironmentId) -> Result<Vec<FitRecord>, StoreError>;
+
+    /// Keeps a fit in place of the one of its pair.
+    async fn keep_fit(&self, id: EnvironmentId, fit: &FitRecord) -> Result<(), StoreError>;
 
     /// Compares the totals of every environment with the sums of its cells. Where they differ, the environment becomes read-only.
     async fn audit(&self) -> Result<Vec<Audit>, StoreError>;
@@ -176,6 +182,17 @@ pub struct Scanned {
     pub key: StateKey,
     /// Its cells.
     pub counts: Counts,
+}
+
+/// What was fitted to the counts of one pair of agents. What it says is for those who made it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct FitRecord {
+    /// The pair.
+    pub pair: String,
+    /// Its version and revision.
+    pub id: FitId,
+    /// The fit itself, as text.
+    pub body: String,
 }
 
 /// How much an environment holds.

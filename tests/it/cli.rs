@@ -61,7 +61,7 @@ async fn abstractions_have_environments_of_their_own() {
     let (_, stdout, _) = run(&fake, &["env", "list"]).await;
     let rows: Vec<Vec<&str>> = stdout.lines().map(|line| line.split_whitespace().collect()).collect();
     assert_eq!(rows[3][..5], ["counter_circuit.pos", "2", "features", "player_0,", "player_1"]);
-    assert!(stdout.contains("paper, above 0.5 nats from 8 visits"), "{stdout}");
+    assert!(stdout.contains("evidence, above 0.5 nats at 0.8"), "{stdout}");
     let (_, stdout, _) = run(&fake, &["env", "show", "counter_circuit.pos"]).await;
     assert!(stdout.contains("player_1.position"), "{stdout}");
 }

@@ -288,7 +288,8 @@ async fn states_and_summary_agree() {
         assert_ne!(rest.states[0].state.as_ref().expect("present").key, first);
     }
     let (_, over_rest) = app.rest("GET", "/v1/environments/lane/summary?unit=bits", None).await;
-    let request = proto::SummarizeRequest { scope: Some(proto::Scope { unit: "bits".into(), ..scope() }) };
+    let request =
+        proto::SummarizeRequest { scope: Some(proto::Scope { unit: "bits".into(), ..scope() }), discovery: None };
     let over_grpc = client.summarize(request).await.expect("valid").into_inner();
     assert_eq!(over_rest, serde_json::to_value(dto::Summary::from(over_grpc)).expect("JSON"));
     assert_eq!((&over_rest["transitions"], &over_rest["states"]), (&json!(41), &json!(2)));

@@ -5,6 +5,7 @@
 mod architecture;
 mod cli;
 mod client;
+mod evidence;
 mod faces;
 mod fake;
 mod golden;

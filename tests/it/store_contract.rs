@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use nudge::domain::{Cell, Environment, EnvironmentId, SegmentId, Sequence, Tally};
-use nudge::store::{Cursor, Numbered, Outcome, Quotas, Refusal, Store, StoreError, Totals};
+use nudge::domain::{Cell, Environment, EnvironmentId, FitId, SegmentId, Sequence, Tally};
+use nudge::store::{Cursor, FitRecord, Numbered, Outcome, Quotas, Refusal, Store, StoreError, Totals};
 
 use crate::support::batches::*;
 use crate::support::databases::{Database, SqliteFile};
@@ -48,6 +48,7 @@ mod sqlite {
         an_audit_finds_nothing_wrong,
         many_new_states_in_one_commit,
         environments_do_not_mix,
+        the_last_fit_of_each_pair_is_kept,
     );
 }
 
@@ -527,4 +528,28 @@ async fn environments_do_not_mix(database: &dyn Database) {
     assert_eq!((counts[0].counts.cells(), counts[0].revision), (&[cell][..], 1));
     store.delete(one).await.expect("removed");
     assert_eq!((totals(&store, two).await.transitions, cells(&store, two, 1).await.len()), (20, 1));
+}
+
+async fn the_last_fit_of_each_pair_is_kept(database: &dyn Database) {
+    let (store, id) = open(database).await;
+    let other = make(&store, "kitchen").await;
+    let fit = |pair: &str, version: u64, body: &str| FitRecord {
+        pair: pair.into(),
+        id: FitId { version, revision: 10 * version },
+        body: body.into(),
+    };
+    for kept in [fit("0,1", 1, "old"), fit("0,1|2", 1, "given"), fit("0,1", 2, "new")] {
+        store.keep_fit(id, &kept).await.expect("kept");
+    }
+    let expected = [fit("0,1", 2, "new"), fit("0,1|2", 1, "given")];
+    assert_eq!(store.fits(id).await.expect("fits"), expected);
+    assert_eq!(store.fits(other).await.expect("fits"), []);
+    store.close().await;
+
+    let store = database.open(Quotas::default()).await;
+    assert_eq!(store.fits(id).await.expect("fits"), expected, "they survive");
+    store.delete(id).await.expect("removed");
+    assert_eq!(store.fits(id).await.expect("fits"), []);
+    let refused = store.keep_fit(id, &fit("0,1", 3, "late")).await;
+    assert!(matches!(refused, Err(StoreError::UnknownEnvironment)), "{refused:?}");
 }

@@ -6,7 +6,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use async_trait::async_trait;
 use nudge::api::proto;
 use nudge::domain::{Environment, EnvironmentId, Label, Name, ProducerId, Rule, Schema, SegmentId, Sequence, StateKey};
-use nudge::store::{Audit, Cursor, Numbered, Options, Outcome, Scanned, StateCounts, Store, StoreError, Totals};
+use nudge::store::{
+    Audit, Cursor, FitRecord, Numbered, Options, Outcome, Scanned, StateCounts, Store, StoreError, Totals,
+};
 use tempfile::TempDir;
 use tonic::Code;
 
@@ -70,6 +72,12 @@ impl Store for Lying {
     }
     async fn totals(&self, id: EnvironmentId) -> Result<Totals, StoreError> {
         self.store.totals(id).await
+    }
+    async fn fits(&self, id: EnvironmentId) -> Result<Vec<FitRecord>, StoreError> {
+        self.store.fits(id).await
+    }
+    async fn keep_fit(&self, id: EnvironmentId, fit: &FitRecord) -> Result<(), StoreError> {
+        self.store.keep_fit(id, fit).await
     }
     async fn audit(&self) -> Result<Vec<Audit>, StoreError> {
         self.store.audit().await

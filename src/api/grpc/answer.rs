@@ -2,8 +2,8 @@
 
 use crate::api::proto;
 use crate::domain::{
-    ActionFigures, Answer, Answers, Basis, Bin, Figures, Labels, StateKey, StatePage, StateView, Summary, Variable,
-    Verdict,
+    ActionFigures, Answer, Answers, Basis, Bin, Dependence, Evidence, Figures, FitId, Interval, Labels, Probability,
+    StateKey, Variable, Verdict,
 };
 
 impl From<Answers> for proto::BatchGetInfluenceResponse {
@@ -54,7 +54,11 @@ fn with_figures(base: proto::Answer, key: &StateKey, figures: Figures) -> proto:
         expected_if_independent: figures.expected_if_independent,
         expected_method: figures.expected_method.into(),
         estimates: figures.estimates.into_iter().map(|(name, value)| (name.into(), value)).collect(),
+        posterior_mean: figures.evidence.map(|evidence| evidence.posterior_mean),
+        interval: figures.evidence.map(|evidence| interval(evidence.interval)),
     };
+    let significance =
+        figures.significance.map(|test| proto::Significance { p_value: test.p_value, method: test.method.into() });
     proto::Answer {
         state: Some(state(key, figures.bins)),
         entries: figures.entries,
@@ -65,19 +69,62 @@ fn with_figures(base: proto::Answer, key: &StateKey, figures: Figures) -> proto:
         lag: Some(0),
         directed: Some(false),
         revision: Some(figures.revision),
+        independence: figures.independence.as_str().into(),
+        dependence: dependence(figures.evidence),
+        probability: figures.evidence.map(|evidence| evidence.probability.into()),
+        significance,
+        visits_to_decide: figures.visits_to_decide.map(|visits| proto::VisitsToDecide { visits }),
+        fit: Some(figures.fit.into()),
         ..base
     }
 }
 
-fn state(key: &StateKey, bins: Vec<Bin>) -> proto::State {
+/// Encodes an interval.
+pub(super) fn interval([lower, upper]: Interval) -> proto::Interval {
+    proto::Interval { lower, upper }
+}
+
+/// Encodes the dependence that there is evidence on.
+pub(super) fn dependence(evidence: Option<Evidence>) -> i32 {
+    let number = |evidence: Evidence| match evidence.dependence {
+        Dependence::Established => proto::Dependence::Established,
+        Dependence::Excluded => proto::Dependence::Excluded,
+        Dependence::Open => proto::Dependence::Open,
+    };
+    evidence.map_or(proto::Dependence::Unspecified, number).into()
+}
+
+impl From<Probability> for proto::Probability {
+    fn from(probability: Probability) -> Self {
+        let Probability { dependent, above_threshold } = probability;
+        Self { dependent, above_threshold }
+    }
+}
+
+impl From<FitId> for proto::Fit {
+    fn from(fit: FitId) -> Self {
+        Self { version: fit.version, revision: fit.revision }
+    }
+}
+
+/// Encodes a state.
+pub(super) fn state(key: &StateKey, bins: Vec<Bin>) -> proto::State {
     let bin = |bin: Bin| proto::Bin { feature: bin.feature, bin: bin.bin, label: bin.label };
     proto::State { key: key.to_string(), bins: bins.into_iter().map(bin).collect() }
 }
 
 impl From<ActionFigures> for proto::ActionFigures {
     fn from(figures: ActionFigures) -> Self {
-        let ActionFigures { index, action, visits, plug_in_divergence, response } = figures;
-        Self { action, index, visits, plug_in_divergence, response: response.unwrap_or_default() }
+        Self {
+            action: figures.action,
+            index: figures.index,
+            visits: figures.visits,
+            plug_in_divergence: figures.plug_in_divergence,
+            divergence: figures.divergence.map(|(mean, _)| mean),
+            divergence_interval: figures.divergence.map(|(_, ends)| interval(ends)),
+            response: figures.response.unwrap_or_default(),
+            response_intervals: figures.response_intervals.into_iter().map(interval).collect(),
+        }
     }
 }
 
@@ -96,67 +143,6 @@ impl From<Basis> for proto::Basis {
         match basis {
             Basis::Counts(_) => Self::Counts,
             Basis::Prior => Self::Prior,
-        }
-    }
-}
-
-impl From<StateView> for proto::GetStateResponse {
-    fn from(view: StateView) -> Self {
-        let cell = |cell: crate::domain::LabelledCell| proto::Cell {
-            segment: cell.segment.map(|label| label.to_string()).unwrap_or_default(),
-            actions: cell.actions,
-            labels: cell.labels,
-            n: cell.tally.n,
-            entries: cell.tally.entries,
-        };
-        Self {
-            state: Some(state(&view.key, view.bins)),
-            visits: view.total.n,
-            entries: view.total.entries,
-            cells: view.cells.into_iter().map(cell).collect(),
-            revision: view.revision,
-        }
-    }
-}
-
-impl From<StatePage> for proto::ListStatesResponse {
-    fn from(page: StatePage) -> Self {
-        let figures = |figures: crate::domain::StateFigures| proto::StateFigures {
-            state: Some(state(&figures.key, figures.bins)),
-            visits: figures.visits,
-            plug_in: figures.plug_in,
-            expected_if_independent: figures.expected_if_independent,
-            verdict: proto::Verdict::from(figures.verdict).into(),
-        };
-        Self {
-            states: page.states.into_iter().map(figures).collect(),
-            next_page_token: page.next_page_token.unwrap_or_default(),
-            as_of: page.as_of,
-            unit: page.unit.as_str().into(),
-        }
-    }
-}
-
-impl From<Summary> for proto::SummarizeResponse {
-    fn from(summary: Summary) -> Self {
-        let [influences, no_influence, undecided] = summary.verdicts;
-        let bin = |bin: crate::domain::HistogramBin| proto::HistogramBin {
-            from: bin.from,
-            to: bin.to,
-            plug_in: bin.plug_in,
-            expected_if_independent: bin.expected_if_independent,
-        };
-        Self {
-            transitions: summary.transitions,
-            states: summary.states,
-            segments: summary.segments.iter().map(ToString::to_string).collect(),
-            min_visits: summary.min_visits,
-            share_of_visits_with_enough_data: summary.share_of_visits_with_enough_data,
-            verdicts: Some(proto::VerdictCounts { influences, no_influence, undecided }),
-            histogram: summary.histogram.into_iter().map(bin).collect(),
-            as_of: summary.as_of,
-            unit: summary.unit.as_str().into(),
-            threshold: summary.threshold,
         }
     }
 }

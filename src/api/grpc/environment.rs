@@ -52,15 +52,17 @@ impl From<FeatureDraft> for proto::Feature {
 
 impl From<proto::Rule> for RuleDraft {
     fn from(rule: proto::Rule) -> Self {
-        let proto::Rule { kind, threshold, unit, min_visits, confidence } = rule;
-        Self { kind, threshold, unit, min_visits, confidence }
+        let proto::Rule { kind, threshold, unit, min_visits, confidence, estimators } = rule;
+        let estimators = estimators.map(|estimators| estimators.names);
+        Self { kind, threshold, unit, min_visits, confidence, estimators }
     }
 }
 
 impl From<RuleDraft> for proto::Rule {
     fn from(draft: RuleDraft) -> Self {
-        let RuleDraft { kind, threshold, unit, min_visits, confidence } = draft;
-        Self { kind, threshold, unit, min_visits, confidence }
+        let RuleDraft { kind, threshold, unit, min_visits, confidence, estimators } = draft;
+        let estimators = estimators.map(|names| proto::EstimatorList { names });
+        Self { kind, threshold, unit, min_visits, confidence, estimators }
     }
 }
 
@@ -72,6 +74,9 @@ impl From<Rule> for proto::Rule {
             unit: Some(rule.unit.as_str().into()),
             min_visits: Some(rule.min_visits),
             confidence: Some(rule.confidence),
+            estimators: Some(proto::EstimatorList {
+                names: rule.estimators.iter().map(|estimator| estimator.as_str().into()).collect(),
+            }),
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::api::proto;
 use crate::domain::Verdict;
-use crate::domain::draft::{ListingDraft, PairDraft, QuestionDraft, StatesDraft};
+use crate::domain::draft::{DiscoveryDraft, ExplorationDraft, ListingDraft, PairDraft, QuestionDraft, StatesDraft};
 use crate::error::{Fault, Problem};
 
 /// Decodes the common part of a question: the environment's name, and the rest.
@@ -28,7 +28,15 @@ pub fn question(request: proto::GetInfluenceRequest) -> Result<(String, Question
         Some(State::Key(key)) => StatesDraft::Keys(vec![key]),
         None => StatesDraft::default(),
     };
-    Ok((environment, QuestionDraft { pair, states, estimators: request.estimators, view: view(request.view)? }))
+    let draft = QuestionDraft {
+        pair,
+        states,
+        estimators: request.estimators,
+        view: view(request.view)?,
+        significance: permutations(request.significance)?,
+        visits_to_decide: request.visits_to_decide,
+    };
+    Ok((environment, draft))
 }
 
 /// Decodes a question about several states.
@@ -46,7 +54,15 @@ pub fn batch_question(request: proto::BatchGetInfluenceRequest) -> Result<(Strin
             ));
         }
     };
-    Ok((environment, QuestionDraft { pair, states, estimators: request.estimators, view: view(request.view)? }))
+    let draft = QuestionDraft {
+        pair,
+        states,
+        estimators: request.estimators,
+        view: view(request.view)?,
+        significance: permutations(request.significance)?,
+        visits_to_decide: request.visits_to_decide,
+    };
+    Ok((environment, draft))
 }
 
 /// Decodes a question for a page of states.
@@ -64,6 +80,7 @@ pub fn list_states(request: proto::ListStatesRequest) -> Result<(String, Listing
         order_by: given(request.order_by),
         min_visits: request.min_visits,
         verdict: verdict.map(|verdict| verdict.as_str().into()),
+        discovery: discovery(request.discovery)?,
         page_size: u64::from(request.page_size),
         page_token: given(request.page_token),
     };
@@ -78,6 +95,62 @@ fn view(number: i32) -> Result<Option<String>, Problem> {
         Ok(proto::View::Full) => Ok(Some("full".into())),
         Err(_) => Err(unknown("/view", number)),
     }
+}
+
+/// Decodes a question for the graph of a state.
+pub fn graph(request: proto::GetGraphRequest) -> (String, QuestionDraft) {
+    use proto::get_graph_request::State;
+    let pair = PairDraft {
+        segments: request.segments,
+        rule: request.rule.unwrap_or_default().into(),
+        unit: given(request.unit),
+        ..PairDraft::default()
+    };
+    let states = match request.state {
+        Some(State::Values(state)) => StatesDraft::Positional(vec![state.values]),
+        Some(State::Key(key)) => StatesDraft::Keys(vec![key]),
+        None => StatesDraft::default(),
+    };
+    (request.environment, QuestionDraft { pair, states, ..QuestionDraft::default() })
+}
+
+/// Decodes a question for what to try next.
+pub fn exploration(request: proto::ExploreRequest) -> (String, ExplorationDraft) {
+    let (environment, pair) = scope(request.scope);
+    let draft = ExplorationDraft { pair, min_visits: request.min_visits, limit: u64::from(request.limit) };
+    (environment, draft)
+}
+
+/// Decodes which priors are to be fitted; `None` for those of every pair.
+pub fn fit(request: proto::FitPriorRequest) -> (String, Option<PairDraft>) {
+    let pair = PairDraft {
+        ego: given(request.ego),
+        other: given(request.other),
+        given: request.given,
+        ..PairDraft::default()
+    };
+    (request.environment, Some(pair).filter(|pair| *pair != PairDraft::default()))
+}
+
+fn permutations(number: i32) -> Result<Option<String>, Problem> {
+    match proto::Permutations::try_from(number) {
+        Ok(proto::Permutations::Unspecified) => Ok(None),
+        Ok(proto::Permutations::Pooled) => Ok(Some("pooled".into())),
+        Ok(proto::Permutations::WithinSegments) => Ok(Some("within_segments".into())),
+        Err(_) => Err(unknown("/significance", number)),
+    }
+}
+
+/// Decodes which discoveries are asked for.
+pub fn discovery(discovery: Option<proto::Discovery>) -> Result<DiscoveryDraft, Problem> {
+    let Some(proto::Discovery { fdr, method }) = discovery else { return Ok(DiscoveryDraft::default()) };
+    let method = match proto::DiscoveryMethod::try_from(method) {
+        Ok(proto::DiscoveryMethod::Unspecified) => None,
+        Ok(proto::DiscoveryMethod::Bayes) => Some("bayes".into()),
+        Ok(proto::DiscoveryMethod::Bh) => Some("bh".into()),
+        Err(_) => return Err(unknown("/method", method)),
+    };
+    Ok(DiscoveryDraft { fdr, method })
 }
 
 fn unknown(pointer: &str, number: i32) -> Problem {

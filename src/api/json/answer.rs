@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::{Labels, State, present};
+use super::evidence::{dependence, interval};
+use super::{Fit, Labels, Probability, Significance, State, present};
 use crate::api::proto;
 
 /// The answers to one question, with what indices in them stand for.
@@ -46,6 +47,24 @@ pub struct Answer {
     /// Mutual information of ego action and other action in this state.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mutual_information: Option<MutualInformation>,
+    /// What the evidence rests on: `entries`, or `assumed` where visits are taken for independent draws.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub independence: Option<String>,
+    /// Whether there is any dependence at all, however weak: `established`, `excluded` or `open`; absent where the alphabets are too large for
+    /// evidence, as are `probability` and the posterior mean.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(example = "open")]
+    pub dependence: Option<&'static str>,
+    /// Probabilities given the counts.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub probability: Option<Probability>,
+    /// The test of independence, where it was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub significance: Option<Significance>,
+    /// Where it was asked for: the smallest of 1, 2, 5, ..., 10,000 further visits after which 4 of 5 possible futures have a verdict; null where
+    /// none does.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub visits_to_decide: Option<Option<u64>>,
     /// One an ego action, in index order; view `full` only.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub by_action: Option<Vec<ActionFigures>>,
@@ -55,6 +74,9 @@ pub struct Answer {
     /// Whether the figures tell a direction: false at lag 0.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub directed: Option<bool>,
+    /// The fit of the prior that the evidence rests on.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fit: Option<Fit>,
     /// How many transitions of the environment the answer stands on.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub revision: Option<u64>,
@@ -80,6 +102,12 @@ pub struct MutualInformation {
     pub expected_if_independent: f64,
     /// `hypergeometric` (exact) or `asymptotic` (above 1,000 visits).
     pub expected_method: String,
+    /// The mean given the counts and the fitted prior, at least 0.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub posterior_mean: Option<f64>,
+    /// Where it lies with a probability of 90 %: the lower and the upper end.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub interval: Option<[f64; 2]>,
     /// Further estimators that were asked for, by name; these may be negative.
     pub estimates: BTreeMap<String, f64>,
 }
@@ -93,10 +121,20 @@ pub struct ActionFigures {
     pub index: u64,
     /// How often it was seen in this state.
     pub visits: u64,
-    /// KL(p(other given this action) from p(other)) by relative frequencies, in the answer's unit; null when unvisited. Favours the rarest action.
+    /// KL(p(other given this action) from p(other)), its mean given the counts, in the answer's unit: rank actions by it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub divergence: Option<f64>,
+    /// Where that divergence lies with a probability of 90 %: the lower and the upper end.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub interval: Option<[f64; 2]>,
+    /// The same by relative frequencies; null when unvisited. Favours the rarest action.
     pub plug_in_divergence: Option<f64>,
-    /// Relative frequency of each of the other's actions after it, in index order; null when unvisited.
+    /// Probability of each of the other's actions after it given the counts, in index order. Without evidence the relative frequency, null when
+    /// unvisited.
     pub response: Option<Vec<f64>>,
+    /// Where each of these probabilities lies with a probability of 90 %.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub response_intervals: Vec<[f64; 2]>,
 }
 
 /// Returns the word for a verdict.
@@ -148,8 +186,14 @@ impl From<proto::Answer> for Answer {
             mutual_information: answer.mutual_information.map(Into::into),
             // An agent has an action at least, so that nothing means "not asked for".
             by_action: Some(by_action).filter(|figures| !figures.is_empty()),
+            independence: present(answer.independence),
+            dependence: dependence(answer.dependence),
+            probability: answer.probability.map(Into::into),
+            significance: answer.significance.map(Into::into),
+            visits_to_decide: answer.visits_to_decide.map(|needed| needed.visits),
             lag: answer.lag,
             directed: answer.directed,
+            fit: answer.fit.map(Into::into),
             revision: answer.revision,
         }
     }
@@ -162,14 +206,24 @@ impl From<proto::MutualInformation> for MutualInformation {
             expected_if_independent: figures.expected_if_independent,
             expected_method: figures.expected_method,
             estimates: figures.estimates.into_iter().collect(),
+            posterior_mean: figures.posterior_mean,
+            interval: figures.interval.map(interval),
         }
     }
 }
 
 impl From<proto::ActionFigures> for ActionFigures {
     fn from(figures: proto::ActionFigures) -> Self {
-        let proto::ActionFigures { action, index, visits, plug_in_divergence, response } = figures;
-        Self { action, index, visits, plug_in_divergence, response: Some(response).filter(|r| !r.is_empty()) }
+        Self {
+            action: figures.action,
+            index: figures.index,
+            visits: figures.visits,
+            divergence: figures.divergence,
+            interval: figures.divergence_interval.map(interval),
+            plug_in_divergence: figures.plug_in_divergence,
+            response: Some(figures.response).filter(|response| !response.is_empty()),
+            response_intervals: figures.response_intervals.into_iter().map(interval).collect(),
+        }
     }
 }
 
@@ -201,7 +255,14 @@ mod tests {
                 expected_if_independent: 0.125,
                 expected_method: "hypergeometric".into(),
                 estimates: [("excess".to_owned(), 0.125)].into(),
+                posterior_mean: Some(0.1),
+                interval: Some(proto::Interval { lower: 0.0, upper: 0.4 }),
             }),
+            independence: "entries".into(),
+            dependence: proto::Dependence::Open.into(),
+            probability: Some(proto::Probability { dependent: 0.3, above_threshold: 0.1 }),
+            visits_to_decide: Some(proto::VisitsToDecide { visits: None }),
+            fit: Some(proto::Fit { version: 2, revision: 90 }),
             lag: Some(0),
             directed: Some(false),
             revision: Some(99),
@@ -216,6 +277,7 @@ mod tests {
             visits,
             plug_in_divergence,
             response,
+            ..proto::ActionFigures::default()
         };
         let by_action = vec![figures(0, 12, Some(0.0), vec![0.5, 0.5]), figures(1, 0, None, Vec::new())];
         proto::Answer { by_action, ..with_figures() }
@@ -239,8 +301,10 @@ mod tests {
             r#""visits":12,"entries":7,"verdict":"no_influence","basis":{"kind":"counts","visits":12},"#,
             r#""unit":"nats","threshold":0.5,"rule":"paper","#,
             r#""mutual_information":{"plug_in":0.25,"expected_if_independent":0.125,"#,
-            r#""expected_method":"hypergeometric","estimates":{"excess":0.125}},"#,
-            r#""lag":0,"directed":false,"revision":99}"#
+            r#""expected_method":"hypergeometric","posterior_mean":0.1,"interval":[0.0,0.4],"#,
+            r#""estimates":{"excess":0.125}},"independence":"entries","dependence":"open","#,
+            r#""probability":{"dependent":0.3,"above_threshold":0.1},"visits_to_decide":null,"#,
+            r#""lag":0,"directed":false,"fit":{"version":2,"revision":90},"revision":99}"#
         );
         assert_eq!(told(with_figures()), expected);
     }

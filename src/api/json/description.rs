@@ -181,7 +181,8 @@ mod tests {
           "agents": [ {"name": "robot", "action": [ {"name": "turn",  "continuous": {"edges": [-0.2, 0.2]}},
                                                     {"name": "speed", "continuous": {"edges": []}} ]},
                       {"name": "human", "action": [ {"name": "move", "categorical": {"labels": ["go", "stay"]}} ]} ],
-          "rule":   { "kind": "paper", "threshold": 0.5, "unit": "nats", "min_visits": 8, "confidence": 0.8 } }"#;
+          "rule":   { "kind": "paper", "threshold": 0.5, "unit": "nats", "min_visits": 8, "confidence": 0.8,
+                      "estimators": ["nsb"] } }"#;
 
     #[test]
     fn a_description_goes_through_the_domain_and_comes_back() {

@@ -7,6 +7,9 @@ mod answer;
 mod decode;
 mod description;
 mod environment;
+mod evidence;
+mod exploration;
+mod graph;
 mod labels;
 mod loose;
 mod overview;
@@ -23,11 +26,16 @@ pub use answer::{ActionFigures, Answer, Answers, Basis, MutualInformation, verdi
 pub use decode::decode;
 pub use description::{Agent, Categorical, Circular, Continuous, Description, Feature, Integer, description_of_text};
 pub use environment::{Environment, EnvironmentPage};
+pub use evidence::{Fit, Fits, FittedPrior, Probability, Significance, dependence};
+pub use exploration::{Exploration, Trial};
+pub use graph::{Edge, Graph};
 pub use labels::{Bin, Labels, State, Variable};
-pub use overview::{Cell, Counts, HistogramBin, StateFigures, StatePage, Summary, VerdictCounts};
+pub use overview::{
+    Cell, Counts, DependenceCounts, Discoveries, HistogramBin, StateFigures, StatePage, Summary, VerdictCounts,
+};
 pub use parameters::Parameters;
 pub use problem::{Fault, Problem};
-pub use query::{batch_of_query, listing, page, pair, question_of_query};
+pub use query::{batch_of_query, exploration, fit, graph, listing, overview, page, question_of_query};
 pub use question::{NamedState, Question};
 pub use receipt::{Producer, Receipt, Rejection};
 pub use rule::{Rule, RuleChange};

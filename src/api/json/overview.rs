@@ -4,7 +4,8 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::answer::verdict;
-use super::{State, present};
+use super::evidence::dependence;
+use super::{Fit, Probability, State, present};
 use crate::api::proto;
 
 /// The counts of one state.
@@ -63,9 +64,21 @@ pub struct StateFigures {
     pub plug_in: f64,
     /// Its mean under independence, in the page's unit.
     pub expected_if_independent: f64,
+    /// The mean of mutual information given the counts, in the page's unit; absent where the alphabets are too large for evidence.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub posterior_mean: Option<f64>,
     /// `influences`, `no_influence` or `undecided`.
     #[schema(example = "undecided")]
     pub verdict: &'static str,
+    /// Whether there is any dependence at all: `established`, `excluded` or `open`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub dependence: Option<&'static str>,
+    /// Probabilities given the counts.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub probability: Option<Probability>,
+    /// The p-value of the test of independence, where discoveries by `bh` were asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub p_value: Option<f64>,
 }
 
 /// What all states say together.
@@ -91,6 +104,40 @@ pub struct Summary {
     pub unit: String,
     /// The threshold used, in that unit.
     pub threshold: f64,
+    /// States by dependence.
+    pub dependence: DependenceCounts,
+    /// The share of states that depend, as fitted.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub dependent_share: Option<f64>,
+    /// The fit of the prior.
+    pub fit: Fit,
+    /// The discoveries, where a rate was given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub discoveries: Option<Discoveries>,
+}
+
+/// States by dependence: is there any at all, however weak?
+#[derive(Debug, Clone, Default, PartialEq, Serialize, ToSchema)]
+pub struct DependenceCounts {
+    /// States where it is established.
+    pub established: u64,
+    /// States where it is excluded.
+    pub excluded: u64,
+    /// States that the counts leave open.
+    pub open: u64,
+}
+
+/// States that are called dependent at a false discovery rate.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct Discoveries {
+    /// The rate.
+    pub fdr: f64,
+    /// `bayes` or `bh`.
+    pub method: &'static str,
+    /// How many they are.
+    pub states: u64,
+    /// States among which they were looked for: with `bh` those whose smallest possible p-value can pass.
+    pub testable: u64,
 }
 
 /// States by verdict.
@@ -115,6 +162,8 @@ pub struct HistogramBin {
     pub plug_in: u64,
     /// States whose mean under independence lies here.
     pub expected_if_independent: u64,
+    /// States whose posterior mean lies here.
+    pub posterior_mean: u64,
 }
 
 impl From<proto::GetStateResponse> for Counts {
@@ -154,7 +203,11 @@ impl From<proto::StateFigures> for StateFigures {
             visits: figures.visits,
             plug_in: figures.plug_in,
             expected_if_independent: figures.expected_if_independent,
+            posterior_mean: figures.posterior_mean,
             verdict: verdict(figures.verdict),
+            dependence: dependence(figures.dependence),
+            probability: figures.probability.map(Into::into),
+            p_value: figures.p_value,
         }
     }
 }
@@ -162,6 +215,7 @@ impl From<proto::StateFigures> for StateFigures {
 impl From<proto::SummarizeResponse> for Summary {
     fn from(summary: proto::SummarizeResponse) -> Self {
         let verdicts = summary.verdicts.unwrap_or_default();
+        let dependence = summary.dependence.unwrap_or_default();
         Self {
             transitions: summary.transitions,
             states: summary.states,
@@ -177,13 +231,31 @@ impl From<proto::SummarizeResponse> for Summary {
             as_of: summary.as_of,
             unit: summary.unit,
             threshold: summary.threshold,
+            dependence: DependenceCounts {
+                established: dependence.established,
+                excluded: dependence.excluded,
+                open: dependence.open,
+            },
+            dependent_share: summary.dependent_share,
+            fit: summary.fit.map(Into::into).unwrap_or_default(),
+            discoveries: summary.discoveries.map(Into::into),
         }
+    }
+}
+
+impl From<proto::Discoveries> for Discoveries {
+    fn from(found: proto::Discoveries) -> Self {
+        let method = match found.method() {
+            proto::DiscoveryMethod::Bh => "bh",
+            proto::DiscoveryMethod::Bayes | proto::DiscoveryMethod::Unspecified => "bayes",
+        };
+        Self { fdr: found.fdr, method, states: found.states, testable: found.testable }
     }
 }
 
 impl From<proto::HistogramBin> for HistogramBin {
     fn from(bin: proto::HistogramBin) -> Self {
-        let proto::HistogramBin { from, to, plug_in, expected_if_independent } = bin;
-        Self { from, to, plug_in, expected_if_independent }
+        let proto::HistogramBin { from, to, plug_in, expected_if_independent, posterior_mean } = bin;
+        Self { from, to, plug_in, expected_if_independent, posterior_mean }
     }
 }

@@ -2,7 +2,7 @@
 
 use super::Parameters;
 use crate::domain::RuleDraft;
-use crate::domain::draft::{ListingDraft, PairDraft, QuestionDraft, StatesDraft};
+use crate::domain::draft::{DiscoveryDraft, ExplorationDraft, ListingDraft, PairDraft, QuestionDraft, StatesDraft};
 use crate::error::Problem;
 
 impl Parameters {
@@ -24,7 +24,12 @@ impl Parameters {
             unit: self.text("rule.unit"),
             min_visits: self.whole("rule.min_visits"),
             confidence: self.number("rule.confidence", "a number"),
+            estimators: None,
         }
+    }
+
+    fn discovery(&mut self) -> DiscoveryDraft {
+        DiscoveryDraft { fdr: self.number("fdr", "a number"), method: self.text("method") }
     }
 
     fn state(&mut self) -> StatesDraft {
@@ -48,6 +53,8 @@ pub fn question_of_query(mut query: Parameters) -> Result<QuestionDraft, Problem
         states: query.state(),
         estimators: query.list("estimators"),
         view: query.text("view"),
+        significance: query.text("significance"),
+        visits_to_decide: query.number("visits_to_decide", "true or false").unwrap_or(false),
     };
     query.finish(draft)
 }
@@ -59,16 +66,50 @@ pub fn listing(mut query: Parameters) -> Result<ListingDraft, Problem> {
         order_by: query.text("order_by"),
         min_visits: query.whole("min_visits").unwrap_or(0),
         verdict: query.text("verdict"),
+        discovery: query.discovery(),
         page_size: query.whole("page_size").unwrap_or(0),
         page_token: query.text("page_token"),
     };
     query.finish(draft)
 }
 
-/// Reads whose influence on whom is asked about.
-pub fn pair(mut query: Parameters) -> Result<PairDraft, Problem> {
-    let pair = query.pair();
-    query.finish(pair)
+/// Reads whose influence on whom is to be summed up, and which discoveries are counted.
+pub fn overview(mut query: Parameters) -> Result<(PairDraft, DiscoveryDraft), Problem> {
+    let overview = (query.pair(), query.discovery());
+    query.finish(overview)
+}
+
+/// Reads which state a graph is wanted of, from which counts and by which rule.
+pub fn graph(mut query: Parameters) -> Result<QuestionDraft, Problem> {
+    let pair = PairDraft {
+        segments: query.list("segments"),
+        rule: query.rule(),
+        unit: query.text("unit"),
+        ..PairDraft::default()
+    };
+    let draft = QuestionDraft { pair, states: query.state(), ..QuestionDraft::default() };
+    query.finish(draft)
+}
+
+/// Reads which prior is to be fitted; `None` for those of every pair.
+pub fn fit(mut query: Parameters) -> Result<Option<PairDraft>, Problem> {
+    let pair = PairDraft {
+        ego: query.text("ego"),
+        other: query.text("other"),
+        given: query.list("given"),
+        ..PairDraft::default()
+    };
+    query.finish(Some(pair).filter(|pair| *pair != PairDraft::default()))
+}
+
+/// Reads where somebody wants to look for what to try.
+pub fn exploration(mut query: Parameters) -> Result<ExplorationDraft, Problem> {
+    let draft = ExplorationDraft {
+        pair: query.pair(),
+        min_visits: query.whole("min_visits").unwrap_or(0),
+        limit: query.whole("limit").unwrap_or(0),
+    };
+    query.finish(draft)
 }
 
 /// Reads which page is asked for: its size, 0 for the default, and its token.

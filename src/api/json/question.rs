@@ -31,9 +31,15 @@ pub struct Question {
     pub rule: Option<Rule>,
     /// The unit of the answer's figures, `nats` or `bits`; absent for the rule's.
     pub unit: Option<String>,
-    /// Further estimators of mutual information: `excess`, `miller_madow`.
+    /// Further estimators of mutual information, instead of the environment's: `excess`, `miller_madow`, `chao_shen`, `james_stein`,
+    /// `grassberger_2003`, `nsb`, `dirichlet`, `adjusted`, `uniform_policy`.
     #[serde(default)]
     pub estimators: Vec<String>,
+    /// Wants the test of independence: `pooled`, or `within_segments` to permute within each segment only.
+    pub significance: Option<String>,
+    /// Wants to know how many more visits a verdict would take.
+    #[serde(default)]
+    pub visits_to_decide: bool,
     /// `verdict`, `figures` (the default for several states) or `full` (the default for one).
     pub view: Option<String>,
     /// States, each a value a feature: a number in the feature's unit, or a label.
@@ -60,7 +66,14 @@ impl TryFrom<Question> for QuestionDraft {
             unit: question.unit,
         };
         let states = states(question.states, question.keys)?;
-        Ok(Self { pair, states, estimators: question.estimators, view: question.view })
+        Ok(Self {
+            pair,
+            states,
+            estimators: question.estimators,
+            view: question.view,
+            significance: question.significance,
+            visits_to_decide: question.visits_to_decide,
+        })
     }
 }
 
@@ -114,7 +127,8 @@ mod tests {
     #[test]
     fn everything_can_be_asked() {
         let text = r#"{"ego": "a", "other": "b", "given": ["c"], "segments": ["train"], "rule": {"threshold": 1},
-            "unit": "bits", "estimators": ["excess"], "view": "full", "states": [{"x": 1, "held": "dish", "x": null}]}"#;
+            "unit": "bits", "estimators": ["excess"], "view": "full",
+            "significance": "pooled", "visits_to_decide": true, "states": [{"x": 1, "held": "dish", "x": null}]}"#;
         let named = vec![
             ("x".to_owned(), ValueDraft::Number(1.0)),
             ("held".to_owned(), ValueDraft::Text("dish".into())),
@@ -133,6 +147,8 @@ mod tests {
             states: StatesDraft::Named(vec![named]),
             estimators: vec!["excess".into()],
             view: Some("full".into()),
+            significance: Some("pooled".into()),
+            visits_to_decide: true,
         };
         assert_eq!(draft(text), Ok(expected));
     }

@@ -89,6 +89,7 @@ pub(super) fn observed(hallway: &Hallway, number: u32, schema: &Schema) -> Resul
 struct Stream {
     producer: Producer,
     pace: Pace,
+    seed: u64,
     record_interval: Duration,
     records_per_second: usize,
     transitions: u64,
@@ -103,6 +104,7 @@ impl Stream {
         Self {
             producer,
             pace: run.pace,
+            seed: run.hallway.protocol().seed,
             record_interval,
             records_per_second: (1.0 / record_interval.as_secs_f64()).round().max(1.0) as usize,
             transitions: 0,
@@ -118,7 +120,7 @@ impl Stream {
         mut observations: Observations,
         progress: &mut impl FnMut(Moment),
     ) -> Result<(), Failure> {
-        self.producer.segment(Some(&format!("trial-{number}"))).await?;
+        self.producer.segment(Some(&format!("seed-{}.trial-{number}", self.seed))).await?;
         let mut passed = Duration::ZERO;
         loop {
             // Other tasks of this thread go elsewhere while a large crowd walks.

@@ -5,7 +5,8 @@ use tonic::{Request, Response, Status};
 use super::{Face, call};
 use crate::api::proto::influence_service_server::InfluenceService;
 use crate::api::proto::{
-    BatchGetInfluenceRequest, BatchGetInfluenceResponse, GetInfluenceRequest, GetInfluenceResponse, GetStateRequest,
+    BatchGetInfluenceRequest, BatchGetInfluenceResponse, ExploreRequest, ExploreResponse, FitPriorRequest,
+    FitPriorResponse, GetGraphRequest, GetGraphResponse, GetInfluenceRequest, GetInfluenceResponse, GetStateRequest,
     GetStateResponse, ListStatesRequest, ListStatesResponse, SummarizeRequest, SummarizeResponse,
 };
 use crate::api::{fitting, grpc};
@@ -67,9 +68,37 @@ impl InfluenceService for Face {
 
     async fn summarize(&self, request: Request<SummarizeRequest>) -> Result<Response<SummarizeResponse>, Status> {
         call("Summarize", async {
-            let (environment, pair) = grpc::scope(request.into_inner().scope);
+            let SummarizeRequest { scope, discovery } = request.into_inner();
+            let (environment, pair) = grpc::scope(scope);
             let environment = self.app.environments.find(&environment)?;
-            Ok(self.app.influence.summary(&environment, &pair).await?.into())
+            Ok(self.app.influence.summary(&environment, &pair, &grpc::discovery(discovery)?).await?.into())
+        })
+        .await
+    }
+
+    async fn get_graph(&self, request: Request<GetGraphRequest>) -> Result<Response<GetGraphResponse>, Status> {
+        call("GetGraph", async {
+            let (environment, draft) = grpc::graph(request.into_inner());
+            let environment = self.app.environments.find(&environment)?;
+            Ok(self.app.influence.graph(&environment, &draft).await?.into())
+        })
+        .await
+    }
+
+    async fn explore(&self, request: Request<ExploreRequest>) -> Result<Response<ExploreResponse>, Status> {
+        call("Explore", async {
+            let (environment, draft) = grpc::exploration(request.into_inner());
+            let environment = self.app.environments.find(&environment)?;
+            fitting(self.app.influence.explore(&environment, &draft).await?.into(), View::Verdict)
+        })
+        .await
+    }
+
+    async fn fit_prior(&self, request: Request<FitPriorRequest>) -> Result<Response<FitPriorResponse>, Status> {
+        call("FitPrior", async {
+            let (environment, pair) = grpc::fit(request.into_inner());
+            let environment = self.app.environments.find(&environment)?;
+            Ok(self.app.influence.fit(&environment, pair.as_ref()).await?.into())
         })
         .await
     }

@@ -4,8 +4,10 @@
 
 mod environments;
 mod extract;
+mod graph;
 mod influence;
 mod layers;
+mod learning;
 mod openapi;
 mod problems;
 mod states;
@@ -39,6 +41,9 @@ fn routes() -> Router<App> {
         .route("/v1/environments/{environment}/states", get(states::list_states))
         .route("/v1/environments/{environment}/states/{key}", get(states::get_state))
         .route("/v1/environments/{environment}/summary", get(summary::summarize))
+        .route("/v1/environments/{environment}/graph", get(graph::get_graph))
+        .route("/v1/environments/{environment}/explore", get(learning::explore))
+        .route("/v1/environments/{environment}/fit", post(learning::fit_prior))
 }
 
 fn documentation() -> Router {

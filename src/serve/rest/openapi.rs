@@ -6,7 +6,7 @@ use utoipa::openapi::response::Response;
 use utoipa::openapi::{ContentBuilder, Ref, RefOr, ResponseBuilder};
 use utoipa::{IntoParams, IntoResponses, OpenApi};
 
-use super::{environments, influence, states, summary, transitions};
+use super::{environments, graph, influence, learning, states, summary, transitions};
 use crate::api::json;
 
 /// Returns the document.
@@ -36,6 +36,9 @@ pub fn document() -> utoipa::openapi::OpenApi {
         states::list_states,
         states::get_state,
         summary::summarize,
+        graph::get_graph,
+        learning::explore,
+        learning::fit_prior,
     ),
     components(schemas(json::Problem, json::Fault)),
     tags(
@@ -91,10 +94,15 @@ pub struct StateParameters {
     /// The state by key: bin numbers joined by dots. Instead of values.
     #[param(example = "3.0.7")]
     key: Option<String>,
-    /// Further estimators of mutual information, repeated or joined by commas: `excess`, `miller_madow`.
+    /// Further estimators of mutual information, repeated or joined by commas, instead of the environment's: `excess`, `miller_madow`,
+    /// `chao_shen`, `james_stein`, `grassberger_2003`, `nsb`, `dirichlet`, `adjusted`, `uniform_policy`.
     estimators: Option<Vec<String>>,
     /// `verdict`, `figures` or `full` (the default).
     view: Option<String>,
+    /// Wants the test of independence: `pooled`, or `within_segments` to permute within each segment only.
+    significance: Option<String>,
+    /// Wants to know how many more visits a verdict would take.
+    visits_to_decide: Option<bool>,
 }
 
 /// Which states, in which order.
@@ -102,7 +110,7 @@ pub struct StateParameters {
 #[into_params(parameter_in = Query)]
 #[allow(dead_code)]
 pub struct ListingParameters {
-    /// `visits` (the default) or `plug_in`, then `desc` (the default) or `asc`.
+    /// `visits` (the default), `plug_in`, `posterior_mean` or `p_dependent`, then `desc` (the default) or `asc`.
     #[param(example = "visits desc")]
     order_by: Option<String>,
     /// Leaves out states with fewer visits.
@@ -113,6 +121,46 @@ pub struct ListingParameters {
     page_size: Option<u32>,
     /// The `next_page_token` of the page before.
     page_token: Option<String>,
+}
+
+/// Which states are discoveries.
+#[derive(IntoParams)]
+#[into_params(parameter_in = Query)]
+#[allow(dead_code)]
+pub struct DiscoveryParameters {
+    /// The false discovery rate that is accepted, above 0 and below 1: pages then hold discoveries only, and the summary counts them.
+    #[param(example = 0.05)]
+    fdr: Option<f64>,
+    /// `bayes` (the default), by the probability of dependence, or `bh`, Benjamini and Hochberg's procedure on tests of independence.
+    method: Option<String>,
+}
+
+/// Which state, from which counts, by which rule.
+#[derive(IntoParams)]
+#[into_params(parameter_in = Query)]
+#[allow(dead_code)]
+pub struct GraphParameters {
+    /// The state by values: a parameter `state.NAME` a feature. Instead of `key`.
+    #[param(style = Form, explode, value_type = BTreeMap<String, String>, example = json!({"state.distance": "1.2"}), required = false)]
+    state: Option<BTreeMap<String, String>>,
+    /// The state by key: bin numbers joined by dots. Instead of values.
+    #[param(example = "3.0.7")]
+    key: Option<String>,
+    /// The segments to count, repeated or joined by commas; all by default.
+    segments: Option<Vec<String>>,
+    /// The unit of the figures, `nats` or `bits`; the rule's by default.
+    unit: Option<String>,
+}
+
+/// What to try, and how much of it.
+#[derive(IntoParams)]
+#[into_params(parameter_in = Query)]
+#[allow(dead_code)]
+pub struct ExplorationParameters {
+    /// Leaves out states with fewer visits.
+    min_visits: Option<u64>,
+    /// The most to return, 1 to 1,000; 100 by default.
+    limit: Option<u32>,
 }
 
 /// How every route refuses: with a problem.
@@ -151,7 +199,7 @@ mod tests {
         let paths = document["paths"].as_object().expect("paths");
         let operations: Vec<_> =
             paths.values().flat_map(|path| path.as_object().expect("operations").values()).collect();
-        assert_eq!(operations.len(), 12);
+        assert_eq!(operations.len(), 15);
         for operation in operations {
             let refused = &operation["responses"]["400"]["content"]["application/problem+json"]["schema"]["$ref"];
             assert_eq!(refused, "#/components/schemas/Problem");

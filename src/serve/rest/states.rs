@@ -3,7 +3,7 @@
 use axum::extract::State;
 
 use super::extract::{Path, Query};
-use super::openapi::{ListingParameters, PairParameters, Refusals};
+use super::openapi::{DiscoveryParameters, ListingParameters, PairParameters, Refusals};
 use crate::api::{json, proto};
 use crate::app::App;
 use crate::serve::status::Failure;
@@ -17,6 +17,7 @@ use crate::serve::status::Failure;
         ("environment" = String, Path, description = "The environment's name"),
         PairParameters,
         ListingParameters,
+        DiscoveryParameters,
     ),
     responses((status = 200, description = "A page of states", body = json::StatePage), Refusals)
 )]

@@ -1,6 +1,6 @@
 //! The store in one SQLite file: one connection that writes, a few that read, and what is remembered of it in memory.
 //!
-//! `open` makes it, `writer` owns the connection that writes, `commit` decides and counts, `read` and `audit` look, `environments` and `removal` keep the worlds,
+//! `open` makes it, `writer` owns the connection that writes, `commit` decides and counts, `read` and `audit` look, `environments`, `fits` and `removal` keep the worlds,
 //! `cache`, `directory` and `known` remember, `text` and `packed` say how things are written, `error` what its errors mean.
 
 use std::path::{Path, PathBuf};
@@ -12,7 +12,7 @@ use sqlx::SqlitePool;
 use self::cache::CountsCache;
 use self::directory::Directory;
 use self::writer::{Memory, Writer};
-use super::{Audit, Cursor, Numbered, Outcome, Quotas, Scanned, StateCounts, Store, StoreError, Totals};
+use super::{Audit, Cursor, FitRecord, Numbered, Outcome, Quotas, Scanned, StateCounts, Store, StoreError, Totals};
 use crate::domain::{Environment, EnvironmentId, Label, Name, ProducerId, Rule, Schema, SegmentId, Sequence, StateKey};
 
 mod audit;
@@ -21,6 +21,7 @@ mod commit;
 mod directory;
 mod environments;
 mod error;
+mod fits;
 mod known;
 mod open;
 mod packed;
@@ -114,6 +115,14 @@ impl Store for SqliteStore {
 
     async fn totals(&self, id: EnvironmentId) -> Result<Totals, StoreError> {
         read::totals(&self.readers, id).await
+    }
+
+    async fn fits(&self, id: EnvironmentId) -> Result<Vec<FitRecord>, StoreError> {
+        fits::fits(&self.readers, id).await
+    }
+
+    async fn keep_fit(&self, id: EnvironmentId, fit: &FitRecord) -> Result<(), StoreError> {
+        fits::keep(&self.writer, &self.memory.directory, id, fit).await
     }
 
     async fn audit(&self) -> Result<Vec<Audit>, StoreError> {

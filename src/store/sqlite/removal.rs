@@ -65,7 +65,11 @@ async fn step(connection: &mut SqliteConnection, id: i64) -> Result<(), sqlx::Er
              (select id from producers where environment = ? order by name limit 20)",
             "delete from producers where id in (select id from producers where environment = ? order by name limit 20)",
         ],
-        &["delete from segments where environment = ?", "delete from environments where id = ?"],
+        &[
+            "delete from fits where environment = ?",
+            "delete from segments where environment = ?",
+            "delete from environments where id = ?",
+        ],
     ];
     for part in PARTS {
         let mut removed = 0;

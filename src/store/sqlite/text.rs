@@ -9,7 +9,7 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 
 use crate::domain::draft::{AgentDraft, FeatureDraft, KindDraft};
-use crate::domain::{Receipt, Rejection, Rule, Schema, SchemaDraft};
+use crate::domain::{Estimator, Receipt, Rejection, Rule, Schema, SchemaDraft};
 
 #[derive(Serialize, Deserialize)]
 struct SchemaText {
@@ -48,6 +48,8 @@ struct RuleText {
     unit: String,
     min_visits: u64,
     confidence: String,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    estimators: Vec<String>,
 }
 
 /// Names are short: a thousand receipts are kept of every producer.
@@ -84,6 +86,7 @@ pub(super) fn of_rule(rule: &Rule) -> String {
         unit: rule.unit.as_str().into(),
         min_visits: rule.min_visits,
         confidence: rule.confidence.to_string(),
+        estimators: rule.estimators.iter().map(|estimator| estimator.as_str().to_owned()).collect(),
     })
 }
 
@@ -96,6 +99,7 @@ pub(super) fn rule(text: &str) -> Option<Rule> {
         unit: text.unit.parse().ok()?,
         min_visits: text.min_visits,
         confidence: text.confidence.parse().ok()?,
+        estimators: text.estimators.iter().map(|name| name.parse::<Estimator>().ok()).collect::<Option<_>>()?,
     })
 }
 
@@ -212,7 +216,14 @@ mod tests {
 
         #[test]
         fn any_rule_reads_back_exactly(threshold in 0.0..1e300, confidence in 0.5..1.0, min_visits: u64) {
-            let written = Rule { kind: RuleKind::Paper, threshold, unit: Unit::Bits, min_visits, confidence };
+            let written = Rule {
+                kind: RuleKind::Paper,
+                threshold,
+                unit: Unit::Bits,
+                min_visits,
+                confidence,
+                estimators: [Estimator::Nsb].into_iter().collect(),
+            };
             proptest::prop_assert_eq!(rule(&of_rule(&written)), Some(written));
         }
     }

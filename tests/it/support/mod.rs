@@ -45,7 +45,7 @@ impl TestApp {
 
     /// Starts a service on a store of the test's own.
     pub async fn with(directory: Arc<TempDir>, store: Arc<dyn Store>) -> Self {
-        let app = App::open(store);
+        let app = App::open(store, None);
         let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
         let address = listener.local_addr().expect("bound");
         let serving = serve(app.clone(), listener, Settings::default());

@@ -1,0 +1,132 @@
+//! What the demo tells at the end: how much was counted, and where agents depend on each other.
+
+use crate::api::json::{dependence, verdict};
+use crate::api::proto;
+use crate::cli::Failure;
+use crate::cli::output::{Table, count, figure, print};
+use crate::client::Connection;
+
+/// States told of each environment.
+const TOLD: u32 = 3;
+
+/// A state worth a look: its environment and its key.
+#[derive(Default)]
+pub(super) struct Best {
+    pub environment: String,
+    pub key: String,
+    dependent: f64,
+}
+
+/// Prints what was counted and the most dependent states of each environment, and returns the most dependent of all.
+pub(super) async fn tell(connection: &Connection, environments: &[String]) -> Result<Best, Failure> {
+    let mut best = Best::default();
+    let mut summaries =
+        Table::new(&["environment", "transitions", "states", "influence", "some dependence", "discoveries at 5 %"]);
+    let mut states = Table::new(&[
+        "environment",
+        "state",
+        "visits",
+        "plug-in",
+        "if independent",
+        "posterior mean",
+        "P(dependent)",
+        "dependence",
+        "verdict",
+        "paper's rule",
+    ]);
+    for environment in environments {
+        summaries.row(summary_row(environment, &summary(connection, environment).await?));
+        for state in most_dependent(connection, environment).await? {
+            let key = state.state.clone().unwrap_or_default().key;
+            let dependent = state.probability.map_or(0.0, |probability| probability.dependent);
+            if dependent > best.dependent {
+                best = Best { environment: environment.clone(), key: key.clone(), dependent };
+            }
+            let paper = by_paper(connection, environment, &key).await?;
+            states.row(state_row(environment, key, &state, paper));
+        }
+    }
+    print(&format!("\n{}", summaries.render("")))?;
+    print(&format!(
+        "\nwhere two agents most probably depend on each other (information in nats)\n{}",
+        states.render("")
+    ))?;
+    print(
+        "\n\"influence\": mutual information is probably above 0.5 nats. \"some dependence\": there is any at all, however weak. Plug-in mutual \
+         information,\nthe paper's figure, is mostly bias at few visits: it stands beside what it would be if the agents were independent.",
+    )?;
+    Ok(best)
+}
+
+/// Fits the prior of an environment, and waits until what is told of all its states stands on that fit and on everything counted.
+pub(super) async fn settle(connection: &Connection, environment: &str) -> Result<(), Failure> {
+    let fit = proto::FitPriorRequest { environment: environment.into(), ..Default::default() };
+    let fits = connection.influence().fit_prior(fit).await?.into_inner().fits;
+    let made = fits.first().and_then(|fitted| fitted.fit).unwrap_or_default();
+    loop {
+        let told = summary(connection, environment).await?;
+        if told.as_of >= made.revision && told.fit.unwrap_or_default().version >= made.version {
+            return Ok(());
+        }
+        tokio::time::sleep(std::time::Duration::from_millis(100)).await;
+    }
+}
+
+async fn summary(connection: &Connection, environment: &str) -> Result<proto::SummarizeResponse, Failure> {
+    let discovery = proto::Discovery { fdr: Some(0.05), ..Default::default() };
+    let request = proto::SummarizeRequest { scope: Some(scope(environment)), discovery: Some(discovery) };
+    Ok(connection.influence().summarize(request).await?.into_inner())
+}
+
+async fn most_dependent(connection: &Connection, environment: &str) -> Result<Vec<proto::StateFigures>, Failure> {
+    let request = proto::ListStatesRequest {
+        scope: Some(scope(environment)),
+        order_by: "p_dependent desc".into(),
+        page_size: TOLD,
+        ..Default::default()
+    };
+    Ok(connection.influence().list_states(request).await?.into_inner().states)
+}
+
+/// Returns what the paper's rule says of a state.
+async fn by_paper(connection: &Connection, environment: &str, key: &str) -> Result<&'static str, Failure> {
+    let rule = proto::Rule { kind: Some("paper".into()), ..Default::default() };
+    let request = proto::GetInfluenceRequest {
+        scope: Some(proto::Scope { rule: Some(rule), ..scope(environment) }),
+        state: Some(proto::get_influence_request::State::Key(key.into())),
+        view: proto::View::Verdict.into(),
+        ..Default::default()
+    };
+    let answer = connection.influence().get_influence(request).await?.into_inner().answer.unwrap_or_default();
+    Ok(verdict(answer.verdict))
+}
+
+fn scope(environment: &str) -> proto::Scope {
+    proto::Scope { environment: environment.into(), ..Default::default() }
+}
+
+fn summary_row(environment: &str, summary: &proto::SummarizeResponse) -> [String; 6] {
+    [
+        environment.to_owned(),
+        count(summary.transitions),
+        count(summary.states),
+        count(summary.verdicts.map_or(0, |verdicts| verdicts.influences)),
+        count(summary.dependence.map_or(0, |dependence| dependence.established)),
+        count(summary.discoveries.map_or(0, |discoveries| discoveries.states)),
+    ]
+}
+
+fn state_row(environment: &str, key: String, state: &proto::StateFigures, paper: &str) -> [String; 10] {
+    [
+        environment.to_owned(),
+        key,
+        count(state.visits),
+        figure(state.plug_in),
+        figure(state.expected_if_independent),
+        state.posterior_mean.map_or("-".into(), figure),
+        state.probability.map_or("-".into(), |probability| figure(probability.dependent)),
+        dependence(state.dependence).unwrap_or("-").to_owned(),
+        verdict(state.verdict).to_owned(),
+        paper.to_owned(),
+    ]
+}

@@ -1,0 +1,51 @@
+//! What each of the ego's actions does: how often it was taken, how far it moves the other, and how the other answers it.
+
+use super::fits::{self, Fitted};
+use super::judge::Judge;
+use super::tables::Tables;
+use crate::domain::{ActionFigures, Interval};
+use crate::evidence::ActionPosterior;
+use crate::information::Table;
+
+/// Returns the figures of every ego action, seen or not, in index order; `draws` is what the evidence rests on.
+pub fn by_action(judge: Judge<'_>, tables: &Tables, draws: &[Table]) -> Vec<ActionFigures> {
+    let pair = &judge.scope.pair;
+    let prior = judge.fitted.and_then(Fitted::in_detail);
+    let mut believed = prior.map(|prior| prior.by_action(draws, fits::ego(pair))).unwrap_or_default().into_iter();
+    let figures = |index: u64| figures(judge, tables, index, believed.next());
+    (0..judge.schema.agents()[pair.ego].actions()).map(figures).collect()
+}
+
+fn figures(judge: Judge<'_>, tables: &Tables, index: u64, believed: Option<ActionPosterior>) -> ActionFigures {
+    let [ego, other] = [judge.scope.pair.ego, judge.scope.pair.other].map(|agent| &judge.schema.agents()[agent]);
+    let unit = |nats: f64| judge.scope.unit.from_nats(nats);
+    let row = tables.whole.row_labels().binary_search(&index).ok();
+    let seen = ActionFigures {
+        index,
+        action: ego.action_label(index),
+        visits: row.map_or(0, |row| tables.whole.rows()[row]),
+        divergence: None,
+        plug_in_divergence: row.map(|row| unit(tables.divergence(row))),
+        response: row.map(|row| frequencies(&tables.whole, row, other.actions())),
+        response_intervals: Vec::new(),
+    };
+    match believed {
+        None => seen,
+        Some(believed) => ActionFigures {
+            divergence: Some((unit(believed.divergence_mean), believed.divergence_interval.map(unit) as Interval)),
+            response: Some(believed.response),
+            response_intervals: believed.response_intervals,
+            ..seen
+        },
+    }
+}
+
+/// Returns the relative frequency of each of the other's actions after the ego's action at a row.
+fn frequencies(table: &Table, row: usize, actions: u64) -> Vec<f64> {
+    let mut frequencies = vec![0.0; actions as usize];
+    for cell in table.row(row) {
+        let action = table.column_labels()[cell.column as usize];
+        frequencies[action as usize] = cell.n as f64 / table.rows()[row] as f64;
+    }
+    frequencies
+}

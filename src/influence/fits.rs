@@ -1,0 +1,218 @@
+//! The priors that evidence stands on: fitted to all states of an environment, one for each pair of agents, in the background and on request.
+//!
+//! A fit is made of the counts as they are when it begins, and answers name it. It is not made anew with each commit: by then a tenth more must have
+//! been counted.
+
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use lru::LruCache;
+
+use super::scan::Pages;
+use super::tables::Tables;
+use crate::domain::{Agent, Environment, EnvironmentId, FitId, Pair, Schema, StateKey};
+use crate::evidence::{self, Base, Ego, Fit, Fitter, Parameters, Prior};
+use crate::information::{Alphabet, Table};
+use crate::store::{FitRecord, Store, StoreError};
+
+mod sample;
+mod text;
+
+use sample::Sample;
+
+/// Fits kept in memory.
+const KEPT: std::num::NonZeroUsize = std::num::NonZeroUsize::new(256).expect("not zero");
+
+/// How much must have been counted since the last fit, as a share of what it was made from.
+const GROWTH: f64 = 0.1;
+
+/// The rest after a fit, as a multiple of the time it took: fitting takes a twentieth of one core at most.
+const REST: u32 = 20;
+
+/// A fit with what is computed from it.
+pub struct Fitted {
+    /// Its version and revision.
+    pub id: FitId,
+    /// The fit itself.
+    pub fit: Fit,
+    /// What answers are computed with.
+    pub prior: Prior,
+    /// The last threshold asked for, and what is believed of it without counts: nearly all questions have the same.
+    unseen: Mutex<Option<(f64, f64)>>,
+}
+
+impl Fitted {
+    /// Returns P(MI > threshold) in a state that was never seen.
+    pub fn unseen_above(&self, nats: f64) -> f64 {
+        let mut last = self.unseen.lock().unwrap_or_else(PoisonError::into_inner);
+        match *last {
+            Some((threshold, above)) if threshold == nats => above,
+            _ => last.insert((nats, self.prior.unseen().above(nats))).1,
+        }
+    }
+
+    /// Returns the prior for figures that look at every pair of actions many times; `None` where there are too many pairs for them.
+    pub fn in_detail(&self) -> Option<&Prior> {
+        let Alphabet { rows, columns } = self.fit.alphabet;
+        (rows * columns <= evidence::MOST_CELLS).then_some(&self.prior)
+    }
+}
+
+/// Returns where the ego of a pair stands in the tables of its draws.
+pub fn ego(pair: &Pair) -> Ego {
+    if pair.ego < pair.other { Ego::Rows } else { Ego::Columns }
+}
+
+type Key = (EnvironmentId, Pair);
+
+/// The fits of every environment. Cloning is cheap.
+#[derive(Clone)]
+pub struct Fits {
+    store: Arc<dyn Store>,
+    kept: Arc<Mutex<LruCache<Key, Arc<Fitted>>>>,
+    making: Arc<tokio::sync::Mutex<()>>,
+}
+
+impl Fits {
+    /// Keeps the fits of a store.
+    pub fn new(store: Arc<dyn Store>) -> Self {
+        Self { store, kept: Arc::new(Mutex::new(LruCache::new(KEPT))), making: Arc::default() }
+    }
+
+    /// Returns the last fit of a pair, or the prior that nothing was fitted to; `None` where the alphabets are too large for evidence.
+    pub async fn get(&self, environment: &Environment, pair: &Pair) -> Result<Option<Arc<Fitted>>, StoreError> {
+        let pair = pair.undirected();
+        let Some(alphabet) = alphabet(&environment.schema, &pair) else { return Ok(None) };
+        let key = (environment.id, pair);
+        if let Some(fitted) = self.lock().get(&key) {
+            return Ok(Some(fitted.clone()));
+        }
+        let records = self.store.fits(environment.id).await?;
+        let record = records.into_iter().find(|record| record.pair == text::of_pair(&key.1));
+        // A fit that cannot be read any more is made again as counts grow.
+        let stored = record.and_then(|record| Some((record.id, text::fit(&record.body, alphabet)?)));
+        let (id, fit) = stored.unwrap_or_else(|| (FitId::default(), cold(alphabet)));
+        Ok(Some(self.keep(key, id, fit)))
+    }
+
+    /// Fits a pair to the counts as they are now; `None` where the alphabets are too large for evidence.
+    pub async fn fit(&self, environment: &Environment, pair: &Pair) -> Result<Option<Arc<Fitted>>, StoreError> {
+        let pair = pair.undirected();
+        let Some(alphabet) = alphabet(&environment.schema, &pair) else { return Ok(None) };
+        let _turn = self.making.lock().await;
+        let version = self.get(environment, &pair).await?.map_or(0, |fitted| fitted.id.version) + 1;
+        let revision = self.store.totals(environment.id).await?.transitions;
+        let (base, states) = self.states(environment, &pair, alphabet).await?;
+        let fitting = move || {
+            let mut fitter = Fitter::new(alphabet, Base::new(&base));
+            states.iter().for_each(|(_, slices)| fitter.add(slices));
+            fitter.fit()
+        };
+        let fit = tokio::task::spawn_blocking(fitting).await;
+        let fit = fit.map_err(|error| StoreError::Unreadable(error.to_string()))?;
+        let id = FitId { version, revision };
+        let record = FitRecord { pair: text::of_pair(&pair), id, body: text::of_fit(&fit) };
+        self.store.keep_fit(environment.id, &record).await?;
+        tracing::debug!(environment = %environment.name, pair = record.pair, version, states = fit.states, "fitted");
+        Ok(Some(self.keep((environment.id, pair), id, fit)))
+    }
+
+    /// Fits what has grown enough, for ever: every pair of agents, and those asked about with others held fixed.
+    pub async fn keep_up(self, every: Duration) {
+        loop {
+            tokio::time::sleep(every).await;
+            for environment in self.store.environments() {
+                for pair in self.pairs(&environment) {
+                    let started = Instant::now();
+                    match self.fit_if_due(&environment, &pair).await {
+                        Ok(true) => tokio::time::sleep(started.elapsed() * REST).await,
+                        // Somebody may have removed it meanwhile.
+                        Ok(false) | Err(StoreError::UnknownEnvironment) => {}
+                        Err(error) => {
+                            tracing::warn!(%error, environment = %environment.name, "a prior was not fitted")
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    async fn fit_if_due(&self, environment: &Environment, pair: &Pair) -> Result<bool, StoreError> {
+        let Some(fitted) = self.get(environment, pair).await? else { return Ok(false) };
+        let counted = self.store.totals(environment.id).await?.transitions;
+        let due = fitted.id.revision as f64 * (1.0 + GROWTH);
+        if counted == fitted.id.revision || (counted as f64) < due {
+            return Ok(false);
+        }
+        Ok(self.fit(environment, pair).await?.is_some())
+    }
+
+    /// Returns every pair of agents, and those that were asked about with others held fixed.
+    fn pairs(&self, environment: &Environment) -> Vec<Pair> {
+        let mut pairs = every_pair(&environment.schema);
+        let asked = self.lock().iter().map(|(key, _)| key.clone()).collect::<Vec<_>>();
+        let conditional = |(id, pair): &Key| *id == environment.id && !pair.given.is_empty();
+        pairs.extend(asked.into_iter().filter(conditional).map(|(_, pair)| pair));
+        pairs
+    }
+
+    /// Returns how often each of the later agent's actions was drawn, and the tables of the states that can tell dependence from independence,
+    /// in order of key.
+    async fn states(
+        &self,
+        environment: &Environment,
+        pair: &Pair,
+        alphabet: Alphabet,
+    ) -> Result<(Vec<u64>, Vec<(StateKey, Vec<Table>)>), StoreError> {
+        let mut base = vec![0; alphabet.columns as usize];
+        let mut sample = Sample::default();
+        let mut pages = Pages::new(&*self.store, environment.id);
+        while let Some(page) = pages.next().await? {
+            for scanned in page {
+                let cells = scanned.counts.cells().iter();
+                let tables = Tables::new(&environment.schema, pair, cells.clone());
+                let slices = tables.draws(&environment.schema, pair, cells).1;
+                slices.iter().for_each(|slice| add_columns(&mut base, slice));
+                if slices.iter().any(|slice| slice.rows().len() > 1 && slice.columns().len() > 1) {
+                    sample.add(scanned.key, slices.into_owned());
+                }
+            }
+        }
+        sample.states.sort_unstable_by(|a, b| a.0.cmp(&b.0));
+        Ok((base, sample.states))
+    }
+
+    fn keep(&self, key: Key, id: FitId, fit: Fit) -> Arc<Fitted> {
+        let fitted = Arc::new(Fitted { id, prior: Prior::new(&fit), fit, unseen: Mutex::default() });
+        self.lock().put(key, fitted.clone());
+        fitted
+    }
+
+    fn lock(&self) -> std::sync::MutexGuard<'_, LruCache<Key, Arc<Fitted>>> {
+        self.kept.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+fn add_columns(base: &mut [u64], slice: &Table) {
+    for (label, n) in slice.column_labels().iter().zip(slice.columns()) {
+        base[*label as usize] += n;
+    }
+}
+
+/// Returns every pair of agents, the earlier as the ego.
+pub fn every_pair(schema: &Schema) -> Vec<Pair> {
+    let agents = schema.agents().len();
+    let later = |ego| (ego + 1..agents).map(move |other| Pair { ego, other, given: Vec::new() });
+    (0..agents).flat_map(later).collect()
+}
+
+/// Returns how many actions the two have; `None` where that is too many for evidence.
+fn alphabet(schema: &Schema, pair: &Pair) -> Option<Alphabet> {
+    let actions = |agent: usize| schema.agents().get(agent).map_or(0, Agent::actions);
+    let alphabet = Alphabet { rows: actions(pair.ego), columns: actions(pair.other) };
+    (alphabet.rows.max(alphabet.columns) <= evidence::MOST_LETTERS).then_some(alphabet)
+}
+
+fn cold(alphabet: Alphabet) -> Fit {
+    Fit { alphabet, base: Base::new(&vec![0; alphabet.columns as usize]), parameters: Parameters::cold(), states: 0 }
+}

@@ -1,0 +1,48 @@
+//! The causal graph of a state.
+
+use axum::extract::State;
+use axum::response::{IntoResponse, Response};
+use http::{HeaderMap, header};
+
+use super::extract::{Path, Query};
+use super::openapi::{GraphParameters, Refusals};
+use crate::api::{json, proto};
+use crate::app::App;
+use crate::serve::status::Failure;
+
+/// The media type of Graphviz.
+const DOT: &str = "text/vnd.graphviz";
+
+/// Returns the causal graph of a state: agents as nodes, every pair with its answer.
+///
+/// With `Accept: text/vnd.graphviz` it is told in DOT: established dependence is a solid line, open ones are dashed, and none has an arrowhead, since
+/// within one tick dependence has no direction.
+#[utoipa::path(
+    get,
+    path = "/v1/environments/{environment}/graph",
+    tag = "influence",
+    params(("environment" = String, Path, description = "The environment's name"), GraphParameters),
+    responses(
+        (status = 200, description = "The graph", content((json::Graph = "application/json"), (String = "text/vnd.graphviz"))),
+        Refusals
+    )
+)]
+pub async fn get_graph(
+    State(app): State<App>,
+    Path(name): Path<String>,
+    headers: HeaderMap,
+    Query(query): Query,
+) -> Result<Response, Failure> {
+    let draft = json::graph(query)?;
+    let environment = app.environments.find(&name)?;
+    let graph = proto::GetGraphResponse::from(app.influence.graph(&environment, &draft).await?);
+    if wants_dot(&headers) {
+        return Ok(([(header::CONTENT_TYPE, DOT), (header::VARY, "accept")], graph.dot).into_response());
+    }
+    Ok(([(header::VARY, "accept")], axum::Json(json::Graph::from(graph))).into_response())
+}
+
+fn wants_dot(headers: &HeaderMap) -> bool {
+    let accepted = headers.get_all(header::ACCEPT).iter().filter_map(|value| value.to_str().ok());
+    accepted.flat_map(|list| list.split(',')).any(|media| media.split(';').next().is_some_and(|one| one.trim() == DOT))
+}

@@ -1,0 +1,62 @@
+//! What the service learns from all states, and what it would like to see next.
+
+use axum::extract::State;
+
+use super::extract::{Path, Query};
+use super::openapi::{ExplorationParameters, PairParameters, Refusals};
+use crate::api::{json, proto};
+use crate::app::App;
+use crate::error::{Fault, Problem};
+use crate::serve::status::Failure;
+
+/// Returns where one more visit is worth most: states, and the ego's actions in them. What to try next to learn one's influence.
+#[utoipa::path(
+    get,
+    path = "/v1/environments/{environment}/explore",
+    tag = "states",
+    params(
+        ("environment" = String, Path, description = "The environment's name"),
+        PairParameters,
+        ExplorationParameters,
+    ),
+    responses((status = 200, description = "What to try, the most valuable first", body = json::Exploration), Refusals)
+)]
+pub async fn explore(
+    State(app): State<App>,
+    Path(name): Path<String>,
+    Query(query): Query,
+) -> Result<axum::Json<json::Exploration>, Failure> {
+    let draft = json::exploration(query)?;
+    let environment = app.environments.find(&name)?;
+    let exploration = app.influence.explore(&environment, &draft).await?;
+    Ok(axum::Json(proto::ExploreResponse::from(exploration).into()))
+}
+
+/// Fits the prior of the evidence to all states, now, and answers when it is done. It is done by itself as counts grow.
+#[utoipa::path(
+    post,
+    path = "/v1/environments/{environment}/fit",
+    tag = "summary",
+    params(
+        ("environment" = String, Path, description = "The environment's name"),
+        ("ego" = Option<String>, Query, description = "One agent of the pair; without `ego` and `other` every pair is fitted"),
+        ("other" = Option<String>, Query, description = "The other agent of the pair"),
+        ("given" = Option<Vec<String>>, Query, description = "Agents whose actions are held fixed"),
+    ),
+    responses((status = 200, description = "What was fitted", body = json::Fits), Refusals)
+)]
+pub async fn fit_prior(
+    State(app): State<App>,
+    Path(name): Path<String>,
+    Query(query): Query,
+    body: bytes::Bytes,
+) -> Result<axum::Json<json::Fits>, Failure> {
+    if !body.is_empty() && &body[..] != b"{}" {
+        let detail = "got a body, expected none: the pair is named in the query string";
+        return Err(Problem::invalid("body", vec![Fault::new("", detail)]).into());
+    }
+    let pair = json::fit(query)?;
+    let environment = app.environments.find(&name)?;
+    let fits = app.influence.fit(&environment, pair.as_ref()).await?;
+    Ok(axum::Json(proto::FitPriorResponse::from(fits).into()))
+}
