@@ -18,6 +18,7 @@
 //! * [`influence`]: the question itself.
 //! * [`app`]: one handle of each room.
 //! * [`serve`]: everything on a listening socket.
+//! * [`experiments`]: claims about the whole, measured through [`app`].
 //! * [`cli`]: the commands.
 //!
 //! # A write, a read, and what is learned
@@ -42,6 +43,7 @@ pub mod domain;
 pub mod environments;
 pub mod error;
 pub mod evidence;
+pub mod experiments;
 pub mod influence;
 pub mod information;
 pub mod ingest;

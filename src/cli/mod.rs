@@ -8,6 +8,7 @@ mod check;
 mod demo;
 mod duration;
 mod env;
+mod experiment;
 mod failure;
 mod ingest;
 mod output;
@@ -52,6 +53,7 @@ enum Command {
     #[command(subcommand)]
     Simulate(simulate::Simulate),
     #[command(subcommand)]
+    Experiment(experiment::Experiment),
     Check(check::Check),
 }
 
@@ -74,6 +76,7 @@ fn execute(cli: Cli) -> Result<(), Failure> {
             Command::Ingest(command) => command.run().await,
             Command::Query(command) => command.run().await,
             Command::Simulate(command) => command.run().await,
+            Command::Experiment(command) => command.run().await,
             Command::Check(command) => command.run().await,
         }
     })

@@ -12,7 +12,7 @@ const RANKS: &[&[&str]] = &[
     &["ingest", "client"],
     &["environments", "influence"],
     &["app"],
-    &["serve"],
+    &["serve", "experiments"],
     &["cli"],
     &["main"],
 ];
@@ -24,8 +24,8 @@ const RESERVED: &[(&str, &[&str])] = &[
     ("tonic", &["api", "client", "serve", "cli"]),
     ("axum", &["serve"]),
     ("clap", &["cli", "main"]),
-    ("csv", &["recordings"]),
-    ("plotters", &["simulation"]),
+    ("csv", &["recordings", "experiments"]),
+    ("plotters", &["simulation", "experiments"]),
     ("tokio", &["ingest", "store", "client", "influence", "app", "serve", "cli", "main"]),
 ];
 

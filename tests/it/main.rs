@@ -6,6 +6,7 @@ mod architecture;
 mod cli;
 mod client;
 mod evidence;
+mod experiments;
 mod faces;
 mod fake;
 mod golden;

@@ -1,0 +1,148 @@
+//! From a drawn world to cases: what is true of each state beside what the service answered.
+
+use super::decision::Decision;
+use crate::domain::draft::{AgentDraft, FeatureDraft, KindDraft, PairDraft, QuestionDraft, RuleDraft, SchemaDraft};
+use crate::domain::{Answer, Entry, Estimator, Evidence, Figures, Record, RuleKind, Verdict, View};
+use crate::error::Problem;
+use crate::experiments::service::Service;
+use crate::information::Table;
+use crate::simulation::planted::{Arm, Generator, Options, Planted, planted};
+
+/// A kind of world.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct World {
+    /// How its states come about.
+    pub generator: Generator,
+    /// What is done to them.
+    pub arm: Arm,
+    /// How many there are.
+    pub states: usize,
+    /// The percentage of them with influence.
+    pub dependent: u32,
+}
+
+/// Returns the short name of a generator.
+pub fn generator_name(generator: Generator) -> &'static str {
+    match generator {
+        Generator::Responses => "G1",
+        Generator::Joint => "G2",
+        Generator::Habits => "G3",
+    }
+}
+
+/// Returns the name of an arm.
+pub fn arm_name(arm: Arm) -> &'static str {
+    match arm {
+        Arm::Plain => "plain",
+        Arm::LeakFree => "leak-free",
+        Arm::Shuffled => "shuffled",
+    }
+}
+
+/// One state: what was planted, what is true, and what was answered.
+pub struct Case {
+    /// Whether influence was planted.
+    pub planted: bool,
+    /// The mutual information that was planted, in nats.
+    pub planted_information: f64,
+    /// The mutual information that is there, in nats: none after shuffling.
+    pub information: f64,
+    /// The answer by the default rule.
+    pub answer: Answer,
+    /// The verdict by the paper's rule.
+    pub paper: Verdict,
+}
+
+impl Case {
+    /// Returns whether there is influence to be found: none after shuffling.
+    pub fn is_dependent(&self) -> bool {
+        self.planted && self.information > 0.0
+    }
+
+    /// Returns the figures of the answer.
+    pub fn figures(&self) -> Option<&Figures> {
+        self.answer.figures.as_deref()
+    }
+
+    /// Returns what the evidence says.
+    pub fn evidence(&self) -> Option<Evidence> {
+        self.figures()?.evidence
+    }
+
+    /// Returns the p-value of the test of independence, where it was asked for.
+    pub fn p_value(&self) -> Option<f64> {
+        Some(self.figures()?.significance?.p_value)
+    }
+
+    /// Returns an estimate of mutual information in nats, where it was asked for.
+    pub fn estimate(&self, estimator: Estimator) -> Option<f64> {
+        let estimates = &self.figures()?.estimates;
+        estimates.iter().find(|(name, _)| *name == estimator.as_str()).map(|(_, estimate)| *estimate)
+    }
+}
+
+impl World {
+    /// Draws the world, sends it to a service and asks about every state.
+    pub async fn cases(&self, seed: u64, decisions: &[Decision]) -> Result<Vec<Case>, Problem> {
+        let dependent = f64::from(self.dependent) / 100.0;
+        let drawn = planted(self.generator, &Options { states: self.states, dependent, arm: self.arm, seed });
+        let mut service = Service::open(&self.schema()).await?;
+        let records: Vec<Record> = drawn.iter().enumerate().flat_map(|(i, state)| records(i, &state.table)).collect();
+        service.count(&records).await?;
+        service.fit().await?;
+        let states: Vec<Vec<f32>> = (0..self.states).map(|i| vec![i as f32]).collect();
+        let answers = service.ask(&states, &question(decisions)).await?;
+        let papers = service.ask(&states, &by_the_paper()).await?;
+        service.close().await?;
+        let case = |((state, answer), paper): ((Planted, Answer), Answer)| Case {
+            planted: state.dependent,
+            planted_information: state.information,
+            information: if self.arm == Arm::Shuffled { 0.0 } else { state.information },
+            answer,
+            paper: paper.verdict,
+        };
+        Ok(drawn.into_iter().zip(answers).zip(papers).map(case).collect())
+    }
+
+    /// Describes the environment: the state is a number, and each agent has one action.
+    fn schema(&self) -> SchemaDraft {
+        let integer = |name: &str, values: u64| {
+            let kinds = vec![KindDraft::Integer(0, values as i64 - 1)];
+            FeatureDraft { name: name.into(), unit: None, kinds }
+        };
+        let agent = |name: &str, actions| AgentDraft { name: name.into(), action: vec![integer("action", actions)] };
+        let alphabet = self.generator.alphabet();
+        SchemaDraft {
+            state: vec![integer("state", self.states as u64)],
+            agents: vec![agent("ego", alphabet.rows), agent("other", alphabet.columns)],
+        }
+    }
+}
+
+/// Returns the records of a state. Every visit was drawn by itself, so each is an entry.
+fn records(state: usize, table: &Table) -> impl Iterator<Item = Record> {
+    table.cells().iter().map(move |cell| {
+        let [ego, other] = [table.row_labels()[cell.row as usize], table.column_labels()[cell.column as usize]];
+        let actions = [ego, other].map(|action| action as f32).to_vec();
+        Record { state: vec![state as f32], actions, entry: Entry::Entered, count: cell.n }
+    })
+}
+
+/// Asks what the decisions rest on.
+fn question(decisions: &[Decision]) -> QuestionDraft {
+    let wanted = |decision| decisions.contains(&decision);
+    let estimators = [(Decision::Excess, Estimator::Excess), (Decision::Nsb, Estimator::Nsb)];
+    let estimators = estimators.into_iter().filter(|(decision, _)| wanted(*decision));
+    QuestionDraft {
+        estimators: estimators.map(|(_, estimator)| estimator.as_str().into()).collect(),
+        view: Some(View::Figures.as_str().into()),
+        significance: wanted(Decision::Permutation).then(|| "pooled".into()),
+        ..QuestionDraft::default()
+    }
+}
+
+fn by_the_paper() -> QuestionDraft {
+    let rule = RuleDraft { kind: Some(RuleKind::Paper.as_str().into()), ..RuleDraft::default() };
+    let pair = PairDraft { rule, ..PairDraft::default() };
+    QuestionDraft { pair, view: Some(View::Verdict.as_str().into()), ..QuestionDraft::default() }
+}

@@ -1,0 +1,86 @@
+//! A service of an experiment's own, in a temporary directory: one environment, which is filled and asked as any other is.
+
+use std::fmt::Display;
+use std::sync::Arc;
+
+use futures::future::try_join_all;
+use tempfile::TempDir;
+
+use crate::app::App;
+use crate::domain::draft::{QuestionDraft, SchemaDraft, StatesDraft};
+use crate::domain::{
+    Acknowledged, Answer, Batch, Environment, ProducerId, Question, Receipt, Record, Records, Sequence, Widths,
+};
+use crate::error::{ErrorKind, Problem};
+use crate::store::{Options, SqliteStore};
+
+/// Records of one batch.
+const BATCH: usize = 10_000;
+
+/// States of one question: so few that the slow ones occupy every core.
+const ASKED_TOGETHER: usize = 250;
+
+/// A service with one environment.
+pub struct Service {
+    app: App,
+    environment: Arc<Environment>,
+    sequence: Sequence,
+    /// Removed with the service.
+    directory: TempDir,
+}
+
+impl Service {
+    /// Opens a service with an empty environment.
+    pub async fn open(schema: &SchemaDraft) -> Result<Self, Problem> {
+        let directory = tempfile::tempdir().map_err(|error| unavailable("make a temporary directory", error))?;
+        let store = SqliteStore::open(&directory.path().join("nudge.db"), Options::default()).await;
+        let store = store.map_err(|error| unavailable("open a temporary database", error))?;
+        let app = App::open(Arc::new(store), None);
+        let (environment, _) = app.environments.apply("experiment", schema, None).await?;
+        Ok(Self { app, environment, sequence: Sequence::NONE, directory })
+    }
+
+    /// Sends records and waits until they are counted.
+    pub async fn count(&mut self, records: &[Record]) -> Result<(), Problem> {
+        let producer: ProducerId = "experiment".parse().expect("a producer id");
+        let widths = Widths::of(&self.environment.schema);
+        for records in records.chunks(BATCH) {
+            self.sequence = self.sequence.next();
+            let records = Records::collect(widths, records.iter().cloned().map(Ok));
+            let batch = Batch { sequence: self.sequence, segment: None, records };
+            match self.app.ingest.write(&self.environment, producer.clone(), batch).await? {
+                Acknowledged::Applied(Receipt { rejected_count: 0, .. }) => {}
+                told => {
+                    return Err(Problem::new(ErrorKind::Internal, "INTERNAL", format!("not all counted: {told:?}")));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Fits the priors to what is counted.
+    pub async fn fit(&self) -> Result<(), Problem> {
+        self.app.influence.fit(&self.environment, None).await.map(drop)
+    }
+
+    /// Asks the same about many states, each given by its values, and returns an answer each.
+    pub async fn ask(&self, states: &[Vec<f32>], question: &QuestionDraft) -> Result<Vec<Answer>, Problem> {
+        let part = async |states: &[Vec<f32>]| {
+            let draft = QuestionDraft { states: StatesDraft::Positional(states.to_vec()), ..question.clone() };
+            let question = Question::new(&self.environment, &draft)?;
+            self.app.influence.answer(&self.environment, &question).await
+        };
+        let parts = try_join_all(states.chunks(ASKED_TOGETHER).map(part)).await?;
+        Ok(parts.into_iter().flat_map(|part| part.answers).collect())
+    }
+
+    /// Closes the service and forgets what it counted.
+    pub async fn close(self) -> Result<(), Problem> {
+        self.app.close().await;
+        self.directory.close().map_err(|error| unavailable("remove a temporary directory", error))
+    }
+}
+
+fn unavailable(what: &str, error: impl Display) -> Problem {
+    Problem::new(ErrorKind::Unavailable, "NO_TEMPORARY_SERVICE", format!("cannot {what}: {error}"))
+}
