@@ -49,12 +49,12 @@ fn per_second(batches: u64, took: Duration) -> f64 {
 async fn hot() {
     let load = batches(223, 64, 1);
     let (sink, service) = (sink().await, Service::start().await);
-    make_world(service.address).await;
-    pump(service.address, "p", &load, 200).await;
+    make_world(service.address, "world", ACTIONS).await;
+    pump(service.address, "world", "p", &load, 200).await;
     let (mut durable, mut dropped) = (Vec::new(), Vec::new());
     for _ in 0..ROUNDS {
-        dropped.push(per_second(HOT_BATCHES, pump(sink, "p", &load, HOT_BATCHES).await));
-        durable.push(per_second(HOT_BATCHES, pump(service.address, "p", &load, HOT_BATCHES).await));
+        dropped.push(per_second(HOT_BATCHES, pump(sink, "world", "p", &load, HOT_BATCHES).await));
+        durable.push(per_second(HOT_BATCHES, pump(service.address, "world", "p", &load, HOT_BATCHES).await));
     }
     service.stop().await;
     let (durable, dropped) = (median(durable), median(dropped));
@@ -65,10 +65,10 @@ async fn hot() {
 async fn uniform() {
     let load = batches(1_000_000, UNIFORM_BATCHES as usize, 2);
     let service = Service::start().await;
-    make_world(service.address).await;
-    let durable = per_second(UNIFORM_BATCHES, pump(service.address, "p", &load, UNIFORM_BATCHES).await);
+    make_world(service.address, "world", ACTIONS).await;
+    let durable = per_second(UNIFORM_BATCHES, pump(service.address, "world", "p", &load, UNIFORM_BATCHES).await);
     service.stop().await;
-    let dropped = per_second(UNIFORM_BATCHES, pump(sink().await, "p", &load, UNIFORM_BATCHES).await);
+    let dropped = per_second(UNIFORM_BATCHES, pump(sink().await, "world", "p", &load, UNIFORM_BATCHES).await);
     let plain = plain_upserts(UNIFORM_BATCHES).await;
     report("durable ingest, a million states", durable, "decode and drop", dropped, "transitions/s", "");
     report(
@@ -112,9 +112,9 @@ async fn plain_upserts(batches: u64) -> f64 {
 async fn memory() {
     let directory = tempfile::TempDir::new().expect("a temporary directory");
     let (mut child, address) = start_binary(directory.path());
-    make_world(address).await;
+    make_world(address, "world", ACTIONS).await;
     let distinct: Vec<proto::Columns> = (0..1_000).map(distinct).collect();
-    pump(address, "p", &distinct, 1_000).await;
+    pump(address, "world", "p", &distinct, 1_000).await;
     let status = std::fs::read_to_string(format!("/proc/{}/status", child.id())).expect("linux");
     let of = |field: &str| -> f64 {
         let line = status.lines().find(|line| line.starts_with(field)).expect("present");

@@ -15,12 +15,14 @@ use std::time::{Duration, Instant};
 use nudge::api::proto::influence_service_client::InfluenceServiceClient;
 use nudge::api::proto::influence_service_server::{InfluenceService, InfluenceServiceServer};
 use nudge::api::proto::{
-    BatchGetInfluenceRequest, BatchGetInfluenceResponse, GetInfluenceRequest, GetInfluenceResponse, GetStateRequest,
-    GetStateResponse, ListStatesRequest, ListStatesResponse, Scope, StateValues, SummarizeRequest, SummarizeResponse,
-    View,
+    BatchGetInfluenceRequest, BatchGetInfluenceResponse, ExploreRequest, ExploreResponse, FitPriorRequest,
+    FitPriorResponse, GetGraphRequest, GetGraphResponse, GetInfluenceRequest, GetInfluenceResponse, GetStateRequest,
+    GetStateResponse, ListStatesRequest, ListStatesResponse, Rule, Scope, StateValues, SummarizeRequest,
+    SummarizeResponse, View,
 };
 use support::{
-    Service, batches, channel, listen, make_world, median, pump, quantile, report, runtime, start_binary, state, wanted,
+    ACTIONS, Service, batches, channel, listen, make_world, median, pump, quantile, report, runtime, start_binary,
+    state, wanted,
 };
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
@@ -33,13 +35,16 @@ const PATH: &str = "/v1/environments/world/influence?key=1.1.1.1.1.1&view=figure
 fn main() {
     runtime().block_on(async {
         let service = Service::start().await;
-        make_world(service.address).await;
-        pump(service.address, "p", &batches(STATES, 500, 1), 500).await;
+        make_world(service.address, "world", ACTIONS).await;
+        pump(service.address, "world", "p", &batches(STATES, 500, 1), 500).await;
         if wanted("rest") {
             rest(&service).await;
         }
         if wanted("grpc") {
             grpc(&service).await;
+        }
+        if wanted("evidence") {
+            evidence(&service).await;
         }
         if wanted("busy") {
             busy(&service).await;
@@ -120,26 +125,47 @@ async fn get(stream: &mut TcpStream, path: &str) -> Vec<u8> {
     }
 }
 
-fn question() -> BatchGetInfluenceRequest {
+fn question(world: &str, rule: &str, view: View) -> BatchGetInfluenceRequest {
+    let rule = Rule { kind: Some(rule.into()), ..Default::default() };
     BatchGetInfluenceRequest {
-        scope: Some(Scope { environment: "world".into(), ..Default::default() }),
+        scope: Some(Scope { environment: world.into(), rule: Some(rule), ..Default::default() }),
         states: (0..STATES).map(|number| StateValues { values: state(number).into() }).collect(),
-        view: View::Verdict.into(),
+        view: view.into(),
         ..Default::default()
     }
 }
 
-/// 10,000 known states in one call, view `verdict`.
-async fn grpc(service: &Service) {
+/// 10,000 known states in one call, view `figures`: with all evidence, and without. Without it are the same counts in a world whose agents could do
+/// so much more that evidence is not computed.
+async fn evidence(service: &Service) {
+    const TOO_MANY: u32 = 4_097;
+    make_world(service.address, "plain", TOO_MANY).await;
+    pump(service.address, "plain", "p", &batches(STATES, 500, 1), 500).await;
+    let fit = FitPriorRequest { environment: "world".into(), ..Default::default() };
     let mut client = InfluenceServiceClient::new(channel(service.address).await);
-    let answer = client.batch_get_influence(question()).await.expect("answered").into_inner();
+    client.fit_prior(fit).await.expect("fitted");
+    let [with, without] = ["world", "plain"].map(|world| question(world, "evidence", View::Figures));
+    let (mut answers, mut plain) = (Vec::new(), Vec::new());
+    for _ in 0..ROUNDS {
+        plain.push(calls_per_second(&mut client, &without).await);
+        answers.push(calls_per_second(&mut client, &with).await);
+    }
+    let (answers, plain) = (median(answers), median(plain));
+    report("10,000 states with full evidence", answers, "plug-in only", plain, "calls/s", "(target >= 0.2)");
+}
+
+/// 10,000 known states in one call, view `verdict` by the paper's rule.
+async fn grpc(service: &Service) {
+    let question = question("world", "paper", View::Verdict);
+    let mut client = InfluenceServiceClient::new(channel(service.address).await);
+    let answer = client.batch_get_influence(question.clone()).await.expect("answered").into_inner();
     let constant = tonic::service::Routes::new(InfluenceServiceServer::new(Constant(answer)));
     let address = listen(constant.into_axum_router()).await;
     let mut constant = InfluenceServiceClient::new(channel(address).await);
     let (mut answers, mut constants) = (Vec::new(), Vec::new());
     for _ in 0..ROUNDS {
-        constants.push(calls_per_second(&mut constant).await);
-        answers.push(calls_per_second(&mut client).await);
+        constants.push(calls_per_second(&mut constant, &question).await);
+        answers.push(calls_per_second(&mut client, &question).await);
     }
     let (answers, constants) = (median(answers), median(constants));
     report(
@@ -152,9 +178,11 @@ async fn grpc(service: &Service) {
     );
 }
 
-async fn calls_per_second(client: &mut InfluenceServiceClient<tonic::transport::Channel>) -> f64 {
+async fn calls_per_second(
+    client: &mut InfluenceServiceClient<tonic::transport::Channel>,
+    question: &BatchGetInfluenceRequest,
+) -> f64 {
     const CALLS: usize = 40;
-    let question = question();
     let started = Instant::now();
     for _ in 0..CALLS {
         client.batch_get_influence(question.clone()).await.expect("answered");
@@ -170,7 +198,7 @@ async fn busy(service: &Service) {
     let ingesting = tokio::spawn(async move {
         let load = batches(STATES, 64, 1);
         while !done.load(Ordering::Relaxed) {
-            pump(address, "q", &load, 200).await;
+            pump(address, "world", "q", &load, 200).await;
         }
     });
     tokio::time::sleep(Duration::from_millis(500)).await;
@@ -254,6 +282,15 @@ impl InfluenceService for Constant {
         Err(Status::unimplemented("a constant"))
     }
     async fn summarize(&self, _: Request<SummarizeRequest>) -> Result<Response<SummarizeResponse>, Status> {
+        Err(Status::unimplemented("a constant"))
+    }
+    async fn get_graph(&self, _: Request<GetGraphRequest>) -> Result<Response<GetGraphResponse>, Status> {
+        Err(Status::unimplemented("a constant"))
+    }
+    async fn explore(&self, _: Request<ExploreRequest>) -> Result<Response<ExploreResponse>, Status> {
+        Err(Status::unimplemented("a constant"))
+    }
+    async fn fit_prior(&self, _: Request<FitPriorRequest>) -> Result<Response<FitPriorResponse>, Status> {
         Err(Status::unimplemented("a constant"))
     }
 }

@@ -43,7 +43,7 @@ impl Service {
         let directory = Arc::new(TempDir::new().expect("a temporary directory"));
         let path = directory.path().join("nudge.db");
         let store = SqliteStore::open(&path, Options::default()).await.expect("a database");
-        let app = App::open(Arc::new(store));
+        let app = App::open(Arc::new(store), None);
         let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
         let address = listener.local_addr().expect("bound");
         let serving = serve(app.clone(), listener, Settings::default());
@@ -85,7 +85,8 @@ pub async fn channel(address: SocketAddr) -> Channel {
     Channel::from_shared(format!("http://{address}")).expect("an address").connect().await.expect("somebody listens")
 }
 
-pub async fn make_world(address: SocketAddr) {
+/// Makes a world whose agents have that many actions each; the load uses [`ACTIONS`] of them.
+pub async fn make_world(address: SocketAddr, name: &str, actions: u32) {
     let integer = |name: String, bins: u32| proto::Feature {
         name,
         unit: String::new(),
@@ -101,12 +102,12 @@ pub async fn make_world(address: SocketAddr) {
     let feature = |(i, bins): (usize, u32)| {
         if i % 2 == 0 { edges(format!("f{i}"), bins) } else { integer(format!("f{i}"), bins) }
     };
-    let agent = |name: &str| proto::Agent { name: name.into(), action: vec![integer("move".into(), ACTIONS)] };
+    let agent = |name: &str| proto::Agent { name: name.into(), action: vec![integer("move".into(), actions)] };
     let schema = proto::Schema {
         state: STATE_BINS.into_iter().enumerate().map(feature).collect(),
         agents: vec![agent("ego"), agent("other")],
     };
-    let request = proto::ApplyEnvironmentRequest { name: "world".into(), schema: Some(schema), rule: None };
+    let request = proto::ApplyEnvironmentRequest { name: name.into(), schema: Some(schema), rule: None };
     EnvironmentServiceClient::new(channel(address).await).apply_environment(request).await.expect("valid");
 }
 
@@ -135,9 +136,15 @@ pub fn state(number: u32) -> [f32; 6] {
 }
 
 /// Sends batches under the numbers after the resume point and returns how long it took until the last was acknowledged.
-pub async fn pump(address: SocketAddr, producer: &str, batches: &[proto::Columns], how_many: u64) -> Duration {
+pub async fn pump(
+    address: SocketAddr,
+    world: &str,
+    producer: &str,
+    batches: &[proto::Columns],
+    how_many: u64,
+) -> Duration {
     let (requests, outbound) = mpsc::channel(64);
-    let hello = proto::Hello { environment: "world".into(), producer: producer.into(), ..Default::default() };
+    let hello = proto::Hello { environment: world.into(), producer: producer.into(), ..Default::default() };
     let send = |message| IngestRequest { message: Some(message) };
     requests.send(send(ingest_request::Message::Hello(hello))).await.expect("open");
     let mut client = IngestServiceClient::new(channel(address).await);
