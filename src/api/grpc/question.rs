@@ -28,15 +28,9 @@ pub fn question(request: proto::GetInfluenceRequest) -> Result<(String, Question
         Some(State::Key(key)) => StatesDraft::Keys(vec![key]),
         None => StatesDraft::default(),
     };
-    let draft = QuestionDraft {
-        pair,
-        states,
-        estimators: request.estimators,
-        view: view(request.view)?,
-        significance: permutations(request.significance)?,
-        visits_to_decide: request.visits_to_decide,
-    };
-    Ok((environment, draft))
+    let (view, significance) = (view(request.view)?, permutations(request.significance)?);
+    let (estimators, visits_to_decide) = (request.estimators, request.visits_to_decide);
+    Ok((environment, QuestionDraft { pair, states, estimators, view, significance, visits_to_decide }))
 }
 
 /// Decodes a question about several states.
@@ -54,15 +48,9 @@ pub fn batch_question(request: proto::BatchGetInfluenceRequest) -> Result<(Strin
             ));
         }
     };
-    let draft = QuestionDraft {
-        pair,
-        states,
-        estimators: request.estimators,
-        view: view(request.view)?,
-        significance: permutations(request.significance)?,
-        visits_to_decide: request.visits_to_decide,
-    };
-    Ok((environment, draft))
+    let (view, significance) = (view(request.view)?, permutations(request.significance)?);
+    let (estimators, visits_to_decide) = (request.estimators, request.visits_to_decide);
+    Ok((environment, QuestionDraft { pair, states, estimators, view, significance, visits_to_decide }))
 }
 
 /// Decodes a question for a page of states.
