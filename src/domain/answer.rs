@@ -1,6 +1,6 @@
 //! Answers: what the counts of a state say about influence. Every figure is in the answer's unit.
 
-use super::{RuleKind, StateKey, Unit};
+use super::{RuleKind, StateKey, Tally, Unit};
 
 /// Whether the ego's action influences the other's.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -68,6 +68,13 @@ pub enum Independence {
     Entries,
     /// Visits, of which some may only be steps of one stay.
     Assumed,
+}
+
+impl From<Tally> for Independence {
+    /// Entries are independent draws where every transition said whether it entered its state.
+    fn from(tally: Tally) -> Self {
+        if tally.entries.is_some() { Self::Entries } else { Self::Assumed }
+    }
 }
 
 impl Independence {

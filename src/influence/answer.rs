@@ -64,7 +64,7 @@ impl Ground {
     /// Returns the answer for a state with these counts.
     fn answer(&self, judge: Judge<'_>, key: &StateKey, state: &StateCounts) -> Answer {
         let cells = || state.counts.of_segments(self.plan.segments.as_deref());
-        let judged = judge.judge(cells());
+        let judged = judge.judge(key, cells());
         let visits = judged.tables.whole.total();
         let figures = (judge.view != View::Verdict).then(|| {
             Box::new(Figures {
@@ -131,7 +131,7 @@ impl Ground {
             expected_method: method.as_str(),
             estimates: self.question.estimators.iter().map(estimate).collect(),
             independence: judged.independence,
-            evidence: judge.evidence(judged).map(|evidence| evidence.in_unit(unit)),
+            evidence: judged.evidence.map(|evidence| evidence.in_unit(unit)),
             significance: None,
             visits_to_decide: None,
             fit: self.plan.fit(),

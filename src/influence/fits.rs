@@ -15,9 +15,11 @@ use crate::evidence::{self, Base, Ego, Fit, Fitter, Parameters, Prior};
 use crate::information::{Alphabet, Table};
 use crate::store::{FitRecord, Store, StoreError};
 
+mod known;
 mod sample;
 mod text;
 
+use known::Known;
 use sample::Sample;
 
 /// Fits kept in memory.
@@ -37,6 +39,8 @@ pub struct Fitted {
     pub fit: Fit,
     /// What answers are computed with.
     pub prior: Prior,
+    /// What was found about single states.
+    pub known: Known,
     /// The last threshold asked for, and what is believed of it without counts: nearly all questions have the same.
     unseen: Mutex<Option<(f64, f64)>>,
 }
@@ -183,7 +187,8 @@ impl Fits {
     }
 
     fn keep(&self, key: Key, id: FitId, fit: Fit) -> Arc<Fitted> {
-        let fitted = Arc::new(Fitted { id, prior: Prior::new(&fit), fit, unseen: Mutex::default() });
+        let fitted =
+            Arc::new(Fitted { id, prior: Prior::new(&fit), fit, known: Known::default(), unseen: Mutex::default() });
         self.lock().put(key, fitted.clone());
         fitted
     }

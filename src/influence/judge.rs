@@ -1,10 +1,13 @@
 //! One state's counts, judged: its tables, what the evidence says of them, and the verdict.
 
+use super::answer::total;
 use super::fits::Fitted;
 use super::tables::Tables;
-use crate::domain::{Cell, Evidence, Independence, Probability, RuleKind, Schema, Scope, Verdict, View};
-use crate::evidence::{self, Belief, Posterior};
-use crate::information::plug_in;
+use crate::domain::{
+    Cell, Evidence, Independence, Probability, RuleKind, Schema, Scope, StateKey, Tally, Verdict, View,
+};
+use crate::evidence::{self, Belief};
+use crate::information::{Table, plug_in};
 
 /// Who judges: a schema, a question's scope and the fit that the evidence rests on.
 #[derive(Clone, Copy)]
@@ -14,6 +17,8 @@ pub struct Judge<'a> {
     pub fitted: Option<&'a Fitted>,
     /// Whether figures are wanted: a verdict by the paper's rule needs no evidence.
     pub view: View,
+    /// Whether evidence is remembered: that of all segments, which many ask about again.
+    pub remembers: bool,
 }
 
 /// What was found about one state, in nats.
@@ -24,43 +29,50 @@ pub struct Judged {
     pub independence: Independence,
     /// Plug-in mutual information.
     pub plug_in: f64,
-    /// What its counts let one believe; `None` where nobody asks, or the alphabets are too large.
-    pub posterior: Option<Posterior>,
-    /// What is believed of MI > threshold.
-    pub above: Option<Belief>,
+    /// What its counts support; `None` where nobody asks, or the alphabets are too large.
+    pub evidence: Option<Evidence>,
     /// The verdict.
     pub verdict: Verdict,
 }
 
 impl Judge<'_> {
     /// Judges a state by its cells.
-    pub fn judge<'c, C: Iterator<Item = &'c Cell> + Clone>(&self, cells: C) -> Judged {
+    pub fn judge<'c>(&self, key: &StateKey, cells: impl Iterator<Item = &'c Cell> + Clone) -> Judged {
         let Scope { pair, rule, .. } = self.scope;
         let tables = Tables::new(self.schema, pair, cells.clone());
         let plug_in = tables.figure(plug_in);
+        let tally = total(cells.clone());
         let wanted = self.fitted.filter(|_| self.view != View::Verdict || rule.kind == RuleKind::Evidence);
-        let (independence, slices) = tables.draws(self.schema, pair, cells);
-        let posterior = wanted.map(|fitted| fitted.prior.posterior(&slices));
-        drop(slices);
-        let nats = rule.threshold_nats();
-        let above = posterior
-            .as_ref()
-            .zip(wanted)
-            .map(|(posterior, fitted)| Belief { now: posterior.above(nats), unseen: fitted.unseen_above(nats) });
+        let evidence = wanted.map(|fitted| {
+            self.remembered(fitted, key, tally, || self.found(fitted, &tables.draws(self.schema, pair, cells).1))
+        });
+        let above = evidence.zip(wanted).map(|(evidence, fitted)| Belief {
+            now: evidence.probability.above_threshold,
+            unseen: fitted.unseen_above(rule.threshold_nats()),
+        });
         let verdict = evidence::decide(rule, tables.whole.total(), plug_in, above);
-        Judged { tables, independence, plug_in, posterior, above, verdict }
+        Judged { tables, independence: tally.into(), plug_in, evidence, verdict }
     }
 
-    /// Returns what the evidence on a state says, in nats.
-    pub fn evidence(&self, judged: &Judged) -> Option<Evidence> {
-        let posterior = judged.posterior.as_ref()?;
-        let dependent = Belief { now: posterior.dependent(), unseen: self.fitted?.prior.unseen().dependent() };
-        Some(Evidence {
+    fn remembered(&self, fitted: &Fitted, key: &StateKey, tally: Tally, find: impl FnOnce() -> Evidence) -> Evidence {
+        let nats = self.scope.rule.threshold_nats();
+        if !self.remembers {
+            return find();
+        }
+        fitted.known.get(key, tally, nats).unwrap_or_else(|| fitted.known.put(key, tally, nats, find()))
+    }
+
+    /// Returns what the draws of a state support, in nats.
+    fn found(&self, fitted: &Fitted, draws: &[Table]) -> Evidence {
+        let posterior = fitted.prior.posterior(draws);
+        let dependent = Belief { now: posterior.dependent(), unseen: fitted.prior.unseen().dependent() };
+        let above_threshold = posterior.above(self.scope.rule.threshold_nats());
+        Evidence {
             dependence: evidence::dependence(dependent),
-            probability: Probability { dependent: dependent.now, above_threshold: judged.above?.now },
+            probability: Probability { dependent: dependent.now, above_threshold },
             // A negative zero would be told as "-0".
             posterior_mean: posterior.mean() + 0.0,
             interval: posterior.interval(),
-        })
+        }
     }
 }

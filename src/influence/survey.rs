@@ -127,7 +127,13 @@ impl Plan {
 
     /// Returns who judges by this plan.
     pub fn judge(&self, view: View) -> Judge<'_> {
-        Judge { schema: &self.environment.schema, scope: &self.scope, fitted: self.fitted.as_deref(), view }
+        Judge {
+            schema: &self.environment.schema,
+            scope: &self.scope,
+            fitted: self.fitted.as_deref(),
+            view,
+            remembers: self.segments.is_none(),
+        }
     }
 
     /// Returns which fit it is.
@@ -216,16 +222,17 @@ async fn make(store: &dyn Store, plan: &Plan) -> Result<Survey, StoreError> {
 
 /// Measures the states of a page; those not seen in the segments asked for are left out.
 fn measured(plan: &Plan, page: Vec<Scanned>) -> Vec<Row> {
-    let judge = plan.judge(View::Figures);
+    // All states are looked at once: nothing is worth remembering.
+    let judge = Judge { remembers: false, ..plan.judge(View::Figures) };
     let row = |scanned: Scanned| {
-        let judged = judge.judge(scanned.counts.of_segments(plan.segments.as_deref()));
+        let judged = judge.judge(&scanned.key, scanned.counts.of_segments(plan.segments.as_deref()));
         let visits = judged.tables.whole.total();
         (visits > 0).then(|| Row {
             key: scanned.key,
             visits,
             plug_in: judged.plug_in,
             expected: judged.tables.expected_if_independent().0,
-            evidence: judge.evidence(&judged),
+            evidence: judged.evidence,
             verdict: judged.verdict,
         })
     };

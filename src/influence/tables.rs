@@ -33,7 +33,7 @@ impl Tables {
         cells: impl Iterator<Item = &'a Cell> + Clone,
     ) -> (Independence, Cow<'_, [Table]>) {
         let undirected = pair.undirected();
-        let independence = independence(cells.clone());
+        let independence = Independence::from(total(cells.clone()));
         let tables = match (independence, undirected == *pair, self.slices.is_empty()) {
             (Independence::Assumed, true, true) => std::slice::from_ref(&self.whole).into(),
             (Independence::Assumed, true, false) => self.slices.as_slice().into(),
@@ -48,7 +48,7 @@ impl Tables {
         pair: &Pair,
         cells: impl Iterator<Item = &'a Cell> + Clone,
     ) -> Vec<Table> {
-        let drawn = drawn(independence(cells.clone()));
+        let drawn = drawn(Independence::from(total(cells.clone())));
         slices(schema, &pair.undirected(), cells, drawn, |cell| Some(cell.segment))
     }
 
@@ -93,11 +93,6 @@ type Counted = (u64, u64, u64);
 
 /// What a slice is of: the joint action of the agents held fixed, and what it is cut by further.
 type Stratum = (Vec<u64>, Option<SegmentId>);
-
-/// Returns what counts as independent draws in these cells.
-fn independence<'a>(cells: impl Iterator<Item = &'a Cell>) -> Independence {
-    if total(cells).entries.is_some() { Independence::Entries } else { Independence::Assumed }
-}
 
 fn drawn(independence: Independence) -> impl Fn(&Cell) -> u64 + Copy {
     move |cell| match independence {
