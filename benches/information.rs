@@ -10,8 +10,10 @@ use std::fs;
 use std::hint::black_box;
 use std::path::Path;
 use std::process::Command;
+use std::slice;
 use std::time::Instant;
 
+use nudge::evidence::{Base, Fitter, Prior};
 use nudge::information::{
     Alphabet, Table, adjusted, chao_shen, dirichlet, expected_if_independent, grassberger_2003, james_stein, nsb,
     p_value, plug_in, plug_in_dense, smallest_p, uniform_policy,
@@ -35,7 +37,13 @@ fn main() {
     let alphabet = Alphabet { rows: ACTIONS as u64, columns: ACTIONS as u64 };
     let all = |figure: fn(&Table) -> f64| nanoseconds(&tables, figure);
     let few = |figure: &dyn Fn(&Table) -> f64| nanoseconds(&tables[..FEW], figure);
+    let prior = prior(&tables, alphabet);
     let figures = [
+        (
+            "P(dependent), all slabs (target <= 10,000)",
+            nanoseconds(&tables, |table| prior.dependent(slice::from_ref(table))),
+        ),
+        ("posterior: mean, P(above 0.5), interval", nanoseconds(&tables, |table| believed(&prior, table))),
         ("plug_in_dense", nanoseconds(&counts, plug_in_dense)),
         ("table", nanoseconds(&counts, |counts| table(counts).total() as f64)),
         ("plug_in", all(plug_in)),
@@ -47,8 +55,8 @@ fn main() {
         ("james_stein", nanoseconds(&tables, |table| james_stein(table, alphabet))),
         ("dirichlet", nanoseconds(&tables, |table| dirichlet(table, alphabet))),
         ("nsb", few(&|table| nsb(table, alphabet))),
-        ("p_value, B = 199", few(&|table| p_value(std::slice::from_ref(table), PERMUTATIONS, SEED).p_value)),
-        ("smallest_p", few(&|table| smallest_p(std::slice::from_ref(table)))),
+        ("p_value, B = 199", few(&|table| p_value(slice::from_ref(table), PERMUTATIONS, SEED).p_value)),
+        ("smallest_p", few(&|table| smallest_p(slice::from_ref(table)))),
     ];
     println!("{TABLES} tables of {ACTIONS} x {ACTIONS}, 1 to 500 visits, seed {SEED}; one thread, median of {ROUNDS}");
     let beside =
@@ -59,6 +67,17 @@ fn main() {
             println!("  beside {other:.0} ns ({yardstick}): ratio {:.4}{}", own / other, target(yardstick));
         }
     }
+}
+
+fn prior(tables: &[Table], alphabet: Alphabet) -> Prior {
+    let mut fitter = Fitter::new(alphabet, Base::new(&[1_000; ACTIONS]));
+    tables.iter().for_each(|table| fitter.add(slice::from_ref(table)));
+    Prior::new(&fitter.fit())
+}
+
+fn believed(prior: &Prior, table: &Table) -> f64 {
+    let posterior = prior.posterior(slice::from_ref(table));
+    posterior.mean() + posterior.above(0.5) + posterior.interval()[1]
 }
 
 fn target(yardstick: &str) -> &'static str {
