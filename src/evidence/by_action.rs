@@ -41,7 +41,8 @@ impl Prior {
     /// Actions that were never taken get what the environment lets one expect. With several slices, an action's figures are their means over the
     /// slices, each by how probable it is with that action.
     ///
-    /// Unlike the plug-in divergence, whose largest is mostly that of the rarest action, means may be ranked.
+    /// The largest plug-in divergence is mostly that of the rarest action, and large. Means may be ranked: they stay near 0 where nothing is known. Where
+    /// all of them are, their order says little, and the rarest action still comes first half of the time.
     ///
     /// Not for alphabets with more than [`MOST_CELLS`](super::MOST_CELLS) pairs of actions.
     pub fn by_action(&self, slices: &[Table], ego: Ego) -> Vec<ActionPosterior> {
