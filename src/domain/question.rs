@@ -5,6 +5,7 @@ use std::str::FromStr;
 use super::draft::{PairDraft, QuestionDraft, StatesDraft};
 use super::{Environment, Estimator, Estimators, Label, Rule, Schema, StateKey, Unit};
 use crate::error::{Fault, Problem};
+use crate::information::Alphabet;
 
 /// The most states of one question.
 pub const MOST_STATES: usize = 10_000;
@@ -80,6 +81,12 @@ pub struct Pair {
 }
 
 impl Pair {
+    /// Returns how many actions the two have; rows for the ego.
+    pub fn alphabet(&self, schema: &Schema) -> Alphabet {
+        let [rows, columns] = [self.ego, self.other].map(|agent| schema.agents()[agent].actions());
+        Alphabet { rows, columns }
+    }
+
     /// Returns the same pair with the earlier agent as the ego: mutual information is symmetric, and so is what is fitted to it.
     pub fn undirected(&self) -> Self {
         Self { ego: self.ego.min(self.other), other: self.ego.max(self.other), given: self.given.clone() }

@@ -87,8 +87,9 @@ impl Prior {
     /// Returns the posterior mean of the row variable's distribution in a slice.
     fn policy(&self, table: &Table) -> Vec<f64> {
         let rows = self.likelihood.alphabet.rows;
-        let visits = |label: u64| table.row_labels().binary_search(&label).map_or(0.0, |row| table.rows()[row] as f64);
-        (0..rows).map(|label| (visits(label) + 0.5) / (table.total() as f64 + 0.5 * rows as f64)).collect()
+        (0..rows)
+            .map(|label| (table.row_sum(label) as f64 + 0.5) / (table.total() as f64 + 0.5 * rows as f64))
+            .collect()
     }
 
     fn decides(&self, slices: &[Table], rule: &Rule, unseen: f64) -> bool {

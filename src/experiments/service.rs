@@ -68,7 +68,7 @@ impl Service {
         let part = async |states: &[Vec<f32>]| {
             let draft = QuestionDraft { states: StatesDraft::Positional(states.to_vec()), ..question.clone() };
             let question = Question::new(&self.environment, &draft)?;
-            self.app.influence.answer(&self.environment, &question).await
+            self.app.influence.answer(&self.environment, question).await
         };
         let parts = try_join_all(states.chunks(ASKED_TOGETHER).map(part)).await?;
         Ok(parts.into_iter().flat_map(|part| part.answers).collect())

@@ -23,7 +23,7 @@ fn figures(judge: Judge<'_>, tables: &Tables, index: u64, believed: Option<Actio
     let seen = ActionFigures {
         index,
         action: ego.action_label(index),
-        visits: row.map_or(0, |row| tables.whole.rows()[row]),
+        visits: tables.whole.row_sum(index),
         divergence: None,
         plug_in_divergence: row.map(|row| unit(tables.divergence(row))),
         response: row.map(|row| frequencies(&tables.whole, row, other.actions())),

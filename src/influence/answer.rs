@@ -1,5 +1,6 @@
 //! Answers: of one state, and of thousands by several threads.
 
+use std::cell::LazyCell;
 use std::sync::Arc;
 
 use super::actions;
@@ -7,12 +8,11 @@ use super::judge::{Judge, Judged};
 use super::survey::Plan;
 use super::tables::Tables;
 use crate::domain::{
-    Answer, Bin, Cell, Estimator, Figures, Permutations, Question, Schema, Scope, Significance, StateKey, Tally, Unit,
-    View,
+    Answer, Bin, Cell, Estimator, Figures, Permutations, Question, Schema, Significance, StateKey, Tally, Unit, View,
 };
 use crate::error::{ErrorKind, Problem};
-use crate::evidence;
-use crate::information::{self, Alphabet};
+use crate::evidence::{self, Prior};
+use crate::information::{self, Alphabet, Table};
 use crate::store::StateCounts;
 
 /// States that are answered at once; more are shared among threads, so that nobody waits behind ten thousand.
@@ -66,63 +66,42 @@ impl Ground {
         let cells = || state.counts.of_segments(self.plan.segments.as_deref());
         let judged = judge.judge(key, cells());
         let visits = judged.tables.whole.total();
+        // What the evidence rests on, for those figures that need the tables themselves.
+        let draws = LazyCell::new(|| judged.tables.draws(judge.schema, &judge.scope.pair, cells()));
         let figures = (judge.view != View::Verdict).then(|| {
+            let within = || Tables::draws_by_segment(judge.schema, &judge.scope.pair, cells());
+            let significance = self.question.significance.map(|how| match how {
+                Permutations::Pooled => significance(&draws, key.seed()),
+                Permutations::WithinSegments => significance(&within(), key.seed()),
+            });
+            let visits_to_decide = self.foresees().map(|prior| prior.visits_to_decide(&draws, &judge.scope.rule));
             Box::new(Figures {
                 bins: bins(judge.schema, key),
-                entries: total(cells()).entries,
-                significance: self.question.significance.map(|how| self.significance(how, cells(), key.seed())),
-                visits_to_decide: self.visits_to_decide(&judged, cells()),
+                significance,
+                visits_to_decide,
                 revision: state.revision,
                 ..self.figures(judge, &judged)
             })
         });
-        let by_action = (judge.view == View::Full).then(|| {
-            let draws = judged.tables.draws(judge.schema, &judge.scope.pair, cells()).1;
-            actions::by_action(judge, &judged.tables, &draws)
-        });
+        let by_action = (judge.view == View::Full).then(|| actions::by_action(judge, &judged.tables, &draws));
         let basis = evidence::basis(visits);
         Answer { key: key.clone(), visits, verdict: judged.verdict, basis, figures, by_action }
     }
 
-    /// Tests independence in a state.
-    fn significance<'c>(
-        &self,
-        how: Permutations,
-        cells: impl Iterator<Item = &'c Cell> + Clone,
-        seed: u64,
-    ) -> Significance {
-        let (schema, pair) = (&self.plan.environment.schema, &self.plan.scope.pair);
-        let slices = match how {
-            Permutations::Pooled => Tables::new(schema, pair, cells.clone()).draws(schema, pair, cells).1.into_owned(),
-            Permutations::WithinSegments => Tables::draws_by_segment(schema, pair, cells),
-        };
-        let test = information::p_value(&slices, PERMUTATIONS, seed);
-        Significance { p_value: test.p_value, method: test.method.as_str() }
-    }
-
-    /// Looks how many more visits a verdict would take, if that is asked for and there are not too many actions for it.
-    fn visits_to_decide<'c>(
-        &self,
-        judged: &Judged,
-        cells: impl Iterator<Item = &'c Cell> + Clone,
-    ) -> Option<Option<u64>> {
-        let Scope { pair, rule, .. } = &self.plan.scope;
-        let prior = self.plan.fitted.as_ref().filter(|_| self.question.visits_to_decide)?.in_detail()?;
-        let draws = judged.tables.draws(&self.plan.environment.schema, pair, cells).1;
-        Some(prior.visits_to_decide(&draws, rule))
+    /// Returns who looks how many more visits a verdict would take, if that is asked for and there are not too many actions for it.
+    fn foresees(&self) -> Option<&Prior> {
+        self.plan.fitted.as_ref().filter(|_| self.question.visits_to_decide)?.in_detail()
     }
 
     fn figures(&self, judge: Judge<'_>, judged: &Judged) -> Figures {
         let unit = judge.scope.unit;
         let (expected, method) = judged.tables.expected_if_independent();
-        let [rows, columns] =
-            [judge.scope.pair.ego, judge.scope.pair.other].map(|agent| judge.schema.agents()[agent].actions());
-        let alphabet = Alphabet { rows, columns };
+        let alphabet = judge.scope.pair.alphabet(judge.schema);
         let estimate =
             |estimator: Estimator| (estimator.as_str(), estimated(estimator, &judged.tables, alphabet, unit));
         Figures {
             bins: Vec::new(),
-            entries: None,
+            entries: judged.tally.entries,
             unit,
             threshold: judge.scope.rule.in_unit(unit).threshold,
             rule: judge.scope.rule.kind,
@@ -130,7 +109,7 @@ impl Ground {
             expected_if_independent: unit.from_nats(expected),
             expected_method: method.as_str(),
             estimates: self.question.estimators.iter().map(estimate).collect(),
-            independence: judged.independence,
+            independence: judged.tally.into(),
             evidence: judged.evidence.map(|evidence| evidence.in_unit(unit)),
             significance: None,
             visits_to_decide: None,
@@ -138,6 +117,12 @@ impl Ground {
             revision: 0,
         }
     }
+}
+
+/// Tests independence in a state by its draws.
+fn significance(draws: &[Table], seed: u64) -> Significance {
+    let test = information::p_value(draws, PERMUTATIONS, seed);
+    Significance { p_value: test.p_value, method: test.method.as_str() }
 }
 
 /// Returns the sum of cells.

@@ -86,7 +86,7 @@ fn tested(plan: &Plan, page: Vec<Scanned>, fdr: f64) -> Vec<Testable> {
         let cells = || scanned.counts.of_segments(plan.segments.as_deref());
         let (schema, pair) = (&plan.environment.schema, &plan.scope.pair);
         let tables = Tables::new(schema, pair, cells());
-        let slices = tables.draws(schema, pair, cells()).1.into_owned();
+        let slices = tables.draws(schema, pair, cells()).into_owned();
         (smallest_p(&slices) <= fdr).then(|| {
             let Significance { p_value, method } = p_value(&slices, FIRST, scanned.key.seed());
             Testable { key: scanned.key, slices, p_value, is_exact: method != Method::Permutation, permutations: FIRST }

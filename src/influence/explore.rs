@@ -6,7 +6,7 @@ use super::answer::bins;
 use super::fits;
 use super::survey::{Plan, Row, Survey};
 use super::tables::Tables;
-use crate::domain::{Cell, Exploration, StateKey, Trial, Verdict};
+use crate::domain::{Exploration, StateKey, Trial, Verdict};
 use crate::store::StateCounts;
 
 /// The most states looked at.
@@ -37,23 +37,18 @@ pub fn explore(plan: &Plan, keys: &[StateKey], counts: &[StateCounts], limit: us
 fn trials(plan: &Plan, key: &StateKey, state: &StateCounts) -> Vec<Trial> {
     let Some(prior) = plan.fitted.as_ref().and_then(|fitted| fitted.in_detail()) else { return Vec::new() };
     let (schema, scope) = (&plan.environment.schema, &plan.scope);
-    let ego = scope.pair.ego;
     let cells = || state.counts.of_segments(plan.segments.as_deref());
     let tables = Tables::new(schema, &scope.pair, cells());
-    let (_, draws) = tables.draws(schema, &scope.pair, cells());
+    let draws = tables.draws(schema, &scope.pair, cells());
     let threshold = scope.rule.threshold_nats();
     let above_threshold = prior.posterior(&draws).above(threshold);
-    let taken = |index: u64| -> u64 {
-        let of_action = |cell: &&Cell| schema.action_of(cell.joint, ego) == index;
-        cells().filter(of_action).map(|cell| cell.tally.n).sum()
-    };
     let trial = |(index, information_gain): (u64, f64)| Trial {
         key: key.clone(),
         bins: bins(schema, key),
         visits: tables.whole.total(),
         index,
-        action: schema.agents()[ego].action_label(index),
-        action_visits: taken(index),
+        action: schema.agents()[scope.pair.ego].action_label(index),
+        action_visits: tables.whole.row_sum(index),
         information_gain,
         above_threshold,
     };

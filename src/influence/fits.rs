@@ -10,8 +10,8 @@ use lru::LruCache;
 
 use super::scan::Pages;
 use super::tables::Tables;
-use crate::domain::{Agent, Environment, EnvironmentId, FitId, Pair, Schema, StateKey};
-use crate::evidence::{self, Base, Ego, Fit, Fitter, Parameters, Prior};
+use crate::domain::{Environment, EnvironmentId, FitId, Pair, Schema, StateKey};
+use crate::evidence::{self, Base, Ego, Fit, Fitter, Prior};
 use crate::information::{Alphabet, Table};
 use crate::store::{FitRecord, Store, StoreError};
 
@@ -175,7 +175,7 @@ impl Fits {
             for scanned in page {
                 let cells = scanned.counts.cells().iter();
                 let tables = Tables::new(&environment.schema, pair, cells.clone());
-                let slices = tables.draws(&environment.schema, pair, cells).1;
+                let slices = tables.draws(&environment.schema, pair, cells);
                 slices.iter().for_each(|slice| add_columns(&mut base, slice));
                 if slices.iter().any(|slice| slice.rows().len() > 1 && slice.columns().len() > 1) {
                     sample.add(scanned.key, slices.into_owned());
@@ -213,11 +213,10 @@ pub fn every_pair(schema: &Schema) -> Vec<Pair> {
 
 /// Returns how many actions the two have; `None` where that is too many for evidence.
 fn alphabet(schema: &Schema, pair: &Pair) -> Option<Alphabet> {
-    let actions = |agent: usize| schema.agents().get(agent).map_or(0, Agent::actions);
-    let alphabet = Alphabet { rows: actions(pair.ego), columns: actions(pair.other) };
+    let alphabet = pair.alphabet(schema);
     (alphabet.rows.max(alphabet.columns) <= evidence::MOST_LETTERS).then_some(alphabet)
 }
 
 fn cold(alphabet: Alphabet) -> Fit {
-    Fit { alphabet, base: Base::new(&vec![0; alphabet.columns as usize]), parameters: Parameters::cold(), states: 0 }
+    Fit::cold(alphabet, Base::new(&vec![0; alphabet.columns as usize]))
 }

@@ -3,9 +3,7 @@
 use super::answer::total;
 use super::fits::Fitted;
 use super::tables::Tables;
-use crate::domain::{
-    Cell, Evidence, Independence, Probability, RuleKind, Schema, Scope, StateKey, Tally, Verdict, View,
-};
+use crate::domain::{Cell, Evidence, Probability, RuleKind, Schema, Scope, StateKey, Tally, Verdict, View};
 use crate::evidence::{self, Belief};
 use crate::information::{Table, plug_in};
 
@@ -25,8 +23,8 @@ pub struct Judge<'a> {
 pub struct Judged {
     /// Its tables.
     pub tables: Tables,
-    /// What the evidence counts as independent draws.
-    pub independence: Independence,
+    /// The sum of its cells.
+    pub tally: Tally,
     /// Plug-in mutual information.
     pub plug_in: f64,
     /// What its counts support; `None` where nobody asks, or the alphabets are too large.
@@ -44,14 +42,14 @@ impl Judge<'_> {
         let tally = total(cells.clone());
         let wanted = self.fitted.filter(|_| self.view != View::Verdict || rule.kind == RuleKind::Evidence);
         let evidence = wanted.map(|fitted| {
-            self.remembered(fitted, key, tally, || self.found(fitted, &tables.draws(self.schema, pair, cells).1))
+            self.remembered(fitted, key, tally, || self.found(fitted, &tables.draws(self.schema, pair, cells)))
         });
         let above = evidence.zip(wanted).map(|(evidence, fitted)| Belief {
             now: evidence.probability.above_threshold,
             unseen: fitted.unseen_above(rule.threshold_nats()),
         });
         let verdict = evidence::decide(rule, tables.whole.total(), plug_in, above);
-        Judged { tables, independence: tally.into(), plug_in, evidence, verdict }
+        Judged { tables, tally, plug_in, evidence, verdict }
     }
 
     fn remembered(&self, fitted: &Fitted, key: &StateKey, tally: Tally, find: impl FnOnce() -> Evidence) -> Evidence {

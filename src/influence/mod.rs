@@ -56,17 +56,17 @@ impl Influence {
     }
 
     /// Answers a question. Its answers stand on every transition acknowledged before it was asked.
-    pub async fn answer(&self, environment: &Arc<Environment>, question: &Question) -> Result<Answers, Problem> {
+    pub async fn answer(&self, environment: &Arc<Environment>, question: Question) -> Result<Answers, Problem> {
         let started = Instant::now();
         let schema = &environment.schema;
-        size::check(schema, question)?;
+        size::check(schema, &question)?;
         let plan = self.plan(environment, question.scope.clone()).await?;
         let counts = self.store.counts(environment.id, &question.states).await.map_err(logged)?;
-        let ground = Ground { plan, question: question.clone() };
-        let answers = answer::answers(ground, counts).await?;
+        let labels = labels(schema, &question.scope.pair);
+        let answers = answer::answers(Ground { plan, question }, counts).await?;
         let by_prior = answers.iter().filter(|answer| answer.basis == Basis::Prior).count() as u64;
         telemetry::answered(started.elapsed(), answers.len() as u64 - by_prior, by_prior);
-        Ok(Answers { labels: labels(schema, &question.scope.pair), answers })
+        Ok(Answers { labels, answers })
     }
 
     /// Returns the counts of the state of that key.
@@ -121,7 +121,7 @@ impl Influence {
         for pair in fits::every_pair(&environment.schema) {
             let (from, to) = (pair.ego, pair.other);
             let question = Question { scope: Scope { pair, ..first.scope.clone() }, ..first.clone() };
-            let answers = self.answer(environment, &question).await?.answers;
+            let answers = self.answer(environment, question).await?.answers;
             edges.extend(answers.into_iter().map(|answer| Edge { from, to, answer }));
         }
         let key = first.states.first().cloned().ok_or_else(|| Problem::invalid("question", Vec::new()))?;

@@ -31,15 +31,14 @@ impl Tables {
         schema: &Schema,
         pair: &Pair,
         cells: impl Iterator<Item = &'a Cell> + Clone,
-    ) -> (Independence, Cow<'_, [Table]>) {
+    ) -> Cow<'_, [Table]> {
         let undirected = pair.undirected();
         let independence = Independence::from(total(cells.clone()));
-        let tables = match (independence, undirected == *pair, self.slices.is_empty()) {
+        match (independence, undirected == *pair, self.slices.is_empty()) {
             (Independence::Assumed, true, true) => std::slice::from_ref(&self.whole).into(),
             (Independence::Assumed, true, false) => self.slices.as_slice().into(),
             _ => slices(schema, &undirected, cells, drawn(independence), no_more).into(),
-        };
-        (independence, tables)
+        }
     }
 
     /// Returns the same cut further, by segment.

@@ -97,6 +97,11 @@ impl Table {
         self.total
     }
 
+    /// Returns the sum of the row with a label: 0 where that has no counts.
+    pub fn row_sum(&self, label: u64) -> u64 {
+        self.row_labels.binary_search(&label).map_or(0, |row| self.rows[row])
+    }
+
     /// Returns the cells of the row at a position in [`rows`](Self::rows); none where there is no such row.
     pub fn row(&self, row: usize) -> &[Occupied] {
         let start = self.cells.partition_point(|cell| (cell.row as usize) < row);
@@ -196,6 +201,9 @@ mod tests {
             prop_assert_eq!(rows.concat(), table.cells());
             let sums: Vec<u64> = rows.iter().map(|row| row.iter().map(|cell| cell.n).sum()).collect();
             prop_assert_eq!(sums, table.rows());
+            let by_label: Vec<u64> = table.row_labels().iter().map(|label| table.row_sum(*label)).collect();
+            prop_assert_eq!(by_label, table.rows());
+            prop_assert_eq!(table.row_sum(u64::MAX), 0);
             prop_assert_eq!(table.columns().iter().sum::<u64>(), table.total());
             prop_assert!(table.row(rows.len()).is_empty());
         }

@@ -18,7 +18,8 @@ impl Face {
     async fn answer(&self, environment: &str, draft: &QuestionDraft) -> Result<(Answers, View), Problem> {
         let environment = self.app.environments.find(environment)?;
         let question = Question::new(&environment, draft)?;
-        Ok((self.app.influence.answer(&environment, &question).await?, question.view))
+        let view = question.view;
+        Ok((self.app.influence.answer(&environment, question).await?, view))
     }
 }
 

@@ -51,6 +51,7 @@ pub async fn get_influence(State(app): State<App>, Path(name): Path<String>, Que
 async fn answer(app: &App, name: &str, draft: &QuestionDraft) -> Answered {
     let environment = app.environments.find(name)?;
     let question = Question::new(&environment, draft)?;
-    let answers: proto::BatchGetInfluenceResponse = app.influence.answer(&environment, &question).await?.into();
-    Ok(axum::Json(fitting(answers, question.view)?.into()))
+    let view = question.view;
+    let answers: proto::BatchGetInfluenceResponse = app.influence.answer(&environment, question).await?.into();
+    Ok(axum::Json(fitting(answers, view)?.into()))
 }
