@@ -54,7 +54,7 @@ impl Likelihood {
 
     /// Returns what a slice says, if it says anything.
     pub fn evidence(&self, table: &Table) -> Option<Evidence> {
-        if table.rows().len() < 2 || table.columns().len() < 2 {
+        if table.is_line() {
             return None;
         }
         let anchor = anchor(table);

@@ -177,7 +177,7 @@ impl Fits {
                 let tables = Tables::new(&environment.schema, pair, cells.clone());
                 let slices = tables.draws(&environment.schema, pair, cells);
                 slices.iter().for_each(|slice| add_columns(&mut base, slice));
-                if slices.iter().any(|slice| slice.rows().len() > 1 && slice.columns().len() > 1) {
+                if !slices.iter().all(Table::is_line) {
                     sample.add(scanned.key, slices.into_owned());
                 }
             }

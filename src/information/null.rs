@@ -53,7 +53,7 @@ pub(super) fn entropy(sums: &[u64], total: u64) -> f64 {
 }
 
 fn hypergeometric(table: &Table) -> f64 {
-    if table.rows().len() <= 1 || table.columns().len() <= 1 {
+    if table.is_line() {
         return 0.0;
     }
     let [rows, columns] = [table.rows(), table.columns()].map(|sums| repeated(sums.iter().copied()));

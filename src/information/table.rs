@@ -97,6 +97,11 @@ impl Table {
         self.total
     }
 
+    /// Returns whether there is at most one occupied row or column, so that nothing can depend on anything.
+    pub fn is_line(&self) -> bool {
+        self.rows.len() <= 1 || self.columns.len() <= 1
+    }
+
     /// Returns the sum of the row with a label: 0 where that has no counts.
     pub fn row_sum(&self, label: u64) -> u64 {
         self.row_labels.binary_search(&label).map_or(0, |row| self.rows[row])

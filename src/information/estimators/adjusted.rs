@@ -20,7 +20,7 @@ const NO_ROOM: f64 = 1e-12;
 /// May be negative. 0 at N = 0, with one row or one column, and where the margins alone already decide everything,
 /// as where no action was seen twice (scikit-learn says 1 there, and for a single occupied cell).
 pub fn adjusted(table: &Table) -> f64 {
-    if table.rows().len() <= 1 || table.columns().len() <= 1 {
+    if table.is_line() {
         return 0.0;
     }
     let (expected, _) = expected_if_independent(table);
