@@ -9,6 +9,7 @@ use tokio_util::task::TaskTracker;
 use crate::environments::Environments;
 use crate::influence::Influence;
 use crate::ingest::Ingest;
+use crate::priors::Fits;
 use crate::store::{Audit, Store, StoreError};
 
 /// One handle of each room. Cloning is cheap.
@@ -32,9 +33,10 @@ impl App {
     /// look.
     pub fn open(store: Arc<dyn Store>, fit_every: Option<Duration>) -> Self {
         let ingest = Ingest::start(store.clone());
+        let fits = Fits::new(store.clone());
         let app = Self {
             environments: Environments::new(store.clone(), ingest.clone()),
-            influence: Influence::new(store.clone()),
+            influence: Influence::new(store.clone(), fits.clone()),
             ingest,
             store,
             draining: CancellationToken::new(),
@@ -43,8 +45,7 @@ impl App {
         let audit = audit(app.store.clone());
         app.background.spawn(app.draining.clone().run_until_cancelled_owned(audit));
         if let Some(every) = fit_every {
-            let fitting = app.influence.clone().keep_fitted(every);
-            app.background.spawn(app.draining.clone().run_until_cancelled_owned(fitting));
+            app.background.spawn(app.draining.clone().run_until_cancelled_owned(fits.keep_up(every)));
         }
         app
     }

@@ -14,6 +14,7 @@
 //! * [`api`]: the wire: generated proto types, JSON, and their conversions.
 //! * [`ingest`]: how transitions become counts.
 //! * [`client`]: speaking to a service as a game server does.
+//! * [`priors`]: from cells to tables, and the priors that evidence stands on, fitted to all states.
 //! * [`environments`]: which worlds there are: their beginning, their rule and their end.
 //! * [`influence`]: the question itself.
 //! * [`app`]: one handle of each room.
@@ -26,7 +27,7 @@
 //! ```text
 //! write   bytes -> serve (decode by api) -> ingest (validate, merge) -> committer -> store.commit -> receipt
 //! read    bytes -> serve (decode by api) -> influence -> store.counts -> information -> evidence -> answer
-//! learn   influence -> store.scan -> evidence (fit over all states) -> store.keep_fit
+//! learn   priors -> store.scan -> evidence (fit over all states) -> store.keep_fit
 //! ```
 //!
 //! # Deliberately absent
@@ -47,6 +48,7 @@ pub mod experiments;
 pub mod influence;
 pub mod information;
 pub mod ingest;
+pub mod priors;
 pub mod recordings;
 pub mod serve;
 pub mod simulation;

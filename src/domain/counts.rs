@@ -19,6 +19,14 @@ impl Tally {
     /// Nothing seen: the sum of no tallies.
     pub const EMPTY: Self = Self { n: 0, entries: Some(0) };
 
+    /// Returns the sum of cells.
+    pub fn of<'a>(cells: impl Iterator<Item = &'a Cell>) -> Self {
+        cells.fold(Self::EMPTY, |mut sum, cell| {
+            sum.add(cell.tally);
+            sum
+        })
+    }
+
     /// Adds another tally. The store bounds all sums by an environment's total, which fits.
     #[inline]
     pub fn add(&mut self, other: Self) {

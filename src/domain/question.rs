@@ -87,6 +87,13 @@ impl Pair {
         Alphabet { rows, columns }
     }
 
+    /// Returns every pair of agents, the earlier as the ego.
+    pub fn every(schema: &Schema) -> Vec<Self> {
+        let agents = schema.agents().len();
+        let later = |ego| (ego + 1..agents).map(move |other| Self { ego, other, given: Vec::new() });
+        (0..agents).flat_map(later).collect()
+    }
+
     /// Returns the same pair with the earlier agent as the ego: mutual information is symmetric, and so is what is fitted to it.
     pub fn undirected(&self) -> Self {
         Self { ego: self.ego.min(self.other), other: self.ego.max(self.other), given: self.given.clone() }

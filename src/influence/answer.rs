@@ -6,13 +6,13 @@ use std::sync::Arc;
 use super::actions;
 use super::judge::{Judge, Judged};
 use super::survey::Plan;
-use super::tables::Tables;
 use crate::domain::{
-    Answer, Bin, Cell, Estimator, Figures, Permutations, Question, Schema, Significance, StateKey, Tally, Unit, View,
+    Answer, Bin, Estimator, Figures, Permutations, Question, Schema, Significance, StateKey, Unit, View,
 };
 use crate::error::{ErrorKind, Problem};
 use crate::evidence::{self, Prior};
 use crate::information::{self, Alphabet, Table};
+use crate::priors::Tables;
 use crate::store::StateCounts;
 
 /// States that are answered at once; more are shared among threads, so that nobody waits behind ten thousand.
@@ -123,14 +123,6 @@ impl Ground {
 fn significance(draws: &[Table], seed: u64) -> Significance {
     let test = information::p_value(draws, PERMUTATIONS, seed);
     Significance { p_value: test.p_value, method: test.method.as_str() }
-}
-
-/// Returns the sum of cells.
-pub fn total<'a>(cells: impl Iterator<Item = &'a Cell>) -> Tally {
-    cells.fold(Tally::EMPTY, |mut sum, cell| {
-        sum.add(cell.tally);
-        sum
-    })
 }
 
 /// Returns the bins of a state with their labels.

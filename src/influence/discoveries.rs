@@ -2,11 +2,10 @@
 
 use rayon::prelude::*;
 
-use super::scan::Pages;
 use super::survey::{Plan, Survey};
-use super::tables::Tables;
 use crate::domain::{Discoveries, Discovery, DiscoveryMethod, StateKey};
 use crate::information::{Method, Significance, Table, bayesian_fdr, benjamini_hochberg, p_value, smallest_p};
+use crate::priors::{Pages, Tables};
 use crate::store::{Scanned, Store, StoreError};
 
 /// Permutations of every state that can pass; those that may yet pass get more, tenfold each time.

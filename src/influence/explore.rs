@@ -3,10 +3,9 @@
 use rayon::prelude::*;
 
 use super::answer::bins;
-use super::fits;
 use super::survey::{Plan, Row, Survey};
-use super::tables::Tables;
 use crate::domain::{Exploration, StateKey, Trial, Verdict};
+use crate::priors::{self, Tables};
 use crate::store::StateCounts;
 
 /// The most states looked at.
@@ -52,5 +51,5 @@ fn trials(plan: &Plan, key: &StateKey, state: &StateCounts) -> Vec<Trial> {
         information_gain,
         above_threshold,
     };
-    (0..).zip(prior.information_gain(&draws, fits::ego(&scope.pair), threshold)).map(trial).collect()
+    (0..).zip(prior.information_gain(&draws, priors::ego(&scope.pair), threshold)).map(trial).collect()
 }

@@ -1,11 +1,9 @@
 //! One state's counts, judged: its tables, what the evidence says of them, and the verdict.
 
-use super::answer::total;
-use super::fits::Fitted;
-use super::tables::Tables;
 use crate::domain::{Cell, Evidence, Probability, RuleKind, Schema, Scope, StateKey, Tally, Verdict, View};
 use crate::evidence::{self, Belief};
 use crate::information::{Table, plug_in};
+use crate::priors::{Fitted, Tables};
 
 /// Who judges: a schema, a question's scope and the fit that the evidence rests on.
 #[derive(Clone, Copy)]
@@ -39,7 +37,7 @@ impl Judge<'_> {
         let Scope { pair, rule, .. } = self.scope;
         let tables = Tables::new(self.schema, pair, cells.clone());
         let plug_in = tables.figure(plug_in);
-        let tally = total(cells.clone());
+        let tally = Tally::of(cells.clone());
         let wanted = self.fitted.filter(|_| self.view != View::Verdict || rule.kind == RuleKind::Evidence);
         let evidence = wanted.map(|fitted| {
             self.remembered(fitted, key, tally, || self.found(fitted, &tables.draws(self.schema, pair, cells)))

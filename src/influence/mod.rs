@@ -10,29 +10,24 @@ mod actions;
 mod answer;
 mod discoveries;
 mod explore;
-mod fits;
 mod judge;
 mod listing;
 mod order;
-mod scan;
 mod size;
 mod summary;
 mod survey;
-mod tables;
-
-use std::time::Duration;
 
 use answer::Ground;
-use fits::Fits;
 use listing::Listing;
 use survey::{Plan, Survey, Surveys};
 
 use crate::domain::draft::{DiscoveryDraft, ExplorationDraft, ListingDraft, PairDraft, QuestionDraft};
 use crate::domain::{
     Agent, Answers, Basis, Cell, Discovery, Edge, Environment, Exploration, FittedPrior, Graph, Label, LabelledCell,
-    Labels, Pair, Question, Schema, Scope, SegmentId, StatePage, StateView, Summary, Variable, View, page_size,
+    Labels, Pair, Question, Schema, Scope, SegmentId, StatePage, StateView, Summary, Tally, Variable, View, page_size,
 };
 use crate::error::{ErrorKind, Fault, Problem};
+use crate::priors::Fits;
 use crate::store::Store;
 use crate::telemetry;
 
@@ -45,14 +40,9 @@ pub struct Influence {
 }
 
 impl Influence {
-    /// Makes a handle on the answers from a store.
-    pub fn new(store: Arc<dyn Store>) -> Self {
-        Self { fits: Fits::new(store.clone()), surveys: Surveys::new(store.clone()), store }
-    }
-
-    /// Keeps the priors fitted as counts grow, looking every so often, for ever.
-    pub async fn keep_fitted(self, every: Duration) {
-        self.fits.keep_up(every).await;
+    /// Makes a handle on the answers from a store and the priors fitted to it.
+    pub fn new(store: Arc<dyn Store>, fits: Fits) -> Self {
+        Self { fits, surveys: Surveys::new(store.clone()), store }
     }
 
     /// Answers a question. Its answers stand on every transition acknowledged before it was asked.
@@ -80,7 +70,7 @@ impl Influence {
         let labelled = |cell: &Cell| labelled(schema, &segments, cell);
         Ok(StateView {
             bins: answer::bins(schema, &key),
-            total: answer::total(state.counts.cells().iter()),
+            total: Tally::of(state.counts.cells().iter()),
             cells: state.counts.cells().iter().map(labelled).collect(),
             revision: state.revision,
             key,
@@ -118,7 +108,7 @@ impl Influence {
     pub async fn graph(&self, environment: &Arc<Environment>, draft: &QuestionDraft) -> Result<Graph, Problem> {
         let first = Question { view: View::Figures, ..Question::new(environment, draft)? };
         let mut edges = Vec::new();
-        for pair in fits::every_pair(&environment.schema) {
+        for pair in Pair::every(&environment.schema) {
             let (from, to) = (pair.ego, pair.other);
             let question = Question { scope: Scope { pair, ..first.scope.clone() }, ..first.clone() };
             let answers = self.answer(environment, question).await?.answers;
@@ -154,7 +144,7 @@ impl Influence {
     ) -> Result<Vec<FittedPrior>, Problem> {
         let pairs = match pair {
             Some(pair) => vec![Scope::new(environment, pair)?.pair.undirected()],
-            None => fits::every_pair(&environment.schema),
+            None => Pair::every(&environment.schema),
         };
         let mut fitted = Vec::with_capacity(pairs.len());
         for pair in pairs {

@@ -9,14 +9,13 @@ use lru::LruCache;
 use rayon::prelude::*;
 
 use super::discoveries::{self, Found};
-use super::fits::Fitted;
 use super::judge::Judge;
 use super::order::Order;
-use super::scan::Pages;
 use crate::domain::{
     Discovery, DiscoveryMethod, Environment, EnvironmentId, Evidence, FitId, Pair, Rule, RuleKind, Scope, SegmentId,
     StateKey, Verdict, View,
 };
+use crate::priors::{Fitted, Pages};
 use crate::store::{Scanned, Store, StoreError};
 
 /// Cells up to which a survey is made while the caller waits.

@@ -9,8 +9,9 @@ const RANKS: &[&[&str]] = &[
     &["information", "error", "config", "telemetry"],
     &["domain"],
     &["evidence", "store", "simulation", "recordings", "api"],
-    &["ingest", "client"],
-    &["environments", "influence"],
+    &["ingest", "client", "priors"],
+    &["environments", "model"],
+    &["influence"],
     &["app"],
     &["serve", "experiments"],
     &["cli"],
@@ -26,7 +27,7 @@ const RESERVED: &[(&str, &[&str])] = &[
     ("clap", &["cli", "main"]),
     ("csv", &["recordings", "experiments"]),
     ("plotters", &["simulation", "experiments"]),
-    ("tokio", &["ingest", "store", "client", "influence", "app", "serve", "cli", "main"]),
+    ("tokio", &["ingest", "store", "client", "priors", "model", "influence", "app", "serve", "cli", "main"]),
 ];
 
 fn sources() -> BTreeMap<String, Vec<PathBuf>> {

@@ -3,8 +3,7 @@
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
-use super::answer::total;
-use crate::domain::{Cell, Independence, Pair, Schema, SegmentId};
+use crate::domain::{Cell, Independence, Pair, Schema, SegmentId, Tally};
 use crate::information::{self, ExpectedMethod, Table};
 
 /// The tables of one state for one pair.
@@ -33,7 +32,7 @@ impl Tables {
         cells: impl Iterator<Item = &'a Cell> + Clone,
     ) -> Cow<'_, [Table]> {
         let undirected = pair.undirected();
-        let independence = Independence::from(total(cells.clone()));
+        let independence = Independence::from(Tally::of(cells.clone()));
         match (independence, undirected == *pair, self.slices.is_empty()) {
             (Independence::Assumed, true, true) => std::slice::from_ref(&self.whole).into(),
             (Independence::Assumed, true, false) => self.slices.as_slice().into(),
@@ -47,7 +46,7 @@ impl Tables {
         pair: &Pair,
         cells: impl Iterator<Item = &'a Cell> + Clone,
     ) -> Vec<Table> {
-        let drawn = drawn(Independence::from(total(cells.clone())));
+        let drawn = drawn(Independence::from(Tally::of(cells.clone())));
         slices(schema, &pair.undirected(), cells, drawn, |cell| Some(cell.segment))
     }
 

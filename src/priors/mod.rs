@@ -8,8 +8,6 @@ use std::time::{Duration, Instant};
 
 use lru::LruCache;
 
-use super::scan::Pages;
-use super::tables::Tables;
 use crate::domain::{Environment, EnvironmentId, FitId, Pair, Schema, StateKey};
 use crate::evidence::{self, Base, Ego, Fit, Fitter, Prior};
 use crate::information::{Alphabet, Table};
@@ -17,7 +15,12 @@ use crate::store::{FitRecord, Store, StoreError};
 
 mod known;
 mod sample;
+mod scan;
+mod tables;
 mod text;
+
+pub use scan::Pages;
+pub use tables::Tables;
 
 use known::Known;
 use sample::Sample;
@@ -153,7 +156,7 @@ impl Fits {
 
     /// Returns every pair of agents, and those that were asked about with others held fixed.
     fn pairs(&self, environment: &Environment) -> Vec<Pair> {
-        let mut pairs = every_pair(&environment.schema);
+        let mut pairs = Pair::every(&environment.schema);
         let asked = self.lock().iter().map(|(key, _)| key.clone()).collect::<Vec<_>>();
         let conditional = |(id, pair): &Key| *id == environment.id && !pair.given.is_empty();
         pairs.extend(asked.into_iter().filter(conditional).map(|(_, pair)| pair));
@@ -202,13 +205,6 @@ fn add_columns(base: &mut [u64], slice: &Table) {
     for (label, n) in slice.column_labels().iter().zip(slice.columns()) {
         base[*label as usize] += n;
     }
-}
-
-/// Returns every pair of agents, the earlier as the ego.
-pub fn every_pair(schema: &Schema) -> Vec<Pair> {
-    let agents = schema.agents().len();
-    let later = |ego| (ego + 1..agents).map(move |other| Pair { ego, other, given: Vec::new() });
-    (0..agents).flat_map(later).collect()
 }
 
 /// Returns how many actions the two have; `None` where that is too many for evidence.
