@@ -28,6 +28,9 @@ pub enum StoreError {
     /// The environment does not exist, or exists no longer.
     #[error("unknown environment")]
     UnknownEnvironment,
+    /// The environment has no model of that version, or has it no longer.
+    #[error("unknown model version {0}")]
+    UnknownModel(u64),
     /// The name is taken.
     #[error("environment `{0}` exists")]
     AlreadyExists(String),
@@ -39,7 +42,7 @@ impl StoreError {
         match self {
             Self::Aborted(_) | Self::OutcomeUnknown(_) | Self::InUse(_) => ErrorKind::Unavailable,
             Self::Unreadable(_) | Self::Unopenable { .. } => ErrorKind::Internal,
-            Self::UnknownEnvironment => ErrorKind::NotFound,
+            Self::UnknownEnvironment | Self::UnknownModel(_) => ErrorKind::NotFound,
             Self::AlreadyExists(_) => ErrorKind::AlreadyExists,
         }
     }
@@ -59,6 +62,7 @@ impl From<StoreError> for Problem {
                 ("INTERNAL", "the database cannot be read".into())
             }
             StoreError::UnknownEnvironment => ("ENVIRONMENT_NOT_FOUND", error.to_string()),
+            StoreError::UnknownModel(_) => ("MODEL_NOT_FOUND", error.to_string()),
             StoreError::AlreadyExists(_) => ("ENVIRONMENT_EXISTS", error.to_string()),
         };
         Self::new(error.kind(), reason, message)

@@ -1,4 +1,4 @@
-//! What was counted, durably: the [`Store`] trait with its promise, SQLite behind it, and a bounded cache of counts.
+//! What was counted and what was made of it, durably: the [`Store`] trait with its promise, SQLite behind it, and a bounded cache of counts.
 //!
 //! Absent on purpose: nothing here validates (it takes [`Increment`]s), waits in a queue, or knows a wire format.
 
@@ -52,7 +52,7 @@ pub trait Store: Send + Sync {
     /// Replaces the rule of an environment.
     async fn set_rule(&self, id: EnvironmentId, rule: Rule) -> Result<Arc<Environment>, StoreError>;
 
-    /// Removes an environment with its counts, receipts and watermarks.
+    /// Removes an environment with its counts, receipts, watermarks and models.
     async fn delete(&self, id: EnvironmentId) -> Result<(), StoreError>;
 
     /// Returns the last committed sequence of a producer, as the next commit would find it.
@@ -78,6 +78,26 @@ pub trait Store: Send + Sync {
 
     /// Keeps a fit in place of the one of its pair.
     async fn keep_fit(&self, id: EnvironmentId, fit: &FitRecord) -> Result<(), StoreError>;
+
+    /// Returns the models of an environment, in order of version, without their weights.
+    async fn models(&self, id: EnvironmentId) -> Result<Vec<ModelRecord>, StoreError>;
+
+    /// Returns a model with its weights; `None` where there is no such version.
+    async fn model(&self, id: EnvironmentId, version: u64) -> Result<Option<(ModelRecord, Vec<u8>)>, StoreError>;
+
+    /// Keeps a model and returns its version: 1, 2, 3, ... in each environment, never used again, even after it is deleted. It is not active yet.
+    async fn keep_model(&self, id: EnvironmentId, model: &NewModel) -> Result<u64, StoreError>;
+
+    /// Makes a version the active one of its pair; `UnknownModel` where there is no such version.
+    async fn activate_model(&self, id: EnvironmentId, version: u64) -> Result<(), StoreError>;
+
+    /// Rolls a version back, so that it is as if never activated: if it was active, the one of its pair activated before it is active again, or none.
+    /// `UnknownModel` where there is no such version.
+    async fn deactivate_model(&self, id: EnvironmentId, version: u64) -> Result<(), StoreError>;
+
+    /// Deletes a version; if it was active, the one of its pair activated before it is active again, or none. `UnknownModel` where there is no
+    /// such version.
+    async fn delete_model(&self, id: EnvironmentId, version: u64) -> Result<(), StoreError>;
 
     /// Compares the totals of every environment with the sums of its cells. Where they differ, the environment becomes read-only.
     async fn audit(&self) -> Result<Vec<Audit>, StoreError>;
@@ -193,6 +213,40 @@ pub struct FitRecord {
     pub id: FitId,
     /// The fit itself, as text.
     pub body: String,
+}
+
+/// A trained network of one pair of agents, without its weights. What it says is for those who made it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ModelRecord {
+    /// Its number in its environment.
+    pub version: u64,
+    /// The ego agent's position.
+    pub ego: usize,
+    /// The other agent's position.
+    pub other: usize,
+    /// `direct` or `joint`.
+    pub kind: String,
+    /// When it was last activated, in the order of its environment's activations; `None` if never, or rolled back.
+    pub activated: Option<u64>,
+    /// Whether it is the active one of its pair: the last activated.
+    pub active: bool,
+    /// What is told of it, as text.
+    pub card: String,
+}
+
+/// A trained network that has no version yet: what [`Store::keep_model`] takes.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct NewModel {
+    /// The ego agent's position.
+    pub ego: usize,
+    /// The other agent's position.
+    pub other: usize,
+    /// `direct` or `joint`.
+    pub kind: String,
+    /// What is told of it, as text.
+    pub card: String,
+    /// The weights, in their maker's form. The store has no limit of its own for them.
+    pub weights: Vec<u8>,
 }
 
 /// How much an environment holds.

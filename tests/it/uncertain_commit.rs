@@ -7,7 +7,8 @@ use async_trait::async_trait;
 use nudge::api::proto;
 use nudge::domain::{Environment, EnvironmentId, Label, Name, ProducerId, Rule, Schema, SegmentId, Sequence, StateKey};
 use nudge::store::{
-    Audit, Cursor, FitRecord, Numbered, Options, Outcome, Scanned, StateCounts, Store, StoreError, Totals,
+    Audit, Cursor, FitRecord, ModelRecord, NewModel, Numbered, Options, Outcome, Scanned, StateCounts, Store,
+    StoreError, Totals,
 };
 use tempfile::TempDir;
 use tonic::Code;
@@ -78,6 +79,24 @@ impl Store for Lying {
     }
     async fn keep_fit(&self, id: EnvironmentId, fit: &FitRecord) -> Result<(), StoreError> {
         self.store.keep_fit(id, fit).await
+    }
+    async fn models(&self, id: EnvironmentId) -> Result<Vec<ModelRecord>, StoreError> {
+        self.store.models(id).await
+    }
+    async fn model(&self, id: EnvironmentId, version: u64) -> Result<Option<(ModelRecord, Vec<u8>)>, StoreError> {
+        self.store.model(id, version).await
+    }
+    async fn keep_model(&self, id: EnvironmentId, model: &NewModel) -> Result<u64, StoreError> {
+        self.store.keep_model(id, model).await
+    }
+    async fn activate_model(&self, id: EnvironmentId, version: u64) -> Result<(), StoreError> {
+        self.store.activate_model(id, version).await
+    }
+    async fn deactivate_model(&self, id: EnvironmentId, version: u64) -> Result<(), StoreError> {
+        self.store.deactivate_model(id, version).await
+    }
+    async fn delete_model(&self, id: EnvironmentId, version: u64) -> Result<(), StoreError> {
+        self.store.delete_model(id, version).await
     }
     async fn audit(&self) -> Result<Vec<Audit>, StoreError> {
         self.store.audit().await

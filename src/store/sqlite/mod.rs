@@ -1,6 +1,6 @@
 //! The store in one SQLite file: one connection that writes, a few that read, and what is remembered of it in memory.
 //!
-//! `open` makes it, `writer` owns the connection that writes, `commit` decides and counts, `read` and `audit` look, `environments`, `fits` and `removal` keep the worlds,
+//! `open` makes it, `writer` owns the connection that writes, `commit` decides and counts, `read` and `audit` look, `environments`, `fits`, `models` and `removal` keep the worlds,
 //! `cache`, `directory` and `known` remember, `text` and `packed` say how things are written, `error` what its errors mean.
 
 use std::path::{Path, PathBuf};
@@ -12,7 +12,10 @@ use sqlx::SqlitePool;
 use self::cache::CountsCache;
 use self::directory::Directory;
 use self::writer::{Memory, Writer};
-use super::{Audit, Cursor, FitRecord, Numbered, Outcome, Quotas, Scanned, StateCounts, Store, StoreError, Totals};
+use super::{
+    Audit, Cursor, FitRecord, ModelRecord, NewModel, Numbered, Outcome, Quotas, Scanned, StateCounts, Store,
+    StoreError, Totals,
+};
 use crate::domain::{Environment, EnvironmentId, Label, Name, ProducerId, Rule, Schema, SegmentId, Sequence, StateKey};
 
 mod audit;
@@ -23,6 +26,7 @@ mod environments;
 mod error;
 mod fits;
 mod known;
+mod models;
 mod open;
 mod packed;
 mod read;
@@ -123,6 +127,30 @@ impl Store for SqliteStore {
 
     async fn keep_fit(&self, id: EnvironmentId, fit: &FitRecord) -> Result<(), StoreError> {
         fits::keep(&self.writer, &self.memory.directory, id, fit).await
+    }
+
+    async fn models(&self, id: EnvironmentId) -> Result<Vec<ModelRecord>, StoreError> {
+        models::models(&self.readers, id).await
+    }
+
+    async fn model(&self, id: EnvironmentId, version: u64) -> Result<Option<(ModelRecord, Vec<u8>)>, StoreError> {
+        models::model(&self.readers, id, version).await
+    }
+
+    async fn keep_model(&self, id: EnvironmentId, model: &NewModel) -> Result<u64, StoreError> {
+        models::keep(&self.writer, &self.memory.directory, id, model).await
+    }
+
+    async fn activate_model(&self, id: EnvironmentId, version: u64) -> Result<(), StoreError> {
+        models::activate(&self.writer, &self.memory.directory, id, version).await
+    }
+
+    async fn deactivate_model(&self, id: EnvironmentId, version: u64) -> Result<(), StoreError> {
+        models::deactivate(&self.writer, &self.memory.directory, id, version).await
+    }
+
+    async fn delete_model(&self, id: EnvironmentId, version: u64) -> Result<(), StoreError> {
+        models::delete(&self.writer, &self.memory.directory, id, version).await
     }
 
     async fn audit(&self) -> Result<Vec<Audit>, StoreError> {

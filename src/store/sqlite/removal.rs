@@ -11,7 +11,7 @@ use super::writer::{Memory, Writer};
 use crate::domain::EnvironmentId;
 use crate::store::StoreError;
 
-/// Removes an environment with its counts, receipts and watermarks.
+/// Removes an environment with its counts, receipts, watermarks and models.
 pub(super) async fn delete(writer: &Writer, id: EnvironmentId) -> Result<(), StoreError> {
     let mut transaction = writer.begin().await?;
     if !hide(transaction.connection(), id).await.map_err(aborted)? {
@@ -55,7 +55,7 @@ async fn next_gone(connection: &mut SqliteConnection) -> Result<Option<i64>, sql
 
 /// Removes some rows, those first that refer to others. The first part with something left is all of a step.
 async fn step(connection: &mut SqliteConnection, id: i64) -> Result<(), sqlx::Error> {
-    const PARTS: [&[&str]; 3] = [
+    const PARTS: [&[&str]; 4] = [
         &[
             "delete from cells where state in (select id from states where environment = ? order by key limit 500)",
             "delete from states where id in (select id from states where environment = ? order by key limit 500)",
@@ -65,7 +65,11 @@ async fn step(connection: &mut SqliteConnection, id: i64) -> Result<(), sqlx::Er
              (select id from producers where environment = ? order by name limit 20)",
             "delete from producers where id in (select id from producers where environment = ? order by name limit 20)",
         ],
+        // Few: a model may have some MiB.
+        &["delete from models where rowid in
+           (select rowid from models where environment = ? order by version limit 5)"],
         &[
+            "delete from model_versions where environment = ?",
             "delete from fits where environment = ?",
             "delete from segments where environment = ?",
             "delete from environments where id = ?",

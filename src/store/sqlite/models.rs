@@ -1,0 +1,156 @@
+//! The registry of trained networks: which versions there are, which of them is active, and their weights.
+//!
+//! Not for what they say: cards and weights are kept as they come.
+
+use sqlx::sqlite::{SqliteConnection, SqliteRow};
+use sqlx::{Row, SqlitePool};
+
+use super::directory::Directory;
+use super::error::{aborted, unreadable};
+use super::writer::{Transaction, Writer};
+use crate::domain::EnvironmentId;
+use crate::store::{ModelRecord, NewModel, StoreError};
+
+/// The SQL of a model's columns without its weights.
+macro_rules! record {
+    () => {
+        "version, ego, other, kind, activated, card,
+         ifnull(activated = (select max(activated) from models as rivals where rivals.environment = models.environment
+             and rivals.ego = models.ego and rivals.other = models.other), 0) as active"
+    };
+}
+
+/// Returns the models of an environment, in order of version.
+pub(super) async fn models(readers: &SqlitePool, id: EnvironmentId) -> Result<Vec<ModelRecord>, StoreError> {
+    let rows = sqlx::query(concat!("select ", record!(), " from models where environment = ? order by version"))
+        .bind(id.0)
+        .fetch_all(readers)
+        .await
+        .map_err(unreadable)?;
+    rows.iter().map(|row| read(row).map_err(unreadable)).collect()
+}
+
+/// Returns a model with its weights.
+pub(super) async fn model(
+    readers: &SqlitePool,
+    id: EnvironmentId,
+    version: u64,
+) -> Result<Option<(ModelRecord, Vec<u8>)>, StoreError> {
+    let text = concat!("select ", record!(), ", weights from models where environment = ? and version = ?");
+    let row =
+        sqlx::query(text).bind(id.0).bind(version.cast_signed()).fetch_optional(readers).await.map_err(unreadable)?;
+    let with_weights = |row: SqliteRow| Ok::<_, sqlx::Error>((read(&row)?, row.try_get("weights")?));
+    row.map(with_weights).transpose().map_err(unreadable)
+}
+
+fn read(row: &SqliteRow) -> Result<ModelRecord, sqlx::Error> {
+    let whole = |name| row.try_get::<i64, _>(name).map(i64::unsigned_abs);
+    Ok(ModelRecord {
+        version: whole("version")?,
+        ego: whole("ego")? as usize,
+        other: whole("other")? as usize,
+        kind: row.try_get("kind")?,
+        activated: row.try_get::<Option<i64>, _>("activated")?.map(i64::unsigned_abs),
+        active: row.try_get("active")?,
+        card: row.try_get("card")?,
+    })
+}
+
+/// Keeps a model under the next version of its environment.
+pub(super) async fn keep(
+    writer: &Writer,
+    directory: &Directory,
+    id: EnvironmentId,
+    model: &NewModel,
+) -> Result<u64, StoreError> {
+    let mut transaction = begin(writer, directory, id).await?;
+    let version = next_version(transaction.connection(), id).await.map_err(aborted)?;
+    insert(transaction.connection(), id, version, model).await.map_err(aborted)?;
+    transaction.commit(|_, _| ()).await?;
+    Ok(version.unsigned_abs())
+}
+
+async fn next_version(connection: &mut SqliteConnection, id: EnvironmentId) -> Result<i64, sqlx::Error> {
+    let text = "insert into model_versions (environment, last) values (?, 1)
+                on conflict do update set last = last + 1 returning last";
+    sqlx::query_scalar(text).bind(id.0).fetch_one(connection).await
+}
+
+async fn insert(
+    connection: &mut SqliteConnection,
+    id: EnvironmentId,
+    version: i64,
+    model: &NewModel,
+) -> Result<(), sqlx::Error> {
+    let text =
+        "insert into models (environment, version, ego, other, kind, card, weights) values (?, ?, ?, ?, ?, ?, ?)";
+    let query = sqlx::query(text).bind(id.0).bind(version).bind(model.ego as i64).bind(model.other as i64);
+    query.bind(&model.kind).bind(&model.card).bind(&model.weights).execute(connection).await?;
+    Ok(())
+}
+
+/// Makes a version the active one of its pair.
+pub(super) async fn activate(
+    writer: &Writer,
+    directory: &Directory,
+    id: EnvironmentId,
+    version: u64,
+) -> Result<(), StoreError> {
+    let text = "update models set activated =
+                    (select ifnull(max(activated), 0) + 1 from models where environment = ?1)
+                where environment = ?1 and version = ?2";
+    change(writer, directory, id, version, text).await
+}
+
+/// Rolls a version back.
+pub(super) async fn deactivate(
+    writer: &Writer,
+    directory: &Directory,
+    id: EnvironmentId,
+    version: u64,
+) -> Result<(), StoreError> {
+    let text = "update models set activated = null where environment = ? and version = ?";
+    change(writer, directory, id, version, text).await
+}
+
+/// Deletes a version.
+pub(super) async fn delete(
+    writer: &Writer,
+    directory: &Directory,
+    id: EnvironmentId,
+    version: u64,
+) -> Result<(), StoreError> {
+    change(writer, directory, id, version, "delete from models where environment = ? and version = ?").await
+}
+
+/// Runs a statement that changes one version.
+async fn change(
+    writer: &Writer,
+    directory: &Directory,
+    id: EnvironmentId,
+    version: u64,
+    text: &'static str,
+) -> Result<(), StoreError> {
+    let mut transaction = begin(writer, directory, id).await?;
+    let query = sqlx::query(text).bind(id.0).bind(version.cast_signed());
+    let done = query.execute(transaction.connection()).await.map_err(aborted)?;
+    if done.rows_affected() == 0 {
+        transaction.end().await?;
+        return Err(StoreError::UnknownModel(version));
+    }
+    transaction.commit(|_, _| ()).await
+}
+
+async fn begin<'a>(
+    writer: &'a Writer,
+    directory: &Directory,
+    id: EnvironmentId,
+) -> Result<Transaction<'a>, StoreError> {
+    let transaction = writer.begin().await?;
+    // Looked up after `begin`: an environment that is gone must not get rows again.
+    if directory.of_id(id).is_none() {
+        transaction.end().await?;
+        return Err(StoreError::UnknownEnvironment);
+    }
+    Ok(transaction)
+}
