@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use nudge::domain::{EnvironmentId, Rule};
-use nudge::store::{Numbered, Options, Outcome, Quotas, Refusal, SqliteStore, Store, StoreError};
+use nudge::store::{NewModel, Numbered, Options, Outcome, Quotas, Refusal, SqliteStore, Store, StoreError};
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
 use sqlx::{ConnectOptions, Connection};
 
@@ -164,6 +164,10 @@ async fn an_interrupted_removal_goes_on_when_the_store_is_opened() {
     let file = SqliteFile::new();
     let store = open(&file).await;
     let (id, _) = with_some_counts(&store).await;
+    let model = NewModel { ego: 0, other: 1, kind: "joint".into(), card: String::new(), weights: vec![7; 9_000] };
+    for _ in 0..12 {
+        store.keep_model(id, &model).await.expect("kept");
+    }
     drop(store);
     execute(&file.path(), "update environments set name = null").await;
     execute(&file.path(), "delete from totals").await;
@@ -171,7 +175,8 @@ async fn an_interrupted_removal_goes_on_when_the_store_is_opened() {
     assert!(store.environments().is_empty());
     let left =
         "select (select count(*) from environments) + (select count(*) from states) + (select count(*) from cells)
-                + (select count(*) from producers) + (select count(*) from batches) + (select count(*) from segments)";
+                + (select count(*) from producers) + (select count(*) from batches) + (select count(*) from segments)
+                + (select count(*) from models) + (select count(*) from model_versions)";
     assert_eq!(count(&file.path(), left).await, 0);
     let (new, _) = with_some_counts(&store).await;
     assert_ne!(id, new);

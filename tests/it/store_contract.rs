@@ -3,7 +3,10 @@
 use std::sync::Arc;
 
 use nudge::domain::{Cell, Environment, EnvironmentId, FitId, SegmentId, Sequence, Tally};
-use nudge::store::{Cursor, FitRecord, Numbered, Outcome, Quotas, Refusal, Store, StoreError, Totals};
+use nudge::error::ErrorKind;
+use nudge::store::{
+    Cursor, FitRecord, ModelRecord, NewModel, Numbered, Outcome, Quotas, Refusal, Store, StoreError, Totals,
+};
 
 use crate::support::batches::*;
 use crate::support::databases::{Database, SqliteFile};
@@ -49,6 +52,13 @@ mod sqlite {
         many_new_states_in_one_commit,
         environments_do_not_mix,
         the_last_fit_of_each_pair_is_kept,
+        model_versions_are_never_used_again,
+        the_model_activated_last_is_active_until_rolled_back_or_deleted,
+        each_pair_has_an_active_model_of_its_own,
+        models_survive,
+        weights_come_back_to_the_byte,
+        models_go_with_their_environment,
+        an_unknown_model_is_not_found,
     );
 }
 
@@ -552,4 +562,169 @@ async fn the_last_fit_of_each_pair_is_kept(database: &dyn Database) {
     assert_eq!(store.fits(id).await.expect("fits"), []);
     let refused = store.keep_fit(id, &fit("0,1", 3, "late")).await;
     assert!(matches!(refused, Err(StoreError::UnknownEnvironment)), "{refused:?}");
+}
+
+fn network(ego: usize, other: usize, weights: &[u8]) -> NewModel {
+    NewModel { ego, other, kind: "direct".into(), card: "{\"epochs\": 3}".into(), weights: weights.into() }
+}
+
+async fn keep(store: &Arc<dyn Store>, id: EnvironmentId, ego: usize, other: usize) -> u64 {
+    store.keep_model(id, &network(ego, other, b"weights")).await.expect("kept")
+}
+
+async fn activate(store: &Arc<dyn Store>, id: EnvironmentId, versions: &[u64]) {
+    for version in versions {
+        store.activate_model(id, *version).await.expect("activated");
+    }
+}
+
+async fn models(store: &Arc<dyn Store>, id: EnvironmentId) -> Vec<ModelRecord> {
+    store.models(id).await.expect("models")
+}
+
+/// Returns the active versions, after asking for each version alone whether it agrees.
+async fn active(store: &Arc<dyn Store>, id: EnvironmentId) -> Vec<u64> {
+    let records = models(store, id).await;
+    for record in &records {
+        let (alone, _) = store.model(id, record.version).await.expect("a model").expect("it is listed");
+        assert_eq!(&alone, record);
+    }
+    records.iter().filter(|record| record.active).map(|record| record.version).collect()
+}
+
+async fn model_versions_are_never_used_again(database: &dyn Database) {
+    let (store, id) = open(database).await;
+    let elsewhere = make(&store, "kitchen").await;
+    assert_eq!((keep(&store, id, 0, 1).await, keep(&store, id, 1, 0).await), (1, 2));
+    assert_eq!(keep(&store, elsewhere, 0, 1).await, 1, "each environment counts for itself");
+    store.delete_model(id, 2).await.expect("deleted");
+    assert_eq!(keep(&store, id, 0, 1).await, 3);
+    for version in [1, 3] {
+        store.delete_model(id, version).await.expect("deleted");
+    }
+    store.close().await;
+    let store = database.open(Quotas::default()).await;
+    assert_eq!(keep(&store, id, 0, 1).await, 4, "none was left to count from");
+}
+
+async fn the_model_activated_last_is_active_until_rolled_back_or_deleted(database: &dyn Database) {
+    let (store, id) = open(database).await;
+    for expected in 1..=4 {
+        assert_eq!(keep(&store, id, 0, 1).await, expected);
+    }
+    assert!(active(&store, id).await.is_empty(), "a new one is not active");
+    activate(&store, id, &[2, 3, 1, 4, 2]).await;
+    let activated: Vec<_> = models(&store, id).await.iter().map(|record| record.activated).collect();
+    assert_eq!(activated, [Some(3), Some(5), Some(2), Some(4)]);
+    assert_eq!(active(&store, id).await, [2]);
+
+    store.deactivate_model(id, 2).await.expect("rolled back");
+    assert_eq!(active(&store, id).await, [4]);
+    store.delete_model(id, 4).await.expect("deleted");
+    assert_eq!(active(&store, id).await, [1]);
+    store.deactivate_model(id, 3).await.expect("one that is not active");
+    assert_eq!(active(&store, id).await, [1]);
+    store.deactivate_model(id, 1).await.expect("rolled back");
+    assert!(active(&store, id).await.is_empty());
+    store.deactivate_model(id, 1).await.expect("nothing left to roll back");
+    activate(&store, id, &[3]).await;
+    assert_eq!(active(&store, id).await, [3]);
+}
+
+async fn each_pair_has_an_active_model_of_its_own(database: &dyn Database) {
+    let (store, id) = open(database).await;
+    let elsewhere = make(&store, "kitchen").await;
+    for (ego, other) in [(0, 1), (1, 0), (0, 1), (0, 2)] {
+        keep(&store, id, ego, other).await;
+    }
+    keep(&store, elsewhere, 0, 1).await;
+    activate(&store, elsewhere, &[1]).await;
+    activate(&store, id, &[1, 3, 2]).await;
+    assert_eq!(active(&store, id).await, [2, 3]);
+    store.deactivate_model(id, 3).await.expect("rolled back");
+    assert_eq!(active(&store, id).await, [1, 2]);
+    store.delete_model(id, 2).await.expect("deleted");
+    assert_eq!(active(&store, id).await, [1]);
+    assert_eq!(active(&store, elsewhere).await, [1]);
+}
+
+async fn models_survive(database: &dyn Database) {
+    let (store, id) = open(database).await;
+    let joint = NewModel { kind: "joint".into(), card: "a \"card\" 左".into(), ..network(1, 0, b"joint") };
+    keep(&store, id, 0, 1).await;
+    store.keep_model(id, &joint).await.expect("kept");
+    activate(&store, id, &[1, 2]).await;
+    let direct = network(0, 1, b"");
+    let record = |version: u64, model: NewModel| ModelRecord {
+        version,
+        ego: model.ego,
+        other: model.other,
+        kind: model.kind,
+        activated: Some(version),
+        active: true,
+        card: model.card,
+    };
+    let expected = [record(1, direct), record(2, joint)];
+    assert_eq!(models(&store, id).await, expected);
+    store.close().await;
+
+    let store = database.open(Quotas::default()).await;
+    assert_eq!(models(&store, id).await, expected);
+    assert_eq!(store.model(id, 2).await.expect("a model"), Some((expected[1].clone(), b"joint".to_vec())));
+}
+
+async fn weights_come_back_to_the_byte(database: &dyn Database) {
+    let (store, id) = open(database).await;
+    let every_byte = |length: u32| (0..length).map(|at| (at.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
+    let weights: [Vec<u8>; 3] = [Vec::new(), vec![0; 1_000], every_byte(3 << 20)];
+    for weights in &weights {
+        store.keep_model(id, &network(0, 1, weights)).await.expect("kept");
+    }
+    activate(&store, id, &[3]).await;
+    for (version, expected) in (1..).zip(&weights) {
+        let (_, kept) = store.model(id, version).await.expect("a model").expect("it is there");
+        assert!(kept == *expected, "version {version}: {} bytes of {}", kept.len(), expected.len());
+    }
+}
+
+async fn models_go_with_their_environment(database: &dyn Database) {
+    let (store, id) = open(database).await;
+    let elsewhere = make(&store, "kitchen").await;
+    for _ in 0..12 {
+        keep(&store, id, 0, 1).await;
+    }
+    keep(&store, elsewhere, 0, 1).await;
+    activate(&store, id, &[7]).await;
+    store.delete(id).await.expect("removed");
+    assert_eq!(models(&store, id).await, []);
+    assert_eq!(store.model(id, 7).await.expect("none"), None);
+    assert!(is_unknown(store.keep_model(id, &network(0, 1, b"late")).await));
+    assert!(is_unknown(store.activate_model(id, 7).await));
+    assert!(is_unknown(store.deactivate_model(id, 7).await));
+    assert!(is_unknown(store.delete_model(id, 7).await));
+    assert_eq!(models(&store, elsewhere).await.len(), 1);
+    let again = make(&store, "hallway").await;
+    assert_eq!((models(&store, again).await, keep(&store, again, 0, 1).await), (vec![], 1));
+}
+
+async fn an_unknown_model_is_not_found(database: &dyn Database) {
+    let (store, id) = open(database).await;
+    let elsewhere = make(&store, "kitchen").await;
+    keep(&store, id, 0, 1).await;
+    keep(&store, id, 0, 1).await;
+    keep(&store, elsewhere, 0, 1).await;
+    store.delete_model(id, 2).await.expect("deleted");
+    for (id, version) in [(id, 0), (id, 2), (id, 3), (id, u64::MAX), (elsewhere, 2)] {
+        assert_eq!(store.model(id, version).await.expect("none"), None);
+        let refused = [
+            store.activate_model(id, version).await,
+            store.deactivate_model(id, version).await,
+            store.delete_model(id, version).await,
+        ];
+        for refused in refused {
+            let Err(error @ StoreError::UnknownModel(told)) = refused else { panic!("{refused:?}") };
+            assert_eq!((told, error.kind()), (version, ErrorKind::NotFound));
+        }
+    }
+    assert_eq!(models(&store, id).await.len(), 1);
 }
