@@ -21,7 +21,7 @@ impl Base {
     }
 
     /// Returns the share of each letter, above 0.
-    pub(super) fn shares(&self) -> &[f64] {
+    pub fn shares(&self) -> &[f64] {
         &self.shares
     }
 }

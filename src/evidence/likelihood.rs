@@ -140,6 +140,16 @@ impl Likelihood {
     }
 }
 
+/// Returns sum_i ln DM(n_i.; k z_i): how likely a table is where row i has its own response around z_i, whose shares are above 0.
+pub fn rows_evidence(table: &Table, k: f64, share: impl Fn(usize, usize) -> f64) -> f64 {
+    let label = |labels: &[u64], at: u32| labels[at as usize] as usize;
+    let cells = table.cells().iter().map(|cell| {
+        let (i, j) = (label(table.row_labels(), cell.row), label(table.column_labels(), cell.column));
+        ln_rising(k * share(i, j), cell.n)
+    });
+    cells.sum::<f64>() - table.rows().iter().map(|n| ln_rising(k, *n)).sum::<f64>()
+}
+
 /// Returns the most visited row, the first of equals, where fewer than three visits are in the others.
 fn anchor(table: &Table) -> Option<usize> {
     let most = table.rows().iter().copied().max()?;

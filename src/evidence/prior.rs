@@ -210,7 +210,7 @@ impl Rest {
 }
 
 /// Returns ln sum e^x.
-fn ln_sum(logarithms: &[f64]) -> f64 {
+pub(super) fn ln_sum(logarithms: &[f64]) -> f64 {
     let largest = logarithms.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     largest + logarithms.iter().map(|ln| (ln - largest).exp()).sum::<f64>().ln()
 }

@@ -1,0 +1,361 @@
+//! Networks that answer for states with few visits or none: how they are trained, what they say of themselves, and what they answer.
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+use super::FitId;
+
+/// What a network predicts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ModelKind {
+    /// What both agents do: mutual information, divergences and responses come from its output.
+    #[default]
+    Joint,
+    /// The paper's classifier: whether mutual information is above one threshold, and nothing else.
+    Direct,
+}
+
+impl ModelKind {
+    /// Returns the word on the wire.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Joint => "joint",
+            Self::Direct => "direct",
+        }
+    }
+}
+
+impl std::str::FromStr for ModelKind {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "joint" => Ok(Self::Joint),
+            "direct" => Ok(Self::Direct),
+            _ => Err(format!("got {text:?}, expected joint or direct")),
+        }
+    }
+}
+
+/// How much a state counts in training and in scores.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Weighting {
+    /// As often as it was seen.
+    #[default]
+    Visits,
+    /// Once.
+    States,
+}
+
+impl Weighting {
+    /// Returns the word on the wire.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Visits => "visits",
+            Self::States => "states",
+        }
+    }
+}
+
+impl std::str::FromStr for Weighting {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "visits" => Ok(Self::Visits),
+            "states" => Ok(Self::States),
+            _ => Err(format!("got {text:?}, expected visits or states")),
+        }
+    }
+}
+
+/// How a network is trained. Made only by [`Training::new`], so every number is within its limits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Training {
+    /// What it predicts.
+    pub kind: ModelKind,
+    /// Units of the hidden layer.
+    pub width: usize,
+    /// Networks that are trained and averaged.
+    pub members: usize,
+    /// Parts that the states are cut into; each member is stopped and judged by one that it does not learn from.
+    pub folds: usize,
+    /// The most passes over the states.
+    pub epochs: usize,
+    /// How much a state counts: for what a direct network learns, and for the scores of both.
+    pub weighting: Weighting,
+    /// Where all randomness comes from.
+    pub seed: u64,
+}
+
+impl Default for Training {
+    fn default() -> Self {
+        Self {
+            kind: ModelKind::Joint,
+            width: 64,
+            members: 3,
+            folds: 5,
+            epochs: 500,
+            weighting: Weighting::Visits,
+            seed: 0,
+        }
+    }
+}
+
+/// A trained network as the registry lists it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Model {
+    /// Its number in its environment, never used twice.
+    pub version: u64,
+    /// The agent whose influence it tells.
+    pub ego: String,
+    /// The agent that may be influenced.
+    pub other: String,
+    /// Whether it answers where counts do not decide.
+    pub active: bool,
+    /// Whether it cannot answer by the environment's rule any more: a direct network whose threshold is not the rule's.
+    pub stale: bool,
+    /// What it says of itself.
+    pub card: Card,
+}
+
+/// What a network says of itself. Kept as JSON beside its weights, where people and other tools can read it too.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Card {
+    /// How it was trained.
+    pub training: Training,
+    /// Whether it was trained elsewhere and brought here: then nobody knows which states it has seen.
+    pub imported: bool,
+    /// The schema it belongs to, in hexadecimal digits.
+    pub schema_hash: String,
+    /// The threshold that its probability is about, in nats.
+    pub threshold: f64,
+    /// How many transitions the environment had when its states were read.
+    pub revision: u64,
+    /// The fit of the prior that it was judged by.
+    pub fit: FitId,
+    /// States that it was trained or judged on.
+    pub states: u64,
+    /// How often they were seen.
+    pub visits: u64,
+    /// Numbers that a state is to it.
+    pub inputs: u64,
+    /// In a sentence: which states it learned from and which it was judged by.
+    pub split: String,
+    /// Passes over the states after which each member was best.
+    pub epochs: Vec<u64>,
+    /// States that it was judged by.
+    pub judged_states: u64,
+    /// How much of them has influence by the evidence: the sum of their probabilities, by weight, as a share.
+    pub positive_share: f64,
+    /// P(MI > threshold) is the logistic function of intercept + slope ln(MI), MI being the network's.
+    pub calibration: Calibration,
+    /// How it did.
+    pub score: Score,
+    /// How others did on the same states: see [`Baseline`].
+    pub baselines: Vec<Score>,
+    /// Predicted probabilities beside what the evidence says, in tenths; tenths without a state are left out.
+    pub reliability: Vec<Reliability>,
+    /// Names of the baselines that it does not beat; it is made active by itself where there is none.
+    pub not_better_than: Vec<String>,
+}
+
+/// What a network has to beat.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Baseline {
+    /// Every state has influence.
+    AllPositive,
+    /// Every state has it with the probability that all have on average.
+    Majority,
+    /// What was seen in the same state; in a state that was not seen, the average.
+    LookUp,
+    /// What was seen in the states that share its most telling features.
+    BackOff,
+    /// The same network, trained on counts in which the other's actions are shuffled within each state.
+    Shuffled,
+}
+
+impl Baseline {
+    /// Every baseline, in the order in which they are told.
+    pub const ALL: [Self; 5] = [Self::AllPositive, Self::Majority, Self::LookUp, Self::BackOff, Self::Shuffled];
+
+    /// Returns the word on the wire.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::AllPositive => "all_positive",
+            Self::Majority => "majority",
+            Self::LookUp => "look_up",
+            Self::BackOff => "back_off",
+            Self::Shuffled => "shuffled",
+        }
+    }
+}
+
+/// From a network's mutual information to a probability.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Calibration {
+    /// Added to the rest.
+    pub intercept: f64,
+    /// Times ln MI.
+    pub slope: f64,
+}
+
+/// How probabilities of influence did against the evidence of states that they were not made from. A state counts as positive by its probability
+/// given its counts, and as negative by the rest.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Score {
+    /// Whose they are: `network`, or a baseline's name.
+    pub name: String,
+    /// Mean log-likelihood of the other's action given the ego's, in nats a visit; absent for what predicts no actions.
+    pub log_likelihood: Option<f64>,
+    /// Area under the ROC curve; absent where all have the same probability.
+    pub auroc: Option<f64>,
+    /// Share of influence in what is called at a probability of one half; absent where nothing is called.
+    pub precision: Option<f64>,
+    /// Share called of what has influence; absent where nothing has.
+    pub recall: Option<f64>,
+    /// Harmonic mean of both; 0 where nothing is called.
+    pub f1: f64,
+    /// Mean squared difference between probability and truth: less is better.
+    pub brier: f64,
+}
+
+/// States whose predicted probability lies in one tenth.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Reliability {
+    /// The lower bound of the tenth.
+    pub from: f64,
+    /// How many states.
+    pub states: u64,
+    /// The mean of what was predicted.
+    pub predicted: f64,
+    /// The mean of what the evidence says.
+    pub observed: f64,
+}
+
+/// A training that was asked for.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Job {
+    /// Its number, since the service started.
+    pub id: u64,
+    /// The agent whose influence is learned.
+    pub ego: String,
+    /// The agent that may be influenced.
+    pub other: String,
+    /// How far it is.
+    pub state: JobState,
+    /// The share that is done, 0 to 1.
+    pub progress: f64,
+    /// In a sentence: what it does, what came out, or why not.
+    pub message: String,
+    /// The version that came out.
+    pub version: Option<u64>,
+}
+
+/// How far a job is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum JobState {
+    /// Others are trained first.
+    Queued,
+    /// It is trained.
+    Running,
+    /// There is a version.
+    Done,
+    /// There is none; the message says why.
+    Failed,
+    /// Somebody ended it.
+    Cancelled,
+}
+
+impl JobState {
+    /// Returns the word on the wire.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Queued => "queued",
+            Self::Running => "running",
+            Self::Done => "done",
+            Self::Failed => "failed",
+            Self::Cancelled => "cancelled",
+        }
+    }
+
+    /// Returns whether it is over.
+    pub fn is_over(self) -> bool {
+        matches!(self, Self::Done | Self::Failed | Self::Cancelled)
+    }
+}
+
+/// Every version of an environment, and the jobs that were asked for since the service started.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Models {
+    /// In order of version.
+    pub models: Vec<Model>,
+    /// In order of number.
+    pub jobs: Vec<Job>,
+}
+
+/// Names a version or a job: `3` or `job-3`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ModelId {
+    /// A version.
+    Version(u64),
+    /// A job.
+    Job(u64),
+}
+
+impl fmt::Display for ModelId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Version(version) => write!(f, "{version}"),
+            Self::Job(job) => write!(f, "job-{job}"),
+        }
+    }
+}
+
+impl std::str::FromStr for ModelId {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let number = |text: &str| text.parse().ok().filter(|number: &u64| number.to_string() == text);
+        let found = match text.strip_prefix("job-") {
+            Some(job) => number(job).map(Self::Job),
+            None => number(text).map(Self::Version),
+        };
+        found.ok_or_else(|| format!("got {text:?}, expected the number of a version, or job- and the number of a job"))
+    }
+}
+
+/// What the active network says of a state.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ModelFigures {
+    /// Its version.
+    pub version: u64,
+    /// What it predicts.
+    pub kind: ModelKind,
+    /// P(MI > threshold), the mean of its members; absent where it cannot tell at that threshold.
+    pub probability: Option<f64>,
+    /// Mutual information, the mean of its members; absent for a direct network.
+    pub mutual_information: Option<f64>,
+    /// Whether its members say the same, each on its own side of one half.
+    pub agrees: bool,
+    /// The ego's actions in index order; a joint network in the view `full` only.
+    pub by_action: Vec<ModelAction>,
+}
+
+/// What a network says of one of the ego's actions.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ModelAction {
+    /// Its index.
+    pub index: u64,
+    /// Its label.
+    pub action: String,
+    /// How probable it is.
+    pub probability: f64,
+    /// KL(p(other given this action) from p(other)).
+    pub divergence: f64,
+    /// Probability of each of the other's actions after it, in index order.
+    pub response: Vec<f64>,
+}
