@@ -1,6 +1,8 @@
 //! Answers: what the counts of a state say about influence. Every figure is in the answer's unit.
 
-use super::{RuleKind, StateKey, Tally, Unit};
+use serde::{Deserialize, Serialize};
+
+use super::{ModelFigures, RuleKind, StateKey, Tally, Unit};
 
 /// Whether the ego's action influences the other's.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -92,6 +94,8 @@ impl Independence {
 pub enum Basis {
     /// This many visits.
     Counts(u64),
+    /// The active network of this version, where the counts do not decide.
+    Model(u64),
     /// Nothing was seen, and no model is active.
     Prior,
 }
@@ -101,6 +105,7 @@ impl Basis {
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Counts(_) => "counts",
+            Self::Model(_) => "model",
             Self::Prior => "prior",
         }
     }
@@ -186,6 +191,8 @@ pub struct Figures {
     pub significance: Option<Significance>,
     /// Where it was asked for: how many more visits a verdict would take, `None` if no number of them is likely to bring one.
     pub visits_to_decide: Option<Option<u64>>,
+    /// What the active network says of the state, where there is one.
+    pub model: Option<ModelFigures>,
     /// The fit of the prior.
     pub fit: FitId,
     /// How many transitions of the environment the answer stands on.
@@ -235,7 +242,7 @@ pub struct Significance {
 }
 
 /// Which fit of the prior was used; with the revision it makes an answer reproducible.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct FitId {
     /// 0 for the prior that nothing was fitted to, then 1, 2, ...
     pub version: u64,

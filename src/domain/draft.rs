@@ -151,6 +151,31 @@ pub struct QuestionDraft {
     pub visits_to_decide: bool,
 }
 
+/// How a network is to be trained, unchecked; what is absent has its default.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct TrainingDraft {
+    /// The agent whose influence is learned; the first one if absent.
+    pub ego: Option<String>,
+    /// The agent that may be influenced; the second one if absent.
+    pub other: Option<String>,
+    /// `joint` (default) or `direct`.
+    pub kind: Option<String>,
+    /// Units of the hidden layer.
+    pub width: Option<u64>,
+    /// Networks that are trained and averaged.
+    pub members: Option<u64>,
+    /// Parts that the states are cut into.
+    pub folds: Option<u64>,
+    /// The most passes over the states.
+    pub epochs: Option<u64>,
+    /// `visits` (default) or `states`.
+    pub weighting: Option<String>,
+    /// Where all randomness comes from.
+    pub seed: Option<u64>,
+    /// Whether the version is made active even where it does not beat its baselines.
+    pub activate: bool,
+}
+
 /// Which states count as discoveries, unchecked.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct DiscoveryDraft {

@@ -22,6 +22,7 @@ mod estimator;
 mod feature;
 mod hash;
 mod key;
+mod model;
 mod name;
 mod named;
 mod overview;
@@ -30,6 +31,7 @@ mod records;
 mod rule;
 mod schema;
 mod track;
+mod training;
 
 pub use answer::{
     ActionFigures, Answer, Answers, Basis, Bin, Dependence, Evidence, Figures, FitId, Independence, Interval, Labels,
@@ -42,6 +44,10 @@ pub use environment::{Environment, EnvironmentId, EnvironmentPage, Uid};
 pub use estimator::{Estimator, Estimators};
 pub use feature::{Feature, FeatureKind, Misfit};
 pub use key::StateKey;
+pub use model::{
+    Baseline, Calibration, Card, Job, JobState, Model, ModelAction, ModelFigures, ModelId, ModelKind, Models,
+    Reliability, Score, Training, Weighting,
+};
 pub use name::{Label, Name, ProducerId};
 pub use overview::{
     Discoveries, Discovery, DiscoveryMethod, Edge, Exploration, FittedPrior, Graph, HistogramBin, LabelledCell,

@@ -98,7 +98,7 @@ impl Default for Training {
             width: 64,
             members: 3,
             folds: 5,
-            epochs: 500,
+            epochs: 140,
             weighting: Weighting::Visits,
             seed: 0,
         }
@@ -147,7 +147,7 @@ pub struct Card {
     pub split: String,
     /// Passes over the states after which each member was best.
     pub epochs: Vec<u64>,
-    /// States that it was judged by.
+    /// States that it was judged by: of those that it did not learn from, those with at least 8 draws.
     pub judged_states: u64,
     /// How much of them has influence by the evidence: the sum of their probabilities, by weight, as a share.
     pub positive_share: f64,
@@ -159,7 +159,8 @@ pub struct Card {
     pub baselines: Vec<Score>,
     /// Predicted probabilities beside what the evidence says, in tenths; tenths without a state are left out.
     pub reliability: Vec<Reliability>,
-    /// Names of the baselines that it does not beat; it is made active by itself where there is none.
+    /// Names of the baselines that it does not beat, by log-likelihood where both have one, else by the Brier score; it is made active by itself
+    /// where there is none.
     pub not_better_than: Vec<String>,
 }
 

@@ -87,6 +87,11 @@ impl Pair {
         Alphabet { rows, columns }
     }
 
+    /// Finds the agents that are named, or lists every fault.
+    pub fn named(schema: &Schema, draft: &PairDraft) -> Result<Self, Vec<Fault>> {
+        pair(schema, draft)
+    }
+
     /// Returns every pair of agents, the earlier as the ego.
     pub fn every(schema: &Schema) -> Vec<Self> {
         let agents = schema.agents().len();
@@ -172,7 +177,7 @@ impl Scope {
 
     fn check(environment: &Environment, draft: &PairDraft) -> Result<Self, Vec<Fault>> {
         let mut faults = Vec::new();
-        let pair = keep(pair(&environment.schema, draft), &mut faults);
+        let pair = keep(Pair::named(&environment.schema, draft), &mut faults);
         let mut segments: Vec<Label> = parse_all(&draft.segments, "/segments", &mut faults);
         segments.sort_unstable();
         segments.dedup();

@@ -7,12 +7,17 @@ use super::draft::{PairDraft, TrainingDraft};
 use super::{Pair, Schema, Training};
 use crate::error::{Fault, Problem};
 
-const WIDTH: RangeInclusive<u64> = 1..=1_024;
-const MEMBERS: RangeInclusive<u64> = 1..=16;
+const WIDTH: RangeInclusive<u64> = 1..=Training::MOST_WIDTH as u64;
+const MEMBERS: RangeInclusive<u64> = 1..=Training::MOST_MEMBERS as u64;
 const FOLDS: RangeInclusive<u64> = 2..=20;
 const EPOCHS: RangeInclusive<u64> = 1..=10_000;
 
 impl Training {
+    /// The most units of a hidden layer.
+    pub const MOST_WIDTH: usize = 1_024;
+    /// The most networks that are averaged.
+    pub const MOST_MEMBERS: usize = 16;
+
     /// Checks a request and lists every fault; returns whose network it is and how it is trained.
     pub fn new(schema: &Schema, draft: &TrainingDraft) -> Result<(Pair, Self), Problem> {
         let usual = Self::default();

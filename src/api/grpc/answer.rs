@@ -142,6 +142,7 @@ impl From<Basis> for proto::Basis {
     fn from(basis: Basis) -> Self {
         match basis {
             Basis::Counts(_) => Self::Counts,
+            Basis::Model(_) => Self::Model,
             Basis::Prior => Self::Prior,
         }
     }
