@@ -9,6 +9,7 @@ use tokio_util::task::TaskTracker;
 use crate::environments::Environments;
 use crate::influence::Influence;
 use crate::ingest::Ingest;
+use crate::model::Networks;
 use crate::priors::Fits;
 use crate::store::{Audit, Store, StoreError};
 
@@ -21,6 +22,8 @@ pub struct App {
     pub environments: Environments,
     /// How transitions become counts.
     pub ingest: Ingest,
+    /// What to expect where little was counted.
+    pub networks: Networks,
     /// The question itself.
     pub influence: Influence,
     /// Cancelled when the service begins to stop: not ready, streams end, nothing new begins.
@@ -36,6 +39,7 @@ impl App {
         let fits = Fits::new(store.clone());
         let app = Self {
             environments: Environments::new(store.clone(), ingest.clone()),
+            networks: Networks::new(store.clone(), fits.clone()),
             influence: Influence::new(store.clone(), fits.clone()),
             ingest,
             store,
@@ -53,6 +57,7 @@ impl App {
     /// Stops the rooms: commits and answers what is queued, then closes the store.
     pub async fn close(&self) {
         self.draining.cancel();
+        self.networks.close().await;
         self.background.close();
         self.background.wait().await;
         self.ingest.close().await;

@@ -16,6 +16,7 @@
 //! * [`client`]: speaking to a service as a game server does.
 //! * [`priors`]: from cells to tables, and the priors that evidence stands on, fitted to all states.
 //! * [`environments`]: which worlds there are: their beginning, their rule and their end.
+//! * [`model`]: what to expect where little or nothing was counted: networks, trained, judged, kept and served.
 //! * [`influence`]: the question itself.
 //! * [`app`]: one handle of each room.
 //! * [`serve`]: everything on a listening socket.
@@ -48,6 +49,7 @@ pub mod experiments;
 pub mod influence;
 pub mod information;
 pub mod ingest;
+pub mod model;
 pub mod priors;
 pub mod recordings;
 pub mod serve;

@@ -23,6 +23,7 @@ const QUERY_SECONDS: &str = "nudge_query_duration_seconds";
 const VERDICTS: &str = "nudge_verdicts_total";
 const REQUESTS: &str = "nudge_requests_total";
 const REQUEST_SECONDS: &str = "nudge_request_duration_seconds";
+const TRAINING_SECONDS: &str = "nudge_training_duration_seconds";
 const BUILD: &str = "nudge_build_info";
 
 /// The upper bounds of the buckets of every histogram of seconds.
@@ -52,6 +53,7 @@ fn describe() {
     describe_counter!(VERDICTS, "Verdicts given, by basis");
     describe_counter!(REQUESTS, "Requests, by face, route or method, and code");
     describe_histogram!(REQUEST_SECONDS, Unit::Seconds, "Time to answer a request, by face and route or method");
+    describe_histogram!(TRAINING_SECONDS, Unit::Seconds, "Time from the begin of a training to its end, by outcome");
     describe_gauge!(BUILD, "1, with the version and the source revision as labels");
     gauge!(BUILD, "version" => env!("CARGO_PKG_VERSION"), "revision" => option_env!("NUDGE_REVISION").unwrap_or("unknown")).set(1.0);
 }
@@ -118,6 +120,11 @@ pub fn answered(took: Duration, by_counts: u64, by_prior: u64) {
             counter!(VERDICTS, "basis" => basis).increment(verdicts);
         }
     }
+}
+
+/// Records a training that is over, by its outcome.
+pub fn trained(outcome: &'static str, took: Duration) {
+    histogram!(TRAINING_SECONDS, "outcome" => outcome).record(took.as_secs_f64());
 }
 
 /// Records a request.

@@ -113,6 +113,7 @@ impl Ground {
             evidence: judged.evidence.map(|evidence| evidence.in_unit(unit)),
             significance: None,
             visits_to_decide: None,
+            model: None,
             fit: self.plan.fit(),
             revision: 0,
         }

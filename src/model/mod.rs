@@ -1,114 +1,323 @@
-//! What to expect where little or nothing was counted: networks trained from the counts, judged honestly, kept and served.
+//! What to expect where little or nothing was counted: networks trained from the counts, judged by the counts of states that they did not learn from,
+//! kept and served.
+//!
+//! ```text
+//! train    store.scan -> dataset (tables, evidence) -> training (learner) -> ensemble -> judge -> card -> registry
+//! answer   registry -> network -> prediction
+//! ```
+//!
+//! | room | for |
+//! |---|---|
+//! | `dataset` | the states with their tables and what the evidence says of them, and the same with the other's actions shuffled |
+//! | `encoder`, `member` | from a state to inputs, from inputs to what both agents do: the forward pass that is served |
+//! | `learner`, `training` | gradients, by the training library and nobody else; when to stop |
+//! | `calibrate`, `score`, `back_off`, `judge` | from mutual information to a probability, and how good it is beside what it has to beat |
+//! | `file`, `registry`, `network` | kept as safetensors, listed, switched, ready to answer |
+//! | `jobs` | trainings that were asked for |
+//!
+//! Absent on purpose: nothing here decides a verdict by counts, and no wire format is known here but that of a file of weights.
 
+mod back_off;
+mod calibrate;
+mod dataset;
+mod encoder;
+mod file;
+mod jobs;
+mod judge;
+mod learner;
+mod member;
+mod network;
+mod registry;
+mod score;
+mod training;
+mod upkeep;
+
+use std::ops::ControlFlow;
 use std::sync::Arc;
+use std::time::Instant;
 
+use tokio_util::sync::CancellationToken;
+use tokio_util::task::TaskTracker;
+
+use self::dataset::Dataset;
+use self::encoder::{Encoder, MOST_INPUTS};
+use self::jobs::Jobs;
+use self::judge::Split;
+use self::registry::{Registry, logged};
+use self::training::{Ensemble, TrainingError};
 use crate::domain::draft::TrainingDraft;
-use crate::domain::{Environment, Job, Model, ModelAction, ModelId, ModelKind, Models, Pair, StateKey};
-use crate::error::Problem;
+use crate::domain::{Card, Environment, Job, JobState, Model, ModelId, Models, Pair, Training};
+use crate::error::{ErrorKind, Fault, Problem};
+use crate::evidence::MOST_CELLS;
 use crate::priors::Fits;
 use crate::store::Store;
+use crate::telemetry;
+
+pub use network::{Network, Prediction};
 
 /// The networks of every environment. Cloning is cheap.
 #[derive(Clone)]
 pub struct Networks {
     store: Arc<dyn Store>,
     fits: Fits,
+    registry: Registry,
+    jobs: Jobs,
+    /// One training at a time: in the order of asking.
+    turn: Arc<tokio::sync::Mutex<()>>,
+    ending: CancellationToken,
+    running: TaskTracker,
 }
 
 impl Networks {
     /// Makes a handle on the networks of a store, judged by the priors fitted to it.
     pub fn new(store: Arc<dyn Store>, fits: Fits) -> Self {
-        Self { store, fits }
+        Self {
+            registry: Registry::new(store.clone()),
+            store,
+            fits,
+            jobs: Jobs::default(),
+            turn: Arc::default(),
+            ending: CancellationToken::new(),
+            running: TaskTracker::new(),
+        }
     }
 
     /// Asks for a training, which begins when those asked for before are over.
     pub fn train(&self, environment: &Arc<Environment>, draft: &TrainingDraft) -> Result<Job, Problem> {
-        todo!()
+        let (pair, training) = Training::new(&environment.schema, draft)?;
+        check_size(environment, &pair, &training)?;
+        let [ego, other] = [pair.ego, pair.other].map(|agent| environment.schema.agents()[agent].name.to_string());
+        let end = self.ending.child_token();
+        let job = self.jobs.add(environment.id, ego, other, end.clone())?;
+        let order =
+            Order { job: job.id, environment: environment.clone(), pair, training, activate: draft.activate, end };
+        self.running.spawn(self.clone().carry_out(order));
+        Ok(job)
     }
 
     /// Returns every version, and the jobs asked for since the service started.
     pub async fn list(&self, environment: &Environment) -> Result<Models, Problem> {
-        todo!()
+        Ok(Models { models: self.registry.list(environment).await?, jobs: self.jobs.of(environment.id) })
     }
 
     /// Returns one version.
     pub async fn get(&self, environment: &Environment, version: u64) -> Result<Model, Problem> {
-        todo!()
+        self.registry.get(environment, version).await
     }
 
     /// Returns a job.
     pub fn job(&self, environment: &Environment, id: u64) -> Result<Job, Problem> {
-        todo!()
+        self.jobs.get(environment.id, id)
+    }
+
+    /// Returns a job once it is over.
+    pub async fn finished(&self, environment: &Environment, id: u64) -> Result<Job, Problem> {
+        self.jobs.finished(environment.id, id).await
     }
 
     /// Makes a version the one that answers for its pair. Refused where it cannot answer by the environment's rule.
     pub async fn activate(&self, environment: &Environment, version: u64) -> Result<Model, Problem> {
-        todo!()
+        self.registry.activate(environment, version).await
     }
 
     /// Takes a version back: the one that was active before answers again, or none. Returns that one.
     pub async fn roll_back(&self, environment: &Environment, version: u64) -> Result<Option<Model>, Problem> {
-        todo!()
+        self.registry.roll_back(environment, version).await
     }
 
     /// Removes a version that is not active, or ends a job.
     pub async fn delete(&self, environment: &Environment, id: ModelId) -> Result<(), Problem> {
-        todo!()
+        match id {
+            ModelId::Version(version) => self.registry.delete(environment, version).await,
+            ModelId::Job(job) => self.jobs.end(environment.id, job),
+        }
     }
 
     /// Returns a version as a safetensors file: its weights in PyTorch's layout, with its card.
     pub async fn export(&self, environment: &Environment, version: u64) -> Result<Vec<u8>, Problem> {
-        todo!()
+        self.registry.export(environment, version).await
     }
 
     /// Keeps a network that was trained elsewhere: a safetensors file as [`export`](Self::export) writes it. It is judged by the counts here, and
     /// not made active.
     pub async fn import(&self, environment: &Arc<Environment>, file: Vec<u8>) -> Result<Model, Problem> {
-        todo!()
+        let content = file::read(environment, &file)?;
+        let width = content.members.first().map_or(0, |member| member.trunk.shape().1);
+        let members = content.members.len();
+        let training = Training { kind: content.kind, width, members, epochs: 0, ..Training::default() };
+        check_size(environment, &content.pair, &training)?;
+        let dataset = self.dataset(environment, &content.pair).await?;
+        if content.threshold != dataset.threshold {
+            let detail = format!("got {}, expected that of the rule, {} nats", content.threshold, dataset.threshold);
+            return Err(Problem::invalid("network", vec![Fault::new("/metadata/threshold", detail)]));
+        }
+        training::check(&dataset, &training).map_err(|error| no_network(&error))?;
+        let hash = environment.schema.hash().to_string();
+        let judged = tokio::task::spawn_blocking(move || {
+            let epochs = Vec::new();
+            let ensemble = Ensemble { encoder: content.encoder.clone(), members: content.members.clone(), epochs };
+            let card = judge::card(&dataset, training, &ensemble, None, &Split::Unknown);
+            (content, Card { schema_hash: hash, ..card })
+        });
+        let (content, card) = judged.await.map_err(|error| internal(&error))?;
+        let version = self.registry.keep(environment, &content, &card).await?;
+        self.get(environment, version).await
     }
 
-    /// Returns the network that answers for a pair.
+    /// Returns the network that answers for a pair; none where other agents are held fixed.
     pub async fn active(&self, environment: &Environment, pair: &Pair) -> Result<Option<Arc<Network>>, Problem> {
-        todo!()
+        if pair.given.is_empty() { self.registry.active(environment, pair).await } else { Ok(None) }
     }
 
     /// Returns a version ready to answer, active or not.
     pub async fn network(&self, environment: &Environment, version: u64) -> Result<Arc<Network>, Problem> {
-        todo!()
+        self.registry.network(environment, version).await
+    }
+
+    /// Ends what is trained, and waits until it has ended.
+    pub async fn close(&self) {
+        self.ending.cancel();
+        self.running.close();
+        self.running.wait().await;
+    }
+
+    async fn dataset(&self, environment: &Environment, pair: &Pair) -> Result<Dataset, Problem> {
+        let read = Dataset::read(&*self.store, &self.fits, environment, pair).await.map_err(logged)?;
+        read.ok_or_else(|| {
+            Problem::new(ErrorKind::TooLarge, "TOO_MANY_ACTIONS", "the agents have too many actions for evidence")
+        })
+    }
+
+    /// Waits for its turn, trains, and tells what came out.
+    async fn carry_out(self, order: Order) {
+        let turn = order.end.run_until_cancelled(self.turn.lock()).await;
+        let started = Instant::now();
+        let result = match turn {
+            Some(_turn) => self.carried_out(&order).await,
+            None => Err(no_network(&TrainingError::Cancelled)),
+        };
+        let (state, message, version) = match result {
+            Ok(model) => (JobState::Done, outcome(&model), Some(model.version)),
+            Err(_) if order.end.is_cancelled() => {
+                (JobState::Cancelled, "cancelled; no network is made".to_owned(), None)
+            }
+            Err(problem) => (JobState::Failed, problem.message, None),
+        };
+        telemetry::trained(state.as_str(), started.elapsed());
+        tracing::info!(environment = %order.environment.name, job = order.job, state = state.as_str(), message, "a training is over");
+        self.jobs.update(order.job, |job| {
+            let progress = if state == JobState::Done { 1.0 } else { job.progress };
+            *job = Job { state, message, version, progress, ..job.clone() };
+        });
+    }
+
+    async fn carried_out(&self, order: &Order) -> Result<Model, Problem> {
+        let Order { environment, pair, training, .. } = order;
+        self.tell(order, 0.0, "reads the states and fits the prior");
+        let dataset = self.dataset(environment, pair).await?;
+        let hash = environment.schema.hash().to_string();
+        let (networks, order_there) = (self.clone(), order.clone());
+        let trained = tokio::task::spawn_blocking(move || networks.trained(&order_there, &dataset)).await;
+        let (ensemble, card) = trained.map_err(|error| internal(&error))?.map_err(|error| no_network(&error))?;
+        let content = file::Content {
+            kind: training.kind,
+            pair: pair.clone(),
+            threshold: card.threshold,
+            encoder: ensemble.encoder,
+            members: ensemble.members,
+        };
+        let card = Card { schema_hash: hash, ..card };
+        let version = self.registry.keep(environment, &content, &card).await?;
+        if order.activate || card.not_better_than.is_empty() {
+            // The rule may have changed since: then it is kept, and says that it is stale.
+            let _ = self.registry.activate(environment, version).await;
+        }
+        self.get(environment, version).await
+    }
+
+    /// Trains an ensemble and its shuffled twin, and judges them.
+    fn trained(&self, order: &Order, dataset: &Dataset) -> Result<(Ensemble, Card), TrainingError> {
+        /// Of the whole, what each of the two takes; the rest is for judging.
+        const SHARE: f64 = 0.48;
+        let training = &order.training;
+        let seen = dataset.examples.iter().map(|example| (&example.key, example.table.total() as f64));
+        let encoder = Encoder::fitted(&order.environment.schema, seen);
+        let train = |dataset: &Dataset, from: f64, what: &str| {
+            let mut watch = |done: f64| {
+                self.tell(order, from + SHARE * done, what);
+                if order.end.is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+            };
+            training::train(dataset, &encoder, training, &mut watch)
+        };
+        let ensemble = train(dataset, 0.02, "learns from the counts")?;
+        let shuffled = dataset.shuffled(training.seed);
+        let twin = train(&shuffled, 0.02 + SHARE, "learns from shuffled counts, for comparison")?;
+        self.tell(order, 0.02 + 2.0 * SHARE, "is judged beside its baselines");
+        let card = judge::card(dataset, *training, &ensemble, Some(&twin), &Split::HeldOut(training));
+        Ok((ensemble, card))
+    }
+
+    fn tell(&self, order: &Order, progress: f64, message: &str) {
+        self.jobs.update(order.job, |job| {
+            *job = Job { state: JobState::Running, progress, message: message.to_owned(), ..job.clone() };
+        });
     }
 }
 
-/// A version ready to answer: shared by any number of threads.
-pub struct Network {
-    /// Its version.
-    pub version: u64,
-    /// Whose influence on whom.
-    pub pair: Pair,
-    /// What it predicts.
-    pub kind: ModelKind,
-    /// The threshold that it was trained and calibrated for, in nats.
-    pub threshold: f64,
+/// A training that was asked for.
+#[derive(Clone)]
+struct Order {
+    job: u64,
+    environment: Arc<Environment>,
+    pair: Pair,
+    training: Training,
+    activate: bool,
+    end: CancellationToken,
 }
 
-/// What a network says of one state.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Prediction {
-    /// P(MI > threshold), the mean of its members; `None` where it cannot tell at that threshold.
-    pub probability: Option<f64>,
-    /// Mutual information in nats, the mean of its members; `None` for a direct network.
-    pub mutual_information: Option<f64>,
-    /// Whether its members say the same.
-    pub agrees: bool,
+fn outcome(model: &Model) -> String {
+    let worse = model.card.not_better_than.join(", ");
+    match (model.active, worse.is_empty()) {
+        (true, true) => format!("version {} is active", model.version),
+        (true, false) => {
+            format!("version {} is active as was asked for, though it is not better than {worse}", model.version)
+        }
+        (false, false) => format!("version {} is kept, not active: it is not better than {worse}", model.version),
+        (false, true) => format!("version {} is kept, not active: the rule has changed meanwhile", model.version),
+    }
 }
 
-impl Network {
-    /// Predicts for states, which are of the network's schema, at a threshold in nats.
-    pub fn predict(&self, states: &[StateKey], threshold: f64) -> Vec<Prediction> {
-        todo!()
+/// Says what is too large for a network.
+fn check_size(environment: &Environment, pair: &Pair, training: &Training) -> Result<(), Problem> {
+    let (inputs, cells) = (encoder::width(&environment.schema), pair.alphabet(&environment.schema));
+    let too_large = |message: String| Err(Problem::new(ErrorKind::TooLarge, "NETWORK_TOO_LARGE", message));
+    if inputs > MOST_INPUTS {
+        return too_large(format!("a state is {inputs} numbers, more than the {MOST_INPUTS} that a network takes"));
     }
+    if cells.rows.saturating_mul(cells.columns) > MOST_CELLS {
+        return too_large(format!(
+            "the agents have {} x {} actions, more than {MOST_CELLS} pairs",
+            cells.rows, cells.columns
+        ));
+    }
+    let numbers = training.members * training.width * (inputs + (cells.rows * cells.columns) as usize);
+    if numbers * size_of::<f32>() > file::MOST_BYTES {
+        return too_large(format!("it would have {numbers} weights; take fewer members or a smaller width"));
+    }
+    Ok(())
+}
 
-    /// Predicts what each of the ego's actions does in a state; empty for a direct network. Divergences are in nats.
-    pub fn by_action(&self, environment: &Environment, state: &StateKey) -> Vec<ModelAction> {
-        todo!()
-    }
+fn no_network(error: &TrainingError) -> Problem {
+    let (kind, reason) = match error {
+        TrainingError::TooFew(_) => (ErrorKind::Conflict, "TOO_FEW_DATA"),
+        TrainingError::Diverged(_) => (ErrorKind::Conflict, "TRAINING_DIVERGED"),
+        TrainingError::Cancelled => (ErrorKind::Conflict, "CANCELLED"),
+        TrainingError::Library(_) => (ErrorKind::Internal, "INTERNAL"),
+    };
+    Problem::new(kind, reason, format!("no network is made: {error}"))
+}
+
+fn internal(error: &dyn std::fmt::Display) -> Problem {
+    tracing::error!(%error, "a training ended unexpectedly");
+    Problem::new(ErrorKind::Internal, "INTERNAL", "the training ended unexpectedly; the cause is in the service's log")
 }

@@ -23,7 +23,7 @@ pub use scan::Pages;
 pub use tables::Tables;
 
 use known::Known;
-use sample::Sample;
+pub use sample::Sample;
 
 /// Fits kept in memory.
 const KEPT: std::num::NonZeroUsize = std::num::NonZeroUsize::new(256).expect("not zero");

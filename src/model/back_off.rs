@@ -1,0 +1,100 @@
+//! What was seen in states that share the most telling features: the baseline that needs no network.
+//!
+//! Features are left out one by one, each time the one without which the rest tells most: by the evidence sum ln DM(n_i.; k g) of the tables of all states
+//! that agree in the rest, each row with its own response. A state is then told by the first of these coarser tables with enough draws.
+
+use foldhash::{HashMap, HashMapExt};
+
+use super::dataset::{Dataset, Example, cells, triples};
+use crate::domain::StateKey;
+use crate::evidence::rows_evidence;
+use crate::information::Table;
+
+/// Draws from which a coarser table is believed.
+const ENOUGH: u64 = 8;
+
+/// Concentration of the rows around what the other does in the environment on the whole.
+const CONCENTRATION: f64 = 2.0;
+
+/// How many cells may be looked at to choose what is left out; of more states a part is taken.
+const WORK: usize = 20_000_000;
+
+/// Coarser and coarser tables of the states that were learned from.
+pub struct BackOff {
+    levels: Vec<Level>,
+    /// The share of each of the other's actions.
+    base: Vec<f64>,
+}
+
+/// The tables of states that agree in some features.
+struct Level {
+    features: Vec<usize>,
+    tables: HashMap<Vec<u32>, Table>,
+}
+
+impl BackOff {
+    /// Learns from the states at these positions.
+    pub fn new(dataset: &Dataset, learned: &[usize]) -> Self {
+        let examples: Vec<&Example> = learned.iter().map(|at| &dataset.examples[*at]).collect();
+        let base = dataset.base(examples.iter().copied()).shares().to_vec();
+        let mut features: Vec<usize> = (0..examples.first().map_or(0, |example| example.key.bins().len())).collect();
+        let few = few(&examples, features.len());
+        let mut levels = Vec::new();
+        while !features.is_empty() {
+            let worth = |without: &usize| {
+                let rest: Vec<usize> = features.iter().copied().filter(|feature| feature != without).collect();
+                let tables = pooled(few, &rest);
+                // In order of key, so that the same states give the same sum.
+                let mut each: Vec<_> = tables.iter().collect();
+                each.sort_unstable_by(|a, b| a.0.cmp(b.0));
+                each.into_iter().map(|(_, table)| rows_evidence(table, CONCENTRATION, |_, j| base[j])).sum::<f64>()
+            };
+            let worths: Vec<f64> = features.iter().map(worth).collect();
+            let least = (0..worths.len()).max_by(|a, b| worths[*a].total_cmp(&worths[*b])).expect("there is a feature");
+            features.remove(least);
+            levels.push(Level { tables: pooled(&examples, &features), features: features.clone() });
+        }
+        Self { levels, base }
+    }
+
+    /// Returns the finest table with enough draws that a state belongs to; the one of all states if none has.
+    pub fn table(&self, key: &StateKey) -> Option<&Table> {
+        let tables = || self.levels.iter().filter_map(|level| level.tables.get(&part(key, &level.features)));
+        tables().find(|table| table.total() >= ENOUGH).or_else(|| tables().last())
+    }
+
+    /// Returns the mean log-likelihood that a table gives to the other's actions in a state, summed over its draws: its rows, drawn to what the other
+    /// does on the whole.
+    pub fn log_likelihood(&self, table: Option<&Table>, example: &Example) -> f64 {
+        let columns = self.base.len();
+        let mut rows: HashMap<usize, (f64, Vec<f64>)> = HashMap::new();
+        for (i, j, n) in table.into_iter().flat_map(cells) {
+            let row = rows.entry(i).or_insert_with(|| (0.0, vec![0.0; columns]));
+            row.0 += n;
+            row.1[j] += n;
+        }
+        let share = |i: usize, j: usize| match rows.get(&i) {
+            Some((sum, row)) => (row[j] + CONCENTRATION * self.base[j]) / (sum + CONCENTRATION),
+            None => self.base[j],
+        };
+        cells(&example.table).map(|(i, j, n)| n * share(i, j).ln()).sum()
+    }
+}
+
+fn few<'a, 'e>(examples: &'a [&'e Example], features: usize) -> &'a [&'e Example] {
+    const FEWEST: usize = 200;
+    let most = (WORK / (features * features).max(1)).max(FEWEST);
+    &examples[..examples.len().min(most)]
+}
+
+fn pooled(examples: &[&Example], features: &[usize]) -> HashMap<Vec<u32>, Table> {
+    let mut counts: HashMap<Vec<u32>, Vec<(u64, u64, u64)>> = HashMap::new();
+    for example in examples {
+        counts.entry(part(&example.key, features)).or_default().extend(triples(&example.table));
+    }
+    counts.into_iter().map(|(key, counts)| (key, Table::from_counts(counts))).collect()
+}
+
+fn part(key: &StateKey, features: &[usize]) -> Vec<u32> {
+    features.iter().map(|feature| key.bins()[*feature]).collect()
+}

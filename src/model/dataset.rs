@@ -1,0 +1,186 @@
+//! What a network learns from and is judged by: for each state its table of independent draws, and what the evidence says of it.
+
+use std::sync::Arc;
+
+use rand::seq::SliceRandom;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use rayon::prelude::*;
+
+use crate::domain::{Environment, FitId, Pair, StateKey};
+use crate::evidence::{Base, Ego};
+use crate::information::{Alphabet, Table};
+use crate::priors::{self, Fits, Fitted, Pages, Sample, Tables};
+use crate::store::{Store, StoreError};
+
+/// The states of an environment for one pair of agents.
+#[derive(Clone)]
+pub struct Dataset {
+    /// How many actions the two have; rows for the ego.
+    pub alphabet: Alphabet,
+    /// Every state, in order of key.
+    pub examples: Vec<Example>,
+    /// The threshold that the evidence is about, in nats.
+    pub threshold: f64,
+    /// How many transitions the environment had when they were read.
+    pub revision: u64,
+    /// The fit of the prior.
+    pub fitted: Arc<Fitted>,
+    /// Whether the ego's actions are the rows of the tables that the prior is fitted to.
+    ego: Ego,
+}
+
+/// One state.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Example {
+    /// The state.
+    pub key: StateKey,
+    /// What counts as independent draws; rows are the ego's actions.
+    pub table: Table,
+    /// P(MI > threshold) given its counts.
+    pub above: f64,
+}
+
+impl Dataset {
+    /// Reads the states of an environment as they are now, and asks the evidence about them; `None` where the alphabets are too large for it.
+    pub async fn read(
+        store: &dyn Store,
+        fits: &Fits,
+        environment: &Environment,
+        pair: &Pair,
+    ) -> Result<Option<Self>, StoreError> {
+        let Some(fitted) = fits.fit(environment, pair).await? else { return Ok(None) };
+        let revision = store.totals(environment.id).await?.transitions;
+        let mut sample = Sample::default();
+        let mut pages = Pages::new(store, environment.id);
+        while let Some(page) = pages.next().await? {
+            for scanned in page {
+                let cells = scanned.counts.cells().iter();
+                let tables = Tables::new(&environment.schema, pair, cells.clone());
+                sample.add(scanned.key, tables.draws(&environment.schema, pair, cells).into_owned());
+            }
+        }
+        let dataset = Self {
+            alphabet: pair.alphabet(&environment.schema),
+            examples: Vec::new(),
+            threshold: environment.rule.threshold_nats(),
+            revision,
+            fitted,
+            ego: priors::ego(pair),
+        };
+        let states = sample.states.into_iter().flat_map(|(key, draws)| Some((key, draws.into_iter().next()?)));
+        Ok(Some(dataset.with(states.collect())))
+    }
+
+    /// Returns the same with these states, whose tables have the prior's rows.
+    fn with(self, states: Vec<(StateKey, Table)>) -> Self {
+        let example = |(key, draws): (StateKey, Table)| {
+            let table = if self.ego == Ego::Rows { draws } else { transposed(&draws) };
+            (table.total() > 0).then(|| Example { above: self.above(&table), key, table })
+        };
+        let mut examples: Vec<Example> = states.into_par_iter().filter_map(example).collect();
+        examples.sort_unstable_by(|a, b| a.key.cmp(&b.key));
+        Self { examples, ..self }
+    }
+
+    /// Returns the overall distribution of the other's actions in some states.
+    pub fn base<'a>(&self, examples: impl IntoIterator<Item = &'a Example>) -> Base {
+        let mut counts = vec![0; self.alphabet.columns as usize];
+        examples.into_iter().flat_map(|example| triples(&example.table)).for_each(|(_, j, n)| counts[j as usize] += n);
+        Base::new(&counts)
+    }
+
+    /// Returns P(MI > threshold) given a table whose rows are the ego's actions.
+    pub fn above(&self, table: &Table) -> f64 {
+        let above = |draws: &Table| self.fitted.prior.posterior(std::slice::from_ref(draws)).above(self.threshold);
+        if self.ego == Ego::Rows { above(table) } else { above(&transposed(table)) }
+    }
+
+    /// Returns the same with the other's actions shuffled within each state: every habit stays, and nothing depends on anything.
+    pub fn shuffled(&self, seed: u64) -> Self {
+        let shuffle = |example: &Example| {
+            let table = shuffled(&example.table, &mut random(&example.key, seed));
+            (example.key.clone(), if self.ego == Ego::Rows { table } else { transposed(&table) })
+        };
+        let states = self.examples.par_iter().map(shuffle).collect();
+        Self { examples: Vec::new(), ..self.clone() }.with(states)
+    }
+
+    /// Returns which of the parts a state belongs to: by its key and the seed alone, so that all visits of a state are in one.
+    pub fn fold(key: &StateKey, folds: usize, seed: u64) -> usize {
+        random(key, !seed).random_range(0..folds)
+    }
+
+    /// Returns how often the states were drawn.
+    pub fn draws(&self) -> u64 {
+        self.examples.iter().map(|example| example.table.total()).sum()
+    }
+
+    /// Returns which fit of the prior it is.
+    pub fn fit(&self) -> FitId {
+        self.fitted.id
+    }
+}
+
+fn random(key: &StateKey, seed: u64) -> Pcg64 {
+    Pcg64::seed_from_u64(key.seed() ^ seed)
+}
+
+/// Returns the cells of a table: the ego's action, the other's action, the count.
+pub fn cells(table: &Table) -> impl Iterator<Item = (usize, usize, f64)> {
+    let label = |labels: &[u64], at: u32| labels[at as usize] as usize;
+    table.cells().iter().map(move |cell| {
+        (label(table.row_labels(), cell.row), label(table.column_labels(), cell.column), cell.n as f64)
+    })
+}
+
+/// Returns the cells of a table as it is built of.
+pub fn triples(table: &Table) -> impl Iterator<Item = (u64, u64, u64)> {
+    let label = |labels: &[u64], at: u32| labels[at as usize];
+    table
+        .cells()
+        .iter()
+        .map(move |cell| (label(table.row_labels(), cell.row), label(table.column_labels(), cell.column), cell.n))
+}
+
+fn transposed(table: &Table) -> Table {
+    Table::from_counts(triples(table).map(|(row, column, n)| (column, row, n)))
+}
+
+/// Draws of a state that are shuffled one by one; more are scaled down first: a table of so many draws tells nothing new.
+const MOST_SHUFFLED: u64 = 1 << 20;
+
+fn shuffled(table: &Table, random: &mut Pcg64) -> Table {
+    let share = table.total().div_ceil(MOST_SHUFFLED).max(1);
+    let each = |(row, column, n): (u64, u64, u64)| std::iter::repeat_n((row, column), n.div_ceil(share) as usize);
+    let (rows, mut columns): (Vec<u64>, Vec<u64>) = triples(table).flat_map(each).unzip();
+    columns.shuffle(random);
+    Table::from_counts(rows.into_iter().zip(columns).map(|(row, column)| (row, column, share)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shuffling_keeps_every_habit() {
+        let table = Table::from_counts([(0, 0, 30), (1, 1, 20), (2, 0, 10)]);
+        let shuffled = shuffled(&table, &mut Pcg64::seed_from_u64(1));
+        assert_eq!((shuffled.rows(), shuffled.columns()), (table.rows(), table.columns()));
+        assert_ne!(shuffled, table);
+    }
+
+    #[test]
+    fn transposing_twice_changes_nothing() {
+        let table = Table::from_counts([(0, 3, 30), (1, 1, 20), (2, 0, 10)]);
+        assert_eq!(transposed(&transposed(&table)), table);
+        assert_eq!(transposed(&table).row_labels(), [0, 1, 3]);
+    }
+
+    #[test]
+    fn folds_are_of_about_the_same_size() {
+        let mut sizes = [0; 5];
+        (0..5_000).for_each(|bin| sizes[Dataset::fold(&StateKey::new(&[bin]), 5, 7)] += 1);
+        assert!(sizes.iter().all(|size| (900..1_100).contains(size)), "{sizes:?}");
+    }
+}

@@ -1,0 +1,258 @@
+//! A network as a file: safetensors, with the names and the layout that PyTorch's `state_dict` gives a list of modules.
+//!
+//! | tensor | shape |
+//! |---|---|
+//! | `members.0.trunk.weight`, `.bias` | `[width, inputs]`, `[width]` |
+//! | `members.0.ego.weight`, `.bias` | `[R, width]`, `[R]` (joint) |
+//! | `members.0.other.weight`, `.bias` | `[K, width]`, `[K]` (joint) |
+//! | `members.0.interaction.weight`, `.bias` | `[R K, width]`, `[R K]` (joint; row i K + j is D_ij) |
+//! | `members.0.influence.weight`, `.bias` | `[1, width]`, `[1]` (direct) |
+//!
+//! What the numbers cannot say stands in the file's metadata, text by text: `format` (`nudge/1`), `kind`, `ego`, `other`, `schema_hash`, `threshold`
+//! (nats), `scales` (JSON: for each feature `null`, or the mean and the deviation that its value is standardised by), `card` (JSON; not read back).
+
+use std::collections::HashMap;
+use std::fmt::Display;
+use std::str::FromStr;
+
+use ndarray::{Array1, Array2};
+use safetensors::tensor::{Dtype, SafeTensors, TensorView, serialize};
+
+use super::encoder::{Encoder, Scale};
+use super::member::{Layer, Member, heads};
+use crate::domain::{Environment, ModelKind, Pair, Training};
+use crate::error::{Fault, Problem};
+
+/// The largest file.
+pub const MOST_BYTES: usize = 64 << 20;
+
+const FORMAT: &str = "nudge/1";
+
+/// What a file holds.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Content {
+    /// What it predicts.
+    pub kind: ModelKind,
+    /// Whose influence on whom.
+    pub pair: Pair,
+    /// The threshold it was trained for, in nats.
+    pub threshold: f64,
+    /// How states become inputs.
+    pub encoder: Encoder,
+    /// The members.
+    pub members: Vec<Member>,
+}
+
+/// Writes a file; the card is JSON.
+pub fn write(environment: &Environment, content: &Content, card: &str) -> Vec<u8> {
+    let agent = |at: usize| environment.schema.agents()[at].name.to_string();
+    let scales = serde_json::to_string(&content.encoder.scales()).expect("numbers are finite");
+    let metadata = [
+        ("format", FORMAT.to_owned()),
+        ("kind", content.kind.as_str().to_owned()),
+        ("ego", agent(content.pair.ego)),
+        ("other", agent(content.pair.other)),
+        ("schema_hash", environment.schema.hash().to_string()),
+        ("threshold", content.threshold.to_string()),
+        ("scales", scales),
+        ("card", card.to_owned()),
+    ];
+    let metadata: HashMap<String, String> = metadata.map(|(name, text)| (name.to_owned(), text)).into();
+    let tensors: Vec<Tensor> =
+        (0..).zip(&content.members).flat_map(|(at, member)| tensors(at, content.kind, member)).collect();
+    let views = tensors.iter().map(|tensor| {
+        let view =
+            TensorView::new(Dtype::F32, tensor.shape.clone(), &tensor.bytes).expect("as many bytes as the shape says");
+        (tensor.name.as_str(), view)
+    });
+    serialize(views, Some(metadata)).expect("names differ, and sizes fit")
+}
+
+struct Tensor {
+    name: String,
+    shape: Vec<usize>,
+    bytes: Vec<u8>,
+}
+
+fn tensors(at: usize, kind: ModelKind, member: &Member) -> Vec<Tensor> {
+    // The alphabet only says how large the heads are, which they know themselves.
+    let names = heads(kind, crate::information::Alphabet { rows: 0, columns: 0 }).into_iter().map(|(name, _)| name);
+    let layers = std::iter::once("trunk").chain(names).zip(std::iter::once(&member.trunk).chain(&member.heads));
+    let both = |(name, layer): (&str, &Layer)| {
+        let bytes = |numbers: &mut dyn Iterator<Item = &f32>| numbers.flat_map(|number| number.to_le_bytes()).collect();
+        let (inputs, outputs) = layer.shape();
+        let name = |part: &str| format!("members.{at}.{name}.{part}");
+        [
+            Tensor { name: name("weight"), shape: vec![outputs, inputs], bytes: bytes(&mut layer.weight.iter()) },
+            Tensor { name: name("bias"), shape: vec![outputs], bytes: bytes(&mut layer.bias.iter()) },
+        ]
+    };
+    layers.flat_map(both).collect()
+}
+
+/// Reads a file that belongs to an environment, or lists what is wrong with it.
+pub fn read(environment: &Environment, bytes: &[u8]) -> Result<Content, Problem> {
+    parse(environment, bytes).map_err(|faults| Problem::invalid("network", faults))
+}
+
+fn parse(environment: &Environment, bytes: &[u8]) -> Result<Content, Vec<Fault>> {
+    let unreadable = |error: &dyn Display| vec![Fault::new("", format!("is no safetensors file: {error}"))];
+    if bytes.len() > MOST_BYTES {
+        return Err(vec![Fault::new("", format!("got {} bytes, expected at most {MOST_BYTES}", bytes.len()))]);
+    }
+    let (_, header) = SafeTensors::read_metadata(bytes).map_err(|error| unreadable(&error))?;
+    let tensors = SafeTensors::deserialize(bytes).map_err(|error| unreadable(&error))?;
+    let metadata = Metadata(header.metadata().clone().unwrap_or_default());
+    let (kind, pair, threshold, encoder) = metadata.checked(environment)?;
+    let shapes = Shapes { tensors: &tensors, kind, pair: &pair, inputs: encoder.width(), environment };
+    Ok(Content { members: shapes.members()?, kind, pair, threshold, encoder })
+}
+
+/// What a file says beside its numbers.
+struct Metadata(HashMap<String, String>);
+
+impl Metadata {
+    fn checked(&self, environment: &Environment) -> Result<(ModelKind, Pair, f64, Encoder), Vec<Fault>> {
+        let schema = &environment.schema;
+        let mut faults = Vec::new();
+        self.equal("format", FORMAT, &mut faults);
+        self.equal("schema_hash", &schema.hash().to_string(), &mut faults);
+        let kind = self.parsed::<ModelKind>("kind", &mut faults);
+        let mut agent = |name: &'static str| {
+            let text = self.text(name, &mut faults)?;
+            let found = schema.agent(text);
+            if found.is_none() {
+                faults.push(fault(name, format!("unknown agent {text:?}")));
+            }
+            found
+        };
+        let pair = agent("ego").zip(agent("other"));
+        if pair.is_some_and(|(ego, other)| ego == other) {
+            faults.push(fault("other", "is the ego too; expected another agent".into()));
+        }
+        let threshold = self.text("threshold", &mut faults).and_then(|text| text.parse::<f64>().ok());
+        let threshold = threshold.filter(|nats| nats.is_finite() && *nats >= 0.0);
+        if threshold.is_none() {
+            faults.push(fault("threshold", "expected a number of nats, at least 0".into()));
+        }
+        let scales =
+            self.text("scales", &mut faults).and_then(|text| serde_json::from_str::<Vec<Option<Scale>>>(text).ok());
+        let encoder = scales.and_then(|scales| Encoder::with_scales(schema, scales));
+        if encoder.is_none() {
+            let expected = "expected a JSON list with {\"mean\", \"deviation\"} for each feature that is a number, null for the others";
+            faults.push(fault("scales", expected.into()));
+        }
+        match (kind, pair, threshold, encoder) {
+            (Some(kind), Some((ego, other)), Some(threshold), Some(encoder)) if faults.is_empty() => {
+                Ok((kind, Pair { ego, other, given: Vec::new() }, threshold, encoder))
+            }
+            _ => Err(faults),
+        }
+    }
+
+    fn text(&self, name: &str, faults: &mut Vec<Fault>) -> Option<&str> {
+        let text = self.0.get(name).map(String::as_str);
+        if text.is_none() {
+            faults.push(fault(name, "is missing from the file's metadata".into()));
+        }
+        text
+    }
+
+    fn equal(&self, name: &str, expected: &str, faults: &mut Vec<Fault>) {
+        if let Some(text) = self.text(name, faults)
+            && text != expected
+        {
+            faults.push(fault(name, format!("got {text:?}, expected {expected:?}")));
+        }
+    }
+
+    fn parsed<T: FromStr<Err = String>>(&self, name: &str, faults: &mut Vec<Fault>) -> Option<T> {
+        let text = self.text(name, faults)?;
+        text.parse().map_err(|detail| faults.push(fault(name, detail))).ok()
+    }
+}
+
+fn fault(name: &str, detail: String) -> Fault {
+    Fault::new(format!("/metadata/{name}"), detail)
+}
+
+/// What the tensors of a file must look like.
+struct Shapes<'a> {
+    tensors: &'a SafeTensors<'a>,
+    kind: ModelKind,
+    pair: &'a Pair,
+    inputs: usize,
+    environment: &'a Environment,
+}
+
+impl Shapes<'_> {
+    fn members(&self) -> Result<Vec<Member>, Vec<Fault>> {
+        let most = crate::domain::Training::MOST_MEMBERS;
+        let members =
+            (0..=most).take_while(|at| self.tensors.tensor(&format!("members.{at}.trunk.weight")).is_ok()).count();
+        if !(1..=most).contains(&members) {
+            return Err(vec![Fault::new(
+                "/members.0.trunk.weight",
+                format!("got {members} members, expected 1 to {most}"),
+            )]);
+        }
+        let mut faults = Vec::new();
+        let found: Vec<Member> = (0..members).filter_map(|at| self.member(at, &mut faults)).collect();
+        let named = self.tensors.names().into_iter().filter(|name| !self.is_known(name, members));
+        faults.extend(named.map(|name| Fault::new(format!("/{name}"), "is no tensor of such a network")));
+        if faults.is_empty() { Ok(found) } else { Err(faults) }
+    }
+
+    fn heads(&self) -> Vec<(&'static str, usize)> {
+        heads(self.kind, self.pair.alphabet(&self.environment.schema))
+    }
+
+    fn is_known(&self, name: &str, members: usize) -> bool {
+        let layers = || std::iter::once("trunk").chain(self.heads().into_iter().map(|(head, _)| head));
+        (0..members).any(|at| {
+            layers().any(|layer| ["weight", "bias"].iter().any(|part| name == format!("members.{at}.{layer}.{part}")))
+        })
+    }
+
+    fn member(&self, at: usize, faults: &mut Vec<Fault>) -> Option<Member> {
+        let width =
+            self.tensors.tensor(&format!("members.{at}.trunk.weight")).ok()?.shape().first().copied().unwrap_or(0);
+        if !(1..=Training::MOST_WIDTH).contains(&width) {
+            let expected = Training::MOST_WIDTH;
+            faults.push(Fault::new(
+                format!("/members.{at}.trunk.weight"),
+                format!("got {width} units, expected 1 to {expected}"),
+            ));
+            return None;
+        }
+        let trunk = self.layer(at, "trunk", [width, self.inputs], faults);
+        let heads: Vec<Option<Layer>> =
+            self.heads().into_iter().map(|(name, outputs)| self.layer(at, name, [outputs, width], faults)).collect();
+        Some(Member { trunk: trunk?, heads: heads.into_iter().collect::<Option<_>>()? })
+    }
+
+    fn layer(&self, at: usize, name: &str, [outputs, inputs]: [usize; 2], faults: &mut Vec<Fault>) -> Option<Layer> {
+        let mut numbers = |part: &str, shape: &[usize]| {
+            let name = format!("members.{at}.{name}.{part}");
+            self.numbers(&name, shape).map_err(|detail| faults.push(Fault::new(format!("/{name}"), detail))).ok()
+        };
+        let weight = numbers("weight", &[outputs, inputs]);
+        let bias = numbers("bias", &[outputs]);
+        let weight = Array2::from_shape_vec((outputs, inputs), weight?).ok()?;
+        Some(Layer { weight, bias: Array1::from_vec(bias?) })
+    }
+
+    fn numbers(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, String> {
+        let tensor = self.tensors.tensor(name).map_err(|_| "is missing".to_owned())?;
+        if tensor.dtype() != Dtype::F32 || tensor.shape() != shape {
+            return Err(format!("got {:?} {:?}, expected F32 {shape:?}", tensor.dtype(), tensor.shape()));
+        }
+        let numbers: Vec<f32> =
+            tensor.data().as_chunks::<4>().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect();
+        if numbers.iter().all(|number| number.is_finite()) {
+            Ok(numbers)
+        } else {
+            Err("has a number that is not finite".to_owned())
+        }
+    }
+}

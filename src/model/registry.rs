@@ -1,0 +1,205 @@
+//! Which versions there are, and which answers for each pair: kept by the store, remembered ready to answer.
+//!
+//! Who asks for the active network reads a map that is replaced as a whole, so a switch disturbs nobody: each request has either the one or the other.
+//! Loading and switching take turns, so that what is remembered is never older than what the store says.
+
+use std::sync::Arc;
+
+use arc_swap::ArcSwap;
+use foldhash::HashMap;
+use tokio::sync::Mutex;
+
+use super::file;
+use super::network::Network;
+use crate::domain::{Card, Environment, EnvironmentId, Model, ModelKind, Pair};
+use crate::error::{ErrorKind, Problem};
+use crate::store::{ModelRecord, NewModel, Store, StoreError};
+
+/// A pair of agents of an environment: the ego and the other.
+type Place = (EnvironmentId, usize, usize);
+
+/// The networks that answer; `None` where it is known that there is none.
+type Active = HashMap<Place, Option<Arc<Network>>>;
+
+/// The versions of every environment. Cloning is cheap.
+#[derive(Clone)]
+pub struct Registry {
+    store: Arc<dyn Store>,
+    active: Arc<ArcSwap<Active>>,
+    turn: Arc<Mutex<()>>,
+}
+
+impl Registry {
+    /// Makes a handle on the versions of a store.
+    pub fn new(store: Arc<dyn Store>) -> Self {
+        Self { store, active: Arc::default(), turn: Arc::default() }
+    }
+
+    /// Returns every version, in order. One whose card cannot be read is left out, and told in the log.
+    pub async fn list(&self, environment: &Environment) -> Result<Vec<Model>, Problem> {
+        let records = self.store.models(environment.id).await.map_err(logged)?;
+        Ok(records.into_iter().filter_map(|record| model(environment, record)).collect())
+    }
+
+    /// Returns one version.
+    pub async fn get(&self, environment: &Environment, version: u64) -> Result<Model, Problem> {
+        let found = self.list(environment).await?.into_iter().find(|model| model.version == version);
+        found.ok_or_else(|| StoreError::UnknownModel(version).into())
+    }
+
+    /// Keeps a network with its card.
+    pub async fn keep(&self, environment: &Environment, content: &file::Content, card: &Card) -> Result<u64, Problem> {
+        let text = serde_json::to_string(card).expect("a card is JSON");
+        let weights = file::write(environment, content, &text);
+        if weights.len() > file::MOST_BYTES {
+            let message =
+                format!("the network takes {} bytes, more than {}; make it narrower", weights.len(), file::MOST_BYTES);
+            return Err(Problem::new(ErrorKind::TooLarge, "NETWORK_TOO_LARGE", message));
+        }
+        let Pair { ego, other, .. } = content.pair;
+        let model = NewModel { ego, other, kind: content.kind.as_str().to_owned(), card: text, weights };
+        self.store.keep_model(environment.id, &model).await.map_err(logged)
+    }
+
+    /// Makes a version the one that answers for its pair.
+    pub async fn activate(&self, environment: &Environment, version: u64) -> Result<Model, Problem> {
+        let model = self.get(environment, version).await?;
+        if model.stale {
+            let rule = environment.rule.threshold_nats();
+            let message = format!(
+                "version {version} answers at a threshold of {} nats only, and the rule's is {rule}: train another",
+                model.card.threshold
+            );
+            return Err(Problem::new(ErrorKind::Conflict, "MODEL_STALE", message));
+        }
+        let _turn = self.turn.lock().await;
+        self.store.activate_model(environment.id, version).await.map_err(logged)?;
+        self.forget(environment);
+        self.get(environment, version).await
+    }
+
+    /// Takes a version back, and returns the one that answers for its pair instead.
+    pub async fn roll_back(&self, environment: &Environment, version: u64) -> Result<Option<Model>, Problem> {
+        let model = self.get(environment, version).await?;
+        if !model.active {
+            let message = format!("version {version} is not active");
+            return Err(Problem::new(ErrorKind::Conflict, "MODEL_NOT_ACTIVE", message));
+        }
+        let _turn = self.turn.lock().await;
+        self.store.deactivate_model(environment.id, version).await.map_err(logged)?;
+        self.forget(environment);
+        let same_pair = |one: &Model| one.active && one.ego == model.ego && one.other == model.other;
+        Ok(self.list(environment).await?.into_iter().find(same_pair))
+    }
+
+    /// Removes a version that is not active.
+    pub async fn delete(&self, environment: &Environment, version: u64) -> Result<(), Problem> {
+        if self.get(environment, version).await?.active {
+            let message =
+                format!("version {version} is active: activate another, or take it back, before you delete it");
+            return Err(Problem::new(ErrorKind::Conflict, "MODEL_ACTIVE", message));
+        }
+        let _turn = self.turn.lock().await;
+        self.store.delete_model(environment.id, version).await.map_err(logged)?;
+        self.forget(environment);
+        Ok(())
+    }
+
+    /// Returns a version as a file.
+    pub async fn export(&self, environment: &Environment, version: u64) -> Result<Vec<u8>, Problem> {
+        let found = self.store.model(environment.id, version).await.map_err(logged)?;
+        found.map(|(_, weights)| weights).ok_or_else(|| StoreError::UnknownModel(version).into())
+    }
+
+    /// Returns a version ready to answer.
+    pub async fn network(&self, environment: &Environment, version: u64) -> Result<Arc<Network>, Problem> {
+        let remembered =
+            self.active.load().values().flatten().find(|network| network.is_of(environment.id, version)).cloned();
+        match remembered {
+            Some(network) => Ok(network),
+            None => self.load(environment, version).await,
+        }
+    }
+
+    /// Returns the network that answers for a pair.
+    pub async fn active(&self, environment: &Environment, pair: &Pair) -> Result<Option<Arc<Network>>, Problem> {
+        let place = (environment.id, pair.ego, pair.other);
+        if let Some(known) = self.active.load().get(&place) {
+            return Ok(known.clone());
+        }
+        let _turn = self.turn.lock().await;
+        if let Some(known) = self.active.load().get(&place) {
+            return Ok(known.clone());
+        }
+        let records = self.store.models(environment.id).await.map_err(logged)?;
+        let record = records.into_iter().find(|one| one.active && (one.ego, one.other) == (pair.ego, pair.other));
+        let network = match record {
+            Some(record) => Some(self.load(environment, record.version).await?),
+            None => None,
+        };
+        self.remember(place, network.clone());
+        Ok(network)
+    }
+
+    async fn load(&self, environment: &Environment, version: u64) -> Result<Arc<Network>, Problem> {
+        let found = self.store.model(environment.id, version).await.map_err(logged)?;
+        let (record, weights) = found.ok_or(StoreError::UnknownModel(version))?;
+        let content = file::read(environment, &weights).inspect_err(|error| unreadable(environment, version, error))?;
+        let card = serde_json::from_str(&record.card).map_err(|error| {
+            unreadable(environment, version, &error);
+            Problem::new(ErrorKind::Internal, "INTERNAL", format!("version {version} cannot be read"))
+        })?;
+        Ok(Arc::new(Network::new(environment.id, version, content, &card)))
+    }
+
+    /// Only called by who has the turn, as is `forget`.
+    fn remember(&self, place: Place, network: Option<Arc<Network>>) {
+        let mut active = Active::clone(&self.active.load());
+        // Environments that are gone do not come back: their numbers are never used again.
+        let known = self.store.environments();
+        active.retain(|(id, ..), _| known.iter().any(|environment| environment.id == *id));
+        active.insert(place, network);
+        self.active.store(Arc::new(active));
+    }
+
+    fn forget(&self, environment: &Environment) {
+        let mut active = Active::clone(&self.active.load());
+        active.retain(|(id, ..), _| *id != environment.id);
+        self.active.store(Arc::new(active));
+    }
+}
+
+fn model(environment: &Environment, record: ModelRecord) -> Option<Model> {
+    let card: Card =
+        serde_json::from_str(&record.card).inspect_err(|error| unreadable(environment, record.version, error)).ok()?;
+    let agent = |at: usize| environment.schema.agents().get(at).map(|agent| agent.name.to_string());
+    let stale = card.training.kind == ModelKind::Direct && card.threshold != environment.rule.threshold_nats();
+    Some(Model {
+        version: record.version,
+        ego: agent(record.ego)?,
+        other: agent(record.other)?,
+        active: record.active,
+        stale,
+        card,
+    })
+}
+
+fn unreadable(environment: &Environment, version: u64, error: &dyn std::fmt::Display) {
+    tracing::warn!(%error, environment = %environment.name, version, "a network cannot be read");
+}
+
+/// Notes an error of the store, and tells it in words about networks.
+pub fn logged(error: StoreError) -> Problem {
+    match error {
+        StoreError::UnknownModel(_) | StoreError::UnknownEnvironment => error.into(),
+        StoreError::Aborted(_) | StoreError::OutcomeUnknown(_) => {
+            tracing::error!(%error, "the registry of networks could not be changed");
+            let message = "the database did not confirm the change: list the networks before you try again";
+            Problem::new(ErrorKind::Unavailable, "STORE_UNAVAILABLE", message)
+        }
+        _ => {
+            tracing::error!(%error, "the registry of networks could not be read");
+            error.into()
+        }
+    }
+}
