@@ -39,7 +39,6 @@ use std::time::Instant;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
-use self::dataset::Dataset;
 use self::encoder::{Encoder, MOST_INPUTS};
 use self::jobs::Jobs;
 use self::judge::Split;
@@ -53,6 +52,8 @@ use crate::priors::Fits;
 use crate::store::Store;
 use crate::telemetry;
 
+pub use back_off::BackOff;
+pub use dataset::{Dataset, Example};
 pub use network::{Network, Prediction};
 
 /// The networks of every environment. Cloning is cheap.
@@ -181,7 +182,8 @@ impl Networks {
         self.running.wait().await;
     }
 
-    async fn dataset(&self, environment: &Environment, pair: &Pair) -> Result<Dataset, Problem> {
+    /// Reads what a network of a pair would learn from, as it is counted now.
+    pub async fn dataset(&self, environment: &Environment, pair: &Pair) -> Result<Dataset, Problem> {
         let read = Dataset::read(&*self.store, &self.fits, environment, pair).await.map_err(logged)?;
         read.ok_or_else(|| {
             Problem::new(ErrorKind::TooLarge, "TOO_MANY_ACTIONS", "the agents have too many actions for evidence")
