@@ -3,6 +3,7 @@
 //! Requests become drafts, which the domain checks; answers become proto messages, and JSON is made of those, so that the faces cannot disagree.
 
 pub mod grpc;
+pub mod inference;
 pub mod json;
 
 use crate::domain::View;
@@ -15,6 +16,12 @@ pub mod proto {
 
     /// The encoded descriptors of every message and service, for reflection.
     pub const DESCRIPTORS: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/descriptors.bin"));
+}
+
+/// The messages and the service of the Open Inference Protocol, package `inference`, generated from `proto/`.
+#[allow(missing_docs, clippy::all)]
+pub mod inference_proto {
+    tonic::include_proto!("inference");
 }
 
 /// The largest gRPC message, either way, in bytes.
