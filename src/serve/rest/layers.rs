@@ -1,4 +1,4 @@
-//! What is done for every request: an id, a trace, limits, compression, and problems for errors.
+//! What is done for every request: an id, a trace, limits, compression, and errors in the form of their face.
 //!
 //! On the REST routes only: a timeout or a body limit would end the streams of the gRPC face.
 
@@ -26,13 +26,14 @@ use crate::telemetry;
 
 // Both limits are told in words in `status.rs`.
 const TIMEOUT: Duration = Duration::from_secs(30);
-const MOST_BODY_BYTES: usize = 16 << 20;
+/// The largest body, in bytes.
+pub const MOST_BODY_BYTES: usize = 16 << 20;
 /// An answer for one state is smaller, and sooner sent than compressed.
 const LEAST_COMPRESSED_BYTES: u64 = 1_024;
 const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 
-/// Puts the layers around the routes and the fallback of a router.
-pub fn around(router: Router) -> Router {
+/// Puts the layers around the routes and the fallback of a router, whose errors are told in that form.
+pub fn around(router: Router, form: problems::Form) -> Router {
     let compressible = SizeAbove::new(LEAST_COMPRESSED_BYTES).and(NotForContentType::IMAGES);
     // The first is outermost.
     let layers = ServiceBuilder::new()
@@ -46,7 +47,7 @@ pub fn around(router: Router) -> Router {
         )
         .layer(PropagateRequestIdLayer::new(REQUEST_ID))
         .layer(CompressionLayer::new().quality(CompressionLevel::Fastest).compress_when(compressible))
-        .layer(middleware::from_fn(problems::tell))
+        .layer(middleware::from_fn_with_state(form, problems::tell))
         .layer(CatchPanicLayer::custom(problems::of_panic))
         .layer(TimeoutLayer::with_status_code(StatusCode::SERVICE_UNAVAILABLE, TIMEOUT))
         .layer(RequestBodyLimitLayer::new(MOST_BODY_BYTES))

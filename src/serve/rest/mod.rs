@@ -3,13 +3,13 @@
 //! A handler decodes a draft, asks the room that knows, and encodes what it says. What is wrong with the input is decided further in.
 
 mod environments;
-mod extract;
+pub mod extract;
 mod graph;
 mod influence;
-mod layers;
+pub mod layers;
 mod learning;
 mod openapi;
-mod problems;
+pub mod problems;
 mod states;
 mod summary;
 mod transitions;
@@ -18,12 +18,13 @@ use axum::Router;
 use axum::routing::{get, post, put};
 use utoipa_swagger_ui::{Config, SwaggerUi};
 
+use super::status::Failure;
 use crate::app::App;
 
 /// Returns the REST face with its documentation.
 pub fn router(app: App) -> Router {
     let routes = routes().layer(axum::middleware::from_fn(layers::measure)).with_state(app);
-    layers::around(routes.merge(documentation()).fallback(problems::unknown_path))
+    layers::around(routes.merge(documentation()).fallback(problems::unknown_path), Failure::tell)
 }
 
 fn routes() -> Router<App> {

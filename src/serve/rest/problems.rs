@@ -2,12 +2,15 @@
 
 use std::any::Any;
 
-use axum::extract::Request;
+use axum::extract::{Request, State};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use http::{StatusCode, header};
 
 use crate::serve::status::Failure;
+
+/// How a face tells a failure of the request of that path.
+pub type Form = fn(&Failure, &str) -> Response;
 
 /// Answers for every path that is not served.
 pub async fn unknown_path() -> Failure {
@@ -21,18 +24,18 @@ pub fn of_panic(cause: Box<dyn Any + Send>) -> Response {
     Failure::of_http(StatusCode::INTERNAL_SERVER_ERROR).into_response()
 }
 
-/// Gives every error answer the body of a problem, which names the request's path.
-pub async fn tell(request: Request, next: Next) -> Response {
+/// Gives every error answer the body that its face tells.
+pub async fn tell(State(form): State<Form>, request: Request, next: Next) -> Response {
     let uri = request.uri().clone();
     let response = next.run(request).await;
     let status = response.status();
-    if status.is_client_error() || status.is_server_error() { told(response, uri.path()) } else { response }
+    if status.is_client_error() || status.is_server_error() { told(response, form, uri.path()) } else { response }
 }
 
-fn told(response: Response, path: &str) -> Response {
+fn told(response: Response, form: Form, path: &str) -> Response {
     let (mut parts, _) = response.into_parts();
     let failure = parts.extensions.remove::<Failure>().unwrap_or_else(|| Failure::of_http(parts.status));
-    let mut told = failure.tell(path);
+    let mut told = form(&failure, path);
     // Keeps headers such as Allow, and drops those that described the old body.
     for name in [header::CONTENT_TYPE, header::CONTENT_LENGTH, header::CONTENT_ENCODING] {
         parts.headers.remove(name);

@@ -40,7 +40,7 @@ fn router() -> Router {
         .route("/large", get(|| async { "x".repeat(2_000) }))
         .merge(documentation())
         .fallback(problems::unknown_path);
-    cors::allow(around(router), &["https://good.example".into(), "\n".into()])
+    cors::allow(around(router, Failure::tell), &["https://good.example".into(), "\n".into()])
 }
 
 async fn send(request: http::request::Builder, body: impl Into<Body>) -> Response {
