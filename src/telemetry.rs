@@ -20,6 +20,9 @@ const STATES: &str = "nudge_states";
 const CELLS: &str = "nudge_cells";
 const DATABASE: &str = "nudge_database_bytes";
 const QUERY_SECONDS: &str = "nudge_query_duration_seconds";
+const INFERENCE_SECONDS: &str = "nudge_inference_duration_seconds";
+const INFERENCES: &str = "nudge_inferences_total";
+const INFERRED_STATES: &str = "nudge_inference_states_total";
 const VERDICTS: &str = "nudge_verdicts_total";
 const REQUESTS: &str = "nudge_requests_total";
 const REQUEST_SECONDS: &str = "nudge_request_duration_seconds";
@@ -50,6 +53,9 @@ fn describe() {
         Unit::Seconds,
         "Time to answer a question about influence, without its transport"
     );
+    describe_histogram!(INFERENCE_SECONDS, Unit::Seconds, "Time to predict for a request, without its transport");
+    describe_counter!(INFERENCES, "Requests for predictions, by code: OK, or the reason of the refusal");
+    describe_counter!(INFERRED_STATES, "States that networks predicted for on request");
     describe_counter!(VERDICTS, "Verdicts given, by basis");
     describe_counter!(REQUESTS, "Requests, by face, route or method, and code");
     describe_histogram!(REQUEST_SECONDS, Unit::Seconds, "Time to answer a request, by face and route or method");
@@ -125,6 +131,13 @@ pub fn answered(took: Duration, by_counts: u64, by_prior: u64) {
 /// Records a training that is over, by its outcome.
 pub fn trained(outcome: &'static str, took: Duration) {
     histogram!(TRAINING_SECONDS, "outcome" => outcome).record(took.as_secs_f64());
+}
+
+/// Records a request for predictions: `OK` or why it was refused, one of few words, and for how many states.
+pub fn inferred(took: Duration, code: &'static str, states: u64) {
+    histogram!(INFERENCE_SECONDS).record(took.as_secs_f64());
+    counter!(INFERENCES, "code" => code).increment(1);
+    counter!(INFERRED_STATES).increment(states);
 }
 
 /// Records a request.

@@ -5,20 +5,22 @@ use http::{HeaderName, HeaderValue, Method, header};
 use tower_http::cors::{AllowOrigin, CorsLayer};
 
 /// What the two faces send beside what every request may have, and what a page may read of the answers.
-const SENT: [HeaderName; 6] = [
+const SENT: [HeaderName; 7] = [
     header::CONTENT_TYPE,
     HeaderName::from_static("x-request-id"),
     HeaderName::from_static("x-grpc-web"),
     HeaderName::from_static("x-user-agent"),
     HeaderName::from_static("grpc-timeout"),
     HeaderName::from_static("connect-protocol-version"),
+    HeaderName::from_static("inference-header-content-length"),
 ];
-const READ: [HeaderName; 5] = [
+const READ: [HeaderName; 6] = [
     header::RETRY_AFTER,
     HeaderName::from_static("x-request-id"),
     HeaderName::from_static("grpc-status"),
     HeaderName::from_static("grpc-message"),
     HeaderName::from_static("grpc-status-details-bin"),
+    HeaderName::from_static("inference-header-content-length"),
 ];
 
 /// Lets pages of these origins call every route; `*` stands for any origin, an empty list for none.

@@ -1,4 +1,4 @@
-//! Everything on a listening socket: REST, gRPC, gRPC-Web and operations on one port.
+//! Everything on a listening socket: REST, gRPC, gRPC-Web, the inference protocol and operations on one port.
 //!
 //! Handlers decode, ask a room of [`App`], and encode. An `if` about the problem rather than the protocol belongs further in.
 
@@ -12,6 +12,7 @@ pub mod listen;
 
 mod cors;
 mod grpc;
+mod inference;
 mod operations;
 mod rest;
 mod status;
@@ -37,6 +38,7 @@ async fn router(app: App, settings: &Settings) -> Result<Router, tonic_reflectio
     // Without this an unknown REST path would answer 200 with a gRPC status.
     let grpc = grpc::routes(app.clone()).await?.into_axum_router().reset_fallback();
     let grpc = grpc.layer(tonic_web::GrpcWebLayer::new());
-    let router = rest::router(app.clone()).merge(operations::router(app)).merge(grpc);
+    let router =
+        rest::router(app.clone()).merge(inference::router(app.clone())).merge(operations::router(app)).merge(grpc);
     Ok(cors::allow(router, &settings.cors_origins))
 }

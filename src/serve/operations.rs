@@ -7,6 +7,7 @@ use axum::routing::get;
 use axum::{Json, Router};
 
 use crate::app::App;
+use crate::error::{ErrorKind, Problem};
 use crate::telemetry;
 
 /// Returns the routes for operators.
@@ -18,14 +19,27 @@ pub fn router(app: App) -> Router {
         .with_state(app)
 }
 
-/// 200 where the service can take and answer, else 503; `?verbose` tells each check.
-async fn readyz(State(app): State<App>, RawQuery(query): RawQuery) -> Response {
+type Check = (&'static str, Result<(), String>);
+
+/// Says whether the service can take and answer, or why not.
+pub async fn ready(app: &App) -> Result<(), Problem> {
+    let failed = checks(app).await.into_iter().find_map(|(name, check)| check.err().map(|why| (name, why)));
+    let problem = |(name, why)| Problem::new(ErrorKind::Unavailable, "NOT_READY", format!("not ready: {name}: {why}"));
+    failed.map_or(Ok(()), |failed| Err(problem(failed)))
+}
+
+async fn checks(app: &App) -> [Check; 3] {
     let database = app.store.ready().await.map_err(|error| error.to_string());
-    let checks = [
+    [
         ("database", database),
         ("committer", app.ingest.is_running().then_some(()).ok_or_else(|| "stopped".into())),
         ("draining", (!app.draining.is_cancelled()).then_some(()).ok_or_else(|| "the service is stopping".into())),
-    ];
+    ]
+}
+
+/// 200 where the service can take and answer, else 503; `?verbose` tells each check.
+async fn readyz(State(app): State<App>, RawQuery(query): RawQuery) -> Response {
+    let checks = checks(&app).await;
     let ready = checks.iter().all(|(_, check)| check.is_ok());
     let status = if ready { StatusCode::OK } else { StatusCode::SERVICE_UNAVAILABLE };
     let verbose =
@@ -33,7 +47,7 @@ async fn readyz(State(app): State<App>, RawQuery(query): RawQuery) -> Response {
     if !verbose {
         return (status, if ready { "ready\n" } else { "not ready\n" }).into_response();
     }
-    let told = |(name, check): (&str, Result<(), String>)| (name.to_owned(), check.err().unwrap_or("ok".into()).into());
+    let told = |(name, check): Check| (name.to_owned(), check.err().unwrap_or("ok".into()).into());
     let checks: serde_json::Map<String, serde_json::Value> = checks.into_iter().map(told).collect();
     (status, Json(serde_json::json!({ "ready": ready, "checks": checks }))).into_response()
 }

@@ -66,9 +66,11 @@ impl Failure {
             StatusCode::PAYLOAD_TOO_LARGE => {
                 (ErrorKind::TooLarge, "BODY_TOO_LARGE", "the body is larger than 16 MiB; send less at a time")
             }
-            StatusCode::UNSUPPORTED_MEDIA_TYPE => {
-                (ErrorKind::Invalid, "UNSUPPORTED_MEDIA_TYPE", "the body is of a type that this path does not take")
-            }
+            StatusCode::UNSUPPORTED_MEDIA_TYPE => (
+                ErrorKind::Invalid,
+                "UNSUPPORTED_MEDIA_TYPE",
+                "the body is of a type or an encoding that this path does not take",
+            ),
             StatusCode::SERVICE_UNAVAILABLE => {
                 (ErrorKind::Unavailable, "TIMEOUT", "no answer within 30 seconds; sending it again is safe")
             }
@@ -90,8 +92,16 @@ impl Failure {
     /// Tells the failure of the request of that path as `application/problem+json`, and when to retry where it helps.
     pub fn tell(&self, instance: &str) -> Response {
         let body = json::Problem::new(&self.problem, self.status.as_u16(), instance);
-        let content_type = [(header::CONTENT_TYPE, "application/problem+json")];
-        let mut response = (self.status, content_type, axum::Json(body)).into_response();
+        self.response("application/problem+json", axum::Json(body))
+    }
+
+    /// Tells the failure as `{"error": text}`, as the Open Inference Protocol wants it.
+    pub fn tell_text(&self, _: &str) -> Response {
+        self.response("application/json", axum::Json(serde_json::json!({ "error": self.problem.message })))
+    }
+
+    fn response(&self, content_type: &'static str, body: impl IntoResponse) -> Response {
+        let mut response = (self.status, [(header::CONTENT_TYPE, content_type)], body).into_response();
         if self.problem.kind.is_retryable() {
             response.headers_mut().insert(header::RETRY_AFTER, RETRY_AFTER.as_secs().into());
         }

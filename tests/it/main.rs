@@ -10,6 +10,7 @@ mod experiments;
 mod faces;
 mod fake;
 mod golden;
+mod inference;
 mod ingest;
 mod kill;
 mod operations;

@@ -49,7 +49,7 @@ async fn every_error_of_rest_is_a_problem() {
     let app = TestApp::start().await;
     let cases = [
         ("GET", "/v1/environmints", 404),
-        ("GET", "/v2/nothing/here", 404),
+        ("GET", "/v3/nothing/here", 404),
         ("DELETE", "/v1/environments", 405),
         ("GET", "/v1/environments/lane", 404),
         ("GET", "/v1/environments?page_sise=3", 400),
@@ -92,7 +92,13 @@ async fn the_openapi_document_names_every_path() {
 async fn grpc_tells_its_health_and_itself() {
     let app = TestApp::start().await;
     let mut health = HealthClient::new(app.channel().await);
-    for service in ["", "nudge.v1.IngestService", "nudge.v1.InfluenceService", "nudge.v1.EnvironmentService"] {
+    for service in [
+        "",
+        "nudge.v1.IngestService",
+        "nudge.v1.InfluenceService",
+        "nudge.v1.EnvironmentService",
+        "inference.GRPCInferenceService",
+    ] {
         let answer = health.check(HealthCheckRequest { service: service.into() }).await.expect("known").into_inner();
         assert_eq!(answer.status, 1, "{service} serves");
     }

@@ -7,6 +7,7 @@ use tonic::service::Routes;
 use tonic::{Code, Response, Status};
 
 use super::status;
+use crate::api::inference_proto::grpc_inference_service_server::GrpcInferenceServiceServer;
 use crate::api::proto::environment_service_server::EnvironmentServiceServer;
 use crate::api::proto::influence_service_server::InfluenceServiceServer;
 use crate::api::proto::ingest_service_server::IngestServiceServer;
@@ -16,6 +17,7 @@ use crate::error::Problem;
 use crate::telemetry;
 
 mod environment;
+mod inference;
 mod influence;
 mod ingest;
 
@@ -38,6 +40,7 @@ pub async fn routes(app: App) -> Result<Routes, tonic_reflection::server::Error>
     health.set_serving::<EnvironmentServiceServer<Face>>().await;
     health.set_serving::<IngestServiceServer<Face>>().await;
     health.set_serving::<InfluenceServiceServer<Face>>().await;
+    health.set_serving::<GrpcInferenceServiceServer<Face>>().await;
     tokio::spawn(not_serving_when(app.draining.clone(), health));
     let descriptors = || {
         tonic_reflection::server::Builder::configure()
@@ -49,6 +52,7 @@ pub async fn routes(app: App) -> Result<Routes, tonic_reflection::server::Error>
         .add_service(limited!(EnvironmentServiceServer))
         .add_service(limited!(IngestServiceServer))
         .add_service(limited!(InfluenceServiceServer))
+        .add_service(limited!(GrpcInferenceServiceServer))
         .add_service(checked)
         .add_service(descriptors().build_v1()?)
         .add_service(descriptors().build_v1alpha()?);
@@ -57,7 +61,13 @@ pub async fn routes(app: App) -> Result<Routes, tonic_reflection::server::Error>
 
 async fn not_serving_when(draining: tokio_util::sync::CancellationToken, health: tonic_health::server::HealthReporter) {
     draining.cancelled().await;
-    let names = ["", "nudge.v1.EnvironmentService", "nudge.v1.IngestService", "nudge.v1.InfluenceService"];
+    let names = [
+        "",
+        "nudge.v1.EnvironmentService",
+        "nudge.v1.IngestService",
+        "nudge.v1.InfluenceService",
+        "inference.GRPCInferenceService",
+    ];
     for name in names {
         health.set_service_status(name, tonic_health::ServingStatus::NotServing).await;
     }

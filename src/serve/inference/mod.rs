@@ -1,0 +1,118 @@
+//! The Open Inference Protocol, version 2, over REST: `/v2` at the root. Over gRPC it is in `serve::grpc`; both ask [`served`].
+//!
+//! Its errors are `{"error": text}`, for paths that are not served too. It is not in the OpenAPI document, every operation of which refuses with a
+//! problem: the protocol has a document of its own.
+
+pub mod served;
+
+use axum::Router;
+use axum::extract::rejection::BytesRejection;
+use axum::extract::{DefaultBodyLimit, State};
+use axum::middleware;
+use axum::response::{IntoResponse, Response};
+use axum::routing::{any, get, post};
+use bytes::Bytes;
+use http::{HeaderMap, HeaderName, header};
+use serde::Deserialize;
+use serde_json::{Value, json};
+use tower_http::decompression::RequestDecompressionLayer;
+
+use self::served::{ModelName, Served};
+use super::operations;
+use super::rest::extract::Path;
+use super::rest::{layers, problems};
+use super::status::Failure;
+use crate::api::inference::grpc;
+use crate::api::inference::rest::{self, Encoded};
+use crate::api::inference_proto::ModelMetadataResponse;
+use crate::app::App;
+
+const HEADER_LENGTH: HeaderName = HeaderName::from_static(rest::HEADER_LENGTH);
+
+/// Returns the routes below `/v2`.
+pub fn router(app: App) -> Router {
+    // Triton's client can compress what it sends; the limit is then on what comes out of it, too.
+    let unpacked = DefaultBodyLimit::max(layers::MOST_BODY_BYTES);
+    let routes = routes().layer(unpacked).layer(RequestDecompressionLayer::new());
+    let routes = routes.layer(middleware::from_fn(layers::measure)).with_state(app);
+    let unknown = Router::new().route("/v2/{*path}", any(problems::unknown_path));
+    layers::around(routes.merge(unknown), Failure::tell_text)
+}
+
+fn routes() -> Router<App> {
+    Router::new()
+        .route("/v2", get(server))
+        .route("/v2/", get(server))
+        .route("/v2/health/live", get(live))
+        .route("/v2/health/ready", get(ready))
+        .route("/v2/models/{model}", get(metadata))
+        .route("/v2/models/{model}/ready", get(model_ready))
+        .route("/v2/models/{model}/infer", post(infer))
+        .route("/v2/models/{model}/versions/{version}", get(metadata))
+        .route("/v2/models/{model}/versions/{version}/ready", get(model_ready))
+        .route("/v2/models/{model}/versions/{version}/infer", post(infer))
+}
+
+/// What a path names.
+#[derive(Deserialize)]
+struct Named {
+    model: String,
+    #[serde(default)]
+    version: String,
+}
+
+impl Named {
+    fn name(&self) -> ModelName<'_> {
+        ModelName { model: &self.model, version: &self.version }
+    }
+}
+
+async fn server() -> axum::Json<rest::Server> {
+    axum::Json(grpc::server().into())
+}
+
+async fn live() -> axum::Json<Value> {
+    axum::Json(json!({ "live": true }))
+}
+
+async fn ready(State(app): State<App>) -> Result<axum::Json<Value>, Failure> {
+    operations::ready(&app).await?;
+    Ok(axum::Json(json!({ "ready": true })))
+}
+
+async fn model_ready(State(app): State<App>, Path(named): Path<Named>) -> Result<axum::Json<Value>, Failure> {
+    Served::find(&app, named.name()).await?;
+    operations::ready(&app).await?;
+    Ok(axum::Json(json!({ "name": named.model, "ready": true })))
+}
+
+async fn metadata(State(app): State<App>, Path(named): Path<Named>) -> Result<axum::Json<rest::Model>, Failure> {
+    let metadata = Served::find(&app, named.name()).await?.metadata(&app).await?;
+    Ok(axum::Json(ModelMetadataResponse::from(metadata).into()))
+}
+
+/// Takes a body of any type: clients send none, and what a page could make a browser send changes nothing here.
+async fn infer(
+    State(app): State<App>,
+    Path(named): Path<Named>,
+    headers: HeaderMap,
+    body: Result<Bytes, BytesRejection>,
+) -> Result<Response, Failure> {
+    let body = body.map_err(|rejection| Failure::of_http(rejection.status()))?;
+    let header_length = headers.get(HEADER_LENGTH).map(|value| value.to_str().unwrap_or_default());
+    let (request, form) = rest::request(&body, header_length)?;
+    let answer = served::infer(&app, named.name(), request).await?;
+    Ok(response(Encoded::new(&answer, &form)))
+}
+
+fn response(encoded: Encoded) -> Response {
+    let Encoded { header_length, body } = encoded;
+    match header_length {
+        None => ([(header::CONTENT_TYPE, "application/json")], body).into_response(),
+        Some(length) => {
+            let headers =
+                [(header::CONTENT_TYPE, "application/octet-stream".to_owned()), (HEADER_LENGTH, length.to_string())];
+            (headers, body).into_response()
+        }
+    }
+}

@@ -1,0 +1,192 @@
+//! What the protocol asks of this service, without its wire: which network a model's name and version mean, what it takes, and what it predicts.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use crate::api::inference::{Answer, Figure, Metadata, Output, Request};
+use crate::app::App;
+use crate::domain::draft::PairDraft;
+use crate::domain::{Environment, Pair};
+use crate::error::{ErrorKind, Fault, Problem};
+use crate::model::{Network, Prediction};
+use crate::telemetry;
+
+/// Requests of fewer values are sooner answered than handed to another thread; some hundreds of rows.
+const MOST_INLINE_VALUES: usize = 2_048;
+
+/// A model as a caller names it. An empty version means the one that is active.
+#[derive(Debug, Clone, Copy)]
+pub struct ModelName<'a> {
+    /// `{environment}~{ego}~{other}`, or `{environment}` for its first two agents.
+    pub model: &'a str,
+    /// A number, or nothing.
+    pub version: &'a str,
+}
+
+/// A network that was found by its model's name.
+pub struct Served {
+    model: Arc<str>,
+    environment: Arc<Environment>,
+    network: Arc<Network>,
+}
+
+/// Predicts for the states of a request.
+pub async fn infer(app: &App, name: ModelName<'_>, request: Request) -> Result<Answer, Problem> {
+    let started = Instant::now();
+    let answer = async { Served::find(app, name).await?.infer(request).await }.await;
+    let states = answer.as_ref().map_or(0, |answer| answer.outputs.first().map_or(0, |output| output.values.len()));
+    let code = answer.as_ref().map_or_else(|problem| problem.reason, |_| "OK");
+    telemetry::inferred(started.elapsed(), code, states as u64);
+    answer
+}
+
+impl Served {
+    /// Finds the network that a name and a version mean.
+    pub async fn find(app: &App, name: ModelName<'_>) -> Result<Self, Problem> {
+        let ModelName { model, version } = name;
+        let (environment, pair) = pair(app, model)?;
+        let network = match number(version)? {
+            Some(version) => app.networks.network(&environment, version).await?,
+            None => app.networks.active(&environment, &pair).await?.ok_or_else(|| none_active(model))?,
+        };
+        if network.pair != pair {
+            return Err(not_found(format!("version {version} is not one of model `{model}`")));
+        }
+        Ok(Self { model: model.into(), environment, network })
+    }
+
+    /// Returns what it takes and answers, and which other versions there are.
+    pub async fn metadata(&self, app: &App) -> Result<Metadata, Problem> {
+        let agents = self.environment.schema.agents();
+        let [ego, other] = [self.network.pair.ego, self.network.pair.other].map(|agent| agents[agent].name.as_str());
+        let models = app.networks.list(&self.environment).await?.models;
+        let of_pair = models.iter().filter(|model| model.ego == ego && model.other == other);
+        Ok(Metadata {
+            model: self.model.clone(),
+            versions: of_pair.map(|model| model.version).collect(),
+            features: self.environment.schema.state().len(),
+            figures: Figure::of(self.network.kind),
+        })
+    }
+
+    /// Predicts for the states of a request.
+    async fn infer(self, request: Request) -> Result<Answer, Problem> {
+        let (id, figures) = (request.id.clone(), request.figures(self.network.kind)?);
+        let predictions = self.predictions(request).await?;
+        let output = |figure| output(figure, self.network.threshold, &predictions);
+        Ok(Answer {
+            outputs: figures.into_iter().map(output).collect::<Result<_, _>>()?,
+            model: self.model,
+            version: self.network.version,
+            id,
+        })
+    }
+
+    /// Few states are read and predicted here, many on a thread that may take its time.
+    async fn predictions(&self, request: Request) -> Result<Vec<Prediction>, Problem> {
+        let values = request.values();
+        let (schema, network) = (self.environment.schema.clone(), self.network.clone());
+        let predict = move || Ok(network.predict(&request.states(&schema)?, network.threshold));
+        if values <= MOST_INLINE_VALUES {
+            return predict();
+        }
+        tokio::task::spawn_blocking(predict).await.map_err(|error| internal(error.to_string()))?
+    }
+}
+
+/// Returns one figure of every state.
+fn output(figure: Figure, threshold: f64, predictions: &[Prediction]) -> Result<Output, Problem> {
+    let value = |prediction: &Prediction| match figure {
+        Figure::InfluenceProbability => prediction.probability,
+        Figure::MutualInformation => prediction.mutual_information,
+    };
+    let values: Option<Vec<f32>> = predictions.iter().map(|one| value(one).map(|value| value as f32)).collect();
+    let (threshold, unit) = match figure {
+        Figure::InfluenceProbability => (Some(threshold), None),
+        Figure::MutualInformation => (None, Some("nats")),
+    };
+    // A network tells every figure of its kind at its own threshold.
+    let values = values.ok_or_else(|| internal(format!("the network does not tell {}", figure.as_str())))?;
+    Ok(Output { figure, threshold, unit, values })
+}
+
+/// Returns the environment and the agents that a model's name means.
+fn pair(app: &App, model: &str) -> Result<(Arc<Environment>, Pair), Problem> {
+    let unknown = |why: &str| not_found(format!("unknown model `{model}`: {why}"));
+    let (environment, agents) = parts(model)
+        .ok_or_else(|| unknown("expected {environment}~{ego}~{other}, or {environment} for its first two agents"))?;
+    let environment = app.environments.find(environment)?;
+    let [ego, other] = agents.map_or([None, None], |agents| agents.map(|agent| Some(agent.to_owned())));
+    let pair = Pair::named(&environment.schema, &PairDraft { ego, other, ..PairDraft::default() });
+    let pair =
+        pair.map_err(|faults| unknown(&faults.into_iter().map(|fault| fault.detail).collect::<Vec<_>>().join("; ")))?;
+    Ok((environment, pair))
+}
+
+/// Takes a model's name apart. No name of an environment or an agent holds a `~`.
+fn parts(model: &str) -> Option<(&str, Option<[&str; 2]>)> {
+    let parts: Vec<&str> = model.split('~').collect();
+    match parts[..] {
+        [environment] => Some((environment, None)),
+        [environment, ego, other] => Some((environment, Some([ego, other]))),
+        _ => None,
+    }
+}
+
+/// Returns the number that a version is written as.
+fn number(version: &str) -> Result<Option<u64>, Problem> {
+    if version.is_empty() {
+        return Ok(None);
+    }
+    let number = version.parse().ok().filter(|number: &u64| number.to_string() == version);
+    let fault = || Fault::new("/version", format!("got {version:?}, expected a number, or nothing for the active one"));
+    number.map(Some).ok_or_else(|| Problem::invalid("model version", vec![fault()]))
+}
+
+fn none_active(model: &str) -> Problem {
+    not_found(format!(
+        "no version of model `{model}` is active: train one, or make one active, or ask for one by its number"
+    ))
+}
+
+fn not_found(message: String) -> Problem {
+    Problem::new(ErrorKind::NotFound, "MODEL_NOT_FOUND", message)
+}
+
+fn internal(cause: String) -> Problem {
+    Problem::new(ErrorKind::Internal, "INTERNAL", cause)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_is_an_environment_or_an_environment_and_two_agents() {
+        assert_eq!(parts("hallway"), Some(("hallway", None)));
+        assert_eq!(parts("a.b-c~robot~human"), Some(("a.b-c", Some(["robot", "human"]))));
+        for wrong in ["a~b", "a~b~c~d", "~", "~~~"] {
+            assert_eq!(parts(wrong), None, "{wrong}");
+        }
+    }
+
+    #[test]
+    fn a_version_is_a_number_or_absent() {
+        assert_eq!(number(""), Ok(None));
+        assert_eq!(number("12"), Ok(Some(12)));
+        for wrong in ["012", "+1", "-1", "1.0", "latest", "18446744073709551616"] {
+            assert_eq!(number(wrong).expect_err(wrong).reason, "INVALID_INPUT");
+        }
+    }
+
+    #[test]
+    fn figures_say_their_unit_or_their_threshold() {
+        let prediction = Prediction { probability: Some(0.25), mutual_information: Some(0.5), agrees: true };
+        let probability = output(Figure::InfluenceProbability, 0.1, &[prediction]).expect("told");
+        assert_eq!((probability.values, probability.threshold, probability.unit), (vec![0.25], Some(0.1), None));
+        let information = output(Figure::MutualInformation, 0.1, &[prediction]).expect("told");
+        assert_eq!((information.values, information.threshold, information.unit), (vec![0.5], None, Some("nats")));
+        let direct = Prediction { mutual_information: None, ..prediction };
+        assert!(output(Figure::MutualInformation, 0.1, &[direct]).is_err());
+    }
+}
