@@ -13,6 +13,15 @@ use crate::model::Networks;
 use crate::priors::Fits;
 use crate::store::{Audit, Store, StoreError};
 
+/// How often it is looked whether counts have grown enough: for priors to be fitted and for networks to be trained again. Never where it is zero.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Upkeep {
+    /// For priors.
+    pub fit_every: Duration,
+    /// For networks.
+    pub train_every: Duration,
+}
+
 /// One handle of each room. Cloning is cheap.
 #[derive(Clone)]
 pub struct App {
@@ -32,26 +41,32 @@ pub struct App {
 }
 
 impl App {
-    /// Opens the rooms on a store, and begins to compare its totals with its cells. Priors are fitted as counts grow if it is said how often to
-    /// look.
-    pub fn open(store: Arc<dyn Store>, fit_every: Option<Duration>) -> Self {
+    /// Opens the rooms on a store, and begins to compare its totals with its cells.
+    pub fn open(store: Arc<dyn Store>, upkeep: Upkeep) -> Self {
         let ingest = Ingest::start(store.clone());
         let fits = Fits::new(store.clone());
+        let networks = Networks::new(store.clone(), fits.clone());
         let app = Self {
             environments: Environments::new(store.clone(), ingest.clone()),
-            networks: Networks::new(store.clone(), fits.clone()),
-            influence: Influence::new(store.clone(), fits.clone()),
+            influence: Influence::new(store.clone(), fits.clone(), networks.clone()),
+            networks,
             ingest,
             store,
             draining: CancellationToken::new(),
             background: TaskTracker::new(),
         };
-        let audit = audit(app.store.clone());
-        app.background.spawn(app.draining.clone().run_until_cancelled_owned(audit));
-        if let Some(every) = fit_every {
-            app.background.spawn(app.draining.clone().run_until_cancelled_owned(fits.keep_up(every)));
+        app.in_background(audit(app.store.clone()));
+        if !upkeep.fit_every.is_zero() {
+            app.in_background(fits.keep_up(upkeep.fit_every));
+        }
+        if !upkeep.train_every.is_zero() {
+            app.in_background(app.networks.clone().keep_up(upkeep.train_every));
         }
         app
+    }
+
+    fn in_background(&self, work: impl Future<Output = ()> + Send + 'static) {
+        self.background.spawn(self.draining.clone().run_until_cancelled_owned(work));
     }
 
     /// Stops the rooms: commits and answers what is queued, then closes the store.

@@ -21,6 +21,8 @@ pub struct Config {
     pub cache_cells: usize,
     /// How often it is looked whether priors are to be fitted again; never if it is zero.
     pub fit_every: Duration,
+    /// How often it is looked whether networks are to be trained again; never if it is zero.
+    pub train_every: Duration,
     /// Origins whose pages may call REST and gRPC-Web; none by default.
     pub cors_origins: Vec<String>,
 }
@@ -35,6 +37,7 @@ impl Default for Config {
             max_producers: 10_000,
             cache_cells: 400_000,
             fit_every: Duration::from_secs(5),
+            train_every: Duration::ZERO,
             cors_origins: Vec::new(),
         }
     }

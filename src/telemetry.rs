@@ -118,10 +118,10 @@ pub fn database(bytes: u64) {
     gauge!(DATABASE).set(bytes as f64);
 }
 
-/// Records a question that was answered, with how many of its verdicts rest on counts and how many on the prior.
-pub fn answered(took: Duration, by_counts: u64, by_prior: u64) {
+/// Records a question that was answered, with how many of its verdicts rest on counts, on a network and on the prior.
+pub fn answered(took: Duration, verdicts: [u64; 3]) {
     histogram!(QUERY_SECONDS).record(took.as_secs_f64());
-    for (basis, verdicts) in [("counts", by_counts), ("prior", by_prior)] {
+    for (basis, verdicts) in ["counts", "model", "prior"].into_iter().zip(verdicts) {
         if verdicts > 0 {
             counter!(VERDICTS, "basis" => basis).increment(verdicts);
         }

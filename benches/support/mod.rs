@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 use nudge::api::proto::environment_service_client::EnvironmentServiceClient;
 use nudge::api::proto::ingest_service_client::IngestServiceClient;
 use nudge::api::proto::{self, IngestRequest, ingest_request, ingest_response};
-use nudge::app::App;
+use nudge::app::{App, Upkeep};
 use nudge::serve::{Settings, serve};
 use nudge::store::{Options, SqliteStore};
 use rand::rngs::StdRng;
@@ -43,7 +43,7 @@ impl Service {
         let directory = Arc::new(TempDir::new().expect("a temporary directory"));
         let path = directory.path().join("nudge.db");
         let store = SqliteStore::open(&path, Options::default()).await.expect("a database");
-        let app = App::open(Arc::new(store), None);
+        let app = App::open(Arc::new(store), Upkeep::default());
         let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
         let address = listener.local_addr().expect("bound");
         let serving = serve(app.clone(), listener, Settings::default());

@@ -10,7 +10,7 @@ use tokio::net::TcpListener;
 
 use super::duration::duration;
 use super::{Failure, output};
-use crate::app::App;
+use crate::app::{App, Upkeep};
 use crate::config::Config;
 use crate::serve::{Settings, serve};
 use crate::store::{Options, Quotas, SqliteStore};
@@ -54,6 +54,9 @@ pub struct ServeSettings {
     /// How often it is looked whether priors are to be fitted to the counts again, which is when a tenth more was counted; 0s for never.
     #[arg(long, env = "NUDGE_FIT_EVERY", value_name = "TIME", value_parser = duration, default_value = "5s")]
     pub fit_every: Duration,
+    /// How often it is looked whether networks are to be trained again, which is when half as much again was counted; 0s for never.
+    #[arg(long, env = "NUDGE_TRAIN_EVERY", value_name = "TIME", value_parser = duration, default_value = "0s")]
+    pub train_every: Duration,
     /// An origin whose pages may call, such as https://example.org; repeat it, or separate several by commas.
     #[arg(long, env = "NUDGE_CORS_ORIGINS", value_name = "ORIGIN", value_delimiter = ',')]
     pub cors_origins: Vec<String>,
@@ -92,6 +95,7 @@ impl ServeSettings {
             max_producers: self.max_producers,
             cache_cells: self.cache_cells,
             fit_every: self.fit_every,
+            train_every: self.train_every,
             cors_origins: self.cors_origins.clone(),
         }
     }
@@ -132,7 +136,7 @@ impl Service {
         let address = listener.local_addr().map_err(|error| cannot_listen(config.listen, &error))?;
         let store =
             SqliteStore::open(&config.database(), options).await.map_err(|error| Failure::usage(error.to_string()))?;
-        let app = App::open(Arc::new(store), Some(config.fit_every).filter(|every| !every.is_zero()));
+        let app = App::open(Arc::new(store), Upkeep { fit_every: config.fit_every, train_every: config.train_every });
         let settings = Settings { cors_origins: config.cors_origins.clone() };
         let serving = serve(app.clone(), listener, settings);
         let serving = tokio::spawn(async { serving.await.map_err(|error| error.to_string()) });
@@ -198,7 +202,7 @@ fn print(config: &Config, log: Log) -> Result<(), Failure> {
     let log = if log == Log::Json { "json" } else { "human" };
     let quoted = |origins: &[String]| origins.iter().map(|origin| format!("{origin:?}")).collect::<Vec<_>>().join(", ");
     output::print(&format!(
-        "listen = \"{}\"\ndata = {:?}\nmax_cells = {}\nmax_segments = {}\nmax_producers = {}\ncache_cells = {}\nfit_every = \"{}s\"\n\
+        "listen = \"{}\"\ndata = {:?}\nmax_cells = {}\nmax_segments = {}\nmax_producers = {}\ncache_cells = {}\nfit_every = \"{}s\"\ntrain_every = \"{}s\"\n\
          cors_origins = [{}]\nlog = \"{log}\"",
         config.listen,
         config.data,
@@ -207,6 +211,7 @@ fn print(config: &Config, log: Log) -> Result<(), Failure> {
         config.max_producers,
         config.cache_cells,
         config.fit_every.as_secs(),
+        config.train_every.as_secs(),
         quoted(&config.cors_origins),
     ))
 }

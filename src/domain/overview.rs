@@ -1,7 +1,7 @@
 //! Answers about more, or less, than influence in one state: a state's counts, pages of states, and all states together.
 
 use super::draft::DiscoveryDraft;
-use super::{Answer, Bin, Evidence, FitId, Label, StateKey, Tally, Unit, Verdict};
+use super::{Answer, Basis, Bin, Evidence, FitId, Label, StateKey, Tally, Unit, Verdict};
 use crate::error::{Fault, Problem};
 
 /// Returns a page size within 1 to 1,000; 0 stands for 100.
@@ -69,6 +69,8 @@ pub struct StateFigures {
     pub expected_if_independent: f64,
     /// The verdict.
     pub verdict: Verdict,
+    /// What it rests on.
+    pub basis: Basis,
     /// What the counts say by the fitted prior, in the page's unit; its interval is left out.
     pub evidence: Option<Evidence>,
     /// The p-value of the test of independence, where discoveries by it were asked for.

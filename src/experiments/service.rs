@@ -6,7 +6,7 @@ use std::sync::Arc;
 use futures::future::try_join_all;
 use tempfile::TempDir;
 
-use crate::app::App;
+use crate::app::{App, Upkeep};
 use crate::domain::draft::{QuestionDraft, SchemaDraft, StatesDraft};
 use crate::domain::{
     Acknowledged, Answer, Batch, Environment, ProducerId, Question, Receipt, Record, Records, Sequence, Widths,
@@ -35,7 +35,7 @@ impl Service {
         let directory = tempfile::tempdir().map_err(|error| unavailable("make a temporary directory", error))?;
         let store = SqliteStore::open(&directory.path().join("nudge.db"), Options::default()).await;
         let store = store.map_err(|error| unavailable("open a temporary database", error))?;
-        let app = App::open(Arc::new(store), None);
+        let app = App::open(Arc::new(store), Upkeep::default());
         let (environment, _) = app.environments.apply("experiment", schema, None).await?;
         Ok(Self { app, environment, sequence: Sequence::NONE, directory })
     }

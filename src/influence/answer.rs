@@ -7,11 +7,13 @@ use super::actions;
 use super::judge::{Judge, Judged};
 use super::survey::Plan;
 use crate::domain::{
-    Answer, Bin, Estimator, Figures, Permutations, Question, Schema, Significance, StateKey, Unit, View,
+    Answer, Bin, Estimator, Figures, ModelAction, ModelFigures, Permutations, Question, Schema, Significance, StateKey,
+    Unit, View,
 };
 use crate::error::{ErrorKind, Problem};
-use crate::evidence::{self, Prior};
+use crate::evidence::Prior;
 use crate::information::{self, Alphabet, Table};
+use crate::model::Prediction;
 use crate::priors::Tables;
 use crate::store::StateCounts;
 
@@ -57,14 +59,15 @@ impl Ground {
 
     fn answers(&self, counts: &[StateCounts], states: std::ops::Range<usize>) -> Vec<Answer> {
         let judge = self.judge();
-        let keys = &self.question.states;
-        states.map(|state| self.answer(judge, &keys[state], &counts[state])).collect()
+        let keys = &self.question.states[states.clone()];
+        let told = keys.iter().zip(&counts[states]).zip(judge.predictions(keys));
+        told.map(|((key, counts), predicted)| self.answer(judge, key, counts, predicted)).collect()
     }
 
     /// Returns the answer for a state with these counts.
-    fn answer(&self, judge: Judge<'_>, key: &StateKey, state: &StateCounts) -> Answer {
+    fn answer(&self, judge: Judge<'_>, key: &StateKey, state: &StateCounts, predicted: Option<Prediction>) -> Answer {
         let cells = || state.counts.of_segments(self.plan.segments.as_deref());
-        let judged = judge.judge(key, cells());
+        let judged = judge.judge(key, cells(), predicted);
         let visits = judged.tables.whole.total();
         // What the evidence rests on, for those figures that need the tables themselves.
         let draws = LazyCell::new(|| judged.tables.draws(judge.schema, &judge.scope.pair, cells()));
@@ -79,18 +82,34 @@ impl Ground {
                 bins: bins(judge.schema, key),
                 significance,
                 visits_to_decide,
+                model: predicted.and_then(|predicted| self.model(judge, key, predicted)),
                 revision: state.revision,
                 ..self.figures(judge, &judged)
             })
         });
         let by_action = (judge.view == View::Full).then(|| actions::by_action(judge, &judged.tables, &draws));
-        let basis = evidence::basis(visits);
-        Answer { key: key.clone(), visits, verdict: judged.verdict, basis, figures, by_action }
+        Answer { key: key.clone(), visits, verdict: judged.verdict, basis: judged.basis, figures, by_action }
     }
 
     /// Returns who looks how many more visits a verdict would take, if that is asked for and there are not too many actions for it.
     fn foresees(&self) -> Option<&Prior> {
         self.plan.fitted.as_ref().filter(|_| self.question.visits_to_decide)?.in_detail()
+    }
+
+    /// Returns what the network says of a state, in the question's unit.
+    fn model(&self, judge: Judge<'_>, key: &StateKey, predicted: Prediction) -> Option<ModelFigures> {
+        let network = judge.network?;
+        let unit = judge.scope.unit;
+        let in_unit = |action: ModelAction| ModelAction { divergence: unit.from_nats(action.divergence), ..action };
+        let by_action = (judge.view == View::Full).then(|| network.by_action(&self.plan.environment, key));
+        Some(ModelFigures {
+            version: network.version,
+            kind: network.kind,
+            probability: predicted.probability,
+            mutual_information: predicted.mutual_information.map(|nats| unit.from_nats(nats)),
+            agrees: predicted.agrees,
+            by_action: by_action.into_iter().flatten().map(in_unit).collect(),
+        })
     }
 
     fn figures(&self, judge: Judge<'_>, judged: &Judged) -> Figures {

@@ -1,8 +1,9 @@
 //! One state's counts, judged: its tables, what the evidence says of them, and the verdict.
 
-use crate::domain::{Cell, Evidence, Probability, RuleKind, Schema, Scope, StateKey, Tally, Verdict, View};
+use crate::domain::{Basis, Cell, Evidence, Probability, RuleKind, Schema, Scope, StateKey, Tally, Verdict, View};
 use crate::evidence::{self, Belief};
 use crate::information::{Table, plug_in};
+use crate::model::{Network, Prediction};
 use crate::priors::{Fitted, Tables};
 
 /// Who judges: a schema, a question's scope and the fit that the evidence rests on.
@@ -11,6 +12,8 @@ pub struct Judge<'a> {
     pub schema: &'a Schema,
     pub scope: &'a Scope,
     pub fitted: Option<&'a Fitted>,
+    /// Who is asked where the counts do not decide.
+    pub network: Option<&'a Network>,
     /// Whether figures are wanted: a verdict by the paper's rule needs no evidence.
     pub view: View,
     /// Whether evidence is remembered: that of all segments, which many ask about again.
@@ -29,11 +32,26 @@ pub struct Judged {
     pub evidence: Option<Evidence>,
     /// The verdict.
     pub verdict: Verdict,
+    /// What it rests on.
+    pub basis: Basis,
 }
 
 impl Judge<'_> {
-    /// Judges a state by its cells.
-    pub fn judge<'c>(&self, key: &StateKey, cells: impl Iterator<Item = &'c Cell> + Clone) -> Judged {
+    /// Returns what the network says of states; `None` where there is none.
+    pub fn predictions(&self, keys: &[StateKey]) -> Vec<Option<Prediction>> {
+        match self.network {
+            Some(network) => network.predict(keys, self.scope.rule.threshold_nats()).into_iter().map(Some).collect(),
+            None => vec![None; keys.len()],
+        }
+    }
+
+    /// Judges a state by its cells, and where they do not decide, by what the network says of it.
+    pub fn judge<'c>(
+        &self,
+        key: &StateKey,
+        cells: impl Iterator<Item = &'c Cell> + Clone,
+        predicted: Option<Prediction>,
+    ) -> Judged {
         let Scope { pair, rule, .. } = self.scope;
         let tables = Tables::new(self.schema, pair, cells.clone());
         let plug_in = tables.figure(plug_in);
@@ -46,8 +64,20 @@ impl Judge<'_> {
             now: evidence.probability.above_threshold,
             unseen: fitted.unseen_above(rule.threshold_nats()),
         });
-        let verdict = evidence::decide(rule, tables.whole.total(), plug_in, above);
-        Judged { tables, tally, plug_in, evidence, verdict }
+        let visits = tables.whole.total();
+        let counted = evidence::decide(rule, visits, plug_in, above);
+        let (verdict, basis) = match self.asked(counted, predicted) {
+            Some(told) => told,
+            None => (counted, evidence::basis(visits)),
+        };
+        Judged { tables, tally, plug_in, evidence, verdict, basis }
+    }
+
+    /// Returns the verdict of the network where the counts have none and it can tell at this threshold.
+    fn asked(&self, counted: Verdict, predicted: Option<Prediction>) -> Option<(Verdict, Basis)> {
+        let (network, predicted) = (self.network?, predicted?);
+        let can_tell = counted == Verdict::Undecided && predicted.probability.is_some();
+        can_tell.then(|| (network.decide(&predicted, self.scope.rule.confidence), Basis::Model(network.version)))
     }
 
     fn remembered(&self, fitted: &Fitted, key: &StateKey, tally: Tally, find: impl FnOnce() -> Evidence) -> Evidence {

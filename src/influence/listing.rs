@@ -88,6 +88,7 @@ fn figures(schema: &Schema, unit: Unit, row: &Row) -> StateFigures {
         plug_in: unit.from_nats(row.plug_in),
         expected_if_independent: unit.from_nats(row.expected),
         verdict: row.verdict,
+        basis: row.basis,
         evidence: row.evidence.map(|evidence| evidence.in_unit(unit)),
         p_value: None,
     }

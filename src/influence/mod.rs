@@ -27,6 +27,7 @@ use crate::domain::{
     Labels, Pair, Question, Schema, Scope, SegmentId, StatePage, StateView, Summary, Tally, Variable, View, page_size,
 };
 use crate::error::{ErrorKind, Fault, Problem};
+use crate::model::Networks;
 use crate::priors::Fits;
 use crate::store::Store;
 use crate::telemetry;
@@ -36,13 +37,14 @@ use crate::telemetry;
 pub struct Influence {
     store: Arc<dyn Store>,
     fits: Fits,
+    networks: Networks,
     surveys: Surveys,
 }
 
 impl Influence {
-    /// Makes a handle on the answers from a store and the priors fitted to it.
-    pub fn new(store: Arc<dyn Store>, fits: Fits) -> Self {
-        Self { fits, surveys: Surveys::new(store.clone()), store }
+    /// Makes a handle on the answers from a store, the priors fitted to it and the networks that are asked where counts do not decide.
+    pub fn new(store: Arc<dyn Store>, fits: Fits, networks: Networks) -> Self {
+        Self { fits, networks, surveys: Surveys::new(store.clone()), store }
     }
 
     /// Answers a question. Its answers stand on every transition acknowledged before it was asked.
@@ -54,8 +56,15 @@ impl Influence {
         let counts = self.store.counts(environment.id, &question.states).await.map_err(logged)?;
         let labels = labels(schema, &question.scope.pair);
         let answers = answer::answers(Ground { plan, question }, counts).await?;
-        let by_prior = answers.iter().filter(|answer| answer.basis == Basis::Prior).count() as u64;
-        telemetry::answered(started.elapsed(), answers.len() as u64 - by_prior, by_prior);
+        let mut bases = [0; 3];
+        answers.iter().for_each(|answer| {
+            bases[match answer.basis {
+                Basis::Counts(_) => 0,
+                Basis::Model(_) => 1,
+                Basis::Prior => 2,
+            }] += 1;
+        });
+        telemetry::answered(started.elapsed(), bases);
         Ok(Answers { labels, answers })
     }
 
@@ -166,7 +175,8 @@ impl Influence {
     async fn plan(&self, environment: &Arc<Environment>, scope: Scope) -> Result<Plan, Problem> {
         let segments = self.segments(environment, scope.segments.as_deref()).await?;
         let fitted = self.fits.get(environment, &scope.pair).await.map_err(logged)?;
-        Ok(Plan { environment: environment.clone(), scope, segments, fitted })
+        let network = self.networks.active(environment, &scope.pair).await?;
+        Ok(Plan { environment: environment.clone(), scope, segments, fitted, network })
     }
 
     async fn discoveries(

@@ -12,9 +12,10 @@ use super::discoveries::{self, Found};
 use super::judge::Judge;
 use super::order::Order;
 use crate::domain::{
-    Discovery, DiscoveryMethod, Environment, EnvironmentId, Evidence, FitId, Pair, Rule, RuleKind, Scope, SegmentId,
-    StateKey, Verdict, View,
+    Basis, Discovery, DiscoveryMethod, Environment, EnvironmentId, Evidence, FitId, Pair, Rule, RuleKind, Scope,
+    SegmentId, StateKey, Verdict, View,
 };
+use crate::model::{Network, Prediction};
 use crate::priors::{Fitted, Pages};
 use crate::store::{Scanned, Store, StoreError};
 
@@ -39,6 +40,8 @@ pub struct Row {
     pub evidence: Option<Evidence>,
     /// The verdict.
     pub verdict: Verdict,
+    /// What it rests on.
+    pub basis: Basis,
 }
 
 /// The rows of one environment, pair, choice of segments and rule.
@@ -49,6 +52,8 @@ pub struct Survey {
     pub as_of: u64,
     /// The fit that the evidence rests on.
     pub fit: FitId,
+    /// The version of the network that was asked where the counts did not decide.
+    pub network: Option<u64>,
     /// The share of dependent states by that fit.
     pub dependent_share: Option<f64>,
     orders: [OnceLock<Vec<u32>>; 8],
@@ -117,6 +122,8 @@ pub struct Plan {
     pub segments: Option<Vec<SegmentId>>,
     /// The fit that the evidence rests on.
     pub fitted: Option<Arc<Fitted>>,
+    /// The network that is asked where the counts do not decide.
+    pub network: Option<Arc<Network>>,
 }
 
 impl Plan {
@@ -130,9 +137,15 @@ impl Plan {
             schema: &self.environment.schema,
             scope: &self.scope,
             fitted: self.fitted.as_deref(),
+            network: self.network.as_deref(),
             view,
             remembers: self.segments.is_none(),
         }
+    }
+
+    /// Returns whether a survey was made by the same fit and the same network.
+    fn is_of(&self, survey: &Survey) -> bool {
+        survey.fit == self.fit() && survey.network == self.network.as_ref().map(|network| network.version)
     }
 
     /// Returns which fit it is.
@@ -152,7 +165,7 @@ impl Surveys {
         let totals = self.store.totals(plan.environment.id).await?;
         let Kept { survey, making } = self.kept(&plan.key());
         match survey {
-            Some(survey) if survey.as_of >= totals.transitions && survey.fit == plan.fit() => Ok(survey),
+            Some(survey) if survey.as_of >= totals.transitions && plan.is_of(&survey) => Ok(survey),
             Some(stale) if totals.cells > SMALL => {
                 if let Ok(turn) = making.try_lock_owned() {
                     self.refresh(plan.clone(), turn);
@@ -171,7 +184,7 @@ impl Surveys {
     ) -> Result<Arc<Survey>, StoreError> {
         let _turn = making.lock().await;
         // Somebody else may have made it while this caller waited for its turn.
-        let fresh = |survey: &Arc<Survey>| survey.as_of >= revision && survey.fit == plan.fit();
+        let fresh = |survey: &Arc<Survey>| survey.as_of >= revision && plan.is_of(survey);
         if let Some(survey) = self.kept(&plan.key()).survey.filter(fresh) {
             return Ok(survey);
         }
@@ -216,15 +229,18 @@ async fn make(store: &dyn Store, plan: &Plan) -> Result<Survey, StoreError> {
     rows.sort_unstable_by(|a, b| a.key.cmp(&b.key));
     let found = tokio::sync::Mutex::new(LruCache::new(KEPT));
     let dependent_share = plan.fitted.as_ref().map(|fitted| fitted.fit.parameters.dependent);
-    Ok(Survey { rows, as_of, fit: plan.fit(), dependent_share, orders: Default::default(), found })
+    let network = plan.network.as_ref().map(|network| network.version);
+    Ok(Survey { rows, as_of, fit: plan.fit(), network, dependent_share, orders: Default::default(), found })
 }
 
 /// Measures the states of a page; those not seen in the segments asked for are left out.
 fn measured(plan: &Plan, page: Vec<Scanned>) -> Vec<Row> {
     // All states are looked at once: nothing is worth remembering.
     let judge = Judge { remembers: false, ..plan.judge(View::Figures) };
-    let row = |scanned: Scanned| {
-        let judged = judge.judge(&scanned.key, scanned.counts.of_segments(plan.segments.as_deref()));
+    let keys: Vec<StateKey> = page.iter().map(|scanned| scanned.key.clone()).collect();
+    let predictions = judge.predictions(&keys);
+    let row = |(scanned, predicted): (Scanned, Option<Prediction>)| {
+        let judged = judge.judge(&scanned.key, scanned.counts.of_segments(plan.segments.as_deref()), predicted);
         let visits = judged.tables.whole.total();
         (visits > 0).then(|| Row {
             key: scanned.key,
@@ -233,7 +249,8 @@ fn measured(plan: &Plan, page: Vec<Scanned>) -> Vec<Row> {
             expected: judged.tables.expected_if_independent().0,
             evidence: judged.evidence,
             verdict: judged.verdict,
+            basis: judged.basis,
         })
     };
-    page.into_par_iter().filter_map(row).collect()
+    page.into_par_iter().zip(predictions).filter_map(row).collect()
 }

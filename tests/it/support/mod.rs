@@ -11,7 +11,7 @@ use nudge::api::proto::environment_service_client::EnvironmentServiceClient;
 use nudge::api::proto::influence_service_client::InfluenceServiceClient;
 use nudge::api::proto::ingest_service_client::IngestServiceClient;
 use nudge::api::proto::{self, IngestRequest, IngestResponse, ingest_request, ingest_response};
-use nudge::app::App;
+use nudge::app::{App, Upkeep};
 use nudge::serve::{Settings, serve};
 use nudge::store::{Options, SqliteStore, Store};
 use serde_json::{Value, json};
@@ -45,7 +45,7 @@ impl TestApp {
 
     /// Starts a service on a store of the test's own.
     pub async fn with(directory: Arc<TempDir>, store: Arc<dyn Store>) -> Self {
-        let app = App::open(store, None);
+        let app = App::open(store, Upkeep::default());
         let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
         let address = listener.local_addr().expect("bound");
         let serving = serve(app.clone(), listener, Settings::default());
