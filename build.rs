@@ -4,7 +4,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     println!("cargo:rerun-if-changed=proto");
     // The store embeds these, and nothing else would tell that one was added.
     println!("cargo:rerun-if-changed=migrations");
-    let files = ["environment", "ingest", "influence"].map(|name| format!("nudge/v1/{name}.proto"));
+    let files = ["environment", "ingest", "influence", "model"].map(|name| format!("nudge/v1/{name}.proto"));
     let mut compiler = protox::Compiler::new(["proto"])?;
     compiler.include_imports(true).include_source_info(true).open_files(files)?;
     // The Open Inference Protocol, whose package is not ours.

@@ -32,7 +32,21 @@ pub const MOST_BATCH_TRANSITIONS: usize = 10_000;
 
 /// Returns an answer in a view if it fits into a message.
 pub fn fitting<M: prost::Message>(answer: M, view: View) -> Result<M, Problem> {
-    if answer.encoded_len() <= MOST_MESSAGE_BYTES { Ok(answer) } else { Err(too_large(view)) }
+    if fits(&answer) { Ok(answer) } else { Err(too_large(view)) }
+}
+
+/// Returns a message that holds the file of a network if it is within the limit of a message; if it is not, says which path of REST takes it.
+pub fn fitting_file<M: prost::Message>(message: M, path: &str) -> Result<M, Problem> {
+    if fits(&message) {
+        return Ok(message);
+    }
+    let message =
+        format!("the file is larger than a message, which has at most {MOST_MESSAGE_BYTES} bytes: use REST, {path}");
+    Err(Problem::new(ErrorKind::TooLarge, "FILE_TOO_LARGE", message).with("limit_bytes", MOST_MESSAGE_BYTES))
+}
+
+fn fits(message: &impl prost::Message) -> bool {
+    message.encoded_len() <= MOST_MESSAGE_BYTES
 }
 
 /// Says that an answer does not fit into a message, and what to ask for instead.

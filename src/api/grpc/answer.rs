@@ -2,8 +2,8 @@
 
 use crate::api::proto;
 use crate::domain::{
-    ActionFigures, Answer, Answers, Basis, Bin, Dependence, Evidence, Figures, FitId, Interval, Labels, Probability,
-    StateKey, Variable, Verdict,
+    ActionFigures, Answer, Answers, Basis, Bin, Dependence, Evidence, Figures, FitId, Interval, Labels, ModelAction,
+    ModelFigures, Probability, StateKey, Variable, Verdict,
 };
 
 impl From<Answers> for proto::BatchGetInfluenceResponse {
@@ -38,6 +38,10 @@ impl From<Answer> for proto::Answer {
             visits: answer.visits,
             verdict: proto::Verdict::from(answer.verdict).into(),
             basis: proto::Basis::from(answer.basis).into(),
+            basis_version: match answer.basis {
+                Basis::Model(version) => Some(version),
+                Basis::Counts(_) | Basis::Prior => None,
+            },
             ..Self::default()
         };
         let by_action = answer.by_action.into_iter().flatten().map(Into::into).collect();
@@ -75,6 +79,7 @@ fn with_figures(base: proto::Answer, key: &StateKey, figures: Figures) -> proto:
         significance,
         visits_to_decide: figures.visits_to_decide.map(|visits| proto::VisitsToDecide { visits }),
         fit: Some(figures.fit.into()),
+        model: figures.model.map(Into::into),
         ..base
     }
 }
@@ -125,6 +130,22 @@ impl From<ActionFigures> for proto::ActionFigures {
             response: figures.response.unwrap_or_default(),
             response_intervals: figures.response_intervals.into_iter().map(interval).collect(),
         }
+    }
+}
+
+impl From<ModelFigures> for proto::ModelFigures {
+    fn from(figures: ModelFigures) -> Self {
+        let ModelFigures { version, kind, probability, mutual_information, agrees, by_action } = figures;
+        let kind = proto::ModelKind::from(kind).into();
+        let by_action = by_action.into_iter().map(Into::into).collect();
+        Self { version, kind, probability, mutual_information, agrees, by_action }
+    }
+}
+
+impl From<ModelAction> for proto::ModelAction {
+    fn from(figures: ModelAction) -> Self {
+        let ModelAction { index, action, probability, divergence, response } = figures;
+        Self { action, index, probability, divergence, response }
     }
 }
 

@@ -4,9 +4,16 @@ mod answer;
 mod environment;
 mod graph;
 mod ingest;
+mod model;
 mod overview;
 mod question;
 
 pub use ingest::{acknowledgement, batch, producer, receipt, sequence};
 pub(in crate::api) use ingest::{segment, within_limit};
+pub use model::training;
 pub use question::{batch_question, discovery, exploration, fit, graph, list_states, question, scope};
+
+/// Returns the text, or `None` where proto says "absent" by an empty one.
+fn given(text: String) -> Option<String> {
+    Some(text).filter(|text| !text.is_empty())
+}

@@ -1,5 +1,6 @@
 //! Questions.
 
+use super::given;
 use crate::api::proto;
 use crate::domain::Verdict;
 use crate::domain::draft::{DiscoveryDraft, ExplorationDraft, ListingDraft, PairDraft, QuestionDraft, StatesDraft};
@@ -143,8 +144,4 @@ pub fn discovery(discovery: Option<proto::Discovery>) -> Result<DiscoveryDraft, 
 
 fn unknown(pointer: &str, number: i32) -> Problem {
     Problem::invalid("question", vec![Fault::new(pointer, format!("got {number}, expected a number of the enum"))])
-}
-
-fn given(text: String) -> Option<String> {
-    Some(text).filter(|text| !text.is_empty())
 }

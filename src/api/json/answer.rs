@@ -6,6 +6,7 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::evidence::{dependence, interval};
+use super::model::model_kind;
 use super::{Fit, Labels, Probability, Significance, State, present};
 use crate::api::proto;
 
@@ -68,6 +69,9 @@ pub struct Answer {
     /// One an ego action, in index order; view `full` only.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub by_action: Option<Vec<ActionFigures>>,
+    /// What the active network says of this state; null where none is active.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub model: Option<Option<ModelFigures>>,
     /// Steps between the two actions: 0, the same tick.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lag: Option<u32>,
@@ -91,6 +95,9 @@ pub struct Basis {
     /// The visits it rests on, where it is `counts`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub visits: Option<u64>,
+    /// The version of the network it rests on, where it is `model`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub version: Option<u64>,
 }
 
 /// Mutual information of ego action and other action in a state, in the answer's unit.
@@ -137,6 +144,40 @@ pub struct ActionFigures {
     pub response_intervals: Vec<[f64; 2]>,
 }
 
+/// What a network says of a state.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct ModelFigures {
+    /// Its version.
+    pub version: u64,
+    /// What it predicts: `joint` or `direct`.
+    #[schema(example = "joint")]
+    pub kind: &'static str,
+    /// P(MI > threshold), the mean of its members; null where it cannot tell at that threshold.
+    pub probability: Option<f64>,
+    /// Mutual information in the answer's unit, the mean of its members; null for a direct network.
+    pub mutual_information: Option<f64>,
+    /// Whether its members say the same, each on its own side of one half.
+    pub agrees: bool,
+    /// One an ego action, in index order; a joint network in the view `full` only.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub by_action: Vec<ModelAction>,
+}
+
+/// What a network says of one ego action.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct ModelAction {
+    /// Its label.
+    pub action: String,
+    /// Its index.
+    pub index: u64,
+    /// How probable it is in this state.
+    pub probability: f64,
+    /// KL(p(other given this action) from p(other)), in the answer's unit.
+    pub divergence: f64,
+    /// Probability of each of the other's actions after it, in index order.
+    pub response: Vec<f64>,
+}
+
 /// Returns the word for a verdict.
 pub fn verdict(number: i32) -> &'static str {
     match proto::Verdict::try_from(number) {
@@ -148,12 +189,13 @@ pub fn verdict(number: i32) -> &'static str {
     }
 }
 
-fn basis(number: i32, visits: u64) -> Basis {
-    match proto::Basis::try_from(number) {
-        Ok(proto::Basis::Counts) => Basis { kind: "counts", visits: Some(visits) },
-        Ok(proto::Basis::Model) => Basis { kind: "model", visits: None },
-        Ok(proto::Basis::Prior) => Basis { kind: "prior", visits: None },
-        Ok(proto::Basis::Unspecified) | Err(_) => Basis { kind: "unknown", visits: None },
+fn basis(answer: &proto::Answer) -> Basis {
+    let of = |kind| Basis { kind, ..Basis::default() };
+    match proto::Basis::try_from(answer.basis) {
+        Ok(proto::Basis::Counts) => Basis { visits: Some(answer.visits), ..of("counts") },
+        Ok(proto::Basis::Model) => Basis { version: answer.basis_version, ..of("model") },
+        Ok(proto::Basis::Prior) => of("prior"),
+        Ok(proto::Basis::Unspecified) | Err(_) => of("unknown"),
     }
 }
 
@@ -173,13 +215,16 @@ impl From<proto::GetInfluenceResponse> for Answers {
 
 impl From<proto::Answer> for Answer {
     fn from(answer: proto::Answer) -> Self {
+        let basis = basis(&answer);
         let by_action: Vec<ActionFigures> = answer.by_action.into_iter().map(Into::into).collect();
+        // In the view `verdict` nothing is said of a network; otherwise it is said that there is none.
+        let model = answer.mutual_information.is_some().then(|| answer.model.map(Into::into));
         Self {
             state: answer.state.map(Into::into).unwrap_or_default(),
             visits: answer.visits,
             entries: answer.entries,
             verdict: verdict(answer.verdict),
-            basis: basis(answer.basis, answer.visits),
+            basis,
             unit: present(answer.unit),
             threshold: answer.threshold,
             rule: present(answer.rule),
@@ -191,6 +236,7 @@ impl From<proto::Answer> for Answer {
             probability: answer.probability.map(Into::into),
             significance: answer.significance.map(Into::into),
             visits_to_decide: answer.visits_to_decide.map(|needed| needed.visits),
+            model,
             lag: answer.lag,
             directed: answer.directed,
             fit: answer.fit.map(Into::into),
@@ -224,6 +270,26 @@ impl From<proto::ActionFigures> for ActionFigures {
             response: Some(figures.response).filter(|response| !response.is_empty()),
             response_intervals: figures.response_intervals.into_iter().map(interval).collect(),
         }
+    }
+}
+
+impl From<proto::ModelFigures> for ModelFigures {
+    fn from(figures: proto::ModelFigures) -> Self {
+        Self {
+            version: figures.version,
+            kind: model_kind(figures.kind),
+            probability: figures.probability,
+            mutual_information: figures.mutual_information,
+            agrees: figures.agrees,
+            by_action: figures.by_action.into_iter().map(Into::into).collect(),
+        }
+    }
+}
+
+impl From<proto::ModelAction> for ModelAction {
+    fn from(figures: proto::ModelAction) -> Self {
+        let proto::ModelAction { action, index, probability, divergence, response } = figures;
+        Self { action, index, probability, divergence, response }
     }
 }
 
@@ -304,7 +370,7 @@ mod tests {
             r#""expected_method":"hypergeometric","posterior_mean":0.1,"interval":[0.0,0.4],"#,
             r#""estimates":{"excess":0.125}},"independence":"entries","dependence":"open","#,
             r#""probability":{"dependent":0.3,"above_threshold":0.1},"visits_to_decide":null,"#,
-            r#""lag":0,"directed":false,"fit":{"version":2,"revision":90},"revision":99}"#
+            r#""model":null,"lag":0,"directed":false,"fit":{"version":2,"revision":90},"revision":99}"#
         );
         assert_eq!(told(with_figures()), expected);
     }
@@ -320,8 +386,51 @@ mod tests {
     }
 
     #[test]
-    fn a_prior_has_no_visits() {
-        let basis = basis(proto::Basis::Prior.into(), 0);
-        assert_eq!(serde_json::to_value(basis).expect("JSON"), json!({"kind": "prior"}));
+    fn a_prior_has_no_visits_and_a_model_has_a_version() {
+        let told = |answer: proto::Answer| serde_json::to_value(Answer::from(answer)).expect("JSON");
+        let prior = proto::Answer { basis: proto::Basis::Prior.into(), ..verdict_only() };
+        assert_eq!(told(prior)["basis"], json!({"kind": "prior"}));
+        let model = proto::Answer { basis: proto::Basis::Model.into(), basis_version: Some(3), ..verdict_only() };
+        assert_eq!(told(model)["basis"], json!({"kind": "model", "version": 3}));
+    }
+
+    #[test]
+    fn a_network_is_told_beside_the_counts() {
+        let network = proto::ModelFigures {
+            version: 3,
+            kind: proto::ModelKind::Joint.into(),
+            probability: Some(0.75),
+            mutual_information: Some(0.5),
+            agrees: true,
+            by_action: Vec::new(),
+        };
+        let told = |figures: proto::ModelFigures| {
+            let answer = proto::Answer { model: Some(figures), ..with_figures() };
+            serde_json::to_value(Answer::from(answer)).expect("JSON")["model"].take()
+        };
+        let expected =
+            json!({"version": 3, "kind": "joint", "probability": 0.75, "mutual_information": 0.5, "agrees": true});
+        assert_eq!(told(network.clone()), expected);
+        let direct = proto::ModelFigures {
+            kind: proto::ModelKind::Direct.into(),
+            probability: None,
+            mutual_information: None,
+            ..network.clone()
+        };
+        let expected =
+            json!({"version": 3, "kind": "direct", "probability": null, "mutual_information": null, "agrees": true});
+        assert_eq!(told(direct), expected);
+        let action = proto::ModelAction {
+            action: "go".into(),
+            index: 1,
+            probability: 0.25,
+            divergence: 0.125,
+            response: vec![0.5, 0.5],
+        };
+        let full = told(proto::ModelFigures { by_action: vec![action], ..network });
+        let expected = json!([
+            {"action": "go", "index": 1, "probability": 0.25, "divergence": 0.125, "response": [0.5, 0.5]},
+        ]);
+        assert_eq!(full["by_action"], expected);
     }
 }

@@ -12,6 +12,7 @@ mod exploration;
 mod graph;
 mod labels;
 mod loose;
+mod model;
 mod overview;
 mod parameters;
 mod problem;
@@ -22,7 +23,7 @@ mod record;
 mod rule;
 mod transitions;
 
-pub use answer::{ActionFigures, Answer, Answers, Basis, MutualInformation, verdict};
+pub use answer::{ActionFigures, Answer, Answers, Basis, ModelAction, ModelFigures, MutualInformation, verdict};
 pub use decode::decode;
 pub use description::{Agent, Categorical, Circular, Continuous, Description, Feature, Integer, description_of_text};
 pub use environment::{Environment, EnvironmentPage};
@@ -30,6 +31,10 @@ pub use evidence::{Fit, Fits, FittedPrior, Probability, Significance, dependence
 pub use exploration::{Exploration, Trial};
 pub use graph::{Edge, Graph};
 pub use labels::{Bin, Labels, State, Variable};
+pub use model::{
+    Calibration, Card, Job, Model, ModelOrJob, Models, Reliability, RolledBack, Score, Training, TrainingRequest,
+    job_state, model_id, model_kind, model_version, weighting,
+};
 pub use overview::{
     Cell, Counts, DependenceCounts, Discoveries, HistogramBin, StateFigures, StatePage, Summary, VerdictCounts,
 };

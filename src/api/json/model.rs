@@ -1,0 +1,469 @@
+//! Networks: requests for a training, the names of versions and jobs, and what networks say of themselves.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::Fit;
+use crate::api::proto;
+use crate::domain::ModelId;
+use crate::domain::draft::TrainingDraft;
+use crate::error::{Fault, Problem};
+
+/// How a network is to be trained. What is absent has its default.
+#[derive(Debug, Clone, Default, PartialEq, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, expecting = "an object of ego, other, kind and more")]
+pub struct TrainingRequest {
+    /// The agent whose influence is learned; absent for the first.
+    #[schema(example = "robot")]
+    pub ego: Option<String>,
+    /// The agent that may be influenced; absent for the second.
+    #[schema(example = "human")]
+    pub other: Option<String>,
+    /// `joint` (the default): what both agents do, from which mutual information and responses come; or `direct`, the paper's classifier: whether
+    /// mutual information is above one threshold, and nothing else.
+    #[schema(example = "joint")]
+    pub kind: Option<String>,
+    /// Units of the hidden layer; 64 by default.
+    #[schema(example = 64, minimum = 1, maximum = 1_024)]
+    pub width: Option<u64>,
+    /// Networks that are trained and averaged, at most `folds`; 3 by default.
+    #[schema(example = 3, minimum = 1, maximum = 16)]
+    pub members: Option<u64>,
+    /// Parts that the states are cut into; each member is stopped and judged by one that it does not learn from. 5 by default.
+    #[schema(example = 5, minimum = 2, maximum = 20)]
+    pub folds: Option<u64>,
+    /// The most passes over the states; 500 by default.
+    #[schema(example = 500, minimum = 1, maximum = 10_000)]
+    pub epochs: Option<u64>,
+    /// How much a state counts: `visits` (the default), as often as it was seen, or `states`, once.
+    #[schema(example = "visits")]
+    pub weighting: Option<String>,
+    /// Where all randomness comes from; 0 by default.
+    pub seed: Option<u64>,
+    /// Whether the version is made active even where it does not beat its baselines.
+    #[serde(default)]
+    pub activate: bool,
+}
+
+impl From<TrainingRequest> for TrainingDraft {
+    fn from(request: TrainingRequest) -> Self {
+        let TrainingRequest { ego, other, kind, width, members, folds, epochs, weighting, seed, activate } = request;
+        Self { ego, other, kind, width, members, folds, epochs, weighting, seed, activate }
+    }
+}
+
+/// Reads the name of a version or a job from a path.
+pub fn model_id(text: &str) -> Result<ModelId, Problem> {
+    text.parse().map_err(|detail: String| Problem::invalid("model", vec![Fault::new("/model", detail)]))
+}
+
+/// Reads the number of a version from a path.
+pub fn model_version(text: &str) -> Result<u64, Problem> {
+    match model_id(text)? {
+        ModelId::Version(version) => Ok(version),
+        ModelId::Job(_) => {
+            let detail = format!("got {text:?}, expected the number of a version");
+            Err(Problem::invalid("model", vec![Fault::new("/model", detail)]))
+        }
+    }
+}
+
+/// Every version of an environment, and the jobs that were asked for since the service started.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct Models {
+    /// In order of version.
+    pub models: Vec<Model>,
+    /// In order of number.
+    pub jobs: Vec<Job>,
+}
+
+/// A version or a job.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+#[serde(untagged)]
+pub enum ModelOrJob {
+    /// A version.
+    Model(Box<Model>),
+    /// A job.
+    Job(Job),
+}
+
+/// What answers for a pair after a version was taken back.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct RolledBack {
+    /// The version that answers now; null where none does.
+    pub active: Option<Model>,
+}
+
+/// A trained network.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct Model {
+    /// Its number in its environment, never used twice.
+    pub version: u64,
+    /// The agent whose influence it tells.
+    pub ego: String,
+    /// The agent that may be influenced.
+    pub other: String,
+    /// Whether it answers where counts do not decide.
+    pub active: bool,
+    /// Whether it cannot answer by the environment's rule any more: a direct network whose threshold is not the rule's.
+    pub stale: bool,
+    /// What it says of itself.
+    pub card: Card,
+}
+
+/// A training that was asked for.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct Job {
+    /// Its name: `job-` and its number, since the service started.
+    #[schema(example = "job-3")]
+    pub id: String,
+    /// The agent whose influence is learned.
+    pub ego: String,
+    /// The agent that may be influenced.
+    pub other: String,
+    /// `queued` (others are trained first), `running`, `done` (there is a version), `failed` (the message says why) or `cancelled`.
+    #[schema(example = "running")]
+    pub state: &'static str,
+    /// The share that is done, 0 to 1.
+    #[schema(minimum = 0, maximum = 1)]
+    pub progress: f64,
+    /// In a sentence: what it does, what came out, or why not.
+    pub message: String,
+    /// The version that came out.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub version: Option<u64>,
+}
+
+/// What a network says of itself.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct Card {
+    /// How it was trained.
+    pub training: Training,
+    /// Whether it was trained elsewhere and brought here: then nobody knows which states it has seen.
+    pub imported: bool,
+    /// The schema it belongs to, in hexadecimal digits.
+    pub schema_hash: String,
+    /// The threshold that its probability is about, in nats.
+    pub threshold: f64,
+    /// How many transitions the environment had when its states were read.
+    pub revision: u64,
+    /// The fit of the prior that it was judged by.
+    pub fit: Fit,
+    /// States that it was trained or judged on.
+    pub states: u64,
+    /// How often they were seen.
+    pub visits: u64,
+    /// Numbers that a state is to it.
+    pub inputs: u64,
+    /// In a sentence: which states it learned from and which it was judged by.
+    pub split: String,
+    /// Passes over the states after which each member was best.
+    pub epochs: Vec<u64>,
+    /// States that it was judged by.
+    pub judged_states: u64,
+    /// How much of them has influence by the evidence: the sum of their probabilities, by weight, as a share.
+    pub positive_share: f64,
+    /// From its mutual information to a probability.
+    pub calibration: Calibration,
+    /// How it did.
+    pub score: Score,
+    /// How others did on the same states: `all_positive`, `majority`, `look_up`, `back_off` and `shuffled`.
+    pub baselines: Vec<Score>,
+    /// Predicted probabilities beside what the evidence says, in tenths; tenths without a state are left out.
+    pub reliability: Vec<Reliability>,
+    /// Names of the baselines that it does not beat; it is made active by itself where there is none.
+    pub not_better_than: Vec<String>,
+}
+
+/// How a network was trained.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct Training {
+    /// What it predicts: `joint` or `direct`.
+    #[schema(example = "joint")]
+    pub kind: &'static str,
+    /// Units of the hidden layer.
+    pub width: u64,
+    /// Networks that were trained and averaged.
+    pub members: u64,
+    /// Parts that the states were cut into; each member was stopped and judged by one that it did not learn from.
+    pub folds: u64,
+    /// The most passes over the states.
+    pub epochs: u64,
+    /// How much a state counted: `visits` or `states`.
+    #[schema(example = "visits")]
+    pub weighting: &'static str,
+    /// Where all randomness came from.
+    pub seed: u64,
+}
+
+/// P(MI > threshold) is the logistic function of intercept + slope ln(MI), MI being the network's in nats.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, ToSchema)]
+pub struct Calibration {
+    /// Added to the rest.
+    pub intercept: f64,
+    /// Times ln MI.
+    pub slope: f64,
+}
+
+/// How probabilities of influence did against the evidence of states that they were not made from.
+///
+/// A state counts as positive by its probability given its counts, and as negative by the rest.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, ToSchema)]
+pub struct Score {
+    /// Whose they are: `network`, or a baseline's name.
+    #[schema(example = "network")]
+    pub name: String,
+    /// Mean log-likelihood of the other's action given the ego's, in nats a visit; null for what predicts no actions.
+    pub log_likelihood: Option<f64>,
+    /// Area under the ROC curve; null where all have the same probability.
+    pub auroc: Option<f64>,
+    /// Share of influence in what is called at a probability of one half; null where nothing is called.
+    pub precision: Option<f64>,
+    /// Share called of what has influence; null where nothing has.
+    pub recall: Option<f64>,
+    /// Harmonic mean of both; 0 where nothing is called.
+    pub f1: f64,
+    /// Mean squared difference between probability and truth: less is better.
+    pub brier: f64,
+}
+
+/// States whose predicted probability lies in one tenth.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
+pub struct Reliability {
+    /// The lower bound of the tenth.
+    pub from: f64,
+    /// How many states.
+    pub states: u64,
+    /// The mean of what was predicted.
+    pub predicted: f64,
+    /// The mean of what the evidence says.
+    pub observed: f64,
+}
+
+/// Returns the word for what a network predicts.
+pub fn model_kind(number: i32) -> &'static str {
+    match proto::ModelKind::try_from(number) {
+        Ok(proto::ModelKind::Joint) => "joint",
+        Ok(proto::ModelKind::Direct) => "direct",
+        Ok(proto::ModelKind::Unspecified) | Err(_) => "unknown",
+    }
+}
+
+/// Returns the word for how much a state counts.
+pub fn weighting(number: i32) -> &'static str {
+    match proto::Weighting::try_from(number) {
+        Ok(proto::Weighting::Visits) => "visits",
+        Ok(proto::Weighting::States) => "states",
+        Ok(proto::Weighting::Unspecified) | Err(_) => "unknown",
+    }
+}
+
+/// Returns the word for how far a job is.
+pub fn job_state(number: i32) -> &'static str {
+    match proto::JobState::try_from(number) {
+        Ok(proto::JobState::Queued) => "queued",
+        Ok(proto::JobState::Running) => "running",
+        Ok(proto::JobState::Done) => "done",
+        Ok(proto::JobState::Failed) => "failed",
+        Ok(proto::JobState::Cancelled) => "cancelled",
+        Ok(proto::JobState::Unspecified) | Err(_) => "unknown",
+    }
+}
+
+impl From<proto::ListModelsResponse> for Models {
+    fn from(response: proto::ListModelsResponse) -> Self {
+        Self {
+            models: response.models.into_iter().map(Into::into).collect(),
+            jobs: response.jobs.into_iter().map(Into::into).collect(),
+        }
+    }
+}
+
+impl From<proto::Model> for Model {
+    fn from(model: proto::Model) -> Self {
+        let proto::Model { version, ego, other, active, stale, card } = model;
+        Self { version, ego, other, active, stale, card: card.unwrap_or_default().into() }
+    }
+}
+
+impl From<proto::Job> for Job {
+    fn from(job: proto::Job) -> Self {
+        let proto::Job { id, ego, other, state, progress, message, version } = job;
+        Self { id: ModelId::Job(id).to_string(), ego, other, state: job_state(state), progress, message, version }
+    }
+}
+
+impl From<proto::Card> for Card {
+    fn from(card: proto::Card) -> Self {
+        let calibration = card.calibration.unwrap_or_default();
+        Self {
+            training: card.training.unwrap_or_default().into(),
+            imported: card.imported,
+            schema_hash: card.schema_hash,
+            threshold: card.threshold,
+            revision: card.revision,
+            fit: card.fit.map(Into::into).unwrap_or_default(),
+            states: card.states,
+            visits: card.visits,
+            inputs: card.inputs,
+            split: card.split,
+            epochs: card.epochs,
+            judged_states: card.judged_states,
+            positive_share: card.positive_share,
+            calibration: Calibration { intercept: calibration.intercept, slope: calibration.slope },
+            score: card.score.map(Into::into).unwrap_or_default(),
+            baselines: card.baselines.into_iter().map(Into::into).collect(),
+            reliability: card.reliability.into_iter().map(Into::into).collect(),
+            not_better_than: card.not_better_than,
+        }
+    }
+}
+
+impl From<proto::Training> for Training {
+    fn from(training: proto::Training) -> Self {
+        let proto::Training { width, members, folds, epochs, seed, .. } = training;
+        let (kind, weighting) = (model_kind(training.kind), weighting(training.weighting));
+        Self { kind, width, members, folds, epochs, weighting, seed }
+    }
+}
+
+impl From<proto::Score> for Score {
+    fn from(score: proto::Score) -> Self {
+        let proto::Score { name, log_likelihood, auroc, precision, recall, f1, brier } = score;
+        Self { name, log_likelihood, auroc, precision, recall, f1, brier }
+    }
+}
+
+impl From<proto::Reliability> for Reliability {
+    fn from(tenth: proto::Reliability) -> Self {
+        let proto::Reliability { from, states, predicted, observed } = tenth;
+        Self { from, states, predicted, observed }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::api::json::decode;
+    use crate::domain;
+    use serde_json::json;
+
+    fn draft(text: &str) -> Result<TrainingDraft, Problem> {
+        decode::<TrainingRequest>("body", text.as_bytes()).map(Into::into)
+    }
+
+    #[test]
+    fn everything_can_be_asked_and_nothing_must_be() {
+        assert_eq!(draft("{}"), Ok(TrainingDraft::default()));
+        let text = r#"{"ego": "a", "other": "b", "kind": "direct", "width": 0, "members": 1, "folds": 2, "epochs": 3,
+            "weighting": "states", "seed": 18446744073709551615, "activate": true}"#;
+        let expected = TrainingDraft {
+            ego: Some("a".into()),
+            other: Some("b".into()),
+            kind: Some("direct".into()),
+            width: Some(0),
+            members: Some(1),
+            folds: Some(2),
+            epochs: Some(3),
+            weighting: Some("states".into()),
+            seed: Some(u64::MAX),
+            activate: true,
+        };
+        assert_eq!(draft(text), Ok(expected));
+    }
+
+    #[test]
+    fn faults_name_their_place() {
+        let pointer = |text: &str| draft(text).expect_err("wrong").faults.remove(0).pointer;
+        assert_eq!(pointer(r#"{"widht": 64}"#), "/widht");
+        assert_eq!(pointer(r#"{"epochs": -1}"#), "/epochs");
+        assert_eq!(pointer(r#"{"activate": "yes"}"#), "/activate");
+        assert_eq!(pointer("[]"), "");
+    }
+
+    #[test]
+    fn paths_name_versions_and_jobs() {
+        assert_eq!((model_id("3"), model_id("job-12")), (Ok(ModelId::Version(3)), Ok(ModelId::Job(12))));
+        assert_eq!(model_version("3"), Ok(3));
+        for wrong in ["job-3", "three", "03", "", "-1"] {
+            assert_eq!(model_version(wrong).expect_err(wrong).faults[0].pointer, "/model");
+        }
+        assert!(model_id("job-x").is_err());
+    }
+
+    fn score(name: &str, log_likelihood: Option<f64>) -> domain::Score {
+        domain::Score { name: name.into(), log_likelihood, f1: 0.5, brier: 0.125, ..domain::Score::default() }
+    }
+
+    fn model() -> domain::Model {
+        let card = domain::Card {
+            training: domain::Training { kind: domain::ModelKind::Direct, seed: u64::MAX, ..Default::default() },
+            imported: true,
+            schema_hash: "ab12".into(),
+            threshold: 0.5,
+            revision: 900,
+            fit: domain::FitId { version: 2, revision: 850 },
+            states: 60,
+            visits: 900,
+            inputs: 7,
+            split: "by states".into(),
+            epochs: vec![41, 38],
+            judged_states: 12,
+            positive_share: 0.25,
+            calibration: domain::Calibration { intercept: 1.5, slope: 0.75 },
+            score: domain::Score {
+                auroc: Some(0.9),
+                precision: Some(0.8),
+                recall: Some(0.7),
+                ..score("network", Some(-1.25))
+            },
+            baselines: vec![score("all_positive", None), score("majority", Some(-1.5))],
+            reliability: vec![domain::Reliability { from: 0.1, states: 4, predicted: 0.15, observed: 0.2 }],
+            not_better_than: vec!["majority".into()],
+        };
+        domain::Model { version: 3, ego: "robot".into(), other: "human".into(), active: false, stale: true, card }
+    }
+
+    #[test]
+    fn a_card_is_told_as_it_is_kept() {
+        let kept = serde_json::to_value(&model().card).expect("JSON");
+        let told = serde_json::to_value(Model::from(proto::Model::from(model()))).expect("JSON");
+        assert_eq!(told["card"], kept);
+        let around = (&told["version"], &told["ego"], &told["other"], &told["active"], &told["stale"]);
+        assert_eq!(around, (&json!(3), &json!("robot"), &json!("human"), &json!(false), &json!(true)));
+    }
+
+    #[test]
+    fn jobs_are_told_by_name() {
+        let job = domain::Job {
+            id: 3,
+            ego: "robot".into(),
+            other: "human".into(),
+            state: domain::JobState::Running,
+            progress: 0.25,
+            message: "training".into(),
+            version: None,
+        };
+        let told = |job: domain::Job| serde_json::to_value(Job::from(proto::Job::from(job))).expect("JSON");
+        let running = json!({
+            "id": "job-3", "ego": "robot", "other": "human", "state": "running", "progress": 0.25, "message": "training",
+        });
+        assert_eq!(told(job.clone()), running);
+        let done = told(domain::Job { state: domain::JobState::Done, version: Some(7), ..job });
+        assert_eq!((&done["state"], &done["version"]), (&json!("done"), &json!(7)));
+    }
+
+    #[test]
+    fn words_are_those_of_the_domain() {
+        use domain::JobState::*;
+        for state in [Queued, Running, Done, Failed, Cancelled] {
+            assert_eq!(job_state(proto::JobState::from(state).into()), state.as_str());
+        }
+        for one in [domain::ModelKind::Joint, domain::ModelKind::Direct] {
+            assert_eq!(model_kind(proto::ModelKind::from(one).into()), one.as_str());
+        }
+        for one in [domain::Weighting::Visits, domain::Weighting::States] {
+            assert_eq!(weighting(proto::Weighting::from(one).into()), one.as_str());
+        }
+    }
+}
