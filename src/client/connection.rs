@@ -15,6 +15,7 @@ use crate::api::proto;
 use crate::api::proto::environment_service_client::EnvironmentServiceClient;
 use crate::api::proto::influence_service_client::InfluenceServiceClient;
 use crate::api::proto::ingest_service_client::IngestServiceClient;
+use crate::api::proto::model_service_client::ModelServiceClient;
 use crate::domain::{Schema, SchemaDraft};
 
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
@@ -58,6 +59,11 @@ impl Connection {
     /// Returns a stub of the service that answers questions.
     pub fn influence(&self) -> InfluenceServiceClient<Channel> {
         InfluenceServiceClient::new(self.channel.clone())
+    }
+
+    /// Returns a stub of the service that trains networks.
+    pub fn models(&self) -> ModelServiceClient<Channel> {
+        ModelServiceClient::new(self.channel.clone())
     }
 
     /// Returns a stub of the service that takes batches; [`Producer`] speaks to it well.

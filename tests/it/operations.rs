@@ -97,6 +97,7 @@ async fn grpc_tells_its_health_and_itself() {
         "nudge.v1.IngestService",
         "nudge.v1.InfluenceService",
         "nudge.v1.EnvironmentService",
+        "nudge.v1.ModelService",
         "inference.GRPCInferenceService",
     ] {
         let answer = health.check(HealthCheckRequest { service: service.into() }).await.expect("known").into_inner();

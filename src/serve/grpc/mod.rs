@@ -11,6 +11,7 @@ use crate::api::inference_proto::grpc_inference_service_server::GrpcInferenceSer
 use crate::api::proto::environment_service_server::EnvironmentServiceServer;
 use crate::api::proto::influence_service_server::InfluenceServiceServer;
 use crate::api::proto::ingest_service_server::IngestServiceServer;
+use crate::api::proto::model_service_server::ModelServiceServer;
 use crate::api::{MOST_MESSAGE_BYTES, proto};
 use crate::app::App;
 use crate::error::Problem;
@@ -20,6 +21,10 @@ mod environment;
 mod inference;
 mod influence;
 mod ingest;
+mod model;
+
+/// The largest message with a network that is read at all: one above the limit is refused with the way to send it.
+const MOST_REFUSED_BYTES: usize = 16 << 20;
 
 /// One face of the service; every gRPC service is implemented on it.
 #[derive(Clone)]
@@ -31,8 +36,11 @@ struct Face {
 pub async fn routes(app: App) -> Result<Routes, tonic_reflection::server::Error> {
     macro_rules! limited {
         ($server:ident) => {
+            limited!($server, MOST_MESSAGE_BYTES)
+        };
+        ($server:ident, $most_decoded:expr) => {
             $server::new(Face { app: app.clone() })
-                .max_decoding_message_size(MOST_MESSAGE_BYTES)
+                .max_decoding_message_size($most_decoded)
                 .max_encoding_message_size(MOST_MESSAGE_BYTES)
         };
     }
@@ -40,6 +48,7 @@ pub async fn routes(app: App) -> Result<Routes, tonic_reflection::server::Error>
     health.set_serving::<EnvironmentServiceServer<Face>>().await;
     health.set_serving::<IngestServiceServer<Face>>().await;
     health.set_serving::<InfluenceServiceServer<Face>>().await;
+    health.set_serving::<ModelServiceServer<Face>>().await;
     health.set_serving::<GrpcInferenceServiceServer<Face>>().await;
     tokio::spawn(not_serving_when(app.draining.clone(), health));
     let descriptors = || {
@@ -52,6 +61,7 @@ pub async fn routes(app: App) -> Result<Routes, tonic_reflection::server::Error>
         .add_service(limited!(EnvironmentServiceServer))
         .add_service(limited!(IngestServiceServer))
         .add_service(limited!(InfluenceServiceServer))
+        .add_service(limited!(ModelServiceServer, MOST_REFUSED_BYTES))
         .add_service(limited!(GrpcInferenceServiceServer))
         .add_service(checked)
         .add_service(descriptors().build_v1()?)
@@ -61,14 +71,15 @@ pub async fn routes(app: App) -> Result<Routes, tonic_reflection::server::Error>
 
 async fn not_serving_when(draining: tokio_util::sync::CancellationToken, health: tonic_health::server::HealthReporter) {
     draining.cancelled().await;
-    let names = [
+    const NAMES: [&str; 6] = [
         "",
         "nudge.v1.EnvironmentService",
         "nudge.v1.IngestService",
         "nudge.v1.InfluenceService",
+        "nudge.v1.ModelService",
         "inference.GRPCInferenceService",
     ];
-    for name in names {
+    for name in NAMES {
         health.set_service_status(name, tonic_health::ServingStatus::NotServing).await;
     }
 }

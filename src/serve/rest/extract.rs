@@ -19,6 +19,15 @@ pub struct Query(pub Parameters);
 /// A body that is one JSON document.
 pub struct Json<T>(pub T);
 
+/// A body that is one JSON document, or empty: then it is the default.
+pub struct OptionalJson<T>(pub T);
+
+/// A body that is a file.
+pub struct File(pub Bytes);
+
+/// The media type of a file.
+pub const OCTETS: &str = "application/octet-stream";
+
 /// A body with its media type.
 pub struct Document {
     /// What the bytes are.
@@ -62,9 +71,15 @@ impl<T: DeserializeOwned, S: Send + Sync> FromRequest<S> for Json<T> {
     type Rejection = Failure;
 
     async fn from_request(request: Request, state: &S) -> Result<Self, Failure> {
-        match Document::from_request(request, state).await? {
-            Document { media: Media::Json, bytes } => Ok(Self(json::decode("body", &bytes)?)),
-            Document { media: Media::Lines, .. } => Err(Failure::of_media_type(LINES[0], JSON)),
+        Self::from_document(Document::from_request(request, state).await?)
+    }
+}
+
+impl<T: DeserializeOwned> Json<T> {
+    fn from_document(document: Document) -> Result<Self, Failure> {
+        match document.media {
+            Media::Json => Ok(Self(json::decode("body", &document.bytes)?)),
+            Media::Lines => Err(Failure::of_media_type(LINES[0], JSON)),
         }
     }
 }
@@ -74,10 +89,36 @@ impl<S: Send + Sync> FromRequest<S> for Document {
 
     async fn from_request(request: Request, state: &S) -> Result<Self, Failure> {
         let media = media(request.headers())?;
-        let body = Bytes::from_request(request, state).await;
-        let bytes = body.map_err(|rejection| Failure::of_http(rejection.status()))?;
-        Ok(Self { media, bytes })
+        Ok(Self { media, bytes: body(request, state).await? })
     }
+}
+
+impl<T: DeserializeOwned + Default, S: Send + Sync> FromRequest<S> for OptionalJson<T> {
+    type Rejection = Failure;
+
+    async fn from_request(request: Request, state: &S) -> Result<Self, Failure> {
+        let headers = request.headers().clone();
+        let bytes = body(request, state).await?;
+        match bytes.is_empty() {
+            true => Ok(Self(T::default())),
+            false => Json::from_document(Document { media: media(&headers)?, bytes }).map(|Json(value)| Self(value)),
+        }
+    }
+}
+
+impl<S: Send + Sync> FromRequest<S> for File {
+    type Rejection = Failure;
+
+    async fn from_request(request: Request, state: &S) -> Result<Self, Failure> {
+        match content_type(request.headers()) {
+            (_, essence) if essence == OCTETS => Ok(Self(body(request, state).await?)),
+            (found, _) => Err(Failure::of_media_type(found, OCTETS)),
+        }
+    }
+}
+
+async fn body<S: Send + Sync>(request: Request, state: &S) -> Result<Bytes, Failure> {
+    Bytes::from_request(request, state).await.map_err(|rejection| Failure::of_http(rejection.status()))
 }
 
 const JSON: &str = "application/json";
@@ -85,8 +126,7 @@ const LINES: [&str; 3] = ["application/x-ndjson", "application/ndjson", "applica
 
 /// A body without a type is refused too: a browser sends such a body to another site without asking that site first.
 fn media(headers: &HeaderMap) -> Result<Media, Failure> {
-    let found = headers.get(header::CONTENT_TYPE).and_then(|value| value.to_str().ok()).unwrap_or_default();
-    let essence = found.split(';').next().unwrap_or_default().trim().to_ascii_lowercase();
+    let (found, essence) = content_type(headers);
     let structured = essence.starts_with("application/") && essence.ends_with("+json");
     match essence.as_str() {
         JSON => Ok(Media::Json),
@@ -94,6 +134,12 @@ fn media(headers: &HeaderMap) -> Result<Media, Failure> {
         lines if LINES.contains(&lines) => Ok(Media::Lines),
         _ => Err(Failure::of_media_type(found, "application/json, or application/x-ndjson for transitions")),
     }
+}
+
+/// Returns the type as it was given, and without its parameters.
+fn content_type(headers: &HeaderMap) -> (&str, String) {
+    let found = headers.get(header::CONTENT_TYPE).and_then(|value| value.to_str().ok()).unwrap_or_default();
+    (found, found.split(';').next().unwrap_or_default().trim().to_ascii_lowercase())
 }
 
 #[cfg(test)]

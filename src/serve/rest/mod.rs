@@ -8,6 +8,7 @@ mod graph;
 mod influence;
 pub mod layers;
 mod learning;
+mod models;
 mod openapi;
 pub mod problems;
 mod states;
@@ -45,6 +46,17 @@ fn routes() -> Router<App> {
         .route("/v1/environments/{environment}/graph", get(graph::get_graph))
         .route("/v1/environments/{environment}/explore", get(learning::explore))
         .route("/v1/environments/{environment}/fit", post(learning::fit_prior))
+        .merge(models())
+}
+
+fn models() -> Router<App> {
+    let active = put(models::activate_model).delete(models::roll_back_model);
+    Router::new()
+        .route("/v1/environments/{environment}/models", get(models::list_models).post(models::train_model))
+        .route("/v1/environments/{environment}/models/import", post(models::import_model))
+        .route("/v1/environments/{environment}/models/{model}", get(models::get_model).delete(models::delete_model))
+        .route("/v1/environments/{environment}/models/{model}/active", active)
+        .route("/v1/environments/{environment}/models/{model}/weights", get(models::export_model))
 }
 
 fn documentation() -> Router {

@@ -6,7 +6,7 @@ use utoipa::openapi::response::Response;
 use utoipa::openapi::{ContentBuilder, Ref, RefOr, ResponseBuilder};
 use utoipa::{IntoParams, IntoResponses, OpenApi};
 
-use super::{environments, graph, influence, learning, states, summary, transitions};
+use super::{environments, graph, influence, learning, models, states, summary, transitions};
 use crate::api::json;
 
 /// Returns the document.
@@ -39,6 +39,14 @@ pub fn document() -> utoipa::openapi::OpenApi {
         graph::get_graph,
         learning::explore,
         learning::fit_prior,
+        models::train_model,
+        models::list_models,
+        models::get_model,
+        models::delete_model,
+        models::activate_model,
+        models::roll_back_model,
+        models::export_model,
+        models::import_model,
     ),
     components(schemas(json::Problem, json::Fault)),
     tags(
@@ -47,6 +55,7 @@ pub fn document() -> utoipa::openapi::OpenApi {
         (name = "influence", description = "In this state, does the ego's action influence the other's?"),
         (name = "states", description = "Where is influence highest, and what was counted there?"),
         (name = "summary", description = "What all states say together"),
+        (name = "models", description = "Networks that answer where counts do not decide"),
     ),
 )]
 struct Document;
@@ -199,7 +208,7 @@ mod tests {
         let paths = document["paths"].as_object().expect("paths");
         let operations: Vec<_> =
             paths.values().flat_map(|path| path.as_object().expect("operations").values()).collect();
-        assert_eq!(operations.len(), 15);
+        assert_eq!(operations.len(), 23);
         for operation in operations {
             let refused = &operation["responses"]["400"]["content"]["application/problem+json"]["schema"]["$ref"];
             assert_eq!(refused, "#/components/schemas/Problem");

@@ -1,0 +1,128 @@
+//! `ModelService`.
+
+use tonic::{Request, Response, Status};
+
+use super::{Face, call};
+use crate::api::proto::model_service_server::ModelService;
+use crate::api::proto::{
+    ActivateModelRequest, ActivateModelResponse, CancelJobRequest, CancelJobResponse, DeleteModelRequest,
+    DeleteModelResponse, ExportModelRequest, ExportModelResponse, GetJobRequest, GetJobResponse, GetModelRequest,
+    GetModelResponse, ImportModelRequest, ImportModelResponse, ListModelsRequest, ListModelsResponse,
+    RollBackModelRequest, RollBackModelResponse, TrainModelRequest, TrainModelResponse,
+};
+use crate::api::{fitting_file, grpc};
+use crate::domain::ModelId;
+
+#[tonic::async_trait]
+impl ModelService for Face {
+    async fn train_model(&self, request: Request<TrainModelRequest>) -> Result<Response<TrainModelResponse>, Status> {
+        call("TrainModel", async {
+            let (environment, draft) = grpc::training(request.into_inner());
+            let environment = self.app.environments.find(&environment)?;
+            Ok(TrainModelResponse { job: Some(self.app.networks.train(&environment, &draft)?.into()) })
+        })
+        .await
+    }
+
+    async fn list_models(&self, request: Request<ListModelsRequest>) -> Result<Response<ListModelsResponse>, Status> {
+        call("ListModels", async {
+            let environment = self.app.environments.find(&request.into_inner().environment)?;
+            Ok(self.app.networks.list(&environment).await?.into())
+        })
+        .await
+    }
+
+    async fn get_model(&self, request: Request<GetModelRequest>) -> Result<Response<GetModelResponse>, Status> {
+        call("GetModel", async {
+            let GetModelRequest { environment, version } = request.into_inner();
+            let environment = self.app.environments.find(&environment)?;
+            Ok(GetModelResponse { model: Some(self.app.networks.get(&environment, version).await?.into()) })
+        })
+        .await
+    }
+
+    async fn get_job(&self, request: Request<GetJobRequest>) -> Result<Response<GetJobResponse>, Status> {
+        call("GetJob", async {
+            let GetJobRequest { environment, id } = request.into_inner();
+            let environment = self.app.environments.find(&environment)?;
+            Ok(GetJobResponse { job: Some(self.app.networks.job(&environment, id)?.into()) })
+        })
+        .await
+    }
+
+    async fn activate_model(
+        &self,
+        request: Request<ActivateModelRequest>,
+    ) -> Result<Response<ActivateModelResponse>, Status> {
+        call("ActivateModel", async {
+            let ActivateModelRequest { environment, version } = request.into_inner();
+            let environment = self.app.environments.find(&environment)?;
+            Ok(ActivateModelResponse { model: Some(self.app.networks.activate(&environment, version).await?.into()) })
+        })
+        .await
+    }
+
+    async fn roll_back_model(
+        &self,
+        request: Request<RollBackModelRequest>,
+    ) -> Result<Response<RollBackModelResponse>, Status> {
+        call("RollBackModel", async {
+            let RollBackModelRequest { environment, version } = request.into_inner();
+            let environment = self.app.environments.find(&environment)?;
+            let active = self.app.networks.roll_back(&environment, version).await?;
+            Ok(RollBackModelResponse { active: active.map(Into::into) })
+        })
+        .await
+    }
+
+    async fn delete_model(
+        &self,
+        request: Request<DeleteModelRequest>,
+    ) -> Result<Response<DeleteModelResponse>, Status> {
+        call("DeleteModel", async {
+            let DeleteModelRequest { environment, version } = request.into_inner();
+            let environment = self.app.environments.find(&environment)?;
+            self.app.networks.delete(&environment, ModelId::Version(version)).await?;
+            Ok(DeleteModelResponse {})
+        })
+        .await
+    }
+
+    async fn cancel_job(&self, request: Request<CancelJobRequest>) -> Result<Response<CancelJobResponse>, Status> {
+        call("CancelJob", async {
+            let CancelJobRequest { environment, id } = request.into_inner();
+            let environment = self.app.environments.find(&environment)?;
+            self.app.networks.delete(&environment, ModelId::Job(id)).await?;
+            Ok(CancelJobResponse {})
+        })
+        .await
+    }
+
+    async fn export_model(
+        &self,
+        request: Request<ExportModelRequest>,
+    ) -> Result<Response<ExportModelResponse>, Status> {
+        call("ExportModel", async {
+            let ExportModelRequest { environment, version } = request.into_inner();
+            let found = self.app.environments.find(&environment)?;
+            let file = self.app.networks.export(&found, version).await?;
+            let instead = format!("GET /v1/environments/{environment}/models/{version}/weights");
+            fitting_file(ExportModelResponse { file }, &instead)
+        })
+        .await
+    }
+
+    async fn import_model(
+        &self,
+        request: Request<ImportModelRequest>,
+    ) -> Result<Response<ImportModelResponse>, Status> {
+        call("ImportModel", async {
+            let request = request.into_inner();
+            let environment = self.app.environments.find(&request.environment)?;
+            let instead = format!("POST /v1/environments/{}/models/import", request.environment);
+            let ImportModelRequest { file, .. } = fitting_file(request, &instead)?;
+            Ok(ImportModelResponse { model: Some(self.app.networks.import(&environment, file).await?.into()) })
+        })
+        .await
+    }
+}

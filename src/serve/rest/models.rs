@@ -1,0 +1,200 @@
+//! Networks: trained, listed, switched, taken along and removed.
+
+use axum::extract::State;
+use axum::response::{IntoResponse, Response};
+use http::{StatusCode, header};
+
+use super::extract::{File, OCTETS, OptionalJson, Path};
+use super::openapi::Refusals;
+use crate::api::json::ModelOrJob;
+use crate::api::{json, proto};
+use crate::app::App;
+use crate::domain::{Job, Model, ModelId};
+use crate::serve::status::Failure;
+
+/// Trains a network for a pair of agents, after those that were asked for before; answers at once with its job.
+///
+/// `Location` is where the job tells how far it is. A version comes out, which is made active by itself where it beats every baseline.
+#[utoipa::path(
+    post,
+    path = "/v1/environments/{environment}/models",
+    tag = "models",
+    params(("environment" = String, Path, description = "The environment's name")),
+    request_body(content = Option<json::TrainingRequest>, description = "What differs from the defaults; may be empty"),
+    responses(
+        (
+            status = 202,
+            description = "The training was asked for",
+            body = json::Job,
+            headers(("Location" = String, description = "Where the job tells how far it is")),
+        ),
+        Refusals
+    )
+)]
+pub async fn train_model(
+    State(app): State<App>,
+    Path(name): Path<String>,
+    OptionalJson(request): OptionalJson<json::TrainingRequest>,
+) -> Result<Response, Failure> {
+    let environment = app.environments.find(&name)?;
+    let job = app.networks.train(&environment, &request.into())?;
+    let location = format!("/v1/environments/{name}/models/{}", ModelId::Job(job.id));
+    Ok((StatusCode::ACCEPTED, [(header::LOCATION, location)], axum::Json(job_shown(job))).into_response())
+}
+
+/// Returns every version, and the jobs that were asked for since the service started.
+#[utoipa::path(
+    get,
+    path = "/v1/environments/{environment}/models",
+    tag = "models",
+    params(("environment" = String, Path, description = "The environment's name")),
+    responses((status = 200, description = "Versions and jobs", body = json::Models), Refusals)
+)]
+pub async fn list_models(
+    State(app): State<App>,
+    Path(name): Path<String>,
+) -> Result<axum::Json<json::Models>, Failure> {
+    let environment = app.environments.find(&name)?;
+    Ok(axum::Json(proto::ListModelsResponse::from(app.networks.list(&environment).await?).into()))
+}
+
+/// Returns a version, or how far a job is.
+#[utoipa::path(
+    get,
+    path = "/v1/environments/{environment}/models/{model}",
+    tag = "models",
+    params(
+        ("environment" = String, Path, description = "The environment's name"),
+        ("model" = String, Path, description = "The number of a version, or `job-` and the number of a job"),
+    ),
+    responses((status = 200, description = "The version or the job", body = json::ModelOrJob), Refusals)
+)]
+pub async fn get_model(
+    State(app): State<App>,
+    Path((name, model)): Path<(String, String)>,
+) -> Result<axum::Json<ModelOrJob>, Failure> {
+    let id = json::model_id(&model)?;
+    let environment = app.environments.find(&name)?;
+    Ok(axum::Json(match id {
+        ModelId::Version(version) => ModelOrJob::Model(Box::new(shown(app.networks.get(&environment, version).await?))),
+        ModelId::Job(id) => ModelOrJob::Job(job_shown(app.networks.job(&environment, id)?)),
+    }))
+}
+
+/// Removes a version that is not active, for ever, or ends a job.
+#[utoipa::path(
+    delete,
+    path = "/v1/environments/{environment}/models/{model}",
+    tag = "models",
+    params(
+        ("environment" = String, Path, description = "The environment's name"),
+        ("model" = String, Path, description = "The number of a version, or `job-` and the number of a job"),
+    ),
+    responses((status = 204, description = "The version is gone, or the job ends"), Refusals)
+)]
+pub async fn delete_model(
+    State(app): State<App>,
+    Path((name, model)): Path<(String, String)>,
+) -> Result<StatusCode, Failure> {
+    let id = json::model_id(&model)?;
+    app.networks.delete(&*app.environments.find(&name)?, id).await?;
+    Ok(StatusCode::NO_CONTENT)
+}
+
+/// Makes a version the one that answers for its pair, whether it beats its baselines or not.
+#[utoipa::path(
+    put,
+    path = "/v1/environments/{environment}/models/{model}/active",
+    tag = "models",
+    params(
+        ("environment" = String, Path, description = "The environment's name"),
+        ("model" = String, Path, description = "The number of a version"),
+    ),
+    responses((status = 200, description = "The version, which answers now", body = json::Model), Refusals)
+)]
+pub async fn activate_model(
+    State(app): State<App>,
+    Path((name, model)): Path<(String, String)>,
+) -> Result<axum::Json<json::Model>, Failure> {
+    let version = json::model_version(&model)?;
+    let environment = app.environments.find(&name)?;
+    Ok(axum::Json(shown(app.networks.activate(&environment, version).await?)))
+}
+
+/// Takes a version back: the one of its pair that was active before answers again, or none.
+#[utoipa::path(
+    delete,
+    path = "/v1/environments/{environment}/models/{model}/active",
+    tag = "models",
+    params(
+        ("environment" = String, Path, description = "The environment's name"),
+        ("model" = String, Path, description = "The number of a version"),
+    ),
+    responses((status = 200, description = "What answers now", body = json::RolledBack), Refusals)
+)]
+pub async fn roll_back_model(
+    State(app): State<App>,
+    Path((name, model)): Path<(String, String)>,
+) -> Result<axum::Json<json::RolledBack>, Failure> {
+    let version = json::model_version(&model)?;
+    let environment = app.environments.find(&name)?;
+    let active = app.networks.roll_back(&environment, version).await?.map(shown);
+    Ok(axum::Json(json::RolledBack { active }))
+}
+
+/// Returns a version as a safetensors file: its weights in PyTorch's layout, with its card.
+#[utoipa::path(
+    get,
+    path = "/v1/environments/{environment}/models/{model}/weights",
+    tag = "models",
+    params(
+        ("environment" = String, Path, description = "The environment's name"),
+        ("model" = String, Path, description = "The number of a version"),
+    ),
+    responses(
+        (status = 200, description = "The file", body = Vec<u8>, content_type = "application/octet-stream"),
+        Refusals
+    )
+)]
+pub async fn export_model(
+    State(app): State<App>,
+    Path((name, model)): Path<(String, String)>,
+) -> Result<Response, Failure> {
+    let version = json::model_version(&model)?;
+    let environment = app.environments.find(&name)?;
+    let file = app.networks.export(&environment, version).await?;
+    // A name of an environment needs no quoting.
+    let disposition = format!("attachment; filename=\"{name}-{version}.safetensors\"");
+    let headers = [(header::CONTENT_TYPE, OCTETS.to_owned()), (header::CONTENT_DISPOSITION, disposition)];
+    Ok((headers, file).into_response())
+}
+
+/// Keeps a network that was trained elsewhere: a safetensors file as it is returned by `weights`, of at most 16 MiB.
+///
+/// It is judged by the counts here, and not made active.
+#[utoipa::path(
+    post,
+    path = "/v1/environments/{environment}/models/import",
+    tag = "models",
+    params(("environment" = String, Path, description = "The environment's name")),
+    request_body(content = Vec<u8>, description = "The file", content_type = "application/octet-stream"),
+    responses((status = 201, description = "The version that was made of it", body = json::Model), Refusals)
+)]
+pub async fn import_model(
+    State(app): State<App>,
+    Path(name): Path<String>,
+    File(file): File,
+) -> Result<Response, Failure> {
+    let environment = app.environments.find(&name)?;
+    let model = app.networks.import(&environment, file.into()).await?;
+    let location = format!("/v1/environments/{name}/models/{}", model.version);
+    Ok((StatusCode::CREATED, [(header::LOCATION, location)], axum::Json(shown(model))).into_response())
+}
+
+fn shown(model: Model) -> json::Model {
+    proto::Model::from(model).into()
+}
+
+fn job_shown(job: Job) -> json::Job {
+    proto::Job::from(job).into()
+}
