@@ -1,7 +1,7 @@
 //! Answers for people: what was found, from how much, beside what chance alone would give.
 
-use super::output::{Table, count, figure};
-use crate::api::json::{dependence, verdict};
+use super::output::{Table, count, figure, figure_or_dash};
+use crate::api::json::{dependence, model_kind, verdict};
 use crate::api::proto;
 
 /// How many of the other's actions are told after each of the ego's.
@@ -45,7 +45,7 @@ fn one(answer: &proto::Answer, labels: &proto::Labels) -> String {
     if !answer.by_action.is_empty() {
         text += &format!("\n{}", by_action(answer, labels));
     }
-    text
+    text + &by_model(answer, labels)
 }
 
 /// Tells what the counts support, a line each.
@@ -59,6 +59,9 @@ fn evidence(answer: &proto::Answer) -> String {
     if let Some(test) = &answer.significance {
         lines.push(format!("test of independence: p = {} ({})", figure(test.p_value), test.method));
     }
+    if let Some(model) = &answer.model {
+        lines.push(network(model, answer));
+    }
     if let Some(needed) = &answer.visits_to_decide {
         lines.push(match needed.visits {
             Some(visits) => format!("about {} more visits would decide", count(visits)),
@@ -66,6 +69,19 @@ fn evidence(answer: &proto::Answer) -> String {
         });
     }
     lines.iter().map(|line| format!("{line}\n")).collect()
+}
+
+/// Tells what a network says of a state.
+fn network(model: &proto::ModelFigures, answer: &proto::Answer) -> String {
+    let (kind, unit) = (model_kind(model.kind), &answer.unit);
+    let above = match (model.probability, answer.threshold) {
+        (Some(probability), Some(threshold)) => format!("P(above {threshold} {unit}) {}", figure(probability)),
+        _ => "cannot tell at this threshold".into(),
+    };
+    let information = model.mutual_information.map(|mean| format!(", mutual information {} {unit}", figure(mean)));
+    let members = if model.agrees { "agree" } else { "disagree" };
+    let version = model.version;
+    format!("model, version {version} ({kind}): {above}{}; its members {members}", information.unwrap_or_default())
 }
 
 fn information(answer: &proto::Answer) -> String {
@@ -88,22 +104,37 @@ fn information(answer: &proto::Answer) -> String {
 }
 
 fn by_action(answer: &proto::Answer, labels: &proto::Labels) -> String {
-    let responses = labels.other.as_ref().map(|other| other.actions.as_slice()).unwrap_or_default();
     let divergence = format!("divergence ({})", answer.unit);
     let mut table = Table::new(&["action", "visits", &divergence, "from", "to", "plug-in", "answered by"]);
-    let told = |figures: Option<f64>| figures.map_or("-".into(), figure);
     for action in &answer.by_action {
         table.row([
             action.action.clone(),
             count(action.visits),
-            told(action.divergence),
-            told(action.divergence_interval.map(|interval| interval.lower)),
-            told(action.divergence_interval.map(|interval| interval.upper)),
-            told(action.plug_in_divergence),
-            most_frequent(&action.response, responses),
+            figure_or_dash(action.divergence),
+            figure_or_dash(action.divergence_interval.map(|interval| interval.lower)),
+            figure_or_dash(action.divergence_interval.map(|interval| interval.upper)),
+            figure_or_dash(action.plug_in_divergence),
+            most_frequent(&action.response, responses(labels)),
         ]);
     }
     table.render("  ")
+}
+
+/// Tells what a network expects of the ego's actions; nothing where it was not asked, or predicts no actions.
+fn by_model(answer: &proto::Answer, labels: &proto::Labels) -> String {
+    let Some(model) = answer.model.as_ref().filter(|model| !model.by_action.is_empty()) else { return String::new() };
+    let divergence = format!("divergence ({})", answer.unit);
+    let mut table = Table::new(&["action", "P(action)", &divergence, "answered by"]);
+    for action in &model.by_action {
+        let answered = most_frequent(&action.response, responses(labels));
+        table.row([action.action.clone(), figure(action.probability), figure(action.divergence), answered]);
+    }
+    format!("\nby model, version {}\n{}", model.version, table.render("  "))
+}
+
+/// Returns the labels of the other's actions.
+fn responses(labels: &proto::Labels) -> &[String] {
+    labels.other.as_ref().map(|other| other.actions.as_slice()).unwrap_or_default()
 }
 
 /// Returns the likeliest responses with their shares: `stay 61 %, north 20 %`.
@@ -124,18 +155,25 @@ fn several(answers: &[proto::Answer]) -> String {
     if with_figures {
         titles.extend(["P(above)", "dependence", "posterior mean", "plug-in", "if independent", "unit"]);
     }
+    let with_model = answers.iter().any(|answer| answer.model.is_some());
+    if with_model {
+        titles.push("P(model)");
+    }
     let mut table = Table::new(&titles);
     for answer in answers {
         let key = answer.state.clone().unwrap_or_default().key;
-        let mut row = vec![key, count(answer.visits), verdict(answer.verdict).into(), basis(answer).into()];
+        let mut row = vec![key, count(answer.visits), verdict(answer.verdict).into(), basis(answer)];
         if with_figures {
             let information = answer.mutual_information.clone().unwrap_or_default();
             let above = answer.probability.map(|probability| probability.above_threshold);
-            row.push(above.map_or("-".into(), figure));
+            row.push(figure_or_dash(above));
             row.push(dependence(answer.dependence).unwrap_or("-").into());
-            row.push(information.posterior_mean.map_or("-".into(), figure));
+            row.push(figure_or_dash(information.posterior_mean));
             row.extend([information.plug_in, information.expected_if_independent].map(figure));
             row.push(answer.unit.clone());
+        }
+        if with_model {
+            row.push(figure_or_dash(answer.model.as_ref().and_then(|model| model.probability)));
         }
         table.row(row);
     }
@@ -147,17 +185,18 @@ fn by_state(answers: &[proto::Answer], labels: &proto::Labels) -> String {
     let full = answers.iter().filter(|answer| !answer.by_action.is_empty());
     full.map(|answer| {
         let key = answer.state.clone().unwrap_or_default().key;
-        format!("\nstate {key}\n{}", by_action(answer, labels))
+        format!("\nstate {key}\n{}{}", by_action(answer, labels), by_model(answer, labels))
     })
     .collect()
 }
 
-fn basis(answer: &proto::Answer) -> &'static str {
-    match answer.basis() {
-        proto::Basis::Counts => "counts",
-        proto::Basis::Model => "model",
-        proto::Basis::Prior => "prior",
-        proto::Basis::Unspecified => "?",
+fn basis(answer: &proto::Answer) -> String {
+    match (answer.basis(), answer.basis_version) {
+        (proto::Basis::Counts, _) => "counts".into(),
+        (proto::Basis::Model, Some(version)) => format!("model, version {version}"),
+        (proto::Basis::Model, None) => "model".into(),
+        (proto::Basis::Prior, _) => "prior".into(),
+        (proto::Basis::Unspecified, _) => "?".into(),
     }
 }
 
@@ -219,6 +258,55 @@ mod tests {
     #[test]
     fn one_state_is_told_in_full() {
         insta::assert_snapshot!(render("hallway", &response(vec![answer("2.3")])));
+    }
+
+    fn decided_by_a_network(key: &str) -> proto::Answer {
+        let action = |action: &str, probability, response: &[f64]| proto::ModelAction {
+            action: action.into(),
+            probability,
+            divergence: 0.31,
+            response: response.to_vec(),
+            ..proto::ModelAction::default()
+        };
+        let model = proto::ModelFigures {
+            version: 3,
+            kind: proto::ModelKind::Joint.into(),
+            probability: Some(0.8123),
+            mutual_information: Some(0.6421),
+            agrees: true,
+            by_action: vec![action("stay", 0.75, &[0.9, 0.1]), action("go", 0.25, &[0.2, 0.8])],
+        };
+        proto::Answer {
+            visits: 2,
+            entries: None,
+            verdict: proto::Verdict::Influences.into(),
+            basis: proto::Basis::Model.into(),
+            basis_version: Some(3),
+            model: Some(model),
+            significance: None,
+            visits_to_decide: None,
+            ..answer(key)
+        }
+    }
+
+    #[test]
+    fn a_network_is_told_beside_the_counts() {
+        insta::assert_snapshot!(render("hallway", &response(vec![decided_by_a_network("2.3")])));
+    }
+
+    #[test]
+    fn a_network_that_cannot_tell_says_so() {
+        let model = proto::ModelFigures { version: 3, kind: proto::ModelKind::Direct.into(), ..Default::default() };
+        let told = render("hallway", &response(vec![proto::Answer { model: Some(model), ..answer("2.3") }]));
+        let expected = "\nmodel, version 3 (direct): cannot tell at this threshold; its members disagree\n";
+        assert!(told.contains(expected), "{told}");
+    }
+
+    #[test]
+    fn networks_have_a_column_among_several_states() {
+        let plain = |answer: proto::Answer| proto::Answer { by_action: Vec::new(), ..answer };
+        let answers = vec![plain(answer("2.2")), plain(decided_by_a_network("2.3"))];
+        insta::assert_snapshot!(render("hallway", &response(answers)));
     }
 
     #[test]

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Subcommand};
 use serde_json::json;
 
-use super::output::{Table, print, print_json, to_json};
+use super::output::{Table, cannot_read, print, print_json, to_json};
 use super::server::Server;
 use super::{Failure, output};
 use crate::api::{json as dto, proto};
@@ -187,7 +187,7 @@ async fn all(connection: &Connection) -> Result<Vec<proto::Environment>, Failure
 }
 
 fn text_of(file: &Path) -> Result<String, Failure> {
-    std::fs::read_to_string(file).map_err(|error| Failure::usage(format!("cannot read {}: {error}", file.display())))
+    std::fs::read_to_string(file).map_err(|error| cannot_read(file, &error))
 }
 
 fn stem(file: &Path) -> String {

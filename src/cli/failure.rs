@@ -6,6 +6,9 @@ use std::process::ExitCode;
 use crate::client::{ClientError, Refusal};
 use crate::error::{Fault, Problem};
 
+/// The exit code of a command that a signal ended, as shells have it for Ctrl-C.
+const INTERRUPTED: u8 = 130;
+
 /// Why a command stopped, and its exit code.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Failure {
@@ -29,11 +32,20 @@ impl Failure {
         Self { code: 0, lines: Vec::new() }
     }
 
+    /// Makes the end of a command that a signal ended: nothing is wrong, and the line says what became of what it waited for.
+    pub fn interrupted(line: impl Into<String>) -> Self {
+        Self { code: INTERRUPTED, lines: vec![line.into()] }
+    }
+
     /// Prints the lines to standard error and returns the exit code.
     pub fn report(self) -> ExitCode {
         let mut stderr = std::io::stderr().lock();
         for (i, line) in self.lines.iter().enumerate() {
-            let lead = if i == 0 { "error: " } else { "  " };
+            let lead = match (i, self.code) {
+                (0, INTERRUPTED) => "",
+                (0, _) => "error: ",
+                _ => "  ",
+            };
             // Where standard error is closed too there is nobody left to tell.
             let _ = writeln!(stderr, "{lead}{line}");
         }

@@ -1,9 +1,10 @@
 //! The command line: a file a command. Each reads its arguments, calls one room, and prints; nothing is decided here.
 //!
 //! Results go to standard output, everything else to standard error. Exit code 0: done; 1: the service refused, or rejected something; 2: the
-//! command cannot be done as it was given (a wrong flag, no such file, no service there).
+//! command cannot be done as it was given (a wrong flag, no such file, no service there); 130: a signal ended what it waited for.
 
 mod answers;
+mod card;
 mod check;
 mod demo;
 mod duration;
@@ -11,6 +12,7 @@ mod env;
 mod experiment;
 mod failure;
 mod ingest;
+mod model;
 mod output;
 mod progress;
 mod query;
@@ -18,6 +20,7 @@ mod report;
 mod serve;
 mod server;
 mod simulate;
+mod train;
 
 use std::process::ExitCode;
 
@@ -50,6 +53,9 @@ enum Command {
     Env(env::Env),
     Ingest(ingest::Ingest),
     Query(Box<query::Query>),
+    Train(train::Train),
+    #[command(subcommand)]
+    Model(model::Model),
     #[command(subcommand)]
     Simulate(simulate::Simulate),
     #[command(subcommand)]
@@ -75,6 +81,8 @@ fn execute(cli: Cli) -> Result<(), Failure> {
             Command::Env(command) => command.run().await,
             Command::Ingest(command) => command.run().await,
             Command::Query(command) => command.run().await,
+            Command::Train(command) => command.run().await,
+            Command::Model(command) => command.run().await,
             Command::Simulate(command) => command.run().await,
             Command::Experiment(command) => command.run().await,
             Command::Check(command) => command.run().await,

@@ -1,6 +1,7 @@
 //! Standard output: text and tables that may be cut off at any time.
 
 use std::io::{ErrorKind, Write};
+use std::path::Path;
 
 use super::Failure;
 
@@ -80,6 +81,24 @@ pub(super) fn count(number: u64) -> String {
 /// Returns a figure with four decimals.
 pub(super) fn figure(number: f64) -> String {
     format!("{number:.4}")
+}
+
+/// Returns a figure with four decimals, or a dash where there is none.
+pub(super) fn figure_or_dash(number: Option<f64>) -> String {
+    number.map_or("-".into(), figure)
+}
+
+/// Returns how a file cannot be read.
+pub(super) fn cannot_read(file: &Path, error: &std::io::Error) -> Failure {
+    Failure::usage(format!("cannot read {}: {error}", file.display()))
+}
+
+/// Returns how a file cannot be written; a reader that has gone, as `head` does, is no fault.
+pub(super) fn cannot_write(file: &Path, error: &std::io::Error) -> Failure {
+    match error.kind() {
+        ErrorKind::BrokenPipe => Failure::unheard(),
+        _ => Failure::usage(format!("cannot write {}: {error}", file.display())),
+    }
 }
 
 #[cfg(test)]

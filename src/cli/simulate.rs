@@ -4,14 +4,13 @@ mod ndjson;
 mod options;
 mod sending;
 
-use std::io;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
 
 pub(super) use self::sending::{Moment, Pace, Run};
 use super::Failure;
-use super::output::count;
+use super::output::{cannot_write, count};
 use super::progress::Progress;
 use super::report::Report;
 use super::server::Server;
@@ -118,12 +117,4 @@ fn show(progress: &Progress, moment: Moment) {
     let Moment { trial, time, transitions } = moment;
     progress.part(&format!("trial {trial} at {time:.0} s: {} transitions", count(transitions)));
     progress.at(u64::from(trial) - 1);
-}
-
-/// Returns how a file cannot be written; a reader that has gone, as `head` does, is no fault.
-fn cannot_write(file: &Path, error: &io::Error) -> Failure {
-    match error.kind() {
-        io::ErrorKind::BrokenPipe => Failure::unheard(),
-        _ => Failure::usage(format!("cannot write {}: {error}", file.display())),
-    }
 }

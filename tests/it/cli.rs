@@ -72,12 +72,13 @@ async fn a_mistake_gets_one_line_and_code_two() {
     let bad = tempfile::NamedTempFile::new().expect("a file");
     std::fs::write(bad.path(), "layout,trial,t\n").expect("written");
     let bad = bad.path().to_str().expect("text");
-    let cases: [(&[&str], &str); 5] = [
+    let cases: [(&[&str], &str); 6] = [
         (&["ingest", "--format", "overcooked", "/no/such.csv"], "error: cannot read /no/such.csv: No such file"),
         (&["ingest", "--format", "overcooked", bad], "line 1: column `state` is missing"),
         (&["env", "delete", "hallway"], "for ever: add --yes to do it"),
         (&["env", "apply", "/no/such.json"], "error: cannot read /no/such.json: No such file"),
         (&["query", "hallway"], "error: no state: add --state"),
+        (&["model", "import", "hallway", "/no/such.file"], "error: cannot read /no/such.file: No such file"),
     ];
     for (arguments, expected) in cases {
         let (code, stdout, stderr) = run(&fake, arguments).await;

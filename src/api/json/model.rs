@@ -286,6 +286,12 @@ impl From<proto::Model> for Model {
     }
 }
 
+impl From<proto::RollBackModelResponse> for RolledBack {
+    fn from(response: proto::RollBackModelResponse) -> Self {
+        Self { active: response.active.map(Into::into) }
+    }
+}
+
 impl From<proto::Job> for Job {
     fn from(job: proto::Job) -> Self {
         let proto::Job { id, ego, other, state, progress, message, version } = job;

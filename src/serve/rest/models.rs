@@ -138,8 +138,8 @@ pub async fn roll_back_model(
 ) -> Result<axum::Json<json::RolledBack>, Failure> {
     let version = json::model_version(&model)?;
     let environment = app.environments.find(&name)?;
-    let active = app.networks.roll_back(&environment, version).await?.map(shown);
-    Ok(axum::Json(json::RolledBack { active }))
+    let active = app.networks.roll_back(&environment, version).await?.map(Into::into);
+    Ok(axum::Json(proto::RollBackModelResponse { active }.into()))
 }
 
 /// Returns a version as a safetensors file: its weights in PyTorch's layout, with its card.

@@ -1,0 +1,261 @@
+//! What networks say of themselves, for people: how they did beside every baseline, and whether they answer.
+
+use super::output::{Table, count, figure, figure_or_dash};
+use crate::api::json::{job_state, model_kind, weighting};
+use crate::api::proto;
+use crate::domain::ModelId;
+
+/// Returns what one version says of itself.
+pub(super) fn render(environment: &str, model: &proto::Model) -> String {
+    let card = model.card.clone().unwrap_or_default();
+    let (ego, other, version) = (&model.ego, &model.other, model.version);
+    let heading = format!("{environment}: {ego} on {other}, model version {version}");
+    let (facts, scores, reliability) = (facts(&card), scores(&card), reliability(&card));
+    format!("{heading}\n\n{facts}\n{scores}\n{reliability}\n{}\n", standing(environment, model, &card))
+}
+
+/// Returns every version and every job, a line each.
+pub(super) fn list(environment: &str, response: &proto::ListModelsResponse) -> String {
+    let models = match response.models.is_empty() {
+        true => format!("no models yet: `nudge train {environment}` makes one\n"),
+        false => versions(&response.models),
+    };
+    if response.jobs.is_empty() { models } else { format!("{models}\n{}", jobs(&response.jobs)) }
+}
+
+/// Returns how far a job is, in a line.
+pub(super) fn job_line(job: &proto::Job) -> String {
+    let message = if job.message.is_empty() { String::new() } else { format!(": {}", job.message) };
+    format!("{} {}{message}", ModelId::Job(job.id), job_state(job.state))
+}
+
+/// Tells how it was trained, a fact a line.
+fn facts(card: &proto::Card) -> String {
+    let training = card.training.unwrap_or_default();
+    let passes: Vec<String> = card.epochs.iter().copied().map(count).collect();
+    let mut facts = vec![
+        ("network", network(&training)),
+        ("trained on", trained_on(card)),
+        ("split", card.split.clone()),
+        ("passes", format!("{} of at most {}", passes.join(", "), count(training.epochs))),
+        ("judged by", judged_by(card, &training)),
+        ("threshold", format!("{} nats", card.threshold)),
+    ];
+    // A direct network has no mutual information to make a probability of.
+    if let (proto::ModelKind::Joint, Some(calibration)) = (training.kind(), card.calibration) {
+        facts.push(("calibration", calibrated(&calibration)));
+    }
+    if card.imported {
+        facts.push(("imported", "trained elsewhere: nobody knows which states it has seen".into()));
+    }
+    facts.iter().map(|(name, fact)| format!("{name:<11}  {fact}\n")).collect()
+}
+
+fn network(training: &proto::Training) -> String {
+    let proto::Training { members, width, seed, .. } = training;
+    format!("{}, {members} members of {width} units, seed {seed}", model_kind(training.kind))
+}
+
+fn trained_on(card: &proto::Card) -> String {
+    let (states, visits) = (count(card.states), count(card.visits));
+    format!("{states} states seen {visits} times, {} numbers a state, at revision {}", card.inputs, card.revision)
+}
+
+fn judged_by(card: &proto::Card, training: &proto::Training) -> String {
+    let (states, weighting) = (count(card.judged_states), weighting(training.weighting));
+    let (fit, share) = (card.fit.unwrap_or_default().version, figure(card.positive_share));
+    format!("{states} states weighted by {weighting}, by fit {fit}; share with influence {share}")
+}
+
+fn calibrated(calibration: &proto::Calibration) -> String {
+    let [intercept, slope] = [calibration.intercept, calibration.slope].map(figure);
+    format!("P(above) = logistic({intercept} + {slope} ln MI)")
+}
+
+fn scores(card: &proto::Card) -> String {
+    let mut table = Table::new(&["judged", "log-likelihood (nats)", "AUROC", "precision", "recall", "F1", "Brier"]);
+    for score in card.score.iter().chain(&card.baselines) {
+        let figures =
+            [score.log_likelihood, score.auroc, score.precision, score.recall, Some(score.f1), Some(score.brier)];
+        table.row(std::iter::once(score.name.clone()).chain(figures.map(figure_or_dash)));
+    }
+    table.render("")
+}
+
+fn reliability(card: &proto::Card) -> String {
+    let mut table = Table::new(&["P(above)", "states", "predicted", "by the evidence"]);
+    for tenth in &card.reliability {
+        let range = format!("{:.1} to {:.1}", tenth.from, tenth.from + 0.1);
+        table.row([range, count(tenth.states), figure(tenth.predicted), figure(tenth.observed)]);
+    }
+    table.render("")
+}
+
+/// Says whether it answers, and what can be done about it.
+fn standing(environment: &str, model: &proto::Model, card: &proto::Card) -> String {
+    let unbeaten = card.not_better_than.join(", ");
+    let activate = format!("`nudge model activate {environment} {}`", model.version);
+    match (model.active, card.not_better_than.is_empty()) {
+        _ if model.stale => {
+            "stale: the rule has another threshold now, for which it cannot answer; train another".into()
+        }
+        (true, true) => "active: it answers where counts do not decide".into(),
+        (true, false) => format!("active, though it does not beat {unbeaten}"),
+        (false, true) => format!("not active: {activate} makes it answer"),
+        (false, false) => format!("not active: it does not beat {unbeaten}; {activate} makes it answer all the same"),
+    }
+}
+
+fn versions(models: &[proto::Model]) -> String {
+    let titles = ["version", "ego", "other", "kind", "state", "log-likelihood (nats)", "F1", "Brier", "does not beat"];
+    let mut table = Table::new(&titles);
+    for model in models {
+        let card = model.card.clone().unwrap_or_default();
+        let score = card.score.unwrap_or_default();
+        let state = match (model.stale, model.active) {
+            (true, _) => "stale",
+            (false, true) => "active",
+            (false, false) => "-",
+        };
+        let unbeaten = match card.not_better_than.is_empty() {
+            true => "-".into(),
+            false => card.not_better_than.join(", "),
+        };
+        table.row([
+            model.version.to_string(),
+            model.ego.clone(),
+            model.other.clone(),
+            model_kind(card.training.unwrap_or_default().kind).into(),
+            state.into(),
+            figure_or_dash(score.log_likelihood),
+            figure(score.f1),
+            figure(score.brier),
+            unbeaten,
+        ]);
+    }
+    table.render("")
+}
+
+fn jobs(jobs: &[proto::Job]) -> String {
+    let mut table = Table::new(&["job", "ego", "other", "state", "done", "message"]);
+    for job in jobs {
+        table.row([
+            ModelId::Job(job.id).to_string(),
+            job.ego.clone(),
+            job.other.clone(),
+            job_state(job.state).into(),
+            format!("{:.0} %", job.progress * 100.0),
+            job.message.clone(),
+        ]);
+    }
+    table.render("")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn score(name: &str, log_likelihood: Option<f64>, figures: [Option<f64>; 3]) -> proto::Score {
+        let [auroc, precision, recall] = figures;
+        proto::Score { name: name.into(), log_likelihood, auroc, precision, recall, f1: 0.7512, brier: 0.0834 }
+    }
+
+    fn model() -> proto::Model {
+        let training = proto::Training {
+            kind: proto::ModelKind::Joint.into(),
+            width: 64,
+            members: 3,
+            folds: 5,
+            epochs: 500,
+            weighting: proto::Weighting::Visits.into(),
+            seed: 7,
+        };
+        let tenth = |from, states| proto::Reliability { from, states, predicted: from + 0.04, observed: from + 0.05 };
+        let card = proto::Card {
+            training: Some(training),
+            schema_hash: "ab12".into(),
+            threshold: 0.5,
+            revision: 40_212,
+            fit: Some(proto::Fit { version: 2, revision: 40_000 }),
+            states: 812,
+            visits: 40_212,
+            inputs: 23,
+            split: "each member is judged by one of 5 parts of the states".into(),
+            epochs: vec![41, 38, 52],
+            judged_states: 488,
+            positive_share: 0.231,
+            calibration: Some(proto::Calibration { intercept: 1.5, slope: 0.75 }),
+            score: Some(score("network", Some(-1.2034), [Some(0.9312), Some(0.8), Some(0.7)])),
+            baselines: vec![
+                score("all_positive", None, [None, Some(0.231), Some(1.0)]),
+                score("look_up", Some(-1.5), [Some(0.5), None, Some(0.0)]),
+            ],
+            reliability: vec![tenth(0.0, 444), tenth(0.8, 44)],
+            ..Default::default()
+        };
+        let (ego, other) = ("robot".into(), "human".into());
+        proto::Model { version: 3, ego, other, active: true, stale: false, card: Some(card) }
+    }
+
+    fn worse() -> proto::Model {
+        let card =
+            model().card.map(|card| proto::Card { not_better_than: vec!["look_up".into(), "shuffled".into()], ..card });
+        proto::Model { version: 4, active: false, card, ..model() }
+    }
+
+    fn job(id: u64, state: proto::JobState, message: &str) -> proto::Job {
+        let (ego, other, message) = ("robot".into(), "human".into(), message.into());
+        proto::Job { id, ego, other, state: state.into(), progress: 0.25, message, version: None }
+    }
+
+    #[test]
+    fn a_version_is_told_beside_every_baseline() {
+        insta::assert_snapshot!(render("hallway", &model()));
+    }
+
+    #[test]
+    fn versions_and_jobs_are_told_a_line_each() {
+        let jobs =
+            vec![job(1, proto::JobState::Running, "training member 2 of 3"), job(2, proto::JobState::Queued, "")];
+        let response = proto::ListModelsResponse { models: vec![model(), worse()], jobs };
+        insta::assert_snapshot!(list("hallway", &response));
+        let nothing = list("hallway", &proto::ListModelsResponse::default());
+        assert_eq!(nothing, "no models yet: `nudge train hallway` makes one\n");
+    }
+
+    #[test]
+    fn its_standing_says_what_can_be_done() {
+        let told = |model: proto::Model| standing("hallway", &model, &model.card.clone().unwrap_or_default());
+        let worse = worse();
+        let cases = [
+            (model(), "active: it answers where counts do not decide"),
+            (proto::Model { active: false, ..model() }, "not active: `nudge model activate hallway 3` makes it answer"),
+            (
+                worse.clone(),
+                "not active: it does not beat look_up, shuffled; `nudge model activate hallway 4` makes it answer all the same",
+            ),
+            (proto::Model { active: true, ..worse }, "active, though it does not beat look_up, shuffled"),
+            (
+                proto::Model { stale: true, ..model() },
+                "stale: the rule has another threshold now, for which it cannot answer; train another",
+            ),
+        ];
+        for (model, expected) in cases {
+            assert_eq!(told(model), expected);
+        }
+    }
+
+    #[test]
+    fn an_imported_network_says_so() {
+        let card = model().card.map(|card| proto::Card { imported: true, ..card });
+        let told = render("hallway", &proto::Model { card, ..model() });
+        assert!(told.contains("\nimported     trained elsewhere"), "{told}");
+    }
+
+    #[test]
+    fn a_job_is_a_line() {
+        let running = job(3, proto::JobState::Running, "training member 2 of 3");
+        assert_eq!(job_line(&running), "job-3 running: training member 2 of 3");
+        assert_eq!(job_line(&job(4, proto::JobState::Queued, "")), "job-4 queued");
+    }
+}
