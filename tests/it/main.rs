@@ -13,6 +13,7 @@ mod golden;
 mod inference;
 mod ingest;
 mod kill;
+mod models;
 mod operations;
 mod planted;
 mod proxy;

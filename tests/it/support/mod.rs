@@ -10,6 +10,7 @@ use std::sync::Arc;
 use nudge::api::proto::environment_service_client::EnvironmentServiceClient;
 use nudge::api::proto::influence_service_client::InfluenceServiceClient;
 use nudge::api::proto::ingest_service_client::IngestServiceClient;
+use nudge::api::proto::model_service_client::ModelServiceClient;
 use nudge::api::proto::{self, IngestRequest, IngestResponse, ingest_request, ingest_response};
 use nudge::app::{App, Upkeep};
 use nudge::serve::{Settings, serve};
@@ -81,6 +82,10 @@ impl TestApp {
 
     pub async fn influence(&self) -> InfluenceServiceClient<Channel> {
         InfluenceServiceClient::new(self.channel().await)
+    }
+
+    pub async fn models(&self) -> ModelServiceClient<Channel> {
+        ModelServiceClient::new(self.channel().await)
     }
 
     pub async fn ingest(&self) -> IngestServiceClient<Channel> {

@@ -10,7 +10,7 @@ use tower::ServiceExt;
 
 use super::*;
 use crate::serve::cors;
-use crate::serve::rest::extract::{Json, Path, Query};
+use crate::serve::rest::extract::{File, Json, OptionalJson, Path, Query};
 use crate::serve::rest::{documentation, problems};
 use crate::serve::status::Failure;
 
@@ -26,6 +26,14 @@ async fn numbers(Json(numbers): Json<Vec<f64>>) -> String {
     numbers.len().to_string()
 }
 
+async fn perhaps(OptionalJson(numbers): OptionalJson<Vec<f64>>) -> String {
+    numbers.len().to_string()
+}
+
+async fn file(File(bytes): File) -> String {
+    bytes.len().to_string()
+}
+
 async fn nothing(Query(query): Query) -> Result<(), Failure> {
     Ok(query.finish(())?)
 }
@@ -35,6 +43,8 @@ fn router() -> Router {
         .route("/panics", get(panics))
         .route("/names/{name}", get(name))
         .route("/numbers", post(numbers))
+        .route("/perhaps", post(perhaps))
+        .route("/file", post(file))
         .route("/nothing", get(nothing))
         .route("/slow", get(std::future::pending::<()>))
         .route("/large", get(|| async { "x".repeat(2_000) }))
@@ -86,6 +96,29 @@ async fn what_takes_too_long_is_a_problem_to_retry() {
     let response = send(Request::get("/slow"), ()).await;
     assert_eq!(response.headers()[header::RETRY_AFTER], "1");
     problem(response, 503, "TIMEOUT").await;
+}
+
+#[tokio::test]
+async fn a_body_that_may_be_empty_needs_a_type_only_where_it_is_not() {
+    let typed = |media: &str| Request::post("/perhaps").header(header::CONTENT_TYPE, media);
+    assert_eq!(send(Request::post("/perhaps"), ()).await.status(), StatusCode::OK);
+    assert_eq!(send(typed("text/plain"), ()).await.status(), StatusCode::OK);
+    assert_eq!(send(typed("application/json"), "[1]").await.status(), StatusCode::OK);
+    problem(send(Request::post("/perhaps"), "[1]").await, 415, "UNSUPPORTED_MEDIA_TYPE").await;
+    problem(send(typed("application/x-ndjson"), "[1]").await, 415, "UNSUPPORTED_MEDIA_TYPE").await;
+    let told = problem(send(typed("application/json"), "[\"1\"]").await, 400, "INVALID_INPUT").await;
+    assert_eq!(told["errors"][0]["pointer"], "/0");
+}
+
+#[tokio::test]
+async fn a_file_has_a_type_of_its_own() {
+    let typed = |media: &str| Request::post("/file").header(header::CONTENT_TYPE, media);
+    assert_eq!(send(typed("application/octet-stream"), "\u{0}").await.status(), StatusCode::OK);
+    let told = problem(send(typed("application/json"), "[1]").await, 415, "UNSUPPORTED_MEDIA_TYPE").await;
+    let expected = "got content type \"application/json\", expected application/octet-stream";
+    assert_eq!(told["detail"], expected);
+    let large = vec![b' '; MOST_BODY_BYTES + 1];
+    problem(send(typed("application/octet-stream"), large).await, 413, "BODY_TOO_LARGE").await;
 }
 
 #[tokio::test]
