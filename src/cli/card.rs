@@ -10,8 +10,8 @@ pub(super) fn render(environment: &str, model: &proto::Model) -> String {
     let card = model.card.clone().unwrap_or_default();
     let (ego, other, version) = (&model.ego, &model.other, model.version);
     let heading = format!("{environment}: {ego} on {other}, model version {version}");
-    let (facts, scores, reliability) = (facts(&card), scores(&card), reliability(&card));
-    format!("{heading}\n\n{facts}\n{scores}\n{reliability}\n{}\n", standing(environment, model, &card))
+    let standing = format!("{}\n", standing(environment, model, &card));
+    format!("{heading}\n\n{}\n{}\n{}{standing}", facts(&card), scores(&card), reliability(&card))
 }
 
 /// Returns every version and every job, a line each.
@@ -64,7 +64,7 @@ fn trained_on(card: &proto::Card) -> String {
 fn judged_by(card: &proto::Card, training: &proto::Training) -> String {
     let (states, weighting) = (count(card.judged_states), weighting(training.weighting));
     let (fit, share) = (card.fit.unwrap_or_default().version, figure(card.positive_share));
-    format!("{states} states weighted by {weighting}, by fit {fit}; share with influence {share}")
+    format!("{states} states weighted by {weighting}, with fit {fit} of the prior; share with influence {share}")
 }
 
 fn calibrated(calibration: &proto::Calibration) -> String {
@@ -82,13 +82,17 @@ fn scores(card: &proto::Card) -> String {
     table.render("")
 }
 
+/// Tells whether probabilities are what they say; nothing where nothing was judged.
 fn reliability(card: &proto::Card) -> String {
+    if card.reliability.is_empty() {
+        return String::new();
+    }
     let mut table = Table::new(&["P(above)", "states", "predicted", "by the evidence"]);
     for tenth in &card.reliability {
         let range = format!("{:.1} to {:.1}", tenth.from, tenth.from + 0.1);
         table.row([range, count(tenth.states), figure(tenth.predicted), figure(tenth.observed)]);
     }
-    table.render("")
+    table.render("") + "\n"
 }
 
 /// Says whether it answers, and what can be done about it.

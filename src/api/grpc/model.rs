@@ -152,36 +152,6 @@ mod tests {
     }
 
     #[test]
-    fn everything_can_be_asked() {
-        let request = proto::TrainModelRequest {
-            environment: "hallway".into(),
-            ego: "a".into(),
-            other: "b".into(),
-            kind: proto::ModelKind::Direct.into(),
-            width: Some(0),
-            members: Some(1),
-            folds: Some(2),
-            epochs: Some(3),
-            weighting: proto::Weighting::States.into(),
-            seed: Some(u64::MAX),
-            activate: true,
-        };
-        let expected = TrainingDraft {
-            ego: Some("a".into()),
-            other: Some("b".into()),
-            kind: Some("direct".into()),
-            width: Some(0),
-            members: Some(1),
-            folds: Some(2),
-            epochs: Some(3),
-            weighting: Some("states".into()),
-            seed: Some(u64::MAX),
-            activate: true,
-        };
-        assert_eq!(training(request).1, expected);
-    }
-
-    #[test]
     fn numbers_that_no_enum_knows_are_left_to_the_domain() {
         let draft = training(proto::TrainModelRequest { kind: 7, weighting: -1, ..Default::default() }).1;
         assert_eq!((draft.kind.as_deref(), draft.weighting.as_deref()), (Some("7"), Some("-1")));

@@ -4,6 +4,7 @@
 //! The doc comments here are the descriptions of the OpenAPI document. Nothing here knows HTTP.
 
 mod answer;
+mod card;
 mod decode;
 mod description;
 mod environment;
@@ -15,6 +16,7 @@ mod loose;
 mod model;
 mod overview;
 mod parameters;
+mod prediction;
 mod problem;
 mod query;
 mod question;
@@ -23,7 +25,8 @@ mod record;
 mod rule;
 mod transitions;
 
-pub use answer::{ActionFigures, Answer, Answers, Basis, ModelAction, ModelFigures, MutualInformation, verdict};
+pub use answer::{ActionFigures, Answer, Answers, Basis, MutualInformation, verdict};
+pub use card::{Calibration, Card, Reliability, Score, Training, model_kind, weighting};
 pub use decode::decode;
 pub use description::{Agent, Categorical, Circular, Continuous, Description, Feature, Integer, description_of_text};
 pub use environment::{Environment, EnvironmentPage};
@@ -31,14 +34,12 @@ pub use evidence::{Fit, Fits, FittedPrior, Probability, Significance, dependence
 pub use exploration::{Exploration, Trial};
 pub use graph::{Edge, Graph};
 pub use labels::{Bin, Labels, State, Variable};
-pub use model::{
-    Calibration, Card, Job, Model, ModelOrJob, Models, Reliability, RolledBack, Score, Training, TrainingRequest,
-    job_state, model_id, model_kind, model_version, weighting,
-};
+pub use model::{Job, Model, ModelOrJob, Models, RolledBack, TrainingRequest, job_state, model_id, model_version};
 pub use overview::{
     Cell, Counts, DependenceCounts, Discoveries, HistogramBin, StateFigures, StatePage, Summary, VerdictCounts,
 };
 pub use parameters::Parameters;
+pub use prediction::{ModelAction, ModelFigures};
 pub use problem::{Fault, Problem};
 pub use query::{batch_of_query, exploration, fit, graph, listing, overview, page, question_of_query};
 pub use question::{NamedState, Question};

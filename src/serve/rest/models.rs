@@ -1,16 +1,61 @@
 //! Networks: trained, listed, switched, taken along and removed.
 
+use std::sync::Arc;
+
 use axum::extract::State;
 use axum::response::{IntoResponse, Response};
 use http::{StatusCode, header};
+use serde::Deserialize;
+use utoipa::{IntoParams, ToSchema};
 
 use super::extract::{File, OCTETS, OptionalJson, Path};
 use super::openapi::Refusals;
 use crate::api::json::ModelOrJob;
 use crate::api::{json, proto};
 use crate::app::App;
-use crate::domain::{Job, Model, ModelId};
+use crate::domain::{Environment, Job, Model, ModelId};
+use crate::error::Problem;
 use crate::serve::status::Failure;
+
+/// A safetensors file: weights in PyTorch's layout, with the card of their network.
+#[derive(ToSchema)]
+#[schema(value_type = String, format = Binary)]
+#[allow(dead_code)]
+pub struct Safetensors(Vec<u8>);
+
+/// Names a version.
+#[derive(Deserialize, IntoParams)]
+#[into_params(parameter_in = Path)]
+pub struct VersionPath {
+    /// The environment's name.
+    environment: String,
+    /// The number of a version.
+    model: String,
+}
+
+impl VersionPath {
+    fn find(&self, app: &App) -> Result<(Arc<Environment>, u64), Problem> {
+        let version = json::model_version(&self.model)?;
+        Ok((app.environments.find(&self.environment)?, version))
+    }
+}
+
+/// Names a version or a job.
+#[derive(Deserialize, IntoParams)]
+#[into_params(parameter_in = Path)]
+pub struct IdPath {
+    /// The environment's name.
+    environment: String,
+    /// The number of a version, or `job-` and the number of a job.
+    model: String,
+}
+
+impl IdPath {
+    fn find(&self, app: &App) -> Result<(Arc<Environment>, ModelId), Problem> {
+        let id = json::model_id(&self.model)?;
+        Ok((app.environments.find(&self.environment)?, id))
+    }
+}
 
 /// Trains a network for a pair of agents, after those that were asked for before; answers at once with its job.
 ///
@@ -63,18 +108,11 @@ pub async fn list_models(
     get,
     path = "/v1/environments/{environment}/models/{model}",
     tag = "models",
-    params(
-        ("environment" = String, Path, description = "The environment's name"),
-        ("model" = String, Path, description = "The number of a version, or `job-` and the number of a job"),
-    ),
+    params(IdPath),
     responses((status = 200, description = "The version or the job", body = json::ModelOrJob), Refusals)
 )]
-pub async fn get_model(
-    State(app): State<App>,
-    Path((name, model)): Path<(String, String)>,
-) -> Result<axum::Json<ModelOrJob>, Failure> {
-    let id = json::model_id(&model)?;
-    let environment = app.environments.find(&name)?;
+pub async fn get_model(State(app): State<App>, Path(path): Path<IdPath>) -> Result<axum::Json<ModelOrJob>, Failure> {
+    let (environment, id) = path.find(&app)?;
     Ok(axum::Json(match id {
         ModelId::Version(version) => ModelOrJob::Model(Box::new(shown(app.networks.get(&environment, version).await?))),
         ModelId::Job(id) => ModelOrJob::Job(job_shown(app.networks.job(&environment, id)?)),
@@ -86,18 +124,12 @@ pub async fn get_model(
     delete,
     path = "/v1/environments/{environment}/models/{model}",
     tag = "models",
-    params(
-        ("environment" = String, Path, description = "The environment's name"),
-        ("model" = String, Path, description = "The number of a version, or `job-` and the number of a job"),
-    ),
+    params(IdPath),
     responses((status = 204, description = "The version is gone, or the job ends"), Refusals)
 )]
-pub async fn delete_model(
-    State(app): State<App>,
-    Path((name, model)): Path<(String, String)>,
-) -> Result<StatusCode, Failure> {
-    let id = json::model_id(&model)?;
-    app.networks.delete(&*app.environments.find(&name)?, id).await?;
+pub async fn delete_model(State(app): State<App>, Path(path): Path<IdPath>) -> Result<StatusCode, Failure> {
+    let (environment, id) = path.find(&app)?;
+    app.networks.delete(&environment, id).await?;
     Ok(StatusCode::NO_CONTENT)
 }
 
@@ -106,18 +138,14 @@ pub async fn delete_model(
     put,
     path = "/v1/environments/{environment}/models/{model}/active",
     tag = "models",
-    params(
-        ("environment" = String, Path, description = "The environment's name"),
-        ("model" = String, Path, description = "The number of a version"),
-    ),
+    params(VersionPath),
     responses((status = 200, description = "The version, which answers now", body = json::Model), Refusals)
 )]
 pub async fn activate_model(
     State(app): State<App>,
-    Path((name, model)): Path<(String, String)>,
+    Path(path): Path<VersionPath>,
 ) -> Result<axum::Json<json::Model>, Failure> {
-    let version = json::model_version(&model)?;
-    let environment = app.environments.find(&name)?;
+    let (environment, version) = path.find(&app)?;
     Ok(axum::Json(shown(app.networks.activate(&environment, version).await?)))
 }
 
@@ -126,18 +154,14 @@ pub async fn activate_model(
     delete,
     path = "/v1/environments/{environment}/models/{model}/active",
     tag = "models",
-    params(
-        ("environment" = String, Path, description = "The environment's name"),
-        ("model" = String, Path, description = "The number of a version"),
-    ),
+    params(VersionPath),
     responses((status = 200, description = "What answers now", body = json::RolledBack), Refusals)
 )]
 pub async fn roll_back_model(
     State(app): State<App>,
-    Path((name, model)): Path<(String, String)>,
+    Path(path): Path<VersionPath>,
 ) -> Result<axum::Json<json::RolledBack>, Failure> {
-    let version = json::model_version(&model)?;
-    let environment = app.environments.find(&name)?;
+    let (environment, version) = path.find(&app)?;
     let active = app.networks.roll_back(&environment, version).await?.map(Into::into);
     Ok(axum::Json(proto::RollBackModelResponse { active }.into()))
 }
@@ -147,24 +171,17 @@ pub async fn roll_back_model(
     get,
     path = "/v1/environments/{environment}/models/{model}/weights",
     tag = "models",
-    params(
-        ("environment" = String, Path, description = "The environment's name"),
-        ("model" = String, Path, description = "The number of a version"),
-    ),
+    params(VersionPath),
     responses(
-        (status = 200, description = "The file", body = Vec<u8>, content_type = "application/octet-stream"),
+        (status = 200, description = "The file", body = Safetensors, content_type = "application/octet-stream"),
         Refusals
     )
 )]
-pub async fn export_model(
-    State(app): State<App>,
-    Path((name, model)): Path<(String, String)>,
-) -> Result<Response, Failure> {
-    let version = json::model_version(&model)?;
-    let environment = app.environments.find(&name)?;
+pub async fn export_model(State(app): State<App>, Path(path): Path<VersionPath>) -> Result<Response, Failure> {
+    let (environment, version) = path.find(&app)?;
     let file = app.networks.export(&environment, version).await?;
     // A name of an environment needs no quoting.
-    let disposition = format!("attachment; filename=\"{name}-{version}.safetensors\"");
+    let disposition = format!("attachment; filename=\"{}-{version}.safetensors\"", path.environment);
     let headers = [(header::CONTENT_TYPE, OCTETS.to_owned()), (header::CONTENT_DISPOSITION, disposition)];
     Ok((headers, file).into_response())
 }
@@ -177,7 +194,7 @@ pub async fn export_model(
     path = "/v1/environments/{environment}/models/import",
     tag = "models",
     params(("environment" = String, Path, description = "The environment's name")),
-    request_body(content = Vec<u8>, description = "The file", content_type = "application/octet-stream"),
+    request_body(content = Safetensors, description = "The file", content_type = "application/octet-stream"),
     responses((status = 201, description = "The version that was made of it", body = json::Model), Refusals)
 )]
 pub async fn import_model(
