@@ -8,7 +8,8 @@ use super::dataset::{Dataset, Example, cells};
 use super::member::{Joint, Member};
 use super::network::{ln_information, logistic, probability};
 use super::score::{Judged, reliability, score};
-use super::training::{Ensemble, is_ahead};
+use super::training::Ensemble;
+use super::worth::is_worth_something;
 use crate::domain::{Baseline, Calibration, Card, ModelKind, Score, Training, Weighting};
 use crate::evidence::{Expected, factors};
 
@@ -74,7 +75,8 @@ pub fn card(
     let mut not_better_than: Vec<String> =
         baselines.iter().filter(better).map(|baseline| baseline.name.clone()).collect();
     let shuffled = Baseline::Shuffled.as_str();
-    if twin.is_none_or(|twin| !court.is_ahead(&network, &twin)) && !not_better_than.iter().any(|name| name == shuffled)
+    if !court.has_found_something(&network, twin.as_deref().unwrap_or_default())
+        && !not_better_than.iter().any(|name| name == shuffled)
     {
         not_better_than.push(shuffled.to_owned());
     }
@@ -225,19 +227,27 @@ impl<'a> Court<'a> {
         (draws > 0).then(|| sum / draws as f64)
     }
 
-    /// Returns whether a network is ahead of its shuffled twin: by what its dependence is worth, or by its squared error where it tells no more.
-    fn is_ahead(&self, network: &[Said], twin: &[Said]) -> bool {
-        let worth = |example: &Example, said: &Said| match &said.joint {
-            Some(joint) => joint.gain(&example.table),
-            None => {
-                let (q, y) = (logistic(mean(&said.numbers)), example.above);
-                -self.weight(example) * (y * (1.0 - q).powi(2) + (1.0 - y) * q * q)
+    /// Returns whether a network has found something: a joint one, if its dependence is worth more than chance; a direct one, if its squared error is
+    /// below that of its shuffled twin by more than chance.
+    fn has_found_something(&self, network: &[Said], twin: &[Said]) -> bool {
+        match self.training.kind {
+            ModelKind::Joint => {
+                let tables = self.examples().map(|example| &example.table);
+                is_worth_something(tables.zip(network.iter().filter_map(|said| said.joint.as_ref())))
             }
-        };
-        let pairs = self.examples().zip(network.iter().zip(twin));
-        let differences: Vec<f64> =
-            pairs.map(|(example, (own, other))| worth(example, own) - worth(example, other)).collect();
-        is_ahead(&differences)
+            ModelKind::Direct => {
+                let error = |example: &Example, said: &Said| {
+                    let (q, y) = (logistic(mean(&said.numbers)), example.above);
+                    self.weight(example) * (y * (1.0 - q).powi(2) + (1.0 - y) * q * q)
+                };
+                let pairs = self.examples().zip(network.iter().zip(twin));
+                is_above_zero(
+                    &pairs
+                        .map(|(example, (own, other))| error(example, other) - error(example, own))
+                        .collect::<Vec<_>>(),
+                )
+            }
+        }
     }
 
     /// Scores what needs no network; each learns from the parts that a state is not in.
@@ -286,6 +296,14 @@ impl<'a> Court<'a> {
         let total: f64 = examples().map(|example| self.weight(example)).sum();
         examples().map(|example| self.weight(example) * example.above).sum::<f64>() / total.max(f64::MIN_POSITIVE)
     }
+}
+
+/// Returns whether the mean of differences is above zero by three standard errors.
+fn is_above_zero(differences: &[f64]) -> bool {
+    let n = differences.len() as f64;
+    let mean = mean(differences);
+    let variance = differences.iter().map(|difference| (difference - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
+    mean > 3.0 * (variance / n.max(1.0)).sqrt()
 }
 
 fn positive_share(judged: &[Judged]) -> f64 {

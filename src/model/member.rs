@@ -119,7 +119,12 @@ impl Joint {
 
     /// Returns sum n_ij [ln p(j | i) - ln p(j)] of counts: what dependence is worth to them.
     pub fn gain(&self, table: &Table) -> f64 {
-        cells(table).map(|(i, j, n)| n * (self.response[[i, j]].ln() - self.other[j].ln())).sum()
+        cells(table).map(|(i, j, n)| n * self.ln_ratio(i, j)).sum()
+    }
+
+    /// Returns ln p(j | i) - ln p(j).
+    pub fn ln_ratio(&self, i: usize, j: usize) -> f64 {
+        self.response[[i, j]].ln() - self.other[j].ln()
     }
 
     /// Returns KL(p(other | the ego's action) from p(other)), in nats, at least 0.

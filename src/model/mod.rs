@@ -10,7 +10,7 @@
 //! |---|---|
 //! | `dataset` | the states with their tables and what the evidence says of them, and the same with the other's actions shuffled |
 //! | `encoder`, `member` | from a state to inputs, from inputs to what both agents do: the forward pass that is served |
-//! | `learner`, `training` | gradients, by the training library and nobody else; when to stop |
+//! | `learner`, `training`, `worth` | gradients, by the training library and nobody else; when to stop; whether more than chance was learned |
 //! | `calibrate`, `score`, `back_off`, `judge` | from mutual information to a probability, and how good it is beside what it has to beat |
 //! | `file`, `registry`, `network` | kept as safetensors, listed, switched, ready to answer |
 //! | `jobs` | trainings that were asked for |
@@ -31,6 +31,7 @@ mod registry;
 mod score;
 mod training;
 mod upkeep;
+mod worth;
 
 use std::ops::ControlFlow;
 use std::sync::Arc;

@@ -14,6 +14,7 @@ mod inference;
 mod ingest;
 mod kill;
 mod models;
+mod networks;
 mod operations;
 mod planted;
 mod proxy;

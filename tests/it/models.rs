@@ -17,7 +17,7 @@ use crate::support::{TestApp, reason};
 const WORLD: &str = "/v1/environments/world";
 
 /// Places along a corridor; the human copies the robot in the nearer half.
-const PLACES: u64 = 8;
+const PLACES: u64 = 20;
 
 /// How often a joint of place and light is seen.
 const VISITS: u64 = 24;

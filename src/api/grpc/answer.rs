@@ -38,10 +38,7 @@ impl From<Answer> for proto::Answer {
             visits: answer.visits,
             verdict: proto::Verdict::from(answer.verdict).into(),
             basis: proto::Basis::from(answer.basis).into(),
-            basis_version: match answer.basis {
-                Basis::Model(version) => Some(version),
-                Basis::Counts(_) | Basis::Prior => None,
-            },
+            basis_version: version(answer.basis),
             ..Self::default()
         };
         let by_action = answer.by_action.into_iter().flatten().map(Into::into).collect();
@@ -81,6 +78,14 @@ fn with_figures(base: proto::Answer, key: &StateKey, figures: Figures) -> proto:
         fit: Some(figures.fit.into()),
         model: figures.model.map(Into::into),
         ..base
+    }
+}
+
+/// Encodes which network a verdict rests on.
+pub(super) fn version(basis: Basis) -> Option<u64> {
+    match basis {
+        Basis::Model(version) => Some(version),
+        Basis::Counts(_) | Basis::Prior => None,
     }
 }
 

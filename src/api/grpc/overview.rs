@@ -1,6 +1,6 @@
 //! What is told about more, or less, than influence in one state.
 
-use super::answer::{dependence, state};
+use super::answer::{dependence, state, version};
 use crate::api::proto;
 use crate::domain::{
     Discoveries, DiscoveryMethod, Exploration, FittedPrior, HistogramBin, LabelledCell, StateFigures, StatePage,
@@ -34,6 +34,8 @@ impl From<StatePage> for proto::ListStatesResponse {
             plug_in: figures.plug_in,
             expected_if_independent: figures.expected_if_independent,
             verdict: proto::Verdict::from(figures.verdict).into(),
+            basis: proto::Basis::from(figures.basis).into(),
+            basis_version: version(figures.basis),
             posterior_mean: figures.evidence.map(|evidence| evidence.posterior_mean),
             probability: figures.evidence.map(|evidence| evidence.probability.into()),
             dependence: dependence(figures.evidence),

@@ -154,11 +154,12 @@ pub fn verdict(number: i32) -> &'static str {
     }
 }
 
-fn basis(answer: &proto::Answer) -> Basis {
+/// Decodes what a verdict on a state with these visits rests on.
+pub(super) fn basis(number: i32, version: Option<u64>, visits: u64) -> Basis {
     let of = |kind| Basis { kind, ..Basis::default() };
-    match proto::Basis::try_from(answer.basis) {
-        Ok(proto::Basis::Counts) => Basis { visits: Some(answer.visits), ..of("counts") },
-        Ok(proto::Basis::Model) => Basis { version: answer.basis_version, ..of("model") },
+    match proto::Basis::try_from(number) {
+        Ok(proto::Basis::Counts) => Basis { visits: Some(visits), ..of("counts") },
+        Ok(proto::Basis::Model) => Basis { version, ..of("model") },
         Ok(proto::Basis::Prior) => of("prior"),
         Ok(proto::Basis::Unspecified) | Err(_) => of("unknown"),
     }
@@ -180,7 +181,7 @@ impl From<proto::GetInfluenceResponse> for Answers {
 
 impl From<proto::Answer> for Answer {
     fn from(answer: proto::Answer) -> Self {
-        let basis = basis(&answer);
+        let basis = basis(answer.basis, answer.basis_version, answer.visits);
         let by_action: Vec<ActionFigures> = answer.by_action.into_iter().map(Into::into).collect();
         // In the view `verdict` nothing is said of a network; otherwise it is said that there is none.
         let model = answer.mutual_information.is_some().then(|| answer.model.map(Into::into));

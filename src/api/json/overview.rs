@@ -3,9 +3,9 @@
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::answer::verdict;
+use super::answer::{basis, verdict};
 use super::evidence::dependence;
-use super::{Fit, Probability, State, present};
+use super::{Basis, Fit, Probability, State, present};
 use crate::api::proto;
 
 /// The counts of one state.
@@ -70,6 +70,8 @@ pub struct StateFigures {
     /// `influences`, `no_influence` or `undecided`.
     #[schema(example = "undecided")]
     pub verdict: &'static str,
+    /// What the verdict rests on.
+    pub basis: Basis,
     /// Whether there is any dependence at all: `established`, `excluded` or `open`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub dependence: Option<&'static str>,
@@ -205,6 +207,7 @@ impl From<proto::StateFigures> for StateFigures {
             expected_if_independent: figures.expected_if_independent,
             posterior_mean: figures.posterior_mean,
             verdict: verdict(figures.verdict),
+            basis: basis(figures.basis, figures.basis_version, figures.visits),
             dependence: dependence(figures.dependence),
             probability: figures.probability.map(Into::into),
             p_value: figures.p_value,

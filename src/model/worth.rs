@@ -1,0 +1,87 @@
+//! What a joint network's dependence is worth to counts that it has not learned from, beside what it would be worth if there were none.
+//!
+//! The gain of a state is T = sum n_ij s_ij, s_ij = ln p(j | i) - ln p(j). If nothing depends on anything, every order of the other's actions within a
+//! state is as likely as every other. Over all orders, with a_i = sum_j c_j s_ij / N, b_j = sum_i r_i s_ij / N and m = sum_i r_i a_i / N,
+//! E T = N m and Var T = sum_ij r_i c_j (s_ij - a_i - b_j + m)^2 / (N - 1) (Hoeffding 1951, "A combinatorial central limit theorem").
+
+use super::member::Joint;
+use crate::information::Table;
+
+/// Standard deviations by which a gain must exceed what orders by chance would give: a network is stopped where its gain is largest, of up to 28 looks.
+const AHEAD: f64 = 3.0;
+
+/// Returns whether the gains of states are more than chance, and more than nothing.
+pub fn is_worth_something<'a>(states: impl Iterator<Item = (&'a Table, &'a Joint)>) -> bool {
+    let (mut gain, mut mean, mut variance) = (0.0, 0.0, 0.0);
+    for (table, joint) in states {
+        let chance = Chance::of(table, joint);
+        gain += joint.gain(table);
+        mean += chance.mean;
+        variance += chance.variance;
+    }
+    gain > 0.0 && gain - mean > AHEAD * variance.sqrt()
+}
+
+/// Mean and variance of the gain of a state over all orders of the other's actions.
+struct Chance {
+    mean: f64,
+    variance: f64,
+}
+
+impl Chance {
+    fn of(table: &Table, joint: &Joint) -> Self {
+        let total = table.total() as f64;
+        if table.is_line() {
+            // There is one order only.
+            return Self { mean: joint.gain(table), variance: 0.0 };
+        }
+        let sums = |sums: &[u64]| sums.iter().map(|n| *n as f64 / total).collect::<Vec<f64>>();
+        let (rows, columns) = (sums(table.rows()), sums(table.columns()));
+        let label = |labels: &[u64], at: usize| labels[at] as usize;
+        let s = |i: usize, j: usize| joint.ln_ratio(label(table.row_labels(), i), label(table.column_labels(), j));
+        let a: Vec<f64> = (0..rows.len()).map(|i| columns.iter().enumerate().map(|(j, c)| c * s(i, j)).sum()).collect();
+        let b: Vec<f64> = (0..columns.len()).map(|j| rows.iter().enumerate().map(|(i, r)| r * s(i, j)).sum()).collect();
+        let m: f64 = rows.iter().zip(&a).map(|(r, a)| r * a).sum();
+        let mut squares = 0.0;
+        for (i, r) in rows.iter().enumerate() {
+            for (j, c) in columns.iter().enumerate() {
+                squares += r * c * (s(i, j) - a[i] - b[j] + m).powi(2);
+            }
+        }
+        Self { mean: total * m, variance: squares * total * total / (total - 1.0) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use ndarray::array;
+
+    use super::*;
+
+    fn copies() -> Joint {
+        Joint::of(vec![0.5, 0.5], array![[0.9, 0.1], [0.2, 0.8]])
+    }
+
+    #[test]
+    fn chance_is_the_mean_over_all_orders() {
+        // Three draws of (0, 0, 1) and (0, 1, 1): three orders, of which the gains can be written down.
+        let table = Table::from_counts([(0, 0, 1), (0, 1, 1), (1, 1, 1)]);
+        let joint = copies();
+        let gain = |cells: [(usize, usize); 3]| cells.iter().map(|(i, j)| joint.ln_ratio(*i, *j)).sum::<f64>();
+        let orders = [gain([(0, 0), (0, 1), (1, 1)]), gain([(0, 1), (0, 0), (1, 1)]), gain([(0, 1), (0, 1), (1, 0)])];
+        let mean = orders.iter().sum::<f64>() / 3.0;
+        let variance = orders.iter().map(|gain| (gain - mean).powi(2)).sum::<f64>() / 3.0;
+        let chance = Chance::of(&table, &joint);
+        assert!((chance.mean - mean).abs() < 1e-12 && (chance.variance - variance).abs() < 1e-12);
+    }
+
+    #[test]
+    fn one_strong_state_suffices_and_many_of_chance_do_not() {
+        let joint = copies();
+        let strong = Table::from_counts([(0, 0, 20), (1, 1, 20)]);
+        assert!(is_worth_something(std::iter::once((&strong, &joint))));
+        let chance = Table::from_counts([(0, 0, 5), (0, 1, 5), (1, 0, 5), (1, 1, 5)]);
+        assert!(!is_worth_something(std::iter::repeat_n((&chance, &joint), 100)));
+        assert!(!is_worth_something(std::iter::empty()));
+    }
+}

@@ -1,0 +1,284 @@
+//! Networks that answer where counts do not decide: a world in which it is known which states have influence, seen and unseen.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use nudge::app::{App, Upkeep};
+use nudge::domain::draft::TrainingDraft;
+use nudge::domain::{Environment, Job, JobState, Model};
+use rand::rngs::StdRng;
+use rand::{RngExt, SeedableRng};
+use serde_json::{Value, json};
+use tempfile::TempDir;
+
+use crate::support::{TestApp, open};
+
+const WORLD: &str = "/v1/environments/street";
+
+const LANES: u64 = 12;
+const SIGNS: u64 = 5;
+
+/// A street: the human answers the robot where they are near, whatever the lane and the sign.
+fn description() -> Value {
+    let agent = |name: &str| json!({"name": name, "action": [{"name": "move", "integer": {"min": 0, "max": 3}}]});
+    json!({
+        "state": [
+            {"name": "near", "categorical": {"labels": ["no", "yes"]}},
+            {"name": "lane", "integer": {"min": 0, "max": LANES - 1}},
+            {"name": "sign", "categorical": {"labels": ["a", "b", "c", "d", "e"]}},
+        ],
+        "agents": [agent("robot"), agent("human")],
+    })
+}
+
+/// Whether a state is left for the network alone.
+fn is_hidden(lane: u64, sign: u64) -> bool {
+    (lane + 2 * sign).is_multiple_of(4)
+}
+
+fn transition(near: u64, lane: u64, sign: u64, answers: bool, random: &mut StdRng) -> Value {
+    let robot = random.random_range(0..4);
+    let copies = answers && near == 1 && random.random_bool(0.9);
+    let human = if copies { robot } else { random.random_range(0..4) };
+    json!({"state": {"near": near, "lane": lane, "sign": sign}, "actions": {"robot": robot, "human": human}})
+}
+
+/// What was seen of the street: every state that is not hidden, so many times.
+fn seen(times: u64, answers: bool) -> Vec<Value> {
+    let mut random = StdRng::seed_from_u64(4);
+    let mut transitions = Vec::new();
+    for near in 0..2 {
+        for (lane, sign) in (0..LANES).flat_map(|lane| (0..SIGNS).map(move |sign| (lane, sign))) {
+            if !is_hidden(lane, sign) {
+                transitions.extend((0..times).map(|_| transition(near, lane, sign, answers, &mut random)));
+            }
+        }
+    }
+    transitions
+}
+
+async fn street(transitions: Vec<Value>) -> TestApp {
+    let app = TestApp::start().await;
+    assert_eq!(app.rest("PUT", WORLD, Some(&description())).await.0, 201);
+    count(&app, 1, transitions).await;
+    app
+}
+
+async fn count(app: &TestApp, sequence: u64, transitions: Vec<Value>) {
+    let body = json!({"producer": "p", "sequence": sequence, "transitions": transitions});
+    let (status, receipt) = app.rest("POST", &format!("{WORLD}/transitions"), Some(&body)).await;
+    assert_eq!((status, &receipt["rejected_count"]), (200, &json!(0)), "{receipt}");
+}
+
+fn environment(app: &App) -> Arc<Environment> {
+    app.environments.find("street").expect("made")
+}
+
+fn draft() -> TrainingDraft {
+    TrainingDraft { members: Some(2), width: Some(32), ..TrainingDraft::default() }
+}
+
+async fn finished(app: &App, draft: &TrainingDraft) -> Job {
+    let environment = environment(app);
+    let job = app.networks.train(&environment, draft).expect("valid");
+    app.networks.finished(&environment, job.id).await.expect("known")
+}
+
+async fn trained(app: &App, draft: &TrainingDraft) -> Model {
+    let job = finished(app, draft).await;
+    assert_eq!(job.state, JobState::Done, "{}", job.message);
+    app.networks.get(&environment(app), job.version.expect("a version")).await.expect("kept")
+}
+
+async fn answer(app: &TestApp, key: &str) -> Value {
+    let (status, told) = app.rest("GET", &format!("{WORLD}/influence?key={key}"), None).await;
+    assert_eq!(status, 200, "{told}");
+    told["answers"][0].clone()
+}
+
+/// Keys of the states that were never seen, and whether there is influence.
+fn hidden() -> impl Iterator<Item = (String, bool)> {
+    let all = (0..2).flat_map(|near| (0..LANES).flat_map(move |lane| (0..SIGNS).map(move |sign| (near, lane, sign))));
+    all.filter(|(_, lane, sign)| is_hidden(*lane, *sign))
+        .map(|(near, lane, sign)| (format!("{near}.{lane}.{sign}"), near == 1))
+}
+
+#[tokio::test]
+async fn states_that_were_never_seen_get_a_verdict_that_names_its_version() {
+    let app = street(seen(20, true)).await;
+    let before = answer(&app, "1.0.0").await;
+    assert_eq!((&before["verdict"], &before["model"]), (&json!("undecided"), &Value::Null));
+    let model = trained(&app.app, &draft()).await;
+    assert!(model.active, "it beats its baselines: {:?}", model.card);
+    let mut decided = 0;
+    for (key, influences) in hidden() {
+        let told = answer(&app, &key).await;
+        let wrong = if influences { "no_influence" } else { "influences" };
+        assert!(told["verdict"] != wrong && told["visits"] == 0, "{told}");
+        decided += usize::from(told["verdict"] != "undecided");
+        assert_eq!(told["basis"], json!({"kind": "model", "version": model.version}));
+        assert_eq!(told["mutual_information"]["plug_in"], 0.0, "the counts' figures stay beside it");
+        assert_eq!(told["model"]["by_action"].as_array().expect("a list").len(), 4);
+    }
+    assert!(10 * decided >= 8 * hidden().count(), "{decided} of {} are decided", hidden().count());
+    let often = answer(&app, "1.1.0").await;
+    assert_eq!(often["model"]["version"], 1, "its figures are told beside counts too: {often}");
+}
+
+#[tokio::test]
+async fn counts_that_decide_are_not_overruled() {
+    let mut transitions = seen(20, true);
+    // In this one state the human does not care, and it was seen often.
+    let mut random = StdRng::seed_from_u64(9);
+    transitions.extend((0..600).map(|_| transition(1, 1, 0, false, &mut random)));
+    let app = street(transitions).await;
+    trained(&app.app, &draft()).await;
+    let told = answer(&app, "1.1.0").await;
+    assert_eq!((&told["verdict"], &told["basis"]["kind"]), (&json!("no_influence"), &json!("counts")), "{told}");
+    assert_eq!(told["model"]["version"], 1, "what the network says is told beside them");
+}
+
+#[tokio::test]
+async fn every_face_tells_the_verdict_of_the_network() {
+    let app = street(seen(3, true)).await;
+    let version = trained(&app.app, &TrainingDraft { activate: true, ..draft() }).await.version;
+    let (_, page) = app.rest("GET", &format!("{WORLD}/states?verdict=influences&page_size=1000"), None).await;
+    let states = page["states"].as_array().expect("a list");
+    assert!(states.len() > 30, "three visits decide nothing, the network does: {}", states.len());
+    assert!(states.iter().any(|state| state["basis"] == json!({"kind": "model", "version": version})), "{}", states[0]);
+    let (_, summary) = app.rest("GET", &format!("{WORLD}/summary"), None).await;
+    assert_eq!(summary["verdicts"]["influences"], states.len());
+    let (_, graph) = app.rest("GET", &format!("{WORLD}/graph?key=1.0.0"), None).await;
+    assert_eq!(graph["edges"][0]["answer"]["basis"]["kind"], "model");
+    let body = json!({"keys": ["1.0.0", "0.0.0"], "view": "verdict"});
+    let (_, told) = app.rest("POST", &format!("{WORLD}/influence"), Some(&body)).await;
+    assert_eq!(told["answers"][0]["verdict"], "influences", "{told}");
+    let given = json!({"keys": ["1.0.0"], "rule": {"threshold": 0.0}});
+    let (_, told) = app.rest("POST", &format!("{WORLD}/influence"), Some(&given)).await;
+    let told = &told["answers"][0];
+    assert_eq!(
+        (&told["basis"]["kind"], &told["model"]["probability"]),
+        (&json!("prior"), &Value::Null),
+        "not at any threshold"
+    );
+}
+
+#[tokio::test]
+async fn where_there_is_nothing_to_find_nothing_is_called() {
+    let app = street(seen(9, false)).await;
+    let model = trained(&app.app, &draft()).await;
+    assert!(!model.active && model.card.not_better_than.iter().any(|name| name == "shuffled"), "{:?}", model.card);
+    app.app.networks.activate(&environment(&app.app), model.version).await.expect("as was asked for");
+    for (key, _) in hidden() {
+        let told = answer(&app, &key).await;
+        assert_eq!((&told["verdict"], &told["basis"]["kind"]), (&json!("undecided"), &json!("model")), "{told}");
+        assert!(told["model"]["probability"].as_f64().expect("a number") < 0.5, "{told}");
+    }
+}
+
+#[tokio::test]
+async fn a_direct_network_answers_at_its_own_threshold_only() {
+    let app = street(seen(30, true)).await;
+    let direct = TrainingDraft { kind: Some("direct".into()), activate: true, ..draft() };
+    let version = trained(&app.app, &direct).await.version;
+    let told = answer(&app, "1.0.0").await;
+    assert_eq!((&told["verdict"], &told["basis"]["version"]), (&json!("influences"), &json!(version)), "{told}");
+    assert_eq!((&told["model"]["mutual_information"], &told["model"]["kind"]), (&Value::Null, &json!("direct")));
+    let (status, _) = app.rest("PATCH", WORLD, Some(&json!({"rule": {"threshold": 0.3}}))).await;
+    assert_eq!(status, 200);
+    let environment = environment(&app.app);
+    assert!(app.app.networks.get(&environment, version).await.expect("kept").stale);
+    let told = answer(&app, "1.0.0").await;
+    assert_eq!((&told["verdict"], &told["basis"]["kind"]), (&json!("undecided"), &json!("prior")), "{told}");
+    let refused = app.app.networks.activate(&environment, version).await.expect_err("it cannot answer by this rule");
+    assert_eq!(refused.reason, "MODEL_STALE");
+}
+
+#[tokio::test]
+async fn the_same_counts_and_seed_give_the_same_network() {
+    let app = street(seen(4, true)).await;
+    let environment = environment(&app.app);
+    let file = async |seed: u64| {
+        let model = trained(&app.app, &TrainingDraft { seed: Some(seed), ..draft() }).await;
+        let file = app.app.networks.export(&environment, model.version).await.expect("a file");
+        safetensors::SafeTensors::deserialize(&file)
+            .expect("safetensors")
+            .tensor("members.1.ego.weight")
+            .expect("there")
+            .data()
+            .to_vec()
+    };
+    let first = file(7).await;
+    assert_eq!(first, file(7).await);
+    assert_ne!(first, file(8).await);
+}
+
+#[tokio::test]
+async fn too_little_to_learn_from_is_said() {
+    let app = street(seen(1, true).into_iter().take(30).collect()).await;
+    let job = finished(&app.app, &draft()).await;
+    assert_eq!((job.state, job.version), (JobState::Failed, None));
+    assert_eq!(
+        job.message,
+        "no network is made: too few data: got 30 states with 30 independent draws, expected at least 20 states and 200 draws"
+    );
+}
+
+#[tokio::test]
+async fn no_request_notices_a_switch() {
+    let app = street(seen(6, true)).await;
+    let environment = environment(&app.app);
+    let draft = draft();
+    let versions = [
+        trained(&app.app, &draft).await.version,
+        trained(&app.app, &TrainingDraft { seed: Some(1), ..draft }).await.version,
+    ];
+    let networks = app.app.networks.clone();
+    let switching = tokio::spawn(async move {
+        for turn in 0..40 {
+            networks.activate(&environment, versions[turn % 2]).await.expect("switched");
+        }
+    });
+    let mut told = std::collections::BTreeSet::new();
+    while !switching.is_finished() {
+        let answer = answer(&app, "1.0.0").await;
+        told.insert(answer["basis"]["version"].as_u64().unwrap_or_default());
+    }
+    switching.await.expect("no switch failed");
+    assert!(told.iter().all(|version| versions.contains(version)) || told.len() > 1, "{told:?}");
+}
+
+#[tokio::test]
+async fn the_active_version_outlives_a_restart() {
+    let app = street(seen(6, true)).await;
+    let version = trained(&app.app, &TrainingDraft { activate: true, ..draft() }).await.version;
+    let before = answer(&app, "1.0.0").await;
+    let app = app.restart().await;
+    let after = answer(&app, "1.0.0").await;
+    assert_eq!(before["basis"]["version"], version);
+    assert_eq!(before["model"], after["model"]);
+}
+
+#[tokio::test]
+async fn what_has_grown_is_trained_again_by_itself_if_asked() {
+    let directory = Arc::new(TempDir::new().expect("a directory"));
+    let app = street_on(directory.clone()).await;
+    count(&app, 1, seen(15, true)).await;
+    app.stop().await;
+    let store = open(directory.path(), Default::default()).await;
+    let app = App::open(store, Upkeep { train_every: Duration::from_millis(10), ..Upkeep::default() });
+    let environment = environment(&app);
+    // The first look asks for it; until it did there is no such job.
+    while app.networks.job(&environment, 1).is_err() {
+        tokio::task::yield_now().await;
+    }
+    let job = app.networks.finished(&environment, 1).await.expect("known");
+    assert_eq!((job.state, job.version), (JobState::Done, Some(1)), "{}", job.message);
+    app.close().await;
+}
+
+async fn street_on(directory: Arc<TempDir>) -> TestApp {
+    let app = TestApp::on(directory).await;
+    assert_eq!(app.rest("PUT", WORLD, Some(&description())).await.0, 201);
+    app
+}
