@@ -69,7 +69,7 @@ fn judged_by(card: &proto::Card, training: &proto::Training) -> String {
 
 fn calibrated(calibration: &proto::Calibration) -> String {
     let [intercept, slope] = [calibration.intercept, calibration.slope].map(figure);
-    format!("P(above) = logistic({intercept} + {slope} ln MI)")
+    format!("P(above) = logistic({intercept} + {slope} ln(MI + 0.005))")
 }
 
 fn scores(card: &proto::Card) -> String {

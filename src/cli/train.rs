@@ -47,7 +47,7 @@ pub(super) struct Train {
     /// Parts that the states are cut into; each member is stopped and judged by one that it does not learn from; 5 unless given
     #[arg(long, value_name = "NUMBER")]
     folds: Option<u64>,
-    /// The most passes over the states; 500 unless given
+    /// The most passes over the states; 140 unless given
     #[arg(long, value_name = "NUMBER")]
     epochs: Option<u64>,
     /// How much a state counts: visits (as often as it was seen) or states (once); visits unless given

@@ -151,7 +151,7 @@ pub struct Card {
     pub judged_states: u64,
     /// How much of them has influence by the evidence: the sum of their probabilities, by weight, as a share.
     pub positive_share: f64,
-    /// P(MI > threshold) is the logistic function of intercept + slope ln(MI), MI being the network's.
+    /// P(MI > threshold) is the logistic function of intercept + slope ln(MI + 0.005), MI being what a member of a joint network says in nats.
     pub calibration: Calibration,
     /// How it did.
     pub score: Score,
@@ -200,7 +200,7 @@ impl Baseline {
 pub struct Calibration {
     /// Added to the rest.
     pub intercept: f64,
-    /// Times ln MI.
+    /// Times ln(MI + 0.005), MI in nats.
     pub slope: f64,
 }
 

@@ -1,4 +1,4 @@
-//! From a network's mutual information to a probability: P(MI > t) = logistic(a + b ln MI), fitted to what held-out counts say.
+//! From a network's mutual information to a probability: P(MI > t) = logistic(a + b ln(MI + 0.005)), fitted to what held-out counts say.
 //!
 //! The truth of a held-out state is unknown; its factor F = P(counts | MI > t) / P(counts | MI <= t) is what its counts say of it. The likelihood of all
 //! of them, sum ln(1 - P + P F), is made as large as possible by EM, with b >= 0 and a weak prior on it.

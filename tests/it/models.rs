@@ -384,7 +384,7 @@ async fn the_command_line_trains_and_switches() {
     let model: Value = serde_json::from_str(&stdout).expect("JSON");
     assert_eq!((code, &model), (0, &get(&app, "/2").await));
     let (_, stdout, _) = run(&app, &["model", "list", "world"]).await;
-    assert_eq!(stdout.lines().filter(|line| line.contains(" active ")).count(), 1, "{stdout}");
+    assert_eq!(stdout.lines().filter(|line| line.contains(" joint  active ")).count(), 1, "{stdout}");
     let (_, stdout, _) = run(&app, &["model", "activate", "world", "1"]).await;
     assert_eq!(stdout, "version 1 of `world` answers for robot on human now\n");
     let (_, stdout, _) = run(&app, &["model", "rollback", "world", "1"]).await;

@@ -73,7 +73,7 @@ pub struct Training {
 pub struct Calibration {
     /// Added to the rest.
     pub intercept: f64,
-    /// Times ln MI.
+    /// Times ln(MI + 0.005), MI in nats.
     pub slope: f64,
 }
 
