@@ -17,8 +17,15 @@ create table models (
     -- The version with the greatest of its pair is the active one.
     activated   integer check (activated > 0),
     card        text not null,
-    -- last, so that what stands before it is read without it
-    weights     blob not null,
     primary key (environment, version),
     unique (environment, ego, other, activated)
+) strict;
+
+-- Apart from what changes: a switch must not write megabytes anew.
+create table model_weights (
+    environment integer not null,
+    version     integer not null,
+    weights     blob not null,
+    primary key (environment, version),
+    foreign key (environment, version) references models (environment, version) on delete cascade
 ) strict;

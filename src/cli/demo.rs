@@ -82,6 +82,7 @@ impl Demo {
             let connection = Connection::open(&address.to_string()).await?;
             let environments = self.play(&connection).await?;
             let best = found::tell(&connection, &environments).await?;
+            found::train(&connection, HALLWAY).await?;
             print(&to_try(address, &best))?;
             std::future::pending().await
         };

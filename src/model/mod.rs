@@ -220,7 +220,8 @@ impl Networks {
         let dataset = self.dataset(environment, pair).await?;
         let hash = environment.schema.hash().to_string();
         let (networks, order_there) = (self.clone(), order.clone());
-        let trained = tokio::task::spawn_blocking(move || networks.trained(&order_there, &dataset)).await;
+        let trained =
+            tokio::task::spawn_blocking(move || on_one_thread(|| networks.trained(&order_there, &dataset))).await;
         let (ensemble, card) = trained.map_err(|error| internal(&error))?.map_err(|error| no_network(&error))?;
         let content = file::Content {
             kind: training.kind,
@@ -264,6 +265,15 @@ impl Networks {
         self.jobs.update(order.job, |job| {
             *job = Job { state: JobState::Running, progress, message: message.to_owned(), ..job.clone() };
         });
+    }
+}
+
+/// Does work on one thread, whatever libraries would share among more: the others are for those who ask and send meanwhile.
+fn on_one_thread<T: Send>(work: impl FnOnce() -> T + Send) -> T {
+    match rayon::ThreadPoolBuilder::new().num_threads(1).build() {
+        Ok(pool) => pool.install(work),
+        // No thread more can be had: this one will do.
+        Err(_) => work(),
     }
 }
 

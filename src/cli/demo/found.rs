@@ -58,6 +58,22 @@ pub(super) async fn tell(connection: &Connection, environments: &[String]) -> Re
     Ok(best)
 }
 
+/// Trains a network for an environment, and prints whether it is worth asking.
+pub(super) async fn train(connection: &Connection, environment: &str) -> Result<(), Failure> {
+    print(&format!(
+        "
+training a network for {environment}, which answers where counts do not decide ..."
+    ))?;
+    let request = proto::TrainModelRequest { environment: environment.into(), ..Default::default() };
+    let mut job = connection.models().train_model(request).await?.into_inner().job.unwrap_or_default();
+    while matches!(job.state(), proto::JobState::Queued | proto::JobState::Running) {
+        tokio::time::sleep(std::time::Duration::from_millis(100)).await;
+        let request = proto::GetJobRequest { environment: environment.into(), id: job.id };
+        job = connection.models().get_job(request).await?.into_inner().job.unwrap_or_default();
+    }
+    print(&format!("{}: `nudge model show {environment} {}` tells how it was judged", job.message, job.version()))
+}
+
 /// Fits the prior of an environment, and waits until what is told of all its states stands on that fit and on everything counted.
 pub(super) async fn settle(connection: &Connection, environment: &str) -> Result<(), Failure> {
     let fit = proto::FitPriorRequest { environment: environment.into(), ..Default::default() };

@@ -11,7 +11,7 @@ use super::writer::{Transaction, Writer};
 use crate::domain::EnvironmentId;
 use crate::store::{ModelRecord, NewModel, StoreError};
 
-/// The SQL of a model's columns without its weights.
+/// The SQL of a model's columns without its weights, which have a table of their own.
 macro_rules! record {
     () => {
         "version, ego, other, kind, activated, card,
@@ -36,7 +36,11 @@ pub(super) async fn model(
     id: EnvironmentId,
     version: u64,
 ) -> Result<Option<(ModelRecord, Vec<u8>)>, StoreError> {
-    let text = concat!("select ", record!(), ", weights from models where environment = ? and version = ?");
+    let text = concat!(
+        "select ",
+        record!(),
+        ", weights from models join model_weights using (environment, version) where environment = ? and version = ?"
+    );
     let row =
         sqlx::query(text).bind(id.0).bind(version.cast_signed()).fetch_optional(readers).await.map_err(unreadable)?;
     let with_weights = |row: SqliteRow| Ok::<_, sqlx::Error>((read(&row)?, row.try_get("weights")?));
@@ -82,10 +86,11 @@ async fn insert(
     version: i64,
     model: &NewModel,
 ) -> Result<(), sqlx::Error> {
-    let text =
-        "insert into models (environment, version, ego, other, kind, card, weights) values (?, ?, ?, ?, ?, ?, ?)";
+    let text = "insert into models (environment, version, ego, other, kind, card) values (?, ?, ?, ?, ?, ?)";
     let query = sqlx::query(text).bind(id.0).bind(version).bind(model.ego as i64).bind(model.other as i64);
-    query.bind(&model.kind).bind(&model.card).bind(&model.weights).execute(connection).await?;
+    query.bind(&model.kind).bind(&model.card).execute(&mut *connection).await?;
+    let text = "insert into model_weights (environment, version, weights) values (?, ?, ?)";
+    sqlx::query(text).bind(id.0).bind(version).bind(&model.weights).execute(connection).await?;
     Ok(())
 }
 
