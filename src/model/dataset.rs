@@ -16,6 +16,8 @@ use crate::store::{Store, StoreError};
 /// The states of an environment for one pair of agents.
 #[derive(Clone)]
 pub struct Dataset {
+    /// The schema of the environment, in hexadecimal digits.
+    pub schema_hash: String,
     /// How many actions the two have; rows for the ego.
     pub alphabet: Alphabet,
     /// Every state, in order of key.
@@ -61,6 +63,7 @@ impl Dataset {
             }
         }
         let dataset = Self {
+            schema_hash: environment.schema.hash().to_string(),
             alphabet: pair.alphabet(&environment.schema),
             examples: Vec::new(),
             threshold: environment.rule.threshold_nats(),

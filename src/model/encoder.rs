@@ -14,7 +14,6 @@
 use std::f64::consts::TAU;
 
 use ndarray::{Array2, ArrayViewMut1, Axis};
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::domain::{Feature, FeatureKind, Schema, StateKey};
@@ -91,15 +90,9 @@ impl Encoder {
     }
 
     /// Encodes states: `[states, width]`.
-    pub fn encode(&self, states: &[StateKey]) -> Array2<f32> {
-        const MANY: usize = 4_096;
+    pub fn encode<'a>(&self, states: impl ExactSizeIterator<Item = &'a StateKey>) -> Array2<f32> {
         let mut encoded = Array2::zeros((states.len(), self.width));
-        if states.len() < MANY {
-            encoded.axis_iter_mut(Axis(0)).zip(states).for_each(|(row, key)| self.encode_one(key, row));
-        } else {
-            let rows: Vec<_> = encoded.axis_iter_mut(Axis(0)).zip(states).collect();
-            rows.into_par_iter().for_each(|(row, key)| self.encode_one(key, row));
-        }
+        encoded.axis_iter_mut(Axis(0)).zip(states).for_each(|(row, key)| self.encode_one(key, row));
         encoded
     }
 
@@ -198,7 +191,7 @@ mod tests {
         let keys = [StateKey::new(&[1, 1, 0, 0]), StateKey::new(&[0, 0, 6, 3])];
         let encoder = Encoder::fitted(&schema, keys.iter().map(|key| (key, 1.0)));
         assert_eq!((encoder.width(), width(&schema)), (6, 6));
-        let encoded = encoder.encode(&keys);
+        let encoded = encoder.encode(keys.iter());
         let expected = [[0.0, 1.0, 1.0, 0.0, -1.0, -1.0], [1.0, 0.0, 0.0, 1.0, 1.0, 1.0]];
         for (row, expected) in encoded.rows().into_iter().zip(expected) {
             row.iter()

@@ -11,7 +11,7 @@
 //! | `dataset` | the states with their tables and what the evidence says of them, and the same with the other's actions shuffled |
 //! | `encoder`, `member` | from a state to inputs, from inputs to what both agents do: the forward pass that is served |
 //! | `learner`, `training`, `worth` | gradients, by the training library and nobody else; when to stop; whether more than chance was learned |
-//! | `calibrate`, `score`, `back_off`, `judge` | from mutual information to a probability, and how good it is beside what it has to beat |
+//! | `calibrate`, `score`, `back_off`, `court`, `judge` | from mutual information to a probability, and how good it is beside what it has to beat |
 //! | `file`, `registry`, `network` | kept as safetensors, listed, switched, ready to answer |
 //! | `jobs` | trainings that were asked for |
 //!
@@ -19,6 +19,7 @@
 
 mod back_off;
 mod calibrate;
+mod court;
 mod dataset;
 mod encoder;
 mod file;
@@ -46,7 +47,7 @@ use self::judge::Split;
 use self::registry::{Registry, logged};
 use self::training::{Ensemble, TrainingError};
 use crate::domain::draft::TrainingDraft;
-use crate::domain::{Card, Environment, Job, JobState, Model, ModelId, Models, Pair, Training};
+use crate::domain::{Card, Environment, Job, JobState, Model, ModelId, ModelKind, Models, Pair, Training};
 use crate::error::{ErrorKind, Fault, Problem};
 use crate::evidence::MOST_CELLS;
 use crate::priors::Fits;
@@ -143,23 +144,26 @@ impl Networks {
     /// Keeps a network that was trained elsewhere: a safetensors file as [`export`](Self::export) writes it. It is judged by the counts here, and
     /// not made active.
     pub async fn import(&self, environment: &Arc<Environment>, file: Vec<u8>) -> Result<Model, Problem> {
-        let content = file::read(environment, &file)?;
+        let mut content = file::read(environment, &file)?;
         let width = content.members.first().map_or(0, |member| member.trunk.shape().1);
         let members = content.members.len();
         let training = Training { kind: content.kind, width, members, epochs: 0, ..Training::default() };
         check_size(environment, &content.pair, &training)?;
         let dataset = self.dataset(environment, &content.pair).await?;
+        if content.kind == ModelKind::Joint {
+            // It is calibrated here, for the rule as it is.
+            content.threshold = dataset.threshold;
+        }
         if content.threshold != dataset.threshold {
             let detail = format!("got {}, expected that of the rule, {} nats", content.threshold, dataset.threshold);
             return Err(Problem::invalid("network", vec![Fault::new("/metadata/threshold", detail)]));
         }
         training::check(&dataset, &training).map_err(|error| no_network(&error))?;
-        let hash = environment.schema.hash().to_string();
         let judged = tokio::task::spawn_blocking(move || {
             let epochs = Vec::new();
             let ensemble = Ensemble { encoder: content.encoder.clone(), members: content.members.clone(), epochs };
             let card = judge::card(&dataset, training, &ensemble, None, &Split::Unknown);
-            (content, Card { schema_hash: hash, ..card })
+            (content, card)
         });
         let (content, card) = judged.await.map_err(|error| internal(&error))?;
         let version = self.registry.keep(environment, &content, &card).await?;
@@ -218,7 +222,6 @@ impl Networks {
         let Order { environment, pair, training, .. } = order;
         self.tell(order, 0.0, "reads the states and fits the prior");
         let dataset = self.dataset(environment, pair).await?;
-        let hash = environment.schema.hash().to_string();
         let (networks, order_there) = (self.clone(), order.clone());
         let trained =
             tokio::task::spawn_blocking(move || on_one_thread(|| networks.trained(&order_there, &dataset))).await;
@@ -230,7 +233,6 @@ impl Networks {
             encoder: ensemble.encoder,
             members: ensemble.members,
         };
-        let card = Card { schema_hash: hash, ..card };
         let version = self.registry.keep(environment, &content, &card).await?;
         if order.activate || card.not_better_than.is_empty() {
             // The rule may have changed since: then it is kept, and says that it is stale.

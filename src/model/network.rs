@@ -68,7 +68,7 @@ impl Network {
 
     /// Predicts for states, which are of the network's schema, at a threshold in nats.
     pub fn predict(&self, states: &[StateKey], threshold: f64) -> Vec<Prediction> {
-        let inputs = self.encoder.encode(states);
+        let inputs = self.encoder.encode(states.iter());
         match self.kind {
             ModelKind::Joint => {
                 let members: Vec<Vec<f64>> = self.members.iter().map(|member| information(member, &inputs)).collect();
@@ -84,7 +84,7 @@ impl Network {
     }
 
     fn joint_prediction(&self, members: impl ExactSizeIterator<Item = f64> + Clone, threshold: f64) -> Prediction {
-        let factor = threshold / self.threshold;
+        let factor = if threshold == self.threshold { 1.0 } else { threshold / self.threshold };
         // What is calibrated for one threshold holds for another if mutual information is measured in thresholds.
         let probability = |nats: f64| probability(self.calibration, nats / factor);
         let (mean, agrees) = mean_and_agreement(members.clone().map(probability));
@@ -112,7 +112,7 @@ impl Network {
 
     /// Predicts what each of the ego's actions does in a state; empty for a direct network. Divergences are in nats.
     pub fn by_action(&self, environment: &Environment, state: &StateKey) -> Vec<ModelAction> {
-        let inputs = self.encoder.encode(std::slice::from_ref(state));
+        let inputs = self.encoder.encode(std::iter::once(state));
         let members: Vec<Joint> = match self.kind {
             ModelKind::Joint => self.members.iter().filter_map(|member| member.joint(&inputs).pop()).collect(),
             ModelKind::Direct => Vec::new(),

@@ -6,7 +6,7 @@
 
 use std::ops::ControlFlow;
 
-use ndarray::{Array2, Axis};
+use ndarray::Array2;
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_pcg::Pcg64;
@@ -15,13 +15,15 @@ use super::dataset::{Dataset, Example, cells};
 use super::encoder::Encoder;
 use super::learner::{Batch, Learner, Shape};
 use super::member::Member;
-use super::worth::is_worth_something;
+use super::worth::Worth;
 use crate::domain::{ModelKind, Training, Weighting};
 
 /// States in a step.
 const BATCH: usize = 128;
 /// Epochs from one look at the held-out part to the next.
 const LOOK: usize = 5;
+/// States that are looked at together.
+const LOOKED_AT: usize = 512;
 /// Epochs without a better look after which learning ends.
 const PATIENCE: usize = 50;
 
@@ -80,8 +82,7 @@ pub fn train(
     watch: Watch<'_>,
 ) -> Result<Ensemble, TrainingError> {
     check(dataset, training)?;
-    let keys: Vec<_> = dataset.examples.iter().map(|example| example.key.clone()).collect();
-    let class = Class { dataset, inputs: encoder.encode(&keys), training };
+    let class = Class { dataset, encoder, training };
     let share = 1.0 / training.members as f64;
     let mut trained = Vec::with_capacity(training.members);
     for member in 0..training.members {
@@ -95,7 +96,7 @@ pub fn train(
 /// What every member learns from.
 struct Class<'a> {
     dataset: &'a Dataset,
-    inputs: Array2<f32>,
+    encoder: &'a Encoder,
     training: &'a Training,
 }
 
@@ -108,7 +109,6 @@ impl Class<'_> {
         if held_out.is_empty() || learned.is_empty() {
             return Err(TrainingError::TooFew("a part of the states is empty; fewer folds make larger ones".into()));
         }
-        let held_out_inputs = self.inputs.select(Axis(0), &held_out);
         let mut random = Pcg64::seed_from_u64(seed.wrapping_mul(31).wrapping_add(member as u64));
         let mut learner = Learner::new(self.shape(), seed.wrapping_add(1_000 * (member as u64 + 1)))?;
         let mut best: Option<(f64, Member, usize)> = None;
@@ -121,7 +121,7 @@ impl Class<'_> {
                 continue;
             }
             let now = learner.member()?;
-            let worth = self.worth(&now, &held_out_inputs, &held_out);
+            let worth = self.worth(&now, &held_out);
             match &best {
                 Some((most, _, _)) if worth <= *most => {}
                 _ => best = Some((worth, now, epoch)),
@@ -131,15 +131,19 @@ impl Class<'_> {
             }
         }
         let (_, member, epoch) = best.ok_or(TrainingError::Diverged(epochs))?;
-        Ok((self.proven(member, &held_out_inputs, &held_out), epoch as u64))
+        Ok((self.proven(member, &held_out), epoch as u64))
     }
 
     /// Returns a joint network without its interaction, unless what it has learned of dependence is worth something on states that it has not seen:
     /// chance that was learned by heart must not be served.
-    fn proven(&self, mut member: Member, inputs: &Array2<f32>, states: &[usize]) -> Member {
+    fn proven(&self, mut member: Member, states: &[usize]) -> Member {
         if self.training.kind == ModelKind::Joint {
-            let tables = states.iter().map(|at| &self.dataset.examples[*at].table);
-            if !is_worth_something(tables.zip(&member.joint(inputs))) {
+            let mut worth = Worth::default();
+            for part in states.chunks(LOOKED_AT) {
+                let joints = member.joint(&self.inputs(part));
+                self.examples(part).zip(&joints).for_each(|(example, joint)| worth.add(&example.table, joint));
+            }
+            if !worth.is_more_than_chance() {
                 member.forget_interaction();
             }
         }
@@ -148,7 +152,7 @@ impl Class<'_> {
 
     fn shape(&self) -> Shape {
         let Training { kind, width, .. } = *self.training;
-        Shape { kind, alphabet: self.dataset.alphabet, width, inputs: self.inputs.ncols() }
+        Shape { kind, alphabet: self.dataset.alphabet, width, inputs: self.encoder.width() }
     }
 
     fn epoch(
@@ -169,16 +173,24 @@ impl Class<'_> {
     }
 
     fn batch(&self, states: &[usize]) -> Batch {
-        let examples = || states.iter().map(|at| &self.dataset.examples[*at]);
-        let weights = examples().map(|example| self.weight(example)).collect();
+        let weights = self.examples(states).map(|example| self.weight(example)).collect();
         let targets = match self.training.kind {
             ModelKind::Joint => draws(self.dataset, states),
             ModelKind::Direct => {
-                let above: Vec<f32> = examples().map(|example| example.above as f32).collect();
+                let above: Vec<f32> = self.examples(states).map(|example| example.above as f32).collect();
                 Array2::from_shape_vec((states.len(), 1), above).expect("one a state")
             }
         };
-        Batch { inputs: self.inputs.select(Axis(0), states), targets, weights }
+        Batch { inputs: self.inputs(states), targets, weights }
+    }
+
+    fn examples<'s>(&'s self, states: &'s [usize]) -> impl ExactSizeIterator<Item = &'s Example> {
+        states.iter().map(|at| &self.dataset.examples[*at])
+    }
+
+    /// Returns the inputs of states: `[states, inputs]`. They are made for each use, since those of all states would fill the memory.
+    fn inputs(&self, states: &[usize]) -> Array2<f32> {
+        self.encoder.encode(self.examples(states).map(|example| &example.key))
     }
 
     fn weight(&self, example: &Example) -> f32 {
@@ -189,16 +201,20 @@ impl Class<'_> {
     }
 
     /// Returns what a network is worth on states that it has not learned from: the more the better.
-    fn worth(&self, member: &Member, inputs: &Array2<f32>, states: &[usize]) -> f64 {
-        let examples = || states.iter().map(|at| &self.dataset.examples[*at]);
+    fn worth(&self, member: &Member, states: &[usize]) -> f64 {
+        states.chunks(LOOKED_AT).map(|part| self.worth_of_part(member, part)).sum()
+    }
+
+    fn worth_of_part(&self, member: &Member, states: &[usize]) -> f64 {
+        let (examples, inputs) = (self.examples(states), self.inputs(states));
         match self.training.kind {
             ModelKind::Joint => {
-                examples().zip(member.joint(inputs)).map(|(example, joint)| joint.gain(&example.table)).sum()
+                examples.zip(member.joint(&inputs)).map(|(example, joint)| joint.gain(&example.table)).sum()
             }
             ModelKind::Direct => {
                 let loss =
                     |(example, z): (&Example, f64)| f64::from(self.weight(example)) * cross_entropy(example.above, z);
-                -examples().zip(member.ln_odds(inputs)).map(loss).sum::<f64>()
+                -examples.zip(member.ln_odds(&inputs)).map(loss).sum::<f64>()
             }
         }
     }

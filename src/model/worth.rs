@@ -10,16 +10,27 @@ use crate::information::Table;
 /// Standard deviations by which a gain must exceed what orders by chance would give: a network is stopped where its gain is largest, of up to 28 looks.
 const AHEAD: f64 = 3.0;
 
-/// Returns whether the gains of states are more than chance, and more than nothing.
-pub fn is_worth_something<'a>(states: impl Iterator<Item = (&'a Table, &'a Joint)>) -> bool {
-    let (mut gain, mut mean, mut variance) = (0.0, 0.0, 0.0);
-    for (table, joint) in states {
+/// The gains of states, beside what chance would make of them.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Worth {
+    gain: f64,
+    mean: f64,
+    variance: f64,
+}
+
+impl Worth {
+    /// Adds a state with what a network says of it.
+    pub fn add(&mut self, table: &Table, joint: &Joint) {
         let chance = Chance::of(table, joint);
-        gain += joint.gain(table);
-        mean += chance.mean;
-        variance += chance.variance;
+        self.gain += joint.gain(table);
+        self.mean += chance.mean;
+        self.variance += chance.variance;
     }
-    gain > 0.0 && gain - mean > AHEAD * variance.sqrt()
+
+    /// Returns whether the gains are more than chance, and more than nothing.
+    pub fn is_more_than_chance(&self) -> bool {
+        self.gain > 0.0 && self.gain - self.mean > AHEAD * self.variance.sqrt()
+    }
 }
 
 /// Mean and variance of the gain of a state over all orders of the other's actions.
@@ -77,11 +88,15 @@ mod tests {
 
     #[test]
     fn one_strong_state_suffices_and_many_of_chance_do_not() {
-        let joint = copies();
+        let found = |table: &Table, states: usize| {
+            let mut worth = Worth::default();
+            (0..states).for_each(|_| worth.add(table, &copies()));
+            worth.is_more_than_chance()
+        };
         let strong = Table::from_counts([(0, 0, 20), (1, 1, 20)]);
-        assert!(is_worth_something(std::iter::once((&strong, &joint))));
+        assert!(found(&strong, 1));
         let chance = Table::from_counts([(0, 0, 5), (0, 1, 5), (1, 0, 5), (1, 1, 5)]);
-        assert!(!is_worth_something(std::iter::repeat_n((&chance, &joint), 100)));
-        assert!(!is_worth_something(std::iter::empty()));
+        assert!(!found(&chance, 100));
+        assert!(!found(&chance, 0));
     }
 }

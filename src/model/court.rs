@@ -1,0 +1,213 @@
+//! Who says what of the states that a network did not learn from: the network, its shuffled twin, and what needs no network.
+
+use ndarray::Array2;
+
+use super::back_off::BackOff;
+use super::calibrate::calibrated;
+use super::dataset::{Dataset, Example, cells};
+use super::member::{Joint, Member};
+use super::network::{ln_information, logistic, probability};
+use super::score::{Judged, score};
+use super::training::Ensemble;
+use super::worth::Worth;
+use crate::domain::{Baseline, Calibration, ModelKind, Score, Training, Weighting};
+use crate::evidence::{Expected, factors};
+
+/// Draws of a state from which its evidence is a truth to be judged by: of rarely seen states it says little but what all states have on average, and
+/// whoever says the same of every state would win.
+const ENOUGH: u64 = 8;
+
+/// What was said of one judged state by those who did not learn from it.
+pub struct Said {
+    /// Mutual information in nats by each judging member, or its ln odds where it predicts nothing else.
+    numbers: Vec<f64>,
+    /// What both agents do, by a joint network.
+    joint: Option<Joint>,
+}
+
+/// The states that are judged, and by whom.
+pub struct Court<'a> {
+    dataset: &'a Dataset,
+    training: Training,
+    /// Draws from which a state is scored.
+    enough: u64,
+    states: Vec<(usize, std::ops::Range<usize>)>,
+}
+
+impl<'a> Court<'a> {
+    /// Opens a court on states, each with the members that judge it.
+    pub fn new(dataset: &'a Dataset, training: Training, states: Vec<(usize, std::ops::Range<usize>)>) -> Self {
+        let most = states.iter().map(|(at, _)| dataset.examples[*at].table.total()).max().unwrap_or(0);
+        Self { dataset, training, enough: if most < ENOUGH { 0 } else { ENOUGH }, states }
+    }
+
+    fn examples(&self) -> impl Iterator<Item = &'a Example> {
+        self.states.iter().map(|(at, _)| &self.dataset.examples[*at])
+    }
+
+    fn weight(&self, example: &Example) -> f64 {
+        match self.training.weighting {
+            Weighting::Visits => example.table.total() as f64,
+            Weighting::States => 1.0,
+        }
+    }
+
+    /// Lets every state be told by the members that judge it.
+    pub fn told(&self, ensemble: &Ensemble) -> Vec<Said> {
+        let mut said: Vec<Said> = self.states.iter().map(|_| Said { numbers: Vec::new(), joint: None }).collect();
+        for (member, network) in ensemble.members.iter().enumerate() {
+            let of = |at: &usize| self.states[*at].1.contains(&member);
+            let judged: Vec<usize> = (0..self.states.len()).filter(of).collect();
+            let keys = judged.iter().map(|at| &self.dataset.examples[self.states[*at].0].key);
+            self.hear(network, &ensemble.encoder.encode(keys), judged, &mut said);
+        }
+        said
+    }
+
+    fn hear(&self, network: &Member, inputs: &Array2<f32>, judged: Vec<usize>, said: &mut [Said]) {
+        match self.training.kind {
+            ModelKind::Joint => {
+                for (at, joint) in judged.into_iter().zip(network.joint(inputs)) {
+                    let others = said[at].numbers.len() as f64;
+                    said[at].numbers.push(joint.mutual_information());
+                    said[at].joint = Some(match said[at].joint.take() {
+                        Some(mean) => mean.mixed_with(&joint, 1.0 / (others + 1.0)),
+                        None => joint,
+                    });
+                }
+            }
+            ModelKind::Direct => {
+                for (at, z) in judged.into_iter().zip(network.ln_odds(inputs)) {
+                    said[at].numbers.push(z);
+                }
+            }
+        }
+    }
+
+    /// Fits a joint network's calibration; a direct one needs none.
+    pub fn calibration(&self, said: &[Said]) -> Calibration {
+        if self.training.kind == ModelKind::Direct {
+            return Calibration { intercept: 0.0, slope: 1.0 };
+        }
+        let told: Vec<(&Example, &Joint)> =
+            self.examples().zip(said).filter_map(|(example, said)| Some((example, said.joint.as_ref()?))).collect();
+        let responses: Vec<Vec<f64>> = told.iter().map(|(_, joint)| joint.response.iter().copied().collect()).collect();
+        let states: Vec<Expected<'_>> = told
+            .iter()
+            .zip(&responses)
+            .map(|((example, joint), response)| Expected { table: &example.table, ego: &joint.ego, response })
+            .collect();
+        let factors =
+            factors(&states, self.dataset.alphabet, &self.dataset.base(&self.dataset.examples), self.dataset.threshold);
+        let numbers = said.iter().map(|said| ln_information(mean(&said.numbers)));
+        calibrated(&numbers.zip(factors).collect::<Vec<_>>())
+    }
+
+    /// Returns predictions beside the evidence of the states with enough draws.
+    pub fn judged(&self, said: &[Said], calibration: Calibration) -> Vec<Judged> {
+        let probability = |number: &f64| match self.training.kind {
+            ModelKind::Joint => probability(calibration, *number),
+            ModelKind::Direct => logistic(*number),
+        };
+        let predicted = |said: &Said| mean(&said.numbers.iter().map(probability).collect::<Vec<f64>>());
+        self.examples().zip(said).filter_map(|(example, said)| self.judge(example, predicted(said))).collect()
+    }
+
+    /// Puts a prediction beside the evidence of a state, if that has enough draws.
+    fn judge(&self, example: &Example, predicted: f64) -> Option<Judged> {
+        let judged = Judged { predicted, evidence: example.above, weight: self.weight(example) };
+        (example.table.total() >= self.enough).then_some(judged)
+    }
+
+    /// Returns the mean of ln p(other's action | ego's action) over all draws.
+    pub fn log_likelihood(&self, said: &[Said]) -> Option<f64> {
+        let of = |(example, said): (&Example, &Said)| {
+            let joint = said.joint.as_ref()?;
+            Some(cells(&example.table).map(|(i, j, n)| n * joint.response[[i, j]].ln()).sum::<f64>())
+        };
+        let sums: Option<Vec<f64>> = self.examples().zip(said).map(of).collect();
+        self.per_draw(sums?.into_iter().sum())
+    }
+
+    fn per_draw(&self, sum: f64) -> Option<f64> {
+        let draws: u64 = self.examples().map(|example| example.table.total()).sum();
+        (draws > 0).then(|| sum / draws as f64)
+    }
+
+    /// Returns whether a network has found something: a joint one, if its dependence is worth more than chance; a direct one, if its squared error is
+    /// below that of its shuffled twin by more than chance, or below that of the average where it has none.
+    pub fn has_found_something(&self, network: &[Said], twin: Option<&[Said]>) -> bool {
+        if self.training.kind == ModelKind::Joint {
+            let mut worth = Worth::default();
+            let told = self.examples().zip(network.iter().filter_map(|said| said.joint.as_ref()));
+            told.for_each(|(example, joint)| worth.add(&example.table, joint));
+            return worth.is_more_than_chance();
+        }
+        let average = self.average(&(0..self.dataset.examples.len()).collect::<Vec<_>>());
+        let rival = |at: usize| twin.map_or(average, |twin| logistic(mean(&twin[at].numbers)));
+        let difference = |(at, (example, own)): (usize, (&Example, &Said))| {
+            let error = |q: f64| example.above * (1.0 - q).powi(2) + (1.0 - example.above) * q * q;
+            self.weight(example) * (error(rival(at)) - error(logistic(mean(&own.numbers))))
+        };
+        is_above_zero(&self.examples().zip(network).enumerate().map(difference).collect::<Vec<_>>())
+    }
+
+    /// Scores what needs no network; each learns from the parts that a state is not in.
+    pub fn simple_baselines(&self) -> Vec<Score> {
+        let Training { folds, seed, .. } = self.training;
+        let fold = |at: usize| Dataset::fold(&self.dataset.examples[at].key, folds, seed);
+        let mut sums = [0.0; 2];
+        let mut judged: [Vec<Judged>; 3] = Default::default();
+        for part in 0..folds {
+            let here: Vec<&Example> = self
+                .states
+                .iter()
+                .filter(|(at, _)| fold(*at) == part)
+                .map(|(at, _)| &self.dataset.examples[*at])
+                .collect();
+            if here.is_empty() {
+                continue;
+            }
+            let learned: Vec<usize> = (0..self.dataset.examples.len()).filter(|at| fold(*at) != part).collect();
+            let average = self.average(&learned);
+            let back_off = BackOff::new(self.dataset, &learned);
+            for example in here {
+                let table = back_off.table(&example.key);
+                sums[0] += back_off.log_likelihood(None, example);
+                sums[1] += back_off.log_likelihood(table, example);
+                let told = table.map_or(average, |table| self.dataset.above(table));
+                for (judged, predicted) in judged.iter_mut().zip([1.0, average, told]) {
+                    judged.extend(self.judge(example, predicted));
+                }
+            }
+        }
+        let joint = self.training.kind == ModelKind::Joint;
+        let [average, back_off] = sums.map(|sum| self.per_draw(sum).filter(|_| joint));
+        let [all, majority, coarser] = &judged;
+        vec![
+            score(Baseline::AllPositive.as_str(), all, None),
+            score(Baseline::Majority.as_str(), majority, average),
+            // A held-out state was not seen by anybody: the table of what was seen in it is empty.
+            score(Baseline::LookUp.as_str(), majority, average),
+            score(Baseline::BackOff.as_str(), coarser, back_off),
+        ]
+    }
+
+    fn average(&self, learned: &[usize]) -> f64 {
+        let examples = || learned.iter().map(|at| &self.dataset.examples[*at]);
+        let total: f64 = examples().map(|example| self.weight(example)).sum();
+        examples().map(|example| self.weight(example) * example.above).sum::<f64>() / total.max(f64::MIN_POSITIVE)
+    }
+}
+
+/// Returns whether the mean of differences is above zero by three standard errors.
+fn is_above_zero(differences: &[f64]) -> bool {
+    let n = differences.len() as f64;
+    let mean = mean(differences);
+    let variance = differences.iter().map(|difference| (difference - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
+    mean > 3.0 * (variance / n.max(1.0)).sqrt()
+}
+
+fn mean(numbers: &[f64]) -> f64 {
+    numbers.iter().sum::<f64>() / numbers.len().max(1) as f64
+}
