@@ -5,11 +5,11 @@
 
 #![allow(missing_docs)]
 
+mod support;
+
 use std::collections::BTreeMap;
 use std::fs;
 use std::hint::black_box;
-use std::path::Path;
-use std::process::Command;
 use std::slice;
 use std::time::Instant;
 
@@ -20,6 +20,7 @@ use nudge::information::{
 };
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
+use support::python;
 
 const SEED: u64 = 1;
 type Counts = [[u32; ACTIONS]; ACTIONS];
@@ -59,8 +60,7 @@ fn main() {
         ("smallest_p", few(&|table| smallest_p(slice::from_ref(table)))),
     ];
     println!("{TABLES} tables of {ACTIONS} x {ACTIONS}, 1 to 500 visits, seed {SEED}; one thread, median of {ROUNDS}");
-    let beside =
-        std::env::var_os("NUDGE_PYTHON").map(|python| yardsticks(Path::new(&python), &counts)).unwrap_or_default();
+    let beside = yardsticks(&counts);
     for (name, own) in figures {
         println!("{name}: {own:.0} ns");
         for (yardstick, other) in beside.get(name).into_iter().flatten() {
@@ -121,19 +121,14 @@ fn nanoseconds<T>(all: &[T], figure: impl Fn(&T) -> f64) -> f64 {
 
 /// Runs the script on the same counts, as little-endian u32, and returns what it printed: for each of our figures, the
 /// yardsticks beside it in nanoseconds.
-fn yardsticks(python: &Path, counts: &[Counts]) -> BTreeMap<String, Vec<(String, f64)>> {
+fn yardsticks(counts: &[Counts]) -> BTreeMap<String, Vec<(String, f64)>> {
     let file = tempfile::NamedTempFile::new().expect("a temporary file");
     let bytes: Vec<u8> = counts.as_flattened().as_flattened().iter().flat_map(|n| n.to_le_bytes()).collect();
     fs::write(file.path(), bytes).expect("the counts are written");
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("benches/information_yardsticks.py");
-    let output = Command::new(python).arg(script).arg(file.path()).output().expect("NUDGE_PYTHON runs");
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let mut beside: BTreeMap<String, Vec<(String, f64)>> = BTreeMap::new();
-    for line in String::from_utf8_lossy(&output.stdout).lines() {
-        let [figure, yardstick, time] = line.split('\t').collect::<Vec<_>>()[..] else {
-            panic!("not three fields: {line}")
-        };
-        beside.entry(figure.into()).or_default().push((yardstick.into(), time.parse().expect("nanoseconds")));
+    for line in python("information_yardsticks.py", Some(file.path())).into_iter().flatten() {
+        let [figure, yardstick, time] = &line[..] else { panic!("not three fields: {line:?}") };
+        beside.entry(figure.clone()).or_default().push((yardstick.clone(), time.parse().expect("nanoseconds")));
     }
     beside
 }

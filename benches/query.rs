@@ -20,11 +20,10 @@ use nudge::api::proto::{
     GetStateResponse, ListStatesRequest, ListStatesResponse, Rule, Scope, StateValues, SummarizeRequest,
     SummarizeResponse, View,
 };
+use support::http::{get, latencies, report_tail};
 use support::{
-    ACTIONS, Service, batches, channel, listen, make_world, median, pump, quantile, report, runtime, start_binary,
-    state, wanted,
+    ACTIONS, Service, batches, channel, listen, make_world, median, pump, report, runtime, start_binary, state, wanted,
 };
-use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 use tonic::{Request, Response, Status};
 
@@ -107,24 +106,6 @@ async fn requests_per_second(address: SocketAddr, path: &str) -> f64 {
     (EACH * CONNECTIONS) as f64 / started.elapsed().as_secs_f64()
 }
 
-/// Asks over a kept connection, as plainly as possible: the client should cost little. Returns the body.
-async fn get(stream: &mut TcpStream, path: &str) -> Vec<u8> {
-    let request = format!("GET {path} HTTP/1.1\r\nhost: bench\r\n\r\n");
-    stream.write_all(request.as_bytes()).await.expect("sent");
-    let mut answer = Vec::with_capacity(4_096);
-    loop {
-        stream.read_buf(&mut answer).await.expect("answered");
-        let Some(end) = answer.windows(4).position(|four| four == b"\r\n\r\n") else { continue };
-        let head = String::from_utf8_lossy(&answer[..end]).to_ascii_lowercase();
-        assert!(head.starts_with("http/1.1 200"), "{head} {}", String::from_utf8_lossy(&answer[end..]));
-        let length = head.split("content-length: ").nth(1).and_then(|rest| rest.lines().next()?.parse::<usize>().ok());
-        let length = length.expect("a length");
-        if answer.len() >= end + 4 + length {
-            return answer.split_off(end + 4);
-        }
-    }
-}
-
 fn question(world: &str, rule: &str, view: View) -> BatchGetInfluenceRequest {
     let rule = Rule { kind: Some(rule.into()), ..Default::default() };
     BatchGetInfluenceRequest {
@@ -192,7 +173,8 @@ async fn calls_per_second(
 
 /// The slowest hundredth of single questions while transitions come in at full speed, beside the same when idle.
 async fn busy(service: &Service) {
-    let idle = latencies(service.address).await;
+    let path = known_path();
+    let idle = latencies(service.address, &path).await;
     let over = Arc::new(AtomicBool::new(false));
     let (address, done) = (service.address, over.clone());
     let ingesting = tokio::spawn(async move {
@@ -202,37 +184,10 @@ async fn busy(service: &Service) {
         }
     });
     tokio::time::sleep(Duration::from_millis(500)).await;
-    let busy = latencies(service.address).await;
+    let busy = latencies(service.address, &path).await;
     over.store(true, Ordering::Relaxed);
     ingesting.await.expect("ends");
-    let micros = |latencies: &mut Vec<Duration>, q| quantile(latencies, q).as_secs_f64() * 1e6;
-    let (mut idle, mut busy) = (idle, busy);
-    println!(
-        "one question, p50: {:.0} us while ingesting, {:.0} us idle",
-        micros(&mut busy, 0.5),
-        micros(&mut idle, 0.5)
-    );
-    report(
-        "one question, p99 while ingesting",
-        micros(&mut busy, 0.99),
-        "p99 idle",
-        micros(&mut idle, 0.99),
-        "us",
-        "(target <= 5)",
-    );
-}
-
-async fn latencies(address: SocketAddr) -> Vec<Duration> {
-    let path = known_path();
-    let mut stream = TcpStream::connect(address).await.expect("listening");
-    stream.set_nodelay(true).expect("a socket");
-    let mut latencies = Vec::new();
-    for _ in 0..2_000 {
-        let started = Instant::now();
-        get(&mut stream, &path).await;
-        latencies.push(started.elapsed());
-    }
-    latencies
+    report_tail("while ingesting", busy, "idle", idle, "(target <= 5)");
 }
 
 /// From the start of the real binary on an empty database to its first ready answer, beside `sqlite3` opening the same file.

@@ -7,7 +7,6 @@
 
 mod support;
 
-use std::process::Command;
 use std::time::Instant;
 
 use glam::DVec2;
@@ -15,7 +14,7 @@ use nudge::simulation::{Crowd, Pedestrian, SocialForce, Wall};
 use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, Normal};
 use rand_pcg::Pcg64;
-use support::{median, report};
+use support::{median, python, report};
 
 const WIDTH: f64 = 4.0;
 const DT: f64 = 0.05;
@@ -75,14 +74,11 @@ fn crowd(size: usize) -> Crowd {
 }
 
 fn yardsticks(alone: &[(usize, f64)]) {
-    let Ok(python) = std::env::var("NUDGE_PYTHON") else {
+    let Some(lines) = python("social_force_yardsticks.py", None) else {
         return println!("no yardsticks: NUDGE_PYTHON names no Python, see benches/social_force_yardsticks.py");
     };
-    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/benches/social_force_yardsticks.py");
-    let output = Command::new(python).arg(script).output().expect("NUDGE_PYTHON runs");
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    for line in String::from_utf8_lossy(&output.stdout).lines() {
-        let [name, size, rate] = line.split(' ').collect::<Vec<_>>()[..] else { panic!("not a yardstick: {line}") };
+    for line in lines {
+        let [name, size, rate] = &line[..] else { panic!("not a yardstick: {line:?}") };
         let (size, beside): (usize, f64) = (size.parse().expect("a size"), rate.parse().expect("a rate"));
         let ours = alone.iter().find(|(of, _)| *of == size).expect("measured").1;
         let target = if name == "numba" { "(target >= 2 at 100)" } else { "(target >= 100)" };

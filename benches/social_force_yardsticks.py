@@ -3,7 +3,7 @@
     python3 -m venv v; v/bin/pip install pysocialforce numba
     NUDGE_PYTHON=$PWD/v/bin/python cargo bench --bench simulation
 
-Prints one line a yardstick: name, pedestrians, pedestrian-steps a second (median of several runs, compiled before).
+Prints one line a yardstick: name, pedestrians, pedestrian-steps a second (median of several runs, compiled before), with tabs between.
 """
 
 import logging
@@ -84,7 +84,7 @@ def measure(name, prepare, n):
         started = time.perf_counter()
         run()
         took.append(time.perf_counter() - started)
-    print(name, n, n * STEPS / statistics.median(took))
+    print(name, n, n * STEPS / statistics.median(took), sep="\t")
 
 
 # PySocialForce and numba tell every step they take.

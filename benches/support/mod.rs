@@ -4,6 +4,8 @@
 
 #![allow(dead_code, missing_docs)]
 
+pub mod http;
+
 use std::io::{BufRead, BufReader};
 use std::net::SocketAddr;
 use std::path::Path;
@@ -202,4 +204,14 @@ pub fn wanted(name: &str) -> bool {
 
 pub fn runtime() -> tokio::runtime::Runtime {
     tokio::runtime::Builder::new_multi_thread().enable_all().build().expect("a runtime")
+}
+
+/// Runs a script of this directory with the Python that `NUDGE_PYTHON` names, and returns the fields of each line that it printed, with tabs between.
+pub fn python(script: &str, argument: Option<&Path>) -> Option<Vec<Vec<String>>> {
+    let python = std::env::var_os("NUDGE_PYTHON")?;
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("benches").join(script);
+    let output = Command::new(python).arg(script).args(argument).output().expect("NUDGE_PYTHON runs");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let lines = String::from_utf8(output.stdout).expect("text");
+    Some(lines.lines().map(|line| line.split('\t').map(Into::into).collect()).collect())
 }

@@ -1,7 +1,8 @@
-//! The figures of `information` against high-precision references and other tools' answers; `tests/golden/SOURCE.md`
+//! Figures, forces and networks against high-precision references and other tools' answers; `tests/golden/SOURCE.md`
 //! says where each value came from.
 
 mod estimators;
+mod networks;
 mod significance;
 mod social_force;
 mod tables;
