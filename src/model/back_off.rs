@@ -60,7 +60,7 @@ impl BackOff {
     /// Returns the finest table with enough draws that a state belongs to; the one of all states if none has.
     pub fn table(&self, key: &StateKey) -> Option<&Table> {
         let tables = || self.levels.iter().filter_map(|level| level.tables.get(&part(key, &level.features)));
-        tables().find(|table| table.total() >= ENOUGH).or_else(|| tables().last())
+        tables().find(|table| table.total() >= ENOUGH).or_else(|| tables().next_back())
     }
 
     /// Returns the mean log-likelihood that a table gives to the other's actions in a state, summed over its draws: its rows, drawn to what the other

@@ -12,7 +12,7 @@
 //! | `encoder`, `member` | from a state to inputs, from inputs to what both agents do: the forward pass that is served |
 //! | `learner`, `training`, `worth` | gradients, by the training library and nobody else; when to stop; whether more than chance was learned |
 //! | `calibrate`, `score`, `back_off`, `court`, `judge` | from mutual information to a probability, and how good it is beside what it has to beat |
-//! | `file`, `registry`, `network` | kept as safetensors, listed, switched, ready to answer |
+//! | `file`, `registry`, `network`, `told` | kept as safetensors, listed, switched, ready to answer, and what was answered |
 //! | `jobs` | trainings that were asked for |
 //!
 //! Absent on purpose: nothing here decides a verdict by counts, and no wire format is known here but that of a file of weights.
@@ -30,6 +30,7 @@ mod member;
 mod network;
 mod registry;
 mod score;
+mod told;
 mod training;
 mod upkeep;
 mod worth;
@@ -224,7 +225,7 @@ impl Networks {
         let dataset = self.dataset(environment, pair).await?;
         let (networks, order_there) = (self.clone(), order.clone());
         let trained =
-            tokio::task::spawn_blocking(move || on_one_thread(|| networks.trained(&order_there, &dataset))).await;
+            tokio::task::spawn_blocking(move || in_spare_time(|| networks.trained(&order_there, &dataset))).await;
         let (ensemble, card) = trained.map_err(|error| internal(&error))?.map_err(|error| no_network(&error))?;
         let content = file::Content {
             kind: training.kind,
@@ -270,12 +271,23 @@ impl Networks {
     }
 }
 
-/// Does work on one thread, whatever libraries would share among more: the others are for those who ask and send meanwhile.
-fn on_one_thread<T: Send>(work: impl FnOnce() -> T + Send) -> T {
-    match rayon::ThreadPoolBuilder::new().num_threads(1).build() {
+/// Does work on one thread, whatever libraries would share among more, and only while nobody else wants the core: those who ask and send meanwhile
+/// must not notice.
+fn in_spare_time<T: Send>(work: impl FnOnce() -> T + Send) -> T {
+    match rayon::ThreadPoolBuilder::new().num_threads(1).start_handler(|_| step_back()).build() {
         Ok(pool) => pool.install(work),
         // No thread more can be had: this one will do.
         Err(_) => work(),
+    }
+}
+
+/// Lets every other thread go first. Where the system does not know how, the work goes on as it is.
+fn step_back() {
+    #[cfg(target_os = "linux")]
+    {
+        use thread_priority::{NormalThreadSchedulePolicy, ThreadPriority, ThreadSchedulePolicy, unix};
+        let idle = ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Idle);
+        let _ = unix::set_thread_priority_and_policy(unix::thread_native_id(), ThreadPriority::Min, idle);
     }
 }
 

@@ -1,10 +1,14 @@
 //! A version ready to answer.
 
+use std::sync::Arc;
+
 use ndarray::Array2;
+use rayon::prelude::*;
 
 use super::encoder::Encoder;
 use super::file::Content;
 use super::member::{Joint, Member};
+use super::told::Told;
 use crate::domain::{Calibration, Card, Environment, EnvironmentId, ModelAction, ModelKind, Pair, StateKey, Verdict};
 
 /// Added to mutual information before its logarithm is taken: what is below is as good as nothing.
@@ -27,6 +31,7 @@ pub struct Network {
     encoder: Encoder,
     members: Vec<Member>,
     calibration: Calibration,
+    told: Told,
     /// Whether it found more in the counts than the same network does in shuffled ones.
     found_something: bool,
 }
@@ -57,6 +62,7 @@ impl Network {
             encoder,
             members,
             calibration: card.calibration,
+            told: Told::default(),
             found_something,
         }
     }
@@ -68,18 +74,30 @@ impl Network {
 
     /// Predicts for states, which are of the network's schema, at a threshold in nats.
     pub fn predict(&self, states: &[StateKey], threshold: f64) -> Vec<Prediction> {
-        let inputs = self.encoder.encode(states.iter());
+        let told = self.told.of(states, |unknown| self.tell(unknown));
+        let prediction = |numbers: Arc<[f64]>| match self.kind {
+            ModelKind::Joint => self.joint_prediction(numbers.iter().copied(), threshold),
+            ModelKind::Direct => self.direct_prediction(numbers.iter().copied(), threshold),
+        };
+        told.into_iter().map(prediction).collect()
+    }
+
+    /// Lets every member tell of states: mutual information in nats, or ln odds.
+    fn tell(&self, states: &[&StateKey]) -> Vec<Arc<[f64]>> {
+        /// States of one share: large enough that sharing among threads costs little.
+        const SHARE: usize = 128;
+        let share = |states: &[&StateKey]| {
+            let inputs = self.encoder.encode(states.iter().copied());
+            let members: Vec<Vec<f64>> = self.members.iter().map(|member| self.numbers(member, &inputs)).collect();
+            (0..states.len()).map(|state| members.iter().map(|member| member[state]).collect()).collect::<Vec<_>>()
+        };
+        if states.len() <= SHARE { share(states) } else { states.par_chunks(SHARE).flat_map_iter(share).collect() }
+    }
+
+    fn numbers(&self, member: &Member, inputs: &Array2<f32>) -> Vec<f64> {
         match self.kind {
-            ModelKind::Joint => {
-                let members: Vec<Vec<f64>> = self.members.iter().map(|member| information(member, &inputs)).collect();
-                let of = |state: usize| self.joint_prediction(members.iter().map(|member| member[state]), threshold);
-                (0..states.len()).map(of).collect()
-            }
-            ModelKind::Direct => {
-                let members: Vec<Vec<f64>> = self.members.iter().map(|member| member.ln_odds(&inputs)).collect();
-                let of = |state: usize| self.direct_prediction(members.iter().map(|member| member[state]), threshold);
-                (0..states.len()).map(of).collect()
-            }
+            ModelKind::Joint => member.information(inputs),
+            ModelKind::Direct => member.ln_odds(inputs),
         }
     }
 
@@ -136,11 +154,6 @@ fn mean_and_agreement(probabilities: impl ExactSizeIterator<Item = f64>) -> (f64
     let members = probabilities.len();
     let (sum, above) = probabilities.fold((0.0, 0), |(sum, above), p| (sum + p, above + usize::from(p >= 0.5)));
     (sum / members as f64, above == 0 || above == members)
-}
-
-/// Returns mutual information of states in nats, as one member has it.
-pub fn information(member: &Member, inputs: &Array2<f32>) -> Vec<f64> {
-    member.joint(inputs).iter().map(Joint::mutual_information).collect()
 }
 
 /// Returns the number that is calibrated of a mutual information in nats.

@@ -1,0 +1,75 @@
+//! What a network has told of states: a state has few bins and its network never changes, so that games ask for the same again and again.
+
+use std::sync::{Arc, PoisonError, RwLock};
+
+use foldhash::HashMap;
+
+use crate::domain::StateKey;
+
+/// States that are remembered; when there are more, all are forgotten.
+const MOST: usize = 1 << 16;
+
+/// What each member said of states.
+#[derive(Default)]
+pub struct Told(RwLock<HashMap<StateKey, Arc<[f64]>>>);
+
+impl Told {
+    /// Returns what is remembered of states, in their order, and lets `tell` say the rest.
+    pub fn of(&self, states: &[StateKey], tell: impl FnOnce(&[&StateKey]) -> Vec<Arc<[f64]>>) -> Vec<Arc<[f64]>> {
+        let known: Vec<Option<Arc<[f64]>>> = {
+            let told = self.0.read().unwrap_or_else(PoisonError::into_inner);
+            states.iter().map(|state| told.get(state).cloned()).collect()
+        };
+        let unknown: Vec<&StateKey> =
+            states.iter().zip(&known).filter(|(_, known)| known.is_none()).map(|(state, _)| state).collect();
+        if unknown.is_empty() {
+            return known.into_iter().flatten().collect();
+        }
+        let told = tell(&unknown);
+        self.remember(&unknown, &told);
+        let mut told = told.into_iter();
+        known.into_iter().filter_map(|known| known.or_else(|| told.next())).collect()
+    }
+
+    fn remember(&self, states: &[&StateKey], numbers: &[Arc<[f64]>]) {
+        let mut told = self.0.write().unwrap_or_else(PoisonError::into_inner);
+        if told.len() + states.len() > MOST {
+            told.clear();
+        }
+        told.extend(states.iter().copied().cloned().zip(numbers.iter().cloned()).take(MOST));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn keys(bins: &[u32]) -> Vec<StateKey> {
+        bins.iter().map(|bin| StateKey::new(&[*bin])).collect()
+    }
+
+    fn tell(states: &[&StateKey]) -> Vec<Arc<[f64]>> {
+        states.iter().map(|state| [f64::from(state.bins()[0])].into()).collect()
+    }
+
+    #[test]
+    fn what_was_told_is_not_asked_again_and_order_is_kept() {
+        let told = Told::default();
+        told.of(&keys(&[3, 1]), tell);
+        let answers = told.of(&keys(&[1, 2, 3, 2]), |unknown| {
+            assert_eq!(unknown.iter().map(|state| state.bins()[0]).collect::<Vec<_>>(), [2, 2]);
+            tell(unknown)
+        });
+        assert_eq!(answers.iter().map(|numbers| numbers[0]).collect::<Vec<_>>(), [1.0, 2.0, 3.0, 2.0]);
+    }
+
+    #[test]
+    fn memory_is_bounded() {
+        let told = Told::default();
+        (0..3).for_each(|round| {
+            let bins: Vec<u32> = (0..MOST as u32).map(|bin| bin + round * MOST as u32).collect();
+            told.of(&keys(&bins), tell);
+        });
+        assert!(told.0.read().expect("no panic").len() <= MOST);
+    }
+}
