@@ -3,7 +3,10 @@
 //! An experiment goes the way that everybody goes: what it draws is sent to a service of its own, which counts it, fits it and answers. What is
 //! measured here is the answers. Nothing here prints, and nothing here computes what the service should.
 
+pub mod findings;
 pub mod measures;
 pub mod planted;
+pub mod seeds;
 
+mod dots;
 mod service;

@@ -4,14 +4,15 @@ use std::path::Path;
 use std::process::{Command, Output};
 
 use nudge::experiments::planted::{Decision, Figure, Options, Report, run};
+use nudge::experiments::seeds::Seeds;
 use nudge::simulation::planted::{Arm, Generator};
 use serde_json::Value;
 
 /// Large enough for a fit, small enough for a test.
-const SMALL: Options = Options { seeds: 2, first_seed: 1, states: 120 };
+const SMALL: Options = Options { seeds: Seeds { number: 2, first: 1 }, states: 120 };
 
 fn mean(report: &Report, generator: Generator, arm: Arm, decision: Decision, figure: Figure) -> f64 {
-    report.find(&SMALL.compared(generator, arm), decision, figure).expect("defined").mean
+    report.findings.find(&SMALL.compared(generator, arm), decision, figure).expect("defined").mean
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

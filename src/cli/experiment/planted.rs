@@ -7,10 +7,12 @@ use clap::Args;
 use crate::cli::Failure;
 use crate::cli::output::{Table, count, print, print_json};
 use crate::cli::progress::Progress;
+use crate::experiments::findings::{Bound, REVISION};
 use crate::experiments::measures::Spread;
 use crate::experiments::planted::{
-    self, Bound, Decision, Figure, Options, Report, SHARES, USUAL_SHARE, World, arm_name, generator_name,
+    self, Decision, Figure, Options, Report, SHARES, USUAL_SHARE, World, arm_name, generator_name,
 };
+use crate::experiments::seeds::Seeds;
 use crate::simulation::planted::{Arm, Generator};
 
 /// The figures by which decisions are compared.
@@ -48,10 +50,10 @@ const CALLED: [(&str, Decision, Figure); 7] = [
     Example:\n  nudge experiment planted --seeds 3 --states 500 --out ./results")]
 pub(in crate::cli) struct Planted {
     /// How many seeds
-    #[arg(long, value_name = "NUMBER", default_value_t = Options::default().seeds, value_parser = clap::value_parser!(u32).range(1..=1_000))]
+    #[arg(long, value_name = "NUMBER", default_value_t = Options::default().seeds.number, value_parser = clap::value_parser!(u32).range(1..=1_000))]
     seeds: u32,
     /// The first seed; the others follow it
-    #[arg(long, value_name = "NUMBER", default_value_t = Options::default().first_seed)]
+    #[arg(long, value_name = "NUMBER", default_value_t = Options::default().seeds.first)]
     seed: u32,
     /// States of the worlds on which decisions are compared
     #[arg(long, value_name = "NUMBER", default_value_t = Options::default().states as u32, value_parser = clap::value_parser!(u32).range(1..=50_000))]
@@ -66,16 +68,17 @@ pub(in crate::cli) struct Planted {
 
 impl Planted {
     pub(super) async fn run(self) -> Result<(), Failure> {
-        let options = Options { seeds: self.seeds, first_seed: self.seed, states: self.states as usize };
+        let seeds = Seeds { number: self.seeds, first: self.seed };
+        let options = Options { seeds, states: self.states as usize };
         if let Some(directory) = &self.out {
             std::fs::create_dir_all(directory).map_err(|error| unwritable(directory, &error))?;
         }
-        let progress = Progress::new(options.worlds().len() as u64 * u64::from(options.seeds));
+        let progress = Progress::new(options.worlds().len() as u64 * u64::from(options.seeds.number));
         progress.part("planted influence");
         let report = planted::run(&options, || progress.step()).await?;
         progress.finish();
         if let Some(directory) = &self.out {
-            write(directory, "planted.csv", &report.csv())?;
+            write(directory, "planted.csv", &report.findings.csv())?;
             write(directory, "planted.json", &format!("{:#}\n", report.json()))?;
             write(directory, "planted.svg", &planted::plot(&report))?;
         }
@@ -96,8 +99,8 @@ fn unwritable(path: &Path, error: &std::io::Error) -> Failure {
 fn render(report: &Report) -> String {
     let mut text = format!(
         "planted influence, nudge {}: {}, {} states, {USUAL_SHARE} % of them with influence; mean ±sd over seeds\n",
-        Report::REVISION,
-        report.options.seeds_told(),
+        REVISION,
+        report.options.seeds,
         count(report.options.states as u64),
     );
     for generator in Generator::ALL {
@@ -115,7 +118,7 @@ fn compared(report: &Report, generator: Generator) -> String {
     let mut table = Table::new(&[&["decision"], COMPARED.map(Figure::as_str).as_slice()].concat());
     let world = report.options.compared(generator, Arm::Plain);
     for decision in Decision::ALL {
-        let cells = COMPARED.iter().map(|figure| told(report.find(&world, decision, *figure)));
+        let cells = COMPARED.iter().map(|figure| told(report.findings.find(&world, decision, *figure)));
         table.row(std::iter::once(decision.as_str().to_owned()).chain(cells));
     }
     table.render("")
@@ -126,7 +129,9 @@ fn arms(report: &Report) -> String {
     let mut table = Table::new(&[&["arm", "decision"], titles.as_slice()].concat());
     for arm in [Arm::Plain, Arm::LeakFree, Arm::Shuffled] {
         for decision in Decision::ALL.into_iter().filter(|decision| *decision != Decision::PapersFilter) {
-            let area = |generator| report.find(&report.options.compared(generator, arm), decision, Figure::AucPlanted);
+            let area = |generator| {
+                report.findings.find(&report.options.compared(generator, arm), decision, Figure::AucPlanted)
+            };
             let named = [arm_name(arm), decision.as_str()].map(str::to_owned);
             table.row(named.into_iter().chain(Generator::ALL.map(|generator| told(area(generator)))));
         }
@@ -138,7 +143,7 @@ fn called(report: &Report) -> String {
     let titles = CALLED.map(|(title, ..)| title);
     let mut table = Table::new(&[&["world", "states", "with influence"], titles.as_slice()].concat());
     let mut row = |name: &str, world: World| {
-        let cell = |(_, decision, figure)| report.find(&world, decision, figure);
+        let cell = |(_, decision, figure)| report.findings.find(&world, decision, figure);
         let percent =
             |spread: Option<Spread>| spread.map_or("-".to_owned(), |spread| format!("{:.1}", spread.mean * 100.0));
         let named = [name.to_owned(), count(world.states as u64), format!("{} %", world.dependent)];

@@ -3,6 +3,7 @@
 use super::decision::{Decision, is_strong};
 use super::world::Case;
 use crate::domain::{Dependence, Verdict};
+use crate::experiments::findings;
 use crate::experiments::measures::{Hits, auc, frequency, mean, rmse};
 
 /// By what a decision is judged. Where it speaks of influence, it is mutual information above half a nat.
@@ -41,7 +42,7 @@ pub enum Figure {
 }
 
 /// The figures of some decisions; `None` where one is not defined.
-pub type Measured = Vec<(Decision, Figure, Option<f64>)>;
+pub type Measured = findings::Measured<Decision, Figure>;
 
 /// The level at which p-values raise an alarm.
 const LEVEL: f64 = 0.05;

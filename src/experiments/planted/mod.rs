@@ -16,11 +16,12 @@ use futures::{StreamExt, TryStreamExt, stream};
 pub use decision::Decision;
 pub use figure::Figure;
 pub use plot::plot;
-pub use report::{Finding, Report};
-pub use targets::{Bound, Target};
+pub use report::Report;
+pub use targets::Target;
 pub use world::{World, arm_name, generator_name};
 
-use super::measures::Spread;
+use super::findings;
+use super::seeds::Seeds;
 use crate::error::Problem;
 use crate::simulation::planted::{Arm, Generator};
 use figure::Measured;
@@ -40,33 +41,19 @@ const AT_ONCE: usize = 2;
 /// What is run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Options {
-    /// How many seeds.
-    pub seeds: u32,
-    /// The first of them; the others follow it.
-    pub first_seed: u32,
+    /// Which seeds.
+    pub seeds: Seeds,
     /// States of the largest worlds, on which the decisions are compared.
     pub states: usize,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { seeds: 10, first_seed: 1, states: 2_500 }
+        Self { seeds: Seeds { number: 10, first: 1 }, states: 2_500 }
     }
 }
 
 impl Options {
-    /// Returns the seeds.
-    pub fn seeds(&self) -> impl Iterator<Item = u64> + use<> {
-        let first = u64::from(self.first_seed);
-        first..first + u64::from(self.seeds)
-    }
-
-    /// Returns what to call them: `10 seeds from 1`.
-    pub fn seeds_told(&self) -> String {
-        let Self { seeds, first_seed, .. } = self;
-        if *seeds == 1 { format!("seed {first_seed}") } else { format!("{seeds} seeds from {first_seed}") }
-    }
-
     /// Returns the sizes of worlds, ascending.
     pub fn sizes(&self) -> Vec<usize> {
         FEWER_STATES.into_iter().filter(|fewer| *fewer < self.states).chain([self.states]).collect()
@@ -101,24 +88,14 @@ impl Options {
 /// Runs the experiment; `done` is called after each world of each seed.
 pub async fn run(options: &Options, mut done: impl FnMut()) -> Result<Report, Problem> {
     let worlds = options.worlds();
-    let runs = worlds.iter().flat_map(|world| options.seeds().map(|seed| (*world, seed)));
+    let runs = worlds.iter().flat_map(|world| options.seeds.iter().map(|seed| (*world, seed)));
     let run = async |(world, seed): (World, u64)| -> Result<Measured, Problem> {
         let decisions = options.decisions(&world);
         Ok(figure::measure(decisions, &world.cases(seed, decisions).await?))
     };
     let measured = stream::iter(runs).map(run).buffered(AT_ONCE).inspect_ok(|_| done());
     let measured: Vec<Measured> = measured.try_collect().await?;
-    let findings = worlds.iter().zip(measured.chunks(options.seeds as usize));
-    let findings = findings.flat_map(|(world, of_seeds)| findings_of(*world, of_seeds)).collect();
-    Ok(Report { options: *options, findings })
-}
-
-/// Returns the figures of a world over its seeds; one that is defined for no seed is left out.
-fn findings_of(world: World, of_seeds: &[Measured]) -> Vec<Finding> {
-    let measured = of_seeds.first().into_iter().flatten().enumerate();
-    let finding = |(at, (decision, figure, _)): (usize, &(Decision, Figure, Option<f64>))| {
-        let values: Vec<f64> = of_seeds.iter().filter_map(|measured| measured[at].2).collect();
-        Some(Finding { world, decision: *decision, figure: *figure, spread: Spread::of(&values)? })
-    };
-    measured.filter_map(finding).collect()
+    let findings = worlds.iter().zip(measured.chunks(options.seeds.number as usize));
+    let findings = findings.flat_map(|(world, of_seeds)| findings::over_seeds(*world, of_seeds)).collect();
+    Ok(Report { options: *options, findings: findings::Findings(findings) })
 }

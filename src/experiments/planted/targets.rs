@@ -1,48 +1,11 @@
 //! What the experiment must show, beside what it did.
 
 use super::{Decision, Figure, Report, World};
+use crate::experiments::findings::{self, Bound};
 use crate::simulation::planted::{Arm, Generator};
 
-/// Where a figure has to lie.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Bound {
-    /// At this or above.
-    AtLeast(f64),
-    /// At this or below.
-    AtMost(f64),
-}
-
-impl Bound {
-    /// Returns whether a figure lies there.
-    pub fn holds(self, figure: f64) -> bool {
-        match self {
-            Self::AtLeast(bound) => figure >= bound,
-            Self::AtMost(bound) => figure <= bound,
-        }
-    }
-}
-
 /// A figure, where it has to lie and where it does.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Target {
-    /// Of which world.
-    pub world: World,
-    /// Of which decision.
-    pub decision: Decision,
-    /// Which figure.
-    pub figure: Figure,
-    /// Where it has to lie.
-    pub bound: Bound,
-    /// Its mean over the seeds, where it is defined.
-    pub measured: Option<f64>,
-}
-
-impl Target {
-    /// Returns whether it is met.
-    pub fn is_met(&self) -> bool {
-        self.measured.is_some_and(|measured| self.bound.holds(measured))
-    }
-}
+pub type Target = findings::Target<World, Decision, Figure>;
 
 type Bounds = (Decision, Figure, fn(f64) -> Bound, [f64; 3]);
 
@@ -61,7 +24,7 @@ pub(super) fn targets(report: &Report) -> Vec<Target> {
     let of = |(decision, figure, bound, bounds): Bounds| {
         Generator::ALL.into_iter().zip(bounds).map(move |(generator, at)| {
             let world = report.options.compared(generator, Arm::Plain);
-            let measured = report.find(&world, decision, figure).map(|spread| spread.mean);
+            let measured = report.findings.find(&world, decision, figure).map(|spread| spread.mean);
             Target { world, decision, figure, bound: bound(at), measured }
         })
     };
