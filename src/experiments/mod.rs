@@ -4,6 +4,7 @@
 //! measured here is the answers. Nothing here prints, and nothing here computes what the service should.
 
 pub mod findings;
+pub mod kitchens;
 pub mod measures;
 pub mod planted;
 pub mod seeds;

@@ -7,11 +7,13 @@ use futures::future::try_join_all;
 use tempfile::TempDir;
 
 use crate::app::{App, Upkeep};
-use crate::domain::draft::{QuestionDraft, SchemaDraft, StatesDraft};
+use crate::domain::draft::{PairDraft, QuestionDraft, SchemaDraft, StatesDraft, TrainingDraft};
 use crate::domain::{
-    Acknowledged, Answer, Batch, Environment, ProducerId, Question, Receipt, Record, Records, Sequence, Widths,
+    Acknowledged, Answer, Batch, Environment, Job, JobState, Pair, ProducerId, Question, Receipt, Record, Records,
+    Sequence, StateKey, Widths,
 };
 use crate::error::{ErrorKind, Problem};
+use crate::model::Dataset;
 use crate::store::{Options, SqliteStore};
 
 /// Records of one batch.
@@ -50,9 +52,7 @@ impl Service {
             let batch = Batch { sequence: self.sequence, segment: None, records };
             match self.app.ingest.write(&self.environment, producer.clone(), batch).await? {
                 Acknowledged::Applied(Receipt { rejected_count: 0, .. }) => {}
-                told => {
-                    return Err(Problem::new(ErrorKind::Internal, "INTERNAL", format!("not all counted: {told:?}")));
-                }
+                told => return Err(internal(format!("not all counted: {told:?}"))),
             }
         }
         Ok(())
@@ -61,6 +61,28 @@ impl Service {
     /// Fits the priors to what is counted.
     pub async fn fit(&self) -> Result<(), Problem> {
         self.app.influence.fit(&self.environment, None).await.map(drop)
+    }
+
+    /// Trains a network and waits until it answers.
+    pub async fn train(&self, draft: &TrainingDraft) -> Result<(), Problem> {
+        let networks = &self.app.networks;
+        let Job { id, .. } = networks.train(&self.environment, draft)?;
+        match networks.finished(&self.environment, id).await? {
+            Job { state: JobState::Done, .. } => Ok(()),
+            Job { message, .. } => Err(internal(message)),
+        }
+    }
+
+    /// Returns what networks of the first two agents learn from.
+    pub async fn dataset(&self) -> Result<Dataset, Problem> {
+        let pair = Pair::named(&self.environment.schema, &PairDraft::default());
+        let pair = pair.map_err(|faults| Problem::invalid("question", faults))?;
+        self.app.networks.dataset(&self.environment, &pair).await
+    }
+
+    /// Returns the key of a state that is given by its values.
+    pub fn key(&self, state: &[f32]) -> Result<StateKey, Problem> {
+        self.environment.schema.key_of_values(state).map_err(|faults| Problem::invalid("question", faults))
     }
 
     /// Asks the same about many states, each given by its values, and returns an answer each.
@@ -83,4 +105,8 @@ impl Service {
 
 fn unavailable(what: &str, error: impl Display) -> Problem {
     Problem::new(ErrorKind::Unavailable, "NO_TEMPORARY_SERVICE", format!("cannot {what}: {error}"))
+}
+
+fn internal(detail: String) -> Problem {
+    Problem::new(ErrorKind::Internal, "INTERNAL", detail)
 }

@@ -156,8 +156,8 @@ fn product_of_margins(cells: &[Vec<f64>]) -> Vec<Vec<f64>> {
     joint(&rows, &vec![columns; rows.len()])
 }
 
-/// Returns I = sum_ij p_ij ln(p_ij / (p_i p_j)), in nats.
-fn information(joint: &[Vec<f64>]) -> f64 {
+/// Returns the mutual information of a joint distribution, I = sum_ij p_ij ln(p_ij / (p_i p_j)), in nats.
+pub fn information(joint: &[Vec<f64>]) -> f64 {
     let (rows, columns) = margins(joint);
     let cells =
         joint.iter().zip(&rows).flat_map(|(cells, r)| cells.iter().zip(&columns).map(move |(p, c)| (*p, r * c)));

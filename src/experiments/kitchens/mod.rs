@@ -1,0 +1,106 @@
+//! Planted influence where people were: the states that players of Overcooked visited, with policies fitted to theirs, and an other that answers the
+//! ego in a known way.
+//!
+//! The training games are counted; the states that only the test games have are asked about. Counts say nothing of them, so what is compared is what
+//! can be said without: networks, coarser tables, and rules of thumb. Only the actions are drawn: the states and how often they are visited are those of
+//! the recordings, whatever the seed.
+
+mod decision;
+mod figure;
+mod layout;
+mod manner;
+mod plot;
+mod policy;
+mod report;
+mod scene;
+mod targets;
+mod trial;
+mod visits;
+
+use futures::{StreamExt, TryStreamExt, stream};
+
+pub use decision::Decision;
+pub use figure::Figure;
+pub use layout::Layout;
+pub use manner::Manner;
+pub use plot::plot;
+pub use report::{Facts, Report};
+pub use targets::Target;
+
+use super::findings;
+use super::seeds::Seeds;
+use crate::domain::Training;
+use crate::error::Problem;
+use figure::Measured;
+use scene::Scene;
+use visits::Visits;
+
+/// Worlds at work at once: each is at most one training at a time, which takes one core.
+const AT_ONCE: usize = 2;
+
+/// A kind of world.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct World {
+    /// Where its states come from.
+    pub layout: Layout,
+    /// How the other answers.
+    pub manner: Manner,
+}
+
+/// What is run.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Options {
+    /// Which seeds.
+    pub seeds: Seeds,
+    /// Which layouts.
+    pub layouts: Vec<Layout>,
+    /// In which ways the other answers.
+    pub manners: Vec<Manner>,
+    /// The most passes of a network over the states.
+    pub epochs: u32,
+    /// The most steps of the training games that are counted, from the first; all of them if absent.
+    pub steps: Option<usize>,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            seeds: Seeds { number: 5, first: 1 },
+            layouts: Layout::ALL.to_vec(),
+            manners: Manner::ALL.to_vec(),
+            epochs: Training::default().epochs as u32,
+            steps: None,
+        }
+    }
+}
+
+impl Options {
+    /// Returns the worlds that are drawn, for every seed: layout after layout.
+    pub fn worlds(&self) -> Vec<World> {
+        let of = |layout: Layout| self.manners.iter().map(move |manner| World { layout, manner: *manner });
+        self.layouts.iter().copied().flat_map(of).collect()
+    }
+}
+
+/// Runs the experiment; `done` is called after each world of each seed.
+pub async fn run(options: &Options, mut done: impl FnMut()) -> Result<Report, Problem> {
+    let worlds = scenes(options);
+    let runs = worlds.iter().flat_map(|(_, scene)| options.seeds.iter().map(move |seed| (scene, seed)));
+    let run = async |(scene, seed): (&Scene, u64)| -> Result<Measured, Problem> {
+        Ok(figure::measure(&trial::trial(scene, seed, options.epochs).await?))
+    };
+    let measured = stream::iter(runs).map(run).buffered(AT_ONCE).inspect_ok(|_| done());
+    let measured: Vec<Measured> = measured.try_collect().await?;
+    let findings = worlds.iter().zip(measured.chunks(options.seeds.number as usize));
+    let findings = findings.flat_map(|((world, _), of_seeds)| findings::over_seeds(*world, of_seeds)).collect();
+    let worlds = worlds.iter().map(|(world, scene)| (*world, Facts::of(scene))).collect();
+    Ok(Report { options: options.clone(), worlds, findings: findings::Findings(findings) })
+}
+
+fn scenes(options: &Options) -> Vec<(World, Scene)> {
+    let visits: Vec<(Layout, Visits)> = options.layouts.iter().map(|layout| (*layout, Visits::of(*layout))).collect();
+    let of = |(layout, visits): &(Layout, Visits), manner: Manner| {
+        (World { layout: *layout, manner }, Scene::of(visits, manner, options.steps))
+    };
+    visits.iter().flat_map(|visits| options.manners.iter().map(move |manner| of(visits, *manner))).collect()
+}
