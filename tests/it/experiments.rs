@@ -3,6 +3,7 @@
 use std::path::Path;
 use std::process::{Command, Output};
 
+use nudge::experiments::kitchens::{self, Layout, Manner};
 use nudge::experiments::planted::{Decision, Figure, Options, Report, run};
 use nudge::experiments::seeds::Seeds;
 use nudge::simulation::planted::{Arm, Generator};
@@ -38,9 +39,38 @@ async fn the_default_rule_finds_what_is_planted_and_nothing_else() {
     assert!(report.targets().iter().all(|target| target.measured.is_some()), "every target was measured");
 }
 
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn what_was_never_counted_is_told_by_what_was() {
+    let seeds = Seeds { number: 1, first: 1 };
+    let (layouts, manners) = (vec![Layout::AsymmetricAdvantages], vec![Manner::Yield]);
+    let options = kitchens::Options { seeds, layouts, manners, epochs: 10, steps: Some(2_500) };
+    let mut worlds = 0;
+    let report = kitchens::run(&options, || worlds += 1).await.expect("a temporary directory");
+    assert_eq!((worlds, report.worlds[0].1.unseen), (1, 1_445));
+
+    let world = options.worlds()[0];
+    let of = |decision, figure| report.findings.find(&world, decision, figure).expect("defined").mean;
+    for decision in kitchens::Decision::ALL {
+        kitchens::Figure::ALL.iter().for_each(|figure| assert!(of(decision, *figure).is_finite()));
+    }
+    let f1 = |decision| of(decision, kitchens::Figure::F1);
+    assert!(f1(kitchens::Decision::Oracle) > 0.99);
+    assert_eq!(
+        (f1(kitchens::Decision::LookUp), of(kitchens::Decision::LookUp, kitchens::Figure::Undecided)),
+        (0.0, 1.0)
+    );
+    assert!(f1(kitchens::Decision::Joint) > f1(kitchens::Decision::AllPositive) + 0.2);
+    assert_eq!(of(kitchens::Decision::Shuffled, kitchens::Figure::Called), 0.0);
+    assert!(report.targets().iter().all(|target| target.measured.is_some()), "every target was measured");
+
+    let again = kitchens::run(&options, || ()).await.expect("a temporary directory");
+    assert_eq!((report.findings.csv(), kitchens::plot(&report)), (again.findings.csv(), kitchens::plot(&again)));
+}
+
 fn planted(out: &Path, more: &[&str]) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_nudge"));
-    command.args(["experiment", "planted", "--seeds", "1", "--seed", "7", "--out"]).arg(out).args(more);
+    let always = ["experiment", "planted", "--part", "tables", "--seeds", "1", "--seed", "7", "--out"];
+    command.args(always).arg(out).args(more);
     command.output().expect("it starts")
 }
 

@@ -1,0 +1,108 @@
+//! What was found in worlds of tables, as people read it.
+
+use super::{spread, targets};
+use crate::cli::output::{Table, count};
+use crate::experiments::findings::REVISION;
+use crate::experiments::measures::Spread;
+use crate::experiments::planted::{
+    Decision, Figure, Report, SHARES, Target, USUAL_SHARE, World, arm_name, generator_name,
+};
+use crate::simulation::planted::{Arm, Generator};
+
+/// The figures by which decisions are compared.
+const COMPARED: [Figure; 9] = [
+    Figure::AucPlanted,
+    Figure::AucStrong,
+    Figure::F1,
+    Figure::Rmse,
+    Figure::Coverage,
+    Figure::CoverageDependent,
+    Figure::Precision,
+    Figure::Recall,
+    Figure::Undecided,
+];
+
+/// The figures that show what is called influence where there is little of it, or nothing else.
+const CALLED: [(&str, Decision, Figure); 7] = [
+    ("mean P(dependent)", Decision::SpikeAndSlab, Figure::MeanProbability),
+    ("established", Decision::SpikeAndSlab, Figure::Established),
+    ("falsely", Decision::SpikeAndSlab, Figure::FalselyEstablished),
+    ("called", Decision::SpikeAndSlab, Figure::Called),
+    ("falsely", Decision::SpikeAndSlab, Figure::FalselyCalled),
+    ("called by the paper's rule", Decision::PapersFilter, Figure::Called),
+    ("falsely", Decision::PapersFilter, Figure::FalselyCalled),
+];
+
+/// Returns the report as people read it.
+pub(super) fn render(report: &Report) -> String {
+    let mut text = format!(
+        "planted influence, nudge {}: {}, {} states, {USUAL_SHARE} % of them with influence; mean ±sd over seeds\n",
+        REVISION,
+        report.options.seeds,
+        count(report.options.states as u64),
+    );
+    for generator in Generator::ALL {
+        let letters = generator.alphabet().rows;
+        text +=
+            &format!("\n{}: {letters} x {letters} actions\n{}", generator_name(generator), compared(report, generator));
+    }
+    text += &format!("\n{} where there is less to go by, or nothing\n{}", Figure::AucPlanted.as_str(), arms(report));
+    text += &format!("\nwhat is said of whole worlds, % of states\n{}", called(report));
+    text += &format!(
+        "\ntargets, stated for 2,500 states and at least 10 seeds\n{}",
+        targets(&report.targets(), &["world"], named)
+    );
+    text
+}
+
+fn compared(report: &Report, generator: Generator) -> String {
+    let mut table = Table::new(&[&["decision"], COMPARED.map(Figure::as_str).as_slice()].concat());
+    let world = report.options.compared(generator, Arm::Plain);
+    for decision in Decision::ALL {
+        let cells = COMPARED.iter().map(|figure| spread(report.findings.find(&world, decision, *figure)));
+        table.row(std::iter::once(decision.as_str().to_owned()).chain(cells));
+    }
+    table.render("")
+}
+
+fn arms(report: &Report) -> String {
+    let titles = Generator::ALL.map(generator_name);
+    let mut table = Table::new(&[&["arm", "decision"], titles.as_slice()].concat());
+    for arm in [Arm::Plain, Arm::LeakFree, Arm::Shuffled] {
+        for decision in Decision::ALL.into_iter().filter(|decision| *decision != Decision::PapersFilter) {
+            let area = |generator| {
+                report.findings.find(&report.options.compared(generator, arm), decision, Figure::AucPlanted)
+            };
+            let named = [arm_name(arm), decision.as_str()].map(str::to_owned);
+            table.row(named.into_iter().chain(Generator::ALL.map(|generator| spread(area(generator)))));
+        }
+    }
+    table.render("")
+}
+
+fn called(report: &Report) -> String {
+    let titles = CALLED.map(|(title, ..)| title);
+    let mut table = Table::new(&[&["world", "states", "with influence"], titles.as_slice()].concat());
+    let mut row = |name: &str, world: World| {
+        let cell = |(_, decision, figure)| report.findings.find(&world, decision, figure);
+        let percent =
+            |spread: Option<Spread>| spread.map_or("-".to_owned(), |spread| format!("{:.1}", spread.mean * 100.0));
+        let named = [name.to_owned(), count(world.states as u64), format!("{} %", world.dependent)];
+        table.row(named.into_iter().chain(CALLED.map(|column| percent(cell(column)))));
+    };
+    for generator in Generator::ALL {
+        let name = generator_name(generator);
+        for states in report.options.sizes() {
+            for dependent in SHARES {
+                row(name, World { generator, arm: Arm::Plain, states, dependent });
+            }
+        }
+        row(&format!("{name} shuffled"), report.options.compared(generator, Arm::Shuffled));
+    }
+    table.render("")
+}
+
+fn named(target: &Target) -> Vec<String> {
+    let names = [generator_name(target.world.generator), target.decision.as_str(), target.figure.as_str()];
+    names.map(str::to_owned).to_vec()
+}
