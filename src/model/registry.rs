@@ -7,6 +7,7 @@ use std::sync::Arc;
 
 use arc_swap::ArcSwap;
 use foldhash::HashMap;
+use lru::LruCache;
 use tokio::sync::Mutex;
 
 use super::file;
@@ -21,18 +22,26 @@ type Place = (EnvironmentId, usize, usize);
 /// The networks that answer; `None` where it is known that there is none.
 type Active = HashMap<Place, Option<Arc<Network>>>;
 
+/// Versions that are kept ready without being active.
+const READY: std::num::NonZeroUsize = std::num::NonZeroUsize::new(8).expect("not zero");
+
+/// Versions that were asked for, ready to answer.
+type Ready = std::sync::Mutex<LruCache<(EnvironmentId, u64), Arc<Network>>>;
+
 /// The versions of every environment. Cloning is cheap.
 #[derive(Clone)]
 pub struct Registry {
     store: Arc<dyn Store>,
     active: Arc<ArcSwap<Active>>,
+    ready: Arc<Ready>,
     turn: Arc<Mutex<()>>,
 }
 
 impl Registry {
     /// Makes a handle on the versions of a store.
     pub fn new(store: Arc<dyn Store>) -> Self {
-        Self { store, active: Arc::default(), turn: Arc::default() }
+        let ready = Arc::new(Ready::new(LruCache::new(READY)));
+        Self { store, active: Arc::default(), ready, turn: Arc::default() }
     }
 
     /// Returns every version, in order. One whose card cannot be read is left out, and told in the log.
@@ -101,6 +110,7 @@ impl Registry {
         }
         let _turn = self.turn.lock().await;
         self.store.delete_model(environment.id, version).await.map_err(logged)?;
+        self.ready().pop(&(environment.id, version));
         self.forget(environment);
         Ok(())
     }
@@ -115,10 +125,11 @@ impl Registry {
     pub async fn network(&self, environment: &Environment, version: u64) -> Result<Arc<Network>, Problem> {
         let remembered =
             self.active.load().values().flatten().find(|network| network.is_of(environment.id, version)).cloned();
-        match remembered {
-            Some(network) => Ok(network),
-            None => self.load(environment, version).await,
+        if let Some(network) = remembered {
+            return Ok(network);
         }
+        let _turn = self.turn.lock().await;
+        self.load(environment, version).await
     }
 
     /// Returns the network that answers for a pair.
@@ -141,7 +152,12 @@ impl Registry {
         Ok(network)
     }
 
+    /// Returns a version that is ready, or makes it so. Only called by who has the turn: else one that is deleted meanwhile would stay.
     async fn load(&self, environment: &Environment, version: u64) -> Result<Arc<Network>, Problem> {
+        let key = (environment.id, version);
+        if let Some(network) = self.ready().get(&key) {
+            return Ok(network.clone());
+        }
         let found = self.store.model(environment.id, version).await.map_err(logged)?;
         let (record, weights) = found.ok_or(StoreError::UnknownModel(version))?;
         let content = file::read(environment, &weights).inspect_err(|error| unreadable(environment, version, error))?;
@@ -149,7 +165,13 @@ impl Registry {
             unreadable(environment, version, &error);
             Problem::new(ErrorKind::Internal, "INTERNAL", format!("version {version} cannot be read"))
         })?;
-        Ok(Arc::new(Network::new(environment.id, version, content, &card)))
+        let network = Arc::new(Network::new(environment.id, version, content, &card));
+        self.ready().put(key, network.clone());
+        Ok(network)
+    }
+
+    fn ready(&self) -> std::sync::MutexGuard<'_, LruCache<(EnvironmentId, u64), Arc<Network>>> {
+        self.ready.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
     }
 
     /// Only called by who has the turn, as is `forget`.
