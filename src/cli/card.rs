@@ -37,7 +37,15 @@ fn facts(card: &proto::Card) -> String {
         ("network", network(&training)),
         ("trained on", trained_on(card)),
         ("split", card.split.clone()),
-        ("passes", format!("{} of at most {}", passes.join(", "), count(training.epochs))),
+        (
+            "passes",
+            format!(
+                "{} of at most {}, leaving out {} of the hidden units",
+                passes.join(", "),
+                count(training.epochs),
+                card.dropout
+            ),
+        ),
         ("judged by", judged_by(card, &training)),
         ("threshold", format!("{} nats", card.threshold)),
     ];
@@ -186,6 +194,7 @@ mod tests {
             inputs: 23,
             split: "each member is judged by one of 5 parts of the states".into(),
             epochs: vec![41, 38, 52],
+            dropout: 0.5,
             judged_states: 488,
             positive_share: 0.231,
             calibration: Some(proto::Calibration { intercept: 1.5, slope: 0.75 }),

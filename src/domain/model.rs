@@ -147,6 +147,8 @@ pub struct Card {
     pub split: String,
     /// Passes over the states after which each member was best.
     pub epochs: Vec<u64>,
+    /// The share of hidden units that was left out in each step: of two, the one that did better on states that were not learned from.
+    pub dropout: f64,
     /// States that it was judged by: of those that it did not learn from, those with at least 8 draws.
     pub judged_states: u64,
     /// How much of them has influence by the evidence: the sum of their probabilities, by weight, as a share.

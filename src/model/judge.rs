@@ -81,6 +81,7 @@ pub fn card(
         inputs: ensemble.encoder.width() as u64,
         split: split.told(),
         epochs: ensemble.epochs.clone(),
+        dropout: ensemble.dropout,
         judged_states: judged.len() as u64,
         positive_share: positive_share(&judged),
         calibration,

@@ -18,8 +18,6 @@ use crate::information::Alphabet;
 const LEARNING_RATE: f64 = 0.03;
 /// How much of every weight decays in a step, as a share of the step.
 const WEIGHT_DECAY: f64 = 0.1;
-/// The share of hidden units that are left out in a step. Without this and the decay, chance is learned by heart, and is dependence then.
-const DROPOUT: f32 = 0.5;
 /// How much of the average of the weights stays in a step.
 const AVERAGE: f64 = 0.99;
 
@@ -49,6 +47,8 @@ pub struct Batch {
 /// A network that learns.
 pub struct Learner {
     shape: Shape,
+    /// The share of hidden units that are left out in a step.
+    dropout: f32,
     /// The hidden layer, then the heads.
     layers: Vec<(Var, Var)>,
     weights: AdamW,
@@ -60,8 +60,9 @@ pub struct Learner {
 }
 
 impl Learner {
-    /// Makes a network that knows nothing yet: in it no action depends on any other.
-    pub fn new(shape: Shape, seed: u64) -> Result<Self> {
+    /// Makes a network that knows nothing yet: in it no action depends on any other. In each step this share of its hidden units is left out: without
+    /// that and the decay, chance is learned by heart, and is dependence then.
+    pub fn new(shape: Shape, dropout: f32, seed: u64) -> Result<Self> {
         let mut random = Pcg64::seed_from_u64(seed);
         let mut layers = vec![layer(shape.width, shape.inputs, &mut random)?];
         for (name, outputs) in heads(shape.kind, shape.alphabet) {
@@ -83,6 +84,7 @@ impl Learner {
                 .collect(),
             layers,
             shape,
+            dropout,
             steps: 0,
             random,
         })
@@ -120,7 +122,7 @@ impl Learner {
     fn outputs(&mut self, inputs: &Tensor) -> Result<Vec<Tensor>> {
         let through = |inputs: &Tensor, (weight, bias): &(Var, Var)| inputs.matmul(&weight.t()?)?.broadcast_add(bias);
         let hidden = through(inputs, &self.layers[0])?.relu()?;
-        let mask = Array2::from_shape_simple_fn(hidden.dims2()?, || kept(&mut self.random));
+        let mask = Array2::from_shape_simple_fn(hidden.dims2()?, || kept(&mut self.random, self.dropout));
         let hidden = (hidden * tensor(&mask)?)?;
         self.layers[1..].iter().map(|head| through(&hidden, head)).collect()
     }
@@ -141,8 +143,8 @@ impl Learner {
 }
 
 /// Returns what a hidden unit is multiplied by in a step: 0, or what makes up for those that are left out.
-fn kept(random: &mut Pcg64) -> f32 {
-    if random.random::<f32>() < DROPOUT { 0.0 } else { 1.0 / (1.0 - DROPOUT) }
+fn kept(random: &mut Pcg64, dropped: f32) -> f32 {
+    if random.random::<f32>() < dropped { 0.0 } else { 1.0 / (1.0 - dropped) }
 }
 
 /// Returns the mean loss of a batch, in nats a draw or a state.
@@ -216,7 +218,7 @@ mod tests {
         let mut random = Pcg64::seed_from_u64(5);
         let inputs = Array2::from_shape_simple_fn((40, 5), || random.random_range(-2.0..2.0));
         let targets = Array2::from_shape_simple_fn((40, targets), || random.random_range(0.0..1.0));
-        (Learner::new(shape, 3).expect("a network"), Batch { inputs, targets, weights: vec![1.0; 40] })
+        (Learner::new(shape, 0.5, 3).expect("a network"), Batch { inputs, targets, weights: vec![1.0; 40] })
     }
 
     #[test]

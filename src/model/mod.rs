@@ -161,8 +161,8 @@ impl Networks {
         }
         training::check(&dataset, &training).map_err(|error| no_network(&error))?;
         let judged = tokio::task::spawn_blocking(move || {
-            let epochs = Vec::new();
-            let ensemble = Ensemble { encoder: content.encoder.clone(), members: content.members.clone(), epochs };
+            let (encoder, members) = (content.encoder.clone(), content.members.clone());
+            let ensemble = Ensemble { encoder, members, epochs: Vec::new(), dropout: 0.0 };
             let card = judge::card(&dataset, training, &ensemble, None, &Split::Unknown);
             (content, card)
         });

@@ -18,6 +18,8 @@ use super::member::Member;
 use super::worth::Worth;
 use crate::domain::{ModelKind, Training, Weighting};
 
+/// Shares of hidden units to leave out, of which the better is taken.
+const DROPOUTS: [f32; 2] = [0.5, 0.2];
 /// States in a step.
 const BATCH: usize = 128;
 /// Epochs from one look at the held-out part to the next.
@@ -60,6 +62,8 @@ pub struct Ensemble {
     pub members: Vec<Member>,
     /// Epochs after which each was best.
     pub epochs: Vec<u64>,
+    /// The share of hidden units that was left out in a step.
+    pub dropout: f64,
 }
 
 /// Says what is missing where there is too little to learn from.
@@ -83,14 +87,34 @@ pub fn train(
 ) -> Result<Ensemble, TrainingError> {
     check(dataset, training)?;
     let class = Class { dataset, encoder, training };
-    let share = 1.0 / training.members as f64;
-    let mut trained = Vec::with_capacity(training.members);
-    for member in 0..training.members {
-        let mut part = |done: f64| watch((member as f64 + done) * share);
-        trained.push(class.member(member, &mut part)?);
+    let parts = DROPOUTS.len() + training.members - 1;
+    let mut train = |part: usize, member: usize, dropout: f32| {
+        class.member(member, dropout, &mut |done: f64| watch((part as f64 + done) / parts as f64))
+    };
+    let mut first = train(0, 0, DROPOUTS[0])?;
+    let mut dropout = DROPOUTS[0];
+    for (part, other) in (1..).zip(&DROPOUTS[1..]) {
+        let tried = train(part, 0, *other)?;
+        if tried.worth > first.worth {
+            (first, dropout) = (tried, *other);
+        }
     }
-    let (members, epochs) = trained.into_iter().unzip();
-    Ok(Ensemble { encoder: encoder.clone(), members, epochs })
+    let mut trained = vec![first];
+    for member in 1..training.members {
+        trained.push(train(DROPOUTS.len() + member - 1, member, dropout)?);
+    }
+    let epochs = trained.iter().map(|trained| trained.epochs).collect();
+    let members = trained.into_iter().map(|trained| trained.member).collect();
+    Ok(Ensemble { encoder: encoder.clone(), members, epochs, dropout: f64::from(dropout) })
+}
+
+/// A member as it was when it did best.
+struct Trained {
+    member: Member,
+    /// Epochs until then.
+    epochs: u64,
+    /// What it was worth on its held-out part.
+    worth: f64,
 }
 
 /// What every member learns from.
@@ -101,8 +125,8 @@ struct Class<'a> {
 }
 
 impl Class<'_> {
-    /// Trains one member and returns it as it was when it did best, with the epochs until then.
-    fn member(&self, member: usize, watch: Watch<'_>) -> Result<(Member, u64), TrainingError> {
+    /// Trains one member.
+    fn member(&self, member: usize, dropout: f32, watch: Watch<'_>) -> Result<Trained, TrainingError> {
         let Training { seed, folds, epochs, .. } = *self.training;
         let held_out = |at: &usize| Dataset::fold(&self.dataset.examples[*at].key, folds, seed) == member;
         let (held_out, mut learned): (Vec<usize>, Vec<usize>) = (0..self.dataset.examples.len()).partition(held_out);
@@ -110,7 +134,7 @@ impl Class<'_> {
             return Err(TrainingError::TooFew("a part of the states is empty; fewer folds make larger ones".into()));
         }
         let mut random = Pcg64::seed_from_u64(seed.wrapping_mul(31).wrapping_add(member as u64));
-        let mut learner = Learner::new(self.shape(), seed.wrapping_add(1_000 * (member as u64 + 1)))?;
+        let mut learner = Learner::new(self.shape(), dropout, seed.wrapping_add(1_000 * (member as u64 + 1)))?;
         let mut best: Option<(f64, Member, usize)> = None;
         for epoch in 1..=epochs {
             if watch((epoch - 1) as f64 / epochs as f64).is_break() {
@@ -130,8 +154,8 @@ impl Class<'_> {
                 break;
             }
         }
-        let (_, member, epoch) = best.ok_or(TrainingError::Diverged(epochs))?;
-        Ok((self.proven(member, &held_out), epoch as u64))
+        let (worth, member, epoch) = best.ok_or(TrainingError::Diverged(epochs))?;
+        Ok(Trained { member: self.proven(member, &held_out), epochs: epoch as u64, worth })
     }
 
     /// Returns a joint network without its interaction, unless what it has learned of dependence is worth something on states that it has not seen:

@@ -102,6 +102,7 @@ impl From<Card> for proto::Card {
             inputs: card.inputs,
             split: card.split,
             epochs: card.epochs,
+            dropout: card.dropout,
             judged_states: card.judged_states,
             positive_share: card.positive_share,
             calibration: Some(proto::Calibration { intercept, slope }),

@@ -31,6 +31,8 @@ pub struct Card {
     pub split: String,
     /// Passes over the states after which each member was best.
     pub epochs: Vec<u64>,
+    /// The share of hidden units that was left out in each step: of two, the one that did better on states that were not learned from.
+    pub dropout: f64,
     /// States that it was judged by.
     pub judged_states: u64,
     /// How much of them has influence by the evidence: the sum of their probabilities, by weight, as a share.
@@ -145,6 +147,7 @@ impl From<proto::Card> for Card {
             inputs: card.inputs,
             split: card.split,
             epochs: card.epochs,
+            dropout: card.dropout,
             judged_states: card.judged_states,
             positive_share: card.positive_share,
             calibration: Calibration { intercept: calibration.intercept, slope: calibration.slope },

@@ -257,6 +257,7 @@ mod tests {
             inputs: 7,
             split: "by states".into(),
             epochs: vec![41, 38],
+            dropout: 0.5,
             judged_states: 12,
             positive_share: 0.25,
             calibration: domain::Calibration { intercept: 1.5, slope: 0.75 },
