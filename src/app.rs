@@ -72,10 +72,12 @@ impl App {
     /// Stops the rooms: commits and answers what is queued, then closes the store.
     pub async fn close(&self) {
         self.draining.cancel();
-        self.networks.close().await;
+        self.networks.end();
         self.background.close();
         self.background.wait().await;
         self.ingest.close().await;
+        // Last, for a training looks only now and then whether it is to end, and what was sent must not wait for it.
+        self.networks.close().await;
         self.store.close().await;
     }
 }

@@ -52,7 +52,8 @@ fn one(answer: &proto::Answer, labels: &proto::Labels) -> String {
 fn evidence(answer: &proto::Answer) -> String {
     let mut lines = Vec::new();
     if let (Some(probability), Some(threshold)) = (&answer.probability, answer.threshold) {
-        let above = format!("P(above {threshold} {}) {}", answer.unit, figure(probability.above_threshold));
+        let above =
+            format!("by the counts P(above {threshold} {}) {}", answer.unit, figure(probability.above_threshold));
         let dependence = dependence(answer.dependence).unwrap_or("unknown");
         lines.push(format!("{above}; dependence {dependence}, P(dependent) {}", figure(probability.dependent)));
     }

@@ -31,6 +31,8 @@ const NULL_GRID: usize = NULLS.len() * BASES;
 const SLABS: [(f64, f64); 6] = [(1.0, 3.0), (1.0, 12.0), (1.0, 50.0), (2.0, 3.0), (2.0, 12.0), (2.0, 50.0)];
 /// No response is expected to be rarer.
 const RAREST: f64 = 1e-4;
+/// The logarithm of the largest factor that is told.
+const MOST_CERTAIN: f64 = 60.0;
 /// Rounds of EM.
 const ROUNDS: usize = 60;
 /// The prior of the share of dependent states, and of each weight, in states: as in [`super::Fitter`].
@@ -49,6 +51,9 @@ pub struct Expected<'a> {
 
 /// Returns for each state how much likelier its draws are if MI > threshold (nats) than if not.
 pub fn factors(states: &[Expected<'_>], alphabet: Alphabet, base: &Base, threshold: f64) -> Vec<f64> {
+    if threshold >= alphabet.largest_information() {
+        return vec![f64::exp(-MOST_CERTAIN); states.len()];
+    }
     let terms: Vec<Terms> = states.iter().map(|state| Terms::new(state, alphabet, base, threshold)).collect();
     let weights = Weights::fitted(&terms);
     terms.iter().map(|terms| weights.factor(terms)).collect()
@@ -68,7 +73,8 @@ impl Terms {
             .map(|j| state.ego.iter().enumerate().map(|(i, p)| p * state.response[i * columns + j]).sum())
             .collect();
         let uniform = 1.0 / columns as f64;
-        let share = |x: usize, j: usize| [base.shares()[j], uniform, marginal[j].max(RAREST)][x];
+        let floored: f64 = marginal.iter().map(|m| m.max(RAREST)).sum();
+        let share = |x: usize, j: usize| [base.shares()[j], uniform, marginal[j].max(RAREST) / floored][x];
         let mut slabs = [0.0; SLABS.len()];
         let mut tails = [0.0; SLABS.len()];
         for (slab, (gamma, k)) in SLABS.into_iter().enumerate() {
@@ -102,10 +108,7 @@ fn sharpened(state: &Expected<'_>, marginal: &[f64], gamma: f64) -> Vec<f64> {
 
 /// Returns P(MI > t) where row i is Dirichlet with parameters k z_i: a Beta distribution with the moments of `super::moments` without counts.
 fn tail(ego: &[f64], rows: &[f64], columns: usize, k: f64, alphabet: Alphabet, threshold: f64) -> f64 {
-    let largest = (alphabet.rows.min(alphabet.columns).max(1) as f64).ln();
-    if threshold >= largest {
-        return 0.0;
-    }
+    let largest = alphabet.largest_information();
     let marginal = |j: usize| ego.iter().zip(rows.chunks(columns)).map(|(p, row)| p * row[j]).sum::<f64>();
     let q: Vec<f64> = (0..columns).map(marginal).collect();
     let (mut mean, mut variance) = (q.iter().map(|q| -q * q.ln()).sum::<f64>(), 0.0);
@@ -186,7 +189,7 @@ impl Weights {
         let null = ln_sum(&self.null(terms)) + (1.0 - self.dependent).ln();
         let otherwise = ln_sum(&[null, below + self.dependent.ln()]);
         let otherwise_prior = 1.0 - self.dependent + self.dependent * below_prior;
-        ((above - above_prior.ln()) - (otherwise - otherwise_prior.ln())).clamp(-60.0, 60.0).exp()
+        ((above - above_prior.ln()) - (otherwise - otherwise_prior.ln())).clamp(-MOST_CERTAIN, MOST_CERTAIN).exp()
     }
 }
 

@@ -64,7 +64,7 @@ impl Prior {
             ln_nulls: std::array::from_fn(|b| parameters.nulls[b].ln()),
             ln_slabs: std::array::from_fn(|slab| parameters.slabs[slab].ln()),
             row_psi: (0..depth(1)).map(|r| SLAB_CONCENTRATIONS.map(|k| digamma(r as f64 + k + 1.0))).collect(),
-            largest: (alphabet.rows.min(alphabet.columns).max(1) as f64).ln(),
+            largest: alphabet.largest_information(),
             bases,
             unseen: Posterior::impossible(),
         };

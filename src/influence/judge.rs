@@ -39,10 +39,11 @@ pub struct Judged {
 impl Judge<'_> {
     /// Returns what the network says of states; `None` where there is none.
     pub fn predictions(&self, keys: &[StateKey]) -> Vec<Option<Prediction>> {
-        match self.network {
-            Some(network) => network.predict(keys, self.scope.rule.threshold_nats()).into_iter().map(Some).collect(),
-            None => vec![None; keys.len()],
-        }
+        let Some(network) = self.network else { return vec![None; keys.len()] };
+        let threshold = self.scope.rule.threshold_nats();
+        let told =
+            if self.remembers { network.predict(keys, threshold) } else { network.predict_once(keys, threshold) };
+        told.into_iter().map(Some).collect()
     }
 
     /// Judges a state by its cells, and where they do not decide, by what the network says of it.
@@ -66,18 +67,33 @@ impl Judge<'_> {
         });
         let visits = tables.whole.total();
         let counted = evidence::decide(rule, visits, plug_in, above);
-        let (verdict, basis) = match self.asked(counted, predicted) {
+        let (verdict, basis) = match self.asked(counted, evidence, predicted) {
             Some(told) => told,
             None => (counted, evidence::basis(visits)),
         };
         Judged { tables, tally, plug_in, evidence, verdict, basis }
     }
 
-    /// Returns the verdict of the network where the counts have none and it can tell at this threshold.
-    fn asked(&self, counted: Verdict, predicted: Option<Prediction>) -> Option<(Verdict, Basis)> {
+    /// Returns the verdict of the network where the counts have none, if it can tell anything at this threshold and does not say what the counts
+    /// exclude: many visits may be too sure of the answer to have moved a prior that was as sure.
+    fn asked(
+        &self,
+        counted: Verdict,
+        evidence: Option<Evidence>,
+        predicted: Option<Prediction>,
+    ) -> Option<(Verdict, Basis)> {
         let (network, predicted) = (self.network?, predicted?);
-        let can_tell = counted == Verdict::Undecided && predicted.probability.is_some();
-        can_tell.then(|| (network.decide(&predicted, self.scope.rule.confidence), Basis::Model(network.version)))
+        if counted != Verdict::Undecided || !network.can_decide(&predicted) {
+            return None;
+        }
+        let verdict = network.decide(&predicted, self.scope.rule.confidence);
+        let threshold = self.scope.rule.threshold_nats();
+        let excluded = evidence.is_some_and(|Evidence { interval: [lower, upper], .. }| match verdict {
+            Verdict::Influences => upper < threshold,
+            Verdict::NoInfluence => lower > threshold,
+            Verdict::Undecided => false,
+        });
+        (!excluded).then_some((verdict, Basis::Model(network.version)))
     }
 
     fn remembered(&self, fitted: &Fitted, key: &StateKey, tally: Tally, find: impl FnOnce() -> Evidence) -> Evidence {

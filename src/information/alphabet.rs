@@ -11,3 +11,10 @@ pub struct Alphabet {
     /// How many values the column variable (the other's action) can take.
     pub columns: u64,
 }
+
+impl Alphabet {
+    /// Returns ln min(R, K) in nats: no mutual information is larger.
+    pub fn largest_information(self) -> f64 {
+        (self.rows.min(self.columns).max(1) as f64).ln()
+    }
+}

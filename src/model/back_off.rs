@@ -16,8 +16,11 @@ const ENOUGH: u64 = 8;
 /// Concentration of the rows around what the other does in the environment on the whole.
 const CONCENTRATION: f64 = 2.0;
 
-/// How many cells may be looked at to choose what is left out; of more states a part is taken.
-const WORK: usize = 20_000_000;
+/// Features that are considered: of more, those that tell most one by one.
+const MOST_FEATURES: usize = 24;
+
+/// How many states may be looked at to choose what is left out; of more a part is taken.
+const WORK: usize = 2_000_000;
 
 /// Coarser and coarser tables of the states that were learned from.
 pub struct BackOff {
@@ -37,22 +40,24 @@ impl BackOff {
     pub fn new(dataset: &Dataset, learned: &[usize]) -> Self {
         let examples: Vec<&Example> = learned.iter().map(|at| &dataset.examples[*at]).collect();
         let base = dataset.base(examples.iter().copied()).shares().to_vec();
-        let mut features: Vec<usize> = (0..examples.first().map_or(0, |example| example.key.bins().len())).collect();
+        let worth = |examples: &[&Example], features: &[usize]| {
+            // In order of key, so that the same states give the same sum.
+            let mut each: Vec<_> = pooled(examples, features).into_iter().collect();
+            each.sort_unstable_by(|a, b| a.0.cmp(&b.0));
+            each.iter().map(|(_, table)| rows_evidence(table, CONCENTRATION, |_, j| base[j])).sum::<f64>()
+        };
+        let mut features = considered(&examples, |feature| worth(few(&examples, 1), &[feature]));
         let few = few(&examples, features.len());
         let mut levels = Vec::new();
         while !features.is_empty() {
-            let worth = |without: &usize| {
-                let rest: Vec<usize> = features.iter().copied().filter(|feature| feature != without).collect();
-                let tables = pooled(few, &rest);
-                // In order of key, so that the same states give the same sum.
-                let mut each: Vec<_> = tables.iter().collect();
-                each.sort_unstable_by(|a, b| a.0.cmp(b.0));
-                each.into_iter().map(|(_, table)| rows_evidence(table, CONCENTRATION, |_, j| base[j])).sum::<f64>()
-            };
-            let worths: Vec<f64> = features.iter().map(worth).collect();
+            let without = |left: usize| features.iter().copied().filter(|feature| *feature != left).collect::<Vec<_>>();
+            let worths: Vec<f64> = features.iter().map(|left| worth(few, &without(*left))).collect();
             let least = (0..worths.len()).max_by(|a, b| worths[*a].total_cmp(&worths[*b])).expect("there is a feature");
             features.remove(least);
-            levels.push(Level { tables: pooled(&examples, &features), features: features.clone() });
+            let mut tables = pooled(&examples, &features);
+            // The last level is for those who find no better one.
+            tables.retain(|_, table| table.total() >= ENOUGH || features.is_empty());
+            levels.push(Level { tables, features: features.clone() });
         }
         Self { levels, base }
     }
@@ -79,6 +84,20 @@ impl BackOff {
         };
         cells(&example.table).map(|(i, j, n)| n * share(i, j).ln()).sum()
     }
+}
+
+/// Returns the features that differ between states, in order; of very many, those of the largest worth.
+fn considered(examples: &[&Example], worth: impl Fn(usize) -> f64) -> Vec<usize> {
+    let Some(first) = examples.first() else { return Vec::new() };
+    let differs = |feature: &usize| examples.iter().any(|one| one.key.bins()[*feature] != first.key.bins()[*feature]);
+    let mut features: Vec<usize> = (0..first.key.bins().len()).filter(differs).collect();
+    if features.len() > MOST_FEATURES {
+        let mut ranked: Vec<(f64, usize)> = features.iter().map(|feature| (worth(*feature), *feature)).collect();
+        ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
+        features = ranked.into_iter().take(MOST_FEATURES).map(|(_, feature)| feature).collect();
+        features.sort_unstable();
+    }
+    features
 }
 
 fn few<'a, 'e>(examples: &'a [&'e Example], features: usize) -> &'a [&'e Example] {

@@ -135,21 +135,28 @@ impl<'a> Court<'a> {
     }
 
     /// Returns whether a network has found something: a joint one, if its dependence is worth more than chance; a direct one, if its squared error is
-    /// below that of its shuffled twin by more than chance, or below that of the average where it has none.
+    /// below that of the average, and of its shuffled twin where it has one, by more than chance.
     pub fn has_found_something(&self, network: &[Said], twin: Option<&[Said]>) -> bool {
         if self.training.kind == ModelKind::Joint {
             let mut worth = Worth::default();
-            let told = self.examples().zip(network.iter().filter_map(|said| said.joint.as_ref()));
-            told.for_each(|(example, joint)| worth.add(&example.table, joint));
+            for (example, said) in self.examples().zip(network) {
+                said.joint.iter().for_each(|joint| worth.add(&example.table, joint));
+            }
             return worth.is_more_than_chance();
         }
         let average = self.average(&(0..self.dataset.examples.len()).collect::<Vec<_>>());
-        let rival = |at: usize| twin.map_or(average, |twin| logistic(mean(&twin[at].numbers)));
-        let difference = |(at, (example, own)): (usize, (&Example, &Said))| {
+        let told = |said: &Said| mean(&said.numbers.iter().copied().map(logistic).collect::<Vec<_>>());
+        self.errs_less(network.iter().map(told), network.iter().map(|_| average))
+            && twin.is_none_or(|twin| self.errs_less(network.iter().map(told), twin.iter().map(told)))
+    }
+
+    /// Returns whether the squared errors of one are below those of another by more than chance.
+    fn errs_less(&self, one: impl Iterator<Item = f64>, other: impl Iterator<Item = f64>) -> bool {
+        let difference = |(example, (one, other)): (&Example, (f64, f64))| {
             let error = |q: f64| example.above * (1.0 - q).powi(2) + (1.0 - example.above) * q * q;
-            self.weight(example) * (error(rival(at)) - error(logistic(mean(&own.numbers))))
+            self.weight(example) * (error(other) - error(one))
         };
-        is_above_zero(&self.examples().zip(network).enumerate().map(difference).collect::<Vec<_>>())
+        is_above_zero(&self.examples().zip(one.zip(other)).map(difference).collect::<Vec<_>>())
     }
 
     /// Scores what needs no network; each learns from the parts that a state is not in.
@@ -184,11 +191,13 @@ impl<'a> Court<'a> {
         let joint = self.training.kind == ModelKind::Joint;
         let [average, back_off] = sums.map(|sum| self.per_draw(sum).filter(|_| joint));
         let [all, majority, coarser] = &judged;
+        // The average of the other parts is low where that of the own is high: that is no ranking.
+        let unranked = |name: &str| Score { auroc: None, ..score(name, majority, average) };
         vec![
             score(Baseline::AllPositive.as_str(), all, None),
-            score(Baseline::Majority.as_str(), majority, average),
+            unranked(Baseline::Majority.as_str()),
             // A held-out state was not seen by anybody: the table of what was seen in it is empty.
-            score(Baseline::LookUp.as_str(), majority, average),
+            unranked(Baseline::LookUp.as_str()),
             score(Baseline::BackOff.as_str(), coarser, back_off),
         ]
     }

@@ -7,6 +7,7 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
 
+use super::spare_time::in_spare_time;
 use crate::domain::{Environment, FitId, Pair, StateKey};
 use crate::evidence::{Base, Ego};
 use crate::information::{Alphabet, Table};
@@ -71,8 +72,10 @@ impl Dataset {
             fitted,
             ego: priors::ego(pair),
         };
-        let states = sample.states.into_iter().flat_map(|(key, draws)| Some((key, draws.into_iter().next()?)));
-        Ok(Some(dataset.with(states.collect())))
+        let states = sample.states.into_iter().filter_map(|(key, draws)| Some((key, draws.into_iter().next()?)));
+        let states = states.collect();
+        let weighed = tokio::task::spawn_blocking(move || in_spare_time(|| dataset.with(states))).await;
+        weighed.map(Some).map_err(|error| StoreError::Unreadable(error.to_string()))
     }
 
     /// Returns the same with these states, whose tables have the prior's rows.
@@ -151,7 +154,7 @@ fn transposed(table: &Table) -> Table {
 }
 
 /// Draws of a state that are shuffled one by one; more are scaled down first: a table of so many draws tells nothing new.
-const MOST_SHUFFLED: u64 = 1 << 20;
+const MOST_SHUFFLED: u64 = 1 << 16;
 
 fn shuffled(table: &Table, random: &mut Pcg64) -> Table {
     let share = table.total().div_ceil(MOST_SHUFFLED).max(1);

@@ -161,8 +161,10 @@ impl Scale {
         Self { mean, deviation }
     }
 
+    /// Standardises a number. Bins far from all that was seen are as far as can be.
     fn apply(self, x: f64) -> f64 {
-        (x - self.mean) / self.deviation
+        const FARTHEST: f64 = 1e3;
+        ((x - self.mean) / self.deviation).clamp(-FARTHEST, FARTHEST)
     }
 }
 

@@ -11,7 +11,7 @@
 //! What the numbers cannot say stands in the file's metadata, text by text: `format` (`nudge/1`), `kind`, `ego`, `other`, `schema_hash`, `threshold`
 //! (nats), `scales` (JSON: for each feature `null`, or the mean and the deviation that its value is standardised by), `card` (JSON; not read back).
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::fmt::Display;
 use std::str::FromStr;
 
@@ -25,6 +25,9 @@ use crate::error::{Fault, Problem};
 
 /// The largest file.
 pub const MOST_BYTES: usize = 64 << 20;
+
+/// The largest weight: sums of more would not be finite.
+const LARGEST: f32 = 1e6;
 
 const FORMAT: &str = "nudge/1";
 
@@ -198,7 +201,8 @@ impl Shapes<'_> {
         }
         let mut faults = Vec::new();
         let found: Vec<Member> = (0..members).filter_map(|at| self.member(at, &mut faults)).collect();
-        let named = self.tensors.names().into_iter().filter(|name| !self.is_known(name, members));
+        let expected = self.expected(members);
+        let named = self.tensors.names().into_iter().filter(|name| !expected.contains(*name));
         faults.extend(named.map(|name| Fault::new(format!("/{name}"), "is no tensor of such a network")));
         if faults.is_empty() { Ok(found) } else { Err(faults) }
     }
@@ -207,11 +211,12 @@ impl Shapes<'_> {
         heads(self.kind, self.pair.alphabet(&self.environment.schema))
     }
 
-    fn is_known(&self, name: &str, members: usize) -> bool {
-        let layers = || std::iter::once("trunk").chain(self.heads().into_iter().map(|(head, _)| head));
-        (0..members).any(|at| {
-            layers().any(|layer| ["weight", "bias"].iter().any(|part| name == format!("members.{at}.{layer}.{part}")))
-        })
+    /// Returns the names of all tensors of so many members.
+    fn expected(&self, members: usize) -> HashSet<String> {
+        let layers: Vec<&str> =
+            std::iter::once("trunk").chain(self.heads().into_iter().map(|(head, _)| head)).collect();
+        let of_layer = |at: usize, layer: &str| ["weight", "bias"].map(|part| format!("members.{at}.{layer}.{part}"));
+        (0..members).flat_map(|at| layers.iter().flat_map(move |layer| of_layer(at, layer))).collect()
     }
 
     fn member(&self, at: usize, faults: &mut Vec<Fault>) -> Option<Member> {
@@ -249,10 +254,9 @@ impl Shapes<'_> {
         }
         let numbers: Vec<f32> =
             tensor.data().as_chunks::<4>().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect();
-        if numbers.iter().all(|number| number.is_finite()) {
-            Ok(numbers)
-        } else {
-            Err("has a number that is not finite".to_owned())
+        match numbers.iter().find(|number| number.is_nan() || number.abs() > LARGEST) {
+            Some(number) => Err(format!("has the number {number}, expected none beyond {LARGEST}")),
+            None => Ok(numbers),
         }
     }
 }

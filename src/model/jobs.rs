@@ -81,11 +81,17 @@ impl Jobs {
         }
     }
 
-    /// Tells a job to end; one that is over stays as it is.
+    /// Tells a job to end, unless it is over.
     pub fn end(&self, environment: EnvironmentId, id: u64) -> Result<(), Problem> {
         let entries = self.lock();
         let found = entries.iter().find(|entry| entry.environment == environment && entry.job.id == id);
-        found.map(|entry| entry.end.cancel()).ok_or_else(|| unknown(id))
+        let entry = found.ok_or_else(|| unknown(id))?;
+        if entry.job.state.is_over() {
+            let message = format!("job-{id} is over already: {}", entry.job.state.as_str());
+            return Err(Problem::new(ErrorKind::Conflict, "JOB_OVER", message));
+        }
+        entry.end.cancel();
+        Ok(())
     }
 
     /// Changes what is told of a job.

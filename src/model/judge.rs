@@ -43,7 +43,7 @@ impl Split<'_> {
             }
             Self::HeldOut(Training { folds, members, .. }) => format!(
                 "states were cut into {folds} parts by key; each of {members} members learned from all but its own part, was stopped by that part, \
-                 and judged on it"
+                 and calibrated and judged on it"
             ),
         }
     }
@@ -108,11 +108,14 @@ fn not_better_than(network: &Score, baselines: &[Score], found_something: bool) 
 }
 
 /// Returns whether a network is better than a baseline: by the likelihood of what the other did, where both tell it, else by the squared error of the
-/// probabilities. The former is measured on the counts themselves, the latter on what the evidence makes of them.
+/// probabilities. The former is measured on the counts themselves, the latter on what the evidence makes of them. Knowing habits is not enough: the
+/// average must be beaten by both. And who calls nothing rightly, where it predicts nothing but influence, beats nobody.
 fn is_better(network: &Score, baseline: &Score) -> bool {
+    let errs_less = network.brier < baseline.brier && (network.log_likelihood.is_some() || network.f1 > 0.0);
     match (network.log_likelihood, baseline.log_likelihood) {
+        (Some(own), Some(other)) if baseline.name == Baseline::Majority.as_str() => own > other && errs_less,
         (Some(own), Some(other)) => own > other,
-        _ => network.brier < baseline.brier,
+        _ => errs_less,
     }
 }
 

@@ -46,11 +46,6 @@ impl Layer {
     pub fn shape(&self) -> (usize, usize) {
         (self.weight.ncols(), self.weight.nrows())
     }
-
-    /// Returns whether every number is one.
-    pub fn is_finite(&self) -> bool {
-        self.weight.iter().chain(&self.bias).all(|number| number.is_finite())
-    }
 }
 
 impl Member {
@@ -68,12 +63,17 @@ impl Member {
         (0..inputs.nrows()).map(state).collect()
     }
 
-    /// Makes a joint network one in which no action depends on any other.
+    /// Makes a joint network one in which no action depends on any other. What the rows of D have in common is habit, and goes to o.
     pub fn forget_interaction(&mut self) {
-        if let [_, _, interaction] = &mut self.heads[..] {
-            interaction.weight.fill(0.0);
-            interaction.bias.fill(0.0);
+        let [ego, other, interaction] = &mut self.heads[..] else { return };
+        let (rows, columns) = (ego.bias.len(), other.bias.len());
+        for at in 0..rows * columns {
+            let mut habit = other.weight.row_mut(at % columns);
+            habit.scaled_add(1.0 / rows as f32, &interaction.weight.row(at));
+            other.bias[at % columns] += interaction.bias[at] / rows as f32;
         }
+        interaction.weight.fill(0.0);
+        interaction.bias.fill(0.0);
     }
 
     /// Returns mutual information of states in nats, as a joint network has it: [`Joint::mutual_information`] of each, in fewer steps.
@@ -150,6 +150,9 @@ impl Joint {
     }
 }
 
+/// Mutual information below this is a matter of rounding.
+const ROUNDING: f64 = 1e-12;
+
 fn information(
     ego: ArrayView1<'_, f32>,
     other: ArrayView1<'_, f32>,
@@ -175,7 +178,9 @@ fn information(
         marginal.iter_mut().zip(&row).for_each(|(q, cell)| *q += p * cell / sum);
     }
     let entropy: f64 = marginal.iter().filter(|q| **q > 0.0).map(|q| -q * q.ln()).sum();
-    (entropy + negative_entropy).max(0.0)
+    let information = entropy + negative_entropy;
+    // Of independent actions nothing is left but what rounding makes of it.
+    if information < ROUNDING { 0.0 } else { information }
 }
 
 fn softmax(logits: impl Iterator<Item = f64> + Clone) -> Vec<f64> {
@@ -222,6 +227,22 @@ mod tests {
         for (joint, quick) in member.joint(&inputs).iter().zip(member.information(&inputs)) {
             assert!((joint.mutual_information() - quick).abs() < 1e-12, "{joint:?} {quick}");
         }
+    }
+
+    #[test]
+    fn habits_are_not_forgotten_with_the_interaction() {
+        let layer =
+            |out: usize, value: f32| Layer { weight: Array2::from_elem((out, 2), value), bias: Array1::zeros(out) };
+        // D says the same after each of the ego's actions: 1, 2, 3.
+        let same = Array1::from_vec(vec![1.0, 2.0, 3.0, 1.0, 2.0, 3.0]);
+        let interaction = Layer { weight: Array2::zeros((6, 2)), bias: same };
+        let mut member = Member { trunk: layer(2, 1.0), heads: vec![layer(2, 0.3), layer(3, 0.1), interaction] };
+        let inputs = array![[1.0, 0.5]];
+        let before = member.joint(&inputs);
+        member.forget_interaction();
+        let after = member.joint(&inputs);
+        let close = before[0].response.iter().zip(&after[0].response).all(|(a, b)| (a - b).abs() < 1e-6);
+        assert!(close && after[0].mutual_information() < 1e-12, "{before:?} {after:?}");
     }
 
     #[test]

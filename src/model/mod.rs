@@ -13,7 +13,7 @@
 //! | `learner`, `training`, `worth` | gradients, by the training library and nobody else; when to stop; whether more than chance was learned |
 //! | `calibrate`, `score`, `back_off`, `court`, `judge` | from mutual information to a probability, and how good it is beside what it has to beat |
 //! | `file`, `registry`, `network`, `told` | kept as safetensors, listed, switched, ready to answer, and what was answered |
-//! | `jobs` | trainings that were asked for |
+//! | `jobs`, `upkeep`, `spare_time` | trainings that were asked for, or are due by themselves, and the thread that does them |
 //!
 //! Absent on purpose: nothing here decides a verdict by counts, and no wire format is known here but that of a file of weights.
 
@@ -30,6 +30,7 @@ mod member;
 mod network;
 mod registry;
 mod score;
+mod spare_time;
 mod told;
 mod training;
 mod upkeep;
@@ -46,6 +47,7 @@ use self::encoder::{Encoder, MOST_INPUTS};
 use self::jobs::Jobs;
 use self::judge::Split;
 use self::registry::{Registry, logged};
+use self::spare_time::in_spare_time;
 use self::training::{Ensemble, TrainingError};
 use crate::domain::draft::TrainingDraft;
 use crate::domain::{Card, Environment, Job, JobState, Model, ModelId, ModelKind, Models, Pair, Training};
@@ -145,11 +147,16 @@ impl Networks {
     /// Keeps a network that was trained elsewhere: a safetensors file as [`export`](Self::export) writes it. It is judged by the counts here, and
     /// not made active.
     pub async fn import(&self, environment: &Arc<Environment>, file: Vec<u8>) -> Result<Model, Problem> {
-        let mut content = file::read(environment, &file)?;
+        let read = {
+            let environment = environment.clone();
+            tokio::task::spawn_blocking(move || file::read(&environment, &file)).await
+        };
+        let mut content = read.map_err(|error| internal(&error))??;
         let width = content.members.first().map_or(0, |member| member.trunk.shape().1);
         let members = content.members.len();
         let training = Training { kind: content.kind, width, members, epochs: 0, ..Training::default() };
         check_size(environment, &content.pair, &training)?;
+        let _turn = self.turn.lock().await;
         let dataset = self.dataset(environment, &content.pair).await?;
         if content.kind == ModelKind::Joint {
             // It is calibrated here, for the rule as it is.
@@ -163,10 +170,14 @@ impl Networks {
         let judged = tokio::task::spawn_blocking(move || {
             let (encoder, members) = (content.encoder.clone(), content.members.clone());
             let ensemble = Ensemble { encoder, members, epochs: Vec::new(), dropout: 0.0 };
-            let card = judge::card(&dataset, training, &ensemble, None, &Split::Unknown);
+            let card = in_spare_time(|| judge::card(&dataset, training, &ensemble, None, &Split::Unknown));
             (content, card)
         });
         let (content, card) = judged.await.map_err(|error| internal(&error))?;
+        if !(card.calibration.intercept.is_finite() && card.calibration.slope.is_finite()) {
+            let detail = "its outputs are no numbers on the states here";
+            return Err(Problem::invalid("network", vec![Fault::new("/members", detail)]));
+        }
         let version = self.registry.keep(environment, &content, &card).await?;
         self.get(environment, version).await
     }
@@ -181,9 +192,14 @@ impl Networks {
         self.registry.network(environment, version).await
     }
 
+    /// Tells what is trained to end.
+    pub fn end(&self) {
+        self.ending.cancel();
+    }
+
     /// Ends what is trained, and waits until it has ended.
     pub async fn close(&self) {
-        self.ending.cancel();
+        self.end();
         self.running.close();
         self.running.wait().await;
     }
@@ -220,7 +236,9 @@ impl Networks {
     }
 
     async fn carried_out(&self, order: &Order) -> Result<Model, Problem> {
-        let Order { environment, pair, training, .. } = order;
+        let Order { pair, training, .. } = order;
+        // It may have waited for long: the rule is that of now.
+        let environment = &self.current(&order.environment)?;
         self.tell(order, 0.0, "reads the states and fits the prior");
         let dataset = self.dataset(environment, pair).await?;
         let (networks, order_there) = (self.clone(), order.clone());
@@ -235,11 +253,21 @@ impl Networks {
             members: ensemble.members,
         };
         let version = self.registry.keep(environment, &content, &card).await?;
+        let environment = &self.current(environment)?;
         if order.activate || card.not_better_than.is_empty() {
-            // The rule may have changed since: then it is kept, and says that it is stale.
-            let _ = self.registry.activate(environment, version).await;
+            match self.registry.activate(environment, version).await {
+                // The rule has changed meanwhile: then it is kept, and says that it is stale.
+                Err(problem) if problem.reason == registry::STALE => {}
+                activated => drop(activated?),
+            }
         }
         self.get(environment, version).await
+    }
+
+    /// Returns an environment as it is now.
+    fn current(&self, environment: &Environment) -> Result<Arc<Environment>, Problem> {
+        let found = self.store.environment(environment.name.as_str()).filter(|found| found.id == environment.id);
+        found.ok_or_else(|| crate::store::StoreError::UnknownEnvironment.into())
     }
 
     /// Trains an ensemble and its shuffled twin, and judges them.
@@ -252,7 +280,9 @@ impl Networks {
         let train = |dataset: &Dataset, from: f64, what: &str| {
             let mut watch = |done: f64| {
                 self.tell(order, from + SHARE * done, what);
-                if order.end.is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+                // Nobody can end the job of an environment that is gone.
+                let ends = order.end.is_cancelled() || self.current(&order.environment).is_err();
+                if ends { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
             };
             training::train(dataset, &encoder, training, &mut watch)
         };
@@ -268,26 +298,6 @@ impl Networks {
         self.jobs.update(order.job, |job| {
             *job = Job { state: JobState::Running, progress, message: message.to_owned(), ..job.clone() };
         });
-    }
-}
-
-/// Does work on one thread, whatever libraries would share among more, and only while nobody else wants the core: those who ask and send meanwhile
-/// must not notice.
-fn in_spare_time<T: Send>(work: impl FnOnce() -> T + Send) -> T {
-    match rayon::ThreadPoolBuilder::new().num_threads(1).start_handler(|_| step_back()).build() {
-        Ok(pool) => pool.install(work),
-        // No thread more can be had: this one will do.
-        Err(_) => work(),
-    }
-}
-
-/// Lets every other thread go first. Where the system does not know how, the work goes on as it is.
-fn step_back() {
-    #[cfg(target_os = "linux")]
-    {
-        use thread_priority::{NormalThreadSchedulePolicy, ThreadPriority, ThreadSchedulePolicy, unix};
-        let idle = ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Idle);
-        let _ = unix::set_thread_priority_and_policy(unix::thread_native_id(), ThreadPriority::Min, idle);
     }
 }
 
@@ -327,8 +337,10 @@ fn check_size(environment: &Environment, pair: &Pair, training: &Training) -> Re
             cells.rows, cells.columns
         ));
     }
-    let numbers = training.members * training.width * (inputs + (cells.rows * cells.columns) as usize);
-    if numbers * size_of::<f32>() > file::MOST_BYTES {
+    let outputs: usize = member::heads(training.kind, cells).iter().map(|(_, outputs)| outputs).sum();
+    let numbers = training.members * (training.width * (inputs + outputs + 1) + outputs);
+    // A part of the file is for names and the card.
+    if numbers * size_of::<f32>() > file::MOST_BYTES - (1 << 20) {
         return too_large(format!("it would have {numbers} weights; take fewer members or a smaller width"));
     }
     Ok(())

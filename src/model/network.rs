@@ -72,9 +72,17 @@ impl Network {
         (self.environment, self.version) == (environment, version)
     }
 
-    /// Predicts for states, which are of the network's schema, at a threshold in nats.
+    /// Predicts for states, which are of the network's schema, at a threshold in nats, and remembers what it said.
     pub fn predict(&self, states: &[StateKey], threshold: f64) -> Vec<Prediction> {
-        let told = self.told.of(states, |unknown| self.tell(unknown));
+        self.predictions(self.told.of(states, |unknown| self.tell(unknown)), threshold)
+    }
+
+    /// Predicts for states that nobody will ask for again soon.
+    pub fn predict_once(&self, states: &[StateKey], threshold: f64) -> Vec<Prediction> {
+        self.predictions(self.tell(&states.iter().collect::<Vec<_>>()), threshold)
+    }
+
+    fn predictions(&self, told: Vec<Arc<[f64]>>, threshold: f64) -> Vec<Prediction> {
         let prediction = |numbers: Arc<[f64]>| match self.kind {
             ModelKind::Joint => self.joint_prediction(numbers.iter().copied(), threshold),
             ModelKind::Direct => self.direct_prediction(numbers.iter().copied(), threshold),
@@ -105,12 +113,20 @@ impl Network {
         let factor = if threshold == self.threshold { 1.0 } else { threshold / self.threshold };
         // What is calibrated for one threshold holds for another if mutual information is measured in thresholds.
         let probability = |nats: f64| probability(self.calibration, nats / factor);
-        let (mean, agrees) = mean_and_agreement(members.clone().map(probability));
+        let possible = threshold < self.largest();
+        let (mean, agrees) =
+            mean_and_agreement(members.clone().map(|nats| if possible { probability(nats) } else { 0.0 }));
         Prediction {
             probability: (1.0 / REACH..=REACH).contains(&factor).then_some(mean),
             mutual_information: Some(members.clone().sum::<f64>() / members.len() as f64),
             agrees,
         }
+    }
+
+    /// Returns ln min(R, K): no mutual information is larger.
+    fn largest(&self) -> f64 {
+        let actions = |head: usize| self.members.first().map_or(1, |member| member.heads[head].shape().1);
+        (actions(0).min(actions(1)) as f64).ln()
     }
 
     fn direct_prediction(&self, members: impl ExactSizeIterator<Item = f64>, threshold: f64) -> Prediction {
@@ -119,11 +135,17 @@ impl Network {
         Prediction { probability, mutual_information: None, agrees }
     }
 
-    /// Decides by a prediction: at the same confidence as for counts, and only where the members agree and the network has found something.
+    /// Returns whether a prediction can decide anything: not at a threshold that the network cannot tell about, and not where it has found nothing in
+    /// the counts that it learned from.
+    pub fn can_decide(&self, prediction: &Prediction) -> bool {
+        self.found_something && prediction.probability.is_some()
+    }
+
+    /// Decides by a prediction: at the same confidence as for counts, and only where the members agree.
     pub fn decide(&self, prediction: &Prediction, confidence: f64) -> Verdict {
-        match prediction.probability {
-            Some(p) if self.found_something && prediction.agrees && p >= confidence => Verdict::Influences,
-            Some(p) if self.found_something && prediction.agrees && 1.0 - p >= confidence => Verdict::NoInfluence,
+        match prediction.probability.filter(|_| self.can_decide(prediction) && prediction.agrees) {
+            Some(p) if p >= confidence => Verdict::Influences,
+            Some(p) if 1.0 - p >= confidence => Verdict::NoInfluence,
             _ => Verdict::Undecided,
         }
     }

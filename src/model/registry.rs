@@ -16,6 +16,9 @@ use crate::domain::{Card, Environment, EnvironmentId, Model, ModelKind, Pair};
 use crate::error::{ErrorKind, Problem};
 use crate::store::{ModelRecord, NewModel, Store, StoreError};
 
+/// The reason word of a version that cannot answer by the rule.
+pub const STALE: &str = "MODEL_STALE";
+
 /// A pair of agents of an environment: the ego and the other.
 type Place = (EnvironmentId, usize, usize);
 
@@ -79,39 +82,39 @@ impl Registry {
                 "version {version} answers at a threshold of {} nats only, and the rule's is {rule}: train another",
                 model.card.threshold
             );
-            return Err(Problem::new(ErrorKind::Conflict, "MODEL_STALE", message));
+            return Err(Problem::new(ErrorKind::Conflict, STALE, message));
         }
-        let _turn = self.turn.lock().await;
-        self.store.activate_model(environment.id, version).await.map_err(logged)?;
-        self.forget(environment);
+        {
+            let _switch = self.switch(environment).await;
+            self.store.activate_model(environment.id, version).await.map_err(logged)?;
+        }
         self.get(environment, version).await
     }
 
     /// Takes a version back, and returns the one that answers for its pair instead.
     pub async fn roll_back(&self, environment: &Environment, version: u64) -> Result<Option<Model>, Problem> {
+        let switch = self.switch(environment).await;
         let model = self.get(environment, version).await?;
         if !model.active {
             let message = format!("version {version} is not active");
             return Err(Problem::new(ErrorKind::Conflict, "MODEL_NOT_ACTIVE", message));
         }
-        let _turn = self.turn.lock().await;
         self.store.deactivate_model(environment.id, version).await.map_err(logged)?;
-        self.forget(environment);
+        drop(switch);
         let same_pair = |one: &Model| one.active && one.ego == model.ego && one.other == model.other;
         Ok(self.list(environment).await?.into_iter().find(same_pair))
     }
 
     /// Removes a version that is not active.
     pub async fn delete(&self, environment: &Environment, version: u64) -> Result<(), Problem> {
+        let _switch = self.switch(environment).await;
         if self.get(environment, version).await?.active {
             let message =
                 format!("version {version} is active: activate another, or take it back, before you delete it");
             return Err(Problem::new(ErrorKind::Conflict, "MODEL_ACTIVE", message));
         }
-        let _turn = self.turn.lock().await;
         self.store.delete_model(environment.id, version).await.map_err(logged)?;
         self.ready().pop(&(environment.id, version));
-        self.forget(environment);
         Ok(())
     }
 
@@ -145,7 +148,8 @@ impl Registry {
         let records = self.store.models(environment.id).await.map_err(logged)?;
         let record = records.into_iter().find(|one| one.active && (one.ego, one.other) == (pair.ego, pair.other));
         let network = match record {
-            Some(record) => Some(self.load(environment, record.version).await?),
+            // One that cannot be read is told in the log; the counts answer without it.
+            Some(record) => self.load(environment, record.version).await.ok(),
             None => None,
         };
         self.remember(place, network.clone());
@@ -174,6 +178,11 @@ impl Registry {
         self.ready.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
     }
 
+    /// Takes the turn to change what is active in an environment.
+    async fn switch(&self, environment: &Environment) -> Switch<'_> {
+        Switch { _turn: self.turn.lock().await, registry: self, environment: environment.id }
+    }
+
     /// Only called by who has the turn, as is `forget`.
     fn remember(&self, place: Place, network: Option<Arc<Network>>) {
         let mut active = Active::clone(&self.active.load());
@@ -184,10 +193,23 @@ impl Registry {
         self.active.store(Arc::new(active));
     }
 
-    fn forget(&self, environment: &Environment) {
+    fn forget(&self, environment: EnvironmentId) {
         let mut active = Active::clone(&self.active.load());
-        active.retain(|(id, ..), _| *id != environment.id);
+        active.retain(|(id, ..), _| *id != environment);
         self.active.store(Arc::new(active));
+    }
+}
+
+/// The turn to change what is active. However it ends, also when its caller is gone before the store has answered, what was remembered is forgotten.
+struct Switch<'a> {
+    _turn: tokio::sync::MutexGuard<'a, ()>,
+    registry: &'a Registry,
+    environment: EnvironmentId,
+}
+
+impl Drop for Switch<'_> {
+    fn drop(&mut self) {
+        self.registry.forget(self.environment);
     }
 }
 

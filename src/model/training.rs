@@ -40,7 +40,7 @@ pub enum TrainingError {
     #[error("too few data: {0}")]
     TooFew(String),
     /// The loss is no number any more.
-    #[error("the loss diverged in epoch {0}: the counts may be beyond what 32-bit numbers can add")]
+    #[error("the loss diverged: in epoch {0} it was no number any more")]
     Diverged(usize),
     /// Somebody ended it.
     #[error("cancelled")]
@@ -137,15 +137,17 @@ impl Class<'_> {
         let mut learner = Learner::new(self.shape(), dropout, seed.wrapping_add(1_000 * (member as u64 + 1)))?;
         let mut best: Option<(f64, Member, usize)> = None;
         for epoch in 1..=epochs {
-            if watch((epoch - 1) as f64 / epochs as f64).is_break() {
-                return Err(TrainingError::Cancelled);
-            }
-            self.epoch(&mut learner, &mut learned, &mut random, epoch)?;
+            let mut goes_on = || watch((epoch - 1) as f64 / epochs as f64).is_continue();
+            learned.shuffle(&mut random);
+            self.epoch(&mut learner, &learned, epoch, &mut goes_on)?;
             if epoch % LOOK != 0 && epoch != epochs {
                 continue;
             }
             let now = learner.member()?;
             let worth = self.worth(&now, &held_out);
+            if !worth.is_finite() {
+                return Err(TrainingError::Diverged(epoch));
+            }
             match &best {
                 Some((most, _, _)) if worth <= *most => {}
                 _ => best = Some((worth, now, epoch)),
@@ -182,13 +184,15 @@ impl Class<'_> {
     fn epoch(
         &self,
         learner: &mut Learner,
-        learned: &mut [usize],
-        random: &mut Pcg64,
+        learned: &[usize],
         epoch: usize,
+        goes_on: &mut dyn FnMut() -> bool,
     ) -> Result<(), TrainingError> {
-        learned.shuffle(random);
         // What is left over after whole batches has its turn in another order.
         for states in learned.chunks_exact(BATCH.min(learned.len())) {
+            if !goes_on() {
+                return Err(TrainingError::Cancelled);
+            }
             if !learner.step(&self.batch(states))?.is_finite() {
                 return Err(TrainingError::Diverged(epoch));
             }

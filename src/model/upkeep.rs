@@ -48,8 +48,8 @@ impl Networks {
             if (counted as f64) < due || self.jobs.is_busy(environment.id, &ego, &other) {
                 continue;
             }
-            tried.insert(place, counted);
             self.train(environment, &again(ego, other, last))?;
+            tried.insert(place, counted);
         }
         Ok(())
     }

@@ -7,8 +7,9 @@
 use super::member::Joint;
 use crate::information::Table;
 
-/// Standard deviations by which a gain must exceed what orders by chance would give: a network is stopped where its gain is largest, of up to 28 looks.
-const AHEAD: f64 = 3.0;
+/// Standard deviations by which a gain must exceed what orders by chance would give. More than usual, since a network is stopped where its gain is largest
+/// of many looks: of 30 that were trained on worlds without influence, three were ahead by more than 3.
+const AHEAD: f64 = 4.0;
 
 /// The gains of states, beside what chance would make of them.
 #[derive(Debug, Clone, Copy, Default)]

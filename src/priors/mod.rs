@@ -192,8 +192,15 @@ impl Fits {
     fn keep(&self, key: Key, id: FitId, fit: Fit) -> Arc<Fitted> {
         let fitted =
             Arc::new(Fitted { id, prior: Prior::new(&fit), fit, known: Known::default(), unseen: Mutex::default() });
-        self.lock().put(key, fitted.clone());
-        fitted
+        let mut kept = self.lock();
+        match kept.get(&key) {
+            // Read from the store by one while another made the next.
+            Some(newer) if newer.id.version > id.version => newer.clone(),
+            _ => {
+                kept.put(key, fitted.clone());
+                fitted
+            }
+        }
     }
 
     fn lock(&self) -> std::sync::MutexGuard<'_, LruCache<Key, Arc<Fitted>>> {

@@ -2,7 +2,7 @@
 
 use super::answer::state;
 use crate::api::proto;
-use crate::domain::{Dependence, Edge, Graph};
+use crate::domain::{Basis, Dependence, Edge, Graph};
 
 impl From<Graph> for proto::GetGraphResponse {
     fn from(graph: Graph) -> Self {
@@ -49,6 +49,10 @@ fn line(graph: &Graph, edge: &Edge) -> Option<String> {
             evidence.probability.dependent
         ),
         None => "not known".into(),
+    };
+    let label = match edge.answer.basis {
+        Basis::Model(version) => format!("{label}; {} by model version {version}", edge.answer.verdict.as_str()),
+        Basis::Counts(_) | Basis::Prior => label,
     };
     let [from, to] = [edge.from, edge.to].map(|agent| quoted(&graph.nodes[agent]));
     Some(format!("  {from} -- {to} [style={style}, label={}];\n", quoted(&label)))

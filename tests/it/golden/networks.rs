@@ -184,7 +184,7 @@ const EDITS: &[Edit] = &[
     ("/metadata/kind", |file| file.tell("kind", "deep")),
     ("/metadata/ego", |file| file.tell("ego", "cat")),
     ("/metadata/other", |file| file.tell("other", "robot")),
-    ("/metadata/threshold", |file| file.tell("threshold", "0.25")),
+    ("/metadata/threshold", |file| file.tell("threshold", "-1")),
     ("/metadata/threshold", |file| file.tell("threshold", "NaN")),
     ("/metadata/scales", |file| file.tell("scales", "[null, null, null, null]")),
     ("/metadata/scales", |file| {
@@ -212,6 +212,8 @@ const EDITS: &[Edit] = &[
     ("/members.0.extra", |file| drop(file.tensors.insert("members.0.extra".into(), (Dtype::F32, vec![1], vec![0; 4])))),
     ("/members.1.ego.weight", |file| file.set_first("members.1.ego.weight", f32::NAN)),
     ("/members.0.trunk.bias", |file| file.set_first("members.0.trunk.bias", f32::INFINITY)),
+    // Finite, but nothing that is computed with it would be.
+    ("/members.1.trunk.weight", |file| file.set_first("members.1.trunk.weight", 1e30)),
 ];
 
 #[tokio::test]
