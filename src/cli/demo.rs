@@ -82,8 +82,8 @@ impl Demo {
             let connection = Connection::open(&address.to_string()).await?;
             let environments = self.play(&connection).await?;
             let best = found::tell(&connection, &environments).await?;
-            found::train(&connection, HALLWAY).await?;
             print(&to_try(address, &best))?;
+            found::train(&connection, HALLWAY).await?;
             std::future::pending().await
         };
         tokio::select! {

@@ -60,10 +60,7 @@ pub(super) async fn tell(connection: &Connection, environments: &[String]) -> Re
 
 /// Trains a network for an environment, and prints whether it is worth asking.
 pub(super) async fn train(connection: &Connection, environment: &str) -> Result<(), Failure> {
-    print(&format!(
-        "
-training a network for {environment}, which answers where counts do not decide ..."
-    ))?;
+    print(&format!("\nmeanwhile a network is trained for {environment}, to answer where counts do not decide ..."))?;
     let request = proto::TrainModelRequest { environment: environment.into(), ..Default::default() };
     let mut job = connection.models().train_model(request).await?.into_inner().job.unwrap_or_default();
     while matches!(job.state(), proto::JobState::Queued | proto::JobState::Running) {
