@@ -26,8 +26,10 @@ pub async fn report(play: &Play, network: &Network) {
     agree(network, &keys, &library.predict(&states).expect("predicted"));
     let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a pool");
     for size in [1, ROWS] {
-        let predict = |keys: &[StateKey]| drop(black_box(network.predict(black_box(keys), network.threshold)));
+        let predict = |keys: &[StateKey]| drop(black_box(network.predict_once(black_box(keys), network.threshold)));
         let own = rows_per_second(&keys, size, predict);
+        let again = |keys: &[StateKey]| drop(black_box(network.predict(black_box(keys), network.threshold)));
+        let again = rows_per_second(&keys, size, again);
         let ask = |states: &[State]| drop(black_box(library.predict(black_box(states)).expect("predicted")));
         let beside = [
             ("candle, one thread", alone.install(|| rows_per_second(&states, size, ask))),
@@ -37,6 +39,8 @@ pub async fn report(play: &Play, network: &Network) {
             let what = format!("predicting {size} at once");
             support::report(&what, own, yardstick, beside, "rows/s", "");
         }
+        let what = format!("telling {size} at once that were asked before");
+        support::report(&what, again, "predicting them", own, "rows/s", "");
     }
 }
 
