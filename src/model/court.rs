@@ -4,7 +4,7 @@ use ndarray::Array2;
 
 use super::back_off::BackOff;
 use super::calibrate::calibrated;
-use super::dataset::{Dataset, Example, cells};
+use super::dataset::{Dataset, Example};
 use super::member::{Joint, Member};
 use super::network::{ln_information, logistic, probability};
 use super::score::{Judged, score};
@@ -123,7 +123,7 @@ impl<'a> Court<'a> {
     pub fn log_likelihood(&self, said: &[Said]) -> Option<f64> {
         let of = |(example, said): (&Example, &Said)| {
             let joint = said.joint.as_ref()?;
-            Some(cells(&example.table).map(|(i, j, n)| n * joint.response[[i, j]].ln()).sum::<f64>())
+            Some(joint.log_likelihood(&example.table))
         };
         let sums: Option<Vec<f64>> = self.examples().zip(said).map(of).collect();
         self.per_draw(sums?.into_iter().sum())

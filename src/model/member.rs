@@ -127,6 +127,11 @@ impl Joint {
         Self::of(ego, &self.response * (1.0 - share) + &other.response * share)
     }
 
+    /// Returns sum n_ij ln p(j | i) of counts: how well it tells what the other does.
+    pub fn log_likelihood(&self, table: &Table) -> f64 {
+        cells(table).map(|(i, j, n)| n * self.response[[i, j]].ln()).sum()
+    }
+
     /// Returns sum n_ij [ln p(j | i) - ln p(j)] of counts: what dependence is worth to them.
     pub fn gain(&self, table: &Table) -> f64 {
         cells(table).map(|(i, j, n)| n * self.ln_ratio(i, j)).sum()

@@ -95,7 +95,7 @@ pub fn train(
     let mut dropout = DROPOUTS[0];
     for (part, other) in (1..).zip(&DROPOUTS[1..]) {
         let tried = train(part, 0, *other)?;
-        if tried.worth > first.worth {
+        if tried.fit > first.fit {
             (first, dropout) = (tried, *other);
         }
     }
@@ -113,8 +113,8 @@ struct Trained {
     member: Member,
     /// Epochs until then.
     epochs: u64,
-    /// What it was worth on its held-out part.
-    worth: f64,
+    /// How well it tells its held-out part: the log-likelihood of what the other did there, or less its loss.
+    fit: f64,
 }
 
 /// What every member learns from.
@@ -156,8 +156,9 @@ impl Class<'_> {
                 break;
             }
         }
-        let (worth, member, epoch) = best.ok_or(TrainingError::Diverged(epochs))?;
-        Ok(Trained { member: self.proven(member, &held_out), epochs: epoch as u64, worth })
+        let (_, member, epoch) = best.ok_or(TrainingError::Diverged(epochs))?;
+        let fit = held_out.chunks(LOOKED_AT).map(|part| self.fit_of_part(&member, part)).sum();
+        Ok(Trained { member: self.proven(member, &held_out), epochs: epoch as u64, fit })
     }
 
     /// Returns a joint network without its interaction, unless what it has learned of dependence is worth something on states that it has not seen:
@@ -231,6 +232,16 @@ impl Class<'_> {
     /// Returns what a network is worth on states that it has not learned from: the more the better.
     fn worth(&self, member: &Member, states: &[usize]) -> f64 {
         states.chunks(LOOKED_AT).map(|part| self.worth_of_part(member, part)).sum()
+    }
+
+    fn fit_of_part(&self, member: &Member, states: &[usize]) -> f64 {
+        match self.training.kind {
+            ModelKind::Joint => {
+                let told = self.examples(states).zip(member.joint(&self.inputs(states)));
+                told.map(|(example, joint)| joint.log_likelihood(&example.table)).sum()
+            }
+            ModelKind::Direct => self.worth_of_part(member, states),
+        }
     }
 
     fn worth_of_part(&self, member: &Member, states: &[usize]) -> f64 {
