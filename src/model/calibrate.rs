@@ -7,6 +7,9 @@ use crate::domain::Calibration;
 
 /// The prior of the slope, in units of the spread of ln MI: a normal distribution of variance 1 / this.
 const RIDGE: f64 = 1.0;
+/// The prior of the intercept: one state more, of usual ln MI, that is above t with this probability. Without it, where no state is above t, certainty grows
+/// without bound.
+const PRIOR: f64 = 0.1;
 /// Rounds of EM, of Newton's steps in each, and the gain below which it is done.
 const ROUNDS: usize = 200;
 const STEPS: usize = 3;
@@ -48,7 +51,9 @@ impl Line {
             let p = self.probability(*z);
             (1.0 - p + p * factor).ln()
         };
-        states.iter().map(each).sum::<f64>() - 0.5 * RIDGE * self.slope * self.slope
+        let p = self.probability(0.0);
+        let prior = PRIOR * p.ln() + (1.0 - PRIOR) * (1.0 - p).ln();
+        states.iter().map(each).sum::<f64>() + prior - 0.5 * RIDGE * self.slope * self.slope
     }
 
     /// One round: how probable MI > t is in each state, then a logistic regression on that.
@@ -62,8 +67,9 @@ impl Line {
     }
 
     fn step(self, states: &[(f64, f64)], targets: &[f64]) -> Self {
-        let [mut by_intercept, mut by_slope] = [0.0, -RIDGE * self.slope];
-        let [mut aa, mut ab, mut bb] = [1e-9, 0.0, RIDGE];
+        let prior = self.probability(0.0);
+        let [mut by_intercept, mut by_slope] = [PRIOR - prior, -RIDGE * self.slope];
+        let [mut aa, mut ab, mut bb] = [1e-9 + prior * (1.0 - prior), 0.0, RIDGE];
         for ((z, _), target) in states.iter().zip(targets) {
             let p = self.probability(*z);
             let (error, curvature) = (target - p, p * (1.0 - p));
@@ -121,5 +127,12 @@ mod tests {
         let against: Vec<(f64, f64)> = (0..100).map(|at| (at as f64 / 100.0, 0.2)).collect();
         let Calibration { intercept, slope } = calibrated(&against);
         assert!(logistic(intercept + slope) < 0.1);
+        let never: Vec<(f64, f64)> = (0..1_000).map(|at| (at as f64 / 1_000.0, 0.0)).collect();
+        let Calibration { intercept, slope } = calibrated(&never);
+        let p = logistic(intercept + 0.5 * slope);
+        assert!(
+            (1e-5..1e-3).contains(&p),
+            "a thousand states that are not above t leave about one in ten thousand: {p}"
+        );
     }
 }
