@@ -3,6 +3,7 @@
 //! The truth of a held-out state is unknown; its factor F = P(counts | MI > t) / P(counts | MI <= t) is what its counts say of it. The likelihood of all
 //! of them, sum ln(1 - P + P F), is made as large as possible by EM, with b >= 0 and a weak prior on it.
 
+use super::network::logistic;
 use crate::domain::Calibration;
 
 /// The prior of the slope, in units of the spread of ln MI: a normal distribution of variance 1 / this.
@@ -43,7 +44,7 @@ struct Line {
 
 impl Line {
     fn probability(self, z: f64) -> f64 {
-        1.0 / (1.0 + (-(self.intercept + self.slope * z).clamp(-30.0, 30.0)).exp())
+        logistic((self.intercept + self.slope * z).clamp(-30.0, 30.0))
     }
 
     fn likelihood(self, states: &[(f64, f64)]) -> f64 {
@@ -89,7 +90,6 @@ impl Line {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::network::logistic;
 
     /// States whose counts settle the question: above where x > 0, with a tenth of exceptions.
     fn settled() -> Vec<(f64, f64)> {

@@ -104,12 +104,16 @@ impl Dataset {
 
     /// Returns the same with the other's actions shuffled within each state: every habit stays, and nothing depends on anything.
     pub fn shuffled(&self, seed: u64) -> Self {
-        let shuffle = |example: &Example| {
-            let table = shuffled(&example.table, &mut random(&example.key, seed));
-            (example.key.clone(), if self.ego == Ego::Rows { table } else { transposed(&table) })
+        let shuffle = |Example { key, table, .. }: &Example| {
+            let table = shuffled(table, &mut random(key, seed));
+            Example { above: self.above(&table), key: key.clone(), table }
         };
-        let states = self.examples.par_iter().map(shuffle).collect();
-        Self { examples: Vec::new(), ..self.clone() }.with(states)
+        Self {
+            examples: self.examples.par_iter().map(shuffle).collect(),
+            schema_hash: self.schema_hash.clone(),
+            fitted: self.fitted.clone(),
+            ..*self
+        }
     }
 
     /// Returns which of the parts a state belongs to: by its key and the seed alone, so that all visits of a state are in one.
@@ -134,10 +138,7 @@ fn random(key: &StateKey, seed: u64) -> Pcg64 {
 
 /// Returns the cells of a table: the ego's action, the other's action, the count.
 pub fn cells(table: &Table) -> impl Iterator<Item = (usize, usize, f64)> {
-    let label = |labels: &[u64], at: u32| labels[at as usize] as usize;
-    table.cells().iter().map(move |cell| {
-        (label(table.row_labels(), cell.row), label(table.column_labels(), cell.column), cell.n as f64)
-    })
+    triples(table).map(|(row, column, n)| (row as usize, column as usize, n as f64))
 }
 
 /// Returns the cells of a table as it is built of.

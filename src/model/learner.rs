@@ -127,7 +127,7 @@ impl Learner {
         self.layers[1..].iter().map(|head| through(&hidden, head)).collect()
     }
 
-    /// Lets the average follow the weights: quickly at first, for it began with what knew nothing.
+    /// Lets the average follow the weights: quickly at first, for early steps are soon out of date.
     fn follow(&mut self) -> Result<()> {
         let steps = f64::from(self.steps);
         let stays = AVERAGE.min(steps / (steps + 10.0));
@@ -180,7 +180,7 @@ fn direct_loss(z: &Tensor, p: &Tensor, weights: &[f32]) -> Result<Tensor> {
     (each * weights)?.sum_all()?.affine(1.0 / f64::from(total), 0.0)
 }
 
-/// Returns a layer as PyTorch begins it: uniform within 1 / sqrt(inputs), and nothing added.
+/// Returns a layer before it has learned: weights uniform within 1 / sqrt(inputs), and nothing added.
 fn layer(outputs: usize, inputs: usize, random: &mut Pcg64) -> Result<(Var, Var)> {
     let bound = 1.0 / (inputs.max(1) as f32).sqrt();
     let weight = Array2::from_shape_fn((outputs, inputs), |_| random.random_range(-bound..bound));
