@@ -4,7 +4,7 @@
 use std::sync::Arc;
 
 use crate::domain::draft::{RuleDraft, SchemaDraft};
-use crate::domain::{Environment, EnvironmentPage, Name, Rule, Schema, page_size};
+use crate::domain::{Environment, EnvironmentPage, Name, Rule, Schema, UnreadableEnvironment, page_size};
 use crate::error::{ErrorKind, Fault, Problem};
 use crate::ingest::Ingest;
 use crate::store::{Store, StoreError};
@@ -24,9 +24,14 @@ impl Environments {
 
     /// Returns the environment of that name.
     pub fn find(&self, name: &str) -> Result<Arc<Environment>, Problem> {
-        self.store.environment(name).ok_or_else(|| {
-            Problem::new(ErrorKind::NotFound, "ENVIRONMENT_NOT_FOUND", format!("unknown environment `{name}`"))
+        self.store.environment(name).ok_or_else(|| match self.find_unreadable(name) {
+            Some(environment) => cannot_be_read(&environment),
+            None => Problem::new(ErrorKind::NotFound, "ENVIRONMENT_NOT_FOUND", format!("unknown environment `{name}`")),
         })
+    }
+
+    fn find_unreadable(&self, name: &str) -> Option<Arc<UnreadableEnvironment>> {
+        self.store.unreadable().into_iter().find(|environment| environment.name == name)
     }
 
     /// Returns a page of environments; a size of 0 takes the default.
@@ -37,7 +42,8 @@ impl Environments {
         let more = environments.len() > size;
         environments.truncate(size);
         let last = environments.last().filter(|_| more).map(|environment| environment.name.to_string());
-        Ok(EnvironmentPage { environments, next_page_token: last })
+        let unreadable = if page_token.is_none() { self.store.unreadable() } else { Vec::new() };
+        Ok(EnvironmentPage { environments, unreadable, next_page_token: last })
     }
 
     /// Makes an environment, or confirms that it exists with this schema; a rule that is given is set. Returns whether it was made now.
@@ -65,11 +71,14 @@ impl Environments {
         Ok(self.store.set_rule(environment.id, rule).await?)
     }
 
-    /// Removes an environment with its counts and watermarks, and ends its streams.
+    /// Removes an environment with its counts and watermarks, and ends its streams. It need not be readable.
     pub async fn delete(&self, name: &str) -> Result<(), Problem> {
-        let environment = self.find(name)?;
-        self.store.delete(environment.id).await?;
-        self.ingest.end_streams(environment.id);
+        let id = match self.find_unreadable(name) {
+            Some(environment) => environment.id,
+            None => self.find(name)?.id,
+        };
+        self.store.delete(id).await?;
+        self.ingest.end_streams(id);
         Ok(())
     }
 
@@ -90,6 +99,12 @@ impl Environments {
             _ => Ok((existing, false)),
         }
     }
+}
+
+fn cannot_be_read(environment: &UnreadableEnvironment) -> Problem {
+    let UnreadableEnvironment { name, why, .. } = environment;
+    let message = format!("environment `{name}` cannot be read: {why}; use the build that wrote it, or delete it");
+    Problem::new(ErrorKind::Conflict, "ENVIRONMENT_UNREADABLE", message)
 }
 
 type Checked = (Name, Schema, Option<Rule>);

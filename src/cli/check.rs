@@ -1,19 +1,21 @@
 //! `nudge check`: whether a database's totals match its cells.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use clap::Args;
 use serde_json::json;
 
 use super::{Failure, output};
 use crate::config::Config;
+use crate::domain::UnreadableEnvironment;
 use crate::store::{Audit, Options, SqliteStore, Store, StoreError};
 
 /// Audit a database that no service has open
 #[derive(Debug, Args)]
 #[command(long_about = "Audit a database that no service has open.\n\n\
     Compares the totals that were kept with every commit with the sums of the cells: a bit that flipped in a count shows here, where SQLite's own \
-    integrity check may see nothing. Ends with exit code 1 where they differ.\n\n\
+    integrity check may see nothing. Ends with exit code 1 where they differ, and where an environment cannot be read.\n\n\
     Example:\n  nudge check --data ./nudge-data")]
 pub struct Check {
     /// The directory of the database.
@@ -33,16 +35,20 @@ impl Check {
         }
         let store = SqliteStore::open(&path, Options::default()).await.map_err(unopened)?;
         let audits = store.audit().await.map_err(unopened);
+        let unreadable = store.unreadable();
         store.close().await;
         let audits = audits?;
         if self.json {
-            output::print_json(&report(&audits))?
+            output::print_json(&report(&audits, &unreadable))?
         } else {
-            audits.iter().try_for_each(tell)?
+            audits.iter().try_for_each(tell)?;
+            unreadable.iter().try_for_each(|environment| tell_unreadable(environment))?
         }
-        match audits.iter().filter(|audit| !audit.is_sound()).count() {
-            0 => Ok(()),
-            unsound => {
+        let unsound = audits.iter().filter(|audit| !audit.is_sound()).count();
+        match (unsound, unreadable.len()) {
+            (0, 0) => Ok(()),
+            (0, unread) => Err(Failure::refused(format!("{unread} environments cannot be read"))),
+            (unsound, _) => {
                 Err(Failure::refused(format!("{unsound} of {} environments do not match their cells", audits.len())))
             }
         }
@@ -64,7 +70,11 @@ fn tell(audit: &Audit) -> Result<(), Failure> {
     output::print(&format!("{}: UNSOUND, kept {figures}, found {found}", audit.environment))
 }
 
-fn report(audits: &[Audit]) -> serde_json::Value {
+fn tell_unreadable(environment: &UnreadableEnvironment) -> Result<(), Failure> {
+    output::print(&format!("{}: CANNOT BE READ, {}", environment.name, environment.why))
+}
+
+fn report(audits: &[Audit], unreadable: &[Arc<UnreadableEnvironment>]) -> serde_json::Value {
     let figures =
         |[transitions, states, cells]: [u64; 3]| json!({"transitions": transitions, "states": states, "cells": cells});
     let one = |audit: &Audit| {
@@ -75,5 +85,10 @@ fn report(audits: &[Audit]) -> serde_json::Value {
             "found": figures(audit.found),
         })
     };
-    json!({ "environments": audits.iter().map(one).collect::<Vec<_>>() })
+    let environments: Vec<_> = audits.iter().map(one).collect();
+    if unreadable.is_empty() {
+        return json!({ "environments": environments });
+    }
+    let unread = |environment: &Arc<UnreadableEnvironment>| json!({"name": environment.name, "uid": environment.uid.0, "unreadable": environment.why});
+    json!({ "environments": environments, "unreadable": unreadable.iter().map(unread).collect::<Vec<_>>() })
 }

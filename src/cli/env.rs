@@ -3,7 +3,6 @@
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
-use serde_json::json;
 
 use super::output::{Table, cannot_read, print, print_json, to_json};
 use super::server::Server;
@@ -124,13 +123,15 @@ impl Apply {
 
 impl List {
     async fn run(self) -> Result<(), Failure> {
-        let environments = all(&self.server.connect().await?).await?;
+        let page = all(&self.server.connect().await?).await?;
         if self.json {
-            let environments: Vec<_> =
-                environments.into_iter().map(|environment| to_json(dto::Environment::from(environment))).collect();
-            return print_json(&json!({ "environments": environments }));
+            let mut told = to_json(dto::EnvironmentPage::from(page));
+            // It is all of them.
+            told.as_object_mut().map(|page| page.remove("next_page_token"));
+            return print_json(&told);
         }
-        if environments.is_empty() {
+        let proto::ListEnvironmentsResponse { environments, unreadable, .. } = page;
+        if environments.is_empty() && unreadable.is_empty() {
             return print("no environments yet: `nudge env apply FILE` makes one");
         }
         let mut table = Table::new(&["name", "state", "agents", "rule", "uid"]);
@@ -145,7 +146,11 @@ impl List {
                 environment.uid.clone(),
             ]);
         }
-        print(&table.render(""))
+        let lines = unreadable.iter().map(cannot_be_read).collect::<String>();
+        match environments.is_empty() {
+            true => print(lines.trim_end()),
+            false => print(&format!("{}{lines}", table.render(""))),
+        }
     }
 }
 
@@ -172,18 +177,25 @@ impl Delete {
     }
 }
 
-async fn all(connection: &Connection) -> Result<Vec<proto::Environment>, Failure> {
-    let mut environments = Vec::new();
-    let mut page_token = String::new();
+/// Returns every environment, as one page.
+async fn all(connection: &Connection) -> Result<proto::ListEnvironmentsResponse, Failure> {
+    let mut all = proto::ListEnvironmentsResponse::default();
     loop {
+        let page_token = std::mem::take(&mut all.next_page_token);
         let request = proto::ListEnvironmentsRequest { page_size: 1_000, page_token };
         let page = connection.environments().list_environments(request).await?.into_inner();
-        environments.extend(page.environments);
-        page_token = page.next_page_token;
-        if page_token.is_empty() {
-            return Ok(environments);
+        all.environments.extend(page.environments);
+        all.unreadable.extend(page.unreadable);
+        all.next_page_token = page.next_page_token;
+        if all.next_page_token.is_empty() {
+            return Ok(all);
         }
     }
+}
+
+fn cannot_be_read(environment: &proto::UnreadableEnvironment) -> String {
+    let proto::UnreadableEnvironment { name, uid, unreadable } = environment;
+    format!("{name}  CANNOT BE READ ({uid}): {unreadable}; `nudge env delete {name} --yes` deletes it\n")
 }
 
 fn text_of(file: &Path) -> Result<String, Failure> {

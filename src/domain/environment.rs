@@ -34,11 +34,26 @@ pub struct Environment {
     pub rule: Rule,
 }
 
+/// An environment whose description or rule cannot be read: nothing can be asked of it or counted in it, but it can be listed and deleted.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct UnreadableEnvironment {
+    /// The store's number of it.
+    pub id: EnvironmentId,
+    /// The server's name of it for ever.
+    pub uid: Uid,
+    /// The name that people use.
+    pub name: String,
+    /// What cannot be read, and why.
+    pub why: String,
+}
+
 /// A page of environments.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EnvironmentPage {
     /// In order of name.
     pub environments: Vec<Arc<Environment>>,
+    /// Those that cannot be read, in order of name; all of them on the first page.
+    pub unreadable: Vec<Arc<UnreadableEnvironment>>,
     /// Asks for the next page; `None` on the last.
     pub next_page_token: Option<String>,
 }

@@ -40,7 +40,7 @@ pub use answer::{
 pub use batch::{Acknowledged, Batch, Receipt, Sequence};
 pub use counts::{Cell, Counts, Increment, SegmentId, Tally};
 pub use draft::{RuleDraft, SchemaDraft};
-pub use environment::{Environment, EnvironmentId, EnvironmentPage, Uid};
+pub use environment::{Environment, EnvironmentId, EnvironmentPage, Uid, UnreadableEnvironment};
 pub use estimator::{Estimator, Estimators};
 pub use feature::{Feature, FeatureKind, Misfit};
 pub use key::StateKey;

@@ -1,4 +1,5 @@
-//! What was counted and what was made of it, durably: the [`Store`] trait with its promise, SQLite behind it, and a bounded cache of counts.
+//! What was counted and what was made of it, durably: the [`Store`] trait with its promise, SQLite behind it, a bounded cache of counts, and the
+//! versions of what is kept as text ([`form`]).
 //!
 //! Absent on purpose: nothing here validates (it takes [`Increment`]s), waits in a queue, or knows a wire format.
 
@@ -8,10 +9,11 @@ use async_trait::async_trait;
 
 use crate::domain::{
     Acknowledged, Counts, Digest, Environment, EnvironmentId, FitId, Increment, Label, Name, ProducerId, Receipt, Rule,
-    Schema, SegmentId, Sequence, StateKey,
+    Schema, SegmentId, Sequence, StateKey, UnreadableEnvironment,
 };
 
 mod error;
+pub mod form;
 mod sqlite;
 
 pub use error::StoreError;
@@ -28,6 +30,7 @@ pub use sqlite::{Options, SqliteStore};
 /// | above last + 1 | any | `Refused(OutOfOrder)`, nothing changes |
 /// | at or below last, among the last 1,024 | the same | `Duplicate` with the first receipt |
 /// | at or below last, among the last 1,024 | another | `Refused(Reused)`, nothing changes |
+/// | at or below last, its receipt cannot be read | the same | `Unverified` |
 /// | at or below last, older | not compared | `Unverified` |
 /// | any | of an environment that is gone | `Refused(Gone)` |
 /// | last + 1 | would pass a quota, or 2^63 - 1 transitions | `Refused(Quota)`, `Refused(Overflow)`; the number is not used |
@@ -45,6 +48,9 @@ pub trait Store: Send + Sync {
 
     /// Returns the environment of that name. From memory.
     fn environment(&self, name: &str) -> Option<Arc<Environment>>;
+
+    /// Returns every environment that cannot be read, in order of name. Their names are taken, and they can be deleted. From memory.
+    fn unreadable(&self) -> Vec<Arc<UnreadableEnvironment>>;
 
     /// Makes an environment with a new uid; `AlreadyExists` where the name is taken.
     async fn create(&self, name: &Name, schema: &Schema, rule: Rule) -> Result<Arc<Environment>, StoreError>;

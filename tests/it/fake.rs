@@ -309,7 +309,7 @@ impl EnvironmentService for Fake {
     ) -> Result<Response<proto::ListEnvironmentsResponse>, Status> {
         let mut environments: Vec<_> = self.memory().environments.values().cloned().collect();
         environments.sort_by(|a, b| a.name.cmp(&b.name));
-        Ok(Response::new(proto::ListEnvironmentsResponse { environments, next_page_token: String::new() }))
+        Ok(Response::new(proto::ListEnvironmentsResponse { environments, ..Default::default() }))
     }
 
     async fn update_rule(

@@ -2,7 +2,7 @@
 
 use crate::api::proto;
 use crate::domain::draft::{AgentDraft, FeatureDraft, KindDraft, RuleDraft, SchemaDraft};
-use crate::domain::{Environment, EnvironmentPage, Rule};
+use crate::domain::{Environment, EnvironmentPage, Rule, UnreadableEnvironment};
 
 impl From<proto::Schema> for SchemaDraft {
     fn from(schema: proto::Schema) -> Self {
@@ -98,6 +98,14 @@ impl From<EnvironmentPage> for proto::ListEnvironmentsResponse {
         Self {
             environments: page.environments.iter().map(|environment| (&**environment).into()).collect(),
             next_page_token: page.next_page_token.unwrap_or_default(),
+            unreadable: page.unreadable.iter().map(|environment| (&**environment).into()).collect(),
         }
+    }
+}
+
+impl From<&UnreadableEnvironment> for proto::UnreadableEnvironment {
+    fn from(environment: &UnreadableEnvironment) -> Self {
+        let UnreadableEnvironment { uid, name, why, .. } = environment;
+        Self { name: name.clone(), uid: uid.to_string(), unreadable: why.clone() }
     }
 }

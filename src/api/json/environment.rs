@@ -31,6 +31,20 @@ pub struct EnvironmentPage {
     pub environments: Vec<Environment>,
     /// Asks for the next page; null on the last.
     pub next_page_token: Option<String>,
+    /// Those whose stored description or rule this build cannot read, in order of name; all of them on the first page. Absent where there is none.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub unreadable: Vec<UnreadableEnvironment>,
+}
+
+/// An environment that cannot be read. Every call on it but DELETE is refused with 409 and the reason ENVIRONMENT_UNREADABLE.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct UnreadableEnvironment {
+    /// The name that people use.
+    pub name: String,
+    /// The service's name of it, never reused.
+    pub uid: String,
+    /// In a sentence: what cannot be read, and why.
+    pub unreadable: String,
 }
 
 impl From<proto::Environment> for Environment {
@@ -52,6 +66,14 @@ impl From<proto::ListEnvironmentsResponse> for EnvironmentPage {
         Self {
             environments: page.environments.into_iter().map(Into::into).collect(),
             next_page_token: present(page.next_page_token),
+            unreadable: page.unreadable.into_iter().map(Into::into).collect(),
         }
+    }
+}
+
+impl From<proto::UnreadableEnvironment> for UnreadableEnvironment {
+    fn from(environment: proto::UnreadableEnvironment) -> Self {
+        let proto::UnreadableEnvironment { name, uid, unreadable } = environment;
+        Self { name, uid, unreadable }
     }
 }

@@ -3,12 +3,16 @@
 use std::collections::{BTreeMap, HashSet};
 use std::sync::{Arc, PoisonError, RwLock};
 
-use crate::domain::{Environment, EnvironmentId, Name};
+use crate::domain::{Environment, EnvironmentId, Name, UnreadableEnvironment};
 
-/// Every environment by its name, and which of them take no more batches.
+/// Every environment as it was read, or why it was not.
+pub(super) type Loaded = Result<Environment, UnreadableEnvironment>;
+
+/// Every environment by its name, those that cannot be read, and which take no more batches.
 #[derive(Default)]
 pub(super) struct Directory {
     environments: RwLock<BTreeMap<Name, Arc<Environment>>>,
+    unreadable: RwLock<BTreeMap<String, Arc<UnreadableEnvironment>>>,
     read_only: RwLock<HashSet<EnvironmentId>>,
 }
 
@@ -28,6 +32,11 @@ impl Directory {
         self.read(|environments| environments.values().find(|environment| environment.id == id).cloned())
     }
 
+    /// Returns every environment that cannot be read, in order of name.
+    pub(super) fn unreadable(&self) -> Vec<Arc<UnreadableEnvironment>> {
+        self.unreadable.read().unwrap_or_else(PoisonError::into_inner).values().cloned().collect()
+    }
+
     /// Adds an environment, or replaces it.
     pub(super) fn put(&self, environment: Arc<Environment>) {
         self.write(|environments| environments.insert(environment.name.clone(), environment));
@@ -36,12 +45,26 @@ impl Directory {
     /// Removes an environment.
     pub(super) fn remove(&self, id: EnvironmentId) {
         self.write(|environments| environments.retain(|_, environment| environment.id != id));
+        self.unreadable.write().unwrap_or_else(PoisonError::into_inner).retain(|_, unread| unread.id != id);
     }
 
-    /// Replaces all environments by what the database holds.
-    pub(super) fn replace(&self, all: Vec<Environment>) {
-        let all = all.into_iter().map(|environment| (environment.name.clone(), Arc::new(environment))).collect();
-        self.write(|environments| *environments = all);
+    /// Replaces all environments by what the database holds, and says in the log which of them cannot be read.
+    pub(super) fn replace(&self, all: Vec<Loaded>) {
+        let (mut read, mut unread) = (BTreeMap::new(), BTreeMap::new());
+        for loaded in all {
+            match loaded {
+                Ok(environment) => drop(read.insert(environment.name.clone(), Arc::new(environment))),
+                Err(environment) => drop(unread.insert(environment.name.clone(), Arc::new(environment))),
+            }
+        }
+        self.write(|environments| *environments = read);
+
+        let mut present = self.unreadable.write().unwrap_or_else(PoisonError::into_inner);
+        // The database is read again after a failed transaction: what was told stays told.
+        for (environment, unread) in unread.iter().filter(|(name, _)| !present.contains_key(*name)) {
+            tracing::warn!(environment, uid = %unread.uid, why = unread.why, "an environment cannot be read: it can only be deleted");
+        }
+        *present = unread;
     }
 
     /// Lets an environment take no more batches, until the process ends. Returns whether it took some before.

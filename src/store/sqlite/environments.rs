@@ -5,15 +5,15 @@ use std::sync::Arc;
 use sqlx::Row;
 use sqlx::sqlite::{SqliteConnection, SqliteRow};
 
-use super::directory::Directory;
-use super::error::{aborted, spoiled, unreadable};
+use super::directory::{Directory, Loaded};
+use super::error::{aborted, unreadable};
 use super::text;
 use super::writer::Writer;
-use crate::domain::{Environment, EnvironmentId, Name, Rule, Schema, Uid};
+use crate::domain::{Environment, EnvironmentId, Name, Rule, Schema, Uid, UnreadableEnvironment};
 use crate::store::StoreError;
 
-/// Reads every environment.
-pub(super) async fn load(connection: &mut SqliteConnection) -> Result<Vec<Environment>, StoreError> {
+/// Reads every environment. One that cannot be read does not keep the others away.
+pub(super) async fn load(connection: &mut SqliteConnection) -> Result<Vec<Loaded>, StoreError> {
     let rows = sqlx::query("select id, uid, name, schema, schema_hash, rule from environments where name is not null")
         .fetch_all(connection)
         .await
@@ -91,18 +91,26 @@ async fn insert(
     Ok(EnvironmentId(id))
 }
 
-fn read(row: &SqliteRow) -> Result<Environment, StoreError> {
+fn read(row: &SqliteRow) -> Result<Loaded, StoreError> {
+    let id = EnvironmentId(row.try_get("id").map_err(unreadable)?);
+    let uid = Uid(row.try_get("uid").map_err(unreadable)?);
     let name: String = row.try_get("name").map_err(unreadable)?;
-    let environment = |row: &SqliteRow| {
-        let schema = text::schema(row.try_get("schema").ok()?)?;
-        let hash: Vec<u8> = row.try_get("schema_hash").ok()?;
-        (schema.hash().0[..] == hash).then_some(Environment {
-            id: EnvironmentId(row.try_get("id").ok()?),
-            uid: Uid(row.try_get("uid").ok()?),
-            name: name.parse().ok()?,
-            schema,
-            rule: text::rule(row.try_get("rule").ok()?)?,
-        })
-    };
-    environment(row).ok_or_else(|| spoiled(&format!("environment `{name}`")))
+    Ok(match parse(row, &name) {
+        Ok((name, schema, rule)) => Ok(Environment { id, uid, name, schema, rule }),
+        Err(why) => Err(UnreadableEnvironment { id, uid, name, why }),
+    })
+}
+
+/// Reads the parts that have a form, or says what is wrong with the first that cannot be read.
+fn parse(row: &SqliteRow, name: &str) -> Result<(Name, Schema, Rule), String> {
+    let text = |column| row.try_get::<&str, _>(column).map_err(|error| format!("its {column}: {error}"));
+    let hash: &[u8] = row.try_get("schema_hash").map_err(|error| format!("its schema_hash: {error}"))?;
+
+    let schema = text::schema(text("schema")?).map_err(|why| format!("its schema: {why}"))?;
+    if schema.hash().0[..] != *hash {
+        return Err(format!("its schema: it hashes to {}, not to what is kept beside it", schema.hash()));
+    }
+    let rule = text::rule(text("rule")?).map_err(|why| format!("its rule: {why}"))?;
+    let name = name.parse().map_err(|why: String| format!("its name: {why}"))?;
+    Ok((name, schema, rule))
 }

@@ -16,7 +16,10 @@ use super::{
     Audit, Cursor, FitRecord, ModelRecord, NewModel, Numbered, Outcome, Quotas, Scanned, StateCounts, Store,
     StoreError, Totals,
 };
-use crate::domain::{Environment, EnvironmentId, Label, Name, ProducerId, Rule, Schema, SegmentId, Sequence, StateKey};
+use crate::domain::{
+    Environment, EnvironmentId, Label, Name, ProducerId, Rule, Schema, SegmentId, Sequence, StateKey,
+    UnreadableEnvironment,
+};
 
 mod audit;
 mod cache;
@@ -80,6 +83,10 @@ impl Store for SqliteStore {
 
     fn environment(&self, name: &str) -> Option<Arc<Environment>> {
         self.memory.directory.named(name)
+    }
+
+    fn unreadable(&self) -> Vec<Arc<UnreadableEnvironment>> {
+        self.memory.directory.unreadable()
     }
 
     async fn create(&self, name: &Name, schema: &Schema, rule: Rule) -> Result<Arc<Environment>, StoreError> {

@@ -10,6 +10,15 @@ use serde::{Deserialize, Serialize};
 
 use crate::domain::draft::{AgentDraft, FeatureDraft, KindDraft};
 use crate::domain::{Estimator, Receipt, Rejection, Rule, Schema, SchemaDraft};
+use crate::error::Problem;
+use crate::store::form::{self, Unreadable};
+
+/// The version of the form of a schema that is written.
+const SCHEMA_FORM: u32 = 1;
+/// The version of the form of a rule that is written.
+const RULE_FORM: u32 = 1;
+/// The version of the form of a receipt that is written, without saying so.
+const RECEIPT_FORM: u32 = 1;
 
 #[derive(Serialize, Deserialize)]
 struct SchemaText {
@@ -52,7 +61,7 @@ struct RuleText {
     estimators: Vec<String>,
 }
 
-/// Names are short: a thousand receipts are kept of every producer.
+/// Names are short, and version 1 goes without saying: a thousand receipts are kept of every producer.
 #[derive(Serialize, Deserialize)]
 struct ReceiptText {
     accepted: u64,
@@ -67,46 +76,61 @@ pub(super) fn of_schema(schema: &Schema) -> String {
     let draft = schema.draft();
     let agent = |agent: AgentDraft| AgentText { name: agent.name, action: features_text(agent.action) };
     let agents = draft.agents.into_iter().map(agent).collect();
-    json(&SchemaText { state: features_text(draft.state), agents })
+    form::write(SCHEMA_FORM, &SchemaText { state: features_text(draft.state), agents })
 }
 
 /// Reads a schema back.
-pub(super) fn schema(text: &str) -> Option<Schema> {
-    let text: SchemaText = serde_json::from_str(text).ok()?;
-    let agent = |agent: AgentText| Some(AgentDraft { name: agent.name, action: features(agent.action)? });
-    let agents = text.agents.into_iter().map(agent).collect::<Option<_>>()?;
-    Schema::try_from(&SchemaDraft { state: features(text.state)?, agents }).ok()
+pub(super) fn schema(text: &str) -> Result<Schema, Unreadable> {
+    match form::version(text)? {
+        1 => first_schema(form::read(text)?),
+        found => Err(Unreadable::Newer { found, newest: SCHEMA_FORM }),
+    }
+}
+
+fn first_schema(text: SchemaText) -> Result<Schema, Unreadable> {
+    let agent = |agent: AgentText| Ok(AgentDraft { name: agent.name, action: features(agent.action)? });
+    let agents = text.agents.into_iter().map(agent).collect::<Result<_, Unreadable>>()?;
+    let draft = SchemaDraft { state: features(text.state)?, agents };
+    Schema::try_from(&draft).map_err(|faults| Unreadable::spoiled(Problem::invalid("schema", faults)))
 }
 
 /// Writes a rule.
 pub(super) fn of_rule(rule: &Rule) -> String {
-    json(&RuleText {
+    let text = RuleText {
         kind: rule.kind.as_str().into(),
         threshold: rule.threshold.to_string(),
         unit: rule.unit.as_str().into(),
         min_visits: rule.min_visits,
         confidence: rule.confidence.to_string(),
         estimators: rule.estimators.iter().map(|estimator| estimator.as_str().to_owned()).collect(),
-    })
+    };
+    form::write(RULE_FORM, &text)
 }
 
 /// Reads a rule back.
-pub(super) fn rule(text: &str) -> Option<Rule> {
-    let text: RuleText = serde_json::from_str(text).ok()?;
-    Some(Rule {
-        kind: text.kind.parse().ok()?,
-        threshold: text.threshold.parse().ok()?,
-        unit: text.unit.parse().ok()?,
+pub(super) fn rule(text: &str) -> Result<Rule, Unreadable> {
+    match form::version(text)? {
+        1 => first_rule(form::read(text)?),
+        found => Err(Unreadable::Newer { found, newest: RULE_FORM }),
+    }
+}
+
+fn first_rule(text: RuleText) -> Result<Rule, Unreadable> {
+    let estimators = text.estimators.iter().map(|name| parsed::<Estimator>("estimators", name));
+    Ok(Rule {
+        kind: parsed("kind", &text.kind)?,
+        threshold: parsed("threshold", &text.threshold)?,
+        unit: parsed("unit", &text.unit)?,
         min_visits: text.min_visits,
-        confidence: text.confidence.parse().ok()?,
-        estimators: text.estimators.iter().map(|name| name.parse::<Estimator>().ok()).collect::<Option<_>>()?,
+        confidence: parsed("confidence", &text.confidence)?,
+        estimators: estimators.collect::<Result<_, _>>()?,
     })
 }
 
 /// Writes a receipt.
 pub(super) fn of_receipt(receipt: &Receipt) -> String {
     let rejection = |r: &Rejection| (r.index, r.field.clone(), r.reason.clone());
-    json(&ReceiptText {
+    form::write_plain(&ReceiptText {
         accepted: receipt.accepted,
         rejected_count: receipt.rejected_count,
         rejected: receipt.rejected.iter().map(rejection).collect(),
@@ -114,19 +138,25 @@ pub(super) fn of_receipt(receipt: &Receipt) -> String {
 }
 
 /// Reads a receipt back.
-pub(super) fn receipt(text: &str) -> Option<Receipt> {
-    let text: ReceiptText = serde_json::from_str(text).ok()?;
+pub(super) fn receipt(text: &str) -> Result<Receipt, Unreadable> {
+    match form::version(text)? {
+        1 => Ok(first_receipt(form::read(text)?)),
+        found => Err(Unreadable::Newer { found, newest: RECEIPT_FORM }),
+    }
+}
+
+fn first_receipt(text: ReceiptText) -> Receipt {
     let rejection = |(index, field, reason)| Rejection { index, field, reason };
-    Some(Receipt {
+    Receipt {
         accepted: text.accepted,
         rejected_count: text.rejected_count,
         rejected: text.rejected.into_iter().map(rejection).collect(),
-    })
+    }
 }
 
 /// Writes a list of texts.
 pub(super) fn of_list<T: Display>(texts: impl IntoIterator<Item = T>) -> String {
-    json(&texts.into_iter().map(|text| text.to_string()).collect::<Vec<_>>())
+    form::write_plain(&texts.into_iter().map(|text| text.to_string()).collect::<Vec<_>>())
 }
 
 fn features_text(features: Vec<FeatureDraft>) -> Vec<FeatureText> {
@@ -147,18 +177,18 @@ fn kind_text(kind: KindDraft) -> KindText {
     }
 }
 
-fn features(texts: Vec<FeatureText>) -> Option<Vec<FeatureDraft>> {
+fn features(texts: Vec<FeatureText>) -> Result<Vec<FeatureDraft>, Unreadable> {
     let feature =
-        |text: FeatureText| Some(FeatureDraft { name: text.name, unit: text.unit, kinds: vec![kind(text.kind)?] });
+        |text: FeatureText| Ok(FeatureDraft { name: text.name, unit: text.unit, kinds: vec![kind(text.kind)?] });
     texts.into_iter().map(feature).collect()
 }
 
-fn kind(text: KindText) -> Option<KindDraft> {
-    Some(match text {
+fn kind(text: KindText) -> Result<KindDraft, Unreadable> {
+    Ok(match text {
         // Widening an f32 is exact, so it cannot be rounded twice.
         KindText::Continuous(edges) => {
-            let edge = |edge: &String| f32::from_str(edge).ok().map(f64::from);
-            KindDraft::Continuous(edges.iter().map(edge).collect::<Option<_>>()?)
+            let edge = |edge: &String| parsed::<f32>("edges", edge).map(f64::from);
+            KindDraft::Continuous(edges.iter().map(edge).collect::<Result<_, _>>()?)
         }
         KindText::Circular(bins) => KindDraft::Circular(bins),
         KindText::Integer(min, max) => KindDraft::Integer(min, max),
@@ -166,8 +196,9 @@ fn kind(text: KindText) -> Option<KindDraft> {
     })
 }
 
-fn json(value: &impl Serialize) -> String {
-    serde_json::to_string(value).expect("texts and whole numbers can always be written")
+/// Reads a number or a word of ours.
+fn parsed<T: FromStr<Err: Display>>(name: &str, text: &str) -> Result<T, Unreadable> {
+    text.parse().map_err(|error| Unreadable::spoiled(format!("{name} {text:?}: {error}")))
 }
 
 fn is_zero(number: &u64) -> bool {
@@ -202,7 +233,7 @@ mod tests {
         assert!(text.contains("\"0.7\""), "{text}");
         let read = schema(&text).expect("what we wrote");
         assert_eq!((read.hash(), &read), (written.hash(), &written));
-        assert_eq!(schema("{}"), None);
+        assert!(schema("{}").is_err());
     }
 
     proptest::proptest! {
@@ -211,7 +242,7 @@ mod tests {
             let edge = f32::from_bits(bits);
             proptest::prop_assume!(edge.is_finite());
             let written = schema_with_edges(vec![f64::from(edge)]);
-            proptest::prop_assert_eq!(schema(&of_schema(&written)), Some(written));
+            proptest::prop_assert_eq!(schema(&of_schema(&written)), Ok(written));
         }
 
         #[test]
@@ -224,7 +255,7 @@ mod tests {
                 confidence,
                 estimators: [Estimator::Nsb].into_iter().collect(),
             };
-            proptest::prop_assert_eq!(rule(&of_rule(&written)), Some(written));
+            proptest::prop_assert_eq!(rule(&of_rule(&written)), Ok(written));
         }
     }
 
@@ -235,7 +266,35 @@ mod tests {
         let rejection = Rejection { index: 3, field: "/state/x".into(), reason: "got NaN, \"expected\"".into() };
         let full = Receipt { accepted: u64::MAX, rejected_count: 1, rejected: vec![rejection] };
         for written in [plain, full] {
-            assert_eq!(receipt(&of_receipt(&written)), Some(written));
+            assert_eq!(receipt(&of_receipt(&written)), Ok(written));
         }
+    }
+
+    #[test]
+    fn schemas_and_rules_say_their_version_and_the_first_said_none() {
+        let (schema_text, rule_text) = (of_schema(&schema_with_edges(vec![0.7])), of_rule(&Rule::default()));
+        for text in [&schema_text, &rule_text] {
+            assert!(text.starts_with(r#"{"form":1,"#), "{text}");
+        }
+        let before = |text: &str| text.replacen("\"form\":1,", "", 1);
+        assert_eq!(schema(&before(&schema_text)), Ok(schema_with_edges(vec![0.7])));
+        assert_eq!(rule(&before(&rule_text)), Ok(Rule::default()));
+    }
+
+    #[test]
+    fn what_cannot_be_read_says_why() {
+        let newer = |text: String| text.replacen("\"form\":1", "\"form\":4", 1);
+        let told = Unreadable::Newer { found: 4, newest: 1 };
+        assert_eq!(schema(&newer(of_schema(&schema_with_edges(vec![0.7])))), Err(told.clone()));
+        assert_eq!(rule(&newer(of_rule(&Rule::default()))), Err(told.clone()));
+        assert_eq!(receipt(r#"{"form":4,"accepted":7}"#), Err(told));
+
+        let why = |text: &str| schema(text).expect_err("no schema").to_string();
+        let one_agent = r#"{"state":[],"agents":[]}"#;
+        assert!(why(one_agent).starts_with("it is not as it was written: invalid schema: "), "{}", why(one_agent));
+        let edge = of_schema(&schema_with_edges(vec![0.7])).replace("\"0.7\"", "\"high\"");
+        assert!(why(&edge).contains("edges \"high\": invalid float"), "{}", why(&edge));
+        let wrong_kind = of_rule(&Rule::default()).replace("evidence", "guess");
+        assert!(rule(&wrong_kind).expect_err("no rule").to_string().contains("kind \"guess\""));
     }
 }

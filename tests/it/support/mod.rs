@@ -2,6 +2,7 @@
 
 pub mod batches;
 pub mod databases;
+pub mod faulty;
 
 use std::net::SocketAddr;
 use std::path::Path;

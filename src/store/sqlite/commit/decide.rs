@@ -8,6 +8,7 @@ use sqlx::sqlite::SqliteConnection;
 use super::ledger::{Account, Ledgers};
 use super::quota;
 use crate::domain::{Acknowledged, Digest, Receipt, Sequence};
+use crate::store::form::Unreadable;
 use crate::store::sqlite::error::{aborted, spoiled};
 use crate::store::sqlite::text;
 use crate::store::sqlite::writer::Transaction;
@@ -58,7 +59,16 @@ async fn seen_before(
     }
     let Some((producer, _)) = account.stored else { return Ok(Outcome::Acknowledged(Acknowledged::Unverified)) };
     let (digest, receipt) = kept(connection, producer, batch.sequence).await?;
-    Ok(compare(batch, digest, || receipt))
+    Ok(match receipt {
+        Ok(receipt) => compare(batch, digest, || receipt),
+        Err(_) if batch.digest != digest => Outcome::Refused(Refusal::Reused),
+        // It was counted, and that is all that is known: an error here would hold up whoever is in the same commit, for ever.
+        Err(why) => {
+            let (environment, sequence) = (batch.environment.0, batch.sequence.get());
+            tracing::warn!(environment, producer = batch.producer.as_str(), sequence, %why, "a receipt cannot be read");
+            Outcome::Acknowledged(Acknowledged::Unverified)
+        }
+    })
 }
 
 fn compare(batch: &Numbered, first: Digest, receipt: impl FnOnce() -> Receipt) -> Outcome {
@@ -73,7 +83,7 @@ async fn kept(
     connection: &mut SqliteConnection,
     producer: i64,
     sequence: Sequence,
-) -> Result<(Digest, Receipt), StoreError> {
+) -> Result<(Digest, Result<Receipt, Unreadable>), StoreError> {
     let row = sqlx::query("select digest, receipt from batches where producer = ? and sequence = ?")
         .bind(producer)
         .bind(sequence.get() as i64)
@@ -82,8 +92,8 @@ async fn kept(
         .map_err(aborted)?;
     let digest = row.try_get::<&[u8], _>(0).map_err(aborted)?.try_into();
     let receipt = text::receipt(row.try_get(1).map_err(aborted)?);
-    match (digest, receipt) {
-        (Ok(digest), Some(receipt)) => Ok((Digest(digest), receipt)),
-        _ => Err(spoiled(&format!("receipt {sequence}"))),
+    match digest {
+        Ok(digest) => Ok((Digest(digest), receipt)),
+        Err(_) => Err(spoiled(&format!("the digest of batch {sequence}"))),
     }
 }

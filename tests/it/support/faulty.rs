@@ -1,0 +1,148 @@
+//! A store that passes everything on, and fails when it is told to.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use async_trait::async_trait;
+use nudge::domain::{
+    Environment, EnvironmentId, Label, Name, ProducerId, Rule, Schema, SegmentId, Sequence, StateKey,
+    UnreadableEnvironment,
+};
+use nudge::store::{
+    Audit, Cursor, FitRecord, ModelRecord, NewModel, Numbered, Outcome, Scanned, StateCounts, Store, StoreError, Totals,
+};
+
+/// Which call fails, and how.
+#[derive(Clone, Copy, PartialEq)]
+pub enum Failure {
+    /// A commit takes effect and says that it did not.
+    AfterCommit,
+    /// A commit does not take effect.
+    BeforeCommit,
+    /// The list of models cannot be read, until it is disarmed.
+    Models,
+    /// A model with its weights cannot be read, until it is disarmed.
+    Model,
+}
+
+/// Passes everything on, and fails when it is armed: a commit once, a read until it is disarmed.
+pub struct Faulty {
+    store: Arc<dyn Store>,
+    failure: Failure,
+    armed: AtomicBool,
+}
+
+impl Faulty {
+    /// Makes a store that can fail so.
+    pub fn new(store: Arc<dyn Store>, failure: Failure) -> Arc<Self> {
+        Arc::new(Self { store, failure, armed: AtomicBool::new(false) })
+    }
+
+    /// Lets calls fail from now on.
+    pub fn arm(&self) {
+        self.armed.store(true, Ordering::SeqCst);
+    }
+
+    /// Lets calls fail no more.
+    pub fn disarm(&self) {
+        self.armed.store(false, Ordering::SeqCst);
+    }
+
+    fn commit_fails(&self) -> bool {
+        [Failure::AfterCommit, Failure::BeforeCommit].contains(&self.failure)
+            && self.armed.swap(false, Ordering::SeqCst)
+    }
+
+    fn read(&self, failure: Failure) -> Result<(), StoreError> {
+        match self.failure == failure && self.armed.load(Ordering::SeqCst) {
+            true => Err(StoreError::Unreadable("disk I/O error".into())),
+            false => Ok(()),
+        }
+    }
+}
+
+#[async_trait]
+impl Store for Faulty {
+    async fn commit(&self, batches: &[Numbered]) -> Result<Vec<Outcome>, StoreError> {
+        if !self.commit_fails() {
+            return self.store.commit(batches).await;
+        }
+        if self.failure == Failure::BeforeCommit {
+            return Err(StoreError::Aborted("the disk is full".into()));
+        }
+        self.store.commit(batches).await?;
+        Err(StoreError::OutcomeUnknown("fsync: input/output error".into()))
+    }
+
+    fn environments(&self) -> Vec<Arc<Environment>> {
+        self.store.environments()
+    }
+    fn unreadable(&self) -> Vec<Arc<UnreadableEnvironment>> {
+        self.store.unreadable()
+    }
+    fn environment(&self, name: &str) -> Option<Arc<Environment>> {
+        self.store.environment(name)
+    }
+    async fn create(&self, name: &Name, schema: &Schema, rule: Rule) -> Result<Arc<Environment>, StoreError> {
+        self.store.create(name, schema, rule).await
+    }
+    async fn set_rule(&self, id: EnvironmentId, rule: Rule) -> Result<Arc<Environment>, StoreError> {
+        self.store.set_rule(id, rule).await
+    }
+    async fn delete(&self, id: EnvironmentId) -> Result<(), StoreError> {
+        self.store.delete(id).await
+    }
+    async fn watermark(&self, id: EnvironmentId, producer: &ProducerId) -> Result<Sequence, StoreError> {
+        self.store.watermark(id, producer).await
+    }
+    async fn counts(&self, id: EnvironmentId, keys: &[StateKey]) -> Result<Vec<StateCounts>, StoreError> {
+        self.store.counts(id, keys).await
+    }
+    async fn scan(&self, id: EnvironmentId, after: Cursor, states: u32) -> Result<Vec<Scanned>, StoreError> {
+        self.store.scan(id, after, states).await
+    }
+    async fn segments(&self, id: EnvironmentId) -> Result<Vec<(SegmentId, Option<Label>)>, StoreError> {
+        self.store.segments(id).await
+    }
+    async fn totals(&self, id: EnvironmentId) -> Result<Totals, StoreError> {
+        self.store.totals(id).await
+    }
+    async fn fits(&self, id: EnvironmentId) -> Result<Vec<FitRecord>, StoreError> {
+        self.store.fits(id).await
+    }
+    async fn keep_fit(&self, id: EnvironmentId, fit: &FitRecord) -> Result<(), StoreError> {
+        self.store.keep_fit(id, fit).await
+    }
+    async fn models(&self, id: EnvironmentId) -> Result<Vec<ModelRecord>, StoreError> {
+        self.read(Failure::Models)?;
+        self.store.models(id).await
+    }
+    async fn model(&self, id: EnvironmentId, version: u64) -> Result<Option<(ModelRecord, Vec<u8>)>, StoreError> {
+        self.read(Failure::Model)?;
+        self.store.model(id, version).await
+    }
+    async fn keep_model(&self, id: EnvironmentId, model: &NewModel) -> Result<u64, StoreError> {
+        self.store.keep_model(id, model).await
+    }
+    async fn activate_model(&self, id: EnvironmentId, version: u64) -> Result<(), StoreError> {
+        self.store.activate_model(id, version).await
+    }
+    async fn deactivate_model(&self, id: EnvironmentId, version: u64) -> Result<(), StoreError> {
+        self.store.deactivate_model(id, version).await
+    }
+    async fn delete_model(&self, id: EnvironmentId, version: u64) -> Result<(), StoreError> {
+        self.store.delete_model(id, version).await
+    }
+    async fn audit(&self) -> Result<Vec<Audit>, StoreError> {
+        self.store.audit().await
+    }
+    async fn ready(&self) -> Result<(), StoreError> {
+        self.store.ready().await
+    }
+    async fn bytes(&self) -> Result<u64, StoreError> {
+        self.store.bytes().await
+    }
+    async fn close(&self) {
+        self.store.close().await;
+    }
+}
