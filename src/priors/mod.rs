@@ -11,6 +11,7 @@ use lru::LruCache;
 use crate::domain::{Environment, EnvironmentId, FitId, Pair, Schema, StateKey};
 use crate::evidence::{self, Base, Ego, Fit, Fitter, Prior};
 use crate::information::{Alphabet, Table};
+use crate::store::form::Unreadable;
 use crate::store::{FitRecord, Store, StoreError};
 
 mod known;
@@ -38,6 +39,8 @@ const REST: u32 = 20;
 pub struct Fitted {
     /// Its version and revision.
     pub id: FitId,
+    /// The last version that was given to the pair, also to a fit that cannot be read any more: answers have named it, so it is not used again.
+    last_version: u64,
     /// The fit itself.
     pub fit: Fit,
     /// What answers are computed with.
@@ -96,10 +99,12 @@ impl Fits {
         }
         let records = self.store.fits(environment.id).await?;
         let record = records.into_iter().find(|record| record.pair == text::of_pair(&key.1));
-        // A fit that cannot be read any more is made again as counts grow.
-        let stored = record.and_then(|record| Some((record.id, text::fit(&record.body, alphabet)?)));
+        let last_version = record.as_ref().map_or(0, |record| record.id.version);
+
+        // One that cannot be read was told at the start, and is made again. Until then answers say that nothing was fitted.
+        let stored = record.and_then(|record| Some((record.id, text::fit(&record.body, alphabet).ok()?)));
         let (id, fit) = stored.unwrap_or_else(|| (FitId::default(), cold(alphabet)));
-        Ok(Some(self.keep(key, id, fit)))
+        Ok(Some(self.keep(key, id, last_version, fit)))
     }
 
     /// Fits a pair to the counts as they are now; `None` where the alphabets are too large for evidence.
@@ -107,7 +112,7 @@ impl Fits {
         let pair = pair.undirected();
         let Some(alphabet) = alphabet(&environment.schema, &pair) else { return Ok(None) };
         let _turn = self.making.lock().await;
-        let version = self.get(environment, &pair).await?.map_or(0, |fitted| fitted.id.version) + 1;
+        let version = self.get(environment, &pair).await?.map_or(0, |fitted| fitted.last_version) + 1;
         let revision = self.store.totals(environment.id).await?.transitions;
         let (base, states) = self.states(environment, &pair, alphabet).await?;
         let fitting = move || {
@@ -121,7 +126,19 @@ impl Fits {
         let record = FitRecord { pair: text::of_pair(&pair), id, body: text::of_fit(&fit) };
         self.store.keep_fit(environment.id, &record).await?;
         tracing::debug!(environment = %environment.name, pair = record.pair, version, states = fit.states, "fitted");
-        Ok(Some(self.keep((environment.id, pair), id, fit)))
+        Ok(Some(self.keep((environment.id, pair), id, version, fit)))
+    }
+
+    /// Says in the log which fits cannot be read, and why. They are made again by [`Fits::keep_up`] and by [`Fits::fit`].
+    pub async fn tell_unreadable(&self) {
+        for environment in self.store.environments() {
+            match self.store.fits(environment.id).await {
+                Ok(records) => records.iter().for_each(|record| tell(&environment, record)),
+                // Somebody may have removed it meanwhile.
+                Err(StoreError::UnknownEnvironment) => {}
+                Err(error) => tracing::warn!(%error, environment = %environment.name, "the fits could not be read"),
+            }
+        }
     }
 
     /// Fits what has grown enough, for ever: every pair of agents, and those asked about with others held fixed.
@@ -189,13 +206,13 @@ impl Fits {
         Ok((base, sample.states))
     }
 
-    fn keep(&self, key: Key, id: FitId, fit: Fit) -> Arc<Fitted> {
-        let fitted =
-            Arc::new(Fitted { id, prior: Prior::new(&fit), fit, known: Known::default(), unseen: Mutex::default() });
+    fn keep(&self, key: Key, id: FitId, last_version: u64, fit: Fit) -> Arc<Fitted> {
+        let (prior, known, unseen) = (Prior::new(&fit), Known::default(), Mutex::default());
+        let fitted = Arc::new(Fitted { id, last_version, prior, fit, known, unseen });
         let mut kept = self.lock();
         match kept.get(&key) {
             // Read from the store by one while another made the next.
-            Some(newer) if newer.id.version > id.version => newer.clone(),
+            Some(newer) if newer.last_version > last_version => newer.clone(),
             _ => {
                 kept.put(key, fitted.clone());
                 fitted
@@ -205,6 +222,27 @@ impl Fits {
 
     fn lock(&self) -> std::sync::MutexGuard<'_, LruCache<Key, Arc<Fitted>>> {
         self.kept.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Says in the log why a fit cannot be read, if it cannot.
+fn tell(environment: &Environment, record: &FitRecord) {
+    let Some(why) = unreadable(&environment.schema, record) else { return };
+    let (environment, pair, version) = (&environment.name, &record.pair, record.id.version);
+    match why {
+        // Nothing is wrong: it is made again at once from the same counts.
+        Unreadable::Older(_) => tracing::info!(%environment, pair, version, %why, "a fit is made again"),
+        _ => tracing::warn!(%environment, pair, version, %why, "a fit cannot be read and is made again"),
+    }
+}
+
+/// Returns why a fit cannot be read, if it cannot.
+fn unreadable(schema: &Schema, record: &FitRecord) -> Option<Unreadable> {
+    let agents = 0..schema.agents().len();
+    let known = |pair: &Pair| [pair.ego, pair.other].iter().chain(&pair.given).all(|agent| agents.contains(agent));
+    match text::pair(&record.pair).filter(known).and_then(|pair| alphabet(schema, &pair)) {
+        Some(alphabet) => text::fit(&record.body, alphabet).err(),
+        None => Some(Unreadable::spoiled("nothing is fitted to this pair")),
     }
 }
 

@@ -5,9 +5,13 @@ use serde::{Deserialize, Serialize};
 use crate::domain::Pair;
 use crate::evidence::{Base, Fit, Parameters};
 use crate::information::Alphabet;
+use crate::store::form::{self, Unreadable};
+
+/// The version of the form that is written.
+const FORM: u32 = 1;
 
 #[derive(Serialize, Deserialize)]
-struct Text {
+struct FitText {
     base: Vec<u64>,
     dependent: f64,
     nulls: Vec<f64>,
@@ -22,19 +26,86 @@ pub fn of_pair(pair: &Pair) -> String {
     format!("{},{}{fixed}", pair.ego, pair.other)
 }
 
+/// Reads a pair back; `None` where nothing is called so.
+pub fn pair(text: &str) -> Option<Pair> {
+    let positions = |text: &str| text.split(',').map(|position| position.parse().ok()).collect::<Option<Vec<usize>>>();
+    let (agents, given) = match text.split_once('|') {
+        Some((agents, given)) => (agents, positions(given)?),
+        None => (text, Vec::new()),
+    };
+    match positions(agents)?[..] {
+        [ego, other] => Some(Pair { ego, other, given }),
+        _ => None,
+    }
+}
+
 /// Writes a fit.
 pub fn of_fit(fit: &Fit) -> String {
     let Parameters { dependent, nulls, slabs } = fit.parameters.clone();
-    let text = Text { base: fit.base.counts().to_vec(), dependent, nulls, slabs, states: fit.states };
-    serde_json::to_string(&text).expect("numbers of a fit are finite")
+    form::write(FORM, &FitText { base: fit.base.counts().to_vec(), dependent, nulls, slabs, states: fit.states })
 }
 
-/// Reads a fit back; `None` where it was written for something else.
-pub fn fit(text: &str, alphabet: Alphabet) -> Option<Fit> {
-    let Text { base, dependent, nulls, slabs, states } = serde_json::from_str(text).ok()?;
+/// Reads a fit of these alphabets back. One that cannot be read is made again; a version whose content says too little for that is
+/// [`Unreadable::Older`].
+pub fn fit(text: &str, alphabet: Alphabet) -> Result<Fit, Unreadable> {
+    match form::version(text)? {
+        1 => first(form::read(text)?, alphabet),
+        found => Err(Unreadable::Newer { found, newest: FORM }),
+    }
+}
+
+fn first(text: FitText, alphabet: Alphabet) -> Result<Fit, Unreadable> {
+    let FitText { base, dependent, nulls, slabs, states } = text;
     let cold = Parameters::cold();
-    let fits =
-        base.len() as u64 == alphabet.columns && nulls.len() == cold.nulls.len() && slabs.len() == cold.slabs.len();
-    let parameters = Parameters { dependent, nulls, slabs };
-    fits.then(|| Fit { alphabet, base: Base::new(&base), parameters, states })
+    let found = [base.len(), nulls.len(), slabs.len()];
+    let expected = [alphabet.columns as usize, cold.nulls.len(), cold.slabs.len()];
+    if found != expected {
+        let why = format!("it has {found:?} actions, nulls and slabs, expected {expected:?}");
+        return Err(Unreadable::Spoiled(why));
+    }
+    Ok(Fit { alphabet, base: Base::new(&base), parameters: Parameters { dependent, nulls, slabs }, states })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ALPHABET: Alphabet = Alphabet { rows: 2, columns: 3 };
+
+    fn made() -> Fit {
+        let parameters = Parameters { dependent: 0.1 + 0.2, ..Parameters::cold() };
+        Fit { alphabet: ALPHABET, base: Base::new(&[3, 0, u64::from(u32::MAX)]), parameters, states: 7 }
+    }
+
+    #[test]
+    fn pairs_read_back() {
+        for (ego, other, given) in [(0, 1, vec![]), (2, 0, vec![1]), (0, 7, vec![1, 12])] {
+            let written = Pair { ego, other, given };
+            assert_eq!(pair(&of_pair(&written)), Some(written));
+        }
+        for wrong in ["", "0", "0,1,2", "0,1|", "a,b", "0,-1"] {
+            assert_eq!(pair(wrong), None, "{wrong}");
+        }
+    }
+
+    #[test]
+    fn a_fit_reads_back_to_the_same_bits_with_a_version_and_without() {
+        let text = of_fit(&made());
+        assert!(text.starts_with(r#"{"form":1,"base":[3,0,4294967295],"dependent":0.30000000000000004,"#), "{text}");
+        let before_versions = text.replacen("\"form\":1,", "", 1);
+        for text in [text, before_versions] {
+            let read = fit(&text, ALPHABET).expect("a fit");
+            assert_eq!((read.parameters, read.states), (made().parameters, 7));
+            assert_eq!(read.base.counts(), made().base.counts());
+        }
+    }
+
+    #[test]
+    fn what_was_fitted_to_something_else_says_so() {
+        let why = |text: &str, columns| fit(text, Alphabet { rows: 2, columns }).expect_err("not its fit").to_string();
+        let text = of_fit(&made());
+        assert!(why(&text, 4).starts_with("it is not as it was written: it has [3, "), "{}", why(&text, 4));
+        assert!(why("{}", 3).contains("missing field `base`"));
+        assert!(why(&text.replacen("1", "2", 1), 3).contains("form 2 of a newer build"));
+    }
 }
