@@ -41,7 +41,7 @@ pub struct App {
 }
 
 impl App {
-    /// Opens the rooms on a store, and begins to compare its totals with its cells.
+    /// Opens the rooms on a store, and begins to compare its totals with its cells and to look at what is kept beside them.
     pub fn open(store: Arc<dyn Store>, upkeep: Upkeep) -> Self {
         let ingest = Ingest::start(store.clone());
         let fits = Fits::new(store.clone());
@@ -56,6 +56,7 @@ impl App {
             background: TaskTracker::new(),
         };
         app.in_background(audit(app.store.clone()));
+        app.in_background(tell_unreadable(fits.clone(), app.networks.clone()));
         if !upkeep.fit_every.is_zero() {
             app.in_background(fits.keep_up(upkeep.fit_every));
         }
@@ -80,6 +81,12 @@ impl App {
         self.networks.close().await;
         self.store.close().await;
     }
+}
+
+/// Says at the start which fits and networks this build cannot read. The store has told of environments when it was opened.
+async fn tell_unreadable(fits: Fits, networks: Networks) {
+    fits.tell_unreadable().await;
+    networks.tell_unreadable().await;
 }
 
 async fn audit(store: Arc<dyn Store>) {

@@ -10,6 +10,9 @@ pub(super) fn render(environment: &str, model: &proto::Model) -> String {
     let card = model.card.clone().unwrap_or_default();
     let (ego, other, version) = (&model.ego, &model.other, model.version);
     let heading = format!("{environment}: {ego} on {other}, model version {version}");
+    if model.unreadable.is_some() {
+        return format!("{heading}\n\n{}\n", standing(environment, model, &card));
+    }
     let standing = format!("{}\n", standing(environment, model, &card));
     format!("{heading}\n\n{}\n{}\n{}{standing}", facts(&card), scores(&card), reliability(&card))
 }
@@ -107,6 +110,13 @@ fn reliability(card: &proto::Card) -> String {
 fn standing(environment: &str, model: &proto::Model, card: &proto::Card) -> String {
     let unbeaten = card.not_better_than.join(", ");
     let activate = format!("`nudge model activate {environment} {}`", model.version);
+    if let Some(why) = &model.unreadable {
+        let end = match model.active {
+            true => format!("`nudge model rollback {environment} {}` takes it back", model.version),
+            false => format!("`nudge model delete {environment} {}` deletes it", model.version),
+        };
+        return format!("cannot be read, answers nothing: {why}; {end}");
+    }
     match (model.active, card.not_better_than.is_empty()) {
         _ if model.stale => {
             "stale: the rule has another threshold now, for which it cannot answer; train another".into()
@@ -122,6 +132,23 @@ fn versions(models: &[proto::Model]) -> String {
     let titles = ["version", "ego", "other", "kind", "state", "log-likelihood (nats)", "F1", "Brier", "does not beat"];
     let mut table = Table::new(&titles);
     for model in models {
+        if let Some(why) = &model.unreadable {
+            let (version, state) =
+                (model.version.to_string(), if model.active { "unreadable, active" } else { "unreadable" });
+            let dash = || "-".to_owned();
+            table.row([
+                version,
+                model.ego.clone(),
+                model.other.clone(),
+                dash(),
+                state.into(),
+                dash(),
+                dash(),
+                dash(),
+                why.clone(),
+            ]);
+            continue;
+        }
         let card = model.card.clone().unwrap_or_default();
         let score = card.score.unwrap_or_default();
         let state = match (model.stale, model.active) {
@@ -207,7 +234,7 @@ mod tests {
             ..Default::default()
         };
         let (ego, other) = ("robot".into(), "human".into());
-        proto::Model { version: 3, ego, other, active: true, stale: false, card: Some(card) }
+        proto::Model { version: 3, ego, other, active: true, stale: false, card: Some(card), unreadable: None }
     }
 
     fn worse() -> proto::Model {
@@ -256,6 +283,23 @@ mod tests {
         for (model, expected) in cases {
             assert_eq!(told(model), expected);
         }
+    }
+
+    #[test]
+    fn a_version_that_cannot_be_read_says_why_and_what_can_be_done() {
+        let unreadable = proto::Model { card: None, unreadable: Some("it has form 9".into()), ..model() };
+        let told = render("hallway", &unreadable);
+        let expected = "cannot be read, answers nothing: it has form 9; `nudge model rollback hallway 3` takes it back";
+        assert_eq!(told, format!("hallway: robot on human, model version 3\n\n{expected}\n"));
+        let inactive = proto::Model { active: false, ..unreadable.clone() };
+        assert!(render("hallway", &inactive).ends_with("; `nudge model delete hallway 3` deletes it\n"));
+
+        let response = proto::ListModelsResponse { models: vec![model(), unreadable], jobs: Vec::new() };
+        let line = list("hallway", &response).lines().last().map(str::to_owned).unwrap_or_default();
+        assert_eq!(
+            line.split("  ").filter(|cell| !cell.is_empty()).map(str::trim).collect::<Vec<_>>().join("|"),
+            "3|robot|human|-|unreadable, active|-|-|-|it has form 9"
+        );
     }
 
     #[test]

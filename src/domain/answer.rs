@@ -1,7 +1,5 @@
 //! Answers: what the counts of a state say about influence. Every figure is in the answer's unit.
 
-use serde::{Deserialize, Serialize};
-
 use super::{ModelFigures, RuleKind, StateKey, Tally, Unit};
 
 /// Whether the ego's action influences the other's.
@@ -242,7 +240,7 @@ pub struct Significance {
 }
 
 /// Which fit of the prior was used; with the revision it makes an answer reproducible.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct FitId {
     /// 0 for the prior that nothing was fitted to, then 1, 2, ...
     pub version: u64,

@@ -2,13 +2,10 @@
 
 use std::fmt;
 
-use serde::{Deserialize, Serialize};
-
 use super::FitId;
 
 /// What a network predicts.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum ModelKind {
     /// What both agents do: mutual information, divergences and responses come from its output.
     #[default]
@@ -40,8 +37,7 @@ impl std::str::FromStr for ModelKind {
 }
 
 /// How much a state counts in training and in scores.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Weighting {
     /// As often as it was seen.
     #[default]
@@ -73,7 +69,7 @@ impl std::str::FromStr for Weighting {
 }
 
 /// How a network is trained. Made only by [`Training::new`], so every number is within its limits.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Training {
     /// What it predicts.
     pub kind: ModelKind,
@@ -118,12 +114,12 @@ pub struct Model {
     pub active: bool,
     /// Whether it cannot answer by the environment's rule any more: a direct network whose threshold is not the rule's.
     pub stale: bool,
-    /// What it says of itself.
-    pub card: Card,
+    /// What it says of itself, or why it cannot be read: then it answers nothing, and can only be taken along, taken back or deleted.
+    pub card: Result<Card, String>,
 }
 
-/// What a network says of itself. Kept as JSON beside its weights, where people and other tools can read it too.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+/// What a network says of itself.
+#[derive(Debug, Clone, PartialEq)]
 pub struct Card {
     /// How it was trained.
     pub training: Training,
@@ -198,7 +194,7 @@ impl Baseline {
 }
 
 /// From a network's mutual information to a probability.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Calibration {
     /// Added to the rest.
     pub intercept: f64,
@@ -208,7 +204,7 @@ pub struct Calibration {
 
 /// How probabilities of influence did against the evidence of states that they were not made from. A state counts as positive by its probability
 /// given its counts, and as negative by the rest.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Score {
     /// Whose they are: `network`, or a baseline's name.
     pub name: String,
@@ -227,7 +223,7 @@ pub struct Score {
 }
 
 /// States whose predicted probability lies in one tenth.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Reliability {
     /// The lower bound of the tenth.
     pub from: f64,

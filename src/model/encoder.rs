@@ -14,7 +14,6 @@
 use std::f64::consts::TAU;
 
 use ndarray::{Array2, ArrayViewMut1, Axis};
-use serde::{Deserialize, Serialize};
 
 use crate::domain::{Feature, FeatureKind, Schema, StateKey};
 
@@ -22,7 +21,7 @@ use crate::domain::{Feature, FeatureKind, Schema, StateKey};
 pub const MOST_INPUTS: usize = 4_096;
 
 /// How the numbers of a feature are moved and scaled; absent where a feature needs neither.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scale {
     /// What is taken away.
     pub mean: f64,

@@ -9,7 +9,7 @@
 //! | `members.0.influence.weight`, `.bias` | `[1, width]`, `[1]` (direct) |
 //!
 //! What the numbers cannot say stands in the file's metadata, text by text: `format` (`nudge/1`), `kind`, `ego`, `other`, `schema_hash`, `threshold`
-//! (nats), `scales` (JSON: for each feature `null`, or the mean and the deviation that its value is standardised by), `card` (JSON; not read back).
+//! (nats), `scales` (JSON: for each feature `null`, or the mean and the deviation that its value is standardised by), `card` (the form of `text`; not read back).
 
 use std::collections::{HashMap, HashSet};
 use std::fmt::Display;
@@ -17,6 +17,7 @@ use std::str::FromStr;
 
 use ndarray::{Array1, Array2};
 use safetensors::tensor::{Dtype, SafeTensors, TensorView, serialize};
+use serde::{Deserialize, Serialize};
 
 use super::encoder::{Encoder, Scale};
 use super::member::{Layer, Member, heads};
@@ -49,7 +50,9 @@ pub struct Content {
 /// Writes a file; the card is JSON.
 pub fn write(environment: &Environment, content: &Content, card: &str) -> Vec<u8> {
     let agent = |at: usize| environment.schema.agents()[at].name.to_string();
-    let scales = serde_json::to_string(&content.encoder.scales()).expect("numbers are finite");
+    let scales: Vec<Option<ScaleText>> =
+        content.encoder.scales().into_iter().map(|scale| scale.map(of_scale)).collect();
+    let scales = serde_json::to_string(&scales).expect("numbers are finite");
     let metadata = [
         ("format", FORMAT.to_owned()),
         ("kind", content.kind.as_str().to_owned()),
@@ -69,6 +72,24 @@ pub fn write(environment: &Environment, content: &Content, card: &str) -> Vec<u8
         (tensor.name.as_str(), view)
     });
     serialize(views, Some(metadata)).expect("names differ, and sizes fit")
+}
+
+/// How a scale stands in the metadata.
+#[derive(Serialize, Deserialize)]
+struct ScaleText {
+    mean: f64,
+    deviation: f64,
+}
+
+fn of_scale(scale: Scale) -> ScaleText {
+    let Scale { mean, deviation } = scale;
+    ScaleText { mean, deviation }
+}
+
+fn scales(text: &str) -> Option<Vec<Option<Scale>>> {
+    let scale = |ScaleText { mean, deviation }| Scale { mean, deviation };
+    let texts: Vec<Option<ScaleText>> = serde_json::from_str(text).ok()?;
+    Some(texts.into_iter().map(|text| text.map(scale)).collect())
 }
 
 struct Tensor {
@@ -138,8 +159,7 @@ impl Metadata {
         if threshold.is_none() {
             faults.push(fault("threshold", "expected a number of nats, at least 0".into()));
         }
-        let scales =
-            self.text("scales", &mut faults).and_then(|text| serde_json::from_str::<Vec<Option<Scale>>>(text).ok());
+        let scales = self.text("scales", &mut faults).and_then(scales);
         let encoder = scales.and_then(|scales| Encoder::with_scales(schema, scales));
         if encoder.is_none() {
             let expected = "expected a JSON list with {\"mean\", \"deviation\"} for each feature that is a number, null for the others";

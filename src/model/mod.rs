@@ -12,7 +12,7 @@
 //! | `encoder`, `member` | from a state to inputs, from inputs to what both agents do: the forward pass that is served |
 //! | `learner`, `training`, `worth` | gradients, by the training library and nobody else; when to stop; whether more than chance was learned |
 //! | `calibrate`, `score`, `back_off`, `court`, `judge` | from mutual information to a probability, and how good it is beside what it has to beat |
-//! | `file`, `registry`, `network`, `told` | kept as safetensors, listed, switched, ready to answer, and what was answered |
+//! | `file`, `text`, `registry`, `network`, `told` | kept as safetensors with a card, listed, switched, ready to answer, and what was answered |
 //! | `jobs`, `upkeep`, `spare_time` | trainings that were asked for, or are due by themselves, and the thread that does them |
 //!
 //! Absent on purpose: nothing here decides a verdict by counts, and no wire format is known here but that of a file of weights.
@@ -31,6 +31,7 @@ mod network;
 mod registry;
 mod score;
 mod spare_time;
+mod text;
 mod told;
 mod training;
 mod upkeep;
@@ -187,6 +188,21 @@ impl Networks {
         if pair.given.is_empty() { self.registry.active(environment, pair).await } else { Ok(None) }
     }
 
+    /// Returns the active network of a pair, for callers who want it and nothing else: an error where it cannot be read.
+    pub async fn served(&self, environment: &Environment, pair: &Pair) -> Result<Option<Arc<Network>>, Problem> {
+        self.registry.served(environment, pair).await
+    }
+
+    /// Says in the log which versions cannot be read, and why.
+    pub async fn tell_unreadable(&self) {
+        for environment in self.store.environments() {
+            // Listing looks at each version, and tells.
+            if let Err(problem) = self.registry.list(&environment).await {
+                tracing::warn!(%problem, environment = %environment.name, "the networks could not be looked at");
+            }
+        }
+    }
+
     /// Returns a version ready to answer, active or not.
     pub async fn network(&self, environment: &Environment, version: u64) -> Result<Arc<Network>, Problem> {
         self.registry.network(environment, version).await
@@ -313,7 +329,8 @@ struct Order {
 }
 
 fn outcome(model: &Model) -> String {
-    let worse = model.card.not_better_than.join(", ");
+    let unbeaten = model.card.as_ref().map_or(&[][..], |card| &card.not_better_than);
+    let worse = unbeaten.join(", ");
     match (model.active, worse.is_empty()) {
         (true, true) => format!("version {} is active", model.version),
         (true, false) => {

@@ -1,5 +1,8 @@
 //! Which versions there are, and which answers for each pair: kept by the store, remembered ready to answer.
 //!
+//! A version that this build cannot read stays listed, with the reason. That it cannot be read is remembered, for a version never changes; that the
+//! store could not be read is not, for that passes.
+//!
 //! Who asks for the active network reads a map that is replaced as a whole, so a switch disturbs nobody: each request has either the one or the other.
 //! Loading and switching take turns, so that what is remembered is never older than what the store says.
 
@@ -10,8 +13,8 @@ use foldhash::HashMap;
 use lru::LruCache;
 use tokio::sync::Mutex;
 
-use super::file;
 use super::network::Network;
+use super::{file, text};
 use crate::domain::{Card, Environment, EnvironmentId, Model, ModelKind, Pair};
 use crate::error::{ErrorKind, Problem};
 use crate::store::{ModelRecord, NewModel, Store, StoreError};
@@ -19,11 +22,17 @@ use crate::store::{ModelRecord, NewModel, Store, StoreError};
 /// The reason word of a version that cannot answer by the rule.
 pub const STALE: &str = "MODEL_STALE";
 
+/// The reason word of a version that this build cannot read.
+const UNREADABLE: &str = "MODEL_UNREADABLE";
+
 /// A pair of agents of an environment: the ego and the other.
 type Place = (EnvironmentId, usize, usize);
 
-/// The networks that answer; `None` where it is known that there is none.
-type Active = HashMap<Place, Option<Arc<Network>>>;
+/// A version ready to answer, or why this build cannot read it.
+type Loaded = Result<Arc<Network>, String>;
+
+/// The versions that answer; `None` where it is known that there is none.
+type Active = HashMap<Place, Option<(u64, Loaded)>>;
 
 /// Versions that are kept ready without being active.
 const READY: std::num::NonZeroUsize = std::num::NonZeroUsize::new(8).expect("not zero");
@@ -31,12 +40,16 @@ const READY: std::num::NonZeroUsize = std::num::NonZeroUsize::new(8).expect("not
 /// Versions that were asked for, ready to answer.
 type Ready = std::sync::Mutex<LruCache<(EnvironmentId, u64), Arc<Network>>>;
 
+/// Versions that were looked at: why each cannot be read, if it cannot.
+type LookedAt = std::sync::Mutex<HashMap<(EnvironmentId, u64), Option<String>>>;
+
 /// The versions of every environment. Cloning is cheap.
 #[derive(Clone)]
 pub struct Registry {
     store: Arc<dyn Store>,
     active: Arc<ArcSwap<Active>>,
     ready: Arc<Ready>,
+    looked_at: Arc<LookedAt>,
     turn: Arc<Mutex<()>>,
 }
 
@@ -44,13 +57,18 @@ impl Registry {
     /// Makes a handle on the versions of a store.
     pub fn new(store: Arc<dyn Store>) -> Self {
         let ready = Arc::new(Ready::new(LruCache::new(READY)));
-        Self { store, active: Arc::default(), ready, turn: Arc::default() }
+        Self { store, active: Arc::default(), ready, looked_at: Arc::default(), turn: Arc::default() }
     }
 
-    /// Returns every version, in order. One whose card cannot be read is left out, and told in the log.
+    /// Returns every version, in order. One that cannot be read says why; the first time, so does the log.
     pub async fn list(&self, environment: &Environment) -> Result<Vec<Model>, Problem> {
         let records = self.store.models(environment.id).await.map_err(logged)?;
-        Ok(records.into_iter().filter_map(|record| model(environment, record)).collect())
+        let mut models = Vec::with_capacity(records.len());
+        for record in records {
+            let card = self.card(environment, &record).await?;
+            models.push(model(environment, &record, card));
+        }
+        Ok(models)
     }
 
     /// Returns one version.
@@ -61,26 +79,35 @@ impl Registry {
 
     /// Keeps a network with its card.
     pub async fn keep(&self, environment: &Environment, content: &file::Content, card: &Card) -> Result<u64, Problem> {
-        let text = serde_json::to_string(card).expect("a card is JSON");
+        let text = text::of_card(card);
         let weights = file::write(environment, content, &text);
         if weights.len() > file::MOST_BYTES {
             let message =
                 format!("the network takes {} bytes, more than {}; make it narrower", weights.len(), file::MOST_BYTES);
             return Err(Problem::new(ErrorKind::TooLarge, "NETWORK_TOO_LARGE", message));
         }
+        // JSON has no word for infinity, and a file no weights beyond a limit: nothing is kept that could not be read again.
+        if let Err(why) = parse(environment, &text, &weights) {
+            let message = format!("no network is made: {why}");
+            return Err(Problem::new(ErrorKind::Conflict, "TRAINING_DIVERGED", message));
+        }
+
         let Pair { ego, other, .. } = content.pair;
         let model = NewModel { ego, other, kind: content.kind.as_str().to_owned(), card: text, weights };
-        self.store.keep_model(environment.id, &model).await.map_err(logged)
+        let version = self.store.keep_model(environment.id, &model).await.map_err(logged)?;
+        self.note(environment, version, None);
+        Ok(version)
     }
 
     /// Makes a version the one that answers for its pair.
     pub async fn activate(&self, environment: &Environment, version: u64) -> Result<Model, Problem> {
         let model = self.get(environment, version).await?;
+        let card = model.card.map_err(|why| unreadable(version, &why))?;
         if model.stale {
             let rule = environment.rule.threshold_nats();
             let message = format!(
                 "version {version} answers at a threshold of {} nats only, and the rule's is {rule}: train another",
-                model.card.threshold
+                card.threshold
             );
             return Err(Problem::new(ErrorKind::Conflict, STALE, message));
         }
@@ -115,6 +142,7 @@ impl Registry {
         }
         self.store.delete_model(environment.id, version).await.map_err(logged)?;
         self.ready().pop(&(environment.id, version));
+        self.looked_at().remove(&(environment.id, version));
         Ok(())
     }
 
@@ -126,17 +154,28 @@ impl Registry {
 
     /// Returns a version ready to answer.
     pub async fn network(&self, environment: &Environment, version: u64) -> Result<Arc<Network>, Problem> {
-        let remembered =
-            self.active.load().values().flatten().find(|network| network.is_of(environment.id, version)).cloned();
-        if let Some(network) = remembered {
-            return Ok(network);
+        let active = self.active.load();
+        let mut ready = active.values().flatten().filter_map(|(_, loaded)| loaded.as_ref().ok());
+        if let Some(network) = ready.find(|network| network.is_of(environment.id, version)) {
+            return Ok(network.clone());
         }
         let _turn = self.turn.lock().await;
-        self.load(environment, version).await
+        self.load(environment, version).await?.map_err(|why| unreadable(version, &why))
     }
 
-    /// Returns the network that answers for a pair.
+    /// Returns the network that answers for a pair; none where the active version cannot be read, for then counts answer alone.
     pub async fn active(&self, environment: &Environment, pair: &Pair) -> Result<Option<Arc<Network>>, Problem> {
+        Ok(self.standing(environment, pair).await?.and_then(|(_, loaded)| loaded.ok()))
+    }
+
+    /// Returns the network that is active for a pair; an error where it cannot be read, for callers who want it and nothing else.
+    pub async fn served(&self, environment: &Environment, pair: &Pair) -> Result<Option<Arc<Network>>, Problem> {
+        let network = |(version, loaded): (u64, Loaded)| loaded.map_err(|why| unreadable(version, &why));
+        self.standing(environment, pair).await?.map(network).transpose()
+    }
+
+    /// Returns the active version of a pair. Only what the store has said is remembered: if it could not be read, it is asked again next time.
+    async fn standing(&self, environment: &Environment, pair: &Pair) -> Result<Option<(u64, Loaded)>, Problem> {
         let place = (environment.id, pair.ego, pair.other);
         if let Some(known) = self.active.load().get(&place) {
             return Ok(known.clone());
@@ -147,31 +186,57 @@ impl Registry {
         }
         let records = self.store.models(environment.id).await.map_err(logged)?;
         let record = records.into_iter().find(|one| one.active && (one.ego, one.other) == (pair.ego, pair.other));
-        let network = match record {
-            // One that cannot be read is told in the log; the counts answer without it.
-            Some(record) => self.load(environment, record.version).await.ok(),
+        let standing = match record {
+            Some(record) => Some((record.version, self.load(environment, record.version).await?)),
             None => None,
         };
-        self.remember(place, network.clone());
-        Ok(network)
+        self.remember(place, standing.clone());
+        Ok(standing)
     }
 
     /// Returns a version that is ready, or makes it so. Only called by who has the turn: else one that is deleted meanwhile would stay.
-    async fn load(&self, environment: &Environment, version: u64) -> Result<Arc<Network>, Problem> {
+    async fn load(&self, environment: &Environment, version: u64) -> Result<Loaded, Problem> {
         let key = (environment.id, version);
         if let Some(network) = self.ready().get(&key) {
-            return Ok(network.clone());
+            return Ok(Ok(network.clone()));
         }
         let found = self.store.model(environment.id, version).await.map_err(logged)?;
         let (record, weights) = found.ok_or(StoreError::UnknownModel(version))?;
-        let content = file::read(environment, &weights).inspect_err(|error| unreadable(environment, version, error))?;
-        let card = serde_json::from_str(&record.card).map_err(|error| {
-            unreadable(environment, version, &error);
-            Problem::new(ErrorKind::Internal, "INTERNAL", format!("version {version} cannot be read"))
-        })?;
-        let network = Arc::new(Network::new(environment.id, version, content, &card));
-        self.ready().put(key, network.clone());
-        Ok(network)
+
+        let parsed = parse(environment, &record.card, &weights);
+        self.note(environment, version, parsed.as_ref().err().cloned());
+        Ok(parsed.map(|(content, card)| {
+            let network = Arc::new(Network::new(environment.id, version, content, &card));
+            self.ready().put(key, network.clone());
+            network
+        }))
+    }
+
+    /// Returns the card of a version, or why the version cannot be read: its card, or its weights, which are looked at once.
+    async fn card(&self, environment: &Environment, record: &ModelRecord) -> Result<Result<Card, String>, Problem> {
+        let key = (environment.id, record.version);
+        let noted = self.looked_at().get(&key).cloned();
+        if let Some(why) = noted {
+            return Ok(why.map_or_else(|| card(&record.card), Err));
+        }
+        let found = self.store.model(environment.id, record.version).await.map_err(logged)?;
+        // One that is deleted meanwhile is listed as it was.
+        let Some((_, weights)) = found else { return Ok(card(&record.card)) };
+        let parsed = parse(environment, &record.card, &weights).map(|(_, card)| card);
+        self.note(environment, record.version, parsed.as_ref().err().cloned());
+        Ok(parsed)
+    }
+
+    /// Notes that a version was looked at, and says in the log if it cannot be read.
+    fn note(&self, environment: &Environment, version: u64, why: Option<String>) {
+        let before = self.looked_at().insert((environment.id, version), why.clone());
+        if let (None, Some(why)) = (before, why) {
+            tracing::warn!(environment = %environment.name, version, why, "a network cannot be read: it answers nothing");
+        }
+    }
+
+    fn looked_at(&self) -> std::sync::MutexGuard<'_, HashMap<(EnvironmentId, u64), Option<String>>> {
+        self.looked_at.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
     }
 
     fn ready(&self) -> std::sync::MutexGuard<'_, LruCache<(EnvironmentId, u64), Arc<Network>>> {
@@ -184,12 +249,14 @@ impl Registry {
     }
 
     /// Only called by who has the turn, as is `forget`.
-    fn remember(&self, place: Place, network: Option<Arc<Network>>) {
+    fn remember(&self, place: Place, standing: Option<(u64, Loaded)>) {
         let mut active = Active::clone(&self.active.load());
         // Environments that are gone do not come back: their numbers are never used again.
         let known = self.store.environments();
-        active.retain(|(id, ..), _| known.iter().any(|environment| environment.id == *id));
-        active.insert(place, network);
+        let is_known = |id: EnvironmentId| known.iter().any(|environment| environment.id == id);
+        active.retain(|(id, ..), _| is_known(*id));
+        self.looked_at().retain(|(id, _), _| is_known(*id));
+        active.insert(place, standing);
         self.active.store(Arc::new(active));
     }
 
@@ -213,23 +280,37 @@ impl Drop for Switch<'_> {
     }
 }
 
-fn model(environment: &Environment, record: ModelRecord) -> Option<Model> {
-    let card: Card =
-        serde_json::from_str(&record.card).inspect_err(|error| unreadable(environment, record.version, error)).ok()?;
-    let agent = |at: usize| environment.schema.agents().get(at).map(|agent| agent.name.to_string());
-    let stale = card.training.kind == ModelKind::Direct && card.threshold != environment.rule.threshold_nats();
-    Some(Model {
+/// Returns a version as it is listed.
+fn model(environment: &Environment, record: &ModelRecord, card: Result<Card, String>) -> Model {
+    let agent =
+        |at: usize| environment.schema.agents().get(at).map_or(format!("#{at}"), |agent| agent.name.to_string());
+    let threshold = environment.rule.threshold_nats();
+    let is_stale = |card: &Card| card.training.kind == ModelKind::Direct && card.threshold != threshold;
+    Model {
         version: record.version,
-        ego: agent(record.ego)?,
-        other: agent(record.other)?,
+        ego: agent(record.ego),
+        other: agent(record.other),
         active: record.active,
-        stale,
+        stale: card.as_ref().is_ok_and(is_stale),
         card,
-    })
+    }
 }
 
-fn unreadable(environment: &Environment, version: u64, error: &dyn std::fmt::Display) {
-    tracing::warn!(%error, environment = %environment.name, version, "a network cannot be read");
+/// Reads a version as it is kept, or says which part cannot be read, and why.
+fn parse(environment: &Environment, card_text: &str, weights: &[u8]) -> Result<(file::Content, Card), String> {
+    let card = card(card_text)?;
+    let content = file::read(environment, weights).map_err(|problem| format!("its weights: {problem}"))?;
+    Ok((content, card))
+}
+
+fn card(text: &str) -> Result<Card, String> {
+    text::card(text).map_err(|why| format!("its card: {why}"))
+}
+
+/// Refuses what only a version can do that can be read.
+fn unreadable(version: u64, why: &str) -> Problem {
+    let message = format!("version {version} cannot be read: {why}; use the build that wrote it, or train another");
+    Problem::new(ErrorKind::Conflict, UNREADABLE, message)
 }
 
 /// Notes an error of the store, and tells it in words about networks.

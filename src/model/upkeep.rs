@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use super::Networks;
 use crate::domain::draft::TrainingDraft;
-use crate::domain::{Environment, EnvironmentId, Model, Training};
+use crate::domain::{Card, Environment, EnvironmentId, Model, Training};
 
 /// How much must have been counted since a training, as a share of what it was made from.
 const GROWTH: f64 = 0.5;
@@ -40,10 +40,11 @@ impl Networks {
         let counted = self.store.totals(environment.id).await.map_err(super::logged)?.transitions;
         let models = self.registry.list(environment).await?;
         for (ego, other) in pairs(environment, &models) {
-            let last =
-                models.iter().rev().find(|model| model.ego == ego && model.other == other && !model.card.imported);
+            let of_pair = models.iter().rev().filter(|model| model.ego == ego && model.other == other);
+            // One that cannot be read is made again as if there were none.
+            let last = of_pair.filter_map(|model| model.card.as_ref().ok()).find(|card| !card.imported);
             let place = (environment.id, ego.clone(), other.clone());
-            let revision = last.map_or(0, |model| model.card.revision).max(tried.get(&place).copied().unwrap_or(0));
+            let revision = last.map_or(0, |card| card.revision).max(tried.get(&place).copied().unwrap_or(0));
             let due = (revision as f64 * (1.0 + GROWTH)).max(FEWEST as f64);
             if (counted as f64) < due || self.jobs.is_busy(environment.id, &ego, &other) {
                 continue;
@@ -61,7 +62,8 @@ fn pairs(environment: &Environment, models: &[Model]) -> Vec<(String, String)> {
     let mut pairs = vec![(agent(0), agent(1))];
     for model in models {
         let pair = (model.ego.clone(), model.other.clone());
-        if !pairs.contains(&pair) {
+        let is_known = [&pair.0, &pair.1].iter().all(|agent| environment.schema.agent(agent).is_some());
+        if is_known && !pairs.contains(&pair) {
             pairs.push(pair);
         }
     }
@@ -69,9 +71,9 @@ fn pairs(environment: &Environment, models: &[Model]) -> Vec<(String, String)> {
 }
 
 /// Asks for a training like the last one.
-fn again(ego: String, other: String, last: Option<&Model>) -> TrainingDraft {
+fn again(ego: String, other: String, last: Option<&Card>) -> TrainingDraft {
     let Training { kind, width, members, folds, epochs, weighting, seed } =
-        last.map_or_else(Training::default, |model| model.card.training);
+        last.map_or_else(Training::default, |card| card.training);
     TrainingDraft {
         ego: Some(ego),
         other: Some(other),

@@ -184,7 +184,8 @@ async fn every_face_tells_the_verdict_of_the_network() {
 async fn where_there_is_nothing_to_find_nothing_is_called() {
     let app = street(seen(9, false)).await;
     let model = trained(&app.app, &draft()).await;
-    assert!(!model.active && model.card.not_better_than.iter().any(|name| name == "shuffled"), "{:?}", model.card);
+    let card = model.card.expect("it can be read");
+    assert!(!model.active && card.not_better_than.iter().any(|name| name == "shuffled"), "{card:?}");
     app.app.networks.activate(&environment(&app.app), model.version).await.expect("as was asked for");
     for (key, _) in hidden() {
         let told = answer(&app, &key).await;

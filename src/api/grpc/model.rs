@@ -46,7 +46,11 @@ impl From<Models> for proto::ListModelsResponse {
 impl From<Model> for proto::Model {
     fn from(model: Model) -> Self {
         let Model { version, ego, other, active, stale, card } = model;
-        Self { version, ego, other, active, stale, card: Some(card.into()) }
+        let (card, unreadable) = match card {
+            Ok(card) => (Some(card.into()), None),
+            Err(why) => (None, Some(why)),
+        };
+        Self { version, ego, other, active, stale, card, unreadable }
     }
 }
 

@@ -107,8 +107,12 @@ pub struct Model {
     pub active: bool,
     /// Whether it cannot answer by the environment's rule any more: a direct network whose threshold is not the rule's.
     pub stale: bool,
-    /// What it says of itself.
-    pub card: Card,
+    /// What it says of itself; null where it cannot be read.
+    pub card: Option<Card>,
+    /// In a sentence: why this build cannot read it; absent where it can. It answers nothing then, and cannot be made active; it can be exported,
+    /// taken back and deleted.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub unreadable: Option<String>,
 }
 
 /// A training that was asked for.
@@ -157,8 +161,8 @@ impl From<proto::ListModelsResponse> for Models {
 
 impl From<proto::Model> for Model {
     fn from(model: proto::Model) -> Self {
-        let proto::Model { version, ego, other, active, stale, card } = model;
-        Self { version, ego, other, active, stale, card: card.unwrap_or_default().into() }
+        let proto::Model { version, ego, other, active, stale, card, unreadable } = model;
+        Self { version, ego, other, active, stale, card: card.map(Into::into), unreadable }
     }
 }
 
@@ -271,16 +275,48 @@ mod tests {
             reliability: vec![domain::Reliability { from: 0.1, states: 4, predicted: 0.15, observed: 0.2 }],
             not_better_than: vec!["majority".into()],
         };
-        domain::Model { version: 3, ego: "robot".into(), other: "human".into(), active: false, stale: true, card }
+        let (ego, other, card) = ("robot".into(), "human".into(), Ok(card));
+        domain::Model { version: 3, ego, other, active: false, stale: true, card }
+    }
+
+    fn told(model: domain::Model) -> serde_json::Value {
+        serde_json::to_value(Model::from(proto::Model::from(model))).expect("JSON")
     }
 
     #[test]
-    fn a_card_is_told_as_it_is_kept() {
-        let kept = serde_json::to_value(&model().card).expect("JSON");
-        let told = serde_json::to_value(Model::from(proto::Model::from(model()))).expect("JSON");
-        assert_eq!(told["card"], kept);
-        let around = (&told["version"], &told["ego"], &told["other"], &told["active"], &told["stale"]);
-        assert_eq!(around, (&json!(3), &json!("robot"), &json!("human"), &json!(false), &json!(true)));
+    fn a_card_is_told_whole() {
+        let network = json!({
+            "name": "network", "log_likelihood": -1.25, "auroc": 0.9, "precision": 0.8, "recall": 0.7, "f1": 0.5, "brier": 0.125,
+        });
+        let plain = |name: &str, log_likelihood: Option<f64>| {
+            json!({
+                "name": name, "log_likelihood": log_likelihood, "auroc": null, "precision": null, "recall": null,
+                "f1": 0.5, "brier": 0.125,
+            })
+        };
+        let card = json!({
+            "training": {
+                "kind": "direct", "width": 64, "members": 3, "folds": 5, "epochs": 140, "weighting": "visits", "seed": u64::MAX,
+            },
+            "imported": true, "schema_hash": "ab12", "threshold": 0.5, "revision": 900,
+            "fit": {"version": 2, "revision": 850}, "states": 60, "visits": 900, "inputs": 7, "split": "by states",
+            "epochs": [41, 38], "dropout": 0.5, "judged_states": 12, "positive_share": 0.25,
+            "calibration": {"intercept": 1.5, "slope": 0.75}, "score": network,
+            "baselines": [plain("all_positive", None), plain("majority", Some(-1.5))],
+            "reliability": [{"from": 0.1, "states": 4, "predicted": 0.15, "observed": 0.2}],
+            "not_better_than": ["majority"],
+        });
+        let expected =
+            json!({"version": 3, "ego": "robot", "other": "human", "active": false, "stale": true, "card": card});
+        assert_eq!(told(model()), expected);
+    }
+
+    #[test]
+    fn a_version_that_cannot_be_read_says_why_instead_of_its_card() {
+        let expected = json!({
+            "version": 3, "ego": "robot", "other": "human", "active": false, "stale": true, "card": null, "unreadable": "why",
+        });
+        assert_eq!(told(domain::Model { card: Err("why".into()), ..model() }), expected);
     }
 
     #[test]

@@ -6,7 +6,7 @@ use std::time::Instant;
 use crate::api::inference::{Answer, Figure, Metadata, Output, Request};
 use crate::app::App;
 use crate::domain::draft::PairDraft;
-use crate::domain::{Environment, Pair};
+use crate::domain::{Environment, Model, Pair};
 use crate::error::{ErrorKind, Fault, Problem};
 use crate::model::{Network, Prediction};
 use crate::telemetry;
@@ -47,7 +47,7 @@ impl Served {
         let (environment, pair) = pair(app, model)?;
         let network = match number(version)? {
             Some(version) => app.networks.network(&environment, version).await?,
-            None => app.networks.active(&environment, &pair).await?.ok_or_else(|| none_active(model))?,
+            None => app.networks.served(&environment, &pair).await?.ok_or_else(|| none_active(model))?,
         };
         if network.pair != pair {
             return Err(not_found(format!("version {version} is not one of model `{model}`")));
@@ -60,7 +60,8 @@ impl Served {
         let agents = self.environment.schema.agents();
         let [ego, other] = [self.network.pair.ego, self.network.pair.other].map(|agent| agents[agent].name.as_str());
         let models = app.networks.list(&self.environment).await?.models;
-        let of_pair = models.iter().filter(|model| model.ego == ego && model.other == other);
+        let is_served = |model: &&Model| model.ego == ego && model.other == other && model.card.is_ok();
+        let of_pair = models.iter().filter(is_served);
         Ok(Metadata {
             model: self.model.clone(),
             versions: of_pair.map(|model| model.version).collect(),
