@@ -3,6 +3,7 @@
 pub mod batches;
 pub mod databases;
 pub mod faulty;
+pub mod fixtures;
 
 use std::net::SocketAddr;
 use std::path::Path;
