@@ -54,7 +54,7 @@ pub use overview::{
     StateFigures, StatePage, StateView, Summary, Trial, page_size,
 };
 pub use question::{MOST_STATES, Pair, Permutations, Question, Scope, View};
-pub use records::{Digest, Entry, Record, Records, Rejection, Widths};
+pub use records::{Digest, Entry, Record, Records, Rejection, Widths, Worded};
 pub use rule::{Rule, RuleKind, Unit};
 pub use schema::{Agent, Schema, SchemaHash};
 pub use track::Track;

@@ -97,8 +97,23 @@ impl Records {
         self
     }
 
-    /// Returns the digest of this content under a segment: BLAKE3, the same on every face.
+    /// Returns the digest of this content under a segment: BLAKE3, the same on every face. Of a record that could not be decoded it says that there
+    /// was one; what is said of it is no content, for the words change from build to build.
     pub fn digest(&self, segment: Option<&Label>) -> Digest {
+        let mut hasher = self.values_hasher(segment);
+        for rejection in &self.undecodable {
+            hasher.update(&rejection.index.to_le_bytes());
+        }
+        Digest(*hasher.finalize().as_bytes())
+    }
+
+    /// Returns what makes the digests of builds that took words for content; `None` where every record could be decoded, for then they are the same.
+    pub fn worded(&self, segment: Option<&Label>) -> Option<Worded> {
+        let undecodable = self.undecodable.clone();
+        (!undecodable.is_empty()).then(|| Worded { values: self.values_hasher(segment), undecodable })
+    }
+
+    fn values_hasher(&self, segment: Option<&Label>) -> blake3::Hasher {
         let mut hasher = blake3::Hasher::new();
         let segment = segment.map_or("", Label::as_str);
         for size in
@@ -111,7 +126,23 @@ impl Records {
         hasher.update(bytemuck::cast_slice(&self.actions));
         hasher.update(&self.entries.iter().map(|entry| *entry as u8).collect::<Vec<u8>>());
         hasher.update(bytemuck::cast_slice(&self.counts));
-        for rejection in &self.undecodable {
+        hasher
+    }
+}
+
+/// A batch with records that could not be decoded, as builds up to a8c9617 digested it: with what they said of them.
+#[derive(Debug, Clone)]
+pub struct Worded {
+    values: blake3::Hasher,
+    undecodable: Vec<Rejection>,
+}
+
+impl Worded {
+    /// Returns the digest in the words of the first receipt; beyond those that were told, in today's.
+    pub fn digest(&self, told: &[Rejection]) -> Digest {
+        let mut hasher = self.values.clone();
+        for own in &self.undecodable {
+            let rejection = told.iter().find(|first| first.index == own.index).unwrap_or(own);
             hasher.update(&rejection.index.to_le_bytes());
             for text in [&rejection.field, &rejection.reason] {
                 hasher.update(&(text.len() as u64).to_le_bytes()).update(text.as_bytes());
@@ -155,5 +186,35 @@ impl Widths {
             return wrong("/actions", record.actions.len(), self.actions);
         }
         Ok(record)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn batch(reason: &str, value: f32) -> Records {
+        let bad = Err(("/state/x".to_owned(), reason.to_owned()));
+        let good = Ok(Record { state: vec![value], actions: vec![0.0, 1.0], entry: Entry::Unknown, count: 1 });
+        Records::collect(Widths { state: 1, actions: 2 }, [good, bad].into_iter())
+    }
+
+    #[test]
+    fn words_are_no_content_and_values_are() {
+        assert_eq!(batch("before", 0.5).digest(None), batch("after", 0.5).digest(None));
+        assert_ne!(batch("before", 0.5).digest(None), batch("before", 0.75).digest(None));
+        let good = Records { undecodable: Vec::new(), ..batch("before", 0.5) };
+        assert_ne!(batch("before", 0.5).digest(None), good.digest(None));
+        assert!(good.worded(None).is_none());
+    }
+
+    #[test]
+    fn a_digest_with_words_is_found_by_those_of_the_first_receipt() {
+        let first = batch("before", 0.5);
+        let kept = first.worded(None).expect("undecodable").digest(&[]);
+        let again = |value| batch("after", value).worded(None).expect("undecodable");
+        assert_eq!(again(0.5).digest(&first.undecodable), kept);
+        assert_ne!(again(0.5).digest(&[]), kept, "nothing was told");
+        assert_ne!(again(0.75).digest(&first.undecodable), kept, "another value");
     }
 }

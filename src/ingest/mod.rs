@@ -111,9 +111,10 @@ impl Ingest {
         room: OwnedSemaphorePermit,
     ) -> Result<Ticket, Problem> {
         let sequence = batch.sequence;
-        let digest = batch.records.digest(batch.segment.as_ref());
+        let segment = batch.segment.as_ref();
+        let (digest, worded) = (batch.records.digest(segment), batch.records.worded(segment).map(Box::new));
         let (increment, receipt) = validate(&environment.schema, batch.segment, &batch.records);
-        let batch = Numbered { environment: environment.id, producer, sequence, digest, increment, receipt };
+        let batch = Numbered { environment: environment.id, producer, sequence, digest, worded, increment, receipt };
         let (reply, answer) = oneshot::channel();
         let pending = Pending { batch, lease, room, reply };
         self.queue.send(Work::Batch(pending)).await.map_err(|_| stopped())?;

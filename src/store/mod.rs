@@ -9,7 +9,7 @@ use async_trait::async_trait;
 
 use crate::domain::{
     Acknowledged, Counts, Digest, Environment, EnvironmentId, FitId, Increment, Label, Name, ProducerId, Receipt, Rule,
-    Schema, SegmentId, Sequence, StateKey, UnreadableEnvironment,
+    Schema, SegmentId, Sequence, StateKey, UnreadableEnvironment, Worded,
 };
 
 mod error;
@@ -119,7 +119,7 @@ pub trait Store: Send + Sync {
 }
 
 /// A validated batch with its number: what [`Store::commit`] takes.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct Numbered {
     /// Whom it is for.
     pub environment: EnvironmentId,
@@ -129,6 +129,8 @@ pub struct Numbered {
     pub sequence: Sequence,
     /// Of its decoded content.
     pub digest: Digest,
+    /// For what earlier builds kept instead, if they did. In a box, because it is large and rare.
+    pub worded: Option<Box<Worded>>,
     /// What it adds.
     pub increment: Increment,
     /// What its sender is told, now and whenever it is sent again.

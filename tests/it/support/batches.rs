@@ -35,6 +35,7 @@ pub fn batch(environment: EnvironmentId, producer: &str, sequence: u64) -> Sendi
         producer: producer.parse().expect("a producer id"),
         sequence: Sequence::new(sequence).expect("a sequence"),
         digest: Digest([sequence as u8; 32]),
+        worded: None,
         increment: Increment::default(),
         receipt: Receipt::default(),
     })

@@ -7,7 +7,7 @@ use sqlx::sqlite::SqliteConnection;
 
 use super::ledger::{Account, Ledgers};
 use super::quota;
-use crate::domain::{Acknowledged, Digest, Receipt, Sequence};
+use crate::domain::{Acknowledged, Digest, Receipt, Rejection, Sequence};
 use crate::store::form::Unreadable;
 use crate::store::sqlite::error::{aborted, spoiled};
 use crate::store::sqlite::text;
@@ -55,13 +55,13 @@ async fn seen_before(
     }
     let in_this_commit = account.accepted.iter().rev().nth(back as usize);
     if let Some(first) = in_this_commit {
-        return Ok(compare(batch, first.digest, || first.receipt.clone()));
+        return Ok(compare(batch, first.digest, &first.receipt));
     }
     let Some((producer, _)) = account.stored else { return Ok(Outcome::Acknowledged(Acknowledged::Unverified)) };
     let (digest, receipt) = kept(connection, producer, batch.sequence).await?;
     Ok(match receipt {
-        Ok(receipt) => compare(batch, digest, || receipt),
-        Err(_) if batch.digest != digest => Outcome::Refused(Refusal::Reused),
+        Ok(receipt) => compare(batch, digest, &receipt),
+        Err(_) if !is_same(batch, digest, &[]) => Outcome::Refused(Refusal::Reused),
         // It was counted, and that is all that is known: an error here would hold up whoever is in the same commit, for ever.
         Err(why) => {
             let (environment, sequence) = (batch.environment.0, batch.sequence.get());
@@ -71,12 +71,16 @@ async fn seen_before(
     })
 }
 
-fn compare(batch: &Numbered, first: Digest, receipt: impl FnOnce() -> Receipt) -> Outcome {
-    if batch.digest == first {
-        Outcome::Acknowledged(Acknowledged::Duplicate(receipt()))
-    } else {
-        Outcome::Refused(Refusal::Reused)
+fn compare(batch: &Numbered, first: Digest, receipt: &Receipt) -> Outcome {
+    match is_same(batch, first, &receipt.rejected) {
+        true => Outcome::Acknowledged(Acknowledged::Duplicate(receipt.clone())),
+        false => Outcome::Refused(Refusal::Reused),
     }
+}
+
+/// Returns whether a batch has the content that was digested first, by this build or by one that digested what it told of rejected records too.
+fn is_same(batch: &Numbered, first: Digest, told: &[Rejection]) -> bool {
+    batch.digest == first || batch.worded.as_ref().is_some_and(|worded| worded.digest(told) == first)
 }
 
 async fn kept(
