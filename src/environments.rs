@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use crate::domain::draft::{RuleDraft, SchemaDraft};
+use crate::domain::draft::{DescriptionDraft, RuleDraft};
 use crate::domain::{Environment, EnvironmentPage, Name, Rule, Schema, page_size};
 use crate::error::{ErrorKind, Fault, Problem};
 use crate::ingest::Ingest;
@@ -41,14 +41,10 @@ impl Environments {
     }
 
     /// Makes an environment, or confirms that it exists with this schema; a rule that is given is set. Returns whether it was made now.
-    pub async fn apply(
-        &self,
-        name: &str,
-        schema: &SchemaDraft,
-        rule: Option<&RuleDraft>,
-    ) -> Result<(Arc<Environment>, bool), Problem> {
-        let (name, schema, rule) = checked(name, schema, rule)?;
-        if let Some(existing) = self.store.environment(name.as_str()) {
+    pub async fn apply(&self, name: &str, description: &DescriptionDraft) -> Result<(Arc<Environment>, bool), Problem> {
+        let existing = self.store.environment(name);
+        let (name, schema, rule) = checked(name, description, existing.as_deref())?;
+        if let Some(existing) = existing {
             return self.confirm(existing, &schema, rule).await;
         }
         match self.store.create(&name, &schema, rule.unwrap_or_default()).await {
@@ -94,14 +90,16 @@ impl Environments {
 
 type Checked = (Name, Schema, Option<Rule>);
 
-fn checked(name: &str, schema: &SchemaDraft, rule: Option<&RuleDraft>) -> Result<Checked, Problem> {
+/// Checks a description, beside what exists under its name.
+fn checked(name: &str, description: &DescriptionDraft, existing: Option<&Environment>) -> Result<Checked, Problem> {
     let mut faults = Vec::new();
     let name = name.parse::<Name>().map_err(|detail| faults.push(Fault::new("/name", detail)));
-    let schema = Schema::try_from(schema).map_err(|found| faults.extend(found));
-    let rule = rule.map(|rule| Rule::default().merged(rule)).transpose();
+    let kept = existing.map(|environment| environment.schema.hash());
+    let schema = Schema::described(description, kept).map_err(|found| faults.extend(found)).ok();
+    let rule = description.rule.as_ref().map(|draft| Rule::default().merged(draft)).transpose();
     let rule = rule.map_err(|found| faults.extend(under_rule(found)));
     match (name, schema, rule) {
-        (Ok(name), Ok(schema), Ok(rule)) => Ok((name, schema, rule)),
+        (Ok(name), Some(schema), Ok(rule)) => Ok((name, schema, rule)),
         _ => Err(Problem::invalid("environment", faults)),
     }
 }

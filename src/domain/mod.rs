@@ -13,6 +13,7 @@
 
 pub mod draft;
 
+mod angle;
 mod answer;
 mod batch;
 mod checked;
@@ -22,6 +23,7 @@ mod estimator;
 mod feature;
 mod hash;
 mod key;
+mod label_set;
 mod model;
 mod name;
 mod named;
@@ -33,6 +35,7 @@ mod schema;
 mod track;
 mod training;
 
+pub use angle::Angle;
 pub use answer::{
     ActionFigures, Answer, Answers, Basis, Bin, Dependence, Evidence, Figures, FitId, Independence, Interval, Labels,
     Probability, Significance, Variable, Verdict,
@@ -44,6 +47,7 @@ pub use environment::{Environment, EnvironmentId, EnvironmentPage, Uid};
 pub use estimator::{Estimator, Estimators};
 pub use feature::{Feature, FeatureKind, Misfit};
 pub use key::StateKey;
+pub use label_set::LabelSet;
 pub use model::{
     Baseline, Calibration, Card, Job, JobState, Model, ModelAction, ModelFigures, ModelId, ModelKind, Models,
     Reliability, Score, Training, Weighting,

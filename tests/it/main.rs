@@ -5,6 +5,7 @@
 mod architecture;
 mod cli;
 mod client;
+mod descriptions;
 mod evidence;
 mod experiments;
 mod faces;
@@ -25,3 +26,4 @@ mod store_contract;
 mod store_model;
 mod support;
 mod uncertain_commit;
+mod values;

@@ -9,7 +9,7 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 
 use crate::domain::draft::{AgentDraft, FeatureDraft, KindDraft};
-use crate::domain::{Estimator, Receipt, Rejection, Rule, Schema, SchemaDraft};
+use crate::domain::{Angle, Estimator, Receipt, Rejection, Rule, Schema, SchemaDraft};
 
 #[derive(Serialize, Deserialize)]
 struct SchemaText {
@@ -36,7 +36,10 @@ struct FeatureText {
 #[serde(rename_all = "snake_case")]
 enum KindText {
     Continuous(Vec<String>),
+    /// Of radians, whatever the unit says: what every circular feature was before units were read.
     Circular(i64),
+    /// Of degrees.
+    CircularDegrees(i64),
     Integer(i64, i64),
     Categorical(Vec<String>),
 }
@@ -141,7 +144,10 @@ fn kind_text(kind: KindDraft) -> KindText {
     match kind {
         // An edge is an f32 widened, and its shortest decimal is that of the f32.
         KindDraft::Continuous(edges) => KindText::Continuous(edges.iter().map(|e| (*e as f32).to_string()).collect()),
-        KindDraft::Circular(bins) => KindText::Circular(bins),
+        KindDraft::Circular(bins, values) if values.as_deref() == Some(Angle::Degrees.as_str()) => {
+            KindText::CircularDegrees(bins)
+        }
+        KindDraft::Circular(bins, _) => KindText::Circular(bins),
         KindDraft::Integer(min, max) => KindText::Integer(min, max),
         KindDraft::Categorical(labels) => KindText::Categorical(labels),
     }
@@ -160,7 +166,8 @@ fn kind(text: KindText) -> Option<KindDraft> {
             let edge = |edge: &String| f32::from_str(edge).ok().map(f64::from);
             KindDraft::Continuous(edges.iter().map(edge).collect::<Option<_>>()?)
         }
-        KindText::Circular(bins) => KindDraft::Circular(bins),
+        KindText::Circular(bins) => KindDraft::Circular(bins, Some(Angle::Radians.as_str().into())),
+        KindText::CircularDegrees(bins) => KindDraft::Circular(bins, Some(Angle::Degrees.as_str().into())),
         KindText::Integer(min, max) => KindDraft::Integer(min, max),
         KindText::Categorical(labels) => KindDraft::Categorical(labels),
     })
@@ -188,7 +195,8 @@ mod tests {
         let agent = |name: &str| AgentDraft { name: name.into(), action: vec![feature("move", labels.clone())] };
         let state = vec![
             feature("x", KindDraft::Continuous(edges)),
-            feature("y", KindDraft::Circular(8)),
+            feature("y", KindDraft::Circular(8, Some("radians".into()))),
+            FeatureDraft { unit: Some("°".into()), ..feature("w", KindDraft::Circular(8, None)) },
             feature("z", KindDraft::Integer(-3, 3)),
         ];
         Schema::try_from(&SchemaDraft { state, agents: vec![agent("robot"), agent("human")] }).expect("valid")
@@ -226,6 +234,17 @@ mod tests {
             };
             proptest::prop_assert_eq!(rule(&of_rule(&written)), Some(written));
         }
+    }
+
+    #[test]
+    fn what_was_written_before_units_reads_as_it_was_meant() {
+        let text = r#"{"state":[{"name":"x","unit":"deg","circular":8},{"name":"y","unit":"turns","circular":3},{"name":"z","circular":4}],
+            "agents":[{"name":"a","action":[{"name":"go","integer":[0,1]}]},{"name":"b","action":[{"name":"go","integer":[0,1]}]}]}"#;
+        let read = schema(text).expect("an old schema");
+        assert_eq!([0, 1, 2].map(|at| read.state()[at].kind.expected()), ["a finite angle in radians"; 3]);
+        // As af3f5d0, the first to write schemas, hashed it.
+        assert_eq!(read.hash().to_string(), "4051a8fd0e83a1b3fde790816df0ae25c5bca55026ff916017b5a38b6f79254a");
+        assert_eq!(schema(&of_schema(&read)), Some(read));
     }
 
     #[test]
