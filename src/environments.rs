@@ -4,7 +4,7 @@
 use std::sync::Arc;
 
 use crate::domain::draft::{DescriptionDraft, RuleDraft};
-use crate::domain::{Environment, EnvironmentPage, Name, Rule, Schema, page_size};
+use crate::domain::{Environment, EnvironmentPage, Name, Pair, Schema, WrittenRule, page_size};
 use crate::error::{ErrorKind, Fault, Problem};
 use crate::ingest::Ingest;
 use crate::store::{Store, StoreError};
@@ -55,9 +55,13 @@ impl Environments {
     }
 
     /// Changes the parts of a rule that are given.
-    pub async fn update_rule(&self, name: &str, rule: &RuleDraft) -> Result<Arc<Environment>, Problem> {
+    pub async fn update_rule(&self, name: &str, draft: &RuleDraft) -> Result<Arc<Environment>, Problem> {
         let environment = self.find(name)?;
-        let rule = environment.rule.merged(rule).map_err(|faults| Problem::invalid("rule", under_rule(faults)))?;
+        let rule = environment.rule.merged(draft).and_then(|rule| {
+            let kept = (environment.rule.threshold, environment.rule.unit) == (rule.threshold, rule.unit);
+            if draft.threshold.is_some() && !kept { within_reach(rule, &environment.schema) } else { Ok(rule) }
+        });
+        let rule = rule.map_err(|faults| Problem::invalid("rule", under_rule(faults)))?;
         Ok(self.store.set_rule(environment.id, rule).await?)
     }
 
@@ -73,7 +77,7 @@ impl Environments {
         &self,
         existing: Arc<Environment>,
         schema: &Schema,
-        rule: Option<Rule>,
+        rule: Option<WrittenRule>,
     ) -> Result<(Arc<Environment>, bool), Problem> {
         if existing.schema.hash() != schema.hash() {
             let message =
@@ -88,7 +92,7 @@ impl Environments {
     }
 }
 
-type Checked = (Name, Schema, Option<Rule>);
+type Checked = (Name, Schema, Option<WrittenRule>);
 
 /// Checks a description, beside what exists under its name.
 fn checked(name: &str, description: &DescriptionDraft, existing: Option<&Environment>) -> Result<Checked, Problem> {
@@ -96,12 +100,33 @@ fn checked(name: &str, description: &DescriptionDraft, existing: Option<&Environ
     let name = name.parse::<Name>().map_err(|detail| faults.push(Fault::new("/name", detail)));
     let kept = existing.map(|environment| environment.schema.hash());
     let schema = Schema::described(description, kept).map_err(|found| faults.extend(found)).ok();
-    let rule = description.rule.as_ref().map(|draft| Rule::default().merged(draft)).transpose();
+    let rule = description.rule.as_ref().map(|draft| given_rule(draft, schema.as_ref(), existing)).transpose();
     let rule = rule.map_err(|found| faults.extend(under_rule(found)));
     match (name, schema, rule) {
         (Ok(name), Some(schema), Ok(rule)) => Ok((name, schema, rule)),
         _ => Err(Problem::invalid("environment", faults)),
     }
+}
+
+/// Returns the rule of a description. What an environment has already is no fault: it is how its own description comes back.
+fn given_rule(
+    draft: &RuleDraft,
+    schema: Option<&Schema>,
+    existing: Option<&Environment>,
+) -> Result<WrittenRule, Vec<Fault>> {
+    let rule = WrittenRule::default().merged(draft)?;
+    let is_kept = existing
+        .is_some_and(|environment| (environment.rule.threshold, environment.rule.unit) == (rule.threshold, rule.unit));
+    match schema {
+        Some(schema) if draft.threshold.is_some() && !is_kept => within_reach(rule, schema),
+        _ => Ok(rule),
+    }
+}
+
+/// Refuses a threshold that no pair of the environment can reach.
+fn within_reach(rule: WrittenRule, schema: &Schema) -> Result<WrittenRule, Vec<Fault>> {
+    let widest = Pair::widest(schema).alphabet(schema);
+    rule.within_reach(widest).map(|()| rule).map_err(|fault| vec![fault])
 }
 
 /// A rule stands under `rule` in every request, so its faults lie there.

@@ -1,6 +1,6 @@
 //! Answers for people: what was found, from how much, beside what chance alone would give.
 
-use super::output::{Table, count, figure, figure_or_dash};
+use super::output::{Table, count, figure, figure_or_dash, percent};
 use crate::api::json::{dependence, model_kind, verdict};
 use crate::api::proto;
 
@@ -25,7 +25,8 @@ fn heading(environment: &str, labels: &proto::Labels, answers: &[proto::Answer])
     let first = answers.first().filter(|answer| answer.mutual_information.is_some());
     let rule = first.map(|answer| {
         let threshold = answer.threshold.unwrap_or_default();
-        format!("\n{} rule, threshold {threshold} {}", answer.rule, answer.unit)
+        let share = answer.share.map(|share| format!(", {} of the most the two can have", percent(share)));
+        format!("\n{} rule, threshold {threshold} {}{}", answer.rule, answer.unit, share.unwrap_or_default())
     });
     format!("{environment}: {ego} on {other}{given}, same tick{}", rule.unwrap_or_default())
 }

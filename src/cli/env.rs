@@ -1,5 +1,6 @@
 //! `nudge env`: environments of a service.
 
+use std::collections::BTreeMap;
 use std::io;
 use std::path::{Path, PathBuf};
 
@@ -12,8 +13,9 @@ use super::{Failure, output};
 use crate::api::{json as dto, proto};
 use crate::client::{Connection, schema_of};
 use crate::domain::draft::DescriptionDraft;
-use crate::domain::{Angle, Feature, FeatureKind, Schema, SchemaDraft};
+use crate::domain::{Angle, Feature, FeatureKind, Pair, Schema, SchemaDraft, Unit, WrittenRule};
 use crate::error::{Fault, Problem};
+use crate::information::Alphabet;
 
 /// Create, list, show and delete environments
 #[derive(Debug, Subcommand)]
@@ -125,8 +127,8 @@ impl Apply {
         }
         let done = if response.created { "created" } else { "exists with this description" };
         let schema = schema_of(&environment)?;
-        let notes: String = notes(&schema).iter().map(|note| format!("\n{note}")).collect();
-        print(&format!("environment `{}` {done}{notes}", environment.name))
+        let told = [thresholds(&environment, &schema), notes(&schema)].concat();
+        print(&format!("environment `{}` {done}\n{}", environment.name, told.join("\n")))
     }
 }
 
@@ -229,9 +231,44 @@ fn described(environment: &proto::Environment, schema: &Schema) -> String {
     schema.state().iter().for_each(|feature| row("state", feature));
     schema.action_features().for_each(|(agent, feature)| row(agent.name.as_str(), feature));
     let (name, uid, hash) = (&environment.name, &environment.uid, schema.hash());
+    let told: String = thresholds(environment, schema).iter().map(|line| format!("        {line}\n")).collect();
     let notes: String = notes(schema).iter().map(|line| format!("note    {line}\n")).collect();
     let rule = rule(environment);
-    format!("{name}\nuid     {uid}\nschema  {hash}\nrule    {rule}\n{notes}\n{}", table.render(""))
+    format!("{name}\nuid     {uid}\nschema  {hash}\nrule    {rule}\n{told}{notes}\n{}", table.render(""))
+}
+
+/// Tells the threshold in every way, a line for pairs that can have as much as each other.
+fn thresholds(environment: &proto::Environment, schema: &Schema) -> Vec<String> {
+    let draft = environment.rule.clone().unwrap_or_default().into();
+    let Ok(rule) = WrittenRule::default().merged(&draft) else { return Vec::new() };
+    let mut by_reach: BTreeMap<u64, Vec<Pair>> = BTreeMap::new();
+    for pair in Pair::every(schema) {
+        let Alphabet { rows, columns } = pair.alphabet(schema);
+        by_reach.entry(rows.min(columns)).or_default().push(pair);
+    }
+    by_reach.into_values().map(|pairs| threshold(&rule, schema, &pairs)).collect()
+}
+
+/// Tells the threshold for pairs of which each can have as much as the others.
+fn threshold(rule: &WrittenRule, schema: &Schema, pairs: &[Pair]) -> String {
+    const NAMED: usize = 3;
+    let name = |agent: usize| schema.agents()[agent].name.as_str();
+    let mut named: Vec<String> =
+        pairs.iter().take(NAMED).map(|pair| format!("{} and {}", name(pair.ego), name(pair.other))).collect();
+    if pairs.len() > NAMED {
+        named.push(format!("{} other pairs", pairs.len() - NAMED));
+    }
+    let (named, alphabet) = (named.join(", "), pairs[0].alphabet(schema));
+    let Some(share) = rule.share(alphabet) else {
+        return format!("always undecided between {named}: one of the two has a single action");
+    };
+    let nats = rule.resolved(alphabet).threshold_nats();
+    let [nats, bits] = [nats, Unit::Bits.from_nats(nats)].map(|number| output::significant(number, 3));
+    let beyond = if rule.within_reach(alphabet).is_err() { ": out of reach" } else { "" };
+    format!(
+        "influence above {nats} nats ({bits} bits; {} of the most {named} can have{beyond})",
+        output::percent(share)
+    )
 }
 
 /// Says where values are not measured in what their unit says.
@@ -256,10 +293,13 @@ fn agents(schema: &Schema) -> String {
 
 fn rule(environment: &proto::Environment) -> String {
     let rule = environment.rule.clone().unwrap_or_default();
-    let kind = rule.kind.unwrap_or_default();
-    let (threshold, unit) = (rule.threshold.unwrap_or_default(), rule.unit.unwrap_or_default());
+    let (kind, unit) = (rule.kind.unwrap_or_default(), rule.unit.unwrap_or_default());
+    let above = match rule.share {
+        Some(share) => format!("{} of what two agents can have", output::percent(share)),
+        None => format!("{} {unit}", rule.threshold.unwrap_or_default()),
+    };
     match kind.as_str() {
-        "paper" => format!("paper, above {threshold} {unit} from {} visits", rule.min_visits.unwrap_or_default()),
-        _ => format!("{kind}, above {threshold} {unit} at {}", rule.confidence.unwrap_or_default()),
+        "paper" => format!("paper, above {above} from {} visits", rule.min_visits.unwrap_or_default()),
+        _ => format!("{kind}, above {above} at {}", rule.confidence.unwrap_or_default()),
     }
 }

@@ -80,6 +80,8 @@ pub struct RuleDraft {
     pub kind: Option<String>,
     /// In `unit` where one is given beside it, else in the unit of the rule it is merged over.
     pub threshold: Option<f64>,
+    /// The same as a share of the largest mutual information that a pair can have, instead of `threshold`.
+    pub share: Option<f64>,
     /// `nats` or `bits`.
     pub unit: Option<String>,
     /// Visits below which the paper's rule stays undecided.

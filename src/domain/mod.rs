@@ -2,7 +2,8 @@
 //!
 //! The words, used alike in proto, SQL, REST, logs and code:
 //!
-//! * An **environment** is one named world: a [`Schema`] (its state's **features** and its **agents**), which never changes, and a [`Rule`], which may.
+//! * An **environment** is one named world: a [`Schema`] (its state's **features** and its **agents**), which never changes, and a
+//!   [`WrittenRule`], which may; for one pair of agents it is a [`Rule`].
 //! * A **state** is a tuple of feature values; discretised, a tuple of bins, whose [`StateKey`] is `3.0.7`.
 //! * A **joint action** is one action index per agent, as one number, the first agent most significant.
 //! * A **transition** is (state, joint action), seen once or `count` times; `entry` says whether it entered its state.
@@ -59,6 +60,6 @@ pub use overview::{
 };
 pub use question::{MOST_STATES, Pair, Permutations, Question, Scope, View};
 pub use records::{Digest, Entry, Record, Records, Rejection, Widths};
-pub use rule::{Rule, RuleKind, Unit};
+pub use rule::{Rule, RuleKind, Threshold, Unit, WrittenRule};
 pub use schema::{Agent, Schema, SchemaHash};
 pub use track::Track;

@@ -77,7 +77,9 @@ impl Registry {
     pub async fn activate(&self, environment: &Environment, version: u64) -> Result<Model, Problem> {
         let model = self.get(environment, version).await?;
         if model.stale {
-            let rule = environment.rule.threshold_nats();
+            let [ego, other] =
+                [&model.ego, &model.other].map(|agent| environment.schema.agent(agent).unwrap_or_default());
+            let rule = environment.rule_of(&Pair { ego, other, given: Vec::new() }).threshold_nats();
             let message = format!(
                 "version {version} answers at a threshold of {} nats only, and the rule's is {rule}: train another",
                 model.card.threshold
@@ -217,15 +219,11 @@ fn model(environment: &Environment, record: ModelRecord) -> Option<Model> {
     let card: Card =
         serde_json::from_str(&record.card).inspect_err(|error| unreadable(environment, record.version, error)).ok()?;
     let agent = |at: usize| environment.schema.agents().get(at).map(|agent| agent.name.to_string());
-    let stale = card.training.kind == ModelKind::Direct && card.threshold != environment.rule.threshold_nats();
-    Some(Model {
-        version: record.version,
-        ego: agent(record.ego)?,
-        other: agent(record.other)?,
-        active: record.active,
-        stale,
-        card,
-    })
+    let (ego, other) = (agent(record.ego)?, agent(record.other)?);
+    let pair = Pair { ego: record.ego, other: record.other, given: Vec::new() };
+    let stale =
+        card.training.kind == ModelKind::Direct && card.threshold != environment.rule_of(&pair).threshold_nats();
+    Some(Model { version: record.version, ego, other, active: record.active, stale, card })
 }
 
 fn unreadable(environment: &Environment, version: u64, error: &dyn std::fmt::Display) {

@@ -7,8 +7,8 @@ use std::sync::Arc;
 use async_trait::async_trait;
 
 use crate::domain::{
-    Acknowledged, Counts, Digest, Environment, EnvironmentId, FitId, Increment, Label, Name, ProducerId, Receipt, Rule,
-    Schema, SegmentId, Sequence, StateKey,
+    Acknowledged, Counts, Digest, Environment, EnvironmentId, FitId, Increment, Label, Name, ProducerId, Receipt,
+    Schema, SegmentId, Sequence, StateKey, WrittenRule,
 };
 
 mod error;
@@ -47,10 +47,10 @@ pub trait Store: Send + Sync {
     fn environment(&self, name: &str) -> Option<Arc<Environment>>;
 
     /// Makes an environment with a new uid; `AlreadyExists` where the name is taken.
-    async fn create(&self, name: &Name, schema: &Schema, rule: Rule) -> Result<Arc<Environment>, StoreError>;
+    async fn create(&self, name: &Name, schema: &Schema, rule: WrittenRule) -> Result<Arc<Environment>, StoreError>;
 
     /// Replaces the rule of an environment.
-    async fn set_rule(&self, id: EnvironmentId, rule: Rule) -> Result<Arc<Environment>, StoreError>;
+    async fn set_rule(&self, id: EnvironmentId, rule: WrittenRule) -> Result<Arc<Environment>, StoreError>;
 
     /// Removes an environment with its counts, receipts, watermarks and models.
     async fn delete(&self, id: EnvironmentId) -> Result<(), StoreError>;

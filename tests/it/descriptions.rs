@@ -39,7 +39,7 @@ fn rules() -> Vec<Value> {
     vec![
         json!({}),
         json!({"kind": "paper", "threshold": 0.300_000_000_000_000_04, "estimators": ["nsb", "uniform_policy"]}),
-        json!({"threshold": 0.1, "unit": "bits", "confidence": 0.999_999_999_999_999_9}),
+        json!({"share": 0.1, "unit": "bits", "confidence": 0.999_999_999_999_999_9}),
         json!({"kind": "evidence", "threshold": 1.584_96, "unit": "bits", "min_visits": 9_007_199_254_740_993_u64}),
         json!({"threshold": 0, "min_visits": 0}),
     ]

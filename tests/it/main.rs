@@ -19,6 +19,7 @@ mod networks;
 mod operations;
 mod planted;
 mod proxy;
+mod rules;
 mod server;
 mod simulate;
 mod sqlite_store;

@@ -5,7 +5,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use async_trait::async_trait;
 use nudge::api::proto;
-use nudge::domain::{Environment, EnvironmentId, Label, Name, ProducerId, Rule, Schema, SegmentId, Sequence, StateKey};
+use nudge::domain::{
+    Environment, EnvironmentId, Label, Name, ProducerId, Schema, SegmentId, Sequence, StateKey, WrittenRule,
+};
 use nudge::store::{
     Audit, Cursor, FitRecord, ModelRecord, NewModel, Numbered, Options, Outcome, Scanned, StateCounts, Store,
     StoreError, Totals,
@@ -50,10 +52,10 @@ impl Store for Lying {
     fn environment(&self, name: &str) -> Option<Arc<Environment>> {
         self.store.environment(name)
     }
-    async fn create(&self, name: &Name, schema: &Schema, rule: Rule) -> Result<Arc<Environment>, StoreError> {
+    async fn create(&self, name: &Name, schema: &Schema, rule: WrittenRule) -> Result<Arc<Environment>, StoreError> {
         self.store.create(name, schema, rule).await
     }
-    async fn set_rule(&self, id: EnvironmentId, rule: Rule) -> Result<Arc<Environment>, StoreError> {
+    async fn set_rule(&self, id: EnvironmentId, rule: WrittenRule) -> Result<Arc<Environment>, StoreError> {
         self.store.set_rule(id, rule).await
     }
     async fn delete(&self, id: EnvironmentId) -> Result<(), StoreError> {

@@ -3,7 +3,7 @@
 use super::given;
 use crate::api::proto;
 use crate::domain::draft::{AgentDraft, FeatureDraft, KindDraft, RuleDraft, SchemaDraft};
-use crate::domain::{Environment, EnvironmentPage, Rule};
+use crate::domain::{Environment, EnvironmentPage, Threshold, WrittenRule};
 
 impl From<proto::Schema> for SchemaDraft {
     fn from(schema: proto::Schema) -> Self {
@@ -55,25 +55,30 @@ impl From<FeatureDraft> for proto::Feature {
 
 impl From<proto::Rule> for RuleDraft {
     fn from(rule: proto::Rule) -> Self {
-        let proto::Rule { kind, threshold, unit, min_visits, confidence, estimators } = rule;
+        let proto::Rule { kind, threshold, share, unit, min_visits, confidence, estimators } = rule;
         let estimators = estimators.map(|estimators| estimators.names);
-        Self { kind, threshold, unit, min_visits, confidence, estimators }
+        Self { kind, threshold, share, unit, min_visits, confidence, estimators }
     }
 }
 
 impl From<RuleDraft> for proto::Rule {
     fn from(draft: RuleDraft) -> Self {
-        let RuleDraft { kind, threshold, unit, min_visits, confidence, estimators } = draft;
+        let RuleDraft { kind, threshold, share, unit, min_visits, confidence, estimators } = draft;
         let estimators = estimators.map(|names| proto::EstimatorList { names });
-        Self { kind, threshold, unit, min_visits, confidence, estimators }
+        Self { kind, threshold, share, unit, min_visits, confidence, estimators }
     }
 }
 
-impl From<Rule> for proto::Rule {
-    fn from(rule: Rule) -> Self {
+impl From<WrittenRule> for proto::Rule {
+    fn from(rule: WrittenRule) -> Self {
+        let (threshold, share) = match rule.threshold {
+            Threshold::Information(threshold) => (Some(threshold), None),
+            Threshold::Share(share) => (None, Some(share)),
+        };
         Self {
             kind: Some(rule.kind.as_str().into()),
-            threshold: Some(rule.threshold),
+            threshold,
+            share,
             unit: Some(rule.unit.as_str().into()),
             min_visits: Some(rule.min_visits),
             confidence: Some(rule.confidence),

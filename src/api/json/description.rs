@@ -202,7 +202,7 @@ impl From<FeatureDraft> for Feature {
 mod tests {
     use super::*;
     use crate::api::proto;
-    use crate::domain::{Rule as DomainRule, Schema};
+    use crate::domain::{Schema, WrittenRule};
 
     const HALLWAY: &str = r#"
         { "state":  [ {"name": "distance", "unit": "m",  "continuous": {"edges": [0.5, 0.7, 1, 1.5]}},
@@ -219,7 +219,7 @@ mod tests {
     fn a_description_goes_through_the_domain_and_comes_back() {
         let (draft, rule) = description_of_text(HALLWAY).expect("valid");
         let schema = Schema::try_from(&draft).expect("valid");
-        let rule = DomainRule::default().merged(&rule.expect("given")).expect("valid");
+        let rule = WrittenRule::default().merged(&rule.expect("given")).expect("valid");
         let again = Description::of(schema.draft(), Some(proto::Rule::from(rule).into()));
         let written = serde_json::to_value(again).expect("JSON");
         let given: serde_json::Value = serde_json::from_str(HALLWAY).expect("JSON");

@@ -9,7 +9,7 @@ use super::directory::Directory;
 use super::error::{aborted, spoiled, unreadable};
 use super::text;
 use super::writer::Writer;
-use crate::domain::{Environment, EnvironmentId, Name, Rule, Schema, Uid};
+use crate::domain::{Environment, EnvironmentId, Name, Schema, Uid, WrittenRule};
 use crate::store::StoreError;
 
 /// Reads every environment.
@@ -25,7 +25,7 @@ pub(super) async fn create(
     writer: &Writer,
     name: &Name,
     schema: &Schema,
-    rule: Rule,
+    rule: WrittenRule,
 ) -> Result<Arc<Environment>, StoreError> {
     let uid = Uid(uuid::Uuid::new_v4().to_string());
     let mut transaction = writer.begin().await?;
@@ -43,7 +43,7 @@ pub(super) async fn set_rule(
     writer: &Writer,
     directory: &Directory,
     id: EnvironmentId,
-    rule: Rule,
+    rule: WrittenRule,
 ) -> Result<Arc<Environment>, StoreError> {
     let mut transaction = writer.begin().await?;
     // Looked up after `begin`, so that two changes cannot pass each other.
@@ -75,7 +75,7 @@ async fn insert(
     uid: &Uid,
     name: &Name,
     schema: &Schema,
-    rule: Rule,
+    rule: WrittenRule,
 ) -> Result<EnvironmentId, sqlx::Error> {
     let text = "insert into environments (uid, name, schema, schema_hash, rule) values (?, ?, ?, ?, ?)";
     let done = sqlx::query(text)

@@ -16,7 +16,9 @@ use super::{
     Audit, Cursor, FitRecord, ModelRecord, NewModel, Numbered, Outcome, Quotas, Scanned, StateCounts, Store,
     StoreError, Totals,
 };
-use crate::domain::{Environment, EnvironmentId, Label, Name, ProducerId, Rule, Schema, SegmentId, Sequence, StateKey};
+use crate::domain::{
+    Environment, EnvironmentId, Label, Name, ProducerId, Schema, SegmentId, Sequence, StateKey, WrittenRule,
+};
 
 mod audit;
 mod cache;
@@ -82,11 +84,11 @@ impl Store for SqliteStore {
         self.memory.directory.named(name)
     }
 
-    async fn create(&self, name: &Name, schema: &Schema, rule: Rule) -> Result<Arc<Environment>, StoreError> {
+    async fn create(&self, name: &Name, schema: &Schema, rule: WrittenRule) -> Result<Arc<Environment>, StoreError> {
         environments::create(&self.writer, name, schema, rule).await
     }
 
-    async fn set_rule(&self, id: EnvironmentId, rule: Rule) -> Result<Arc<Environment>, StoreError> {
+    async fn set_rule(&self, id: EnvironmentId, rule: WrittenRule) -> Result<Arc<Environment>, StoreError> {
         environments::set_rule(&self.writer, &self.memory.directory, id, rule).await
     }
 

@@ -9,7 +9,7 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 
 use crate::domain::draft::{AgentDraft, FeatureDraft, KindDraft};
-use crate::domain::{Angle, Estimator, Receipt, Rejection, Rule, Schema, SchemaDraft};
+use crate::domain::{Angle, Estimator, Receipt, Rejection, Schema, SchemaDraft, Threshold, WrittenRule};
 
 #[derive(Serialize, Deserialize)]
 struct SchemaText {
@@ -47,7 +47,11 @@ enum KindText {
 #[derive(Serialize, Deserialize)]
 struct RuleText {
     kind: String,
-    threshold: String,
+    /// Absent where a share is written instead.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    threshold: Option<String>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    share: Option<String>,
     unit: String,
     min_visits: u64,
     confidence: String,
@@ -82,10 +86,15 @@ pub(super) fn schema(text: &str) -> Option<Schema> {
 }
 
 /// Writes a rule.
-pub(super) fn of_rule(rule: &Rule) -> String {
+pub(super) fn of_rule(rule: &WrittenRule) -> String {
+    let (threshold, share) = match rule.threshold {
+        Threshold::Information(threshold) => (Some(threshold.to_string()), None),
+        Threshold::Share(share) => (None, Some(share.to_string())),
+    };
     json(&RuleText {
         kind: rule.kind.as_str().into(),
-        threshold: rule.threshold.to_string(),
+        threshold,
+        share,
         unit: rule.unit.as_str().into(),
         min_visits: rule.min_visits,
         confidence: rule.confidence.to_string(),
@@ -94,11 +103,15 @@ pub(super) fn of_rule(rule: &Rule) -> String {
 }
 
 /// Reads a rule back.
-pub(super) fn rule(text: &str) -> Option<Rule> {
+pub(super) fn rule(text: &str) -> Option<WrittenRule> {
     let text: RuleText = serde_json::from_str(text).ok()?;
-    Some(Rule {
+    let threshold = match text.share {
+        Some(share) => Threshold::Share(share.parse().ok()?),
+        None => Threshold::Information(text.threshold?.parse().ok()?),
+    };
+    Some(WrittenRule {
         kind: text.kind.parse().ok()?,
-        threshold: text.threshold.parse().ok()?,
+        threshold,
         unit: text.unit.parse().ok()?,
         min_visits: text.min_visits,
         confidence: text.confidence.parse().ok()?,
@@ -223,8 +236,9 @@ mod tests {
         }
 
         #[test]
-        fn any_rule_reads_back_exactly(threshold in 0.0..1e300, confidence in 0.5..1.0, min_visits: u64) {
-            let written = Rule {
+        fn any_rule_reads_back_exactly(threshold in 0.0..1e300, share in 0.0..1.0, confidence in 0.5..1.0, min_visits: u64) {
+            for threshold in [Threshold::Information(threshold), Threshold::Share(share)] {
+            let written = WrittenRule {
                 kind: RuleKind::Paper,
                 threshold,
                 unit: Unit::Bits,
@@ -233,11 +247,12 @@ mod tests {
                 estimators: [Estimator::Nsb].into_iter().collect(),
             };
             proptest::prop_assert_eq!(rule(&of_rule(&written)), Some(written));
+            }
         }
     }
 
     #[test]
-    fn what_was_written_before_units_reads_as_it_was_meant() {
+    fn what_was_written_before_units_and_shares_reads_as_it_was_meant() {
         let text = r#"{"state":[{"name":"x","unit":"deg","circular":8},{"name":"y","unit":"turns","circular":3},{"name":"z","circular":4}],
             "agents":[{"name":"a","action":[{"name":"go","integer":[0,1]}]},{"name":"b","action":[{"name":"go","integer":[0,1]}]}]}"#;
         let read = schema(text).expect("an old schema");
@@ -245,6 +260,10 @@ mod tests {
         // As af3f5d0, the first to write schemas, hashed it.
         assert_eq!(read.hash().to_string(), "4051a8fd0e83a1b3fde790816df0ae25c5bca55026ff916017b5a38b6f79254a");
         assert_eq!(schema(&of_schema(&read)), Some(read));
+        let old = r#"{"kind":"paper","threshold":"0.8","unit":"nats","min_visits":8,"confidence":"0.8"}"#;
+        assert_eq!(rule(old).expect("an old rule").threshold, Threshold::Information(0.8));
+        assert_eq!(of_rule(&rule(old).expect("an old rule")), old);
+        assert_eq!(rule(r#"{"kind":"paper","unit":"nats","min_visits":8,"confidence":"0.8"}"#), None);
     }
 
     #[test]
