@@ -197,11 +197,11 @@ impl WrittenRule {
     pub fn within_reach(&self, alphabet: Alphabet) -> Result<(), Fault> {
         /// What the rounding of a unit may add.
         const ROUNDING: f64 = 1e-12;
-        let (threshold, largest) = (self.resolved(alphabet), alphabet.largest_information());
-        if largest == 0.0 || threshold.threshold_nats() < largest * (1.0 - ROUNDING) {
+        let (rule, largest) = (self.resolved(alphabet), alphabet.largest_information());
+        if largest == 0.0 || rule.threshold_nats() < largest * (1.0 - ROUNDING) {
             return Ok(());
         }
-        Err(Fault::new("/threshold", beyond_reach(threshold, alphabet)))
+        Err(Fault::new("/threshold", beyond_reach(rule, alphabet)))
     }
 
     /// Returns this rule with the parts of `draft` that were given; a unit given alone converts the threshold. Lists every fault.
@@ -236,8 +236,8 @@ impl WrittenRule {
 }
 
 /// Tells the most that two agents can have, in the unit of the threshold that is beyond it.
-fn beyond_reach(threshold: Rule, alphabet: Alphabet) -> String {
-    let Rule { threshold, unit, .. } = threshold;
+fn beyond_reach(rule: Rule, alphabet: Alphabet) -> String {
+    let Rule { threshold, unit, .. } = rule;
     let Alphabet { rows, columns } = alphabet;
     let largest = (unit.from_nats(alphabet.largest_information()) * 1e6).round() / 1e6;
     let logarithm = if unit == Unit::Nats { "ln" } else { "log2" };
