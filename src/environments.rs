@@ -57,10 +57,9 @@ impl Environments {
     /// Changes the parts of a rule that are given.
     pub async fn update_rule(&self, name: &str, draft: &RuleDraft) -> Result<Arc<Environment>, Problem> {
         let environment = self.find(name)?;
-        let rule = environment.rule.merged(draft).and_then(|rule| {
-            let kept = (environment.rule.threshold, environment.rule.unit) == (rule.threshold, rule.unit);
-            if draft.threshold.is_some() && !kept { within_reach(rule, &environment.schema) } else { Ok(rule) }
-        });
+        let kept = Some(environment.rule);
+        let merged = environment.rule.merged(draft);
+        let rule = merged.and_then(|rule| within_reach(rule, draft, &environment.schema, kept));
         let rule = rule.map_err(|faults| Problem::invalid("rule", under_rule(faults)))?;
         Ok(self.store.set_rule(environment.id, rule).await?)
     }
@@ -100,7 +99,12 @@ fn checked(name: &str, description: &DescriptionDraft, existing: Option<&Environ
     let name = name.parse::<Name>().map_err(|detail| faults.push(Fault::new("/name", detail)));
     let kept = existing.map(|environment| environment.schema.hash());
     let schema = Schema::described(description, kept).map_err(|found| faults.extend(found)).ok();
-    let rule = description.rule.as_ref().map(|draft| given_rule(draft, schema.as_ref(), existing)).transpose();
+    let kept = existing.map(|environment| environment.rule);
+    let given = |draft: &RuleDraft| match (WrittenRule::default().merged(draft), &schema) {
+        (Ok(rule), Some(schema)) => within_reach(rule, draft, schema, kept),
+        (merged, _) => merged,
+    };
+    let rule = description.rule.as_ref().map(given).transpose();
     let rule = rule.map_err(|found| faults.extend(under_rule(found)));
     match (name, schema, rule) {
         (Ok(name), Some(schema), Ok(rule)) => Ok((name, schema, rule)),
@@ -108,25 +112,20 @@ fn checked(name: &str, description: &DescriptionDraft, existing: Option<&Environ
     }
 }
 
-/// Returns the rule of a description. What an environment has already is no fault: it is how its own description comes back.
-fn given_rule(
+/// Refuses a threshold that is given now and that no pair of the environment can reach. What is kept already is no fault: it is how a description
+/// comes back in.
+fn within_reach(
+    rule: WrittenRule,
     draft: &RuleDraft,
-    schema: Option<&Schema>,
-    existing: Option<&Environment>,
+    schema: &Schema,
+    kept: Option<WrittenRule>,
 ) -> Result<WrittenRule, Vec<Fault>> {
-    let rule = WrittenRule::default().merged(draft)?;
-    let is_kept = existing
-        .is_some_and(|environment| (environment.rule.threshold, environment.rule.unit) == (rule.threshold, rule.unit));
-    match schema {
-        Some(schema) if draft.threshold.is_some() && !is_kept => within_reach(rule, schema),
-        _ => Ok(rule),
+    let is_kept = kept.is_some_and(|kept| (kept.threshold, kept.unit) == (rule.threshold, rule.unit));
+    if draft.threshold.is_some() && !is_kept {
+        let widest = Pair::widest(schema).alphabet(schema);
+        rule.within_reach(widest).map_err(|fault| vec![fault])?;
     }
-}
-
-/// Refuses a threshold that no pair of the environment can reach.
-fn within_reach(rule: WrittenRule, schema: &Schema) -> Result<WrittenRule, Vec<Fault>> {
-    let widest = Pair::widest(schema).alphabet(schema);
-    rule.within_reach(widest).map(|()| rule).map_err(|fault| vec![fault])
+    Ok(rule)
 }
 
 /// A rule stands under `rule` in every request, so its faults lie there.

@@ -119,7 +119,7 @@ pub struct Rule {
     pub kind: RuleKind,
     /// In `unit`; finite and not negative.
     pub threshold: f64,
-    /// The unit of the threshold, and of answers unless another is asked for.
+    /// The unit of the threshold.
     pub unit: Unit,
     /// Visits below which the paper's rule stays undecided.
     pub min_visits: u64,
@@ -173,12 +173,13 @@ impl Default for WrittenRule {
 }
 
 impl WrittenRule {
-    /// Returns this rule for two agents with so many actions.
+    /// Returns this rule for two agents with so many actions. A share becomes nats, so that it is the same threshold to the last bit whatever unit is
+    /// told.
     pub fn resolved(&self, alphabet: Alphabet) -> Rule {
         let Self { kind, threshold, unit, min_visits, confidence, estimators } = *self;
-        let threshold = match threshold {
-            Threshold::Information(threshold) => threshold,
-            Threshold::Share(share) => unit.from_nats(share * alphabet.largest_information()),
+        let (threshold, unit) = match threshold {
+            Threshold::Information(threshold) => (threshold, unit),
+            Threshold::Share(share) => (share * alphabet.largest_information(), Unit::Nats),
         };
         Rule { kind, threshold, unit, min_visits, confidence, estimators }
     }
@@ -331,8 +332,11 @@ mod tests {
         for (pair, most) in PAIRS.iter().zip([2.0_f64, 3.0, 256.0, 1.0]) {
             assert!((rule.resolved(alphabet(*pair)).threshold_nats() - 0.5 * most.ln()).abs() < 1e-15);
         }
-        let bits = RuleDraft { unit: Some("bits".into()), ..share(0.5) };
-        assert!((merged(rule, bits).resolved(alphabet((256, 256))).threshold - 4.0).abs() < 1e-15);
+        let bits = merged(rule, RuleDraft { unit: Some("bits".into()), ..share(0.5) });
+        assert!((bits.resolved(alphabet((256, 256))).in_unit(Unit::Bits).threshold - 4.0).abs() < 1e-15);
+        for pair in PAIRS {
+            assert_eq!(bits.resolved(alphabet(pair)), rule.resolved(alphabet(pair)), "a unit moves no threshold");
+        }
         assert_eq!(PAIRS.map(|pair| rule.share(alphabet(pair))), [Some(0.5), Some(0.5), Some(0.5), None]);
         let half_a_nat = WrittenRule::default().share(alphabet((2, 2))).expect("two actions each");
         assert!((half_a_nat - 0.5 / LN_2).abs() < 1e-15);

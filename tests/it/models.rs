@@ -121,9 +121,11 @@ async fn a_share_is_a_threshold_for_networks_too() {
     let version = trained(&app, &direct).await;
     let model = get(&app, &format!("/{version}")).await;
     assert_eq!((&model["card"]["threshold"], &model["stale"]), (&json!(0.5 * 3_f64.ln()), &json!(false)), "{model}");
-    for (share, stale) in [(0.4, true), (0.5, false)] {
-        rule(json!({"share": share})).await;
-        assert_eq!(get(&app, &format!("/{version}")).await["stale"], json!(stale), "{share}");
+    for (changed, stale) in
+        [(json!({"unit": "bits"}), false), (json!({"share": 0.4}), true), (json!({"share": 0.5}), false)]
+    {
+        rule(changed.clone()).await;
+        assert_eq!(get(&app, &format!("/{version}")).await["stale"], json!(stale), "{changed}");
     }
 }
 
