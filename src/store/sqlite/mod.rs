@@ -64,7 +64,7 @@ pub struct SqliteStore {
     writer: Writer,
     readers: SqlitePool,
     /// Held as long as the store lives. Last, so that it is let go after the connections.
-    lock: Mutex<Option<std::fs::File>>,
+    lock: Mutex<Option<open::Lock>>,
 }
 
 impl SqliteStore {
