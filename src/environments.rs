@@ -3,8 +3,8 @@
 
 use std::sync::Arc;
 
-use crate::domain::draft::{RuleDraft, SchemaDraft};
-use crate::domain::{Environment, EnvironmentPage, Name, Rule, Schema, UnreadableEnvironment, page_size};
+use crate::domain::draft::{DescriptionDraft, RuleDraft};
+use crate::domain::{Environment, EnvironmentPage, Name, Pair, Schema, UnreadableEnvironment, WrittenRule, page_size};
 use crate::error::{ErrorKind, Fault, Problem};
 use crate::ingest::Ingest;
 use crate::store::{Store, StoreError};
@@ -47,14 +47,10 @@ impl Environments {
     }
 
     /// Makes an environment, or confirms that it exists with this schema; a rule that is given is set. Returns whether it was made now.
-    pub async fn apply(
-        &self,
-        name: &str,
-        schema: &SchemaDraft,
-        rule: Option<&RuleDraft>,
-    ) -> Result<(Arc<Environment>, bool), Problem> {
-        let (name, schema, rule) = checked(name, schema, rule)?;
-        if let Some(existing) = self.store.environment(name.as_str()) {
+    pub async fn apply(&self, name: &str, description: &DescriptionDraft) -> Result<(Arc<Environment>, bool), Problem> {
+        let existing = self.store.environment(name);
+        let (name, schema, rule) = checked(name, description, existing.as_deref())?;
+        if let Some(existing) = existing {
             return self.confirm(existing, &schema, rule).await;
         }
         match self.store.create(&name, &schema, rule.unwrap_or_default()).await {
@@ -65,9 +61,12 @@ impl Environments {
     }
 
     /// Changes the parts of a rule that are given.
-    pub async fn update_rule(&self, name: &str, rule: &RuleDraft) -> Result<Arc<Environment>, Problem> {
+    pub async fn update_rule(&self, name: &str, draft: &RuleDraft) -> Result<Arc<Environment>, Problem> {
         let environment = self.find(name)?;
-        let rule = environment.rule.merged(rule).map_err(|faults| Problem::invalid("rule", under_rule(faults)))?;
+        let kept = Some(environment.rule);
+        let merged = environment.rule.merged(draft);
+        let rule = merged.and_then(|rule| within_reach(rule, draft, &environment.schema, kept));
+        let rule = rule.map_err(|faults| Problem::invalid("rule", under_rule(faults)))?;
         Ok(self.store.set_rule(environment.id, rule).await?)
     }
 
@@ -86,7 +85,7 @@ impl Environments {
         &self,
         existing: Arc<Environment>,
         schema: &Schema,
-        rule: Option<Rule>,
+        rule: Option<WrittenRule>,
     ) -> Result<(Arc<Environment>, bool), Problem> {
         if existing.schema.hash() != schema.hash() {
             let message =
@@ -107,18 +106,41 @@ fn cannot_be_read(environment: &UnreadableEnvironment) -> Problem {
     Problem::new(ErrorKind::Conflict, "ENVIRONMENT_UNREADABLE", message)
 }
 
-type Checked = (Name, Schema, Option<Rule>);
+type Checked = (Name, Schema, Option<WrittenRule>);
 
-fn checked(name: &str, schema: &SchemaDraft, rule: Option<&RuleDraft>) -> Result<Checked, Problem> {
+/// Checks a description, beside what exists under its name.
+fn checked(name: &str, description: &DescriptionDraft, existing: Option<&Environment>) -> Result<Checked, Problem> {
     let mut faults = Vec::new();
     let name = name.parse::<Name>().map_err(|detail| faults.push(Fault::new("/name", detail)));
-    let schema = Schema::try_from(schema).map_err(|found| faults.extend(found));
-    let rule = rule.map(|rule| Rule::default().merged(rule)).transpose();
+    let kept = existing.map(|environment| environment.schema.hash());
+    let schema = Schema::described(description, kept).map_err(|found| faults.extend(found)).ok();
+    let kept = existing.map(|environment| environment.rule);
+    let given = |draft: &RuleDraft| match (WrittenRule::default().merged(draft), &schema) {
+        (Ok(rule), Some(schema)) => within_reach(rule, draft, schema, kept),
+        (merged, _) => merged,
+    };
+    let rule = description.rule.as_ref().map(given).transpose();
     let rule = rule.map_err(|found| faults.extend(under_rule(found)));
     match (name, schema, rule) {
-        (Ok(name), Ok(schema), Ok(rule)) => Ok((name, schema, rule)),
+        (Ok(name), Some(schema), Ok(rule)) => Ok((name, schema, rule)),
         _ => Err(Problem::invalid("environment", faults)),
     }
+}
+
+/// Refuses a threshold that is given now and that no pair of the environment can reach. What is kept already is no fault: it is how a description
+/// comes back in.
+fn within_reach(
+    rule: WrittenRule,
+    draft: &RuleDraft,
+    schema: &Schema,
+    kept: Option<WrittenRule>,
+) -> Result<WrittenRule, Vec<Fault>> {
+    let is_kept = kept.is_some_and(|kept| (kept.threshold, kept.unit) == (rule.threshold, rule.unit));
+    if draft.threshold.is_some() && !is_kept {
+        let widest = Pair::widest(schema).alphabet(schema);
+        rule.within_reach(widest).map_err(|fault| vec![fault])?;
+    }
+    Ok(rule)
 }
 
 /// A rule stands under `rule` in every request, so its faults lie there.

@@ -1,6 +1,6 @@
 //! Answers for people: what was found, from how much, beside what chance alone would give.
 
-use super::output::{Table, count, figure, figure_or_dash};
+use super::output::{Table, count, figure, figure_or_dash, percent, significant};
 use crate::api::json::{dependence, model_kind, verdict};
 use crate::api::proto;
 
@@ -17,6 +17,11 @@ pub(super) fn render(environment: &str, response: &proto::BatchGetInfluenceRespo
     }
 }
 
+/// Tells a threshold, which as a share or in another unit has digits without end.
+fn told(threshold: f64) -> String {
+    significant(threshold, 6)
+}
+
 fn heading(environment: &str, labels: &proto::Labels, answers: &[proto::Answer]) -> String {
     let name = |variable: &Option<proto::Variable>| variable.as_ref().map(|one| one.name.clone()).unwrap_or_default();
     let given: Vec<&str> = labels.given.iter().map(|variable| variable.name.as_str()).collect();
@@ -24,8 +29,9 @@ fn heading(environment: &str, labels: &proto::Labels, answers: &[proto::Answer])
     let (ego, other) = (name(&labels.ego), name(&labels.other));
     let first = answers.first().filter(|answer| answer.mutual_information.is_some());
     let rule = first.map(|answer| {
-        let threshold = answer.threshold.unwrap_or_default();
-        format!("\n{} rule, threshold {threshold} {}", answer.rule, answer.unit)
+        let threshold = told(answer.threshold.unwrap_or_default());
+        let share = answer.share.map(|share| format!(", {} of the most the two can have", percent(share)));
+        format!("\n{} rule, threshold {threshold} {}{}", answer.rule, answer.unit, share.unwrap_or_default())
     });
     format!("{environment}: {ego} on {other}{given}, same tick{}", rule.unwrap_or_default())
 }
@@ -52,8 +58,8 @@ fn one(answer: &proto::Answer, labels: &proto::Labels) -> String {
 fn evidence(answer: &proto::Answer) -> String {
     let mut lines = Vec::new();
     if let (Some(probability), Some(threshold)) = (&answer.probability, answer.threshold) {
-        let above =
-            format!("by the counts P(above {threshold} {}) {}", answer.unit, figure(probability.above_threshold));
+        let (threshold, above) = (told(threshold), figure(probability.above_threshold));
+        let above = format!("by the counts P(above {threshold} {}) {above}", answer.unit);
         let dependence = dependence(answer.dependence).unwrap_or("unknown");
         lines.push(format!("{above}; dependence {dependence}, P(dependent) {}", figure(probability.dependent)));
     }
@@ -76,7 +82,7 @@ fn evidence(answer: &proto::Answer) -> String {
 fn network(model: &proto::ModelFigures, answer: &proto::Answer) -> String {
     let (kind, unit) = (model_kind(model.kind), &answer.unit);
     let above = match (model.probability, answer.threshold) {
-        (Some(probability), Some(threshold)) => format!("P(above {threshold} {unit}) {}", figure(probability)),
+        (Some(probability), Some(threshold)) => format!("P(above {} {unit}) {}", told(threshold), figure(probability)),
         _ => "cannot tell at this threshold".into(),
     };
     let information = model.mutual_information.map(|mean| format!(", mutual information {} {unit}", figure(mean)));

@@ -1,6 +1,6 @@
 //! What networks say of themselves, for people: how they did beside every baseline, and whether they answer.
 
-use super::output::{Table, count, figure, figure_or_dash};
+use super::output::{Table, count, figure, figure_or_dash, significant};
 use crate::api::json::{job_state, model_kind, weighting};
 use crate::api::proto;
 use crate::domain::ModelId;
@@ -50,7 +50,7 @@ fn facts(card: &proto::Card) -> String {
             ),
         ),
         ("judged by", judged_by(card, &training)),
-        ("threshold", format!("{} nats", card.threshold)),
+        ("threshold", format!("{} nats", significant(card.threshold, 6))),
     ];
     // A direct network has no mutual information to make a probability of.
     if let (proto::ModelKind::Joint, Some(calibration)) = (training.kind(), card.calibration) {

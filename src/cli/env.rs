@@ -1,5 +1,7 @@
 //! `nudge env`: environments of a service.
 
+use std::collections::BTreeMap;
+use std::io;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
@@ -9,8 +11,10 @@ use super::server::Server;
 use super::{Failure, output};
 use crate::api::{json as dto, proto};
 use crate::client::{Connection, schema_of};
-use crate::domain::{Feature, Schema};
-use crate::error::Problem;
+use crate::domain::draft::DescriptionDraft;
+use crate::domain::{Angle, Feature, FeatureKind, Pair, Schema, SchemaDraft, Unit, WrittenRule};
+use crate::error::{Fault, Problem};
+use crate::information::Alphabet;
 
 /// Create, list, show and delete environments
 #[derive(Debug, Subcommand)]
@@ -23,7 +27,9 @@ pub(super) enum Env {
         long_about = "Create an environment from a description in JSON, or confirm that it exists with this very one.\n\n\
         A rule in the file is set; without one the rule stays as it is. State and agents cannot be changed: delete the environment, or take \
         another name.\n\n\
-        Example:\n  nudge env apply worlds/hallway.json --name hallway\n\n\
+        What `nudge env show --json` prints is a description too: it is known by its own name, unless --name makes a copy of it.\n\n\
+        Example:\n  nudge env apply worlds/hallway.json --name hallway\n  \
+        nudge env show hallway --json | nudge env apply - --server http://127.0.0.1:9090\n\n\
         A small description:\n  \
         {\"state\": [{\"name\": \"distance\", \"unit\": \"m\", \"continuous\": {\"edges\": [0.5, 1, 2]}}],\n   \
         \"agents\": [\n     \
@@ -49,9 +55,9 @@ pub(super) enum Env {
 
 #[derive(Debug, Args)]
 pub(super) struct Apply {
-    /// File with the description, in JSON
+    /// File with the description, in JSON; - for standard input
     file: PathBuf,
-    /// Name of the environment; the file's name without its extension unless given
+    /// Name of the environment; else the name that the description gives itself, else the file's name without its extension
     #[arg(long)]
     name: Option<String>,
     /// Print JSON
@@ -105,20 +111,36 @@ impl Env {
 
 impl Apply {
     async fn run(self) -> Result<(), Failure> {
-        let (schema, rule) = dto::description_of_text(&text_of(&self.file)?)?;
-        // The wire has room for one kind a feature and for fewer numbers than JSON: what does not fit must be told, not trimmed.
-        Schema::try_from(&schema).map_err(|faults| Problem::invalid("environment", faults))?;
-        let name = self.name.unwrap_or_else(|| stem(&self.file));
+        let description: dto::Description = dto::decode("environment", text_of(&self.file)?.as_bytes())?;
+        let name = self.name.or_else(|| description.name.clone()).or_else(|| stem(&self.file)).ok_or_else(unnamed)?;
+        let draft = DescriptionDraft::from(description);
+        // The wire has room for one kind a feature and for fewer numbers than JSON, and none for a hash: what does not fit must be told, not trimmed.
+        let schema = checked(&draft).map_err(|faults| Problem::invalid("environment", faults))?;
         let connection = self.server.connect().await?;
-        let request = proto::ApplyEnvironmentRequest { name, schema: Some(schema.into()), rule: rule.map(Into::into) };
+        let (schema, rule) = (Some(schema.into()), draft.rule.map(Into::into));
+        let request = proto::ApplyEnvironmentRequest { name, schema, rule };
         let response = connection.environments().apply_environment(request).await?.into_inner();
         let environment = response.environment.unwrap_or_default();
         if self.json {
             return print_json(&to_json(dto::Environment::from(environment)));
         }
         let done = if response.created { "created" } else { "exists with this description" };
-        print(&format!("environment `{}` {done}", environment.name))
+        let schema = schema_of(&environment)?;
+        let told = [thresholds(&environment, &schema), notes(&schema)].concat();
+        print(&format!("environment `{}` {done}\n{}", environment.name, told.join("\n")))
     }
+}
+
+/// Returns the description as the wire takes it. What only the service can tell, whether it was made before units of angles were read, is left to it.
+fn checked(draft: &DescriptionDraft) -> Result<SchemaDraft, Vec<Fault>> {
+    if draft.schema_hash.is_some() {
+        return Schema::described(draft, None).map(|schema| schema.draft());
+    }
+    Schema::try_from(&draft.schema.in_radians()).map(|_| draft.schema.clone())
+}
+
+fn unnamed() -> Failure {
+    Failure::usage("a description from standard input has no name of its own: add --name NAME")
 }
 
 impl List {
@@ -199,11 +221,16 @@ fn cannot_be_read(environment: &proto::UnreadableEnvironment) -> String {
 }
 
 fn text_of(file: &Path) -> Result<String, Failure> {
-    std::fs::read_to_string(file).map_err(|error| cannot_read(file, &error))
+    let text = if is_standard_input(file) { io::read_to_string(io::stdin()) } else { std::fs::read_to_string(file) };
+    text.map_err(|error| cannot_read(file, &error))
 }
 
-fn stem(file: &Path) -> String {
-    file.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default()
+fn is_standard_input(file: &Path) -> bool {
+    file == Path::new("-")
+}
+
+fn stem(file: &Path) -> Option<String> {
+    file.file_stem().filter(|_| !is_standard_input(file)).map(|stem| stem.to_string_lossy().into_owned())
 }
 
 fn described(environment: &proto::Environment, schema: &Schema) -> String {
@@ -216,7 +243,60 @@ fn described(environment: &proto::Environment, schema: &Schema) -> String {
     schema.state().iter().for_each(|feature| row("state", feature));
     schema.action_features().for_each(|(agent, feature)| row(agent.name.as_str(), feature));
     let (name, uid, hash) = (&environment.name, &environment.uid, schema.hash());
-    format!("{name}\nuid     {uid}\nschema  {hash}\nrule    {}\n\n{}", rule(environment), table.render(""))
+    let told: String = thresholds(environment, schema).iter().map(|line| format!("        {line}\n")).collect();
+    let notes: String = notes(schema).iter().map(|line| format!("note    {line}\n")).collect();
+    let rule = rule(environment);
+    format!("{name}\nuid     {uid}\nschema  {hash}\nrule    {rule}\n{told}{notes}\n{}", table.render(""))
+}
+
+/// Tells the threshold in every way, a line for pairs that can have as much as each other.
+fn thresholds(environment: &proto::Environment, schema: &Schema) -> Vec<String> {
+    let draft = environment.rule.clone().unwrap_or_default().into();
+    let Ok(rule) = WrittenRule::default().merged(&draft) else { return Vec::new() };
+    let mut by_reach: BTreeMap<u64, Vec<Pair>> = BTreeMap::new();
+    for pair in Pair::every(schema) {
+        let Alphabet { rows, columns } = pair.alphabet(schema);
+        by_reach.entry(rows.min(columns)).or_default().push(pair);
+    }
+    by_reach.into_values().map(|pairs| threshold(&rule, schema, &pairs)).collect()
+}
+
+/// Tells the threshold for pairs of which each can have as much as the others.
+fn threshold(rule: &WrittenRule, schema: &Schema, pairs: &[Pair]) -> String {
+    const NAMED: usize = 3;
+    let name = |agent: usize| schema.agents()[agent].name.as_str();
+    let mut named: Vec<String> =
+        pairs.iter().take(NAMED).map(|pair| format!("{} and {}", name(pair.ego), name(pair.other))).collect();
+    if pairs.len() > NAMED {
+        named.push(format!("{} other pairs", pairs.len() - NAMED));
+    }
+    let (named, alphabet) = (named.join(", "), pairs[0].alphabet(schema));
+    let Some(share) = rule.share(alphabet) else {
+        return format!("always undecided between {named}: one of the two has a single action");
+    };
+    let nats = rule.resolved(alphabet).threshold_nats();
+    let [nats, bits] = [nats, Unit::Bits.from_nats(nats)].map(|number| output::significant(number, 3));
+    let beyond = if rule.within_reach(alphabet).is_err() { ": out of reach" } else { "" };
+    format!(
+        "influence above {nats} nats ({bits} bits; {} of the most {named} can have{beyond})",
+        output::percent(share)
+    )
+}
+
+/// Says where values are not measured in what their unit says.
+fn notes(schema: &Schema) -> Vec<String> {
+    let actions =
+        schema.action_features().map(|(agent, feature)| (format!("{}.{}", agent.name, feature.name), feature));
+    let state = schema.state().iter().map(|feature| (feature.name.to_string(), feature));
+    let note = |(name, feature): (String, &Feature)| {
+        let unit = feature.unit.as_ref()?.as_str();
+        let FeatureKind::Circular(_, angle) = feature.kind else { return None };
+        (Angle::of_unit(Some(unit)) != Some(angle)).then(|| {
+            let values = angle.as_str();
+            format!("{name}: values are {values} although the unit is {unit}, as in environments made before units of angles were read")
+        })
+    };
+    state.chain(actions).filter_map(note).collect()
 }
 
 fn agents(schema: &Schema) -> String {
@@ -225,10 +305,13 @@ fn agents(schema: &Schema) -> String {
 
 fn rule(environment: &proto::Environment) -> String {
     let rule = environment.rule.clone().unwrap_or_default();
-    let kind = rule.kind.unwrap_or_default();
-    let (threshold, unit) = (rule.threshold.unwrap_or_default(), rule.unit.unwrap_or_default());
+    let (kind, unit) = (rule.kind.unwrap_or_default(), rule.unit.unwrap_or_default());
+    let above = match rule.share {
+        Some(share) => format!("{} of what two agents can have", output::percent(share)),
+        None => format!("{} {unit}", rule.threshold.unwrap_or_default()),
+    };
     match kind.as_str() {
-        "paper" => format!("paper, above {threshold} {unit} from {} visits", rule.min_visits.unwrap_or_default()),
-        _ => format!("{kind}, above {threshold} {unit} at {}", rule.confidence.unwrap_or_default()),
+        "paper" => format!("paper, above {above} from {} visits", rule.min_visits.unwrap_or_default()),
+        _ => format!("{kind}, above {above} at {}", rule.confidence.unwrap_or_default()),
     }
 }

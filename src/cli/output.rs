@@ -88,6 +88,18 @@ pub(super) fn figure_or_dash(number: Option<f64>) -> String {
     number.map_or("-".into(), figure)
 }
 
+/// Returns a number with so many significant digits, whole ones always, and no zeros at the end.
+pub(super) fn significant(number: f64, digits: i32) -> String {
+    let whole = if number > 0.0 { number.log10().floor() as i32 + 1 } else { 1 };
+    let unit = 10_f64.powi((digits - whole).max(0));
+    ((number * unit).round() / unit).to_string()
+}
+
+/// Returns a share in per cent.
+pub(super) fn percent(share: f64) -> String {
+    format!("{} %", significant(100.0 * share, 2))
+}
+
 /// Returns how a file cannot be read.
 pub(super) fn cannot_read(file: &Path, error: &std::io::Error) -> Failure {
     Failure::usage(format!("cannot read {}: {error}", file.display()))
@@ -111,6 +123,15 @@ mod tests {
         table.row(["hallway".into(), count(7)]);
         table.row(["x".into(), count(1_234_567)]);
         assert_eq!(table.render("  "), "  name        visits\n  hallway          7\n  x        1,234,567\n");
+    }
+
+    #[test]
+    fn what_is_small_keeps_its_digits() {
+        assert_eq!(
+            [0.5, 0.721_347, 12.345, 0.000_4, 0.0, 8.0].map(|n| significant(n, 3)),
+            ["0.5", "0.721", "12.3", "0.0004", "0", "8"]
+        );
+        assert_eq!([0.721, 1.154, 0.0123, 0.0, 0.5].map(percent), ["72 %", "115 %", "1.2 %", "0 %", "50 %"]);
     }
 
     #[test]

@@ -27,7 +27,7 @@ use crate::error::{Fault, Problem};
 pub(super) struct Query {
     /// Name of the environment
     environment: String,
-    /// A state by the values of its features: numbers or labels
+    /// A state by the values of its features: numbers or labels; a number is a label's index only where no label reads as a number
     #[arg(long, num_args = 1.., value_name = "FEATURE=VALUE", value_parser = assignment)]
     state: Vec<(String, String)>,
     /// A state by its key, such as 3.0.7
@@ -78,6 +78,9 @@ struct Rule {
     /// Mutual information above which there is influence
     #[arg(long, value_name = "NUMBER")]
     rule_threshold: Option<f64>,
+    /// The same as a share of the most that the two agents can have, from 0 to below 1
+    #[arg(long, value_name = "SHARE")]
+    rule_share: Option<f64>,
     /// Unit of the threshold, nats or bits
     #[arg(long, value_name = "UNIT")]
     rule_unit: Option<String>,
@@ -176,6 +179,7 @@ impl From<Rule> for proto::Rule {
         Self {
             kind: rule.rule_kind,
             threshold: rule.rule_threshold,
+            share: rule.rule_share,
             unit: rule.rule_unit,
             min_visits: rule.rule_min_visits,
             confidence: rule.rule_confidence,

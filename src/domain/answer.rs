@@ -171,6 +171,8 @@ pub struct Figures {
     pub unit: Unit,
     /// The threshold used, in that unit.
     pub threshold: f64,
+    /// The same as a share of the largest mutual information of the pair; `None` where that is 0.
+    pub share: Option<f64>,
     /// The kind of rule that decided.
     pub rule: RuleKind,
     /// Plug-in mutual information, at least 0; 0 at no visits.

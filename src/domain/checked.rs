@@ -5,7 +5,7 @@ use std::str::FromStr;
 use std::sync::Arc;
 
 use super::draft::{AgentDraft, FeatureDraft, KindDraft, SchemaDraft};
-use super::{Agent, Feature, FeatureKind, Name};
+use super::{Agent, Angle, Feature, FeatureKind, Name};
 use crate::error::Fault;
 
 const MOST_STATE_FEATURES: usize = 256;
@@ -102,21 +102,15 @@ fn feature(pointer: &str, draft: &FeatureDraft, faults: &mut Faults) -> Option<F
         faults.add(pointer, format!("got {got} kinds, expected one of continuous, circular, integer, categorical"));
         return None;
     };
-    let kind = kind(pointer, one, faults)?;
+    let kind = kind(pointer, one, draft.unit.as_deref(), faults)?;
     Some(Feature { name: name?, unit, kind })
 }
 
-fn kind(pointer: &str, draft: &KindDraft, faults: &mut Faults) -> Option<FeatureKind> {
+fn kind(pointer: &str, draft: &KindDraft, unit: Option<&str>, faults: &mut Faults) -> Option<FeatureKind> {
     let before = faults.0.len();
     let kind = match draft {
         KindDraft::Continuous(edges) => continuous(&format!("{pointer}/continuous/edges"), edges, faults),
-        KindDraft::Circular(bins) => {
-            let allowed = 1..=MOST_BINS as i64;
-            if !allowed.contains(bins) {
-                faults.add(format!("{pointer}/circular/bins"), format!("got {bins}, expected 1 to {MOST_BINS}"));
-            }
-            FeatureKind::Circular(u32::try_from(*bins).unwrap_or(1))
-        }
+        KindDraft::Circular(bins, values) => circular(pointer, *bins, values.as_deref(), unit, faults),
         KindDraft::Integer(min, max) => integer(&format!("{pointer}/integer"), *min, *max, faults),
         KindDraft::Categorical(labels) => categorical(&format!("{pointer}/categorical/labels"), labels, faults),
     };
@@ -138,6 +132,34 @@ fn continuous(pointer: &str, edges: &[f64], faults: &mut Faults) -> FeatureKind 
         }
     }
     FeatureKind::Continuous(rounded)
+}
+
+fn circular(pointer: &str, bins: i64, values: Option<&str>, unit: Option<&str>, faults: &mut Faults) -> FeatureKind {
+    let allowed = 1..=MOST_BINS as i64;
+    if !allowed.contains(&bins) {
+        faults.add(format!("{pointer}/circular/bins"), format!("got {bins}, expected 1 to {MOST_BINS}"));
+    }
+    FeatureKind::Circular(u32::try_from(bins).unwrap_or(1), angle(pointer, values, unit, faults))
+}
+
+/// What values are said to be measured in counts. Radians may stand beside any unit: that is how environments are described that were made before
+/// units were read.
+fn angle(pointer: &str, values: Option<&str>, unit: Option<&str>, faults: &mut Faults) -> Angle {
+    let by_unit = Angle::of_unit(unit);
+    let said = values.map(|values| faults.parse(format!("{pointer}/circular/values"), values));
+    match (said, unit) {
+        (Some(Some(Angle::Degrees)), Some(unit)) if by_unit != Some(Angle::Degrees) => {
+            faults.add(
+                format!("{pointer}/unit"),
+                format!("got {unit:?} beside values in degrees, expected deg, degrees, ° or none"),
+            );
+        }
+        (None, Some(unit)) if by_unit.is_none() => {
+            faults.add(format!("{pointer}/unit"), format!("got {unit:?} for an angle, expected {}", Angle::UNITS));
+        }
+        _ => {}
+    }
+    said.flatten().or(by_unit).unwrap_or_default()
 }
 
 fn integer(pointer: &str, min: i64, max: i64, faults: &mut Faults) -> FeatureKind {
@@ -172,7 +194,7 @@ pub(super) fn draft_of(state: &[Feature], agents: &[Agent]) -> SchemaDraft {
 fn draft_of_feature(feature: &Feature) -> FeatureDraft {
     let kind = match &feature.kind {
         FeatureKind::Continuous(edges) => KindDraft::Continuous(edges.iter().map(|edge| shortest(*edge)).collect()),
-        FeatureKind::Circular(bins) => KindDraft::Circular(i64::from(*bins)),
+        FeatureKind::Circular(bins, angle) => KindDraft::Circular(i64::from(*bins), told(*angle, feature)),
         FeatureKind::Integer(min, max) => KindDraft::Integer(i64::from(*min), i64::from(*max)),
         FeatureKind::Categorical(labels) => KindDraft::Categorical(labels.iter().map(ToString::to_string).collect()),
     };
@@ -186,4 +208,11 @@ fn draft_of_feature(feature: &Feature) -> FeatureDraft {
 /// Returns the shortest decimal that rounds to `edge`, so that an edge given as 0.7 is told as 0.7.
 fn shortest(edge: f32) -> f64 {
     edge.to_string().parse().expect("a float prints as a float")
+}
+
+/// Returns what values are measured in, where that is not what everybody expects of the feature's unit.
+fn told(angle: Angle, feature: &Feature) -> Option<String> {
+    let by_unit = Angle::of_unit(feature.unit.as_ref().map(|unit| unit.as_str()));
+    let plain = angle == Angle::Radians && by_unit == Some(Angle::Radians);
+    (!plain).then(|| angle.as_str().to_owned())
 }

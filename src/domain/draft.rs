@@ -1,5 +1,22 @@
 //! An environment as somebody described it, before it has been checked. Every face decodes to this; [`super::Schema`] is what comes of it.
 
+/// An environment as somebody described it, or as a service told it.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct DescriptionDraft {
+    /// Its state and its agents.
+    pub schema: SchemaDraft,
+    /// The hash that it says state and agents have, because a service wrote it.
+    pub schema_hash: Option<String>,
+    /// Its rule.
+    pub rule: Option<RuleDraft>,
+}
+
+impl From<SchemaDraft> for DescriptionDraft {
+    fn from(schema: SchemaDraft) -> Self {
+        Self { schema, ..Self::default() }
+    }
+}
+
 /// The state and the agents of an environment, unchecked.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct SchemaDraft {
@@ -7,6 +24,20 @@ pub struct SchemaDraft {
     pub state: Vec<FeatureDraft>,
     /// The agents, in order.
     pub agents: Vec<AgentDraft>,
+}
+
+impl SchemaDraft {
+    /// Returns what this description meant before angles had units: radians, unless it says otherwise by more than a unit.
+    pub fn in_radians(&self) -> Self {
+        let mut draft = self.clone();
+        let actions = draft.agents.iter_mut().flat_map(|agent| &mut agent.action);
+        for kind in draft.state.iter_mut().chain(actions).flat_map(|feature| &mut feature.kinds) {
+            if let KindDraft::Circular(_, values) = kind {
+                values.get_or_insert_with(|| super::Angle::Radians.as_str().into());
+            }
+        }
+        draft
+    }
 }
 
 /// An agent, unchecked.
@@ -23,7 +54,7 @@ pub struct AgentDraft {
 pub struct FeatureDraft {
     /// Its name.
     pub name: String,
-    /// The unit of its values, for people.
+    /// The unit of its values, for people; that of a circular feature says how angles are measured, unless its kind does.
     pub unit: Option<String>,
     /// The kinds that were given.
     pub kinds: Vec<KindDraft>,
@@ -34,8 +65,8 @@ pub struct FeatureDraft {
 pub enum KindDraft {
     /// Edges, which are rounded to f32 here and must still increase.
     Continuous(Vec<f64>),
-    /// The number of bins.
-    Circular(i64),
+    /// The number of bins, and what values are measured in: `radians` or `degrees`, by the feature's unit if absent.
+    Circular(i64, Option<String>),
     /// The smallest and the largest value.
     Integer(i64, i64),
     /// The labels.
@@ -49,6 +80,8 @@ pub struct RuleDraft {
     pub kind: Option<String>,
     /// In `unit` where one is given beside it, else in the unit of the rule it is merged over.
     pub threshold: Option<f64>,
+    /// The same as a share of the largest mutual information that a pair can have, instead of `threshold`.
+    pub share: Option<f64>,
     /// `nats` or `bits`.
     pub unit: Option<String>,
     /// Visits below which the paper's rule stays undecided.
@@ -64,9 +97,11 @@ pub struct RuleDraft {
 pub enum ValueDraft {
     /// A number.
     Number(f64),
-    /// A label.
+    /// True or false.
+    Truth(bool),
+    /// Text.
     Text(String),
-    /// Text from a place that knows no types, such as a query string: a label or a number.
+    /// Text from a place that knows no types, such as a query string: what JSON would write with quotes or without.
     Untyped(String),
     /// Something that no feature can take, as it was written.
     Other(String),

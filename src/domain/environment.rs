@@ -3,7 +3,7 @@
 use std::fmt;
 use std::sync::Arc;
 
-use super::{Name, Rule, Schema};
+use super::{Name, Pair, Rule, Schema, WrittenRule};
 
 /// The store's number of an environment; never used twice.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -31,7 +31,14 @@ pub struct Environment {
     /// Its state and agents, which never change.
     pub schema: Schema,
     /// Its decision rule, which may.
-    pub rule: Rule,
+    pub rule: WrittenRule,
+}
+
+impl Environment {
+    /// Returns its rule for one pair of agents.
+    pub fn rule_of(&self, pair: &Pair) -> Rule {
+        self.rule.resolved(pair.alphabet(&self.schema))
+    }
 }
 
 /// An environment whose description or rule cannot be read: nothing can be asked of it or counted in it, but it can be listed and deleted.

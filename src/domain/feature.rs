@@ -1,10 +1,9 @@
 //! Features: named coordinates of a state or of an action, and the bins that their values fall into.
 
-use std::f64::consts::TAU;
 use std::fmt;
 use std::sync::Arc;
 
-use super::{Label, Name};
+use super::{Angle, Label, LabelSet, Name};
 
 /// One named coordinate with a discretiser.
 #[derive(Debug, Clone, PartialEq)]
@@ -22,12 +21,12 @@ pub struct Feature {
 pub enum FeatureKind {
     /// Bin = number of edges <= value; strictly increasing finite edges, so k edges make k + 1 bins.
     Continuous(Arc<[f32]>),
-    /// That many equal bins of an angle in radians, the first centred on 0.
-    Circular(u32),
+    /// That many equal bins of an angle, the first centred on 0.
+    Circular(u32, Angle),
     /// Whole numbers from the first to the second, a bin each.
     Integer(i32, i32),
-    /// One bin a label, in this order; on the wire a value is the label or its index.
-    Categorical(Arc<[Label]>),
+    /// One bin a label, in this order. Among values by position a value is the label's index.
+    Categorical(LabelSet),
 }
 
 /// A value that has no bin: what it was and what was expected.
@@ -42,7 +41,7 @@ impl FeatureKind {
     pub fn bins(&self) -> u32 {
         match self {
             Self::Continuous(edges) => edges.len() as u32 + 1,
-            Self::Circular(bins) => *bins,
+            Self::Circular(bins, _) => *bins,
             Self::Integer(min, max) => max.abs_diff(*min) + 1,
             Self::Categorical(labels) => labels.len() as u32,
         }
@@ -57,25 +56,17 @@ impl FeatureKind {
         }
         match self {
             Self::Continuous(edges) => Ok(edges_at_or_below(edges, value)),
-            Self::Circular(bins) => Ok(sector(*bins, value)),
+            Self::Circular(bins, angle) => Ok(angle.sector(*bins, value)),
             Self::Integer(min, max) => whole(value, *min, *max).ok_or(misfit),
             Self::Categorical(labels) => whole(value, 0, labels.len() as i32 - 1).ok_or(misfit),
         }
     }
 
-    /// Returns the index of a categorical label, as the value it has on the wire.
-    pub fn label_index(&self, text: &str) -> Option<u32> {
-        match self {
-            Self::Categorical(labels) => labels.iter().position(|label| label.as_str() == text).map(|i| i as u32),
-            _ => None,
-        }
-    }
-
-    /// Returns what people call a bin: a label, a number, an interval `[0.5, 1)` or the centre of a sector in radians.
+    /// Returns what people call a bin: a label, a number, an interval `[0.5, 1)` or the centre of a sector.
     pub fn bin_label(&self, bin: u32) -> String {
         match self {
             Self::Continuous(edges) => interval(edges, bin as usize),
-            Self::Circular(bins) => format!("{:.3}", sector_centre(*bins, bin)),
+            Self::Circular(bins, angle) => angle.sector_label(*bins, bin),
             Self::Integer(min, _) => (i64::from(*min) + i64::from(bin)).to_string(),
             Self::Categorical(labels) => labels[bin as usize].to_string(),
         }
@@ -85,24 +76,34 @@ impl FeatureKind {
     pub fn expected(&self) -> String {
         match self {
             Self::Continuous(_) => "a finite number".into(),
-            Self::Circular(_) => "a finite angle in radians".into(),
+            Self::Circular(_, angle) => format!("a finite angle in {}", angle.as_str()),
             Self::Integer(min, max) => format!("a whole number from {min} to {max}"),
-            Self::Categorical(labels) => expected_label(labels),
+            Self::Categorical(labels) if labels.takes_indices() => {
+                format!("one of {}, or an index from 0 to {}", told(labels), labels.len() - 1)
+            }
+            Self::Categorical(labels) => format!("one of {}", told(labels)),
         }
     }
 }
 
 impl fmt::Display for Misfit<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "got {}, expected {}", self.value, self.kind.expected())
+        let Self { value, kind } = self;
+        match kind {
+            // Whoever wrote a label has its index by now, so this value is an index by position.
+            FeatureKind::Categorical(labels) if !labels.takes_indices() => {
+                write!(f, "got {value}, expected an index from 0 to {} of {}", labels.len() - 1, told(labels))
+            }
+            _ => write!(f, "got {value}, expected {}", kind.expected()),
+        }
     }
 }
 
-fn expected_label(labels: &[Label]) -> String {
+fn told(labels: &[Label]) -> String {
     const TOLD: usize = 12;
     let told: Vec<&str> = labels.iter().take(TOLD).map(Label::as_str).collect();
     let more = if labels.len() > TOLD { ", ..." } else { "" };
-    format!("one of {}{more}, or an index from 0 to {}", told.join(", "), labels.len() - 1)
+    format!("{}{more}", told.join(", "))
 }
 
 /// Counts without branching while the list is short, which is faster than a search there.
@@ -114,19 +115,6 @@ fn edges_at_or_below(edges: &[f32], value: f32) -> u32 {
     } else {
         edges.partition_point(|&edge| edge <= value) as u32
     }
-}
-
-#[inline]
-fn sector(bins: u32, angle: f32) -> u32 {
-    let turns = f64::from(angle) / TAU;
-    let position = (turns * f64::from(bins) + 0.5).floor();
-    position.rem_euclid(f64::from(bins)) as u32
-}
-
-/// Returns the centre of a sector in radians, in (-pi, pi].
-fn sector_centre(bins: u32, bin: u32) -> f64 {
-    let turns = f64::from(bin) / f64::from(bins);
-    TAU * if turns > 0.5 { turns - 1.0 } else { turns }
 }
 
 #[inline]
@@ -172,18 +160,6 @@ mod tests {
     }
 
     #[test]
-    fn angles_wrap_and_the_first_sector_is_centred_on_zero() {
-        let kind = FeatureKind::Circular(8);
-        let eighth = std::f32::consts::TAU / 8.0;
-        assert_eq!(kind.bin(0.0).expect("finite"), 0);
-        assert_eq!(kind.bin(-0.3).expect("finite"), 0);
-        assert_eq!(kind.bin(eighth).expect("finite"), 1);
-        assert_eq!(kind.bin(-eighth).expect("finite"), 7);
-        assert_eq!(kind.bin(100.0 * std::f32::consts::TAU + eighth).expect("finite"), 1);
-        assert!(kind.bin(f32::MAX).expect("finite") < 8);
-    }
-
-    #[test]
     fn integers_refuse_fractions_and_what_lies_outside() {
         let kind = FeatureKind::Integer(-2, 3);
         assert_eq!(kind.bin(-2.0).expect("within"), 0);
@@ -198,7 +174,15 @@ mod tests {
     fn bins_are_named_for_people() {
         let kind = continuous(&[0.5, 1.0]);
         assert_eq!([0, 1, 2].map(|bin| kind.bin_label(bin)), ["< 0.5", "[0.5, 1)", ">= 1"]);
-        assert_eq!(FeatureKind::Circular(4).bin_label(3), "-1.571");
+        assert_eq!(FeatureKind::Circular(4, Angle::Radians).bin_label(3), "-1.571");
         assert_eq!(FeatureKind::Integer(-2, 3).bin_label(0), "-2");
+    }
+    #[test]
+    fn an_index_is_expected_where_labels_read_as_numbers_and_positions_count() {
+        let kind = FeatureKind::Categorical(
+            ["1", "2"].map(|label| label.parse::<Label>().expect("valid")).into_iter().collect(),
+        );
+        assert_eq!(kind.expected(), "one of 1, 2");
+        assert_eq!(kind.bin(2.0).expect_err("two labels").to_string(), "got 2, expected an index from 0 to 1 of 1, 2");
     }
 }

@@ -3,7 +3,7 @@
 //! Every text and list is preceded by its length and every kind by its own letter, so no two schemas encode alike. What is added to schemas later
 //! must encode to nothing where it is absent: hashes are kept for ever.
 
-use super::{Agent, Feature, FeatureKind, SchemaHash};
+use super::{Agent, Angle, Feature, FeatureKind, SchemaHash};
 
 pub(super) fn schema_hash(state: &[Feature], agents: &[Agent]) -> SchemaHash {
     let mut bytes = b"nudge.schema.v1".to_vec();
@@ -32,8 +32,11 @@ fn kind(bytes: &mut Vec<u8>, kind: &FeatureKind) {
             number(bytes, edges.len() as u64);
             edges.iter().for_each(|edge| bytes.extend(edge.to_le_bytes()));
         }
-        FeatureKind::Circular(bins) => {
-            bytes.push(b'o');
+        FeatureKind::Circular(bins, angle) => {
+            bytes.push(match angle {
+                Angle::Radians => b'o',
+                Angle::Degrees => b'd',
+            });
             number(bytes, u64::from(*bins));
         }
         FeatureKind::Integer(min, max) => {

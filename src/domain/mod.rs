@@ -2,7 +2,8 @@
 //!
 //! The words, used alike in proto, SQL, REST, logs and code:
 //!
-//! * An **environment** is one named world: a [`Schema`] (its state's **features** and its **agents**), which never changes, and a [`Rule`], which may.
+//! * An **environment** is one named world: a [`Schema`] (its state's **features** and its **agents**), which never changes, and a
+//!   [`WrittenRule`], which may; for one pair of agents it is a [`Rule`].
 //! * A **state** is a tuple of feature values; discretised, a tuple of bins, whose [`StateKey`] is `3.0.7`.
 //! * A **joint action** is one action index per agent, as one number, the first agent most significant.
 //! * A **transition** is (state, joint action), seen once or `count` times; `entry` says whether it entered its state.
@@ -13,6 +14,7 @@
 
 pub mod draft;
 
+mod angle;
 mod answer;
 mod batch;
 mod checked;
@@ -22,6 +24,7 @@ mod estimator;
 mod feature;
 mod hash;
 mod key;
+mod label_set;
 mod model;
 mod name;
 mod named;
@@ -33,6 +36,7 @@ mod schema;
 mod track;
 mod training;
 
+pub use angle::Angle;
 pub use answer::{
     ActionFigures, Answer, Answers, Basis, Bin, Dependence, Evidence, Figures, FitId, Independence, Interval, Labels,
     Probability, Significance, Variable, Verdict,
@@ -44,6 +48,7 @@ pub use environment::{Environment, EnvironmentId, EnvironmentPage, Uid, Unreadab
 pub use estimator::{Estimator, Estimators};
 pub use feature::{Feature, FeatureKind, Misfit};
 pub use key::StateKey;
+pub use label_set::LabelSet;
 pub use model::{
     Baseline, Calibration, Card, Job, JobState, Model, ModelAction, ModelFigures, ModelId, ModelKind, Models,
     Reliability, Score, Training, Weighting,
@@ -55,6 +60,6 @@ pub use overview::{
 };
 pub use question::{MOST_STATES, Pair, Permutations, Question, Scope, View};
 pub use records::{Digest, Entry, Record, Records, Rejection, Widths, Worded};
-pub use rule::{Rule, RuleKind, Unit};
+pub use rule::{Rule, RuleKind, Threshold, Unit, WrittenRule};
 pub use schema::{Agent, Schema, SchemaHash};
 pub use track::Track;

@@ -1,7 +1,7 @@
 //! From values by name to values by position: how JSON, query strings and people write states and actions.
 
 use super::draft::{ActionDraft, NamedValues, ValueDraft};
-use super::{Agent, Feature, Schema};
+use super::{Agent, Feature, FeatureKind, LabelSet, Schema};
 use crate::error::{Fault, pointer};
 
 impl Schema {
@@ -67,15 +67,45 @@ fn unknown<'a>(names: impl Iterator<Item = &'a str>, known: impl Fn(&str) -> boo
     names.filter(|name| !known(name)).map(|name| Fault::new(pointer(name), format!("unknown {what}"))).collect()
 }
 
+/// Reads a value of a feature, the same for every face: what [`super::LabelSet`] says of labels, and for other kinds a number, which text may be
+/// too. True and false are the labels `true` and `false`.
 fn value(feature: &Feature, draft: &ValueDraft) -> Result<f32, String> {
-    let wrong = || format!("got {}, expected {}", written(draft), feature.kind.expected());
-    let label = |text: &str| feature.kind.label_index(text).map(|index| index as f32);
+    let read = match (&feature.kind, draft) {
+        (FeatureKind::Categorical(labels), draft) => label(labels, draft),
+        (_, ValueDraft::Number(number)) => finite(*number),
+        (_, ValueDraft::Text(text) | ValueDraft::Untyped(text)) => text.parse().ok().and_then(finite),
+        (_, ValueDraft::Truth(_) | ValueDraft::Other(_)) => None,
+    };
+    read.ok_or_else(|| format!("got {}, expected {}", written(draft), feature.kind.expected()))
+}
+
+/// Returns the index that a value names. Text is a label by its very characters; only a number is the label that reads as it.
+fn label(labels: &LabelSet, draft: &ValueDraft) -> Option<f32> {
+    let position = |text: &str| labels.position(text).map(|at| at as f32);
+    let number = |number: f64| match labels.takes_indices() {
+        true => finite(number),
+        false => labels.position_of_number(number).map(|at| at as f32),
+    };
+    let index = |text: &str| labels.takes_indices().then(|| text.parse().ok().and_then(finite)).flatten();
     match draft {
-        ValueDraft::Number(number) => finite(*number).ok_or_else(wrong),
-        ValueDraft::Text(text) => label(text).ok_or_else(wrong),
-        ValueDraft::Untyped(text) => label(text).or_else(|| finite(text.parse().ok()?)).ok_or_else(wrong),
-        ValueDraft::Other(_) => Err(wrong()),
+        ValueDraft::Number(written) => number(*written),
+        ValueDraft::Text(text) => position(text).or_else(|| index(text)),
+        ValueDraft::Untyped(text) if is_plain_number(text) => position(text).or_else(|| number(text.parse().ok()?)),
+        ValueDraft::Untyped(text) => position(text).or_else(|| index(text)),
+        ValueDraft::Truth(truth) => position(&truth.to_string()),
+        ValueDraft::Other(_) => None,
     }
+}
+
+/// Returns whether text is a number as JSON writes it: `01` may be somebody's name.
+fn is_plain_number(text: &str) -> bool {
+    let unsigned = text.strip_prefix('-').unwrap_or(text).as_bytes();
+    let leading = match unsigned {
+        [b'0', next, ..] => !next.is_ascii_digit(),
+        [first, ..] => first.is_ascii_digit(),
+        [] => false,
+    };
+    leading && text.parse::<f64>().is_ok()
 }
 
 /// Rounds to f32. A number beyond its range would become an infinity, which no feature takes.
@@ -86,6 +116,7 @@ fn finite(number: f64) -> Option<f32> {
 fn written(draft: &ValueDraft) -> String {
     match draft {
         ValueDraft::Number(number) => number.to_string(),
+        ValueDraft::Truth(truth) => truth.to_string(),
         ValueDraft::Text(text) | ValueDraft::Untyped(text) => format!("{text:?}"),
         ValueDraft::Other(text) => text.clone(),
     }

@@ -172,6 +172,10 @@ pub struct Summary {
     pub unit: Unit,
     /// The threshold used, in that unit.
     pub threshold: f64,
+    /// The threshold in nats.
+    pub threshold_nats: f64,
+    /// The threshold as a share of the largest mutual information of the pair; `None` where that is 0.
+    pub threshold_share: Option<f64>,
     /// States by dependence, in the order of [`Dependence::ALL`](super::Dependence::ALL).
     pub dependence: [u64; 3],
     /// The fit of the prior.

@@ -3,7 +3,7 @@
 use std::str::FromStr;
 
 use super::draft::{PairDraft, QuestionDraft, StatesDraft};
-use super::{Environment, Estimator, Estimators, Label, Rule, Schema, StateKey, Unit};
+use super::{Environment, Estimator, Estimators, Label, Rule, Schema, StateKey, Unit, WrittenRule};
 use crate::error::{Fault, Problem};
 use crate::information::Alphabet;
 
@@ -99,6 +99,15 @@ impl Pair {
         (0..agents).flat_map(later).collect()
     }
 
+    /// Returns the pair that can have the most mutual information, of equal ones the first.
+    pub fn widest(schema: &Schema) -> Self {
+        let by_reach = |pair: &Self| {
+            let Alphabet { rows, columns } = pair.alphabet(schema);
+            std::cmp::Reverse(rows.min(columns))
+        };
+        Self::every(schema).into_iter().min_by_key(by_reach).expect("an environment has two agents at least")
+    }
+
     /// Returns the same pair with the earlier agent as the ego: mutual information is symmetric, and so is what is fitted to it.
     pub fn undirected(&self) -> Self {
         Self { ego: self.ego.min(self.other), other: self.ego.max(self.other), given: self.given.clone() }
@@ -112,8 +121,10 @@ pub struct Scope {
     pub pair: Pair,
     /// The segments to count, each once and in order; all if `None`.
     pub segments: Option<Vec<Label>>,
-    /// The rule that decides.
+    /// The rule that decides, for this pair.
     pub rule: Rule,
+    /// The same as it was written, for any pair.
+    pub written: WrittenRule,
     /// The unit of the answer's figures.
     pub unit: Unit,
 }
@@ -175,6 +186,16 @@ impl Scope {
         Self::check(environment, draft).map_err(|faults| Problem::invalid("question", faults))
     }
 
+    /// Returns the same for another pair.
+    pub fn of_pair(&self, schema: &Schema, pair: Pair) -> Self {
+        Self { rule: self.written.resolved(pair.alphabet(schema)), pair, ..self.clone() }
+    }
+
+    /// Returns which share of the largest mutual information of the pair the threshold is; `None` where one of the two has a single action.
+    pub fn share(&self, schema: &Schema) -> Option<f64> {
+        self.written.share(self.pair.alphabet(schema))
+    }
+
     fn check(environment: &Environment, draft: &PairDraft) -> Result<Self, Vec<Fault>> {
         let mut faults = Vec::new();
         let pair = keep(Pair::named(&environment.schema, draft), &mut faults);
@@ -182,7 +203,9 @@ impl Scope {
         segments.sort_unstable();
         segments.dedup();
         let under_rule = |found: Vec<Fault>| found.into_iter().map(|fault| fault.under("/rule")).collect();
-        let rule = keep(environment.rule.merged(&draft.rule).map_err(under_rule), &mut faults);
+        let merged =
+            environment.rule.merged(&draft.rule).and_then(|rule| within_reach(rule, environment, &pair, draft));
+        let rule = keep(merged.map_err(under_rule), &mut faults);
         let unit = draft.unit.as_deref().map(Unit::from_str).transpose();
         if let Err(detail) = &unit {
             faults.push(Fault::new("/unit", detail.clone()));
@@ -190,11 +213,31 @@ impl Scope {
         match (pair, rule, unit) {
             (Some(pair), Some(rule), Ok(unit)) if faults.is_empty() => {
                 let segments = (!draft.segments.is_empty()).then_some(segments);
-                Ok(Self { pair, segments, rule, unit: unit.unwrap_or(rule.unit) })
+                let unit = unit.unwrap_or(rule.unit);
+                Ok(Self {
+                    rule: rule.resolved(pair.alphabet(&environment.schema)),
+                    written: rule,
+                    pair,
+                    segments,
+                    unit,
+                })
             }
             _ => Err(faults),
         }
     }
+}
+
+/// Refuses a threshold that was given with the question and that the pair cannot reach.
+fn within_reach(
+    rule: WrittenRule,
+    environment: &Environment,
+    pair: &Option<Pair>,
+    draft: &PairDraft,
+) -> Result<WrittenRule, Vec<Fault>> {
+    if let (Some(pair), Some(_)) = (pair, draft.rule.threshold) {
+        rule.within_reach(pair.alphabet(&environment.schema)).map_err(|fault| vec![fault])?;
+    }
+    Ok(rule)
 }
 
 /// Returns the value, or `None` after adding its faults to the rest.

@@ -4,6 +4,7 @@ use std::fmt;
 use std::sync::Arc;
 
 use super::checked::{self, Faults};
+use super::draft::DescriptionDraft;
 use super::{Feature, FeatureKind, Name, SchemaDraft, StateKey};
 use crate::error::Fault;
 
@@ -171,6 +172,31 @@ impl Schema {
     }
 }
 
+impl Schema {
+    /// Returns the schema that a description means; `kept` is the hash of the one that its name has already. Lists every fault by pointer.
+    ///
+    /// Angles were radians whatever their unit said, before units were read. A description from that time is known by the hash that it says it has,
+    /// or that is kept, and stays what it was.
+    pub fn described(draft: &DescriptionDraft, kept: Option<SchemaHash>) -> Result<Self, Vec<Fault>> {
+        let wrong = |detail: String| vec![Fault::new("/schema_hash", detail)];
+        let said: Option<SchemaHash> = draft.schema_hash.as_deref().map(str::parse).transpose().map_err(wrong)?;
+        if let Some(old) = said.or(kept).and_then(|hash| Self::in_radians(&draft.schema, hash)) {
+            return Ok(old);
+        }
+        let schema = Self::try_from(&draft.schema)?;
+        match (said, schema.hash()) {
+            (Some(said), found) if said != found => Err(wrong(format!(
+                "got {said}, and state and agents have {found}: leave it out of a description that was changed"
+            ))),
+            _ => Ok(schema),
+        }
+    }
+
+    fn in_radians(draft: &SchemaDraft, hash: SchemaHash) -> Option<Self> {
+        Self::try_from(&draft.in_radians()).ok().filter(|schema| schema.hash() == hash)
+    }
+}
+
 impl TryFrom<&SchemaDraft> for Schema {
     type Error = Vec<Fault>;
 
@@ -263,7 +289,7 @@ mod tests {
         let mut draft = hallway();
         draft.state[0].kinds = vec![KindDraft::Continuous(vec![1.0, 0.5, f64::NAN])];
         draft.state[1].name = "Robot".into();
-        draft.state.push(feature("robot", KindDraft::Circular(0)));
+        draft.state.push(feature("robot", KindDraft::Circular(0, None)));
         draft.agents[1].action[0].kinds = vec![labels(&["a", "a", ""])];
         draft.agents[0].action[1].kinds.clear();
         let faults = Schema::try_from(&draft).expect_err("wrong");
@@ -299,5 +325,80 @@ mod tests {
         assert_eq!(faults[0].pointer, "/agents");
         draft.agents[0].action[0].kinds = vec![KindDraft::Integer(0, (1 << 20) - 1)];
         assert!(Schema::try_from(&draft).is_ok(), "2^62 joint actions");
+    }
+    fn angle(unit: Option<&str>, values: Option<&str>) -> SchemaDraft {
+        let mut draft = hallway();
+        draft.state[0].unit = unit.map(Into::into);
+        draft.state[0].kinds = vec![KindDraft::Circular(8, values.map(Into::into))];
+        draft
+    }
+
+    #[test]
+    fn the_unit_of_an_angle_says_how_it_is_measured() {
+        let bin = |draft: SchemaDraft| {
+            Schema::try_from(&draft).map(|schema| schema.state()[0].kind.bin(90.0).expect("an angle"))
+        };
+        // 90 radians are 14.3 turns.
+        for (unit, values) in
+            [(None, None), (Some("rad"), None), (Some("radians"), None), (Some("deg"), Some("radians"))]
+        {
+            assert_eq!(bin(angle(unit, values)), Ok(3), "{unit:?} {values:?}");
+        }
+        for (unit, values) in [(Some("deg"), None), (Some("degrees"), None), (Some("°"), None), (None, Some("degrees"))]
+        {
+            assert_eq!(bin(angle(unit, values)), Ok(2), "{unit:?} {values:?}");
+        }
+        assert_eq!(bin(angle(Some("turns"), Some("radians"))), Ok(3), "what it says itself counts");
+        for (unit, values, pointer) in [
+            (Some("turns"), None, "/state/0/unit"),
+            (Some("Deg"), None, "/state/0/unit"),
+            (Some("rad"), Some("degrees"), "/state/0/unit"),
+            (Some("turns"), Some("degrees"), "/state/0/unit"),
+            (None, Some("turns"), "/state/0/circular/values"),
+        ] {
+            let faults = bin(angle(unit, values)).expect_err("no angle");
+            assert_eq!(faults.iter().map(|fault| fault.pointer.as_str()).collect::<Vec<_>>(), [pointer]);
+        }
+    }
+
+    #[test]
+    fn every_angle_describes_itself() {
+        for (unit, values, told) in [
+            (None, None, None),
+            (Some("rad"), Some("radians"), None),
+            (Some("deg"), None, Some("degrees")),
+            (None, Some("degrees"), Some("degrees")),
+            (Some("deg"), Some("radians"), Some("radians")),
+            (Some("turns"), Some("radians"), Some("radians")),
+        ] {
+            let schema = Schema::try_from(&angle(unit, values)).expect("valid");
+            assert_eq!(schema.draft().state[0].kinds, [KindDraft::Circular(8, told.map(Into::into))]);
+            assert_eq!(Schema::try_from(&schema.draft()).expect("valid").hash(), schema.hash());
+        }
+        let hash = |draft| Schema::try_from(&draft).expect("valid").hash();
+        assert_ne!(hash(angle(Some("deg"), None)), hash(angle(Some("deg"), Some("radians"))));
+    }
+
+    #[test]
+    fn what_was_described_before_units_were_read_is_known_by_its_hash() {
+        let (deg, turns) = (angle(Some("deg"), None), angle(Some("turns"), None));
+        let old = |draft: &SchemaDraft| Schema::try_from(&draft.in_radians()).expect("valid").hash();
+        let described = |schema: &SchemaDraft, said: Option<String>, kept: Option<SchemaHash>| {
+            let draft = DescriptionDraft { schema: schema.clone(), schema_hash: said, rule: None };
+            Schema::described(&draft, kept).map(|schema| schema.hash())
+        };
+        for draft in [&deg, &turns] {
+            assert_eq!(described(draft, None, Some(old(draft))), Ok(old(draft)));
+            assert_eq!(described(draft, Some(old(draft).to_string()), None), Ok(old(draft)));
+        }
+        let new = Schema::try_from(&deg).expect("valid").hash();
+        assert_eq!(described(&deg, None, None), Ok(new));
+        assert_eq!(described(&deg, None, Some(new)), Ok(new));
+        assert_eq!(described(&deg, Some(new.to_string()), Some(old(&deg))), Ok(new));
+        assert!(described(&turns, None, Some(new)).is_err());
+        for said in ["", "0", &"f".repeat(64)] {
+            let faults = described(&deg, Some(said.into()), None).expect_err("another hash");
+            assert_eq!(faults[0].pointer, "/schema_hash");
+        }
     }
 }

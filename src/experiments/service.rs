@@ -38,7 +38,7 @@ impl Service {
         let store = SqliteStore::open(&directory.path().join("nudge.db"), Options::default()).await;
         let store = store.map_err(|error| unavailable("open a temporary database", error))?;
         let app = App::open(Arc::new(store), Upkeep::default());
-        let (environment, _) = app.environments.apply("experiment", schema, None).await?;
+        let (environment, _) = app.environments.apply("experiment", &schema.clone().into()).await?;
         Ok(Self { app, environment, sequence: Sequence::NONE, directory })
     }
 

@@ -77,7 +77,8 @@ impl Ground {
                 Permutations::Pooled => significance(&draws, key.seed()),
                 Permutations::WithinSegments => significance(&within(), key.seed()),
             });
-            let visits_to_decide = self.foresees().map(|prior| prior.visits_to_decide(&draws, &judge.scope.rule));
+            let needed = |prior: &Prior| prior.visits_to_decide(&draws, &judge.scope.rule).filter(|_| judge.is_open());
+            let visits_to_decide = self.foresees().map(needed);
             Box::new(Figures {
                 bins: bins(judge.schema, key),
                 significance,
@@ -123,6 +124,7 @@ impl Ground {
             entries: judged.tally.entries,
             unit,
             threshold: judge.scope.rule.in_unit(unit).threshold,
+            share: judge.scope.share(judge.schema),
             rule: judge.scope.rule.kind,
             plug_in: unit.from_nats(judged.plug_in),
             expected_if_independent: unit.from_nats(expected),

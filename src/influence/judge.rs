@@ -66,7 +66,7 @@ impl Judge<'_> {
             unseen: fitted.unseen_above(rule.threshold_nats()),
         });
         let visits = tables.whole.total();
-        let counted = evidence::decide(rule, visits, plug_in, above);
+        let counted = if self.is_open() { evidence::decide(rule, visits, plug_in, above) } else { Verdict::Undecided };
         let (verdict, basis) = match self.asked(counted, evidence, predicted) {
             Some(told) => told,
             None => (counted, evidence::basis(visits)),
@@ -83,7 +83,7 @@ impl Judge<'_> {
         predicted: Option<Prediction>,
     ) -> Option<(Verdict, Basis)> {
         let (network, predicted) = (self.network?, predicted?);
-        if counted != Verdict::Undecided || !network.can_decide(&predicted) {
+        if counted != Verdict::Undecided || !self.is_open() || !network.can_decide(&predicted) {
             return None;
         }
         let verdict = network.decide(&predicted, self.scope.rule.confidence);
@@ -94,6 +94,11 @@ impl Judge<'_> {
             Verdict::Undecided => false,
         });
         (!excluded).then_some((verdict, Basis::Model(network.version)))
+    }
+
+    /// Returns whether there is anything to decide: where one of the two agents has a single action, neither rule tells more than that.
+    pub fn is_open(&self) -> bool {
+        self.scope.pair.alphabet(self.schema).largest_information() > 0.0
     }
 
     fn remembered(&self, fitted: &Fitted, key: &StateKey, tally: Tally, find: impl FnOnce() -> Evidence) -> Evidence {

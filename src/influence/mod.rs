@@ -110,16 +110,18 @@ impl Influence {
         let found = self.discoveries(&plan, &survey, discovery).await?;
         let named = self.store.segments(environment.id).await.map_err(logged)?;
         let named = named.into_iter().filter_map(|(_, label)| label).collect();
-        Ok(summary::summary(&plan.scope, named, &survey, found.map(|found| found.discoveries)))
+        let found = found.map(|found| found.discoveries);
+        Ok(summary::summary(&environment.schema, &plan.scope, named, &survey, found))
     }
 
     /// Returns the causal graph of one state: every pair of agents with its answer.
     pub async fn graph(&self, environment: &Arc<Environment>, draft: &QuestionDraft) -> Result<Graph, Problem> {
-        let first = Question { view: View::Figures, ..Question::new(environment, draft)? };
+        let first =
+            Question { view: View::Figures, ..Question::new(environment, &of_widest(&environment.schema, draft))? };
         let mut edges = Vec::new();
         for pair in Pair::every(&environment.schema) {
             let (from, to) = (pair.ego, pair.other);
-            let question = Question { scope: Scope { pair, ..first.scope.clone() }, ..first.clone() };
+            let question = Question { scope: first.scope.of_pair(&environment.schema, pair), ..first.clone() };
             let answers = self.answer(environment, question).await?.answers;
             edges.extend(answers.into_iter().map(|answer| Edge { from, to, answer }));
         }
@@ -207,6 +209,14 @@ impl Influence {
         }
         if faults.is_empty() { Ok(Some(ids)) } else { Err(Problem::invalid("question", faults)) }
     }
+}
+
+/// Returns a question about all pairs for the one that can have the most: a threshold that it cannot reach is beyond every pair.
+fn of_widest(schema: &Schema, draft: &QuestionDraft) -> QuestionDraft {
+    let Pair { ego, other, .. } = Pair::widest(schema);
+    let name = |agent: usize| Some(schema.agents()[agent].name.to_string());
+    let pair = PairDraft { ego: name(ego), other: name(other), ..draft.pair.clone() };
+    QuestionDraft { pair, ..draft.clone() }
 }
 
 fn limit_fault(limit: u64) -> Fault {

@@ -1,13 +1,19 @@
 //! What all states say together.
 
 use super::survey::Survey;
-use crate::domain::{Dependence, Discoveries, HistogramBin, Label, Scope, Summary, Verdict};
+use crate::domain::{Dependence, Discoveries, HistogramBin, Label, Schema, Scope, Summary, Verdict};
 
 /// The lower bounds of the histogram's bins, in the summary's unit.
 const BOUNDS: [f64; 12] = [0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.75, 1.0, 1.5, 2.0];
 
 /// Sums up a survey.
-pub fn summary(scope: &Scope, segments: Vec<Label>, survey: &Survey, discoveries: Option<Discoveries>) -> Summary {
+pub fn summary(
+    schema: &Schema,
+    scope: &Scope,
+    segments: Vec<Label>,
+    survey: &Survey,
+    discoveries: Option<Discoveries>,
+) -> Summary {
     let visits = |least: u64| -> u64 { survey.rows.iter().map(|row| row.visits).filter(|n| *n >= least).sum() };
     let transitions = visits(0);
     let enough = visits(scope.rule.min_visits);
@@ -23,6 +29,8 @@ pub fn summary(scope: &Scope, segments: Vec<Label>, survey: &Survey, discoveries
         as_of: survey.as_of,
         unit: scope.unit,
         threshold: scope.rule.in_unit(scope.unit).threshold,
+        threshold_nats: scope.rule.threshold_nats(),
+        threshold_share: scope.share(schema),
         dependence: tally(&Dependence::ALL, survey.rows.iter().filter_map(|row| Some(row.evidence?.dependence))),
         fit: survey.fit,
         dependent_share: survey.dependent_share,

@@ -67,7 +67,7 @@ impl Dataset {
             schema_hash: environment.schema.hash().to_string(),
             alphabet: pair.alphabet(&environment.schema),
             examples: Vec::new(),
-            threshold: environment.rule.threshold_nats(),
+            threshold: environment.rule_of(pair).threshold_nats(),
             revision,
             fitted,
             ego: priors::ego(pair),

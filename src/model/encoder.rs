@@ -100,7 +100,7 @@ impl Encoder {
             let from = feature.from;
             match &feature.kind {
                 FeatureKind::Categorical(_) => row[from + *bin as usize] = 1.0,
-                FeatureKind::Circular(bins) => {
+                FeatureKind::Circular(bins, _) => {
                     let (sine, cosine) = (TAU * f64::from(*bin) / f64::from(*bins)).sin_cos();
                     row[from] = sine as f32;
                     row[from + 1] = cosine as f32;
@@ -119,7 +119,7 @@ pub fn width(schema: &Schema) -> usize {
 fn inputs(kind: &FeatureKind) -> usize {
     match kind {
         FeatureKind::Categorical(labels) => labels.len(),
-        FeatureKind::Circular(_) => 2,
+        FeatureKind::Circular(..) => 2,
         FeatureKind::Integer(..) | FeatureKind::Continuous(_) => 1,
     }
 }
@@ -143,7 +143,7 @@ fn representative(kind: &FeatureKind, bin: u32) -> f64 {
                 (bin, _) => 0.5 * (edge(bin - 1) + edge(bin)),
             }
         }
-        FeatureKind::Circular(_) | FeatureKind::Categorical(_) => f64::from(bin),
+        FeatureKind::Circular(..) | FeatureKind::Categorical(_) => f64::from(bin),
     }
 }
 
@@ -179,7 +179,7 @@ mod tests {
             |name: &str| AgentDraft { name: name.into(), action: vec![feature("move", KindDraft::Integer(0, 1))] };
         let state = vec![
             feature("held", KindDraft::Categorical(["nothing", "dish"].map(Into::into).to_vec())),
-            feature("bearing", KindDraft::Circular(4)),
+            feature("bearing", KindDraft::Circular(4, None)),
             feature("lane", KindDraft::Integer(3, 9)),
             feature("distance", KindDraft::Continuous(vec![1.0, 2.0, 4.0])),
         ];

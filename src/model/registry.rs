@@ -104,7 +104,9 @@ impl Registry {
         let model = self.get(environment, version).await?;
         let card = model.card.map_err(|why| unreadable(version, &why))?;
         if model.stale {
-            let rule = environment.rule.threshold_nats();
+            let [ego, other] =
+                [&model.ego, &model.other].map(|agent| environment.schema.agent(agent).unwrap_or_default());
+            let rule = environment.rule_of(&Pair { ego, other, given: Vec::new() }).threshold_nats();
             let message = format!(
                 "version {version} answers at a threshold of {} nats only, and the rule's is {rule}: train another",
                 card.threshold
@@ -284,7 +286,8 @@ impl Drop for Switch<'_> {
 fn model(environment: &Environment, record: &ModelRecord, card: Result<Card, String>) -> Model {
     let agent =
         |at: usize| environment.schema.agents().get(at).map_or(format!("#{at}"), |agent| agent.name.to_string());
-    let threshold = environment.rule.threshold_nats();
+    let pair = Pair { ego: record.ego, other: record.other, given: Vec::new() };
+    let threshold = environment.rule_of(&pair).threshold_nats();
     let is_stale = |card: &Card| card.training.kind == ModelKind::Direct && card.threshold != threshold;
     Model {
         version: record.version,

@@ -8,8 +8,8 @@ use std::sync::Arc;
 use async_trait::async_trait;
 
 use crate::domain::{
-    Acknowledged, Counts, Digest, Environment, EnvironmentId, FitId, Increment, Label, Name, ProducerId, Receipt, Rule,
-    Schema, SegmentId, Sequence, StateKey, UnreadableEnvironment, Worded,
+    Acknowledged, Counts, Digest, Environment, EnvironmentId, FitId, Increment, Label, Name, ProducerId, Receipt,
+    Schema, SegmentId, Sequence, StateKey, UnreadableEnvironment, Worded, WrittenRule,
 };
 
 mod error;
@@ -53,10 +53,10 @@ pub trait Store: Send + Sync {
     fn unreadable(&self) -> Vec<Arc<UnreadableEnvironment>>;
 
     /// Makes an environment with a new uid; `AlreadyExists` where the name is taken.
-    async fn create(&self, name: &Name, schema: &Schema, rule: Rule) -> Result<Arc<Environment>, StoreError>;
+    async fn create(&self, name: &Name, schema: &Schema, rule: WrittenRule) -> Result<Arc<Environment>, StoreError>;
 
     /// Replaces the rule of an environment.
-    async fn set_rule(&self, id: EnvironmentId, rule: Rule) -> Result<Arc<Environment>, StoreError>;
+    async fn set_rule(&self, id: EnvironmentId, rule: WrittenRule) -> Result<Arc<Environment>, StoreError>;
 
     /// Removes an environment with its counts, receipts, watermarks and models.
     async fn delete(&self, id: EnvironmentId) -> Result<(), StoreError>;

@@ -228,7 +228,9 @@ async fn kinds_of_error_have_their_codes_on_both_faces() {
 async fn descriptions_are_faulted_alike() {
     let app = TestApp::start().await;
     let body = json!({
-        "state": [{"name": "../x", "integer": {"min": 3, "max": 1}}, {"name": "a", "continuous": {"edges": [1, 1]}}],
+        "state": [{"name": "../x", "integer": {"min": 3, "max": 1}}, {"name": "a", "continuous": {"edges": [1, 1]}},
+                  {"name": "b", "unit": "turns", "circular": {"bins": 8}},
+                  {"name": "c", "circular": {"bins": 8, "values": "turns"}}],
         "agents": [{"name": "a", "action": [{"name": "go", "categorical": {"labels": []}}]}]
     });
     let feature = |name: &str, kind| proto::Feature { name: name.into(), unit: String::new(), kind: Some(kind) };
@@ -237,6 +239,11 @@ async fn descriptions_are_faulted_alike() {
         state: vec![
             feature("../x", Kind::Integer(proto::Integer { min: 3, max: 1 })),
             feature("a", Kind::Continuous(proto::Continuous { edges: vec![1.0, 1.0] })),
+            proto::Feature {
+                unit: "turns".into(),
+                ..feature("b", Kind::Circular(proto::Circular { bins: 8, values: String::new() }))
+            },
+            feature("c", Kind::Circular(proto::Circular { bins: 8, values: "turns".into() })),
         ],
         agents: vec![proto::Agent {
             name: "a".into(),
@@ -248,7 +255,7 @@ async fn descriptions_are_faulted_alike() {
     let refused = app.environments().await.apply_environment(request).await.expect_err("wrong");
     assert_eq!((status, refused.code()), (400, Code::InvalidArgument));
     assert_eq!(pointers(&problem), violations(&refused));
-    assert_eq!(pointers(&problem).len(), 6, "{problem}");
+    assert_eq!(pointers(&problem).len(), 8, "{problem}");
 }
 
 #[tokio::test]

@@ -11,7 +11,7 @@ use nudge::api::proto::environment_service_server::{EnvironmentService, Environm
 use nudge::api::proto::ingest_request::Message as In;
 use nudge::api::proto::ingest_response::Message as Out;
 use nudge::api::proto::ingest_service_server::{IngestService, IngestServiceServer};
-use nudge::domain::{Rule, Schema, SchemaDraft};
+use nudge::domain::{Schema, SchemaDraft, WrittenRule};
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 use tokio::net::TcpListener;
@@ -96,7 +96,7 @@ impl Fake {
             uid: format!("uid-{name}"),
             schema_hash: schema.hash().0.to_vec(),
             schema: Some(draft.into()),
-            rule: Some(Rule::default().into()),
+            rule: Some(WrittenRule::default().into()),
         };
         memory.environments.insert(name.into(), environment.clone());
         environment

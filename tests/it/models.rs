@@ -112,6 +112,24 @@ async fn active(app: &TestApp) -> Vec<u64> {
 }
 
 #[tokio::test]
+async fn a_share_is_a_threshold_for_networks_too() {
+    let app = world().await;
+    let rule = async |rule: Value| assert_eq!(app.rest("PATCH", WORLD, Some(&json!({"rule": rule}))).await.0, 200);
+    rule(json!({"share": 0.5})).await;
+    let mut direct = quick();
+    direct["kind"] = json!("direct");
+    let version = trained(&app, &direct).await;
+    let model = get(&app, &format!("/{version}")).await;
+    assert_eq!((&model["card"]["threshold"], &model["stale"]), (&json!(0.5 * 3_f64.ln()), &json!(false)), "{model}");
+    for (changed, stale) in
+        [(json!({"unit": "bits"}), false), (json!({"share": 0.4}), true), (json!({"share": 0.5}), false)]
+    {
+        rule(changed.clone()).await;
+        assert_eq!(get(&app, &format!("/{version}")).await["stale"], json!(stale), "{changed}");
+    }
+}
+
+#[tokio::test]
 async fn a_training_becomes_a_version_with_a_card() {
     let app = world().await;
     assert_eq!(get(&app, "").await, json!({"models": [], "jobs": []}));

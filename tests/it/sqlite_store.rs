@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use nudge::domain::{EnvironmentId, Rule};
+use nudge::domain::{EnvironmentId, WrittenRule};
 use nudge::store::{NewModel, Numbered, Options, Outcome, Quotas, Refusal, SqliteStore, Store, StoreError};
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
 use sqlx::{ConnectOptions, Connection};
@@ -34,7 +34,8 @@ async fn execute(path: &Path, sql: &'static str) {
 }
 
 async fn with_some_counts(store: &Arc<dyn Store>) -> (EnvironmentId, Numbered) {
-    let id = store.create(&"hallway".parse().expect("a name"), &schema(), Rule::default()).await.expect("made").id;
+    let id =
+        store.create(&"hallway".parse().expect("a name"), &schema(), WrittenRule::default()).await.expect("made").id;
     let first = batch(id, "game", 1).cell(1, 1, tally(2, 1)).cell(1, 2, tally(3, 1)).done();
     store.commit(std::slice::from_ref(&first)).await.expect("a commit");
     (id, first)
@@ -99,7 +100,8 @@ async fn damage_is_found_and_makes_the_environment_read_only() {
     let file = SqliteFile::new();
     let store = open(&file).await;
     let (id, first) = with_some_counts(&store).await;
-    let healthy = store.create(&"healthy".parse().expect("a name"), &schema(), Rule::default()).await.expect("made").id;
+    let healthy =
+        store.create(&"healthy".parse().expect("a name"), &schema(), WrittenRule::default()).await.expect("made").id;
     assert!(store.audit().await.expect("an audit").iter().all(|audit| audit.is_sound()));
 
     execute(&file.path(), "update cells set n = n + 4 where joint = 2").await;
@@ -186,7 +188,8 @@ async fn an_interrupted_removal_goes_on_when_the_store_is_opened() {
 async fn commits_go_on_while_an_environment_is_removed() {
     let file = SqliteFile::new();
     let store = open(&file).await;
-    let large = store.create(&"large".parse().expect("a name"), &schema(), Rule::default()).await.expect("made").id;
+    let large =
+        store.create(&"large".parse().expect("a name"), &schema(), WrittenRule::default()).await.expect("made").id;
     for sequence in 1..=5 {
         let states = (0..2_000).map(|at| sequence as u32 * 2_000 + at);
         let sending = states.fold(batch(large, "game", sequence), |sending, place| sending.cell(place, 1, tally(1, 1)));

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use nudge::domain::{Cell, Environment, EnvironmentId, FitId, SegmentId, Sequence, Tally};
+use nudge::domain::{Cell, Environment, EnvironmentId, FitId, SegmentId, Sequence, Tally, Threshold, WrittenRule};
 use nudge::error::ErrorKind;
 use nudge::store::{
     Cursor, FitRecord, ModelRecord, NewModel, Numbered, Outcome, Quotas, Refusal, Store, StoreError, Totals,
@@ -63,7 +63,7 @@ mod sqlite {
 }
 
 async fn make(store: &Arc<dyn Store>, name: &str) -> EnvironmentId {
-    let made = store.create(&name.parse().expect("a name"), &schema(), nudge::domain::Rule::default()).await;
+    let made = store.create(&name.parse().expect("a name"), &schema(), nudge::domain::WrittenRule::default()).await;
     made.expect("a new environment").id
 }
 
@@ -104,9 +104,12 @@ async fn an_environment_is_made_changed_and_removed(database: &dyn Database) {
     let again = store.create(&made.name, &schema(), made.rule).await;
     assert!(matches!(again, Err(StoreError::AlreadyExists(name)) if name == "hallway"));
 
-    let rule = nudge::domain::Rule { threshold: 0.1 + 0.2, ..made.rule };
-    assert_eq!(store.set_rule(id, rule).await.expect("changed").rule, rule);
-    assert_eq!(store.environment("hallway").expect("still there").rule, rule);
+    let threshold = |threshold| WrittenRule { threshold, ..made.rule };
+    let rule = threshold(Threshold::Information(0.1 + 0.2));
+    for rule in [threshold(Threshold::Share(0.1 + 0.2)), rule] {
+        assert_eq!(store.set_rule(id, rule).await.expect("changed").rule, rule);
+        assert_eq!(store.environment("hallway").expect("still there").rule, rule);
+    }
 
     store.delete(id).await.expect("removed");
     assert!(store.environment("hallway").is_none() && store.environments().is_empty());

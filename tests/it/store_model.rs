@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-use nudge::domain::{Digest, EnvironmentId, Rule, Tally};
+use nudge::domain::{Digest, EnvironmentId, Tally, WrittenRule};
 use nudge::store::{Cursor, Numbered, Outcome, Quotas, Refusal, Store, Totals};
 use proptest::prelude::*;
 
@@ -151,7 +151,7 @@ impl Pair {
     }
 
     async fn make(&mut self, name: usize) {
-        let made = self.store().create(&NAMES[name].parse().expect("a name"), &schema(), Rule::default()).await;
+        let made = self.store().create(&NAMES[name].parse().expect("a name"), &schema(), WrittenRule::default()).await;
         self.worlds[name] = World { id: Some(made.expect("made").id), ..World::default() };
     }
 
@@ -330,7 +330,8 @@ async fn readers_beside_a_writer(cache_cells: usize) {
     let mut file = SqliteFile::new();
     file.cache_cells = cache_cells;
     let store = file.open(Quotas::default()).await;
-    let id = store.create(&"hallway".parse().expect("a name"), &schema(), Rule::default()).await.expect("made").id;
+    let id =
+        store.create(&"hallway".parse().expect("a name"), &schema(), WrittenRule::default()).await.expect("made").id;
     let over = AtomicBool::new(false);
     let traffic = Arc::new(Traffic { store, id, sent: Default::default(), acknowledged: Default::default(), over });
     let reading = [vec![0], vec![1, 2], vec![0, 1, 2, 3], vec![3]].map(|places| {

@@ -65,6 +65,7 @@ fn with_figures(base: proto::Answer, key: &StateKey, figures: Figures) -> proto:
         entries: figures.entries,
         unit: figures.unit.as_str().into(),
         threshold: Some(figures.threshold),
+        share: figures.share,
         rule: figures.rule.as_str().into(),
         mutual_information: Some(mutual_information),
         lag: Some(0),

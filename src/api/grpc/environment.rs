@@ -1,8 +1,9 @@
 //! Descriptions, rules and environments.
 
+use super::given;
 use crate::api::proto;
 use crate::domain::draft::{AgentDraft, FeatureDraft, KindDraft, RuleDraft, SchemaDraft};
-use crate::domain::{Environment, EnvironmentPage, Rule, UnreadableEnvironment};
+use crate::domain::{Environment, EnvironmentPage, Threshold, UnreadableEnvironment, WrittenRule};
 
 impl From<proto::Schema> for SchemaDraft {
     fn from(schema: proto::Schema) -> Self {
@@ -25,12 +26,11 @@ impl From<proto::Feature> for FeatureDraft {
         use proto::feature::Kind;
         let kind = |kind| match kind {
             Kind::Continuous(continuous) => KindDraft::Continuous(continuous.edges),
-            Kind::Circular(circular) => KindDraft::Circular(i64::from(circular.bins)),
+            Kind::Circular(circular) => KindDraft::Circular(i64::from(circular.bins), given(circular.values)),
             Kind::Integer(integer) => KindDraft::Integer(i64::from(integer.min), i64::from(integer.max)),
             Kind::Categorical(categorical) => KindDraft::Categorical(categorical.labels),
         };
-        let unit = Some(feature.unit).filter(|unit| !unit.is_empty());
-        Self { name: feature.name, unit, kinds: feature.kind.into_iter().map(kind).collect() }
+        Self { name: feature.name, unit: given(feature.unit), kinds: feature.kind.into_iter().map(kind).collect() }
     }
 }
 
@@ -41,7 +41,10 @@ impl From<FeatureDraft> for proto::Feature {
         let narrow = |number: i64| number.clamp(i64::from(i32::MIN), i64::from(i32::MAX)) as i32;
         let kind = |kind| match kind {
             KindDraft::Continuous(edges) => Kind::Continuous(proto::Continuous { edges }),
-            KindDraft::Circular(bins) => Kind::Circular(proto::Circular { bins: u32::try_from(bins).unwrap_or(0) }),
+            KindDraft::Circular(bins, values) => Kind::Circular(proto::Circular {
+                bins: u32::try_from(bins).unwrap_or(0),
+                values: values.unwrap_or_default(),
+            }),
             KindDraft::Integer(min, max) => Kind::Integer(proto::Integer { min: narrow(min), max: narrow(max) }),
             KindDraft::Categorical(labels) => Kind::Categorical(proto::Categorical { labels }),
         };
@@ -52,25 +55,30 @@ impl From<FeatureDraft> for proto::Feature {
 
 impl From<proto::Rule> for RuleDraft {
     fn from(rule: proto::Rule) -> Self {
-        let proto::Rule { kind, threshold, unit, min_visits, confidence, estimators } = rule;
+        let proto::Rule { kind, threshold, share, unit, min_visits, confidence, estimators } = rule;
         let estimators = estimators.map(|estimators| estimators.names);
-        Self { kind, threshold, unit, min_visits, confidence, estimators }
+        Self { kind, threshold, share, unit, min_visits, confidence, estimators }
     }
 }
 
 impl From<RuleDraft> for proto::Rule {
     fn from(draft: RuleDraft) -> Self {
-        let RuleDraft { kind, threshold, unit, min_visits, confidence, estimators } = draft;
+        let RuleDraft { kind, threshold, share, unit, min_visits, confidence, estimators } = draft;
         let estimators = estimators.map(|names| proto::EstimatorList { names });
-        Self { kind, threshold, unit, min_visits, confidence, estimators }
+        Self { kind, threshold, share, unit, min_visits, confidence, estimators }
     }
 }
 
-impl From<Rule> for proto::Rule {
-    fn from(rule: Rule) -> Self {
+impl From<WrittenRule> for proto::Rule {
+    fn from(rule: WrittenRule) -> Self {
+        let (threshold, share) = match rule.threshold {
+            Threshold::Information(threshold) => (Some(threshold), None),
+            Threshold::Share(share) => (None, Some(share)),
+        };
         Self {
             kind: Some(rule.kind.as_str().into()),
-            threshold: Some(rule.threshold),
+            threshold,
+            share,
             unit: Some(rule.unit.as_str().into()),
             min_visits: Some(rule.min_visits),
             confidence: Some(rule.confidence),

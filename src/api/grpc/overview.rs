@@ -4,7 +4,7 @@ use super::answer::{dependence, state, version};
 use crate::api::proto;
 use crate::domain::{
     Discoveries, DiscoveryMethod, Exploration, FittedPrior, HistogramBin, LabelledCell, StateFigures, StatePage,
-    StateView, Summary, Trial,
+    StateView, Summary, Trial, Unit,
 };
 
 impl From<StateView> for proto::GetStateResponse {
@@ -72,6 +72,11 @@ impl From<Summary> for proto::SummarizeResponse {
             as_of: summary.as_of,
             unit: summary.unit.as_str().into(),
             threshold: summary.threshold,
+            thresholds: Some(proto::ThresholdFigures {
+                nats: summary.threshold_nats,
+                bits: Unit::Bits.from_nats(summary.threshold_nats),
+                share: summary.threshold_share,
+            }),
             dependence: Some(proto::DependenceCounts { established, excluded, open }),
             fit: Some(summary.fit.into()),
             dependent_share: summary.dependent_share,

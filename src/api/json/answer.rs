@@ -41,6 +41,10 @@ pub struct Answer {
     /// The threshold used, in that unit.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub threshold: Option<f64>,
+    /// The same as a share of ln min(R, K), the most that two agents with R and K actions can have; absent where that is 0: then every verdict is
+    /// `undecided`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub share: Option<f64>,
     /// The kind of rule that decided, `evidence` or `paper`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rule: Option<String>,
@@ -193,6 +197,7 @@ impl From<proto::Answer> for Answer {
             basis,
             unit: present(answer.unit),
             threshold: answer.threshold,
+            share: answer.share,
             rule: present(answer.rule),
             mutual_information: answer.mutual_information.map(Into::into),
             // An agent has an action at least, so that nothing means "not asked for".
@@ -261,6 +266,7 @@ mod tests {
             entries: Some(7),
             unit: "nats".into(),
             threshold: Some(0.5),
+            share: Some(0.25),
             rule: "paper".into(),
             mutual_information: Some(proto::MutualInformation {
                 plug_in: 0.25,
@@ -311,7 +317,7 @@ mod tests {
         let expected = concat!(
             r#"{"state":{"key":"3.0","bins":{"z":{"bin":3,"label":"[2, 3)"},"a":{"bin":0,"label":"left"}}},"#,
             r#""visits":12,"entries":7,"verdict":"no_influence","basis":{"kind":"counts","visits":12},"#,
-            r#""unit":"nats","threshold":0.5,"rule":"paper","#,
+            r#""unit":"nats","threshold":0.5,"share":0.25,"rule":"paper","#,
             r#""mutual_information":{"plug_in":0.25,"expected_if_independent":0.125,"#,
             r#""expected_method":"hypergeometric","posterior_mean":0.1,"interval":[0.0,0.4],"#,
             r#""estimates":{"excess":0.125}},"independence":"entries","dependence":"open","#,

@@ -4,13 +4,22 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::{Rule, decode};
-use crate::domain::draft::{AgentDraft, FeatureDraft, KindDraft, RuleDraft, SchemaDraft};
-use crate::error::Problem;
+use crate::domain::draft::{AgentDraft, DescriptionDraft, FeatureDraft, KindDraft, RuleDraft, SchemaDraft};
+use crate::error::{Fault, Problem};
 
-/// What an environment is: its state, its agents and its decision rule.
+/// What an environment is: its state, its agents and its decision rule. What a service tells of an environment is such a description too.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, expecting = "an object of state, agents and rule")]
 pub struct Description {
+    /// The name that a service told; checked against the path where it is given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub name: Option<String>,
+    /// The service's own name of it, which another service does not know: passed over.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub uid: Option<String>,
+    /// The hash of state and agents that a service told; checked where it is given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub schema_hash: Option<String>,
     /// The coordinates of the state, 1 to 256.
     #[serde(default)]
     #[schema(required)]
@@ -49,14 +58,15 @@ pub struct Feature {
     #[serde(default)]
     #[schema(required, example = "distance")]
     pub name: String,
-    /// The unit of its values, for people.
+    /// The unit of its values, for people. That of a circular feature says how angles are measured: `deg`, `degrees` and `°` degrees; `rad`, `radians`
+    /// and none radians; others are refused, unless `circular.values` says it.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(example = "m")]
     pub unit: Option<String>,
     /// Real numbers, cut at edges.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub continuous: Option<Continuous>,
-    /// Angles in radians.
+    /// Angles.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub circular: Option<Circular>,
     /// Whole numbers.
@@ -78,11 +88,16 @@ pub struct Continuous {
 
 /// Equal bins of an angle; the first is centred on 0.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields, expecting = "an object of bins")]
+#[serde(deny_unknown_fields, expecting = "an object of bins and values")]
 pub struct Circular {
-    /// The number of bins, 1 to 65,536, each of width 2 pi / bins radians.
+    /// The number of bins, 1 to 65,536, each of width 2 pi / bins radians, or 360 / bins degrees.
     #[schema(example = 8)]
     pub bins: i64,
+    /// What values are measured in, `radians` or `degrees`; absent for what the feature's unit says. Environments that were made before units were
+    /// read have `radians` beside a unit that says otherwise.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(example = "degrees")]
+    pub values: Option<String>,
 }
 
 /// A bin for every whole number from min to max.
@@ -97,7 +112,8 @@ pub struct Integer {
     pub max: i64,
 }
 
-/// A bin for every label; a value is the label, or its index from 0.
+/// A bin for every label. A value is a label, or its index from 0 where no label reads as a number; where one does, a number is the label that reads
+/// as it, and other numbers are refused.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, expecting = "an object of labels")]
 pub struct Categorical {
@@ -108,7 +124,9 @@ pub struct Categorical {
 
 /// Reads a description from a file's text.
 pub fn description_of_text(text: &str) -> Result<(SchemaDraft, Option<RuleDraft>), Problem> {
-    decode::<Description>("environment", text.as_bytes()).map(Description::into_drafts)
+    let description: Description = decode("environment", text.as_bytes())?;
+    let DescriptionDraft { schema, rule, .. } = description.into();
+    Ok((schema, rule))
 }
 
 impl Description {
@@ -116,14 +134,27 @@ impl Description {
     pub fn of(schema: SchemaDraft, rule: Option<RuleDraft>) -> Self {
         let state = schema.state.into_iter().map(Into::into).collect();
         let agents = schema.agents.into_iter().map(Into::into).collect();
-        Self { state, agents, rule: rule.map(Into::into) }
+        Self { state, agents, rule: rule.map(Into::into), ..Self::default() }
     }
 
-    /// Returns the description for the domain to check.
-    pub fn into_drafts(self) -> (SchemaDraft, Option<RuleDraft>) {
-        let state = self.state.into_iter().map(Into::into).collect();
-        let agents = self.agents.into_iter().map(Into::into).collect();
-        (SchemaDraft { state, agents }, self.rule.map(Into::into))
+    /// Returns this description for an environment of that name, unless it says that it has another.
+    pub fn of_name(self, name: &str) -> Result<DescriptionDraft, Problem> {
+        match &self.name {
+            Some(said) if said != name => {
+                let detail = format!("got {said:?}, expected {name:?}, as the request says: leave it out of a copy");
+                Err(Problem::invalid("environment", vec![Fault::new("/name", detail)]))
+            }
+            _ => Ok(self.into()),
+        }
+    }
+}
+
+impl From<Description> for DescriptionDraft {
+    fn from(description: Description) -> Self {
+        let state = description.state.into_iter().map(Into::into).collect();
+        let agents = description.agents.into_iter().map(Into::into).collect();
+        let (schema_hash, rule) = (description.schema_hash, description.rule.map(Into::into));
+        Self { schema: SchemaDraft { state, agents }, schema_hash, rule }
     }
 }
 
@@ -144,7 +175,7 @@ impl From<Feature> for FeatureDraft {
         let Feature { name, unit, continuous, circular, integer, categorical } = feature;
         let kinds = [
             continuous.map(|continuous| KindDraft::Continuous(continuous.edges)),
-            circular.map(|circular| KindDraft::Circular(circular.bins)),
+            circular.map(|circular| KindDraft::Circular(circular.bins, circular.values)),
             integer.map(|integer| KindDraft::Integer(integer.min, integer.max)),
             categorical.map(|categorical| KindDraft::Categorical(categorical.labels)),
         ];
@@ -158,7 +189,7 @@ impl From<FeatureDraft> for Feature {
         for kind in draft.kinds {
             match kind {
                 KindDraft::Continuous(edges) => feature.continuous = Some(Continuous { edges }),
-                KindDraft::Circular(bins) => feature.circular = Some(Circular { bins }),
+                KindDraft::Circular(bins, values) => feature.circular = Some(Circular { bins, values }),
                 KindDraft::Integer(min, max) => feature.integer = Some(Integer { min, max }),
                 KindDraft::Categorical(labels) => feature.categorical = Some(Categorical { labels }),
             }
@@ -171,7 +202,7 @@ impl From<FeatureDraft> for Feature {
 mod tests {
     use super::*;
     use crate::api::proto;
-    use crate::domain::{Rule as DomainRule, Schema};
+    use crate::domain::{Schema, WrittenRule};
 
     const HALLWAY: &str = r#"
         { "state":  [ {"name": "distance", "unit": "m",  "continuous": {"edges": [0.5, 0.7, 1, 1.5]}},
@@ -188,7 +219,7 @@ mod tests {
     fn a_description_goes_through_the_domain_and_comes_back() {
         let (draft, rule) = description_of_text(HALLWAY).expect("valid");
         let schema = Schema::try_from(&draft).expect("valid");
-        let rule = DomainRule::default().merged(&rule.expect("given")).expect("valid");
+        let rule = WrittenRule::default().merged(&rule.expect("given")).expect("valid");
         let again = Description::of(schema.draft(), Some(proto::Rule::from(rule).into()));
         let written = serde_json::to_value(again).expect("JSON");
         let given: serde_json::Value = serde_json::from_str(HALLWAY).expect("JSON");

@@ -6,7 +6,7 @@ use utoipa::ToSchema;
 use super::{Agent, Description, Feature, Rule, present};
 use crate::api::proto;
 
-/// An environment as the service keeps it.
+/// An environment as the service keeps it. It is a description too: `PUT` takes it as it is.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct Environment {
     /// The name that people use.
@@ -20,7 +20,7 @@ pub struct Environment {
     pub state: Vec<Feature>,
     /// The agents.
     pub agents: Vec<Agent>,
-    /// The rule, every part present.
+    /// The rule, every part present, and of `threshold` and `share` the one that was given.
     pub rule: Rule,
 }
 

@@ -12,6 +12,9 @@ const LONGEST_TOLD: usize = 64;
 /// No feature takes a number that f32 cannot hold, so it is told as it was written.
 const BEYOND_EVERY_FEATURE: f64 = 1e39;
 
+/// Above it, f64 does not tell neighbouring whole numbers apart.
+const EXACT: u64 = 1 << 53;
+
 /// A JSON value.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Loose {
@@ -29,7 +32,10 @@ impl Loose {
     /// Returns this value as that of a feature.
     pub(super) fn into_value(self) -> ValueDraft {
         match self {
+            // A double would round it, and it may be somebody's number, written as a label.
+            Self::Whole(number) if number > EXACT => ValueDraft::Untyped(number.to_string()),
             Self::Whole(number) => ValueDraft::Number(number as f64),
+            Self::Bool(truth) => ValueDraft::Truth(truth),
             Self::Number(number) if number.abs() < BEYOND_EVERY_FEATURE => ValueDraft::Number(number),
             Self::Text(text) if text.chars().nth(LONGEST_TOLD).is_none() => ValueDraft::Text(text),
             other => ValueDraft::Other(other.to_string()),
@@ -151,7 +157,6 @@ mod tests {
             other => panic!("{other:?}"),
         };
         assert_eq!(told("null"), "null");
-        assert_eq!(told("true"), "true");
         assert_eq!(told("[1, [2]]"), "a list of 2");
         assert_eq!(told("{}"), "an object");
         assert_eq!(told("-1e300"), "-1e300");
@@ -162,6 +167,9 @@ mod tests {
     #[test]
     fn numbers_and_labels_are_values() {
         assert_eq!(loose("-3").into_value(), ValueDraft::Number(-3.0));
+        assert_eq!(loose("true").into_value(), ValueDraft::Truth(true));
+        assert_eq!(loose("9007199254740992").into_value(), ValueDraft::Number(9_007_199_254_740_992.0));
+        assert_eq!(loose("9007199254740993").into_value(), ValueDraft::Untyped("9007199254740993".into()));
         assert_eq!(loose("0.7").into_value(), ValueDraft::Number(0.7));
         assert_eq!(loose("\"左\"").into_value(), ValueDraft::Text("左".into()));
         assert_eq!(loose("18446744073709551615"), Loose::Whole(u64::MAX));

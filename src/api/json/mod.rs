@@ -36,7 +36,8 @@ pub use graph::{Edge, Graph};
 pub use labels::{Bin, Labels, State, Variable};
 pub use model::{Job, Model, ModelOrJob, Models, RolledBack, TrainingRequest, job_state, model_id, model_version};
 pub use overview::{
-    Cell, Counts, DependenceCounts, Discoveries, HistogramBin, StateFigures, StatePage, Summary, VerdictCounts,
+    Cell, Counts, DependenceCounts, Discoveries, HistogramBin, StateFigures, StatePage, Summary, Thresholds,
+    VerdictCounts,
 };
 pub use parameters::Parameters;
 pub use prediction::{ModelAction, ModelFigures};

@@ -106,6 +106,8 @@ pub struct Summary {
     pub unit: String,
     /// The threshold used, in that unit.
     pub threshold: f64,
+    /// The same however it was given: in nats, in bits and as a share.
+    pub thresholds: Thresholds,
     /// States by dependence.
     pub dependence: DependenceCounts,
     /// The share of states that depend, as fitted.
@@ -116,6 +118,24 @@ pub struct Summary {
     /// The discoveries, where a rate was given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub discoveries: Option<Discoveries>,
+}
+
+/// One threshold, told in every way.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, ToSchema)]
+pub struct Thresholds {
+    /// In nats.
+    pub nats: f64,
+    /// In bits.
+    pub bits: f64,
+    /// As a share of ln min(R, K), the most that two agents with R and K actions can have; null where that is 0: then every verdict is `undecided`.
+    pub share: Option<f64>,
+}
+
+impl From<proto::ThresholdFigures> for Thresholds {
+    fn from(threshold: proto::ThresholdFigures) -> Self {
+        let proto::ThresholdFigures { nats, bits, share } = threshold;
+        Self { nats, bits, share }
+    }
 }
 
 /// States by dependence: is there any at all, however weak?
@@ -234,6 +254,7 @@ impl From<proto::SummarizeResponse> for Summary {
             as_of: summary.as_of,
             unit: summary.unit,
             threshold: summary.threshold,
+            thresholds: summary.thresholds.unwrap_or_default().into(),
             dependence: DependenceCounts {
                 established: dependence.established,
                 excluded: dependence.excluded,

@@ -21,6 +21,7 @@ impl Parameters {
         RuleDraft {
             kind: self.text("rule.kind"),
             threshold: self.number("rule.threshold", "a number"),
+            share: self.number("rule.share", "a number"),
             unit: self.text("rule.unit"),
             min_visits: self.whole("rule.min_visits"),
             confidence: self.number("rule.confidence", "a number"),
@@ -149,7 +150,7 @@ mod tests {
             ("given", "cook,waiter"),
             ("given", "guest"),
             ("segments", "train"),
-            ("rule.threshold", "0.25"),
+            ("rule.share", "0.25"),
             ("rule.min_visits", "3"),
             ("unit", "bits"),
             ("estimators", "excess,miller_madow"),
@@ -161,7 +162,7 @@ mod tests {
         assert_eq!((draft.pair.ego.as_deref(), draft.pair.other), (Some("robot"), None));
         assert_eq!(draft.pair.given, ["cook", "waiter", "guest"]);
         assert_eq!(draft.pair.segments, ["train"]);
-        assert_eq!((draft.pair.rule.threshold, draft.pair.rule.min_visits), (Some(0.25), Some(3)));
+        assert_eq!((draft.pair.rule.share, draft.pair.rule.min_visits), (Some(0.25), Some(3)));
         assert_eq!((draft.pair.unit.as_deref(), draft.view.as_deref()), (Some("bits"), Some("figures")));
         assert_eq!(draft.estimators, ["excess", "miller_madow"]);
         let value = |name: &str, text: &str| (name.to_owned(), ValueDraft::Untyped(text.into()));

@@ -6,18 +6,28 @@ use utoipa::ToSchema;
 use crate::api::proto;
 use crate::domain::RuleDraft;
 
-/// How figures become a verdict. In requests, parts that are absent keep what they are merged over; in answers every part is present.
+/// How figures become a verdict. In requests, parts that are absent keep what they are merged over; in answers every part is
+/// present, and of `threshold` and `share` the one that was given.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields, expecting = "an object of kind, threshold, unit, min_visits, confidence and estimators")]
+#[serde(
+    deny_unknown_fields,
+    expecting = "an object of kind, threshold or share, unit, min_visits, confidence and estimators"
+)]
 pub struct Rule {
     /// `evidence` or `paper`.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(example = "evidence")]
     pub kind: Option<String>,
-    /// Mutual information above which there is influence, in `unit`; at least 0.
+    /// Mutual information above which there is influence, in `unit`; at least 0, and less than ln min(R, K) of two agents with R and K actions: those
+    /// asked about, or in an environment's own rule those that can have the most. One that nobody can reach is refused where it is given.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(example = 0.5, minimum = 0)]
     pub threshold: Option<f64>,
+    /// The threshold as a share of ln min(R, K), the most that two agents with R and K actions can have; at least 0 and below 1. Instead of
+    /// `threshold`: given over a rule that has the other, it replaces it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(example = 0.5, minimum = 0, exclusive_maximum = 1)]
+    pub share: Option<f64>,
     /// `nats` or `bits`. Given without a threshold, it converts the threshold.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(example = "nats")]
@@ -47,22 +57,22 @@ pub struct RuleChange {
 
 impl From<Rule> for RuleDraft {
     fn from(rule: Rule) -> Self {
-        let Rule { kind, threshold, unit, min_visits, confidence, estimators } = rule;
-        Self { kind, threshold, unit, min_visits, confidence, estimators }
+        let Rule { kind, threshold, share, unit, min_visits, confidence, estimators } = rule;
+        Self { kind, threshold, share, unit, min_visits, confidence, estimators }
     }
 }
 
 impl From<RuleDraft> for Rule {
     fn from(draft: RuleDraft) -> Self {
-        let RuleDraft { kind, threshold, unit, min_visits, confidence, estimators } = draft;
-        Self { kind, threshold, unit, min_visits, confidence, estimators }
+        let RuleDraft { kind, threshold, share, unit, min_visits, confidence, estimators } = draft;
+        Self { kind, threshold, share, unit, min_visits, confidence, estimators }
     }
 }
 
 impl From<proto::Rule> for Rule {
     fn from(rule: proto::Rule) -> Self {
-        let proto::Rule { kind, threshold, unit, min_visits, confidence, estimators } = rule;
+        let proto::Rule { kind, threshold, share, unit, min_visits, confidence, estimators } = rule;
         let estimators = estimators.map(|estimators| estimators.names);
-        Self { kind, threshold, unit, min_visits, confidence, estimators }
+        Self { kind, threshold, share, unit, min_visits, confidence, estimators }
     }
 }

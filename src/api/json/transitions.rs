@@ -55,10 +55,12 @@ pub struct Transition {
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(untagged)]
 pub enum FeatureValue {
-    /// In the feature's unit; a label's index from 0.
+    /// In the feature's unit; for labels the one that reads as this number, or its index from 0 where none reads as a number.
     Number(f64),
-    /// A label.
+    /// A label by its very characters; else what the same text is in a query string: a number.
     Label(String),
+    /// The label `true` or `false`.
+    Truth(bool),
 }
 
 /// An agent's action.

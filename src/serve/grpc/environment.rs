@@ -9,6 +9,7 @@ use crate::api::proto::{
     GetEnvironmentRequest, GetEnvironmentResponse, ListEnvironmentsRequest, ListEnvironmentsResponse,
     UpdateRuleRequest, UpdateRuleResponse,
 };
+use crate::domain::draft::DescriptionDraft;
 
 #[tonic::async_trait]
 impl EnvironmentService for Face {
@@ -18,8 +19,9 @@ impl EnvironmentService for Face {
     ) -> Result<Response<ApplyEnvironmentResponse>, Status> {
         call("ApplyEnvironment", async {
             let ApplyEnvironmentRequest { name, schema, rule } = request.into_inner();
-            let (schema, rule) = (schema.unwrap_or_default().into(), rule.map(Into::into));
-            let (environment, created) = self.app.environments.apply(&name, &schema, rule.as_ref()).await?;
+            let schema = schema.unwrap_or_default().into();
+            let description = DescriptionDraft { schema, schema_hash: None, rule: rule.map(Into::into) };
+            let (environment, created) = self.app.environments.apply(&name, &description).await?;
             Ok(ApplyEnvironmentResponse { environment: Some((&*environment).into()), created })
         })
         .await

@@ -13,7 +13,8 @@ use crate::serve::status::Failure;
 
 /// Creates an environment, or confirms that it exists with this very description.
 ///
-/// A rule that is present sets the rule of an environment that exists; absent, it keeps it. Another schema under the name is refused with 409.
+/// A rule that is present sets the rule of an environment that exists; absent, it keeps it. Another schema under the name is refused with 409. What
+/// `GET` answers comes back in as it is.
 #[utoipa::path(
     put,
     path = "/v1/environments/{environment}",
@@ -31,8 +32,7 @@ pub async fn apply_environment(
     Path(name): Path<String>,
     Json(description): Json<json::Description>,
 ) -> Result<Response, Failure> {
-    let (schema, rule) = description.into_drafts();
-    let (environment, created) = app.environments.apply(&name, &schema, rule.as_ref()).await?;
+    let (environment, created) = app.environments.apply(&name, &description.of_name(&name)?).await?;
     let status = if created { StatusCode::CREATED } else { StatusCode::OK };
     Ok((status, shown(&environment)).into_response())
 }

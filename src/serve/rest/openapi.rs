@@ -81,6 +81,9 @@ pub struct PairParameters {
     /// Mutual information above which there is influence, in `rule.unit`, else in the unit of the environment's rule.
     #[param(rename = "rule.threshold")]
     rule_threshold: Option<f64>,
+    /// The threshold as a share of the most that the pair can have, at least 0 and below 1. Instead of `rule.threshold`.
+    #[param(rename = "rule.share")]
+    rule_share: Option<f64>,
     /// `nats` or `bits`. Given without a threshold, it converts the threshold.
     #[param(rename = "rule.unit")]
     rule_unit: Option<String>,

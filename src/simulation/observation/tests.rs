@@ -22,7 +22,7 @@ fn schema() -> Schema {
 
 fn features(list: &Value) -> Vec<FeatureDraft> {
     let kind = |feature: &Value| match feature["circular"]["bins"].as_i64() {
-        Some(bins) => KindDraft::Circular(bins),
+        Some(bins) => KindDraft::Circular(bins, None),
         None => {
             let edges = feature["continuous"]["edges"].as_array().expect("edges");
             KindDraft::Continuous(edges.iter().filter_map(Value::as_f64).collect())

@@ -9,7 +9,7 @@ use super::directory::{Directory, Loaded};
 use super::error::{aborted, unreadable};
 use super::text;
 use super::writer::Writer;
-use crate::domain::{Environment, EnvironmentId, Name, Rule, Schema, Uid, UnreadableEnvironment};
+use crate::domain::{Environment, EnvironmentId, Name, Schema, Uid, UnreadableEnvironment, WrittenRule};
 use crate::store::StoreError;
 
 /// Reads every environment. One that cannot be read does not keep the others away.
@@ -25,7 +25,7 @@ pub(super) async fn create(
     writer: &Writer,
     name: &Name,
     schema: &Schema,
-    rule: Rule,
+    rule: WrittenRule,
 ) -> Result<Arc<Environment>, StoreError> {
     let uid = Uid(uuid::Uuid::new_v4().to_string());
     let mut transaction = writer.begin().await?;
@@ -43,7 +43,7 @@ pub(super) async fn set_rule(
     writer: &Writer,
     directory: &Directory,
     id: EnvironmentId,
-    rule: Rule,
+    rule: WrittenRule,
 ) -> Result<Arc<Environment>, StoreError> {
     let mut transaction = writer.begin().await?;
     // Looked up after `begin`, so that two changes cannot pass each other.
@@ -75,7 +75,7 @@ async fn insert(
     uid: &Uid,
     name: &Name,
     schema: &Schema,
-    rule: Rule,
+    rule: WrittenRule,
 ) -> Result<EnvironmentId, sqlx::Error> {
     let text = "insert into environments (uid, name, schema, schema_hash, rule) values (?, ?, ?, ?, ?)";
     let done = sqlx::query(text)
@@ -102,7 +102,7 @@ fn read(row: &SqliteRow) -> Result<Loaded, StoreError> {
 }
 
 /// Reads the parts that have a form, or says what is wrong with the first that cannot be read.
-fn parse(row: &SqliteRow, name: &str) -> Result<(Name, Schema, Rule), String> {
+fn parse(row: &SqliteRow, name: &str) -> Result<(Name, Schema, WrittenRule), String> {
     let text = |column| row.try_get::<&str, _>(column).map_err(|error| format!("its {column}: {error}"));
     let hash: &[u8] = row.try_get("schema_hash").map_err(|error| format!("its schema_hash: {error}"))?;
 

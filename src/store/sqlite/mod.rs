@@ -17,8 +17,8 @@ use super::{
     StoreError, Totals,
 };
 use crate::domain::{
-    Environment, EnvironmentId, Label, Name, ProducerId, Rule, Schema, SegmentId, Sequence, StateKey,
-    UnreadableEnvironment,
+    Environment, EnvironmentId, Label, Name, ProducerId, Schema, SegmentId, Sequence, StateKey, UnreadableEnvironment,
+    WrittenRule,
 };
 
 mod audit;
@@ -65,7 +65,7 @@ pub struct SqliteStore {
     writer: Writer,
     readers: SqlitePool,
     /// Held as long as the store lives. Last, so that it is let go after the connections.
-    lock: Mutex<Option<std::fs::File>>,
+    lock: Mutex<Option<open::Lock>>,
 }
 
 impl SqliteStore {
@@ -89,11 +89,11 @@ impl Store for SqliteStore {
         self.memory.directory.unreadable()
     }
 
-    async fn create(&self, name: &Name, schema: &Schema, rule: Rule) -> Result<Arc<Environment>, StoreError> {
+    async fn create(&self, name: &Name, schema: &Schema, rule: WrittenRule) -> Result<Arc<Environment>, StoreError> {
         environments::create(&self.writer, name, schema, rule).await
     }
 
-    async fn set_rule(&self, id: EnvironmentId, rule: Rule) -> Result<Arc<Environment>, StoreError> {
+    async fn set_rule(&self, id: EnvironmentId, rule: WrittenRule) -> Result<Arc<Environment>, StoreError> {
         environments::set_rule(&self.writer, &self.memory.directory, id, rule).await
     }
 

@@ -47,15 +47,27 @@ pub(super) async fn open(path: &Path, options: Options) -> Result<SqliteStore, S
 
 /// Takes the lock that says "a nudge serves this". The kernel lets go of it when the process ends, however it ends. It is a file of its own, because
 /// the database's own locks are let go between transactions.
-fn lock(path: &Path) -> Result<File, StoreError> {
+fn lock(path: &Path) -> Result<Lock, StoreError> {
     let beside = lock_path(path);
     let open = File::options().create(true).truncate(false).write(true).open(&beside);
     let file =
         open.map_err(|error| unopenable(&beside, format!("{error}; give this user the right to write there")))?;
     match file.try_lock() {
-        Ok(()) => Ok(file),
+        Ok(()) => Ok(Lock(file)),
         Err(TryLockError::WouldBlock) => Err(StoreError::InUse(path.display().to_string())),
         Err(TryLockError::Error(error)) => Err(unopenable(&beside, format!("cannot lock it: {error}"))),
+    }
+}
+
+/// The lock of a database. Let go by name: a process that is being started has a copy of the file until it is another program, and closing ours would
+/// leave it locked meanwhile.
+pub(super) struct Lock(File);
+
+impl Drop for Lock {
+    fn drop(&mut self) {
+        if let Err(error) = self.0.unlock() {
+            tracing::warn!(%error, "the lock of a database could not be let go");
+        }
     }
 }
 

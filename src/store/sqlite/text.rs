@@ -9,7 +9,7 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 
 use crate::domain::draft::{AgentDraft, FeatureDraft, KindDraft};
-use crate::domain::{Estimator, Receipt, Rejection, Rule, Schema, SchemaDraft};
+use crate::domain::{Angle, Estimator, Receipt, Rejection, Schema, SchemaDraft, Threshold, WrittenRule};
 use crate::error::Problem;
 use crate::store::form::{self, Unreadable};
 
@@ -45,7 +45,10 @@ struct FeatureText {
 #[serde(rename_all = "snake_case")]
 enum KindText {
     Continuous(Vec<String>),
+    /// Of radians, whatever the unit says: what every circular feature was before units were read.
     Circular(i64),
+    /// Of degrees.
+    CircularDegrees(i64),
     Integer(i64, i64),
     Categorical(Vec<String>),
 }
@@ -53,7 +56,11 @@ enum KindText {
 #[derive(Serialize, Deserialize)]
 struct RuleText {
     kind: String,
-    threshold: String,
+    /// Absent where a share is written instead.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    threshold: Option<String>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    share: Option<String>,
     unit: String,
     min_visits: u64,
     confidence: String,
@@ -95,10 +102,15 @@ fn first_schema(text: SchemaText) -> Result<Schema, Unreadable> {
 }
 
 /// Writes a rule.
-pub(super) fn of_rule(rule: &Rule) -> String {
+pub(super) fn of_rule(rule: &WrittenRule) -> String {
+    let (threshold, share) = match rule.threshold {
+        Threshold::Information(threshold) => (Some(threshold.to_string()), None),
+        Threshold::Share(share) => (None, Some(share.to_string())),
+    };
     let text = RuleText {
         kind: rule.kind.as_str().into(),
-        threshold: rule.threshold.to_string(),
+        threshold,
+        share,
         unit: rule.unit.as_str().into(),
         min_visits: rule.min_visits,
         confidence: rule.confidence.to_string(),
@@ -108,18 +120,23 @@ pub(super) fn of_rule(rule: &Rule) -> String {
 }
 
 /// Reads a rule back.
-pub(super) fn rule(text: &str) -> Result<Rule, Unreadable> {
+pub(super) fn rule(text: &str) -> Result<WrittenRule, Unreadable> {
     match form::version(text)? {
         1 => first_rule(form::read(text)?),
         found => Err(Unreadable::Newer { found, newest: RULE_FORM }),
     }
 }
 
-fn first_rule(text: RuleText) -> Result<Rule, Unreadable> {
+fn first_rule(text: RuleText) -> Result<WrittenRule, Unreadable> {
+    let threshold = match (text.threshold, text.share) {
+        (Some(threshold), None) => Threshold::Information(parsed("threshold", &threshold)?),
+        (None, Some(share)) => Threshold::Share(parsed("share", &share)?),
+        _ => return Err(Unreadable::spoiled("it has not one of threshold and share")),
+    };
     let estimators = text.estimators.iter().map(|name| parsed::<Estimator>("estimators", name));
-    Ok(Rule {
+    Ok(WrittenRule {
         kind: parsed("kind", &text.kind)?,
-        threshold: parsed("threshold", &text.threshold)?,
+        threshold,
         unit: parsed("unit", &text.unit)?,
         min_visits: text.min_visits,
         confidence: parsed("confidence", &text.confidence)?,
@@ -171,7 +188,10 @@ fn kind_text(kind: KindDraft) -> KindText {
     match kind {
         // An edge is an f32 widened, and its shortest decimal is that of the f32.
         KindDraft::Continuous(edges) => KindText::Continuous(edges.iter().map(|e| (*e as f32).to_string()).collect()),
-        KindDraft::Circular(bins) => KindText::Circular(bins),
+        KindDraft::Circular(bins, values) if values.as_deref() == Some(Angle::Degrees.as_str()) => {
+            KindText::CircularDegrees(bins)
+        }
+        KindDraft::Circular(bins, _) => KindText::Circular(bins),
         KindDraft::Integer(min, max) => KindText::Integer(min, max),
         KindDraft::Categorical(labels) => KindText::Categorical(labels),
     }
@@ -190,7 +210,8 @@ fn kind(text: KindText) -> Result<KindDraft, Unreadable> {
             let edge = |edge: &String| parsed::<f32>("edges", edge).map(f64::from);
             KindDraft::Continuous(edges.iter().map(edge).collect::<Result<_, _>>()?)
         }
-        KindText::Circular(bins) => KindDraft::Circular(bins),
+        KindText::Circular(bins) => KindDraft::Circular(bins, Some(Angle::Radians.as_str().into())),
+        KindText::CircularDegrees(bins) => KindDraft::Circular(bins, Some(Angle::Degrees.as_str().into())),
         KindText::Integer(min, max) => KindDraft::Integer(min, max),
         KindText::Categorical(labels) => KindDraft::Categorical(labels),
     })
@@ -219,7 +240,8 @@ mod tests {
         let agent = |name: &str| AgentDraft { name: name.into(), action: vec![feature("move", labels.clone())] };
         let state = vec![
             feature("x", KindDraft::Continuous(edges)),
-            feature("y", KindDraft::Circular(8)),
+            feature("y", KindDraft::Circular(8, Some("radians".into()))),
+            FeatureDraft { unit: Some("°".into()), ..feature("w", KindDraft::Circular(8, None)) },
             feature("z", KindDraft::Integer(-3, 3)),
         ];
         Schema::try_from(&SchemaDraft { state, agents: vec![agent("robot"), agent("human")] }).expect("valid")
@@ -246,16 +268,50 @@ mod tests {
         }
 
         #[test]
-        fn any_rule_reads_back_exactly(threshold in 0.0..1e300, confidence in 0.5..1.0, min_visits: u64) {
-            let written = Rule {
-                kind: RuleKind::Paper,
-                threshold,
-                unit: Unit::Bits,
-                min_visits,
-                confidence,
-                estimators: [Estimator::Nsb].into_iter().collect(),
-            };
-            proptest::prop_assert_eq!(rule(&of_rule(&written)), Ok(written));
+        fn any_rule_reads_back_exactly(threshold in 0.0..1e300, share in 0.0..1.0, confidence in 0.5..1.0, min_visits: u64) {
+            for threshold in [Threshold::Information(threshold), Threshold::Share(share)] {
+                let written = WrittenRule {
+                    kind: RuleKind::Paper,
+                    threshold,
+                    unit: Unit::Bits,
+                    min_visits,
+                    confidence,
+                    estimators: [Estimator::Nsb].into_iter().collect(),
+                };
+                proptest::prop_assert_eq!(rule(&of_rule(&written)), Ok(written));
+            }
+        }
+    }
+
+    #[test]
+    fn what_was_written_before_units_and_shares_reads_as_it_was_meant() {
+        let text = r#"{"state":[{"name":"x","unit":"deg","circular":8},{"name":"y","unit":"turns","circular":3},{"name":"z","circular":4}],
+            "agents":[{"name":"a","action":[{"name":"go","integer":[0,1]}]},{"name":"b","action":[{"name":"go","integer":[0,1]}]}]}"#;
+        let read = schema(text).expect("an old schema");
+        assert_eq!([0, 1, 2].map(|at| read.state()[at].kind.expected()), ["a finite angle in radians"; 3]);
+        // As af3f5d0, the first to write schemas, hashed it.
+        assert_eq!(read.hash().to_string(), "4051a8fd0e83a1b3fde790816df0ae25c5bca55026ff916017b5a38b6f79254a");
+        assert_eq!(schema(&of_schema(&read)), Ok(read));
+        let old = r#"{"kind":"paper","threshold":"0.8","unit":"nats","min_visits":8,"confidence":"0.8"}"#;
+        assert_eq!(rule(old).expect("an old rule").threshold, Threshold::Information(0.8));
+        assert_eq!(of_rule(&rule(old).expect("an old rule")), old.replacen('{', "{\"form\":1,", 1));
+    }
+
+    #[test]
+    fn degrees_and_shares_are_written_so() {
+        let degrees = r#"{"form":1,"state":[{"name":"x","unit":"deg","circular_degrees":8}],
+            "agents":[{"name":"a","action":[{"name":"go","integer":[0,1]}]},{"name":"b","action":[{"name":"go","integer":[0,1]}]}]}"#;
+        let read = schema(degrees).expect("a schema");
+        assert_eq!(read.state()[0].kind.expected(), "a finite angle in degrees");
+        assert_eq!(schema(&of_schema(&read)), Ok(read));
+
+        let share = r#"{"form":1,"kind":"evidence","share":"0.7","unit":"bits","min_visits":8,"confidence":"0.8"}"#;
+        let read = rule(share).expect("a rule");
+        assert_eq!(read.threshold, Threshold::Share(0.7));
+        assert_eq!(of_rule(&read), share);
+        for both_or_none in ["\"share\":\"0.7\",\"threshold\":\"0.1\",", ""] {
+            let why = rule(&share.replace("\"share\":\"0.7\",", both_or_none)).expect_err("no rule").to_string();
+            assert!(why.ends_with("it has not one of threshold and share"), "{why}");
         }
     }
 
@@ -272,13 +328,13 @@ mod tests {
 
     #[test]
     fn schemas_and_rules_say_their_version_and_the_first_said_none() {
-        let (schema_text, rule_text) = (of_schema(&schema_with_edges(vec![0.7])), of_rule(&Rule::default()));
+        let (schema_text, rule_text) = (of_schema(&schema_with_edges(vec![0.7])), of_rule(&WrittenRule::default()));
         for text in [&schema_text, &rule_text] {
             assert!(text.starts_with(r#"{"form":1,"#), "{text}");
         }
         let before = |text: &str| text.replacen("\"form\":1,", "", 1);
         assert_eq!(schema(&before(&schema_text)), Ok(schema_with_edges(vec![0.7])));
-        assert_eq!(rule(&before(&rule_text)), Ok(Rule::default()));
+        assert_eq!(rule(&before(&rule_text)), Ok(WrittenRule::default()));
     }
 
     #[test]
@@ -286,7 +342,7 @@ mod tests {
         let newer = |text: String| text.replacen("\"form\":1", "\"form\":4", 1);
         let told = Unreadable::Newer { found: 4, newest: 1 };
         assert_eq!(schema(&newer(of_schema(&schema_with_edges(vec![0.7])))), Err(told.clone()));
-        assert_eq!(rule(&newer(of_rule(&Rule::default()))), Err(told.clone()));
+        assert_eq!(rule(&newer(of_rule(&WrittenRule::default()))), Err(told.clone()));
         assert_eq!(receipt(r#"{"form":4,"accepted":7}"#), Err(told));
 
         let why = |text: &str| schema(text).expect_err("no schema").to_string();
@@ -294,7 +350,7 @@ mod tests {
         assert!(why(one_agent).starts_with("it is not as it was written: invalid schema: "), "{}", why(one_agent));
         let edge = of_schema(&schema_with_edges(vec![0.7])).replace("\"0.7\"", "\"high\"");
         assert!(why(&edge).contains("edges \"high\": invalid float"), "{}", why(&edge));
-        let wrong_kind = of_rule(&Rule::default()).replace("evidence", "guess");
+        let wrong_kind = of_rule(&WrittenRule::default()).replace("evidence", "guess");
         assert!(rule(&wrong_kind).expect_err("no rule").to_string().contains("kind \"guess\""));
     }
 }

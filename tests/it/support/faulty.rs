@@ -5,8 +5,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use async_trait::async_trait;
 use nudge::domain::{
-    Environment, EnvironmentId, Label, Name, ProducerId, Rule, Schema, SegmentId, Sequence, StateKey,
-    UnreadableEnvironment,
+    Environment, EnvironmentId, Label, Name, ProducerId, Schema, SegmentId, Sequence, StateKey, UnreadableEnvironment,
+    WrittenRule,
 };
 use nudge::store::{
     Audit, Cursor, FitRecord, ModelRecord, NewModel, Numbered, Outcome, Scanned, StateCounts, Store, StoreError, Totals,
@@ -83,10 +83,10 @@ impl Store for Faulty {
     fn environment(&self, name: &str) -> Option<Arc<Environment>> {
         self.store.environment(name)
     }
-    async fn create(&self, name: &Name, schema: &Schema, rule: Rule) -> Result<Arc<Environment>, StoreError> {
+    async fn create(&self, name: &Name, schema: &Schema, rule: WrittenRule) -> Result<Arc<Environment>, StoreError> {
         self.store.create(name, schema, rule).await
     }
-    async fn set_rule(&self, id: EnvironmentId, rule: Rule) -> Result<Arc<Environment>, StoreError> {
+    async fn set_rule(&self, id: EnvironmentId, rule: WrittenRule) -> Result<Arc<Environment>, StoreError> {
         self.store.set_rule(id, rule).await
     }
     async fn delete(&self, id: EnvironmentId) -> Result<(), StoreError> {
