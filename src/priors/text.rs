@@ -63,7 +63,26 @@ fn first(text: FitText, alphabet: Alphabet) -> Result<Fit, Unreadable> {
         let why = format!("it has {found:?} actions, nulls and slabs, expected {expected:?}");
         return Err(Unreadable::Spoiled(why));
     }
+    if !is_inside(dependent) {
+        return Err(Unreadable::spoiled(format!("dependent {dependent}, expected above 0 and below 1")));
+    }
+    for (name, weights) in [("nulls", &nulls), ("slabs", &slabs)] {
+        if !are_weights(weights) {
+            return Err(Unreadable::spoiled(format!("{name} {weights:?}, expected above 0 and summing to 1")));
+        }
+    }
     Ok(Fit { alphabet, base: Base::new(&base), parameters: Parameters { dependent, nulls, slabs }, states })
+}
+
+/// What a fit never says with certainty.
+fn is_inside(share: f64) -> bool {
+    share > 0.0 && share < 1.0
+}
+
+fn are_weights(weights: &[f64]) -> bool {
+    /// What rounding may leave of a sum.
+    const ROUNDING: f64 = 1e-9;
+    weights.iter().all(|weight| is_inside(*weight)) && (weights.iter().sum::<f64>() - 1.0).abs() <= ROUNDING
 }
 
 #[cfg(test)]
@@ -107,5 +126,27 @@ mod tests {
         assert!(why(&text, 4).starts_with("it is not as it was written: it has [3, "), "{}", why(&text, 4));
         assert!(why("{}", 3).contains("missing field `base`"));
         assert!(why(&text.replacen("1", "2", 1), 3).contains("form 2 of a newer build"));
+    }
+    #[test]
+    fn shares_and_weights_that_no_fit_has_are_spoiled() {
+        let why = |change: &dyn Fn(&mut Parameters)| {
+            let mut wrong = made();
+            change(&mut wrong.parameters);
+            fit(&of_fit(&wrong), ALPHABET).expect_err("no fit").to_string()
+        };
+        for wrong in [-0.1, 0.0, 1.0, 1.5, f64::MAX] {
+            let told = why(&|parameters| parameters.dependent = wrong);
+            assert!(told.starts_with("it is not as it was written: dependent "), "{wrong}: {told}");
+            let told = why(&|parameters| parameters.nulls[0] = wrong);
+            assert!(told.starts_with("it is not as it was written: nulls ["), "{wrong}: {told}");
+            let told = why(&|parameters| parameters.slabs[1] = wrong);
+            assert!(told.starts_with("it is not as it was written: slabs ["), "{wrong}: {told}");
+        }
+        for wrong in [f64::NAN, f64::INFINITY] {
+            let told = why(&|parameters| parameters.dependent = wrong);
+            assert!(told.contains("invalid type: null"), "what JSON has for it: {told}");
+        }
+        let told = why(&|parameters| parameters.slabs[0] *= 2.0);
+        assert!(told.contains("slabs ["), "they sum to more than 1: {told}");
     }
 }

@@ -201,7 +201,7 @@ async fn an_environment_that_cannot_be_read_keeps_nobody_else_away() {
     let expected = "its schema: it has form 9 of a newer build, and this one reads up to 1";
     assert_eq!(page["unreadable"][0]["unreadable"], expected);
     let rule = page["unreadable"][1]["unreadable"].as_str().expect("text");
-    assert!(rule.starts_with("its rule: it is not as it was written: kind \"guess\""), "{rule}");
+    assert!(rule.starts_with("its rule: it is not as it was written: invalid rule: /kind: got \"guess\""), "{rule}");
     let request = proto::ListEnvironmentsRequest::default();
     let over_grpc = app.environments().await.list_environments(request).await.expect("a page").into_inner();
     assert_eq!(json!(dto::EnvironmentPage::from(over_grpc)), page, "the faces agree");

@@ -9,7 +9,7 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 
 use crate::domain::draft::{AgentDraft, FeatureDraft, KindDraft};
-use crate::domain::{Angle, Estimator, Receipt, Rejection, Schema, SchemaDraft, Threshold, WrittenRule};
+use crate::domain::{Angle, Receipt, Rejection, RuleDraft, Schema, SchemaDraft, Threshold, WrittenRule};
 use crate::error::Problem;
 use crate::store::form::{self, Unreadable};
 
@@ -128,20 +128,22 @@ pub(super) fn rule(text: &str) -> Result<WrittenRule, Unreadable> {
 }
 
 fn first_rule(text: RuleText) -> Result<WrittenRule, Unreadable> {
-    let threshold = match (text.threshold, text.share) {
-        (Some(threshold), None) => Threshold::Information(parsed("threshold", &threshold)?),
-        (None, Some(share)) => Threshold::Share(parsed("share", &share)?),
-        _ => return Err(Unreadable::spoiled("it has not one of threshold and share")),
+    let number = |name, text: Option<String>| text.map(|text| parsed::<f64>(name, &text)).transpose();
+    let draft = RuleDraft {
+        kind: Some(text.kind),
+        threshold: number("threshold", text.threshold)?,
+        share: number("share", text.share)?,
+        unit: Some(text.unit),
+        min_visits: Some(text.min_visits),
+        confidence: number("confidence", Some(text.confidence))?,
+        estimators: Some(text.estimators),
     };
-    let estimators = text.estimators.iter().map(|name| parsed::<Estimator>("estimators", name));
-    Ok(WrittenRule {
-        kind: parsed("kind", &text.kind)?,
-        threshold,
-        unit: parsed("unit", &text.unit)?,
-        min_visits: text.min_visits,
-        confidence: parsed("confidence", &text.confidence)?,
-        estimators: estimators.collect::<Result<_, _>>()?,
-    })
+    // A rule is merged over another one, which has a threshold.
+    if draft.threshold.is_none() && draft.share.is_none() {
+        return Err(Unreadable::spoiled("it has neither threshold nor share"));
+    }
+    let merged = WrittenRule::default().merged(&draft);
+    merged.map_err(|faults| Unreadable::spoiled(Problem::invalid("rule", faults)))
 }
 
 /// Writes a receipt.
@@ -229,7 +231,7 @@ fn is_zero(number: &u64) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::domain::{RuleKind, Unit};
+    use crate::domain::{Estimator, RuleKind, Unit};
 
     fn feature(name: &str, kind: KindDraft) -> FeatureDraft {
         FeatureDraft { name: name.into(), unit: Some("m/s²".into()), kinds: vec![kind] }
@@ -268,7 +270,7 @@ mod tests {
         }
 
         #[test]
-        fn any_rule_reads_back_exactly(threshold in 0.0..1e300, share in 0.0..1.0, confidence in 0.5..1.0, min_visits: u64) {
+        fn any_rule_reads_back_exactly(threshold in 0.0..1e300, share in 0.0..1.0, confidence in 0.500_001..1.0, min_visits in 0..=i64::MAX as u64) {
             for threshold in [Threshold::Information(threshold), Threshold::Share(share)] {
                 let written = WrittenRule {
                     kind: RuleKind::Paper,
@@ -309,9 +311,33 @@ mod tests {
         let read = rule(share).expect("a rule");
         assert_eq!(read.threshold, Threshold::Share(0.7));
         assert_eq!(of_rule(&read), share);
-        for both_or_none in ["\"share\":\"0.7\",\"threshold\":\"0.1\",", ""] {
-            let why = rule(&share.replace("\"share\":\"0.7\",", both_or_none)).expect_err("no rule").to_string();
-            assert!(why.ends_with("it has not one of threshold and share"), "{why}");
+    }
+
+    #[test]
+    fn a_rule_that_nobody_could_give_is_spoiled() {
+        let written = of_rule(&WrittenRule::default());
+        let share = written.replace("\"threshold\":\"0.5\"", "\"share\":\"0.5\"");
+        for (text, right, wrong, why) in [
+            (&written, "\"0.5\"", "\"NaN\"", "/threshold: got NaN, expected a finite number"),
+            (&written, "\"0.5\"", "\"inf\"", "/threshold: got inf"),
+            (&written, "\"0.5\"", "\"1e400\"", "/threshold: got inf"),
+            (&written, "\"0.5\"", "\"-0.1\"", "/threshold: got -0.1"),
+            (&written, "\"0.5\"", "\"half\"", "threshold \"half\": invalid float"),
+            (&share, "\"0.5\"", "\"NaN\"", "/share: got NaN, expected a number, at least 0 and below 1"),
+            (&share, "\"0.5\"", "\"1\"", "/share: got 1"),
+            (&share, "\"0.5\"", "\"-0.1\"", "/share: got -0.1"),
+            (&share, "\"share\"", "\"threshold\":\"0.5\",\"share\"", "/share: got a threshold too"),
+            (&share, "\"share\"", "\"shares\"", "it has neither threshold nor share"),
+            (&written, "\"0.8\"", "\"NaN\"", "/confidence: got NaN, expected a number above 0.5 and below 1"),
+            (&written, "\"0.8\"", "\"1\"", "/confidence: got 1"),
+            (&written, "\"0.8\"", "\"0.5\"", "/confidence: got 0.5"),
+            (&written, ":8,", ":9223372036854775808,", "/min_visits: got 9223372036854775808"),
+            (&written, "evidence", "guess", "/kind: got \"guess\", expected evidence or paper"),
+            (&written, "nats", "hartleys", "/unit: got \"hartleys\""),
+        ] {
+            assert!(text.contains(right), "{text}");
+            let told = rule(&text.replacen(right, wrong, 1)).expect_err("no rule").to_string();
+            assert!(told.starts_with("it is not as it was written: ") && told.contains(why), "{why}: {told}");
         }
     }
 
@@ -350,7 +376,5 @@ mod tests {
         assert!(why(one_agent).starts_with("it is not as it was written: invalid schema: "), "{}", why(one_agent));
         let edge = of_schema(&schema_with_edges(vec![0.7])).replace("\"0.7\"", "\"high\"");
         assert!(why(&edge).contains("edges \"high\": invalid float"), "{}", why(&edge));
-        let wrong_kind = of_rule(&WrittenRule::default()).replace("evidence", "guess");
-        assert!(rule(&wrong_kind).expect_err("no rule").to_string().contains("kind \"guess\""));
     }
 }
