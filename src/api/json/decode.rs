@@ -39,7 +39,8 @@ fn step(segment: &Segment) -> String {
 
 /// Says "a number" where the decoder says `f64`.
 fn in_words_of_json(message: &str) -> String {
-    const WORDS: [(&str, &str); 6] = [
+    const WORDS: [(&str, &str); 7] = [
+        ("number out of range", "got a number that no double holds, expected a smaller one"),
         ("expected f64", "expected a number"),
         ("expected u64", "expected a whole number, at least 0"),
         ("expected i64", "expected a whole number"),
@@ -82,7 +83,9 @@ mod tests {
     #[test]
     fn numbers_out_of_range_are_faults() {
         assert_eq!(fault(r#"{"state": [{"circular": {"bins": 1e30}}]}"#).pointer, "/state/0/circular/bins");
-        assert_eq!(fault(r#"{"state": [{"continuous": {"edges": [1e999]}}]}"#).pointer, "/state/0/continuous/edges/0");
+        let edge = fault(r#"{"state": [{"continuous": {"edges": [1e999]}}]}"#);
+        assert_eq!(edge.pointer, "/state/0/continuous/edges/0");
+        assert!(edge.detail.starts_with("got a number that no double holds, expected a smaller one"), "{edge:?}");
         assert_eq!(
             fault(r#"{"state": [{"integer": {"min": -9223372036854775809, "max": 1}}]}"#).pointer,
             "/state/0/integer/min"

@@ -1,8 +1,10 @@
 //! Any JSON value, kept in the order and with the doubles in which it was written, so that the domain can say what is wrong with it.
 
 use std::fmt;
+use std::marker::PhantomData;
 
 use serde::de::{Deserialize, Deserializer, Error, MapAccess, SeqAccess, Visitor};
+use serde_json::value::RawValue;
 
 use crate::domain::draft::{ActionDraft, NamedValues, ValueDraft};
 
@@ -15,6 +17,9 @@ const BEYOND_EVERY_FEATURE: f64 = 1e39;
 /// Above it, f64 does not tell neighbouring whole numbers apart.
 const EXACT: u64 = 1 << 53;
 
+/// Objects within objects whose members are told apart: a transition, its actions, an action of several features.
+const MEMBERS_WITHIN: usize = 3;
+
 /// A JSON value.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Loose {
@@ -23,12 +28,42 @@ pub(super) enum Loose {
     /// Apart from other numbers, because f64 would round a large count.
     Whole(u64),
     Number(f64),
+    /// A number that no double holds, as it was written.
+    Large(String),
     Text(String),
     List(usize),
     Object(Vec<(String, Loose)>),
 }
 
 impl Loose {
+    /// Reads any JSON value. A number that no double holds is one too, so that it can be told whose value it is.
+    pub(super) fn read(text: &[u8]) -> serde_json::Result<Self> {
+        serde_json::from_slice(text).or_else(|error| {
+            // Reading it in parts costs time, which only documents with such a number should pay.
+            if !error.to_string().starts_with("number out of range") {
+                return Err(error);
+            }
+            serde_json::from_slice(text).and_then(|raw| Self::in_parts(raw, MEMBERS_WITHIN))
+        })
+    }
+
+    /// Reads a value whose objects are of interest down to a depth; below, they are as good as empty.
+    fn in_parts(raw: &RawValue, depth: usize) -> serde_json::Result<Self> {
+        match raw.get().as_bytes() {
+            [b'{', ..] if depth == 0 => Ok(Self::Object(Vec::new())),
+            [b'{', ..] => {
+                let Members(members) = serde_json::from_str::<Members<&RawValue>>(raw.get())?;
+                let part = |(name, value)| Ok((name, Self::in_parts(value, depth - 1)?));
+                Ok(Self::Object(members.into_iter().map(part).collect::<serde_json::Result<_>>()?))
+            }
+            [b'[', ..] => Ok(Self::List(serde_json::from_str::<Vec<&RawValue>>(raw.get())?.len())),
+            [b'-' | b'0'..=b'9', ..] => {
+                Ok(serde_json::from_str(raw.get()).unwrap_or_else(|_| Self::Large(raw.get().to_owned())))
+            }
+            _ => serde_json::from_str(raw.get()),
+        }
+    }
+
     /// Returns this value as that of a feature.
     pub(super) fn into_value(self) -> ValueDraft {
         match self {
@@ -65,6 +100,10 @@ impl fmt::Display for Loose {
             Self::Whole(number) => number.fmt(f),
             // Debug tells 1e300 as that, Display with three hundred zeros.
             Self::Number(number) => write!(f, "{number:?}"),
+            Self::Large(digits) => match digits.get(..LONGEST_TOLD) {
+                None => f.write_str(digits),
+                Some(first) => write!(f, "{first}..."),
+            },
             Self::Text(text) => match text.char_indices().nth(LONGEST_TOLD) {
                 None => write!(f, "{text:?}"),
                 Some((end, _)) => write!(f, "{:?}...", &text[..end]),
@@ -126,13 +165,40 @@ impl<'de> Visitor<'de> for Anything {
         Ok(Loose::List(len))
     }
 
-    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Loose, A::Error> {
-        let mut members = Vec::with_capacity(map.size_hint().unwrap_or(8));
-        while let Some(member) = map.next_entry()? {
-            members.push(member);
-        }
-        Ok(Loose::Object(members))
+    fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Loose, A::Error> {
+        Ok(Loose::Object(members(map)?))
     }
+}
+
+/// The members of an object, in the order in which they were written, with what is given twice.
+struct Members<T>(Vec<(String, T)>);
+
+impl<'de, T: Deserialize<'de>> Deserialize<'de> for Members<T> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_map(AnyMembers(PhantomData))
+    }
+}
+
+struct AnyMembers<T>(PhantomData<T>);
+
+impl<'de, T: Deserialize<'de>> Visitor<'de> for AnyMembers<T> {
+    type Value = Members<T>;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("an object")
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Members<T>, A::Error> {
+        Ok(Members(members(map)?))
+    }
+}
+
+fn members<'de, A: MapAccess<'de>, T: Deserialize<'de>>(mut map: A) -> Result<Vec<(String, T)>, A::Error> {
+    let mut members = Vec::with_capacity(map.size_hint().unwrap_or(8));
+    while let Some(member) = map.next_entry()? {
+        members.push(member);
+    }
+    Ok(members)
 }
 
 #[cfg(test)]

@@ -12,8 +12,7 @@ pub(super) fn record(schema: &Schema, text: &[u8]) -> Result<Record, (String, St
 }
 
 fn decoded(schema: &Schema, text: &[u8]) -> Result<Record, Vec<Fault>> {
-    let value: Loose =
-        serde_json::from_slice(text).map_err(|error| vec![Fault::new("", format!("not JSON: {error}"))])?;
+    let value = Loose::read(text).map_err(|error| vec![Fault::new("", format!("not JSON: {error}"))])?;
     let Loose::Object(members) = value else {
         return Err(vec![Fault::new("", format!("got {value}, expected an object of state and actions"))]);
     };

@@ -69,7 +69,14 @@ fn a_bad_value_rejects_its_record_only() {
         ("1.2", r#""NaN""#, "/state/distance"),
         (r#""左""#, "true", "/state/held"),
         ("1.2", "1e300", "/state/distance"),
-        ("1.2", "1e999", ""),
+        ("1.2", "1e400", "/state/distance"),
+        (r#""左""#, "-1e400", "/state/held"),
+        (r#""human": "stay""#, r#""human": 1e400"#, "/actions/human"),
+        ("-0.1", "1e400", "/actions/robot/turn"),
+        (r#"{"speed": 2, "turn": -0.1}"#, "1e400", "/actions/robot"),
+        (r#"{"state""#, r#"{"count": 1e400, "state""#, "/count"),
+        (r#"{"state""#, r#"{"entry": 1e400, "state""#, "/entry"),
+        (r#"{"state""#, r#"{"weight": 1e400, "state""#, "/weight"),
         ("1.2", "[1.2]", "/state/distance"),
         (r#""distance": 1.2"#, r#""distanse": 1.2"#, "/state/distanse"),
         (r#""distance": 1.2"#, r#""a/b": 1, "distance": 1"#, "/state/a~1b"),
@@ -97,10 +104,42 @@ fn a_bad_value_rejects_its_record_only() {
 }
 
 #[test]
+fn a_number_that_no_double_holds_is_told_as_it_was_written() {
+    let far = rejection(&with("1.2", "-1.5E+400"));
+    assert_eq!(far.reason, "got -1.5E+400, expected a finite number");
+    let digits = "9".repeat(400);
+    let long = rejection(&with("1.2", &digits));
+    assert_eq!(long.reason, format!("got {}..., expected a finite number", &digits[..64]));
+
+    let both = rejection(&with("1.2", "1e400").replace("\"stay\"", "{\"move\": {\"deep\": [1e400]}}"));
+    assert_eq!(
+        both.reason,
+        "got 1e400, expected a finite number; \
+         /actions/human/move: got an object, expected one of go, stay, or an index from 0 to 1"
+    );
+    let twice = rejection(&with(r#""distance": 1.2"#, r#""distance": 1e400, "distance": 2"#));
+    assert!(twice.reason.contains("given 2 times"), "{}", twice.reason);
+
+    let lines = format!("{GOOD}\n{}\n{GOOD}", with("1.2", "1e400"));
+    let lines = batch_of_lines(&schema(), ("game-7".into(), 3, None), lines.as_bytes()).expect("a batch");
+    let rejected = &lines.batch.records.undecodable[..];
+    assert_eq!(rejected.iter().map(|r| (r.index, r.field.as_str())).collect::<Vec<_>>(), [(1, "/state/distance")]);
+}
+
+#[test]
 fn what_is_no_transition_is_rejected() {
-    for text in ["null", "3", "[]", "\"x\"", "{}", "true"] {
+    for text in ["null", "3", "[]", "\"x\"", "{}", "true", "1e400", "[1e400]"] {
         rejection(text);
     }
+    let lines = |text: &str| {
+        let batch = batch_of_lines(&schema(), ("game-7".into(), 3, None), text.as_bytes()).expect("a batch");
+        batch.batch.records.undecodable[0].reason.clone()
+    };
+    for text in ["1e400 1", "{\"state\": 1e400", "{\"state\": 1e400, }", "{\"state\": 1e400, \"x\": \"\\ud800\"}"] {
+        assert!(lines(text).starts_with("not JSON: "), "{text}: {}", lines(text));
+    }
+    let deep_behind = format!("{{\"state\": 1e400, \"x\": {}1{}}}", "{\"x\":".repeat(50_000), "}".repeat(50_000));
+    assert_eq!(rejection(&deep_behind).field, "/x", "nobody goes down there");
     let deep = format!("{}{}", "[".repeat(5_000), "]".repeat(5_000));
     assert!(rejection(&deep).reason.contains("recursion limit"));
 }
