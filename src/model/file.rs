@@ -11,7 +11,7 @@
 //! What the numbers cannot say stands in the file's metadata, text by text: `format` (`nudge/1`), `kind`, `ego`, `other`, `schema_hash`, `threshold`
 //! (nats), `scales` (JSON: for each feature `null`, or the mean and the deviation that its value is standardised by), `card` (the form of `text`; not read back).
 
-use std::collections::{HashMap, HashSet};
+use std::collections::{BTreeMap, HashMap, HashSet};
 use std::fmt::Display;
 use std::str::FromStr;
 
@@ -31,6 +31,9 @@ pub const MOST_BYTES: usize = 64 << 20;
 const LARGEST: f32 = 1e6;
 
 const FORMAT: &str = "nudge/1";
+
+/// The bytes of a header's size, of which a header is a multiple.
+const SIZE: usize = size_of::<u64>();
 
 /// What a file holds.
 #[derive(Debug, Clone, PartialEq)]
@@ -63,7 +66,6 @@ pub fn write(environment: &Environment, content: &Content, card: &str) -> Vec<u8
         ("scales", scales),
         ("card", card.to_owned()),
     ];
-    let metadata: HashMap<String, String> = metadata.map(|(name, text)| (name.to_owned(), text)).into();
     let tensors: Vec<Tensor> =
         (0..).zip(&content.members).flat_map(|(at, member)| tensors(at, content.kind, member)).collect();
     let views = tensors.iter().map(|tensor| {
@@ -71,7 +73,20 @@ pub fn write(environment: &Environment, content: &Content, card: &str) -> Vec<u8
             TensorView::new(Dtype::F32, tensor.shape.clone(), &tensor.bytes).expect("as many bytes as the shape says");
         (tensor.name.as_str(), view)
     });
-    serialize(views, Some(metadata)).expect("names differ, and sizes fit")
+    let file = serialize(views, None).expect("names differ, and sizes fit");
+    with_metadata(&file, &BTreeMap::from(metadata))
+}
+
+/// Puts metadata at the head of a file that has none, in the order of their names: the library's own differ in order from run to run.
+fn with_metadata(file: &[u8], metadata: &BTreeMap<&str, String>) -> Vec<u8> {
+    let (size, rest) = file.split_first_chunk::<SIZE>().expect("a file begins with the size of its header");
+    let (header, numbers) = rest.split_at(u64::from_le_bytes(*size) as usize);
+    let tensors = header.strip_prefix(b"{").expect("a header is an object");
+
+    let metadata = serde_json::to_string(metadata).expect("texts can always be written");
+    let mut header = [format!("{{\"__metadata__\":{metadata},").as_bytes(), tensors].concat();
+    header.resize(header.len().next_multiple_of(SIZE), b' ');
+    [&(header.len() as u64).to_le_bytes(), &header[..], numbers].concat()
 }
 
 /// How a scale stands in the metadata.

@@ -369,6 +369,25 @@ async fn weights_leave_and_come_back() {
 }
 
 #[tokio::test]
+async fn the_same_seed_gives_the_same_file() {
+    let mut files = Vec::new();
+    for _ in 0..2 {
+        let app = world().await;
+        trained(&app, &quick()).await;
+        let response = reqwest::get(app.url(&format!("{WORLD}/models/1/weights"))).await.expect("answered");
+        files.push(response.bytes().await.expect("a file"));
+        app.stop().await;
+    }
+    let file = &files[0];
+    assert!(*file == files[1], "{} and {} bytes", file.len(), files[1].len());
+
+    let size = u64::from_le_bytes(*file.first_chunk().expect("a size")) as usize;
+    let header: Value = serde_json::from_slice(&file[8..8 + size]).expect("a header in JSON");
+    assert_eq!((size % 8, &header["__metadata__"]["format"]), (0, &json!("nudge/1")));
+    assert!(file[8..].starts_with(br#"{"__metadata__":{"card":"{"#), "in the order of names");
+}
+
+#[tokio::test]
 async fn files_beyond_the_limits_are_told_where_to_go() {
     let app = world().await;
     let request = proto::ImportModelRequest { environment: "world".into(), file: vec![0; 5 << 20] };
