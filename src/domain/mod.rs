@@ -46,7 +46,7 @@ pub use feature::{Feature, FeatureKind, Misfit};
 pub use key::StateKey;
 pub use model::{
     Baseline, Calibration, Card, Job, JobState, Model, ModelAction, ModelFigures, ModelId, ModelKind, Models,
-    Reliability, Score, Training, Weighting,
+    Reliability, Score, Training, Weighting, is_same_threshold,
 };
 pub use name::{Label, Name, ProducerId};
 pub use overview::{

@@ -67,33 +67,31 @@ impl Judge<'_> {
         });
         let visits = tables.whole.total();
         let counted = evidence::decide(rule, visits, plug_in, above);
-        let (verdict, basis) = match self.asked(counted, evidence, predicted) {
-            Some(told) => told,
-            None => (counted, evidence::basis(visits)),
+        let told = match counted {
+            Verdict::Undecided => self.asked(evidence, predicted),
+            _ => None,
         };
+        let (verdict, basis) = told.unwrap_or((counted, evidence::basis(visits)));
         Judged { tables, tally, plug_in, evidence, verdict, basis }
     }
 
-    /// Returns the verdict of the network where the counts have none, if it can tell anything at this threshold and does not say what the counts
-    /// exclude: many visits may be too sure of the answer to have moved a prior that was as sure.
-    fn asked(
-        &self,
-        counted: Verdict,
-        evidence: Option<Evidence>,
-        predicted: Option<Prediction>,
-    ) -> Option<(Verdict, Basis)> {
+    /// Returns the verdict of the network, if it can tell anything of this state at this threshold and does not say what the counts exclude: many visits
+    /// may be too sure of the answer to have moved a prior that was as sure.
+    fn asked(&self, evidence: Option<Evidence>, predicted: Option<Prediction>) -> Option<(Verdict, Basis)> {
         let (network, predicted) = (self.network?, predicted?);
-        if counted != Verdict::Undecided || !network.can_decide(&predicted) {
+        if !network.can_decide(&predicted) {
             return None;
         }
-        let verdict = network.decide(&predicted, self.scope.rule.confidence);
         let threshold = self.scope.rule.threshold_nats();
-        let excluded = evidence.is_some_and(|Evidence { interval: [lower, upper], .. }| match verdict {
+        let unseen = self.fitted?.unseen_above(threshold);
+        let verdict = network.decide(&predicted, self.scope.rule.confidence, unseen);
+        let [lower, upper] = evidence.map_or([f64::NEG_INFINITY, f64::INFINITY], |evidence| evidence.interval);
+        let is_excluded = match verdict {
             Verdict::Influences => upper < threshold,
             Verdict::NoInfluence => lower > threshold,
             Verdict::Undecided => false,
-        });
-        (!excluded).then_some((verdict, Basis::Model(network.version)))
+        };
+        (!is_excluded).then_some((verdict, Basis::Model(network.version)))
     }
 
     fn remembered(&self, fitted: &Fitted, key: &StateKey, tally: Tally, find: impl FnOnce() -> Evidence) -> Evidence {

@@ -102,6 +102,12 @@ impl<'a> Court<'a> {
         calibrated(&numbers.into_iter().zip(factors).collect::<Vec<_>>())
     }
 
+    /// Returns what a network says of a state on average: of all that were told, each once, however rarely it was seen.
+    pub fn base_rate(&self, said: &[Said], calibration: Calibration) -> Option<f64> {
+        let told: Vec<f64> = said.iter().map(|said| self.predicted(said, calibration)).collect();
+        (!told.is_empty()).then(|| mean(&told))
+    }
+
     /// Returns predictions beside the evidence of the states with enough draws.
     pub fn judged(&self, said: &[Said], calibration: Calibration) -> Vec<Judged> {
         let judge = |(example, said): (&Example, &Said)| self.judge(example, self.predicted(said, calibration));

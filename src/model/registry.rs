@@ -12,8 +12,10 @@ use tokio::sync::Mutex;
 
 use super::file;
 use super::network::Network;
-use crate::domain::{Card, Environment, EnvironmentId, Model, ModelKind, Pair};
+use super::seen::{Seeing, Seen};
+use crate::domain::{Card, Environment, EnvironmentId, Model, Pair, is_same_threshold};
 use crate::error::{ErrorKind, Problem};
+use crate::priors::Pages;
 use crate::store::{ModelRecord, NewModel, Store, StoreError};
 
 /// The reason word of a version that cannot answer by the rule.
@@ -164,14 +166,32 @@ impl Registry {
         }
         let found = self.store.model(environment.id, version).await.map_err(logged)?;
         let (record, weights) = found.ok_or(StoreError::UnknownModel(version))?;
-        let content = file::read(environment, &weights).inspect_err(|error| unreadable(environment, version, error))?;
+        let mut content =
+            file::read(environment, &weights).inspect_err(|error| unreadable(environment, version, error))?;
         let card = serde_json::from_str(&record.card).map_err(|error| {
             unreadable(environment, version, &error);
             Problem::new(ErrorKind::Internal, "INTERNAL", format!("version {version} cannot be read"))
         })?;
+        if content.seen.is_none() {
+            content.seen = Some(self.counted(environment).await?);
+        }
         let network = Arc::new(Network::new(environment.id, version, content, &card));
         self.ready().put(key, network.clone());
         Ok(network)
+    }
+
+    /// Returns the bins of the states that are counted now: what a version of an earlier build, which does not say what it was trained on, is believed in.
+    /// Of very many states the later ones count as not seen, which costs verdicts and no more.
+    async fn counted(&self, environment: &Environment) -> Result<Seen, Problem> {
+        /// Pages that are read: a million states, in some seconds, once for each such version.
+        const MOST_PAGES: usize = 1_000;
+        let mut seeing = Seeing::new(&environment.schema);
+        let mut pages = Pages::new(&*self.store, environment.id);
+        for _ in 0..MOST_PAGES {
+            let Some(page) = pages.next().await.map_err(logged)? else { break };
+            page.iter().for_each(|scanned| seeing.add(&scanned.key));
+        }
+        Ok(seeing.seen())
     }
 
     fn ready(&self) -> std::sync::MutexGuard<'_, LruCache<(EnvironmentId, u64), Arc<Network>>> {
@@ -217,7 +237,7 @@ fn model(environment: &Environment, record: ModelRecord) -> Option<Model> {
     let card: Card =
         serde_json::from_str(&record.card).inspect_err(|error| unreadable(environment, record.version, error)).ok()?;
     let agent = |at: usize| environment.schema.agents().get(at).map(|agent| agent.name.to_string());
-    let stale = card.training.kind == ModelKind::Direct && card.threshold != environment.rule.threshold_nats();
+    let stale = !is_same_threshold(card.threshold, environment.rule.threshold_nats());
     Some(Model {
         version: record.version,
         ego: agent(record.ego)?,

@@ -1,4 +1,4 @@
-//! Trains again what counts have outgrown, for services that were asked to.
+//! Trains again what counts have outgrown, or what another rule has made stale, for services that were asked to.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -17,11 +17,18 @@ const FEWEST: u64 = 1_000;
 /// A pair of agents of an environment.
 type Place = (EnvironmentId, String, String);
 
+/// What a pair was trained on last: how much was counted, and for which threshold in nats.
+#[derive(Debug, Clone, Copy)]
+struct Tried {
+    counted: u64,
+    threshold: f64,
+}
+
 impl Networks {
-    /// Looks every so often, for ever, whether counts have grown enough for another training: of every pair that has a version, as it was trained
-    /// then, and of the first two agents. A version that beats its baselines becomes active.
+    /// Looks every so often, for ever, whether counts have grown enough for another training, or the rule has another threshold than the last one was for:
+    /// of every pair that has a version, as it was trained then, and of the first two agents. A version that beats its baselines becomes active.
     pub async fn keep_up(self, every: Duration) {
-        let mut tried: BTreeMap<Place, u64> = BTreeMap::new();
+        let mut tried: BTreeMap<Place, Tried> = BTreeMap::new();
         loop {
             tokio::time::sleep(every).await;
             for environment in self.store.environments() {
@@ -35,21 +42,26 @@ impl Networks {
     async fn train_what_has_grown(
         &self,
         environment: &Arc<Environment>,
-        tried: &mut BTreeMap<Place, u64>,
+        tried: &mut BTreeMap<Place, Tried>,
     ) -> Result<(), crate::error::Problem> {
         let counted = self.store.totals(environment.id).await.map_err(super::logged)?.transitions;
         let models = self.registry.list(environment).await?;
+        let threshold = environment.rule.threshold_nats();
         for (ego, other) in pairs(environment, &models) {
             let last =
                 models.iter().rev().find(|model| model.ego == ego && model.other == other && !model.card.imported);
             let place = (environment.id, ego.clone(), other.clone());
-            let revision = last.map_or(0, |model| model.card.revision).max(tried.get(&place).copied().unwrap_or(0));
-            let due = (revision as f64 * (1.0 + GROWTH)).max(FEWEST as f64);
-            if (counted as f64) < due || self.jobs.is_busy(environment.id, &ego, &other) {
+            let before = tried.get(&place).copied();
+            let revision = last.map_or(0, |model| model.card.revision).max(before.map_or(0, |tried| tried.counted));
+            let has_grown = counted as f64 >= revision as f64 * (1.0 + GROWTH);
+            // Once for each threshold: a training may fail.
+            let is_stale =
+                last.is_some_and(|model| model.stale) && before.is_none_or(|tried| tried.threshold != threshold);
+            if counted < FEWEST || !(has_grown || is_stale) || self.jobs.is_busy(environment.id, &ego, &other) {
                 continue;
             }
             self.train(environment, &again(ego, other, last))?;
-            tried.insert(place, counted);
+            tried.insert(place, Tried { counted, threshold });
         }
         Ok(())
     }

@@ -105,7 +105,7 @@ pub struct Model {
     pub other: String,
     /// Whether it answers where counts do not decide.
     pub active: bool,
-    /// Whether it cannot answer by the environment's rule any more: a direct network whose threshold is not the rule's.
+    /// Whether it cannot answer by the environment's rule any more: its threshold is not the rule's.
     pub stale: bool,
     /// What it says of itself.
     pub card: Card,
@@ -260,6 +260,7 @@ mod tests {
             dropout: 0.5,
             judged_states: 12,
             positive_share: 0.25,
+            base_rate: Some(0.2),
             calibration: domain::Calibration { intercept: 1.5, slope: 0.75 },
             score: domain::Score {
                 auroc: Some(0.9),
@@ -279,6 +280,15 @@ mod tests {
         let kept = serde_json::to_value(&model().card).expect("JSON");
         let told = serde_json::to_value(Model::from(proto::Model::from(model()))).expect("JSON");
         assert_eq!(told["card"], kept);
+        let card = domain::Card { base_rate: None, ..model().card };
+        let kept = serde_json::to_value(&card).expect("JSON");
+        let earlier = proto::Model::from(domain::Model { card: card.clone(), ..model() });
+        assert_eq!(
+            serde_json::to_value(Model::from(earlier)).expect("JSON")["card"],
+            kept,
+            "cards of earlier builds lack it"
+        );
+        assert_eq!(serde_json::from_value::<domain::Card>(kept).expect("still a card"), card);
         let around = (&told["version"], &told["ego"], &told["other"], &told["active"], &told["stale"]);
         assert_eq!(around, (&json!(3), &json!("robot"), &json!("human"), &json!(false), &json!(true)));
     }
