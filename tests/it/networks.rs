@@ -149,6 +149,43 @@ async fn counts_that_decide_are_not_overruled() {
     let told = answer(&app, "1.1.0").await;
     assert_eq!((&told["verdict"], &told["basis"]["kind"]), (&json!("no_influence"), &json!("counts")), "{told}");
     assert_eq!(told["model"]["version"], 1, "what the network says is told beside them");
+    // By the paper's rule the counts need not decide; what they exclude stays excluded, whichever view is asked for.
+    for view in ["verdict", "figures", "full"] {
+        let rule = json!({"kind": "paper", "min_visits": 1_000});
+        let body = json!({"keys": ["1.1.0", "1.0.0"], "view": view, "rule": rule});
+        let (_, told) = app.rest("POST", &format!("{WORLD}/influence"), Some(&body)).await;
+        let [excluded, unseen] = [&told["answers"][0], &told["answers"][1]];
+        assert_eq!(
+            (&excluded["verdict"], &excluded["basis"]["kind"]),
+            (&json!("undecided"), &json!("counts")),
+            "{told}"
+        );
+        assert_eq!((&unseen["verdict"], &unseen["basis"]["kind"]), (&json!("influences"), &json!("model")), "{told}");
+    }
+}
+
+#[tokio::test]
+async fn what_counts_have_settled_no_rule_lets_a_network_overrule() {
+    let app = street(seen(20, COPIES)).await;
+    trained(&app.app, &TrainingDraft { activate: true, ..draft() }).await;
+    // The human does not care in a state that the network knows from its neighbours. By the paper's rule so few visits decide nothing.
+    let mut random = StdRng::seed_from_u64(9);
+    let mut verdicts = Vec::new();
+    for sequence in 2..12 {
+        count(&app, sequence, (0..4).map(|_| transition(1, 0, 0, 0.0, &mut random)).collect()).await;
+        let body = json!({"keys": ["1.0.0"], "rule": {"kind": "paper", "min_visits": 1_000}});
+        let (_, told) = app.rest("POST", &format!("{WORLD}/influence"), Some(&body)).await;
+        let by_paper = &told["answers"][0];
+        let by_evidence = answer(&app, "1.0.0").await;
+        if by_evidence["basis"]["kind"] == "counts" && by_evidence["verdict"] == "no_influence" {
+            let verdict = (&by_paper["verdict"], &by_paper["basis"]["kind"]);
+            assert_eq!(verdict, (&json!("undecided"), &json!("counts")), "{by_paper} {by_evidence}");
+        }
+        verdicts.push((by_paper["verdict"].clone(), by_evidence["verdict"].clone()));
+    }
+    let [first, last] = [verdicts.first(), verdicts.last()];
+    assert_eq!(first.map(|(by_paper, _)| by_paper), Some(&json!("influences")), "the network is asked: {verdicts:?}");
+    assert_eq!(last, Some(&(json!("undecided"), json!("no_influence"))), "until counts have settled it");
 }
 
 /// A world in which no state reaches half a nat, however it is seen.
