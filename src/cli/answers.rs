@@ -87,8 +87,12 @@ fn network(model: &proto::ModelFigures, answer: &proto::Answer) -> String {
     };
     let information = model.mutual_information.map(|mean| format!(", mutual information {} {unit}", figure(mean)));
     let members = if model.agrees { "agree" } else { "disagree" };
-    let version = model.version;
-    format!("model, version {version} ({kind}): {above}{}; its members {members}", information.unwrap_or_default())
+    let outside = match model.out_of_range.is_empty() {
+        true => String::new(),
+        false => format!("; no verdict, for it was trained without such {}", model.out_of_range.join(", ")),
+    };
+    let (version, information) = (model.version, information.unwrap_or_default());
+    format!("model, version {version} ({kind}): {above}{information}; its members {members}{outside}")
 }
 
 fn information(answer: &proto::Answer) -> String {
@@ -281,6 +285,7 @@ mod tests {
             probability: Some(0.8123),
             mutual_information: Some(0.6421),
             agrees: true,
+            out_of_range: Vec::new(),
             by_action: vec![action("stay", 0.75, &[0.9, 0.1]), action("go", 0.25, &[0.2, 0.8])],
         };
         proto::Answer {
@@ -306,6 +311,17 @@ mod tests {
         let model = proto::ModelFigures { version: 3, kind: proto::ModelKind::Direct.into(), ..Default::default() };
         let told = render("hallway", &response(vec![proto::Answer { model: Some(model), ..answer("2.3") }]));
         let expected = "\nmodel, version 3 (direct): cannot tell at this threshold; its members disagree\n";
+        assert!(told.contains(expected), "{told}");
+    }
+
+    #[test]
+    fn features_out_of_range_are_named() {
+        let model = proto::ModelFigures {
+            out_of_range: vec!["lane".into(), "sign".into()],
+            ..decided_by_a_network("2.3").model.expect("told")
+        };
+        let told = render("hallway", &response(vec![proto::Answer { model: Some(model), ..answer("2.3") }]));
+        let expected = "; its members agree; no verdict, for it was trained without such lane, sign\n";
         assert!(told.contains(expected), "{told}");
     }
 

@@ -56,6 +56,12 @@ fn facts(card: &proto::Card) -> String {
     if let (proto::ModelKind::Joint, Some(calibration)) = (training.kind(), card.calibration) {
         facts.push(("calibration", calibrated(&calibration)));
     }
+    if let Some(base_rate) = card.base_rate {
+        facts.push((
+            "base rate",
+            format!("P(above) {} on average; a verdict needs three times those odds, or a third", figure(base_rate)),
+        ));
+    }
     if card.imported {
         facts.push(("imported", "trained elsewhere: nobody knows which states it has seen".into()));
     }
@@ -225,6 +231,7 @@ mod tests {
             judged_states: 488,
             positive_share: 0.231,
             calibration: Some(proto::Calibration { intercept: 1.5, slope: 0.75 }),
+            base_rate: Some(0.2245),
             score: Some(score("network", Some(-1.2034), [Some(0.9312), Some(0.8), Some(0.7)])),
             baselines: vec![
                 score("all_positive", None, [None, Some(0.231), Some(1.0)]),

@@ -51,7 +51,7 @@ pub use key::StateKey;
 pub use label_set::LabelSet;
 pub use model::{
     Baseline, Calibration, Card, Job, JobState, Model, ModelAction, ModelFigures, ModelId, ModelKind, Models,
-    Reliability, Score, Training, Weighting,
+    Reliability, Score, Training, Weighting, is_same_threshold,
 };
 pub use name::{Label, Name, ProducerId};
 pub use overview::{

@@ -112,7 +112,7 @@ pub struct Model {
     pub other: String,
     /// Whether it answers where counts do not decide.
     pub active: bool,
-    /// Whether it cannot answer by the environment's rule any more: a direct network whose threshold is not the rule's.
+    /// Whether it cannot answer by the environment's rule any more: its threshold is not the rule's.
     pub stale: bool,
     /// What it says of itself, or why it cannot be read: then it answers nothing, and can only be taken along, taken back or deleted.
     pub card: Result<Card, String>,
@@ -151,6 +151,9 @@ pub struct Card {
     pub positive_share: f64,
     /// P(MI > threshold) is the logistic function of intercept + slope ln(MI + 0.005), MI being what a member of a joint network says in nats.
     pub calibration: Calibration,
+    /// What it says of a state on average: the mean of its probabilities over the states that it was judged on, each once, rarely seen ones included.
+    /// Absent from cards of earlier builds.
+    pub base_rate: Option<f64>,
     /// How it did.
     pub score: Score,
     /// How others did on the same states: see [`Baseline`].
@@ -160,6 +163,12 @@ pub struct Card {
     /// Names of the baselines that it does not beat, by log-likelihood where both have one, else by the Brier score; it is made active by itself
     /// where there is none.
     pub not_better_than: Vec<String>,
+}
+
+/// Returns whether two thresholds in nats are the same but for rounding: one may have been told in bits, or as a share of what is possible.
+pub fn is_same_threshold(one: f64, other: f64) -> bool {
+    const ROUNDING: f64 = 1e-9;
+    (one - other).abs() <= ROUNDING * one.abs().max(other.abs())
 }
 
 /// What a network has to beat.
@@ -334,12 +343,14 @@ pub struct ModelFigures {
     pub version: u64,
     /// What it predicts.
     pub kind: ModelKind,
-    /// P(MI > threshold), the mean of its members; absent where it cannot tell at that threshold.
+    /// P(MI > threshold), the mean of its members; absent at another threshold than the one that it was trained for.
     pub probability: Option<f64>,
     /// Mutual information, the mean of its members; absent for a direct network.
     pub mutual_information: Option<f64>,
-    /// Whether its members say the same, each on its own side of one half.
+    /// Whether its members say the same at their own threshold, each on its own side of one half.
     pub agrees: bool,
+    /// Names of the features whose bin in this state no state of its training had: where there is one, it gives no verdict.
+    pub out_of_range: Vec<String>,
     /// The ego's actions in index order; a joint network in the view `full` only.
     pub by_action: Vec<ModelAction>,
 }
@@ -357,4 +368,16 @@ pub struct ModelAction {
     pub divergence: f64,
     /// Probability of each of the other's actions after it, in index order.
     pub response: Vec<f64>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn thresholds_are_compared_up_to_rounding() {
+        let half = 0.5 / std::f64::consts::LN_2 * std::f64::consts::LN_2;
+        assert!(is_same_threshold(0.5, half) && is_same_threshold(0.0, 0.0));
+        assert!(!is_same_threshold(0.5, 0.5 + 1e-6) && !is_same_threshold(0.0, 1e-12));
+    }
 }

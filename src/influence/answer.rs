@@ -109,6 +109,7 @@ impl Ground {
             probability: predicted.probability,
             mutual_information: predicted.mutual_information.map(|nats| unit.from_nats(nats)),
             agrees: predicted.agrees,
+            out_of_range: network.out_of_range(&self.plan.environment, key),
             by_action: by_action.into_iter().flatten().map(in_unit).collect(),
         })
     }

@@ -1,6 +1,8 @@
 //! One state's counts, judged: its tables, what the evidence says of them, and the verdict.
 
-use crate::domain::{Basis, Cell, Evidence, Probability, RuleKind, Schema, Scope, StateKey, Tally, Verdict, View};
+use crate::domain::{
+    Basis, Cell, Dependence, Evidence, Probability, Rule, RuleKind, Schema, Scope, StateKey, Tally, Verdict, View,
+};
 use crate::evidence::{self, Belief};
 use crate::information::{Table, plug_in};
 use crate::model::{Network, Prediction};
@@ -57,7 +59,9 @@ impl Judge<'_> {
         let tables = Tables::new(self.schema, pair, cells.clone());
         let plug_in = tables.figure(plug_in);
         let tally = Tally::of(cells.clone());
-        let wanted = self.fitted.filter(|_| self.view != View::Verdict || rule.kind == RuleKind::Evidence);
+        // What the network says is held against the evidence, whatever the rule and the view.
+        let is_wanted = self.view != View::Verdict || rule.kind == RuleKind::Evidence || self.network.is_some();
+        let wanted = self.fitted.filter(|_| is_wanted);
         let evidence = wanted.map(|fitted| {
             self.remembered(fitted, key, tally, || self.found(fitted, &tables.draws(self.schema, pair, cells)))
         });
@@ -66,34 +70,42 @@ impl Judge<'_> {
             unseen: fitted.unseen_above(rule.threshold_nats()),
         });
         let visits = tables.whole.total();
-        let counted = if self.is_open() { evidence::decide(rule, visits, plug_in, above) } else { Verdict::Undecided };
-        let (verdict, basis) = match self.asked(counted, evidence, predicted) {
-            Some(told) => told,
-            None => (counted, evidence::basis(visits)),
+        let decide = |kind: RuleKind| match self.is_open() {
+            true => evidence::decide(&Rule { kind, ..*rule }, visits, plug_in, above),
+            false => Verdict::Undecided,
         };
+        let counted = decide(rule.kind);
+        let told = match counted {
+            Verdict::Undecided => self.asked(decide(RuleKind::Evidence), evidence, predicted),
+            _ => None,
+        };
+        let (verdict, basis) = told.unwrap_or((counted, evidence::basis(visits)));
         Judged { tables, tally, plug_in, evidence, verdict, basis }
     }
 
-    /// Returns the verdict of the network where the counts have none, if it can tell anything at this threshold and does not say what the counts
-    /// exclude: many visits may be too sure of the answer to have moved a prior that was as sure.
+    /// Returns the verdict of the network, if it can tell anything of this state at this threshold and does not say what the counts exclude: many visits
+    /// may be too sure of the answer to have moved a prior that was as sure, and the paper's rule may be open where the evidence has `settled` it.
     fn asked(
         &self,
-        counted: Verdict,
+        settled: Verdict,
         evidence: Option<Evidence>,
         predicted: Option<Prediction>,
     ) -> Option<(Verdict, Basis)> {
         let (network, predicted) = (self.network?, predicted?);
-        if counted != Verdict::Undecided || !self.is_open() || !network.can_decide(&predicted) {
+        if !self.is_open() || !network.can_decide(&predicted) {
             return None;
         }
-        let verdict = network.decide(&predicted, self.scope.rule.confidence);
         let threshold = self.scope.rule.threshold_nats();
-        let excluded = evidence.is_some_and(|Evidence { interval: [lower, upper], .. }| match verdict {
-            Verdict::Influences => upper < threshold,
-            Verdict::NoInfluence => lower > threshold,
+        let unseen = self.fitted?.unseen_above(threshold);
+        let verdict = network.decide(&predicted, self.scope.rule.confidence, unseen);
+        let [lower, upper] = evidence.map_or([f64::NEG_INFINITY, f64::INFINITY], |evidence| evidence.interval);
+        let is_independent = evidence.is_some_and(|evidence| evidence.dependence == Dependence::Excluded);
+        let is_excluded = match verdict {
+            Verdict::Influences => upper < threshold || is_independent || settled == Verdict::NoInfluence,
+            Verdict::NoInfluence => lower > threshold || settled == Verdict::Influences,
             Verdict::Undecided => false,
-        });
-        (!excluded).then_some((verdict, Basis::Model(network.version)))
+        };
+        (!is_excluded).then_some((verdict, Basis::Model(network.version)))
     }
 
     /// Returns whether there is anything to decide: where one of the two agents has a single action, neither rule tells more than that.

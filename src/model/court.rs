@@ -13,8 +13,8 @@ use super::worth::Worth;
 use crate::domain::{Baseline, Calibration, ModelKind, Score, Training, Weighting};
 use crate::evidence::{Expected, factors};
 
-/// Draws of a state from which its evidence is a truth to be judged by: of rarely seen states it says little but what all states have on average, and
-/// whoever says the same of every state would win.
+/// Draws of a state from which its evidence is a truth to be calibrated and judged by: of rarely seen states it says little but what all states have on
+/// average, and whoever says the same of every state would win.
 const ENOUGH: u64 = 8;
 
 /// What was said of one judged state by those who did not learn from it.
@@ -84,33 +84,43 @@ impl<'a> Court<'a> {
         }
     }
 
-    /// Fits a joint network's calibration; a direct one needs none.
+    /// Fits a joint network's calibration, to the states with enough draws and to no others; a direct one needs none.
     pub fn calibration(&self, said: &[Said]) -> Calibration {
         if self.training.kind == ModelKind::Direct {
             return Calibration { intercept: 0.0, slope: 1.0 };
         }
-        let told: Vec<(&Example, &Joint)> =
-            self.examples().zip(said).filter_map(|(example, said)| Some((example, said.joint.as_ref()?))).collect();
-        let responses: Vec<Vec<f64>> = told.iter().map(|(_, joint)| joint.response.iter().copied().collect()).collect();
-        let states: Vec<Expected<'_>> = told
-            .iter()
-            .zip(&responses)
-            .map(|((example, joint), response)| Expected { table: &example.table, ego: &joint.ego, response })
-            .collect();
-        let factors =
-            factors(&states, self.dataset.alphabet, &self.dataset.base(&self.dataset.examples), self.dataset.threshold);
-        let numbers = said.iter().map(|said| ln_information(mean(&said.numbers)));
-        calibrated(&numbers.zip(factors).collect::<Vec<_>>())
+        let often = self.examples().zip(said).filter(|(example, _)| example.table.total() >= ENOUGH);
+        let (numbers, states): (Vec<f64>, Vec<Expected<'_>>) = often
+            .filter_map(|(example, said)| {
+                let Joint { ego, response, .. } = said.joint.as_ref()?;
+                let response = response.as_slice().expect("it is made row by row");
+                Some((ln_information(mean(&said.numbers)), Expected { table: &example.table, ego, response }))
+            })
+            .unzip();
+        let base = self.dataset.base(&self.dataset.examples);
+        let factors = factors(&states, self.dataset.alphabet, &base, self.dataset.threshold);
+        calibrated(&numbers.into_iter().zip(factors).collect::<Vec<_>>())
+    }
+
+    /// Returns what a network says of a state on average: of all that were told, each once, however rarely it was seen.
+    pub fn base_rate(&self, said: &[Said], calibration: Calibration) -> Option<f64> {
+        let told: Vec<f64> = said.iter().map(|said| self.predicted(said, calibration)).collect();
+        (!told.is_empty()).then(|| mean(&told))
     }
 
     /// Returns predictions beside the evidence of the states with enough draws.
     pub fn judged(&self, said: &[Said], calibration: Calibration) -> Vec<Judged> {
+        let judge = |(example, said): (&Example, &Said)| self.judge(example, self.predicted(said, calibration));
+        self.examples().zip(said).filter_map(judge).collect()
+    }
+
+    /// Returns the mean of the probabilities of the members that judge a state.
+    fn predicted(&self, said: &Said, calibration: Calibration) -> f64 {
         let probability = |number: &f64| match self.training.kind {
             ModelKind::Joint => probability(calibration, *number),
             ModelKind::Direct => logistic(*number),
         };
-        let predicted = |said: &Said| mean(&said.numbers.iter().map(probability).collect::<Vec<f64>>());
-        self.examples().zip(said).filter_map(|(example, said)| self.judge(example, predicted(said))).collect()
+        mean(&said.numbers.iter().map(probability).collect::<Vec<f64>>())
     }
 
     /// Puts a prediction beside the evidence of a state, if that has enough draws.

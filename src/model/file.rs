@@ -9,7 +9,9 @@
 //! | `members.0.influence.weight`, `.bias` | `[1, width]`, `[1]` (direct) |
 //!
 //! What the numbers cannot say stands in the file's metadata, text by text: `format` (`nudge/1`), `kind`, `ego`, `other`, `schema_hash`, `threshold`
-//! (nats), `scales` (JSON: for each feature `null`, or the mean and the deviation that its value is standardised by), `card` (the form of `text`; not read back).
+//! (nats), `scales` (JSON: for each feature `null`, or the mean and the deviation that its value is standardised by), `card` (the form of `text`; not
+//! read back), and, absent from files of earlier builds and of other tools, `seen` (JSON: for each feature the bins that the states of the training had,
+//! as runs `[first, last]` in order).
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::fmt::Display;
@@ -21,7 +23,8 @@ use serde::{Deserialize, Serialize};
 
 use super::encoder::{Encoder, Scale};
 use super::member::{Layer, Member, heads};
-use crate::domain::{Environment, ModelKind, Pair, Training};
+use super::seen::Seen;
+use crate::domain::{Environment, ModelKind, Pair, Schema, Training};
 use crate::error::{Fault, Problem};
 
 /// The largest file.
@@ -31,6 +34,9 @@ pub const MOST_BYTES: usize = 64 << 20;
 const LARGEST: f32 = 1e6;
 
 const FORMAT: &str = "nudge/1";
+
+/// The name of the metadata that may be absent.
+const SEEN: &str = "seen";
 
 /// The bytes of a header's size, of which a header is a multiple.
 const SIZE: usize = size_of::<u64>();
@@ -48,6 +54,8 @@ pub struct Content {
     pub encoder: Encoder,
     /// The members.
     pub members: Vec<Member>,
+    /// The bins that it was trained on; `None` in a file that does not say.
+    pub seen: Option<Seen>,
 }
 
 /// Writes a file; the card is JSON.
@@ -66,6 +74,10 @@ pub fn write(environment: &Environment, content: &Content, card: &str) -> Vec<u8
         ("scales", scales),
         ("card", card.to_owned()),
     ];
+    let mut metadata = BTreeMap::from(metadata);
+    if let Some(seen) = &content.seen {
+        metadata.insert(SEEN, serde_json::to_string(seen.runs()).expect("lists of numbers"));
+    }
     let tensors: Vec<Tensor> =
         (0..).zip(&content.members).flat_map(|(at, member)| tensors(at, content.kind, member)).collect();
     let views = tensors.iter().map(|tensor| {
@@ -74,7 +86,7 @@ pub fn write(environment: &Environment, content: &Content, card: &str) -> Vec<u8
         (tensor.name.as_str(), view)
     });
     let file = serialize(views, None).expect("names differ, and sizes fit");
-    with_metadata(&file, &BTreeMap::from(metadata))
+    with_metadata(&file, &metadata)
 }
 
 /// Puts metadata at the head of a file that has none, in the order of their names: the library's own differ in order from run to run.
@@ -142,16 +154,25 @@ fn parse(environment: &Environment, bytes: &[u8]) -> Result<Content, Vec<Fault>>
     let (_, header) = SafeTensors::read_metadata(bytes).map_err(|error| unreadable(&error))?;
     let tensors = SafeTensors::deserialize(bytes).map_err(|error| unreadable(&error))?;
     let metadata = Metadata(header.metadata().clone().unwrap_or_default());
-    let (kind, pair, threshold, encoder) = metadata.checked(environment)?;
+    let Told { kind, pair, threshold, encoder, seen } = metadata.checked(environment)?;
     let shapes = Shapes { tensors: &tensors, kind, pair: &pair, inputs: encoder.width(), environment };
-    Ok(Content { members: shapes.members()?, kind, pair, threshold, encoder })
+    Ok(Content { members: shapes.members()?, kind, pair, threshold, encoder, seen })
 }
 
 /// What a file says beside its numbers.
 struct Metadata(HashMap<String, String>);
 
+/// The same, checked.
+struct Told {
+    kind: ModelKind,
+    pair: Pair,
+    threshold: f64,
+    encoder: Encoder,
+    seen: Option<Seen>,
+}
+
 impl Metadata {
-    fn checked(&self, environment: &Environment) -> Result<(ModelKind, Pair, f64, Encoder), Vec<Fault>> {
+    fn checked(&self, environment: &Environment) -> Result<Told, Vec<Fault>> {
         let schema = &environment.schema;
         let mut faults = Vec::new();
         self.equal("format", FORMAT, &mut faults);
@@ -180,12 +201,23 @@ impl Metadata {
             let expected = "expected a JSON list with {\"mean\", \"deviation\"} for each feature that is a number, null for the others";
             faults.push(fault("scales", expected.into()));
         }
+        let seen = self.seen(schema, &mut faults);
         match (kind, pair, threshold, encoder) {
             (Some(kind), Some((ego, other)), Some(threshold), Some(encoder)) if faults.is_empty() => {
-                Ok((kind, Pair { ego, other, given: Vec::new() }, threshold, encoder))
+                Ok(Told { kind, pair: Pair { ego, other, given: Vec::new() }, threshold, encoder, seen })
             }
             _ => Err(faults),
         }
+    }
+
+    fn seen(&self, schema: &Schema, faults: &mut Vec<Fault>) -> Option<Seen> {
+        let runs = serde_json::from_str(self.0.get(SEEN)?).ok();
+        let seen = runs.and_then(|runs| Seen::of_runs(schema, runs));
+        if seen.is_none() {
+            let expected = "expected a JSON list with a list of runs [first, last] of bins for each feature, in order";
+            faults.push(fault(SEEN, expected.into()));
+        }
+        seen
     }
 
     fn text(&self, name: &str, faults: &mut Vec<Fault>) -> Option<&str> {

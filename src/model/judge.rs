@@ -85,6 +85,7 @@ pub fn card(
         judged_states: judged.len() as u64,
         positive_share: positive_share(&judged),
         calibration,
+        base_rate: court.base_rate(&network, calibration),
         not_better_than: not_better_than(&own, &baselines, found),
         score: own,
         baselines,

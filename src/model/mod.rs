@@ -13,6 +13,7 @@
 //! | `learner`, `training`, `worth` | gradients, by the training library and nobody else; when to stop; whether more than chance was learned |
 //! | `calibrate`, `score`, `back_off`, `court`, `judge` | from mutual information to a probability, and how good it is beside what it has to beat |
 //! | `file`, `text`, `registry`, `network`, `told` | kept as safetensors with a card, listed, switched, ready to answer, and what was answered |
+//! | `seen` | the bins that a network was trained on, outside which it gives no verdict |
 //! | `jobs`, `upkeep`, `spare_time` | trainings that were asked for, or are due by themselves, and the thread that does them |
 //!
 //! Absent on purpose: nothing here decides a verdict by counts, and no wire format is known here but that of a file of weights.
@@ -30,6 +31,7 @@ mod member;
 mod network;
 mod registry;
 mod score;
+mod seen;
 mod spare_time;
 mod text;
 mod told;
@@ -48,10 +50,13 @@ use self::encoder::{Encoder, MOST_INPUTS};
 use self::jobs::Jobs;
 use self::judge::Split;
 use self::registry::{Registry, logged};
+use self::seen::Seen;
 use self::spare_time::in_spare_time;
 use self::training::{Ensemble, TrainingError};
 use crate::domain::draft::TrainingDraft;
-use crate::domain::{Card, Environment, Job, JobState, Model, ModelId, ModelKind, Models, Pair, Training};
+use crate::domain::{
+    Card, Environment, Job, JobState, Model, ModelId, ModelKind, Models, Pair, Training, is_same_threshold,
+};
 use crate::error::{ErrorKind, Fault, Problem};
 use crate::evidence::MOST_CELLS;
 use crate::priors::Fits;
@@ -163,11 +168,13 @@ impl Networks {
             // It is calibrated here, for the rule as it is.
             content.threshold = dataset.threshold;
         }
-        if content.threshold != dataset.threshold {
+        if !is_same_threshold(content.threshold, dataset.threshold) {
             let detail = format!("got {}, expected that of the rule, {} nats", content.threshold, dataset.threshold);
             return Err(Problem::invalid("network", vec![Fault::new("/metadata/threshold", detail)]));
         }
         training::check(&dataset, &training).map_err(|error| no_network(&error))?;
+        // Who does not say what it was trained on is believed where it is judged.
+        content.seen.get_or_insert_with(|| Seen::of(&environment.schema, dataset.examples.iter().map(|one| &one.key)));
         let judged = tokio::task::spawn_blocking(move || {
             let (encoder, members) = (content.encoder.clone(), content.members.clone());
             let ensemble = Ensemble { encoder, members, epochs: Vec::new(), dropout: 0.0 };
@@ -257,6 +264,7 @@ impl Networks {
         let environment = &self.current(&order.environment)?;
         self.tell(order, 0.0, "reads the states and fits the prior");
         let dataset = self.dataset(environment, pair).await?;
+        let seen = Seen::of(&environment.schema, training::learned(&dataset, training).map(|example| &example.key));
         let (networks, order_there) = (self.clone(), order.clone());
         let trained =
             tokio::task::spawn_blocking(move || in_spare_time(|| networks.trained(&order_there, &dataset))).await;
@@ -267,6 +275,7 @@ impl Networks {
             threshold: card.threshold,
             encoder: ensemble.encoder,
             members: ensemble.members,
+            seen: Some(seen),
         };
         let version = self.registry.keep(environment, &content, &card).await?;
         let environment = &self.current(environment)?;

@@ -8,14 +8,17 @@ use rayon::prelude::*;
 use super::encoder::Encoder;
 use super::file::Content;
 use super::member::{Joint, Member};
+use super::seen::Seen;
 use super::told::Told;
-use crate::domain::{Calibration, Card, Environment, EnvironmentId, ModelAction, ModelKind, Pair, StateKey, Verdict};
+use crate::domain::{
+    Calibration, Card, Environment, EnvironmentId, ModelAction, ModelKind, Pair, StateKey, Verdict, is_same_threshold,
+};
 
 /// Added to mutual information before its logarithm is taken: what is below is as good as nothing.
 const NEGLIGIBLE: f64 = 0.005;
 
-/// How far from its own threshold a joint network may be asked, as a factor: its calibration says nothing of what is farther away.
-const REACH: f64 = 4.0;
+/// How far what a network says of a state must lie from what it says of any, in odds, for a verdict to be about that state.
+const MOVED: f64 = 3.0;
 
 /// A version ready to answer: shared by any number of threads.
 pub struct Network {
@@ -31,6 +34,9 @@ pub struct Network {
     encoder: Encoder,
     members: Vec<Member>,
     calibration: Calibration,
+    /// What it says of a state on average, if that is known.
+    base_rate: Option<f64>,
+    seen: Seen,
     told: Told,
     /// Whether it found more in the counts than the same network does in shuffled ones.
     found_something: bool,
@@ -39,18 +45,20 @@ pub struct Network {
 /// What a network says of one state.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Prediction {
-    /// P(MI > threshold), the mean of its members; `None` where it cannot tell at that threshold.
+    /// P(MI > threshold), the mean of its members; `None` at another threshold than the network's own.
     pub probability: Option<f64>,
     /// Mutual information in nats, the mean of its members; `None` for a direct network.
     pub mutual_information: Option<f64>,
-    /// Whether its members say the same, each on its own side of one half.
+    /// Whether its members say the same at its own threshold, each on its own side of one half.
     pub agrees: bool,
+    /// Whether every bin of the state was seen in training.
+    pub in_range: bool,
 }
 
 impl Network {
     /// Makes a version ready.
     pub fn new(environment: EnvironmentId, version: u64, content: Content, card: &Card) -> Self {
-        let Content { kind, pair, threshold, encoder, members } = content;
+        let Content { kind, pair, threshold, encoder, members, seen } = content;
         let shuffled = crate::domain::Baseline::Shuffled.as_str();
         let found_something = !card.not_better_than.iter().any(|name| name == shuffled);
         Self {
@@ -62,6 +70,8 @@ impl Network {
             encoder,
             members,
             calibration: card.calibration,
+            base_rate: card.base_rate,
+            seen: seen.unwrap_or_default(),
             told: Told::default(),
             found_something,
         }
@@ -74,20 +84,39 @@ impl Network {
 
     /// Predicts for states, which are of the network's schema, at a threshold in nats, and remembers what it said.
     pub fn predict(&self, states: &[StateKey], threshold: f64) -> Vec<Prediction> {
-        self.predictions(self.told.of(states, |unknown| self.tell(unknown)), threshold)
+        self.predictions(states, self.told.of(states, |unknown| self.tell(unknown)), threshold)
     }
 
     /// Predicts for states that nobody will ask for again soon.
     pub fn predict_once(&self, states: &[StateKey], threshold: f64) -> Vec<Prediction> {
-        self.predictions(self.tell(&states.iter().collect::<Vec<_>>()), threshold)
+        self.predictions(states, self.tell(&states.iter().collect::<Vec<_>>()), threshold)
     }
 
-    fn predictions(&self, told: Vec<Arc<[f64]>>, threshold: f64) -> Vec<Prediction> {
-        let prediction = |numbers: Arc<[f64]>| match self.kind {
-            ModelKind::Joint => self.joint_prediction(numbers.iter().copied(), threshold),
-            ModelKind::Direct => self.direct_prediction(numbers.iter().copied(), threshold),
+    fn predictions(&self, states: &[StateKey], told: Vec<Arc<[f64]>>, threshold: f64) -> Vec<Prediction> {
+        let can_tell = is_same_threshold(threshold, self.threshold);
+        let prediction = |(state, numbers): (&StateKey, Arc<[f64]>)| {
+            let (mean, agrees) = mean_and_agreement(numbers.iter().map(|number| self.probability(*number)));
+            Prediction {
+                probability: can_tell.then_some(mean),
+                mutual_information: self.mutual_information(&numbers),
+                agrees,
+                in_range: self.seen.holds(state),
+            }
         };
-        told.into_iter().map(prediction).collect()
+        states.iter().zip(told).map(prediction).collect()
+    }
+
+    /// Returns P(MI > the network's own threshold) by the number that a member tells.
+    fn probability(&self, number: f64) -> f64 {
+        match self.kind {
+            ModelKind::Joint if self.threshold >= self.largest() => 0.0,
+            ModelKind::Joint => probability(self.calibration, number),
+            ModelKind::Direct => logistic(number),
+        }
+    }
+
+    fn mutual_information(&self, members: &[f64]) -> Option<f64> {
+        (self.kind == ModelKind::Joint).then(|| members.iter().sum::<f64>() / members.len() as f64)
     }
 
     /// Lets every member tell of states: mutual information in nats, or ln odds.
@@ -109,44 +138,31 @@ impl Network {
         }
     }
 
-    fn joint_prediction(&self, members: impl ExactSizeIterator<Item = f64> + Clone, threshold: f64) -> Prediction {
-        let factor = if threshold == self.threshold { 1.0 } else { threshold / self.threshold };
-        // What is calibrated for one threshold holds for another if mutual information is measured in thresholds.
-        let probability = |nats: f64| probability(self.calibration, nats / factor);
-        let possible = threshold < self.largest();
-        let (mean, agrees) =
-            mean_and_agreement(members.clone().map(|nats| if possible { probability(nats) } else { 0.0 }));
-        Prediction {
-            probability: (1.0 / REACH..=REACH).contains(&factor).then_some(mean),
-            mutual_information: Some(members.clone().sum::<f64>() / members.len() as f64),
-            agrees,
-        }
-    }
-
     /// Returns ln min(R, K): no mutual information is larger.
     fn largest(&self) -> f64 {
         let actions = |head: usize| self.members.first().map_or(1, |member| member.heads[head].shape().1);
         (actions(0).min(actions(1)) as f64).ln()
     }
 
-    fn direct_prediction(&self, members: impl ExactSizeIterator<Item = f64>, threshold: f64) -> Prediction {
-        let (mean, agrees) = mean_and_agreement(members.map(logistic));
-        let probability = (threshold == self.threshold).then_some(mean);
-        Prediction { probability, mutual_information: None, agrees }
+    /// Returns the names of the features whose bin in a state was not seen in training.
+    pub fn out_of_range(&self, environment: &Environment, state: &StateKey) -> Vec<String> {
+        self.seen.outside(state).map(|feature| environment.schema.state()[feature].name.to_string()).collect()
     }
 
-    /// Returns whether a prediction can decide anything: not at a threshold that the network cannot tell about, and not where it has found nothing in
-    /// the counts that it learned from.
+    /// Returns whether a prediction can decide anything: not at another threshold than the network's own, not where a bin of the state was not seen in
+    /// training, and not where it has found nothing in the counts that it learned from.
     pub fn can_decide(&self, prediction: &Prediction) -> bool {
-        self.found_something && prediction.probability.is_some()
+        self.found_something && prediction.in_range && prediction.probability.is_some()
     }
 
-    /// Decides by a prediction: at the same confidence as for counts, and only where the members agree.
-    pub fn decide(&self, prediction: &Prediction, confidence: f64) -> Verdict {
+    /// Decides by a prediction: at the same confidence as for counts, only where the members agree, and only by what is said of this very state. Its odds
+    /// must be at least three times, or at most a third, of those of a state about which nothing is known: both of those by the environment's fit,
+    /// `unseen`, and of those that the network itself gives on average. Else one that says the same of every state would decide them all, and one that
+    /// says too much of all would gain by the difference.
+    pub fn decide(&self, prediction: &Prediction, confidence: f64, unseen: f64) -> Verdict {
         match prediction.probability.filter(|_| self.can_decide(prediction) && prediction.agrees) {
-            Some(p) if p >= confidence => Verdict::Influences,
-            Some(p) if 1.0 - p >= confidence => Verdict::NoInfluence,
-            _ => Verdict::Undecided,
+            Some(probability) => verdict(probability, confidence, [unseen, self.base_rate.unwrap_or(unseen)]),
+            None => Verdict::Undecided,
         }
     }
 
@@ -188,7 +204,54 @@ pub fn probability(calibration: Calibration, nats: f64) -> f64 {
     logistic(calibration.intercept + calibration.slope * ln_information(nats))
 }
 
+/// Returns the verdict that a probability earns beside both of these base rates.
+fn verdict(probability: f64, confidence: f64, bases: [f64; 2]) -> Verdict {
+    let complement = 1.0 - probability;
+    if probability >= confidence && bases.into_iter().all(|base| is_moved(base, probability)) {
+        Verdict::Influences
+    } else if complement >= confidence && bases.into_iter().all(|base| is_moved(probability, base)) {
+        Verdict::NoInfluence
+    } else {
+        Verdict::Undecided
+    }
+}
+
+/// Returns whether the odds of the larger probability are at least three times those of the smaller.
+fn is_moved(smaller: f64, larger: f64) -> bool {
+    smaller < larger && larger * (1.0 - smaller) >= MOVED * smaller * (1.0 - larger)
+}
+
 /// Returns 1 / (1 + e^-z).
 pub fn logistic(z: f64) -> f64 {
     1.0 / (1.0 + (-z).exp())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn who_says_the_same_of_every_state_decides_none() {
+        for p in [0.0, 0.05, 0.8, 0.95, 1.0] {
+            assert_eq!(verdict(p, 0.8, [0.3, p]), Verdict::Undecided, "{p} of every state");
+        }
+        // Odds of 4 are three times those of 4/7, and less than those of .6.
+        assert_eq!(verdict(0.8, 0.8, [0.02, 4.0 / 7.0]), Verdict::Influences);
+        assert_eq!(verdict(0.8, 0.8, [0.02, 0.6]), Verdict::Undecided);
+    }
+
+    #[test]
+    fn nobody_gains_by_saying_too_much_or_too_little_of_all() {
+        // A third of its own odds, but more than the environment has.
+        assert_eq!(verdict(0.05, 0.8, [0.02, 0.3]), Verdict::Undecided);
+        assert_eq!(verdict(0.006, 0.8, [0.02, 0.3]), Verdict::NoInfluence);
+        // Three times its own odds, but not the environment's.
+        assert_eq!(verdict(0.9, 0.8, [0.8, 0.1]), Verdict::Undecided);
+    }
+
+    #[test]
+    fn confidence_is_wanted_beside_it() {
+        assert_eq!(verdict(0.79, 0.8, [0.01, 0.01]), Verdict::Undecided);
+        assert_eq!(verdict(0.21, 0.8, [0.9, 0.9]), Verdict::Undecided);
+    }
 }

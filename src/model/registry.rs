@@ -14,9 +14,11 @@ use lru::LruCache;
 use tokio::sync::Mutex;
 
 use super::network::Network;
+use super::seen::{Seeing, Seen};
 use super::{file, text};
-use crate::domain::{Card, Environment, EnvironmentId, Model, ModelKind, Pair};
+use crate::domain::{Card, Environment, EnvironmentId, Model, Pair, is_same_threshold};
 use crate::error::{ErrorKind, Problem};
+use crate::priors::Pages;
 use crate::store::{ModelRecord, NewModel, Store, StoreError};
 
 /// The reason word of a version that cannot answer by the rule.
@@ -207,11 +209,16 @@ impl Registry {
 
         let parsed = parse(environment, &record.card, &weights);
         self.note(environment, version, parsed.as_ref().err().cloned());
-        Ok(parsed.map(|(content, card)| {
-            let network = Arc::new(Network::new(environment.id, version, content, &card));
-            self.ready().put(key, network.clone());
-            network
-        }))
+        let (mut content, card) = match parsed {
+            Ok(read) => read,
+            Err(why) => return Ok(Err(why)),
+        };
+        if content.seen.is_none() {
+            content.seen = Some(self.counted(environment).await?);
+        }
+        let network = Arc::new(Network::new(environment.id, version, content, &card));
+        self.ready().put(key, network.clone());
+        Ok(Ok(network))
     }
 
     /// Returns the card of a version, or why the version cannot be read: its card, or its weights, which are looked at once.
@@ -239,6 +246,20 @@ impl Registry {
 
     fn looked_at(&self) -> std::sync::MutexGuard<'_, HashMap<(EnvironmentId, u64), Option<String>>> {
         self.looked_at.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+    }
+
+    /// Returns the bins of the states that are counted now: what a version of an earlier build, which does not say what it was trained on, is believed in.
+    /// Of very many states the later ones count as not seen, which costs verdicts and no more.
+    async fn counted(&self, environment: &Environment) -> Result<Seen, Problem> {
+        /// Pages that are read: a million states, in some seconds, once for each such version.
+        const MOST_PAGES: usize = 1_000;
+        let mut seeing = Seeing::new(&environment.schema);
+        let mut pages = Pages::new(&*self.store, environment.id);
+        for _ in 0..MOST_PAGES {
+            let Some(page) = pages.next().await.map_err(logged)? else { break };
+            page.iter().for_each(|scanned| seeing.add(&scanned.key));
+        }
+        Ok(seeing.seen())
     }
 
     fn ready(&self) -> std::sync::MutexGuard<'_, LruCache<(EnvironmentId, u64), Arc<Network>>> {
@@ -288,7 +309,7 @@ fn model(environment: &Environment, record: &ModelRecord, card: Result<Card, Str
         |at: usize| environment.schema.agents().get(at).map_or(format!("#{at}"), |agent| agent.name.to_string());
     let pair = Pair { ego: record.ego, other: record.other, given: Vec::new() };
     let threshold = environment.rule_of(&pair).threshold_nats();
-    let is_stale = |card: &Card| card.training.kind == ModelKind::Direct && card.threshold != threshold;
+    let is_stale = |card: &Card| !is_same_threshold(card.threshold, threshold);
     Model {
         version: record.version,
         ego: agent(record.ego),

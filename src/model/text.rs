@@ -28,6 +28,8 @@ struct CardText {
     judged_states: u64,
     positive_share: f64,
     calibration: CalibrationText,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    base_rate: Option<f64>,
     score: ScoreText,
     baselines: Vec<ScoreText>,
     reliability: Vec<ReliabilityText>,
@@ -97,6 +99,7 @@ pub fn of_card(card: &Card) -> String {
             judged_states: card.judged_states,
             positive_share: card.positive_share,
             calibration: CalibrationText { intercept: calibration.intercept, slope: calibration.slope },
+            base_rate: card.base_rate,
             score: of_score(&card.score),
             baselines: card.baselines.iter().map(of_score).collect(),
             reliability: card.reliability.iter().map(of_tenth).collect(),
@@ -131,11 +134,20 @@ fn first(text: CardText) -> Result<Card, Unreadable> {
         judged_states: text.judged_states,
         positive_share: text.positive_share,
         calibration: Calibration { intercept: text.calibration.intercept, slope: text.calibration.slope },
+        base_rate: text.base_rate.map(share).transpose()?,
         score: score(text.score),
         baselines: text.baselines.into_iter().map(score).collect(),
         reliability: text.reliability.into_iter().map(tenth).collect(),
         not_better_than: text.not_better_than,
     })
+}
+
+/// Verdicts are held against it, so it must be what it is called.
+fn share(base_rate: f64) -> Result<f64, Unreadable> {
+    match (0.0..=1.0).contains(&base_rate) {
+        true => Ok(base_rate),
+        false => Err(Unreadable::spoiled(format!("base_rate {base_rate}, expected 0 to 1"))),
+    }
 }
 
 fn of_training(training: &Training) -> TrainingText {
@@ -189,6 +201,7 @@ mod tests {
     fn the_first_card_is_read_with_what_it_has() {
         let read = card(FIRST).expect("a card");
         assert_eq!((read.dropout, read.training.seed, read.training.kind), (0.5, u64::MAX, ModelKind::Direct));
+        assert_eq!(read.base_rate, None);
         assert_eq!((read.fit.version, read.epochs.as_slice(), read.baselines.len()), (2, &[41, 38][..], 1));
         let imported = card(&FIRST.replace("\"imported\":false", "\"imported\":true")).expect("a card");
         assert_eq!(imported.dropout, 0.0, "nobody left anything out here");
@@ -196,10 +209,12 @@ mod tests {
 
     #[test]
     fn a_card_reads_back_exactly_and_says_its_version() {
-        let written = Card { dropout: 0.2, ..card(FIRST).expect("a card") };
-        let text = of_card(&written);
-        assert!(text.starts_with(r#"{"form":1,"training":{"#), "{text}");
-        assert_eq!(card(&text), Ok(written));
+        let told = Card { dropout: 0.2, base_rate: Some(0.1 + 0.2), ..card(FIRST).expect("a card") };
+        for written in [Card { base_rate: None, ..told.clone() }, told] {
+            let text = of_card(&written);
+            assert!(text.starts_with(r#"{"form":1,"training":{"#), "{text}");
+            assert_eq!(card(&text), Ok(written));
+        }
     }
 
     #[test]
@@ -211,6 +226,10 @@ mod tests {
         );
         assert!(why("{}").contains("missing field `training`"), "{}", why("{}"));
         assert!(why(&FIRST.replace("direct", "deep")).contains("got \"deep\", expected joint or direct"));
+        for wrong in ["-0.1", "1.5"] {
+            let spoiled = FIRST.replace("\"score\"", &format!("\"base_rate\":{wrong},\"score\""));
+            assert!(why(&spoiled).contains("expected 0 to 1"), "{}", why(&spoiled));
+        }
         assert!(why("").contains("EOF"), "{}", why(""));
     }
 

@@ -78,6 +78,12 @@ pub fn check(dataset: &Dataset, training: &Training) -> Result<(), TrainingError
     Ok(())
 }
 
+/// Returns the states that any member learns from: all, but that a single member has its own part held out.
+pub fn learned<'d>(dataset: &'d Dataset, training: &Training) -> impl Iterator<Item = &'d Example> {
+    let Training { members, folds, seed, .. } = *training;
+    dataset.examples.iter().filter(move |one| members > 1 || Dataset::fold(&one.key, folds, seed) != 0)
+}
+
 /// Trains an ensemble on a dataset.
 pub fn train(
     dataset: &Dataset,

@@ -1,4 +1,4 @@
-//! Trains again what counts have outgrown, for services that were asked to.
+//! Trains again what counts have outgrown, or what another rule has made stale, for services that were asked to.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use super::Networks;
 use crate::domain::draft::TrainingDraft;
-use crate::domain::{Card, Environment, EnvironmentId, Model, Training};
+use crate::domain::{Card, Environment, EnvironmentId, Model, Pair, Training, is_same_threshold};
 
 /// How much must have been counted since a training, as a share of what it was made from.
 const GROWTH: f64 = 0.5;
@@ -17,11 +17,18 @@ const FEWEST: u64 = 1_000;
 /// A pair of agents of an environment.
 type Place = (EnvironmentId, String, String);
 
+/// What a pair was trained on last: how much was counted, and for which threshold in nats.
+#[derive(Debug, Clone, Copy)]
+struct Tried {
+    counted: u64,
+    threshold: f64,
+}
+
 impl Networks {
-    /// Looks every so often, for ever, whether counts have grown enough for another training: of every pair that has a version, as it was trained
-    /// then, and of the first two agents. A version that beats its baselines becomes active.
+    /// Looks every so often, for ever, whether counts have grown enough for another training, or the rule has another threshold than the last one was for:
+    /// of every pair that has a version, as it was trained then, and of the first two agents. A version that beats its baselines becomes active.
     pub async fn keep_up(self, every: Duration) {
-        let mut tried: BTreeMap<Place, u64> = BTreeMap::new();
+        let mut tried: BTreeMap<Place, Tried> = BTreeMap::new();
         loop {
             tokio::time::sleep(every).await;
             for environment in self.store.environments() {
@@ -35,36 +42,44 @@ impl Networks {
     async fn train_what_has_grown(
         &self,
         environment: &Arc<Environment>,
-        tried: &mut BTreeMap<Place, u64>,
+        tried: &mut BTreeMap<Place, Tried>,
     ) -> Result<(), crate::error::Problem> {
         let counted = self.store.totals(environment.id).await.map_err(super::logged)?.transitions;
         let models = self.registry.list(environment).await?;
-        for (ego, other) in pairs(environment, &models) {
+        for pair in pairs(environment, &models) {
+            let threshold = environment.rule_of(&pair).threshold_nats();
+            let [ego, other] = [pair.ego, pair.other].map(|at| environment.schema.agents()[at].name.to_string());
             let of_pair = models.iter().rev().filter(|model| model.ego == ego && model.other == other);
             // One that cannot be read is made again as if there were none.
-            let last = of_pair.filter_map(|model| model.card.as_ref().ok()).find(|card| !card.imported);
+            let mut readable = of_pair.filter_map(|model| Some((model.card.as_ref().ok()?, model.stale)));
+            let last = readable.find(|(card, _)| !card.imported);
             let place = (environment.id, ego.clone(), other.clone());
-            let revision = last.map_or(0, |card| card.revision).max(tried.get(&place).copied().unwrap_or(0));
-            let due = (revision as f64 * (1.0 + GROWTH)).max(FEWEST as f64);
-            if (counted as f64) < due || self.jobs.is_busy(environment.id, &ego, &other) {
+            let before = tried.get(&place).copied();
+            let revision = last.map_or(0, |(card, _)| card.revision).max(before.map_or(0, |tried| tried.counted));
+            let has_grown = counted as f64 >= revision as f64 * (1.0 + GROWTH);
+            // Once for each threshold: a training may fail.
+            let was_tried = before.is_some_and(|tried| is_same_threshold(tried.threshold, threshold));
+            let is_stale = last.is_some_and(|(_, is_stale)| is_stale) && !was_tried;
+            if counted < FEWEST || !(has_grown || is_stale) || self.jobs.is_busy(environment.id, &ego, &other) {
                 continue;
             }
-            self.train(environment, &again(ego, other, last))?;
-            tried.insert(place, counted);
+            self.train(environment, &again(ego, other, last.map(|(card, _)| card)))?;
+            tried.insert(place, Tried { counted, threshold });
         }
         Ok(())
     }
 }
 
 /// Returns the first two agents, and every pair that has a version.
-fn pairs(environment: &Environment, models: &[Model]) -> Vec<(String, String)> {
-    let agent = |at: usize| environment.schema.agents()[at].name.to_string();
-    let mut pairs = vec![(agent(0), agent(1))];
+fn pairs(environment: &Environment, models: &[Model]) -> Vec<Pair> {
+    let pair = |ego, other| Pair { ego, other, given: Vec::new() };
+    let mut pairs = vec![pair(0, 1)];
     for model in models {
-        let pair = (model.ego.clone(), model.other.clone());
-        let is_known = [&pair.0, &pair.1].iter().all(|agent| environment.schema.agent(agent).is_some());
-        if is_known && !pairs.contains(&pair) {
-            pairs.push(pair);
+        let agents = [&model.ego, &model.other].map(|agent| environment.schema.agent(agent));
+        if let [Some(ego), Some(other)] = agents
+            && !pairs.contains(&pair(ego, other))
+        {
+            pairs.push(pair(ego, other));
         }
     }
     pairs

@@ -141,10 +141,10 @@ impl From<ActionFigures> for proto::ActionFigures {
 
 impl From<ModelFigures> for proto::ModelFigures {
     fn from(figures: ModelFigures) -> Self {
-        let ModelFigures { version, kind, probability, mutual_information, agrees, by_action } = figures;
+        let ModelFigures { version, kind, probability, mutual_information, agrees, out_of_range, by_action } = figures;
         let kind = proto::ModelKind::from(kind).into();
         let by_action = by_action.into_iter().map(Into::into).collect();
-        Self { version, kind, probability, mutual_information, agrees, by_action }
+        Self { version, kind, probability, mutual_information, agrees, out_of_range, by_action }
     }
 }
 

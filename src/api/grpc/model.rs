@@ -110,6 +110,7 @@ impl From<Card> for proto::Card {
             judged_states: card.judged_states,
             positive_share: card.positive_share,
             calibration: Some(proto::Calibration { intercept, slope }),
+            base_rate: card.base_rate,
             score: Some(card.score.into()),
             baselines: card.baselines.into_iter().map(Into::into).collect(),
             reliability: card.reliability.into_iter().map(Into::into).collect(),

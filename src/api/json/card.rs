@@ -39,6 +39,10 @@ pub struct Card {
     pub positive_share: f64,
     /// From its mutual information to a probability.
     pub calibration: Calibration,
+    /// What it says of a state on average: the mean of its probabilities over the states that it was judged on, each once. A verdict of it needs odds that
+    /// are three times these, or a third. Absent from cards of earlier builds.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub base_rate: Option<f64>,
     /// How it did.
     pub score: Score,
     /// How others did on the same states: `all_positive`, `majority`, `look_up`, `back_off` and `shuffled`.
@@ -151,6 +155,7 @@ impl From<proto::Card> for Card {
             judged_states: card.judged_states,
             positive_share: card.positive_share,
             calibration: Calibration { intercept: calibration.intercept, slope: calibration.slope },
+            base_rate: card.base_rate,
             score: card.score.map(Into::into).unwrap_or_default(),
             baselines: card.baselines.into_iter().map(Into::into).collect(),
             reliability: card.reliability.into_iter().map(Into::into).collect(),

@@ -105,7 +105,7 @@ pub struct Model {
     pub other: String,
     /// Whether it answers where counts do not decide.
     pub active: bool,
-    /// Whether it cannot answer by the environment's rule any more: a direct network whose threshold is not the rule's.
+    /// Whether it cannot answer by the environment's rule any more: its threshold is not the rule's.
     pub stale: bool,
     /// What it says of itself; null where it cannot be read.
     pub card: Option<Card>,
@@ -264,6 +264,7 @@ mod tests {
             dropout: 0.5,
             judged_states: 12,
             positive_share: 0.25,
+            base_rate: Some(0.2),
             calibration: domain::Calibration { intercept: 1.5, slope: 0.75 },
             score: domain::Score {
                 auroc: Some(0.9),
@@ -301,7 +302,7 @@ mod tests {
             "imported": true, "schema_hash": "ab12", "threshold": 0.5, "revision": 900,
             "fit": {"version": 2, "revision": 850}, "states": 60, "visits": 900, "inputs": 7, "split": "by states",
             "epochs": [41, 38], "dropout": 0.5, "judged_states": 12, "positive_share": 0.25,
-            "calibration": {"intercept": 1.5, "slope": 0.75}, "score": network,
+            "calibration": {"intercept": 1.5, "slope": 0.75}, "base_rate": 0.2, "score": network,
             "baselines": [plain("all_positive", None), plain("majority", Some(-1.5))],
             "reliability": [{"from": 0.1, "states": 4, "predicted": 0.15, "observed": 0.2}],
             "not_better_than": ["majority"],
@@ -309,6 +310,14 @@ mod tests {
         let expected =
             json!({"version": 3, "ego": "robot", "other": "human", "active": false, "stale": true, "card": card});
         assert_eq!(told(model()), expected);
+    }
+
+    #[test]
+    fn cards_of_earlier_builds_lack_a_base_rate() {
+        let mut expected = told(model());
+        expected["card"].as_object_mut().map(|card| card.remove("base_rate"));
+        let card = model().card.map(|card| domain::Card { base_rate: None, ..card });
+        assert_eq!(told(domain::Model { card, ..model() }), expected);
     }
 
     #[test]

@@ -14,12 +14,15 @@ pub struct ModelFigures {
     /// What it predicts: `joint` or `direct`.
     #[schema(example = "joint")]
     pub kind: &'static str,
-    /// P(MI > threshold), the mean of its members; null where it cannot tell at that threshold.
+    /// P(MI > threshold), the mean of its members; null at another threshold than the one that it was trained for.
     pub probability: Option<f64>,
     /// Mutual information in the answer's unit, the mean of its members; null for a direct network.
     pub mutual_information: Option<f64>,
-    /// Whether its members say the same, each on its own side of one half.
+    /// Whether its members say the same at their own threshold, each on its own side of one half.
     pub agrees: bool,
+    /// Names of the features whose bin in this state no state of its training had: where there is one, it gives no verdict. Absent where there is none.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub out_of_range: Vec<String>,
     /// One an ego action, in index order; a joint network in the view `full` only.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub by_action: Vec<ModelAction>,
@@ -48,6 +51,7 @@ impl From<proto::ModelFigures> for ModelFigures {
             probability: figures.probability,
             mutual_information: figures.mutual_information,
             agrees: figures.agrees,
+            out_of_range: figures.out_of_range,
             by_action: figures.by_action.into_iter().map(Into::into).collect(),
         }
     }
@@ -73,6 +77,7 @@ mod tests {
             probability: Some(0.75),
             mutual_information: Some(0.5),
             agrees: true,
+            out_of_range: Vec::new(),
             by_action: Vec::new(),
         };
         let told = |figures: proto::ModelFigures| serde_json::to_value(ModelFigures::from(figures)).expect("JSON");
@@ -95,6 +100,8 @@ mod tests {
             divergence: 0.125,
             response: vec![0.5, 0.5],
         };
+        let outside = told(proto::ModelFigures { out_of_range: vec!["lane".into()], ..network.clone() });
+        assert_eq!(outside["out_of_range"], json!(["lane"]));
         let full = told(proto::ModelFigures { by_action: vec![action], ..network });
         let expected = json!([
             {"action": "go", "index": 1, "probability": 0.25, "divergence": 0.125, "response": [0.5, 0.5]},

@@ -182,7 +182,8 @@ mod tests {
 
     #[test]
     fn figures_say_their_unit_or_their_threshold() {
-        let prediction = Prediction { probability: Some(0.25), mutual_information: Some(0.5), agrees: true };
+        let prediction =
+            Prediction { probability: Some(0.25), mutual_information: Some(0.5), agrees: true, in_range: true };
         let probability = output(Figure::InfluenceProbability, 0.1, &[prediction]).expect("told");
         assert_eq!((probability.values, probability.threshold, probability.unit), (vec![0.25], Some(0.1), None));
         let information = output(Figure::MutualInformation, 0.1, &[prediction]).expect("told");

@@ -7,11 +7,12 @@ use std::sync::Arc;
 use nudge::domain::{Environment, StateKey};
 use nudge::error::{ErrorKind, Problem};
 use nudge::model::Network;
+use nudge::store::NewModel;
 use safetensors::tensor::{Dtype, SafeTensors, TensorView, serialize};
 use serde_json::{Value, json};
 
 use super::{list, number};
-use crate::support::TestApp;
+use crate::support::{TestApp, open};
 
 /// Between heads of 32 bits, and what is made of them.
 const PRECISION: f64 = 1e-5;
@@ -34,10 +35,20 @@ fn bins_of(bins: &Value) -> Vec<u32> {
 
 /// A service with the golden environment, in which the golden states are counted, so that an import can be judged.
 async fn crossing() -> (TestApp, Arc<Environment>) {
+    crossing_of(|bins| bins).await
+}
+
+/// The same, in which nobody leaves the first four lanes, nor comes close to anybody.
+async fn crossing_in_part() -> (TestApp, Arc<Environment>) {
+    crossing_of(|bins| vec![bins[0], bins[1], bins[2].min(3), bins[3].max(1)]).await
+}
+
+async fn crossing_of(moved: impl Fn(Vec<u32>) -> Vec<u32>) -> (TestApp, Arc<Environment>) {
     let golden = golden();
     let app = TestApp::start().await;
     assert_eq!(app.rest("PUT", WORLD, Some(&golden["environment"])).await.0, 201);
-    let transitions: Vec<Value> = list(&golden["states"]).iter().flat_map(|bins| visits(bins_of(bins))).collect();
+    let states = list(&golden["states"]).iter().map(|bins| moved(bins_of(bins)));
+    let transitions: Vec<Value> = states.flat_map(visits).collect();
     let body = json!({"producer": "p", "sequence": 1, "transitions": transitions});
     let (status, receipt) = app.rest("POST", &format!("{WORLD}/transitions"), Some(&body)).await;
     assert_eq!((status, &receipt["rejected_count"]), (200, &json!(0)), "{receipt}");
@@ -191,6 +202,11 @@ const EDITS: &[Edit] = &[
         let zero = r#"{"mean": 0.0, "deviation": 0.0}"#;
         file.tell("scales", &format!("[null, null, {zero}, {zero}]"));
     }),
+    // Not for each feature, not in order, and a bin that no feature has.
+    ("/metadata/seen", |file| file.tell("seen", "[[[0, 1]]]")),
+    ("/metadata/seen", |file| file.tell("seen", "[[[0, 0]], [[3, 4], [1, 2]], [[0, 0]], [[0, 0]]]")),
+    ("/metadata/seen", |file| file.tell("seen", "[[[0, 0]], [[0, 8]], [[0, 0]], [[0, 0]]]")),
+    ("/metadata/seen", |file| file.tell("seen", "some")),
     // A wrong shape, with the right number of weights and with another.
     ("/members.1.other.weight", |file| file.tensor("members.1.other.weight").1 = vec![8, 4]),
     ("/members.0.trunk.weight", |file| {
@@ -237,5 +253,57 @@ async fn what_does_not_fit_is_refused_by_name() {
     }
     let kept = app.app.networks.list(&environment).await.expect("listed").models;
     assert!(kept.is_empty(), "{kept:?}");
+    app.stop().await;
+}
+
+#[tokio::test]
+async fn who_does_not_say_what_it_was_trained_on_is_believed_where_it_was_judged() {
+    let (app, environment) = crossing_in_part().await;
+    assert!(!File::read(JOINT).metadata.contains_key("seen"), "PyTorch's file says nothing of it");
+    let network = imported(&app, &environment, JOINT).await;
+    let outside = |bins: [u32; 4]| network.out_of_range(&environment, &StateKey::new(&bins));
+    for bins in [[0, 0, 0, 1], [2, 7, 3, 4], [1, 3, 2, 2]] {
+        assert!(outside(bins).is_empty(), "each bin was seen, if not together: {bins:?}");
+    }
+    assert_eq!(outside([0, 0, 4, 1]), ["lane"]);
+    assert_eq!(outside([2, 7, 4, 0]), ["lane", "distance"]);
+    let exported = app.app.networks.export(&environment, 1).await.expect("kept");
+    let kept = File::read(&exported).metadata.remove("seen").expect("it is kept with the weights");
+    let mut told = File::read(JOINT);
+    told.tell("seen", "[[[0, 0]], [], [[0, 0]], [[1, 2]]]");
+    let told = imported(&app, &environment, &told.write()).await;
+    assert!(kept.starts_with("[[["), "{kept}");
+    let outside = told.out_of_range(&environment, &StateKey::new(&[0, 0, 1, 1]));
+    assert_eq!(outside, ["bearing", "lane"], "what a file says of itself is kept");
+    app.stop().await;
+}
+
+#[tokio::test]
+async fn versions_of_earlier_builds_answer_where_something_was_counted() {
+    let (app, environment) = crossing_in_part().await;
+    let networks = &app.app.networks;
+    let version = networks.import(&environment, JOINT.to_vec()).await.expect("accepted").version;
+    // Earlier builds kept neither what a network was trained on nor what it says on average.
+    let mut file = File::read(&networks.export(&environment, version).await.expect("kept"));
+    file.metadata.remove("seen").expect("kept with the weights");
+    let mut card: Value = serde_json::from_str(&file.metadata["card"]).expect("JSON");
+    card.as_object_mut().expect("an object").remove("base_rate").expect("it was judged");
+    let record = NewModel { ego: 0, other: 1, kind: "joint".into(), card: card.to_string(), weights: file.write() };
+    let directory = app.directory.clone();
+    app.stop().await;
+    let store = open(directory.path(), Default::default()).await;
+    let earlier = store.keep_model(environment.id, &record).await.expect("kept");
+    let app = TestApp::with(directory, store).await;
+
+    let models = app.app.networks.list(&environment).await.expect("listed").models;
+    assert_eq!(models.iter().map(|model| model.version).collect::<Vec<_>>(), [version, earlier]);
+    let base_rate = |at: usize| models[at].card.as_ref().expect("it can be read").base_rate;
+    assert_eq!((base_rate(0).is_some(), base_rate(1)), (true, None));
+    let [network, older] =
+        [app.app.networks.network(&environment, version).await, app.app.networks.network(&environment, earlier).await];
+    let [network, older] = [network.expect("kept"), older.expect("still readable")];
+    let keys = keys(&golden());
+    assert!(older.predict(&keys, older.threshold) == network.predict(&keys, network.threshold));
+    assert_eq!(older.out_of_range(&environment, &StateKey::new(&[0, 0, 4, 1])), ["lane"]);
     app.stop().await;
 }
