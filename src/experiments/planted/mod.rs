@@ -66,10 +66,10 @@ impl Options {
 
     /// Returns the worlds that are drawn, for every seed: those on which all decisions are compared, then those of other sizes and shares.
     pub fn worlds(&self) -> Vec<World> {
-        let compared = Generator::ALL
+        let compared = Generator::USUAL
             .into_iter()
             .flat_map(|generator| [Arm::Plain, Arm::LeakFree, Arm::Shuffled].map(|arm| self.compared(generator, arm)));
-        let varied = Generator::ALL.into_iter().flat_map(|generator| {
+        let varied = Generator::USUAL.into_iter().flat_map(|generator| {
             let varied = self.sizes().into_iter().flat_map(|states| SHARES.map(|dependent| (states, dependent)));
             varied.map(move |(states, dependent)| World { generator, arm: Arm::Plain, states, dependent })
         });

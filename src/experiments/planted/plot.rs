@@ -31,8 +31,8 @@ pub fn plot(report: &Report) -> String {
         marks: &MARKS,
         dashed: "chance",
         range: areas(report),
-        beside: Generator::ALL.len(),
-        panels: Generator::ALL.map(|generator| panel(report, generator)).into(),
+        beside: Generator::USUAL.len(),
+        panels: Generator::USUAL.map(|generator| panel(report, generator)).into(),
     }
     .svg()
 }

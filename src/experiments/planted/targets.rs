@@ -22,7 +22,7 @@ const TARGETS: [Bounds; 6] = [
 /// Returns every target beside what was measured.
 pub(super) fn targets(report: &Report) -> Vec<Target> {
     let of = |(decision, figure, bound, bounds): Bounds| {
-        Generator::ALL.into_iter().zip(bounds).map(move |(generator, at)| {
+        Generator::USUAL.into_iter().zip(bounds).map(move |(generator, at)| {
             let world = report.options.compared(generator, Arm::Plain);
             let measured = report.findings.find(&world, decision, figure).map(|spread| spread.mean);
             Target { world, decision, figure, bound: bound(at), measured }

@@ -27,6 +27,20 @@ pub fn generator_name(generator: Generator) -> &'static str {
         Generator::Responses => "G1",
         Generator::Joint => "G2",
         Generator::Habits => "G3",
+        Generator::TwoByTwo => "2x2",
+        Generator::ThreeByTwentyFive => "3x25",
+        Generator::Stay95 => "stay95",
+        Generator::Stay25 => "stay25",
+        Generator::Rare => "rare",
+        Generator::EpsilonGreedy => "epsilon-greedy",
+        Generator::Copy(25) => "copy25",
+        Generator::Copy(_) => "copy",
+        Generator::Answer64 => "copy64",
+        Generator::Weak(25) => "weak25",
+        Generator::Weak(64) => "weak64",
+        Generator::Weak(_) => "weak",
+        Generator::Masked => "masked",
+        Generator::Segments => "segments",
     }
 }
 

@@ -41,7 +41,7 @@ pub(super) fn render(report: &Report) -> String {
         report.options.seeds,
         count(report.options.states as u64),
     );
-    for generator in Generator::ALL {
+    for generator in Generator::USUAL {
         let letters = generator.alphabet().rows;
         text +=
             &format!("\n{}: {letters} x {letters} actions\n{}", generator_name(generator), compared(report, generator));
@@ -66,7 +66,7 @@ fn compared(report: &Report, generator: Generator) -> String {
 }
 
 fn arms(report: &Report) -> String {
-    let titles = Generator::ALL.map(generator_name);
+    let titles = Generator::USUAL.map(generator_name);
     let mut table = Table::new(&[&["arm", "decision"], titles.as_slice()].concat());
     for arm in [Arm::Plain, Arm::LeakFree, Arm::Shuffled] {
         for decision in Decision::ALL.into_iter().filter(|decision| *decision != Decision::PapersFilter) {
@@ -74,7 +74,7 @@ fn arms(report: &Report) -> String {
                 report.findings.find(&report.options.compared(generator, arm), decision, Figure::AucPlanted)
             };
             let named = [arm_name(arm), decision.as_str()].map(str::to_owned);
-            table.row(named.into_iter().chain(Generator::ALL.map(|generator| spread(area(generator)))));
+            table.row(named.into_iter().chain(Generator::USUAL.map(|generator| spread(area(generator)))));
         }
     }
     table.render("")
@@ -90,7 +90,7 @@ fn called(report: &Report) -> String {
         let named = [name.to_owned(), count(world.states as u64), format!("{} %", world.dependent)];
         table.row(named.into_iter().chain(CALLED.map(|column| percent(cell(column)))));
     };
-    for generator in Generator::ALL {
+    for generator in Generator::USUAL {
         let name = generator_name(generator);
         for states in report.options.sizes() {
             for dependent in SHARES {
