@@ -59,8 +59,8 @@ pub struct Dots<'a> {
     pub rows: &'a [&'a str],
     /// The marks of a row, from the top.
     pub marks: &'a [Mark<'a>],
-    /// What the dashed line at one half is.
-    pub dashed: &'a str,
+    /// Where the dashed line is, and what it stands for.
+    pub dashed: (f64, &'a str),
     /// What the horizontal axes show.
     pub range: Range<f64>,
     /// How many panels stand beside each other.
@@ -132,7 +132,12 @@ impl Dots<'_> {
             .light_line_style(TRANSPARENT)
             .axis_style(RULE)
             .draw()?;
-        axes.draw_series(DashedLineSeries::new([(0.5, 0.0), (0.5, rows)], 4, 4, INK.stroke_width(1)))?;
+        axes.draw_series(DashedLineSeries::new(
+            [(self.dashed.0, 0.0), (self.dashed.0, rows)],
+            4,
+            4,
+            INK.stroke_width(1),
+        ))?;
         Ok(axes)
     }
 
@@ -143,7 +148,7 @@ impl Dots<'_> {
             sheet.draw(&Text::new(*meaning, (x + 12, y), words(HPos::Left)))?;
             x += 52 + 6 * meaning.len() as i32;
         }
-        sheet.draw(&Text::new(format!("dashed: {}", self.dashed), (x, y), words(HPos::Left)))
+        sheet.draw(&Text::new(format!("dashed: {}", self.dashed.1), (x, y), words(HPos::Left)))
     }
 }
 

@@ -9,8 +9,8 @@ use tempfile::TempDir;
 use crate::app::{App, Upkeep};
 use crate::domain::draft::{PairDraft, QuestionDraft, SchemaDraft, StatesDraft, TrainingDraft};
 use crate::domain::{
-    Acknowledged, Answer, Batch, Environment, Job, JobState, Pair, ProducerId, Question, Receipt, Record, Records,
-    Sequence, StateKey, Widths,
+    Acknowledged, Answer, Batch, Environment, Job, JobState, Label, Pair, ProducerId, Question, Receipt, Record,
+    Records, Sequence, StateKey, Widths,
 };
 use crate::error::{ErrorKind, Problem};
 use crate::model::Dataset;
@@ -42,14 +42,14 @@ impl Service {
         Ok(Self { app, environment, sequence: Sequence::NONE, directory })
     }
 
-    /// Sends records and waits until they are counted.
-    pub async fn count(&mut self, records: &[Record]) -> Result<(), Problem> {
+    /// Sends records under a segment, or under none, and waits until they are counted.
+    pub async fn count(&mut self, segment: Option<&Label>, records: &[Record]) -> Result<(), Problem> {
         let producer: ProducerId = "experiment".parse().expect("a producer id");
         let widths = Widths::of(&self.environment.schema);
         for records in records.chunks(BATCH) {
             self.sequence = self.sequence.next();
             let records = Records::collect(widths, records.iter().cloned().map(Ok));
-            let batch = Batch { sequence: self.sequence, segment: None, records };
+            let batch = Batch { sequence: self.sequence, segment: segment.cloned(), records };
             match self.app.ingest.write(&self.environment, producer.clone(), batch).await? {
                 Acknowledged::Applied(Receipt { rejected_count: 0, .. }) => {}
                 told => return Err(internal(format!("not all counted: {told:?}"))),

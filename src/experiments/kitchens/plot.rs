@@ -21,7 +21,7 @@ pub fn plot(report: &Report) -> String {
         size: (1_140, 74 + HEIGHT * layouts),
         rows: &Decision::ALL.map(Decision::as_str),
         marks: &MARKS,
-        dashed: "chance, for the area",
+        dashed: (0.5, "chance, for the area"),
         range: 0.0..1.0,
         beside: report.options.manners.len(),
         panels: report.worlds.iter().map(|(world, _)| panel(report, world)).collect(),

@@ -69,7 +69,7 @@ async fn shuffled(scene: &Scene, drawn: &[Actions], seed: u64, epochs: u32) -> R
 
 async fn counted(scene: &Scene, actions: &[Actions]) -> Result<Service, Problem> {
     let mut service = Service::open(&scene.schema).await?;
-    service.count(&scene.records(actions)).await?;
+    service.count(None, &scene.records(actions)).await?;
     service.fit().await?;
     Ok(service)
 }

@@ -2,7 +2,7 @@
 
 use super::decision::{Decision, is_strong};
 use super::world::Case;
-use crate::domain::{Dependence, Verdict};
+use crate::domain::{Dependence, Rule, Verdict};
 use crate::experiments::findings;
 use crate::experiments::measures::{Hits, auc, frequency, mean, rmse};
 
@@ -39,6 +39,16 @@ pub enum Figure {
     FalselyEstablished,
     /// The share of independent states with a p-value of 0.05 or less.
     FalseAlarms,
+    /// The share of dependent states whose dependence is excluded.
+    ExcludedIfDependent,
+    /// The share of independent states whose dependence is established.
+    EstablishedIfIndependent,
+    /// At the verdict: the share of states that are decided, of those seen 10,000 times and not near the threshold.
+    DecidedByMany,
+    /// At the verdict: the share of these that are decided wrongly.
+    WrongByMany,
+    /// At the verdict: the share of states that stay undecided, of those seen once or twice.
+    UndecidedByFew,
 }
 
 /// The figures of some decisions; `None` where one is not defined.
@@ -47,9 +57,16 @@ pub type Measured = findings::Measured<Decision, Figure>;
 /// The level at which p-values raise an alarm.
 const LEVEL: f64 = 0.05;
 
+/// So many visits settle a verdict, unless mutual information lies so near the threshold, in nats.
+const MANY: u64 = 10_000;
+const NEAR: f64 = 0.03;
+
+/// So few visits settle nothing.
+const FEW: u64 = 2;
+
 impl Figure {
-    /// Every figure, in the order in which they are told.
-    pub const ALL: [Self; 15] = [
+    /// The figures of the usual worlds, in the order in which they are told.
+    pub const USUAL: [Self; 15] = [
         Self::AucPlanted,
         Self::AucStrong,
         Self::F1,
@@ -65,6 +82,22 @@ impl Figure {
         Self::Established,
         Self::FalselyEstablished,
         Self::FalseAlarms,
+    ];
+
+    /// The figures of hard worlds, in the order in which they are told.
+    pub const HARD: [Self; 12] = [
+        Self::AucPlanted,
+        Self::Rmse,
+        Self::Coverage,
+        Self::CoverageDependent,
+        Self::ExcludedIfDependent,
+        Self::EstablishedIfIndependent,
+        Self::Called,
+        Self::Precision,
+        Self::Undecided,
+        Self::DecidedByMany,
+        Self::WrongByMany,
+        Self::UndecidedByFew,
     ];
 
     /// Returns its name.
@@ -85,6 +118,11 @@ impl Figure {
             Self::Established => "established",
             Self::FalselyEstablished => "falsely established",
             Self::FalseAlarms => "p <= 0.05 if independent",
+            Self::ExcludedIfDependent => "excluded if dependent",
+            Self::EstablishedIfIndependent => "established if independent",
+            Self::DecidedByMany => "decided, N >= 10,000",
+            Self::WrongByMany => "wrong, N >= 10,000",
+            Self::UndecidedByFew => "undecided, N <= 2",
         }
     }
 
@@ -101,6 +139,14 @@ impl Figure {
         let established = || {
             let established = evidence()?.into_iter().map(|told| told.dependence == Dependence::Established);
             Some(established.zip(cases.iter().map(Case::is_dependent)))
+        };
+        let told = |dependence: Dependence, wanted: fn(&Case) -> bool| {
+            let told = cases.iter().zip(evidence()?).filter(|(case, _)| wanted(case));
+            frequency(told.map(|(_, evidence)| evidence.dependence == dependence))
+        };
+        let judged = |wanted: fn(&Case) -> bool, so: fn(Verdict, bool) -> bool| {
+            let judged = cases.iter().zip(verdicts()?).filter(|(case, _)| wanted(case));
+            frequency(judged.map(|(_, (verdict, strong))| so(verdict, strong)))
         };
         match self {
             Self::AucPlanted => auc(&each(cases, |case| Some((decision.score(case)?, case.planted)))?),
@@ -124,14 +170,35 @@ impl Figure {
                 let p_values = independent.map(Case::p_value).collect::<Option<Vec<f64>>>();
                 frequency(p_values.filter(|_| decision == Decision::Permutation)?.into_iter().map(|p| p <= LEVEL))
             }
+            Self::ExcludedIfDependent => told(Dependence::Excluded, Case::is_dependent),
+            Self::EstablishedIfIndependent => told(Dependence::Established, |case| !case.is_dependent()),
+            Self::DecidedByMany => judged(is_settled, |verdict, _| verdict != Verdict::Undecided),
+            Self::WrongByMany => judged(is_settled, is_wrong),
+            Self::UndecidedByFew => {
+                judged(|case| case.answer.visits <= FEW, |verdict, _| verdict == Verdict::Undecided)
+            }
         }
     }
 }
 
-/// Measures decisions by every figure.
-pub fn measure(decisions: &[Decision], cases: &[Case]) -> Measured {
-    let figures = |decision: &Decision| Figure::ALL.map(|figure| (*decision, figure, figure.of(*decision, cases)));
-    decisions.iter().flat_map(figures).collect()
+/// Measures decisions by figures.
+pub fn measure(decisions: &[Decision], figures: &[Figure], cases: &[Case]) -> Measured {
+    let pairs = decisions.iter().flat_map(|decision| figures.iter().map(|figure| (*decision, *figure)));
+    pairs.map(|(decision, figure)| (decision, figure, figure.of(decision, cases))).collect()
+}
+
+/// Returns whether a state was seen so often, with mutual information so far from the threshold, that its verdict is settled.
+fn is_settled(case: &Case) -> bool {
+    case.answer.visits >= MANY && (case.information - Rule::default().threshold_nats()).abs() > NEAR
+}
+
+/// Returns whether a verdict is the opposite of what is true; being undecided is not wrong.
+fn is_wrong(verdict: Verdict, strong: bool) -> bool {
+    match verdict {
+        Verdict::Influences => !strong,
+        Verdict::NoInfluence => strong,
+        Verdict::Undecided => false,
+    }
 }
 
 /// Returns something of each case, if every case has it.

@@ -2,10 +2,11 @@
 //!
 //! Three generators of states, each beside two arms that take something away: where the other's actions are shuffled nothing is left to find, and
 //! where a state without influence has the margins of one with influence, margins give nothing away. Then worlds of other sizes, with influence
-//! nowhere, in some states and everywhere.
+//! nowhere, in some states and everywhere. And hard worlds, which the evidence was not built on: other alphabets, other habits, other volumes.
 
 mod decision;
 mod figure;
+pub mod hard;
 mod plot;
 mod report;
 mod targets;
@@ -14,11 +15,11 @@ mod world;
 use futures::{StreamExt, TryStreamExt, stream};
 
 pub use decision::Decision;
-pub use figure::Figure;
+pub use figure::{Figure, measure};
 pub use plot::plot;
-pub use report::Report;
+pub use report::{Findings, Report};
 pub use targets::Target;
-pub use world::{World, arm_name, generator_name};
+pub use world::{Case, World, arm_name, generator_name};
 
 use super::findings;
 use super::seeds::Seeds;
@@ -86,16 +87,29 @@ impl Options {
 }
 
 /// Runs the experiment; `done` is called after each world of each seed.
-pub async fn run(options: &Options, mut done: impl FnMut()) -> Result<Report, Problem> {
-    let worlds = options.worlds();
-    let runs = worlds.iter().flat_map(|world| options.seeds.iter().map(|seed| (*world, seed)));
+pub async fn run(options: &Options, done: impl FnMut()) -> Result<Report, Problem> {
+    let decisions = |world: &World| options.decisions(world);
+    let findings = measured(&options.worlds(), options.seeds, decisions, &Figure::USUAL, done).await?;
+    Ok(Report { options: *options, findings })
+}
+
+/// Measures the decisions that are made in each world, for every seed.
+async fn measured(
+    worlds: &[World],
+    seeds: Seeds,
+    decisions: impl Fn(&World) -> &'static [Decision],
+    figures: &[Figure],
+    mut done: impl FnMut(),
+) -> Result<Findings, Problem> {
+    let runs = worlds.iter().flat_map(|world| seeds.iter().map(|seed| (*world, seed)));
     let run = async |(world, seed): (World, u64)| -> Result<Measured, Problem> {
-        let decisions = options.decisions(&world);
-        Ok(figure::measure(decisions, &world.cases(seed, decisions).await?))
+        let decisions = decisions(&world);
+        Ok(figure::measure(decisions, figures, &world.cases(seed, decisions).await?))
     };
     let measured = stream::iter(runs).map(run).buffered(AT_ONCE).inspect_ok(|_| done());
     let measured: Vec<Measured> = measured.try_collect().await?;
-    let findings = worlds.iter().zip(measured.chunks(options.seeds.number as usize));
-    let findings = findings.flat_map(|(world, of_seeds)| findings::over_seeds(*world, of_seeds)).collect();
-    Ok(Report { options: *options, findings: findings::Findings(findings) })
+
+    let worlds = worlds.iter().zip(measured.chunks(seeds.number as usize));
+    let findings = worlds.flat_map(|(world, of_seeds)| findings::over_seeds(*world, of_seeds)).collect();
+    Ok(findings::Findings(findings))
 }

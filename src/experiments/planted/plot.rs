@@ -29,7 +29,7 @@ pub fn plot(report: &Report) -> String {
         size: (1_140, 430),
         rows: &ROWS.map(Decision::as_str),
         marks: &MARKS,
-        dashed: "chance",
+        dashed: (0.5, "chance"),
         range: areas(report),
         beside: Generator::USUAL.len(),
         panels: Generator::USUAL.map(|generator| panel(report, generator)).into(),

@@ -2,7 +2,7 @@
 
 use super::decision::Decision;
 use crate::domain::draft::{AgentDraft, FeatureDraft, KindDraft, PairDraft, QuestionDraft, RuleDraft, SchemaDraft};
-use crate::domain::{Answer, Entry, Estimator, Evidence, Figures, Record, RuleKind, Verdict, View};
+use crate::domain::{Answer, Entry, Estimator, Evidence, Figures, Label, Record, RuleKind, Verdict, View};
 use crate::error::Problem;
 use crate::experiments::service::Service;
 use crate::information::Table;
@@ -101,8 +101,9 @@ impl World {
         let dependent = f64::from(self.dependent) / 100.0;
         let drawn = planted(self.generator, &Options { states: self.states, dependent, arm: self.arm, seed });
         let mut service = Service::open(&self.schema()).await?;
-        let records: Vec<Record> = drawn.iter().enumerate().flat_map(|(i, state)| records(i, &state.table)).collect();
-        service.count(&records).await?;
+        for (segment, records) in sent(&drawn) {
+            service.count(segment.as_ref(), &records).await?;
+        }
         service.fit().await?;
         let states: Vec<Vec<f32>> = (0..self.states).map(|i| vec![i as f32]).collect();
         let answers = service.ask(&states, &question(decisions)).await?;
@@ -133,6 +134,20 @@ impl World {
     }
 }
 
+/// Returns what is sent: segment after segment where visits were drawn in segments, else everything under none.
+fn sent(drawn: &[Planted]) -> Vec<(Option<Label>, Vec<Record>)> {
+    let segments = drawn.first().map_or(0, |state| state.segments.len());
+    if segments == 0 {
+        return vec![(None, drawn.iter().enumerate().flat_map(|(i, state)| records(i, &state.table)).collect())];
+    }
+    let of = |at: usize| drawn.iter().enumerate().flat_map(move |(i, state)| records(i, &state.segments[at]));
+    (0..segments).map(|at| (Some(segment(at)), of(at).collect())).collect()
+}
+
+fn segment(at: usize) -> Label {
+    format!("segment-{at}").parse().expect("a label")
+}
+
 /// Returns the records of a state. Every visit was drawn by itself, so each is an entry.
 fn records(state: usize, table: &Table) -> impl Iterator<Item = Record> {
     table.cells().iter().map(move |cell| {
@@ -159,4 +174,20 @@ fn by_the_paper() -> QuestionDraft {
     let rule = RuleDraft { kind: Some(RuleKind::Paper.as_str().into()), ..RuleDraft::default() };
     let pair = PairDraft { rule, ..PairDraft::default() };
     QuestionDraft { pair, view: Some(View::Verdict.as_str().into()), ..QuestionDraft::default() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn visits_that_were_drawn_in_segments_are_sent_in_segments() {
+        let drawn = planted(Generator::Segments, &Options { states: 2, ..Options::default() });
+        let sent = sent(&drawn);
+        let names: Vec<String> = sent.iter().flat_map(|(label, _)| label.as_ref().map(Label::to_string)).collect();
+        assert_eq!((names[0].as_str(), names[7].as_str(), names.len()), ("segment-0", "segment-7", 8));
+        for (_, records) in &sent {
+            assert_eq!(records.iter().map(|record| record.count).sum::<u64>(), 2 * 40);
+        }
+    }
 }

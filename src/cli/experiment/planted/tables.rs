@@ -49,7 +49,7 @@ pub(super) fn render(report: &Report) -> String {
     text += &format!("\n{} where there is less to go by, or nothing\n{}", Figure::AucPlanted.as_str(), arms(report));
     text += &format!("\nwhat is said of whole worlds, % of states\n{}", called(report));
     text += &format!(
-        "\ntargets, stated for 2,500 states and at least 10 seeds\n{}",
+        "\ntargets, stated for 2,500 states and at least 10 seeds; precision where 20 or more are called\n{}",
         targets(&report.targets(), &["world"], named)
     );
     text
