@@ -1,6 +1,6 @@
 //! Counts: what a batch adds, and what a state holds.
 
-use super::{Label, StateKey};
+use super::{Label, Schema, StateKey};
 
 /// The store's number of a segment; never used twice. Transitions without a segment have one too.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -91,9 +91,144 @@ impl Counts {
     }
 }
 
+/// The most actions of an agent whose marginal counts are kept; no evidence is computed for an agent with more.
+pub const MOST_ACTIONS: u64 = 4_096;
+
+/// Marginal counts: how often each agent took each of its actions, over all states and segments of an environment.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ActionTotals {
+    /// Transitions counted so far.
+    pub revision: u64,
+    schema: Schema,
+    /// A tally for each action of each agent; none for an agent that has more than [`MOST_ACTIONS`].
+    agents: Vec<Vec<Tally>>,
+}
+
+impl ActionTotals {
+    /// Begins with nothing counted.
+    pub fn new(schema: &Schema) -> Self {
+        let sizes =
+            schema.agents().iter().map(|agent| Some(agent.actions()).filter(|actions| *actions <= MOST_ACTIONS));
+        let agents = sizes.map(|size| vec![Tally::EMPTY; size.unwrap_or(0) as usize]).collect();
+        Self { revision: 0, schema: schema.clone(), agents }
+    }
+
+    /// Returns how often an agent drew each of its actions: entries where every transition of the environment carried the flag, else visits. Empty
+    /// for an agent that has more than [`MOST_ACTIONS`].
+    pub fn draws(&self, agent: usize) -> Vec<u64> {
+        let tallies = &self.agents[agent];
+        let entries: Option<Vec<u64>> = tallies.iter().map(|tally| tally.entries).collect();
+        entries.unwrap_or_else(|| tallies.iter().map(|tally| tally.n).collect())
+    }
+
+    /// Counts a joint action.
+    pub fn add(&mut self, joint: u64, tally: Tally) {
+        self.revision += tally.n;
+        self.add_actions(joint, tally);
+    }
+
+    /// Counts the joint actions of a commit, unless its revision says that they are counted already.
+    pub fn apply(&mut self, revision: u64, cells: impl Iterator<Item = (u64, Tally)>) {
+        if self.revision < revision {
+            self.revision = revision;
+            cells.for_each(|(joint, tally)| self.add_actions(joint, tally));
+        }
+    }
+
+    /// Adds what was counted later, up to the revision of that.
+    pub fn append(&mut self, later: &Self) {
+        self.revision = later.revision;
+        for (tallies, added) in self.agents.iter_mut().zip(&later.agents) {
+            tallies.iter_mut().zip(added).for_each(|(tally, added)| tally.add(*added));
+        }
+    }
+
+    fn add_actions(&mut self, joint: u64, tally: Tally) {
+        for (agent, tallies) in self.agents.iter_mut().enumerate() {
+            // One with too many actions has no tallies, and a damaged joint action may name an action that nobody has.
+            if tallies.is_empty() {
+                continue;
+            }
+            if let Some(sum) = tallies.get_mut(self.schema.action_of(joint, agent) as usize) {
+                sum.add(tally);
+            }
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
+    use super::super::draft::{AgentDraft, FeatureDraft, KindDraft};
     use super::*;
+    use crate::domain::SchemaDraft;
+
+    /// Returns a schema of agents with so many actions each.
+    fn schema(actions: &[i64]) -> Schema {
+        let feature = |max| FeatureDraft { name: "move".into(), unit: None, kinds: vec![KindDraft::Integer(0, max)] };
+        let agent = |(at, actions): (usize, &i64)| AgentDraft {
+            name: format!("agent{at}"),
+            action: vec![feature(actions - 1)],
+        };
+        let state = vec![FeatureDraft { name: "place".into(), ..feature(9) }];
+        let draft = SchemaDraft { state, agents: actions.iter().enumerate().map(agent).collect() };
+        Schema::try_from(&draft).expect("valid")
+    }
+
+    fn tally(n: u64, entries: impl Into<Option<u64>>) -> Tally {
+        Tally { n, entries: entries.into() }
+    }
+
+    #[test]
+    fn every_agent_draws_its_part_of_a_joint_action() {
+        let mut totals = ActionTotals::new(&schema(&[2, 3, 4]));
+        assert_eq!((totals.revision, totals.draws(1)), (0, vec![0; 3]));
+        // 1, 2, 3 and 0, 2, 1.
+        totals.add(12 + 2 * 4 + 3, tally(5, 2));
+        totals.add(2 * 4 + 1, tally(4, 4));
+        assert_eq!(totals.revision, 9);
+        assert_eq!([0, 1, 2].map(|agent| totals.draws(agent)), [vec![4, 2], vec![0, 0, 6], vec![0, 4, 0, 2]]);
+    }
+
+    #[test]
+    fn visits_are_drawn_once_any_transition_came_without_the_flag() {
+        let mut totals = ActionTotals::new(&schema(&[2, 3]));
+        totals.add(0, tally(5, 2));
+        totals.add(5, tally(3, None));
+        assert_eq!([0, 1].map(|agent| totals.draws(agent)), [vec![5, 3], vec![5, 0, 3]]);
+        totals.add(0, tally(1, 1));
+        assert_eq!(totals.draws(0), [6, 3]);
+    }
+
+    #[test]
+    fn an_agent_with_too_many_actions_has_none() {
+        let most = MOST_ACTIONS as i64;
+        let mut totals = ActionTotals::new(&schema(&[most + 1, most, 1]));
+        totals.add(4_096 * 4_096 + 4_095, tally(2, 2));
+        assert_eq!((totals.draws(0), totals.draws(2)), (vec![], vec![2]));
+        let draws = totals.draws(1);
+        assert_eq!((draws.len(), draws[4_095], draws.iter().sum::<u64>()), (4_096, 2, 2));
+    }
+
+    #[test]
+    fn a_joint_action_that_no_schema_has_is_nobodys() {
+        let mut totals = ActionTotals::new(&schema(&[2, 3]));
+        totals.add(u64::MAX, tally(1, 1));
+        assert_eq!((totals.revision, totals.draws(0)), (1, vec![0, 0]));
+    }
+
+    #[test]
+    fn a_commit_is_counted_once() {
+        let schema = schema(&[2, 3]);
+        let mut totals = ActionTotals::new(&schema);
+        for revision in [3, 3, 2] {
+            totals.apply(revision, [(0, tally(1, 1)), (5, tally(2, 1))].into_iter());
+        }
+        assert_eq!((totals.revision, totals.draws(0)), (3, vec![1, 1]));
+        let mut later = ActionTotals { revision: 3, ..ActionTotals::new(&schema) };
+        later.apply(7, [(5, tally(4, None))].into_iter());
+        totals.append(&later);
+        assert_eq!((totals.revision, totals.draws(0), totals.draws(1)), (7, vec![1, 6], vec![1, 0, 6]));
+    }
 
     #[test]
     fn entries_are_unknown_once_one_was() {

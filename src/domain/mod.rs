@@ -7,7 +7,8 @@
 //! * A **state** is a tuple of feature values; discretised, a tuple of bins, whose [`StateKey`] is `3.0.7`.
 //! * A **joint action** is one action index per agent, as one number, the first agent most significant.
 //! * A **transition** is (state, joint action), seen once or `count` times; `entry` says whether it entered its state.
-//! * A **cell** is (state, **segment**, joint action) with its [`Tally`]: visits `n` and `entries`.
+//! * A **cell** is (state, **segment**, joint action) with its [`Tally`]: visits `n` and `entries`. Summed over states and segments
+//!   for each action of each agent, cells are [`ActionTotals`].
 //!
 //! Input passes through stages, each a type: drafts and [`Records`] (decoded), [`Schema`], [`Question`] and [`Increment`] (valid),
 //! [`Receipt`] (committed) and [`Answer`].
@@ -42,7 +43,7 @@ pub use answer::{
     Probability, Significance, Variable, Verdict,
 };
 pub use batch::{Acknowledged, Batch, Receipt, Sequence};
-pub use counts::{Cell, Counts, Increment, SegmentId, Tally};
+pub use counts::{ActionTotals, Cell, Counts, Increment, MOST_ACTIONS, SegmentId, Tally};
 pub use draft::{RuleDraft, SchemaDraft};
 pub use environment::{Environment, EnvironmentId, EnvironmentPage, Uid, UnreadableEnvironment};
 pub use estimator::{Estimator, Estimators};

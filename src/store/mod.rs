@@ -8,8 +8,8 @@ use std::sync::Arc;
 use async_trait::async_trait;
 
 use crate::domain::{
-    Acknowledged, Counts, Digest, Environment, EnvironmentId, FitId, Increment, Label, Name, ProducerId, Receipt,
-    Schema, SegmentId, Sequence, StateKey, UnreadableEnvironment, Worded, WrittenRule,
+    Acknowledged, ActionTotals, Counts, Digest, Environment, EnvironmentId, FitId, Increment, Label, Name, ProducerId,
+    Receipt, Schema, SegmentId, Sequence, StateKey, UnreadableEnvironment, Worded, WrittenRule,
 };
 
 mod error;
@@ -78,6 +78,10 @@ pub trait Store: Send + Sync {
 
     /// Returns the totals of an environment.
     async fn totals(&self, id: EnvironmentId) -> Result<Totals, StoreError>;
+
+    /// Returns how often each agent took each of its actions, over all states and segments, at one revision. A call that starts after `commit`
+    /// returned sees what it counted. From memory, but for the first call, which reads every state once; no commit waits for it.
+    async fn actions(&self, environment: &Environment) -> Result<Arc<ActionTotals>, StoreError>;
 
     /// Returns the fits of an environment, in order of pair.
     async fn fits(&self, id: EnvironmentId) -> Result<Vec<FitRecord>, StoreError>;

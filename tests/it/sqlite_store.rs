@@ -123,6 +123,9 @@ async fn damage_beyond_any_number_is_still_told() {
     execute(&file.path(), "update cells set n = 9223372036854775807").await;
     let audits = store.audit().await.expect("an audit");
     assert_eq!(audits[0].found[0], u64::MAX - 1);
+    let environment = store.environment("hallway").expect("made");
+    let why = store.actions(&environment).await.expect_err("no sum").to_string();
+    assert!(why.contains("run `nudge check`"), "{why}");
     execute(&file.path(), "delete from cells").await;
     assert_eq!(store.audit().await.expect("an audit")[0].found, [0, 1, 0]);
 }
@@ -218,6 +221,7 @@ async fn a_commit_that_is_cancelled_happened_or_not() {
     let file = SqliteFile::new();
     let store = open(&file).await;
     let (id, first) = with_some_counts(&store).await;
+    let environment = store.environment("hallway").expect("made");
     let (mut happened, mut cancelled) = (0, 0);
     for round in 0..300_u64 {
         let last = store.watermark(id, &first.producer).await.expect("a watermark").get();
@@ -227,10 +231,17 @@ async fn a_commit_that_is_cancelled_happened_or_not() {
         cancelled += u64::from(answer.is_err());
         // Read before the next transaction settles it, and after.
         let early = visits(&store, id, 5).await;
+        if round % 2 == 1 {
+            let [first, second] = [0; 2].map(|_| store.actions(&environment));
+            let (first, second) = (first.await.expect("actions"), second.await.expect("actions"));
+            assert!(Arc::ptr_eq(&first, &second), "read from the cells twice");
+        }
         let committed = store.watermark(id, &first.producer).await.expect("a watermark").get() - 1;
         let late = visits(&store, id, 5).await;
         assert!(early <= late && late == committed, "{early} {late} {committed}");
         assert!(answer.is_err() || committed == last, "acknowledged and lost");
+        let actions = store.actions(&environment).await.expect("actions");
+        assert_eq!(actions.revision, 5 + committed, "five were counted before");
         happened = committed;
     }
     assert!(cancelled > 0 && happened > 0, "{cancelled} cancelled, {happened} happened");

@@ -2,14 +2,16 @@
 
 use std::sync::Arc;
 
-use nudge::domain::{Cell, Environment, EnvironmentId, FitId, SegmentId, Sequence, Tally, Threshold, WrittenRule};
+use nudge::domain::{
+    ActionTotals, Cell, Environment, EnvironmentId, FitId, SegmentId, Sequence, Tally, Threshold, WrittenRule,
+};
 use nudge::error::ErrorKind;
 use nudge::store::{
     Cursor, FitRecord, ModelRecord, NewModel, Numbered, Outcome, Quotas, Refusal, Store, StoreError, Totals,
 };
 
 use crate::support::batches::*;
-use crate::support::databases::{Database, SqliteFile};
+use crate::support::databases::{Database, SqliteFile, actions_by_scan};
 
 macro_rules! store_contract {
     ($database:expr; $($case:ident),* $(,)?) => {
@@ -48,6 +50,12 @@ mod sqlite {
         many_states_are_read_at_once,
         a_scan_sees_every_state_once,
         what_a_commit_counts_is_read_after_it,
+        nobody_acted_in_an_empty_environment,
+        actions_add_up_over_states_and_segments,
+        actions_of_three_agents_come_apart,
+        actions_follow_every_commit,
+        actions_are_drawn_by_visits_once_a_flag_is_missing,
+        actions_go_with_their_environment,
         an_audit_finds_nothing_wrong,
         many_new_states_in_one_commit,
         environments_do_not_mix,
@@ -494,6 +502,109 @@ async fn what_a_commit_counts_is_read_after_it(database: &dyn Database) {
         assert_eq!([visits(0), visits(1), visits(2)], [sequence, sequence, 0]);
         assert!(counts.iter().all(|c| c.revision == 2 * sequence));
     }
+}
+
+/// Returns how often each action was taken, after comparing that with the cells.
+async fn actions(store: &Arc<dyn Store>, name: &str) -> Arc<ActionTotals> {
+    let environment = store.environment(name).expect("made");
+    let actions = store.actions(&environment).await.expect("actions");
+    assert_eq!(*actions, actions_by_scan(&**store, &environment).await);
+    assert_eq!(actions.revision, totals(store, environment.id).await.transitions);
+    actions
+}
+
+/// Returns the actions that an agent took, with how often.
+fn drawn(actions: &ActionTotals, agent: usize) -> Vec<(usize, u64)> {
+    actions.draws(agent).into_iter().enumerate().filter(|(_, n)| *n > 0).collect()
+}
+
+async fn nobody_acted_in_an_empty_environment(database: &dyn Database) {
+    let (store, _) = open(database).await;
+    for _ in 0..2 {
+        let actions = actions(&store, "hallway").await;
+        assert_eq!([0, 1].map(|agent| actions.draws(agent)), [vec![0; 1_024], vec![0; 1_024]]);
+    }
+}
+
+async fn actions_add_up_over_states_and_segments(database: &dyn Database) {
+    let (store, id) = open(database).await;
+    let elsewhere = make(&store, "kitchen").await;
+    let batches = [
+        batch(id, "a", 1).cell(1, 3 * 1_024 + 7, tally(5, 2)).cell(2, 3 * 1_024 + 8, tally(4, 4)).done(),
+        batch(id, "a", 2).cell(1, 3 * 1_024 + 7, tally(9, 1)).segment("train").done(),
+        batch(id, "b", 1).cell(3, 1_023 * 1_024 + 1_023, tally(1, 1)).done(),
+        batch(elsewhere, "a", 1).cell(1, 0, tally(100, 100)).done(),
+    ];
+    commit(&store, &batches).await;
+    for _ in 0..2 {
+        let actions = actions(&store, "hallway").await;
+        assert_eq!(drawn(&actions, 0), [(3, 7), (1_023, 1)]);
+        assert_eq!(drawn(&actions, 1), [(7, 3), (8, 4), (1_023, 1)]);
+    }
+    assert_eq!(drawn(&*actions(&store, "kitchen").await, 1), [(0, 100)]);
+}
+
+async fn actions_of_three_agents_come_apart(database: &dyn Database) {
+    let store = database.open(Quotas::default()).await;
+    let schema = schema_of(&[("robot", 2), ("human", 5_000), ("dog", 3)]);
+    let made = store.create(&"yard".parse().expect("a name"), &schema, WrittenRule::default()).await.expect("made");
+    let joint = |[robot, human, dog]: [u64; 3]| (robot * 5_000 + human) * 3 + dog;
+    for sequence in 1..=2 {
+        let sending = batch(made.id, "a", sequence).cell(1, joint([1, 4_999, 2]), tally(2, 2));
+        commit(&store, &[sending.cell(2, joint([0, 0, 2]), tally(1, 1)).done()]).await;
+        let actions = actions(&store, "yard").await;
+        assert_eq!(drawn(&actions, 0), [(0, sequence), (1, 2 * sequence)]);
+        assert!(actions.draws(1).is_empty(), "too many to tell");
+        assert_eq!(actions.draws(2), [0, 0, 3 * sequence]);
+    }
+}
+
+async fn actions_follow_every_commit(database: &dyn Database) {
+    let (store, id) = open(database).await;
+    let mut before: Option<Arc<ActionTotals>> = None;
+    for sequence in 1..=5 {
+        let next = batch(id, "a", sequence).cell(sequence as u32, 1_024 * sequence, tally(sequence, 1)).done();
+        commit(&store, &[next.clone(), next]).await;
+        let now = actions(&store, "hallway").await;
+        assert_eq!(drawn(&now, 0), (1..=sequence as usize).map(|action| (action, 1)).collect::<Vec<_>>());
+        let last = before.replace(now);
+        assert!(last.is_none_or(|last| drawn(&last, 0).len() as u64 == sequence - 1), "what was told has changed");
+    }
+    store.close().await;
+    let store = database.open(Quotas::default()).await;
+    assert_eq!(Some(actions(&store, "hallway").await), before);
+    commit(&store, &[batch(id, "a", 6).cell(1, 0, tally(1, 1)).done()]).await;
+    assert_eq!(drawn(&*actions(&store, "hallway").await, 1), [(0, 6)]);
+}
+
+async fn actions_are_drawn_by_visits_once_a_flag_is_missing(database: &dyn Database) {
+    let (store, id) = open(database).await;
+    let unknown = Tally { n: 2, entries: None };
+    commit(&store, &[batch(id, "a", 1).cell(1, 1, tally(3, 1)).cell(1, 2, tally(5, 0)).done()]).await;
+    assert_eq!(drawn(&*actions(&store, "hallway").await, 1), [(1, 1)]);
+    // One told to what is in memory, one read with the rest.
+    commit(&store, &[batch(id, "a", 2).cell(2, 9, unknown).done()]).await;
+    let told = actions(&store, "hallway").await;
+    store.close().await;
+    let store = database.open(Quotas::default()).await;
+    for actions in [told, actions(&store, "hallway").await] {
+        assert_eq!(drawn(&actions, 0), [(0, 10)]);
+        assert_eq!(drawn(&actions, 1), [(1, 3), (2, 5), (9, 2)]);
+    }
+}
+
+async fn actions_go_with_their_environment(database: &dyn Database) {
+    let (store, id) = open(database).await;
+    let old = store.environment("hallway").expect("made");
+    commit(&store, &[batch(id, "a", 1).cell(1, 1, tally(3, 3)).done()]).await;
+    actions(&store, "hallway").await;
+    store.delete(id).await.expect("removed");
+    assert!(is_unknown(store.actions(&old).await));
+    let again = make(&store, "hallway").await;
+    assert!(is_unknown(store.actions(&old).await));
+    assert_eq!(drawn(&*actions(&store, "hallway").await, 1), []);
+    commit(&store, &[batch(again, "a", 1).cell(1, 2, tally(1, 1)).done()]).await;
+    assert_eq!(drawn(&*actions(&store, "hallway").await, 1), [(2, 1)]);
 }
 
 async fn an_audit_finds_nothing_wrong(database: &dyn Database) {

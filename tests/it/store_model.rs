@@ -6,12 +6,12 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-use nudge::domain::{Digest, EnvironmentId, Tally, WrittenRule};
+use nudge::domain::{ActionTotals, Digest, Environment, EnvironmentId, Tally, WrittenRule};
 use nudge::store::{Cursor, Numbered, Outcome, Quotas, Refusal, Store, Totals};
 use proptest::prelude::*;
 
 use crate::support::batches::*;
-use crate::support::databases::{Database, SqliteFile};
+use crate::support::databases::{Database, SqliteFile, actions_by_scan};
 
 const PLACES: u32 = 4;
 const NAMES: [&str; 2] = ["hallway", "kitchen"];
@@ -75,6 +75,12 @@ impl World {
             }
         });
         cells
+    }
+
+    fn actions(&self) -> ActionTotals {
+        let mut actions = ActionTotals::new(&schema());
+        self.cells().into_iter().for_each(|((_, _, joint), tally)| actions.add(joint, tally));
+        actions
     }
 
     fn decide(&mut self, batch: &Numbered) -> Outcome {
@@ -227,6 +233,8 @@ impl Pair {
                 assert_eq!(told.collect::<BTreeMap<_, _>>(), expected.map(|(n, t)| (n.clone(), *t)).collect());
                 assert_eq!(found.revision, world.totals().transitions);
             }
+            let environment = self.store().environment(NAMES[name]).expect("made");
+            assert_eq!(*self.store().actions(&environment).await.expect("actions"), world.actions());
         }
     }
 
@@ -352,4 +360,57 @@ async fn readers_never_see_a_state_go_back_with_a_warm_cache() {
 #[tokio::test(flavor = "multi_thread", worker_threads = 3)]
 async fn readers_never_see_a_state_go_back_with_hardly_a_cache() {
     readers_beside_a_writer(20).await;
+}
+
+/// Asks for the actions until the writer is done; returns how often.
+async fn ask(store: Arc<dyn Store>, environment: Arc<Environment>, acknowledged: Arc<AtomicU64>, last: u64) -> u64 {
+    let (mut asked, mut seen) = (0, 0);
+    while seen < last {
+        let before = load(&acknowledged);
+        let actions = store.actions(&environment).await.expect("actions");
+        assert!(actions.revision >= before.max(seen), "an acknowledged batch is missing, or back in time");
+        for agent in [0, 1] {
+            assert_eq!(actions.draws(agent).iter().sum::<u64>(), actions.revision, "missed or doubled");
+        }
+        (asked, seen) = (asked + 1, actions.revision);
+        tokio::task::yield_now().await;
+    }
+    asked
+}
+
+/// Each round opens the store anew, so that its first questions read every state while commits go on.
+#[tokio::test(flavor = "multi_thread", worker_threads = 3)]
+async fn actions_are_read_while_commits_go_on() {
+    const STATES: u32 = 4_000;
+    const COMMITS: u64 = 60;
+    let file = SqliteFile::new();
+    let store = file.open(Quotas::default()).await;
+    let made = store.create(&"hallway".parse().expect("a name"), &schema(), WrittenRule::default()).await;
+    let id = made.expect("made").id;
+    let first = (0..STATES).fold(batch(id, "base", 1), |sending, place| sending.cell(place, 5, tally(1, 1)));
+    store.commit(&[first.done()]).await.expect("a commit");
+    store.close().await;
+    drop(store);
+
+    for round in 0..6 {
+        let store = file.open(Quotas::default()).await;
+        let environment = store.environment("hallway").expect("made");
+        let counted = u64::from(STATES) + round * COMMITS;
+        let acknowledged = Arc::new(AtomicU64::new(counted));
+        let asking = [0; 3].map(|_| {
+            let (store, environment) = (Arc::clone(&store), Arc::clone(&environment));
+            tokio::spawn(ask(store, environment, Arc::clone(&acknowledged), counted + COMMITS))
+        });
+        for sequence in round * COMMITS + 1..=(round + 1) * COMMITS {
+            let next = batch(id, "game", sequence).cell(sequence as u32 % 7, sequence % 1_500, tally(1, 1)).done();
+            assert_eq!(store.commit(std::slice::from_ref(&next)).await.expect("a commit"), [applied(&next)]);
+            add(&acknowledged);
+        }
+        for asking in asking {
+            assert!(asking.await.expect("no assertion failed") > 1);
+        }
+        let expected = actions_by_scan(&*store, &environment).await;
+        assert_eq!(*store.actions(&environment).await.expect("actions"), expected);
+        store.close().await;
+    }
 }

@@ -1,7 +1,7 @@
 //! The store in one SQLite file: one connection that writes, a few that read, and what is remembered of it in memory.
 //!
 //! `open` makes it, `writer` owns the connection that writes, `commit` decides and counts, `read` and `audit` look, `environments`, `fits`, `models` and `removal` keep the worlds,
-//! `cache`, `directory` and `known` remember, `text` and `packed` say how things are written, `error` what its errors mean.
+//! `actions`, `cache`, `directory` and `known` remember, `text` and `packed` say how things are written, `error` what its errors mean.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -9,18 +9,17 @@ use std::sync::{Arc, Mutex, PoisonError};
 use async_trait::async_trait;
 use sqlx::SqlitePool;
 
-use self::cache::CountsCache;
-use self::directory::Directory;
 use self::writer::{Memory, Writer};
 use super::{
     Audit, Cursor, FitRecord, ModelRecord, NewModel, Numbered, Outcome, Quotas, Scanned, StateCounts, Store,
     StoreError, Totals,
 };
 use crate::domain::{
-    Environment, EnvironmentId, Label, Name, ProducerId, Schema, SegmentId, Sequence, StateKey, UnreadableEnvironment,
-    WrittenRule,
+    ActionTotals, Environment, EnvironmentId, Label, Name, ProducerId, Schema, SegmentId, Sequence, StateKey,
+    UnreadableEnvironment, WrittenRule,
 };
 
+mod actions;
 mod audit;
 mod cache;
 mod commit;
@@ -126,6 +125,10 @@ impl Store for SqliteStore {
 
     async fn totals(&self, id: EnvironmentId) -> Result<Totals, StoreError> {
         read::totals(&self.readers, id).await
+    }
+
+    async fn actions(&self, environment: &Environment) -> Result<Arc<ActionTotals>, StoreError> {
+        actions::actions(&self.readers, &self.writer, &self.memory.actions, environment).await
     }
 
     async fn fits(&self, id: EnvironmentId) -> Result<Vec<FitRecord>, StoreError> {

@@ -12,7 +12,7 @@ use sqlx::{ConnectOptions, Connection, SqlitePool};
 
 use super::error::{migrating, opening, unopenable};
 use super::removal;
-use super::{CountsCache, Directory, Memory, Options, SqliteStore, Writer};
+use super::{Memory, Options, SqliteStore, Writer};
 use crate::store::StoreError;
 
 static MIGRATIONS: Migrator = sqlx::migrate!();
@@ -36,7 +36,7 @@ pub(super) async fn open(path: &Path, options: Options) -> Result<SqliteStore, S
     let lock = lock(path)?;
     let writing = writing(path);
     migrate(path, &writing).await?;
-    let memory = Arc::new(Memory { directory: Directory::default(), cache: CountsCache::new(options.cache_cells) });
+    let memory = Arc::new(Memory::new(options.cache_cells));
     let writer = Writer::new(writing, Arc::clone(&memory));
     // The first transaction fills memory.
     removal::sweep(&writer).await?;

@@ -89,7 +89,8 @@ fn scanned(row: &SqliteRow) -> Result<Scanned, StoreError> {
     })
 }
 
-fn counts_of(row: &SqliteRow, at: usize) -> Result<Counts, StoreError> {
+/// Reads packed cells; a state without any has none.
+pub(super) fn counts_of(row: &SqliteRow, at: usize) -> Result<Counts, StoreError> {
     match row.try_get::<Option<&str>, _>(at).map_err(unreadable)? {
         None => Ok(Counts::default()),
         Some(text) => packed::counts(text).ok_or_else(|| spoiled("a state's counts")),
@@ -171,6 +172,6 @@ pub(super) async fn bytes(path: &Path) -> Result<u64, StoreError> {
 }
 
 /// Reads a number that the tables keep from being negative.
-fn whole(row: &SqliteRow, at: usize) -> Result<u64, sqlx::Error> {
+pub(super) fn whole(row: &SqliteRow, at: usize) -> Result<u64, sqlx::Error> {
     Ok(row.try_get::<i64, _>(at)?.unsigned_abs())
 }

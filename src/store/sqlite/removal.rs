@@ -21,6 +21,7 @@ pub(super) async fn delete(writer: &Writer, id: EnvironmentId) -> Result<(), Sto
     let forget = |memory: &Memory, known: &mut Known| {
         memory.directory.remove(id);
         memory.cache.forget(id);
+        memory.actions.forget(id);
         known.forget(id);
     };
     transaction.commit(forget).await?;

@@ -10,6 +10,7 @@ use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
 use sqlx::{ConnectOptions, Connection};
 use tokio::sync::{Mutex, MutexGuard};
 
+use super::actions::ActionsMemory;
 use super::cache::CountsCache;
 use super::directory::Directory;
 use super::environments;
@@ -23,6 +24,28 @@ pub(super) struct Memory {
     pub(super) directory: Directory,
     /// The counts of states.
     pub(super) cache: CountsCache,
+    /// How often each action was taken.
+    pub(super) actions: ActionsMemory,
+}
+
+impl Memory {
+    /// Remembers nothing yet; the first transaction lets it begin.
+    pub(super) fn new(cache_cells: usize) -> Self {
+        let cache = CountsCache::new(cache_cells);
+        Self { directory: Directory::default(), cache, actions: ActionsMemory::default() }
+    }
+
+    /// Drops the counts, and takes none in until it is known what was committed.
+    fn suspend(&self) {
+        self.cache.suspend();
+        self.actions.suspend();
+    }
+
+    /// Takes counts in again.
+    fn resume(&self) {
+        self.cache.resume();
+        self.actions.resume();
+    }
 }
 
 /// The door to the writing connection: one transaction at a time.
@@ -89,7 +112,7 @@ impl Writer {
         if is_new {
             let all = environments::load(transaction.connection()).await?;
             self.memory.directory.replace(all);
-            self.memory.cache.resume();
+            self.memory.resume();
         }
         Ok(transaction)
     }
@@ -127,7 +150,7 @@ impl Drop for Transaction<'_> {
     fn drop(&mut self) {
         if let Some(connection) = self.connection.take() {
             // Memory first: once the connection is gone, its last COMMIT may come true at any moment.
-            self.memory.cache.suspend();
+            self.memory.suspend();
             self.place.known = Known::default();
             drop(connection);
         }

@@ -8,10 +8,16 @@ use nudge::store::{Numbered, Outcome, Refusal};
 
 /// Returns a schema of one wide state feature and two agents with 1,024 actions each.
 pub fn schema() -> Schema {
+    schema_of(&[("robot", 1_024), ("human", 1_024)])
+}
+
+/// Returns a schema of one wide state feature and agents with so many actions each.
+pub fn schema_of(agents: &[(&str, i64)]) -> Schema {
     let feature =
         |name: &str, max| FeatureDraft { name: name.into(), unit: None, kinds: vec![KindDraft::Integer(0, max)] };
-    let agent = |name: &str| AgentDraft { name: name.into(), action: vec![feature("move", 1_023)] };
-    let draft = SchemaDraft { state: vec![feature("place", 1 << 20)], agents: vec![agent("robot"), agent("human")] };
+    let agent =
+        |(name, actions): &(&str, i64)| AgentDraft { name: (*name).into(), action: vec![feature("move", actions - 1)] };
+    let draft = SchemaDraft { state: vec![feature("place", 1 << 20)], agents: agents.iter().map(agent).collect() };
     Schema::try_from(&draft).expect("valid")
 }
 

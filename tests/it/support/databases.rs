@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use nudge::store::{Options, Quotas, SqliteStore, Store};
+use nudge::domain::{ActionTotals, Environment};
+use nudge::store::{Cursor, Options, Quotas, SqliteStore, Store};
 use tempfile::TempDir;
 
 /// A place where a store can be opened, dropped, and opened again with what it held.
@@ -42,5 +43,20 @@ impl Database for SqliteFile {
     async fn open(&self, quotas: Quotas) -> Arc<dyn Store> {
         let opened = SqliteStore::open(&self.path(), self.options(quotas)).await;
         Arc::new(opened.expect("a store that can be opened"))
+    }
+}
+
+/// Returns how often each agent took each action, by adding up every state. Nobody may commit meanwhile.
+pub async fn actions_by_scan(store: &dyn Store, environment: &Environment) -> ActionTotals {
+    let mut totals = ActionTotals::new(&environment.schema);
+    let mut cursor = Cursor::default();
+    loop {
+        let page = store.scan(environment.id, cursor, 1_000).await.expect("a page");
+        let cells = page.iter().flat_map(|state| state.counts.cells());
+        cells.for_each(|cell| totals.add(cell.joint, cell.tally));
+        match page.last() {
+            Some(last) => cursor = last.cursor,
+            None => return totals,
+        }
     }
 }

@@ -5,8 +5,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use async_trait::async_trait;
 use nudge::domain::{
-    Environment, EnvironmentId, Label, Name, ProducerId, Schema, SegmentId, Sequence, StateKey, UnreadableEnvironment,
-    WrittenRule,
+    ActionTotals, Environment, EnvironmentId, Label, Name, ProducerId, Schema, SegmentId, Sequence, StateKey,
+    UnreadableEnvironment, WrittenRule,
 };
 use nudge::store::{
     Audit, Cursor, FitRecord, ModelRecord, NewModel, Numbered, Outcome, Scanned, StateCounts, Store, StoreError, Totals,
@@ -106,6 +106,9 @@ impl Store for Faulty {
     }
     async fn totals(&self, id: EnvironmentId) -> Result<Totals, StoreError> {
         self.store.totals(id).await
+    }
+    async fn actions(&self, environment: &Environment) -> Result<Arc<ActionTotals>, StoreError> {
+        self.store.actions(environment).await
     }
     async fn fits(&self, id: EnvironmentId) -> Result<Vec<FitRecord>, StoreError> {
         self.store.fits(id).await

@@ -34,7 +34,7 @@ pub(super) async fn commit(
         return Ok(outcomes);
     }
     let deltas = write::write(&mut transaction, ledgers).await?;
-    transaction.commit(|memory, _| deltas.iter().for_each(|delta| delta.apply_to(&memory.cache))).await?;
+    transaction.commit(|memory, _| deltas.iter().for_each(|delta| delta.apply_to(memory))).await?;
     Ok(outcomes)
 }
 

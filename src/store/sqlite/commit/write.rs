@@ -9,13 +9,12 @@ use super::ledger::{Ledger, Ledgers};
 use super::{lookup, signed};
 use crate::domain::{Cell, EnvironmentId, SegmentId, StateKey, Tally};
 use crate::store::StoreError;
-use crate::store::sqlite::cache::CountsCache;
 use crate::store::sqlite::error::aborted;
 use crate::store::sqlite::known::{CellKey, Known};
 use crate::store::sqlite::rows::ManyRows;
-use crate::store::sqlite::writer::Transaction;
+use crate::store::sqlite::writer::{Memory, Transaction};
 
-/// What a commit adds to one environment, for the cache.
+/// What a commit adds to one environment, for memory.
 pub(super) struct Delta<'a> {
     environment: EnvironmentId,
     revision: u64,
@@ -33,11 +32,13 @@ struct CellRow {
 }
 
 impl Delta<'_> {
-    /// Brings the cache up to date.
-    pub(super) fn apply_to(&self, cache: &CountsCache) {
+    /// Brings memory up to date.
+    pub(super) fn apply_to(&self, memory: &Memory) {
         let states = self.rows.chunk_by(|a, b| a.state == b.state);
         let delta = states.map(|rows| (self.states[rows[0].state as usize], rows.iter().map(CellRow::cell)));
-        cache.apply(self.environment, self.revision, delta);
+        memory.cache.apply(self.environment, self.revision, delta);
+        let actions = self.rows.iter().map(|row| (row.key.2 as u64, row.tally));
+        memory.actions.apply(self.environment, self.revision, actions);
     }
 }
 
@@ -47,7 +48,7 @@ impl CellRow {
     }
 }
 
-/// Writes everything, and returns what the cache has to be told after COMMIT.
+/// Writes everything, and returns what memory has to be told after COMMIT.
 pub(super) async fn write<'a>(
     transaction: &mut Transaction<'_>,
     ledgers: Ledgers<'a>,

@@ -7,8 +7,7 @@ const ENVIRONMENT: EnvironmentId = EnvironmentId(1);
 
 fn writer(directory: &tempfile::TempDir) -> Writer {
     let options = SqliteConnectOptions::new().filename(directory.path().join("test.db")).create_if_missing(true);
-    let memory = Memory { directory: Directory::default(), cache: CountsCache::new(100) };
-    Writer::new(options, Arc::new(memory))
+    Writer::new(options, Arc::new(Memory::new(100)))
 }
 
 async fn execute(transaction: &mut Transaction<'_>, text: &'static str) {

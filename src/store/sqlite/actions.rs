@@ -1,0 +1,228 @@
+//! Materialised marginal counts: how often each action was taken in an environment. Read from the cells when somebody first asks, then brought up to
+//! date by every commit; never on disk.
+//!
+//! Commits go on while the cells are read, and each must be counted once: by the read or on top of it. **Revisions** settle it, as in the cache:
+//!
+//! * A load is announced before its snapshot is taken. So a commit that the snapshot lacks is told to [`ActionsMemory::apply`] after the
+//!   announcement, and kept.
+//! * The load's one statement reads the revision of its snapshot first. From then on only commits above it are kept, as their sum. At the end that is
+//!   added to what was read.
+//! * Totals and sum know their revision, so a commit that was seen in the database before memory was told of it is not added again.
+//!
+//! When nobody knows whether a COMMIT took effect, everything is dropped, the load under way too: it still answers who asked, and is not kept.
+
+use std::num::NonZeroUsize;
+use std::sync::{Arc, Mutex, MutexGuard};
+
+use futures::TryStreamExt;
+use lru::LruCache;
+use sqlx::SqlitePool;
+use sqlx::sqlite::SqliteConnection;
+
+use super::error::{spoiled, unreadable};
+use super::packed::packed_cells;
+use super::read::{counts_of, whole};
+use super::writer::Writer;
+use crate::domain::{ActionTotals, Cell, Environment, EnvironmentId, Schema, Tally};
+use crate::store::StoreError;
+
+/// Environments whose totals are kept: each is at most 100 KB an agent, and few agents can be so large.
+const KEPT: NonZeroUsize = NonZeroUsize::new(256).expect("not zero");
+
+/// The totals of every environment that was asked for.
+pub(super) struct ActionsMemory {
+    inner: Mutex<Inner>,
+    /// One load at a time: each keeps a reader for as long as it takes to read every cell, and there are few.
+    turn: tokio::sync::Mutex<()>,
+}
+
+struct Inner {
+    kept: LruCache<EnvironmentId, Arc<ActionTotals>, foldhash::fast::RandomState>,
+    loading: Option<(EnvironmentId, Later)>,
+    suspended: bool,
+}
+
+/// What was committed since a load was announced.
+enum Later {
+    /// The revision of its snapshot is not known yet: each commit by its own.
+    Listed(Vec<(u64, Vec<(u64, Tally)>)>),
+    /// The sum of all above the snapshot.
+    Summed(ActionTotals),
+}
+
+/// A load under way. Dropped without [`Load::finish`], it leaves nothing behind.
+struct Load<'a> {
+    memory: &'a ActionsMemory,
+    _turn: tokio::sync::MutexGuard<'a, ()>,
+}
+
+/// Returns the totals of an environment at its newest revision.
+pub(super) async fn actions(
+    readers: &SqlitePool,
+    writer: &Writer,
+    memory: &ActionsMemory,
+    environment: &Environment,
+) -> Result<Arc<ActionTotals>, StoreError> {
+    if let Some(kept) = memory.get(environment.id) {
+        return Ok(kept);
+    }
+    let turn = memory.turn.lock().await;
+    if let Some(kept) = memory.get(environment.id) {
+        return Ok(kept);
+    }
+
+    // Nothing is kept until a transaction has settled what was committed, and each question would read every cell. Whether one can begin is not
+    // the reader's concern.
+    if memory.is_suspended() {
+        writer.ready().await.ok();
+    }
+    let mut reader = readers.acquire().await.map_err(unreadable)?;
+    load(&mut reader, memory.announce(turn, environment.id), environment).await
+}
+
+async fn load(
+    reader: &mut SqliteConnection,
+    load: Load<'_>,
+    environment: &Environment,
+) -> Result<Arc<ActionTotals>, StoreError> {
+    // Not `group by joint`: that sorts all cells in memory. Cells come packed, because a row each would cost the driver ten times as much.
+    let text = concat!(
+        "select totals.transitions, ",
+        packed_cells!("states.id"),
+        " from totals left join states on states.environment = totals.environment
+         where totals.environment = ?"
+    );
+    let mut rows = sqlx::query(text).bind(environment.id.0).fetch(reader);
+    let mut next = rows.try_next().await.map_err(unreadable)?;
+    let revision = next.as_ref().map(|row| whole(row, 0)).transpose().map_err(unreadable)?;
+    let revision = revision.ok_or(StoreError::UnknownEnvironment)?;
+    load.snapshot_taken(&environment.schema, revision);
+
+    let mut totals = ActionTotals::new(&environment.schema);
+    while let Some(row) = next {
+        add(&mut totals, counts_of(&row, 1)?.cells())?;
+        // Rows that have arrived do not wait, and others shall have their turn.
+        tokio::task::consume_budget().await;
+        next = rows.try_next().await.map_err(unreadable)?;
+    }
+    totals.revision = revision;
+    Ok(load.finish(totals))
+}
+
+/// Adds the cells of a state. Damaged ones could overflow a sum, which no sound ones do.
+fn add(totals: &mut ActionTotals, cells: &[Cell]) -> Result<(), StoreError> {
+    for cell in cells {
+        let sum = totals.revision.checked_add(cell.tally.n).filter(|sum| *sum <= i64::MAX as u64);
+        sum.ok_or_else(|| spoiled("the sum of an environment's visits"))?;
+        totals.add(cell.joint, cell.tally);
+    }
+    Ok(())
+}
+
+impl Default for ActionsMemory {
+    /// Keeps nothing until [`ActionsMemory::resume`].
+    fn default() -> Self {
+        let kept = LruCache::with_hasher(KEPT, foldhash::fast::RandomState::default());
+        let inner = Inner { kept, loading: None, suspended: true };
+        Self { inner: Mutex::new(inner), turn: tokio::sync::Mutex::default() }
+    }
+}
+
+impl ActionsMemory {
+    /// Counts the joint actions of a commit, after COMMIT and before it returns.
+    pub(super) fn apply(&self, environment: EnvironmentId, revision: u64, cells: impl Iterator<Item = (u64, Tally)>) {
+        let mut inner = self.inner();
+        if let Some(totals) = inner.kept.peek_mut(&environment) {
+            Arc::make_mut(totals).apply(revision, cells);
+        } else if let Some(later) = inner.loading_of(environment) {
+            later.apply(revision, cells);
+        }
+    }
+
+    /// Drops the totals of an environment that is gone.
+    pub(super) fn forget(&self, environment: EnvironmentId) {
+        let mut inner = self.inner();
+        inner.kept.pop(&environment);
+        inner.loading.take_if(|(of, _)| *of == environment);
+    }
+
+    /// Drops everything, and keeps nothing until [`ActionsMemory::resume`].
+    pub(super) fn suspend(&self) {
+        let mut inner = self.inner();
+        inner.kept.clear();
+        inner.loading = None;
+        inner.suspended = true;
+    }
+
+    /// Keeps again what is loaded from now on. A load that began before may lack what has just been settled, and was not announced.
+    pub(super) fn resume(&self) {
+        self.inner().suspended = false;
+    }
+
+    fn get(&self, environment: EnvironmentId) -> Option<Arc<ActionTotals>> {
+        self.inner().kept.get(&environment).cloned()
+    }
+
+    fn is_suspended(&self) -> bool {
+        self.inner().suspended
+    }
+
+    /// Begins a load. Its snapshot must be taken afterwards.
+    fn announce<'a>(&'a self, turn: tokio::sync::MutexGuard<'a, ()>, environment: EnvironmentId) -> Load<'a> {
+        let mut inner = self.inner();
+        inner.loading = (!inner.suspended).then(|| (environment, Later::Listed(Vec::new())));
+        Load { memory: self, _turn: turn }
+    }
+
+    fn inner(&self) -> MutexGuard<'_, Inner> {
+        self.inner.lock().expect("nothing panics while it holds the totals")
+    }
+}
+
+impl Load<'_> {
+    /// Says at which revision the snapshot is.
+    fn snapshot_taken(&self, schema: &Schema, revision: u64) {
+        let mut inner = self.memory.inner();
+        let Some((_, later)) = &mut inner.loading else { return };
+        let mut sum = ActionTotals::new(schema);
+        sum.revision = revision;
+        if let Later::Listed(commits) = later {
+            commits.drain(..).for_each(|(revision, cells)| sum.apply(revision, cells.into_iter()));
+        }
+        *later = Later::Summed(sum);
+    }
+
+    /// Keeps what was read together with what was committed meanwhile, if nothing came in between.
+    fn finish(self, mut totals: ActionTotals) -> Arc<ActionTotals> {
+        let mut inner = self.memory.inner();
+        let Some((environment, Later::Summed(later))) = inner.loading.take() else { return Arc::new(totals) };
+        totals.append(&later);
+        let totals = Arc::new(totals);
+        inner.kept.put(environment, Arc::clone(&totals));
+        totals
+    }
+}
+
+impl Drop for Load<'_> {
+    fn drop(&mut self) {
+        self.memory.inner().loading = None;
+    }
+}
+
+impl Inner {
+    fn loading_of(&mut self, environment: EnvironmentId) -> Option<&mut Later> {
+        self.loading.as_mut().filter(|(of, _)| *of == environment).map(|(_, later)| later)
+    }
+}
+
+impl Later {
+    fn apply(&mut self, revision: u64, cells: impl Iterator<Item = (u64, Tally)>) {
+        match self {
+            Self::Listed(commits) => commits.push((revision, cells.collect())),
+            Self::Summed(sum) => sum.apply(revision, cells),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;
