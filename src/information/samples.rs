@@ -9,11 +9,6 @@ pub(super) fn grid(counts: &[&[u64]]) -> Table {
     Table::from_counts(cells)
 }
 
-/// Returns the table with rows and columns exchanged.
-pub(super) fn transposed(table: &Table) -> Table {
-    Table::from_counts(triples(table).map(|(row, column, n)| (column, row, n)))
-}
-
 /// Returns the table with every count multiplied.
 pub(super) fn scaled(table: &Table, by: u64) -> Table {
     Table::from_counts(triples(table).map(|(row, column, n)| (row, column, n * by)))

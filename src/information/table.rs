@@ -107,6 +107,28 @@ impl Table {
         self.row_labels.binary_search(&label).map_or(0, |row| self.rows[row])
     }
 
+    /// Returns the table with rows and columns exchanged.
+    pub fn transposed(&self) -> Self {
+        // Where each column's cells begin: cells are in order of row already, so that each finds its place by its column.
+        let mut next = vec![0; self.columns.len() + 1];
+        self.cells.iter().for_each(|cell| next[cell.column as usize + 1] += 1);
+        (1..next.len()).for_each(|column| next[column] += next[column - 1]);
+        let mut cells = self.cells.clone();
+        for cell in &self.cells {
+            let place = &mut next[cell.column as usize];
+            cells[*place] = Occupied { row: cell.column, column: cell.row, n: cell.n };
+            *place += 1;
+        }
+        Self {
+            cells,
+            rows: self.columns.clone(),
+            columns: self.rows.clone(),
+            row_labels: self.column_labels.clone(),
+            column_labels: self.row_labels.clone(),
+            total: self.total,
+        }
+    }
+
     /// Returns the cells of the row at a position in [`rows`](Self::rows); none where there is no such row.
     pub fn row(&self, row: usize) -> &[Occupied] {
         let start = self.cells.partition_point(|cell| (cell.row as usize) < row);
@@ -191,6 +213,12 @@ mod tests {
     }
 
     proptest! {
+        #[test]
+        fn exchanging_rows_and_columns_is_building_it_so(counts in counts()) {
+            let exchanged = counts.iter().map(|(row, column, n)| (*column, *row, *n));
+            prop_assert_eq!(Table::from_counts(counts.clone()).transposed(), Table::from_counts(exchanged));
+        }
+
         #[test]
         fn merging_order_does_not_matter(
             (ordered, shuffled) in counts().prop_flat_map(|c| (Just(c.clone()), Just(c).prop_shuffle())),

@@ -1,7 +1,7 @@
 //! What the estimators promise, whatever the table; `tests/it/golden` has their values.
 
 use super::*;
-use crate::information::samples::{grid, scaled, tables, transposed};
+use crate::information::samples::{grid, scaled, tables};
 use crate::information::{Alphabet, LARGEST_TOTAL, plug_in};
 use proptest::prelude::*;
 
@@ -107,7 +107,7 @@ proptest! {
         prop_assert!(sure.iter().all(|figure| figure.is_finite() && *figure >= 0.0));
         prop_assert!(open.iter().all(|figure| figure.is_finite()));
         let symmetric = [sure[0], sure[1], open[0], open[1], open[2], open[3]];
-        let (sure, open) = (never_negative(&transposed(&table), turned), maybe_negative(&transposed(&table), turned));
+        let (sure, open) = (never_negative(&table.transposed(), turned), maybe_negative(&table.transposed(), turned));
         let other_way = [sure[0], sure[1], open[0], open[1], open[2], open[3]];
         prop_assert!(symmetric.iter().zip(other_way).all(|(one, other)| (one - other).abs() < ROUNDING * (1.0 + one.abs())));
     }

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::information::plug_in;
-use crate::information::samples::{grid, tables, transposed};
+use crate::information::samples::{grid, tables};
 use proptest::prelude::*;
 use rand::SeedableRng;
 use rand::rngs::StdRng;
@@ -103,7 +103,7 @@ proptest! {
         let (expected, _) = expected_if_independent(&table);
 
         prop_assert!(expected >= 0.0);
-        prop_assert!((expected - expected_if_independent(&transposed(&table)).0).abs() < ROUNDING);
+        prop_assert!((expected - expected_if_independent(&table.transposed()).0).abs() < ROUNDING);
     }
 
     #[test]

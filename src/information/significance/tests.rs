@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::information::LARGEST_TOTAL;
-use crate::information::samples::{grid, tables, transposed};
+use crate::information::samples::{grid, tables};
 use g_test::williams;
 use permutation::{Cells, Visits};
 use proptest::prelude::*;
@@ -187,7 +187,7 @@ proptest! {
 
     #[test]
     fn rows_and_columns_are_alike_and_no_p_is_below_the_smallest(table in tables()) {
-        let turned = transposed(&table);
+        let turned = table.transposed();
         let (one, other) = (p_value(std::slice::from_ref(&table), B, 7), p_value(std::slice::from_ref(&turned), B, 7));
         let smallest = [&table, &turned].map(|table| smallest_p(std::slice::from_ref(table)));
 
