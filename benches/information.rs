@@ -13,7 +13,7 @@ use std::hint::black_box;
 use std::slice;
 use std::time::Instant;
 
-use nudge::evidence::{Base, Fitter, Prior};
+use nudge::evidence::{Fitter, Prior, Uses};
 use nudge::information::{
     Alphabet, Table, adjusted, chao_shen, dirichlet, expected_if_independent, grassberger_2003, james_stein, nsb,
     p_value, plug_in, plug_in_dense, smallest_p, uniform_policy,
@@ -41,10 +41,13 @@ fn main() {
     let prior = prior(&tables, alphabet);
     let figures = [
         (
-            "P(dependent), all slabs (target <= 10,000)",
+            "P(dependent), all slabs (target <= 5,000)",
             nanoseconds(&tables, |table| prior.dependent(slice::from_ref(table))),
         ),
-        ("posterior: mean, P(above 0.5), interval", nanoseconds(&tables, |table| believed(&prior, table))),
+        (
+            "posterior: mean, P(above 0.5), interval (target <= 30,000)",
+            nanoseconds(&tables, |table| believed(&prior, table)),
+        ),
         ("plug_in_dense", nanoseconds(&counts, plug_in_dense)),
         ("table", nanoseconds(&counts, |counts| table(counts).total() as f64)),
         ("plug_in", all(plug_in)),
@@ -70,13 +73,15 @@ fn main() {
 }
 
 fn prior(tables: &[Table], alphabet: Alphabet) -> Prior {
-    let mut fitter = Fitter::new(alphabet, Base::new(&[1_000; ACTIONS]));
+    let mut uses = Uses::new(alphabet);
+    tables.iter().for_each(|table| uses.add(slice::from_ref(table)));
+    let mut fitter = Fitter::new(alphabet, &uses);
     tables.iter().for_each(|table| fitter.add(slice::from_ref(table)));
     Prior::new(&fitter.fit())
 }
 
 fn believed(prior: &Prior, table: &Table) -> f64 {
-    let posterior = prior.posterior(slice::from_ref(table));
+    let posterior = prior.posterior(prior.habits(), slice::from_ref(table));
     posterior.mean() + posterior.above(0.5) + posterior.interval()[1]
 }
 

@@ -25,3 +25,41 @@ impl Base {
         &self.shares
     }
 }
+
+/// Letters that have the same share of a base.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Alike {
+    /// m_j.
+    pub share: f64,
+    /// How many.
+    pub letters: f64,
+}
+
+/// The letters of a base by their shares: most letters of a large alphabet are as rare as many others.
+pub(super) struct Groups {
+    groups: Vec<Alike>,
+    /// The group of each letter.
+    of: Vec<u32>,
+}
+
+impl Groups {
+    /// Groups the letters of a base.
+    pub fn new(shares: &[f64]) -> Self {
+        let mut distinct = shares.to_vec();
+        distinct.sort_by(f64::total_cmp);
+        distinct.dedup();
+        let mut groups: Vec<Alike> = distinct.iter().map(|share| Alike { share: *share, letters: 0.0 }).collect();
+        let group = |share: &f64| distinct.partition_point(|other| other < share) as u32;
+        let of: Vec<u32> = shares.iter().map(group).collect();
+        of.iter().for_each(|group| groups[*group as usize].letters += 1.0);
+        Self { groups, of }
+    }
+
+    /// Returns the letters but for these.
+    pub fn without(&self, labels: &[u64]) -> Vec<Alike> {
+        let mut left = self.groups.clone();
+        labels.iter().for_each(|label| left[self.of[*label as usize] as usize].letters -= 1.0);
+        left.retain(|group| group.letters > 0.0);
+        left
+    }
+}

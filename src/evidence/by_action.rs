@@ -1,6 +1,7 @@
 //! Which of the ego's actions does it: how far each moves the other, and what the other then does.
 
 use super::draws::{Draws, Joint};
+use super::habits::Habits;
 use super::prior::Prior;
 use crate::information::Table;
 
@@ -11,6 +12,13 @@ pub enum Ego {
     Rows,
     /// Its actions are the columns.
     Columns,
+}
+
+impl Ego {
+    /// Returns the side of a prior on which the ego drives.
+    pub(super) fn side(self) -> usize {
+        usize::from(self == Self::Columns)
+    }
 }
 
 /// What is believed of one ego action in a state.
@@ -45,25 +53,24 @@ impl Prior {
     /// all of them are, their order says little, and the rarest action still comes first half of the time.
     ///
     /// Not for alphabets with more than [`MOST_CELLS`](super::MOST_CELLS) pairs of actions.
-    pub fn by_action(&self, slices: &[Table], ego: Ego) -> Vec<ActionPosterior> {
-        let draws = Draws::new(self, slices);
+    pub fn by_action(&self, habits: &Habits, slices: &[Table], ego: Ego) -> Vec<ActionPosterior> {
+        let draws = Draws::new(self, habits, slices, ego);
         let mut rng = draws.generator();
-        let [egos, others] = self.sizes(ego);
+        let [egos, others] = draws.sizes();
         let times = (CELLS / (egos * others * draws.slices.len())).clamp(FEWEST_DRAWS, DRAWS);
         let mut divergences = vec![Vec::with_capacity(times); egos];
         let mut responses = vec![Vec::with_capacity(times); egos * others];
         for time in 0..times {
             let joints = draws.draw((time as f64 + 0.5) / times as f64, &mut rng);
-            let shares = draws.slices.iter().map(|slice| slice.share);
-            let drawn =
-                joints.iter().zip(shares).map(|(joint, share)| (conditional(joint, ego), share)).collect::<Vec<_>>();
+            let drawn: Vec<Seen> =
+                joints.into_iter().enumerate().map(|(at, joint)| Seen::new(joint, draws.share(at))).collect();
             for action in 0..egos {
                 let (divergence, response) = over_slices(&drawn, action);
                 divergences[action].push(divergence);
                 responses[action * others..].iter_mut().zip(response).for_each(|(draws, p)| draws.push(p));
             }
         }
-        let predicted = self.predicted_responses(&draws, ego);
+        let predicted = draws.predicted_responses();
         let figures = |(action, divergences): (usize, &mut Vec<f64>)| ActionPosterior {
             divergence_mean: divergences.iter().sum::<f64>() / times as f64,
             divergence_interval: interval(divergences),
@@ -75,17 +82,30 @@ impl Prior {
         };
         divergences.iter_mut().enumerate().map(figures).collect()
     }
+}
+
+impl Draws<'_> {
+    /// Returns how many actions the ego and the other have.
+    pub fn sizes(&self) -> [usize; 2] {
+        [1 - self.ego, self.ego].map(|side| self.prior.sides[side].letters())
+    }
+
+    /// Returns the probability of each joint action at the next visit of a slice, the ego's first. An action that is not in use has none, but its responses
+    /// are in proportion to what they would be.
+    pub fn predicted(&self, slice: usize) -> Vec<f64> {
+        // What was never seen has no rows that could deviate.
+        let deviants = self.weights.deviants.get(slice).cloned().unwrap_or_default();
+        self.prior.predicted(self.ego, self.habits, &self.weights, &self.slices[slice], &deviants)
+    }
 
     /// Returns the probability of each of the other's actions after each of the ego's at the next visit.
-    fn predicted_responses(&self, draws: &Draws, ego: Ego) -> Vec<Vec<f64>> {
-        let [egos, others] = self.sizes(ego);
+    fn predicted_responses(&self) -> Vec<Vec<f64>> {
+        let [egos, others] = self.sizes();
         let mut responses = vec![vec![0.0; others]; egos];
-        for slice in &draws.slices {
-            let predicted = draws.predicted(slice);
-            for (action, response) in responses.iter_mut().enumerate() {
-                for (other, sum) in response.iter_mut().enumerate() {
-                    *sum += slice.share * predicted[self.cell(ego, action, other)];
-                }
+        for slice in 0..self.slices.len() {
+            let predicted = self.predicted(slice);
+            for (response, cells) in responses.iter_mut().zip(predicted.chunks(others)) {
+                response.iter_mut().zip(cells).for_each(|(sum, p)| *sum += self.share(slice) * p);
             }
         }
         for response in &mut responses {
@@ -94,61 +114,33 @@ impl Prior {
         }
         responses
     }
-
-    /// Returns how many actions the ego and the other have.
-    pub(super) fn sizes(&self, ego: Ego) -> [usize; 2] {
-        let [rows, columns] = [self.likelihood.alphabet.rows as usize, self.likelihood.alphabet.columns as usize];
-        if ego == Ego::Rows { [rows, columns] } else { [columns, rows] }
-    }
-
-    /// Returns the position of a pair of actions in a table, rows first.
-    pub(super) fn cell(&self, ego: Ego, action: usize, other: usize) -> usize {
-        let columns = self.likelihood.alphabet.columns as usize;
-        if ego == Ego::Rows { action * columns + other } else { other * columns + action }
-    }
 }
 
-/// A joint distribution as the ego sees it.
-struct Conditional {
-    /// The probability of each ego action.
-    policy: Vec<f64>,
-    /// What the other does after each of them, one after another.
-    responses: Vec<f64>,
+/// A joint distribution of a slice as the ego sees it.
+struct Seen {
+    joint: Joint,
     /// What the other does on the whole.
     marginal: Vec<f64>,
+    /// The slice's share of the visits.
+    share: f64,
 }
 
-fn conditional(joint: &Joint, ego: Ego) -> Conditional {
-    let Joint { policy, responses } = joint;
-    let columns = responses.len() / policy.len();
-    let mut marginal = vec![0.0; columns];
-    for (p, row) in policy.iter().zip(responses.chunks(columns)) {
-        marginal.iter_mut().zip(row).for_each(|(sum, rho)| *sum += p * rho);
+impl Seen {
+    fn new(joint: Joint, share: f64) -> Self {
+        Self { marginal: joint.marginal(), joint, share }
     }
-    if ego == Ego::Rows {
-        return Conditional { policy: policy.clone(), responses: responses.clone(), marginal };
-    }
-    let reversed = |column: usize| {
-        let seen = marginal[column];
-        // A column whose probability underflowed tells nothing of the row.
-        let p =
-            move |(row, p): (usize, &f64)| if seen > 0.0 { p * responses[row * columns + column] / seen } else { *p };
-        policy.iter().enumerate().map(p)
-    };
-    let responses = (0..columns).flat_map(reversed).collect();
-    Conditional { policy: marginal.clone(), responses, marginal: policy.clone() }
 }
 
 /// Returns the divergence and the response of an ego action, averaged over the slices by their shares among visits with that action.
-fn over_slices(slices: &[(Conditional, f64)], action: usize) -> (f64, Vec<f64>) {
-    let others = slices[0].0.marginal.len();
+fn over_slices(slices: &[Seen], action: usize) -> (f64, Vec<f64>) {
+    let others = slices[0].marginal.len();
     let (mut divergence, mut response, mut weights) = (0.0, vec![0.0; others], 0.0);
-    for (slice, share) in slices {
+    for Seen { joint, marginal, share } in slices {
         // However improbable an action became, its share among slices is defined.
-        let weight = share * slice.policy[action].max(f64::MIN_POSITIVE);
-        let row = &slice.responses[action * others..][..others];
+        let weight = share * joint.policy[action].max(f64::MIN_POSITIVE);
+        let row = &joint.responses[action * others..][..others];
         weights += weight;
-        divergence += weight * divergence_of(row, &slice.marginal);
+        divergence += weight * divergence_of(row, marginal);
         response.iter_mut().zip(row).for_each(|(sum, p)| *sum += weight * p);
     }
     response.iter_mut().for_each(|p| *p /= weights);

@@ -1,33 +1,85 @@
 //! Verdicts: figures and a rule in, a word out.
 
 use crate::domain::{Basis, Dependence, Rule, RuleKind, Verdict};
+use crate::information::Table;
 
 /// How far counts must have moved the odds for a decision to be theirs and not the prior's.
 const EARNED: f64 = 3.0;
 /// From this probability dependence is established, and from the same of independence it is excluded.
 const CERTAIN: f64 = 0.95;
+/// The probability outside a 99.9 % interval, at each end: what is more certain than this is settled, however certain it was before.
+const SETTLED: f64 = 0.0005;
+/// Draws below which nothing is earned, and up to which only moved odds are.
+const FEWEST: u64 = 3;
+const FEW: u64 = 4;
 
-/// A probability as it is now, and as it was before anything was counted.
+/// What is believed of one state, at a threshold.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Belief {
-    /// By the counts and the prior.
-    pub now: f64,
-    /// By the prior alone: [`Prior::unseen`](super::Prior::unseen).
-    pub unseen: f64,
+pub struct Beliefs {
+    /// P(MI > 0).
+    pub dependent: f64,
+    /// P(MI > threshold).
+    pub above: f64,
+    /// P(MI > threshold | MI > 0).
+    pub above_if_dependent: f64,
 }
 
-/// Returns the verdict of a rule on a state with these visits, this plug-in mutual information in nats, and this belief in MI > threshold.
+/// What is believed of a state, beside what was believed before anything was counted, and how much was counted.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Believed {
+    /// By the counts and the prior.
+    pub now: Beliefs,
+    /// By the prior alone: of [`Prior::unseen`](super::Prior::unseen).
+    pub unseen: Beliefs,
+    /// Independent draws.
+    pub draws: u64,
+    /// Whether they can tell dependence from independence: there are three or more, and not in one row or column alone.
+    pub tells: bool,
+}
+
+impl Believed {
+    /// Compares what is believed of a state by these slices with what is believed of one never seen.
+    pub fn new(now: Beliefs, unseen: Beliefs, slices: &[Table]) -> Self {
+        let draws = slices.iter().map(Table::total).sum();
+        let tells = draws >= FEWEST && !slices.iter().all(Table::is_line);
+        Self { now, unseen, draws, tells }
+    }
+
+    /// Returns whether mutual information is above the threshold, where that is probable enough and earned.
+    fn decided(&self, confidence: f64) -> Option<bool> {
+        let Self { now, unseen, .. } = self;
+        let many = self.draws > FEW;
+        if !self.tells {
+            return None;
+        }
+        if now.above >= confidence && (rose(unseen.above, now.above) || (many && now.above >= 1.0 - SETTLED)) {
+            return Some(true);
+        }
+        let [weak, weak_before] = [now.above_if_dependent, unseen.above_if_dependent];
+        let is_weak = 1.0 - weak >= confidence && fell(weak_before, weak);
+        let is_earned = fell(unseen.above, now.above) || (many && (is_weak || weak <= SETTLED));
+        (1.0 - now.above >= confidence && is_earned).then_some(false)
+    }
+}
+
+/// Returns the verdict of a rule on a state with these visits, this plug-in mutual information in nats, and what is believed of it.
 ///
-/// The paper's rule: plug-in above the threshold where visits suffice. The evidence rule: the belief or its complement at least the rule's
-/// confidence, and its odds moved by the counts to at least three times, or at most a third, of what they were: else a prior alone would call every
-/// rarely seen state free of influence. Without a belief, and without visits, nothing is decided.
-pub fn decide(rule: &Rule, visits: u64, plug_in: f64, above: Option<Belief>) -> Verdict {
+/// The paper's rule: plug-in above the threshold where visits suffice. The evidence rule: MI > threshold, or its opposite, is at least as probable as the
+/// rule's confidence, and the counts have earned it: else a prior alone would call every rarely seen state free of influence. Counts earn a verdict
+///
+/// * where they moved the odds of MI > threshold to at least three times, or at most a third, of what they were;
+/// * if there were more than four draws, also where they did so with the odds given dependence (`no_influence`), or where all but one in two thousand of
+///   what is believed lies on one side of the threshold (the other side of a 99.9 % interval): else certain counts would decide nothing where the prior is as
+///   certain.
+///
+/// A table of one occupied row or column earns nothing, nor do two draws. Without a belief, and without visits, nothing is decided.
+pub fn decide(rule: &Rule, visits: u64, plug_in: f64, believed: Option<&Believed>) -> Verdict {
     match rule.kind {
         _ if visits == 0 => Verdict::Undecided,
         RuleKind::Paper if visits < rule.min_visits => Verdict::Undecided,
         RuleKind::Paper if plug_in > rule.threshold_nats() => Verdict::Influences,
         RuleKind::Paper => Verdict::NoInfluence,
-        RuleKind::Evidence => match above.and_then(|belief| belief.earned(rule.confidence)) {
+        RuleKind::Evidence => match believed.and_then(|believed| believed.decided(rule.confidence)) {
             Some(true) => Verdict::Influences,
             Some(false) => Verdict::NoInfluence,
             None => Verdict::Undecided,
@@ -35,25 +87,31 @@ pub fn decide(rule: &Rule, visits: u64, plug_in: f64, above: Option<Belief>) -> 
     }
 }
 
-/// Returns whether there is dependence at all, however weak, by a belief in it: at least 0.95 or at most 0.05, its odds moved by a factor of three.
-pub fn dependence(dependent: Belief) -> Dependence {
-    match dependent.earned(CERTAIN) {
-        Some(true) => Dependence::Established,
-        Some(false) => Dependence::Excluded,
-        None => Dependence::Open,
+/// Returns whether there is dependence at all, however weak: its probability is at least 0.95 or at most 0.05, and the counts have earned it as they earn a
+/// verdict.
+pub fn dependence(believed: &Believed) -> Dependence {
+    let Believed { now, unseen, draws, tells } = believed;
+    let is_settled = |p: f64| *draws > FEW && p >= 1.0 - SETTLED;
+    let [is, was] = [now.dependent, unseen.dependent];
+    if *tells && is >= CERTAIN && (rose(was, is) || is_settled(is)) {
+        return Dependence::Established;
     }
+    let is_excluded = *tells && 1.0 - is >= CERTAIN && (fell(was, is) || is_settled(1.0 - is));
+    if is_excluded { Dependence::Excluded } else { Dependence::Open }
 }
 
-impl Belief {
-    /// Returns what is decided, where the probability is high or low enough and the counts brought it there.
-    fn earned(self, confidence: f64) -> Option<bool> {
-        let odds = |p: f64| p / (1.0 - p);
-        let (now, unseen) = (odds(self.now), odds(self.unseen));
-        if self.now >= confidence && now >= EARNED * unseen {
-            return Some(true);
-        }
-        (1.0 - self.now >= confidence && EARNED * now <= unseen).then_some(false)
-    }
+fn odds(p: f64) -> f64 {
+    p / (1.0 - p)
+}
+
+/// Returns whether the odds are at least three times what they were.
+fn rose(before: f64, now: f64) -> bool {
+    odds(now) >= EARNED * odds(before)
+}
+
+/// Returns whether the odds are at most a third of what they were.
+fn fell(before: f64, now: f64) -> bool {
+    EARNED * odds(now) <= odds(before)
 }
 
 /// Returns what a verdict on a state with these visits rests on.
@@ -70,9 +128,15 @@ mod tests {
         decide(&Rule { kind: RuleKind::Paper, ..rule }, visits, plug_in, None)
     }
 
-    fn evidence(visits: u64, unseen: f64, now: f64) -> Verdict {
+    /// By many draws that tell, where dependence is as good as certain before and after.
+    fn believed(unseen: f64, now: f64) -> Believed {
+        let beliefs = |above| Beliefs { dependent: 0.99, above, above_if_dependent: above };
+        Believed { now: beliefs(now), unseen: beliefs(unseen), draws: 1_000, tells: true }
+    }
+
+    fn evidence(believed: &Believed) -> Verdict {
         let rule = Rule { kind: RuleKind::Evidence, ..Rule::default() };
-        decide(&rule, visits, 9.0, Some(Belief { now, unseen }))
+        decide(&rule, believed.draws, 9.0, Some(believed))
     }
 
     #[test]
@@ -93,24 +157,47 @@ mod tests {
     fn nothing_seen_decides_nothing() {
         let rule = Rule { min_visits: 0, threshold: 0.0, ..Rule::default() };
         assert_eq!(paper(rule, 0, 0.0), Verdict::Undecided);
-        assert_eq!(evidence(0, 0.5, 0.99), Verdict::Undecided);
+        assert_eq!(evidence(&Believed { draws: 0, ..believed(0.5, 0.99) }), Verdict::Undecided);
         assert_eq!(basis(0), Basis::Prior);
     }
 
     #[test]
     fn evidence_decides_where_it_is_sure() {
-        assert_eq!(evidence(1, 0.3, 0.8), Verdict::Influences);
-        assert_eq!(evidence(1, 0.3, 0.79), Verdict::Undecided);
-        assert_eq!(evidence(1, 0.5, 0.19), Verdict::NoInfluence);
-        assert_eq!(evidence(1, 0.0, 0.0), Verdict::NoInfluence);
+        let told = [(0.3, 0.8), (0.3, 0.79), (0.5, 0.19), (0.0, 0.0)].map(|(u, now)| evidence(&believed(u, now)));
+        assert_eq!(told, [Verdict::Influences, Verdict::Undecided, Verdict::NoInfluence, Verdict::NoInfluence]);
     }
 
     #[test]
     fn what_the_prior_knew_is_no_verdict() {
         // Odds of 1/99 are a third of 3/99, to which the prior amounts; 2/99 would not do.
-        assert_eq!(evidence(1, 3.0 / 102.0, 0.01), Verdict::NoInfluence);
-        assert_eq!(evidence(1, 2.0 / 101.0, 0.01), Verdict::Undecided);
-        assert_eq!(evidence(1, 0.9, 0.95), Verdict::Undecided);
+        assert_eq!(evidence(&believed(3.0 / 102.0, 0.01)), Verdict::NoInfluence);
+        assert_eq!(evidence(&believed(2.0 / 101.0, 0.01)), Verdict::Undecided);
+        assert_eq!(evidence(&believed(0.9, 0.95)), Verdict::Undecided);
+    }
+
+    #[test]
+    fn certain_counts_decide_where_the_prior_is_as_certain() {
+        let certain = [(1e-9, 1e-10), (1e-9, 0.9e-9), (0.999_9, 0.999_9)];
+        let told = certain.map(|(u, now)| evidence(&believed(u, now)));
+        assert_eq!(told, [Verdict::NoInfluence, Verdict::NoInfluence, Verdict::Influences]);
+        // Four draws do not.
+        let few = Believed { draws: 4, ..believed(1e-9, 0.9e-9) };
+        assert_eq!(evidence(&few), Verdict::Undecided);
+    }
+
+    #[test]
+    fn weakness_given_dependence_is_earned_by_itself() {
+        // P(MI > t) hardly moved, since dependence became more probable while it became weaker.
+        let mut weaker = believed(0.1, 0.09);
+        [weaker.unseen.above_if_dependent, weaker.now.above_if_dependent] = [0.5, 0.1];
+        assert_eq!(evidence(&weaker), Verdict::NoInfluence);
+        assert_eq!(evidence(&Believed { draws: 4, ..weaker }), Verdict::Undecided);
+    }
+
+    #[test]
+    fn what_cannot_tell_earns_nothing() {
+        let line = Believed { tells: false, ..believed(0.5, 0.001) };
+        assert_eq!((evidence(&line), dependence(&line)), (Verdict::Undecided, Dependence::Open));
     }
 
     #[test]
@@ -121,7 +208,15 @@ mod tests {
 
     #[test]
     fn dependence_is_a_question_of_its_own() {
-        let told = |now| dependence(Belief { now, unseen: 0.3 });
-        assert_eq!([0.95, 0.05, 0.5].map(told), [Dependence::Established, Dependence::Excluded, Dependence::Open]);
+        let told = |unseen, now| {
+            let mut believed = believed(0.5, 0.5);
+            [believed.unseen.dependent, believed.now.dependent] = [unseen, now];
+            dependence(&believed)
+        };
+        let open = [told(0.3, 0.5), told(0.9, 0.95), told(0.1, 0.05)];
+        assert_eq!(open, [Dependence::Open; 3]);
+        assert_eq!([told(0.3, 0.95), told(0.3, 0.05)], [Dependence::Established, Dependence::Excluded]);
+        // In an environment where all states depend, or none.
+        assert_eq!([told(0.999, 0.999_9), told(1e-3, 4e-4)], [Dependence::Established, Dependence::Excluded]);
     }
 }

@@ -5,8 +5,9 @@ use rand_distr::{Binomial, Distribution};
 use rand_pcg::Pcg64;
 
 use super::by_action::Ego;
-use super::decision::{Belief, decide};
+use super::decision::{Believed, decide};
 use super::draws::Draws;
+use super::habits::Habits;
 use super::prior::Prior;
 use crate::domain::{Rule, RuleKind, Verdict};
 use crate::information::{Table, conditional, plug_in};
@@ -20,7 +21,7 @@ const UNDECIDED: usize = FUTURES / 5;
 /// One way things may go on.
 struct Future {
     rng: Pcg64,
-    /// The probability of every cell of every slice, one after another.
+    /// The probability of every cell of every slice, one after another; the ego's actions first.
     cells: Vec<f64>,
     /// Visits to each of them.
     counts: Vec<u64>,
@@ -32,51 +33,86 @@ impl Prior {
     /// Returns after how many more visits at least 80 % of 200 futures have a verdict: 0 where there is one now, else the smallest of 1, 2, 5, 10 ...
     /// 10,000 that suffices, and `None` where none does.
     ///
-    /// Futures are drawn from what is believed now, with the row variable's policy as it is; each goes on from the counts, and larger numbers of
-    /// visits from its own smaller ones. The draws depend on the counts alone.
+    /// Futures are drawn from what is believed now, with the ego's policy as it is; each goes on from the counts, and larger numbers of visits from its own
+    /// smaller ones. The draws depend on the counts alone.
     ///
     /// Not for alphabets with more than [`MOST_CELLS`](super::MOST_CELLS) pairs of actions.
-    pub fn visits_to_decide(&self, slices: &[Table], rule: &Rule) -> Option<u64> {
-        let unseen = self.unseen().above(rule.threshold_nats());
-        if self.decides(slices, rule, unseen) {
+    pub fn visits_to_decide(&self, habits: &Habits, slices: &[Table], ego: Ego, rule: &Rule) -> Option<u64> {
+        if self.decides(habits, slices, rule) {
             return Some(0);
         }
-        let draws = Draws::new(self, slices);
-        let mut futures = self.futures(&draws);
+        let draws = Draws::new(self, habits, slices, ego);
+        let mut futures = draws.futures();
         VISITS.into_iter().find(|visits| {
             let mut undecided = 0;
             // Once too many are undecided, the others need not be asked.
             futures.iter_mut().all(|future| {
                 future.go_on(*visits);
-                undecided += usize::from(!self.decides(&future.slices(self), rule, unseen));
+                undecided += usize::from(!self.decides(habits, &draws.slices_of(&future.counts), rule));
                 undecided <= UNDECIDED
             })
         })
     }
 
-    fn futures(&self, draws: &Draws) -> Vec<Future> {
-        let mut rng = draws.generator();
-        let columns = self.likelihood.alphabet.columns as usize;
-        let cells = self.likelihood.alphabet.rows as usize * columns;
-        let mut counts = vec![0; cells * draws.slices.len()];
-        for (slice, counts) in draws.slices.iter().zip(counts.chunks_mut(cells)) {
-            let table = slice.table;
-            for cell in table.cells() {
-                let [row, column] =
-                    [table.row_labels()[cell.row as usize], table.column_labels()[cell.column as usize]];
-                counts[row as usize * columns + column as usize] = cell.n;
+    fn decides(&self, habits: &Habits, slices: &[Table], rule: &Rule) -> bool {
+        let visits = slices.iter().map(Table::total).sum();
+        let verdict = match rule.kind {
+            RuleKind::Paper => decide(rule, visits, conditional(slices, plug_in), None),
+            RuleKind::Evidence => {
+                let threshold = rule.threshold_nats();
+                let now = self.posterior(habits, slices).beliefs(threshold);
+                let believed = Believed::new(now, self.unseen().beliefs(threshold), slices);
+                decide(rule, visits, 0.0, Some(&believed))
+            }
+        };
+        verdict != Verdict::Undecided
+    }
+
+    /// Returns, for every ego action, by how much one more visit with it is expected to lower the entropy of "MI > t", in nats: at least 0, at most
+    /// ln 2. What to try next, to learn one's influence. 0 for an action that is not in use: nobody knows how to take it.
+    ///
+    /// H(E P') - E H(P'), P' = P(MI > t) after the visit and the other's answer, which comes as predicted. Not for alphabets with more than
+    /// [`MOST_CELLS`](super::MOST_CELLS) pairs of actions: it takes a posterior for each.
+    pub fn information_gain(&self, habits: &Habits, slices: &[Table], ego: Ego, threshold_nats: f64) -> Vec<f64> {
+        let draws = Draws::new(self, habits, slices, ego);
+        let [egos, others] = draws.sizes();
+        // For each ego action: total probability, E P', E H(P').
+        let mut sums = vec![[0.0; 3]; egos];
+        for slice in 0..draws.slices.len() {
+            let predicted = draws.predicted(slice);
+            let after = draws.above_after(slice, threshold_nats);
+            for (sums, cells) in sums.iter_mut().zip(predicted.iter().zip(after).collect::<Vec<_>>().chunks(others)) {
+                for (predicted, after) in cells {
+                    let p = draws.share(slice) * *predicted;
+                    let terms = [p, p * after, p * binary_entropy(*after)];
+                    sums.iter_mut().zip(terms).for_each(|(sum, term)| *sum += term);
+                }
             }
         }
-        let policies: Vec<Vec<f64>> = draws.slices.iter().map(|slice| self.policy(slice.table)).collect();
+        // Rounding could take a gain of nothing below it.
+        let gain = |[p, mean, entropy]: [f64; 3]| {
+            if p > 0.0 { (binary_entropy(mean / p) - entropy / p).max(0.0) } else { 0.0 }
+        };
+        sums.into_iter().map(gain).collect()
+    }
+}
+
+impl Draws<'_> {
+    fn futures(&self) -> Vec<Future> {
+        let mut rng = self.generator();
+        let [_, others] = self.sizes();
+        let counts = self.counts();
+        let policies: Vec<Vec<f64>> =
+            self.slices.iter().map(|slice| self.prior.mean_policy(self.ego, self.habits, &slice[self.ego])).collect();
         let future = |number: usize| {
-            let joints = draws.draw((number as f64 + 0.5) / FUTURES as f64, &mut rng);
-            let mut probabilities = Vec::with_capacity(counts.len());
-            for ((joint, slice), policy) in joints.iter().zip(&draws.slices).zip(&policies) {
-                let rows = joint.responses.chunks(columns).zip(policy);
-                probabilities.extend(rows.flat_map(|(row, p)| row.iter().map(move |rho| slice.share * p * rho)));
+            let joints = self.draw((number as f64 + 0.5) / FUTURES as f64, &mut rng);
+            let mut cells = Vec::with_capacity(counts.len());
+            for (slice, (joint, policy)) in joints.iter().zip(&policies).enumerate() {
+                let rows = joint.responses.chunks(others).zip(policy);
+                cells.extend(rows.flat_map(|(row, p)| row.iter().map(move |rho| self.share(slice) * p * rho)));
             }
             let rng = <Pcg64 as rand::SeedableRng>::seed_from_u64(rng.random());
-            Future { rng, cells: probabilities, counts: counts.clone(), visits: 0 }
+            Future { rng, cells, counts: counts.clone(), visits: 0 }
         };
         let mut futures: Vec<Future> = (0..FUTURES).map(future).collect();
         // Those that are decided alike are neighbours: mixed, the first ones tell sooner how it will end.
@@ -84,75 +120,45 @@ impl Prior {
         futures
     }
 
-    /// Returns the posterior mean of the row variable's distribution in a slice.
-    fn policy(&self, table: &Table) -> Vec<f64> {
-        let rows = self.likelihood.alphabet.rows;
-        (0..rows)
-            .map(|label| (table.row_sum(label) as f64 + 0.5) / (table.total() as f64 + 0.5 * rows as f64))
-            .collect()
-    }
-
-    fn decides(&self, slices: &[Table], rule: &Rule, unseen: f64) -> bool {
-        let visits = slices.iter().map(Table::total).sum();
-        let verdict = match rule.kind {
-            RuleKind::Paper => decide(rule, visits, conditional(slices, plug_in), None),
-            RuleKind::Evidence => {
-                let now = self.posterior(slices).above(rule.threshold_nats());
-                decide(rule, visits, 0.0, Some(Belief { now, unseen }))
-            }
-        };
-        verdict != Verdict::Undecided
-    }
-
-    /// Returns, for every ego action, by how much one more visit with it is expected to lower the entropy of "MI > t", in nats: at least 0, at most
-    /// ln 2. What to try next, to learn one's influence.
-    ///
-    /// H(E P') - E H(P'), P' = P(MI > t) after the visit and the other's answer, which comes as predicted. Not for alphabets with more than
-    /// [`MOST_CELLS`](super::MOST_CELLS) pairs of actions: it takes a posterior for each.
-    pub fn information_gain(&self, slices: &[Table], ego: Ego, threshold_nats: f64) -> Vec<f64> {
-        let draws = Draws::new(self, slices);
-        let tables: Vec<Table> = draws.slices.iter().map(|slice| slice.table.clone()).collect();
-        let [egos, others] = self.sizes(ego);
-        // For each ego action: total probability, E P', E H(P').
-        let mut sums = vec![[0.0; 3]; egos];
-        for (at, slice) in draws.slices.iter().enumerate() {
-            let predicted = draws.predicted(slice);
-            let after = self.above_after(&tables, at, threshold_nats);
-            for (action, sums) in sums.iter_mut().enumerate() {
-                for other in 0..others {
-                    let cell = self.cell(ego, action, other);
-                    let p = slice.share * predicted[cell];
-                    let terms = [p, p * after[cell], p * binary_entropy(after[cell])];
-                    sums.iter_mut().zip(terms).for_each(|(sum, term)| *sum += term);
-                }
-            }
+    /// Returns the counts of every cell of every slice, one after another; the ego's actions first.
+    fn counts(&self) -> Vec<u64> {
+        let [egos, others] = self.sizes();
+        let mut counts = vec![0; egos * others * self.slices.len()];
+        for (reading, counts) in self.slices.iter().zip(counts.chunks_mut(egos * others)) {
+            let place = |(ego, other, n): (u64, u64, u64)| counts[ego as usize * others + other as usize] = n;
+            triples(&reading[self.ego]).for_each(place);
         }
-        // Rounding could take a gain of nothing below it.
-        sums.into_iter().map(|[p, mean, entropy]| (binary_entropy(mean / p) - entropy / p).max(0.0)).collect()
+        counts
     }
 
-    /// Returns P(MI > t) after one more visit to each cell of one slice, rows first. Rows that were not visited are all alike.
-    fn above_after(&self, slices: &[Table], at: usize, threshold_nats: f64) -> Vec<f64> {
-        let alphabet = self.likelihood.alphabet;
-        let mut slices = slices.to_vec();
-        let table = slices[at].clone();
-        let mut row = |row: u64| -> Vec<f64> {
-            let after = |column: u64| {
-                slices[at] = Table::from_counts(triples(&table).chain([(row, column, 1)]));
-                self.posterior(&slices).above(threshold_nats)
+    /// Returns the tables of such counts, rows for the row variable.
+    fn slices_of(&self, counts: &[u64]) -> Vec<Table> {
+        let [egos, others] = self.sizes();
+        let table = |counts: &[u64]| {
+            let cells = counts.iter().enumerate().map(|(at, n)| ((at / others) as u64, (at % others) as u64, *n));
+            self.in_order(Table::from_counts(cells))
+        };
+        counts.chunks(egos * others).map(table).collect()
+    }
+
+    /// Returns a table whose rows are the ego's actions as the prior takes it: rows for the row variable.
+    fn in_order(&self, table: Table) -> Table {
+        if self.ego == 0 { table } else { table.transposed() }
+    }
+
+    /// Returns P(MI > t) after one more visit to each cell of one slice, the ego's actions first. Actions that were not visited are all alike.
+    fn above_after(&self, at: usize, threshold_nats: f64) -> Vec<f64> {
+        let [egos, others] = self.sizes();
+        let table = &self.slices[at][self.ego];
+        let mut slices: Vec<Table> = self.slices.iter().map(|[slice, _]| slice.clone()).collect();
+        let mut row = |ego: u64| -> Vec<f64> {
+            let after = |other: u64| {
+                slices[at] = self.in_order(Table::from_counts(triples(table).chain([(ego, other, 1)])));
+                self.prior.posterior(self.habits, &slices).above(threshold_nats)
             };
-            (0..alphabet.columns).map(after).collect()
+            (0..others as u64).map(after).collect()
         };
-        let mut unvisited: Option<Vec<f64>> = None;
-        let mut all = Vec::with_capacity((alphabet.rows * alphabet.columns) as usize);
-        for label in 0..alphabet.rows {
-            if table.row_labels().binary_search(&label).is_ok() {
-                all.extend(row(label));
-            } else {
-                all.extend_from_slice(unvisited.get_or_insert_with(|| row(label)));
-            }
-        }
-        all
+        (0..egos as u64).flat_map(&mut row).collect()
     }
 }
 
@@ -183,15 +189,6 @@ impl Future {
             left < 0.0
         });
         self.counts[cell.unwrap_or_else(|| likeliest(&self.cells))] += 1;
-    }
-
-    fn slices(&self, prior: &Prior) -> Vec<Table> {
-        let columns = prior.likelihood.alphabet.columns;
-        let cells = (prior.likelihood.alphabet.rows * columns) as usize;
-        let triples = |counts: &[u64]| {
-            Table::from_counts((0..).zip(counts).map(|(cell, n)| (cell / columns, cell % columns, *n)))
-        };
-        self.counts.chunks(cells).map(triples).collect()
     }
 }
 

@@ -31,20 +31,27 @@ fn stirling(x: f64) -> f64 {
 
 /// Returns psi(x), the derivative of ln Gamma, for x > 0.
 pub(super) fn digamma(x: f64) -> f64 {
-    let (mut x, mut shift) = (x, 0.0);
     // From 6 on, the first term left out of the series is below 1e-12.
-    while x < 6.0 {
-        shift += 1.0 / x;
-        x += 1.0;
+    if x >= 6.0 {
+        return digamma_series(x);
     }
-    let square = 1.0 / (x * x);
+    // psi(x + 6) less 1/x + ... + 1/(x + 5), whose outermost terms pair up: with y = x (x + 5) they are (2 x + 5) (1/y + 1/(y + 4) + 1/(y + 6)).
+    let y = x * (x + 5.0);
+    let [second, third] = [y + 4.0, y + 6.0];
+    let reciprocals = (second * third + y * third + y * second) / (y * second * third);
+    digamma_series(x + 6.0) - (2.0 * x + 5.0) * reciprocals
+}
+
+fn digamma_series(x: f64) -> f64 {
+    let inverse = 1.0 / x;
+    let square = inverse * inverse;
     let series = square
         * (1.0 / 12.0
             - square
                 * (1.0 / 120.0
                     - square
                         * (1.0 / 252.0 - square * (1.0 / 240.0 - square * (1.0 / 132.0 - square * 691.0 / 32_760.0)))));
-    x.ln() - 0.5 / x - series - shift
+    x.ln() - 0.5 * inverse - series
 }
 
 #[cfg(test)]

@@ -1,17 +1,23 @@
 //! Mean and variance of mutual information where each row has its own response.
 //!
-//! Under one slab, row i of a state is Dirichlet with parameters a_ij = n_ij + k m_j, A_i = r_i + k, and the ego's policy is p_i = (r_i + 1/2) / (N +
-//! R/2). With rho_ij = a_ij / A_i, q = sum_i p_i rho_i and L_ij = ln(rho_ij / q_j), L_i = sum_j rho_ij L_ij, in nats:
+//! Under one slab, row i of a state is Dirichlet with parameters a_ij = n_ij + k m_j, A_i = r_i + k. The driver's policy is Dirichlet with mean
+//! p_i = (r_i + kappa h_i) / S and concentration S = N + kappa, h being its mean policy in the environment: so E p_i^2 = P_i = p_i^2 + p_i (1 - p_i) / (S + 1).
+//! With rho_ij = a_ij / A_i, q = sum_i p_i rho_i and L_ij = ln(rho_ij / q_j), L_i = sum_j rho_ij L_ij, in nats:
 //!
-//! * mean = E H(q) - sum_i p_i E H(row i), with E H(row i) = psi(A_i + 1) - sum_j a_ij psi(a_ij + 1) / A_i exact (Wolpert & Wolf 1995), and
-//!   E H(q) = H(q) - 1/2 sum_ij p_i^2 rho_ij (1 - rho_ij) / ((A_i + 1) q_j) to second order;
-//! * variance = sum_i p_i^2 (sum_j rho_ij L_ij^2 - L_i^2) / (A_i + 1) + (sum_i p_i L_i^2 - (sum_i p_i L_i)^2) / (N + R/2 + 1), to first order: the
-//!   rows' and the policy's.
+//! * mean = E H(q) - sum_i p_i E H(row i), with E H(row i) = psi(A_i + 1) - sum_j a_ij psi(a_ij + 1) / A_i exact (Wolpert & Wolf 1995), and E H(q) that of
+//!   Beta distributions matched to each q_j, whose variance is v_j = sum_i P_i rho_ij (1 - rho_ij) / (A_i + 1) + (sum_i p_i rho_ij^2 - q_j^2) / (S + 1):
+//!   E H(q) = -sum_j q_j [psi(q_j s_j + 1) - psi(s_j + 1)], s_j = q_j (1 - q_j) / v_j - 1. Unlike a Taylor term it is never negative;
+//! * variance = sum_i P_i (sum_j rho_ij L_ij^2 - L_i^2) / (A_i + 1) + (sum_i p_i L_i^2 - (sum_i p_i L_i)^2) / (S + 1), to first order: the rows' and
+//!   the policy's; and of second order that of [`Freedom`] with d = mean - sum_i p_i L_i, which is all there is where rows are alike.
 //!
-//! Rows that were not visited are all alike, and columns that were not are alike up to their share m_j, for which every L_ij is the same: neither
-//! is looked at one by one. A row is what it would be without visits, corrected in its occupied cells.
+//! Rows that were not visited have the same response, and columns that were not are alike but for their share m_j: neither is looked at one by one. A row is
+//! what it would be without visits, corrected in its occupied cells.
 
-use crate::information::{Alphabet, Occupied, Table};
+use super::base::Alike;
+use super::freedom::Freedom;
+use super::gamma::digamma;
+use super::habits::Usage;
+use crate::information::{Occupied, Table};
 
 /// One slab as a slice sees it.
 pub(super) struct Slab<'a> {
@@ -19,8 +25,10 @@ pub(super) struct Slab<'a> {
     pub concentration: f64,
     /// The occupied columns, by position.
     pub columns: &'a [Letter],
-    /// What the columns that were not visited have together.
-    pub rest: Rest,
+    /// sum_j k m_j psi(k m_j + 1) over all columns.
+    pub psi: f64,
+    /// The columns that were not visited: how many have which share.
+    pub rest: &'a [Alike],
 }
 
 /// One letter of the base of a slab.
@@ -30,19 +38,6 @@ pub(super) struct Letter {
     pub share: f64,
     /// The term of k m_j.
     pub empty: Term,
-}
-
-/// Letters of the base of a slab, together.
-#[derive(Clone, Copy, Default)]
-pub(super) struct Rest {
-    /// How many.
-    pub letters: f64,
-    /// sum m_j.
-    pub share: f64,
-    /// sum m_j ln m_j.
-    pub x_ln_x: f64,
-    /// sum k m_j psi(k m_j + 1).
-    pub psi: f64,
 }
 
 /// What moments need to know of a number a > 0.
@@ -56,15 +51,88 @@ pub(super) struct Term {
 
 impl Term {
     pub fn of(a: f64) -> Self {
-        Self { psi: a * super::gamma::digamma(a + 1.0), ln: a.ln() }
+        Self { psi: a * digamma(a + 1.0), ln: a.ln() }
     }
 }
 
 /// A mean and a variance, in nats and nats^2.
-#[derive(Clone, Copy, Default)]
+#[derive(Clone, Copy, Default, Debug)]
 pub(super) struct Moments {
     pub mean: f64,
     pub variance: f64,
+    /// A larger variance, for what has to be on the safe side.
+    pub wide: f64,
+}
+
+impl Moments {
+    /// Returns the moments of a mixture, given weights and the moments of its parts.
+    pub fn mixed(parts: &[(f64, Self)]) -> Self {
+        let total: f64 = parts.iter().map(|(weight, _)| weight).sum();
+        let over = |figure: &dyn Fn(&Self) -> f64| {
+            parts.iter().map(|(weight, part)| weight * figure(part)).sum::<f64>() / total
+        };
+        let mean = over(&|part| part.mean);
+        let off = |part: &Self| (part.mean - mean).powi(2);
+        Self { mean, variance: over(&|part| part.variance + off(part)), wide: over(&|part| part.wide + off(part)) }
+    }
+}
+
+/// The driver's policy in a slice.
+pub(super) struct Policy<'a> {
+    usage: &'a Usage,
+    /// kappa.
+    concentration: f64,
+    /// S = N + kappa.
+    pub weight: f64,
+}
+
+impl<'a> Policy<'a> {
+    /// Returns the policy behind these counts of rows; `habit` is the fitted concentration. Without one it is half a visit for each action in use.
+    pub fn new(table: &Table, usage: &'a Usage, habit: Option<f64>) -> Self {
+        let concentration = habit.unwrap_or(0.5 * usage.used as f64);
+        Self { usage, concentration, weight: table.total() as f64 + concentration }
+    }
+
+    /// Returns p of the row of a label with r visits.
+    pub fn of(&self, label: u64, r: u64) -> f64 {
+        (r as f64 + self.concentration * self.usage.shares[label as usize]) / self.weight
+    }
+
+    /// Returns the parameter kappa h_i of a row.
+    pub fn parameter(&self, label: u64) -> f64 {
+        self.concentration * self.usage.shares[label as usize]
+    }
+
+    /// Returns E p^2.
+    pub fn square(&self, p: f64) -> f64 {
+        p * p + p * (1.0 - p) / (self.weight + 1.0)
+    }
+
+    /// Returns the rows in use that were not visited.
+    pub fn unvisited(&self, table: &Table) -> Unvisited {
+        let rows = self.usage.used.saturating_sub(table.rows().len() as u64) as f64;
+        if rows == 0.0 {
+            return Unvisited::default();
+        }
+        let shares = table.row_labels().iter().map(|label| self.usage.shares[*label as usize]);
+        let [sum, squares] = shares.fold([1.0, self.usage.squares], |[sum, squares], h| [sum - h, squares - h * h]);
+        let scale = self.concentration / self.weight;
+        let [p, squared] = [scale * sum.max(0.0), scale * scale * squares.max(0.0)];
+        Unvisited { rows, p, squared, square: squared + (p - squared) / (self.weight + 1.0) }
+    }
+}
+
+/// Rows that are in use and were not visited, together.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Unvisited {
+    /// How many.
+    pub rows: f64,
+    /// sum p.
+    pub p: f64,
+    /// sum p^2.
+    squared: f64,
+    /// sum E p^2.
+    pub square: f64,
 }
 
 /// What a column contributes to every row before its cells are looked at.
@@ -73,18 +141,17 @@ struct Column {
     share: f64,
     /// ln(m_j / q_j).
     ln_ratio: f64,
-    inverse_q: f64,
 }
 
-/// What columns contribute to a row that has no visits there: sums of m, m e, m e^2, m / q, m^2 / q with e = ln(m / q).
+/// What columns contribute to a row that has no visits there: sums of m, m e, m e^2 with e = ln(m / q).
 #[derive(Clone, Copy, Default)]
-struct Empty([f64; 5]);
+struct Empty([f64; 3]);
 
 impl Empty {
     fn of(column: &Column) -> Self {
-        let Column { share, ln_ratio, inverse_q } = *column;
+        let Column { share, ln_ratio } = *column;
         let tilted = share * ln_ratio;
-        Self([share, tilted, tilted * ln_ratio, share * inverse_q, share * share * inverse_q])
+        Self([share, tilted, tilted * ln_ratio])
     }
 
     fn plus(mut self, other: Self, sign: f64) -> Self {
@@ -97,122 +164,205 @@ impl Empty {
 /// position.
 pub(super) fn moments(
     table: &Table,
-    alphabet: Alphabet,
-    slab: &Slab,
+    policy: &Policy<'_>,
+    slab: &Slab<'_>,
     psi_a1: impl Fn(u64) -> f64,
     term: impl Fn(usize, u64) -> Term,
 ) -> Moments {
-    let view = View::new(table, alphabet, slab);
+    let view = View::new(table, policy, slab);
     let mut sums = Sums::default();
-    for (cells, &r) in table.cells().chunk_by(|a, b| a.row == b.row).zip(table.rows()) {
-        sums.add(1.0, view.policy(r), r as f64 + slab.concentration, psi_a1(r), view.row(r, cells, &term));
+    for (row, cells) in table.cells().chunk_by(|a, b| a.row == b.row).enumerate() {
+        let Driver { r, p, square } = view.drivers[row];
+        sums.add([p, square], r as f64 + slab.concentration, psi_a1(r), view.row(r, cells, &term));
     }
-    if view.unvisited > 0.0 {
-        sums.add(view.unvisited, view.policy(0), slab.concentration, psi_a1(0), view.row(0, &[], &term));
+    let Unvisited { p, square, .. } = view.unvisited;
+    if p > 0.0 {
+        sums.add([p, square], slab.concentration, psi_a1(0), view.row(0, &[], &term));
     }
-    Moments {
-        mean: view.entropy() - 0.5 * sums.curvature - sums.entropy,
-        variance: sums.spread + (sums.square - sums.divergence * sums.divergence) / (view.weight + 1.0),
+    sums.moments(view.marginal_entropy, policy.weight, &view.freedom)
+}
+
+/// A visited row: r, p and E p^2.
+#[derive(Clone, Copy)]
+struct Driver {
+    r: u64,
+    p: f64,
+    pub square: f64,
+}
+
+/// One column under two rows: their Dirichlet parameters there, and how many columns are like it.
+pub(super) struct Pair {
+    pub a: [f64; 2],
+    pub letters: f64,
+}
+
+/// Returns the moments where the row that deviates has the probability p, all others share a response, and the columns have these parameters.
+pub(super) fn two_rows(p: f64, policy: &Policy<'_>, columns: &[Pair]) -> Moments {
+    let p = [1.0 - p, p];
+    let square = p.map(|p| policy.square(p));
+    let concentrations = [0, 1].map(|row| columns.iter().map(|column| column.letters * column.a[row]).sum::<f64>());
+    let mut freedom = Freedom::default();
+    // One deviation makes up both rows.
+    freedom.add_row(p[1], concentrations[1]);
+    let mut entropy = 0.0;
+    let mut rows = [Row::default(), Row::default()];
+    for Pair { a, letters } in columns {
+        let rho = [a[0] / concentrations[0], a[1] / concentrations[1]];
+        let mean = p[0] * rho[0] + p[1] * rho[1];
+        let own = [0, 1].map(|row| square[row] * rho[row] * (1.0 - rho[row]) / (concentrations[row] + 1.0));
+        let squares = p[0] * rho[0] * rho[0] + p[1] * rho[1] * rho[1] - mean * mean;
+        entropy +=
+            letters * Share { mean, variance: own[0] + own[1] + squares.max(0.0) / (policy.weight + 1.0) }.entropy();
+        freedom.add_letters(mean, *letters);
+        for (row, sums) in rows.iter_mut().enumerate() {
+            let ln_ratio = (rho[row] / mean).ln();
+            sums.psi += letters * a[row] * digamma(a[row] + 1.0);
+            sums.first += letters * rho[row] * ln_ratio;
+            sums.second += letters * rho[row] * ln_ratio * ln_ratio;
+        }
     }
+    let mut total = Sums::default();
+    for (at, row) in rows.into_iter().enumerate() {
+        total.add([p[at], square[at]], concentrations[at], digamma(concentrations[at] + 1.0), row);
+    }
+    total.moments(entropy, policy.weight, &freedom)
 }
 
 /// What all rows of a slice have in common under a slab.
 struct View<'a> {
     slab: &'a Slab<'a>,
-    /// N + R/2.
-    weight: f64,
-    /// Rows that were not visited.
-    unvisited: f64,
-    /// sum_i p_i k / A_i: the part of q that is drawn from the base.
-    drawn: f64,
-    /// q_j of the occupied columns, by position.
-    q: Vec<f64>,
+    drivers: Vec<Driver>,
+    unvisited: Unvisited,
     columns: Vec<Column>,
     /// What a row without visits has.
     empty: Empty,
-    /// sum_j k m_j psi(k m_j + 1).
-    empty_psi: f64,
+    /// E H(q).
+    marginal_entropy: f64,
+    freedom: Freedom,
 }
 
-/// One row: sum_j a_ij psi(a_ij + 1), sum_j rho (1 - rho) / q, sum_j rho L, sum_j rho L^2.
+/// One row: sum_j a_ij psi(a_ij + 1), sum_j rho L, sum_j rho L^2.
+#[derive(Default)]
 struct Row {
     psi: f64,
-    curvature: f64,
     first: f64,
     second: f64,
 }
 
-/// Sums over rows: sum p E H(row), sum p^2 curvature / (A + 1), sum p^2 (sum rho L^2 - L_i^2) / (A + 1), sum p L_i, sum p L_i^2.
+/// Sums over rows: sum p E H(row), sum P (sum rho L^2 - L_i^2) / (A + 1), sum p L_i, sum p L_i^2.
 #[derive(Default)]
 struct Sums {
     entropy: f64,
-    curvature: f64,
     spread: f64,
     divergence: f64,
-    square: f64,
+    pub square: f64,
 }
 
 impl Sums {
-    fn add(&mut self, rows: f64, p: f64, a: f64, psi_a1: f64, row: Row) {
-        self.entropy += rows * p * (psi_a1 - row.psi / a);
-        self.curvature += rows * p * p * row.curvature / (a + 1.0);
-        self.spread += rows * p * p * (row.second - row.first * row.first) / (a + 1.0);
-        self.divergence += rows * p * row.first;
-        self.square += rows * p * row.first * row.first;
+    fn add(&mut self, [p, square]: [f64; 2], a: f64, psi_a1: f64, row: Row) {
+        self.entropy += p * (psi_a1 - row.psi / a);
+        self.spread += square * (row.second - row.first * row.first).max(0.0) / (a + 1.0);
+        self.divergence += p * row.first;
+        self.square += p * row.first * row.first;
+    }
+
+    /// Returns the moments, from E H(q), S and the degrees of freedom.
+    fn moments(&self, marginal_entropy: f64, weight: f64, freedom: &Freedom) -> Moments {
+        let mean = (marginal_entropy - self.entropy).max(0.0);
+        let spread = self.spread + (self.square - self.divergence * self.divergence).max(0.0) / (weight + 1.0);
+        let [narrow, wide] = freedom.variances(mean - self.divergence);
+        Moments { mean, variance: spread + narrow, wide: spread + wide }
+    }
+}
+
+/// The distribution of a letter q_j: its mean and its variance.
+#[derive(Clone, Copy)]
+struct Share {
+    mean: f64,
+    variance: f64,
+}
+
+impl Share {
+    /// Returns -E q ln q of the Beta distribution with these moments.
+    fn entropy(self) -> f64 {
+        let Self { mean, variance } = self;
+        if mean >= 1.0 || mean <= 0.0 {
+            return 0.0;
+        }
+        let sharpness = (mean * (1.0 - mean) / variance.max(f64::MIN_POSITIVE) - 1.0).clamp(1e-6, 1e12);
+        -mean * (digamma(mean * sharpness + 1.0) - digamma(sharpness + 1.0))
     }
 }
 
 impl<'a> View<'a> {
-    fn new(table: &Table, alphabet: Alphabet, slab: &'a Slab<'a>) -> Self {
+    fn new(table: &Table, policy: &Policy<'_>, slab: &'a Slab<'a>) -> Self {
+        let driver = |(label, r): (&u64, &u64)| {
+            let p = policy.of(*label, *r);
+            Driver { r: *r, p, square: policy.square(p) }
+        };
         let mut view = Self {
             slab,
-            weight: table.total() as f64 + 0.5 * alphabet.rows as f64,
-            unvisited: alphabet.rows as f64 - table.rows().len() as f64,
-            drawn: 0.0,
-            q: Vec::new(),
+            drivers: table.row_labels().iter().zip(table.rows()).map(driver).collect(),
+            unvisited: policy.unvisited(table),
             columns: Vec::new(),
             empty: Empty::default(),
-            empty_psi: slab.rest.psi,
+            marginal_entropy: 0.0,
+            freedom: Freedom::default(),
         };
-        let share = |r: u64| view.policy(r) / (r as f64 + slab.concentration);
-        let drawn = table.rows().iter().fold(view.unvisited * share(0), |sum, &r| sum + share(r)) * slab.concentration;
-        // q_j = m_j drawn + sum_i p_i n_ij / A_i.
-        let mut q: Vec<f64> = slab.columns.iter().map(|letter| letter.share * drawn).collect();
-        for cell in table.cells() {
-            q[cell.column as usize] += share(table.rows()[cell.row as usize]) * cell.n as f64;
-        }
-        view.drawn = drawn;
-        view.q = q;
-        view.look_at_columns();
+        let k = slab.concentration;
+        view.drivers.iter().for_each(|Driver { r, p, .. }| view.freedom.add_row(*p, *r as f64 + k));
+        view.freedom.add_alike(view.unvisited.p, view.unvisited.squared, k);
+        view.look_at_columns(table, policy);
         view
     }
 
-    fn look_at_columns(&mut self) {
-        let column = |(letter, q): (&Letter, &f64)| Column {
-            share: letter.share,
-            ln_ratio: (letter.share / q).ln(),
-            inverse_q: 1.0 / q,
+    /// Finds the distribution of every q_j: as if no row had visits there, corrected in the occupied cells.
+    fn look_at_columns(&mut self, table: &Table, policy: &Policy<'_>) {
+        let k = self.slab.concentration;
+        // sum p k/A, sum P (k/A)/(A + 1), sum P (k/A)^2/(A + 1), sum p (k/A)^2.
+        let mut common = [0.0; 4];
+        let mut add = |p: f64, square: f64, a: f64| {
+            let drawn = k / a;
+            let terms = [p * drawn, square * drawn / (a + 1.0), square * drawn * drawn / (a + 1.0), p * drawn * drawn];
+            common.iter_mut().zip(terms).for_each(|(sum, term)| *sum += term);
         };
-        self.columns = self.slab.columns.iter().zip(&self.q).map(column).collect();
-        // Of the columns that were not visited, m / q is 1 / drawn.
-        let Rest { letters, share, .. } = self.slab.rest;
-        let ln = -self.drawn.ln();
-        self.empty = Empty([share, share * ln, share * ln * ln, letters / self.drawn, share / self.drawn]);
-        for (column, letter) in self.columns.iter().zip(self.slab.columns) {
-            self.empty = self.empty.plus(Empty::of(column), 1.0);
-            self.empty_psi += letter.empty.psi;
+        self.drivers.iter().for_each(|driver| add(driver.p, driver.square, driver.r as f64 + k));
+        add(self.unvisited.p, self.unvisited.square, k);
+        let [drawn, rising, falling, squares] = common;
+        // E q, the rows' part of its variance, and sum p rho^2.
+        let untouched = |m: f64| [m * drawn, m * rising - m * m * falling, m * m * squares];
+        let mut sums: Vec<[f64; 3]> = self.slab.columns.iter().map(|letter| untouched(letter.share)).collect();
+        for cell in table.cells() {
+            let Driver { r, p, square } = self.drivers[cell.row as usize];
+            let a = r as f64 + k;
+            let before = k * self.slab.columns[cell.column as usize].share / a;
+            let rho = before + cell.n as f64 / a;
+            let terms = [
+                p * cell.n as f64 / a,
+                square * (rho * (1.0 - rho) - before * (1.0 - before)) / (a + 1.0),
+                p * (rho * rho - before * before),
+            ];
+            sums[cell.column as usize].iter_mut().zip(terms).for_each(|(sum, term)| *sum += term);
         }
-    }
-
-    /// Returns p of a row with r visits.
-    fn policy(&self, r: u64) -> f64 {
-        (r as f64 + 0.5) / self.weight
-    }
-
-    /// Returns H(q).
-    fn entropy(&self) -> f64 {
-        let Rest { x_ln_x, share, .. } = self.slab.rest;
-        -self.q.iter().fold(self.drawn * (x_ln_x + share * self.drawn.ln()), |sum, q| sum + q * q.ln())
+        let share = |[mean, rows, squares]: [f64; 3]| Share {
+            mean,
+            variance: rows + (squares - mean * mean).max(0.0) / (policy.weight + 1.0),
+        };
+        for (letter, sums) in self.slab.columns.iter().zip(&sums) {
+            let q = share(*sums);
+            self.marginal_entropy += q.entropy();
+            self.freedom.add_letters(q.mean, 1.0);
+            let column = Column { share: letter.share, ln_ratio: (letter.share / q.mean).ln() };
+            self.empty = self.empty.plus(Empty::of(&column), 1.0);
+            self.columns.push(column);
+        }
+        for Alike { share: m, letters } in self.slab.rest {
+            let q = share(untouched(*m));
+            self.marginal_entropy += letters * q.entropy();
+            self.freedom.add_letters(q.mean, *letters);
+            let column = Column { share: letters * m, ln_ratio: -drawn.ln() };
+            self.empty = self.empty.plus(Empty::of(&column), 1.0);
+        }
     }
 
     /// Returns the sums of a row with r visits in these cells.
@@ -220,7 +370,7 @@ impl<'a> View<'a> {
         let k = self.slab.concentration;
         let a = r as f64 + k;
         let (ln_k, ln_a) = (k.ln(), a.ln());
-        let mut row = Row { psi: self.empty_psi, curvature: 0.0, first: 0.0, second: 0.0 };
+        let mut row = Row { psi: self.slab.psi, first: 0.0, second: 0.0 };
         let mut empty = self.empty;
         for cell in cells {
             let at = cell.column as usize;
@@ -230,13 +380,11 @@ impl<'a> View<'a> {
             // ln(rho / q), by ln q = ln m - ln(m / q).
             let ln_ratio = term.ln - ln_a - (letter.empty.ln - ln_k) + column.ln_ratio;
             row.psi += term.psi - letter.empty.psi;
-            row.curvature += rho * (1.0 - rho) * column.inverse_q;
             row.first += rho * ln_ratio;
             row.second += rho * ln_ratio * ln_ratio;
         }
         let (scale, shift) = (k / a, ln_k - ln_a);
-        let Empty([m, e, e2, m_q, m2_q]) = empty;
-        row.curvature += scale * m_q - scale * scale * m2_q;
+        let Empty([m, e, e2]) = empty;
         row.first += scale * (e + shift * m);
         row.second += scale * (e2 + 2.0 * shift * e + shift * shift * m);
         row

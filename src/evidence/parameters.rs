@@ -1,5 +1,7 @@
 //! What a fit finds, and the grid of concentrations it weighs.
 
+use std::ops::Range;
+
 /// Concentrations b of the null's shared response, for each of two bases.
 ///
 /// They go up to where all states answer alike, and farther than the slabs': were the null's response not allowed to be as close to the base as the
@@ -7,52 +9,110 @@
 /// called a sixth of the states dependent; two dice thrown in every state, nearly all.
 pub(super) const NULL_CONCENTRATIONS: [f64; 13] =
     [0.3, 0.6, 1.0, 2.0, 3.5, 6.0, 12.0, 25.0, 50.0, 100.0, 200.0, 1e3, 1e6];
-/// Concentrations k of the slabs' rows, for each of three bases.
-/// The larger, the weaker the dependence that is looked for: about (K - 1) / 2k nats.
-pub(super) const SLAB_CONCENTRATIONS: [f64; 12] = [0.1, 0.2, 0.4, 0.8, 1.5, 3.0, 6.0, 12.0, 25.0, 50.0, 100.0, 200.0];
 
-/// Concentrations of the null, and of a slab, on one base.
+/// Concentrations k of the slabs' rows, for each of three bases.
+/// The larger, the weaker the dependence that is looked for: about (K - 1) / 2k nats, a thousandth of one with 25 columns at the last.
+pub(super) const SLAB_CONCENTRATIONS: [f64; 18] = [
+    0.1, 0.2, 0.4, 0.8, 1.5, 3.0, 6.0, 12.0, 25.0, 50.0, 100.0, 200.0, 400.0, 800.0, 1_600.0, 3_200.0, 6_400.0,
+    12_800.0,
+];
+
+/// Concentrations k of the one row that deviates, for each of two bases.
+pub(super) const DEVIANT_CONCENTRATIONS: [f64; 4] = [0.1, 0.5, 3.0, 20.0];
+
+/// Concentrations of the null, of a slab and of a deviating row, on one base.
 pub(super) const NULL_GRID: usize = NULL_CONCENTRATIONS.len();
-/// Concentrations of the slabs on one base.
 pub(super) const SLAB_GRID: usize = SLAB_CONCENTRATIONS.len();
+pub(super) const DEVIANT_GRID: usize = DEVIANT_CONCENTRATIONS.len();
+
 /// Components of the null: on the environment's base, then on the uniform one.
 pub(super) const NULLS: usize = 2 * NULL_GRID;
 /// Slabs on a fixed base: the environment's, then the uniform one.
 pub(super) const FIXED: usize = 2 * SLAB_GRID;
-/// Slabs: on the fixed bases, then on the state's own marginal.
-pub(super) const SLABS: usize = FIXED + SLAB_GRID;
+/// Slabs of one deviating row: on the environment's base, then on the uniform one.
+pub(super) const DEVIANTS: usize = 2 * DEVIANT_GRID;
+/// Slabs on the state's own marginal, after those on the fixed bases.
+pub(super) const OWN_SLABS: Range<usize> = FIXED..FIXED + SLAB_GRID;
+/// Slabs of one deviating row, last.
+pub(super) const DEVIANT_SLABS: Range<usize> = OWN_SLABS.end..SLABS;
+/// All slabs of a side.
+pub(super) const SLABS: usize = FIXED + SLAB_GRID + DEVIANTS;
 
 /// Pseudo-states that an environment's share of dependent states starts from: dependent ones, and all. A Beta(3, 7) prior: with a flat one, an
 /// environment of a single independent state would be called dependent 40 % of the time.
 const DEPENDENT_PRIOR: [f64; 2] = [3.0, 10.0];
 /// Pseudo-states of each weight.
 const WEIGHT_PRIOR: f64 = 0.1;
+/// Slabs beyond this concentration can hardly be told from the null where little was seen, and what EM cannot tell apart keeps the proportions that it began
+/// with: so they begin with little.
+const USUAL_CONCENTRATION: f64 = 200.0;
+const WEAK_PRIOR: f64 = 0.01;
 
 /// What a fit finds about an environment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Parameters {
     /// The share pi of states in which the two actions depend on each other.
     pub dependent: f64,
+    /// What it finds of either way to read a table: columns that respond to rows, then rows that respond to columns. All slabs together weigh 1.
+    pub sides: [SideParameters; 2],
+}
+
+/// What a fit finds where one variable, the driver, is taken to drive the other, the responder.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SideParameters {
     /// The weights v of the null's concentrations, which sum to 1: on the environment's base, then on the uniform one.
     pub nulls: Vec<f64>,
-    /// The weights w of the slabs' concentrations, which sum to 1: on the environment's base, the uniform one, the state's own marginal.
+    /// The weights w of the slabs: on the environment's base, the uniform one, the state's own marginal; then those of one deviating row.
     pub slabs: Vec<f64>,
+    /// The concentration kappa of the driver's policies around its mean in the environment; `None` before one was fitted.
+    pub habit: Option<f64>,
+}
+
+/// The expected numbers of states: of each null component's and of each slab's.
+#[derive(Clone)]
+pub(super) struct Expected {
+    pub nulls: [f64; NULLS],
+    pub slabs: [f64; SLABS],
+}
+
+impl Default for Expected {
+    fn default() -> Self {
+        Self { nulls: [0.0; NULLS], slabs: [0.0; SLABS] }
+    }
 }
 
 impl Parameters {
-    /// Returns what is supposed of an environment before anything was seen: three states in ten dependent, equal weights.
+    /// Returns what is supposed of an environment before anything was seen: three states in ten dependent, equal weights for all but the weakest slabs.
     pub fn cold() -> Self {
-        Self::estimated(0.0, 0.0, &[0.0; NULLS], &[0.0; SLABS])
+        Self::estimated(0.0, 0.0, &Default::default())
     }
 
-    /// Returns the estimate from the expected numbers of states: of all, of dependent ones, of each null component's and of each slab's.
-    pub(super) fn estimated(states: f64, dependent: f64, nulls: &[f64; NULLS], slabs: &[f64; SLABS]) -> Self {
+    /// Returns the estimate from the expected numbers of states: of all, of dependent ones, and of each component's.
+    pub(super) fn estimated(states: f64, dependent: f64, expected: &[Expected; 2]) -> Self {
         let share = (dependent + DEPENDENT_PRIOR[0]) / (states + DEPENDENT_PRIOR[1]);
-        Self { dependent: share.clamp(0.001, 0.999), nulls: weights(nulls), slabs: weights(slabs) }
+        let [first, second] = [0, 1].map(|side| posterior_counts(&expected[side].slabs, &slab_prior()));
+        // Each side by itself, so that the order of the variables changes no bit.
+        let total = first.iter().sum::<f64>() + second.iter().sum::<f64>();
+        let side = |side: usize, slabs: Vec<f64>| {
+            let nulls = posterior_counts(&expected[side].nulls, &[WEIGHT_PRIOR; NULLS]);
+            SideParameters { nulls: shares(&nulls, nulls.iter().sum()), slabs: shares(&slabs, total), habit: None }
+        };
+        Self { dependent: share.clamp(0.001, 0.999), sides: [side(0, first), side(1, second)] }
     }
 }
 
-fn weights(expected: &[f64]) -> Vec<f64> {
-    let total = expected.iter().sum::<f64>() + WEIGHT_PRIOR * expected.len() as f64;
-    expected.iter().map(|expected| (expected + WEIGHT_PRIOR) / total).collect()
+/// Returns the pseudo-states of the slabs of a side.
+fn slab_prior() -> [f64; SLABS] {
+    std::array::from_fn(|slab| {
+        let is_weak = slab < DEVIANT_SLABS.start && SLAB_CONCENTRATIONS[slab % SLAB_GRID] > USUAL_CONCENTRATION;
+        if is_weak { WEAK_PRIOR } else { WEIGHT_PRIOR }
+    })
+}
+
+fn posterior_counts(expected: &[f64], prior: &[f64]) -> Vec<f64> {
+    expected.iter().zip(prior).map(|(expected, prior)| expected + prior).collect()
+}
+
+fn shares(counts: &[f64], total: f64) -> Vec<f64> {
+    counts.iter().map(|count| count / total).collect()
 }

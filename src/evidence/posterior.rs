@@ -1,17 +1,21 @@
 //! What is believed of mutual information in one state.
 
+use super::asymptotic::Estimate;
 use super::beta::Beta;
+use super::decision::Beliefs;
 use super::moments::Moments;
 
 /// What the counts of a state and the fit of its environment let one believe about mutual information: a point mass at 0, and a mixture of Beta
-/// distributions on [0, ln min(R, K)] for the rest. In nats.
+/// distributions on [0, ln min(R, K)] for the rest, R and K counting the letters in use. In nats.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Posterior {
     dependent: f64,
     /// ln min(R, K).
     largest: f64,
-    /// Weights sum to 1.
+    /// In order of their means; all weights sum to 1.
     components: Vec<Component>,
+    /// What the table says by itself, where it was seen often.
+    estimate: Option<Estimate>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -20,24 +24,30 @@ struct Component {
     /// As a share of `largest`.
     mean: f64,
     beta: Beta,
+    /// The same with a larger variance, for intervals.
+    wide: Beta,
 }
 
 /// The probability outside an interval, at each end.
 const TAIL: f64 = 0.05;
 
 impl Posterior {
-    /// Joins the probability of dependence with what holds under each slab; weights sum to 1.
-    pub(super) fn new(dependent: f64, largest: f64, slabs: impl Iterator<Item = (f64, Moments)>) -> Self {
+    /// Joins the probability of dependence with what holds under the slabs of both sides, in proportion to their weights, and with what the table says by
+    /// itself.
+    pub(super) fn new(dependent: f64, largest: f64, slabs: Vec<(f64, Moments)>, estimate: Option<Estimate>) -> Self {
+        let merged = merged(slabs);
+        let total: f64 = merged.iter().map(|(weight, _)| weight).sum();
         let component = |(weight, moments): (f64, Moments)| {
             let mean = (moments.mean / largest).clamp(0.0, 1.0);
-            Component { weight, mean, beta: Beta::matched(mean, moments.variance / (largest * largest)) }
+            let matched = |variance: f64| Beta::matched(mean, variance / (largest * largest));
+            Component { weight: weight / total, mean, beta: matched(moments.variance), wide: matched(moments.wide) }
         };
-        Self { dependent, largest, components: slabs.map(component).collect() }
+        Self { dependent, largest, components: merged.into_iter().map(component).collect(), estimate }
     }
 
     /// Returns what is believed where one of the variables has a single letter: no dependence, since there is none to be had.
     pub(super) fn impossible() -> Self {
-        Self { dependent: 0.0, largest: 0.0, components: Vec::new() }
+        Self { dependent: 0.0, largest: 0.0, components: Vec::new(), estimate: None }
     }
 
     /// Returns P(dependent): the probability that mutual information is above 0 at all.
@@ -47,24 +57,44 @@ impl Posterior {
 
     /// Returns P(MI > t), for t >= 0 in nats. At 0 it is [`dependent`](Self::dependent).
     pub fn above(&self, nats: f64) -> f64 {
-        if nats <= 0.0 {
-            return self.dependent;
-        }
-        if nats >= self.largest {
-            return 0.0;
-        }
-        self.dependent * (1.0 - self.slabs(nats / self.largest).0).max(0.0)
+        self.dependent * self.above_if_dependent(nats)
     }
 
-    /// Returns the posterior mean of mutual information, in nats: 0 to ln min(R, K).
+    /// Returns P(MI > t | dependent), for t >= 0 in nats.
+    pub fn above_if_dependent(&self, nats: f64) -> f64 {
+        match nats {
+            _ if self.largest == 0.0 || nats >= self.largest => 0.0,
+            _ if nats <= 0.0 => 1.0,
+            _ => (1.0 - self.mixed(|component| component.beta.cdf(nats / self.largest).0)).clamp(0.0, 1.0),
+        }
+    }
+
+    /// Returns what is believed at a threshold, t >= 0 in nats.
+    pub fn beliefs(&self, nats: f64) -> Beliefs {
+        let above_if_dependent = self.above_if_dependent(nats);
+        Beliefs { dependent: self.dependent, above: self.dependent * above_if_dependent, above_if_dependent }
+    }
+
+    /// Returns the posterior mean of mutual information, in nats: 0 to ln min(R, K). Where the table was seen often it lies within what the table says by
+    /// itself.
     pub fn mean(&self) -> f64 {
-        let mean: f64 = self.components.iter().map(|component| component.weight * component.mean).sum();
-        self.dependent * self.largest * mean.min(1.0)
+        let mean = self.dependent * self.largest * self.mixed(|component| component.mean).min(1.0);
+        let Some(estimate) = self.estimate else { return mean };
+        let [low, high] = estimate.interval();
+        mean.clamp(low, high).min(self.largest)
     }
 
     /// Returns a 90 % interval of mutual information, in nats; conservative on purpose. It begins at 0 unless independence has less than 5 %, and
-    /// while independence has more than that, it ends where it would if dependence were known.
+    /// while independence has more than that, it ends where it would if dependence were known. Where the table was seen often it holds what the table says
+    /// by itself, too.
     pub fn interval(&self) -> [f64; 2] {
+        let [low, high] = self.believed_interval();
+        let Some(estimate) = self.estimate else { return [low, high] };
+        let [least, most] = estimate.interval();
+        [low.min(least), high.max(most).min(self.largest)]
+    }
+
+    fn believed_interval(&self) -> [f64; 2] {
         if self.components.is_empty() {
             return [0.0; 2];
         }
@@ -73,18 +103,33 @@ impl Posterior {
         if independent > TAIL {
             return [0.0, self.largest * self.quantile(1.0 - TAIL)];
         }
-        [if independent < TAIL { within(TAIL) } else { 0.0 }, within(1.0 - TAIL)]
+        let [low, high] = [if independent < TAIL { within(TAIL) } else { 0.0 }, within(1.0 - TAIL)];
+        // Next to 0 both are only as good as the steps that found them.
+        [low.min(high), high]
     }
 
-    /// Returns the distribution function and density of the slabs' mixture at a share of the largest value, within (0, 1).
-    fn slabs(&self, x: f64) -> (f64, f64) {
+    /// Returns the mean and the standard deviation of mutual information, if there is dependence.
+    #[cfg(test)]
+    pub(super) fn moments_if_dependent(&self) -> [f64; 2] {
+        let mean = self.mixed(|one| one.mean);
+        let variance = self.mixed(|one| one.beta.variance() + (one.mean - mean).powi(2));
+        [mean, variance.sqrt()].map(|figure| figure * self.largest)
+    }
+
+    /// Returns the mean of a figure over the slabs.
+    fn mixed(&self, figure: impl Fn(&Component) -> f64) -> f64 {
+        self.components.iter().map(|one| one.weight * figure(one)).sum()
+    }
+
+    /// Returns the distribution function and density of the slabs' wider mixture at a share of the largest value, within (0, 1).
+    fn wide(&self, x: f64) -> (f64, f64) {
         self.components.iter().fold((0.0, 0.0), |(cdf, density), component| {
-            let (c, d) = component.beta.cdf(x);
+            let (c, d) = component.wide.cdf(x);
             (cdf + component.weight * c, density + component.weight * d)
         })
     }
 
-    /// Returns where the slabs' mixture reaches p, as a share of the largest value.
+    /// Returns where the slabs' wider mixture reaches p, as a share of the largest value.
     ///
     /// Newton's steps, above the middle on the logarithm of what is left, below on the logarithm of what is reached against that of x: both are nearly
     /// straight in the tails of a Beta distribution, so three or four steps suffice. Steps out of the bracket are replaced by halving it.
@@ -97,7 +142,7 @@ impl Posterior {
         let [mut low, mut high] = [0.0, 1.0];
         let mut x = self.guess(p);
         for _ in 0..STEPS {
-            let (cdf, density) = self.slabs(x);
+            let (cdf, density) = self.wide(x);
             if cdf < p {
                 low = x
             } else {
@@ -122,10 +167,8 @@ impl Posterior {
     fn guess(&self, p: f64) -> f64 {
         /// Of the logistic distribution, as wide as the normal one in its tails.
         const SCALE: f64 = 0.58;
-        let sum =
-            |figure: &dyn Fn(&Component) -> f64| self.components.iter().map(|c| c.weight * figure(c)).sum::<f64>();
-        let mean = sum(&|c| c.mean).max(1e-9);
-        let variance = sum(&|c| c.beta.variance() + (c.mean - mean).powi(2));
+        let mean = self.mixed(|one| one.mean).max(1e-9);
+        let variance = self.mixed(|one| one.wide.variance() + (one.mean - mean).powi(2));
         let deviations = SCALE * (p / (1.0 - p)).ln();
         let guess = if p > 0.5 {
             mean + deviations * variance.sqrt()
@@ -134,4 +177,28 @@ impl Posterior {
         };
         guess.clamp(1e-9, 0.5 * (1.0 + mean).min(1.0 - 1e-9))
     }
+}
+
+/// Joins slabs that say nearly the same: neighbours in order of their means, as long as these lie within a quarter of a standard deviation. Two dozen slabs
+/// become a handful of distributions, whatever the order they came in.
+fn merged(mut slabs: Vec<(f64, Moments)>) -> Vec<(f64, Moments)> {
+    /// In standard deviations.
+    const NEAR: f64 = 0.25;
+    slabs.sort_unstable_by(|(w, a), (v, b)| {
+        a.mean.total_cmp(&b.mean).then(a.variance.total_cmp(&b.variance)).then(w.total_cmp(v))
+    });
+    let mut from = 0;
+    let mut merged = Vec::new();
+    for to in 1..=slabs.len() {
+        let first = slabs[from].1;
+        let is_near = slabs.get(to).is_some_and(|(_, next)| {
+            (next.mean - first.mean).powi(2) < NEAR * NEAR * first.variance.min(next.variance)
+        });
+        if !is_near {
+            let group = &slabs[from..to];
+            merged.push((group.iter().map(|(weight, _)| weight).sum(), Moments::mixed(group)));
+            from = to;
+        }
+    }
+    merged
 }

@@ -1,46 +1,56 @@
 //! From a fit and a state's tables to what is believed of that state.
 
-use super::fit::{Fit, normalised};
-use super::gamma::digamma;
-use super::increments::{add, depth};
+use super::asymptotic::Estimate;
+use super::fit::Fit;
+use super::habits::Habits;
+use super::increments::add;
 use super::likelihood::Likelihood;
-use super::moments::{Letter, Moments, Rest, Slab, Term, moments};
-use super::parameters::{FIXED, NULLS, Parameters, SLAB_CONCENTRATIONS, SLAB_GRID, SLABS};
+use super::moments::{Moments, Policy};
+use super::parameters::{Parameters, SLABS};
 use super::posterior::Posterior;
-use crate::information::Table;
+use super::side::{DeviantRows, Side};
+use crate::information::{Alphabet, Table};
 
 /// Slabs below this share of all slabs' posterior weight are left out of the moments.
-const NEGLIGIBLE: f64 = 1e-4;
+const NEGLIGIBLE: f64 = 3e-3;
+
+/// The most pairs of letters in use for which a table's own estimate is made: it looks at every one of them.
+const MOST_ESTIMATED: u64 = 65_536;
 
 /// A fit made ready to answer with: shared by any number of threads.
 pub struct Prior {
-    pub(super) likelihood: Likelihood,
+    pub(super) alphabet: Alphabet,
     pub(super) parameters: Parameters,
-    ln_nulls: [f64; NULLS],
-    ln_slabs: [f64; SLABS],
-    /// ln min(R, K).
-    largest: f64,
-    /// psi(r + k + 1) by slab, then by visits r.
-    row_psi: Vec<[f64; SLAB_GRID]>,
-    /// On the environment's base, and the uniform one.
-    bases: [Vec<Tabulated>; 2],
+    /// Columns that respond to rows, and rows that respond to columns.
+    pub(super) sides: [Side; 2],
+    habits: Habits,
     unseen: Posterior,
-}
-
-/// The terms of one slab on a fixed base.
-struct Tabulated {
-    depth: u64,
-    /// By letter, then by count.
-    terms: Vec<Term>,
-    /// What all letters have together.
-    all: Rest,
 }
 
 /// The probabilities of a state's hypotheses.
 pub(super) struct Weights {
     pub dependent: f64,
-    /// Given dependence; they sum to 1.
-    pub slabs: [f64; SLABS],
+    /// Given dependence, those of the slabs of each side; all sum to 1.
+    pub slabs: [[f64; SLABS]; 2],
+    /// What the rows of each slice say for deviating, as each side reads them.
+    pub deviants: Vec<[DeviantRows; 2]>,
+}
+
+impl Weights {
+    /// Returns the side, the number and the weight of the slabs that have at least this weight.
+    pub fn kept(&self, least: f64) -> impl Iterator<Item = (usize, usize, f64)> {
+        let side =
+            move |side: usize| self.slabs[side].iter().enumerate().map(move |(slab, weight)| (side, slab, *weight));
+        (0..2).flat_map(side).filter(move |(.., weight)| *weight >= least)
+    }
+}
+
+/// A table, and the same with rows and columns exchanged: as each side reads it.
+pub(super) type Reading = [Table; 2];
+
+/// Returns the tables of a state as each side reads them; those without visits are left out.
+pub(super) fn readings(slices: &[Table]) -> Vec<Reading> {
+    slices.iter().filter(|slice| slice.total() > 0).map(|slice| [slice.clone(), slice.transposed()]).collect()
 }
 
 impl Prior {
@@ -48,28 +58,35 @@ impl Prior {
     ///
     /// # Panics
     ///
-    /// If the base, the weights or the alphabets of the fit do not belong together.
+    /// If the bases, the weights or the alphabets of the fit do not belong together.
     pub fn new(fit: &Fit) -> Self {
-        let Fit { alphabet, base, parameters, .. } = fit;
-        assert_eq!(base.shares().len() as u64, alphabet.columns, "a base has one share for each letter of the columns");
-        assert_eq!(parameters.slabs.len(), SLABS, "one weight for each slab");
-        let uniform = [1.0 / alphabet.columns.max(1) as f64];
-        let tabulated = |shares: &[f64], times: f64| {
-            SLAB_CONCENTRATIONS.iter().map(|k| Tabulated::new(*k, shares, times)).collect::<Vec<_>>()
-        };
-        let bases = [tabulated(base.shares(), 1.0), tabulated(&uniform, alphabet.columns as f64)];
+        let Fit { alphabet, bases: [rows, columns], parameters, .. } = fit;
+        assert_eq!(rows.shares().len() as u64, alphabet.rows, "a base has one share for each letter of the rows");
+        assert_eq!(
+            columns.shares().len() as u64,
+            alphabet.columns,
+            "a base has one share for each letter of the columns"
+        );
+        assert!(parameters.sides.iter().all(|side| side.slabs.len() == SLABS), "one weight for each slab");
+        let [first, second] = &parameters.sides;
+        let sides = [
+            Side::new(Likelihood::new(alphabet.rows, columns.clone()), first),
+            Side::new(Likelihood::new(alphabet.columns, rows.clone()), second),
+        ];
         let mut prior = Self {
-            likelihood: Likelihood::new(*alphabet, base.clone()),
+            alphabet: *alphabet,
             parameters: parameters.clone(),
-            ln_nulls: std::array::from_fn(|b| parameters.nulls[b].ln()),
-            ln_slabs: std::array::from_fn(|slab| parameters.slabs[slab].ln()),
-            row_psi: (0..depth(1)).map(|r| SLAB_CONCENTRATIONS.map(|k| digamma(r as f64 + k + 1.0))).collect(),
-            largest: alphabet.largest_information(),
-            bases,
+            sides,
+            habits: Habits::of([rows, columns]),
             unseen: Posterior::impossible(),
         };
-        prior.unseen = prior.posterior(&[]);
+        prior.unseen = prior.sampled_unseen().unwrap_or_else(|| prior.posterior(&prior.habits, &[]));
         prior
+    }
+
+    /// Returns the habits of the environment when it was fitted.
+    pub fn habits(&self) -> &Habits {
+        &self.habits
     }
 
     /// Returns what is believed of a state that was never seen.
@@ -77,135 +94,109 @@ impl Prior {
         &self.unseen
     }
 
-    /// Returns what the counts of a state let one believe: its table, or one table for each joint action of the agents held fixed.
+    /// Returns what the counts of a state let one believe: its table, or one table for each joint action of the agents held fixed; `habits` are those of the
+    /// environment by now.
     ///
     /// Over several slices the evidence adds up. Mutual information is then its mean over the slices, weighted by their visits; under each slab the
     /// slices are independent, so that its variance is sum_c (n_c / N)^2 variance_c.
-    pub fn posterior(&self, slices: &[Table]) -> Posterior {
-        if self.largest == 0.0 {
+    pub fn posterior(&self, habits: &Habits, slices: &[Table]) -> Posterior {
+        let largest = habits.largest_information();
+        if largest == 0.0 {
             return Posterior::impossible();
         }
-        let Weights { dependent, slabs } = self.weights(slices);
-        let kept: f64 = slabs.iter().filter(|weight| **weight >= NEGLIGIBLE).sum();
-        let kept = slabs
-            .iter()
-            .enumerate()
-            .filter(|(_, weight)| **weight >= NEGLIGIBLE)
-            .map(|(slab, weight)| (slab, weight / kept));
-        Posterior::new(dependent, self.largest, kept.map(|(slab, weight)| (weight, self.moments(slab, slices))))
+        let readings = readings(slices);
+        let weights = self.weights(&readings);
+        let parts = weights.kept(NEGLIGIBLE);
+        let parts =
+            parts.map(|(side, slab, weight)| (weight, self.moments(side, slab, habits, &readings, &weights.deviants)));
+        let parts = parts.collect();
+        Posterior::new(weights.dependent, largest, parts, self.estimate(habits, &weights, &readings))
     }
 
-    /// Returns P(dependent) alone, which takes a twentieth of the time of a whole [`posterior`](Self::posterior).
+    /// Returns P(dependent) alone, which takes a fraction of the time of a whole [`posterior`](Self::posterior).
     pub fn dependent(&self, slices: &[Table]) -> f64 {
-        if self.largest == 0.0 { 0.0 } else { self.weights(slices).dependent }
+        if self.alphabet.largest_information() == 0.0 { 0.0 } else { self.weights(&readings(slices)).dependent }
     }
 
     /// Returns the probabilities of dependence and of the slabs.
-    pub(super) fn weights(&self, slices: &[Table]) -> Weights {
-        let dependent = self.parameters.dependent;
-        let shared = |logarithms: &[f64; NULLS]| {
-            ln_sum(&std::array::from_fn::<_, NULLS, _>(|b| logarithms[b] + self.ln_nulls[b]))
-        };
-        let mut logarithms = self.ln_slabs;
+    pub(super) fn weights(&self, readings: &[Reading]) -> Weights {
+        let mut logarithms = [0, 1].map(|side| self.sides[side].ln_slabs);
         let mut informed = false;
-        for slice in slices {
-            let Some(evidence) = self.likelihood.evidence(slice) else { continue };
-            // Relative to the null, so that it need not be kept.
-            let null = shared(&evidence.nulls);
-            let fixed = evidence.anchor.map_or(0.0, |anchor| shared(&anchor)) - null;
-            add(&mut logarithms[..FIXED], evidence.fixed.map(|ln| ln + fixed));
-            add(&mut logarithms[FIXED..], evidence.own);
-            informed = true;
-        }
-        let slabs = normalised(logarithms);
-        if !informed {
-            return Weights { dependent, slabs };
-        }
-        let odds = ln_sum(&logarithms) + (dependent / (1.0 - dependent)).ln();
-        Weights { dependent: 1.0 / (1.0 + (-odds).exp()), slabs }
-    }
-
-    /// Returns the moments of mutual information under a slab.
-    fn moments(&self, slab: usize, slices: &[Table]) -> Moments {
-        let total: f64 = slices.iter().map(|slice| slice.total() as f64).sum();
-        if total == 0.0 {
-            return self.slice_moments(slab, &Table::default());
-        }
-        slices.iter().filter(|slice| slice.total() > 0).fold(Moments::default(), |sum, slice| {
-            let share = slice.total() as f64 / total;
-            let Moments { mean, variance } = self.slice_moments(slab, slice);
-            Moments { mean: sum.mean + share * mean, variance: sum.variance + share * share * variance }
-        })
-    }
-
-    pub(super) fn slice_moments(&self, slab: usize, table: &Table) -> Moments {
-        let k = SLAB_CONCENTRATIONS[slab % SLAB_GRID];
-        let alphabet = self.likelihood.alphabet;
-        let shares = self.likelihood.base.shares();
-        let psi_a1 = |r: u64| match self.row_psi.get(r as usize) {
-            Some(psi) => psi[slab % SLAB_GRID],
-            None => digamma(r as f64 + k + 1.0),
-        };
-        let labels = table.column_labels();
-        if slab < FIXED {
-            let on_base = slab < SLAB_GRID;
-            let tabulated = &self.bases[usize::from(!on_base)][slab % SLAB_GRID];
-            let share = |at: usize| if on_base { shares[labels[at] as usize] } else { 1.0 / alphabet.columns as f64 };
-            let letter = |at: usize| if on_base { labels[at] as usize } else { 0 };
-            let term = |at: usize, n: u64| tabulated.term(letter(at), n, k * share(at));
-            let columns: Vec<Letter> =
-                (0..labels.len()).map(|at| Letter { share: share(at), empty: term(at, 0) }).collect();
-            let rest = tabulated.all.without(k, &columns);
-            return moments(table, alphabet, &Slab { concentration: k, columns: &columns, rest }, psi_a1, term);
-        }
-        let share = |at: usize| self.likelihood.own_share(table, at);
-        let columns: Vec<Letter> =
-            (0..labels.len()).map(|at| Letter { share: share(at), empty: Term::of(k * share(at)) }).collect();
-        let mut rest = Rest::default();
-        let mut occupied = labels.iter().peekable();
-        for (label, share) in shares.iter().enumerate() {
-            if occupied.next_if(|next| **next == label as u64).is_none() {
-                rest.add(k, share / (table.total() as f64 + 1.0), 1.0);
+        let deviant_rows = |reading: &Reading| [0, 1].map(|side| self.sides[side].deviant_rows(&reading[side]));
+        let deviants: Vec<[DeviantRows; 2]> = readings.iter().map(deviant_rows).collect();
+        for (reading, deviants) in readings.iter().zip(&deviants) {
+            for (side, table) in reading.iter().enumerate() {
+                let Some(relative) = self.sides[side].ln_relative(table, &deviants[side]) else { continue };
+                add(&mut logarithms[side], relative);
+                informed = true;
             }
         }
-        let term = |at: usize, n: u64| Term::of(n as f64 + k * columns[at].share);
-        moments(table, alphabet, &Slab { concentration: k, columns: &columns, rest }, psi_a1, term)
-    }
-}
-
-impl Tabulated {
-    fn new(k: f64, shares: &[f64], times: f64) -> Self {
-        let depth = depth(shares.len());
-        let mut all = Rest::default();
-        shares.iter().for_each(|share| all.add(k, *share, times));
-        let terms = shares.iter().flat_map(|share| (0..depth).map(move |n| Term::of(n as f64 + k * share)));
-        Self { depth, terms: terms.collect(), all }
+        let largest = logarithms.iter().flatten().copied().fold(f64::NEG_INFINITY, f64::max);
+        let parts = logarithms.map(|side| side.map(|ln| (ln - largest).exp()));
+        // Each side by itself, so that the order of the variables changes no bit.
+        let sum = parts[0].iter().sum::<f64>() + parts[1].iter().sum::<f64>();
+        let slabs = parts.map(|side| side.map(|part| part / sum));
+        let prior = self.parameters.dependent;
+        let odds = largest + sum.ln() + (prior / (1.0 - prior)).ln();
+        Weights { dependent: if informed { 1.0 / (1.0 + (-odds).exp()) } else { prior }, slabs, deviants }
     }
 
-    fn term(&self, letter: usize, n: u64, start: f64) -> Term {
-        if n < self.depth { self.terms[letter * self.depth as usize + n as usize] } else { Term::of(n as f64 + start) }
-    }
-}
-
-impl Rest {
-    fn add(&mut self, k: f64, share: f64, times: f64) {
-        self.letters += times;
-        self.share += times * share;
-        self.x_ln_x += times * share * share.ln();
-        self.psi += times * Term::of(k * share).psi;
-    }
-
-    /// Returns what is left without these letters: exactly nothing where they are all.
-    fn without(&self, k: f64, letters: &[Letter]) -> Self {
-        if letters.len() as f64 >= self.letters {
-            return Self::default();
+    /// Returns the moments of mutual information under a slab of a side.
+    fn moments(
+        &self,
+        side: usize,
+        slab: usize,
+        habits: &Habits,
+        readings: &[Reading],
+        deviants: &[[DeviantRows; 2]],
+    ) -> Moments {
+        let total: f64 = readings.iter().map(|[slice, _]| slice.total() as f64).sum();
+        if total == 0.0 {
+            return self.slice_moments(side, slab, habits, &Table::default(), &DeviantRows::new());
         }
-        letters.iter().fold(*self, |rest, Letter { share, empty }| Self {
-            letters: rest.letters - 1.0,
-            share: rest.share - share,
-            x_ln_x: rest.x_ln_x - share * (empty.ln - k.ln()),
-            psi: rest.psi - empty.psi,
+        readings.iter().zip(deviants).fold(Moments::default(), |sum, (reading, deviants)| {
+            let share = reading[side].total() as f64 / total;
+            let table = &reading[side];
+            let Moments { mean, variance, wide } = self.slice_moments(side, slab, habits, table, &deviants[side]);
+            let square = share * share;
+            Moments {
+                mean: sum.mean + share * mean,
+                variance: sum.variance + square * variance,
+                wide: sum.wide + square * wide,
+            }
         })
+    }
+
+    /// Returns the moments of a slice under a slab of a side, as that side reads it.
+    pub(super) fn slice_moments(
+        &self,
+        side: usize,
+        slab: usize,
+        habits: &Habits,
+        table: &Table,
+        deviants: &DeviantRows,
+    ) -> Moments {
+        self.sides[side].moments(slab, table, deviants, &self.policy(side, habits, table))
+    }
+
+    /// Returns the policy of the driver of a side.
+    pub(super) fn policy<'a>(&self, side: usize, habits: &'a Habits, table: &Table) -> Policy<'a> {
+        Policy::new(table, habits.driver(side), self.sides[side].habit)
+    }
+
+    /// Returns what the table says by itself, if it was seen at least as often as it has pairs of letters in use.
+    fn estimate(&self, habits: &Habits, weights: &Weights, readings: &[Reading]) -> Option<Estimate> {
+        let [reading] = readings else { return None };
+        let pairs = habits.driver(0).used * habits.driver(1).used;
+        if reading[0].total() < pairs || pairs > MOST_ESTIMATED {
+            return None;
+        }
+        let estimate = |side: usize| {
+            let cells = self.predicted(side, habits, weights, reading, &weights.deviants[0]);
+            Estimate::new(&reading[side], &cells, self.sides[side].letters())
+        };
+        // Read in both ways, so that the order of the variables changes no bit.
+        Some(estimate(0).between(estimate(1)))
     }
 }
 

@@ -4,13 +4,15 @@ use super::judge::Judge;
 use crate::domain::{ActionFigures, Interval};
 use crate::evidence::ActionPosterior;
 use crate::information::Table;
-use crate::priors::{self, Fitted, Tables};
+use crate::priors::{self, Tables};
 
 /// Returns the figures of every ego action, seen or not, in index order; `draws` is what the evidence rests on.
 pub fn by_action(judge: Judge<'_>, tables: &Tables, draws: &[Table]) -> Vec<ActionFigures> {
     let pair = &judge.scope.pair;
-    let prior = judge.fitted.and_then(Fitted::in_detail);
-    let mut believed = prior.map(|prior| prior.by_action(draws, priors::ego(pair))).unwrap_or_default().into_iter();
+    let believed = judge
+        .informed
+        .and_then(|informed| Some(informed.in_detail()?.by_action(&informed.habits, draws, priors::ego(pair))));
+    let mut believed = believed.unwrap_or_default().into_iter();
     let figures = |index: u64| figures(judge, tables, index, believed.next());
     (0..judge.schema.agents()[pair.ego].actions()).map(figures).collect()
 }

@@ -11,10 +11,9 @@ use crate::domain::{
     Unit, View,
 };
 use crate::error::{ErrorKind, Problem};
-use crate::evidence::Prior;
 use crate::information::{self, Alphabet, Table};
 use crate::model::Prediction;
-use crate::priors::Tables;
+use crate::priors::{self, Tables};
 use crate::store::StateCounts;
 
 /// States that are answered at once; more are shared among threads, so that nobody waits behind ten thousand.
@@ -77,8 +76,7 @@ impl Ground {
                 Permutations::Pooled => significance(&draws, key.seed()),
                 Permutations::WithinSegments => significance(&within(), key.seed()),
             });
-            let needed = |prior: &Prior| prior.visits_to_decide(&draws, &judge.scope.rule).filter(|_| judge.is_open());
-            let visits_to_decide = self.foresees().map(needed);
+            let visits_to_decide = self.visits_to_decide(judge, &draws);
             Box::new(Figures {
                 bins: bins(judge.schema, key),
                 significance,
@@ -92,9 +90,12 @@ impl Ground {
         Answer { key: key.clone(), visits, verdict: judged.verdict, basis: judged.basis, figures, by_action }
     }
 
-    /// Returns who looks how many more visits a verdict would take, if that is asked for and there are not too many actions for it.
-    fn foresees(&self) -> Option<&Prior> {
-        self.plan.fitted.as_ref().filter(|_| self.question.visits_to_decide)?.in_detail()
+    /// Returns how many more visits a verdict would take, if that is asked for and there are not too many actions for it.
+    fn visits_to_decide(&self, judge: Judge<'_>, draws: &[Table]) -> Option<Option<u64>> {
+        let informed = judge.informed.filter(|_| self.question.visits_to_decide)?;
+        let (prior, scope) = (informed.in_detail()?, judge.scope);
+        let visits = prior.visits_to_decide(&informed.habits, draws, priors::ego(&scope.pair), &scope.rule);
+        Some(visits.filter(|_| judge.is_open()))
     }
 
     /// Returns what the network says of a state, in the question's unit.

@@ -34,13 +34,14 @@ pub fn explore(plan: &Plan, keys: &[StateKey], counts: &[StateCounts], limit: us
 }
 
 fn trials(plan: &Plan, key: &StateKey, state: &StateCounts) -> Vec<Trial> {
-    let Some(prior) = plan.fitted.as_ref().and_then(|fitted| fitted.in_detail()) else { return Vec::new() };
+    let Some(informed) = &plan.informed else { return Vec::new() };
+    let Some(prior) = informed.in_detail() else { return Vec::new() };
     let (schema, scope) = (&plan.environment.schema, &plan.scope);
     let cells = || state.counts.of_segments(plan.segments.as_deref());
     let tables = Tables::new(schema, &scope.pair, cells());
     let draws = tables.draws(schema, &scope.pair, cells());
     let threshold = scope.rule.threshold_nats();
-    let above_threshold = prior.posterior(&draws).above(threshold);
+    let above_threshold = prior.posterior(&informed.habits, &draws).above(threshold);
     let trial = |(index, information_gain): (u64, f64)| Trial {
         key: key.clone(),
         bins: bins(schema, key),
@@ -51,5 +52,8 @@ fn trials(plan: &Plan, key: &StateKey, state: &StateCounts) -> Vec<Trial> {
         information_gain,
         above_threshold,
     };
-    (0..).zip(prior.information_gain(&draws, priors::ego(&scope.pair), threshold)).map(trial).collect()
+    (0..)
+        .zip(prior.information_gain(&informed.habits, &draws, priors::ego(&scope.pair), threshold))
+        .map(trial)
+        .collect()
 }

@@ -3,17 +3,17 @@
 use crate::domain::{
     Basis, Cell, Dependence, Evidence, Probability, Rule, RuleKind, Schema, Scope, StateKey, Tally, Verdict, View,
 };
-use crate::evidence::{self, Belief};
+use crate::evidence::{self, Believed};
 use crate::information::{Table, plug_in};
 use crate::model::{Network, Prediction};
-use crate::priors::{Fitted, Tables};
+use crate::priors::{Found, Ground, Informed, Tables};
 
 /// Who judges: a schema, a question's scope and the fit that the evidence rests on.
 #[derive(Clone, Copy)]
 pub struct Judge<'a> {
     pub schema: &'a Schema,
     pub scope: &'a Scope,
-    pub fitted: Option<&'a Fitted>,
+    pub informed: Option<&'a Informed>,
     /// Who is asked where the counts do not decide.
     pub network: Option<&'a Network>,
     /// Whether figures are wanted: a verdict by the paper's rule needs no evidence.
@@ -61,17 +61,16 @@ impl Judge<'_> {
         let tally = Tally::of(cells.clone());
         // What the network says is held against the evidence, whatever the rule and the view.
         let is_wanted = self.view != View::Verdict || rule.kind == RuleKind::Evidence || self.network.is_some();
-        let wanted = self.fitted.filter(|_| is_wanted);
-        let evidence = wanted.map(|fitted| {
-            self.remembered(fitted, key, tally, || self.found(fitted, &tables.draws(self.schema, pair, cells)))
+        let wanted = self.informed.filter(|_| is_wanted);
+        let found = wanted.map(|informed| {
+            self.remembered(informed, key, tally, || self.found(informed, &tables.draws(self.schema, pair, cells)))
         });
-        let above = evidence.zip(wanted).map(|(evidence, fitted)| Belief {
-            now: evidence.probability.above_threshold,
-            unseen: fitted.unseen_above(rule.threshold_nats()),
-        });
+        let evidence = found.map(|found| found.evidence);
         let visits = tables.whole.total();
         let decide = |kind: RuleKind| match self.is_open() {
-            true => evidence::decide(&Rule { kind, ..*rule }, visits, plug_in, above),
+            true => {
+                evidence::decide(&Rule { kind, ..*rule }, visits, plug_in, found.as_ref().map(|found| &found.believed))
+            }
             false => Verdict::Undecided,
         };
         let counted = decide(rule.kind);
@@ -96,7 +95,7 @@ impl Judge<'_> {
             return None;
         }
         let threshold = self.scope.rule.threshold_nats();
-        let unseen = self.fitted?.unseen_above(threshold);
+        let unseen = self.informed?.unseen(threshold).above;
         let verdict = network.decide(&predicted, self.scope.rule.confidence, unseen);
         let [lower, upper] = evidence.map_or([f64::NEG_INFINITY, f64::INFINITY], |evidence| evidence.interval);
         let is_independent = evidence.is_some_and(|evidence| evidence.dependence == Dependence::Excluded);
@@ -113,25 +112,26 @@ impl Judge<'_> {
         self.scope.pair.alphabet(self.schema).largest_information() > 0.0
     }
 
-    fn remembered(&self, fitted: &Fitted, key: &StateKey, tally: Tally, find: impl FnOnce() -> Evidence) -> Evidence {
-        let nats = self.scope.rule.threshold_nats();
+    fn remembered(&self, informed: &Informed, key: &StateKey, tally: Tally, find: impl FnOnce() -> Found) -> Found {
         if !self.remembers {
             return find();
         }
-        fitted.known.get(key, tally, nats).unwrap_or_else(|| fitted.known.put(key, tally, nats, find()))
+        let threshold = self.scope.rule.threshold_nats();
+        informed.known.get_or_find(key, Ground { tally, revision: informed.revision, threshold }, find)
     }
 
     /// Returns what the draws of a state support, in nats.
-    fn found(&self, fitted: &Fitted, draws: &[Table]) -> Evidence {
-        let posterior = fitted.prior.posterior(draws);
-        let dependent = Belief { now: posterior.dependent(), unseen: fitted.prior.unseen().dependent() };
-        let above_threshold = posterior.above(self.scope.rule.threshold_nats());
-        Evidence {
-            dependence: evidence::dependence(dependent),
-            probability: Probability { dependent: dependent.now, above_threshold },
+    fn found(&self, informed: &Informed, draws: &[Table]) -> Found {
+        let threshold = self.scope.rule.threshold_nats();
+        let posterior = informed.prior.posterior(&informed.habits, draws);
+        let believed = Believed::new(posterior.beliefs(threshold), informed.unseen(threshold), draws);
+        let evidence = Evidence {
+            dependence: evidence::dependence(&believed),
+            probability: Probability { dependent: believed.now.dependent, above_threshold: believed.now.above },
             // A negative zero would be told as "-0".
             posterior_mean: posterior.mean() + 0.0,
             interval: posterior.interval(),
-        }
+        };
+        Found { evidence, believed }
     }
 }

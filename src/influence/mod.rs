@@ -176,9 +176,9 @@ impl Influence {
     /// Finds out what questions of that scope rest on: the numbers of their segments and the fit.
     async fn plan(&self, environment: &Arc<Environment>, scope: Scope) -> Result<Plan, Problem> {
         let segments = self.segments(environment, scope.segments.as_deref()).await?;
-        let fitted = self.fits.get(environment, &scope.pair).await.map_err(logged)?;
+        let informed = self.fits.informed(environment, &scope.pair).await.map_err(logged)?;
         let network = self.networks.active(environment, &scope.pair).await?;
-        Ok(Plan { environment: environment.clone(), scope, segments, fitted, network })
+        Ok(Plan { environment: environment.clone(), scope, segments, informed, network })
     }
 
     async fn discoveries(

@@ -16,7 +16,7 @@ use crate::domain::{
     SegmentId, StateKey, Verdict, View,
 };
 use crate::model::{Network, Prediction};
-use crate::priors::{Fitted, Pages};
+use crate::priors::{Informed, Pages};
 use crate::store::{Scanned, Store, StoreError};
 
 /// Cells up to which a survey is made while the caller waits.
@@ -120,8 +120,8 @@ pub struct Plan {
     pub scope: Scope,
     /// The segments to count; all if `None`.
     pub segments: Option<Vec<SegmentId>>,
-    /// The fit that the evidence rests on.
-    pub fitted: Option<Arc<Fitted>>,
+    /// The fit and the habits that the evidence rests on.
+    pub informed: Option<Informed>,
     /// The network that is asked where the counts do not decide.
     pub network: Option<Arc<Network>>,
 }
@@ -136,7 +136,7 @@ impl Plan {
         Judge {
             schema: &self.environment.schema,
             scope: &self.scope,
-            fitted: self.fitted.as_deref(),
+            informed: self.informed.as_ref(),
             network: self.network.as_deref(),
             view,
             remembers: self.segments.is_none(),
@@ -150,7 +150,7 @@ impl Plan {
 
     /// Returns which fit it is.
     pub fn fit(&self) -> FitId {
-        self.fitted.as_ref().map(|fitted| fitted.id).unwrap_or_default()
+        self.informed.as_ref().map(|informed| informed.id).unwrap_or_default()
     }
 }
 
@@ -228,7 +228,7 @@ async fn make(store: &dyn Store, plan: &Plan) -> Result<Survey, StoreError> {
     }
     rows.sort_unstable_by(|a, b| a.key.cmp(&b.key));
     let found = tokio::sync::Mutex::new(LruCache::new(KEPT));
-    let dependent_share = plan.fitted.as_ref().map(|fitted| fitted.fit.parameters.dependent);
+    let dependent_share = plan.informed.as_ref().map(|informed| informed.fit.parameters.dependent);
     let network = plan.network.as_ref().map(|network| network.version);
     Ok(Survey { rows, as_of, fit: plan.fit(), network, dependent_share, orders: Default::default(), found })
 }

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use lru::LruCache;
 
 use crate::domain::{Environment, EnvironmentId, FitId, Pair, Schema, StateKey};
-use crate::evidence::{self, Base, Ego, Fit, Fitter, Prior};
+use crate::evidence::{self, Beliefs, Ego, Fit, Fitter, Habits, Prior, Uses};
 use crate::information::{Alphabet, Table};
 use crate::store::form::Unreadable;
 use crate::store::{FitRecord, Store, StoreError};
@@ -22,6 +22,8 @@ mod text;
 
 pub use scan::Pages;
 pub use tables::Tables;
+
+pub use known::{Found, Ground};
 
 use known::Known;
 pub use sample::Sample;
@@ -48,16 +50,35 @@ pub struct Fitted {
     /// What was found about single states.
     pub known: Known,
     /// The last threshold asked for, and what is believed of it without counts: nearly all questions have the same.
-    unseen: Mutex<Option<(f64, f64)>>,
+    unseen: Mutex<Option<(f64, Beliefs)>>,
+}
+
+/// A fitted prior with the habits of its environment by now: what evidence rests on.
+#[derive(Clone)]
+pub struct Informed {
+    /// The fit.
+    pub fitted: Arc<Fitted>,
+    /// How the environment uses the actions of both agents.
+    pub habits: Arc<Habits>,
+    /// How many transitions the environment had when they were read.
+    pub revision: u64,
+}
+
+impl std::ops::Deref for Informed {
+    type Target = Fitted;
+
+    fn deref(&self) -> &Fitted {
+        &self.fitted
+    }
 }
 
 impl Fitted {
-    /// Returns P(MI > threshold) in a state that was never seen.
-    pub fn unseen_above(&self, nats: f64) -> f64 {
+    /// Returns what is believed of a state that was never seen, at a threshold in nats.
+    pub fn unseen(&self, nats: f64) -> Beliefs {
         let mut last = self.unseen.lock().unwrap_or_else(PoisonError::into_inner);
         match *last {
-            Some((threshold, above)) if threshold == nats => above,
-            _ => last.insert((nats, self.prior.unseen().above(nats))).1,
+            Some((threshold, beliefs)) if threshold == nats => beliefs,
+            _ => last.insert((nats, self.prior.unseen().beliefs(nats))).1,
         }
     }
 
@@ -103,8 +124,17 @@ impl Fits {
 
         // One that cannot be read was told at the start, and is made again. Until then answers say that nothing was fitted.
         let stored = record.and_then(|record| Some((record.id, text::fit(&record.body, alphabet).ok()?)));
-        let (id, fit) = stored.unwrap_or_else(|| (FitId::default(), cold(alphabet)));
+        let (id, fit) = stored.unwrap_or_else(|| (FitId::default(), Fit::cold(alphabet)));
         Ok(Some(self.keep(key, id, last_version, fit)))
+    }
+
+    /// Returns the last fit of a pair with the habits of the environment by now; `None` where the alphabets are too large for evidence.
+    pub async fn informed(&self, environment: &Environment, pair: &Pair) -> Result<Option<Informed>, StoreError> {
+        let Some(fitted) = self.get(environment, pair).await? else { return Ok(None) };
+        let totals = self.store.actions(environment).await?;
+        let Pair { ego, other, .. } = pair.undirected();
+        let habits = Arc::new(Habits::new(&totals.draws(ego), &totals.draws(other)));
+        Ok(Some(Informed { fitted, habits, revision: totals.revision }))
     }
 
     /// Fits a pair to the counts as they are now; `None` where the alphabets are too large for evidence.
@@ -114,9 +144,9 @@ impl Fits {
         let _turn = self.making.lock().await;
         let version = self.get(environment, &pair).await?.map_or(0, |fitted| fitted.last_version) + 1;
         let revision = self.store.totals(environment.id).await?.transitions;
-        let (base, states) = self.states(environment, &pair, alphabet).await?;
+        let (uses, states) = self.states(environment, &pair, alphabet).await?;
         let fitting = move || {
-            let mut fitter = Fitter::new(alphabet, Base::new(&base));
+            let mut fitter = Fitter::new(alphabet, &uses);
             states.iter().for_each(|(_, slices)| fitter.add(slices));
             fitter.fit()
         };
@@ -180,15 +210,14 @@ impl Fits {
         pairs
     }
 
-    /// Returns how often each of the later agent's actions was drawn, and the tables of the states that can tell dependence from independence,
-    /// in order of key.
+    /// Returns how all states use the actions of both agents, and the tables of the states that can tell dependence from independence, in order of key.
     async fn states(
         &self,
         environment: &Environment,
         pair: &Pair,
         alphabet: Alphabet,
-    ) -> Result<(Vec<u64>, Vec<(StateKey, Vec<Table>)>), StoreError> {
-        let mut base = vec![0; alphabet.columns as usize];
+    ) -> Result<(Uses, Vec<(StateKey, Vec<Table>)>), StoreError> {
+        let mut uses = Uses::new(alphabet);
         let mut sample = Sample::default();
         let mut pages = Pages::new(&*self.store, environment.id);
         while let Some(page) = pages.next().await? {
@@ -196,14 +225,14 @@ impl Fits {
                 let cells = scanned.counts.cells().iter();
                 let tables = Tables::new(&environment.schema, pair, cells.clone());
                 let slices = tables.draws(&environment.schema, pair, cells);
-                slices.iter().for_each(|slice| add_columns(&mut base, slice));
+                uses.add(&slices);
                 if !slices.iter().all(Table::is_line) {
                     sample.add(scanned.key, slices.into_owned());
                 }
             }
         }
         sample.states.sort_unstable_by(|a, b| a.0.cmp(&b.0));
-        Ok((base, sample.states))
+        Ok((uses, sample.states))
     }
 
     fn keep(&self, key: Key, id: FitId, last_version: u64, fit: Fit) -> Arc<Fitted> {
@@ -246,18 +275,8 @@ fn unreadable(schema: &Schema, record: &FitRecord) -> Option<Unreadable> {
     }
 }
 
-fn add_columns(base: &mut [u64], slice: &Table) {
-    for (label, n) in slice.column_labels().iter().zip(slice.columns()) {
-        base[*label as usize] += n;
-    }
-}
-
 /// Returns how many actions the two have; `None` where that is too many for evidence.
 fn alphabet(schema: &Schema, pair: &Pair) -> Option<Alphabet> {
     let alphabet = pair.alphabet(schema);
     (alphabet.rows.max(alphabet.columns) <= evidence::MOST_LETTERS).then_some(alphabet)
-}
-
-fn cold(alphabet: Alphabet) -> Fit {
-    Fit::cold(alphabet, Base::new(&vec![0; alphabet.columns as usize]))
 }

@@ -3,20 +3,26 @@
 use serde::{Deserialize, Serialize};
 
 use crate::domain::Pair;
-use crate::evidence::{Base, Fit, Parameters};
+use crate::evidence::{Base, Fit, Parameters, SideParameters};
 use crate::information::Alphabet;
 use crate::store::form::{self, Unreadable};
 
-/// The version of the form that is written.
-const FORM: u32 = 1;
+/// The version of the form that is written. The first one read tables in one way only: nothing of it says what the other way would.
+const FORM: u32 = 2;
 
 #[derive(Serialize, Deserialize)]
 struct FitText {
-    base: Vec<u64>,
+    bases: [Vec<u64>; 2],
     dependent: f64,
+    sides: [SideText; 2],
+    states: u64,
+}
+
+#[derive(Serialize, Deserialize)]
+struct SideText {
     nulls: Vec<f64>,
     slabs: Vec<f64>,
-    states: u64,
+    habit: Option<f64>,
 }
 
 /// Returns what a pair is called: the positions of its agents, then those held fixed: `0,2|1`.
@@ -41,37 +47,59 @@ pub fn pair(text: &str) -> Option<Pair> {
 
 /// Writes a fit.
 pub fn of_fit(fit: &Fit) -> String {
-    let Parameters { dependent, nulls, slabs } = fit.parameters.clone();
-    form::write(FORM, &FitText { base: fit.base.counts().to_vec(), dependent, nulls, slabs, states: fit.states })
+    let Parameters { dependent, sides } = fit.parameters.clone();
+    let bases = fit.bases.clone().map(|base| base.counts().to_vec());
+    let side = |SideParameters { nulls, slabs, habit }: SideParameters| SideText { nulls, slabs, habit };
+    form::write(FORM, &FitText { bases, dependent, sides: sides.map(side), states: fit.states })
 }
 
 /// Reads a fit of these alphabets back. One that cannot be read is made again; a version whose content says too little for that is
 /// [`Unreadable::Older`].
 pub fn fit(text: &str, alphabet: Alphabet) -> Result<Fit, Unreadable> {
     match form::version(text)? {
-        1 => first(form::read(text)?, alphabet),
+        1 => Err(Unreadable::Older(1)),
+        FORM => newest(form::read(text)?, alphabet),
         found => Err(Unreadable::Newer { found, newest: FORM }),
     }
 }
 
-fn first(text: FitText, alphabet: Alphabet) -> Result<Fit, Unreadable> {
-    let FitText { base, dependent, nulls, slabs, states } = text;
-    let cold = Parameters::cold();
-    let found = [base.len(), nulls.len(), slabs.len()];
-    let expected = [alphabet.columns as usize, cold.nulls.len(), cold.slabs.len()];
-    if found != expected {
-        let why = format!("it has {found:?} actions, nulls and slabs, expected {expected:?}");
-        return Err(Unreadable::Spoiled(why));
+fn newest(text: FitText, alphabet: Alphabet) -> Result<Fit, Unreadable> {
+    let FitText { bases, dependent, sides, states } = text;
+    let found = bases.each_ref().map(|base| base.len() as u64);
+    if found != [alphabet.rows, alphabet.columns] {
+        return Err(Unreadable::spoiled(format!(
+            "it has {found:?} actions, expected {}, {}",
+            alphabet.rows, alphabet.columns
+        )));
     }
     if !is_inside(dependent) {
         return Err(Unreadable::spoiled(format!("dependent {dependent}, expected above 0 and below 1")));
     }
-    for (name, weights) in [("nulls", &nulls), ("slabs", &slabs)] {
-        if !are_weights(weights) {
-            return Err(Unreadable::spoiled(format!("{name} {weights:?}, expected above 0 and summing to 1")));
+    check(&sides)?;
+    let side = |SideText { nulls, slabs, habit }: SideText| SideParameters { nulls, slabs, habit };
+    let parameters = Parameters { dependent, sides: sides.map(side) };
+    Ok(Fit { alphabet, bases: bases.map(|counts| Base::new(&counts)), parameters, states })
+}
+
+fn check(sides: &[SideText; 2]) -> Result<(), Unreadable> {
+    let cold = &Parameters::cold().sides[0];
+    for SideText { nulls, slabs, habit } in sides {
+        let (found, expected) = ([nulls.len(), slabs.len()], [cold.nulls.len(), cold.slabs.len()]);
+        if found != expected {
+            return Err(Unreadable::spoiled(format!("it has {found:?} nulls and slabs, expected {expected:?}")));
+        }
+        if !are_weights(nulls) {
+            return Err(Unreadable::spoiled(format!("nulls {nulls:?}, expected above 0 and summing to 1")));
+        }
+        if habit.is_some_and(|habit| habit <= 0.0) {
+            return Err(Unreadable::spoiled(format!("habit {habit:?}, expected above 0")));
         }
     }
-    Ok(Fit { alphabet, base: Base::new(&base), parameters: Parameters { dependent, nulls, slabs }, states })
+    let slabs: Vec<f64> = sides.iter().flat_map(|side| side.slabs.clone()).collect();
+    if !are_weights(&slabs) {
+        return Err(Unreadable::spoiled(format!("slabs {slabs:?}, expected above 0 and summing to 1")));
+    }
+    Ok(())
 }
 
 /// What a fit never says with certainty.
@@ -92,8 +120,10 @@ mod tests {
     const ALPHABET: Alphabet = Alphabet { rows: 2, columns: 3 };
 
     fn made() -> Fit {
-        let parameters = Parameters { dependent: 0.1 + 0.2, ..Parameters::cold() };
-        Fit { alphabet: ALPHABET, base: Base::new(&[3, 0, u64::from(u32::MAX)]), parameters, states: 7 }
+        let mut parameters = Parameters { dependent: 0.1 + 0.2, ..Parameters::cold() };
+        parameters.sides[1].habit = Some(2.0 / 3.0);
+        let bases = [Base::new(&[5, 6]), Base::new(&[3, 0, u64::from(u32::MAX)])];
+        Fit { alphabet: ALPHABET, bases, parameters, states: 7 }
     }
 
     #[test]
@@ -108,25 +138,31 @@ mod tests {
     }
 
     #[test]
-    fn a_fit_reads_back_to_the_same_bits_with_a_version_and_without() {
+    fn a_fit_reads_back_to_the_same_bits() {
         let text = of_fit(&made());
-        assert!(text.starts_with(r#"{"form":1,"base":[3,0,4294967295],"dependent":0.30000000000000004,"#), "{text}");
-        let before_versions = text.replacen("\"form\":1,", "", 1);
-        for text in [text, before_versions] {
-            let read = fit(&text, ALPHABET).expect("a fit");
-            assert_eq!((read.parameters, read.states), (made().parameters, 7));
-            assert_eq!(read.base.counts(), made().base.counts());
-        }
+        assert!(
+            text.starts_with(r#"{"form":2,"bases":[[5,6],[3,0,4294967295]],"dependent":0.30000000000000004,"#),
+            "{text}"
+        );
+        assert_eq!(fit(&text, ALPHABET).expect("a fit"), made());
     }
 
     #[test]
     fn what_was_fitted_to_something_else_says_so() {
         let why = |text: &str, columns| fit(text, Alphabet { rows: 2, columns }).expect_err("not its fit").to_string();
         let text = of_fit(&made());
-        assert!(why(&text, 4).starts_with("it is not as it was written: it has [3, "), "{}", why(&text, 4));
-        assert!(why("{}", 3).contains("missing field `base`"));
-        assert!(why(&text.replacen("1", "2", 1), 3).contains("form 2 of a newer build"));
+        assert!(why(&text, 4).starts_with("it is not as it was written: it has [2, 3] actions"), "{}", why(&text, 4));
+        assert!(why(r#"{"form":2}"#, 3).contains("missing field `bases`"));
+        assert!(why(&text.replacen("2", "3", 1), 3).contains("form 3 of a newer build"));
+        // As builds before this one wrote it, with a version and without.
+        for first in [
+            r#"{"form":1,"base":[3,0,9]}"#,
+            r#"{"base":[3,0,9],"dependent":0.3,"nulls":[1.0],"slabs":[1.0],"states":1}"#,
+        ] {
+            assert_eq!(fit(first, ALPHABET), Err(Unreadable::Older(1)));
+        }
     }
+
     #[test]
     fn shares_and_weights_that_no_fit_has_are_spoiled() {
         let why = |change: &dyn Fn(&mut Parameters)| {
@@ -137,16 +173,18 @@ mod tests {
         for wrong in [-0.1, 0.0, 1.0, 1.5, f64::MAX] {
             let told = why(&|parameters| parameters.dependent = wrong);
             assert!(told.starts_with("it is not as it was written: dependent "), "{wrong}: {told}");
-            let told = why(&|parameters| parameters.nulls[0] = wrong);
+            let told = why(&|parameters| parameters.sides[0].nulls[0] = wrong);
             assert!(told.starts_with("it is not as it was written: nulls ["), "{wrong}: {told}");
-            let told = why(&|parameters| parameters.slabs[1] = wrong);
+            let told = why(&|parameters| parameters.sides[1].slabs[1] = wrong);
             assert!(told.starts_with("it is not as it was written: slabs ["), "{wrong}: {told}");
         }
+        let told = why(&|parameters| parameters.sides[0].habit = Some(-1.0));
+        assert!(told.contains("habit Some(-1.0)"), "{told}");
         for wrong in [f64::NAN, f64::INFINITY] {
             let told = why(&|parameters| parameters.dependent = wrong);
             assert!(told.contains("invalid type: null"), "what JSON has for it: {told}");
         }
-        let told = why(&|parameters| parameters.slabs[0] *= 2.0);
+        let told = why(&|parameters| parameters.sides[0].slabs[0] *= 2.0);
         assert!(told.contains("slabs ["), "they sum to more than 1: {told}");
     }
 }

@@ -1,7 +1,7 @@
 //! The decision by evidence, measured where the truth is known: a small copy of what the planted experiment reports.
 
-use nudge::domain::{Rule, RuleKind, Verdict};
-use nudge::evidence::{Base, Belief, Ego, Fitter, Posterior, Prior, decide};
+use nudge::domain::{Dependence, Rule, RuleKind, Verdict};
+use nudge::evidence::{Believed, Ego, Fitter, Posterior, Prior, Uses, decide, dependence};
 use nudge::information::{Table, divergence, plug_in};
 use nudge::simulation::planted::{Arm, Generator, Options, Planted, planted};
 
@@ -26,18 +26,25 @@ fn states(generator: Generator, arm: Arm, dependent: f64, seed: u64) -> Vec<Plan
 
 fn fitted(generator: Generator, states: &[Planted]) -> Prior {
     let alphabet = generator.alphabet();
-    let mut counts = vec![0; alphabet.columns as usize];
-    for state in states {
-        let columns = state.table.column_labels().iter().zip(state.table.columns());
-        columns.for_each(|(label, n)| counts[*label as usize] += n);
-    }
-    let mut fitter = Fitter::new(alphabet, Base::new(&counts));
+    let mut uses = Uses::new(alphabet);
+    states.iter().for_each(|state| uses.add(std::slice::from_ref(&state.table)));
+    let mut fitter = Fitter::new(alphabet, &uses);
     states.iter().for_each(|state| fitter.add(std::slice::from_ref(&state.table)));
     Prior::new(&fitter.fit())
 }
 
 fn posteriors(prior: &Prior, states: &[Planted]) -> Vec<Posterior> {
-    states.iter().map(|state| prior.posterior(std::slice::from_ref(&state.table))).collect()
+    states.iter().map(|state| prior.posterior(prior.habits(), std::slice::from_ref(&state.table))).collect()
+}
+
+/// Returns what is believed at half a nat.
+fn believed(prior: &Prior, state: &Planted, posterior: &Posterior) -> Believed {
+    Believed::new(posterior.beliefs(0.5), prior.unseen().beliefs(0.5), std::slice::from_ref(&state.table))
+}
+
+fn verdict(state: &Planted, believed: &Believed) -> Verdict {
+    let rule = Rule { kind: RuleKind::Evidence, ..Rule::default() };
+    decide(&rule, state.table.total(), 0.0, Some(believed))
 }
 
 /// Returns the probability that a state with influence is ranked above one without.
@@ -96,8 +103,8 @@ fn scores(generator: Generator) -> [Score; 2] {
 
 #[test]
 fn evidence_finds_what_the_plug_in_does_not() {
-    // Means over ten seeds of 2,500 states lie .03 or more to the good side of each bound.
-    let bounds = [(0.81, 0.40, 0.17), (0.88, 0.60, 0.23), (0.85, 0.46, 0.19)];
+    // Means over ten seeds of 2,500 states lie .03 or more to the good side of each bound. F1 is that of calling at a probability of one half.
+    let bounds = [(0.81, 0.40, 0.17), (0.88, 0.59, 0.23), (0.85, 0.46, 0.19)];
     for (generator, (ranking, strong, error)) in Generator::USUAL.into_iter().zip(bounds) {
         let [plug_in, evidence] = scores(generator);
 
@@ -125,18 +132,75 @@ fn intervals_hold_the_truth() {
     }
 }
 
+/// What is said of a hard world of 400 states.
+struct Told {
+    /// How often the interval holds the truth where there is dependence.
+    covered: f64,
+    /// How often dependence is excluded where there is some, and established where there is none.
+    excluded: f64,
+    established: f64,
+    /// How often `influences` is said, and how often it is wrong.
+    called: usize,
+    wrong: usize,
+    /// Whether any of the states seen once or twice has a verdict.
+    decides_on_two: bool,
+}
+
+fn told(generator: Generator) -> Told {
+    let dependent = if matches!(generator, Generator::Weak(_)) { 0.5 } else { 0.3 };
+    let states = planted(generator, &Options { states: 400, dependent, arm: Arm::Plain, seed: 9 });
+    let prior = fitted(generator, &states);
+    let all: Vec<(Planted, Posterior, Believed)> = posteriors(&prior, &states)
+        .into_iter()
+        .zip(states)
+        .map(|(posterior, state)| {
+            let believed = believed(&prior, &state, &posterior);
+            (state, posterior, believed)
+        })
+        .collect();
+    let share = |of: bool, is: &dyn Fn(&(Planted, Posterior, Believed)) -> bool| {
+        let these: Vec<_> = all.iter().filter(|(state, ..)| state.dependent == of).collect();
+        these.iter().filter(|one| is(one)).count() as f64 / these.len() as f64
+    };
+    let called = || all.iter().filter(|(state, _, believed)| verdict(state, believed) == Verdict::Influences);
+    Told {
+        covered: share(true, &|(state, posterior, _)| {
+            let [low, high] = posterior.interval();
+            low <= state.information && state.information <= high
+        }),
+        excluded: share(true, &|(.., believed)| dependence(believed) == Dependence::Excluded),
+        established: share(false, &|(.., believed)| dependence(believed) == Dependence::Established),
+        called: called().count(),
+        wrong: called().filter(|(state, ..)| state.information <= 0.5).count(),
+        decides_on_two: all
+            .iter()
+            .any(|(state, _, believed)| state.table.total() <= 2 && verdict(state, believed) != Verdict::Undecided),
+    }
+}
+
+/// Evidence of 6 x 6 built for varied habits covered .72 of 3 x 25 and .73 of `stay25`, excluded .63 of `rare`, and called noise there.
+#[test]
+fn hard_worlds_are_told_as_they_are() {
+    use Generator::{Copy, EpsilonGreedy, Masked, Rare, Stay25, Stay95, ThreeByTwentyFive, TwoByTwo, Weak};
+    for generator in [TwoByTwo, ThreeByTwentyFive, Stay95, Stay25, Rare, EpsilonGreedy, Copy(6), Masked, Weak(6)] {
+        let Told { covered, excluded, established, called, wrong, decides_on_two } = told(generator);
+
+        assert!(covered >= 0.86, "{generator:?} covers {covered}");
+        assert!(excluded <= if generator == Rare { 0.10 } else { 0.04 }, "{generator:?} excludes {excluded}");
+        assert!(established <= 0.01, "{generator:?} establishes {established}");
+        assert!(called < 10 || wrong * 4 <= called, "{generator:?} calls {called}, {wrong} of them wrong");
+        assert!(!decides_on_two, "{generator:?} decides on two visits");
+    }
+}
+
 #[test]
 fn nothing_is_found_where_nothing_is_left() {
     for generator in Generator::USUAL {
         let states = states(generator, Arm::Shuffled, 0.3, 5);
         let prior = fitted(generator, &states);
         let believed = posteriors(&prior, &states);
-        let rule = Rule { kind: RuleKind::Evidence, ..Rule::default() };
-        let unseen = prior.unseen().above(0.5);
-        let verdict = |(state, posterior): (&Planted, &Posterior)| {
-            let above = Belief { now: posterior.above(0.5), unseen };
-            decide(&rule, state.table.total(), 0.0, Some(above))
-        };
+        let verdict =
+            |(state, posterior): (&Planted, &Posterior)| verdict(state, &self::believed(&prior, state, posterior));
 
         assert!(believed.iter().map(Posterior::dependent).sum::<f64>() / (STATES as f64) < 0.05);
         assert!(states.iter().zip(&believed).map(verdict).all(|verdict| verdict != Verdict::Influences));
@@ -170,7 +234,7 @@ fn rare_actions_are_not_called_the_strongest_for_being_rare() {
     let plug_in =
         tables.iter().filter(|table| largest(&mut (0..table.rows().len()).map(|row| divergence(table, row))) > 0.5);
     let believed = tables.iter().filter(|table| {
-        let actions = prior.by_action(std::slice::from_ref(table), Ego::Rows);
+        let actions = prior.by_action(prior.habits(), std::slice::from_ref(table), Ego::Rows);
         largest(&mut actions.iter().map(|action| action.divergence_mean)) > 0.5
     });
 

@@ -1,0 +1,140 @@
+//! Which actions agents use at all, and how often: the policy that a state's own visits are weighed against.
+
+use std::collections::BTreeMap;
+
+use super::base::Base;
+use super::gamma::ln_rising;
+use crate::information::{Alphabet, Table};
+
+/// How an environment uses the letters of both variables of a table, as of some revision.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Habits([Usage; 2]);
+
+/// How an environment uses the letters of one variable.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Usage {
+    /// h: the share of each letter, 0 for one that was never used; equal shares where nothing was counted.
+    pub shares: Vec<f64>,
+    /// How many letters are in use: all, where nothing was counted.
+    pub used: u64,
+    /// sum h^2.
+    pub squares: f64,
+}
+
+impl Habits {
+    /// Returns the habits behind these counts over all states, one a letter: of the row variable and of the column variable.
+    pub fn new(rows: &[u64], columns: &[u64]) -> Self {
+        Self([Usage::new(rows), Usage::new(columns)])
+    }
+
+    /// Returns the habits of a row variable and a column variable with these bases.
+    pub fn of([rows, columns]: [&Base; 2]) -> Self {
+        Self::new(rows.counts(), columns.counts())
+    }
+
+    /// Returns the usage of the variable that drives on a side: the rows', then the columns'.
+    pub(super) fn driver(&self, side: usize) -> &Usage {
+        &self.0[side]
+    }
+
+    /// Returns ln min(R, K) over the letters in use: no mutual information is larger.
+    pub fn largest_information(&self) -> f64 {
+        let [rows, columns] = [&self.0[0], &self.0[1]].map(|usage| usage.used);
+        (rows.min(columns).max(1) as f64).ln()
+    }
+}
+
+impl Usage {
+    fn new(counts: &[u64]) -> Self {
+        let total: u64 = counts.iter().sum();
+        let share = |count: &u64| if total == 0 { 1.0 / counts.len() as f64 } else { *count as f64 / total as f64 };
+        let shares: Vec<f64> = counts.iter().map(share).collect();
+        let used = shares.iter().filter(|share| **share > 0.0).count() as u64;
+        let squares = shares.iter().map(|share| share * share).sum();
+        Self { shares, used, squares }
+    }
+}
+
+/// How all states of an environment use the letters of both variables: what bases, habits and their concentrations are made of.
+#[derive(Debug, Clone)]
+pub struct Uses {
+    counts: [Vec<u64>; 2],
+    policies: [Policies; 2],
+}
+
+impl Uses {
+    /// Begins without states.
+    pub fn new(alphabet: Alphabet) -> Self {
+        let none = |letters: u64| vec![0; letters as usize];
+        Self { counts: [none(alphabet.rows), none(alphabet.columns)], policies: Default::default() }
+    }
+
+    /// Adds a state by its tables; those that cannot tell dependence from independence tell habits, too.
+    pub fn add(&mut self, slices: &[Table]) {
+        for slice in slices {
+            let margins = [(slice.row_labels(), slice.rows()), (slice.column_labels(), slice.columns())];
+            for (variable, (labels, sums)) in margins.into_iter().enumerate() {
+                let counts = &mut self.counts[variable];
+                labels.iter().zip(sums).for_each(|(label, n)| counts[*label as usize] += n);
+                self.policies[variable].add(labels, sums);
+            }
+        }
+    }
+
+    /// Returns what the row variable does on the whole, and what the column variable does.
+    pub fn bases(&self) -> [Base; 2] {
+        [0, 1].map(|variable| Base::new(&self.counts[variable]))
+    }
+
+    /// Returns the concentration kappa of the policies of each variable around its mean policy.
+    pub(super) fn concentrations(&self) -> [Option<f64>; 2] {
+        let habits = Habits::new(&self.counts[0], &self.counts[1]);
+        [0, 1].map(|variable| self.policies[variable].concentration(&habits.driver(variable).shares))
+    }
+}
+
+/// How a variable's policies differ from state to state, as far as a fit must know: how often each letter had each count in a state.
+#[derive(Debug, Clone, Default)]
+struct Policies {
+    letters: BTreeMap<(u64, u64), u64>,
+    totals: BTreeMap<u64, u64>,
+}
+
+/// Concentrations between which kappa is sought.
+const CONCENTRATIONS: [f64; 2] = [0.05, 1e5];
+/// Steps of the search.
+const STEPS: u32 = 40;
+/// How much one step narrows it.
+const GOLDEN: f64 = 0.618_033_988_749_894_8;
+
+impl Policies {
+    fn add(&mut self, labels: &[u64], sums: &[u64]) {
+        for (label, n) in labels.iter().zip(sums) {
+            *self.letters.entry((*label, *n)).or_default() += 1;
+        }
+        *self.totals.entry(sums.iter().sum()).or_default() += 1;
+    }
+
+    /// Returns the concentration kappa under which sum_s ln DM(r_s; kappa h) is largest (Minka 2000), h the mean policy; `None` where states say nothing
+    /// of it. By golden-section search in ln kappa.
+    fn concentration(&self, mean: &[f64]) -> Option<f64> {
+        if self.totals.keys().all(|total| *total < 2) || mean.iter().filter(|share| **share > 0.0).count() < 2 {
+            return None;
+        }
+        let likelihood = |ln_kappa: f64| self.likelihood(ln_kappa.exp(), mean);
+        let [mut low, mut high] = CONCENTRATIONS.map(f64::ln);
+        for _ in 0..STEPS {
+            let step = GOLDEN * (high - low);
+            let [left, right] = [high - step, low + step];
+            if likelihood(left) < likelihood(right) { low = left } else { high = right }
+        }
+        Some((0.5 * (low + high)).exp())
+    }
+
+    fn likelihood(&self, kappa: f64, mean: &[f64]) -> f64 {
+        let letter =
+            |((label, n), times): (&(u64, u64), &u64)| *times as f64 * ln_rising(kappa * mean[*label as usize], *n);
+        let total = |(n, times): (&u64, &u64)| *times as f64 * ln_rising(kappa, *n);
+        self.letters.iter().map(letter).sum::<f64>() - self.totals.iter().map(total).sum::<f64>()
+    }
+}

@@ -1,0 +1,182 @@
+//! The joint distribution that is expected of a state: the probability of each pair of actions at its next visit.
+
+use super::habits::Habits;
+use super::parameters::{
+    DEVIANT_CONCENTRATIONS, DEVIANT_GRID, DEVIANT_SLABS, FIXED, NULL_CONCENTRATIONS, NULL_GRID, NULLS,
+    SLAB_CONCENTRATIONS, SLAB_GRID,
+};
+use super::prior::{Prior, Reading, Weights};
+use super::side::{DeviantRows, Side};
+use crate::information::Table;
+
+/// The probability of an action that is not in use.
+const RAREST: f64 = 1e-12;
+
+/// Components of less weight change nothing.
+const NEGLIGIBLE: f64 = 1e-4;
+
+impl Prior {
+    /// Returns the probability of each joint action at the next visit of a slice, averaged over what is believed: the driver's actions of a side first.
+    pub(super) fn predicted(
+        &self,
+        side: usize,
+        habits: &Habits,
+        weights: &Weights,
+        reading: &Reading,
+        deviants: &[DeviantRows; 2],
+    ) -> Vec<f64> {
+        let [drivers, responders] = [1 - side, side].map(|side| self.sides[side].letters());
+        let policies = [0, 1].map(|side| {
+            let mut policy = self.mean_policy(side, habits, &reading[side]);
+            // An action that is not in use has next to no probability, but responses in proportion to it.
+            policy.iter_mut().for_each(|p| *p = p.max(RAREST));
+            policy
+        });
+        let [own, other] = [side, 1 - side].map(|side| {
+            let slabs = &weights.slabs[side];
+            self.sides[side].responses(slabs, &reading[side], &deviants[side], &policies[side])
+        });
+        let shared = self.sides[side].shared(&reading[side]);
+        let cell = |at: usize| {
+            let (driver, responder) = (at / responders, at % responders);
+            let independent = policies[side][driver] * shared[responder];
+            let dependent = own[at] + other[responder * drivers + driver];
+            (1.0 - weights.dependent) * independent + weights.dependent * dependent
+        };
+        (0..drivers * responders).map(cell).collect()
+    }
+
+    /// Returns the posterior mean of the policy of a side's driver.
+    pub(super) fn mean_policy(&self, side: usize, habits: &Habits, table: &Table) -> Vec<f64> {
+        let policy = self.policy(side, habits, table);
+        (0..habits.driver(side).shares.len() as u64).map(|label| policy.of(label, table.row_sum(label))).collect()
+    }
+}
+
+impl Side {
+    /// Returns how many letters the responder has.
+    pub fn letters(&self) -> usize {
+        self.likelihood.base.shares().len()
+    }
+
+    /// Returns the probabilities of the null's components, were a table independent.
+    pub fn null_weights(&self, table: &Table) -> [f64; NULLS] {
+        let columns = table.column_labels().iter().copied().zip(table.columns().iter().copied());
+        let evidence = self.likelihood.shared(columns, table.total());
+        self.nulls.posterior(&evidence)
+    }
+
+    /// Returns m_j of a component of the null.
+    pub fn null_share(&self, null: usize, letter: usize) -> f64 {
+        if null < NULL_GRID { self.likelihood.base.shares()[letter] } else { 1.0 / self.letters() as f64 }
+    }
+
+    /// Returns m_j of a slab of one deviating row.
+    pub fn deviant_share(&self, deviant: usize, letter: usize) -> f64 {
+        if deviant < DEVIANT_GRID { self.likelihood.base.shares()[letter] } else { 1.0 / self.letters() as f64 }
+    }
+
+    /// Returns the base of a slab on which every row has its own response.
+    pub fn slab_base(&self, slab: usize, table: &Table) -> Vec<f64> {
+        match slab {
+            0..SLAB_GRID => self.likelihood.base.shares().to_vec(),
+            SLAB_GRID..FIXED => vec![1.0 / self.letters() as f64; self.letters()],
+            _ => self.marginal(table),
+        }
+    }
+
+    /// Returns mhat_j = (c_j + g_j) / (N + 1).
+    fn marginal(&self, table: &Table) -> Vec<f64> {
+        let mut counts = self.likelihood.base.shares().to_vec();
+        for (label, n) in table.column_labels().iter().zip(table.columns()) {
+            counts[*label as usize] += *n as f64;
+        }
+        counts.iter_mut().for_each(|count| *count /= table.total() as f64 + 1.0);
+        counts
+    }
+
+    /// Returns the response that all rows share, were a table independent.
+    fn shared(&self, table: &Table) -> Vec<f64> {
+        let mut shared = vec![0.0; self.letters()];
+        let mut visited = 0.0;
+        for (null, weight) in self.null_weights(table).into_iter().enumerate() {
+            let b = NULL_CONCENTRATIONS[null % NULL_GRID];
+            let weight = weight / (table.total() as f64 + b);
+            visited += weight;
+            shared.iter_mut().enumerate().for_each(|(letter, sum)| *sum += weight * b * self.null_share(null, letter));
+        }
+        for (label, n) in table.column_labels().iter().zip(table.columns()) {
+            shared[*label as usize] += visited * *n as f64;
+        }
+        shared
+    }
+
+    /// Returns sum_k w_k p_i rho_ij of these slabs, rows first.
+    fn responses(&self, slabs: &[f64], table: &Table, rows: &DeviantRows, policy: &[f64]) -> Vec<f64> {
+        let mut joint = vec![0.0; policy.len() * self.letters()];
+        for (slab, weight) in slabs.iter().enumerate().filter(|(_, weight)| **weight > NEGLIGIBLE) {
+            match slab.checked_sub(DEVIANT_SLABS.start) {
+                Some(deviant) => self.add_deviants(deviant, *weight, table, rows, policy, &mut joint),
+                None => self.add_slab(slab, *weight, table, policy, &mut joint),
+            }
+        }
+        joint
+    }
+
+    fn add_slab(&self, slab: usize, weight: f64, table: &Table, policy: &[f64], joint: &mut [f64]) {
+        let (k, base) = (SLAB_CONCENTRATIONS[slab % SLAB_GRID], self.slab_base(slab, table));
+        for (label, (p, cells)) in policy.iter().zip(joint.chunks_mut(base.len())).enumerate() {
+            let scale = weight * p / (table.row_sum(label as u64) as f64 + k);
+            cells.iter_mut().zip(&base).for_each(|(sum, m)| *sum += scale * k * m);
+            add_row(cells, table, label, scale);
+        }
+    }
+
+    /// A row that deviates answers by itself, all others as they do together.
+    fn add_deviants(
+        &self,
+        deviant: usize,
+        weight: f64,
+        table: &Table,
+        rows: &DeviantRows,
+        policy: &[f64],
+        joint: &mut [f64],
+    ) {
+        let (k, letters) = (DEVIANT_CONCENTRATIONS[deviant % DEVIANT_GRID], self.letters());
+        let deviating = self.deviating_rows(deviant, rows);
+        let rest: Vec<Vec<f64>> = (0..policy.len()).map(|label| self.marginal_without(table, label)).collect();
+        let mut together = vec![0.0; letters];
+        for (label, rest) in rest.iter().enumerate() {
+            together.iter_mut().zip(rest).for_each(|(sum, q)| *sum += deviating.of(table, label) * q);
+        }
+        for (label, (p, cells)) in policy.iter().zip(joint.chunks_mut(letters)).enumerate() {
+            let own = deviating.of(table, label);
+            let scale = weight * p * own / (table.row_sum(label as u64) as f64 + k);
+            for (letter, sum) in cells.iter_mut().enumerate() {
+                let shared = together[letter] - own * rest[label][letter];
+                *sum += weight * p * shared + scale * k * self.deviant_share(deviant, letter);
+            }
+            add_row(cells, table, label, scale);
+        }
+    }
+
+    /// Returns the response of all rows but that of a label, with one visit more spread as the base is.
+    fn marginal_without(&self, table: &Table, label: usize) -> Vec<f64> {
+        let mut counts = self.likelihood.base.shares().to_vec();
+        for (label, n) in table.column_labels().iter().zip(table.columns()) {
+            counts[*label as usize] += *n as f64;
+        }
+        add_row(&mut counts, table, label, -1.0);
+        let total = (table.total() - table.row_sum(label as u64)) as f64 + 1.0;
+        counts.iter_mut().for_each(|count| *count /= total);
+        counts
+    }
+}
+
+/// Adds the counts of the row of a label, times a scale.
+pub(super) fn add_row(counts: &mut [f64], table: &Table, label: usize, scale: f64) {
+    let Ok(row) = table.row_labels().binary_search(&(label as u64)) else { return };
+    for cell in table.row(row) {
+        counts[table.column_labels()[cell.column as usize] as usize] += scale * cell.n as f64;
+    }
+}

@@ -1,0 +1,208 @@
+//! One way to read a table, ready to answer: its columns respond to its rows.
+
+use super::base::{Alike, Groups};
+use super::gamma::digamma;
+use super::increments::depth;
+use super::likelihood::{Likelihood, NullMixture};
+use super::moments::{Letter, Moments, Pair, Policy, Slab, Term, moments, two_rows};
+use super::parameters::{
+    DEVIANT_CONCENTRATIONS, DEVIANT_GRID, DEVIANT_SLABS, DEVIANTS, FIXED, NULLS, SLAB_CONCENTRATIONS, SLAB_GRID, SLABS,
+    SideParameters,
+};
+use crate::information::Table;
+
+/// Rows below this share of a deviant's posterior weight are left out of its moments.
+const NEGLIGIBLE: f64 = 0.03;
+
+/// One way to read a table, ready to answer.
+pub(super) struct Side {
+    pub likelihood: Likelihood,
+    pub nulls: NullMixture,
+    /// ln w.
+    pub ln_slabs: [f64; SLABS],
+    /// kappa.
+    pub habit: Option<f64>,
+    /// psi(r + k + 1) by visits r, then by slab.
+    row_psi: Vec<[f64; SLAB_GRID]>,
+    /// On the environment's base, and the uniform one.
+    bases: [Vec<Tabulated>; 2],
+    groups: Groups,
+}
+
+/// What each visited row of a table says for deviating, in logarithms relative to the null.
+pub(super) type DeviantRows = Vec<[f64; DEVIANTS]>;
+
+/// How probable it is that a row is the one that deviates: of each visited row by position, and of any other.
+pub(super) struct Deviating {
+    rows: Vec<f64>,
+    untried: f64,
+}
+
+impl Deviating {
+    /// Returns the probability of the row of a label.
+    pub fn of(&self, table: &Table, label: usize) -> f64 {
+        table.row_labels().binary_search(&(label as u64)).map_or(self.untried, |row| self.rows[row])
+    }
+}
+
+/// The terms of one slab on a fixed base.
+struct Tabulated {
+    depth: u64,
+    /// By letter, then by count.
+    terms: Vec<Term>,
+    /// sum_j k m_j psi(k m_j + 1).
+    psi: f64,
+}
+
+impl Side {
+    pub fn new(likelihood: Likelihood, parameters: &SideParameters) -> Self {
+        let shares = likelihood.base.shares();
+        let letters = shares.len().max(1) as f64;
+        let tabulated = |shares: &[f64], times: f64| {
+            SLAB_CONCENTRATIONS.iter().map(|k| Tabulated::new(*k, shares, times)).collect::<Vec<_>>()
+        };
+        Self {
+            bases: [tabulated(shares, 1.0), tabulated(&[1.0 / letters], letters)],
+            groups: Groups::new(shares),
+            nulls: NullMixture::new(&parameters.nulls),
+            ln_slabs: std::array::from_fn(|slab| parameters.slabs[slab].ln()),
+            habit: parameters.habit,
+            row_psi: (0..depth(1)).map(|r| SLAB_CONCENTRATIONS.map(|k| digamma(r as f64 + k + 1.0))).collect(),
+            likelihood,
+        }
+    }
+
+    /// Returns what each visited row of a table says for deviating.
+    pub fn deviant_rows(&self, table: &Table) -> DeviantRows {
+        self.likelihood.deviant_rows(table, &self.nulls)
+    }
+
+    /// Returns ln l of every slab relative to the null, for a slice that can tell anything.
+    pub fn ln_relative(&self, table: &Table, rows: &DeviantRows) -> Option<[f64; SLABS]> {
+        let evidence = self.likelihood.evidence(table)?;
+        let shared = |logarithms: &[f64; NULLS]| self.nulls.ln_mixed(|b| logarithms[b]);
+        let fixed = evidence.anchor.map_or(0.0, |anchor| shared(&anchor)) - shared(&evidence.nulls);
+        let deviants = self.likelihood.deviants(rows);
+        Some(std::array::from_fn(|slab| match slab {
+            0..FIXED => evidence.fixed[slab] + fixed,
+            slab if DEVIANT_SLABS.contains(&slab) => deviants[slab - DEVIANT_SLABS.start],
+            _ => evidence.own[slab - FIXED],
+        }))
+    }
+
+    /// Returns mean and variance of mutual information in a slice under a slab.
+    pub fn moments(&self, slab: usize, table: &Table, rows: &DeviantRows, policy: &Policy<'_>) -> Moments {
+        match slab {
+            0..FIXED => self.on_fixed_base(slab, table, policy),
+            slab if DEVIANT_SLABS.contains(&slab) => self.deviating(slab - DEVIANT_SLABS.start, table, rows, policy),
+            _ => self.on_own_marginal(slab - FIXED, table, policy),
+        }
+    }
+
+    fn on_fixed_base(&self, slab: usize, table: &Table, policy: &Policy<'_>) -> Moments {
+        let on_base = slab < SLAB_GRID;
+        let (k, labels, shares) =
+            (SLAB_CONCENTRATIONS[slab % SLAB_GRID], table.column_labels(), self.likelihood.base.shares());
+        let tabulated = &self.bases[usize::from(!on_base)][slab % SLAB_GRID];
+        let uniform = 1.0 / shares.len() as f64;
+        let share = |at: usize| if on_base { shares[labels[at] as usize] } else { uniform };
+        let letter = |at: usize| if on_base { labels[at] as usize } else { 0 };
+        let term = |at: usize, n: u64| tabulated.term(letter(at), n, k * share(at));
+        let columns: Vec<Letter> =
+            (0..labels.len()).map(|at| Letter { share: share(at), empty: term(at, 0) }).collect();
+        let rest = if on_base { self.groups.without(labels) } else { others(uniform, shares.len() - labels.len()) };
+        let slab = Slab { concentration: k, columns: &columns, psi: tabulated.psi, rest: &rest };
+        moments(table, policy, &slab, self.psi_a1(slab.concentration), term)
+    }
+
+    fn on_own_marginal(&self, at: usize, table: &Table, policy: &Policy<'_>) -> Moments {
+        let k = SLAB_CONCENTRATIONS[at];
+        let letter = |at: usize| {
+            let share = self.likelihood.own_share(table, at);
+            Letter { share, empty: Term::of(k * share) }
+        };
+        let columns: Vec<Letter> = (0..table.columns().len()).map(letter).collect();
+        let mut rest = self.groups.without(table.column_labels());
+        rest.iter_mut().for_each(|group| group.share /= table.total() as f64 + 1.0);
+        let unvisited = rest.iter().map(|group| group.letters * Term::of(k * group.share).psi).sum::<f64>();
+        let psi = columns.iter().map(|letter| letter.empty.psi).sum::<f64>() + unvisited;
+        let slab = Slab { concentration: k, columns: &columns, psi, rest: &rest };
+        let term = |at: usize, n: u64| Term::of(n as f64 + k * columns[at].share);
+        moments(table, policy, &slab, self.psi_a1(k), term)
+    }
+
+    fn psi_a1(&self, k: f64) -> impl Fn(u64) -> f64 {
+        let at = SLAB_CONCENTRATIONS.iter().position(|other| *other == k).unwrap_or(0);
+        move |r: u64| match self.row_psi.get(r as usize) {
+            Some(psi) => psi[at],
+            None => digamma(r as f64 + k + 1.0),
+        }
+    }
+
+    /// The moments over which row it is that deviates: the rest answers as it did, with one visit more spread as the base is.
+    fn deviating(&self, deviant: usize, table: &Table, rows: &DeviantRows, policy: &Policy<'_>) -> Moments {
+        let Deviating { rows, untried } = self.deviating_rows(deviant, rows);
+        let mut told: Vec<(f64, Moments)> = Vec::new();
+        for (row, weight) in rows.into_iter().enumerate().filter(|(_, weight)| *weight > NEGLIGIBLE) {
+            told.push((weight, self.row_deviating(deviant, table, Some(row), policy)));
+        }
+        let others = untried * policy.unvisited(table).rows;
+        if others > NEGLIGIBLE || told.is_empty() {
+            told.push((others.max(f64::MIN_POSITIVE), self.row_deviating(deviant, table, None, policy)));
+        }
+        Moments::mixed(&told)
+    }
+
+    /// Returns how probable it is of each row that it is the one that deviates.
+    pub fn deviating_rows(&self, deviant: usize, rows: &DeviantRows) -> Deviating {
+        let mut rows: Vec<f64> = rows.iter().map(|row| row[deviant]).collect();
+        let largest = rows.iter().fold(0.0_f64, |largest, row| largest.max(*row));
+        rows.iter_mut().for_each(|row| *row = (*row - largest).exp());
+        let others = self.likelihood.drivers.saturating_sub(rows.len() as u64) as f64;
+        let total = rows.iter().sum::<f64>() + others * (-largest).exp();
+        rows.iter_mut().for_each(|row| *row /= total);
+        Deviating { rows, untried: (-largest).exp() / total }
+    }
+
+    /// `None`: a row that was not visited.
+    fn row_deviating(&self, deviant: usize, table: &Table, row: Option<usize>, policy: &Policy<'_>) -> Moments {
+        let k = DEVIANT_CONCENTRATIONS[deviant % DEVIANT_GRID];
+        let shares = self.likelihood.base.shares();
+        let uniform = 1.0 / shares.len() as f64;
+        let (labels, on_base) = (table.column_labels(), deviant < DEVIANT_GRID);
+        let base = |share: f64| if on_base { share } else { uniform };
+        let mut counts = vec![0; labels.len()];
+        row.into_iter().flat_map(|row| table.row(row)).for_each(|cell| counts[cell.column as usize] = cell.n);
+        let visited = labels.iter().zip(table.columns()).zip(counts).map(|((label, all), n)| {
+            let share = shares[*label as usize];
+            Pair { a: [(all - n) as f64 + share, n as f64 + k * base(share)], letters: 1.0 }
+        });
+        let rest = self.groups.without(labels);
+        let rest =
+            rest.iter().map(|Alike { share, letters }| Pair { a: [*share, k * base(*share)], letters: *letters });
+        let columns: Vec<Pair> = visited.chain(rest).collect();
+        let unvisited = policy.unvisited(table);
+        let p = match row {
+            Some(row) => policy.of(table.row_labels()[row], table.rows()[row]),
+            None => unvisited.p / unvisited.rows.max(1.0),
+        };
+        two_rows(p, policy, &columns)
+    }
+}
+
+fn others(share: f64, letters: usize) -> Vec<Alike> {
+    if letters == 0 { Vec::new() } else { vec![Alike { share, letters: letters as f64 }] }
+}
+
+impl Tabulated {
+    fn new(k: f64, shares: &[f64], times: f64) -> Self {
+        let depth = depth(shares.len());
+        let terms = shares.iter().flat_map(|share| (0..depth).map(move |n| Term::of(n as f64 + k * share)));
+        let psi = shares.iter().map(|share| times * Term::of(k * share).psi).sum();
+        Self { depth, terms: terms.collect(), psi }
+    }
+
+    fn term(&self, letter: usize, n: u64, start: f64) -> Term {
+        if n < self.depth { self.terms[letter * self.depth as usize + n as usize] } else { Term::of(n as f64 + start) }
+    }
+}
