@@ -140,8 +140,8 @@ const MOST_UNSEEN: usize = 5_000;
 const FEWEST_UNSEEN: usize = 250;
 /// Draws of any slab that is not negligible.
 const FEWEST_OF_SLAB: usize = 16;
-/// Slabs below this weight are left out.
-const NEGLIGIBLE: f64 = 1e-3;
+/// The share of all slabs' weight that is drawn from.
+const WEIGHED: f64 = 0.99;
 
 impl Prior {
     /// Draws from a slab of a side.
@@ -175,7 +175,7 @@ impl Prior {
             let draws = ((weight * draws as f64) as usize).max(FEWEST_OF_SLAB);
             (weight, self.sampled_moments(side, slab, draws))
         };
-        let parts = weights.kept(NEGLIGIBLE).map(sampled).collect();
+        let parts = weights.heaviest(WEIGHED).into_iter().map(sampled).collect();
         Some(Posterior::new(weights.dependent, largest, parts, None))
     }
 

@@ -197,11 +197,13 @@ impl Likelihood {
     /// `rows` are the terms of the visited ones.
     pub fn deviants(&self, rows: &[[f64; DEVIANTS]]) -> [f64; DEVIANTS] {
         let untried = self.drivers.saturating_sub(rows.len() as u64) as f64;
-        let largest =
-            rows.iter().fold([0.0_f64; DEVIANTS], |largest, row| std::array::from_fn(|k| largest[k].max(row[k])));
+        // Where every row was tried, all terms may be too small for an exponential.
+        let least = if untried > 0.0 { 0.0 } else { f64::NEG_INFINITY };
         let mean = |k: usize| {
-            let tried: f64 = rows.iter().map(|row| (row[k] - largest[k]).exp()).sum();
-            largest[k] + ((tried + untried * (-largest[k]).exp()) / self.drivers as f64).ln()
+            let largest = rows.iter().fold(least, |largest: f64, row| largest.max(row[k]));
+            let tried: f64 = rows.iter().map(|row| (row[k] - largest).exp()).sum();
+            let rest = if untried > 0.0 { untried * (-largest).exp() } else { 0.0 };
+            largest + ((tried + rest) / self.drivers as f64).ln()
         };
         std::array::from_fn(mean)
     }

@@ -65,6 +65,12 @@ pub(super) struct Moments {
 }
 
 impl Moments {
+    /// Returns the same with this part of the mean added to the standard deviation, in squares.
+    pub fn doubted(self, part: f64) -> Self {
+        let more = (part * self.mean).powi(2);
+        Self { variance: self.variance + more, wide: self.wide + more, ..self }
+    }
+
     /// Returns the moments of a mixture, given weights and the moments of its parts.
     pub fn mixed(parts: &[(f64, Self)]) -> Self {
         let total: f64 = parts.iter().map(|(weight, _)| weight).sum();

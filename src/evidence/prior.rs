@@ -6,13 +6,13 @@ use super::habits::Habits;
 use super::increments::add;
 use super::likelihood::Likelihood;
 use super::moments::{Moments, Policy};
-use super::parameters::{Parameters, SLABS};
+use super::parameters::{DEVIANT_SLABS, Parameters, SLABS};
 use super::posterior::Posterior;
 use super::side::{DeviantRows, Side};
 use crate::information::{Alphabet, Table};
 
-/// Slabs below this share of all slabs' posterior weight are left out of the moments.
-const NEGLIGIBLE: f64 = 3e-3;
+/// The share of all slabs' posterior weight that moments are found for: the lighter ones change nothing, and there are many.
+const WEIGHED: f64 = 0.9;
 
 /// The most pairs of letters in use for which a table's own estimate is made: it looks at every one of them.
 const MOST_ESTIMATED: u64 = 65_536;
@@ -37,12 +37,43 @@ pub(super) struct Weights {
 }
 
 impl Weights {
-    /// Returns the side, the number and the weight of the slabs that have at least this weight.
-    pub fn kept(&self, least: f64) -> impl Iterator<Item = (usize, usize, f64)> {
-        let side =
-            move |side: usize| self.slabs[side].iter().enumerate().map(move |(slab, weight)| (side, slab, *weight));
-        (0..2).flat_map(side).filter(move |(.., weight)| *weight >= least)
+    /// Returns the side, the number and the weight of the heaviest slabs, which have this share of the weight together.
+    pub fn heaviest(&self, share: f64) -> Vec<(usize, usize, f64)> {
+        heaviest((0..2).flat_map(|side| numbered(side, &self.slabs[side], 0..SLABS)).collect(), share)
     }
+
+    /// Returns the same, but of the slabs of one deviating row only the heaviest of each side, for all of them: they differ little but in which row it is.
+    pub fn summed(&self, share: f64) -> Vec<(usize, usize, f64)> {
+        let side = |side: usize| {
+            let slabs = &self.slabs[side];
+            let deviants = numbered(side, slabs, DEVIANT_SLABS);
+            let weight = slabs[DEVIANT_SLABS].iter().sum();
+            let heaviest = deviants.max_by(|a, b| a.2.total_cmp(&b.2)).map(|(side, slab, _)| (side, slab, weight));
+            numbered(side, slabs, 0..DEVIANT_SLABS.start).chain(heaviest)
+        };
+        heaviest((0..2).flat_map(side).collect(), share)
+    }
+}
+
+fn numbered(
+    side: usize,
+    slabs: &[f64; SLABS],
+    range: std::ops::Range<usize>,
+) -> impl Iterator<Item = (usize, usize, f64)> + use<'_> {
+    range.map(move |slab| (side, slab, slabs[slab]))
+}
+
+/// Returns those of the heaviest weights that have this share together, in their order.
+fn heaviest(mut weights: Vec<(usize, usize, f64)>, share: f64) -> Vec<(usize, usize, f64)> {
+    let mut ordered: Vec<f64> = weights.iter().map(|(.., weight)| *weight).collect();
+    ordered.sort_unstable_by(|a, b| b.total_cmp(a));
+    let mut left = share;
+    let lightest = ordered.into_iter().find(|weight| {
+        left -= weight;
+        left <= 0.0
+    });
+    weights.retain(|(.., weight)| *weight >= lightest.unwrap_or(0.0));
+    weights
 }
 
 /// A table, and the same with rows and columns exchanged: as each side reads it.
@@ -106,11 +137,13 @@ impl Prior {
         }
         let readings = readings(slices);
         let weights = self.weights(&readings);
-        let parts = weights.kept(NEGLIGIBLE);
-        let parts =
-            parts.map(|(side, slab, weight)| (weight, self.moments(side, slab, habits, &readings, &weights.deviants)));
-        let parts = parts.collect();
-        Posterior::new(weights.dependent, largest, parts, self.estimate(habits, &weights, &readings))
+        let estimate = self.estimate(habits, &weights, &readings);
+        let doubt = if estimate.is_some() { 0.0 } else { doubt(habits) };
+        let part = |(side, slab, weight): (usize, usize, f64)| {
+            (weight, self.moments(side, slab, habits, &readings, &weights.deviants).doubted(doubt))
+        };
+        let parts = weights.summed(WEIGHED).into_iter().map(part).collect();
+        Posterior::new(weights.dependent, largest, parts, estimate)
     }
 
     /// Returns P(dependent) alone, which takes a fraction of the time of a whole [`posterior`](Self::posterior).
@@ -198,6 +231,16 @@ impl Prior {
         // Read in both ways, so that the order of the variables changes no bit.
         Some(estimate(0).between(estimate(1)))
     }
+}
+
+/// Returns by which part of itself what a slab says is uncertain where the table says too little by itself: the slabs' rows are of one family, and in a large
+/// table dozens of rows make them certain of its shape, whatever the truth is (one letter of each row's own, say, among all others).
+fn doubt(habits: &Habits) -> f64 {
+    /// In the largest alphabets, and the pairs of letters up to which there is none.
+    const MOST: f64 = 0.25;
+    const NONE: f64 = 100.0;
+    let pairs = (habits.driver(0).used * habits.driver(1).used) as f64;
+    MOST * (1.0 - NONE / pairs).max(0.0)
 }
 
 /// Returns ln sum e^x.

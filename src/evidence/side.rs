@@ -12,7 +12,7 @@ use super::parameters::{
 use crate::information::Table;
 
 /// Rows below this share of a deviant's posterior weight are left out of its moments.
-const NEGLIGIBLE: f64 = 0.03;
+const NEGLIGIBLE: f64 = 0.1;
 
 /// One way to read a table, ready to answer.
 pub(super) struct Side {
@@ -156,12 +156,14 @@ impl Side {
     /// Returns how probable it is of each row that it is the one that deviates.
     pub fn deviating_rows(&self, deviant: usize, rows: &DeviantRows) -> Deviating {
         let mut rows: Vec<f64> = rows.iter().map(|row| row[deviant]).collect();
-        let largest = rows.iter().fold(0.0_f64, |largest, row| largest.max(*row));
-        rows.iter_mut().for_each(|row| *row = (*row - largest).exp());
         let others = self.likelihood.drivers.saturating_sub(rows.len() as u64) as f64;
-        let total = rows.iter().sum::<f64>() + others * (-largest).exp();
+        let least = if others > 0.0 { 0.0 } else { f64::NEG_INFINITY };
+        let largest = rows.iter().fold(least, |largest: f64, row| largest.max(*row));
+        rows.iter_mut().for_each(|row| *row = (*row - largest).exp());
+        let untried = if others > 0.0 { (-largest).exp() } else { 0.0 };
+        let total = rows.iter().sum::<f64>() + others * untried;
         rows.iter_mut().for_each(|row| *row /= total);
-        Deviating { rows, untried: (-largest).exp() / total }
+        Deviating { rows, untried: untried / total }
     }
 
     /// `None`: a row that was not visited.

@@ -631,3 +631,65 @@ fn many_rarely_seen_states_do_not_make_dependence_common() {
 
     assert!((fitted(SIX, &tables).parameters.dependent - 0.3).abs() < 0.01);
 }
+
+/// Draws of two agents of whom each mostly takes its first action; the second answers `copied` of the first one's second actions by its own second.
+fn skewed([rows, columns]: [u64; 2], visits: usize, copied: f64, random: &mut rand_pcg::Pcg64) -> Table {
+    let mut mostly = |letters: u64| if random.random_bool(0.95) { 0 } else { random.random_range(1..letters) };
+    let pairs: Vec<(u64, u64)> = (0..visits).map(|_| (mostly(rows), mostly(columns))).collect();
+    let copies =
+        |(ego, other): (u64, u64)| if ego == 1 && random.random_bool(copied) { (1, 1, 1) } else { (ego, other, 1) };
+    Table::from_counts(pairs.into_iter().map(copies))
+}
+
+/// Between concentrations of 1,000 and a million the null had none, so that slabs told the marginals of alike habits better: all of the noise was
+/// established.
+#[test]
+fn habits_that_are_alike_are_no_dependence() {
+    let mut random = rand_pcg::Pcg64::seed_from_u64(11);
+    for (letters, visits) in [([2, 25], 20_000), ([3, 64], 2_000), ([6, 6], 20_000)] {
+        let copied = [vec![0.5; 4], vec![0.0; 26]].concat();
+        let tables: Vec<Table> = copied.iter().map(|share| skewed(letters, visits, *share, &mut random)).collect();
+        let prior = fitted(Alphabet { rows: letters[0], columns: letters[1] }, &tables);
+
+        let established = |table: &&Table| dependence(&believed(&prior, table)) == Dependence::Established;
+        let found = [&tables[..4], &tables[4..]].map(|tables| tables.iter().filter(established).count());
+        assert_eq!(found[1], 0, "{letters:?}");
+        assert!(found[0] >= 2, "{letters:?}: {}", found[0]);
+    }
+}
+
+/// Every term of one deviating row underflowed, and a fit of nothing was NaN.
+#[test]
+fn what_is_certainly_independent_is_told_in_numbers() {
+    let mut random = rand_pcg::Pcg64::seed_from_u64(12);
+    for (rows, columns) in [(2, 256), (256, 4), (2, 2)] {
+        let mut pair = |_| (random.random_range(0..rows), random.random_range(0..columns), 1);
+        let tables: Vec<Table> = (0..3).map(|_| Table::from_counts((0..20_000).map(&mut pair))).collect();
+        let prior = fitted(Alphabet { rows, columns }, &tables);
+
+        let posterior = of(&prior, &tables[0]);
+        assert!(posterior.dependent() < 0.5 && posterior.mean() < 1e-3, "{rows} x {columns}: {posterior:?}");
+        assert!(prior.unseen().mean().is_finite());
+    }
+}
+
+/// No Dirichlet row copies now and then: hundreds of visits of 25 x 25 were certain of too much.
+#[test]
+fn what_slabs_cannot_say_is_doubted() {
+    let mut random = rand_pcg::Pcg64::seed_from_u64(13);
+    let mut pair = |_| {
+        let ego = random.random_range(0..25);
+        (ego, if random.random_bool(0.5) { ego } else { random.random_range(0..25) }, 1)
+    };
+    let tables: Vec<Table> = (0..20).map(|_| Table::from_counts((0..500).map(&mut pair))).collect();
+    let prior = fitted(Alphabet { rows: 25, columns: 25 }, &tables);
+
+    // 25 cells of (1/2 + 1/50) / 25, the others alike.
+    let [same, other] = [0.52, 0.02_f64];
+    let truth = same * (25.0 * same).ln() + 24.0 * other * (25.0 * other).ln();
+    let covers = |table: &&Table| {
+        let [low, high] = of(&prior, table).interval();
+        low <= truth && truth <= high
+    };
+    assert!(tables.iter().filter(covers).count() >= 18);
+}
