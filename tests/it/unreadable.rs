@@ -86,6 +86,53 @@ async fn networks_stay_listed_with_the_reason() {
 }
 
 #[tokio::test]
+async fn a_row_that_is_none_of_its_environment_keeps_no_other_network_away() {
+    const CASES: [(&str, &str); 4] = [
+        ("update models set ego = 9 where version = 1", "its ego: got position 9, expected 0 to 1"),
+        ("update models set other = 2 where version = 1", "its other: got position 2, expected 0 to 1"),
+        ("update models set ego = 1, other = 0 where version = 1", "its agents: got positions (1, 0), expected those"),
+        ("delete from model_weights where version = 1", "its weights: they are missing"),
+    ];
+    for (change, expected) in CASES {
+        let fixture = spoiled(&[change]).await;
+        let app = TestApp::on(fixture.directory.clone()).await;
+        let listed = models(&app).await;
+        assert_eq!(
+            listed.iter().map(|model| why(model).is_empty()).collect::<Vec<_>>(),
+            [false, true, true],
+            "{change}"
+        );
+        assert!(why(&listed[0]).starts_with(expected), "{change}: {}", listed[0]);
+        let (status, answer) = app.rest("GET", UNSEEN, None).await;
+        assert_eq!((status, &answer["answers"][0]["model"]), (200, &Value::Null), "{change}: {answer}");
+        for path in ["states", "summary", "explore", "graph?key=0.1.0.0.0.2.1"] {
+            let (status, told) = app.rest("GET", &format!("{CORNER}/{path}"), None).await;
+            assert_eq!(status, 200, "{change}, {path}: {told}");
+        }
+
+        let (status, problem) = app.rest("PUT", &format!("{CORNER}/models/1/active"), None).await;
+        assert_eq!((status, &problem["reason"]), (409, &json!("MODEL_UNREADABLE")), "{change}: {problem}");
+        let exported = reqwest::get(app.url(&format!("{CORNER}/models/1/weights"))).await.expect("answered");
+        assert_eq!(exported.status(), if change.starts_with("delete") { 409 } else { 200 }, "{change}");
+        assert_eq!(app.rest("DELETE", &format!("{CORNER}/models/1/active"), None).await.0, 200, "{change}");
+        assert_eq!(app.rest("DELETE", &format!("{CORNER}/models/1"), None).await.0, 204, "{change}");
+        assert_eq!(app.rest("PUT", &format!("{CORNER}/models/3/active"), None).await.0, 200, "{change}");
+        let (_, answer) = app.rest("GET", UNSEEN, None).await;
+        assert_eq!(answer["answers"][0]["model"]["version"], 3, "{change}: {answer}");
+        app.stop().await;
+
+        let fixture = spoiled(&[change]).await;
+        let warned =
+            log(fixture.directory.path(), 1).into_iter().filter(|line| line.contains("a network cannot be read"));
+        let warned: Vec<String> = warned.collect();
+        assert!(
+            warned.len() == 1 && warned[0].contains("WARN") && warned[0].contains(expected),
+            "{change}: {warned:?}"
+        );
+    }
+}
+
+#[tokio::test]
 async fn a_network_that_cannot_be_read_answers_nothing_and_can_be_taken_along_and_deleted() {
     let fixture = spoiled(&[NEWER_CARD, CARD_WITHOUT_TRAINING]).await;
     let app = TestApp::on(fixture.directory.clone()).await;
@@ -254,11 +301,11 @@ async fn a_receipt_that_cannot_be_read_holds_nobody_up() {
     app.stop().await;
 }
 
-/// Starts the real binary, stops it once it has looked at everything, and returns what it logged.
-fn log(data: &Path) -> Vec<String> {
-    // A line that never comes must not be waited for without end.
+/// Starts the real binary, stops it once it has told of so many networks, and returns what it logged.
+fn log(data: &Path, networks: usize) -> Vec<String> {
+    // A line that never comes must not be waited for without end. In the foreground, for else the signal to stop would arrive twice.
     let mut child = Command::new("timeout")
-        .args(["30", env!("CARGO_BIN_EXE_nudge")])
+        .args(["--foreground", "30", env!("CARGO_BIN_EXE_nudge")])
         .args(["serve", "--listen", "127.0.0.1:0", "--fit-every", "0s", "--log", "json", "--data"])
         .arg(data)
         .stdout(Stdio::null())
@@ -268,14 +315,14 @@ fn log(data: &Path) -> Vec<String> {
     let stderr = child.stderr.take().expect("piped");
     let stop = || Command::new("kill").args(["-TERM", &child.id().to_string()]).status().expect("kill is there");
     let mut lines = Vec::new();
-    let mut networks = 0;
+    let mut told = 0;
     for line in BufReader::new(stderr).lines() {
         lines.push(line.expect("text"));
         // The networks are looked at last.
-        networks += usize::from(lines.last().is_some_and(|line| line.contains("a network cannot be read")));
-        if networks == 3 {
+        told += usize::from(lines.last().is_some_and(|line| line.contains("a network cannot be read")));
+        if told == networks {
             assert!(stop().success());
-            networks = 0;
+            told = 0;
         }
     }
     assert!(child.wait().expect("it ends").success(), "{lines:#?}");
@@ -287,7 +334,7 @@ async fn a_line_at_the_start_names_each_thing_its_version_and_the_reason() {
     let changes = [NEWER_CARD, CARD_WITHOUT_TRAINING, NO_WEIGHTS, NEWER_FIT, NEWER_SCHEMA];
     let fixture = spoiled(&changes).await;
     let directory = fixture.directory.clone();
-    let lines = tokio::task::spawn_blocking(move || log(directory.path())).await.expect("no panic");
+    let lines = tokio::task::spawn_blocking(move || log(directory.path(), 3)).await.expect("no panic");
     let warned: Vec<Value> = lines.iter().map(|line| serde_json::from_str(line).expect("JSON")).collect();
     let warned: Vec<&Value> = warned.iter().filter(|line| line["level"] == "WARN").collect();
     let said = |line: &&Value, name: &str| line[name].clone();

@@ -30,7 +30,7 @@ pub(super) async fn models(readers: &SqlitePool, id: EnvironmentId) -> Result<Ve
     rows.iter().map(|row| read(row).map_err(unreadable)).collect()
 }
 
-/// Returns a model with its weights.
+/// Returns a model with its weights, empty where they are missing.
 pub(super) async fn model(
     readers: &SqlitePool,
     id: EnvironmentId,
@@ -39,7 +39,8 @@ pub(super) async fn model(
     let text = concat!(
         "select ",
         record!(),
-        ", weights from models join model_weights using (environment, version) where environment = ? and version = ?"
+        ", ifnull(weights, x'') as weights from models left join model_weights using (environment, version)
+         where environment = ? and version = ?"
     );
     let row =
         sqlx::query(text).bind(id.0).bind(version.cast_signed()).fetch_optional(readers).await.map_err(unreadable)?;
