@@ -8,7 +8,7 @@ use std::process::{Command, Stdio};
 use nudge::api::{json as dto, proto};
 use nudge::domain::Pair;
 use nudge::priors::Fits;
-use nudge::store::Options;
+use nudge::store::{NewModel, Options, StoreError};
 use serde_json::{Value, json};
 use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{ConnectOptions, Connection};
@@ -301,6 +301,44 @@ async fn a_receipt_that_cannot_be_read_holds_nobody_up() {
     app.stop().await;
 }
 
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn check_names_each_network_that_cannot_be_read() {
+    const WITHOUT_WEIGHTS: &str = "delete from model_weights where version = 3";
+    let fixture = spoiled(&[NEWER_CARD, WITHOUT_WEIGHTS]).await;
+    let data = fixture.directory.path().to_str().expect("text").to_owned();
+    let (code, stdout, stderr) = told(&output(nudge("", &["check", "--data", &data])).await);
+    assert_eq!(code, 1, "{stderr}");
+    assert!(stderr.contains("2 networks cannot be read"), "{stderr}");
+    for line in
+        ["version 1: CANNOT BE READ, its card: it has form 9", "version 3: CANNOT BE READ, its weights: they are"]
+    {
+        assert!(stdout.contains(&format!("corner, network {line}")), "{stdout}");
+    }
+    let (_, stdout, _) = told(&output(nudge("", &["check", "--json", "--data", &data])).await);
+    let report: Value = serde_json::from_str(&stdout).expect("JSON");
+    let first = &report["unreadable_networks"][0];
+    assert_eq!((&first["environment"], &first["version"]), (&json!("corner"), &json!(1)), "{report}");
+    assert_eq!(report.get("unreadable"), None, "{report}");
+}
+
+#[tokio::test]
+async fn versions_that_are_used_up_are_told_so() {
+    const FIT: &str = "update fits set version = 9223372036854775807 where pair = '0,1'";
+    const MODEL: &str = "update model_versions set last = 9223372036854775807";
+    let fixture = spoiled(&[FIT]).await;
+    execute(&fixture.path(), MODEL).await;
+    let app = TestApp::on(fixture.directory.clone()).await;
+    let (status, problem) = app.rest("POST", &format!("{CORNER}/fit"), None).await;
+    assert_eq!((status, &problem["reason"]), (409, &json!("VERSIONS_USED_UP")), "{problem}");
+    let weights = reqwest::get(app.url(&format!("{CORNER}/models/1/weights"))).await.expect("answered");
+    let weights = weights.bytes().await.expect("read");
+    let environment = app.app.store.environment("corner").expect("there");
+    let model = NewModel { ego: 0, other: 1, kind: "joint".into(), card: "{}".into(), weights: weights.to_vec() };
+    let refused = app.app.store.keep_model(environment.id, &model).await.expect_err("no number is left");
+    assert!(matches!(refused, StoreError::VersionsUsedUp(_)), "{refused}");
+    app.stop().await;
+}
+
 /// Starts the real binary, stops it once it has told of so many networks, and returns what it logged.
 fn log(data: &Path, networks: usize) -> Vec<String> {
     // A line that never comes must not be waited for without end. In the foreground, for else the signal to stop would arrive twice.
@@ -344,7 +382,11 @@ async fn a_line_at_the_start_names_each_thing_its_version_and_the_reason() {
         |version: u64| [json!("corner"), json!(version), json!("a network cannot be read: it answers nothing")];
     let expected = [
         [json!("far"), Value::Null, json!("an environment cannot be read: it can only be deleted")],
-        [json!("corner"), json!(6), json!("a fit cannot be read and is made again")],
+        [
+            json!("corner"),
+            json!(6),
+            json!("a fit cannot be read: version 0 answers until another is made, by --fit-every or POST .../fit"),
+        ],
         network(1),
         network(2),
         network(3),
