@@ -53,6 +53,10 @@ impl Environments {
         if let Some(existing) = existing {
             return self.confirm(existing, &schema, rule).await;
         }
+        let alike = schema.labels_alike();
+        if !alike.is_empty() {
+            return Err(Problem::invalid("environment", alike));
+        }
         match self.store.create(&name, &schema, rule.unwrap_or_default()).await {
             Ok(made) => Ok((made, true)),
             Err(StoreError::AlreadyExists(_)) => self.confirm(self.find(name.as_str())?, &schema, rule).await,

@@ -203,7 +203,7 @@ fn grouped(assignments: &[(String, String)]) -> Vec<NamedValues> {
             states.push(NamedValues::new());
         }
         if let Some(state) = states.last_mut() {
-            state.push((feature.clone(), ValueDraft::Untyped(value.clone())));
+            state.push((feature.clone(), ValueDraft::Text(value.clone())));
         }
     }
     states

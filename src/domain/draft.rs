@@ -99,10 +99,10 @@ pub enum ValueDraft {
     Number(f64),
     /// True or false.
     Truth(bool),
-    /// Text.
+    /// Text, also from a place that knows no types, such as a query string: it reads the same.
     Text(String),
-    /// Text from a place that knows no types, such as a query string: what JSON would write with quotes or without.
-    Untyped(String),
+    /// A whole number that a double would round, digit by digit: it reads as the same text does.
+    Digits(String),
     /// Something that no feature can take, as it was written.
     Other(String),
 }

@@ -1,6 +1,6 @@
 //! The labels of a categorical feature, and which of them a number or a text names.
 //!
-//! Labels come first. A label whose text reads as a number is that number: JSON 1 is the label "1", wherever it stands in the list. Only where no
+//! Labels come first, by their very characters. A label whose text reads as a number is that number: JSON 1 is the label "1", wherever it stands in the list. Only where no
 //! label reads as a number is a number an index from 0, so that it cannot mean two things.
 
 use std::ops::Deref;
@@ -32,15 +32,27 @@ impl LabelSet {
 
     /// Returns the position of the label that reads as this number; of several the one that is written as short as can be, `1` and not `1.0`.
     pub fn position_of_number(&self, number: f64) -> Option<u32> {
-        if number.abs() >= EXACT {
-            return None;
-        }
+        // Whole numbers as large as that come as text, digit by digit.
+        let is_meant = |at: &u32| number.abs() < EXACT || !is_whole(self.labels[*at as usize].as_str());
         let from = self.numbers.partition_point(|(read, _)| *read < number);
         let equal = self.numbers[from..].iter().take_while(|(read, _)| *read == number);
-        match equal.map(|(_, at)| *at).collect::<Vec<_>>().as_slice() {
+        match equal.map(|(_, at)| *at).filter(is_meant).collect::<Vec<_>>().as_slice() {
             [only] => Some(*only),
             several => several.iter().copied().find(|at| self.labels[*at as usize].as_str() == number.to_string()),
         }
+    }
+
+    /// Returns the positions of two labels that are the same number as JSON writes numbers, `1` and `1.0`: as text they are two, as numbers one.
+    pub fn alike(&self) -> Option<(usize, usize)> {
+        let text = |at: u32| self.labels[at as usize].as_str();
+        let plain: Vec<&(f64, u32)> = self.numbers.iter().filter(|(_, at)| is_plain_number(text(*at))).collect();
+        let are_one = |pair: &&[&(f64, u32)]| {
+            let [(a, first), (b, second)] = [pair[0], pair[1]];
+            a == b && !(is_whole(text(*first)) && is_whole(text(*second)))
+        };
+        let pair = plain.windows(2).find(are_one)?;
+        let [a, b] = [pair[0].1 as usize, pair[1].1 as usize];
+        Some((a.min(b), a.max(b)))
     }
 }
 
@@ -66,6 +78,22 @@ impl Deref for LabelSet {
 fn reads_as(label: &str) -> Option<f64> {
     // Adding zero turns -0.0 into 0.0, which `total_cmp` tells apart.
     label.trim().parse().ok().filter(|number: &f64| number.is_finite()).map(|number| number + 0.0)
+}
+
+/// Returns whether JSON tells a number by its very digits: what 64 bits hold.
+fn is_whole(text: &str) -> bool {
+    text.parse::<u64>().is_ok() || text.parse::<i64>().is_ok()
+}
+
+/// Returns whether text is a number as JSON writes it: `01` may be somebody's name.
+pub(super) fn is_plain_number(text: &str) -> bool {
+    let unsigned = text.strip_prefix('-').unwrap_or(text).as_bytes();
+    let leading = match unsigned {
+        [b'0', next, ..] => !next.is_ascii_digit(),
+        [first, ..] => first.is_ascii_digit(),
+        [] => false,
+    };
+    leading && text.parse::<f64>().is_ok()
 }
 
 #[cfg(test)]
@@ -111,5 +139,29 @@ mod tests {
         // As 32-bit floats these two would be one.
         assert_eq!(accounts.position_of_number(123_456_790.0), None);
         assert_eq!(accounts.position_of_number(123_456_789.0), Some(2));
+        // These are no whole numbers of 64 bits, so nobody can mean a neighbour.
+        let powers = set(&["1e17", "99999999999999999999", "1e300"]);
+        assert_eq!([1e17, 1e20, 1e300].map(|n| powers.position_of_number(n)), [Some(0), Some(1), Some(2)]);
+    }
+
+    #[test]
+    fn two_labels_that_json_writes_as_one_number_are_alike() {
+        for (labels, pair) in [
+            (&["1", "1.0"][..], (0, 1)),
+            (&["x", "2.50", "7", "2.5"], (1, 3)),
+            (&["1e17", "3", "100000000000000000"], (0, 2)),
+            (&["99999999999999999999", "99999999999999999998"], (0, 1)),
+        ] {
+            assert_eq!(set(labels).alike(), Some(pair), "{labels:?}");
+        }
+        for labels in [
+            &["007", "7", " 7 ", "+7"][..],
+            &["76561198000000001", "76561198000000003"],
+            &["1st", "1"],
+            &["nan", "NaN"],
+            &["0", "-0"],
+        ] {
+            assert_eq!(set(labels).alike(), None, "{labels:?}");
+        }
     }
 }

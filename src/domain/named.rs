@@ -1,8 +1,12 @@
 //! From values by name to values by position: how JSON, query strings and people write states and actions.
 
 use super::draft::{ActionDraft, NamedValues, ValueDraft};
+use super::label_set::is_plain_number;
 use super::{Agent, Feature, FeatureKind, LabelSet, Schema};
 use crate::error::{Fault, pointer};
+
+/// From here on a number is told with its exponent.
+const LARGE: f64 = 1e39;
 
 impl Schema {
     /// Returns one value a state feature, or every fault: missing, unknown and doubled features, labels and numbers that do not fit.
@@ -28,6 +32,25 @@ impl Schema {
         }
         if faults.is_empty() { Ok(all) } else { Err(faults) }
     }
+
+    /// Returns a fault for each label that JSON numbers cannot tell from one before it. Environments that have such labels keep them.
+    pub fn labels_alike(&self) -> Vec<Fault> {
+        let state = self.state().iter().enumerate().map(|(at, feature)| (format!("/state/{at}"), feature));
+        let of_agent = |(at, agent): (usize, &'_ Agent)| -> Vec<(String, Feature)> {
+            let action = agent.action.iter().enumerate();
+            action.map(|(k, feature)| (format!("/agents/{at}/action/{k}"), feature.clone())).collect()
+        };
+        let actions = self.agents().iter().enumerate().flat_map(of_agent);
+        state.map(|(pointer, feature)| (pointer, feature.clone())).chain(actions).filter_map(alike).collect()
+    }
+}
+
+/// Returns the fault of a feature with two labels that are one number.
+fn alike((pointer, feature): (String, Feature)) -> Option<Fault> {
+    let FeatureKind::Categorical(labels) = &feature.kind else { return None };
+    let (first, again) = labels.alike()?;
+    let detail = format!("{:?} is the same number as {:?}", labels[again].as_str(), labels[first].as_str());
+    Some(Fault::new(format!("{pointer}/categorical/labels/{again}"), detail))
 }
 
 fn action(agent: &Agent, draft: &ActionDraft) -> Result<Vec<f32>, Vec<Fault>> {
@@ -73,13 +96,13 @@ fn value(feature: &Feature, draft: &ValueDraft) -> Result<f32, String> {
     let read = match (&feature.kind, draft) {
         (FeatureKind::Categorical(labels), draft) => label(labels, draft),
         (_, ValueDraft::Number(number)) => finite(*number),
-        (_, ValueDraft::Text(text) | ValueDraft::Untyped(text)) => text.parse().ok().and_then(finite),
+        (_, ValueDraft::Text(text) | ValueDraft::Digits(text)) => text.parse().ok().and_then(finite),
         (_, ValueDraft::Truth(_) | ValueDraft::Other(_)) => None,
     };
     read.ok_or_else(|| format!("got {}, expected {}", written(draft), feature.kind.expected()))
 }
 
-/// Returns the index that a value names. Text is a label by its very characters; only a number is the label that reads as it.
+/// Returns the index that a value names. Text is a label by its very characters, or else by the number that it is as JSON writes numbers.
 fn label(labels: &LabelSet, draft: &ValueDraft) -> Option<f32> {
     let position = |text: &str| labels.position(text).map(|at| at as f32);
     let number = |number: f64| match labels.takes_indices() {
@@ -89,23 +112,13 @@ fn label(labels: &LabelSet, draft: &ValueDraft) -> Option<f32> {
     let index = |text: &str| labels.takes_indices().then(|| text.parse().ok().and_then(finite)).flatten();
     match draft {
         ValueDraft::Number(written) => number(*written),
-        ValueDraft::Text(text) => position(text).or_else(|| index(text)),
-        ValueDraft::Untyped(text) if is_plain_number(text) => position(text).or_else(|| number(text.parse().ok()?)),
-        ValueDraft::Untyped(text) => position(text).or_else(|| index(text)),
+        ValueDraft::Text(text) | ValueDraft::Digits(text) if is_plain_number(text) => {
+            position(text).or_else(|| number(text.parse().ok()?))
+        }
+        ValueDraft::Text(text) | ValueDraft::Digits(text) => position(text).or_else(|| index(text)),
         ValueDraft::Truth(truth) => position(&truth.to_string()),
         ValueDraft::Other(_) => None,
     }
-}
-
-/// Returns whether text is a number as JSON writes it: `01` may be somebody's name.
-fn is_plain_number(text: &str) -> bool {
-    let unsigned = text.strip_prefix('-').unwrap_or(text).as_bytes();
-    let leading = match unsigned {
-        [b'0', next, ..] => !next.is_ascii_digit(),
-        [first, ..] => first.is_ascii_digit(),
-        [] => false,
-    };
-    leading && text.parse::<f64>().is_ok()
 }
 
 /// Rounds to f32. A number beyond its range would become an infinity, which no feature takes.
@@ -115,9 +128,11 @@ fn finite(number: f64) -> Option<f32> {
 
 fn written(draft: &ValueDraft) -> String {
     match draft {
+        // Debug tells 1e300 as that, Display with three hundred zeros.
+        ValueDraft::Number(number) if number.abs() >= LARGE => format!("{number:?}"),
         ValueDraft::Number(number) => number.to_string(),
         ValueDraft::Truth(truth) => truth.to_string(),
-        ValueDraft::Text(text) | ValueDraft::Untyped(text) => format!("{text:?}"),
-        ValueDraft::Other(text) => text.clone(),
+        ValueDraft::Text(text) => format!("{text:?}"),
+        ValueDraft::Digits(text) | ValueDraft::Other(text) => text.clone(),
     }
 }

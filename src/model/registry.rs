@@ -27,6 +27,9 @@ pub const STALE: &str = "MODEL_STALE";
 /// The reason word of a version that this build cannot read.
 const UNREADABLE: &str = "MODEL_UNREADABLE";
 
+/// Why a version cannot be read whose weights are gone.
+const WITHOUT_WEIGHTS: &str = "its weights: they are missing";
+
 /// A pair of agents of an environment: the ego and the other.
 type Place = (EnvironmentId, usize, usize);
 
@@ -89,7 +92,8 @@ impl Registry {
             return Err(Problem::new(ErrorKind::TooLarge, "NETWORK_TOO_LARGE", message));
         }
         // JSON has no word for infinity, and a file no weights beyond a limit: nothing is kept that could not be read again.
-        if let Err(why) = parse(environment, &text, &weights) {
+        let pair = (content.pair.ego, content.pair.other);
+        if let Err(why) = parse(environment, pair, &text, &weights) {
             let message = format!("no network is made: {why}");
             return Err(Problem::new(ErrorKind::Conflict, "TRAINING_DIVERGED", message));
         }
@@ -153,7 +157,11 @@ impl Registry {
     /// Returns a version as a file.
     pub async fn export(&self, environment: &Environment, version: u64) -> Result<Vec<u8>, Problem> {
         let found = self.store.model(environment.id, version).await.map_err(logged)?;
-        found.map(|(_, weights)| weights).ok_or_else(|| StoreError::UnknownModel(version).into())
+        let (_, weights) = found.ok_or(StoreError::UnknownModel(version))?;
+        if weights.is_empty() {
+            return Err(unreadable(version, WITHOUT_WEIGHTS));
+        }
+        Ok(weights)
     }
 
     /// Returns a version ready to answer.
@@ -207,7 +215,7 @@ impl Registry {
         let found = self.store.model(environment.id, version).await.map_err(logged)?;
         let (record, weights) = found.ok_or(StoreError::UnknownModel(version))?;
 
-        let parsed = parse(environment, &record.card, &weights);
+        let parsed = parse(environment, (record.ego, record.other), &record.card, &weights);
         self.note(environment, version, parsed.as_ref().err().cloned());
         let (mut content, card) = match parsed {
             Ok(read) => read,
@@ -226,12 +234,13 @@ impl Registry {
         let key = (environment.id, record.version);
         let noted = self.looked_at().get(&key).cloned();
         if let Some(why) = noted {
-            return Ok(why.map_or_else(|| card(&record.card), Err));
+            return Ok(why.map_or_else(|| card(environment, record), Err));
         }
         let found = self.store.model(environment.id, record.version).await.map_err(logged)?;
         // One that is deleted meanwhile is listed as it was.
-        let Some((_, weights)) = found else { return Ok(card(&record.card)) };
-        let parsed = parse(environment, &record.card, &weights).map(|(_, card)| card);
+        let Some((_, weights)) = found else { return Ok(card(environment, record)) };
+        let pair = (record.ego, record.other);
+        let parsed = parse(environment, pair, &record.card, &weights).map(|(_, card)| card);
         self.note(environment, record.version, parsed.as_ref().err().cloned());
         Ok(parsed)
     }
@@ -307,9 +316,11 @@ impl Drop for Switch<'_> {
 fn model(environment: &Environment, record: &ModelRecord, card: Result<Card, String>) -> Model {
     let agent =
         |at: usize| environment.schema.agents().get(at).map_or(format!("#{at}"), |agent| agent.name.to_string());
-    let pair = Pair { ego: record.ego, other: record.other, given: Vec::new() };
-    let threshold = environment.rule_of(&pair).threshold_nats();
-    let is_stale = |card: &Card| !is_same_threshold(card.threshold, threshold);
+    // Only asked of one that can be read: of any other the pair may be none of this environment.
+    let is_stale = |card: &Card| {
+        let pair = Pair { ego: record.ego, other: record.other, given: Vec::new() };
+        !is_same_threshold(card.threshold, environment.rule_of(&pair).threshold_nats())
+    };
     Model {
         version: record.version,
         ego: agent(record.ego),
@@ -321,14 +332,42 @@ fn model(environment: &Environment, record: &ModelRecord, card: Result<Card, Str
 }
 
 /// Reads a version as it is kept, or says which part cannot be read, and why.
-fn parse(environment: &Environment, card_text: &str, weights: &[u8]) -> Result<(file::Content, Card), String> {
-    let card = card(card_text)?;
+fn parse(
+    environment: &Environment,
+    pair: (usize, usize),
+    card: &str,
+    weights: &[u8],
+) -> Result<(file::Content, Card), String> {
+    check_pair(environment, pair)?;
+    let card = read_card(card)?;
+    if weights.is_empty() {
+        return Err(WITHOUT_WEIGHTS.to_owned());
+    }
     let content = file::read(environment, weights).map_err(|problem| format!("its weights: {problem}"))?;
+    let trained = (content.pair.ego, content.pair.other);
+    if trained != pair {
+        return Err(format!("its agents: got positions {pair:?}, expected those of its weights, {trained:?}"));
+    }
     Ok((content, card))
 }
 
-fn card(text: &str) -> Result<Card, String> {
+/// Reads the card of a version whose weights were looked at before.
+fn card(environment: &Environment, record: &ModelRecord) -> Result<Card, String> {
+    check_pair(environment, (record.ego, record.other))?;
+    read_card(&record.card)
+}
+
+fn read_card(text: &str) -> Result<Card, String> {
     text::card(text).map_err(|why| format!("its card: {why}"))
+}
+
+/// Says which position is none of an agent.
+fn check_pair(environment: &Environment, (ego, other): (usize, usize)) -> Result<(), String> {
+    let agents = environment.schema.agents().len();
+    match [("ego", ego), ("other", other)].into_iter().find(|(_, at)| *at >= agents) {
+        Some((what, at)) => Err(format!("its {what}: got position {at}, expected 0 to {}", agents - 1)),
+        None => Ok(()),
+    }
 }
 
 /// Refuses what only a version can do that can be read.

@@ -142,7 +142,11 @@ impl Fits {
         let pair = pair.undirected();
         let Some(alphabet) = alphabet(&environment.schema, &pair) else { return Ok(None) };
         let _turn = self.making.lock().await;
-        let version = self.get(environment, &pair).await?.map_or(0, |fitted| fitted.last_version) + 1;
+        let last = self.get(environment, &pair).await?.map_or(0, |fitted| fitted.last_version);
+        if last >= i64::MAX.unsigned_abs() {
+            return Err(StoreError::VersionsUsedUp("fit"));
+        }
+        let version = last + 1;
         let revision = self.store.totals(environment.id).await?.transitions;
         let (uses, states) = self.states(environment, &pair, alphabet).await?;
         let fitting = move || {
@@ -159,7 +163,7 @@ impl Fits {
         Ok(Some(self.keep((environment.id, pair), id, version, fit)))
     }
 
-    /// Says in the log which fits cannot be read, and why. They are made again by [`Fits::keep_up`] and by [`Fits::fit`].
+    /// Says in the log which fits cannot be read, and why. [`Fits::keep_up`] and [`Fits::fit`] make others.
     pub async fn tell_unreadable(&self) {
         for environment in self.store.environments() {
             match self.store.fits(environment.id).await {
@@ -259,9 +263,13 @@ fn tell(environment: &Environment, record: &FitRecord) {
     let Some(why) = unreadable(&environment.schema, record) else { return };
     let (environment, pair, version) = (&environment.name, &record.pair, record.id.version);
     match why {
-        // Nothing is wrong: it is made again at once from the same counts.
-        Unreadable::Older(_) => tracing::info!(%environment, pair, version, %why, "a fit is made again"),
-        _ => tracing::warn!(%environment, pair, version, %why, "a fit cannot be read and is made again"),
+        // Nothing is wrong: another can be made from the same counts.
+        Unreadable::Older(_) => {
+            tracing::info!(%environment, pair, version, %why, "a fit is not used: version 0 answers until another is made, by --fit-every or POST .../fit")
+        }
+        _ => {
+            tracing::warn!(%environment, pair, version, %why, "a fit cannot be read: version 0 answers until another is made, by --fit-every or POST .../fit")
+        }
     }
 }
 

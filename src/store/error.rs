@@ -31,6 +31,9 @@ pub enum StoreError {
     /// The environment has no model of that version, or has it no longer.
     #[error("unknown model version {0}")]
     UnknownModel(u64),
+    /// Versions are never used again, and the last there can be was used.
+    #[error("no version is left for another {0}: delete the environment and make it again")]
+    VersionsUsedUp(&'static str),
     /// The name is taken.
     #[error("environment `{0}` exists")]
     AlreadyExists(String),
@@ -43,6 +46,7 @@ impl StoreError {
             Self::Aborted(_) | Self::OutcomeUnknown(_) | Self::InUse(_) => ErrorKind::Unavailable,
             Self::Unreadable(_) | Self::Unopenable { .. } => ErrorKind::Internal,
             Self::UnknownEnvironment | Self::UnknownModel(_) => ErrorKind::NotFound,
+            Self::VersionsUsedUp(_) => ErrorKind::Conflict,
             Self::AlreadyExists(_) => ErrorKind::AlreadyExists,
         }
     }
@@ -63,6 +67,7 @@ impl From<StoreError> for Problem {
             }
             StoreError::UnknownEnvironment => ("ENVIRONMENT_NOT_FOUND", error.to_string()),
             StoreError::UnknownModel(_) => ("MODEL_NOT_FOUND", error.to_string()),
+            StoreError::VersionsUsedUp(_) => ("VERSIONS_USED_UP", error.to_string()),
             StoreError::AlreadyExists(_) => ("ENVIRONMENT_EXISTS", error.to_string()),
         };
         Self::new(error.kind(), reason, message)

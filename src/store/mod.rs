@@ -92,7 +92,7 @@ pub trait Store: Send + Sync {
     /// Returns the models of an environment, in order of version, without their weights.
     async fn models(&self, id: EnvironmentId) -> Result<Vec<ModelRecord>, StoreError>;
 
-    /// Returns a model with its weights; `None` where there is no such version.
+    /// Returns a model with its weights, which are empty where they are missing; `None` where there is no such version.
     async fn model(&self, id: EnvironmentId, version: u64) -> Result<Option<(ModelRecord, Vec<u8>)>, StoreError>;
 
     /// Keeps a model and returns its version: 1, 2, 3, ... in each environment, never used again, even after it is deleted. It is not active yet.

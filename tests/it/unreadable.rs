@@ -8,7 +8,7 @@ use std::process::{Command, Stdio};
 use nudge::api::{json as dto, proto};
 use nudge::domain::Pair;
 use nudge::priors::Fits;
-use nudge::store::Options;
+use nudge::store::{NewModel, Options, StoreError};
 use serde_json::{Value, json};
 use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{ConnectOptions, Connection};
@@ -83,6 +83,53 @@ async fn networks_stay_listed_with_the_reason() {
     let (status, one) = app.rest("GET", &format!("{CORNER}/models/2"), None).await;
     assert_eq!((status, &one), (200, &listed[1]));
     app.stop().await;
+}
+
+#[tokio::test]
+async fn a_row_that_is_none_of_its_environment_keeps_no_other_network_away() {
+    const CASES: [(&str, &str); 4] = [
+        ("update models set ego = 9 where version = 1", "its ego: got position 9, expected 0 to 1"),
+        ("update models set other = 2 where version = 1", "its other: got position 2, expected 0 to 1"),
+        ("update models set ego = 1, other = 0 where version = 1", "its agents: got positions (1, 0), expected those"),
+        ("delete from model_weights where version = 1", "its weights: they are missing"),
+    ];
+    for (change, expected) in CASES {
+        let fixture = spoiled(&[change]).await;
+        let app = TestApp::on(fixture.directory.clone()).await;
+        let listed = models(&app).await;
+        assert_eq!(
+            listed.iter().map(|model| why(model).is_empty()).collect::<Vec<_>>(),
+            [false, true, true],
+            "{change}"
+        );
+        assert!(why(&listed[0]).starts_with(expected), "{change}: {}", listed[0]);
+        let (status, answer) = app.rest("GET", UNSEEN, None).await;
+        assert_eq!((status, &answer["answers"][0]["model"]), (200, &Value::Null), "{change}: {answer}");
+        for path in ["states", "summary", "explore", "graph?key=0.1.0.0.0.2.1"] {
+            let (status, told) = app.rest("GET", &format!("{CORNER}/{path}"), None).await;
+            assert_eq!(status, 200, "{change}, {path}: {told}");
+        }
+
+        let (status, problem) = app.rest("PUT", &format!("{CORNER}/models/1/active"), None).await;
+        assert_eq!((status, &problem["reason"]), (409, &json!("MODEL_UNREADABLE")), "{change}: {problem}");
+        let exported = reqwest::get(app.url(&format!("{CORNER}/models/1/weights"))).await.expect("answered");
+        assert_eq!(exported.status(), if change.starts_with("delete") { 409 } else { 200 }, "{change}");
+        assert_eq!(app.rest("DELETE", &format!("{CORNER}/models/1/active"), None).await.0, 200, "{change}");
+        assert_eq!(app.rest("DELETE", &format!("{CORNER}/models/1"), None).await.0, 204, "{change}");
+        assert_eq!(app.rest("PUT", &format!("{CORNER}/models/3/active"), None).await.0, 200, "{change}");
+        let (_, answer) = app.rest("GET", UNSEEN, None).await;
+        assert_eq!(answer["answers"][0]["model"]["version"], 3, "{change}: {answer}");
+        app.stop().await;
+
+        let fixture = spoiled(&[change]).await;
+        let warned =
+            log(fixture.directory.path(), 1).into_iter().filter(|line| line.contains("a network cannot be read"));
+        let warned: Vec<String> = warned.collect();
+        assert!(
+            warned.len() == 1 && warned[0].contains("WARN") && warned[0].contains(expected),
+            "{change}: {warned:?}"
+        );
+    }
 }
 
 #[tokio::test]
@@ -254,11 +301,49 @@ async fn a_receipt_that_cannot_be_read_holds_nobody_up() {
     app.stop().await;
 }
 
-/// Starts the real binary, stops it once it has looked at everything, and returns what it logged.
-fn log(data: &Path) -> Vec<String> {
-    // A line that never comes must not be waited for without end.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn check_names_each_network_that_cannot_be_read() {
+    const WITHOUT_WEIGHTS: &str = "delete from model_weights where version = 3";
+    let fixture = spoiled(&[NEWER_CARD, WITHOUT_WEIGHTS]).await;
+    let data = fixture.directory.path().to_str().expect("text").to_owned();
+    let (code, stdout, stderr) = told(&output(nudge("", &["check", "--data", &data])).await);
+    assert_eq!(code, 1, "{stderr}");
+    assert!(stderr.contains("2 networks cannot be read"), "{stderr}");
+    for line in
+        ["version 1: CANNOT BE READ, its card: it has form 9", "version 3: CANNOT BE READ, its weights: they are"]
+    {
+        assert!(stdout.contains(&format!("corner, network {line}")), "{stdout}");
+    }
+    let (_, stdout, _) = told(&output(nudge("", &["check", "--json", "--data", &data])).await);
+    let report: Value = serde_json::from_str(&stdout).expect("JSON");
+    let first = &report["unreadable_networks"][0];
+    assert_eq!((&first["environment"], &first["version"]), (&json!("corner"), &json!(1)), "{report}");
+    assert_eq!(report.get("unreadable"), None, "{report}");
+}
+
+#[tokio::test]
+async fn versions_that_are_used_up_are_told_so() {
+    const FIT: &str = "update fits set version = 9223372036854775807 where pair = '0,1'";
+    const MODEL: &str = "update model_versions set last = 9223372036854775807";
+    let fixture = spoiled(&[FIT]).await;
+    execute(&fixture.path(), MODEL).await;
+    let app = TestApp::on(fixture.directory.clone()).await;
+    let (status, problem) = app.rest("POST", &format!("{CORNER}/fit"), None).await;
+    assert_eq!((status, &problem["reason"]), (409, &json!("VERSIONS_USED_UP")), "{problem}");
+    let weights = reqwest::get(app.url(&format!("{CORNER}/models/1/weights"))).await.expect("answered");
+    let weights = weights.bytes().await.expect("read");
+    let environment = app.app.store.environment("corner").expect("there");
+    let model = NewModel { ego: 0, other: 1, kind: "joint".into(), card: "{}".into(), weights: weights.to_vec() };
+    let refused = app.app.store.keep_model(environment.id, &model).await.expect_err("no number is left");
+    assert!(matches!(refused, StoreError::VersionsUsedUp(_)), "{refused}");
+    app.stop().await;
+}
+
+/// Starts the real binary, stops it once it has told of so many networks, and returns what it logged.
+fn log(data: &Path, networks: usize) -> Vec<String> {
+    // A line that never comes must not be waited for without end. In the foreground, for else the signal to stop would arrive twice.
     let mut child = Command::new("timeout")
-        .args(["30", env!("CARGO_BIN_EXE_nudge")])
+        .args(["--foreground", "30", env!("CARGO_BIN_EXE_nudge")])
         .args(["serve", "--listen", "127.0.0.1:0", "--fit-every", "0s", "--log", "json", "--data"])
         .arg(data)
         .stdout(Stdio::null())
@@ -268,14 +353,14 @@ fn log(data: &Path) -> Vec<String> {
     let stderr = child.stderr.take().expect("piped");
     let stop = || Command::new("kill").args(["-TERM", &child.id().to_string()]).status().expect("kill is there");
     let mut lines = Vec::new();
-    let mut networks = 0;
+    let mut told = 0;
     for line in BufReader::new(stderr).lines() {
         lines.push(line.expect("text"));
         // The networks are looked at last.
-        networks += usize::from(lines.last().is_some_and(|line| line.contains("a network cannot be read")));
-        if networks == 3 {
+        told += usize::from(lines.last().is_some_and(|line| line.contains("a network cannot be read")));
+        if told == networks {
             assert!(stop().success());
-            networks = 0;
+            told = 0;
         }
     }
     assert!(child.wait().expect("it ends").success(), "{lines:#?}");
@@ -287,7 +372,7 @@ async fn a_line_at_the_start_names_each_thing_its_version_and_the_reason() {
     let changes = [NEWER_CARD, CARD_WITHOUT_TRAINING, NO_WEIGHTS, NEWER_FIT, NEWER_SCHEMA];
     let fixture = spoiled(&changes).await;
     let directory = fixture.directory.clone();
-    let lines = tokio::task::spawn_blocking(move || log(directory.path())).await.expect("no panic");
+    let lines = tokio::task::spawn_blocking(move || log(directory.path(), 3)).await.expect("no panic");
     let warned: Vec<Value> = lines.iter().map(|line| serde_json::from_str(line).expect("JSON")).collect();
     let warned: Vec<&Value> = warned.iter().filter(|line| line["level"] == "WARN").collect();
     let said = |line: &&Value, name: &str| line[name].clone();
@@ -297,7 +382,11 @@ async fn a_line_at_the_start_names_each_thing_its_version_and_the_reason() {
         |version: u64| [json!("corner"), json!(version), json!("a network cannot be read: it answers nothing")];
     let expected = [
         [json!("far"), Value::Null, json!("an environment cannot be read: it can only be deleted")],
-        [json!("corner"), json!(6), json!("a fit cannot be read and is made again")],
+        [
+            json!("corner"),
+            json!(6),
+            json!("a fit cannot be read: version 0 answers until another is made, by --fit-every or POST .../fit"),
+        ],
         network(1),
         network(2),
         network(3),

@@ -6,13 +6,14 @@ use crate::cli::{nudge, output, told};
 use crate::support::TestApp;
 
 /// The kinds of feature that values are read for, by the name of their environment.
-fn kinds() -> [(&'static str, Value); 7] {
+fn kinds() -> [(&'static str, Value); 8] {
     let labels = |labels: &[&str]| json!({"categorical": {"labels": labels}});
     let accounts = ["76561198000000001", "76561198000000003"];
     [
         ("dice", labels(&["1", "2", "3"])),
         ("words", labels(&["north", "South", "south", "true", "null", " a "])),
         ("odd", labels(&["none", "1.0", "007", "7", "0.1", accounts[0], accounts[1]])),
+        ("huge", labels(&["-9007199254740993", "1e17", "1e400", "1e300", "99999999999999999999", "-0", "2.50"])),
         ("only", labels(&["only"])),
         ("lane", json!({"integer": {"min": -2, "max": 3}})),
         ("distance", json!({"continuous": {"edges": [0.5, 0.7, 1]}})),
@@ -35,9 +36,12 @@ const VALUES: &[Row] = &[
     ("dice", "-1", Some("-1"), None),
     ("dice", "1e39", Some("1e39"), None),
     ("dice", "1e400", Some("1e400"), None),
-    // Text is a label by its very characters.
+    // Text is a label by its very characters, or else as the number that it is.
     ("dice", r#""1""#, Some("1"), Some(0)),
-    ("dice", r#""1.0""#, None, None),
+    ("dice", r#""1.0""#, Some("1.0"), Some(0)),
+    ("dice", r#""1e0""#, Some("1e0"), Some(0)),
+    ("dice", r#""2.5""#, Some("2.5"), None),
+    ("dice", r#""+1""#, Some("+1"), None),
     ("dice", r#""01""#, Some("01"), None),
     ("dice", r#"" 1""#, Some(" 1"), None),
     ("dice", r#""""#, Some(""), None),
@@ -74,6 +78,20 @@ const VALUES: &[Row] = &[
     ("odd", "76561198000000001", Some("76561198000000001"), Some(5)),
     ("odd", "76561198000000003", Some("76561198000000003"), Some(6)),
     ("odd", "76561198000000002", Some("76561198000000002"), None),
+    ("huge", "-9007199254740993", Some("-9007199254740993"), Some(0)),
+    ("huge", "-9007199254740992", Some("-9007199254740992"), None),
+    ("huge", "1e17", Some("1e17"), Some(1)),
+    ("huge", "100000000000000000", Some("100000000000000000"), Some(1)),
+    // No JSON number is as large as that, but the label can be named.
+    ("huge", "1e400", None, None),
+    ("huge", r#""1e400""#, Some("1e400"), Some(2)),
+    ("huge", "1e300", Some("1e300"), Some(3)),
+    ("huge", r#""10e299""#, Some("10e299"), Some(3)),
+    ("huge", "1e200", Some("1e200"), None),
+    ("huge", "99999999999999999999", Some("99999999999999999999"), Some(4)),
+    ("huge", "0", Some("0"), Some(5)),
+    ("huge", "2.5", Some("2.5"), Some(6)),
+    ("huge", r#""2.50""#, Some("2.50"), Some(6)),
     ("only", "0", Some("0"), Some(0)),
     ("only", r#""only""#, Some("only"), Some(0)),
     ("only", "1", Some("1"), None),
@@ -206,6 +224,25 @@ async fn every_transition_reads_a_value_alike() {
         assert_eq!(state["cells"][0]["actions"], cell, "{environment} {written}: {state}");
         assert_eq!(state["cells"].as_array().map(Vec::len), Some(1), "{environment} {written}: {state}");
     }
+}
+
+#[tokio::test]
+async fn labels_that_are_one_number_are_refused_in_what_is_made_now() {
+    let app = TestApp::start().await;
+    let labels = |labels: &[&str]| json!([{"name": "do", "categorical": {"labels": labels}}]);
+    let agent = |name: &str, action: Value| json!({"name": name, "action": action});
+    let plain = labels(&["1", "01", "2"]);
+    let body = |x: &Value, b: &Value| json!({"state": x, "agents": [agent("a", plain.clone()), agent("b", b.clone())]});
+    for (body, pointer) in [
+        (body(&labels(&["1", "2", "1.0"]), &plain), "/state/0/categorical/labels/2"),
+        (body(&plain, &labels(&["0.5", "5e-1"])), "/agents/1/action/0/categorical/labels/1"),
+    ] {
+        let (status, problem) = app.rest("PUT", "/v1/environments/alike", Some(&body)).await;
+        assert_eq!((status, &problem["errors"][0]["pointer"]), (400, &json!(pointer)), "{problem}");
+        assert!(problem["errors"][0]["detail"].as_str().is_some_and(|text| text.contains("is the same number as")));
+    }
+    assert_eq!(app.rest("PUT", "/v1/environments/alike", Some(&body(&plain, &plain))).await.0, 201);
+    app.stop().await;
 }
 
 #[tokio::test]

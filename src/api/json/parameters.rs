@@ -60,7 +60,7 @@ impl Parameters {
     /// Takes every parameter whose name begins with `prefix`, without it.
     pub(super) fn under(&mut self, prefix: &str) -> NamedValues {
         let under = self.left.extract_if(.., |(name, _)| name.starts_with(prefix));
-        under.map(|(name, value)| (name[prefix.len()..].to_owned(), ValueDraft::Untyped(value))).collect()
+        under.map(|(name, value)| (name[prefix.len()..].to_owned(), ValueDraft::Text(value))).collect()
     }
 
     /// Notes that a parameter without a value is needed, unless its value was faulty.

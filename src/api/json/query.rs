@@ -165,7 +165,7 @@ mod tests {
         assert_eq!((draft.pair.rule.share, draft.pair.rule.min_visits), (Some(0.25), Some(3)));
         assert_eq!((draft.pair.unit.as_deref(), draft.view.as_deref()), (Some("bits"), Some("figures")));
         assert_eq!(draft.estimators, ["excess", "miller_madow"]);
-        let value = |name: &str, text: &str| (name.to_owned(), ValueDraft::Untyped(text.into()));
+        let value = |name: &str, text: &str| (name.to_owned(), ValueDraft::Text(text.into()));
         assert_eq!(draft.states, StatesDraft::Named(vec![vec![value("distance", "1.2"), value("held", "左")]]));
     }
 

@@ -30,7 +30,7 @@ pub(super) async fn models(readers: &SqlitePool, id: EnvironmentId) -> Result<Ve
     rows.iter().map(|row| read(row).map_err(unreadable)).collect()
 }
 
-/// Returns a model with its weights.
+/// Returns a model with its weights, empty where they are missing.
 pub(super) async fn model(
     readers: &SqlitePool,
     id: EnvironmentId,
@@ -39,7 +39,8 @@ pub(super) async fn model(
     let text = concat!(
         "select ",
         record!(),
-        ", weights from models join model_weights using (environment, version) where environment = ? and version = ?"
+        ", ifnull(weights, x'') as weights from models left join model_weights using (environment, version)
+         where environment = ? and version = ?"
     );
     let row =
         sqlx::query(text).bind(id.0).bind(version.cast_signed()).fetch_optional(readers).await.map_err(unreadable)?;
@@ -68,16 +69,20 @@ pub(super) async fn keep(
     model: &NewModel,
 ) -> Result<u64, StoreError> {
     let mut transaction = begin(writer, directory, id).await?;
-    let version = next_version(transaction.connection(), id).await.map_err(aborted)?;
+    let Some(version) = next_version(transaction.connection(), id).await.map_err(aborted)? else {
+        transaction.end().await?;
+        return Err(StoreError::VersionsUsedUp("network"));
+    };
     insert(transaction.connection(), id, version, model).await.map_err(aborted)?;
     transaction.commit(|_, _| ()).await?;
     Ok(version.unsigned_abs())
 }
 
-async fn next_version(connection: &mut SqliteConnection, id: EnvironmentId) -> Result<i64, sqlx::Error> {
+/// Returns the next version; `None` where the last there can be was used.
+async fn next_version(connection: &mut SqliteConnection, id: EnvironmentId) -> Result<Option<i64>, sqlx::Error> {
     let text = "insert into model_versions (environment, last) values (?, 1)
-                on conflict do update set last = last + 1 returning last";
-    sqlx::query_scalar(text).bind(id.0).fetch_one(connection).await
+                on conflict do update set last = last + 1 where last < 9223372036854775807 returning last";
+    sqlx::query_scalar(text).bind(id.0).fetch_optional(connection).await
 }
 
 async fn insert(
