@@ -12,7 +12,7 @@ use super::parameters::{
     SLAB_GRID, SLABS,
 };
 use super::posterior::Posterior;
-use super::predicted::add_row;
+use super::predicted::{add_columns, add_row};
 use super::prior::{Prior, Reading, Weights, readings};
 use super::side::Side;
 use crate::information::Table;
@@ -90,9 +90,7 @@ impl<'a> Draws<'a> {
         let null = chosen(&side.null_weights(table), rng.random());
         let b = NULL_CONCENTRATIONS[null % NULL_GRID];
         let mut counts: Vec<f64> = (0..side.letters()).map(|letter| b * side.null_share(null, letter)).collect();
-        for (label, n) in table.column_labels().iter().zip(table.columns()) {
-            counts[*label as usize] += *n as f64;
-        }
+        add_columns(&mut counts, table, 1.0);
         let response = dirichlet(&counts, rng);
         let policy = self.prior.draw_policy(self.ego, self.habits, table, rng);
         Joint { responses: response.repeat(policy.len()), policy }

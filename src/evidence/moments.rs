@@ -193,7 +193,7 @@ pub(super) fn moments(
 struct Driver {
     r: u64,
     p: f64,
-    pub square: f64,
+    square: f64,
 }
 
 /// One column under two rows: their Dirichlet parameters there, and how many columns are like it.
@@ -261,7 +261,7 @@ struct Sums {
     entropy: f64,
     spread: f64,
     divergence: f64,
-    pub square: f64,
+    square: f64,
 }
 
 impl Sums {

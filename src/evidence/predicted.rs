@@ -87,11 +87,15 @@ impl Side {
 
     /// Returns mhat_j = (c_j + g_j) / (N + 1).
     fn marginal(&self, table: &Table) -> Vec<f64> {
-        let mut counts = self.likelihood.base.shares().to_vec();
-        for (label, n) in table.column_labels().iter().zip(table.columns()) {
-            counts[*label as usize] += *n as f64;
-        }
+        let mut counts = self.smoothed(table);
         counts.iter_mut().for_each(|count| *count /= table.total() as f64 + 1.0);
+        counts
+    }
+
+    /// Returns c_j + g_j: the counts of the columns, with one visit more spread as the base is.
+    fn smoothed(&self, table: &Table) -> Vec<f64> {
+        let mut counts = self.likelihood.base.shares().to_vec();
+        add_columns(&mut counts, table, 1.0);
         counts
     }
 
@@ -105,9 +109,7 @@ impl Side {
             visited += weight;
             shared.iter_mut().enumerate().for_each(|(letter, sum)| *sum += weight * b * self.null_share(null, letter));
         }
-        for (label, n) in table.column_labels().iter().zip(table.columns()) {
-            shared[*label as usize] += visited * *n as f64;
-        }
+        add_columns(&mut shared, table, visited);
         shared
     }
 
@@ -162,14 +164,18 @@ impl Side {
 
     /// Returns the response of all rows but that of a label, with one visit more spread as the base is.
     fn marginal_without(&self, table: &Table, label: usize) -> Vec<f64> {
-        let mut counts = self.likelihood.base.shares().to_vec();
-        for (label, n) in table.column_labels().iter().zip(table.columns()) {
-            counts[*label as usize] += *n as f64;
-        }
+        let mut counts = self.smoothed(table);
         add_row(&mut counts, table, label, -1.0);
         let total = (table.total() - table.row_sum(label as u64)) as f64 + 1.0;
         counts.iter_mut().for_each(|count| *count /= total);
         counts
+    }
+}
+
+/// Adds the counts of all columns, times a scale.
+pub(super) fn add_columns(counts: &mut [f64], table: &Table, scale: f64) {
+    for (label, n) in table.column_labels().iter().zip(table.columns()) {
+        counts[*label as usize] += scale * *n as f64;
     }
 }
 

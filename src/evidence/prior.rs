@@ -6,7 +6,7 @@ use super::habits::Habits;
 use super::increments::add;
 use super::likelihood::Likelihood;
 use super::moments::{Moments, Policy};
-use super::parameters::{DEVIANT_SLABS, Parameters, SLABS};
+use super::parameters::{DEVIANT_SLABS, SLABS};
 use super::posterior::Posterior;
 use super::side::{DeviantRows, Side};
 use crate::information::{Alphabet, Table};
@@ -20,7 +20,8 @@ const MOST_ESTIMATED: u64 = 65_536;
 /// A fit made ready to answer with: shared by any number of threads.
 pub struct Prior {
     pub(super) alphabet: Alphabet,
-    pub(super) parameters: Parameters,
+    /// pi.
+    dependent: f64,
     /// Columns that respond to rows, and rows that respond to columns.
     pub(super) sides: [Side; 2],
     habits: Habits,
@@ -106,7 +107,7 @@ impl Prior {
         ];
         let mut prior = Self {
             alphabet: *alphabet,
-            parameters: parameters.clone(),
+            dependent: parameters.dependent,
             sides,
             habits: Habits::of([rows, columns]),
             unseen: Posterior::impossible(),
@@ -169,7 +170,7 @@ impl Prior {
         // Each side by itself, so that the order of the variables changes no bit.
         let sum = parts[0].iter().sum::<f64>() + parts[1].iter().sum::<f64>();
         let slabs = parts.map(|side| side.map(|part| part / sum));
-        let prior = self.parameters.dependent;
+        let prior = self.dependent;
         let odds = largest + sum.ln() + (prior / (1.0 - prior)).ln();
         Weights { dependent: if informed { 1.0 / (1.0 + (-odds).exp()) } else { prior }, slabs, deviants }
     }

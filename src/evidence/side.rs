@@ -100,10 +100,9 @@ impl Side {
     }
 
     fn on_fixed_base(&self, slab: usize, table: &Table, policy: &Policy<'_>) -> Moments {
-        let on_base = slab < SLAB_GRID;
-        let (k, labels, shares) =
-            (SLAB_CONCENTRATIONS[slab % SLAB_GRID], table.column_labels(), self.likelihood.base.shares());
-        let tabulated = &self.bases[usize::from(!on_base)][slab % SLAB_GRID];
+        let (on_base, at) = (slab < SLAB_GRID, slab % SLAB_GRID);
+        let (k, labels, shares) = (SLAB_CONCENTRATIONS[at], table.column_labels(), self.likelihood.base.shares());
+        let tabulated = &self.bases[usize::from(!on_base)][at];
         let uniform = 1.0 / shares.len() as f64;
         let share = |at: usize| if on_base { shares[labels[at] as usize] } else { uniform };
         let letter = |at: usize| if on_base { labels[at] as usize } else { 0 };
@@ -112,7 +111,7 @@ impl Side {
             (0..labels.len()).map(|at| Letter { share: share(at), empty: term(at, 0) }).collect();
         let rest = if on_base { self.groups.without(labels) } else { others(uniform, shares.len() - labels.len()) };
         let slab = Slab { concentration: k, columns: &columns, psi: tabulated.psi, rest: &rest };
-        moments(table, policy, &slab, self.psi_a1(slab.concentration), term)
+        moments(table, policy, &slab, self.psi_a1(at), term)
     }
 
     fn on_own_marginal(&self, at: usize, table: &Table, policy: &Policy<'_>) -> Moments {
@@ -128,14 +127,14 @@ impl Side {
         let psi = columns.iter().map(|letter| letter.empty.psi).sum::<f64>() + unvisited;
         let slab = Slab { concentration: k, columns: &columns, psi, rest: &rest };
         let term = |at: usize, n: u64| Term::of(n as f64 + k * columns[at].share);
-        moments(table, policy, &slab, self.psi_a1(k), term)
+        moments(table, policy, &slab, self.psi_a1(at), term)
     }
 
-    fn psi_a1(&self, k: f64) -> impl Fn(u64) -> f64 {
-        let at = SLAB_CONCENTRATIONS.iter().position(|other| *other == k).unwrap_or(0);
+    /// Returns psi(r + k + 1) of rows with r visits, for the concentration k at a place of the grid.
+    fn psi_a1(&self, at: usize) -> impl Fn(u64) -> f64 {
         move |r: u64| match self.row_psi.get(r as usize) {
             Some(psi) => psi[at],
-            None => digamma(r as f64 + k + 1.0),
+            None => digamma(r as f64 + SLAB_CONCENTRATIONS[at] + 1.0),
         }
     }
 

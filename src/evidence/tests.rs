@@ -629,7 +629,7 @@ fn many_rarely_seen_states_do_not_make_dependence_common() {
     let tables: Vec<Table> =
         (0..3_000).map(|_| Table::from_counts((0..3).map(|_| (throw(6), throw(2) * throw(3), 1)))).collect();
 
-    assert!((fitted(SIX, &tables).parameters.dependent - 0.3).abs() < 0.01);
+    assert!((fit(SIX, &tables).parameters.dependent - 0.3).abs() < 0.01);
 }
 
 /// Draws of two agents of whom each mostly takes its first action; the second answers `copied` of the first one's second actions by its own second.
