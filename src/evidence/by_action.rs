@@ -94,8 +94,7 @@ impl Draws<'_> {
     /// are in proportion to what they would be.
     pub fn predicted(&self, slice: usize) -> Vec<f64> {
         // What was never seen has no rows that could deviate.
-        let deviants = self.weights.deviants.get(slice).cloned().unwrap_or_default();
-        self.prior.predicted(self.ego, self.habits, &self.weights, &self.slices[slice], &deviants)
+        self.prior.predicted(self.ego, self.habits, &self.weights, &self.slices[slice], &self.weights.deviants[slice])
     }
 
     /// Returns the probability of each of the other's actions after each of the ego's at the next visit.

@@ -8,8 +8,7 @@ use super::by_action::Ego;
 use super::habits::Habits;
 use super::moments::Moments;
 use super::parameters::{
-    DEVIANT_CONCENTRATIONS, DEVIANT_GRID, DEVIANT_SLABS, NULL_CONCENTRATIONS, NULL_GRID, SLAB_CONCENTRATIONS,
-    SLAB_GRID, SLABS,
+    DEVIANT_CONCENTRATIONS, DEVIANT_GRID, DEVIANT_SLABS, NULL_CONCENTRATIONS, NULL_GRID, SLABS, concentration,
 };
 use super::posterior::Posterior;
 use super::predicted::{add_columns, add_row};
@@ -25,7 +24,7 @@ pub(super) struct Draws<'a> {
     /// The side on which the ego drives.
     pub ego: usize,
     /// The slices that were visited, or one that was not.
-    pub slices: Vec<Reading>,
+    pub slices: Vec<Reading<'a>>,
     pub weights: Weights,
 }
 
@@ -39,11 +38,12 @@ pub(super) struct Joint {
 }
 
 impl<'a> Draws<'a> {
-    pub fn new(prior: &'a Prior, habits: &'a Habits, slices: &[Table], ego: Ego) -> Self {
+    pub fn new(prior: &'a Prior, habits: &'a Habits, slices: &'a [Table], ego: Ego) -> Self {
         let mut slices = readings(slices);
-        let weights = prior.weights(&slices);
+        let mut weights = prior.weights(&slices);
         if slices.is_empty() {
             slices.push(Reading::default());
+            weights.deviants.push(prior.unvisited());
         }
         Self { prior, habits, ego: ego.side(), slices, weights }
     }
@@ -78,14 +78,14 @@ impl<'a> Draws<'a> {
         let sides = [self.ego, 1 - self.ego].map(|side| self.weights.slabs[side]).concat();
         let chosen = chosen(&sides, left / self.weights.dependent);
         let side = if chosen < SLABS { self.ego } else { 1 - self.ego };
-        let joint = |slice: &Reading| {
+        let joint = |slice: &Reading<'_>| {
             let joint = self.prior.draw_dependent(side, chosen % SLABS, self.habits, &slice[side], rng);
             if side == self.ego { joint } else { joint.turned() }
         };
         self.slices.iter().map(joint).collect()
     }
 
-    fn independent(&self, slice: &Reading, rng: &mut Pcg64) -> Joint {
+    fn independent(&self, slice: &Reading<'_>, rng: &mut Pcg64) -> Joint {
         let (side, table) = (&self.prior.sides[self.ego], &slice[self.ego]);
         let null = chosen(&side.null_weights(table), rng.random());
         let b = NULL_CONCENTRATIONS[null % NULL_GRID];
@@ -191,7 +191,7 @@ impl Prior {
 impl Side {
     fn draw_rows(&self, slab: usize, table: &Table, rows: usize, rng: &mut Pcg64) -> Vec<f64> {
         let mut base = self.slab_base(slab, table);
-        base.iter_mut().for_each(|share| *share *= SLAB_CONCENTRATIONS[slab % SLAB_GRID]);
+        base.iter_mut().for_each(|share| *share *= concentration(slab));
         let row = |label: usize| {
             let mut counts = base.clone();
             add_row(&mut counts, table, label, 1.0);
@@ -202,7 +202,7 @@ impl Side {
 
     fn draw_deviating(&self, deviant: usize, table: &Table, rows: usize, rng: &mut Pcg64) -> Vec<f64> {
         let k = DEVIANT_CONCENTRATIONS[deviant % DEVIANT_GRID];
-        let deviating = self.deviating_rows(deviant, &self.deviant_rows(table));
+        let deviating = self.said(table).deviants.probable(deviant);
         let weights: Vec<f64> = (0..rows).map(|label| deviating.of(table, label)).collect();
         let deviates = chosen(&weights, rng.random());
         let mut own: Vec<f64> = (0..self.letters()).map(|letter| k * self.deviant_share(deviant, letter)).collect();

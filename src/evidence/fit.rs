@@ -7,9 +7,9 @@
 use super::base::Base;
 use super::habits::Uses;
 use super::increments::add;
-use super::likelihood::{Likelihood, NullMixture};
+use super::likelihood::{Likelihood, NullMixture, columns};
 use super::parameters::{
-    DEVIANT_SLABS, DEVIANTS, Expected, FIXED, NULLS, OWN_SLABS, Parameters, SLAB_GRID, SideParameters,
+    DEVIANT_SLABS, DEVIANTS, Expected, FIXED, NULLS, OWN_GRID, OWN_SLABS, Parameters, SideParameters,
 };
 use crate::information::{Alphabet, Table};
 
@@ -63,7 +63,7 @@ struct Side {
     anchors: Vec<Scaled<NULLS>>,
     fixed: Scaled<FIXED>,
     /// Relative to the null, as are the deviants.
-    own: Scaled<SLAB_GRID>,
+    own: Scaled<OWN_GRID>,
     deviants: Option<Scaled<DEVIANTS>>,
 }
 
@@ -142,7 +142,8 @@ impl Fitter {
             for state in &mut self.states {
                 let mut deviants = [0.0; DEVIANTS];
                 for slice in &state.slices {
-                    add(&mut deviants, likelihood.deviants(&likelihood.deviant_rows(&slice[side], &nulls)));
+                    let null = nulls.given(&likelihood.shared(columns(&slice[side]), slice[side].total()));
+                    add(&mut deviants, &likelihood.deviants(&slice[side], &nulls, &null).evidence());
                 }
                 state.sides[side].deviants = Some(Scaled::new(deviants));
             }
@@ -180,13 +181,13 @@ impl State {
 
 impl Side {
     fn new<'a>(likelihood: &Likelihood, slices: impl Iterator<Item = &'a Table>) -> Self {
-        let (mut fixed, mut own) = ([0.0; FIXED], [0.0; SLAB_GRID]);
+        let (mut fixed, mut own) = ([0.0; FIXED], [0.0; OWN_GRID]);
         let (mut nulls, mut anchors) = (Vec::new(), Vec::new());
-        for evidence in slices.filter_map(|slice| likelihood.evidence(slice)) {
+        for evidence in slices.map(|slice| likelihood.evidence(slice)) {
             nulls.push(Scaled::new(evidence.nulls));
             anchors.extend(evidence.anchor.map(Scaled::new));
-            add(&mut fixed, evidence.fixed);
-            add(&mut own, evidence.own);
+            add(&mut fixed, &evidence.fixed);
+            add(&mut own, &evidence.own);
         }
         Self { nulls, anchors, fixed: Scaled::new(fixed), own: Scaled::new(own), deviants: None }
     }

@@ -150,7 +150,7 @@ impl Draws<'_> {
     fn above_after(&self, at: usize, threshold_nats: f64) -> Vec<f64> {
         let [egos, others] = self.sizes();
         let table = &self.slices[at][self.ego];
-        let mut slices: Vec<Table> = self.slices.iter().map(|[slice, _]| slice.clone()).collect();
+        let mut slices: Vec<Table> = self.slices.iter().map(|[slice, _]| slice.as_ref().clone()).collect();
         let mut row = |ego: u64| -> Vec<f64> {
             let after = |other: u64| {
                 slices[at] = self.in_order(Table::from_counts(triples(table).chain([(ego, other, 1)])));

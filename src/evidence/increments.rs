@@ -35,17 +35,34 @@ impl<const L: usize> Increments<L> {
         Self { concentrations, shares: shares.to_vec(), depth, values }
     }
 
-    /// Returns the increments of a letter that was counted n times.
-    pub fn of(&self, letter: usize, n: u64) -> [f64; L] {
+    /// Adds the increments of a letter that was counted n times to sums, one for each concentration.
+    pub fn add_to(&self, sums: &mut [f64; L], letter: usize, n: u64) {
+        self.look_up(letter, n, |increments| add(sums, increments));
+    }
+
+    /// Takes the increments of a letter that was counted n times out of sums.
+    pub fn take_from(&self, sums: &mut [f64; L], letter: usize, n: u64) {
+        self.look_up(letter, n, |increments| sums.iter_mut().zip(increments).for_each(|(sum, by)| *sum -= by));
+    }
+
+    #[inline]
+    fn look_up(&self, letter: usize, n: u64, found: impl FnOnce(&[f64; L])) {
         if n < self.depth {
-            return self.values[letter * self.depth as usize + n as usize];
+            found(&self.values[letter * self.depth as usize + n as usize]);
+        } else {
+            found(&self.concentrations.map(|k| ln_rising(k * self.shares[letter], n)));
         }
-        self.concentrations.map(|k| ln_rising(k * self.shares[letter], n))
     }
 }
 
+/// Returns the entries on the environment's base, and those on the uniform one.
+pub(super) fn bases<const L: usize>(sums: &mut [f64]) -> [&mut [f64; L]; 2] {
+    let (base, uniform) = sums.split_at_mut(L);
+    [base, uniform].map(|half| half.try_into().expect("two bases have the same concentrations"))
+}
+
 /// Adds `by` to `sums`, entry by entry.
-pub(super) fn add<const L: usize>(sums: &mut [f64], by: [f64; L]) {
+pub(super) fn add<const L: usize>(sums: &mut [f64; L], by: &[f64; L]) {
     for (sum, by) in sums.iter_mut().zip(by) {
         *sum += by;
     }

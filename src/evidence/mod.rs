@@ -64,6 +64,7 @@ mod base;
 mod beta;
 mod by_action;
 mod decision;
+mod deviants;
 mod draws;
 mod expected;
 mod fit;

@@ -6,16 +6,17 @@ use std::ops::Range;
 ///
 /// They go up to where all states answer alike, and farther than the slabs': were the null's response not allowed to be as close to the base as the
 /// rows of a slab, slabs would win where states only resemble each other. In a hallway of 25 x 25 actions, whose neighbours' actions were shuffled, that
-/// called a sixth of the states dependent; two dice thrown in every state, nearly all. And they are as dense: between 1,000 and 1,000,000 a slab of 12,800
-/// would tell the marginals of 50,000 visits better than any null, and establish noise.
-pub(super) const NULL_CONCENTRATIONS: [f64; 20] = [
-    0.3, 0.6, 1.0, 2.0, 3.5, 6.0, 12.0, 25.0, 50.0, 100.0, 200.0, 400.0, 800.0, 1_600.0, 3_200.0, 6_400.0, 12_800.0,
-    5e4, 2e5, 1e6,
-];
+/// called a sixth of the states dependent; two dice thrown in every state, nearly all.
+pub(super) const NULL_CONCENTRATIONS: [f64; 16] =
+    [0.3, 0.6, 1.0, 2.0, 3.5, 6.0, 12.0, 25.0, 50.0, 100.0, 200.0, 800.0, 3_200.0, 12_800.0, 1e5, 1e6];
 
-/// Concentrations k of the slabs' rows, for each of three bases.
-/// The larger, the weaker the dependence that is looked for: about (K - 1) / 2k nats, a thousandth of one with 25 columns at the last.
-pub(super) const SLAB_CONCENTRATIONS: [f64; 18] = [
+/// Concentrations k of the rows of the slabs on a fixed base: the environment's, or the uniform one.
+pub(super) const FIXED_CONCENTRATIONS: [f64; 12] =
+    [0.1, 0.2, 0.4, 0.8, 1.5, 3.0, 6.0, 12.0, 25.0, 50.0, 100.0, 200.0];
+
+/// Those of the slabs on the state's own marginal, which begin alike. The larger, the weaker the dependence that is looked for: about (K - 1) / 2k nats, a
+/// thousandth of one with 25 columns at the last. So weak, all rows are closer to each other than to any base but their own.
+pub(super) const OWN_CONCENTRATIONS: [f64; 18] = [
     0.1, 0.2, 0.4, 0.8, 1.5, 3.0, 6.0, 12.0, 25.0, 50.0, 100.0, 200.0, 400.0, 800.0, 1_600.0, 3_200.0, 6_400.0,
     12_800.0,
 ];
@@ -25,21 +26,27 @@ pub(super) const DEVIANT_CONCENTRATIONS: [f64; 3] = [0.15, 1.5, 15.0];
 
 /// Concentrations of the null, of a slab and of a deviating row, on one base.
 pub(super) const NULL_GRID: usize = NULL_CONCENTRATIONS.len();
-pub(super) const SLAB_GRID: usize = SLAB_CONCENTRATIONS.len();
+pub(super) const FIXED_GRID: usize = FIXED_CONCENTRATIONS.len();
+pub(super) const OWN_GRID: usize = OWN_CONCENTRATIONS.len();
 pub(super) const DEVIANT_GRID: usize = DEVIANT_CONCENTRATIONS.len();
 
 /// Components of the null: on the environment's base, then on the uniform one.
 pub(super) const NULLS: usize = 2 * NULL_GRID;
 /// Slabs on a fixed base: the environment's, then the uniform one.
-pub(super) const FIXED: usize = 2 * SLAB_GRID;
+pub(super) const FIXED: usize = 2 * FIXED_GRID;
 /// Slabs of one deviating row: on the environment's base, then on the uniform one.
 pub(super) const DEVIANTS: usize = 2 * DEVIANT_GRID;
 /// Slabs on the state's own marginal, after those on the fixed bases.
-pub(super) const OWN_SLABS: Range<usize> = FIXED..FIXED + SLAB_GRID;
+pub(super) const OWN_SLABS: Range<usize> = FIXED..FIXED + OWN_GRID;
 /// Slabs of one deviating row, last.
 pub(super) const DEVIANT_SLABS: Range<usize> = OWN_SLABS.end..SLABS;
 /// All slabs of a side.
-pub(super) const SLABS: usize = FIXED + SLAB_GRID + DEVIANTS;
+pub(super) const SLABS: usize = FIXED + OWN_GRID + DEVIANTS;
+
+/// Returns the concentration of a slab whose every row has its own response.
+pub(super) fn concentration(slab: usize) -> f64 {
+    if slab < FIXED { FIXED_CONCENTRATIONS[slab % FIXED_GRID] } else { OWN_CONCENTRATIONS[slab - FIXED] }
+}
 
 /// Pseudo-states that an environment's share of dependent states starts from: dependent ones, and all. A Beta(3, 7) prior: with a flat one, an
 /// environment of a single independent state would be called dependent 40 % of the time.
@@ -107,8 +114,8 @@ impl Parameters {
 /// Returns the pseudo-states of the slabs of a side.
 fn slab_prior() -> [f64; SLABS] {
     std::array::from_fn(|slab| {
-        let is_weak = SLAB_CONCENTRATIONS[slab % SLAB_GRID] > USUAL_CONCENTRATION;
-        if is_weak && !DEVIANT_SLABS.contains(&slab) { WEAK_PRIOR } else { WEIGHT_PRIOR }
+        let is_weak = OWN_SLABS.contains(&slab) && concentration(slab) > USUAL_CONCENTRATION;
+        if is_weak { WEAK_PRIOR } else { WEIGHT_PRIOR }
     })
 }
 

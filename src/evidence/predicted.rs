@@ -1,12 +1,14 @@
 //! The joint distribution that is expected of a state: the probability of each pair of actions at its next visit.
 
+use super::deviants::Deviants;
 use super::habits::Habits;
+use super::likelihood::columns;
 use super::parameters::{
-    DEVIANT_CONCENTRATIONS, DEVIANT_GRID, DEVIANT_SLABS, FIXED, NULL_CONCENTRATIONS, NULL_GRID, NULLS,
-    SLAB_CONCENTRATIONS, SLAB_GRID,
+    DEVIANT_CONCENTRATIONS, DEVIANT_GRID, DEVIANT_SLABS, FIXED, FIXED_GRID, NULL_CONCENTRATIONS, NULL_GRID, NULLS,
+    concentration,
 };
 use super::prior::{Prior, Reading, Weights};
-use super::side::{DeviantRows, Side};
+use super::side::Side;
 use crate::information::Table;
 
 /// The probability of an action that is not in use.
@@ -22,26 +24,65 @@ impl Prior {
         side: usize,
         habits: &Habits,
         weights: &Weights,
-        reading: &Reading,
-        deviants: &[DeviantRows; 2],
+        reading: &Reading<'_>,
+        deviants: &[Deviants; 2],
     ) -> Vec<f64> {
-        let [drivers, responders] = [1 - side, side].map(|side| self.sides[side].letters());
-        let policies = [0, 1].map(|side| {
+        let policies = self.mean_policies(habits, reading);
+        let responses = self.both_responses(weights, reading, deviants, &policies);
+        self.mixed(side, weights.dependent, reading, &policies, &responses)
+    }
+
+    /// Returns the same with the actions of either side first.
+    pub(super) fn predicted_both_ways(
+        &self,
+        habits: &Habits,
+        weights: &Weights,
+        reading: &Reading<'_>,
+        deviants: &[Deviants; 2],
+    ) -> [Vec<f64>; 2] {
+        let policies = self.mean_policies(habits, reading);
+        let responses = self.both_responses(weights, reading, deviants, &policies);
+        [0, 1].map(|side| self.mixed(side, weights.dependent, reading, &policies, &responses))
+    }
+
+    /// Returns the policies of both drivers. An action that is not in use has next to no probability, but responses in proportion to it.
+    fn mean_policies(&self, habits: &Habits, reading: &Reading<'_>) -> [Vec<f64>; 2] {
+        [0, 1].map(|side| {
             let mut policy = self.mean_policy(side, habits, &reading[side]);
-            // An action that is not in use has next to no probability, but responses in proportion to it.
             policy.iter_mut().for_each(|p| *p = p.max(RAREST));
             policy
-        });
-        let [own, other] = [side, 1 - side].map(|side| {
-            let slabs = &weights.slabs[side];
-            self.sides[side].responses(slabs, &reading[side], &deviants[side], &policies[side])
-        });
+        })
+    }
+
+    fn both_responses(
+        &self,
+        weights: &Weights,
+        reading: &Reading<'_>,
+        deviants: &[Deviants; 2],
+        policies: &[Vec<f64>; 2],
+    ) -> [Vec<f64>; 2] {
+        [0, 1].map(|side| {
+            self.sides[side].responses(&weights.slabs[side], &reading[side], &deviants[side], &policies[side])
+        })
+    }
+
+    /// Mixes independence with the slabs of both sides, whose responses are given; the driver's actions of a side first.
+    fn mixed(
+        &self,
+        side: usize,
+        p_dependent: f64,
+        reading: &Reading<'_>,
+        policies: &[Vec<f64>; 2],
+        responses: &[Vec<f64>; 2],
+    ) -> Vec<f64> {
+        let [drivers, responders] = [1 - side, side].map(|side| self.sides[side].letters());
+        let [own, other] = [&responses[side], &responses[1 - side]];
         let shared = self.sides[side].shared(&reading[side]);
         let cell = |at: usize| {
             let (driver, responder) = (at / responders, at % responders);
             let independent = policies[side][driver] * shared[responder];
             let dependent = own[at] + other[responder * drivers + driver];
-            (1.0 - weights.dependent) * independent + weights.dependent * dependent
+            (1.0 - p_dependent) * independent + p_dependent * dependent
         };
         (0..drivers * responders).map(cell).collect()
     }
@@ -61,9 +102,7 @@ impl Side {
 
     /// Returns the probabilities of the null's components, were a table independent.
     pub fn null_weights(&self, table: &Table) -> [f64; NULLS] {
-        let columns = table.column_labels().iter().copied().zip(table.columns().iter().copied());
-        let evidence = self.likelihood.shared(columns, table.total());
-        self.nulls.posterior(&evidence)
+        self.nulls.given(&self.likelihood.shared(columns(table), table.total())).components
     }
 
     /// Returns m_j of a component of the null.
@@ -79,8 +118,8 @@ impl Side {
     /// Returns the base of a slab on which every row has its own response.
     pub fn slab_base(&self, slab: usize, table: &Table) -> Vec<f64> {
         match slab {
-            0..SLAB_GRID => self.likelihood.base.shares().to_vec(),
-            SLAB_GRID..FIXED => vec![1.0 / self.letters() as f64; self.letters()],
+            0..FIXED_GRID => self.likelihood.base.shares().to_vec(),
+            FIXED_GRID..FIXED => vec![1.0 / self.letters() as f64; self.letters()],
             _ => self.marginal(table),
         }
     }
@@ -114,11 +153,11 @@ impl Side {
     }
 
     /// Returns sum_k w_k p_i rho_ij of these slabs, rows first.
-    fn responses(&self, slabs: &[f64], table: &Table, rows: &DeviantRows, policy: &[f64]) -> Vec<f64> {
+    fn responses(&self, slabs: &[f64], table: &Table, deviants: &Deviants, policy: &[f64]) -> Vec<f64> {
         let mut joint = vec![0.0; policy.len() * self.letters()];
         for (slab, weight) in slabs.iter().enumerate().filter(|(_, weight)| **weight > NEGLIGIBLE) {
             match slab.checked_sub(DEVIANT_SLABS.start) {
-                Some(deviant) => self.add_deviants(deviant, *weight, table, rows, policy, &mut joint),
+                Some(deviant) => self.add_deviants(deviant, *weight, table, deviants, policy, &mut joint),
                 None => self.add_slab(slab, *weight, table, policy, &mut joint),
             }
         }
@@ -126,7 +165,7 @@ impl Side {
     }
 
     fn add_slab(&self, slab: usize, weight: f64, table: &Table, policy: &[f64], joint: &mut [f64]) {
-        let (k, base) = (SLAB_CONCENTRATIONS[slab % SLAB_GRID], self.slab_base(slab, table));
+        let (k, base) = (concentration(slab), self.slab_base(slab, table));
         for (label, (p, cells)) in policy.iter().zip(joint.chunks_mut(base.len())).enumerate() {
             let scale = weight * p / (table.row_sum(label as u64) as f64 + k);
             cells.iter_mut().zip(&base).for_each(|(sum, m)| *sum += scale * k * m);
@@ -140,12 +179,12 @@ impl Side {
         deviant: usize,
         weight: f64,
         table: &Table,
-        rows: &DeviantRows,
+        deviants: &Deviants,
         policy: &[f64],
         joint: &mut [f64],
     ) {
         let (k, letters) = (DEVIANT_CONCENTRATIONS[deviant % DEVIANT_GRID], self.letters());
-        let deviating = self.deviating_rows(deviant, rows);
+        let deviating = deviants.probable(deviant);
         let rest: Vec<Vec<f64>> = (0..policy.len()).map(|label| self.marginal_without(table, label)).collect();
         let mut together = vec![0.0; letters];
         for (label, rest) in rest.iter().enumerate() {

@@ -1,18 +1,25 @@
 //! From a fit and a state's tables to what is believed of that state.
 
+use std::borrow::Cow;
+use std::ops::Range;
+
 use super::asymptotic::Estimate;
+use super::deviants::Deviants;
 use super::fit::Fit;
 use super::habits::Habits;
 use super::increments::add;
 use super::likelihood::Likelihood;
 use super::moments::{Moments, Policy};
-use super::parameters::{DEVIANT_SLABS, SLABS};
+use super::parameters::{DEVIANT_SLABS, FIXED, FIXED_GRID, OWN_SLABS, SLABS};
 use super::posterior::Posterior;
-use super::side::{DeviantRows, Side};
+use super::side::Side;
 use crate::information::{Alphabet, Table};
 
 /// The share of all slabs' posterior weight that moments are found for: the lighter ones change nothing, and there are many.
 const WEIGHED: f64 = 0.9;
+
+/// The logarithm of a ratio that no sum of slabs would notice.
+const NEGLIGIBLE: f64 = 50.0;
 
 /// The most pairs of letters in use for which a table's own estimate is made: it looks at every one of them.
 const MOST_ESTIMATED: u64 = 65_536;
@@ -34,34 +41,46 @@ pub(super) struct Weights {
     /// Given dependence, those of the slabs of each side; all sum to 1.
     pub slabs: [[f64; SLABS]; 2],
     /// What the rows of each slice say for deviating, as each side reads them.
-    pub deviants: Vec<[DeviantRows; 2]>,
+    pub deviants: Vec<[Deviants; 2]>,
 }
 
 impl Weights {
     /// Returns the side, the number and the weight of the heaviest slabs, which have this share of the weight together.
     pub fn heaviest(&self, share: f64) -> Vec<(usize, usize, f64)> {
-        heaviest((0..2).flat_map(|side| numbered(side, &self.slabs[side], 0..SLABS)).collect(), share)
+        let numbered = |side: usize| self.slabs[side].iter().enumerate().map(move |(slab, weight)| (side, slab, *weight));
+        heaviest((0..2).flat_map(numbered).filter(|(.., weight)| *weight > 0.0).collect(), share)
     }
 
-    /// Returns the same, but of the slabs of one deviating row only the heaviest of each side, for all of them: they differ little but in which row it is.
-    pub fn summed(&self, share: f64) -> Vec<(usize, usize, f64)> {
-        let side = |side: usize| {
-            let slabs = &self.slabs[side];
-            let deviants = numbered(side, slabs, DEVIANT_SLABS);
-            let weight = slabs[DEVIANT_SLABS].iter().sum();
-            let heaviest = deviants.max_by(|a, b| a.2.total_cmp(&b.2)).map(|(side, slab, _)| (side, slab, weight));
-            numbered(side, slabs, 0..DEVIANT_SLABS.start).chain(heaviest)
-        };
-        heaviest((0..2).flat_map(side).collect(), share)
+    /// Returns the same with fewer slabs to find moments for: what is light is taken together.
+    fn condensed(self) -> Self {
+        let mut slabs = [[0.0; SLABS]; 2];
+        let grouped = Self { slabs: self.slabs.map(|side| grouped(&side)), ..self };
+        grouped.heaviest(WEIGHED).into_iter().for_each(|(side, slab, weight)| slabs[side][slab] = weight);
+        Self { slabs, ..grouped }
     }
 }
 
-fn numbered(
-    side: usize,
-    slabs: &[f64; SLABS],
-    range: std::ops::Range<usize>,
-) -> impl Iterator<Item = (usize, usize, f64)> + use<'_> {
-    range.map(move |slab| (side, slab, slabs[slab]))
+/// Returns the weights of a side's slabs with those of neighbours in concentration given to the heaviest of them, where they are light together; and with those
+/// of all slabs of one deviating row, which differ little but in which row it is.
+fn grouped(slabs: &[f64; SLABS]) -> [f64; SLABS] {
+    /// Concentrations that differ by not much more than a factor of four, and what they may weigh.
+    const NEIGHBOURS: usize = 3;
+    const LIGHT: f64 = 0.05;
+    let mut grouped = [0.0; SLABS];
+    let mut give = |group: Range<usize>| {
+        let heaviest = group.clone().max_by(|a, b| slabs[*a].total_cmp(&slabs[*b])).unwrap_or(group.start);
+        grouped[heaviest] = slabs[group].iter().sum();
+    };
+    for Range { start: mut from, end } in [0..FIXED_GRID, FIXED_GRID..FIXED, OWN_SLABS] {
+        while from < end {
+            let is_light = |to: &usize| slabs[from..*to].iter().sum::<f64>() <= LIGHT;
+            let to = (from + 2..=end.min(from + NEIGHBOURS)).take_while(is_light).last().unwrap_or(from + 1);
+            give(from..to);
+            from = to;
+        }
+    }
+    give(DEVIANT_SLABS);
+    grouped
 }
 
 /// Returns those of the heaviest weights that have this share together, in their order.
@@ -78,11 +97,15 @@ fn heaviest(mut weights: Vec<(usize, usize, f64)>, share: f64) -> Vec<(usize, us
 }
 
 /// A table, and the same with rows and columns exchanged: as each side reads it.
-pub(super) type Reading = [Table; 2];
+pub(super) type Reading<'a> = [Cow<'a, Table>; 2];
 
 /// Returns the tables of a state as each side reads them; those without visits are left out.
-pub(super) fn readings(slices: &[Table]) -> Vec<Reading> {
-    slices.iter().filter(|slice| slice.total() > 0).map(|slice| [slice.clone(), slice.transposed()]).collect()
+pub(super) fn readings(slices: &[Table]) -> Vec<Reading<'_>> {
+    slices.iter().filter(|slice| slice.total() > 0).map(reading).collect()
+}
+
+fn reading(slice: &Table) -> Reading<'_> {
+    [Cow::Borrowed(slice), Cow::Owned(slice.transposed())]
 }
 
 impl Prior {
@@ -137,36 +160,42 @@ impl Prior {
             return Posterior::impossible();
         }
         let readings = readings(slices);
-        let weights = self.weights(&readings);
+        let weights = self.weights(&readings).condensed();
         let estimate = self.estimate(habits, &weights, &readings);
         let doubt = if estimate.is_some() { 0.0 } else { doubt(habits) };
         let part = |(side, slab, weight): (usize, usize, f64)| {
             (weight, self.moments(side, slab, habits, &readings, &weights.deviants).doubted(doubt))
         };
-        let parts = weights.summed(WEIGHED).into_iter().map(part).collect();
+        let parts = weights.heaviest(1.0).into_iter().map(part).collect();
         Posterior::new(weights.dependent, largest, parts, estimate)
     }
 
     /// Returns P(dependent) alone, which takes a fraction of the time of a whole [`posterior`](Self::posterior).
     pub fn dependent(&self, slices: &[Table]) -> f64 {
-        if self.alphabet.largest_information() == 0.0 { 0.0 } else { self.weights(&readings(slices)).dependent }
+        if self.alphabet.largest_information() == 0.0 {
+            return 0.0;
+        }
+        let telling = slices.iter().filter(|slice| !slice.is_line());
+        self.weights(&telling.map(reading).collect::<Vec<_>>()).dependent
     }
 
     /// Returns the probabilities of dependence and of the slabs.
-    pub(super) fn weights(&self, readings: &[Reading]) -> Weights {
+    pub(super) fn weights(&self, readings: &[Reading<'_>]) -> Weights {
         let mut logarithms = [0, 1].map(|side| self.sides[side].ln_slabs);
         let mut informed = false;
-        let deviant_rows = |reading: &Reading| [0, 1].map(|side| self.sides[side].deviant_rows(&reading[side]));
-        let deviants: Vec<[DeviantRows; 2]> = readings.iter().map(deviant_rows).collect();
-        for (reading, deviants) in readings.iter().zip(&deviants) {
-            for (side, table) in reading.iter().enumerate() {
-                let Some(relative) = self.sides[side].ln_relative(table, &deviants[side]) else { continue };
-                add(&mut logarithms[side], relative);
+        let mut deviants = Vec::with_capacity(readings.len());
+        for reading in readings {
+            let said = [0, 1].map(|side| self.sides[side].said(&reading[side]));
+            for (logarithms, said) in logarithms.iter_mut().zip(&said) {
+                let Some(relative) = &said.relative else { continue };
+                add(logarithms, relative);
                 informed = true;
             }
+            deviants.push(said.map(|said| said.deviants));
         }
         let largest = logarithms.iter().flatten().copied().fold(f64::NEG_INFINITY, f64::max);
-        let parts = logarithms.map(|side| side.map(|ln| (ln - largest).exp()));
+        let part = |ln: f64| if ln > largest - NEGLIGIBLE { (ln - largest).exp() } else { 0.0 };
+        let parts = logarithms.map(|side| side.map(part));
         // Each side by itself, so that the order of the variables changes no bit.
         let sum = parts[0].iter().sum::<f64>() + parts[1].iter().sum::<f64>();
         let slabs = parts.map(|side| side.map(|part| part / sum));
@@ -175,18 +204,23 @@ impl Prior {
         Weights { dependent: if informed { 1.0 / (1.0 + (-odds).exp()) } else { prior }, slabs, deviants }
     }
 
+    /// Returns what the rows of a slice without visits say for deviating.
+    pub(super) fn unvisited(&self) -> [Deviants; 2] {
+        [0, 1].map(|side| Deviants::none(self.sides[side].likelihood.drivers))
+    }
+
     /// Returns the moments of mutual information under a slab of a side.
     fn moments(
         &self,
         side: usize,
         slab: usize,
         habits: &Habits,
-        readings: &[Reading],
-        deviants: &[[DeviantRows; 2]],
+        readings: &[Reading<'_>],
+        deviants: &[[Deviants; 2]],
     ) -> Moments {
         let total: f64 = readings.iter().map(|[slice, _]| slice.total() as f64).sum();
         if total == 0.0 {
-            return self.slice_moments(side, slab, habits, &Table::default(), &DeviantRows::new());
+            return self.slice_moments(side, slab, habits, &Table::default(), &self.unvisited()[side]);
         }
         readings.iter().zip(deviants).fold(Moments::default(), |sum, (reading, deviants)| {
             let share = reading[side].total() as f64 / total;
@@ -208,7 +242,7 @@ impl Prior {
         slab: usize,
         habits: &Habits,
         table: &Table,
-        deviants: &DeviantRows,
+        deviants: &Deviants,
     ) -> Moments {
         self.sides[side].moments(slab, table, deviants, &self.policy(side, habits, table))
     }
@@ -219,18 +253,17 @@ impl Prior {
     }
 
     /// Returns what the table says by itself, if it was seen at least as often as it has pairs of letters in use.
-    fn estimate(&self, habits: &Habits, weights: &Weights, readings: &[Reading]) -> Option<Estimate> {
+    fn estimate(&self, habits: &Habits, weights: &Weights, readings: &[Reading<'_>]) -> Option<Estimate> {
         let [reading] = readings else { return None };
         let pairs = habits.driver(0).used * habits.driver(1).used;
         if reading[0].total() < pairs || pairs > MOST_ESTIMATED {
             return None;
         }
-        let estimate = |side: usize| {
-            let cells = self.predicted(side, habits, weights, reading, &weights.deviants[0]);
-            Estimate::new(&reading[side], &cells, self.sides[side].letters())
-        };
+        let [rows, columns] = self.predicted_both_ways(habits, weights, reading, &weights.deviants[0]);
+        let estimate =
+            |side: usize, cells: &[f64]| Estimate::new(&reading[side], cells, self.sides[side].letters());
         // Read in both ways, so that the order of the variables changes no bit.
-        Some(estimate(0).between(estimate(1)))
+        Some(estimate(0, &rows).between(estimate(1, &columns)))
     }
 }
 

@@ -1,12 +1,13 @@
 //! One way to read a table, ready to answer: its columns respond to its rows.
 
 use super::base::{Alike, Groups};
+use super::deviants::{Deviants, Deviating};
 use super::gamma::digamma;
 use super::increments::depth;
-use super::likelihood::{Likelihood, NullMixture};
+use super::likelihood::{Evidence, Likelihood, Null, NullMixture};
 use super::moments::{Letter, Moments, Pair, Policy, Slab, Term, moments, two_rows};
 use super::parameters::{
-    DEVIANT_CONCENTRATIONS, DEVIANT_GRID, DEVIANT_SLABS, DEVIANTS, FIXED, NULLS, SLAB_CONCENTRATIONS, SLAB_GRID, SLABS,
+    DEVIANT_CONCENTRATIONS, DEVIANT_GRID, DEVIANT_SLABS, FIXED, FIXED_CONCENTRATIONS, FIXED_GRID, OWN_CONCENTRATIONS, OWN_GRID, OWN_SLABS, SLABS,
     SideParameters,
 };
 use crate::information::Table;
@@ -23,26 +24,17 @@ pub(super) struct Side {
     /// kappa.
     pub habit: Option<f64>,
     /// psi(r + k + 1) by visits r, then by slab.
-    row_psi: Vec<[f64; SLAB_GRID]>,
+    row_psi: Vec<[f64; OWN_GRID]>,
     /// On the environment's base, and the uniform one.
     bases: [Vec<Tabulated>; 2],
     groups: Groups,
 }
 
-/// What each visited row of a table says for deviating, in logarithms relative to the null.
-pub(super) type DeviantRows = Vec<[f64; DEVIANTS]>;
-
-/// How probable it is that a row is the one that deviates: of each visited row by position, and of any other.
-pub(super) struct Deviating {
-    rows: Vec<f64>,
-    untried: f64,
-}
-
-impl Deviating {
-    /// Returns the probability of the row of a label.
-    pub fn of(&self, table: &Table, label: usize) -> f64 {
-        table.row_labels().binary_search(&(label as u64)).map_or(self.untried, |row| self.rows[row])
-    }
+/// What a slice says on a side.
+pub(super) struct Said {
+    /// ln l of every slab relative to the null; `None` of a slice that cannot tell dependence from independence.
+    pub relative: Option<[f64; SLABS]>,
+    pub deviants: Deviants,
 }
 
 /// The terms of one slab on a fixed base.
@@ -59,7 +51,7 @@ impl Side {
         let shares = likelihood.base.shares();
         let letters = shares.len().max(1) as f64;
         let tabulated = |shares: &[f64], times: f64| {
-            SLAB_CONCENTRATIONS.iter().map(|k| Tabulated::new(*k, shares, times)).collect::<Vec<_>>()
+            FIXED_CONCENTRATIONS.iter().map(|k| Tabulated::new(*k, shares, times)).collect::<Vec<_>>()
         };
         Self {
             bases: [tabulated(shares, 1.0), tabulated(&[1.0 / letters], letters)],
@@ -67,41 +59,42 @@ impl Side {
             nulls: NullMixture::new(&parameters.nulls),
             ln_slabs: std::array::from_fn(|slab| parameters.slabs[slab].ln()),
             habit: parameters.habit,
-            row_psi: (0..depth(1)).map(|r| SLAB_CONCENTRATIONS.map(|k| digamma(r as f64 + k + 1.0))).collect(),
+            row_psi: (0..depth(1)).map(|r| OWN_CONCENTRATIONS.map(|k| digamma(r as f64 + k + 1.0))).collect(),
             likelihood,
         }
     }
 
-    /// Returns what each visited row of a table says for deviating.
-    pub fn deviant_rows(&self, table: &Table) -> DeviantRows {
-        self.likelihood.deviant_rows(table, &self.nulls)
+    /// Returns what a slice says.
+    pub fn said(&self, table: &Table) -> Said {
+        let evidence = self.likelihood.evidence(table);
+        let null = self.nulls.given(&evidence.nulls);
+        let deviants = self.likelihood.deviants(table, &self.nulls, &null);
+        let relative = (!table.is_line()).then(|| self.relative(&evidence, &null, &deviants));
+        Said { relative, deviants }
     }
 
-    /// Returns ln l of every slab relative to the null, for a slice that can tell anything.
-    pub fn ln_relative(&self, table: &Table, rows: &DeviantRows) -> Option<[f64; SLABS]> {
-        let evidence = self.likelihood.evidence(table)?;
-        let shared = |logarithms: &[f64; NULLS]| self.nulls.ln_mixed(|b| logarithms[b]);
-        let fixed = evidence.anchor.map_or(0.0, |anchor| shared(&anchor)) - shared(&evidence.nulls);
-        let deviants = self.likelihood.deviants(rows);
-        Some(std::array::from_fn(|slab| match slab {
-            0..FIXED => evidence.fixed[slab] + fixed,
-            slab if DEVIANT_SLABS.contains(&slab) => deviants[slab - DEVIANT_SLABS.start],
-            _ => evidence.own[slab - FIXED],
-        }))
+    fn relative(&self, evidence: &Evidence, null: &Null, deviants: &Deviants) -> [f64; SLABS] {
+        let anchored = evidence.anchor.as_ref().map_or(0.0, |anchor| self.nulls.ln_mixed(anchor));
+        let mut relative = [0.0; SLABS];
+        relative[..FIXED].copy_from_slice(&evidence.fixed);
+        relative[..FIXED].iter_mut().for_each(|ln| *ln += anchored - null.ln);
+        relative[OWN_SLABS].copy_from_slice(&evidence.own);
+        relative[DEVIANT_SLABS].copy_from_slice(&deviants.evidence());
+        relative
     }
 
     /// Returns mean and variance of mutual information in a slice under a slab.
-    pub fn moments(&self, slab: usize, table: &Table, rows: &DeviantRows, policy: &Policy<'_>) -> Moments {
+    pub fn moments(&self, slab: usize, table: &Table, deviants: &Deviants, policy: &Policy<'_>) -> Moments {
         match slab {
             0..FIXED => self.on_fixed_base(slab, table, policy),
-            slab if DEVIANT_SLABS.contains(&slab) => self.deviating(slab - DEVIANT_SLABS.start, table, rows, policy),
+            slab if DEVIANT_SLABS.contains(&slab) => self.deviating(slab - DEVIANT_SLABS.start, table, deviants, policy),
             _ => self.on_own_marginal(slab - FIXED, table, policy),
         }
     }
 
     fn on_fixed_base(&self, slab: usize, table: &Table, policy: &Policy<'_>) -> Moments {
-        let (on_base, at) = (slab < SLAB_GRID, slab % SLAB_GRID);
-        let (k, labels, shares) = (SLAB_CONCENTRATIONS[at], table.column_labels(), self.likelihood.base.shares());
+        let (on_base, at) = (slab < FIXED_GRID, slab % FIXED_GRID);
+        let (k, labels, shares) = (FIXED_CONCENTRATIONS[at], table.column_labels(), self.likelihood.base.shares());
         let tabulated = &self.bases[usize::from(!on_base)][at];
         let uniform = 1.0 / shares.len() as f64;
         let share = |at: usize| if on_base { shares[labels[at] as usize] } else { uniform };
@@ -115,7 +108,7 @@ impl Side {
     }
 
     fn on_own_marginal(&self, at: usize, table: &Table, policy: &Policy<'_>) -> Moments {
-        let k = SLAB_CONCENTRATIONS[at];
+        let k = OWN_CONCENTRATIONS[at];
         let letter = |at: usize| {
             let share = self.likelihood.own_share(table, at);
             Letter { share, empty: Term::of(k * share) }
@@ -134,13 +127,13 @@ impl Side {
     fn psi_a1(&self, at: usize) -> impl Fn(u64) -> f64 {
         move |r: u64| match self.row_psi.get(r as usize) {
             Some(psi) => psi[at],
-            None => digamma(r as f64 + SLAB_CONCENTRATIONS[at] + 1.0),
+            None => digamma(r as f64 + OWN_CONCENTRATIONS[at] + 1.0),
         }
     }
 
     /// The moments over which row it is that deviates: the rest answers as it did, with one visit more spread as the base is.
-    fn deviating(&self, deviant: usize, table: &Table, rows: &DeviantRows, policy: &Policy<'_>) -> Moments {
-        let Deviating { rows, untried } = self.deviating_rows(deviant, rows);
+    fn deviating(&self, deviant: usize, table: &Table, deviants: &Deviants, policy: &Policy<'_>) -> Moments {
+        let Deviating { rows, untried } = deviants.probable(deviant);
         let mut told: Vec<(f64, Moments)> = Vec::new();
         for (row, weight) in rows.into_iter().enumerate().filter(|(_, weight)| *weight > NEGLIGIBLE) {
             told.push((weight, self.row_deviating(deviant, table, Some(row), policy)));
@@ -150,19 +143,6 @@ impl Side {
             told.push((others.max(f64::MIN_POSITIVE), self.row_deviating(deviant, table, None, policy)));
         }
         Moments::mixed(&told)
-    }
-
-    /// Returns how probable it is of each row that it is the one that deviates.
-    pub fn deviating_rows(&self, deviant: usize, rows: &DeviantRows) -> Deviating {
-        let mut rows: Vec<f64> = rows.iter().map(|row| row[deviant]).collect();
-        let others = self.likelihood.drivers.saturating_sub(rows.len() as u64) as f64;
-        let least = if others > 0.0 { 0.0 } else { f64::NEG_INFINITY };
-        let largest = rows.iter().fold(least, |largest: f64, row| largest.max(*row));
-        rows.iter_mut().for_each(|row| *row = (*row - largest).exp());
-        let untried = if others > 0.0 { (-largest).exp() } else { 0.0 };
-        let total = rows.iter().sum::<f64>() + others * untried;
-        rows.iter_mut().for_each(|row| *row /= total);
-        Deviating { rows, untried: untried / total }
     }
 
     /// `None`: a row that was not visited.

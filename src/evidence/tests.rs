@@ -8,8 +8,8 @@ use statrs::function::gamma::{digamma, ln_gamma};
 
 use super::freedom::Freedom;
 use super::parameters::{
-    DEVIANT_CONCENTRATIONS, DEVIANT_GRID, DEVIANT_SLABS, FIXED, NULL_CONCENTRATIONS, NULL_GRID, NULLS,
-    SLAB_CONCENTRATIONS, SLAB_GRID, SLABS,
+    DEVIANT_CONCENTRATIONS, DEVIANT_GRID, DEVIANT_SLABS, FIXED, FIXED_GRID, NULL_CONCENTRATIONS, NULL_GRID, NULLS, SLABS,
+    concentration,
 };
 use super::*;
 use crate::domain::{Dependence, Rule, RuleKind, Verdict};
@@ -158,8 +158,8 @@ fn base_of(slab: usize, rows: &[Vec<f64>], base: &Base) -> Vec<f64> {
     let total: f64 = rows.iter().flatten().sum();
     let column = |j: usize| rows.iter().map(|row| row[j]).sum::<f64>();
     match slab {
-        0..SLAB_GRID => g.to_vec(),
-        SLAB_GRID..FIXED => vec![1.0 / 6.0; 6],
+        0..FIXED_GRID => g.to_vec(),
+        FIXED_GRID..FIXED => vec![1.0 / 6.0; 6],
         _ => (0..6).map(|j| (column(j) + g[j]) / (total + 1.0)).collect(),
     }
 }
@@ -176,7 +176,7 @@ fn ln_sum(logarithms: impl Iterator<Item = f64>) -> f64 {
 fn defined_side(parameters: &SideParameters, base: &Base, rows: &[Vec<f64>]) -> f64 {
     let shared = |counts: &[f64]| -> f64 {
         let component = |b: usize| {
-            let base = base_of(if b < NULL_GRID { 0 } else { SLAB_GRID }, rows, base);
+            let base = base_of(if b < NULL_GRID { 0 } else { FIXED_GRID }, rows, base);
             parameters.nulls[b].ln() + ln_dm(counts, &scaled(&base, NULL_CONCENTRATIONS[b % NULL_GRID]))
         };
         ln_sum((0..NULLS).map(component))
@@ -192,14 +192,22 @@ fn defined_side(parameters: &SideParameters, base: &Base, rows: &[Vec<f64>]) -> 
         let others = rows.iter().enumerate().filter(|(row, _)| Some(*row) != anchor);
         let evidence = others.map(|(_, row)| {
             let relative: f64 = row.iter().zip(&base).map(|(n, share)| n * share.ln()).sum();
-            ln_dm(row, &scaled(&base, SLAB_CONCENTRATIONS[slab % SLAB_GRID]))
+            ln_dm(row, &scaled(&base, concentration(slab)))
                 - if slab < FIXED { 0.0 } else { relative }
         });
-        let start = if slab < FIXED { anchor.map_or(0.0, |row| shared(&rows[row])) - null } else { 0.0 };
+        let start = if slab < FIXED {
+            anchor.map_or(0.0, |row| shared(&rows[row])) - null
+        } else {
+            let k = concentration(slab);
+            let told = |(row, r): (usize, &f64)| if Some(row) == anchor { *r } else { r * (k + 1.0) / (r + k) };
+            let free: f64 = columns.iter().map(|c| c / (c + 4.0)).sum();
+            let told: f64 = sums.iter().enumerate().map(told).sum();
+            0.5 * (free - 1.0).max(0.0) * (sums.iter().sum::<f64>() / told).ln()
+        };
         start + evidence.sum::<f64>()
     };
     let deviant = |deviant: usize| {
-        let base = base_of(if deviant < DEVIANT_GRID { 0 } else { SLAB_GRID }, rows, base);
+        let base = base_of(if deviant < DEVIANT_GRID { 0 } else { FIXED_GRID }, rows, base);
         let parameters = scaled(&base, DEVIANT_CONCENTRATIONS[deviant % DEVIANT_GRID]);
         let row = |row: usize| match anchor {
             Some(anchor) if anchor == row => ln_dm(&without(row), &parameters) + shared(&rows[row]),
@@ -226,7 +234,7 @@ fn defined(fit: &Fit, table: &Table) -> f64 {
 /// Mean and variance of mutual information under one slab of the first side as they are defined, cell by cell.
 fn defined_moments(fit: &Fit, slab: usize, table: &Table) -> [f64; 3] {
     let rows = dense(table);
-    let k = SLAB_CONCENTRATIONS[slab % SLAB_GRID];
+    let k = concentration(slab);
     let base = base_of(slab, &rows, &fit.bases[1]);
     let total: f64 = rows.iter().flatten().sum();
     let kappa = fit.parameters.sides[0].habit.unwrap_or(3.0);
@@ -317,7 +325,7 @@ proptest! {
         let expected = defined_moments(&uneven(), slab, &table);
 
         let prior = &*UNEVEN;
-        let moments = prior.slice_moments(0, slab, prior.habits(), &table, &Vec::new());
+        let moments = prior.slice_moments(0, slab, prior.habits(), &table, &prior.unvisited()[0]);
 
         let told = [moments.mean, moments.variance, moments.wide];
         prop_assert!(told.iter().zip(expected).all(|(told, expected)| (told - expected).abs() < 1e-8), "{told:?} {expected:?}");

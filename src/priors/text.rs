@@ -7,8 +7,9 @@ use crate::evidence::{Base, Fit, Parameters, SideParameters};
 use crate::information::Alphabet;
 use crate::store::form::{self, Unreadable};
 
-/// The version of the form that is written. The first one read tables in one way only: nothing of it says what the other way would.
-const FORM: u32 = 2;
+/// The version of the form that is written. The first one read tables in one way only: nothing of it says what the other way would. The second one weighed
+/// other slabs, and those on a state's own marginal by less evidence than there is.
+const FORM: u32 = 3;
 
 #[derive(Serialize, Deserialize)]
 struct FitText {
@@ -57,7 +58,7 @@ pub fn of_fit(fit: &Fit) -> String {
 /// [`Unreadable::Older`].
 pub fn fit(text: &str, alphabet: Alphabet) -> Result<Fit, Unreadable> {
     match form::version(text)? {
-        1 => Err(Unreadable::Older(1)),
+        older @ 1..FORM => Err(Unreadable::Older(older)),
         FORM => newest(form::read(text)?, alphabet),
         found => Err(Unreadable::Newer { found, newest: FORM }),
     }
@@ -141,7 +142,7 @@ mod tests {
     fn a_fit_reads_back_to_the_same_bits() {
         let text = of_fit(&made());
         assert!(
-            text.starts_with(r#"{"form":2,"bases":[[5,6],[3,0,4294967295]],"dependent":0.30000000000000004,"#),
+            text.starts_with(r#"{"form":3,"bases":[[5,6],[3,0,4294967295]],"dependent":0.30000000000000004,"#),
             "{text}"
         );
         assert_eq!(fit(&text, ALPHABET).expect("a fit"), made());
@@ -152,8 +153,9 @@ mod tests {
         let why = |text: &str, columns| fit(text, Alphabet { rows: 2, columns }).expect_err("not its fit").to_string();
         let text = of_fit(&made());
         assert!(why(&text, 4).starts_with("it is not as it was written: it has [2, 3] actions"), "{}", why(&text, 4));
-        assert!(why(r#"{"form":2}"#, 3).contains("missing field `bases`"));
-        assert!(why(&text.replacen("2", "3", 1), 3).contains("form 3 of a newer build"));
+        assert!(why(r#"{"form":3}"#, 3).contains("missing field `bases`"));
+        assert!(why(&text.replacen("3", "4", 1), 3).contains("form 4 of a newer build"));
+        assert_eq!(fit(&text.replacen("3", "2", 1), ALPHABET), Err(Unreadable::Older(2)));
         // As builds before this one wrote it, with a version and without.
         for first in [
             r#"{"form":1,"base":[3,0,9]}"#,

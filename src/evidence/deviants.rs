@@ -1,0 +1,161 @@
+//! Slabs of one deviating row: it has a response of its own, tried or not, and all other rows share one.
+
+use super::increments::{add, bases};
+use super::likelihood::{Likelihood, Null, NullMixture, anchor, row_counts};
+use super::parameters::{DEVIANT_GRID, DEVIANTS, NULL_CONCENTRATIONS, NULL_GRID, NULLS};
+use super::prior::ln_sum;
+use crate::information::Table;
+
+/// What the rows of a slice say for deviating.
+pub(super) struct Deviants {
+    /// ln DM(c - n_i.; b m) DM(n_i.; k m) / DM(c; b m) of each visited row i, by position; of another one it would be 0.
+    rows: Vec<[f64; DEVIANTS]>,
+    /// How many rows were not visited.
+    untried: f64,
+}
+
+/// How probable it is that a row is the one that deviates: of each visited row by position, and of any other.
+pub(super) struct Deviating {
+    pub rows: Vec<f64>,
+    pub untried: f64,
+}
+
+impl Deviating {
+    /// Returns the probability of the row of a label.
+    pub fn of(&self, table: &Table, label: usize) -> f64 {
+        table.row_labels().binary_search(&(label as u64)).map_or(self.untried, |row| self.rows[row])
+    }
+}
+
+impl Deviants {
+    /// Returns what a table without visits says, of so many rows.
+    pub fn none(rows: u64) -> Self {
+        Self { rows: Vec::new(), untried: rows as f64 }
+    }
+
+    /// Returns ln 1/R sum_i DM(c - n_i.; b m) DM(n_i.; k m) / DM(c; b m) for each slab, R counting all rows.
+    pub fn evidence(&self) -> [f64; DEVIANTS] {
+        let ln_rows = (self.rows.len() as f64 + self.untried).ln();
+        std::array::from_fn(|slab| {
+            let (largest, sum) = self.sum(slab);
+            largest + sum.ln() - ln_rows
+        })
+    }
+
+    /// Returns how probable it is of each row that it is the one that deviates under a slab.
+    pub fn probable(&self, slab: usize) -> Deviating {
+        let (largest, sum) = self.sum(slab);
+        let p = |ln: f64| (ln - largest).exp() / sum;
+        Deviating {
+            rows: self.rows.iter().map(|row| p(row[slab])).collect(),
+            untried: if self.untried > 0.0 { p(0.0) } else { 0.0 },
+        }
+    }
+
+    /// Returns the largest logarithm of a row under a slab, and the sum over all rows as a multiple of its exponential.
+    fn sum(&self, slab: usize) -> (f64, f64) {
+        // Where every row was tried, all terms may be too small for an exponential.
+        let least = if self.untried > 0.0 { 0.0 } else { f64::NEG_INFINITY };
+        let largest = self.rows.iter().fold(least, |largest: f64, row| largest.max(row[slab]));
+        let tried: f64 = self.rows.iter().map(|row| (row[slab] - largest).exp()).sum();
+        let untried = if self.untried > 0.0 { self.untried * (-largest).exp() } else { 0.0 };
+        (largest, tried + untried)
+    }
+}
+
+/// Visits of a row up to which its part of the null's evidence is multiplied out, in tables of at most so many: no product of theirs is too large for an
+/// `f64`.
+const MULTIPLIED: u64 = 20;
+const MOST_VISITS: u64 = 1_000_000_000;
+
+impl Likelihood {
+    /// Returns what each visited row says for deviating, beside the null.
+    ///
+    /// The shared response is that of the null, mixed, so that who fits the marginal better wins nothing. Where a slice is anchored, it is what is outside
+    /// the anchor that may deviate from it.
+    pub fn deviants(&self, table: &Table, nulls: &NullMixture, null: &Null) -> Deviants {
+        let anchor = anchor(table);
+        let row = |row: usize| {
+            let r = table.rows()[row];
+            let (mut own, others) = if anchor == Some(row) {
+                let anchored = nulls.ln_mixed(&self.shared(row_counts(table, row), r));
+                (self.outside(table, row), anchored - null.ln)
+            } else if r <= MULTIPLIED && table.total() <= MOST_VISITS {
+                (self.deviant(row_counts(table, row), r), self.multiplied_without(table, row, null))
+            } else {
+                (self.deviant(row_counts(table, row), r), self.without(table, row, null) - null.ln)
+            };
+            own.iter_mut().for_each(|own| *own += others);
+            own
+        };
+        let rows: Vec<[f64; DEVIANTS]> = (0..table.rows().len()).map(row).collect();
+        Deviants { untried: self.drivers.saturating_sub(rows.len() as u64) as f64, rows }
+    }
+
+    /// Returns ln sum_b v_b DM(c - n_i.; b m).
+    fn without(&self, table: &Table, row: usize, null: &Null) -> f64 {
+        let mut sums = null.ln_joint;
+        let [base, uniform] = bases(&mut sums);
+        for cell in table.row(row) {
+            let (label, all) = (table.column_labels()[cell.column as usize], table.columns()[cell.column as usize]);
+            let places = [(label as usize, &mut *base), (0, &mut *uniform)];
+            for (columns, (letter, sums)) in self.columns.iter().zip(places) {
+                columns.take_from(sums, letter, all);
+                columns.add_to(sums, letter, all - cell.n);
+            }
+        }
+        let mut totals = [0.0; NULL_GRID];
+        self.totals.add_to(&mut totals, 0, table.total());
+        self.totals.take_from(&mut totals, 0, table.total() - table.rows()[row]);
+        add(base, &totals);
+        add(uniform, &totals);
+        ln_sum(&sums)
+    }
+
+    /// Returns the same less that of c, by the factors of the ratio: of few visits there are few, where each component would need an exponential of its own.
+    fn multiplied_without(&self, table: &Table, row: usize, null: &Null) -> f64 {
+        let mut over = [1.0; NULLS];
+        let [on_base, on_uniform] = bases(&mut over);
+        let uniform = 1.0 / self.base.shares().len() as f64;
+        for cell in table.row(row) {
+            let (label, all) = (table.column_labels()[cell.column as usize], table.columns()[cell.column as usize]);
+            for t in all - cell.n..all {
+                multiply(on_base, self.base.shares()[label as usize], t as f64);
+                multiply(on_uniform, uniform, t as f64);
+            }
+        }
+        let mut totals = [1.0; NULL_GRID];
+        (table.total() - table.rows()[row]..table.total()).for_each(|t| multiply(&mut totals, 1.0, t as f64));
+        let ratios = totals.iter().cycle().zip(over).map(|(total, over)| total / over);
+        ratios.zip(null.components).map(|(ratio, component)| ratio * component).sum::<f64>().ln()
+    }
+
+    /// Returns ln DM of what is outside an anchor, as the response of its own that deviates.
+    fn outside(&self, table: &Table, anchor: usize) -> [f64; DEVIANTS] {
+        let mut left: Vec<u64> = table.columns().to_vec();
+        table.row(anchor).iter().for_each(|cell| left[cell.column as usize] -= cell.n);
+        let outside = table.column_labels().iter().copied().zip(left);
+        self.deviant(outside, table.total() - table.rows()[anchor])
+    }
+
+    /// Returns ln DM(n; k m) of counts of the responder's letters for each slab.
+    fn deviant(&self, counts: impl Iterator<Item = (u64, u64)>, total: u64) -> [f64; DEVIANTS] {
+        let mut sums = [0.0; DEVIANTS];
+        let [on_base, on_uniform] = &self.deviant_cells;
+        let [base, uniform] = bases(&mut sums);
+        for (label, n) in counts {
+            on_base.add_to(base, label as usize, n);
+            on_uniform.add_to(uniform, 0, n);
+        }
+        self.deviant_rows.take_from(base, 0, total);
+        self.deviant_rows.take_from(uniform, 0, total);
+        sums
+    }
+}
+
+/// Multiplies each product with b m + t, b its concentration.
+fn multiply(products: &mut [f64; NULL_GRID], share: f64, t: f64) {
+    for (product, b) in products.iter_mut().zip(NULL_CONCENTRATIONS) {
+        *product *= b * share + t;
+    }
+}
