@@ -1,8 +1,7 @@
 //! Slabs of one deviating row: it has a response of its own, tried or not, and all other rows share one.
 
-use super::increments::{add, bases};
 use super::likelihood::{Likelihood, Null, NullMixture, anchor, row_counts};
-use super::parameters::{DEVIANT_GRID, DEVIANTS, NULL_CONCENTRATIONS, NULL_GRID, NULLS};
+use super::parameters::{DEVIANTS, NULLS};
 use super::prior::ln_sum;
 use crate::information::Table;
 
@@ -28,11 +27,6 @@ impl Deviating {
 }
 
 impl Deviants {
-    /// Returns what a table without visits says, of so many rows.
-    pub fn none(rows: u64) -> Self {
-        Self { rows: Vec::new(), untried: rows as f64 }
-    }
-
     /// Returns ln 1/R sum_i DM(c - n_i.; b m) DM(n_i.; k m) / DM(c; b m) for each slab, R counting all rows.
     pub fn evidence(&self) -> [f64; DEVIANTS] {
         let ln_rows = (self.rows.len() as f64 + self.untried).ln();
@@ -75,13 +69,14 @@ impl Likelihood {
     /// the anchor that may deviate from it.
     pub fn deviants(&self, table: &Table, nulls: &NullMixture, null: &Null) -> Deviants {
         let anchor = anchor(table);
+        let falling = self.falling(table, null);
         let row = |row: usize| {
             let r = table.rows()[row];
             let (mut own, others) = if anchor == Some(row) {
                 let anchored = nulls.ln_mixed(&self.shared(row_counts(table, row), r));
                 (self.outside(table, row), anchored - null.ln)
             } else if r <= MULTIPLIED && table.total() <= MOST_VISITS {
-                (self.deviant(row_counts(table, row), r), self.multiplied_without(table, row, null))
+                (self.deviant(row_counts(table, row), r), self.multiplied_without(table, row, &falling[r as usize - 1]))
             } else {
                 (self.deviant(row_counts(table, row), r), self.without(table, row, null) - null.ln)
             };
@@ -95,39 +90,37 @@ impl Likelihood {
     /// Returns ln sum_b v_b DM(c - n_i.; b m).
     fn without(&self, table: &Table, row: usize, null: &Null) -> f64 {
         let mut sums = null.ln_joint;
-        let [base, uniform] = bases(&mut sums);
         for cell in table.row(row) {
             let (label, all) = (table.column_labels()[cell.column as usize], table.columns()[cell.column as usize]);
-            let places = [(label as usize, &mut *base), (0, &mut *uniform)];
-            for (columns, (letter, sums)) in self.columns.iter().zip(places) {
-                columns.take_from(sums, letter, all);
-                columns.add_to(sums, letter, all - cell.n);
-            }
+            self.columns.take_from(&mut sums, label as usize, all);
+            self.columns.add_to(&mut sums, label as usize, all - cell.n);
         }
-        let mut totals = [0.0; NULL_GRID];
-        self.totals.add_to(&mut totals, 0, table.total());
-        self.totals.take_from(&mut totals, 0, table.total() - table.rows()[row]);
-        add(base, &totals);
-        add(uniform, &totals);
+        self.totals.add_to(&mut sums, 0, table.total());
+        self.totals.take_from(&mut sums, 0, table.total() - table.rows()[row]);
         ln_sum(&sums)
     }
 
     /// Returns the same less that of c, by the factors of the ratio: of few visits there are few, where each component would need an exponential of its own.
-    fn multiplied_without(&self, table: &Table, row: usize, null: &Null) -> f64 {
+    /// `falling` is that of the row's visits.
+    fn multiplied_without(&self, table: &Table, row: usize, falling: &[f64; NULLS]) -> f64 {
         let mut over = [1.0; NULLS];
-        let [on_base, on_uniform] = bases(&mut over);
-        let uniform = 1.0 / self.base.shares().len() as f64;
         for cell in table.row(row) {
             let (label, all) = (table.column_labels()[cell.column as usize], table.columns()[cell.column as usize]);
-            for t in all - cell.n..all {
-                multiply(on_base, self.base.shares()[label as usize], t as f64);
-                multiply(on_uniform, uniform, t as f64);
-            }
+            let parameters = self.columns.parameters(label as usize);
+            (all - cell.n..all).for_each(|t| multiply(&mut over, parameters, t));
         }
-        let mut totals = [1.0; NULL_GRID];
-        (table.total() - table.rows()[row]..table.total()).for_each(|t| multiply(&mut totals, 1.0, t as f64));
-        let ratios = totals.iter().cycle().zip(over).map(|(total, over)| total / over);
-        ratios.zip(null.components).map(|(ratio, component)| ratio * component).sum::<f64>().ln()
+        falling.iter().zip(over).map(|(falling, over)| falling / over).sum::<f64>().ln()
+    }
+
+    /// Returns (b + N - 1) ... (b + N - r) times the probability of each component of the null, for r from 1 on.
+    fn falling(&self, table: &Table, null: &Null) -> Vec<[f64; NULLS]> {
+        let mut product = null.components;
+        let most = table.rows().iter().copied().filter(|r| *r <= MULTIPLIED).max().unwrap_or(0);
+        let step = |r| {
+            multiply(&mut product, self.totals.parameters(0), table.total() - r);
+            product
+        };
+        (1..=most).map(step).collect()
     }
 
     /// Returns ln DM of what is outside an anchor, as the response of its own that deviates.
@@ -141,21 +134,13 @@ impl Likelihood {
     /// Returns ln DM(n; k m) of counts of the responder's letters for each slab.
     fn deviant(&self, counts: impl Iterator<Item = (u64, u64)>, total: u64) -> [f64; DEVIANTS] {
         let mut sums = [0.0; DEVIANTS];
-        let [on_base, on_uniform] = &self.deviant_cells;
-        let [base, uniform] = bases(&mut sums);
-        for (label, n) in counts {
-            on_base.add_to(base, label as usize, n);
-            on_uniform.add_to(uniform, 0, n);
-        }
-        self.deviant_rows.take_from(base, 0, total);
-        self.deviant_rows.take_from(uniform, 0, total);
+        counts.for_each(|(label, n)| self.deviant_cells.add_to(&mut sums, label as usize, n));
+        self.deviant_rows.take_from(&mut sums, 0, total);
         sums
     }
 }
 
-/// Multiplies each product with b m + t, b its concentration.
-fn multiply(products: &mut [f64; NULL_GRID], share: f64, t: f64) {
-    for (product, b) in products.iter_mut().zip(NULL_CONCENTRATIONS) {
-        *product *= b * share + t;
-    }
+/// Multiplies each product with a + t.
+fn multiply(products: &mut [f64; NULLS], parameters: &[f64; NULLS], t: u64) {
+    products.iter_mut().zip(parameters).for_each(|(product, a)| *product *= a + t as f64);
 }

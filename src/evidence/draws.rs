@@ -6,14 +6,15 @@ use rand_pcg::Pcg64;
 
 use super::by_action::Ego;
 use super::habits::Habits;
-use super::moments::Moments;
+use super::moments::{Moments, Slice};
 use super::parameters::{
     DEVIANT_CONCENTRATIONS, DEVIANT_GRID, DEVIANT_SLABS, NULL_CONCENTRATIONS, NULL_GRID, SLABS, concentration,
 };
 use super::posterior::Posterior;
 use super::predicted::{add_columns, add_row};
-use super::prior::{Prior, Reading, Weights, readings};
+use super::prior::{Prior, Reading, readings};
 use super::side::Side;
+use super::weights::Weights;
 use crate::information::Table;
 
 /// What is believed of a state, ready to draw from. Everything is seen from the ego, whose actions come first, so that the order of the variables changes
@@ -39,12 +40,8 @@ pub(super) struct Joint {
 
 impl<'a> Draws<'a> {
     pub fn new(prior: &'a Prior, habits: &'a Habits, slices: &'a [Table], ego: Ego) -> Self {
-        let mut slices = readings(slices);
-        let mut weights = prior.weights(&slices);
-        if slices.is_empty() {
-            slices.push(Reading::default());
-            weights.deviants.push(prior.unvisited());
-        }
+        let slices = readings(slices);
+        let weights = prior.weights(&slices);
         Self { prior, habits, ego: ego.side(), slices, weights }
     }
 
@@ -78,11 +75,12 @@ impl<'a> Draws<'a> {
         let sides = [self.ego, 1 - self.ego].map(|side| self.weights.slabs[side]).concat();
         let chosen = chosen(&sides, left / self.weights.dependent);
         let side = if chosen < SLABS { self.ego } else { 1 - self.ego };
-        let joint = |slice: &Reading<'_>| {
-            let joint = self.prior.draw_dependent(side, chosen % SLABS, self.habits, &slice[side], rng);
+        let slices = self.prior.slices(self.habits, &self.slices, &self.weights.deviants);
+        let joint = |slice: &[Slice<'_>; 2]| {
+            let joint = self.prior.sides[side].draw_dependent(chosen % SLABS, &slice[side], rng);
             if side == self.ego { joint } else { joint.turned() }
         };
-        self.slices.iter().map(joint).collect()
+        slices.iter().map(joint).collect()
     }
 
     fn independent(&self, slice: &Reading<'_>, rng: &mut Pcg64) -> Joint {
@@ -92,7 +90,7 @@ impl<'a> Draws<'a> {
         let mut counts: Vec<f64> = (0..side.letters()).map(|letter| b * side.null_share(null, letter)).collect();
         add_columns(&mut counts, table, 1.0);
         let response = dirichlet(&counts, rng);
-        let policy = self.prior.draw_policy(self.ego, self.habits, table, rng);
+        let policy = dirichlet(&side.policy(table, self.habits.driver(self.ego)).parameters(table), rng);
         Joint { responses: response.repeat(policy.len()), policy }
     }
 }
@@ -142,23 +140,6 @@ const FEWEST_OF_SLAB: usize = 16;
 const WEIGHED: f64 = 0.99;
 
 impl Prior {
-    /// Draws from a slab of a side.
-    fn draw_dependent(&self, side: usize, slab: usize, habits: &Habits, table: &Table, rng: &mut Pcg64) -> Joint {
-        let policy = self.draw_policy(side, habits, table, rng);
-        let reading = &self.sides[side];
-        let responses = match slab.checked_sub(DEVIANT_SLABS.start) {
-            Some(deviant) => reading.draw_deviating(deviant, table, policy.len(), rng),
-            None => reading.draw_rows(slab, table, policy.len(), rng),
-        };
-        Joint { policy, responses }
-    }
-
-    fn draw_policy(&self, side: usize, habits: &Habits, table: &Table, rng: &mut Pcg64) -> Vec<f64> {
-        let policy = self.policy(side, habits, table);
-        let parameter = |label: u64| policy.parameter(label) + table.row_sum(label) as f64;
-        dirichlet(&(0..habits.driver(side).shares.len() as u64).map(parameter).collect::<Vec<_>>(), rng)
-    }
-
     /// Returns what is believed of a state that was never seen, by sampling: the formulas of the moments are crude without counts. `None` where alphabets
     /// are so large that sampling would take long.
     pub(super) fn sampled_unseen(&self) -> Option<Posterior> {
@@ -168,27 +149,38 @@ impl Prior {
         if largest == 0.0 || draws < FEWEST_UNSEEN {
             return None;
         }
-        let weights = self.weights(&[]);
+        let readings = readings(&[]);
+        let weights = self.weights(&readings);
+        let [slices] = &self.slices(self.habits(), &readings, &weights.deviants)[..] else { return None };
         let sampled = |(side, slab, weight): (usize, usize, f64)| {
             let draws = ((weight * draws as f64) as usize).max(FEWEST_OF_SLAB);
-            (weight, self.sampled_moments(side, slab, draws))
+            (weight, self.sides[side].sampled_moments(slab, &slices[side], draws))
         };
         let parts = weights.heaviest(WEIGHED).into_iter().map(sampled).collect();
         Some(Posterior::new(weights.dependent, largest, parts, None))
     }
+}
 
+impl Side {
     /// Each slab has random numbers of its own, so that the order of the sides changes nothing.
-    fn sampled_moments(&self, side: usize, slab: usize, draws: usize) -> Moments {
+    fn sampled_moments(&self, slab: usize, slice: &Slice<'_>, draws: usize) -> Moments {
         let mut rng = Pcg64::seed_from_u64(slab as u64);
-        let mut draw = |_| self.draw_dependent(side, slab, self.habits(), &Table::default(), &mut rng).information();
-        let drawn: Vec<f64> = (0..draws).map(&mut draw).collect();
+        let drawn: Vec<f64> = (0..draws).map(|_| self.draw_dependent(slab, slice, &mut rng).information()).collect();
         let mean = drawn.iter().sum::<f64>() / draws as f64;
         let variance = drawn.iter().map(|one| (one - mean).powi(2)).sum::<f64>() / draws as f64;
         Moments { mean, variance, wide: variance }
     }
-}
 
-impl Side {
+    /// Draws from a slab.
+    fn draw_dependent(&self, slab: usize, slice: &Slice<'_>, rng: &mut Pcg64) -> Joint {
+        let policy = dirichlet(&slice.policy.parameters(slice.table), rng);
+        let responses = match slab.checked_sub(DEVIANT_SLABS.start) {
+            Some(deviant) => self.draw_deviating(deviant, slice, policy.len(), rng),
+            None => self.draw_rows(slab, slice.table, policy.len(), rng),
+        };
+        Joint { policy, responses }
+    }
+
     fn draw_rows(&self, slab: usize, table: &Table, rows: usize, rng: &mut Pcg64) -> Vec<f64> {
         let mut base = self.slab_base(slab, table);
         base.iter_mut().for_each(|share| *share *= concentration(slab));
@@ -200,9 +192,9 @@ impl Side {
         (0..rows).flat_map(row).collect()
     }
 
-    fn draw_deviating(&self, deviant: usize, table: &Table, rows: usize, rng: &mut Pcg64) -> Vec<f64> {
-        let k = DEVIANT_CONCENTRATIONS[deviant % DEVIANT_GRID];
-        let deviating = self.said(table).deviants.probable(deviant);
+    fn draw_deviating(&self, deviant: usize, slice: &Slice<'_>, rows: usize, rng: &mut Pcg64) -> Vec<f64> {
+        let (k, table) = (DEVIANT_CONCENTRATIONS[deviant % DEVIANT_GRID], slice.table);
+        let deviating = slice.deviants.probable(deviant);
         let weights: Vec<f64> = (0..rows).map(|label| deviating.of(table, label)).collect();
         let deviates = chosen(&weights, rng.random());
         let mut own: Vec<f64> = (0..self.letters()).map(|letter| k * self.deviant_share(deviant, letter)).collect();

@@ -31,17 +31,30 @@ fn stirling(x: f64) -> f64 {
 
 /// Returns psi(x), the derivative of ln Gamma, for x > 0.
 pub(super) fn digamma(x: f64) -> f64 {
+    let (raised, less) = raised(x);
+    raised.ln() - less
+}
+
+/// Returns psi(x) - psi(y), for x and y > 0.
+pub(super) fn digamma_difference(x: f64, y: f64) -> f64 {
+    let ((x, less), (y, more)) = (raised(x), raised(y));
+    (x / y).ln() - less + more
+}
+
+/// Returns z and d with psi(x) = ln z - d.
+fn raised(x: f64) -> (f64, f64) {
     // From 6 on, the first term left out of the series is below 1e-12.
     if x >= 6.0 {
-        return digamma_series(x);
+        return (x, digamma_series(x));
     }
     // psi(x + 6) less 1/x + ... + 1/(x + 5), whose outermost terms pair up: with y = x (x + 5) they are (2 x + 5) (1/y + 1/(y + 4) + 1/(y + 6)).
     let y = x * (x + 5.0);
     let [second, third] = [y + 4.0, y + 6.0];
     let reciprocals = (second * third + y * third + y * second) / (y * second * third);
-    digamma_series(x + 6.0) - (2.0 * x + 5.0) * reciprocals
+    (x + 6.0, digamma_series(x + 6.0) + (2.0 * x + 5.0) * reciprocals)
 }
 
+/// Returns ln x - psi(x).
 fn digamma_series(x: f64) -> f64 {
     let inverse = 1.0 / x;
     let square = inverse * inverse;
@@ -51,7 +64,7 @@ fn digamma_series(x: f64) -> f64 {
                 * (1.0 / 120.0
                     - square
                         * (1.0 / 252.0 - square * (1.0 / 240.0 - square * (1.0 / 132.0 - square * 691.0 / 32_760.0)))));
-    x.ln() - 0.5 * inverse - series
+    0.5 * inverse + series
 }
 
 #[cfg(test)]
@@ -81,6 +94,7 @@ mod tests {
             let x = 10_f64.powf(exponent);
             prop_assert!(close(ln_gamma(x), statrs::function::gamma::ln_gamma(x)));
             prop_assert!(close(digamma(x), statrs::function::gamma::digamma(x)));
+            prop_assert!((digamma_difference(x, 3.0) - digamma(x) + digamma(3.0)).abs() <= PRECISION * digamma(x).abs().max(1.0));
         }
 
         #[test]

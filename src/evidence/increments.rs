@@ -11,31 +11,35 @@ pub(super) fn depth(letters: usize) -> u64 {
     (MOST / letters.max(1) as u64).clamp(4, DEEPEST)
 }
 
-/// ln Gamma(k m_j + n) - ln Gamma(k m_j) for L concentrations k and every letter j of a base m.
+/// ln Gamma(a_j + n) - ln Gamma(a_j) for every letter j, of which each of L components has its own a_j.
 pub(super) struct Increments<const L: usize> {
-    concentrations: [f64; L],
-    shares: Vec<f64>,
+    parameters: Vec<[f64; L]>,
     depth: u64,
     /// By letter, then by count.
     values: Vec<[f64; L]>,
 }
 
 impl<const L: usize> Increments<L> {
-    /// Tabulates for a base with these shares.
-    pub fn new(concentrations: [f64; L], shares: &[f64]) -> Self {
-        let depth = depth(shares.len());
-        let column = |share: &f64| {
-            let starts = concentrations.map(|k| (k * share, ln_gamma(k * share)));
+    /// Tabulates for these parameters, by letter.
+    pub fn new(parameters: Vec<[f64; L]>) -> Self {
+        let depth = depth(parameters.len());
+        let column = |parameters: &[f64; L]| {
+            let starts = parameters.map(|a| (a, ln_gamma(a)));
             // Of many, differences of ln Gamma are quicker, and as good at these sizes.
             (0..depth).map(move |n| {
                 starts.map(|(a, start)| if n < 16 { ln_rising(a, n) } else { ln_gamma(a + n as f64) - start })
             })
         };
-        let values = shares.iter().flat_map(column).collect();
-        Self { concentrations, shares: shares.to_vec(), depth, values }
+        let values = parameters.iter().flat_map(column).collect();
+        Self { parameters, depth, values }
     }
 
-    /// Adds the increments of a letter that was counted n times to sums, one for each concentration.
+    /// Returns a_j of a letter for each component.
+    pub fn parameters(&self, letter: usize) -> &[f64; L] {
+        &self.parameters[letter]
+    }
+
+    /// Adds the increments of a letter that was counted n times to sums, one for each component.
     pub fn add_to(&self, sums: &mut [f64; L], letter: usize, n: u64) {
         self.look_up(letter, n, |increments| add(sums, increments));
     }
@@ -50,15 +54,9 @@ impl<const L: usize> Increments<L> {
         if n < self.depth {
             found(&self.values[letter * self.depth as usize + n as usize]);
         } else {
-            found(&self.concentrations.map(|k| ln_rising(k * self.shares[letter], n)));
+            found(&self.parameters[letter].map(|a| ln_rising(a, n)));
         }
     }
-}
-
-/// Returns the entries on the environment's base, and those on the uniform one.
-pub(super) fn bases<const L: usize>(sums: &mut [f64]) -> [&mut [f64; L]; 2] {
-    let (base, uniform) = sums.split_at_mut(L);
-    [base, uniform].map(|half| half.try_into().expect("two bases have the same concentrations"))
 }
 
 /// Adds `by` to `sums`, entry by entry.

@@ -6,11 +6,10 @@
 
 use super::base::Base;
 use super::gamma::ln_rising;
-use super::increments::{Increments, add, bases};
+use super::increments::{Increments, add};
 use super::parameters::{
-    DEVIANT_CONCENTRATIONS, DEVIANT_GRID, FIXED, FIXED_CONCENTRATIONS, FIXED_GRID, NULL_CONCENTRATIONS, NULL_GRID, NULLS,
-    OWN_CONCENTRATIONS,
-    OWN_GRID,
+    DEVIANT_CONCENTRATIONS, DEVIANTS, FIXED, FIXED_CONCENTRATIONS, FIXED_GRID, NULL_CONCENTRATIONS, NULLS,
+    OWN_CONCENTRATIONS, OWN_GRID,
 };
 use crate::information::Table;
 
@@ -32,29 +31,25 @@ pub(super) struct Evidence {
     pub own: [f64; OWN_GRID],
 }
 
-/// The components of the null that have any weight, and ln v of each.
-pub(super) struct NullMixture(Vec<(usize, f64)>);
+/// ln v of each component of the null; those of next to no weight are left out.
+pub(super) struct NullMixture([f64; NULLS]);
 
 impl NullMixture {
     /// Returns the mixture with these weights.
     pub fn new(weights: &[f64]) -> Self {
         /// A component below this is as if it were not there: others are never much less likely.
         const NEGLIGIBLE: f64 = 1e-6;
-        Self(
-            (0..)
-                .zip(weights)
-                .filter(|(_, weight)| **weight > NEGLIGIBLE)
-                .map(|(b, weight)| (b, weight.ln()))
-                .collect(),
-        )
+        let ln = |b: usize| if weights[b] > NEGLIGIBLE { weights[b].ln() } else { f64::NEG_INFINITY };
+        Self(std::array::from_fn(ln))
     }
 
     /// Returns what the components say of a table together.
     pub fn given(&self, evidence: &[f64; NULLS]) -> Null {
-        let mut ln_joint = [f64::NEG_INFINITY; NULLS];
-        self.0.iter().for_each(|(b, ln_weight)| ln_joint[*b] = evidence[*b] + ln_weight);
+        let mut ln_joint = self.0;
+        add(&mut ln_joint, evidence);
         let largest = ln_joint.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        let mut components = ln_joint.map(|ln| (ln - largest).exp());
+        let mut components = ln_joint;
+        components.iter_mut().for_each(|ln| *ln = (*ln - largest).exp());
         let sum: f64 = components.iter().sum();
         components.iter_mut().for_each(|component| *component /= sum);
         Null { ln: largest + sum.ln(), ln_joint, components }
@@ -82,26 +77,37 @@ pub(super) struct Likelihood {
     pub drivers: u64,
     /// What the column variable does on the whole.
     pub base: Base,
-    cells: [Increments<FIXED_GRID>; 2],
+    cells: Increments<FIXED>,
     rows: Increments<OWN_GRID>,
-    pub deviant_cells: [Increments<DEVIANT_GRID>; 2],
-    pub deviant_rows: Increments<DEVIANT_GRID>,
-    pub columns: [Increments<NULL_GRID>; 2],
-    pub totals: Increments<NULL_GRID>,
+    pub deviant_cells: Increments<DEVIANTS>,
+    pub deviant_rows: Increments<DEVIANTS>,
+    pub columns: Increments<NULLS>,
+    pub totals: Increments<NULLS>,
     ln_concentrations: [f64; OWN_GRID],
+}
+
+/// Returns k m_j for each concentration: on a base, then on the uniform one.
+fn on_both_bases<const GRID: usize, const L: usize>(concentrations: [f64; GRID], base: &Base) -> Vec<[f64; L]> {
+    let uniform = 1.0 / base.shares().len() as f64;
+    let letter =
+        |share: &f64| std::array::from_fn(|at| concentrations[at % GRID] * if at < GRID { *share } else { uniform });
+    base.shares().iter().map(letter).collect()
+}
+
+/// Returns the concentrations twice.
+fn twice<const GRID: usize, const L: usize>(concentrations: [f64; GRID]) -> [f64; L] {
+    std::array::from_fn(|at| concentrations[at % GRID])
 }
 
 impl Likelihood {
     pub fn new(drivers: u64, base: Base) -> Self {
-        let uniform = [1.0 / base.shares().len().max(1) as f64];
-        let shares = base.shares();
         Self {
-            cells: [shares, &uniform].map(|shares| Increments::new(FIXED_CONCENTRATIONS, shares)),
-            rows: Increments::new(OWN_CONCENTRATIONS, &[1.0]),
-            deviant_cells: [shares, &uniform].map(|shares| Increments::new(DEVIANT_CONCENTRATIONS, shares)),
-            deviant_rows: Increments::new(DEVIANT_CONCENTRATIONS, &[1.0]),
-            columns: [shares, &uniform].map(|shares| Increments::new(NULL_CONCENTRATIONS, shares)),
-            totals: Increments::new(NULL_CONCENTRATIONS, &[1.0]),
+            cells: Increments::new(on_both_bases(FIXED_CONCENTRATIONS, &base)),
+            rows: Increments::new(vec![OWN_CONCENTRATIONS]),
+            deviant_cells: Increments::new(on_both_bases(DEVIANT_CONCENTRATIONS, &base)),
+            deviant_rows: Increments::new(vec![twice(DEVIANT_CONCENTRATIONS)]),
+            columns: Increments::new(on_both_bases(NULL_CONCENTRATIONS, &base)),
+            totals: Increments::new(vec![twice(NULL_CONCENTRATIONS)]),
             ln_concentrations: OWN_CONCENTRATIONS.map(f64::ln),
             drivers,
             base,
@@ -123,16 +129,8 @@ impl Likelihood {
     /// Returns ln DM of counts of the responder's letters under each component of the null.
     pub fn shared(&self, counts: impl Iterator<Item = (u64, u64)>, total: u64) -> [f64; NULLS] {
         let mut sums = [0.0; NULLS];
-        let [on_base, on_uniform] = &self.columns;
-        let [base, uniform] = bases(&mut sums);
-        for (label, n) in counts {
-            on_base.add_to(base, label as usize, n);
-            on_uniform.add_to(uniform, 0, n);
-        }
-        let mut totals = [0.0; NULL_GRID];
-        self.totals.take_from(&mut totals, 0, total);
-        add(base, &totals);
-        add(uniform, &totals);
+        counts.for_each(|(label, n)| self.columns.add_to(&mut sums, label as usize, n));
+        self.totals.take_from(&mut sums, 0, total);
         sums
     }
 
@@ -146,13 +144,12 @@ impl Likelihood {
 
     fn fixed(&self, table: &Table, anchor: Option<usize>, rows: &[f64; OWN_GRID]) -> [f64; FIXED] {
         let mut sums = [0.0; FIXED];
-        let [on_base, on_uniform] = &self.cells;
-        let [base, uniform] = bases(&mut sums);
         for cell in table.cells().iter().filter(|cell| Some(cell.row as usize) != anchor) {
-            on_base.add_to(base, table.column_labels()[cell.column as usize] as usize, cell.n);
-            on_uniform.add_to(uniform, 0, cell.n);
+            self.cells.add_to(&mut sums, table.column_labels()[cell.column as usize] as usize, cell.n);
         }
-        [base, uniform].into_iter().for_each(|sums| sums.iter_mut().zip(rows).for_each(|(sum, row)| *sum -= row));
+        for sums in sums.chunks_mut(FIXED_GRID) {
+            sums.iter_mut().zip(rows).for_each(|(sum, row)| *sum -= row);
+        }
         sums
     }
 
@@ -221,8 +218,9 @@ impl Rising {
             self.ln = self.ln();
             (self.products, self.room) = ([1.0; OWN_GRID], self.most);
         }
+        let inverse_share = 1.0 / share;
         for t in 1..n {
-            let step = t as f64 / share;
+            let step = t as f64 * inverse_share;
             self.products.iter_mut().zip(INVERSE).for_each(|(product, inverse)| *product *= 1.0 + step * inverse);
         }
         self.room -= n - 1;

@@ -39,12 +39,13 @@
 //! response (the null); else some rows have their own (a slab). pi and the weights of all components are fitted over the states by EM:
 //!
 //! * **Slabs** (`parameters`). Each row is drawn towards a base with concentration k, from nearly deterministic rows to ones that can hardly be told from the
-//!   null; or a single row, tried or not, deviates from all others. Bases are the responder's overall behaviour in the environment, the uniform one, and the
-//!   state's own marginal.
+//!   null; or a single row, tried or not, deviates from all others (`deviants`). Bases are the responder's overall behaviour in the environment, the uniform
+//!   one, and the state's own marginal, around which alone rows are sought that hardly differ; what is not known of that marginal counts (`likelihood`).
 //! * **Both ways to read a table** (`side`): columns that respond to rows, and rows that respond to columns, are components of one mixture, so that the order
 //!   of the agents in the schema changes nothing, to the bit.
 //! * **Habits** (`habits`). The driver's policy in a state is weighed against its mean policy in the environment, with a fitted concentration. Actions that
 //!   nobody uses have no weight, and mutual information cannot exceed what the used ones allow.
+//! * **Weights** (`weights`). How probable the hypotheses are, given the counts; those that are light together are taken together.
 //! * **Moments** (`moments`, `freedom`). Under a slab mutual information has a mean and a variance in closed form, to which a Beta distribution is matched;
 //!   `draws` samples the same exactly, for what has no formula, for states never seen, and to check the formulas.
 //! * **What the table says by itself** (`asymptotic`). Where a state was seen as often as there are pairs of actions, its bias-corrected plug-in widens the
@@ -80,6 +81,7 @@ mod posterior;
 mod predicted;
 mod prior;
 mod side;
+mod weights;
 
 pub use base::Base;
 pub use by_action::{ActionPosterior, Ego};

@@ -14,10 +14,34 @@
 //! what it would be without visits, corrected in its occupied cells.
 
 use super::base::Alike;
+use super::deviants::Deviants;
 use super::freedom::Freedom;
-use super::gamma::digamma;
+use super::gamma::{digamma, digamma_difference};
 use super::habits::Usage;
 use crate::information::{Occupied, Table};
+
+/// A slice as a side reads it, with what all slabs have in common there.
+pub(super) struct Slice<'a> {
+    pub table: &'a Table,
+    pub deviants: &'a Deviants,
+    pub policy: Policy<'a>,
+    /// The columns that were not visited: how many have which share of the environment's base.
+    pub rest: Vec<Alike>,
+    drivers: Vec<Driver>,
+    pub unvisited: Unvisited,
+}
+
+impl<'a> Slice<'a> {
+    /// Looks at a table, given the driver's policy in it and the columns that were not visited.
+    pub fn new(table: &'a Table, deviants: &'a Deviants, policy: Policy<'a>, rest: Vec<Alike>) -> Self {
+        let driver = |(label, r): (&u64, &u64)| {
+            let p = policy.of(*label, *r);
+            Driver { r: *r, p, square: policy.square(p) }
+        };
+        let drivers = table.row_labels().iter().zip(table.rows()).map(driver).collect();
+        Self { drivers, unvisited: policy.unvisited(table), table, deviants, policy, rest }
+    }
+}
 
 /// One slab as a slice sees it.
 pub(super) struct Slab<'a> {
@@ -104,9 +128,10 @@ impl<'a> Policy<'a> {
         (r as f64 + self.concentration * self.usage.shares[label as usize]) / self.weight
     }
 
-    /// Returns the parameter kappa h_i of a row.
-    pub fn parameter(&self, label: u64) -> f64 {
-        self.concentration * self.usage.shares[label as usize]
+    /// Returns the parameters kappa h_i + r_i of the Dirichlet distribution of the policy in a table, by label.
+    pub fn parameters(&self, table: &Table) -> Vec<f64> {
+        let parameter = |(label, h): (u64, &f64)| self.concentration * h + table.row_sum(label) as f64;
+        (0..).zip(&self.usage.shares).map(parameter).collect()
     }
 
     /// Returns E p^2.
@@ -169,23 +194,22 @@ impl Empty {
 /// Returns the moments of a slice under a slab; `psi_a1` gives psi(r + k + 1) of a row with r visits, `term` the term of n + k m_j at a column's
 /// position.
 pub(super) fn moments(
-    table: &Table,
-    policy: &Policy<'_>,
+    slice: &Slice<'_>,
     slab: &Slab<'_>,
     psi_a1: impl Fn(u64) -> f64,
     term: impl Fn(usize, u64) -> Term,
 ) -> Moments {
-    let view = View::new(table, policy, slab);
+    let view = View::new(slice, slab);
     let mut sums = Sums::default();
-    for (row, cells) in table.cells().chunk_by(|a, b| a.row == b.row).enumerate() {
-        let Driver { r, p, square } = view.drivers[row];
+    for (row, cells) in slice.table.cells().chunk_by(|a, b| a.row == b.row).enumerate() {
+        let Driver { r, p, square } = slice.drivers[row];
         sums.add([p, square], r as f64 + slab.concentration, psi_a1(r), view.row(r, cells, &term));
     }
-    let Unvisited { p, square, .. } = view.unvisited;
+    let Unvisited { p, square, .. } = slice.unvisited;
     if p > 0.0 {
         sums.add([p, square], slab.concentration, psi_a1(0), view.row(0, &[], &term));
     }
-    sums.moments(view.marginal_entropy, policy.weight, &view.freedom)
+    sums.moments(view.marginal_entropy, slice.policy.weight, &view.freedom)
 }
 
 /// A visited row: r, p and E p^2.
@@ -237,8 +261,6 @@ pub(super) fn two_rows(p: f64, policy: &Policy<'_>, columns: &[Pair]) -> Moments
 /// What all rows of a slice have in common under a slab.
 struct View<'a> {
     slab: &'a Slab<'a>,
-    drivers: Vec<Driver>,
-    unvisited: Unvisited,
     columns: Vec<Column>,
     /// What a row without visits has.
     empty: Empty,
@@ -296,34 +318,28 @@ impl Share {
             return 0.0;
         }
         let sharpness = (mean * (1.0 - mean) / variance.max(f64::MIN_POSITIVE) - 1.0).clamp(1e-6, 1e12);
-        -mean * (digamma(mean * sharpness + 1.0) - digamma(sharpness + 1.0))
+        -mean * digamma_difference(mean * sharpness + 1.0, sharpness + 1.0)
     }
 }
 
 impl<'a> View<'a> {
-    fn new(table: &Table, policy: &Policy<'_>, slab: &'a Slab<'a>) -> Self {
-        let driver = |(label, r): (&u64, &u64)| {
-            let p = policy.of(*label, *r);
-            Driver { r: *r, p, square: policy.square(p) }
-        };
+    fn new(slice: &Slice<'_>, slab: &'a Slab<'a>) -> Self {
         let mut view = Self {
             slab,
-            drivers: table.row_labels().iter().zip(table.rows()).map(driver).collect(),
-            unvisited: policy.unvisited(table),
-            columns: Vec::new(),
+            columns: Vec::with_capacity(slab.columns.len()),
             empty: Empty::default(),
             marginal_entropy: 0.0,
             freedom: Freedom::default(),
         };
-        let k = slab.concentration;
-        view.drivers.iter().for_each(|Driver { r, p, .. }| view.freedom.add_row(*p, *r as f64 + k));
-        view.freedom.add_alike(view.unvisited.p, view.unvisited.squared, k);
-        view.look_at_columns(table, policy);
+        let (k, unvisited) = (slab.concentration, &slice.unvisited);
+        slice.drivers.iter().for_each(|Driver { r, p, .. }| view.freedom.add_row(*p, *r as f64 + k));
+        view.freedom.add_alike(unvisited.p, unvisited.squared, k);
+        view.look_at_columns(slice);
         view
     }
 
     /// Finds the distribution of every q_j: as if no row had visits there, corrected in the occupied cells.
-    fn look_at_columns(&mut self, table: &Table, policy: &Policy<'_>) {
+    fn look_at_columns(&mut self, Slice { table, policy, drivers, unvisited, .. }: &Slice<'_>) {
         let k = self.slab.concentration;
         // sum p k/A, sum P (k/A)/(A + 1), sum P (k/A)^2/(A + 1), sum p (k/A)^2.
         let mut common = [0.0; 4];
@@ -332,14 +348,14 @@ impl<'a> View<'a> {
             let terms = [p * drawn, square * drawn / (a + 1.0), square * drawn * drawn / (a + 1.0), p * drawn * drawn];
             common.iter_mut().zip(terms).for_each(|(sum, term)| *sum += term);
         };
-        self.drivers.iter().for_each(|driver| add(driver.p, driver.square, driver.r as f64 + k));
-        add(self.unvisited.p, self.unvisited.square, k);
+        drivers.iter().for_each(|driver| add(driver.p, driver.square, driver.r as f64 + k));
+        add(unvisited.p, unvisited.square, k);
         let [drawn, rising, falling, squares] = common;
         // E q, the rows' part of its variance, and sum p rho^2.
         let untouched = |m: f64| [m * drawn, m * rising - m * m * falling, m * m * squares];
         let mut sums: Vec<[f64; 3]> = self.slab.columns.iter().map(|letter| untouched(letter.share)).collect();
         for cell in table.cells() {
-            let Driver { r, p, square } = self.drivers[cell.row as usize];
+            let Driver { r, p, square } = drivers[cell.row as usize];
             let a = r as f64 + k;
             let before = k * self.slab.columns[cell.column as usize].share / a;
             let rho = before + cell.n as f64 / a;

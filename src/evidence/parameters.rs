@@ -11,8 +11,7 @@ pub(super) const NULL_CONCENTRATIONS: [f64; 16] =
     [0.3, 0.6, 1.0, 2.0, 3.5, 6.0, 12.0, 25.0, 50.0, 100.0, 200.0, 800.0, 3_200.0, 12_800.0, 1e5, 1e6];
 
 /// Concentrations k of the rows of the slabs on a fixed base: the environment's, or the uniform one.
-pub(super) const FIXED_CONCENTRATIONS: [f64; 12] =
-    [0.1, 0.2, 0.4, 0.8, 1.5, 3.0, 6.0, 12.0, 25.0, 50.0, 100.0, 200.0];
+pub(super) const FIXED_CONCENTRATIONS: [f64; 12] = [0.1, 0.2, 0.4, 0.8, 1.5, 3.0, 6.0, 12.0, 25.0, 50.0, 100.0, 200.0];
 
 /// Those of the slabs on the state's own marginal, which begin alike. The larger, the weaker the dependence that is looked for: about (K - 1) / 2k nats, a
 /// thousandth of one with 25 columns at the last. So weak, all rows are closer to each other than to any base but their own.

@@ -134,9 +134,11 @@ impl Posterior {
     /// Newton's steps, above the middle on the logarithm of what is left, below on the logarithm of what is reached against that of x: both are nearly
     /// straight in the tails of a Beta distribution, so three or four steps suffice. Steps out of the bracket are replaced by halving it.
     fn quantile(&self, p: f64) -> f64 {
-        /// A step this small, as a share of x, has a far smaller error.
-        const PRECISE: f64 = 1e-4;
+        /// So close to p, as a share of what is beyond it, the next step is off by no more than its square.
+        const CLOSE: f64 = 0.03;
         const STEPS: u32 = 100;
+        /// Nothing that could be told from x.
+        const PRECISE: f64 = 1e-9;
         /// Nothing that could be told from 0.
         const TINY: f64 = 1e-12;
         let [mut low, mut high] = [0.0, 1.0];
@@ -156,7 +158,7 @@ impl Posterior {
             let next = if newton > low && newton < high { newton } else { 0.5 * (low + high) };
             let step = (next - x).abs();
             x = next;
-            if step < PRECISE * x || x < TINY {
+            if (cdf - p).abs() < CLOSE * p.min(1.0 - p) || step < PRECISE * x || x < TINY {
                 break;
             }
         }
@@ -179,11 +181,11 @@ impl Posterior {
     }
 }
 
-/// Joins slabs that say nearly the same: neighbours in order of their means, as long as these lie within a quarter of a standard deviation. Two dozen slabs
+/// Joins slabs that say nearly the same: neighbours in order of their means, as long as these lie within half a standard deviation. Two dozen slabs
 /// become a handful of distributions, whatever the order they came in.
 fn merged(mut slabs: Vec<(f64, Moments)>) -> Vec<(f64, Moments)> {
     /// In standard deviations.
-    const NEAR: f64 = 0.25;
+    const NEAR: f64 = 0.5;
     slabs.sort_unstable_by(|(w, a), (v, b)| {
         a.mean.total_cmp(&b.mean).then(a.variance.total_cmp(&b.variance)).then(w.total_cmp(v))
     });

@@ -7,8 +7,9 @@ use super::parameters::{
     DEVIANT_CONCENTRATIONS, DEVIANT_GRID, DEVIANT_SLABS, FIXED, FIXED_GRID, NULL_CONCENTRATIONS, NULL_GRID, NULLS,
     concentration,
 };
-use super::prior::{Prior, Reading, Weights};
+use super::prior::{Prior, Reading};
 use super::side::Side;
+use super::weights::Weights;
 use crate::information::Table;
 
 /// The probability of an action that is not in use.
@@ -89,7 +90,7 @@ impl Prior {
 
     /// Returns the posterior mean of the policy of a side's driver.
     pub(super) fn mean_policy(&self, side: usize, habits: &Habits, table: &Table) -> Vec<f64> {
-        let policy = self.policy(side, habits, table);
+        let policy = self.sides[side].policy(table, habits.driver(side));
         (0..habits.driver(side).shares.len() as u64).map(|label| policy.of(label, table.row_sum(label))).collect()
     }
 }

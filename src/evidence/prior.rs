@@ -1,22 +1,18 @@
 //! From a fit and a state's tables to what is believed of that state.
 
 use std::borrow::Cow;
-use std::ops::Range;
 
 use super::asymptotic::Estimate;
 use super::deviants::Deviants;
 use super::fit::Fit;
 use super::habits::Habits;
-use super::increments::add;
 use super::likelihood::Likelihood;
-use super::moments::{Moments, Policy};
-use super::parameters::{DEVIANT_SLABS, FIXED, FIXED_GRID, OWN_SLABS, SLABS};
+use super::moments::{Moments, Slice};
+use super::parameters::SLABS;
 use super::posterior::Posterior;
 use super::side::Side;
+use super::weights::Weights;
 use crate::information::{Alphabet, Table};
-
-/// The share of all slabs' posterior weight that moments are found for: the lighter ones change nothing, and there are many.
-const WEIGHED: f64 = 0.9;
 
 /// The logarithm of a ratio that no sum of slabs would notice.
 const NEGLIGIBLE: f64 = 50.0;
@@ -35,73 +31,13 @@ pub struct Prior {
     unseen: Posterior,
 }
 
-/// The probabilities of a state's hypotheses.
-pub(super) struct Weights {
-    pub dependent: f64,
-    /// Given dependence, those of the slabs of each side; all sum to 1.
-    pub slabs: [[f64; SLABS]; 2],
-    /// What the rows of each slice say for deviating, as each side reads them.
-    pub deviants: Vec<[Deviants; 2]>,
-}
-
-impl Weights {
-    /// Returns the side, the number and the weight of the heaviest slabs, which have this share of the weight together.
-    pub fn heaviest(&self, share: f64) -> Vec<(usize, usize, f64)> {
-        let numbered = |side: usize| self.slabs[side].iter().enumerate().map(move |(slab, weight)| (side, slab, *weight));
-        heaviest((0..2).flat_map(numbered).filter(|(.., weight)| *weight > 0.0).collect(), share)
-    }
-
-    /// Returns the same with fewer slabs to find moments for: what is light is taken together.
-    fn condensed(self) -> Self {
-        let mut slabs = [[0.0; SLABS]; 2];
-        let grouped = Self { slabs: self.slabs.map(|side| grouped(&side)), ..self };
-        grouped.heaviest(WEIGHED).into_iter().for_each(|(side, slab, weight)| slabs[side][slab] = weight);
-        Self { slabs, ..grouped }
-    }
-}
-
-/// Returns the weights of a side's slabs with those of neighbours in concentration given to the heaviest of them, where they are light together; and with those
-/// of all slabs of one deviating row, which differ little but in which row it is.
-fn grouped(slabs: &[f64; SLABS]) -> [f64; SLABS] {
-    /// Concentrations that differ by not much more than a factor of four, and what they may weigh.
-    const NEIGHBOURS: usize = 3;
-    const LIGHT: f64 = 0.05;
-    let mut grouped = [0.0; SLABS];
-    let mut give = |group: Range<usize>| {
-        let heaviest = group.clone().max_by(|a, b| slabs[*a].total_cmp(&slabs[*b])).unwrap_or(group.start);
-        grouped[heaviest] = slabs[group].iter().sum();
-    };
-    for Range { start: mut from, end } in [0..FIXED_GRID, FIXED_GRID..FIXED, OWN_SLABS] {
-        while from < end {
-            let is_light = |to: &usize| slabs[from..*to].iter().sum::<f64>() <= LIGHT;
-            let to = (from + 2..=end.min(from + NEIGHBOURS)).take_while(is_light).last().unwrap_or(from + 1);
-            give(from..to);
-            from = to;
-        }
-    }
-    give(DEVIANT_SLABS);
-    grouped
-}
-
-/// Returns those of the heaviest weights that have this share together, in their order.
-fn heaviest(mut weights: Vec<(usize, usize, f64)>, share: f64) -> Vec<(usize, usize, f64)> {
-    let mut ordered: Vec<f64> = weights.iter().map(|(.., weight)| *weight).collect();
-    ordered.sort_unstable_by(|a, b| b.total_cmp(a));
-    let mut left = share;
-    let lightest = ordered.into_iter().find(|weight| {
-        left -= weight;
-        left <= 0.0
-    });
-    weights.retain(|(.., weight)| *weight >= lightest.unwrap_or(0.0));
-    weights
-}
-
 /// A table, and the same with rows and columns exchanged: as each side reads it.
 pub(super) type Reading<'a> = [Cow<'a, Table>; 2];
 
-/// Returns the tables of a state as each side reads them; those without visits are left out.
+/// Returns the tables of a state as each side reads them: those that were visited, or one that was not.
 pub(super) fn readings(slices: &[Table]) -> Vec<Reading<'_>> {
-    slices.iter().filter(|slice| slice.total() > 0).map(reading).collect()
+    let visited: Vec<Reading<'_>> = slices.iter().filter(|slice| slice.total() > 0).map(reading).collect();
+    if visited.is_empty() { vec![Reading::default()] } else { visited }
 }
 
 fn reading(slice: &Table) -> Reading<'_> {
@@ -163,10 +99,10 @@ impl Prior {
         let weights = self.weights(&readings).condensed();
         let estimate = self.estimate(habits, &weights, &readings);
         let doubt = if estimate.is_some() { 0.0 } else { doubt(habits) };
-        let part = |(side, slab, weight): (usize, usize, f64)| {
-            (weight, self.moments(side, slab, habits, &readings, &weights.deviants).doubted(doubt))
-        };
-        let parts = weights.heaviest(1.0).into_iter().map(part).collect();
+        let slices = self.slices(habits, &readings, &weights.deviants);
+        let part =
+            |(side, slab, weight): (usize, usize, f64)| (weight, self.moments(side, slab, &slices).doubted(doubt));
+        let parts = weights.present().map(part).collect();
         Posterior::new(weights.dependent, largest, parts, estimate)
     }
 
@@ -181,51 +117,42 @@ impl Prior {
 
     /// Returns the probabilities of dependence and of the slabs.
     pub(super) fn weights(&self, readings: &[Reading<'_>]) -> Weights {
-        let mut logarithms = [0, 1].map(|side| self.sides[side].ln_slabs);
-        let mut informed = false;
-        let mut deviants = Vec::with_capacity(readings.len());
-        for reading in readings {
-            let said = [0, 1].map(|side| self.sides[side].said(&reading[side]));
-            for (logarithms, said) in logarithms.iter_mut().zip(&said) {
-                let Some(relative) = &said.relative else { continue };
-                add(logarithms, relative);
-                informed = true;
-            }
-            deviants.push(said.map(|said| said.deviants));
+        let mut slabs = [0, 1].map(|side| self.sides[side].ln_slabs);
+        let said = |reading: &Reading<'_>| [0, 1].map(|side| self.sides[side].said(&reading[side], &mut slabs[side]));
+        let deviants = readings.iter().map(said).collect();
+        let largest = slabs.as_flattened().iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        for ln in slabs.as_flattened_mut() {
+            *ln = if *ln > largest - NEGLIGIBLE { (*ln - largest).exp() } else { 0.0 };
         }
-        let largest = logarithms.iter().flatten().copied().fold(f64::NEG_INFINITY, f64::max);
-        let part = |ln: f64| if ln > largest - NEGLIGIBLE { (ln - largest).exp() } else { 0.0 };
-        let parts = logarithms.map(|side| side.map(part));
         // Each side by itself, so that the order of the variables changes no bit.
-        let sum = parts[0].iter().sum::<f64>() + parts[1].iter().sum::<f64>();
-        let slabs = parts.map(|side| side.map(|part| part / sum));
+        let sum = slabs[0].iter().sum::<f64>() + slabs[1].iter().sum::<f64>();
+        slabs.as_flattened_mut().iter_mut().for_each(|part| *part /= sum);
         let prior = self.dependent;
         let odds = largest + sum.ln() + (prior / (1.0 - prior)).ln();
-        Weights { dependent: if informed { 1.0 / (1.0 + (-odds).exp()) } else { prior }, slabs, deviants }
+        let is_told = readings.iter().any(|[table, _]| !table.is_line());
+        Weights { dependent: if is_told { 1.0 / (1.0 + (-odds).exp()) } else { prior }, slabs, deviants }
     }
 
-    /// Returns what the rows of a slice without visits say for deviating.
-    pub(super) fn unvisited(&self) -> [Deviants; 2] {
-        [0, 1].map(|side| Deviants::none(self.sides[side].likelihood.drivers))
+    /// Looks at every slice from both sides.
+    pub(super) fn slices<'a>(
+        &self,
+        habits: &'a Habits,
+        readings: &'a [Reading<'_>],
+        deviants: &'a [[Deviants; 2]],
+    ) -> Vec<[Slice<'a>; 2]> {
+        let slice = |(reading, deviants): (&'a Reading<'_>, &'a [Deviants; 2])| {
+            [0, 1].map(|side| self.sides[side].slice(&reading[side], &deviants[side], habits.driver(side)))
+        };
+        readings.iter().zip(deviants).map(slice).collect()
     }
 
     /// Returns the moments of mutual information under a slab of a side.
-    fn moments(
-        &self,
-        side: usize,
-        slab: usize,
-        habits: &Habits,
-        readings: &[Reading<'_>],
-        deviants: &[[Deviants; 2]],
-    ) -> Moments {
-        let total: f64 = readings.iter().map(|[slice, _]| slice.total() as f64).sum();
-        if total == 0.0 {
-            return self.slice_moments(side, slab, habits, &Table::default(), &self.unvisited()[side]);
-        }
-        readings.iter().zip(deviants).fold(Moments::default(), |sum, (reading, deviants)| {
-            let share = reading[side].total() as f64 / total;
-            let table = &reading[side];
-            let Moments { mean, variance, wide } = self.slice_moments(side, slab, habits, table, &deviants[side]);
+    fn moments(&self, side: usize, slab: usize, slices: &[[Slice<'_>; 2]]) -> Moments {
+        let total: f64 = slices.iter().map(|slice| slice[side].table.total() as f64).sum();
+        slices.iter().fold(Moments::default(), |sum, slice| {
+            let slice = &slice[side];
+            let share = if total == 0.0 { 1.0 } else { slice.table.total() as f64 / total };
+            let Moments { mean, variance, wide } = self.sides[side].moments(slab, slice);
             let square = share * share;
             Moments {
                 mean: sum.mean + share * mean,
@@ -233,23 +160,6 @@ impl Prior {
                 wide: sum.wide + square * wide,
             }
         })
-    }
-
-    /// Returns the moments of a slice under a slab of a side, as that side reads it.
-    pub(super) fn slice_moments(
-        &self,
-        side: usize,
-        slab: usize,
-        habits: &Habits,
-        table: &Table,
-        deviants: &Deviants,
-    ) -> Moments {
-        self.sides[side].moments(slab, table, deviants, &self.policy(side, habits, table))
-    }
-
-    /// Returns the policy of the driver of a side.
-    pub(super) fn policy<'a>(&self, side: usize, habits: &'a Habits, table: &Table) -> Policy<'a> {
-        Policy::new(table, habits.driver(side), self.sides[side].habit)
     }
 
     /// Returns what the table says by itself, if it was seen at least as often as it has pairs of letters in use.
@@ -260,8 +170,7 @@ impl Prior {
             return None;
         }
         let [rows, columns] = self.predicted_both_ways(habits, weights, reading, &weights.deviants[0]);
-        let estimate =
-            |side: usize, cells: &[f64]| Estimate::new(&reading[side], cells, self.sides[side].letters());
+        let estimate = |side: usize, cells: &[f64]| Estimate::new(&reading[side], cells, self.sides[side].letters());
         // Read in both ways, so that the order of the variables changes no bit.
         Some(estimate(0, &rows).between(estimate(1, &columns)))
     }

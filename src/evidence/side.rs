@@ -3,17 +3,20 @@
 use super::base::{Alike, Groups};
 use super::deviants::{Deviants, Deviating};
 use super::gamma::digamma;
+use super::habits::Usage;
 use super::increments::depth;
-use super::likelihood::{Evidence, Likelihood, Null, NullMixture};
-use super::moments::{Letter, Moments, Pair, Policy, Slab, Term, moments, two_rows};
+use super::likelihood::{Likelihood, NullMixture};
+use super::moments::{Letter, Moments, Pair, Policy, Slab, Slice, Term, moments, two_rows};
 use super::parameters::{
-    DEVIANT_CONCENTRATIONS, DEVIANT_GRID, DEVIANT_SLABS, FIXED, FIXED_CONCENTRATIONS, FIXED_GRID, OWN_CONCENTRATIONS, OWN_GRID, OWN_SLABS, SLABS,
-    SideParameters,
+    DEVIANT_CONCENTRATIONS, DEVIANT_GRID, DEVIANT_SLABS, FIXED, FIXED_CONCENTRATIONS, FIXED_GRID, OWN_CONCENTRATIONS,
+    OWN_GRID, OWN_SLABS, SLABS, SideParameters,
 };
 use crate::information::Table;
 
 /// Rows below this share of a deviant's posterior weight are left out of its moments.
 const NEGLIGIBLE: f64 = 0.1;
+/// The most rows that are looked at: where more are as probable, the counts say little of it, and each row would say about the same.
+const MOST_DEVIATING: usize = 3;
 
 /// One way to read a table, ready to answer.
 pub(super) struct Side {
@@ -28,13 +31,6 @@ pub(super) struct Side {
     /// On the environment's base, and the uniform one.
     bases: [Vec<Tabulated>; 2],
     groups: Groups,
-}
-
-/// What a slice says on a side.
-pub(super) struct Said {
-    /// ln l of every slab relative to the null; `None` of a slice that cannot tell dependence from independence.
-    pub relative: Option<[f64; SLABS]>,
-    pub deviants: Deviants,
 }
 
 /// The terms of one slab on a fixed base.
@@ -64,37 +60,43 @@ impl Side {
         }
     }
 
-    /// Returns what a slice says.
-    pub fn said(&self, table: &Table) -> Said {
+    /// Adds ln l of every slab relative to the null, unless the slice cannot tell dependence from independence, and returns what its rows say for deviating.
+    pub fn said(&self, table: &Table, slabs: &mut [f64; SLABS]) -> Deviants {
         let evidence = self.likelihood.evidence(table);
         let null = self.nulls.given(&evidence.nulls);
         let deviants = self.likelihood.deviants(table, &self.nulls, &null);
-        let relative = (!table.is_line()).then(|| self.relative(&evidence, &null, &deviants));
-        Said { relative, deviants }
+        if !table.is_line() {
+            let anchored = evidence.anchor.as_ref().map_or(0.0, |anchor| self.nulls.ln_mixed(anchor));
+            slabs.iter_mut().zip(&evidence.fixed).for_each(|(ln, by)| *ln += by + anchored - null.ln);
+            slabs[OWN_SLABS].iter_mut().zip(&evidence.own).for_each(|(ln, by)| *ln += by);
+            slabs[DEVIANT_SLABS].iter_mut().zip(deviants.evidence()).for_each(|(ln, by)| *ln += by);
+        }
+        deviants
     }
 
-    fn relative(&self, evidence: &Evidence, null: &Null, deviants: &Deviants) -> [f64; SLABS] {
-        let anchored = evidence.anchor.as_ref().map_or(0.0, |anchor| self.nulls.ln_mixed(anchor));
-        let mut relative = [0.0; SLABS];
-        relative[..FIXED].copy_from_slice(&evidence.fixed);
-        relative[..FIXED].iter_mut().for_each(|ln| *ln += anchored - null.ln);
-        relative[OWN_SLABS].copy_from_slice(&evidence.own);
-        relative[DEVIANT_SLABS].copy_from_slice(&deviants.evidence());
-        relative
+    /// Looks at a slice, given how the environment uses the driver's letters.
+    pub fn slice<'a>(&self, table: &'a Table, deviants: &'a Deviants, usage: &'a Usage) -> Slice<'a> {
+        Slice::new(table, deviants, self.policy(table, usage), self.groups.without(table.column_labels()))
+    }
+
+    /// Returns the policy of the driver.
+    pub fn policy<'a>(&self, table: &Table, usage: &'a Usage) -> Policy<'a> {
+        Policy::new(table, usage, self.habit)
     }
 
     /// Returns mean and variance of mutual information in a slice under a slab.
-    pub fn moments(&self, slab: usize, table: &Table, deviants: &Deviants, policy: &Policy<'_>) -> Moments {
+    pub fn moments(&self, slab: usize, slice: &Slice<'_>) -> Moments {
         match slab {
-            0..FIXED => self.on_fixed_base(slab, table, policy),
-            slab if DEVIANT_SLABS.contains(&slab) => self.deviating(slab - DEVIANT_SLABS.start, table, deviants, policy),
-            _ => self.on_own_marginal(slab - FIXED, table, policy),
+            0..FIXED => self.on_fixed_base(slab, slice),
+            slab if DEVIANT_SLABS.contains(&slab) => self.deviating(slab - DEVIANT_SLABS.start, slice),
+            _ => self.on_own_marginal(slab - FIXED, slice),
         }
     }
 
-    fn on_fixed_base(&self, slab: usize, table: &Table, policy: &Policy<'_>) -> Moments {
+    fn on_fixed_base(&self, slab: usize, slice: &Slice<'_>) -> Moments {
         let (on_base, at) = (slab < FIXED_GRID, slab % FIXED_GRID);
-        let (k, labels, shares) = (FIXED_CONCENTRATIONS[at], table.column_labels(), self.likelihood.base.shares());
+        let (k, labels, shares) =
+            (FIXED_CONCENTRATIONS[at], slice.table.column_labels(), self.likelihood.base.shares());
         let tabulated = &self.bases[usize::from(!on_base)][at];
         let uniform = 1.0 / shares.len() as f64;
         let share = |at: usize| if on_base { shares[labels[at] as usize] } else { uniform };
@@ -102,25 +104,30 @@ impl Side {
         let term = |at: usize, n: u64| tabulated.term(letter(at), n, k * share(at));
         let columns: Vec<Letter> =
             (0..labels.len()).map(|at| Letter { share: share(at), empty: term(at, 0) }).collect();
-        let rest = if on_base { self.groups.without(labels) } else { others(uniform, shares.len() - labels.len()) };
-        let slab = Slab { concentration: k, columns: &columns, psi: tabulated.psi, rest: &rest };
-        moments(table, policy, &slab, self.psi_a1(at), term)
+        let alike = [Alike { share: uniform, letters: (shares.len() - labels.len()) as f64 }];
+        let rest = match (on_base, shares.len() - labels.len()) {
+            (true, _) => &slice.rest[..],
+            (false, 0) => &[],
+            (false, _) => &alike,
+        };
+        let slab = Slab { concentration: k, columns: &columns, psi: tabulated.psi, rest };
+        moments(slice, &slab, self.psi_a1(at), term)
     }
 
-    fn on_own_marginal(&self, at: usize, table: &Table, policy: &Policy<'_>) -> Moments {
-        let k = OWN_CONCENTRATIONS[at];
+    fn on_own_marginal(&self, at: usize, slice: &Slice<'_>) -> Moments {
+        let (k, table) = (OWN_CONCENTRATIONS[at], slice.table);
         let letter = |at: usize| {
             let share = self.likelihood.own_share(table, at);
             Letter { share, empty: Term::of(k * share) }
         };
         let columns: Vec<Letter> = (0..table.columns().len()).map(letter).collect();
-        let mut rest = self.groups.without(table.column_labels());
-        rest.iter_mut().for_each(|group| group.share /= table.total() as f64 + 1.0);
+        let own = |group: &Alike| Alike { share: group.share / (table.total() as f64 + 1.0), ..*group };
+        let rest: Vec<Alike> = slice.rest.iter().map(own).collect();
         let unvisited = rest.iter().map(|group| group.letters * Term::of(k * group.share).psi).sum::<f64>();
         let psi = columns.iter().map(|letter| letter.empty.psi).sum::<f64>() + unvisited;
         let slab = Slab { concentration: k, columns: &columns, psi, rest: &rest };
         let term = |at: usize, n: u64| Term::of(n as f64 + k * columns[at].share);
-        moments(table, policy, &slab, self.psi_a1(at), term)
+        moments(slice, &slab, self.psi_a1(at), term)
     }
 
     /// Returns psi(r + k + 1) of rows with r visits, for the concentration k at a place of the grid.
@@ -132,21 +139,23 @@ impl Side {
     }
 
     /// The moments over which row it is that deviates: the rest answers as it did, with one visit more spread as the base is.
-    fn deviating(&self, deviant: usize, table: &Table, deviants: &Deviants, policy: &Policy<'_>) -> Moments {
-        let Deviating { rows, untried } = deviants.probable(deviant);
-        let mut told: Vec<(f64, Moments)> = Vec::new();
-        for (row, weight) in rows.into_iter().enumerate().filter(|(_, weight)| *weight > NEGLIGIBLE) {
-            told.push((weight, self.row_deviating(deviant, table, Some(row), policy)));
-        }
-        let others = untried * policy.unvisited(table).rows;
+    fn deviating(&self, deviant: usize, slice: &Slice<'_>) -> Moments {
+        let Deviating { rows, untried } = slice.deviants.probable(deviant);
+        let mut rows: Vec<(usize, f64)> = rows.into_iter().enumerate().filter(|(_, p)| *p > NEGLIGIBLE).collect();
+        rows.sort_by(|a, b| b.1.total_cmp(&a.1));
+        rows.truncate(MOST_DEVIATING);
+        let told = rows.into_iter().map(|(row, p)| (p, self.row_deviating(deviant, slice, Some(row))));
+        let mut told: Vec<(f64, Moments)> = told.collect();
+        let others = untried * slice.unvisited.rows;
         if others > NEGLIGIBLE || told.is_empty() {
-            told.push((others.max(f64::MIN_POSITIVE), self.row_deviating(deviant, table, None, policy)));
+            told.push((others.max(f64::MIN_POSITIVE), self.row_deviating(deviant, slice, None)));
         }
         Moments::mixed(&told)
     }
 
     /// `None`: a row that was not visited.
-    fn row_deviating(&self, deviant: usize, table: &Table, row: Option<usize>, policy: &Policy<'_>) -> Moments {
+    fn row_deviating(&self, deviant: usize, slice: &Slice<'_>, row: Option<usize>) -> Moments {
+        let Slice { table, policy, unvisited, rest, .. } = slice;
         let k = DEVIANT_CONCENTRATIONS[deviant % DEVIANT_GRID];
         let shares = self.likelihood.base.shares();
         let uniform = 1.0 / shares.len() as f64;
@@ -158,21 +167,15 @@ impl Side {
             let share = shares[*label as usize];
             Pair { a: [(all - n) as f64 + share, n as f64 + k * base(share)], letters: 1.0 }
         });
-        let rest = self.groups.without(labels);
         let rest =
             rest.iter().map(|Alike { share, letters }| Pair { a: [*share, k * base(*share)], letters: *letters });
         let columns: Vec<Pair> = visited.chain(rest).collect();
-        let unvisited = policy.unvisited(table);
         let p = match row {
             Some(row) => policy.of(table.row_labels()[row], table.rows()[row]),
             None => unvisited.p / unvisited.rows.max(1.0),
         };
         two_rows(p, policy, &columns)
     }
-}
-
-fn others(share: f64, letters: usize) -> Vec<Alike> {
-    if letters == 0 { Vec::new() } else { vec![Alike { share, letters: letters as f64 }] }
 }
 
 impl Tabulated {

@@ -8,8 +8,8 @@ use statrs::function::gamma::{digamma, ln_gamma};
 
 use super::freedom::Freedom;
 use super::parameters::{
-    DEVIANT_CONCENTRATIONS, DEVIANT_GRID, DEVIANT_SLABS, FIXED, FIXED_GRID, NULL_CONCENTRATIONS, NULL_GRID, NULLS, SLABS,
-    concentration,
+    DEVIANT_CONCENTRATIONS, DEVIANT_GRID, DEVIANT_SLABS, FIXED, FIXED_GRID, NULL_CONCENTRATIONS, NULL_GRID, NULLS,
+    SLABS, concentration,
 };
 use super::*;
 use crate::domain::{Dependence, Rule, RuleKind, Verdict};
@@ -192,8 +192,7 @@ fn defined_side(parameters: &SideParameters, base: &Base, rows: &[Vec<f64>]) -> 
         let others = rows.iter().enumerate().filter(|(row, _)| Some(*row) != anchor);
         let evidence = others.map(|(_, row)| {
             let relative: f64 = row.iter().zip(&base).map(|(n, share)| n * share.ln()).sum();
-            ln_dm(row, &scaled(&base, concentration(slab)))
-                - if slab < FIXED { 0.0 } else { relative }
+            ln_dm(row, &scaled(&base, concentration(slab))) - if slab < FIXED { 0.0 } else { relative }
         });
         let start = if slab < FIXED {
             anchor.map_or(0.0, |row| shared(&rows[row])) - null
@@ -325,7 +324,9 @@ proptest! {
         let expected = defined_moments(&uneven(), slab, &table);
 
         let prior = &*UNEVEN;
-        let moments = prior.slice_moments(0, slab, prior.habits(), &table, &prior.unvisited()[0]);
+        let deviants = prior.sides[0].said(&table, &mut [0.0; SLABS]);
+        let slice = prior.sides[0].slice(&table, &deviants, prior.habits().driver(0));
+        let moments = prior.sides[0].moments(slab, &slice);
 
         let told = [moments.mean, moments.variance, moments.wide];
         prop_assert!(told.iter().zip(expected).all(|(told, expected)| (told - expected).abs() < 1e-8), "{told:?} {expected:?}");

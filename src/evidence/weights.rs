@@ -1,0 +1,79 @@
+//! How probable the hypotheses of one state are, and which of them matter.
+
+use std::ops::Range;
+
+use super::deviants::Deviants;
+use super::parameters::{DEVIANT_SLABS, FIXED, FIXED_GRID, OWN_SLABS, SLABS};
+
+/// The share of all slabs' posterior weight that moments are found for: the lighter ones change nothing, and there are many.
+const WEIGHED: f64 = 0.9;
+
+/// The probabilities of a state's hypotheses.
+pub(super) struct Weights {
+    pub dependent: f64,
+    /// Given dependence, those of the slabs of each side; all sum to 1.
+    pub slabs: [[f64; SLABS]; 2],
+    /// What the rows of each slice say for deviating, as each side reads them.
+    pub deviants: Vec<[Deviants; 2]>,
+}
+
+impl Weights {
+    /// Returns the side, the number and the weight of the heaviest slabs, which have this share of the weight together.
+    pub fn heaviest(&self, share: f64) -> Vec<(usize, usize, f64)> {
+        heaviest(self.present().collect(), share)
+    }
+
+    /// Returns the side, the number and the weight of the slabs that have any.
+    pub fn present(&self) -> impl Iterator<Item = (usize, usize, f64)> {
+        let numbered =
+            |side: usize| self.slabs[side].iter().enumerate().map(move |(slab, weight)| (side, slab, *weight));
+        (0..2).flat_map(numbered).filter(|(.., weight)| *weight > 0.0)
+    }
+
+    /// Returns the same with fewer slabs to find moments for: light neighbours are taken together, and the lightest are left out.
+    pub fn condensed(self) -> Self {
+        let grouped = Self { slabs: self.slabs.map(|side| grouped(&side)), ..self };
+        let mut slabs = [[0.0; SLABS]; 2];
+        grouped.heaviest(WEIGHED).into_iter().for_each(|(side, slab, weight)| slabs[side][slab] = weight);
+        // Each side by itself, so that the order of the variables changes no bit.
+        let total = slabs[0].iter().sum::<f64>() + slabs[1].iter().sum::<f64>();
+        slabs.as_flattened_mut().iter_mut().for_each(|weight| *weight /= total);
+        Self { slabs, ..grouped }
+    }
+}
+
+/// Returns the weights of a side's slabs with those of neighbours in concentration given to the heaviest of them, where they are light together; and with those
+/// of all slabs of one deviating row, which differ little but in which row it is.
+fn grouped(slabs: &[f64; SLABS]) -> [f64; SLABS] {
+    /// Concentrations that differ by not much more than a factor of four, and what they may weigh.
+    const NEIGHBOURS: usize = 3;
+    const LIGHT: f64 = 0.05;
+    let mut grouped = [0.0; SLABS];
+    let mut give = |group: Range<usize>| {
+        let heaviest = group.clone().max_by(|a, b| slabs[*a].total_cmp(&slabs[*b])).unwrap_or(group.start);
+        grouped[heaviest] = slabs[group].iter().sum();
+    };
+    for Range { start: mut from, end } in [0..FIXED_GRID, FIXED_GRID..FIXED, OWN_SLABS] {
+        while from < end {
+            let is_light = |to: &usize| slabs[from..*to].iter().sum::<f64>() <= LIGHT;
+            let to = (from + 2..=end.min(from + NEIGHBOURS)).take_while(is_light).last().unwrap_or(from + 1);
+            give(from..to);
+            from = to;
+        }
+    }
+    give(DEVIANT_SLABS);
+    grouped
+}
+
+/// Returns those of the heaviest weights that have this share together, in their order.
+fn heaviest(mut weights: Vec<(usize, usize, f64)>, share: f64) -> Vec<(usize, usize, f64)> {
+    let mut ordered: Vec<f64> = weights.iter().map(|(.., weight)| *weight).collect();
+    ordered.sort_unstable_by(|a, b| b.total_cmp(a));
+    let mut left = share;
+    let lightest = ordered.into_iter().find(|weight| {
+        left -= weight;
+        left <= 0.0
+    });
+    weights.retain(|(.., weight)| *weight >= lightest.unwrap_or(0.0));
+    weights
+}
