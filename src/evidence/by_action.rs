@@ -1,9 +1,9 @@
 //! Which of the ego's actions does it: how far each moves the other, and what the other then does.
 
+use super::counted::Counted;
 use super::draws::{Draws, Joint};
 use super::habits::Habits;
 use super::prior::Prior;
-use crate::information::Table;
 
 /// Where the ego stands in a table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -47,14 +47,14 @@ impl Prior {
     ///
     /// Means of the divergence and all intervals are of 500 draws from the posterior (fewer where tables are large), which depend on the counts alone.
     /// Actions that were never taken get what the environment lets one expect. With several slices, an action's figures are their means over the
-    /// slices, each by how probable it is with that action.
+    /// slices, each by how probable it is with that action; with segments whose habits rather differ, their means over the segments.
     ///
     /// The largest plug-in divergence is mostly that of the rarest action, and large. Means may be ranked: they stay near 0 where nothing is known. Where
     /// all of them are, their order says little, and the rarest action still comes first half of the time.
     ///
     /// Not for alphabets with more than [`MOST_CELLS`](super::MOST_CELLS) pairs of actions.
-    pub fn by_action(&self, habits: &Habits, slices: &[Table], ego: Ego) -> Vec<ActionPosterior> {
-        let draws = Draws::new(self, habits, slices, ego);
+    pub fn by_action<'a>(&self, habits: &'a Habits, counted: impl Into<Counted<'a>>, ego: Ego) -> Vec<ActionPosterior> {
+        let draws = Draws::new(self, habits, counted.into(), ego);
         let mut rng = draws.generator();
         let [egos, others] = draws.sizes();
         let times = (CELLS / (egos * others * draws.slices.len())).clamp(FEWEST_DRAWS, DRAWS);

@@ -27,6 +27,11 @@ impl Deviating {
 }
 
 impl Deviants {
+    /// Returns what is said where nobody asks.
+    pub const fn none() -> Self {
+        Self { rows: Vec::new(), untried: 0.0 }
+    }
+
     /// Returns ln 1/R sum_i DM(c - n_i.; b m) DM(n_i.; k m) / DM(c; b m) for each slab, R counting all rows.
     pub fn evidence(&self) -> [f64; DEVIANTS] {
         let ln_rows = (self.rows.len() as f64 + self.untried).ln();

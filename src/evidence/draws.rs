@@ -1,10 +1,13 @@
 //! Joint distributions of a state, drawn from what is believed of it: for what has no formula, and to check what has one.
 
+use std::borrow::Cow;
+
 use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, Gamma};
 use rand_pcg::Pcg64;
 
 use super::by_action::Ego;
+use super::counted::Counted;
 use super::habits::Habits;
 use super::moments::{Moments, Slice};
 use super::parameters::{
@@ -12,7 +15,7 @@ use super::parameters::{
 };
 use super::posterior::Posterior;
 use super::predicted::{add_columns, add_row};
-use super::prior::{Prior, Reading, readings};
+use super::prior::{Prior, Reading, Readings};
 use super::side::Side;
 use super::weights::Weights;
 use crate::information::Table;
@@ -24,10 +27,15 @@ pub(super) struct Draws<'a> {
     pub habits: &'a Habits,
     /// The side on which the ego drives.
     pub ego: usize,
-    /// The slices that were visited, or one that was not.
+    /// The slices that were visited, or one that was not; where habits rather differ by segment, their parts.
     pub slices: Vec<Reading<'a>>,
+    /// Whether they are parts.
+    pub are_parts: bool,
     pub weights: Weights,
 }
+
+/// The probability of habits that differ by segment from which a state is looked at segment by segment.
+const DIFFER: f64 = 0.5;
 
 /// A joint distribution of one slice.
 #[derive(Debug, Clone)]
@@ -39,10 +47,24 @@ pub(super) struct Joint {
 }
 
 impl<'a> Draws<'a> {
-    pub fn new(prior: &'a Prior, habits: &'a Habits, slices: &'a [Table], ego: Ego) -> Self {
-        let slices = readings(slices);
-        let weights = prior.weights(&slices);
-        Self { prior, habits, ego: ego.side(), slices, weights }
+    pub fn new(prior: &'a Prior, habits: &'a Habits, counted: Counted<'a>, ego: Ego) -> Self {
+        let all = prior.weights(&Readings::new(counted));
+        let are_parts = all.differ().is_some_and(|differ| differ > DIFFER);
+        let readings = Readings::new(if are_parts { counted.parts } else { counted.slices }.into());
+        // What is believed of the parts by themselves, or of the wholes, with the probability of dependence that they have together.
+        let weights = Weights { dependent: all.dependent, ..prior.weights(&readings) };
+        Self { prior, habits, ego: ego.side(), slices: readings.wholes, are_parts, weights }
+    }
+
+    /// Returns what is believed of tables that take the place of the slices, and the tables that count for it.
+    pub fn posterior_of<'t>(&self, tables: &'t [Table]) -> (Posterior, Cow<'t, [Table]>) {
+        if !self.are_parts {
+            return (self.prior.posterior(self.habits, tables), tables.into());
+        }
+        let whole = Table::sum(tables);
+        let posterior =
+            self.prior.posterior(self.habits, Counted { slices: std::slice::from_ref(&whole), parts: tables });
+        (posterior, vec![whole].into())
     }
 
     /// Returns the share of the visits that a slice has.
@@ -149,9 +171,9 @@ impl Prior {
         if largest == 0.0 || draws < FEWEST_UNSEEN {
             return None;
         }
-        let readings = readings(&[]);
+        let readings = Readings::new((&[] as &[Table]).into());
         let weights = self.weights(&readings);
-        let [slices] = &self.slices(self.habits(), &readings, &weights.deviants)[..] else { return None };
+        let [slices] = &self.slices(self.habits(), &readings.wholes, &weights.deviants)[..] else { return None };
         let sampled = |(side, slab, weight): (usize, usize, f64)| {
             let draws = ((weight * draws as f64) as usize).max(FEWEST_OF_SLAB);
             (weight, self.sides[side].sampled_moments(slab, &slices[side], draws))
@@ -254,7 +276,7 @@ mod tests {
 
     /// Draws mutual information from what is believed of a state, if it is dependent.
     fn sampled(prior: &Prior, slices: &[Table]) -> Vec<f64> {
-        let draws = Draws::new(prior, prior.habits(), slices, Ego::Rows);
+        let draws = Draws::new(prior, prior.habits(), slices.into(), Ego::Rows);
         let mut rng = draws.generator();
         let p = draws.weights.dependent;
         let mut draw = |time: usize| {

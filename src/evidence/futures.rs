@@ -5,6 +5,7 @@ use rand_distr::{Binomial, Distribution};
 use rand_pcg::Pcg64;
 
 use super::by_action::Ego;
+use super::counted::Counted;
 use super::decision::{Believed, decide};
 use super::draws::Draws;
 use super::habits::Habits;
@@ -37,35 +38,27 @@ impl Prior {
     /// smaller ones. The draws depend on the counts alone.
     ///
     /// Not for alphabets with more than [`MOST_CELLS`](super::MOST_CELLS) pairs of actions.
-    pub fn visits_to_decide(&self, habits: &Habits, slices: &[Table], ego: Ego, rule: &Rule) -> Option<u64> {
-        if self.decides(habits, slices, rule) {
+    pub fn visits_to_decide<'a>(
+        &self,
+        habits: &'a Habits,
+        counted: impl Into<Counted<'a>>,
+        ego: Ego,
+        rule: &Rule,
+    ) -> Option<u64> {
+        let draws = Draws::new(self, habits, counted.into(), ego);
+        if draws.decide(&draws.slices_of(&draws.counts()), rule) {
             return Some(0);
         }
-        let draws = Draws::new(self, habits, slices, ego);
         let mut futures = draws.futures();
         VISITS.into_iter().find(|visits| {
             let mut undecided = 0;
             // Once too many are undecided, the others need not be asked.
             futures.iter_mut().all(|future| {
                 future.go_on(*visits);
-                undecided += usize::from(!self.decides(habits, &draws.slices_of(&future.counts), rule));
+                undecided += usize::from(!draws.decide(&draws.slices_of(&future.counts), rule));
                 undecided <= UNDECIDED
             })
         })
-    }
-
-    fn decides(&self, habits: &Habits, slices: &[Table], rule: &Rule) -> bool {
-        let visits = slices.iter().map(Table::total).sum();
-        let verdict = match rule.kind {
-            RuleKind::Paper => decide(rule, visits, conditional(slices, plug_in), None),
-            RuleKind::Evidence => {
-                let threshold = rule.threshold_nats();
-                let now = self.posterior(habits, slices).beliefs(threshold);
-                let believed = Believed::new(now, self.unseen().beliefs(threshold), slices);
-                decide(rule, visits, 0.0, Some(&believed))
-            }
-        };
-        verdict != Verdict::Undecided
     }
 
     /// Returns, for every ego action, by how much one more visit with it is expected to lower the entropy of "MI > t", in nats: at least 0, at most
@@ -73,8 +66,14 @@ impl Prior {
     ///
     /// H(E P') - E H(P'), P' = P(MI > t) after the visit and the other's answer, which comes as predicted. Not for alphabets with more than
     /// [`MOST_CELLS`](super::MOST_CELLS) pairs of actions: it takes a posterior for each.
-    pub fn information_gain(&self, habits: &Habits, slices: &[Table], ego: Ego, threshold_nats: f64) -> Vec<f64> {
-        let draws = Draws::new(self, habits, slices, ego);
+    pub fn information_gain<'a>(
+        &self,
+        habits: &'a Habits,
+        counted: impl Into<Counted<'a>>,
+        ego: Ego,
+        threshold_nats: f64,
+    ) -> Vec<f64> {
+        let draws = Draws::new(self, habits, counted.into(), ego);
         let [egos, others] = draws.sizes();
         // For each ego action: total probability, E P', E H(P').
         let mut sums = vec![[0.0; 3]; egos];
@@ -98,6 +97,22 @@ impl Prior {
 }
 
 impl Draws<'_> {
+    /// Returns whether tables that take the place of the slices decide.
+    fn decide(&self, tables: &[Table], rule: &Rule) -> bool {
+        let visits = tables.iter().map(Table::total).sum();
+        let verdict = match rule.kind {
+            RuleKind::Paper => decide(rule, visits, conditional(tables, plug_in), None),
+            RuleKind::Evidence => {
+                let threshold = rule.threshold_nats();
+                let (posterior, counted) = self.posterior_of(tables);
+                let unseen = self.prior.unseen().beliefs(threshold);
+                let believed = Believed::new(posterior.beliefs(threshold), unseen, &counted);
+                decide(rule, visits, 0.0, Some(&believed))
+            }
+        };
+        verdict != Verdict::Undecided
+    }
+
     fn futures(&self) -> Vec<Future> {
         let mut rng = self.generator();
         let [_, others] = self.sizes();
@@ -154,7 +169,7 @@ impl Draws<'_> {
         let mut row = |ego: u64| -> Vec<f64> {
             let after = |other: u64| {
                 slices[at] = self.in_order(Table::from_counts(triples(table).chain([(ego, other, 1)])));
-                self.prior.posterior(self.habits, &slices).above(threshold_nats)
+                self.posterior_of(&slices).0.above(threshold_nats)
             };
             (0..others as u64).map(after).collect()
         };

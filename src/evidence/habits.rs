@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::base::Base;
+use super::counted::Counted;
 use super::gamma::ln_rising;
 use crate::information::{Alphabet, Table};
 
@@ -48,7 +49,11 @@ impl Usage {
     fn new(counts: &[u64]) -> Self {
         let total: u64 = counts.iter().sum();
         let share = |count: &u64| if total == 0 { 1.0 / counts.len() as f64 } else { *count as f64 / total as f64 };
-        let shares: Vec<f64> = counts.iter().map(share).collect();
+        Self::of_shares(counts.iter().map(share).collect())
+    }
+
+    /// Returns the usage with these shares, which sum to 1.
+    pub fn of_shares(shares: Vec<f64>) -> Self {
         let used = shares.iter().filter(|share| **share > 0.0).count() as u64;
         let squares = shares.iter().map(|share| share * share).sum();
         Self { shares, used, squares }
@@ -60,20 +65,25 @@ impl Usage {
 pub struct Uses {
     counts: [Vec<u64>; 2],
     policies: [Policies; 2],
+    segments: [Segments; 2],
 }
 
 impl Uses {
     /// Begins without states.
     pub fn new(alphabet: Alphabet) -> Self {
         let none = |letters: u64| vec![0; letters as usize];
-        Self { counts: [none(alphabet.rows), none(alphabet.columns)], policies: Default::default() }
+        let counts = [none(alphabet.rows), none(alphabet.columns)];
+        Self { counts, policies: Default::default(), segments: Default::default() }
     }
 
     /// Adds a state by its tables; those that cannot tell dependence from independence tell habits, too.
-    pub fn add(&mut self, slices: &[Table]) {
+    pub fn add<'a>(&mut self, counted: impl Into<Counted<'a>>) {
+        let Counted { slices, parts } = counted.into();
+        if !parts.is_empty() {
+            (0..2).for_each(|variable| self.segments[variable].add(parts.iter().map(|part| margins(part)[variable])));
+        }
         for slice in slices {
-            let margins = [(slice.row_labels(), slice.rows()), (slice.column_labels(), slice.columns())];
-            for (variable, (labels, sums)) in margins.into_iter().enumerate() {
+            for (variable, (labels, sums)) in margins(slice).into_iter().enumerate() {
                 let counts = &mut self.counts[variable];
                 labels.iter().zip(sums).for_each(|(label, n)| counts[*label as usize] += n);
                 self.policies[variable].add(labels, sums);
@@ -91,6 +101,73 @@ impl Uses {
         let habits = Habits::new(&self.counts[0], &self.counts[1]);
         [0, 1].map(|variable| self.policies[variable].concentration(&habits.driver(variable).shares))
     }
+
+    /// Returns the concentration kappa' of the policies of each variable in segments around its policy in their state.
+    pub(super) fn concentrations_in_segments(&self) -> [Option<f64>; 2] {
+        let habits = Habits::new(&self.counts[0], &self.counts[1]);
+        [0, 1].map(|variable| self.segments[variable].concentration(&habits.driver(variable).shares))
+    }
+}
+
+/// The labels and the sums of the rows and of the columns of a table.
+fn margins(table: &Table) -> [(&[u64], &[u64]); 2] {
+    [(table.row_labels(), table.rows()), (table.column_labels(), table.columns())]
+}
+
+/// Policies in segments that are kept for kappa'.
+const MOST_PARTS: usize = 20_000;
+
+/// How a variable's policies differ from segment to segment within a state.
+#[derive(Debug, Clone, Default)]
+struct Segments(Vec<Part>);
+
+/// The visits of one segment in a state: of each letter, here and in all other segments, and their totals.
+#[derive(Debug, Clone)]
+struct Part {
+    letters: Vec<(u64, u64, u64)>,
+    here: u64,
+    elsewhere: u64,
+}
+
+impl Segments {
+    fn add<'a>(&mut self, parts: impl Iterator<Item = (&'a [u64], &'a [u64])> + Clone) {
+        let mut sums: BTreeMap<u64, u64> = BTreeMap::new();
+        let letters = |(labels, sums): (&'a [u64], &'a [u64])| labels.iter().copied().zip(sums.iter().copied());
+        parts.clone().flat_map(letters).for_each(|(label, n)| *sums.entry(label).or_default() += n);
+        let total: u64 = sums.values().sum();
+        for part in parts.take(MOST_PARTS.saturating_sub(self.0.len())) {
+            let here = part.1.iter().sum();
+            let letters = letters(part).map(|(label, n)| (label, n, sums[&label] - n)).collect();
+            self.0.push(Part { letters, here, elsewhere: total - here });
+        }
+    }
+
+    /// Returns kappa' under which sum ln DM(r_sg; kappa' p) is largest, p the policy in the state's other segments, with one visit more spread as the
+    /// environment's mean policy is.
+    fn concentration(&self, mean: &[f64]) -> Option<f64> {
+        if self.0.iter().all(|part| part.here < 2) || mean.iter().filter(|share| **share > 0.0).count() < 2 {
+            return None;
+        }
+        let part = |part: &Part, kappa: f64| {
+            let p =
+                |label: u64, elsewhere: u64| (elsewhere as f64 + mean[label as usize]) / (part.elsewhere as f64 + 1.0);
+            let letter = |(label, n, elsewhere): &(u64, u64, u64)| ln_rising(kappa * p(*label, *elsewhere), *n);
+            part.letters.iter().map(letter).sum::<f64>() - ln_rising(kappa, part.here)
+        };
+        Some(likeliest(|kappa| self.0.iter().map(|one| part(one, kappa)).sum()))
+    }
+}
+
+/// Returns the concentration where a likelihood is largest: by golden-section search in its logarithm.
+fn likeliest(likelihood: impl Fn(f64) -> f64) -> f64 {
+    let likelihood = |ln_kappa: f64| likelihood(ln_kappa.exp());
+    let [mut low, mut high] = CONCENTRATIONS.map(f64::ln);
+    for _ in 0..STEPS {
+        let step = GOLDEN * (high - low);
+        let [left, right] = [high - step, low + step];
+        if likelihood(left) < likelihood(right) { low = left } else { high = right }
+    }
+    (0.5 * (low + high)).exp()
 }
 
 /// How a variable's policies differ from state to state, as far as a fit must know: how often each letter had each count in a state.
@@ -116,19 +193,12 @@ impl Policies {
     }
 
     /// Returns the concentration kappa under which sum_s ln DM(r_s; kappa h) is largest (Minka 2000), h the mean policy; `None` where states say nothing
-    /// of it. By golden-section search in ln kappa.
+    /// of it.
     fn concentration(&self, mean: &[f64]) -> Option<f64> {
         if self.totals.keys().all(|total| *total < 2) || mean.iter().filter(|share| **share > 0.0).count() < 2 {
             return None;
         }
-        let likelihood = |ln_kappa: f64| self.likelihood(ln_kappa.exp(), mean);
-        let [mut low, mut high] = CONCENTRATIONS.map(f64::ln);
-        for _ in 0..STEPS {
-            let step = GOLDEN * (high - low);
-            let [left, right] = [high - step, low + step];
-            if likelihood(left) < likelihood(right) { low = left } else { high = right }
-        }
-        Some((0.5 * (low + high)).exp())
+        Some(likeliest(|kappa| self.likelihood(kappa, mean)))
     }
 
     fn likelihood(&self, kappa: f64, mean: &[f64]) -> f64 {

@@ -8,7 +8,7 @@ use super::base::Base;
 use super::gamma::ln_rising;
 use super::increments::{Increments, add};
 use super::parameters::{
-    DEVIANT_CONCENTRATIONS, DEVIANTS, FIXED, FIXED_CONCENTRATIONS, FIXED_GRID, NULL_CONCENTRATIONS, NULLS,
+    AROUND, DEVIANT_CONCENTRATIONS, DEVIANTS, FIXED, FIXED_CONCENTRATIONS, FIXED_GRID, NULL_CONCENTRATIONS, NULLS,
     OWN_CONCENTRATIONS, OWN_GRID,
 };
 use crate::information::Table;
@@ -124,6 +124,24 @@ impl Likelihood {
             fixed: self.fixed(table, anchor, &rows),
             own: self.own(table, anchor, &rows),
         }
+    }
+
+    /// Returns sum_i ln DM(n_i.; k m) over all rows: how likely a part is whose rows have their own responses.
+    pub fn rows_apart(&self, part: &Table) -> [f64; FIXED] {
+        self.fixed(part, None, &self.rows(part, None))
+    }
+
+    /// Returns how much likelier parts are, each with habits of its own around those of all together, than with the same: the evidence of slabs on the
+    /// marginal of the table of parts and letters.
+    pub fn around<'a>(&self, parts: impl Iterator<Item = &'a Table>) -> [f64; AROUND] {
+        let cells = (0..).zip(parts).flat_map(|(at, part)| columns(part).map(move |(label, n)| (at, label, n)));
+        let table = Table::from_counts(cells);
+        if table.is_line() {
+            return [0.0; AROUND];
+        }
+        let anchor = anchor(&table);
+        let own = self.own(&table, anchor, &self.rows(&table, anchor));
+        std::array::from_fn(|at| own[at])
     }
 
     /// Returns ln DM of counts of the responder's letters under each component of the null.

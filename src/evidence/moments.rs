@@ -29,6 +29,8 @@ pub(super) struct Slice<'a> {
     pub rest: Vec<Alike>,
     drivers: Vec<Driver>,
     pub unvisited: Unvisited,
+    /// How many slices it stands for, which are as good as equal.
+    pub times: f64,
 }
 
 impl<'a> Slice<'a> {
@@ -39,7 +41,12 @@ impl<'a> Slice<'a> {
             Driver { r: *r, p, square: policy.square(p) }
         };
         let drivers = table.row_labels().iter().zip(table.rows()).map(driver).collect();
-        Self { drivers, unvisited: policy.unvisited(table), table, deviants, policy, rest }
+        Self { drivers, unvisited: policy.unvisited(table), table, deviants, policy, rest, times: 1.0 }
+    }
+
+    /// Returns the same for so many slices that are as good as equal.
+    pub fn for_all(self, slices: usize) -> Self {
+        Self { times: slices as f64, ..self }
     }
 }
 
@@ -93,6 +100,11 @@ impl Moments {
     pub fn doubted(self, part: f64) -> Self {
         let more = (part * self.mean).powi(2);
         Self { variance: self.variance + more, wide: self.wide + more, ..self }
+    }
+
+    /// Returns the moments of so many times as much.
+    pub fn scaled(self, by: f64) -> Self {
+        Self { mean: by * self.mean, variance: by * by * self.variance, wide: by * by * self.wide }
     }
 
     /// Returns the moments of a mixture, given weights and the moments of its parts.

@@ -57,6 +57,20 @@ const WEIGHT_PRIOR: f64 = 0.1;
 const USUAL_CONCENTRATION: f64 = 200.0;
 const WEAK_PRIOR: f64 = 0.01;
 
+/// Pseudo-states whose habits are alike in all segments, and that differ. And those of each family of dependence.
+const HABIT_PRIOR: [f64; 2] = [0.5, 0.5];
+const FAMILY_PRIOR: [f64; 3] = [0.5, 0.3, 0.2];
+
+/// Concentrations of the habits of segments around those of their state. Those above differ by next to nothing.
+pub(super) const AROUND: usize = 11;
+
+/// How habits go with segments: alike in all; drawn around the environment's as if there were no state; or around the state's, with the first concentrations
+/// of slabs on their own marginal.
+pub(super) const HABITS: usize = 2 + AROUND;
+
+/// The slabs that have a twin which is cut by segment: all but those of one deviating row.
+pub(super) const CUT: usize = OWN_SLABS.end;
+
 /// What a fit finds about an environment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Parameters {
@@ -64,6 +78,9 @@ pub struct Parameters {
     pub dependent: f64,
     /// What it finds of either way to read a table: columns that respond to rows, then rows that respond to columns. All slabs together weigh 1.
     pub sides: [SideParameters; 2],
+    /// How dependence goes with segments, where a state was seen in several: the weights of three families of slabs, which sum to 1. All segments share one
+    /// response to each action; each has responses of its own; or one segment alone depends.
+    pub families: [f64; 3],
 }
 
 /// What a fit finds where one variable, the driver, is taken to drive the other, the responder.
@@ -75,6 +92,11 @@ pub struct SideParameters {
     pub slabs: Vec<f64>,
     /// The concentration kappa of the driver's policies around its mean in the environment; `None` before one was fitted.
     pub habit: Option<f64>,
+    /// The concentration kappa' of the driver's policies in segments around that in their state; `None` where no state was seen in several segments.
+    pub habit_in_segments: Option<f64>,
+    /// How the responder's habits go with segments, where nothing depends on anything: the weights of each kind, which sum to 1: alike in all
+    /// segments, drawn around the environment's, or around the state's.
+    pub segments: Vec<f64>,
 }
 
 /// The expected numbers of states: of each null component's and of each slab's.
@@ -82,32 +104,59 @@ pub struct SideParameters {
 pub(super) struct Expected {
     pub nulls: [f64; NULLS],
     pub slabs: [f64; SLABS],
+    /// Those with each kind of habits of the responder's.
+    pub habits: [f64; HABITS],
+}
+
+/// The expected numbers of dependent states that were seen in several segments, of each family.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Segmented {
+    pub families: [f64; 3],
 }
 
 impl Default for Expected {
     fn default() -> Self {
-        Self { nulls: [0.0; NULLS], slabs: [0.0; SLABS] }
+        Self { nulls: [0.0; NULLS], slabs: [0.0; SLABS], habits: [0.0; HABITS] }
     }
 }
 
 impl Parameters {
     /// Returns what is supposed of an environment before anything was seen: three states in ten dependent, equal weights for all but the weakest slabs.
     pub fn cold() -> Self {
-        Self::estimated(0.0, 0.0, &Default::default())
+        Self::estimated(0.0, 0.0, &Default::default(), Segmented::default())
     }
 
     /// Returns the estimate from the expected numbers of states: of all, of dependent ones, and of each component's.
-    pub(super) fn estimated(states: f64, dependent: f64, expected: &[Expected; 2]) -> Self {
+    pub(super) fn estimated(states: f64, dependent: f64, expected: &[Expected; 2], segmented: Segmented) -> Self {
         let share = (dependent + DEPENDENT_PRIOR[0]) / (states + DEPENDENT_PRIOR[1]);
         let [first, second] = [0, 1].map(|side| posterior_counts(&expected[side].slabs, &slab_prior()));
         // Each side by itself, so that the order of the variables changes no bit.
         let total = first.iter().sum::<f64>() + second.iter().sum::<f64>();
         let side = |side: usize, slabs: Vec<f64>| {
             let nulls = posterior_counts(&expected[side].nulls, &[WEIGHT_PRIOR; NULLS]);
-            SideParameters { nulls: shares(&nulls, nulls.iter().sum()), slabs: shares(&slabs, total), habit: None }
+            let habits = posterior_counts(&expected[side].habits, &habit_prior());
+            SideParameters {
+                nulls: shares(&nulls, nulls.iter().sum()),
+                slabs: shares(&slabs, total),
+                habit: None,
+                habit_in_segments: None,
+                segments: shares(&habits, habits.iter().sum()),
+            }
         };
-        Self { dependent: share.clamp(0.001, 0.999), sides: [side(0, first), side(1, second)] }
+        let families = posterior_counts(&segmented.families, &FAMILY_PRIOR);
+        let total: f64 = families.iter().sum();
+        Self {
+            dependent: share.clamp(0.001, 0.999),
+            sides: [side(0, first), side(1, second)],
+            families: [families[0], families[1], families[2]].map(|states| states / total),
+        }
     }
+}
+
+/// Returns the pseudo-states of the kinds of habits.
+fn habit_prior() -> [f64; HABITS] {
+    let [alike, differ] = HABIT_PRIOR;
+    std::array::from_fn(|kind| if kind == 0 { alike } else { differ / (HABITS - 1) as f64 })
 }
 
 /// Returns the pseudo-states of the slabs of a side.

@@ -16,6 +16,8 @@ pub struct Posterior {
     components: Vec<Component>,
     /// What the table says by itself, where it was seen often.
     estimate: Option<Estimate>,
+    /// The probability that habits differ by segment.
+    differ: Option<f64>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -42,12 +44,21 @@ impl Posterior {
             let matched = |variance: f64| Beta::matched(mean, variance / (largest * largest));
             Component { weight: weight / total, mean, beta: matched(moments.variance), wide: matched(moments.wide) }
         };
-        Self { dependent, largest, components: merged.into_iter().map(component).collect(), estimate }
+        Self { dependent, largest, components: merged.into_iter().map(component).collect(), estimate, differ: None }
     }
 
     /// Returns what is believed where one of the variables has a single letter: no dependence, since there is none to be had.
     pub(super) fn impossible() -> Self {
-        Self { dependent: 0.0, largest: 0.0, components: Vec::new(), estimate: None }
+        Self { dependent: 0.0, largest: 0.0, components: Vec::new(), estimate: None, differ: None }
+    }
+
+    pub(super) fn with_differing(self, differ: Option<f64>) -> Self {
+        Self { differ, ..self }
+    }
+
+    /// Returns the probability that the habits of either agent differ by segment here; `None` where there are no segments.
+    pub fn differ(&self) -> Option<f64> {
+        self.differ
     }
 
     /// Returns P(dependent): the probability that mutual information is above 0 at all.

@@ -154,7 +154,7 @@ impl Side {
     }
 
     /// Returns sum_k w_k p_i rho_ij of these slabs, rows first.
-    fn responses(&self, slabs: &[f64], table: &Table, deviants: &Deviants, policy: &[f64]) -> Vec<f64> {
+    pub fn responses(&self, slabs: &[f64], table: &Table, deviants: &Deviants, policy: &[f64]) -> Vec<f64> {
         let mut joint = vec![0.0; policy.len() * self.letters()];
         for (slab, weight) in slabs.iter().enumerate().filter(|(_, weight)| **weight > NEGLIGIBLE) {
             match slab.checked_sub(DEVIANT_SLABS.start) {

@@ -3,22 +3,25 @@
 use std::borrow::Cow;
 
 use super::asymptotic::Estimate;
+use super::counted::Counted;
 use super::deviants::Deviants;
-use super::fit::Fit;
+use super::fit::{FamilyWeights, Fit};
 use super::habits::Habits;
 use super::likelihood::Likelihood;
 use super::moments::{Moments, Slice};
 use super::parameters::SLABS;
 use super::posterior::Posterior;
+use super::segments::readings_of_parts;
 use super::side::Side;
-use super::weights::Weights;
+use super::weights::{Weights, normalise};
 use crate::information::{Alphabet, Table};
 
-/// The logarithm of a ratio that no sum of slabs would notice.
-const NEGLIGIBLE: f64 = 50.0;
-
+const DOUBT: f64 = 0.25;
 /// The most pairs of letters in use for which a table's own estimate is made: it looks at every one of them.
 const MOST_ESTIMATED: u64 = 65_536;
+
+/// The probability of habits that differ by segment up to which a pooled table tells by itself.
+const ALIKE: f64 = 0.05;
 
 /// A fit made ready to answer with: shared by any number of threads.
 pub struct Prior {
@@ -27,6 +30,7 @@ pub struct Prior {
     dependent: f64,
     /// Columns that respond to rows, and rows that respond to columns.
     pub(super) sides: [Side; 2],
+    pub(super) families: FamilyWeights,
     habits: Habits,
     unseen: Posterior,
 }
@@ -34,13 +38,23 @@ pub struct Prior {
 /// A table, and the same with rows and columns exchanged: as each side reads it.
 pub(super) type Reading<'a> = [Cow<'a, Table>; 2];
 
-/// Returns the tables of a state as each side reads them: those that were visited, or one that was not.
-pub(super) fn readings(slices: &[Table]) -> Vec<Reading<'_>> {
-    let visited: Vec<Reading<'_>> = slices.iter().filter(|slice| slice.total() > 0).map(reading).collect();
-    if visited.is_empty() { vec![Reading::default()] } else { visited }
+/// The tables of a state as each side reads them.
+pub(super) struct Readings<'a> {
+    /// Those that were visited, or one that was not.
+    pub wholes: Vec<Reading<'a>>,
+    /// Their parts by segment, if there are several segments.
+    pub parts: Vec<Reading<'a>>,
 }
 
-fn reading(slice: &Table) -> Reading<'_> {
+impl<'a> Readings<'a> {
+    pub fn new(Counted { slices, parts }: Counted<'a>) -> Self {
+        let visited: Vec<Reading<'_>> = slices.iter().filter(|slice| slice.total() > 0).map(reading).collect();
+        let wholes = if visited.is_empty() { vec![Reading::default()] } else { visited };
+        Self { wholes, parts: readings_of_parts(parts) }
+    }
+}
+
+pub(super) fn reading(slice: &Table) -> Reading<'_> {
     [Cow::Borrowed(slice), Cow::Owned(slice.transposed())]
 }
 
@@ -68,10 +82,11 @@ impl Prior {
             alphabet: *alphabet,
             dependent: parameters.dependent,
             sides,
+            families: FamilyWeights::new(parameters),
             habits: Habits::of([rows, columns]),
             unseen: Posterior::impossible(),
         };
-        prior.unseen = prior.sampled_unseen().unwrap_or_else(|| prior.posterior(&prior.habits, &[]));
+        prior.unseen = prior.sampled_unseen().unwrap_or_else(|| prior.posterior(&prior.habits, &[] as &[Table]));
         prior
     }
 
@@ -85,52 +100,70 @@ impl Prior {
         &self.unseen
     }
 
-    /// Returns what the counts of a state let one believe: its table, or one table for each joint action of the agents held fixed; `habits` are those of the
-    /// environment by now.
+    /// Returns what the counts of a state let one believe: its table, or one table for each joint action of the agents held fixed, and their parts by segment;
+    /// `habits` are those of the environment by now.
     ///
     /// Over several slices the evidence adds up. Mutual information is then its mean over the slices, weighted by their visits; under each slab the
-    /// slices are independent, so that its variance is sum_c (n_c / N)^2 variance_c.
-    pub fn posterior(&self, habits: &Habits, slices: &[Table]) -> Posterior {
+    /// slices are independent, so that its variance is sum_c (n_c / N)^2 variance_c. Where parts are told, it is that within segments.
+    pub fn posterior<'a>(&self, habits: &Habits, counted: impl Into<Counted<'a>>) -> Posterior {
         let largest = habits.largest_information();
         if largest == 0.0 {
             return Posterior::impossible();
         }
-        let readings = readings(slices);
+        let readings = Readings::new(counted.into());
         let weights = self.weights(&readings).condensed();
-        let estimate = self.estimate(habits, &weights, &readings);
-        let doubt = if estimate.is_some() { 0.0 } else { doubt(habits) };
-        let slices = self.slices(habits, &readings, &weights.deviants);
-        let part =
-            |(side, slab, weight): (usize, usize, f64)| (weight, self.moments(side, slab, &slices).doubted(doubt));
-        let parts = weights.present().map(part).collect();
-        Posterior::new(weights.dependent, largest, parts, estimate)
+        let estimate = self.estimate(habits, &weights, &readings.wholes);
+        let doubt = if estimate.is_some() { 0.0 } else { doubt(habits).max(DOUBT * weights.differ().unwrap_or(0.0)) };
+        let parts = self.weighed(habits, &weights, &readings);
+        let parts = parts.into_iter().map(|(weight, moments)| (weight, moments.doubted(doubt))).collect();
+        Posterior::new(weights.dependent, largest, parts, estimate).with_differing(weights.differ())
     }
 
     /// Returns P(dependent) alone, which takes a fraction of the time of a whole [`posterior`](Self::posterior).
-    pub fn dependent(&self, slices: &[Table]) -> f64 {
+    pub fn dependent<'a>(&self, counted: impl Into<Counted<'a>>) -> f64 {
         if self.alphabet.largest_information() == 0.0 {
             return 0.0;
         }
+        let Counted { slices, parts } = counted.into();
         let telling = slices.iter().filter(|slice| !slice.is_line());
-        self.weights(&telling.map(reading).collect::<Vec<_>>()).dependent
+        let readings = Readings { wholes: telling.map(reading).collect(), parts: readings_of_parts(parts) };
+        self.weights(&readings).dependent
     }
 
     /// Returns the probabilities of dependence and of the slabs.
-    pub(super) fn weights(&self, readings: &[Reading<'_>]) -> Weights {
-        let mut slabs = [0, 1].map(|side| self.sides[side].ln_slabs);
-        let said = |reading: &Reading<'_>| [0, 1].map(|side| self.sides[side].said(&reading[side], &mut slabs[side]));
-        let deviants = readings.iter().map(said).collect();
-        let largest = slabs.as_flattened().iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        for ln in slabs.as_flattened_mut() {
-            *ln = if *ln > largest - NEGLIGIBLE { (*ln - largest).exp() } else { 0.0 };
-        }
-        // Each side by itself, so that the order of the variables changes no bit.
-        let sum = slabs[0].iter().sum::<f64>() + slabs[1].iter().sum::<f64>();
-        slabs.as_flattened_mut().iter_mut().for_each(|part| *part /= sum);
+    pub(super) fn weights(&self, readings: &Readings<'_>) -> Weights {
+        let (mut slabs, mut nulls) = ([0, 1].map(|side| self.sides[side].ln_slabs), [0.0; 2]);
+        let mut said = |side: usize, reading: &Reading<'_>| {
+            self.sides[side].said(&reading[side], &mut slabs[side], &mut nulls[side])
+        };
+        let deviants = readings.wholes.iter().map(|reading| [0, 1].map(|side| said(side, reading))).collect();
+        let is_cut = !readings.parts.is_empty();
+        let mut segments =
+            is_cut.then(|| self.cut(&mut slabs, nulls, self.told_by(readings.wholes.len() == 1, &readings.parts)));
+        let (ln, sum) = normalise(&mut slabs, segments.as_deref_mut());
         let prior = self.dependent;
-        let odds = largest + sum.ln() + (prior / (1.0 - prior)).ln();
-        let is_told = readings.iter().any(|[table, _]| !table.is_line());
-        Weights { dependent: if is_told { 1.0 / (1.0 + (-odds).exp()) } else { prior }, slabs, deviants }
+        let odds = ln + sum.ln() + (prior / (1.0 - prior)).ln();
+        let is_told = readings.wholes.iter().any(|[table, _]| !table.is_line());
+        let dependent = if is_told { 1.0 / (1.0 + (-odds).exp()) } else { prior };
+        Weights { dependent, slabs, deviants, segments }
+    }
+
+    /// Returns the moments of mutual information under every slab that has any weight.
+    fn weighed(&self, habits: &Habits, weights: &Weights, readings: &Readings<'_>) -> Vec<(f64, Moments)> {
+        let wholes = self.slices(habits, &readings.wholes, &weights.deviants);
+        let shared = |(side, slab, weight): (usize, usize, f64)| (side, weight, self.moments(side, slab, &wholes));
+        let shared = weights.present().map(shared);
+        let Some(segments) = &weights.segments else {
+            return shared.map(|(_, weight, moments)| (weight, moments)).collect();
+        };
+        if segments.is_negligible() {
+            return shared.map(|(_, weight, moments)| (weight, moments)).collect();
+        }
+        let usages = self.usages(habits, &readings.wholes);
+        let parts = self.parts(&readings.parts, &usages);
+        let within = [0, 1].map(|side| self.within(side, weights, readings, &usages));
+        let shared = shared.map(|(side, weight, moments)| (weight, moments.scaled(within[side])));
+        shared.chain(self.cut_moments(segments, &parts)).collect()
     }
 
     /// Looks at every slice from both sides.
@@ -147,17 +180,16 @@ impl Prior {
     }
 
     /// Returns the moments of mutual information under a slab of a side.
-    fn moments(&self, side: usize, slab: usize, slices: &[[Slice<'_>; 2]]) -> Moments {
-        let total: f64 = slices.iter().map(|slice| slice[side].table.total() as f64).sum();
+    pub(super) fn moments(&self, side: usize, slab: usize, slices: &[[Slice<'_>; 2]]) -> Moments {
+        let total: f64 = slices.iter().map(|slice| slice[side].times * slice[side].table.total() as f64).sum();
         slices.iter().fold(Moments::default(), |sum, slice| {
             let slice = &slice[side];
             let share = if total == 0.0 { 1.0 } else { slice.table.total() as f64 / total };
-            let Moments { mean, variance, wide } = self.sides[side].moments(slab, slice);
-            let square = share * share;
+            let Moments { mean, variance, wide } = self.sides[side].moments(slab, slice).scaled(share);
             Moments {
-                mean: sum.mean + share * mean,
-                variance: sum.variance + square * variance,
-                wide: sum.wide + square * wide,
+                mean: sum.mean + slice.times * mean,
+                variance: sum.variance + slice.times * variance,
+                wide: sum.wide + slice.times * wide,
             }
         })
     }
@@ -165,6 +197,9 @@ impl Prior {
     /// Returns what the table says by itself, if it was seen at least as often as it has pairs of letters in use.
     fn estimate(&self, habits: &Habits, weights: &Weights, readings: &[Reading<'_>]) -> Option<Estimate> {
         let [reading] = readings else { return None };
+        if weights.segments.is_some() && weights.differ().is_some_and(|differ| differ > ALIKE) {
+            return None;
+        }
         let pairs = habits.driver(0).used * habits.driver(1).used;
         if reading[0].total() < pairs || pairs > MOST_ESTIMATED {
             return None;

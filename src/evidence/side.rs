@@ -5,12 +5,13 @@ use super::deviants::{Deviants, Deviating};
 use super::gamma::digamma;
 use super::habits::Usage;
 use super::increments::depth;
-use super::likelihood::{Likelihood, NullMixture};
+use super::likelihood::{Likelihood, NullMixture, columns};
 use super::moments::{Letter, Moments, Pair, Policy, Slab, Slice, Term, moments, two_rows};
 use super::parameters::{
-    DEVIANT_CONCENTRATIONS, DEVIANT_GRID, DEVIANT_SLABS, FIXED, FIXED_CONCENTRATIONS, FIXED_GRID, OWN_CONCENTRATIONS,
-    OWN_GRID, OWN_SLABS, SLABS, SideParameters,
+    CUT, DEVIANT_CONCENTRATIONS, DEVIANT_GRID, DEVIANT_SLABS, FIXED, FIXED_CONCENTRATIONS, FIXED_GRID, NULL_GRID,
+    OWN_CONCENTRATIONS, OWN_GRID, OWN_SLABS, SLABS, SideParameters,
 };
+use super::segments::Told;
 use crate::information::Table;
 
 /// Rows below this share of a deviant's posterior weight are left out of its moments.
@@ -24,8 +25,13 @@ pub(super) struct Side {
     pub nulls: NullMixture,
     /// ln w.
     pub ln_slabs: [f64; SLABS],
-    /// kappa.
+    /// kappa, and kappa'.
     pub habit: Option<f64>,
+    habit_in_segments: Option<f64>,
+    /// The weights of the null's components on either base.
+    null_bases: [f64; 2],
+    /// The weights of the kinds of the responder's habits in segments.
+    pub segments: Vec<f64>,
     /// psi(r + k + 1) by visits r, then by slab.
     row_psi: Vec<[f64; OWN_GRID]>,
     /// On the environment's base, and the uniform one.
@@ -53,15 +59,19 @@ impl Side {
             bases: [tabulated(shares, 1.0), tabulated(&[1.0 / letters], letters)],
             groups: Groups::new(shares),
             nulls: NullMixture::new(&parameters.nulls),
+            null_bases: [&parameters.nulls[..NULL_GRID], &parameters.nulls[NULL_GRID..]].map(|half| half.iter().sum()),
             ln_slabs: std::array::from_fn(|slab| parameters.slabs[slab].ln()),
             habit: parameters.habit,
+            habit_in_segments: parameters.habit_in_segments,
+            segments: parameters.segments.clone(),
             row_psi: (0..depth(1)).map(|r| OWN_CONCENTRATIONS.map(|k| digamma(r as f64 + k + 1.0))).collect(),
             likelihood,
         }
     }
 
-    /// Adds ln l of every slab relative to the null, unless the slice cannot tell dependence from independence, and returns what its rows say for deviating.
-    pub fn said(&self, table: &Table, slabs: &mut [f64; SLABS]) -> Deviants {
+    /// Adds ln l of every slab relative to the null, unless the slice cannot tell dependence from independence; and ln of that null to `nulls`. Returns what its
+    /// rows say for deviating.
+    pub fn said(&self, table: &Table, slabs: &mut [f64; SLABS], nulls: &mut f64) -> Deviants {
         let evidence = self.likelihood.evidence(table);
         let null = self.nulls.given(&evidence.nulls);
         let deviants = self.likelihood.deviants(table, &self.nulls, &null);
@@ -70,8 +80,52 @@ impl Side {
             slabs.iter_mut().zip(&evidence.fixed).for_each(|(ln, by)| *ln += by + anchored - null.ln);
             slabs[OWN_SLABS].iter_mut().zip(&evidence.own).for_each(|(ln, by)| *ln += by);
             slabs[DEVIANT_SLABS].iter_mut().zip(deviants.evidence()).for_each(|(ln, by)| *ln += by);
+            *nulls += null.ln;
         }
         deviants
+    }
+
+    /// Adds what a part of a state says.
+    pub fn told_by(&self, part: &Table, told: &mut Told) {
+        if part.total() == 1 {
+            self.told_by_visit(part.column_labels()[0] as usize, told);
+            return;
+        }
+        let apart = self.likelihood.rows_apart(part);
+        told.cut.iter_mut().zip(apart).for_each(|(ln, by)| *ln += by);
+        let null = self.nulls.ln_mixed(&self.likelihood.shared(columns(part), part.total()));
+        told.null += null;
+        let mut alone = [0.0; CUT];
+        alone.iter_mut().zip(apart).for_each(|(ln, by)| *ln = by - null);
+        if !part.is_line() {
+            let own = self.likelihood.evidence(part).own;
+            told.cut[OWN_SLABS].iter_mut().zip(&own).for_each(|(ln, by)| *ln += by);
+            alone[OWN_SLABS].copy_from_slice(&own);
+        }
+        told.parts.push(((part.total() - 1) as f64, alone));
+    }
+
+    /// Adds what a part of one visit says, for which concentrations are of no concern: DM(1; k m) = m_j.
+    fn told_by_visit(&self, letter: usize, told: &mut Told) {
+        let shares = [self.likelihood.base.shares()[letter], 1.0 / self.letters() as f64];
+        let ln_shares = shares.map(f64::ln);
+        for (cut, ln) in told.cut[..FIXED].chunks_mut(FIXED_GRID).zip(ln_shares) {
+            cut.iter_mut().for_each(|sum| *sum += ln);
+        }
+        let [base, uniform] = self.null_bases;
+        told.null += (base * shares[0] + uniform * shares[1]).ln();
+    }
+
+    /// Looks at a part of a state, given the driver's policy in the state.
+    pub fn part<'a>(&self, part: &'a Table, usage: &'a Usage) -> Slice<'a> {
+        /// Slabs of one deviating row are not cut.
+        const NONE: &Deviants = &Deviants::none();
+        Slice::new(part, NONE, self.part_policy(part, usage), self.groups.without(part.column_labels()))
+    }
+
+    /// Returns the policy of the driver in a part of a state.
+    pub fn part_policy<'a>(&self, part: &Table, usage: &'a Usage) -> Policy<'a> {
+        Policy::new(part, usage, self.habit_in_segments.or(self.habit))
     }
 
     /// Looks at a slice, given how the environment uses the driver's letters.

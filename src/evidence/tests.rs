@@ -8,12 +8,12 @@ use statrs::function::gamma::{digamma, ln_gamma};
 
 use super::freedom::Freedom;
 use super::parameters::{
-    DEVIANT_CONCENTRATIONS, DEVIANT_GRID, DEVIANT_SLABS, FIXED, FIXED_GRID, NULL_CONCENTRATIONS, NULL_GRID, NULLS,
-    SLABS, concentration,
+    DEVIANT_CONCENTRATIONS, DEVIANT_GRID, DEVIANT_SLABS, FIXED, FIXED_GRID, HABITS, NULL_CONCENTRATIONS, NULL_GRID,
+    NULLS, SLABS, concentration,
 };
 use super::*;
 use crate::domain::{Dependence, Rule, RuleKind, Verdict};
-use crate::information::{Alphabet, Table};
+use crate::information::{Alphabet, Table, expected_if_independent, plug_in};
 
 const SIX: Alphabet = Alphabet { rows: 6, columns: 6 };
 const BASES: [[u64; 6]; 2] = [[9, 31, 4, 20, 1, 35], [50, 3, 0, 20, 9, 18]];
@@ -49,8 +49,10 @@ fn uneven() -> Fit {
         nulls: weights(0, NULLS, NULLS),
         slabs: weights(at * SLABS, SLABS, 2 * SLABS),
         habit: Some(2.0 + at as f64),
+        habit_in_segments: Some(20.0 - at as f64),
+        segments: weights(0, HABITS, HABITS),
     };
-    let parameters = Parameters { dependent: 0.137, sides: [side(0), side(1)] };
+    let parameters = Parameters { dependent: 0.137, sides: [side(0), side(1)], families: [0.5, 0.2, 0.3] };
     Fit { bases: BASES.map(|counts| Base::new(&counts)), parameters, states: 7, ..Fit::cold(SIX) }
 }
 
@@ -324,7 +326,7 @@ proptest! {
         let expected = defined_moments(&uneven(), slab, &table);
 
         let prior = &*UNEVEN;
-        let deviants = prior.sides[0].said(&table, &mut [0.0; SLABS]);
+        let deviants = prior.sides[0].said(&table, &mut [0.0; SLABS], &mut 0.0);
         let slice = prior.sides[0].slice(&table, &deviants, prior.habits().driver(0));
         let moments = prior.sides[0].moments(slab, &slice);
 
@@ -701,4 +703,137 @@ fn what_slabs_cannot_say_is_doubted() {
         low <= truth && truth <= high
     };
     assert!(tables.iter().filter(covers).count() >= 18);
+}
+
+/// A state's counts in segments: the whole, and its parts.
+struct Segmented {
+    whole: Table,
+    parts: Vec<Table>,
+}
+
+impl Segmented {
+    fn new(parts: Vec<Table>) -> Self {
+        Self { whole: Table::sum(&parts), parts }
+    }
+
+    fn counted(&self) -> Counted<'_> {
+        Counted { slices: std::slice::from_ref(&self.whole), parts: &self.parts }
+    }
+
+    fn counted_or_pooled(&self, is_cut: bool) -> Counted<'_> {
+        if is_cut { self.counted() } else { self.counted().slices.into() }
+    }
+}
+
+/// States of so many segments, each with habits of its own or not; `response` gives the other's distribution in a segment after an action, given its habit
+/// there.
+fn in_segments(
+    states: usize,
+    segments: usize,
+    visits: usize,
+    differ: bool,
+    response: impl Fn(usize, usize, u64, &[f64]) -> Vec<f64>,
+) -> Vec<Segmented> {
+    let mut rng = rand_pcg::Pcg64::seed_from_u64(11);
+    let state = |state: usize| {
+        let mut habits = [(); 2].map(|()| (0..6).map(|_| -rng.random::<f64>().ln()).collect::<Vec<f64>>());
+        let part = |segment: usize| {
+            if differ {
+                habits = [(); 2].map(|()| (0..6).map(|_| -rng.random::<f64>().ln()).collect());
+            }
+            let cells = (0..visits).map(|_| {
+                let row = drawn(&habits[0], rng.random());
+                (row, drawn(&response(state, segment, row, &habits[1]), rng.random()), 1)
+            });
+            Table::from_counts(cells.collect::<Vec<_>>())
+        };
+        Segmented::new((0..segments).map(part).collect())
+    };
+    (0..states).map(state).collect()
+}
+
+fn drawn(weights: &[f64], point: f64) -> u64 {
+    let mut left = point * weights.iter().sum::<f64>();
+    let at = weights.iter().position(|weight| {
+        left -= weight;
+        left < 0.0
+    });
+    at.unwrap_or(weights.len() - 1) as u64
+}
+
+fn fitted_to(states: &[Segmented], is_cut: bool) -> Prior {
+    let states: Vec<Counted<'_>> = states.iter().map(|state| state.counted_or_pooled(is_cut)).collect();
+    let mut uses = Uses::new(SIX);
+    states.iter().for_each(|state| uses.add(*state));
+    let mut fitter = Fitter::new(SIX, &uses);
+    states.iter().for_each(|state| fitter.add(*state));
+    Prior::new(&fitter.fit())
+}
+
+fn established(prior: &Prior, states: &[Segmented], is_cut: bool) -> usize {
+    let is_established = |state: &&Segmented| {
+        let beliefs = prior.posterior(prior.habits(), state.counted_or_pooled(is_cut)).beliefs(0.5);
+        let believed = Believed::new(beliefs, prior.unseen().beliefs(0.5), std::slice::from_ref(&state.whole));
+        dependence(&believed) == Dependence::Established
+    };
+    states.iter().filter(is_established).count()
+}
+
+/// Pooled, a sixth to a third of them are established at P = 1.
+#[test]
+fn habits_that_differ_by_segment_are_not_dependence() {
+    for (segments, visits) in [(2, 75), (8, 20), (50, 3)] {
+        let states = in_segments(120, segments, visits, true, |_, _, _, habit| habit.to_vec());
+        let prior = fitted_to(&states, true);
+
+        assert!(established(&prior, &states, true) <= 1, "{segments} segments");
+        let differ = prior.posterior(prior.habits(), states[0].counted()).differ();
+        assert!(differ > Some(0.9), "{segments} segments: {differ:?}");
+    }
+    let states = in_segments(120, 2, 75, true, |_, _, _, habit| habit.to_vec());
+    assert!(established(&fitted_to(&states, false), &states, false) >= 12);
+}
+
+/// A third of the states have responses of their own to each action, the same in all segments.
+fn responds(state: usize, _: usize, row: u64, habit: &[f64]) -> Vec<f64> {
+    let own = |column: usize| (((state as u64 * 7 + row * 5) as usize + column) % 6 * 3 % 7) as f64 + 0.2;
+    if state % 3 == 0 { (0..6).map(own).collect() } else { habit.to_vec() }
+}
+
+#[test]
+fn dependence_that_all_segments_share_is_found_as_pooled() {
+    let states = in_segments(90, 6, 20, false, responds);
+    let [cut, pooled] = [true, false].map(|is_cut| established(&fitted_to(&states, is_cut), &states, is_cut));
+    assert!(pooled >= 20 && cut.abs_diff(pooled) <= 1, "{cut} {pooled}");
+}
+
+/// Mutual information is that within segments: the ego's habits say which segment it is, and the pooled table what the segments are.
+#[test]
+fn information_is_within_segments() {
+    let states = in_segments(60, 6, 60, true, responds);
+    let prior = fitted_to(&states, true);
+    let within = |state: &Segmented| {
+        let total = state.whole.total() as f64;
+        let part = |part: &Table| part.total() as f64 / total * (plug_in(part) - expected_if_independent(part).0);
+        state.parts.iter().map(part).sum::<f64>()
+    };
+    for state in states.iter().step_by(3) {
+        let posterior = prior.posterior(prior.habits(), state.counted());
+        let (told, excess) = (posterior.mean(), within(state));
+        assert!((told - excess).abs() < 0.1 + 0.2 * excess, "{told} {excess}");
+    }
+}
+
+#[test]
+fn the_order_of_the_variables_changes_no_bit_of_what_is_cut() {
+    let states = in_segments(4, 5, 12, true, responds);
+    for state in states {
+        let turned = Segmented::new(state.parts.iter().map(Table::transposed).collect());
+        let [prior, exchanged] = [&*UNEVEN, &*UNEVEN_EXCHANGED];
+        let [one, other] = [(prior, &state), (exchanged, &turned)]
+            .map(|(prior, state)| prior.posterior(prior.habits(), state.counted()));
+        assert_eq!((one.dependent(), one.mean(), one.interval()), (other.dependent(), other.mean(), other.interval()));
+        assert_eq!(one.differ(), other.differ());
+        assert_eq!(prior.dependent(state.counted()), one.dependent());
+    }
 }

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use super::deviants::Deviants;
-use super::parameters::{DEVIANT_SLABS, FIXED, FIXED_GRID, OWN_SLABS, SLABS};
+use super::parameters::{CUT, DEVIANT_SLABS, FIXED, FIXED_GRID, OWN_SLABS, SLABS};
 
 /// The share of all slabs' posterior weight that moments are found for: the lighter ones change nothing, and there are many.
 const WEIGHED: f64 = 0.9;
@@ -15,12 +15,47 @@ pub(super) struct Weights {
     pub slabs: [[f64; SLABS]; 2],
     /// What the rows of each slice say for deviating, as each side reads them.
     pub deviants: Vec<[Deviants; 2]>,
+    /// What is cut by segment, which is part of that 1.
+    pub segments: Option<Box<Segments>>,
+}
+
+/// The probabilities of the hypotheses that are cut by segment.
+pub(super) struct Segments {
+    /// Of each side's slabs, given dependence.
+    pub cut: [[f64; CUT]; 2],
+    /// Of each side's slabs where one part alone depends.
+    pub one: [[f64; CUT]; 2],
+    /// Of each part that was visited more than once: its visits beyond the first, and ln l of its slabs relative to its null.
+    pub parts: [Vec<(f64, [f64; CUT])>; 2],
+    /// That the habits of each side's responder differ by segment, if nothing depends on anything.
+    pub differ: [f64; 2],
+}
+
+impl Segments {
+    /// Returns whether nothing would change were there no segments.
+    pub fn is_negligible(&self) -> bool {
+        const NEGLIGIBLE: f64 = 0.02;
+        let cut: f64 = self.cut.as_flattened().iter().chain(self.one.as_flattened()).sum();
+        cut < NEGLIGIBLE && self.differ.iter().all(|p| *p < NEGLIGIBLE)
+    }
+}
+
+impl Default for Segments {
+    fn default() -> Self {
+        Self { cut: [[0.0; CUT]; 2], one: [[0.0; CUT]; 2], parts: Default::default(), differ: [0.0; 2] }
+    }
 }
 
 impl Weights {
     /// Returns the side, the number and the weight of the heaviest slabs, which have this share of the weight together.
     pub fn heaviest(&self, share: f64) -> Vec<(usize, usize, f64)> {
         heaviest(self.present().collect(), share)
+    }
+
+    /// Returns the probability that the habits of either agent differ by segment, if nothing depends on anything; `None` where there are no segments.
+    pub fn differ(&self) -> Option<f64> {
+        let [first, second] = self.segments.as_ref()?.differ;
+        Some(1.0 - (1.0 - first) * (1.0 - second))
     }
 
     /// Returns the side, the number and the weight of the slabs that have any.
@@ -36,10 +71,34 @@ impl Weights {
         let mut slabs = [[0.0; SLABS]; 2];
         grouped.heaviest(WEIGHED).into_iter().for_each(|(side, slab, weight)| slabs[side][slab] = weight);
         // Each side by itself, so that the order of the variables changes no bit.
-        let total = slabs[0].iter().sum::<f64>() + slabs[1].iter().sum::<f64>();
-        slabs.as_flattened_mut().iter_mut().for_each(|weight| *weight /= total);
+        let sum = |slabs: &[[f64; SLABS]; 2]| slabs[0].iter().sum::<f64>() + slabs[1].iter().sum::<f64>();
+        let scale = sum(&grouped.slabs) / sum(&slabs);
+        slabs.as_flattened_mut().iter_mut().for_each(|weight| *weight *= scale);
         Self { slabs, ..grouped }
     }
+}
+
+/// The logarithm of a ratio that no sum of slabs would notice.
+const NEGLIGIBLE: f64 = 50.0;
+
+/// Makes weights of logarithms, which sum to 1, and returns the largest of them and the sum of all as a multiple of its exponential.
+pub(super) fn normalise(slabs: &mut [[f64; SLABS]; 2], segments: Option<&mut Segments>) -> (f64, f64) {
+    let [first, second] = slabs;
+    let mut sides: [Vec<&mut [f64]>; 2] = [vec![first], vec![second]];
+    if let Some(Segments { cut, one, .. }) = segments {
+        let parts = cut.iter_mut().map(|cut| &mut cut[..]).zip(one.iter_mut().map(|one| &mut one[..]));
+        sides.iter_mut().zip(parts).for_each(|(side, (cut, one))| side.extend([cut, one]));
+    }
+    let all = sides.iter().flatten().flat_map(|slabs| slabs.iter().copied());
+    let largest = all.fold(f64::NEG_INFINITY, f64::max);
+    for ln in sides.iter_mut().flatten().flat_map(|slabs| slabs.iter_mut()) {
+        *ln = if *ln > largest - NEGLIGIBLE { (*ln - largest).exp() } else { 0.0 };
+    }
+    // Each side by itself, so that the order of the variables changes no bit.
+    let of_side = |side: &Vec<&mut [f64]>| side.iter().map(|slabs| slabs.iter().sum::<f64>()).sum::<f64>();
+    let sum = of_side(&sides[0]) + of_side(&sides[1]);
+    sides.iter_mut().flatten().flat_map(|slabs| slabs.iter_mut()).for_each(|part| *part /= sum);
+    (largest, sum)
 }
 
 /// Returns the weights of a side's slabs with those of neighbours in concentration given to the heaviest of them, where they are light together; and with those

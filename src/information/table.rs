@@ -107,6 +107,22 @@ impl Table {
         self.row_labels.binary_search(&label).map_or(0, |row| self.rows[row])
     }
 
+    /// Returns the sum of tables.
+    ///
+    /// # Panics
+    ///
+    /// If the counts sum to more than [`LARGEST_TOTAL`].
+    pub fn sum(tables: &[Self]) -> Self {
+        let label = |labels: &[u64], at: u32| labels[at as usize];
+        let cells = |table: &Self| -> Vec<(u64, u64, u64)> {
+            let cell = |cell: &Occupied| {
+                (label(&table.row_labels, cell.row), label(&table.column_labels, cell.column), cell.n)
+            };
+            table.cells.iter().map(cell).collect()
+        };
+        Self::from_counts(tables.iter().flat_map(cells))
+    }
+
     /// Returns the table with rows and columns exchanged.
     pub fn transposed(&self) -> Self {
         // Where each column's cells begin: cells are in order of row already, so that each finds its place by its column.

@@ -16,6 +16,7 @@ struct FitText {
     bases: [Vec<u64>; 2],
     dependent: f64,
     sides: [SideText; 2],
+    families: [f64; 3],
     states: u64,
 }
 
@@ -24,6 +25,8 @@ struct SideText {
     nulls: Vec<f64>,
     slabs: Vec<f64>,
     habit: Option<f64>,
+    habit_in_segments: Option<f64>,
+    segments: Vec<f64>,
 }
 
 /// Returns what a pair is called: the positions of its agents, then those held fixed: `0,2|1`.
@@ -48,10 +51,16 @@ pub fn pair(text: &str) -> Option<Pair> {
 
 /// Writes a fit.
 pub fn of_fit(fit: &Fit) -> String {
-    let Parameters { dependent, sides } = fit.parameters.clone();
+    let Parameters { dependent, sides, families } = fit.parameters.clone();
     let bases = fit.bases.clone().map(|base| base.counts().to_vec());
-    let side = |SideParameters { nulls, slabs, habit }: SideParameters| SideText { nulls, slabs, habit };
-    form::write(FORM, &FitText { bases, dependent, sides: sides.map(side), states: fit.states })
+    let side = |SideParameters { nulls, slabs, habit, habit_in_segments, segments }| SideText {
+        nulls,
+        slabs,
+        habit,
+        habit_in_segments,
+        segments,
+    };
+    form::write(FORM, &FitText { bases, dependent, sides: sides.map(side), families, states: fit.states })
 }
 
 /// Reads a fit of these alphabets back. One that cannot be read is made again; a version whose content says too little for that is
@@ -65,7 +74,7 @@ pub fn fit(text: &str, alphabet: Alphabet) -> Result<Fit, Unreadable> {
 }
 
 fn newest(text: FitText, alphabet: Alphabet) -> Result<Fit, Unreadable> {
-    let FitText { bases, dependent, sides, states } = text;
+    let FitText { bases, dependent, sides, families, states } = text;
     let found = bases.each_ref().map(|base| base.len() as u64);
     if found != [alphabet.rows, alphabet.columns] {
         return Err(Unreadable::spoiled(format!(
@@ -77,23 +86,39 @@ fn newest(text: FitText, alphabet: Alphabet) -> Result<Fit, Unreadable> {
         return Err(Unreadable::spoiled(format!("dependent {dependent}, expected above 0 and below 1")));
     }
     check(&sides)?;
-    let side = |SideText { nulls, slabs, habit }: SideText| SideParameters { nulls, slabs, habit };
-    let parameters = Parameters { dependent, sides: sides.map(side) };
+    if !are_weights(&families) {
+        return Err(Unreadable::spoiled(format!("families {families:?}, expected above 0 and summing to 1")));
+    }
+    let side = |SideText { nulls, slabs, habit, habit_in_segments, segments }| SideParameters {
+        nulls,
+        slabs,
+        habit,
+        habit_in_segments,
+        segments,
+    };
+    let parameters = Parameters { dependent, sides: sides.map(side), families };
     Ok(Fit { alphabet, bases: bases.map(|counts| Base::new(&counts)), parameters, states })
 }
 
 fn check(sides: &[SideText; 2]) -> Result<(), Unreadable> {
     let cold = &Parameters::cold().sides[0];
-    for SideText { nulls, slabs, habit } in sides {
-        let (found, expected) = ([nulls.len(), slabs.len()], [cold.nulls.len(), cold.slabs.len()]);
+    for SideText { nulls, slabs, habit, habit_in_segments, segments } in sides {
+        let found = [nulls.len(), slabs.len(), segments.len()];
+        let expected = [cold.nulls.len(), cold.slabs.len(), cold.segments.len()];
         if found != expected {
-            return Err(Unreadable::spoiled(format!("it has {found:?} nulls and slabs, expected {expected:?}")));
+            let what = "nulls, slabs and kinds of habits";
+            return Err(Unreadable::spoiled(format!("it has {found:?} {what}, expected {expected:?}")));
+        }
+        if !are_weights(segments) {
+            return Err(Unreadable::spoiled(format!("segments {segments:?}, expected above 0 and summing to 1")));
         }
         if !are_weights(nulls) {
             return Err(Unreadable::spoiled(format!("nulls {nulls:?}, expected above 0 and summing to 1")));
         }
-        if habit.is_some_and(|habit| habit <= 0.0) {
-            return Err(Unreadable::spoiled(format!("habit {habit:?}, expected above 0")));
+        for (name, habit) in [("habit", habit), ("habit_in_segments", habit_in_segments)] {
+            if habit.is_some_and(|habit| habit <= 0.0) {
+                return Err(Unreadable::spoiled(format!("{name} {habit:?}, expected above 0")));
+            }
         }
     }
     let slabs: Vec<f64> = sides.iter().flat_map(|side| side.slabs.clone()).collect();

@@ -235,7 +235,7 @@ fn rare_actions_are_not_called_the_strongest_for_being_rare() {
     let plug_in =
         tables.iter().filter(|table| largest(&mut (0..table.rows().len()).map(|row| divergence(table, row))) > 0.5);
     let believed = tables.iter().filter(|table| {
-        let actions = prior.by_action(prior.habits(), std::slice::from_ref(table), Ego::Rows);
+        let actions = prior.by_action(prior.habits(), std::slice::from_ref::<Table>(table), Ego::Rows);
         largest(&mut actions.iter().map(|action| action.divergence_mean)) > 0.5
     });
 

@@ -1,0 +1,38 @@
+//! What was counted in one state, as the evidence takes it.
+
+use std::borrow::Cow;
+
+use crate::information::Table;
+
+/// The tables of a state: one, or one for each joint action of the agents held fixed; and the same cut by segment, where any of them was seen in two or more.
+#[derive(Debug, Clone, Copy)]
+pub struct Counted<'a> {
+    /// Over all segments.
+    pub slices: &'a [Table],
+    /// The parts of all slices, one for each segment; none where segments are of no concern.
+    pub parts: &'a [Table],
+}
+
+impl<'a> From<&'a [Table]> for Counted<'a> {
+    fn from(slices: &'a [Table]) -> Self {
+        Self { slices, parts: &[] }
+    }
+}
+
+impl<'a> From<&'a Vec<Table>> for Counted<'a> {
+    fn from(slices: &'a Vec<Table>) -> Self {
+        slices.as_slice().into()
+    }
+}
+
+impl<'a> From<&'a Cow<'_, [Table]>> for Counted<'a> {
+    fn from(slices: &'a Cow<'_, [Table]>) -> Self {
+        slices.as_ref().into()
+    }
+}
+
+impl<'a, const N: usize> From<&'a [Table; N]> for Counted<'a> {
+    fn from(slices: &'a [Table; N]) -> Self {
+        slices.as_slice().into()
+    }
+}

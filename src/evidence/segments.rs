@@ -1,0 +1,178 @@
+//! Evidence that knows about segments: habits that differ from one to the other are not influence.
+//!
+//! Where a state was seen in several segments, every hypothesis has a twin that is cut by segment. A null of either kind, and slabs of three families, all
+//! relative to the null whose habits all segments share:
+//!
+//! * independence: habits alike in all segments; drawn around the environment's in each, as if there were no state; or drawn around the state's, with some
+//!   concentration, which is the evidence for dependence in the table of segments and letters;
+//! * shared responses: the slabs of the pooled table;
+//! * responses that are cut: the product of the segments' slabs, each with responses of its own;
+//! * one alone: the mean over the segments of its slab alone; the others are independent, each with habits of its own.
+//!
+//! Mutual information is that within segments, sum_g w_g I_g with w_g the segment's share of the visits. Under a shared response it is smaller than the
+//! pooled table's where the driver's habits differ: by a factor that is found once, for the responses that are expected.
+
+use super::fit::{SegmentHabits, ln_mean};
+use super::habits::{Habits, Usage};
+use super::moments::{Moments, Slice};
+use super::parameters::{AROUND, CUT, FIXED, SLABS};
+use super::prior::{Prior, Reading, Readings};
+use super::weights::{Segments, Weights};
+use crate::information::Table;
+
+/// Differences of habits that are less probable change nothing.
+const NEGLIGIBLE: f64 = 0.01;
+/// The most slabs that stand for all that are cut by segment.
+const MOST_CUT: usize = 3;
+/// The most parts that are looked at where one alone depends.
+const MOST_PARTS: usize = 3;
+/// The most cells of all parts together for which shares of mutual information are found.
+const MOST_CELLS: usize = 1_000_000;
+
+/// What the parts of a state say, from one side.
+#[derive(Clone)]
+pub(super) struct Told {
+    /// ln l of the slabs that are cut: on fixed bases by itself, on the parts' marginals relative to the parts' null.
+    pub cut: [f64; CUT],
+    /// ln l of each part that was visited more than once, relative to its null, and its visits beyond the first.
+    pub parts: Vec<(f64, [f64; CUT])>,
+    /// ln of the parts' null, habits drawn around the environment's.
+    pub null: f64,
+    /// ln of habits drawn around the state's, relative to those that are alike.
+    pub around: [f64; AROUND],
+}
+
+impl Prior {
+    /// Returns what the parts say from each side; `is_whole` where they are of one table.
+    pub(super) fn told_by(&self, is_whole: bool, parts: &[Reading<'_>]) -> [Told; 2] {
+        [0, 1].map(|side| {
+            let mut told = Told { cut: [0.0; CUT], parts: Vec::new(), null: 0.0, around: [0.0; AROUND] };
+            parts.iter().for_each(|part| self.sides[side].told_by(&part[side], &mut told));
+            if is_whole {
+                told.around = self.sides[side].likelihood.around(parts.iter().map(|part| &*part[side]));
+            }
+            told
+        })
+    }
+
+    /// Adds what is known of segments to the logarithms of the slabs, whose null is `nulls`, and returns those of the slabs that are cut.
+    pub(super) fn cut(&self, slabs: &mut [[f64; SLABS]; 2], nulls: [f64; 2], told: [Told; 2]) -> Box<Segments> {
+        let [shared, cut, one] = self.families.families.map(f64::ln);
+        let [cut, one] = [cut, one].map(|ln| ln + self.families.cut.ln());
+        let mut segments = Box::<Segments>::default();
+        for (side, told) in told.into_iter().enumerate() {
+            let (ln_slabs, apart) = (&self.sides[side].ln_slabs, told.null - nulls[side]);
+            let habits = SegmentHabits::new(&self.sides[side].segments, apart, &told.around);
+            slabs[side].iter_mut().for_each(|ln| *ln += shared - habits.ln);
+            let null = |at: usize| if at < FIXED { -nulls[side] } else { habits.ln_differ };
+            segments.cut[side] = std::array::from_fn(|at| ln_slabs[at] + told.cut[at] + null(at) + cut - habits.ln);
+            let (mean, null) = (ln_mean(&told.parts), |at: usize| if at < FIXED { apart } else { habits.ln_differ });
+            segments.one[side] = std::array::from_fn(|at| ln_slabs[at] + mean[at] + null(at) + one - habits.ln);
+            segments.differ[side] = 1.0 - habits.kinds[0];
+            segments.parts[side] = told.parts;
+        }
+        segments
+    }
+
+    /// Looks at the parts of a state, whose policies are drawn towards the state's; one of those that were visited once stands for all of them.
+    pub(super) fn parts<'a>(&'a self, parts: &'a [Reading<'_>], usages: &'a [Usage; 2]) -> Vec<[Slice<'a>; 2]> {
+        let part = |part: &'a Reading<'_>| [0, 1].map(|side| self.sides[side].part(&part[side], &usages[side]));
+        let (several, once): (Vec<_>, Vec<_>) = parts.iter().partition(|part| part[0].total() > 1);
+        let all = once.first().map(|first| part(first).map(|slice| slice.for_all(once.len())));
+        several.into_iter().map(part).chain(all).collect()
+    }
+
+    /// Returns the policies of both drivers in a state.
+    pub(super) fn usages(&self, habits: &Habits, wholes: &[Reading<'_>]) -> [Usage; 2] {
+        [0, 1].map(|side| {
+            let visits: f64 = wholes.iter().map(|whole| whole[side].total() as f64).sum();
+            let mut shares = vec![0.0; habits.driver(side).shares.len()];
+            for whole in wholes {
+                let weight = if visits == 0.0 { 1.0 } else { whole[side].total() as f64 / visits };
+                let policy = self.mean_policy(side, habits, &whole[side]);
+                shares.iter_mut().zip(policy).for_each(|(sum, p)| *sum += weight * p);
+            }
+            Usage::of_shares(shares)
+        })
+    }
+
+    /// Returns the weights and the moments of the slabs that are cut: the heaviest stand for all.
+    pub(super) fn cut_moments(&self, segments: &Segments, parts: &[[Slice<'_>; 2]]) -> Vec<(f64, Moments)> {
+        let cut = heaviest(segments.cut.each_ref().map(|side| &side[..]));
+        let cut = cut.into_iter().map(|(side, slab, weight)| (weight, self.moments(side, slab, parts)));
+        let one = heaviest(segments.one.each_ref().map(|side| &side[..]));
+        let one = one.into_iter().map(|(side, at, weight)| (weight, self.one_dependent(side, at, segments, parts)));
+        cut.chain(one).collect()
+    }
+
+    /// Returns the moments where one part alone depends, over which it is.
+    fn one_dependent(&self, side: usize, at: usize, segments: &Segments, parts: &[[Slice<'_>; 2]]) -> Moments {
+        let total: f64 = parts.iter().map(|part| part[side].times * part[side].table.total() as f64).sum();
+        let several = parts.iter().map(|part| &part[side]).filter(|part| part.table.total() > 1);
+        let told = segments.parts[side].iter().zip(several).map(|((beyond, ln), part)| (beyond.ln() + ln[at], part));
+        let mut told: Vec<(f64, &Slice<'_>)> = told.collect();
+        told.sort_by(|a, b| b.0.total_cmp(&a.0));
+        told.truncate(MOST_PARTS);
+        let largest = told.first().map_or(0.0, |(ln, _)| *ln);
+        let moments = |(ln, part): (f64, &Slice<'_>)| {
+            let share = part.table.total() as f64 / total;
+            ((ln - largest).exp(), self.sides[side].moments(at, part).scaled(share))
+        };
+        Moments::mixed(&told.into_iter().map(moments).collect::<Vec<_>>())
+    }
+
+    /// Returns by which factor mutual information within segments is smaller than that of the pooled table, where all segments share their responses.
+    pub(super) fn within(&self, side: usize, weights: &Weights, readings: &Readings<'_>, usages: &[Usage; 2]) -> f64 {
+        let ([whole], Some(segments)) = (&readings.wholes[..], &weights.segments) else { return 1.0 };
+        let (policy, parts) = (&usages[side].shares, &readings.parts);
+        let letters = self.sides[side].letters();
+        // The driver of a side responds on the other.
+        if segments.differ[1 - side] < NEGLIGIBLE || policy.len() * letters * parts.len() > MOST_CELLS {
+            return 1.0;
+        }
+        let joint = self.sides[side].responses(&weights.slabs[side], &whole[side], &weights.deviants[0][side], policy);
+        let rows: Vec<&[f64]> = joint.chunks(letters).collect();
+        let pooled = information(&rows, policy, policy);
+        let total: f64 = parts.iter().map(|part| part[side].total() as f64).sum();
+        let part = |part: &Reading<'_>| {
+            let (table, of_part) = (&part[side], self.sides[side].part_policy(&part[side], &usages[side]));
+            let p: Vec<f64> = (0..policy.len() as u64).map(|label| of_part.of(label, table.row_sum(label))).collect();
+            table.total() as f64 / total * information(&rows, policy, &p)
+        };
+        let within: f64 = parts.iter().map(part).sum();
+        if pooled > 0.0 { (within / pooled).clamp(0.0, 1.0) } else { 1.0 }
+    }
+}
+
+/// Returns the mutual information of rows that have the probabilities p, given the joint distribution where they have others, up to a factor.
+fn information(joint: &[&[f64]], others: &[f64], p: &[f64]) -> f64 {
+    let rows = || joint.iter().zip(others).zip(p).filter(|((_, other), _)| **other > 0.0);
+    let mut marginal = vec![0.0; joint.first().map_or(0, |row| row.len())];
+    for ((row, other), p) in rows() {
+        marginal.iter_mut().zip(*row).for_each(|(sum, cell)| *sum += cell * p / other);
+    }
+    let total: f64 = marginal.iter().sum();
+    let term = |((row, other), p): ((&&[f64], &f64), &f64)| {
+        let scale: f64 = row.iter().sum::<f64>();
+        let cells = row.iter().zip(&marginal).filter(|(cell, _)| **cell > 0.0);
+        cells.map(|(cell, q)| cell * p / other * (cell * total / (scale * q)).ln()).sum::<f64>()
+    };
+    rows().map(term).sum::<f64>() / total.max(f64::MIN_POSITIVE)
+}
+
+/// Returns the heaviest of these, by side, with the weight of all.
+fn heaviest(sides: [&[f64]; 2]) -> Vec<(usize, usize, f64)> {
+    let numbered = |side: usize| sides[side].iter().enumerate().map(move |(at, weight)| (side, at, *weight));
+    let mut all: Vec<(usize, usize, f64)> = (0..2).flat_map(numbered).filter(|(.., weight)| *weight > 0.0).collect();
+    all.sort_by(|a, b| b.2.total_cmp(&a.2));
+    // Each side by itself, so that the order of the variables changes no bit.
+    let total = sides[0].iter().sum::<f64>() + sides[1].iter().sum::<f64>();
+    all.truncate(MOST_CUT);
+    let kept: f64 = all.iter().map(|(.., weight)| weight).sum();
+    all.into_iter().map(|(side, at, weight)| (side, at, weight * total / kept)).collect()
+}
+
+/// Returns the parts of a state as each side reads them.
+pub(super) fn readings_of_parts(parts: &[Table]) -> Vec<Reading<'_>> {
+    parts.iter().filter(|part| part.total() > 0).map(super::prior::reading).collect()
+}
