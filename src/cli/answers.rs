@@ -13,7 +13,7 @@ pub(super) fn render(environment: &str, response: &proto::BatchGetInfluenceRespo
     let heading = heading(environment, &labels, &response.answers);
     match response.answers.as_slice() {
         [only] if only.mutual_information.is_some() => format!("{heading}\n\n{}", one(only, &labels)),
-        all => format!("{heading}\n\n{}{}", several(all), by_state(all, &labels)),
+        all => format!("{heading}\n\n{}{}{}", several(all), warnings(all), by_state(all, &labels)),
     }
 }
 
@@ -66,6 +66,8 @@ fn evidence(answer: &proto::Answer) -> String {
     if let Some(test) = &answer.significance {
         lines.push(format!("test of independence: p = {} ({})", figure(test.p_value), test.method));
     }
+    lines.extend(segmentation(answer));
+    lines.extend(answer.warnings.iter().map(|warning| format!("warning: {warning}")));
     if let Some(model) = &answer.model {
         lines.push(network(model, answer));
     }
@@ -76,6 +78,13 @@ fn evidence(answer: &proto::Answer) -> String {
         });
     }
     lines.iter().map(|line| format!("{line}\n")).collect()
+}
+
+/// Tells how many segments the counts come from, where there are several.
+fn segmentation(answer: &proto::Answer) -> Option<String> {
+    let proto::Segmentation { count: segments, differ } = answer.segmentation.filter(|found| found.count > 1)?;
+    let differ = differ.map(|differ| format!(", P(habits differ) {}", figure(differ)));
+    Some(format!("from {} segments{}", count(segments), differ.unwrap_or_default()))
 }
 
 /// Tells what a network says of a state.
@@ -191,6 +200,16 @@ fn several(answers: &[proto::Answer]) -> String {
     table.render("")
 }
 
+/// Tells the warnings of several answers, a line each.
+fn warnings(answers: &[proto::Answer]) -> String {
+    let told = |answer: &proto::Answer| {
+        let key = answer.state.clone().unwrap_or_default().key;
+        answer.warnings.iter().map(|warning| format!("warning, state {key}: {warning}\n")).collect::<String>()
+    };
+    let told: String = answers.iter().map(told).collect();
+    if told.is_empty() { told } else { format!("\n{told}") }
+}
+
 /// Tells the ego's actions of each answer that has them.
 fn by_state(answers: &[proto::Answer], labels: &proto::Labels) -> String {
     let full = answers.iter().filter(|answer| !answer.by_action.is_empty());
@@ -251,6 +270,8 @@ mod tests {
             dependence: proto::Dependence::Open.into(),
             probability: Some(proto::Probability { dependent: 0.2, above_threshold: 0.0 }),
             significance: Some(proto::Significance { p_value: 0.21, method: "permutation".into() }),
+            segmentation: Some(proto::Segmentation { count: 12, differ: Some(0.31) }),
+            warnings: vec!["pooled p = 0.0010, but within segments p = 0.2100".into()],
             visits_to_decide: Some(proto::VisitsToDecide { visits: Some(2_000) }),
             by_action: vec![action("stay", 1_800, Some(0.01), &[0.25, 0.75]), action("go", 0, None, &[])],
             ..proto::Answer::default()
@@ -296,6 +317,8 @@ mod tests {
             basis_version: Some(3),
             model: Some(model),
             significance: None,
+            segmentation: None,
+            warnings: Vec::new(),
             visits_to_decide: None,
             ..answer(key)
         }
@@ -335,7 +358,8 @@ mod tests {
     #[test]
     fn several_states_are_told_a_line_each() {
         let plain = proto::Answer { by_action: Vec::new(), ..answer("2.3") };
-        let unseen = proto::Answer { visits: 0, basis: proto::Basis::Prior.into(), ..plain.clone() };
+        let basis = proto::Basis::Prior.into();
+        let unseen = proto::Answer { visits: 0, basis, warnings: Vec::new(), ..plain.clone() };
         insta::assert_snapshot!(render("hallway", &response(vec![plain, unseen])));
     }
 }

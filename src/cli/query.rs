@@ -45,6 +45,9 @@ pub(super) struct Query {
     /// Segments to count; all unless given
     #[arg(long, num_args = 1.., value_name = "SEGMENT")]
     segments: Vec<String>,
+    /// What is compared within each segment alone; auto unless given
+    #[arg(long, value_enum)]
+    within: Option<Within>,
     /// Further estimators of mutual information, such as nsb, dirichlet or uniform_policy
     #[arg(long, num_args = 1.., value_delimiter = ',', value_name = "NAME")]
     estimators: Vec<String>,
@@ -103,7 +106,29 @@ enum View {
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
+enum Within {
+    /// Tests of independence
+    Auto,
+    /// Tests of independence, the plug-in and its mean under independence
+    Segments,
+    /// Nothing: segments are added up first
+    Pooled,
+}
+
+impl From<Within> for proto::Within {
+    fn from(within: Within) -> Self {
+        match within {
+            Within::Auto => Self::Auto,
+            Within::Segments => Self::Segments,
+            Within::Pooled => Self::Pooled,
+        }
+    }
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
 enum Significance {
+    /// Permute as --within says
+    Auto,
     /// Permute all transitions of the state
     Pooled,
     /// Permute within each segment only
@@ -113,6 +138,7 @@ enum Significance {
 impl From<Significance> for proto::Permutations {
     fn from(significance: Significance) -> Self {
         match significance {
+            Significance::Auto => Self::Auto,
             Significance::Pooled => Self::Pooled,
             Significance::WithinSegments => Self::WithinSegments,
         }
@@ -160,6 +186,7 @@ impl Query {
             segments: self.segments.clone(),
             rule: Some(self.rule.clone().into()),
             unit: self.unit.clone().unwrap_or_default(),
+            within: self.within.map_or(proto::Within::Unspecified, Into::into).into(),
         }
     }
 
@@ -265,9 +292,11 @@ mod tests {
 
     #[test]
     fn the_rule_and_the_pair_are_passed_on_as_given() {
-        let request = request(&["--key", "0.1", "--ego", "player_1", "--rule-threshold", "0.2", "--unit", "bits"]);
+        let pair = ["--key", "0.1", "--ego", "player_1", "--unit", "bits", "--within", "segments"];
+        let request = request(&[&pair[..], &["--rule-threshold", "0.2"]].concat());
         let scope = request.expect("valid").scope.expect("always there");
         assert_eq!((scope.ego.as_str(), scope.other.as_str(), scope.unit.as_str()), ("player_1", "", "bits"));
+        assert_eq!(scope.within(), proto::Within::Segments);
         assert_eq!(scope.rule, Some(proto::Rule { threshold: Some(0.2), ..proto::Rule::default() }));
     }
 }

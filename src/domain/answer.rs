@@ -187,8 +187,12 @@ pub struct Figures {
     pub independence: Independence,
     /// What the counts say by the fitted prior; `None` where the alphabets are too large for it.
     pub evidence: Option<Evidence>,
+    /// The segments that the counts come from.
+    pub segmentation: Segmentation,
     /// The test of independence, where it was asked for.
     pub significance: Option<Significance>,
+    /// What the reader should know before believing the figures: a sentence each.
+    pub warnings: Vec<String>,
     /// Where it was asked for: how many more visits a verdict would take, `None` if no number of them is likely to bring one.
     pub visits_to_decide: Option<Option<u64>>,
     /// What the active network says of the state, where there is one.
@@ -210,6 +214,8 @@ pub struct Evidence {
     pub posterior_mean: f64,
     /// Where it lies with a probability of 90 %.
     pub interval: Interval,
+    /// P(habits differ by segment here); `None` where the evidence does not tell.
+    pub differ: Option<f64>,
 }
 
 impl Evidence {
@@ -239,6 +245,15 @@ pub struct Significance {
     pub p_value: f64,
     /// How it was computed.
     pub method: &'static str,
+}
+
+/// How counts are divided into segments. Transitions without a segment count as one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Segmentation {
+    /// How many segments have visits, of those asked for.
+    pub count: u64,
+    /// P(habits differ by segment); `None` where the evidence does not tell.
+    pub differ: Option<f64>,
 }
 
 /// Which fit of the prior was used; with the revision it makes an answer reproducible.

@@ -163,6 +163,8 @@ pub struct PairDraft {
     pub given: Vec<String>,
     /// The segments to count; all if empty.
     pub segments: Vec<String>,
+    /// `auto` (default), `segments` or `pooled`.
+    pub within: Option<String>,
     /// The parts of the rule that differ from the environment's.
     pub rule: RuleDraft,
     /// The unit of the answer's figures.
@@ -180,7 +182,7 @@ pub struct QuestionDraft {
     pub estimators: Vec<String>,
     /// `verdict`, `figures` or `full`.
     pub view: Option<String>,
-    /// `pooled` or `within_segments`; absent for no test of independence.
+    /// `auto`, `pooled` or `within_segments`; absent for no test of independence.
     pub significance: Option<String>,
     /// Whether it is wanted how many more visits a verdict would take.
     pub visits_to_decide: bool,

@@ -40,7 +40,7 @@ mod training;
 pub use angle::Angle;
 pub use answer::{
     ActionFigures, Answer, Answers, Basis, Bin, Dependence, Evidence, Figures, FitId, Independence, Interval, Labels,
-    Probability, Significance, Variable, Verdict,
+    Probability, Segmentation, Significance, Variable, Verdict,
 };
 pub use batch::{Acknowledged, Batch, Receipt, Sequence};
 pub use counts::{ActionTotals, Cell, Counts, Increment, MOST_ACTIONS, SegmentId, Tally};
@@ -59,7 +59,7 @@ pub use overview::{
     Discoveries, Discovery, DiscoveryMethod, Edge, Exploration, FittedPrior, Graph, HistogramBin, LabelledCell,
     StateFigures, StatePage, StateView, Summary, Trial, page_size,
 };
-pub use question::{MOST_STATES, Pair, Permutations, Question, Scope, View};
+pub use question::{Exchange, MOST_STATES, Pair, Permutations, Question, Scope, View, Within};
 pub use records::{Digest, Entry, Record, Records, Rejection, Widths, Worded};
 pub use rule::{Rule, RuleKind, Threshold, Unit, WrittenRule};
 pub use schema::{Agent, Schema, SchemaHash};

@@ -1,7 +1,7 @@
 //! Answers about more, or less, than influence in one state: a state's counts, pages of states, and all states together.
 
 use super::draft::DiscoveryDraft;
-use super::{Answer, Basis, Bin, Evidence, FitId, Label, StateKey, Tally, Unit, Verdict};
+use super::{Answer, Basis, Bin, Evidence, FitId, Label, Segmentation, StateKey, Tally, Unit, Verdict};
 use crate::error::{Fault, Problem};
 
 /// Returns a page size within 1 to 1,000; 0 stands for 100.
@@ -158,6 +158,8 @@ pub struct Summary {
     pub states: u64,
     /// Segments of the environment.
     pub segments: Vec<Label>,
+    /// Segments that the counts come from; the mean over states of the probability that habits differ there.
+    pub segmentation: Segmentation,
     /// Visits from which the rule calls data enough.
     pub min_visits: u64,
     /// Share of visits that fell in states with at least that many; 0 where nothing was seen.
@@ -184,6 +186,8 @@ pub struct Summary {
     pub dependent_share: Option<f64>,
     /// The discoveries, where a rate was given.
     pub discoveries: Option<Discoveries>,
+    /// What the reader should know before believing the figures: a sentence each.
+    pub warnings: Vec<String>,
 }
 
 /// States whose mutual information lies between two bounds.

@@ -27,13 +27,78 @@ pub enum View {
     Full,
 }
 
+/// Stratification by segment: what is compared within each segment alone, since trials, or pairs of players, may differ in their habits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub enum Within {
+    /// Tests are within segments; plug-in mutual information and its mean under independence are of the pooled table.
+    #[default]
+    Auto,
+    /// Tests are within segments, and so are those figures: their means over segments, weighted by visits.
+    Segments,
+    /// Nothing is: segments are added up before anything is computed.
+    Pooled,
+}
+
+impl Within {
+    /// Every value, in the order in which they are told.
+    pub const ALL: [Self; 3] = [Self::Auto, Self::Segments, Self::Pooled];
+
+    /// Returns the word on the wire.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Auto => "auto",
+            Self::Segments => "segments",
+            Self::Pooled => "pooled",
+        }
+    }
+
+    /// Returns what a test of independence may exchange for what.
+    pub fn exchange(self) -> Exchange {
+        match self {
+            Self::Auto | Self::Segments => Exchange::WithinSegments,
+            Self::Pooled => Exchange::Pooled,
+        }
+    }
+}
+
+impl FromStr for Within {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong = || format!("got {text:?}, expected auto, segments or pooled");
+        Self::ALL.into_iter().find(|within| within.as_str() == text).ok_or_else(wrong)
+    }
+}
+
 /// What may be exchanged for what in a permutation test.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Permutations {
+pub enum Exchange {
     /// All transitions of a state.
     Pooled,
-    /// Those of the same segment only: trials, or pairs of players, may differ in their habits.
+    /// Those of the same segment only.
     WithinSegments,
+}
+
+/// Which test of independence is asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Permutations {
+    /// The one of the question's scope.
+    Auto,
+    /// One that exchanges all transitions of a state.
+    Pooled,
+    /// One that exchanges those of the same segment only.
+    WithinSegments,
+}
+
+impl Permutations {
+    /// Returns what may be exchanged for what in a question of that scope.
+    pub fn exchange(self, within: Within) -> Exchange {
+        match self {
+            Self::Auto => within.exchange(),
+            Self::Pooled => Exchange::Pooled,
+            Self::WithinSegments => Exchange::WithinSegments,
+        }
+    }
 }
 
 impl FromStr for Permutations {
@@ -41,9 +106,10 @@ impl FromStr for Permutations {
 
     fn from_str(text: &str) -> Result<Self, String> {
         match text {
+            "auto" => Ok(Self::Auto),
             "pooled" => Ok(Self::Pooled),
             "within_segments" => Ok(Self::WithinSegments),
-            _ => Err(format!("got {text:?}, expected pooled or within_segments")),
+            _ => Err(format!("got {text:?}, expected auto, pooled or within_segments")),
         }
     }
 }
@@ -121,6 +187,8 @@ pub struct Scope {
     pub pair: Pair,
     /// The segments to count, each once and in order; all if `None`.
     pub segments: Option<Vec<Label>>,
+    /// What is compared within each of them alone.
+    pub within: Within,
     /// The rule that decides, for this pair.
     pub rule: Rule,
     /// The same as it was written, for any pair.
@@ -202,6 +270,7 @@ impl Scope {
         let mut segments: Vec<Label> = parse_all(&draft.segments, "/segments", &mut faults);
         segments.sort_unstable();
         segments.dedup();
+        let within = parse(draft.within.as_deref(), "/within", &mut faults).unwrap_or_default();
         let under_rule = |found: Vec<Fault>| found.into_iter().map(|fault| fault.under("/rule")).collect();
         let merged =
             environment.rule.merged(&draft.rule).and_then(|rule| within_reach(rule, environment, &pair, draft));
@@ -219,6 +288,7 @@ impl Scope {
                     written: rule,
                     pair,
                     segments,
+                    within,
                     unit,
                 })
             }

@@ -5,10 +5,10 @@ use std::sync::Arc;
 
 use super::actions;
 use super::judge::{Judge, Judged};
+use super::stratified::Tested;
 use super::survey::Plan;
 use crate::domain::{
-    Answer, Bin, Estimator, Figures, ModelAction, ModelFigures, Permutations, Question, Schema, Significance, StateKey,
-    Unit, View,
+    Answer, Bin, Estimator, Figures, ModelAction, ModelFigures, Question, Schema, StateKey, Unit, View,
 };
 use crate::error::{ErrorKind, Problem};
 use crate::information::{self, Alphabet, Table};
@@ -18,9 +18,6 @@ use crate::store::StateCounts;
 
 /// States that are answered at once; more are shared among threads, so that nobody waits behind ten thousand.
 const SHARE: usize = 2_500;
-
-/// Permutations of a test of independence: its p-value is known to about a thousandth.
-const PERMUTATIONS: u64 = 4_000;
 
 /// What an answer is made from, beside the counts of its state.
 #[derive(Clone)]
@@ -71,15 +68,17 @@ impl Ground {
         // What the evidence rests on, for those figures that need the tables themselves.
         let draws = LazyCell::new(|| judged.tables.draws(judge.schema, &judge.scope.pair, cells()));
         let figures = (judge.view != View::Verdict).then(|| {
-            let within = || Tables::draws_by_segment(judge.schema, &judge.scope.pair, cells());
-            let significance = self.question.significance.map(|how| match how {
-                Permutations::Pooled => significance(&draws, key.seed()),
-                Permutations::WithinSegments => significance(&within(), key.seed()),
+            let tested = self.question.significance.map(|how| {
+                let strata = (judged.tables.segments > 1)
+                    .then(|| Tables::draws_by_segment(judge.schema, &judge.scope.pair, cells()));
+                Tested::new(&draws, strata.as_deref(), key.seed()).told(how.exchange(judge.scope.within))
             });
+            let (significance, warning) = tested.map_or((None, None), |(test, warning)| (Some(test), warning));
             let visits_to_decide = self.visits_to_decide(judge, &draws);
             Box::new(Figures {
                 bins: bins(judge.schema, key),
                 significance,
+                warnings: warning.into_iter().collect(),
                 visits_to_decide,
                 model: predicted.and_then(|predicted| self.model(judge, key, predicted)),
                 revision: state.revision,
@@ -134,19 +133,15 @@ impl Ground {
             estimates: self.question.estimators.iter().map(estimate).collect(),
             independence: judged.tally.into(),
             evidence: judged.evidence.map(|evidence| evidence.in_unit(unit)),
+            segmentation: judged.segmentation(),
             significance: None,
+            warnings: Vec::new(),
             visits_to_decide: None,
             model: None,
             fit: self.plan.fit(),
             revision: 0,
         }
     }
-}
-
-/// Tests independence in a state by its draws.
-fn significance(draws: &[Table], seed: u64) -> Significance {
-    let test = information::p_value(draws, PERMUTATIONS, seed);
-    Significance { p_value: test.p_value, method: test.method.as_str() }
 }
 
 /// Returns the bins of a state with their labels.

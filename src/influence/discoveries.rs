@@ -2,8 +2,9 @@
 
 use rayon::prelude::*;
 
+use super::stratified::{Disagreement, Disagreements};
 use super::survey::{Plan, Survey};
-use crate::domain::{Discoveries, Discovery, DiscoveryMethod, StateKey};
+use crate::domain::{Discoveries, Discovery, DiscoveryMethod, Exchange, StateKey};
 use crate::information::{Method, Significance, Table, bayesian_fdr, benjamini_hochberg, p_value, smallest_p};
 use crate::priors::{Pages, Tables};
 use crate::store::{Scanned, Store, StoreError};
@@ -25,6 +26,8 @@ pub struct Found {
     pub rows: Vec<bool>,
     /// For each row its p-value, where it was tested; empty where no tests were made.
     pub p_values: Vec<Option<f64>>,
+    /// What the reader should know before believing them: a sentence each.
+    pub warnings: Vec<String>,
 }
 
 /// Finds the discoveries in a survey.
@@ -43,7 +46,7 @@ fn by_posterior(survey: &Survey, discovery: Discovery) -> Found {
 
 fn found(discovery: Discovery, rows: Vec<bool>, testable: u64, p_values: Vec<Option<f64>>) -> Found {
     let states = rows.iter().filter(|row| **row).count() as u64;
-    Found { discoveries: Discoveries { discovery, states, testable }, rows, p_values }
+    Found { discoveries: Discoveries { discovery, states, testable }, rows, p_values, warnings: Vec::new() }
 }
 
 /// A state whose margins allow a p-value small enough.
@@ -58,11 +61,15 @@ struct Testable {
 
 async fn by_tests(store: &dyn Store, plan: &Plan, survey: &Survey, discovery: Discovery) -> Result<Found, StoreError> {
     let mut testable = Vec::new();
+    let mut disagreements = Disagreements::default();
     let mut pages = Pages::new(store, plan.environment.id);
     while let Some(page) = pages.next().await? {
         let plan = plan.clone();
         let tested = tokio::task::spawn_blocking(move || tested(&plan, page, discovery.fdr)).await;
-        testable.extend(tested.map_err(|error| StoreError::Unreadable(error.to_string()))?);
+        for (state, disagreement) in tested.map_err(|error| StoreError::Unreadable(error.to_string()))? {
+            testable.extend(state);
+            disagreement.into_iter().for_each(|one| disagreements.add(one));
+        }
     }
     // In order of key, so that ties are broken alike whatever the order of the scan.
     testable.sort_unstable_by(|a, b| a.key.cmp(&b.key));
@@ -77,21 +84,22 @@ async fn by_tests(store: &dyn Store, plan: &Plan, survey: &Survey, discovery: Di
             p_values[row] = Some(state.p_value);
         }
     }
-    Ok(found(discovery, rows, testable.len() as u64, p_values))
+    Ok(Found { warnings: disagreements.warnings(), ..found(discovery, rows, testable.len() as u64, p_values) })
 }
 
-fn tested(plan: &Plan, page: Vec<Scanned>, fdr: f64) -> Vec<Testable> {
+/// Tests the states of a page: those that can pass, and where pooled and stratified tests disagree.
+fn tested(plan: &Plan, page: Vec<Scanned>, fdr: f64) -> Vec<(Option<Testable>, Option<Disagreement>)> {
+    let (schema, pair) = (&plan.environment.schema, &plan.scope.pair);
     let test = |scanned: Scanned| {
         let cells = || scanned.counts.of_segments(plan.segments.as_deref());
-        let (schema, pair) = (&plan.environment.schema, &plan.scope.pair);
         let tables = Tables::new(schema, pair, cells());
-        let slices = tables.draws(schema, pair, cells()).into_owned();
-        (smallest_p(&slices) <= fdr).then(|| {
-            let Significance { p_value, method } = p_value(&slices, FIRST, scanned.key.seed());
-            Testable { key: scanned.key, slices, p_value, is_exact: method != Method::Permutation, permutations: FIRST }
-        })
+        let draws = |exchange| tables.exchangeable(schema, pair, exchange, cells());
+        let (exchange, seed) = (plan.scope.within.exchange(), scanned.key.seed());
+        let disagreement = (tables.segments > 1)
+            .then(|| Disagreement::between(&draws(Exchange::Pooled), &draws(Exchange::WithinSegments), FIRST, seed));
+        (Testable::new(scanned.key.clone(), draws(exchange).into_owned(), fdr), disagreement.flatten())
     };
-    page.into_par_iter().filter_map(test).collect()
+    page.into_par_iter().map(test).collect()
 }
 
 /// Permutes more and more the states that would pass if every p-value were as small as its permutations allow, until those have passed, cannot pass
@@ -112,6 +120,14 @@ fn refined(mut testable: Vec<Testable>, fdr: f64) -> (Vec<Testable>, Vec<bool>) 
 }
 
 impl Testable {
+    /// Tests a state, if its margins allow a p-value that can pass.
+    fn new(key: StateKey, slices: Vec<Table>, fdr: f64) -> Option<Self> {
+        (smallest_p(&slices) <= fdr).then(|| {
+            let Significance { p_value, method } = p_value(&slices, FIRST, key.seed());
+            Self { key, slices, p_value, is_exact: method != Method::Permutation, permutations: FIRST }
+        })
+    }
+
     /// Returns how small the p-value may be, given how many permutations it comes from.
     fn smallest_likely(&self) -> f64 {
         if self.is_exact {

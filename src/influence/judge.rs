@@ -1,7 +1,8 @@
 //! One state's counts, judged: its tables, what the evidence says of them, and the verdict.
 
 use crate::domain::{
-    Basis, Cell, Dependence, Evidence, Probability, Rule, RuleKind, Schema, Scope, StateKey, Tally, Verdict, View,
+    Basis, Cell, Dependence, Evidence, Probability, Rule, RuleKind, Schema, Scope, Segmentation, StateKey, Tally,
+    Verdict, View,
 };
 use crate::evidence::{self, Believed};
 use crate::information::{Table, plug_in};
@@ -38,6 +39,13 @@ pub struct Judged {
     pub basis: Basis,
 }
 
+impl Judged {
+    /// Returns which segments the counts come from, and whether habits differ by them.
+    pub fn segmentation(&self) -> Segmentation {
+        Segmentation { count: self.tables.segments, differ: self.evidence.and_then(|evidence| evidence.differ) }
+    }
+}
+
 impl Judge<'_> {
     /// Returns what the network says of states; `None` where there is none.
     pub fn predictions(&self, keys: &[StateKey]) -> Vec<Option<Prediction>> {
@@ -55,8 +63,8 @@ impl Judge<'_> {
         cells: impl Iterator<Item = &'c Cell> + Clone,
         predicted: Option<Prediction>,
     ) -> Judged {
-        let Scope { pair, rule, .. } = self.scope;
-        let tables = Tables::new(self.schema, pair, cells.clone());
+        let Scope { pair, rule, within, .. } = self.scope;
+        let tables = Tables::within(self.schema, pair, *within, cells.clone());
         let plug_in = tables.figure(plug_in);
         let tally = Tally::of(cells.clone());
         // What the network says is held against the evidence, whatever the rule and the view.
@@ -117,7 +125,8 @@ impl Judge<'_> {
             return find();
         }
         let threshold = self.scope.rule.threshold_nats();
-        informed.known.get_or_find(key, Ground { tally, revision: informed.revision, threshold }, find)
+        let ground = Ground { tally, revision: informed.revision, threshold, within: self.scope.within };
+        informed.known.get_or_find(key, ground, find)
     }
 
     /// Returns what the draws of a state support, in nats.
@@ -131,6 +140,7 @@ impl Judge<'_> {
             // A negative zero would be told as "-0".
             posterior_mean: posterior.mean() + 0.0,
             interval: posterior.interval(),
+            differ: None,
         };
         Found { evidence, believed }
     }

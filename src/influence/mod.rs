@@ -14,6 +14,7 @@ mod judge;
 mod listing;
 mod order;
 mod size;
+mod stratified;
 mod summary;
 mod survey;
 
@@ -110,8 +111,7 @@ impl Influence {
         let found = self.discoveries(&plan, &survey, discovery).await?;
         let named = self.store.segments(environment.id).await.map_err(logged)?;
         let named = named.into_iter().filter_map(|(_, label)| label).collect();
-        let found = found.map(|found| found.discoveries);
-        Ok(summary::summary(&environment.schema, &plan.scope, named, &survey, found))
+        Ok(summary::summary(&environment.schema, &plan.scope, named, &survey, found.as_deref()))
     }
 
     /// Returns the causal graph of one state: every pair of agents with its answer.

@@ -1,7 +1,8 @@
 //! What all states say together.
 
+use super::discoveries::Found;
 use super::survey::Survey;
-use crate::domain::{Dependence, Discoveries, HistogramBin, Label, Schema, Scope, Summary, Verdict};
+use crate::domain::{Dependence, HistogramBin, Label, Schema, Scope, Segmentation, Summary, Verdict};
 
 /// The lower bounds of the histogram's bins, in the summary's unit.
 const BOUNDS: [f64; 12] = [0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.75, 1.0, 1.5, 2.0];
@@ -12,7 +13,7 @@ pub fn summary(
     scope: &Scope,
     segments: Vec<Label>,
     survey: &Survey,
-    discoveries: Option<Discoveries>,
+    found: Option<&Found>,
 ) -> Summary {
     let visits = |least: u64| -> u64 { survey.rows.iter().map(|row| row.visits).filter(|n| *n >= least).sum() };
     let transitions = visits(0);
@@ -22,6 +23,7 @@ pub fn summary(
         transitions,
         states: survey.rows.len() as u64,
         segments,
+        segmentation: segmentation(survey),
         min_visits: scope.rule.min_visits,
         share_of_visits_with_enough_data: share,
         verdicts: tally(&Verdict::ALL, survey.rows.iter().map(|row| row.verdict)),
@@ -34,8 +36,16 @@ pub fn summary(
         dependence: tally(&Dependence::ALL, survey.rows.iter().filter_map(|row| Some(row.evidence?.dependence))),
         fit: survey.fit,
         dependent_share: survey.dependent_share,
-        discoveries,
+        discoveries: found.map(|found| found.discoveries),
+        warnings: found.map(|found| found.warnings.clone()).unwrap_or_default(),
     }
+}
+
+/// Returns which segments the counts come from, and the mean over the states whose evidence tells whether habits differ there.
+fn segmentation(survey: &Survey) -> Segmentation {
+    let told: Vec<f64> = survey.rows.iter().filter_map(|row| row.evidence?.differ).collect();
+    let differ = (!told.is_empty()).then(|| told.iter().sum::<f64>() / told.len() as f64);
+    Segmentation { count: survey.segments, differ }
 }
 
 /// Returns how often each of three words was said.

@@ -3,6 +3,7 @@
 //! A survey of a small environment is made anew whenever something was counted since, so it sees every acknowledged transition. A large one is
 //! served as it is while the next is made in the background, and says of which revision it is.
 
+use std::collections::HashSet;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use lru::LruCache;
@@ -13,7 +14,7 @@ use super::judge::Judge;
 use super::order::Order;
 use crate::domain::{
     Basis, Discovery, DiscoveryMethod, Environment, EnvironmentId, Evidence, FitId, Pair, Rule, RuleKind, Scope,
-    SegmentId, StateKey, Verdict, View,
+    SegmentId, StateKey, Verdict, View, Within,
 };
 use crate::model::{Network, Prediction};
 use crate::priors::{Informed, Pages};
@@ -44,10 +45,12 @@ pub struct Row {
     pub basis: Basis,
 }
 
-/// The rows of one environment, pair, choice of segments and rule.
+/// The rows of one environment, pair, choice of segments and rule, within segments or not.
 pub struct Survey {
     /// Every state seen, in order of key.
     pub rows: Vec<Row>,
+    /// How many segments have visits in them, of those asked for.
+    pub segments: u64,
     /// How many transitions the environment had when the pass began.
     pub as_of: u64,
     /// The fit that the evidence rests on.
@@ -91,7 +94,7 @@ impl Survey {
 }
 
 /// What a survey is of: its rule by what decides, bit by bit.
-type Key = (EnvironmentId, Pair, Option<Vec<SegmentId>>, (RuleKind, u64, u64, u64));
+type Key = (EnvironmentId, Pair, Option<Vec<SegmentId>>, Within, (RuleKind, u64, u64, u64));
 
 fn of_rule(rule: &Rule) -> (RuleKind, u64, u64, u64) {
     (rule.kind, rule.threshold_nats().to_bits(), rule.min_visits, rule.confidence.to_bits())
@@ -128,7 +131,8 @@ pub struct Plan {
 
 impl Plan {
     fn key(&self) -> Key {
-        (self.environment.id, self.scope.pair.clone(), self.segments.clone(), of_rule(&self.scope.rule))
+        let Scope { pair, within, rule, .. } = &self.scope;
+        (self.environment.id, pair.clone(), self.segments.clone(), *within, of_rule(rule))
     }
 
     /// Returns who judges by this plan.
@@ -220,9 +224,12 @@ impl Surveys {
 async fn make(store: &dyn Store, plan: &Plan) -> Result<Survey, StoreError> {
     let as_of = store.totals(plan.environment.id).await?.transitions;
     let mut rows = Vec::new();
+    let mut segments = HashSet::new();
     let mut pages = Pages::new(store, plan.environment.id);
     while let Some(page) = pages.next().await? {
         let plan = plan.clone();
+        let cells = page.iter().flat_map(|scanned| scanned.counts.of_segments(plan.segments.as_deref()));
+        segments.extend(cells.map(|cell| cell.segment));
         let measured = tokio::task::spawn_blocking(move || measured(&plan, page)).await;
         rows.extend(measured.map_err(|error| StoreError::Unreadable(error.to_string()))?);
     }
@@ -230,7 +237,16 @@ async fn make(store: &dyn Store, plan: &Plan) -> Result<Survey, StoreError> {
     let found = tokio::sync::Mutex::new(LruCache::new(KEPT));
     let dependent_share = plan.informed.as_ref().map(|informed| informed.fit.parameters.dependent);
     let network = plan.network.as_ref().map(|network| network.version);
-    Ok(Survey { rows, as_of, fit: plan.fit(), network, dependent_share, orders: Default::default(), found })
+    Ok(Survey {
+        rows,
+        segments: segments.len() as u64,
+        as_of,
+        fit: plan.fit(),
+        network,
+        dependent_share,
+        orders: Default::default(),
+        found,
+    })
 }
 
 /// Measures the states of a page; those not seen in the segments asked for are left out.

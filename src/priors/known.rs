@@ -4,7 +4,7 @@ use std::sync::{Mutex, PoisonError};
 
 use lru::LruCache;
 
-use crate::domain::{Evidence, StateKey, Tally};
+use crate::domain::{Evidence, StateKey, Tally, Within};
 use crate::evidence::Believed;
 
 /// States remembered: as many as one question may have.
@@ -31,6 +31,8 @@ pub struct Ground {
     pub revision: u64,
     /// The threshold, in nats.
     pub threshold: f64,
+    /// What is compared within each segment alone.
+    pub within: Within,
 }
 
 #[derive(Clone, Copy)]

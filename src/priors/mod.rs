@@ -21,7 +21,7 @@ mod tables;
 mod text;
 
 pub use scan::Pages;
-pub use tables::Tables;
+pub use tables::{Draws, Tables};
 
 pub use known::{Found, Ground};
 
@@ -151,7 +151,7 @@ impl Fits {
         let (uses, states) = self.states(environment, &pair, alphabet).await?;
         let fitting = move || {
             let mut fitter = Fitter::new(alphabet, &uses);
-            states.iter().for_each(|(_, slices)| fitter.add(slices));
+            states.iter().for_each(|(_, draws)| fitter.add(&draws.pooled()));
             fitter.fit()
         };
         let fit = tokio::task::spawn_blocking(fitting).await;
@@ -214,13 +214,13 @@ impl Fits {
         pairs
     }
 
-    /// Returns how all states use the actions of both agents, and the tables of the states that can tell dependence from independence, in order of key.
+    /// Returns how all states use the actions of both agents, and the draws of the states that can tell dependence from independence, in order of key.
     async fn states(
         &self,
         environment: &Environment,
         pair: &Pair,
         alphabet: Alphabet,
-    ) -> Result<(Uses, Vec<(StateKey, Vec<Table>)>), StoreError> {
+    ) -> Result<(Uses, Vec<(StateKey, Draws)>), StoreError> {
         let mut uses = Uses::new(alphabet);
         let mut sample = Sample::default();
         let mut pages = Pages::new(&*self.store, environment.id);
@@ -228,10 +228,11 @@ impl Fits {
             for scanned in page {
                 let cells = scanned.counts.cells().iter();
                 let tables = Tables::new(&environment.schema, pair, cells.clone());
-                let slices = tables.draws(&environment.schema, pair, cells);
-                uses.add(&slices);
-                if !slices.iter().all(Table::is_line) {
-                    sample.add(scanned.key, slices.into_owned());
+                let draws = tables.into_draws(&environment.schema, pair, cells);
+                let pooled = draws.pooled();
+                uses.add(&pooled);
+                if !pooled.iter().all(Table::is_line) {
+                    sample.add(scanned.key, draws);
                 }
             }
         }

@@ -1,26 +1,30 @@
 //! Which states a fit is made from, where there are very many.
 
 use crate::domain::StateKey;
-use crate::information::Table;
 
 /// The most states that a fit is made from: what it finds has some forty numbers. Of more, a part is taken by their keys.
 const MOST_STATES: usize = 50_000;
 
 /// States, thinned by half whenever they become too many: which ones stay depends on their keys alone.
-#[derive(Default)]
-pub struct Sample {
+pub struct Sample<T> {
     halvings: u32,
-    /// Each state with its tables, in the order of adding.
-    pub states: Vec<(StateKey, Vec<Table>)>,
+    /// Each state with what is kept of it, in the order of adding.
+    pub states: Vec<(StateKey, T)>,
 }
 
-impl Sample {
+impl<T> Default for Sample<T> {
+    fn default() -> Self {
+        Self { halvings: 0, states: Vec::new() }
+    }
+}
+
+impl<T> Sample<T> {
     /// Adds a state, if its turn has not passed.
-    pub fn add(&mut self, key: StateKey, slices: Vec<Table>) {
+    pub fn add(&mut self, key: StateKey, kept: T) {
         if !self.wants(&key) {
             return;
         }
-        self.states.push((key, slices));
+        self.states.push((key, kept));
         while self.states.len() > MOST_STATES {
             self.halvings += 1;
             let states = std::mem::take(&mut self.states);
@@ -39,7 +43,7 @@ mod tests {
 
     fn sampled(order: impl Iterator<Item = u32>) -> Vec<StateKey> {
         let mut sample = Sample::default();
-        order.for_each(|bin| sample.add(StateKey::new(&[bin]), Vec::new()));
+        order.for_each(|bin| sample.add(StateKey::new(&[bin]), ()));
         let mut keys: Vec<StateKey> = sample.states.into_iter().map(|(key, _)| key).collect();
         keys.sort_unstable();
         keys

@@ -3,24 +3,59 @@
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
-use crate::domain::{Cell, Independence, Pair, Schema, SegmentId, Tally};
-use crate::information::{self, ExpectedMethod, Table};
+use crate::domain::{Cell, Exchange, Independence, Pair, Schema, SegmentId, Tally, Within};
+use crate::information::{self, Cut, ExpectedMethod, Table};
 
 /// The tables of one state for one pair.
 pub struct Tables {
     /// Over all cells; rows are the ego's actions.
     pub whole: Table,
+    /// How many segments have visits here.
+    pub segments: u64,
     /// One for each joint action of the agents held fixed, in their order; empty where none is.
     slices: Vec<Table>,
+    /// The same cut further by segment, where figures are means over segments and there are several; else empty.
+    strata: Vec<Table>,
+}
+
+/// The draws of a state.
+pub enum Draws {
+    /// Of one segment at most: a table for each joint action of the agents held fixed.
+    Whole(Vec<Table>),
+    /// Of several segments.
+    Cut(Vec<Cut>),
+}
+
+impl Draws {
+    /// Returns the tables over all segments.
+    pub fn pooled(&self) -> Cow<'_, [Table]> {
+        match self {
+            Self::Whole(slices) => slices.into(),
+            Self::Cut(cuts) => cuts.iter().map(|cut| cut.whole.clone()).collect(),
+        }
+    }
 }
 
 impl Tables {
-    /// Builds the tables of these cells.
+    /// Builds the tables of these cells; figures are of the pooled ones.
     pub fn new<'a>(schema: &Schema, pair: &Pair, cells: impl Iterator<Item = &'a Cell> + Clone) -> Self {
-        let visits = |cell: &Cell| cell.tally.n;
+        Self::within(schema, pair, Within::default(), cells)
+    }
+
+    /// Builds the tables of these cells; figures are within what is said.
+    pub fn within<'a>(
+        schema: &Schema,
+        pair: &Pair,
+        within: Within,
+        cells: impl Iterator<Item = &'a Cell> + Clone,
+    ) -> Self {
         let whole = Table::from_counts(cells.clone().map(|cell| counted(schema, pair, cell, visits)));
-        let slices = if pair.given.is_empty() { Vec::new() } else { slices(schema, pair, cells, visits, no_more) };
-        Self { whole, slices }
+        let sliced = (!pair.given.is_empty()).then(|| slices(schema, pair, cells.clone(), visits, no_more));
+        let segments = segments(cells.clone().map(|cell| cell.segment));
+        // Within the only segment everything is what it is pooled.
+        let is_cut = within == Within::Segments && segments > 1;
+        let strata = is_cut.then(|| slices(schema, pair, cells, visits, by_segment));
+        Self { whole, segments, slices: sliced.unwrap_or_default(), strata: strata.unwrap_or_default() }
     }
 
     /// Returns what the evidence rests on: the tables of what counts as independent draws, rows for the earlier agent, a slice for each joint action
@@ -47,21 +82,64 @@ impl Tables {
         cells: impl Iterator<Item = &'a Cell> + Clone,
     ) -> Vec<Table> {
         let drawn = drawn(Independence::from(Tally::of(cells.clone())));
-        slices(schema, &pair.undirected(), cells, drawn, |cell| Some(cell.segment))
+        slices(schema, &pair.undirected(), cells, drawn, by_segment)
     }
 
-    /// Returns a figure of the table, or its mean over the slices where agents are held fixed.
+    /// Returns what a test of independence may exchange: the draws, cut by segment or not.
+    pub fn exchangeable<'a>(
+        &self,
+        schema: &Schema,
+        pair: &Pair,
+        exchange: Exchange,
+        cells: impl Iterator<Item = &'a Cell> + Clone,
+    ) -> Cow<'_, [Table]> {
+        match exchange {
+            Exchange::WithinSegments if self.segments > 1 => Self::draws_by_segment(schema, pair, cells).into(),
+            Exchange::WithinSegments | Exchange::Pooled => self.draws(schema, pair, cells),
+        }
+    }
+
+    /// Returns the draws as [`draws`](Self::draws) does, slice by slice, each with its parts by segment.
+    pub fn draws_cut<'a>(schema: &Schema, pair: &Pair, cells: impl Iterator<Item = &'a Cell> + Clone) -> Vec<Cut> {
+        let drawn = drawn(Independence::from(Tally::of(cells.clone())));
+        let undirected = pair.undirected();
+        let mut cuts: BTreeMap<Vec<u64>, BTreeMap<SegmentId, Vec<Counted>>> = BTreeMap::new();
+        for cell in cells {
+            let parts = cuts.entry(fixed(schema, pair, cell)).or_default();
+            parts.entry(cell.segment).or_default().push(counted(schema, &undirected, cell, drawn));
+        }
+        cuts.into_values().map(cut).collect()
+    }
+
+    /// Returns the draws for those who keep them: cut only where several segments have visits, so that the others take no more room.
+    pub fn into_draws<'a>(self, schema: &Schema, pair: &Pair, cells: impl Iterator<Item = &'a Cell> + Clone) -> Draws {
+        match self.segments {
+            0 | 1 => Draws::Whole(self.draws(schema, pair, cells).into_owned()),
+            _ => Draws::Cut(Self::draws_cut(schema, pair, cells)),
+        }
+    }
+
+    /// Returns the tables that figures are a mean over; none where they are of the whole.
+    fn averaged(&self) -> &[Table] {
+        if self.strata.is_empty() { &self.slices } else { &self.strata }
+    }
+
+    /// Returns a figure of the table, or its mean over the slices where agents are held fixed, or over segments where it is within them.
     pub fn figure(&self, figure: impl Fn(&Table) -> f64) -> f64 {
-        if self.slices.is_empty() { figure(&self.whole) } else { information::conditional(&self.slices, figure) }
+        match self.averaged() {
+            [] => figure(&self.whole),
+            tables => information::conditional(tables, figure),
+        }
     }
 
     /// Returns the mean of plug-in mutual information under independence, in nats, and how it was computed.
     pub fn expected_if_independent(&self) -> (f64, ExpectedMethod) {
-        if self.slices.is_empty() {
+        let averaged = self.averaged();
+        if averaged.is_empty() {
             return information::expected_if_independent(&self.whole);
         }
         let mut method = ExpectedMethod::Hypergeometric;
-        let mean = information::conditional(&self.slices, |slice| {
+        let mean = information::conditional(averaged, |slice| {
             let (expected, of_slice) = information::expected_if_independent(slice);
             if of_slice == ExpectedMethod::Asymptotic {
                 method = of_slice;
@@ -71,14 +149,15 @@ impl Tables {
         (mean, method)
     }
 
-    /// Returns the plug-in divergence of the ego's action at a row of the whole table, in nats: its mean over the slices, weighted by how often the
+    /// Returns the plug-in divergence of the ego's action at a row of the whole table, in nats: its mean over the slices or segments, weighted by how often the
     /// action was seen in each, so that plug-in mutual information is its mean over the ego's actions.
     pub fn divergence(&self, row: usize) -> f64 {
-        if self.slices.is_empty() {
+        let averaged = self.averaged();
+        if averaged.is_empty() {
             return information::divergence(&self.whole, row);
         }
         let label = self.whole.row_labels()[row];
-        let parts = self.slices.iter().filter_map(|slice| {
+        let parts = averaged.iter().filter_map(|slice| {
             let at = slice.row_labels().binary_search(&label).ok()?;
             Some(slice.rows()[at] as f64 * information::divergence(slice, at))
         });
@@ -91,6 +170,27 @@ type Counted = (u64, u64, u64);
 
 /// What a slice is of: the joint action of the agents held fixed, and what it is cut by further.
 type Stratum = (Vec<u64>, Option<SegmentId>);
+
+fn visits(cell: &Cell) -> u64 {
+    cell.tally.n
+}
+
+/// Returns how many segments are named, some of them often.
+fn segments(mut named: impl Iterator<Item = SegmentId>) -> u64 {
+    let Some(first) = named.next() else { return 0 };
+    // Most states have one, and are asked about by the million.
+    let mut others: Vec<SegmentId> = named.filter(|segment| *segment != first).collect();
+    others.sort_unstable();
+    others.dedup();
+    1 + others.len() as u64
+}
+
+/// Returns the table of some parts beside those of them that hold counts.
+fn cut(parts: BTreeMap<SegmentId, Vec<Counted>>) -> Cut {
+    let whole = Table::from_counts(parts.values().flatten().copied());
+    let parts = parts.into_values().map(Table::from_counts).filter(|part| part.total() > 0).collect();
+    Cut { whole, parts }
+}
 
 fn drawn(independence: Independence) -> impl Fn(&Cell) -> u64 + Copy {
     move |cell| match independence {
@@ -109,10 +209,18 @@ fn slices<'a>(
 ) -> Vec<Table> {
     let mut slices: BTreeMap<Stratum, Vec<Counted>> = BTreeMap::new();
     for cell in cells {
-        let fixed = pair.given.iter().map(|agent| schema.action_of(cell.joint, *agent)).collect();
-        slices.entry((fixed, further(cell))).or_default().push(counted(schema, pair, cell, count));
+        slices.entry((fixed(schema, pair, cell), further(cell))).or_default().push(counted(schema, pair, cell, count));
     }
     slices.into_values().map(Table::from_counts).collect()
+}
+
+/// Returns the actions of the agents held fixed.
+fn fixed(schema: &Schema, pair: &Pair, cell: &Cell) -> Vec<u64> {
+    pair.given.iter().map(|agent| schema.action_of(cell.joint, *agent)).collect()
+}
+
+fn by_segment(cell: &Cell) -> Option<SegmentId> {
+    Some(cell.segment)
 }
 
 fn no_more(_: &Cell) -> Option<SegmentId> {
@@ -121,4 +229,132 @@ fn no_more(_: &Cell) -> Option<SegmentId> {
 
 fn counted(schema: &Schema, pair: &Pair, cell: &Cell, count: impl Fn(&Cell) -> u64) -> Counted {
     (schema.action_of(cell.joint, pair.ego), schema.action_of(cell.joint, pair.other), count(cell))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::domain::SchemaDraft;
+    use crate::domain::draft::{AgentDraft, FeatureDraft, KindDraft};
+
+    /// Returns a schema of agents with so many actions each.
+    fn schema(actions: &[i64]) -> Schema {
+        let feature =
+            |name: &str, max| FeatureDraft { name: name.into(), unit: None, kinds: vec![KindDraft::Integer(0, max)] };
+        let agent = |(at, actions): (usize, &i64)| AgentDraft {
+            name: format!("agent{at}"),
+            action: vec![feature("move", actions - 1)],
+        };
+        let agents = actions.iter().enumerate().map(agent).collect();
+        Schema::try_from(&SchemaDraft { state: vec![feature("place", 9)], agents }).expect("valid")
+    }
+
+    fn pair(ego: usize, other: usize, given: &[usize]) -> Pair {
+        Pair { ego, other, given: given.to_vec() }
+    }
+
+    fn cell(joint: u64, segment: i64, n: u64, entries: impl Into<Option<u64>>) -> Cell {
+        Cell { joint, segment: SegmentId(segment), tally: Tally { n, entries: entries.into() } }
+    }
+
+    /// Returns what is told of each cell of a table: its labels and its count.
+    fn counts(table: &Table) -> Vec<Counted> {
+        let labels = |cell: &information::Occupied| {
+            (table.row_labels()[cell.row as usize], table.column_labels()[cell.column as usize], cell.n)
+        };
+        table.cells().iter().map(labels).collect()
+    }
+
+    /// Two segments of two agents with two actions, opposite in their habits, each exactly independent.
+    fn opposite() -> Vec<Cell> {
+        let n = [[81, 1], [9, 9], [9, 9], [1, 81]];
+        let cells =
+            n.into_iter().zip(0..).flat_map(|(n, joint)| [cell(joint, 3, n[0], None), cell(joint, 7, n[1], None)]);
+        cells.collect()
+    }
+
+    #[test]
+    fn draws_are_cut_by_segment_in_their_order() {
+        let (schema, cells) = (schema(&[2, 2]), opposite());
+        let cuts = Tables::draws_cut(&schema, &pair(0, 1, &[]), cells.iter());
+        let [cut] = &cuts[..] else { panic!("nobody is held fixed: {cuts:?}") };
+        assert_eq!(counts(&cut.whole), [(0, 0, 82), (0, 1, 18), (1, 0, 18), (1, 1, 82)]);
+        let [first, second] = &cut.parts[..] else { panic!("two segments: {cut:?}") };
+        assert_eq!(counts(first), [(0, 0, 81), (0, 1, 9), (1, 0, 9), (1, 1, 1)]);
+        assert_eq!(counts(second), [(0, 0, 1), (0, 1, 9), (1, 0, 9), (1, 1, 81)]);
+    }
+
+    #[test]
+    fn each_slice_is_cut_by_itself() {
+        let schema = schema(&[2, 3, 2]);
+        // Agent 2 is held fixed; it did nothing but 1 in segment 5.
+        let cells = [cell(0, 1, 4, 2), cell(1, 1, 3, 1), cell(1, 5, 2, 2), cell(9, 5, 6, 0), cell(11, 1, 5, 5)];
+        for pair in [pair(0, 1, &[2]), pair(1, 0, &[2])] {
+            let tables = Tables::new(&schema, &pair, cells.iter());
+            let cuts = Tables::draws_cut(&schema, &pair, cells.iter());
+            let wholes: Vec<Table> = cuts.iter().map(|cut| cut.whole.clone()).collect();
+            assert_eq!(
+                wholes,
+                *tables.draws(&schema, &pair, cells.iter()),
+                "as without cutting: entries, earlier agent in rows"
+            );
+            let parts: Vec<Vec<u64>> = cuts.iter().map(|cut| cut.parts.iter().map(Table::total).collect()).collect();
+            // Without an entry (joint action 9) there is nothing to add.
+            assert_eq!(parts, [vec![2], vec![6, 2]]);
+            let by_segment = Tables::draws_by_segment(&schema, &pair, cells.iter());
+            assert_eq!(by_segment, cuts.into_iter().flat_map(|cut| cut.parts).collect::<Vec<_>>());
+        }
+    }
+
+    #[test]
+    fn the_only_segment_is_the_whole() {
+        let (schema, pair) = (schema(&[2, 2]), pair(0, 1, &[]));
+        let mut cells = opposite();
+        cells.retain(|cell| cell.segment == SegmentId(7));
+        let tables = Tables::within(&schema, &pair, Within::Segments, cells.iter());
+        assert_eq!(tables.segments, 1);
+        assert_eq!(
+            Tables::draws_cut(&schema, &pair, cells.iter()),
+            [Cut { whole: tables.whole.clone(), parts: vec![tables.whole.clone()] }]
+        );
+        let pooled = Tables::new(&schema, &pair, cells.iter());
+        assert_eq!(tables.figure(information::plug_in).to_bits(), pooled.figure(information::plug_in).to_bits());
+        assert_eq!(tables.expected_if_independent(), pooled.expected_if_independent());
+        let exchangeable = |exchange| tables.exchangeable(&schema, &pair, exchange, cells.iter()).into_owned();
+        assert_eq!(exchangeable(Exchange::WithinSegments), exchangeable(Exchange::Pooled));
+        assert!(matches!(tables.into_draws(&schema, &pair, cells.iter()), Draws::Whole(_)));
+    }
+
+    #[test]
+    fn nothing_seen_is_nothing_to_cut() {
+        let (schema, pair) = (schema(&[1, 2]), pair(0, 1, &[]));
+        let tables = Tables::within(&schema, &pair, Within::Segments, [].iter());
+        assert_eq!((tables.segments, tables.figure(information::plug_in)), (0, 0.0));
+        assert_eq!(Tables::draws_cut(&schema, &pair, [].iter()), []);
+        // Seen, but not entered.
+        let stays = [cell(0, 1, 4, 0), cell(1, 2, 4, 0)];
+        assert_eq!(Tables::draws_cut(&schema, &pair, stays.iter()), [Cut::default()]);
+        assert_eq!(Tables::new(&schema, &pair, stays.iter()).segments, 2);
+    }
+
+    #[test]
+    fn figures_within_segments_are_means_by_visits() {
+        let (schema, pair) = (schema(&[2, 2]), pair(0, 1, &[]));
+        // Beside the two independent segments a third that depends: a hundred visits each, of three hundred.
+        let mut cells = opposite();
+        cells.extend([cell(0, 9, 50, None), cell(3, 9, 50, None)]);
+        let told = |within| Tables::within(&schema, &pair, within, cells.iter());
+        let [auto, segments, pooled] = Within::ALL.map(told);
+        assert_eq!(auto.segments, 3);
+        assert!((segments.figure(information::plug_in) - 2_f64.ln() / 3.0).abs() < 1e-12);
+        assert_eq!(auto.figure(information::plug_in), information::plug_in(&pooled.whole));
+        assert_eq!(auto.expected_if_independent(), pooled.expected_if_independent());
+        assert!(segments.expected_if_independent().0 > 2.0 * pooled.expected_if_independent().0, "three tables");
+        assert_eq!(segments.draws(&schema, &pair, cells.iter()), pooled.draws(&schema, &pair, cells.iter()));
+        let mean: f64 = (0..2).map(|row| segments.divergence(row) * segments.whole.rows()[row] as f64 / 300.0).sum();
+        assert!((mean - segments.figure(information::plug_in)).abs() < 1e-12, "the mean of the ego's actions");
+        let Draws::Cut(cuts) = auto.into_draws(&schema, &pair, cells.iter()) else { panic!("three segments") };
+        assert_eq!(cuts[0].parts.len(), 3);
+        assert_eq!(*Draws::Cut(cuts).pooled(), *pooled.draws(&schema, &pair, cells.iter()));
+    }
 }

@@ -3,7 +3,7 @@
 use crate::api::proto;
 use crate::domain::{
     ActionFigures, Answer, Answers, Basis, Bin, Dependence, Evidence, Figures, FitId, Interval, Labels, ModelAction,
-    ModelFigures, Probability, StateKey, Variable, Verdict,
+    ModelFigures, Probability, Segmentation, StateKey, Variable, Verdict,
 };
 
 impl From<Answers> for proto::BatchGetInfluenceResponse {
@@ -74,7 +74,9 @@ fn with_figures(base: proto::Answer, key: &StateKey, figures: Figures) -> proto:
         independence: figures.independence.as_str().into(),
         dependence: dependence(figures.evidence),
         probability: figures.evidence.map(|evidence| evidence.probability.into()),
+        segmentation: Some(figures.segmentation.into()),
         significance,
+        warnings: figures.warnings,
         visits_to_decide: figures.visits_to_decide.map(|visits| proto::VisitsToDecide { visits }),
         fit: Some(figures.fit.into()),
         model: figures.model.map(Into::into),
@@ -109,6 +111,13 @@ impl From<Probability> for proto::Probability {
     fn from(probability: Probability) -> Self {
         let Probability { dependent, above_threshold } = probability;
         Self { dependent, above_threshold }
+    }
+}
+
+impl From<Segmentation> for proto::Segmentation {
+    fn from(segmentation: Segmentation) -> Self {
+        let Segmentation { count, differ } = segmentation;
+        Self { count, differ }
     }
 }
 

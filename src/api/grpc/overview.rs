@@ -81,6 +81,8 @@ impl From<Summary> for proto::SummarizeResponse {
             fit: Some(summary.fit.into()),
             dependent_share: summary.dependent_share,
             discoveries: summary.discoveries.map(Into::into),
+            segmentation: Some(summary.segmentation.into()),
+            warnings: summary.warnings,
         }
     }
 }

@@ -7,23 +7,24 @@ use crate::domain::draft::{DiscoveryDraft, ExplorationDraft, ListingDraft, PairD
 use crate::error::{Fault, Problem};
 
 /// Decodes the common part of a question: the environment's name, and the rest.
-pub fn scope(scope: Option<proto::Scope>) -> (String, PairDraft) {
+pub fn scope(scope: Option<proto::Scope>) -> Result<(String, PairDraft), Problem> {
     let scope = scope.unwrap_or_default();
     let pair = PairDraft {
         ego: given(scope.ego),
         other: given(scope.other),
         given: scope.given,
         segments: scope.segments,
+        within: within(scope.within)?,
         rule: scope.rule.unwrap_or_default().into(),
         unit: given(scope.unit),
     };
-    (scope.environment, pair)
+    Ok((scope.environment, pair))
 }
 
 /// Decodes a question about one state.
 pub fn question(request: proto::GetInfluenceRequest) -> Result<(String, QuestionDraft), Problem> {
     use proto::get_influence_request::State;
-    let (environment, pair) = scope(request.scope);
+    let (environment, pair) = scope(request.scope)?;
     let states = match request.state {
         Some(State::Values(state)) => StatesDraft::Positional(vec![state.values]),
         Some(State::Key(key)) => StatesDraft::Keys(vec![key]),
@@ -36,7 +37,7 @@ pub fn question(request: proto::GetInfluenceRequest) -> Result<(String, Question
 
 /// Decodes a question about several states.
 pub fn batch_question(request: proto::BatchGetInfluenceRequest) -> Result<(String, QuestionDraft), Problem> {
-    let (environment, pair) = scope(request.scope);
+    let (environment, pair) = scope(request.scope)?;
     let states = match (request.states, request.keys) {
         (states, keys) if keys.is_empty() => {
             StatesDraft::Positional(states.into_iter().map(|state| state.values).collect())
@@ -56,7 +57,7 @@ pub fn batch_question(request: proto::BatchGetInfluenceRequest) -> Result<(Strin
 
 /// Decodes a question for a page of states.
 pub fn list_states(request: proto::ListStatesRequest) -> Result<(String, ListingDraft), Problem> {
-    let (environment, pair) = scope(request.scope);
+    let (environment, pair) = scope(request.scope)?;
     let verdict = match proto::Verdict::try_from(request.verdict) {
         Ok(proto::Verdict::Unspecified) => None,
         Ok(proto::Verdict::Influences) => Some(Verdict::Influences),
@@ -104,10 +105,10 @@ pub fn graph(request: proto::GetGraphRequest) -> (String, QuestionDraft) {
 }
 
 /// Decodes a question for what to try next.
-pub fn exploration(request: proto::ExploreRequest) -> (String, ExplorationDraft) {
-    let (environment, pair) = scope(request.scope);
+pub fn exploration(request: proto::ExploreRequest) -> Result<(String, ExplorationDraft), Problem> {
+    let (environment, pair) = scope(request.scope)?;
     let draft = ExplorationDraft { pair, min_visits: request.min_visits, limit: u64::from(request.limit) };
-    (environment, draft)
+    Ok((environment, draft))
 }
 
 /// Decodes which priors are to be fitted; `None` for those of every pair.
@@ -121,9 +122,20 @@ pub fn fit(request: proto::FitPriorRequest) -> (String, Option<PairDraft>) {
     (request.environment, Some(pair).filter(|pair| *pair != PairDraft::default()))
 }
 
+fn within(number: i32) -> Result<Option<String>, Problem> {
+    match proto::Within::try_from(number) {
+        Ok(proto::Within::Unspecified) => Ok(None),
+        Ok(proto::Within::Auto) => Ok(Some("auto".into())),
+        Ok(proto::Within::Segments) => Ok(Some("segments".into())),
+        Ok(proto::Within::Pooled) => Ok(Some("pooled".into())),
+        Err(_) => Err(unknown("/within", number)),
+    }
+}
+
 fn permutations(number: i32) -> Result<Option<String>, Problem> {
     match proto::Permutations::try_from(number) {
         Ok(proto::Permutations::Unspecified) => Ok(None),
+        Ok(proto::Permutations::Auto) => Ok(Some("auto".into())),
         Ok(proto::Permutations::Pooled) => Ok(Some("pooled".into())),
         Ok(proto::Permutations::WithinSegments) => Ok(Some("within_segments".into())),
         Err(_) => Err(unknown("/significance", number)),

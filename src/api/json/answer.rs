@@ -6,7 +6,7 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::evidence::{dependence, interval};
-use super::{Fit, Labels, ModelFigures, Probability, Significance, State, present};
+use super::{Fit, Labels, ModelFigures, Probability, Segmentation, Significance, State, present};
 use crate::api::proto;
 
 /// The answers to one question, with what indices in them stand for.
@@ -62,9 +62,16 @@ pub struct Answer {
     /// Probabilities given the counts.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub probability: Option<Probability>,
+    /// The segments that the counts come from.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub segmentation: Option<Segmentation>,
     /// The test of independence, where it was asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub significance: Option<Significance>,
+    /// What the reader should know before believing the figures, a sentence each: where pooled and stratified tests of independence disagree. Absent
+    /// where there is nothing to warn of.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<String>,
     /// Where it was asked for: the smallest of 1, 2, 5, ..., 10,000 further visits after which 4 of 5 possible futures have a verdict; null where
     /// none does.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -205,7 +212,9 @@ impl From<proto::Answer> for Answer {
             independence: present(answer.independence),
             dependence: dependence(answer.dependence),
             probability: answer.probability.map(Into::into),
+            segmentation: answer.segmentation.map(Into::into),
             significance: answer.significance.map(Into::into),
+            warnings: answer.warnings,
             visits_to_decide: answer.visits_to_decide.map(|needed| needed.visits),
             model,
             lag: answer.lag,
@@ -279,6 +288,8 @@ mod tests {
             independence: "entries".into(),
             dependence: proto::Dependence::Open.into(),
             probability: Some(proto::Probability { dependent: 0.3, above_threshold: 0.1 }),
+            segmentation: Some(proto::Segmentation { count: 3, differ: None }),
+            warnings: vec!["beware".into()],
             visits_to_decide: Some(proto::VisitsToDecide { visits: None }),
             fit: Some(proto::Fit { version: 2, revision: 90 }),
             lag: Some(0),
@@ -321,7 +332,7 @@ mod tests {
             r#""mutual_information":{"plug_in":0.25,"expected_if_independent":0.125,"#,
             r#""expected_method":"hypergeometric","posterior_mean":0.1,"interval":[0.0,0.4],"#,
             r#""estimates":{"excess":0.125}},"independence":"entries","dependence":"open","#,
-            r#""probability":{"dependent":0.3,"above_threshold":0.1},"visits_to_decide":null,"#,
+            r#""probability":{"dependent":0.3,"above_threshold":0.1},"segmentation":{"count":3,"differ":null},"warnings":["beware"],"visits_to_decide":null,"#,
             r#""model":null,"lag":0,"directed":false,"fit":{"version":2,"revision":90},"revision":99}"#
         );
         assert_eq!(told(with_figures()), expected);

@@ -23,6 +23,15 @@ pub struct Significance {
     pub method: String,
 }
 
+/// How counts are divided into segments. Transitions without a segment count as one.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, ToSchema)]
+pub struct Segmentation {
+    /// How many segments have visits, of those asked for.
+    pub count: u64,
+    /// P(habits differ by segment); null where the evidence does not tell.
+    pub differ: Option<f64>,
+}
+
 /// Which fit of the prior was used.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, ToSchema)]
 pub struct Fit {
@@ -82,6 +91,13 @@ impl From<proto::Significance> for Significance {
     fn from(significance: proto::Significance) -> Self {
         let proto::Significance { p_value, method } = significance;
         Self { p_value, method }
+    }
+}
+
+impl From<proto::Segmentation> for Segmentation {
+    fn from(segmentation: proto::Segmentation) -> Self {
+        let proto::Segmentation { count, differ } = segmentation;
+        Self { count, differ }
     }
 }
 

@@ -30,7 +30,7 @@ pub use card::{Calibration, Card, Reliability, Score, Training, model_kind, weig
 pub use decode::decode;
 pub use description::{Agent, Categorical, Circular, Continuous, Description, Feature, Integer, description_of_text};
 pub use environment::{Environment, EnvironmentPage, UnreadableEnvironment};
-pub use evidence::{Fit, Fits, FittedPrior, Probability, Significance, dependence};
+pub use evidence::{Fit, Fits, FittedPrior, Probability, Segmentation, Significance, dependence};
 pub use exploration::{Exploration, Trial};
 pub use graph::{Edge, Graph};
 pub use labels::{Bin, Labels, State, Variable};

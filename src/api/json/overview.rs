@@ -5,7 +5,7 @@ use utoipa::ToSchema;
 
 use super::answer::{basis, verdict};
 use super::evidence::dependence;
-use super::{Basis, Fit, Probability, State, present};
+use super::{Basis, Fit, Probability, Segmentation, State, present};
 use crate::api::proto;
 
 /// The counts of one state.
@@ -92,6 +92,8 @@ pub struct Summary {
     pub states: u64,
     /// Segments of the environment.
     pub segments: Vec<String>,
+    /// The segments that the counts come from; `differ` is the mean over states.
+    pub segmentation: Segmentation,
     /// Visits from which the rule calls data enough.
     pub min_visits: u64,
     /// Share of visits, 0 to 1, that fell in states with at least that many; 0 where nothing was seen.
@@ -118,6 +120,10 @@ pub struct Summary {
     /// The discoveries, where a rate was given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub discoveries: Option<Discoveries>,
+    /// What the reader should know before believing the figures, a sentence each: where pooled and stratified tests of independence disagree, if
+    /// discoveries by `bh` were asked for. Absent where there is nothing to warn of.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<String>,
 }
 
 /// One threshold, told in every way.
@@ -243,6 +249,7 @@ impl From<proto::SummarizeResponse> for Summary {
             transitions: summary.transitions,
             states: summary.states,
             segments: summary.segments,
+            segmentation: summary.segmentation.map(Into::into).unwrap_or_default(),
             min_visits: summary.min_visits,
             share_of_visits_with_enough_data: summary.share_of_visits_with_enough_data,
             verdicts: VerdictCounts {
@@ -263,6 +270,7 @@ impl From<proto::SummarizeResponse> for Summary {
             dependent_share: summary.dependent_share,
             fit: summary.fit.map(Into::into).unwrap_or_default(),
             discoveries: summary.discoveries.map(Into::into),
+            warnings: summary.warnings,
         }
     }
 }

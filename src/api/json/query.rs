@@ -12,6 +12,7 @@ impl Parameters {
             other: self.text("other"),
             given: self.list("given"),
             segments: self.list("segments"),
+            within: self.text("within"),
             rule: self.rule(),
             unit: self.text("unit"),
         }
@@ -84,6 +85,7 @@ pub fn overview(mut query: Parameters) -> Result<(PairDraft, DiscoveryDraft), Pr
 pub fn graph(mut query: Parameters) -> Result<QuestionDraft, Problem> {
     let pair = PairDraft {
         segments: query.list("segments"),
+        within: query.text("within"),
         rule: query.rule(),
         unit: query.text("unit"),
         ..PairDraft::default()
@@ -150,6 +152,7 @@ mod tests {
             ("given", "cook,waiter"),
             ("given", "guest"),
             ("segments", "train"),
+            ("within", "segments"),
             ("rule.share", "0.25"),
             ("rule.min_visits", "3"),
             ("unit", "bits"),
@@ -161,7 +164,7 @@ mod tests {
         let draft = question_of_query(query).expect("valid");
         assert_eq!((draft.pair.ego.as_deref(), draft.pair.other), (Some("robot"), None));
         assert_eq!(draft.pair.given, ["cook", "waiter", "guest"]);
-        assert_eq!(draft.pair.segments, ["train"]);
+        assert_eq!((draft.pair.segments, draft.pair.within.as_deref()), (vec!["train".into()], Some("segments")));
         assert_eq!((draft.pair.rule.share, draft.pair.rule.min_visits), (Some(0.25), Some(3)));
         assert_eq!((draft.pair.unit.as_deref(), draft.view.as_deref()), (Some("bits"), Some("figures")));
         assert_eq!(draft.estimators, ["excess", "miller_madow"]);

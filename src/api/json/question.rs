@@ -27,6 +27,10 @@ pub struct Question {
     /// The segments to count; all if empty.
     #[serde(default)]
     pub segments: Vec<String>,
+    /// What is compared within each segment alone: `auto` (the default) tests of independence only, `segments` the plug-in and its mean under
+    /// independence too, `pooled` nothing.
+    #[schema(example = "auto")]
+    pub within: Option<String>,
     /// The parts of the rule that differ from the environment's.
     pub rule: Option<Rule>,
     /// The unit of the answer's figures, `nats` or `bits`; absent for the rule's.
@@ -35,7 +39,7 @@ pub struct Question {
     /// `grassberger_2003`, `nsb`, `dirichlet`, `adjusted`, `uniform_policy`.
     #[serde(default)]
     pub estimators: Vec<String>,
-    /// Wants the test of independence: `pooled`, or `within_segments` to permute within each segment only.
+    /// Wants the test of independence: `auto` to follow `within`, or `pooled`, or `within_segments` to permute within each segment only.
     pub significance: Option<String>,
     /// Wants to know how many more visits a verdict would take.
     #[serde(default)]
@@ -62,6 +66,7 @@ impl TryFrom<Question> for QuestionDraft {
             other: question.other,
             given: question.given,
             segments: question.segments,
+            within: question.within,
             rule: question.rule.map(Into::into).unwrap_or_default(),
             unit: question.unit,
         };
@@ -126,7 +131,7 @@ mod tests {
 
     #[test]
     fn everything_can_be_asked() {
-        let text = r#"{"ego": "a", "other": "b", "given": ["c"], "segments": ["train"], "rule": {"threshold": 1},
+        let text = r#"{"ego": "a", "other": "b", "given": ["c"], "segments": ["train"], "within": "pooled", "rule": {"threshold": 1},
             "unit": "bits", "estimators": ["excess"], "view": "full",
             "significance": "pooled", "visits_to_decide": true, "states": [{"x": 1, "held": "dish", "x": null}]}"#;
         let named = vec![
@@ -139,6 +144,7 @@ mod tests {
             other: Some("b".into()),
             given: vec!["c".into()],
             segments: vec!["train".into()],
+            within: Some("pooled".into()),
             rule: RuleDraft { threshold: Some(1.0), ..RuleDraft::default() },
             unit: Some("bits".into()),
         };

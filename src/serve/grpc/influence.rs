@@ -70,7 +70,7 @@ impl InfluenceService for Face {
     async fn summarize(&self, request: Request<SummarizeRequest>) -> Result<Response<SummarizeResponse>, Status> {
         call("Summarize", async {
             let SummarizeRequest { scope, discovery } = request.into_inner();
-            let (environment, pair) = grpc::scope(scope);
+            let (environment, pair) = grpc::scope(scope)?;
             let environment = self.app.environments.find(&environment)?;
             Ok(self.app.influence.summary(&environment, &pair, &grpc::discovery(discovery)?).await?.into())
         })
@@ -88,7 +88,7 @@ impl InfluenceService for Face {
 
     async fn explore(&self, request: Request<ExploreRequest>) -> Result<Response<ExploreResponse>, Status> {
         call("Explore", async {
-            let (environment, draft) = grpc::exploration(request.into_inner());
+            let (environment, draft) = grpc::exploration(request.into_inner())?;
             let environment = self.app.environments.find(&environment)?;
             fitting(self.app.influence.explore(&environment, &draft).await?.into(), View::Verdict)
         })

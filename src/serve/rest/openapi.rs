@@ -73,6 +73,10 @@ pub struct PairParameters {
     given: Option<Vec<String>>,
     /// The segments to count, repeated or joined by commas; all by default. A segment whose label holds a comma can be asked for in a body only.
     segments: Option<Vec<String>>,
+    /// What is compared within each segment alone: `auto` (the default) tests of independence only, `segments` the plug-in and its mean under
+    /// independence too, `pooled` nothing.
+    #[param(example = "auto")]
+    within: Option<String>,
     /// The unit of the figures, `nats` or `bits`; the rule's by default.
     unit: Option<String>,
     /// `evidence` or `paper`; the environment's by default.
@@ -111,7 +115,7 @@ pub struct StateParameters {
     estimators: Option<Vec<String>>,
     /// `verdict`, `figures` or `full` (the default).
     view: Option<String>,
-    /// Wants the test of independence: `pooled`, or `within_segments` to permute within each segment only.
+    /// Wants the test of independence: `auto` to follow `within`, or `pooled`, or `within_segments` to permute within each segment only.
     significance: Option<String>,
     /// Wants to know how many more visits a verdict would take.
     visits_to_decide: Option<bool>,
@@ -160,6 +164,10 @@ pub struct GraphParameters {
     key: Option<String>,
     /// The segments to count, repeated or joined by commas; all by default.
     segments: Option<Vec<String>>,
+    /// What is compared within each segment alone: `auto` (the default) tests of independence only, `segments` the plug-in and its mean under
+    /// independence too, `pooled` nothing.
+    #[param(example = "auto")]
+    within: Option<String>,
     /// The unit of the figures, `nats` or `bits`; the rule's by default.
     unit: Option<String>,
 }
