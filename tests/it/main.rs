@@ -21,6 +21,7 @@ mod operations;
 mod planted;
 mod proxy;
 mod rules;
+mod segments;
 mod server;
 mod simulate;
 mod sqlite_store;
