@@ -71,14 +71,13 @@ impl Ground {
             let tested = self.question.significance.map(|how| {
                 let strata = (judged.tables.segments > 1)
                     .then(|| Tables::draws_by_segment(judge.schema, &judge.scope.pair, cells()));
-                Tested::new(&draws, strata.as_deref(), key.seed()).told(how.exchange(judge.scope.within))
+                (Tested::new(&draws, strata.as_deref(), key.seed()), how.exchange(judge.scope.within))
             });
-            let (significance, warning) = tested.map_or((None, None), |(test, warning)| (Some(test), warning));
             let visits_to_decide = self.visits_to_decide(judge, &draws);
             Box::new(Figures {
                 bins: bins(judge.schema, key),
-                significance,
-                warnings: warning.into_iter().collect(),
+                significance: tested.map(|(tested, exchange)| tested.told(exchange)),
+                warnings: tested.and_then(|(tested, _)| tested.warning()).into_iter().collect(),
                 visits_to_decide,
                 model: predicted.and_then(|predicted| self.model(judge, key, predicted)),
                 revision: state.revision,

@@ -228,10 +228,10 @@ async fn make(store: &dyn Store, plan: &Plan) -> Result<Survey, StoreError> {
     let mut pages = Pages::new(store, plan.environment.id);
     while let Some(page) = pages.next().await? {
         let plan = plan.clone();
-        let cells = page.iter().flat_map(|scanned| scanned.counts.of_segments(plan.segments.as_deref()));
-        segments.extend(cells.map(|cell| cell.segment));
-        let measured = tokio::task::spawn_blocking(move || measured(&plan, page)).await;
-        rows.extend(measured.map_err(|error| StoreError::Unreadable(error.to_string()))?);
+        let measured = tokio::task::spawn_blocking(move || (named(&plan, &page), measured(&plan, page))).await;
+        let (named, measured) = measured.map_err(|error| StoreError::Unreadable(error.to_string()))?;
+        segments.extend(named);
+        rows.extend(measured);
     }
     rows.sort_unstable_by(|a, b| a.key.cmp(&b.key));
     let found = tokio::sync::Mutex::new(LruCache::new(KEPT));
@@ -247,6 +247,12 @@ async fn make(store: &dyn Store, plan: &Plan) -> Result<Survey, StoreError> {
         orders: Default::default(),
         found,
     })
+}
+
+/// Returns the segments that have visits in the states of a page, of those asked for.
+fn named(plan: &Plan, page: &[Scanned]) -> HashSet<SegmentId> {
+    let cells = page.iter().flat_map(|scanned| scanned.counts.of_segments(plan.segments.as_deref()));
+    cells.map(|cell| cell.segment).collect()
 }
 
 /// Measures the states of a page; those not seen in the segments asked for are left out.
