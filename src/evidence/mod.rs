@@ -31,7 +31,8 @@
 //! * **One fit for one environment.** States are taken for samples of one kind, and rows for samples of one family. In large alphabets with few visits for
 //!   each pair of actions what is believed is mostly the family's: it is held uncertain by a quarter, which is not always enough (64 x 64 partial copying
 //!   alike in all states, 1,000 visits: intervals hold the truth 12 times in 50).
-//! * **Segments with other habits look like dependence**, if their counts are pooled.
+//! * **A segment may be a common cause.** Habits that differ by segment are told from dependence as long as those of both agents differ by themselves. Where
+//!   they go together over dozens of segments (good teams, say, in which both act otherwise), that is dependence, of the segment's making.
 //!
 //! # How
 //!
@@ -45,6 +46,8 @@
 //!   of the agents in the schema changes nothing, to the bit.
 //! * **Habits** (`habits`). The driver's policy in a state is weighed against its mean policy in the environment, with a fitted concentration. Actions that
 //!   nobody uses have no weight, and mutual information cannot exceed what the used ones allow.
+//! * **Segments** (`segments`). Where a state was seen in several segments, every hypothesis has a twin that is cut by segment: habits may differ from one to the
+//!   other, dependence may be of each segment's own kind, or be there in one of them alone. Mutual information is that within segments.
 //! * **Weights** (`weights`). How probable the hypotheses are, given the counts; those that are light together are taken together.
 //! * **Moments** (`moments`, `freedom`). Under a slab mutual information has a mean and a variance in closed form, to which a Beta distribution is matched;
 //!   `draws` samples the same exactly, for what has no formula, for states never seen, and to check the formulas.

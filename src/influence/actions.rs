@@ -4,14 +4,14 @@ use super::judge::Judge;
 use crate::domain::{ActionFigures, Interval};
 use crate::evidence::ActionPosterior;
 use crate::information::Table;
-use crate::priors::{self, Tables};
+use crate::priors::{self, Draws, Tables};
 
 /// Returns the figures of every ego action, seen or not, in index order; `draws` is what the evidence rests on.
-pub fn by_action(judge: Judge<'_>, tables: &Tables, draws: &[Table]) -> Vec<ActionFigures> {
+pub fn by_action(judge: Judge<'_>, tables: &Tables, draws: &Draws<'_>) -> Vec<ActionFigures> {
     let pair = &judge.scope.pair;
-    let believed = judge
-        .informed
-        .and_then(|informed| Some(informed.in_detail()?.by_action(&informed.habits, draws, priors::ego(pair))));
+    let believed = judge.informed.and_then(|informed| {
+        Some(informed.in_detail()?.by_action(&informed.habits, draws.counted(), priors::ego(pair)))
+    });
     let mut believed = believed.unwrap_or_default().into_iter();
     let figures = |index: u64| figures(judge, tables, index, believed.next());
     (0..judge.schema.agents()[pair.ego].actions()).map(figures).collect()

@@ -8,12 +8,12 @@ use super::judge::{Judge, Judged};
 use super::stratified::Tested;
 use super::survey::Plan;
 use crate::domain::{
-    Answer, Bin, Estimator, Figures, ModelAction, ModelFigures, Question, Schema, StateKey, Unit, View,
+    Answer, Bin, Estimator, Figures, ModelAction, ModelFigures, Question, Schema, Scope, StateKey, Unit, View,
 };
 use crate::error::{ErrorKind, Problem};
-use crate::information::{self, Alphabet, Table};
+use crate::information::{self, Alphabet};
 use crate::model::Prediction;
-use crate::priors::{self, Tables};
+use crate::priors::{self, Draws, Tables};
 use crate::store::StateCounts;
 
 /// States that are answered at once; more are shared among threads, so that nobody waits behind ten thousand.
@@ -66,12 +66,13 @@ impl Ground {
         let judged = judge.judge(key, cells(), predicted);
         let visits = judged.tables.whole.total();
         // What the evidence rests on, for those figures that need the tables themselves.
-        let draws = LazyCell::new(|| judged.tables.draws(judge.schema, &judge.scope.pair, cells()));
+        let (schema, Scope { pair, within, .. }) = (judge.schema, judge.scope);
+        let draws = LazyCell::new(|| judged.tables.evidence(schema, pair, *within, cells()));
         let figures = (judge.view != View::Verdict).then(|| {
             let tested = self.question.significance.map(|how| {
-                let strata = (judged.tables.segments > 1)
-                    .then(|| Tables::draws_by_segment(judge.schema, &judge.scope.pair, cells()));
-                (Tested::new(&draws, strata.as_deref(), key.seed()), how.exchange(judge.scope.within))
+                let strata = (judged.tables.segments > 1).then(|| Tables::draws_by_segment(schema, pair, cells()));
+                let pooled = judged.tables.draws(schema, pair, cells());
+                (Tested::new(&pooled, strata.as_deref(), key.seed()), how.exchange(*within))
             });
             let visits_to_decide = self.visits_to_decide(judge, &draws);
             Box::new(Figures {
@@ -89,10 +90,10 @@ impl Ground {
     }
 
     /// Returns how many more visits a verdict would take, if that is asked for and there are not too many actions for it.
-    fn visits_to_decide(&self, judge: Judge<'_>, draws: &[Table]) -> Option<Option<u64>> {
+    fn visits_to_decide(&self, judge: Judge<'_>, draws: &Draws<'_>) -> Option<Option<u64>> {
         let informed = judge.informed.filter(|_| self.question.visits_to_decide)?;
         let (prior, scope) = (informed.in_detail()?, judge.scope);
-        let visits = prior.visits_to_decide(&informed.habits, draws, priors::ego(&scope.pair), &scope.rule);
+        let visits = prior.visits_to_decide(&informed.habits, draws.counted(), priors::ego(&scope.pair), &scope.rule);
         Some(visits.filter(|_| judge.is_open()))
     }
 

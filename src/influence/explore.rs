@@ -39,9 +39,9 @@ fn trials(plan: &Plan, key: &StateKey, state: &StateCounts) -> Vec<Trial> {
     let (schema, scope) = (&plan.environment.schema, &plan.scope);
     let cells = || state.counts.of_segments(plan.segments.as_deref());
     let tables = Tables::new(schema, &scope.pair, cells());
-    let draws = tables.draws(schema, &scope.pair, cells());
+    let draws = tables.evidence(schema, &scope.pair, scope.within, cells());
     let threshold = scope.rule.threshold_nats();
-    let above_threshold = prior.posterior(&informed.habits, &draws).above(threshold);
+    let above_threshold = prior.posterior(&informed.habits, draws.counted()).above(threshold);
     let trial = |(index, information_gain): (u64, f64)| Trial {
         key: key.clone(),
         bins: bins(schema, key),
@@ -53,7 +53,7 @@ fn trials(plan: &Plan, key: &StateKey, state: &StateCounts) -> Vec<Trial> {
         above_threshold,
     };
     (0..)
-        .zip(prior.information_gain(&informed.habits, &draws, priors::ego(&scope.pair), threshold))
+        .zip(prior.information_gain(&informed.habits, draws.counted(), priors::ego(&scope.pair), threshold))
         .map(trial)
         .collect()
 }

@@ -5,9 +5,9 @@ use crate::domain::{
     Verdict, View,
 };
 use crate::evidence::{self, Believed};
-use crate::information::{Table, plug_in};
+use crate::information::plug_in;
 use crate::model::{Network, Prediction};
-use crate::priors::{Found, Ground, Informed, Tables};
+use crate::priors::{Draws, Found, Ground, Informed, Tables};
 
 /// Who judges: a schema, a question's scope and the fit that the evidence rests on.
 #[derive(Clone, Copy)]
@@ -71,7 +71,9 @@ impl Judge<'_> {
         let is_wanted = self.view != View::Verdict || rule.kind == RuleKind::Evidence || self.network.is_some();
         let wanted = self.informed.filter(|_| is_wanted);
         let found = wanted.map(|informed| {
-            self.remembered(informed, key, tally, || self.found(informed, &tables.draws(self.schema, pair, cells)))
+            self.remembered(informed, key, tally, || {
+                self.found(informed, &tables.evidence(self.schema, pair, *within, cells))
+            })
         });
         let evidence = found.map(|found| found.evidence);
         let visits = tables.whole.total();
@@ -130,17 +132,17 @@ impl Judge<'_> {
     }
 
     /// Returns what the draws of a state support, in nats.
-    fn found(&self, informed: &Informed, draws: &[Table]) -> Found {
+    fn found(&self, informed: &Informed, draws: &Draws<'_>) -> Found {
         let threshold = self.scope.rule.threshold_nats();
-        let posterior = informed.prior.posterior(&informed.habits, draws);
-        let believed = Believed::new(posterior.beliefs(threshold), informed.unseen(threshold), draws);
+        let posterior = informed.prior.posterior(&informed.habits, draws.counted());
+        let believed = Believed::new(posterior.beliefs(threshold), informed.unseen(threshold), &draws.slices);
         let evidence = Evidence {
             dependence: evidence::dependence(&believed),
             probability: Probability { dependent: believed.now.dependent, above_threshold: believed.now.above },
             // A negative zero would be told as "-0".
             posterior_mean: posterior.mean() + 0.0,
             interval: posterior.interval(),
-            differ: None,
+            differ: posterior.differ(),
         };
         Found { evidence, believed }
     }

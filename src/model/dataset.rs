@@ -8,10 +8,10 @@ use rand_pcg::Pcg64;
 use rayon::prelude::*;
 
 use super::spare_time::in_spare_time;
-use crate::domain::{Environment, FitId, Pair, StateKey};
-use crate::evidence::{Base, Ego};
+use crate::domain::{Environment, FitId, Pair, StateKey, Within};
+use crate::evidence::{Base, Counted, Ego};
 use crate::information::{Alphabet, Table};
-use crate::priors::{self, Fits, Fitted, Pages, Sample, Tables};
+use crate::priors::{self, Draws, Fits, Fitted, Pages, Sample, Tables};
 use crate::store::{Store, StoreError};
 
 /// The states of an environment for one pair of agents.
@@ -60,7 +60,8 @@ impl Dataset {
             for scanned in page {
                 let cells = scanned.counts.cells().iter();
                 let tables = Tables::new(&environment.schema, pair, cells.clone());
-                sample.add(scanned.key, tables.draws(&environment.schema, pair, cells).into_owned());
+                let draws = tables.evidence(&environment.schema, pair, Within::Auto, cells);
+                sample.add(scanned.key, draws.into_owned());
             }
         }
         let dataset = Self {
@@ -72,17 +73,17 @@ impl Dataset {
             fitted,
             ego: priors::ego(pair),
         };
-        let states = sample.states.into_iter().filter_map(|(key, draws)| Some((key, draws.into_iter().next()?)));
-        let states = states.collect();
+        let states = sample.states;
         let weighed = tokio::task::spawn_blocking(move || in_spare_time(|| dataset.with(states))).await;
         weighed.map(Some).map_err(|error| StoreError::Unreadable(error.to_string()))
     }
 
     /// Returns the same with these states, whose tables have the prior's rows.
-    fn with(self, states: Vec<(StateKey, Table)>) -> Self {
-        let example = |(key, draws): (StateKey, Table)| {
-            let table = if self.ego == Ego::Rows { draws } else { draws.transposed() };
-            (table.total() > 0).then(|| Example { above: self.above(&table), key, table })
+    fn with(self, states: Vec<(StateKey, Draws<'static>)>) -> Self {
+        let example = |(key, draws): (StateKey, Draws<'static>)| {
+            let table = draws.slices.first()?;
+            let table = if self.ego == Ego::Rows { table.clone() } else { table.transposed() };
+            (table.total() > 0).then(|| Example { above: self.given(draws.counted()), key, table })
         };
         let mut examples: Vec<Example> = states.into_par_iter().filter_map(example).collect();
         examples.sort_unstable_by(|a, b| a.key.cmp(&b.key));
@@ -98,9 +99,14 @@ impl Dataset {
 
     /// Returns P(MI > threshold) given a table whose rows are the ego's actions.
     pub fn above(&self, table: &Table) -> f64 {
-        let prior = &self.fitted.prior;
-        let above = |draws: &Table| prior.posterior(prior.habits(), std::slice::from_ref(draws)).above(self.threshold);
+        let above = |draws: &Table| self.given(std::slice::from_ref(draws).into());
         if self.ego == Ego::Rows { above(table) } else { above(&table.transposed()) }
+    }
+
+    /// Returns the same of a state's draws, whose rows are the prior's.
+    fn given(&self, counted: Counted<'_>) -> f64 {
+        let prior = &self.fitted.prior;
+        prior.posterior(prior.habits(), counted).above(self.threshold)
     }
 
     /// Returns the same with the other's actions shuffled within each state: every habit stays, and nothing depends on anything.

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use lru::LruCache;
 
-use crate::domain::{Environment, EnvironmentId, FitId, Pair, Schema, StateKey};
+use crate::domain::{Environment, EnvironmentId, FitId, Pair, Schema, StateKey, Within};
 use crate::evidence::{self, Beliefs, Ego, Fit, Fitter, Habits, Prior, Uses};
 use crate::information::{Alphabet, Table};
 use crate::store::form::Unreadable;
@@ -151,7 +151,7 @@ impl Fits {
         let (uses, states) = self.states(environment, &pair, alphabet).await?;
         let fitting = move || {
             let mut fitter = Fitter::new(alphabet, &uses);
-            states.iter().for_each(|(_, draws)| fitter.add(&draws.pooled()));
+            states.iter().for_each(|(_, draws)| fitter.add(draws.counted()));
             fitter.fit()
         };
         let fit = tokio::task::spawn_blocking(fitting).await;
@@ -220,7 +220,7 @@ impl Fits {
         environment: &Environment,
         pair: &Pair,
         alphabet: Alphabet,
-    ) -> Result<(Uses, Vec<(StateKey, Draws)>), StoreError> {
+    ) -> Result<(Uses, Vec<(StateKey, Draws<'static>)>), StoreError> {
         let mut uses = Uses::new(alphabet);
         let mut sample = Sample::default();
         let mut pages = Pages::new(&*self.store, environment.id);
@@ -228,11 +228,10 @@ impl Fits {
             for scanned in page {
                 let cells = scanned.counts.cells().iter();
                 let tables = Tables::new(&environment.schema, pair, cells.clone());
-                let draws = tables.into_draws(&environment.schema, pair, cells);
-                let pooled = draws.pooled();
-                uses.add(&pooled);
-                if !pooled.iter().all(Table::is_line) {
-                    sample.add(scanned.key, draws);
+                let draws = tables.evidence(&environment.schema, pair, Within::Auto, cells);
+                uses.add(draws.counted());
+                if !draws.slices.iter().all(Table::is_line) {
+                    sample.add(scanned.key, draws.into_owned());
                 }
             }
         }

@@ -4,6 +4,7 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 use crate::domain::{Cell, Exchange, Independence, Pair, Schema, SegmentId, Tally, Within};
+use crate::evidence;
 use crate::information::{self, Cut, ExpectedMethod, Table};
 
 /// The tables of one state for one pair.
@@ -18,21 +19,24 @@ pub struct Tables {
     strata: Vec<Table>,
 }
 
-/// The draws of a state.
-pub enum Draws {
-    /// Of one segment at most: a table for each joint action of the agents held fixed.
-    Whole(Vec<Table>),
-    /// Of several segments.
-    Cut(Vec<Cut>),
+/// What the evidence about a state rests on: independent draws, rows for the earlier agent.
+#[derive(Debug, Clone)]
+pub struct Draws<'a> {
+    /// A table for each joint action of the agents held fixed.
+    pub slices: Cow<'a, [Table]>,
+    /// The parts by segment of those slices that can tell dependence from independence; none where there is one segment, or segments are of no concern.
+    parts: Vec<Table>,
 }
 
-impl Draws {
-    /// Returns the tables over all segments.
-    pub fn pooled(&self) -> Cow<'_, [Table]> {
-        match self {
-            Self::Whole(slices) => slices.into(),
-            Self::Cut(cuts) => cuts.iter().map(|cut| cut.whole.clone()).collect(),
-        }
+impl Draws<'_> {
+    /// Returns them as the evidence takes them.
+    pub fn counted(&self) -> evidence::Counted<'_> {
+        evidence::Counted { slices: &self.slices, parts: &self.parts }
+    }
+
+    /// Returns the same for those who keep them.
+    pub fn into_owned(self) -> Draws<'static> {
+        Draws { slices: self.slices.into_owned().into(), parts: self.parts }
     }
 }
 
@@ -111,12 +115,30 @@ impl Tables {
         cuts.into_values().map(cut).collect()
     }
 
-    /// Returns the draws for those who keep them: cut only where several segments have visits, so that the others take no more room.
-    pub fn into_draws<'a>(self, schema: &Schema, pair: &Pair, cells: impl Iterator<Item = &'a Cell> + Clone) -> Draws {
-        match self.segments {
-            0 | 1 => Draws::Whole(self.draws(schema, pair, cells).into_owned()),
-            _ => Draws::Cut(Self::draws_cut(schema, pair, cells)),
+    /// Returns what the evidence rests on, within what is said: the pooled draws with their parts by segment, those parts alone, or the pooled draws alone.
+    pub fn evidence<'a>(
+        &self,
+        schema: &Schema,
+        pair: &Pair,
+        within: Within,
+        cells: impl Iterator<Item = &'a Cell> + Clone,
+    ) -> Draws<'_> {
+        let is_cut = self.segments > 1;
+        let slices = match within {
+            Within::Segments if is_cut => Self::draws_by_segment(schema, pair, cells.clone()).into(),
+            _ => self.draws(schema, pair, cells.clone()),
+        };
+        let parts = if within == Within::Auto && is_cut { Self::parts(schema, pair, cells) } else { Vec::new() };
+        Draws { slices, parts }
+    }
+
+    fn parts<'a>(schema: &Schema, pair: &Pair, cells: impl Iterator<Item = &'a Cell> + Clone) -> Vec<Table> {
+        let cuts = Self::draws_cut(schema, pair, cells);
+        let telling = || cuts.iter().filter(|cut| !cut.whole.is_line());
+        if telling().all(|cut| cut.parts.len() < 2) {
+            return Vec::new();
         }
+        telling().flat_map(|cut| cut.parts.iter().cloned()).collect()
     }
 
     /// Returns the tables that figures are a mean over; none where they are of the whole.
@@ -322,7 +344,14 @@ mod tests {
         assert_eq!(tables.expected_if_independent(), pooled.expected_if_independent());
         let exchangeable = |exchange| tables.exchangeable(&schema, &pair, exchange, cells.iter()).into_owned();
         assert_eq!(exchangeable(Exchange::WithinSegments), exchangeable(Exchange::Pooled));
-        assert!(matches!(tables.into_draws(&schema, &pair, cells.iter()), Draws::Whole(_)));
+        for within in Within::ALL {
+            let draws = tables.evidence(&schema, &pair, within, cells.iter());
+            assert_eq!(
+                (&*draws.slices, draws.parts.len()),
+                (&*pooled.draws(&schema, &pair, cells.iter()), 0),
+                "{within:?}"
+            );
+        }
     }
 
     #[test]
@@ -353,8 +382,9 @@ mod tests {
         assert_eq!(segments.draws(&schema, &pair, cells.iter()), pooled.draws(&schema, &pair, cells.iter()));
         let mean: f64 = (0..2).map(|row| segments.divergence(row) * segments.whole.rows()[row] as f64 / 300.0).sum();
         assert!((mean - segments.figure(information::plug_in)).abs() < 1e-12, "the mean of the ego's actions");
-        let Draws::Cut(cuts) = auto.into_draws(&schema, &pair, cells.iter()) else { panic!("three segments") };
-        assert_eq!(cuts[0].parts.len(), 3);
-        assert_eq!(*Draws::Cut(cuts).pooled(), *pooled.draws(&schema, &pair, cells.iter()));
+        let draws = |within| auto.evidence(&schema, &pair, within, cells.iter());
+        let sizes = Within::ALL.map(|within| (draws(within).slices.len(), draws(within).parts.len()));
+        assert_eq!(sizes, [(1, 3), (3, 0), (1, 0)]);
+        assert_eq!(*draws(Within::Auto).slices, *pooled.draws(&schema, &pair, cells.iter()));
     }
 }
