@@ -6,6 +6,7 @@ use rand_pcg::Pcg64;
 
 use crate::information::{Alphabet, Table};
 
+pub mod graphs;
 mod hard;
 
 /// How states come about.
