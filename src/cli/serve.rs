@@ -51,7 +51,8 @@ pub struct ServeSettings {
     /// Cells kept in memory.
     #[arg(long, env = "NUDGE_CACHE_CELLS", value_name = "N", default_value_t = Config::default().cache_cells)]
     pub cache_cells: usize,
-    /// How often it is looked whether priors are to be fitted to the counts again, which is when a tenth more was counted; 0s for never.
+    /// How often it is looked whether priors are to be fitted to the counts again, which is when a tenth more was counted, for pairs of agents that were
+    /// asked about within the last hour; 0s for never.
     #[arg(long, env = "NUDGE_FIT_EVERY", value_name = "TIME", value_parser = duration, default_value = "5s")]
     pub fit_every: Duration,
     /// How often it is looked whether networks are to be trained again, which is when half as much again was counted; 0s for never.

@@ -1,7 +1,7 @@
 //! The priors that evidence stands on: fitted to all states of an environment, one for each pair of agents, in the background and on request.
 //!
 //! A fit is made of the counts as they are when it begins, and answers name it. It is not made anew with each commit: by then a tenth more must have
-//! been counted.
+//! been counted, and somebody must have asked for it within the last hour.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -14,6 +14,7 @@ use crate::information::{Alphabet, Table};
 use crate::store::form::Unreadable;
 use crate::store::{FitRecord, Store, StoreError};
 
+mod asked;
 mod known;
 mod sample;
 mod scan;
@@ -25,6 +26,7 @@ pub use tables::{Draws, Tables};
 
 pub use known::{Found, Ground};
 
+use asked::Asked;
 use known::Known;
 pub use sample::Sample;
 
@@ -101,13 +103,14 @@ type Key = (EnvironmentId, Pair);
 pub struct Fits {
     store: Arc<dyn Store>,
     kept: Arc<Mutex<LruCache<Key, Arc<Fitted>>>>,
+    asked: Arc<Asked>,
     making: Arc<tokio::sync::Mutex<()>>,
 }
 
 impl Fits {
     /// Keeps the fits of a store.
     pub fn new(store: Arc<dyn Store>) -> Self {
-        Self { store, kept: Arc::new(Mutex::new(LruCache::new(KEPT))), making: Arc::default() }
+        Self { store, kept: Arc::new(Mutex::new(LruCache::new(KEPT))), asked: Arc::default(), making: Arc::default() }
     }
 
     /// Returns the last fit of a pair, or the prior that nothing was fitted to; `None` where the alphabets are too large for evidence.
@@ -128,8 +131,10 @@ impl Fits {
         Ok(Some(self.keep(key, id, last_version, fit)))
     }
 
-    /// Returns the last fit of a pair with the habits of the environment by now; `None` where the alphabets are too large for evidence.
+    /// Returns the last fit of a pair with the habits of the environment by now; `None` where the alphabets are too large for evidence. Whoever asks has it
+    /// kept up for an hour.
     pub async fn informed(&self, environment: &Environment, pair: &Pair) -> Result<Option<Informed>, StoreError> {
+        self.asked.note((environment.id, pair.undirected()), Instant::now());
         let Some(fitted) = self.get(environment, pair).await? else { return Ok(None) };
         let totals = self.store.actions(environment).await?;
         let Pair { ego, other, .. } = pair.undirected();
@@ -137,8 +142,13 @@ impl Fits {
         Ok(Some(Informed { fitted, habits, revision: totals.revision }))
     }
 
-    /// Fits a pair to the counts as they are now; `None` where the alphabets are too large for evidence.
+    /// Fits a pair to the counts as they are now; `None` where the alphabets are too large for evidence. Whoever asks has it kept up for an hour.
     pub async fn fit(&self, environment: &Environment, pair: &Pair) -> Result<Option<Arc<Fitted>>, StoreError> {
+        self.asked.note((environment.id, pair.undirected()), Instant::now());
+        self.make(environment, pair).await
+    }
+
+    async fn make(&self, environment: &Environment, pair: &Pair) -> Result<Option<Arc<Fitted>>, StoreError> {
         let pair = pair.undirected();
         let Some(alphabet) = alphabet(&environment.schema, &pair) else { return Ok(None) };
         let _turn = self.making.lock().await;
@@ -175,21 +185,24 @@ impl Fits {
         }
     }
 
-    /// Fits what has grown enough, for ever: every pair of agents, and those asked about with others held fixed.
+    /// Fits what has grown enough, for ever: what was asked for within the last hour.
     pub async fn keep_up(self, every: Duration) {
         loop {
             tokio::time::sleep(every).await;
-            for environment in self.store.environments() {
-                for pair in self.pairs(&environment) {
-                    let started = Instant::now();
-                    match self.fit_if_due(&environment, &pair).await {
-                        Ok(true) => tokio::time::sleep(started.elapsed() * REST).await,
-                        // Somebody may have removed it meanwhile.
-                        Ok(false) | Err(StoreError::UnknownEnvironment) => {}
-                        Err(error) => {
-                            tracing::warn!(%error, environment = %environment.name, "a prior was not fitted")
-                        }
-                    }
+            self.keep_up_once(Instant::now()).await;
+        }
+    }
+
+    /// Fits what has grown enough and was asked for within the hour before `now`.
+    pub async fn keep_up_once(&self, now: Instant) {
+        for environment in self.store.environments() {
+            for pair in self.asked.lately(environment.id, now) {
+                let started = Instant::now();
+                match self.fit_if_due(&environment, &pair).await {
+                    Ok(true) => tokio::time::sleep(started.elapsed() * REST).await,
+                    // Somebody may have removed it meanwhile.
+                    Ok(false) | Err(StoreError::UnknownEnvironment) => {}
+                    Err(error) => tracing::warn!(%error, environment = %environment.name, "a prior was not fitted"),
                 }
             }
         }
@@ -202,16 +215,7 @@ impl Fits {
         if counted == fitted.id.revision || (counted as f64) < due {
             return Ok(false);
         }
-        Ok(self.fit(environment, pair).await?.is_some())
-    }
-
-    /// Returns every pair of agents, and those that were asked about with others held fixed.
-    fn pairs(&self, environment: &Environment) -> Vec<Pair> {
-        let mut pairs = Pair::every(&environment.schema);
-        let asked = self.lock().iter().map(|(key, _)| key.clone()).collect::<Vec<_>>();
-        let conditional = |(id, pair): &Key| *id == environment.id && !pair.given.is_empty();
-        pairs.extend(asked.into_iter().filter(conditional).map(|(_, pair)| pair));
-        pairs
+        Ok(self.make(environment, pair).await?.is_some())
     }
 
     /// Returns how all states use the actions of both agents, and the draws of the states that can tell dependence from independence, in order of key.
