@@ -11,6 +11,7 @@ mod duration;
 mod env;
 mod experiment;
 mod failure;
+mod graph;
 mod ingest;
 mod model;
 mod output;

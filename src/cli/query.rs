@@ -6,7 +6,7 @@ use clap::{Args, ValueEnum};
 
 use super::output::{print, print_json, to_json};
 use super::server::Server;
-use super::{Failure, answers};
+use super::{Failure, answers, graph};
 use crate::api::{json as dto, proto};
 use crate::client::schema_of;
 use crate::domain::Schema;
@@ -63,6 +63,9 @@ pub(super) struct Query {
     /// How much is told; full for one state and figures for several unless given
     #[arg(long, value_enum)]
     view: Option<View>,
+    /// Draw the causal graph of one state: what every pair of agents is, beside all others
+    #[arg(long, conflicts_with_all = ["ego", "other", "given", "estimators", "significance", "visits_to_decide", "view"])]
+    graph: bool,
     #[command(flatten)]
     rule: Rule,
     /// Print JSON, as REST answers it
@@ -153,6 +156,13 @@ impl Query {
         }
         let connection = self.server.connect().await?;
         let schema = schema_of(&connection.environment(&self.environment).await?)?;
+        if self.graph {
+            let response = connection.influence().get_graph(self.graph_request(&schema)?).await?.into_inner();
+            return match self.json {
+                true => print_json(&to_json(dto::Graph::from(response))),
+                false => print(&graph::render(&self.environment, &response)),
+            };
+        }
         let request = self.request(&schema)?;
         let response = connection.influence().batch_get_influence(request).await?.into_inner();
         if self.json {
@@ -174,6 +184,26 @@ impl Query {
             estimators: self.estimators.clone(),
             significance: self.significance.map_or(proto::Permutations::Unspecified, Into::into).into(),
             visits_to_decide: self.visits_to_decide,
+        })
+    }
+
+    /// Returns the question for the graph of one state as the service takes it.
+    fn graph_request(&self, schema: &Schema) -> Result<proto::GetGraphRequest, Failure> {
+        use proto::get_graph_request::State;
+        let mut states: Vec<State> = values(schema, grouped(&self.state))?.into_iter().map(State::Values).collect();
+        states.extend(self.key.iter().cloned().map(State::Key));
+        if states.len() > 1 {
+            return Err(Failure::usage(format!(
+                "got {} states, expected one: a graph is of a single state",
+                states.len()
+            )));
+        }
+        Ok(proto::GetGraphRequest {
+            environment: self.environment.clone(),
+            state: states.pop(),
+            segments: self.segments.clone(),
+            rule: Some(self.rule.clone().into()),
+            unit: self.unit.clone().unwrap_or_default(),
         })
     }
 

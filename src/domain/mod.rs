@@ -56,8 +56,8 @@ pub use model::{
 };
 pub use name::{Label, Name, ProducerId};
 pub use overview::{
-    Discoveries, Discovery, DiscoveryMethod, Edge, Exploration, FittedPrior, Graph, HistogramBin, LabelledCell,
-    StateFigures, StatePage, StateView, Summary, Trial, page_size,
+    Discoveries, Discovery, DiscoveryMethod, Edge, EdgeKind, Exploration, FittedPrior, Graph, HistogramBin,
+    LabelledCell, StateFigures, StatePage, StateView, Summary, Trial, page_size,
 };
 pub use question::{Exchange, MOST_STATES, Pair, Permutations, Question, Scope, View, Within};
 pub use records::{Digest, Entry, Record, Records, Rejection, Widths, Worded};

@@ -225,8 +225,42 @@ pub struct Edge {
     pub from: usize,
     /// The position of the later agent.
     pub to: usize,
-    /// The answer, with figures.
+    /// The answer, with figures: of the pair by itself.
     pub answer: Answer,
+    /// What it is, beside all other agents.
+    pub kind: EdgeKind,
+    /// The positions of the agents that explain it: with their actions held fixed no dependence is left.
+    pub explained_by: Vec<usize>,
+    /// The positions of the agents that open it: with their actions held fixed there is dependence that is not seen without.
+    pub opened_by: Vec<usize>,
+}
+
+/// What a pair of agents is in a causal graph.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum EdgeKind {
+    /// The two depend on each other, and no few other agents explain it.
+    Direct,
+    /// They depend on each other by way of others.
+    Explained,
+    /// What was seen does not decide; or they depend on each other only while others are held fixed.
+    Open,
+    /// They do not depend on each other.
+    Absent,
+}
+
+impl EdgeKind {
+    /// Every kind, in the order in which they are told.
+    pub const ALL: [Self; 4] = [Self::Direct, Self::Explained, Self::Open, Self::Absent];
+
+    /// Returns the word on the wire.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Direct => "direct",
+            Self::Explained => "explained",
+            Self::Open => "open",
+            Self::Absent => "absent",
+        }
+    }
 }
 
 /// Where one more visit is worth most.

@@ -45,6 +45,12 @@ impl Believed {
         Self { now, unseen, draws, tells }
     }
 
+    /// Compares how probable any dependence is by these slices with how probable it is in a state never seen.
+    pub fn of_dependence(now: f64, unseen: f64, slices: &[Table]) -> Self {
+        let any = |dependent: f64| Beliefs { dependent, above: dependent, above_if_dependent: 1.0 };
+        Self::new(any(now), any(unseen), slices)
+    }
+
     /// Returns whether mutual information is above the threshold, where that is probable enough and earned.
     fn decided(&self, confidence: f64) -> Option<bool> {
         let Self { now, unseen, .. } = self;
@@ -98,6 +104,23 @@ pub fn dependence(believed: &Believed) -> Dependence {
     }
     let is_excluded = *tells && 1.0 - is >= CERTAIN && (fell(was, is) || is_settled(1.0 - is));
     if is_excluded { Dependence::Excluded } else { Dependence::Open }
+}
+
+/// Returns whether what is believed with some agents held fixed explains a dependence that was established without: the counts moved its odds to a third, or
+/// less, of what they were. That it be excluded is not asked for: where nearly all states depend, few counts could.
+pub fn is_explained(believed: &Believed) -> bool {
+    let Believed { now, unseen, tells, .. } = believed;
+    *tells && fell(unseen.dependent, now.dependent)
+}
+
+/// Returns whether what is believed with some agents held fixed establishes a dependence that was not without, where the largest of so many was taken: the
+/// more sets of agents are looked at, the more one must stand out (Bonferroni's correction, of odds).
+pub fn is_opened(believed: &Believed, sets: u64) -> bool {
+    let Believed { now, unseen, tells, .. } = believed;
+    let sets = sets.max(1) as f64;
+    *tells
+        && odds(now.dependent) >= sets * odds(CERTAIN)
+        && odds(now.dependent) >= sets * EARNED * odds(unseen.dependent)
 }
 
 fn odds(p: f64) -> f64 {

@@ -91,7 +91,7 @@ mod weights;
 pub use base::Base;
 pub use by_action::{ActionPosterior, Ego};
 pub use counted::Counted;
-pub use decision::{Beliefs, Believed, basis, decide, dependence};
+pub use decision::{Beliefs, Believed, basis, decide, dependence, is_explained, is_opened};
 pub use expected::{Expected, factors};
 pub use fit::{Fit, Fitter};
 pub use habits::{Habits, Uses};

@@ -10,10 +10,12 @@ mod actions;
 mod answer;
 mod discoveries;
 mod explore;
+mod graph;
 mod judge;
 mod listing;
 mod order;
 mod size;
+mod skeleton;
 mod stratified;
 mod summary;
 mod survey;
@@ -22,10 +24,10 @@ use answer::Ground;
 use listing::Listing;
 use survey::{Plan, Survey, Surveys};
 
-use crate::domain::draft::{DiscoveryDraft, ExplorationDraft, ListingDraft, PairDraft, QuestionDraft};
+use crate::domain::draft::{DiscoveryDraft, ExplorationDraft, ListingDraft, PairDraft};
 use crate::domain::{
-    Agent, Answers, Basis, Cell, Discovery, Edge, Environment, Exploration, FittedPrior, Graph, Label, LabelledCell,
-    Labels, Pair, Question, Schema, Scope, SegmentId, StatePage, StateView, Summary, Tally, Variable, View, page_size,
+    Agent, Answer, Answers, Basis, Cell, Discovery, Environment, Exploration, FittedPrior, Label, LabelledCell, Labels,
+    Pair, Question, Schema, Scope, SegmentId, StatePage, StateView, Summary, Tally, Variable, page_size,
 };
 use crate::error::{ErrorKind, Fault, Problem};
 use crate::model::Networks;
@@ -57,15 +59,7 @@ impl Influence {
         let counts = self.store.counts(environment.id, &question.states).await.map_err(logged)?;
         let labels = labels(schema, &question.scope.pair);
         let answers = answer::answers(Ground { plan, question }, counts).await?;
-        let mut bases = [0; 3];
-        answers.iter().for_each(|answer| {
-            bases[match answer.basis {
-                Basis::Counts(_) => 0,
-                Basis::Model(_) => 1,
-                Basis::Prior => 2,
-            }] += 1;
-        });
-        telemetry::answered(started.elapsed(), bases);
+        told(started, &answers);
         Ok(Answers { labels, answers })
     }
 
@@ -112,22 +106,6 @@ impl Influence {
         let named = self.store.segments(environment.id).await.map_err(logged)?;
         let named = named.into_iter().filter_map(|(_, label)| label).collect();
         Ok(summary::summary(&environment.schema, &plan.scope, named, &survey, found.as_deref()))
-    }
-
-    /// Returns the causal graph of one state: every pair of agents with its answer.
-    pub async fn graph(&self, environment: &Arc<Environment>, draft: &QuestionDraft) -> Result<Graph, Problem> {
-        let first =
-            Question { view: View::Figures, ..Question::new(environment, &of_widest(&environment.schema, draft))? };
-        let mut edges = Vec::new();
-        for pair in Pair::every(&environment.schema) {
-            let (from, to) = (pair.ego, pair.other);
-            let question = Question { scope: first.scope.of_pair(&environment.schema, pair), ..first.clone() };
-            let answers = self.answer(environment, question).await?.answers;
-            edges.extend(answers.into_iter().map(|answer| Edge { from, to, answer }));
-        }
-        let key = first.states.first().cloned().ok_or_else(|| Problem::invalid("question", Vec::new()))?;
-        let nodes = environment.schema.agents().iter().map(|agent| agent.name.to_string()).collect();
-        Ok(Graph { bins: answer::bins(&environment.schema, &key), key, nodes, edges })
     }
 
     /// Returns the states, and the ego's actions in them, where one more visit is worth most.
@@ -211,12 +189,17 @@ impl Influence {
     }
 }
 
-/// Returns a question about all pairs for the one that can have the most: a threshold that it cannot reach is beyond every pair.
-fn of_widest(schema: &Schema, draft: &QuestionDraft) -> QuestionDraft {
-    let Pair { ego, other, .. } = Pair::widest(schema);
-    let name = |agent: usize| Some(schema.agents()[agent].name.to_string());
-    let pair = PairDraft { ego: name(ego), other: name(other), ..draft.pair.clone() };
-    QuestionDraft { pair, ..draft.clone() }
+/// Counts a question that was answered.
+fn told(since: Instant, answers: &[Answer]) {
+    let mut bases = [0; 3];
+    for answer in answers {
+        bases[match answer.basis {
+            Basis::Counts(_) => 0,
+            Basis::Model(_) => 1,
+            Basis::Prior => 2,
+        }] += 1;
+    }
+    telemetry::answered(since.elapsed(), bases);
 }
 
 fn limit_fault(limit: u64) -> Fault {

@@ -11,6 +11,7 @@ mod experiments;
 mod faces;
 mod fake;
 mod golden;
+mod graphs;
 mod inference;
 mod ingest;
 mod kill;

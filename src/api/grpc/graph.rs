@@ -1,31 +1,81 @@
-//! Causal graphs: as a message, and as text for Graphviz.
+//! Causal graphs: as a message, with a sentence for each pair of agents, and as text for Graphviz.
 
 use super::answer::state;
 use crate::api::proto;
-use crate::domain::{Basis, Dependence, Edge, Graph};
+use crate::domain::{Basis, Edge, EdgeKind, Graph};
 
 impl From<Graph> for proto::GetGraphResponse {
     fn from(graph: Graph) -> Self {
         let dot = dot(&graph);
+        let notes: Vec<String> = graph.edges.iter().map(|edge| note(&graph, edge)).collect();
         let name = |agent: usize| graph.nodes[agent].clone();
-        let edge = |edge: Edge| proto::Edge {
+        let edge = |(edge, note): (Edge, String)| proto::Edge {
             from: name(edge.from),
             to: name(edge.to),
             lag: 0,
             directed: false,
+            kind: proto::EdgeKind::from(edge.kind).into(),
+            explained_by: names(&graph.nodes, &edge.explained_by),
+            opened_by: names(&graph.nodes, &edge.opened_by),
+            note,
             answer: Some(edge.answer.into()),
         };
         Self {
             state: Some(state(&graph.key, graph.bins.clone())),
-            edges: graph.edges.into_iter().map(edge).collect(),
+            edges: graph.edges.into_iter().zip(notes).map(edge).collect(),
             nodes: graph.nodes,
             dot,
         }
     }
 }
 
-/// Returns a graph for Graphviz. Established dependence is a solid line, open ones are dashed, and there is no line where it is excluded. No line has
-/// an arrowhead: within one tick dependence has no direction.
+impl From<EdgeKind> for proto::EdgeKind {
+    fn from(kind: EdgeKind) -> Self {
+        match kind {
+            EdgeKind::Direct => Self::Direct,
+            EdgeKind::Explained => Self::Explained,
+            EdgeKind::Open => Self::Open,
+            EdgeKind::Absent => Self::Absent,
+        }
+    }
+}
+
+fn names(nodes: &[String], agents: &[usize]) -> Vec<String> {
+    agents.iter().map(|agent| nodes[*agent].clone()).collect()
+}
+
+/// Says in a sentence what a pair of agents is.
+fn note(graph: &Graph, edge: &Edge) -> String {
+    let [explaining, opening] =
+        [&edge.explained_by, &edge.opened_by].map(|agents| names(&graph.nodes, agents).join(" and "));
+    match edge.kind {
+        EdgeKind::Direct => "dependent by themselves, and no three other agents or fewer explain it".into(),
+        EdgeKind::Explained => format!("dependent by themselves, but not while {explaining} is held fixed"),
+        EdgeKind::Open if edge.opened_by.is_empty() => {
+            "what was seen does not decide whether they are dependent".into()
+        }
+        EdgeKind::Open => {
+            let why = match is_common_effect(graph, edge) {
+                true => "holding a common effect of two agents fixed makes them dependent, so this need be no edge",
+                false => "who act only together look like this, and so do two whose common effect is held fixed",
+            };
+            format!("not known to be dependent by themselves, but dependent while {opening} is held fixed: {why}")
+        }
+        EdgeKind::Absent => "not dependent, whoever is held fixed".into(),
+    }
+}
+
+/// Returns whether one of those that open an edge is next to both of its ends.
+fn is_common_effect(graph: &Graph, edge: &Edge) -> bool {
+    let is_next_to = |a: usize, b: usize| {
+        let ends = (a.min(b), a.max(b));
+        graph.edges.iter().any(|one| (one.from, one.to) == ends && one.kind == EdgeKind::Direct)
+    };
+    edge.opened_by.iter().any(|agent| is_next_to(*agent, edge.from) && is_next_to(*agent, edge.to))
+}
+
+/// Returns a graph for Graphviz. Direct edges are solid lines, explained ones dotted and open ones dashed, and there is no line where it is absent. No line
+/// has an arrowhead: within one tick dependence has no direction.
 fn dot(graph: &Graph) -> String {
     let nodes = graph.nodes.iter().map(|name| format!("  {};\n", quoted(name)));
     let edges = graph.edges.iter().filter_map(|edge| line(graph, edge));
@@ -35,11 +85,11 @@ fn dot(graph: &Graph) -> String {
 
 fn line(graph: &Graph, edge: &Edge) -> Option<String> {
     let figures = edge.answer.figures.as_ref()?;
-    let dependence = figures.evidence.map_or(Dependence::Open, |evidence| evidence.dependence);
-    let style = match dependence {
-        Dependence::Established => "solid",
-        Dependence::Open => "dashed",
-        Dependence::Excluded => return None,
+    let style = match edge.kind {
+        EdgeKind::Direct => "solid",
+        EdgeKind::Explained => "dotted",
+        EdgeKind::Open => "dashed",
+        EdgeKind::Absent => return None,
     };
     let label = match figures.evidence {
         Some(evidence) => format!(
@@ -54,6 +104,10 @@ fn line(graph: &Graph, edge: &Edge) -> Option<String> {
         Basis::Model(version) => format!("{label}; {} by model version {version}", edge.answer.verdict.as_str()),
         Basis::Counts(_) | Basis::Prior => label,
     };
+    let others = [("explained", &edge.explained_by), ("opened", &edge.opened_by)];
+    let others = others.into_iter().filter(|(_, agents)| !agents.is_empty());
+    let others = others.map(|(word, agents)| format!("; {word} by {}", names(&graph.nodes, agents).join(", ")));
+    let label = label + &others.collect::<String>();
     let [from, to] = [edge.from, edge.to].map(|agent| quoted(&graph.nodes[agent]));
     Some(format!("  {from} -- {to} [style={style}, label={}];\n", quoted(&label)))
 }

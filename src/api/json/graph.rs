@@ -28,7 +28,16 @@ pub struct Edge {
     pub lag: u32,
     /// Whether the edge has a direction: false at lag 0.
     pub directed: bool,
-    /// The answer for the pair, in the view `figures`.
+    /// What the pair is, beside all other agents: `direct` (dependent, and no three others or fewer explain it), `explained` (dependent by itself, but not
+    /// with some others' actions held fixed), `open` (not decided, or dependent only with others' actions held fixed) or `absent`.
+    pub kind: String,
+    /// The agents that explain it, where it is `explained`: with their actions held fixed no dependence is left.
+    pub explained_by: Vec<String>,
+    /// The agents that open it, where there are such; then it is `open`: with their actions held fixed there is dependence that is not seen without.
+    pub opened_by: Vec<String>,
+    /// What that means, in a sentence.
+    pub note: String,
+    /// The answer for the pair by itself, in the view `figures`.
     pub answer: Answer,
 }
 
@@ -39,6 +48,10 @@ impl From<proto::GetGraphResponse> for Graph {
             to: edge.to,
             lag: edge.lag,
             directed: edge.directed,
+            kind: edge_kind(edge.kind).into(),
+            explained_by: edge.explained_by,
+            opened_by: edge.opened_by,
+            note: edge.note,
             answer: edge.answer.map(Into::into).unwrap_or_default(),
         };
         Self {
@@ -46,5 +59,16 @@ impl From<proto::GetGraphResponse> for Graph {
             nodes: graph.nodes,
             edges: graph.edges.into_iter().map(edge).collect(),
         }
+    }
+}
+
+/// Returns the word for a kind of edge; nothing for one that is never sent.
+pub fn edge_kind(number: i32) -> &'static str {
+    match proto::EdgeKind::try_from(number) {
+        Ok(proto::EdgeKind::Direct) => "direct",
+        Ok(proto::EdgeKind::Explained) => "explained",
+        Ok(proto::EdgeKind::Open) => "open",
+        Ok(proto::EdgeKind::Absent) => "absent",
+        Ok(proto::EdgeKind::Unspecified) | Err(_) => "",
     }
 }

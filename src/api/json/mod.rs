@@ -32,7 +32,7 @@ pub use description::{Agent, Categorical, Circular, Continuous, Description, Fea
 pub use environment::{Environment, EnvironmentPage, UnreadableEnvironment};
 pub use evidence::{Fit, Fits, FittedPrior, Probability, Segmentation, Significance, dependence};
 pub use exploration::{Exploration, Trial};
-pub use graph::{Edge, Graph};
+pub use graph::{Edge, Graph, edge_kind};
 pub use labels::{Bin, Labels, State, Variable};
 pub use model::{Job, Model, ModelOrJob, Models, RolledBack, TrainingRequest, job_state, model_id, model_version};
 pub use overview::{

@@ -13,10 +13,11 @@ use crate::serve::status::Failure;
 /// The media type of Graphviz.
 const DOT: &str = "text/vnd.graphviz";
 
-/// Returns the causal graph of a state: agents as nodes, every pair with its answer.
+/// Returns the causal graph of a state: agents as nodes, every pair with its answer and with what it is beside all other agents.
 ///
-/// With `Accept: text/vnd.graphviz` it is told in DOT: established dependence is a solid line, open ones are dashed, and none has an arrowhead, since
-/// within one tick dependence has no direction.
+/// A pair is `direct` where its dependence is established and no three other agents or fewer, their actions held fixed, explain it; else `explained`, `open`
+/// or `absent`. With `Accept: text/vnd.graphviz` it is told in DOT: direct edges are solid lines, explained ones dotted, open ones dashed, and none has an
+/// arrowhead, since within one tick dependence has no direction.
 #[utoipa::path(
     get,
     path = "/v1/environments/{environment}/graph",

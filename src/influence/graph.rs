@@ -1,0 +1,118 @@
+//! The causal graph of one state: what every pair of agents is, beside all others. At lag 0 nothing has a direction: what is found is a skeleton.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use super::answer::{self, Ground};
+use super::skeleton::{self, Found, Margin};
+use super::{Influence, logged, told};
+use crate::domain::draft::{PairDraft, QuestionDraft};
+use crate::domain::{Answer, Cell, Dependence, Edge, Environment, Graph, Pair, Question, Schema, View};
+use crate::error::{ErrorKind, Problem};
+use crate::evidence::Believed;
+use crate::information::{self, Table};
+use crate::priors::{Informed, Tables};
+
+impl Influence {
+    /// Returns the causal graph of one state: every pair of agents with its answer, and what it is once others are held fixed.
+    pub async fn graph(&self, environment: &Arc<Environment>, draft: &QuestionDraft) -> Result<Graph, Problem> {
+        let schema = &environment.schema;
+        let question = Question { view: View::Figures, ..Question::new(environment, &of_widest(schema, draft))? };
+        let nothing = || Problem::invalid("question", Vec::new());
+        let key = question.states.first().cloned().ok_or_else(nothing)?;
+        let segments = self.segments(environment, question.scope.segments.as_deref()).await?;
+
+        // Read once: all pairs, and all tests of them, are of the same counts.
+        let counts = self.store.counts(environment.id, &question.states).await.map_err(logged)?;
+        let cells = counts.first().ok_or_else(nothing)?.counts.of_segments(segments.as_deref()).copied().collect();
+        let mut tests = State { environment: environment.clone(), cells, seed: key.seed(), informed: Vec::new() };
+        let mut answers = Vec::new();
+        for pair in Pair::every(schema) {
+            let started = Instant::now();
+            let question = Question { scope: question.scope.of_pair(schema, pair), ..question.clone() };
+            let plan = self.plan(environment, question.scope.clone()).await?;
+            tests.informed.push(plan.informed.clone());
+            let answered = answer::answers(Ground { plan, question }, counts.clone()).await?;
+            told(started, &answered);
+            answers.extend(answered);
+        }
+
+        let margins = Pair::every(schema).iter().zip(&answers).map(|(pair, answer)| margin(pair, answer)).collect();
+        let found = tokio::task::spawn_blocking(move || tests.skeleton(margins)).await;
+        let found = found.map_err(|error| Problem::new(ErrorKind::Internal, "INTERNAL", error.to_string()))?;
+        let edges = Pair::every(schema).into_iter().zip(answers).zip(found);
+        Ok(Graph {
+            bins: answer::bins(schema, &key),
+            key,
+            nodes: schema.agents().iter().map(|agent| agent.name.to_string()).collect(),
+            edges: edges.map(|((pair, answer), found)| edge(&pair, answer, found)).collect(),
+        })
+    }
+}
+
+/// One state, for tests of its pairs.
+struct State {
+    environment: Arc<Environment>,
+    cells: Vec<Cell>,
+    /// For permutations.
+    seed: u64,
+    /// What the evidence on each pair rests on; `None` where its alphabets are too large.
+    informed: Vec<Option<Informed>>,
+}
+
+impl State {
+    /// Finds what each pair is, given what is known of it by itself.
+    fn skeleton(&self, margins: Vec<Margin>) -> Vec<Found> {
+        let tests = Asked { state: self, pairs: &margins };
+        skeleton::skeleton(self.environment.schema.agents().len(), &margins, &tests)
+    }
+}
+
+/// The tests of a state's pairs.
+struct Asked<'a> {
+    state: &'a State,
+    pairs: &'a [Margin],
+}
+
+impl Asked<'_> {
+    /// Returns the tables of a pair, one for each joint action of those held fixed.
+    fn slices(&self, pair: usize, fixed: &[usize]) -> Vec<Table> {
+        let (schema, cells) = (&self.state.environment.schema, self.state.cells.iter());
+        let [ego, other] = self.pairs[pair].ends;
+        let pair = Pair { ego, other, given: fixed.to_vec() };
+        Tables::new(schema, &pair, cells.clone()).draws(schema, &pair, cells).into_owned()
+    }
+}
+
+impl skeleton::Tests for Asked<'_> {
+    /// By the pair's own prior: nothing is fitted for it.
+    fn believed(&self, pair: usize, fixed: &[usize]) -> Option<Believed> {
+        let prior = &self.state.informed[pair].as_ref()?.prior;
+        let slices = self.slices(pair, fixed);
+        Some(Believed::of_dependence(prior.dependent(&slices), prior.unseen().dependent(), &slices))
+    }
+
+    fn p_value(&self, pair: usize, fixed: &[usize], permutations: u64) -> f64 {
+        information::p_value(&self.slices(pair, fixed), permutations, self.state.seed).p_value
+    }
+}
+
+/// Returns what is known of a pair by itself.
+fn margin(pair: &Pair, answer: &Answer) -> Margin {
+    let evidence = answer.figures.as_ref().and_then(|figures| figures.evidence);
+    let dependence = evidence.map_or(Dependence::Open, |evidence| evidence.dependence);
+    let strength = evidence.map_or(0.0, |evidence| evidence.posterior_mean);
+    Margin { ends: [pair.ego, pair.other], dependence, strength }
+}
+
+fn edge(pair: &Pair, answer: Answer, Found { kind, explained_by, opened_by }: Found) -> Edge {
+    Edge { from: pair.ego, to: pair.other, answer, kind, explained_by, opened_by }
+}
+
+/// Returns a question about all pairs for the one that can have the most: a threshold that it cannot reach is beyond every pair.
+fn of_widest(schema: &Schema, draft: &QuestionDraft) -> QuestionDraft {
+    let Pair { ego, other, .. } = Pair::widest(schema);
+    let name = |agent: usize| Some(schema.agents()[agent].name.to_string());
+    let pair = PairDraft { ego: name(ego), other: name(other), ..draft.pair.clone() };
+    QuestionDraft { pair, ..draft.clone() }
+}
