@@ -204,6 +204,7 @@ impl Query {
             segments: self.segments.clone(),
             rule: Some(self.rule.clone().into()),
             unit: self.unit.clone().unwrap_or_default(),
+            within: self.within.map_or(proto::Within::Unspecified, Into::into).into(),
         })
     }
 

@@ -7,10 +7,10 @@ use super::answer::{self, Ground};
 use super::skeleton::{self, Found, Margin};
 use super::{Influence, logged, told};
 use crate::domain::draft::{PairDraft, QuestionDraft};
-use crate::domain::{Answer, Cell, Dependence, Edge, Environment, Graph, Pair, Question, Schema, View};
+use crate::domain::{Answer, Cell, Dependence, Edge, Environment, Graph, Pair, Question, Schema, View, Within};
 use crate::error::{ErrorKind, Problem};
 use crate::evidence::Believed;
-use crate::information::{self, Table};
+use crate::information;
 use crate::priors::{Informed, Tables};
 
 impl Influence {
@@ -25,7 +25,8 @@ impl Influence {
         // Read once: all pairs, and all tests of them, are of the same counts.
         let counts = self.store.counts(environment.id, &question.states).await.map_err(logged)?;
         let cells = counts.first().ok_or_else(nothing)?.counts.of_segments(segments.as_deref()).copied().collect();
-        let mut tests = State { environment: environment.clone(), cells, seed: key.seed(), informed: Vec::new() };
+        let (environment_of, within) = (environment.clone(), question.scope.within);
+        let mut tests = State { environment: environment_of, cells, within, seed: key.seed(), informed: Vec::new() };
         let mut answers = Vec::new();
         for pair in Pair::every(schema) {
             let started = Instant::now();
@@ -54,6 +55,7 @@ impl Influence {
 struct State {
     environment: Arc<Environment>,
     cells: Vec<Cell>,
+    within: Within,
     /// For permutations.
     seed: u64,
     /// What the evidence on each pair rests on; `None` where its alphabets are too large.
@@ -75,12 +77,9 @@ struct Asked<'a> {
 }
 
 impl Asked<'_> {
-    /// Returns the tables of a pair, one for each joint action of those held fixed.
-    fn slices(&self, pair: usize, fixed: &[usize]) -> Vec<Table> {
-        let (schema, cells) = (&self.state.environment.schema, self.state.cells.iter());
+    fn given(&self, pair: usize, fixed: &[usize]) -> Pair {
         let [ego, other] = self.pairs[pair].ends;
-        let pair = Pair { ego, other, given: fixed.to_vec() };
-        Tables::new(schema, &pair, cells.clone()).draws(schema, &pair, cells).into_owned()
+        Pair { ego, other, given: fixed.to_vec() }
     }
 }
 
@@ -88,12 +87,19 @@ impl skeleton::Tests for Asked<'_> {
     /// By the pair's own prior: nothing is fitted for it.
     fn believed(&self, pair: usize, fixed: &[usize]) -> Option<Believed> {
         let prior = &self.state.informed[pair].as_ref()?.prior;
-        let slices = self.slices(pair, fixed);
-        Some(Believed::of_dependence(prior.dependent(&slices), prior.unseen().dependent(), &slices))
+        let (schema, cells) = (&self.state.environment.schema, self.state.cells.iter());
+        let pair = self.given(pair, fixed);
+        let tables = Tables::new(schema, &pair, cells.clone());
+        let draws = tables.evidence(schema, &pair, self.state.within, cells);
+        Some(Believed::of_dependence(prior.dependent(draws.counted()), prior.unseen().dependent(), &draws.slices))
     }
 
     fn p_value(&self, pair: usize, fixed: &[usize], permutations: u64) -> f64 {
-        information::p_value(&self.slices(pair, fixed), permutations, self.state.seed).p_value
+        let (schema, cells) = (&self.state.environment.schema, self.state.cells.iter());
+        let pair = self.given(pair, fixed);
+        let tables = Tables::new(schema, &pair, cells.clone());
+        let slices = tables.exchangeable(schema, &pair, self.state.within.exchange(), cells);
+        information::p_value(&slices, permutations, self.state.seed).p_value
     }
 }
 

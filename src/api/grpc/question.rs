@@ -88,12 +88,14 @@ fn view(number: i32) -> Result<Option<String>, Problem> {
 }
 
 /// Decodes a question for the graph of a state.
-pub fn graph(request: proto::GetGraphRequest) -> (String, QuestionDraft) {
+pub fn graph(request: proto::GetGraphRequest) -> Result<(String, QuestionDraft), Problem> {
     use proto::get_graph_request::State;
+    let within = within(request.within)?;
     let pair = PairDraft {
         segments: request.segments,
         rule: request.rule.unwrap_or_default().into(),
         unit: given(request.unit),
+        within,
         ..PairDraft::default()
     };
     let states = match request.state {
@@ -101,7 +103,7 @@ pub fn graph(request: proto::GetGraphRequest) -> (String, QuestionDraft) {
         Some(State::Key(key)) => StatesDraft::Keys(vec![key]),
         None => StatesDraft::default(),
     };
-    (request.environment, QuestionDraft { pair, states, ..QuestionDraft::default() })
+    Ok((request.environment, QuestionDraft { pair, states, ..QuestionDraft::default() }))
 }
 
 /// Decodes a question for what to try next.

@@ -79,7 +79,7 @@ impl InfluenceService for Face {
 
     async fn get_graph(&self, request: Request<GetGraphRequest>) -> Result<Response<GetGraphResponse>, Status> {
         call("GetGraph", async {
-            let (environment, draft) = grpc::graph(request.into_inner());
+            let (environment, draft) = grpc::graph(request.into_inner())?;
             let environment = self.app.environments.find(&environment)?;
             Ok(self.app.influence.graph(&environment, &draft).await?.into())
         })
