@@ -4,7 +4,7 @@ use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 
-use super::{dirichlet, information, joint, mixed, shuffle, tilted};
+use super::{dirichlet, information, joint, mixed, pulled, pulls, shuffle, tilted};
 
 /// The action that agents mostly take where they have a habit.
 const STAY: usize = 5;
@@ -115,16 +115,9 @@ fn own_or_shared(rows: usize, dependent: bool, mut response: impl FnMut() -> Vec
 }
 
 /// Returns rows that are all alike, of which two or more are drawn towards a response of their own where there is dependence.
-fn some_rows_drawn(letters: usize, shared: &[f64], dependent: bool, rng: &mut Pcg64) -> Vec<Vec<f64>> {
+pub fn some_rows_drawn(letters: usize, shared: &[f64], dependent: bool, rng: &mut Pcg64) -> Vec<Vec<f64>> {
     let drawn = if dependent { rng.random_range(2..=letters) } else { 0 };
-    let mut actions: Vec<usize> = (0..letters).collect();
-    shuffle(&mut actions, rng);
-    let mut rows = vec![shared.to_vec(); letters];
-    for action in &actions[..drawn] {
-        let share = rng.random_range(0.5..1.0);
-        rows[*action] = mixed(shared, &dirichlet(0.1, letters, rng), share);
-    }
-    rows
+    pulled(letters, shared, &pulls(letters, letters, drawn, rng))
 }
 
 fn legal(rng: &mut Pcg64) -> Vec<usize> {

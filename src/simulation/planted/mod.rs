@@ -8,6 +8,7 @@ use crate::information::{Alphabet, Table};
 
 pub mod graphs;
 mod hard;
+pub mod segments;
 
 /// How states come about.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -157,15 +158,7 @@ impl Generator {
         match self {
             Self::Responses => {
                 let (policy, shared) = (dirichlet(1.0, 6, rng), dirichlet(0.7, 6, rng));
-                let drawn = if dependent { rng.random_range(2..=6) } else { 0 };
-                let mut actions = [0, 1, 2, 3, 4, 5];
-                shuffle(&mut actions, rng);
-                let mut rows = vec![shared.clone(); 6];
-                for action in &actions[..drawn] {
-                    let share = rng.random_range(0.5..1.0);
-                    rows[*action] = mixed(&shared, &dirichlet(0.1, 6, rng), share);
-                }
-                joint(&policy, &rows)
+                joint(&policy, &hard::some_rows_drawn(6, &shared, dependent, rng))
             }
             Self::Joint if dependent => {
                 let concentration = rng.random_range(0.05_f64.ln()..0.0).exp();
@@ -268,6 +261,34 @@ fn dirichlet(concentration: f64, letters: usize, rng: &mut Pcg64) -> Vec<f64> {
 /// Returns (1 - share) a + share b.
 fn mixed(a: &[f64], b: &[f64], share: f64) -> Vec<f64> {
     a.iter().zip(b).map(|(a, b)| (1.0 - share) * a + share * b).collect()
+}
+
+/// A response of its own to one action, and how strongly the other is drawn to it.
+#[derive(Debug, Clone)]
+struct Pull {
+    action: usize,
+    share: f64,
+    response: Vec<f64>,
+}
+
+/// Draws responses to so many of the ego's actions.
+fn pulls(rows: usize, columns: usize, drawn: usize, rng: &mut Pcg64) -> Vec<Pull> {
+    let mut actions: Vec<usize> = (0..rows).collect();
+    shuffle(&mut actions, rng);
+    let mut pull = |action: &usize| {
+        let share = rng.random_range(0.5..1.0);
+        Pull { action: *action, share, response: dirichlet(0.1, columns, rng) }
+    };
+    actions[..drawn].iter().map(&mut pull).collect()
+}
+
+/// Returns rows that are all alike, but for those that are drawn to a response of their own.
+fn pulled(rows: usize, shared: &[f64], pulls: &[Pull]) -> Vec<Vec<f64>> {
+    let mut rows = vec![shared.to_vec(); rows];
+    for Pull { action, share, response } in pulls {
+        rows[*action] = mixed(shared, response, *share);
+    }
+    rows
 }
 
 fn joint(policy: &[f64], rows: &[Vec<f64>]) -> Vec<Vec<f64>> {
