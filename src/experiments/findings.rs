@@ -1,6 +1,6 @@
 //! What experiments found: figures of decisions in worlds over seeds, where they have to lie, and both as JSON and CSV.
 
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use super::measures::Spread;
 
@@ -132,6 +132,45 @@ impl<W: Cells, D: Cells, F: Cells> Cells for Target<W, D, F> {
         };
         let named = [self.world.cells(), self.decision.cells(), self.figure.cells()].concat();
         [named, vec![(bound, at.into()), ("mean", self.measured.into()), ("met", self.is_met().into())]].concat()
+    }
+}
+
+/// What an experiment was asked to run: it names its parameters, and says what must be shown.
+pub trait Plan<W, D, F> {
+    /// The name of the experiment.
+    const EXPERIMENT: &'static str;
+
+    /// Returns its parameters as a JSON object.
+    fn parameters(&self) -> Value;
+
+    /// Returns every target that there is something to judge by, beside what was measured.
+    fn targets(&self, findings: &Findings<W, D, F>) -> Vec<Target<W, D, F>>;
+}
+
+/// The outcome of an experiment.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Report<P, W, D, F> {
+    /// What was run.
+    pub options: P,
+    /// What was found.
+    pub findings: Findings<W, D, F>,
+}
+
+impl<P: Plan<W, D, F>, W: Cells, D: Cells, F: Cells> Report<P, W, D, F> {
+    /// Returns every target beside what was measured.
+    pub fn targets(&self) -> Vec<Target<W, D, F>> {
+        self.options.targets(&self.findings)
+    }
+
+    /// Returns everything as JSON.
+    pub fn json(&self) -> Value {
+        json!({
+            "experiment": P::EXPERIMENT,
+            "revision": REVISION,
+            "parameters": self.options.parameters(),
+            "targets": objects(&self.targets()),
+            "findings": objects(&self.findings.0),
+        })
     }
 }
 

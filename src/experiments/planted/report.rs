@@ -3,37 +3,25 @@
 use serde_json::{Value, json};
 
 use super::{Decision, Figure, Options, Target, World, arm_name, generator_name, targets};
-use crate::experiments::findings::{self, Cells, Row};
+use crate::experiments::findings::{self, Cells, Plan, Row};
 use crate::experiments::seeds::Seeds;
 
 /// Everything that was found.
 pub type Findings = findings::Findings<World, Decision, Figure>;
 
 /// The outcome of the experiment.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Report {
-    /// What was run.
-    pub options: Options,
-    /// What was found.
-    pub findings: Findings,
-}
+pub type Report = findings::Report<Options, World, Decision, Figure>;
 
-impl Report {
-    /// Returns every target beside what was measured.
-    pub fn targets(&self) -> Vec<Target> {
-        targets::targets(self)
+impl Plan<World, Decision, Figure> for Options {
+    const EXPERIMENT: &'static str = "planted";
+
+    fn parameters(&self) -> Value {
+        let Options { seeds: Seeds { number, first }, states } = self;
+        json!({"seeds": number, "first_seed": first, "states": states})
     }
 
-    /// Returns everything as JSON.
-    pub fn json(&self) -> Value {
-        let Options { seeds: Seeds { number, first }, states } = self.options;
-        json!({
-            "experiment": "planted",
-            "revision": findings::REVISION,
-            "parameters": {"seeds": number, "first_seed": first, "states": states},
-            "targets": findings::objects(&self.targets()),
-            "findings": findings::objects(&self.findings.0),
-        })
+    fn targets(&self, findings: &Findings) -> Vec<Target> {
+        targets::targets(self, findings)
     }
 }
 

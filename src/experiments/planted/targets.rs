@@ -1,6 +1,6 @@
 //! What the experiment must show, beside what it did.
 
-use super::{Decision, Figure, Findings, Report, World};
+use super::{Decision, Figure, Findings, Options, World};
 use crate::experiments::findings::{self, Bound};
 use crate::simulation::planted::{Arm, Generator};
 
@@ -27,12 +27,12 @@ const TARGETS: [Bounds; 7] = [
 ];
 
 /// Returns every target beside what was measured; that of precision only where enough is called to tell.
-pub(super) fn targets(report: &Report) -> Vec<Target> {
+pub(super) fn targets(options: &Options, findings: &Findings) -> Vec<Target> {
     let of = |(decision, figure, bound, bounds): Bounds| {
         Generator::USUAL.into_iter().zip(bounds).filter_map(move |(generator, at)| {
-            let world = report.options.compared(generator, Arm::Plain);
-            let measured = report.findings.find(&world, decision, figure).map(|spread| spread.mean);
-            let told = is_told(&report.findings, &world, decision, figure);
+            let world = options.compared(generator, Arm::Plain);
+            let measured = findings.find(&world, decision, figure).map(|spread| spread.mean);
+            let told = is_told(findings, &world, decision, figure);
             told.then_some(Target { world, decision, figure, bound: bound(at), measured })
         })
     };

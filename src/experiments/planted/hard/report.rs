@@ -3,35 +3,23 @@
 use serde_json::{Value, json};
 
 use super::{Options, name, targets};
-use crate::experiments::findings;
-use crate::experiments::planted::{Findings, Target};
+use crate::experiments::findings::{self, Plan};
+use crate::experiments::planted::{Decision, Figure, Findings, Target, World};
 use crate::experiments::seeds::Seeds;
 
 /// The outcome of the experiment.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Report {
-    /// What was run.
-    pub options: Options,
-    /// What was found.
-    pub findings: Findings,
-}
+pub type Report = findings::Report<Options, World, Decision, Figure>;
 
-impl Report {
-    /// Returns every target that there are states to judge by, beside what was measured.
-    pub fn targets(&self) -> Vec<Target> {
-        targets::targets(self)
+impl Plan<World, Decision, Figure> for Options {
+    const EXPERIMENT: &'static str = "planted-hard";
+
+    fn parameters(&self) -> Value {
+        let Options { seeds: Seeds { number, first }, states, worlds } = self;
+        let worlds: Vec<&str> = worlds.iter().map(name).collect();
+        json!({"seeds": number, "first_seed": first, "states": states, "worlds": worlds})
     }
 
-    /// Returns everything as JSON.
-    pub fn json(&self) -> Value {
-        let Options { seeds: Seeds { number, first }, states, worlds } = &self.options;
-        let worlds: Vec<&str> = worlds.iter().map(name).collect();
-        json!({
-            "experiment": "planted-hard",
-            "revision": findings::REVISION,
-            "parameters": {"seeds": number, "first_seed": first, "states": states, "worlds": worlds},
-            "targets": findings::objects(&self.targets()),
-            "findings": findings::objects(&self.findings.0),
-        })
+    fn targets(&self, findings: &Findings) -> Vec<Target> {
+        targets::targets(self, findings)
     }
 }

@@ -1,20 +1,21 @@
 //! What must be shown in hard worlds, beside what was.
 
-use super::{DECISION, Report};
+use super::{DECISION, Options};
 use crate::experiments::findings::Bound;
 use crate::experiments::planted::targets::{RIGHT, is_told};
-use crate::experiments::planted::{Figure, Target, World};
+use crate::experiments::planted::{Figure, Findings, Target, World};
 use crate::simulation::planted::Generator;
 
 /// Returns every target beside what was measured. Where a figure is of states that a world has none of, nothing was to be shown.
-pub(super) fn targets(report: &Report) -> Vec<Target> {
-    let targets = |world: World| bounds(world.generator).into_iter().filter_map(move |bound| of(report, world, bound));
-    report.options.worlds().into_iter().flat_map(targets).collect()
+pub(super) fn targets(options: &Options, findings: &Findings) -> Vec<Target> {
+    let targets =
+        |world: World| bounds(world.generator).into_iter().filter_map(move |bound| of(findings, world, bound));
+    options.worlds().into_iter().flat_map(targets).collect()
 }
 
-fn of(report: &Report, world: World, (figure, bound): (Figure, Bound)) -> Option<Target> {
-    let measured = report.findings.find(&world, DECISION, figure)?.mean;
-    let told = is_told(&report.findings, &world, DECISION, figure);
+fn of(findings: &Findings, world: World, (figure, bound): (Figure, Bound)) -> Option<Target> {
+    let measured = findings.find(&world, DECISION, figure)?.mean;
+    let told = is_told(findings, &world, DECISION, figure);
     told.then_some(Target { world, decision: DECISION, figure, bound, measured: Some(measured) })
 }
 
