@@ -9,6 +9,7 @@ mod figure;
 pub mod hard;
 mod plot;
 mod report;
+pub mod segments;
 mod targets;
 mod world;
 

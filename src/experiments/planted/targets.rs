@@ -11,7 +11,7 @@ pub type Target = findings::Target<World, Decision, Figure>;
 pub(super) const RIGHT: f64 = 0.75;
 
 /// So many calls, over all seeds, make a share of them.
-const CALLS: f64 = 20.0;
+pub(super) const CALLS: f64 = 20.0;
 
 type Bounds = (Decision, Figure, fn(f64) -> Bound, [f64; 3]);
 

@@ -94,17 +94,17 @@ pub const WORLDS: [World; 29] = [
     World { sizes: Sizes::Dominated, ..independent("dominated", 8, Differ::Both) },
     World { alphabet: TWO_BY_TWO, ..independent("both-2x2", 8, Differ::Both) },
     World { alphabet: THREE_BY_TWENTY_FIVE, ..independent("both-3x25", 8, Differ::Both) },
-    dependent("alike-dependent", 8, Differ::Neither, Dependence::Shared),
-    dependent("ego-dependent", 8, Differ::Ego, Dependence::Shared),
-    dependent("other-dependent", 8, Differ::Other, Dependence::Shared),
-    dependent("both-dependent", 8, Differ::Both, Dependence::Shared),
-    dependent("both2-dependent", 2, Differ::Both, Dependence::Shared),
-    dependent("both20-dependent", 20, Differ::Both, Dependence::Shared),
-    dependent("both50-dependent", 50, Differ::Both, Dependence::Shared),
-    dependent("both300-dependent", 300, Differ::Both, Dependence::Shared),
-    dependent("drift-dependent", 50, Differ::Drift, Dependence::Shared),
-    World { sizes: Sizes::Falling, ..dependent("unequal-dependent", 8, Differ::Both, Dependence::Shared) },
-    World { sizes: Sizes::Dominated, ..dependent("dominated-dependent", 8, Differ::Both, Dependence::Shared) },
+    dependent("alike-some", 8, Differ::Neither, Dependence::Shared),
+    dependent("ego-some", 8, Differ::Ego, Dependence::Shared),
+    dependent("other-some", 8, Differ::Other, Dependence::Shared),
+    dependent("both-some", 8, Differ::Both, Dependence::Shared),
+    dependent("both2-some", 2, Differ::Both, Dependence::Shared),
+    dependent("both20-some", 20, Differ::Both, Dependence::Shared),
+    dependent("both50-some", 50, Differ::Both, Dependence::Shared),
+    dependent("both300-some", 300, Differ::Both, Dependence::Shared),
+    dependent("drift-some", 50, Differ::Drift, Dependence::Shared),
+    World { sizes: Sizes::Falling, ..dependent("unequal-some", 8, Differ::Both, Dependence::Shared) },
+    World { sizes: Sizes::Dominated, ..dependent("dominated-some", 8, Differ::Both, Dependence::Shared) },
     dependent("alike-in-one", 6, Differ::Neither, Dependence::InOne),
     dependent("both-in-one", 6, Differ::Both, Dependence::InOne),
     dependent("alike-differing", 6, Differ::Neither, Dependence::Differing),
@@ -441,7 +441,7 @@ mod tests {
 
     #[test]
     fn the_truth_is_what_many_visits_show_within_segments() {
-        for name in ["both", "dominated", "both-dependent", "unequal-dependent", "both-in-one", "alike-differing"] {
+        for name in ["both", "dominated", "both-some", "unequal-some", "both-in-one", "alike-differing"] {
             for state in states(&named(name), &Options { states: 4, dependent: 0.7, visits: 60_000, seed: 1 }) {
                 let seen = conditional(&state.cut(), plug_in);
                 assert!((seen - state.information).abs() < 0.02, "{name}: {seen} {}", state.information);
@@ -471,7 +471,7 @@ mod tests {
 
     #[test]
     fn planted_dependence_shows_within_segments() {
-        for name in ["alike-dependent", "both2-dependent", "both-in-one", "alike-differing"] {
+        for name in ["alike-some", "both2-some", "both-in-one", "alike-differing"] {
             let states = states(&named(name), &Options { visits: 150, ..Options::default() });
             let dependent = alarms(states.iter().filter(|state| state.is_dependent()), State::cut);
             assert!(dependent > 0.15, "{name}: {dependent}");
