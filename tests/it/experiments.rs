@@ -247,6 +247,36 @@ fn a_hard_world_is_chosen_by_its_name_and_repeats() {
 }
 
 #[test]
+fn a_world_of_segments_is_chosen_by_its_name_and_repeats() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let [first, second] = ["first", "second"].map(|name| directory.path().join(name));
+    let few = ["--states", "12", "--world", "opposite", "--world", "both-in-one"];
+    let [told, again] = [&first, &second].map(|out| part("segments", out, &few));
+    assert!(told.status.success(), "{}", String::from_utf8_lossy(&told.stderr));
+    assert_eq!(told.stdout, again.stdout);
+    for name in ["segments.csv", "segments.json", "segments.svg"] {
+        let [bytes, repeated] = [&first, &second].map(|out| std::fs::read(out.join(name)).expect("written"));
+        assert_eq!(bytes, repeated, "{name}");
+    }
+    let text = String::from_utf8(told.stdout).expect("text");
+    assert!(text.starts_with("planted influence in segments, nudge 0."), "{text}");
+    for part in ["seed 7, 12 states", "pooled, 30 visits a state", "pooled, 150 visits a state", "MISSED"] {
+        assert!(text.contains(part), "no {part:?} in {text}");
+    }
+    let report: Value =
+        serde_json::from_slice(&std::fs::read(first.join("segments.json")).expect("written")).expect("JSON");
+    let worlds = ["opposite", "both-in-one"];
+    let parameters = serde_json::json!({"seeds": 1, "first_seed": 7, "states": 12, "worlds": worlds});
+    assert_eq!(report["parameters"], parameters);
+    assert_eq!(report["findings"][0]["within"], "pooled");
+
+    let elsewhere = part("hard", &first, &["--world", "opposite"]);
+    let stderr = String::from_utf8_lossy(&elsewhere.stderr);
+    assert_eq!(elsewhere.status.code(), Some(2));
+    assert!(stderr.contains("--world opposite is a world of --part segments, which is not run"), "{stderr}");
+}
+
+#[test]
 fn a_mistaken_flag_is_named_with_what_was_expected() {
     let directory = tempfile::tempdir().expect("a directory");
     let file = directory.path().join("taken");

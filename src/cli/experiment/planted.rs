@@ -2,6 +2,7 @@
 
 mod hard;
 mod kitchens;
+mod segments;
 mod tables;
 
 use std::path::{Path, PathBuf};
@@ -15,9 +16,9 @@ use crate::cli::progress::Progress;
 use crate::experiments::findings::{Bound, Target};
 use crate::experiments::kitchens::{self as in_kitchens, Layout};
 use crate::experiments::measures::Spread;
-use crate::experiments::planted::hard as in_hard_worlds;
-use crate::experiments::planted::{self as of_tables, World};
+use crate::experiments::planted::{self as of_tables, World, hard as in_hard_worlds, segments as in_segments};
 use crate::experiments::seeds::Seeds;
+use crate::simulation::planted::segments as drawn;
 
 /// Compare ways to decide where the true influence is known
 #[derive(Debug, Args)]
@@ -34,11 +35,15 @@ use crate::experiments::seeds::Seeds;
     hard: worlds that the evidence was not built on: 2 to 64 actions, one that is mostly or rarely taken, copies, weak dependence seen up to a million \
     times, segments with habits of their own, dependence everywhere and nowhere. The default rule is asked: how well it ranks and estimates, what its \
     intervals cover, what it falsely excludes or establishes, and its verdicts by few visits and by many. A minute for ten seeds.\n\n\
-    With --out the figures of tables are written as planted.csv and planted.json with the plot planted.svg; those of kitchens and hard under these \
-    names.\n\n\
+    segments: worlds whose visits come in 2 to 300 segments, in which either agent's habits or both differ, or nobody's, and nothing is dependent, or 30 % \
+    of the states are: in all segments alike, in a single one, or in each by other responses. Evidence is asked by itself: what it falsely establishes, \
+    finds, excludes and covers within segments, and how much of what is listed at a false discovery rate of 0.05 is false. A minute or two for ten seeds.\n\n\
+    With --out the figures of tables are written as planted.csv and planted.json with the plot planted.svg; those of kitchens, hard and segments under \
+    these names.\n\n\
     Example:\n  nudge experiment planted --seeds 3 --states 500 --out ./results\n  \
     nudge experiment planted --part kitchens --layout counter_circuit --seeds 1\n  \
-    nudge experiment planted --part hard --world copy --world weak25 --seeds 3")]
+    nudge experiment planted --part hard --world copy --world weak25 --seeds 3\n  \
+    nudge experiment planted --part segments --world opposite")]
 pub(in crate::cli) struct Planted {
     /// Run one part only [default: all of them]
     #[arg(long, value_name = "PART")]
@@ -49,12 +54,13 @@ pub(in crate::cli) struct Planted {
     /// The first seed; the others follow it
     #[arg(long, value_name = "NUMBER", default_value_t = of_tables::Options::default().seeds.first)]
     seed: u32,
-    /// States of the worlds of tables on which decisions are compared [default: 2500], and the most of a hard world [default: 150 to 1500]
+    /// States of the worlds of tables on which decisions are compared [default: 2500], the most of a hard world [default: 150 to 1500],
+    /// and those of a world of segments [default: 200]
     #[arg(long, value_name = "NUMBER", value_parser = clap::value_parser!(u32).range(1..=50_000))]
     states: Option<u32>,
-    /// A hard world of this name only; may be given again [default: all of them]
-    #[arg(long = "world", value_name = "NAME", value_parser = in_hard_worlds::named)]
-    worlds: Vec<World>,
+    /// A world of hard or of segments of this name only; may be given again [default: all of them]
+    #[arg(long = "world", value_name = "NAME", value_parser = named)]
+    worlds: Vec<Named>,
     /// Kitchens of one layout only: asymmetric_advantages or counter_circuit
     #[arg(long, value_name = "NAME")]
     layout: Option<Layout>,
@@ -78,6 +84,37 @@ enum Part {
     Kitchens,
     /// Tables unlike those that the evidence was built on
     Hard,
+    /// Tables whose visits come in segments
+    Segments,
+}
+
+/// A world that has a name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Named {
+    Hard(World),
+    Segments(drawn::World),
+}
+
+impl Named {
+    fn part(self) -> Part {
+        match self {
+            Self::Hard(_) => Part::Hard,
+            Self::Segments(_) => Part::Segments,
+        }
+    }
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Hard(world) => in_hard_worlds::name(&world),
+            Self::Segments(world) => world.name,
+        }
+    }
+
+    /// Returns every world that has a name.
+    fn all() -> Vec<Self> {
+        let hard = in_hard_worlds::worlds().into_iter().map(Self::Hard);
+        hard.chain(drawn::WORLDS.map(Self::Segments)).collect()
+    }
 }
 
 /// What a part found, in every form.
@@ -92,10 +129,11 @@ struct Told {
 
 impl Planted {
     pub(super) async fn run(self) -> Result<(), Failure> {
+        self.check_worlds()?;
         if let Some(directory) = &self.out {
             std::fs::create_dir_all(directory).map_err(|error| unwritable(directory, &error))?;
         }
-        let wanted = |part| self.part.is_none_or(|only| only == part);
+        let wanted = |part| self.is_wanted(part);
         let mut parts = Vec::new();
         if wanted(Part::Tables) {
             parts.push(self.told(self.tables().await?)?);
@@ -106,11 +144,23 @@ impl Planted {
         if wanted(Part::Hard) {
             parts.push(self.told(self.hard().await?)?);
         }
+        if wanted(Part::Segments) {
+            parts.push(self.told(self.segments())?);
+        }
         match &parts[..] {
             [part] if self.json => print_json(&part.json),
             _ if self.json => print_json(&parts.into_iter().map(|part| (part.part, part.json)).collect::<Value>()),
             _ => print(&parts.iter().map(|part| part.text.as_str()).collect::<Vec<_>>().join("\n")),
         }
+    }
+
+    /// Refuses a world of a part that is not run.
+    fn check_worlds(&self) -> Result<(), Failure> {
+        let idle = self.worlds.iter().find(|world| !self.is_wanted(world.part()));
+        idle.map_or(Ok(()), |world| {
+            let (name, part) = (world.name(), if world.part() == Part::Hard { "hard" } else { "segments" });
+            Err(Failure::usage(format!("--world {name} is a world of --part {part}, which is not run")))
+        })
     }
 
     async fn tables(&self) -> Result<Told, Failure> {
@@ -155,7 +205,7 @@ impl Planted {
 
     async fn hard(&self) -> Result<Told, Failure> {
         let usual = in_hard_worlds::Options::default();
-        let wanted = |world: &World| self.worlds.is_empty() || self.worlds.contains(world);
+        let wanted = |world: &World| self.names(Named::Hard(*world));
         let options = in_hard_worlds::Options {
             seeds: self.seeds(usual.seeds),
             states: self.states.map(|states| states as usize),
@@ -176,6 +226,40 @@ impl Planted {
         })
     }
 
+    fn segments(&self) -> Told {
+        let usual = in_segments::Options::default();
+        let wanted = |world: &drawn::World| self.names(Named::Segments(*world));
+        let options = in_segments::Options {
+            seeds: self.seeds(usual.seeds),
+            states: self.states.map_or(usual.states, |states| states as usize),
+            worlds: usual.worlds.into_iter().filter(wanted).collect(),
+        };
+        let progress = Progress::new(options.worlds().len() as u64 * u64::from(options.seeds.number));
+        progress.part("planted influence in segments");
+        let report = in_segments::run(&options, || progress.step());
+        progress.finish();
+        let svg = in_segments::plot(&report);
+        Told {
+            part: "segments",
+            name: "segments",
+            text: segments::render(&report),
+            json: report.json(),
+            csv: report.findings.csv(),
+            svg,
+        }
+    }
+
+    /// Returns whether a part is run.
+    fn is_wanted(&self, part: Part) -> bool {
+        self.part.is_none_or(|only| only == part)
+    }
+
+    /// Returns whether a world is wanted: by its name, or with all the others of its part, of which none was named.
+    fn names(&self, world: Named) -> bool {
+        let mut of_part = self.worlds.iter().filter(|named| named.part() == world.part()).peekable();
+        of_part.peek().is_none() || of_part.any(|named| *named == world)
+    }
+
     fn seeds(&self, usual: Seeds) -> Seeds {
         Seeds { number: self.seeds.unwrap_or(usual.number), first: self.seed }
     }
@@ -190,6 +274,16 @@ impl Planted {
         }
         Ok(part)
     }
+}
+
+/// Returns the world of a name.
+fn named(text: &str) -> Result<Named, String> {
+    let all = Named::all();
+    let expected = || all.iter().map(|world| world.name()).collect::<Vec<_>>().join(", ");
+    all.iter()
+        .find(|world| world.name() == text)
+        .copied()
+        .ok_or_else(|| format!("got {text:?}, expected one of {}", expected()))
 }
 
 fn write(directory: &Path, name: &str, text: &str) -> Result<(), Failure> {

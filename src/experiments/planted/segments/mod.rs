@@ -55,7 +55,11 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self { seeds: Seeds { number: 3, first: 1 }, states: drawn::Options::default().states, worlds: WORLDS.to_vec() }
+        Self {
+            seeds: Seeds { number: 10, first: 1 },
+            states: drawn::Options::default().states,
+            worlds: WORLDS.to_vec(),
+        }
     }
 }
 
