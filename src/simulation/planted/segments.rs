@@ -280,7 +280,7 @@ fn opposite(segments: usize, letters: usize, rng: &mut Pcg64) -> Vec<Vec<f64>> {
     let mut ranks: Vec<usize> = (0..letters).collect();
     shuffle(&mut ranks, rng);
     let habit = |segment: usize| {
-        let rank = |rank: &usize| if segment % 2 == 0 { *rank } else { letters - 1 - rank };
+        let rank = |rank: &usize| if segment.is_multiple_of(2) { *rank } else { letters - 1 - rank };
         ranks.iter().map(|at| sorted[rank(at)]).collect()
     };
     (0..segments).map(habit).collect()

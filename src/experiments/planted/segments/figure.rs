@@ -84,10 +84,10 @@ impl Figure {
             Self::Recall => "recall",
             Self::ExcludedIfDependent => "excluded if dependent",
             Self::Covered => "coverage, dependent",
-            Self::Listed => "listed by P",
-            Self::FalselyListed => "false among listed by P",
-            Self::ListedByP => "listed by p",
-            Self::FalselyListedByP => "false among listed by p",
+            Self::Listed => "listed, bayes",
+            Self::FalselyListed => "false among listed, bayes",
+            Self::ListedByP => "listed, bh",
+            Self::FalselyListedByP => "false among listed, bh",
         }
     }
 
