@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use crate::domain::{Dependence, Rule};
-use crate::evidence::{Believed, Fitter, Posterior, Prior, Uses, dependence};
+use crate::evidence::{Believed, Counted, Fitter, Posterior, Prior, Uses, dependence};
 use crate::information::{Alphabet, Table};
 use crate::simulation::planted::segments::pooled;
 
@@ -41,11 +41,13 @@ pub trait Engine: Sync + Sized {
 pub enum Within {
     /// Segments are added up.
     Pooled,
+    /// The evidence is given the parts, too.
+    Auto,
 }
 
 impl Within {
     /// Every way, the one that is held to the targets last.
-    pub const ALL: [Self; 1] = [Self::Pooled];
+    pub const ALL: [Self; 2] = [Self::Pooled, Self::Auto];
 
     /// The way that is held to the targets.
     pub const JUDGED: Self = Self::ALL[Self::ALL.len() - 1];
@@ -54,6 +56,7 @@ impl Within {
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Pooled => "pooled",
+            Self::Auto => "auto",
         }
     }
 
@@ -61,6 +64,7 @@ impl Within {
     pub fn ask(self, alphabet: Alphabet, states: &[Vec<Table>]) -> Vec<Said> {
         match self {
             Self::Pooled => asked::<Pooled>(alphabet, states),
+            Self::Auto => asked::<Auto>(alphabet, states),
         }
     }
 }
@@ -88,4 +92,29 @@ impl Engine for Pooled {
         let table = [pooled(segments)];
         Said::new(&prior.posterior(prior.habits(), &table), prior.unseen(), &table)
     }
+}
+
+/// Evidence that knows about segments.
+pub struct Auto(Prior);
+
+impl Engine for Auto {
+    fn fit(alphabet: Alphabet, states: &[Vec<Table>]) -> Self {
+        let wholes: Vec<[Table; 1]> = states.iter().map(|segments| [pooled(segments)]).collect();
+        let counted = || wholes.iter().zip(states).map(|(whole, segments)| counted(whole, segments));
+        let mut uses = Uses::new(alphabet);
+        counted().for_each(|state| uses.add(state));
+        let mut fitter = Fitter::new(alphabet, &uses);
+        counted().for_each(|state| fitter.add(state));
+        Self(Prior::new(&fitter.fit()))
+    }
+
+    fn posterior(&self, segments: &[Table]) -> Said {
+        let Self(prior) = self;
+        let whole = [pooled(segments)];
+        Said::new(&prior.posterior(prior.habits(), counted(&whole, segments)), prior.unseen(), &whole)
+    }
+}
+
+fn counted<'a>(whole: &'a [Table; 1], segments: &'a [Table]) -> Counted<'a> {
+    Counted { slices: whole, parts: if segments.len() > 1 { segments } else { &[] } }
 }
