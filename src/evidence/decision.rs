@@ -230,6 +230,23 @@ mod tests {
     }
 
     #[test]
+    fn a_third_of_the_odds_explains_and_many_sets_ask_for_more() {
+        let told = |unseen, now| Believed {
+            draws: 1_000,
+            tells: true,
+            ..Believed::of_dependence(now, unseen, &[Table::from_counts([(0, 0, 1)])])
+        };
+        // Odds of 3/7, then 1/7 and a little more.
+        let explained = [told(0.3, 0.125), told(0.3, 0.126), told(0.999, 0.9)].map(|believed| is_explained(&believed));
+        assert_eq!(explained, [true, false, true]);
+        let opened = |unseen, now, sets| is_opened(&told(unseen, now), sets);
+        assert_eq!([opened(0.3, 0.951, 1), opened(0.3, 0.951, 2), opened(0.3, 0.98, 2)], [true, false, true]);
+        assert!(!opened(0.9, 0.96, 1), "the prior knew");
+        let line = Believed::of_dependence(0.999, 0.3, &[Table::from_counts([(0, 0, 9)])]);
+        assert!(!is_opened(&line, 1) && !is_explained(&Believed::of_dependence(0.01, 0.3, &[])));
+    }
+
+    #[test]
     fn dependence_is_a_question_of_its_own() {
         let told = |unseen, now| {
             let mut believed = believed(0.5, 0.5);
