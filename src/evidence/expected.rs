@@ -20,10 +20,10 @@
 
 use super::base::Base;
 use super::beta::Beta;
-use super::fit::normalised;
 use super::gamma::{digamma, ln_rising};
 use super::likelihood::rows_evidence;
 use super::prior::ln_sum;
+use super::state::normalised;
 use crate::information::{Alphabet, Table};
 
 /// Concentrations of the null on one base.

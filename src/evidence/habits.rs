@@ -65,7 +65,6 @@ impl Usage {
 pub struct Uses {
     counts: [Vec<u64>; 2],
     policies: [Policies; 2],
-    segments: [Segments; 2],
 }
 
 impl Uses {
@@ -73,16 +72,12 @@ impl Uses {
     pub fn new(alphabet: Alphabet) -> Self {
         let none = |letters: u64| vec![0; letters as usize];
         let counts = [none(alphabet.rows), none(alphabet.columns)];
-        Self { counts, policies: Default::default(), segments: Default::default() }
+        Self { counts, policies: Default::default() }
     }
 
     /// Adds a state by its tables; those that cannot tell dependence from independence tell habits, too.
     pub fn add<'a>(&mut self, counted: impl Into<Counted<'a>>) {
-        let Counted { slices, parts } = counted.into();
-        if !parts.is_empty() {
-            (0..2).for_each(|variable| self.segments[variable].add(parts.iter().map(|part| margins(part)[variable])));
-        }
-        for slice in slices {
+        for slice in counted.into().slices {
             for (variable, (labels, sums)) in margins(slice).into_iter().enumerate() {
                 let counts = &mut self.counts[variable];
                 labels.iter().zip(sums).for_each(|(label, n)| counts[*label as usize] += n);
@@ -96,21 +91,20 @@ impl Uses {
         [0, 1].map(|variable| Base::new(&self.counts[variable]))
     }
 
-    /// Returns the concentration kappa of the policies of each variable around its mean policy.
-    pub(super) fn concentrations(&self) -> [Option<f64>; 2] {
-        let habits = Habits::new(&self.counts[0], &self.counts[1]);
-        [0, 1].map(|variable| self.policies[variable].concentration(&habits.driver(variable).shares))
+    /// Returns the habits behind these counts.
+    pub(super) fn habits(&self) -> Habits {
+        Habits::new(&self.counts[0], &self.counts[1])
     }
 
-    /// Returns the concentration kappa' of the policies of each variable in segments around its policy in their state.
-    pub(super) fn concentrations_in_segments(&self) -> [Option<f64>; 2] {
-        let habits = Habits::new(&self.counts[0], &self.counts[1]);
-        [0, 1].map(|variable| self.segments[variable].concentration(&habits.driver(variable).shares))
+    /// Returns the concentration kappa of the policies of each variable around its mean policy.
+    pub(super) fn concentrations(&self) -> [Option<f64>; 2] {
+        let habits = self.habits();
+        [0, 1].map(|variable| self.policies[variable].concentration(&habits.driver(variable).shares))
     }
 }
 
 /// The labels and the sums of the rows and of the columns of a table.
-fn margins(table: &Table) -> [(&[u64], &[u64]); 2] {
+pub(super) fn margins(table: &Table) -> [(&[u64], &[u64]); 2] {
     [(table.row_labels(), table.rows()), (table.column_labels(), table.columns())]
 }
 
@@ -119,7 +113,7 @@ const MOST_PARTS: usize = 20_000;
 
 /// How a variable's policies differ from segment to segment within a state.
 #[derive(Debug, Clone, Default)]
-struct Segments(Vec<Part>);
+pub(super) struct Segments(Vec<Part>);
 
 /// The visits of one segment in a state: of each letter, here and in all other segments, and their totals.
 #[derive(Debug, Clone)]
@@ -130,7 +124,8 @@ struct Part {
 }
 
 impl Segments {
-    fn add<'a>(&mut self, parts: impl Iterator<Item = (&'a [u64], &'a [u64])> + Clone) {
+    /// Adds the parts of a state, by the labels and the sums of the variable.
+    pub fn add<'a>(&mut self, parts: impl Iterator<Item = (&'a [u64], &'a [u64])> + Clone) {
         let mut sums: BTreeMap<u64, u64> = BTreeMap::new();
         let letters = |(labels, sums): (&'a [u64], &'a [u64])| labels.iter().copied().zip(sums.iter().copied());
         parts.clone().flat_map(letters).for_each(|(label, n)| *sums.entry(label).or_default() += n);
@@ -144,7 +139,8 @@ impl Segments {
 
     /// Returns kappa' under which sum ln DM(r_sg; kappa' p) is largest, p the policy in the state's other segments, with one visit more spread as the
     /// environment's mean policy is.
-    fn concentration(&self, mean: &[f64]) -> Option<f64> {
+    pub fn concentration(&self, usage: &Usage) -> Option<f64> {
+        let mean = &usage.shares;
         if self.0.iter().all(|part| part.here < 2) || mean.iter().filter(|share| **share > 0.0).count() < 2 {
             return None;
         }

@@ -68,6 +68,7 @@ mod base;
 mod beta;
 mod by_action;
 mod counted;
+mod cut;
 mod decision;
 mod deviants;
 mod draws;
@@ -86,6 +87,7 @@ mod predicted;
 mod prior;
 mod segments;
 mod side;
+mod state;
 mod weights;
 
 pub use base::Base;

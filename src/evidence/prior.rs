@@ -4,8 +4,9 @@ use std::borrow::Cow;
 
 use super::asymptotic::Estimate;
 use super::counted::Counted;
+use super::cut::FamilyWeights;
 use super::deviants::Deviants;
-use super::fit::{FamilyWeights, Fit};
+use super::fit::Fit;
 use super::habits::Habits;
 use super::likelihood::Likelihood;
 use super::moments::{Moments, Slice};

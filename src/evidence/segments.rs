@@ -12,7 +12,7 @@
 //! Mutual information is that within segments, sum_g w_g I_g with w_g the segment's share of the visits. Under a shared response it is smaller than the
 //! pooled table's where the driver's habits differ: by a factor that is found once, for the responses that are expected.
 
-use super::fit::{SegmentHabits, ln_mean};
+use super::cut::{SegmentHabits, ln_mean};
 use super::habits::{Habits, Usage};
 use super::moments::{Moments, Slice};
 use super::parameters::{AROUND, CUT, FIXED, SLABS};

@@ -54,16 +54,6 @@ impl Dataset {
     ) -> Result<Option<Self>, StoreError> {
         let Some(fitted) = fits.fit(environment, pair).await? else { return Ok(None) };
         let revision = store.totals(environment.id).await?.transitions;
-        let mut sample = Sample::default();
-        let mut pages = Pages::new(store, environment.id);
-        while let Some(page) = pages.next().await? {
-            for scanned in page {
-                let cells = scanned.counts.cells().iter();
-                let tables = Tables::new(&environment.schema, pair, cells.clone());
-                let draws = tables.evidence(&environment.schema, pair, Within::Auto, cells);
-                sample.add(scanned.key, draws.into_owned());
-            }
-        }
         let dataset = Self {
             schema_hash: environment.schema.hash().to_string(),
             alphabet: pair.alphabet(&environment.schema),
@@ -73,21 +63,34 @@ impl Dataset {
             fitted,
             ego: priors::ego(pair),
         };
-        let states = sample.states;
-        let weighed = tokio::task::spawn_blocking(move || in_spare_time(|| dataset.with(states))).await;
-        weighed.map(Some).map_err(|error| StoreError::Unreadable(error.to_string()))
+        let mut sample = Sample::default();
+        let mut pages = Pages::new(store, environment.id);
+        while let Some(page) = pages.next().await? {
+            let wanted = page.into_iter().filter(|scanned| sample.wants(&scanned.key));
+            let drawn = wanted.map(|scanned| {
+                let cells = scanned.counts.cells().iter();
+                let tables = Tables::new(&environment.schema, pair, cells.clone());
+                let draws = tables.evidence(&environment.schema, pair, Within::Auto, cells).into_owned();
+                (scanned.key, draws)
+            });
+            // Page by page, since a state may have hundreds of parts: what is kept of it is one table.
+            let (drawn, weighing) = (drawn.collect(), dataset.clone());
+            let weighed = tokio::task::spawn_blocking(move || in_spare_time(|| weighing.weighed(drawn))).await;
+            let weighed = weighed.map_err(|error| StoreError::Unreadable(error.to_string()))?;
+            weighed.into_iter().for_each(|example| sample.add(example.key.clone(), example, 1));
+        }
+        let examples = sample.sorted().into_iter().map(|(_, example)| example).collect();
+        Ok(Some(Self { examples, ..dataset }))
     }
 
-    /// Returns the same with these states, whose tables have the prior's rows.
-    fn with(self, states: Vec<(StateKey, Draws<'static>)>) -> Self {
+    /// Asks the evidence about states, whose draws have the prior's rows.
+    fn weighed(&self, states: Vec<(StateKey, Draws<'static>)>) -> Vec<Example> {
         let example = |(key, draws): (StateKey, Draws<'static>)| {
             let table = draws.slices.first()?;
             let table = if self.ego == Ego::Rows { table.clone() } else { table.transposed() };
             (table.total() > 0).then(|| Example { above: self.given(draws.counted()), key, table })
         };
-        let mut examples: Vec<Example> = states.into_par_iter().filter_map(example).collect();
-        examples.sort_unstable_by(|a, b| a.key.cmp(&b.key));
-        Self { examples, ..self }
+        states.into_par_iter().filter_map(example).collect()
     }
 
     /// Returns the overall distribution of the other's actions in some states.

@@ -235,12 +235,12 @@ impl Fits {
                 let draws = tables.evidence(&environment.schema, pair, Within::Auto, cells);
                 uses.add(draws.counted());
                 if !draws.slices.iter().all(Table::is_line) {
-                    sample.add(scanned.key, draws.into_owned());
+                    let tables = draws.tables();
+                    sample.add(scanned.key, draws.into_owned(), tables);
                 }
             }
         }
-        sample.states.sort_unstable_by(|a, b| a.0.cmp(&b.0));
-        Ok((uses, sample.states))
+        Ok((uses, sample.sorted()))
     }
 
     fn keep(&self, key: Key, id: FitId, last_version: u64, fit: Fit) -> Arc<Fitted> {

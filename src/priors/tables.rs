@@ -34,6 +34,11 @@ impl Draws<'_> {
         evidence::Counted { slices: &self.slices, parts: &self.parts }
     }
 
+    /// Returns how many tables they are.
+    pub fn tables(&self) -> usize {
+        self.slices.len() + self.parts.len()
+    }
+
     /// Returns the same for those who keep them.
     pub fn into_owned(self) -> Draws<'static> {
         Draws { slices: self.slices.into_owned().into(), parts: self.parts }

@@ -1,0 +1,225 @@
+//! What one state says for every hypothesis, kept so that weights can be fitted to it over and over.
+
+use super::cut::{Cut, FamilyWeights, SegmentHabits};
+use super::increments::add;
+use super::likelihood::{Likelihood, NullMixture, columns};
+use super::parameters::{
+    DEVIANT_SLABS, DEVIANTS, Expected, FIXED, HABITS, NULLS, OWN_GRID, OWN_SLABS, Parameters, Segmented, SideParameters,
+};
+use crate::information::Table;
+
+/// What one state says, as multiples of its likeliest component, in either way to read it.
+pub(super) struct State {
+    slices: Vec<[Table; 2]>,
+    sides: [Side; 2],
+    /// The same of its parts, where it was seen in several segments.
+    cut: Option<[Cut; 2]>,
+}
+
+/// What one state says where its columns respond to its rows.
+pub(super) struct Side {
+    nulls: Vec<Scaled<NULLS>>,
+    anchors: Vec<Scaled<NULLS>>,
+    fixed: Scaled<FIXED>,
+    /// Relative to the null, as are the deviants.
+    own: Scaled<OWN_GRID>,
+    deviants: Option<Scaled<DEVIANTS>>,
+}
+
+/// The numbers `parts` times e^`ln_scale`; the largest part is 1.
+pub(super) struct Scaled<const L: usize> {
+    ln_scale: f64,
+    parts: [f64; L],
+}
+
+impl<const L: usize> Scaled<L> {
+    pub fn new(logarithms: [f64; L]) -> Self {
+        let ln_scale = logarithms.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        Self { ln_scale, parts: logarithms.map(|ln| (ln - ln_scale).exp()) }
+    }
+
+    pub fn logarithms(&self) -> [f64; L] {
+        self.parts.map(|part| self.ln_scale + part.ln())
+    }
+
+    pub fn ln_weighted(&self, weights: &[f64]) -> f64 {
+        self.ln_scale + self.weighted(weights).ln()
+    }
+
+    fn weighted(&self, weights: &[f64]) -> f64 {
+        self.parts.iter().zip(weights).map(|(part, weight)| part * weight).sum()
+    }
+
+    /// Adds a number of states to the components, in proportion to their weighted parts.
+    pub fn share(&self, states: f64, weights: &[f64], expected: &mut [f64]) {
+        let scale = states / self.weighted(weights);
+        for ((expected, part), weight) in expected.iter_mut().zip(self.parts).zip(weights) {
+            *expected += scale * part * weight;
+        }
+    }
+}
+
+/// The probabilities of a state's hypotheses.
+#[derive(Default)]
+pub(super) struct Shares {
+    pub independent: f64,
+    /// By side: of the slabs on fixed bases, of those on the state's own marginal, and of the deviants.
+    shared: [[f64; 3]; 2],
+    /// By side: of the first two, cut by segment, and in one segment alone.
+    cut: [[f64; 2]; 2],
+    one: [[f64; 2]; 2],
+    /// By side: of each kind of the responder's habits, where they are told by its margin alone.
+    habits: [[f64; HABITS]; 2],
+}
+
+impl State {
+    /// Looks at the slices that can tell dependence from independence, and at their parts by segment, if there are any; `is_whole` where those are of one
+    /// table.
+    pub fn new(likelihoods: &[Likelihood; 2], slices: Vec<[Table; 2]>, is_whole: bool, parts: &[Table]) -> Self {
+        let side = |side: usize| Side::new(&likelihoods[side], slices.iter().map(|slice| &slice[side]));
+        let sides = [side(0), side(1)];
+        let parts: Vec<[Table; 2]> = parts.iter().map(|part| [part.clone(), part.transposed()]).collect();
+        let cut = |side: usize| Cut::new(&likelihoods[side], is_whole, parts.iter().map(|part| &part[side]));
+        let cut = (!parts.is_empty()).then(|| [cut(0), cut(1)]);
+        Self { slices, sides, cut }
+    }
+
+    /// Looks for rows that deviate from the null of a side, which is mixed so.
+    pub fn look_for_deviants(&mut self, side: usize, likelihood: &Likelihood, nulls: &NullMixture) {
+        let mut deviants = [0.0; DEVIANTS];
+        for slice in &self.slices {
+            let null = nulls.given(&likelihood.shared(columns(&slice[side]), slice[side].total()));
+            add(&mut deviants, &likelihood.deviants(&slice[side], nulls, &null).evidence());
+        }
+        self.sides[side].deviants = Some(Scaled::new(deviants));
+    }
+
+    /// Returns the probabilities of its hypotheses.
+    pub fn shares(&self, parameters: &Parameters, weights: &FamilyWeights) -> Shares {
+        let ln_dependent = parameters.dependent.ln();
+        let mut shared =
+            [0, 1].map(|at| self.sides[at].ln_hypotheses(&parameters.sides[at]).map(|ln| ln + ln_dependent));
+        let mut cut = [[f64::NEG_INFINITY; 2]; 2];
+        let (mut one, mut kinds) = (cut, [[0.0; HABITS]; 2]);
+        if let Some(parts) = &self.cut {
+            let [f_shared, f_cut, f_one] = weights.families.map(f64::ln);
+            let more = weights.cut.ln() + ln_dependent;
+            for side in 0..2 {
+                let of_side = &parameters.sides[side];
+                let pooled = self.sides[side].ln_null(of_side);
+                let apart = parts[side].ln_null(of_side) - pooled;
+                let habits = SegmentHabits::new(&of_side.segments, apart, &parts[side].around.logarithms());
+                shared[side].iter_mut().for_each(|ln| *ln += f_shared - habits.ln);
+                let own = |own: &Scaled<OWN_GRID>| own.ln_weighted(&of_side.slabs[OWN_SLABS]) + habits.ln_differ;
+                let fixed = parts[side].fixed.ln_weighted(&of_side.slabs[..FIXED]) - pooled;
+                cut[side] = [fixed, own(&parts[side].own)].map(|ln| ln + f_cut + more - habits.ln);
+                let fixed = parts[side].ln_one_fixed(of_side) + apart;
+                one[side] = [fixed, own(&parts[side].one)].map(|ln| ln + f_one + more - habits.ln);
+                kinds[side] = habits.kinds;
+            }
+        }
+        let independent = (-parameters.dependent).ln_1p();
+        let all = || [shared.as_flattened(), cut.as_flattened(), one.as_flattened()].into_iter().flatten();
+        let largest = all().fold(independent, |largest, ln| largest.max(*ln));
+        let part = |ln: f64| (ln - largest).exp();
+        let (shared, cut, one) = (shared.map(|s| s.map(part)), cut.map(|s| s.map(part)), one.map(|s| s.map(part)));
+        // Each side by itself, so that the order of the variables changes no bit.
+        let side = |at: usize| [&shared[at][..], &cut[at], &one[at]].into_iter().flatten().sum::<f64>();
+        let total = part(independent) + (side(0) + side(1));
+        let share = |part: f64| part / total;
+        Shares {
+            independent: share(part(independent)),
+            shared: shared.map(|side| side.map(share)),
+            cut: cut.map(|side| side.map(share)),
+            one: one.map(|side| side.map(share)),
+            habits: kinds,
+        }
+    }
+
+    /// Adds the state to all that it is an instance of, in proportion to the probabilities.
+    pub fn expect(
+        &self,
+        shares: &Shares,
+        parameters: &Parameters,
+        expected: &mut [Expected; 2],
+        segmented: &mut Segmented,
+    ) {
+        let Shares { independent, shared, cut, one, habits } = shares;
+        let total = |side: usize| [&shared[side][..], &cut[side], &one[side]].into_iter().flatten().sum::<f64>();
+        for side in 0..2 {
+            let (of_side, expected) = (&parameters.sides[side], &mut expected[side]);
+            // Where the other variable responds, this one's habits are told by its margin alone.
+            let free = independent + total(1 - side);
+            let [fixed, own, deviant] = shared[side];
+            let Some(parts) = &self.cut else {
+                self.sides[side].expect(shared[side], free + own + deviant, of_side, expected);
+                continue;
+            };
+            let [alike, apart] = [habits[side][0], habits[side][1]];
+            let differ = 1.0 - alike;
+            let null = free * alike + own + deviant;
+            self.sides[side].expect([fixed, own, deviant], null, of_side, expected);
+            let own = cut[side][1] + one[side][1];
+            let apart = free * apart + own * apart / differ.max(f64::MIN_POSITIVE) + one[side][0];
+            parts[side].expect([cut[side], one[side]], apart, of_side, expected);
+            let kinds = (0..).zip(habits[side]).map(|(kind, p)| {
+                let of_own = if kind == 0 { 0.0 } else { own * p / differ.max(f64::MIN_POSITIVE) };
+                free * p + of_own + if kind == 1 { one[side][0] } else { 0.0 }
+            });
+            expected.habits.iter_mut().zip(kinds).for_each(|(sum, p)| *sum += p);
+        }
+        if self.cut.is_some() {
+            let family = |by_side: [f64; 2]| by_side[0] + by_side[1];
+            let sums = [shared.map(|s| s.iter().sum()), cut.map(|s| s.iter().sum()), one.map(|s| s.iter().sum())];
+            segmented.families.iter_mut().zip(sums).for_each(|(sum, by_side)| *sum += family(by_side));
+        }
+    }
+}
+
+impl Side {
+    fn new<'a>(likelihood: &Likelihood, slices: impl Iterator<Item = &'a Table>) -> Self {
+        let (mut fixed, mut own) = ([0.0; FIXED], [0.0; OWN_GRID]);
+        let (mut nulls, mut anchors) = (Vec::new(), Vec::new());
+        for evidence in slices.map(|slice| likelihood.evidence(slice)) {
+            nulls.push(Scaled::new(evidence.nulls));
+            anchors.extend(evidence.anchor.map(Scaled::new));
+            add(&mut fixed, &evidence.fixed);
+            add(&mut own, &evidence.own);
+        }
+        Self { nulls, anchors, fixed: Scaled::new(fixed), own: Scaled::new(own), deviants: None }
+    }
+
+    /// Returns, relative to the null, how likely the state is under all slabs on fixed bases, on its own marginal, and of one deviating row.
+    fn ln_hypotheses(&self, parameters: &SideParameters) -> [f64; 3] {
+        let SideParameters { nulls, slabs, .. } = parameters;
+        let anchored: f64 = self.anchors.iter().map(|slice| slice.ln_weighted(nulls)).sum();
+        [
+            self.fixed.ln_weighted(&slabs[..FIXED]) + anchored - self.ln_null(parameters),
+            self.own.ln_weighted(&slabs[OWN_SLABS]),
+            self.deviants.as_ref().map_or(f64::NEG_INFINITY, |deviants| deviants.ln_weighted(&slabs[DEVIANT_SLABS])),
+        ]
+    }
+
+    fn ln_null(&self, SideParameters { nulls, .. }: &SideParameters) -> f64 {
+        self.nulls.iter().map(|slice| slice.ln_weighted(nulls)).sum()
+    }
+
+    /// Adds the state to the components in proportion to their probabilities; all but slabs on fixed bases have the null's response.
+    fn expect(&self, [fixed, own, deviant]: [f64; 3], null: f64, parameters: &SideParameters, expected: &mut Expected) {
+        let SideParameters { nulls, slabs, .. } = parameters;
+        self.fixed.share(fixed, &slabs[..FIXED], &mut expected.slabs[..FIXED]);
+        self.own.share(own, &slabs[OWN_SLABS], &mut expected.slabs[OWN_SLABS]);
+        if let Some(deviants) = &self.deviants {
+            deviants.share(deviant, &slabs[DEVIANT_SLABS], &mut expected.slabs[DEVIANT_SLABS]);
+        }
+        self.nulls.iter().for_each(|slice| slice.share(null, nulls, &mut expected.nulls));
+        self.anchors.iter().for_each(|slice| slice.share(fixed, nulls, &mut expected.nulls));
+    }
+}
+
+/// Returns numbers in proportion to e^x that sum to 1.
+pub(super) fn normalised<const L: usize>(logarithms: [f64; L]) -> [f64; L] {
+    let Scaled { parts, .. } = Scaled::new(logarithms);
+    let sum: f64 = parts.iter().sum();
+    parts.map(|part| part / sum)
+}
