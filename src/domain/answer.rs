@@ -216,6 +216,8 @@ pub struct Evidence {
     pub interval: Interval,
     /// P(habits differ by segment here); `None` where the evidence does not tell.
     pub differ: Option<f64>,
+    /// P(MI > 0) of the pooled table, where the evidence tells segments apart.
+    pub pooled: Option<f64>,
 }
 
 impl Evidence {

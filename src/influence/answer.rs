@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use super::actions;
 use super::judge::{Judge, Judged};
-use super::stratified::Tested;
+use super::stratified::{self, Tested};
 use super::survey::Plan;
 use crate::domain::{
     Answer, Bin, Estimator, Figures, ModelAction, ModelFigures, Question, Schema, Scope, StateKey, Unit, View,
@@ -48,6 +48,14 @@ pub async fn answers(ground: Ground, counts: Vec<StateCounts>) -> Result<Vec<Ans
     Ok(answers)
 }
 
+/// Returns a warning where pooled and stratified answers disagree: by their tests, where those were asked for, else by the evidence.
+fn warning(tested: Option<Tested>, judged: &Judged) -> Option<String> {
+    match tested {
+        Some(tested) => tested.warning(),
+        None => stratified::warning(&judged.evidence?),
+    }
+}
+
 impl Ground {
     fn judge(&self) -> Judge<'_> {
         self.plan.judge(self.question.view)
@@ -78,7 +86,7 @@ impl Ground {
             Box::new(Figures {
                 bins: bins(judge.schema, key),
                 significance: tested.map(|(tested, exchange)| tested.told(exchange)),
-                warnings: tested.and_then(|(tested, _)| tested.warning()).into_iter().collect(),
+                warnings: warning(tested.map(|(tested, _)| tested), &judged).into_iter().collect(),
                 visits_to_decide,
                 model: predicted.and_then(|predicted| self.model(judge, key, predicted)),
                 revision: state.revision,

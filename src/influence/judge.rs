@@ -143,6 +143,7 @@ impl Judge<'_> {
             posterior_mean: posterior.mean() + 0.0,
             interval: posterior.interval(),
             differ: posterior.differ(),
+            pooled: posterior.differ().map(|_| informed.prior.dependent(&draws.slices)),
         };
         Found { evidence, believed }
     }

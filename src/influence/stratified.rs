@@ -1,6 +1,6 @@
 //! Pooled and stratified tests of independence, and what it means where they disagree (Simpson's paradox).
 
-use crate::domain::{Exchange, Significance};
+use crate::domain::{Evidence, Exchange, Significance};
 use crate::information::{self, Table, smallest_p};
 
 /// Permutations of a test of independence: its p-value is known to about a thousandth.
@@ -8,6 +8,10 @@ const PERMUTATIONS: u64 = 4_000;
 
 /// The largest p-value of a test that finds dependence.
 const FOUND: f64 = 0.01;
+
+/// Probabilities of dependence from which there is some, and up to which there may be none.
+const PROBABLE: f64 = 0.95;
+const IMPROBABLE: f64 = 0.5;
 
 /// A test with a p-value above this finds none.
 const MISSED: f64 = 0.1;
@@ -86,6 +90,18 @@ impl Disagreement {
         }
     }
 
+    /// Compares what the evidence says of a state with what it would say of the pooled table; `None` too where there is nothing to compare.
+    pub fn of_evidence(evidence: &Evidence) -> Option<Self> {
+        let (pooled, told) = (evidence.pooled?, evidence.probability.dependent);
+        if pooled >= PROBABLE && told <= IMPROBABLE {
+            Some(Self::Pooled)
+        } else if pooled <= IMPROBABLE && told >= PROBABLE {
+            Some(Self::Stratified)
+        } else {
+            None
+        }
+    }
+
     /// Returns what it may mean.
     fn meaning(self) -> &'static str {
         match self {
@@ -98,6 +114,29 @@ impl Disagreement {
 
 fn told(p_value: f64) -> String {
     if p_value < 1e-4 { "< 0.0001".into() } else { format!("= {p_value:.4}") }
+}
+
+/// Returns a warning where the evidence says of a state what it would not of the pooled table.
+pub fn warning(evidence: &Evidence) -> Option<String> {
+    let meaning = Disagreement::of_evidence(evidence)?.meaning();
+    let (pooled, told) = (evidence.pooled?, evidence.probability.dependent);
+    Some(format!("pooled P(dependent) {pooled:.4}, but {told:.4} where segments are told apart: {meaning}"))
+}
+
+/// Returns a warning of each kind for the states of an environment.
+pub fn warnings<'a>(states: impl Iterator<Item = &'a Evidence> + Clone) -> Vec<String> {
+    let kind = |kind: Disagreement| {
+        let of_kind = states.clone().filter(|evidence| Disagreement::of_evidence(evidence) == Some(kind));
+        let (states, meaning) = (of_kind.count(), kind.meaning());
+        let plural = if states == 1 { "" } else { "s" };
+        let (pooled, told) = match kind {
+            Disagreement::Stratified => (format!("<= {IMPROBABLE}"), format!(">= {PROBABLE}")),
+            Disagreement::Pooled | Disagreement::Untestable => (format!(">= {PROBABLE}"), format!("<= {IMPROBABLE}")),
+        };
+        let said = format!("pooled P(dependent) {pooled}, but {told} where segments are told apart");
+        (states > 0).then(|| format!("in {states} state{plural} {said}: {meaning}"))
+    };
+    Disagreement::ALL.into_iter().filter_map(kind).collect()
 }
 
 /// How often the tests disagree among the states of an environment.

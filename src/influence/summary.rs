@@ -1,6 +1,7 @@
 //! What all states say together.
 
 use super::discoveries::Found;
+use super::stratified;
 use super::survey::Survey;
 use crate::domain::{Dependence, HistogramBin, Label, Schema, Scope, Segmentation, Summary, Verdict};
 
@@ -37,7 +38,15 @@ pub fn summary(
         fit: survey.fit,
         dependent_share: survey.dependent_share,
         discoveries: found.map(|found| found.discoveries),
-        warnings: found.map(|found| found.warnings.clone()).unwrap_or_default(),
+        warnings: warnings(survey, found),
+    }
+}
+
+/// Returns where pooled and stratified answers disagree: by their tests, where those were made, else by the evidence.
+fn warnings(survey: &Survey, found: Option<&Found>) -> Vec<String> {
+    match found {
+        Some(found) if !found.warnings.is_empty() => found.warnings.clone(),
+        _ => stratified::warnings(survey.rows.iter().filter_map(|row| row.evidence.as_ref())),
     }
 }
 

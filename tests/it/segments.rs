@@ -135,6 +135,16 @@ async fn the_evidence_knows_about_segments() {
     assert_eq!((differ("key=0&within=pooled").await, differ("key=0&segments=a").await), (None, None));
     assert!(get(&app, "summary").await["segmentation"]["differ"].as_f64() > Some(0.3));
 
+    // Nobody needs to ask for a test to be warned.
+    let warned = answer(&app, "key=0").await["warnings"].clone();
+    let warned = warned[0].as_str().expect("a sentence");
+    assert!(warned.starts_with("pooled P(dependent) ") && warned.ends_with("segments whose habits differ"), "{warned}");
+    assert_eq!(answer(&app, &format!("key={COPIED}")).await.get("warnings"), None);
+    let expected = "in 6 states pooled P(dependent) >= 0.95, but <= 0.5 where segments are told apart: \
+                    what looks like dependence may be segments whose habits differ";
+    let summary = get(&app, "summary").await;
+    assert!(summary["warnings"].as_array().expect("a list").contains(&json!(expected)), "{}", summary["warnings"]);
+
     let listed = async |within: &str| {
         let mut listed = keys(&get(&app, &format!("states?fdr=0.05&within={within}")).await);
         listed.sort_unstable();
@@ -266,7 +276,9 @@ async fn tests_that_disagree_are_told() {
         }
         assert!(warnings(&format!("key=0&segments=a&significance={test}")).await.is_empty(), "one segment alone");
     }
-    assert!(warnings("key=0").await.is_empty(), "no test, no word about tests");
+    let by_evidence = warnings("key=0").await;
+    assert!(by_evidence.iter().all(|told| told.starts_with("pooled P(dependent) ")), "no test, no word about tests");
+    assert!(warnings("key=0&within=pooled").await.is_empty(), "nothing to compare");
     let expected = json!([
         "in 6 states pooled p <= 0.01, but within segments p > 0.1: what looks like dependence may be segments whose habits differ",
         "in 1 state pooled p <= 0.01, but within segments p > 0.1: each has too few draws to tell dependence from habits that differ",
@@ -276,7 +288,7 @@ async fn tests_that_disagree_are_told() {
         let summary = get(&app, &format!("summary?fdr=0.05&method=bh&within={within}")).await;
         assert_eq!(summary["warnings"], expected, "{within}");
     }
-    assert!(get(&app, "summary").await.get("warnings").is_none());
+    assert!(get(&app, "summary?within=pooled").await.get("warnings").is_none());
 }
 
 /// Every question of a pair in a query string.
