@@ -75,7 +75,7 @@ impl Cut {
         for part in parts.clone() {
             let apart = likelihood.rows_apart(part);
             add(&mut fixed, &apart);
-            let of_part = if part.is_line() { [0.0; OWN_GRID] } else { likelihood.evidence(part).own };
+            let of_part = if part.is_line() { [0.0; OWN_GRID] } else { likelihood.on_own_marginal(part) };
             add(&mut own, &of_part);
             let beyond = part.total().saturating_sub(1) as f64;
             one.push((beyond, of_part));

@@ -126,6 +126,12 @@ impl Likelihood {
         }
     }
 
+    /// Returns the evidence of the slabs on a part's own marginal, relative to the null.
+    pub fn on_own_marginal(&self, part: &Table) -> [f64; OWN_GRID] {
+        let anchor = anchor(part);
+        self.own(part, anchor, &self.rows(part, anchor))
+    }
+
     /// Returns sum_i ln DM(n_i.; k m) over all rows: how likely a part is whose rows have their own responses.
     pub fn rows_apart(&self, part: &Table) -> [f64; FIXED] {
         self.fixed(part, None, &self.rows(part, None))
@@ -139,8 +145,7 @@ impl Likelihood {
         if table.is_line() {
             return [0.0; AROUND];
         }
-        let anchor = anchor(&table);
-        let own = self.own(&table, anchor, &self.rows(&table, anchor));
+        let own = self.on_own_marginal(&table);
         std::array::from_fn(|at| own[at])
     }
 

@@ -161,10 +161,9 @@ impl Prior {
             return shared.map(|(_, weight, moments)| (weight, moments)).collect();
         }
         let usages = self.usages(habits, &readings.wholes);
-        let parts = self.parts(&readings.parts, &usages);
         let within = [0, 1].map(|side| self.within(side, weights, readings, &usages));
         let shared = shared.map(|(side, weight, moments)| (weight, moments.scaled(within[side])));
-        shared.chain(self.cut_moments(segments, &parts)).collect()
+        shared.chain(self.cut_moments(segments, &readings.parts, &usages)).collect()
     }
 
     /// Looks at every slice from both sides.

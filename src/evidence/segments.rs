@@ -23,9 +23,11 @@ use crate::information::Table;
 /// Differences of habits that are less probable change nothing.
 const NEGLIGIBLE: f64 = 0.01;
 /// The most slabs that stand for all that are cut by segment.
-const MOST_CUT: usize = 3;
+const MOST_CUT: usize = 2;
 /// The most parts that are looked at where one alone depends.
-const MOST_PARTS: usize = 3;
+const MOST_PARTS: usize = 2;
+/// Visits of a part up to which one stands for all that have as many.
+const FEW: u64 = 5;
 /// The most cells of all parts together for which shares of mutual information are found.
 const MOST_CELLS: usize = 1_000_000;
 
@@ -74,12 +76,17 @@ impl Prior {
         segments
     }
 
-    /// Looks at the parts of a state, whose policies are drawn towards the state's; one of those that were visited once stands for all of them.
+    /// Looks at the parts of a state, whose policies are drawn towards the state's. Of those that were visited a few times, the first of each number of visits
+    /// stands for all: what is expected of them is mostly the slab's, and each has a small share.
     pub(super) fn parts<'a>(&'a self, parts: &'a [Reading<'_>], usages: &'a [Usage; 2]) -> Vec<[Slice<'a>; 2]> {
         let part = |part: &'a Reading<'_>| [0, 1].map(|side| self.sides[side].part(&part[side], &usages[side]));
-        let (several, once): (Vec<_>, Vec<_>) = parts.iter().partition(|part| part[0].total() > 1);
-        let all = once.first().map(|first| part(first).map(|slice| slice.for_all(once.len())));
-        several.into_iter().map(part).chain(all).collect()
+        let visited = |part: &&Reading<'_>, visits: u64| part[0].total() == visits;
+        let alike = (1..=FEW).filter_map(|visits| {
+            let alike = parts.iter().filter(|one| visited(one, visits)).count();
+            let first = parts.iter().find(|one| visited(one, visits))?;
+            Some(part(first).map(|slice| slice.for_all(alike)))
+        });
+        parts.iter().filter(|part| part[0].total() > FEW).map(part).chain(alike).collect()
     }
 
     /// Returns the policies of both drivers in a state.
@@ -97,26 +104,41 @@ impl Prior {
     }
 
     /// Returns the weights and the moments of the slabs that are cut: the heaviest stand for all.
-    pub(super) fn cut_moments(&self, segments: &Segments, parts: &[[Slice<'_>; 2]]) -> Vec<(f64, Moments)> {
+    pub(super) fn cut_moments(
+        &self,
+        segments: &Segments,
+        parts: &[Reading<'_>],
+        usages: &[Usage; 2],
+    ) -> Vec<(f64, Moments)> {
+        let slices = self.parts(parts, usages);
         let cut = heaviest(segments.cut.each_ref().map(|side| &side[..]));
-        let cut = cut.into_iter().map(|(side, slab, weight)| (weight, self.moments(side, slab, parts)));
+        let cut = cut.into_iter().map(|(side, slab, weight)| (weight, self.moments(side, slab, &slices)));
         let one = heaviest(segments.one.each_ref().map(|side| &side[..]));
-        let one = one.into_iter().map(|(side, at, weight)| (weight, self.one_dependent(side, at, segments, parts)));
+        let one = one.into_iter().map(|(side, slab, weight)| {
+            (weight, self.one_dependent(side, slab, &segments.parts[side], parts, &usages[side]))
+        });
         cut.chain(one).collect()
     }
 
-    /// Returns the moments where one part alone depends, over which it is.
-    fn one_dependent(&self, side: usize, at: usize, segments: &Segments, parts: &[[Slice<'_>; 2]]) -> Moments {
-        let total: f64 = parts.iter().map(|part| part[side].times * part[side].table.total() as f64).sum();
-        let several = parts.iter().map(|part| &part[side]).filter(|part| part.table.total() > 1);
-        let told = segments.parts[side].iter().zip(several).map(|((beyond, ln), part)| (beyond.ln() + ln[at], part));
-        let mut told: Vec<(f64, &Slice<'_>)> = told.collect();
+    /// Returns the moments where one part alone depends, over which it is; `told` is what each part that was visited more than once says.
+    fn one_dependent(
+        &self,
+        side: usize,
+        slab: usize,
+        told: &[(f64, [f64; CUT])],
+        parts: &[Reading<'_>],
+        usage: &Usage,
+    ) -> Moments {
+        let total: f64 = parts.iter().map(|part| part[side].total() as f64).sum();
+        let several = parts.iter().map(|part| &part[side]).filter(|part| part.total() > 1);
+        let mut told: Vec<(f64, &Table)> =
+            told.iter().zip(several).map(|((beyond, ln), part)| (beyond.ln() + ln[slab], &**part)).collect();
         told.sort_by(|a, b| b.0.total_cmp(&a.0));
         told.truncate(MOST_PARTS);
         let largest = told.first().map_or(0.0, |(ln, _)| *ln);
-        let moments = |(ln, part): (f64, &Slice<'_>)| {
-            let share = part.table.total() as f64 / total;
-            ((ln - largest).exp(), self.sides[side].moments(at, part).scaled(share))
+        let moments = |(ln, part): (f64, &Table)| {
+            let slice = self.sides[side].part(part, usage);
+            ((ln - largest).exp(), self.sides[side].moments(slab, &slice).scaled(part.total() as f64 / total))
         };
         Moments::mixed(&told.into_iter().map(moments).collect::<Vec<_>>())
     }
@@ -131,33 +153,48 @@ impl Prior {
             return 1.0;
         }
         let joint = self.sides[side].responses(&weights.slabs[side], &whole[side], &weights.deviants[0][side], policy);
-        let rows: Vec<&[f64]> = joint.chunks(letters).collect();
-        let pooled = information(&rows, policy, policy);
+        let responses = Responses::new(&joint, letters);
+        let pooled = responses.information(policy.iter().copied());
         let total: f64 = parts.iter().map(|part| part[side].total() as f64).sum();
         let part = |part: &Reading<'_>| {
             let (table, of_part) = (&part[side], self.sides[side].part_policy(&part[side], &usages[side]));
-            let p: Vec<f64> = (0..policy.len() as u64).map(|label| of_part.of(label, table.row_sum(label))).collect();
-            table.total() as f64 / total * information(&rows, policy, &p)
+            let p = (0..policy.len() as u64).map(|label| of_part.of(label, table.row_sum(label)));
+            table.total() as f64 / total * responses.information(p)
         };
         let within: f64 = parts.iter().map(part).sum();
         if pooled > 0.0 { (within / pooled).clamp(0.0, 1.0) } else { 1.0 }
     }
 }
 
-/// Returns the mutual information of rows that have the probabilities p, given the joint distribution where they have others, up to a factor.
-fn information(joint: &[&[f64]], others: &[f64], p: &[f64]) -> f64 {
-    let rows = || joint.iter().zip(others).zip(p).filter(|((_, other), _)| **other > 0.0);
-    let mut marginal = vec![0.0; joint.first().map_or(0, |row| row.len())];
-    for ((row, other), p) in rows() {
-        marginal.iter_mut().zip(*row).for_each(|(sum, cell)| *sum += cell * p / other);
+/// Responses rho_i of every row, and sum_j rho_ij ln rho_ij.
+struct Responses(Vec<(Vec<f64>, f64)>);
+
+impl Responses {
+    /// Makes them of a joint distribution, rows first, up to a factor.
+    fn new(joint: &[f64], letters: usize) -> Self {
+        let row = |cells: &[f64]| {
+            let total = cells.iter().sum::<f64>().max(f64::MIN_POSITIVE);
+            let rho: Vec<f64> = cells.iter().map(|cell| cell / total).collect();
+            let ordered = rho.iter().map(|rho| x_ln_x(*rho)).sum();
+            (rho, ordered)
+        };
+        Self(joint.chunks(letters).map(row).collect())
     }
-    let total: f64 = marginal.iter().sum();
-    let term = |((row, other), p): ((&&[f64], &f64), &f64)| {
-        let scale: f64 = row.iter().sum::<f64>();
-        let cells = row.iter().zip(&marginal).filter(|(cell, _)| **cell > 0.0);
-        cells.map(|(cell, q)| cell * p / other * (cell * total / (scale * q)).ln()).sum::<f64>()
-    };
-    rows().map(term).sum::<f64>() / total.max(f64::MIN_POSITIVE)
+
+    /// Returns mutual information where rows have these probabilities: sum_i p_i sum_j rho_ij ln rho_ij - sum_j q_j ln q_j.
+    fn information(&self, p: impl Iterator<Item = f64>) -> f64 {
+        let mut marginal = vec![0.0; self.0.first().map_or(0, |(rho, _)| rho.len())];
+        let mut ordered = 0.0;
+        for (p, (rho, of_row)) in p.zip(&self.0).filter(|(p, _)| *p > 0.0) {
+            ordered += p * of_row;
+            marginal.iter_mut().zip(rho).for_each(|(sum, rho)| *sum += p * rho);
+        }
+        (ordered - marginal.iter().map(|q| x_ln_x(*q)).sum::<f64>()).max(0.0)
+    }
+}
+
+fn x_ln_x(x: f64) -> f64 {
+    if x > 0.0 { x * x.ln() } else { 0.0 }
 }
 
 /// Returns the heaviest of these, by side, with the weight of all.

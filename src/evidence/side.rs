@@ -98,7 +98,7 @@ impl Side {
         let mut alone = [0.0; CUT];
         alone.iter_mut().zip(apart).for_each(|(ln, by)| *ln = by - null);
         if !part.is_line() {
-            let own = self.likelihood.evidence(part).own;
+            let own = self.likelihood.on_own_marginal(part);
             told.cut[OWN_SLABS].iter_mut().zip(&own).for_each(|(ln, by)| *ln += by);
             alone[OWN_SLABS].copy_from_slice(&own);
         }

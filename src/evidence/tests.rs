@@ -797,7 +797,7 @@ fn habits_that_differ_by_segment_are_not_dependence() {
 /// A third of the states have responses of their own to each action, the same in all segments.
 fn responds(state: usize, _: usize, row: u64, habit: &[f64]) -> Vec<f64> {
     let own = |column: usize| (((state as u64 * 7 + row * 5) as usize + column) % 6 * 3 % 7) as f64 + 0.2;
-    if state % 3 == 0 { (0..6).map(own).collect() } else { habit.to_vec() }
+    if state.is_multiple_of(3) { (0..6).map(own).collect() } else { habit.to_vec() }
 }
 
 #[test]

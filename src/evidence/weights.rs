@@ -128,7 +128,7 @@ fn grouped(slabs: &[f64; SLABS]) -> [f64; SLABS] {
 fn heaviest(mut weights: Vec<(usize, usize, f64)>, share: f64) -> Vec<(usize, usize, f64)> {
     let mut ordered: Vec<f64> = weights.iter().map(|(.., weight)| *weight).collect();
     ordered.sort_unstable_by(|a, b| b.total_cmp(a));
-    let mut left = share;
+    let mut left = share * ordered.iter().sum::<f64>();
     let lightest = ordered.into_iter().find(|weight| {
         left -= weight;
         left <= 0.0
