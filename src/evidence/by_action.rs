@@ -39,6 +39,9 @@ const DRAWS: usize = 500;
 const CELLS: usize = 200_000;
 const FEWEST_DRAWS: usize = 100;
 
+/// The most segments that figures are means over: those that were visited most.
+const MOST_PARTS: usize = 30;
+
 /// The probability outside an interval, at each end.
 const TAIL: f64 = 0.05;
 
@@ -54,7 +57,7 @@ impl Prior {
     ///
     /// Not for alphabets with more than [`MOST_CELLS`](super::MOST_CELLS) pairs of actions.
     pub fn by_action<'a>(&self, habits: &'a Habits, counted: impl Into<Counted<'a>>, ego: Ego) -> Vec<ActionPosterior> {
-        let draws = Draws::new(self, habits, counted.into(), ego);
+        let draws = Draws::new(self, habits, counted.into(), ego, MOST_PARTS);
         let mut rng = draws.generator();
         let [egos, others] = draws.sizes();
         let times = (CELLS / (egos * others * draws.slices.len())).clamp(FEWEST_DRAWS, DRAWS);

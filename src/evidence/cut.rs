@@ -1,17 +1,22 @@
 //! What one state says of its segments: the hypotheses that are cut by segment, kept for fits; and what fits and answers share about them.
 
+use std::ops::Range;
+
 use super::increments::add;
 use super::likelihood::{Likelihood, columns};
-use super::parameters::{AROUND, CUT, Expected, FIXED, HABITS, NULLS, OWN_GRID, OWN_SLABS, Parameters, SideParameters};
+use super::parameters::{
+    APART, AROUND, CUT, FIXED, HABITS, NULLS, OWN_GRID, OWN_SLABS, Parameters, SLABS, SideParameters,
+};
 use super::prior::ln_sum;
 use super::state::Scaled;
 use crate::information::Table;
 
 /// What the parts of a state say, cut by segment.
 pub(super) struct Cut {
-    nulls: Vec<Scaled<NULLS>>,
-    /// Relative to habits that are alike in all parts.
-    pub around: Scaled<AROUND>,
+    /// ln of the parts' null by each component.
+    null: [f64; NULLS],
+    /// ln l of habits drawn around the state's, relative to those that are alike in all parts.
+    around: [f64; AROUND],
     pub fixed: Scaled<FIXED>,
     /// Relative to the parts' null.
     pub own: Scaled<OWN_GRID>,
@@ -23,7 +28,7 @@ pub(super) struct Cut {
 
 /// A part of a state.
 struct Part {
-    null: Scaled<NULLS>,
+    null: [f64; NULLS],
     fixed: Scaled<FIXED>,
     /// ln of its share of the visits beyond the first.
     ln_share: f64,
@@ -44,51 +49,61 @@ impl FamilyWeights {
 
 /// What a state says of its habits in segments, relative to the null whose habits are alike in all of them.
 pub(super) struct SegmentHabits {
-    /// ln of the null of all kinds, and of those that differ.
+    /// ln of the null of all kinds, of those that differ, and of those drawn anew in each segment.
     pub ln: f64,
     pub ln_differ: f64,
+    pub ln_apart: f64,
+    /// The likeliest component by which they are drawn anew.
+    pub likeliest: usize,
     /// The probability of each kind.
     pub kinds: [f64; HABITS],
 }
 
 impl SegmentHabits {
-    /// Weighs the kinds, given ln l of habits that are drawn around the environment's, and around the state's.
-    pub fn new(weights: &[f64], apart: f64, around: &[f64; AROUND]) -> Self {
+    /// Weighs the kinds, given ln of the null of the state and of its parts by each component, and ln l of habits that are drawn around the state's.
+    pub fn new(weights: &[f64], pooled: f64, apart: &[f64; NULLS], around: &[f64; AROUND]) -> Self {
         let relative = |kind: usize| match kind {
             0 => 0.0,
-            1 => apart,
-            _ => around[kind - 2],
+            kind if APART.contains(&kind) => apart[kind - APART.start] - pooled,
+            kind => around[kind - APART.end],
         };
         let logarithms: [f64; HABITS] = std::array::from_fn(|kind| weights[kind].ln() + relative(kind));
-        let differ: f64 = weights[1..].iter().sum();
+        let mean = |kinds: Range<usize>| ln_sum(&logarithms[kinds.clone()]) - weights[kinds].iter().sum::<f64>().ln();
+        let likeliest = (0..NULLS).max_by(|a, b| logarithms[APART.start + a].total_cmp(&logarithms[APART.start + b]));
         let ln = ln_sum(&logarithms);
-        Self { ln, ln_differ: ln_sum(&logarithms[1..]) - differ.ln(), kinds: logarithms.map(|one| (one - ln).exp()) }
+        Self {
+            ln,
+            ln_differ: mean(1..HABITS),
+            ln_apart: mean(APART),
+            likeliest: likeliest.unwrap_or(0),
+            kinds: logarithms.map(|one| (one - ln).exp()),
+        }
     }
 }
 
 impl Cut {
     /// Looks at the parts of a state; `is_whole` where they are of one table.
     pub fn new<'a>(likelihood: &Likelihood, is_whole: bool, parts: impl Iterator<Item = &'a Table> + Clone) -> Self {
-        let null = |part: &Table| Scaled::new(likelihood.shared(columns(part), part.total()));
-        let (mut fixed, mut own) = ([0.0; FIXED], [0.0; OWN_GRID]);
+        let (mut null, mut fixed, mut own) = ([0.0; NULLS], [0.0; FIXED], [0.0; OWN_GRID]);
         let (mut several, mut one) = (Vec::new(), Vec::new());
         for part in parts.clone() {
-            let apart = likelihood.rows_apart(part);
+            let (of_null, apart) = (likelihood.shared(columns(part), part.total()), likelihood.rows_apart(part));
+            add(&mut null, &of_null);
             add(&mut fixed, &apart);
             let of_part = if part.is_line() { [0.0; OWN_GRID] } else { likelihood.on_own_marginal(part) };
             add(&mut own, &of_part);
             let beyond = part.total().saturating_sub(1) as f64;
             one.push((beyond, of_part));
             if beyond > 0.0 {
-                several.push(Part { null: null(part), fixed: Scaled::new(apart), ln_share: beyond.ln() });
+                several.push(Part { null: of_null, fixed: Scaled::new(apart), ln_share: beyond.ln() });
             }
         }
         let total: f64 = one.iter().map(|(beyond, _)| beyond).sum();
         several.iter_mut().for_each(|part| part.ln_share -= total.ln());
-        let around = if is_whole { likelihood.around(parts.clone()) } else { [0.0; AROUND] };
+        let around = if is_whole { likelihood.around(parts) } else { [0.0; AROUND] };
         Self {
-            nulls: parts.map(null).collect(),
-            around: Scaled::new(around),
+            null,
+            around,
             fixed: Scaled::new(fixed),
             own: Scaled::new(own),
             parts: several,
@@ -96,35 +111,40 @@ impl Cut {
         }
     }
 
-    pub fn ln_null(&self, parameters: &SideParameters) -> f64 {
-        self.nulls.iter().map(|part| part.ln_weighted(&parameters.nulls)).sum()
+    /// Weighs its habits in segments, given ln of the null of the state.
+    pub fn habits(&self, pooled: f64, parameters: &SideParameters) -> SegmentHabits {
+        SegmentHabits::new(&parameters.segments, pooled, &self.null, &self.around)
     }
 
-    /// Returns ln of the mean over the parts of the slabs on fixed bases in one of them, relative to the null.
-    pub fn ln_one_fixed(&self, parameters: &SideParameters) -> f64 {
-        let told: Vec<f64> = self.parts.iter().map(|part| part.ln_fixed(parameters)).collect();
+    /// Returns ln of the mean over the parts of the slabs on fixed bases in one of them, relative to a component of the null.
+    pub fn ln_one_fixed(&self, null: usize, parameters: &SideParameters) -> f64 {
+        let told: Vec<f64> = self.parts.iter().map(|part| part.ln_fixed(null, parameters)).collect();
         if told.is_empty() { NOTHING } else { ln_sum(&told) }
     }
 
-    /// Adds the state to the components, all parts together as one: `apart` states have the parts' own habits.
-    pub fn expect(&self, [cut, one]: [[f64; 2]; 2], apart: f64, parameters: &SideParameters, expected: &mut Expected) {
-        let SideParameters { nulls, slabs, .. } = parameters;
-        self.fixed.share(cut[0], &slabs[..FIXED], &mut expected.slabs[..FIXED]);
-        self.own.share(cut[1], &slabs[OWN_SLABS], &mut expected.slabs[OWN_SLABS]);
-        self.one.share(one[1], &slabs[OWN_SLABS], &mut expected.slabs[OWN_SLABS]);
-        let all = self.ln_one_fixed(parameters);
+    /// Adds the state to the slabs: cut by segment, and in one segment alone beside a component of the null.
+    pub fn expect(
+        &self,
+        [cut, one]: [[f64; 2]; 2],
+        null: usize,
+        parameters: &SideParameters,
+        slabs: &mut [f64; SLABS],
+    ) {
+        let weights = &parameters.slabs;
+        self.fixed.share(cut[0], &weights[..FIXED], &mut slabs[..FIXED]);
+        self.own.share(cut[1], &weights[OWN_SLABS], &mut slabs[OWN_SLABS]);
+        self.one.share(one[1], &weights[OWN_SLABS], &mut slabs[OWN_SLABS]);
+        let all = self.ln_one_fixed(null, parameters);
         for part in &self.parts {
-            let share = one[0] * (part.ln_fixed(parameters) - all).exp();
-            part.fixed.share(share, &slabs[..FIXED], &mut expected.slabs[..FIXED]);
+            let share = one[0] * (part.ln_fixed(null, parameters) - all).exp();
+            part.fixed.share(share, &weights[..FIXED], &mut slabs[..FIXED]);
         }
-        let parts = self.nulls.len() as f64;
-        self.nulls.iter().for_each(|part| part.share(apart / parts, nulls, &mut expected.nulls));
     }
 }
 
 impl Part {
-    fn ln_fixed(&self, SideParameters { nulls, slabs, .. }: &SideParameters) -> f64 {
-        self.ln_share + self.fixed.ln_weighted(&slabs[..FIXED]) - self.null.ln_weighted(nulls)
+    fn ln_fixed(&self, null: usize, parameters: &SideParameters) -> f64 {
+        self.ln_share + self.fixed.ln_weighted(&parameters.slabs[..FIXED]) - self.null[null]
     }
 }
 

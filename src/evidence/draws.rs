@@ -47,10 +47,15 @@ pub(super) struct Joint {
 }
 
 impl<'a> Draws<'a> {
-    pub fn new(prior: &'a Prior, habits: &'a Habits, counted: Counted<'a>, ego: Ego) -> Self {
+    /// `most`: of how many parts, those that were visited most.
+    pub fn new(prior: &'a Prior, habits: &'a Habits, counted: Counted<'a>, ego: Ego, most: usize) -> Self {
         let all = prior.weights(&Readings::new(counted));
         let are_parts = all.differ().is_some_and(|differ| differ > DIFFER);
-        let readings = Readings::new(if are_parts { counted.parts } else { counted.slices }.into());
+        let mut readings = Readings::new(if are_parts { counted.parts } else { counted.slices }.into());
+        if are_parts {
+            readings.wholes.sort_by_key(|part| std::cmp::Reverse(part[0].total()));
+            readings.wholes.truncate(most);
+        }
         // What is believed of the parts by themselves, or of the wholes, with the probability of dependence that they have together.
         let weights = Weights { dependent: all.dependent, ..prior.weights(&readings) };
         Self { prior, habits, ego: ego.side(), slices: readings.wholes, are_parts, weights }
@@ -276,7 +281,7 @@ mod tests {
 
     /// Draws mutual information from what is believed of a state, if it is dependent.
     fn sampled(prior: &Prior, slices: &[Table]) -> Vec<f64> {
-        let draws = Draws::new(prior, prior.habits(), slices.into(), Ego::Rows);
+        let draws = Draws::new(prior, prior.habits(), slices.into(), Ego::Rows, 1);
         let mut rng = draws.generator();
         let p = draws.weights.dependent;
         let mut draw = |time: usize| {

@@ -9,6 +9,7 @@ use super::counted::Counted;
 use super::decision::{Believed, decide};
 use super::draws::Draws;
 use super::habits::Habits;
+use super::posterior::Posterior;
 use super::prior::Prior;
 use crate::domain::{Rule, RuleKind, Verdict};
 use crate::information::{Table, conditional, plug_in};
@@ -18,6 +19,9 @@ const VISITS: [u64; 13] = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1_000, 2_000, 5_0
 /// Futures drawn, and how many of them may stay undecided.
 const FUTURES: usize = 200;
 const UNDECIDED: usize = FUTURES / 5;
+
+/// The most segments that a state is looked at by, where their habits differ: those that were visited most. Every one of them is asked about many times.
+const MOST_PARTS: usize = 2;
 
 /// One way things may go on.
 struct Future {
@@ -45,10 +49,11 @@ impl Prior {
         ego: Ego,
         rule: &Rule,
     ) -> Option<u64> {
-        let draws = Draws::new(self, habits, counted.into(), ego);
-        if draws.decide(&draws.slices_of(&draws.counts()), rule) {
+        let counted = counted.into();
+        if decides(self.posterior(habits, counted), self, counted.slices, rule) {
             return Some(0);
         }
+        let draws = Draws::new(self, habits, counted, ego, MOST_PARTS);
         let mut futures = draws.futures();
         VISITS.into_iter().find(|visits| {
             let mut undecided = 0;
@@ -73,7 +78,7 @@ impl Prior {
         ego: Ego,
         threshold_nats: f64,
     ) -> Vec<f64> {
-        let draws = Draws::new(self, habits, counted.into(), ego);
+        let draws = Draws::new(self, habits, counted.into(), ego, MOST_PARTS);
         let [egos, others] = draws.sizes();
         // For each ego action: total probability, E P', E H(P').
         let mut sums = vec![[0.0; 3]; egos];
@@ -96,21 +101,25 @@ impl Prior {
     }
 }
 
+/// Returns whether slices of which this is believed decide.
+fn decides(posterior: Posterior, prior: &Prior, slices: &[Table], rule: &Rule) -> bool {
+    let visits = slices.iter().map(Table::total).sum();
+    let threshold = rule.threshold_nats();
+    let believed = match rule.kind {
+        RuleKind::Paper => None,
+        RuleKind::Evidence => {
+            Some(Believed::new(posterior.beliefs(threshold), prior.unseen().beliefs(threshold), slices))
+        }
+    };
+    let plug_in = if rule.kind == RuleKind::Paper { conditional(slices, plug_in) } else { 0.0 };
+    decide(rule, visits, plug_in, believed.as_ref()) != Verdict::Undecided
+}
+
 impl Draws<'_> {
     /// Returns whether tables that take the place of the slices decide.
     fn decide(&self, tables: &[Table], rule: &Rule) -> bool {
-        let visits = tables.iter().map(Table::total).sum();
-        let verdict = match rule.kind {
-            RuleKind::Paper => decide(rule, visits, conditional(tables, plug_in), None),
-            RuleKind::Evidence => {
-                let threshold = rule.threshold_nats();
-                let (posterior, counted) = self.posterior_of(tables);
-                let unseen = self.prior.unseen().beliefs(threshold);
-                let believed = Believed::new(posterior.beliefs(threshold), unseen, &counted);
-                decide(rule, visits, 0.0, Some(&believed))
-            }
-        };
-        verdict != Verdict::Undecided
+        let (posterior, counted) = self.posterior_of(tables);
+        decides(posterior, self.prior, &counted, rule)
     }
 
     fn futures(&self) -> Vec<Future> {

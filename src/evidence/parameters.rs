@@ -7,8 +7,10 @@ use std::ops::Range;
 /// They go up to where all states answer alike, and farther than the slabs': were the null's response not allowed to be as close to the base as the
 /// rows of a slab, slabs would win where states only resemble each other. In a hallway of 25 x 25 actions, whose neighbours' actions were shuffled, that
 /// called a sixth of the states dependent; two dice thrown in every state, nearly all.
+///
+/// They begin below the slabs': where each segment has a habit that it hardly ever leaves, a response to each action would be told with fewer visits off it.
 pub(super) const NULL_CONCENTRATIONS: [f64; 16] =
-    [0.3, 0.6, 1.0, 2.0, 3.5, 6.0, 12.0, 25.0, 50.0, 100.0, 200.0, 800.0, 3_200.0, 12_800.0, 1e5, 1e6];
+    [0.03, 0.1, 0.3, 0.7, 1.5, 3.0, 6.0, 12.0, 25.0, 50.0, 100.0, 200.0, 400.0, 1_600.0, 12_800.0, 1e6];
 
 /// Concentrations k of the rows of the slabs on a fixed base: the environment's, or the uniform one.
 pub(super) const FIXED_CONCENTRATIONS: [f64; 12] = [0.1, 0.2, 0.4, 0.8, 1.5, 3.0, 6.0, 12.0, 25.0, 50.0, 100.0, 200.0];
@@ -64,9 +66,11 @@ const FAMILY_PRIOR: [f64; 3] = [0.5, 0.3, 0.2];
 /// Concentrations of the habits of segments around those of their state. Those above differ by next to nothing.
 pub(super) const AROUND: usize = 11;
 
-/// How habits go with segments: alike in all; drawn around the environment's as if there were no state; or around the state's, with the first concentrations
-/// of slabs on their own marginal.
-pub(super) const HABITS: usize = 2 + AROUND;
+/// How habits go with segments: alike in all; drawn anew in each, by the components of the null, as if there were no state; or drawn around the state's, with
+/// the first concentrations of slabs on their own marginal.
+pub(super) const HABITS: usize = 1 + NULLS + AROUND;
+/// Those that are drawn anew.
+pub(super) const APART: Range<usize> = 1..1 + NULLS;
 
 /// The slabs that have a twin which is cut by segment: all but those of one deviating row.
 pub(super) const CUT: usize = OWN_SLABS.end;
@@ -156,7 +160,11 @@ impl Parameters {
 /// Returns the pseudo-states of the kinds of habits.
 fn habit_prior() -> [f64; HABITS] {
     let [alike, differ] = HABIT_PRIOR;
-    std::array::from_fn(|kind| if kind == 0 { alike } else { differ / (HABITS - 1) as f64 })
+    std::array::from_fn(|kind| match kind {
+        0 => alike,
+        kind if APART.contains(&kind) => 0.5 * differ / NULLS as f64,
+        _ => 0.5 * differ / AROUND as f64,
+    })
 }
 
 /// Returns the pseudo-states of the slabs of a side.

@@ -17,7 +17,6 @@ use super::side::Side;
 use super::weights::{Weights, normalise};
 use crate::information::{Alphabet, Table};
 
-const DOUBT: f64 = 0.25;
 /// The most pairs of letters in use for which a table's own estimate is made: it looks at every one of them.
 const MOST_ESTIMATED: u64 = 65_536;
 
@@ -114,7 +113,8 @@ impl Prior {
         let readings = Readings::new(counted.into());
         let weights = self.weights(&readings).condensed();
         let estimate = self.estimate(habits, &weights, &readings.wholes);
-        let doubt = if estimate.is_some() { 0.0 } else { doubt(habits).max(DOUBT * weights.differ().unwrap_or(0.0)) };
+        let doubt =
+            if estimate.is_some() { 0.0 } else { doubt(habits).max(doubt_of_segments(habits, &weights, &readings)) };
         let parts = self.weighed(habits, &weights, &readings);
         let parts = parts.into_iter().map(|(weight, moments)| (weight, moments.doubted(doubt))).collect();
         Posterior::new(weights.dependent, largest, parts, estimate).with_differing(weights.differ())
@@ -219,6 +219,16 @@ fn doubt(habits: &Habits) -> f64 {
     const NONE: f64 = 100.0;
     let pairs = (habits.driver(0).used * habits.driver(1).used) as f64;
     MOST * (1.0 - NONE / pairs).max(0.0)
+}
+
+/// Returns the same where habits differ by segment: how dependence goes with segments is of three families, and the truth need not be of any. The more visits
+/// there are for each pair of letters in each segment, the less depends on that.
+fn doubt_of_segments(habits: &Habits, weights: &Weights, readings: &Readings<'_>) -> f64 {
+    const MOST: f64 = 0.25;
+    let pairs = (habits.driver(0).used * habits.driver(1).used) as f64;
+    let visits: f64 = readings.wholes.iter().map(|[whole, _]| whole.total() as f64).sum();
+    let cells = pairs * readings.parts.len() as f64;
+    MOST * weights.differ().unwrap_or(0.0) * (cells / visits.max(1.0)).sqrt().min(1.0)
 }
 
 /// Returns ln sum e^x.

@@ -15,7 +15,7 @@
 use super::cut::{SegmentHabits, ln_mean};
 use super::habits::{Habits, Usage};
 use super::moments::{Moments, Slice};
-use super::parameters::{AROUND, CUT, FIXED, SLABS};
+use super::parameters::{AROUND, CUT, FIXED, NULLS, SLABS};
 use super::prior::{Prior, Reading, Readings};
 use super::weights::{Segments, Weights};
 use crate::information::Table;
@@ -32,14 +32,14 @@ const FEW: u64 = 5;
 const MOST_CELLS: usize = 1_000_000;
 
 /// What the parts of a state say, from one side.
-#[derive(Clone)]
 pub(super) struct Told {
     /// ln l of the slabs that are cut: on fixed bases by itself, on the parts' marginals relative to the parts' null.
     pub cut: [f64; CUT],
-    /// ln l of each part that was visited more than once, relative to its null, and its visits beyond the first.
+    /// ln l of each part that was visited more than once, on its own marginal relative to its null, and its visits beyond the first.
     pub parts: Vec<(f64, [f64; CUT])>,
-    /// ln of the parts' null, habits drawn around the environment's.
-    pub null: f64,
+    /// ln of the null by each component: of those parts, and of all together.
+    pub nulls: Vec<[f64; NULLS]>,
+    pub null: [f64; NULLS],
     /// ln of habits drawn around the state's, relative to those that are alike.
     pub around: [f64; AROUND],
 }
@@ -48,7 +48,13 @@ impl Prior {
     /// Returns what the parts say from each side; `is_whole` where they are of one table.
     pub(super) fn told_by(&self, is_whole: bool, parts: &[Reading<'_>]) -> [Told; 2] {
         [0, 1].map(|side| {
-            let mut told = Told { cut: [0.0; CUT], parts: Vec::new(), null: 0.0, around: [0.0; AROUND] };
+            let mut told = Told {
+                cut: [0.0; CUT],
+                parts: Vec::new(),
+                nulls: Vec::new(),
+                null: [0.0; NULLS],
+                around: [0.0; AROUND],
+            };
             parts.iter().for_each(|part| self.sides[side].told_by(&part[side], &mut told));
             if is_whole {
                 told.around = self.sides[side].likelihood.around(parts.iter().map(|part| &*part[side]));
@@ -62,13 +68,17 @@ impl Prior {
         let [shared, cut, one] = self.families.families.map(f64::ln);
         let [cut, one] = [cut, one].map(|ln| ln + self.families.cut.ln());
         let mut segments = Box::<Segments>::default();
-        for (side, told) in told.into_iter().enumerate() {
-            let (ln_slabs, apart) = (&self.sides[side].ln_slabs, told.null - nulls[side]);
-            let habits = SegmentHabits::new(&self.sides[side].segments, apart, &told.around);
+        for (side, mut told) in told.into_iter().enumerate() {
+            let ln_slabs = &self.sides[side].ln_slabs;
+            let habits = SegmentHabits::new(&self.sides[side].segments, nulls[side], &told.null, &told.around);
+            for ((_, part), null) in told.parts.iter_mut().zip(&told.nulls) {
+                part[..FIXED].iter_mut().for_each(|ln| *ln -= null[habits.likeliest]);
+            }
             slabs[side].iter_mut().for_each(|ln| *ln += shared - habits.ln);
             let null = |at: usize| if at < FIXED { -nulls[side] } else { habits.ln_differ };
             segments.cut[side] = std::array::from_fn(|at| ln_slabs[at] + told.cut[at] + null(at) + cut - habits.ln);
-            let (mean, null) = (ln_mean(&told.parts), |at: usize| if at < FIXED { apart } else { habits.ln_differ });
+            let null = |at: usize| if at < FIXED { habits.ln_apart } else { habits.ln_differ };
+            let mean = ln_mean(&told.parts);
             segments.one[side] = std::array::from_fn(|at| ln_slabs[at] + mean[at] + null(at) + one - habits.ln);
             segments.differ[side] = 1.0 - habits.kinds[0];
             segments.parts[side] = told.parts;

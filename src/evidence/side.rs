@@ -4,7 +4,7 @@ use super::base::{Alike, Groups};
 use super::deviants::{Deviants, Deviating};
 use super::gamma::digamma;
 use super::habits::Usage;
-use super::increments::depth;
+use super::increments::{add, depth};
 use super::likelihood::{Likelihood, NullMixture, columns};
 use super::moments::{Letter, Moments, Pair, Policy, Slab, Slice, Term, moments, two_rows};
 use super::parameters::{
@@ -28,8 +28,6 @@ pub(super) struct Side {
     /// kappa, and kappa'.
     pub habit: Option<f64>,
     habit_in_segments: Option<f64>,
-    /// The weights of the null's components on either base.
-    null_bases: [f64; 2],
     /// The weights of the kinds of the responder's habits in segments.
     pub segments: Vec<f64>,
     /// psi(r + k + 1) by visits r, then by slab.
@@ -59,7 +57,6 @@ impl Side {
             bases: [tabulated(shares, 1.0), tabulated(&[1.0 / letters], letters)],
             groups: Groups::new(shares),
             nulls: NullMixture::new(&parameters.nulls),
-            null_bases: [&parameters.nulls[..NULL_GRID], &parameters.nulls[NULL_GRID..]].map(|half| half.iter().sum()),
             ln_slabs: std::array::from_fn(|slab| parameters.slabs[slab].ln()),
             habit: parameters.habit,
             habit_in_segments: parameters.habit_in_segments,
@@ -91,18 +88,18 @@ impl Side {
             self.told_by_visit(part.column_labels()[0] as usize, told);
             return;
         }
-        let apart = self.likelihood.rows_apart(part);
+        let (null, apart) = (self.likelihood.shared(columns(part), part.total()), self.likelihood.rows_apart(part));
         told.cut.iter_mut().zip(apart).for_each(|(ln, by)| *ln += by);
-        let null = self.nulls.ln_mixed(&self.likelihood.shared(columns(part), part.total()));
-        told.null += null;
+        add(&mut told.null, &null);
         let mut alone = [0.0; CUT];
-        alone.iter_mut().zip(apart).for_each(|(ln, by)| *ln = by - null);
+        alone[..FIXED].copy_from_slice(&apart);
         if !part.is_line() {
             let own = self.likelihood.on_own_marginal(part);
             told.cut[OWN_SLABS].iter_mut().zip(&own).for_each(|(ln, by)| *ln += by);
             alone[OWN_SLABS].copy_from_slice(&own);
         }
         told.parts.push(((part.total() - 1) as f64, alone));
+        told.nulls.push(null);
     }
 
     /// Adds what a part of one visit says, for which concentrations are of no concern: DM(1; k m) = m_j.
@@ -112,8 +109,9 @@ impl Side {
         for (cut, ln) in told.cut[..FIXED].chunks_mut(FIXED_GRID).zip(ln_shares) {
             cut.iter_mut().for_each(|sum| *sum += ln);
         }
-        let [base, uniform] = self.null_bases;
-        told.null += (base * shares[0] + uniform * shares[1]).ln();
+        for (null, ln) in told.null.chunks_mut(NULL_GRID).zip(ln_shares) {
+            null.iter_mut().for_each(|sum| *sum += ln);
+        }
     }
 
     /// Looks at a part of a state, given the driver's policy in the state.

@@ -1,10 +1,11 @@
 //! What one state says for every hypothesis, kept so that weights can be fitted to it over and over.
 
-use super::cut::{Cut, FamilyWeights, SegmentHabits};
+use super::cut::{Cut, FamilyWeights};
 use super::increments::add;
 use super::likelihood::{Likelihood, NullMixture, columns};
 use super::parameters::{
-    DEVIANT_SLABS, DEVIANTS, Expected, FIXED, HABITS, NULLS, OWN_GRID, OWN_SLABS, Parameters, Segmented, SideParameters,
+    APART, DEVIANT_SLABS, DEVIANTS, Expected, FIXED, HABITS, NULLS, OWN_GRID, OWN_SLABS, Parameters, Segmented,
+    SideParameters,
 };
 use crate::information::Table;
 
@@ -38,10 +39,6 @@ impl<const L: usize> Scaled<L> {
         Self { ln_scale, parts: logarithms.map(|ln| (ln - ln_scale).exp()) }
     }
 
-    pub fn logarithms(&self) -> [f64; L] {
-        self.parts.map(|part| self.ln_scale + part.ln())
-    }
-
     pub fn ln_weighted(&self, weights: &[f64]) -> f64 {
         self.ln_scale + self.weighted(weights).ln()
     }
@@ -60,7 +57,6 @@ impl<const L: usize> Scaled<L> {
 }
 
 /// The probabilities of a state's hypotheses.
-#[derive(Default)]
 pub(super) struct Shares {
     pub independent: f64,
     /// By side: of the slabs on fixed bases, of those on the state's own marginal, and of the deviants.
@@ -70,6 +66,8 @@ pub(super) struct Shares {
     one: [[f64; 2]; 2],
     /// By side: of each kind of the responder's habits, where they are told by its margin alone.
     habits: [[f64; HABITS]; 2],
+    /// By side: the likeliest component by which habits are drawn anew in each segment.
+    likeliest: [usize; 2],
 }
 
 impl State {
@@ -100,22 +98,21 @@ impl State {
         let mut shared =
             [0, 1].map(|at| self.sides[at].ln_hypotheses(&parameters.sides[at]).map(|ln| ln + ln_dependent));
         let mut cut = [[f64::NEG_INFINITY; 2]; 2];
-        let (mut one, mut kinds) = (cut, [[0.0; HABITS]; 2]);
+        let (mut one, mut kinds, mut likeliest) = (cut, [[0.0; HABITS]; 2], [0; 2]);
         if let Some(parts) = &self.cut {
             let [f_shared, f_cut, f_one] = weights.families.map(f64::ln);
             let more = weights.cut.ln() + ln_dependent;
             for side in 0..2 {
                 let of_side = &parameters.sides[side];
                 let pooled = self.sides[side].ln_null(of_side);
-                let apart = parts[side].ln_null(of_side) - pooled;
-                let habits = SegmentHabits::new(&of_side.segments, apart, &parts[side].around.logarithms());
+                let habits = parts[side].habits(pooled, of_side);
                 shared[side].iter_mut().for_each(|ln| *ln += f_shared - habits.ln);
                 let own = |own: &Scaled<OWN_GRID>| own.ln_weighted(&of_side.slabs[OWN_SLABS]) + habits.ln_differ;
                 let fixed = parts[side].fixed.ln_weighted(&of_side.slabs[..FIXED]) - pooled;
                 cut[side] = [fixed, own(&parts[side].own)].map(|ln| ln + f_cut + more - habits.ln);
-                let fixed = parts[side].ln_one_fixed(of_side) + apart;
+                let fixed = parts[side].ln_one_fixed(habits.likeliest, of_side) + habits.ln_apart;
                 one[side] = [fixed, own(&parts[side].one)].map(|ln| ln + f_one + more - habits.ln);
-                kinds[side] = habits.kinds;
+                (kinds[side], likeliest[side]) = (habits.kinds, habits.likeliest);
             }
         }
         let independent = (-parameters.dependent).ln_1p();
@@ -133,6 +130,7 @@ impl State {
             cut: cut.map(|side| side.map(share)),
             one: one.map(|side| side.map(share)),
             habits: kinds,
+            likeliest,
         }
     }
 
@@ -144,7 +142,7 @@ impl State {
         expected: &mut [Expected; 2],
         segmented: &mut Segmented,
     ) {
-        let Shares { independent, shared, cut, one, habits } = shares;
+        let Shares { independent, shared, cut, one, habits, likeliest } = shares;
         let total = |side: usize| [&shared[side][..], &cut[side], &one[side]].into_iter().flatten().sum::<f64>();
         for side in 0..2 {
             let (of_side, expected) = (&parameters.sides[side], &mut expected[side]);
@@ -155,16 +153,17 @@ impl State {
                 self.sides[side].expect(shared[side], free + own + deviant, of_side, expected);
                 continue;
             };
-            let [alike, apart] = [habits[side][0], habits[side][1]];
-            let differ = 1.0 - alike;
+            let alike = habits[side][0];
             let null = free * alike + own + deviant;
             self.sides[side].expect([fixed, own, deviant], null, of_side, expected);
-            let own = cut[side][1] + one[side][1];
-            let apart = free * apart + own * apart / differ.max(f64::MIN_POSITIVE) + one[side][0];
-            parts[side].expect([cut[side], one[side]], apart, of_side, expected);
+            parts[side].expect([cut[side], one[side]], likeliest[side], of_side, &mut expected.slabs);
+            // Slabs on the parts' marginals go with habits that differ in any way, those on fixed bases in one segment with such as are drawn anew.
+            let of = |kinds: std::ops::Range<usize>| habits[side][kinds].iter().sum::<f64>().max(f64::MIN_POSITIVE);
+            let (own, one_fixed) = ((cut[side][1] + one[side][1]) / of(1..HABITS), one[side][0] / of(APART));
             let kinds = (0..).zip(habits[side]).map(|(kind, p)| {
-                let of_own = if kind == 0 { 0.0 } else { own * p / differ.max(f64::MIN_POSITIVE) };
-                free * p + of_own + if kind == 1 { one[side][0] } else { 0.0 }
+                let differ = if kind == 0 { 0.0 } else { own };
+                let apart = if APART.contains(&kind) { one_fixed } else { 0.0 };
+                p * (free + differ + apart)
             });
             expected.habits.iter_mut().zip(kinds).for_each(|(sum, p)| *sum += p);
         }

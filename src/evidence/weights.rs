@@ -101,27 +101,34 @@ pub(super) fn normalise(slabs: &mut [[f64; SLABS]; 2], segments: Option<&mut Seg
     (largest, sum)
 }
 
-/// Returns the weights of a side's slabs with those of neighbours in concentration given to the heaviest of them, where they are light together; and with those
-/// of all slabs of one deviating row, which differ little but in which row it is.
+/// Returns the weights of a side's slabs with those of neighbours in concentration given to the middle one by weight, where they are light together; and with
+/// those of all slabs of one deviating row, which differ little but in which row it is, to the heaviest.
 fn grouped(slabs: &[f64; SLABS]) -> [f64; SLABS] {
     /// Concentrations that differ by not much more than a factor of four, and what they may weigh.
     const NEIGHBOURS: usize = 3;
     const LIGHT: f64 = 0.05;
     let mut grouped = [0.0; SLABS];
-    let mut give = |group: Range<usize>| {
-        let heaviest = group.clone().max_by(|a, b| slabs[*a].total_cmp(&slabs[*b])).unwrap_or(group.start);
-        grouped[heaviest] = slabs[group].iter().sum();
-    };
     for Range { start: mut from, end } in [0..FIXED_GRID, FIXED_GRID..FIXED, OWN_SLABS] {
         while from < end {
             let is_light = |to: &usize| slabs[from..*to].iter().sum::<f64>() <= LIGHT;
             let to = (from + 2..=end.min(from + NEIGHBOURS)).take_while(is_light).last().unwrap_or(from + 1);
-            give(from..to);
+            grouped[middle(slabs, from..to)] = slabs[from..to].iter().sum();
             from = to;
         }
     }
-    give(DEVIANT_SLABS);
+    let heaviest = DEVIANT_SLABS.max_by(|a, b| slabs[*a].total_cmp(&slabs[*b])).unwrap_or(DEVIANT_SLABS.start);
+    grouped[heaviest] = slabs[DEVIANT_SLABS].iter().sum();
     grouped
+}
+
+/// Returns where half of the weight of a group is reached.
+fn middle(slabs: &[f64; SLABS], group: Range<usize>) -> usize {
+    let mut left = 0.5 * slabs[group.clone()].iter().sum::<f64>();
+    let found = group.clone().find(|slab| {
+        left -= slabs[*slab];
+        left <= 0.0
+    });
+    found.unwrap_or(group.start)
 }
 
 /// Returns those of the heaviest weights that have this share together, in their order.

@@ -7,10 +7,12 @@ use super::answer::{self, Ground};
 use super::skeleton::{self, Found, Margin};
 use super::{Influence, logged, told};
 use crate::domain::draft::{PairDraft, QuestionDraft};
-use crate::domain::{Answer, Cell, Dependence, Edge, Environment, Graph, Pair, Question, Schema, View, Within};
+use crate::domain::{
+    Answer, Cell, Dependence, Edge, Environment, Exchange, Graph, Pair, Question, Schema, View, Within,
+};
 use crate::error::{ErrorKind, Problem};
 use crate::evidence::Believed;
-use crate::information;
+use crate::information::{self, Table};
 use crate::priors::{Informed, Tables};
 
 impl Influence {
@@ -51,6 +53,9 @@ impl Influence {
     }
 }
 
+/// The probability of habits that differ by segment from which a pair is tested within segments.
+const DIFFER: f64 = 0.5;
+
 /// One state, for tests of its pairs.
 struct State {
     environment: Arc<Environment>,
@@ -77,9 +82,20 @@ struct Asked<'a> {
 }
 
 impl Asked<'_> {
-    fn given(&self, pair: usize, fixed: &[usize]) -> Pair {
-        let [ego, other] = self.pairs[pair].ends;
-        Pair { ego, other, given: fixed.to_vec() }
+    /// Returns whether a pair is tested within segments: the slices of a conditional test are too small to tell how habits go with segments, so that it is the
+    /// pair by itself that tells.
+    fn exchange(&self, pair: usize) -> Exchange {
+        let is_cut =
+            self.state.within != Within::Pooled && self.pairs[pair].differ.is_some_and(|differ| differ > DIFFER);
+        if is_cut { Exchange::WithinSegments } else { Exchange::Pooled }
+    }
+
+    /// Returns the tables of a pair, one for each joint action of those held fixed, and for each segment if it is tested within them.
+    fn slices(&self, pair: usize, fixed: &[usize]) -> Vec<Table> {
+        let (schema, cells) = (&self.state.environment.schema, self.state.cells.iter());
+        let (exchange, [ego, other]) = (self.exchange(pair), self.pairs[pair].ends);
+        let pair = Pair { ego, other, given: fixed.to_vec() };
+        Tables::new(schema, &pair, cells.clone()).exchangeable(schema, &pair, exchange, cells).into_owned()
     }
 }
 
@@ -87,18 +103,12 @@ impl skeleton::Tests for Asked<'_> {
     /// By the pair's own prior: nothing is fitted for it.
     fn believed(&self, pair: usize, fixed: &[usize]) -> Option<Believed> {
         let prior = &self.state.informed[pair].as_ref()?.prior;
-        let (schema, cells) = (&self.state.environment.schema, self.state.cells.iter());
-        let pair = self.given(pair, fixed);
-        let tables = Tables::new(schema, &pair, cells.clone());
-        let draws = tables.evidence(schema, &pair, self.state.within, cells);
-        Some(Believed::of_dependence(prior.dependent(draws.counted()), prior.unseen().dependent(), &draws.slices))
+        let slices = self.slices(pair, fixed);
+        Some(Believed::of_dependence(prior.dependent(&slices), prior.unseen().dependent(), &slices))
     }
 
     fn p_value(&self, pair: usize, fixed: &[usize], permutations: u64) -> f64 {
-        let (schema, cells) = (&self.state.environment.schema, self.state.cells.iter());
-        let pair = self.given(pair, fixed);
-        let tables = Tables::new(schema, &pair, cells.clone());
-        let slices = tables.exchangeable(schema, &pair, self.state.within.exchange(), cells);
+        let slices = self.slices(pair, fixed);
         information::p_value(&slices, permutations, self.state.seed).p_value
     }
 }
@@ -108,7 +118,8 @@ fn margin(pair: &Pair, answer: &Answer) -> Margin {
     let evidence = answer.figures.as_ref().and_then(|figures| figures.evidence);
     let dependence = evidence.map_or(Dependence::Open, |evidence| evidence.dependence);
     let strength = evidence.map_or(0.0, |evidence| evidence.posterior_mean);
-    Margin { ends: [pair.ego, pair.other], dependence, strength }
+    let differ = evidence.and_then(|evidence| evidence.differ);
+    Margin { ends: [pair.ego, pair.other], dependence, strength, differ }
 }
 
 fn edge(pair: &Pair, answer: Answer, Found { kind, explained_by, opened_by }: Found) -> Edge {

@@ -49,6 +49,8 @@ pub struct Margin {
     pub dependence: Dependence,
     /// How strong it is, in any unit.
     pub strength: f64,
+    /// The probability that habits differ by segment, where that is told.
+    pub differ: Option<f64>,
 }
 
 /// Finds what each pair is, given what the evidence says of it by itself.
@@ -233,7 +235,7 @@ mod tests {
     }
 
     fn by_itself(ends: Ends, dependence: Dependence) -> Margin {
-        Margin { ends, dependence, strength: 1.0 }
+        Margin { ends, dependence, strength: 1.0, differ: None }
     }
 
     fn kind(kind: EdgeKind) -> Found {

@@ -120,7 +120,7 @@ impl Tables {
         cuts.into_values().map(cut).collect()
     }
 
-    /// Returns what the evidence rests on, within what is said: the pooled draws with their parts by segment, those parts alone, or the pooled draws alone.
+    /// Returns what the evidence rests on: the pooled draws, with their parts by segment unless they are to be pooled.
     pub fn evidence<'a>(
         &self,
         schema: &Schema,
@@ -128,13 +128,9 @@ impl Tables {
         within: Within,
         cells: impl Iterator<Item = &'a Cell> + Clone,
     ) -> Draws<'_> {
-        let is_cut = self.segments > 1;
-        let slices = match within {
-            Within::Segments if is_cut => Self::draws_by_segment(schema, pair, cells.clone()).into(),
-            _ => self.draws(schema, pair, cells.clone()),
-        };
-        let parts = if within == Within::Auto && is_cut { Self::parts(schema, pair, cells) } else { Vec::new() };
-        Draws { slices, parts }
+        let is_cut = within != Within::Pooled && self.segments > 1;
+        let slices = self.draws(schema, pair, cells.clone());
+        Draws { slices, parts: if is_cut { Self::parts(schema, pair, cells) } else { Vec::new() } }
     }
 
     fn parts<'a>(schema: &Schema, pair: &Pair, cells: impl Iterator<Item = &'a Cell> + Clone) -> Vec<Table> {
@@ -389,7 +385,7 @@ mod tests {
         assert!((mean - segments.figure(information::plug_in)).abs() < 1e-12, "the mean of the ego's actions");
         let draws = |within| auto.evidence(&schema, &pair, within, cells.iter());
         let sizes = Within::ALL.map(|within| (draws(within).slices.len(), draws(within).parts.len()));
-        assert_eq!(sizes, [(1, 3), (3, 0), (1, 0)]);
+        assert_eq!(sizes, [(1, 3), (1, 3), (1, 0)]);
         assert_eq!(*draws(Within::Auto).slices, *pooled.draws(&schema, &pair, cells.iter()));
     }
 }
