@@ -82,7 +82,8 @@ impl Ground {
                 let pooled = judged.tables.draws(schema, pair, cells());
                 (Tested::new(&pooled, strata.as_deref(), key.seed()), how.exchange(*within))
             });
-            let visits_to_decide = self.visits_to_decide(judge, &draws);
+            let visits_to_decide =
+                self.question.visits_to_decide.then(|| self.visits_to_decide(judge, &draws)).flatten();
             Box::new(Figures {
                 bins: bins(judge.schema, key),
                 significance: tested.map(|(tested, exchange)| tested.told(exchange)),
@@ -97,9 +98,9 @@ impl Ground {
         Answer { key: key.clone(), visits, verdict: judged.verdict, basis: judged.basis, figures, by_action }
     }
 
-    /// Returns how many more visits a verdict would take, if that is asked for and there are not too many actions for it.
+    /// Returns how many more visits a verdict would take, if there are not too many actions for it.
     fn visits_to_decide(&self, judge: Judge<'_>, draws: &Draws<'_>) -> Option<Option<u64>> {
-        let informed = judge.informed.filter(|_| self.question.visits_to_decide)?;
+        let informed = judge.informed?;
         let (prior, scope) = (informed.in_detail()?, judge.scope);
         let visits = prior.visits_to_decide(&informed.habits, draws.counted(), priors::ego(&scope.pair), &scope.rule);
         Some(visits.filter(|_| judge.is_open()))
