@@ -96,7 +96,6 @@ impl Draws<'_> {
     /// Returns the probability of each joint action at the next visit of a slice, the ego's first. An action that is not in use has none, but its responses
     /// are in proportion to what they would be.
     pub fn predicted(&self, slice: usize) -> Vec<f64> {
-        // What was never seen has no rows that could deviate.
         self.prior.predicted(self.ego, self.habits, &self.weights, &self.slices[slice], &self.weights.deviants[slice])
     }
 

@@ -11,6 +11,7 @@ use super::parameters::{
     AROUND, DEVIANT_CONCENTRATIONS, DEVIANTS, FIXED, FIXED_CONCENTRATIONS, FIXED_GRID, NULL_CONCENTRATIONS, NULLS,
     OWN_CONCENTRATIONS, OWN_GRID,
 };
+use super::prior::ln_sum;
 use crate::information::Table;
 
 /// Visits outside the most visited row below which a slice is anchored at that row.
@@ -57,7 +58,9 @@ impl NullMixture {
 
     /// Returns ln sum_b v_b e^l_b.
     pub fn ln_mixed(&self, evidence: &[f64; NULLS]) -> f64 {
-        self.given(evidence).ln
+        let mut ln_joint = self.0;
+        add(&mut ln_joint, evidence);
+        ln_sum(&ln_joint)
     }
 }
 

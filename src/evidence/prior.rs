@@ -154,12 +154,9 @@ impl Prior {
         let wholes = self.slices(habits, &readings.wholes, &weights.deviants);
         let shared = |(side, slab, weight): (usize, usize, f64)| (side, weight, self.moments(side, slab, &wholes));
         let shared = weights.present().map(shared);
-        let Some(segments) = &weights.segments else {
+        let Some(segments) = weights.segments.as_ref().filter(|segments| !segments.is_negligible()) else {
             return shared.map(|(_, weight, moments)| (weight, moments)).collect();
         };
-        if segments.is_negligible() {
-            return shared.map(|(_, weight, moments)| (weight, moments)).collect();
-        }
         let usages = self.usages(habits, &readings.wholes);
         let within = [0, 1].map(|side| self.within(side, weights, readings, &usages));
         let shared = shared.map(|(side, weight, moments)| (weight, moments.scaled(within[side])));
