@@ -58,9 +58,7 @@ fn transitions(seed: u64) -> Vec<Value> {
 }
 
 async fn get(app: &TestApp, path: &str) -> Value {
-    let (status, answer) = app.rest("GET", &format!("{WORLD}/{path}"), None).await;
-    assert_eq!(status, 200, "{path}: {answer}");
-    answer
+    app.get(&format!("{WORLD}/{path}")).await
 }
 
 async fn answer(app: &TestApp, query: &str) -> Value {

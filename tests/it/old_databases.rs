@@ -42,9 +42,7 @@ async fn opened(fixture: &Fixture) -> TestApp {
 }
 
 async fn get(app: &TestApp, path: &str) -> Value {
-    let (status, answer) = app.rest("GET", &format!("{ENVIRONMENTS}{path}"), None).await;
-    assert_eq!(status, 200, "{path}: {answer}");
-    answer
+    app.get(&format!("{ENVIRONMENTS}{path}")).await
 }
 
 /// Returns every fixture; there is one of each landed build at least.

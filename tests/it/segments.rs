@@ -71,9 +71,7 @@ async fn send(app: &TestApp, sequence: u64, segment: &str, transitions: Vec<Valu
 }
 
 async fn get(app: &TestApp, path: &str) -> Value {
-    let (status, answer) = app.rest("GET", &format!("{WORLD}/{path}"), None).await;
-    assert_eq!(status, 200, "{path}: {answer}");
-    answer
+    app.get(&format!("{WORLD}/{path}")).await
 }
 
 async fn answer(app: &TestApp, query: &str) -> Value {

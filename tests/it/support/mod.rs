@@ -110,6 +110,13 @@ impl TestApp {
             .expect("present")
     }
 
+    /// Returns what a path of REST tells, where there is nothing to refuse.
+    pub async fn get(&self, path: &str) -> Value {
+        let (status, answer) = self.rest("GET", path, None).await;
+        assert_eq!(status, 200, "{path}: {answer}");
+        answer
+    }
+
     /// Returns a REST answer: its status and its body, as JSON where it is.
     pub async fn rest(&self, method: &str, path: &str, body: Option<&Value>) -> (u16, Value) {
         let method = method.parse().expect("a method");
