@@ -155,23 +155,25 @@ impl Side {
 
     /// Returns sum_k w_k p_i rho_ij of these slabs, rows first.
     pub fn responses(&self, slabs: &[f64], table: &Table, deviants: &Deviants, policy: &[f64]) -> Vec<f64> {
+        let mut rows: Vec<Share> = (0..policy.len()).map(|label| Share::of(table.row_sum(label as u64))).collect();
         let mut joint = vec![0.0; policy.len() * self.letters()];
         for (slab, weight) in slabs.iter().enumerate().filter(|(_, weight)| **weight > NEGLIGIBLE) {
             match slab.checked_sub(DEVIANT_SLABS.start) {
-                Some(deviant) => self.add_deviants(deviant, *weight, table, deviants, policy, &mut joint),
-                None => self.add_slab(slab, *weight, table, policy, &mut joint),
+                Some(deviant) => self.add_deviants(deviant, *weight, table, deviants, &mut rows, &mut joint),
+                None => rows.iter_mut().for_each(|row| row.add(concentration(slab), base_of(slab), *weight)),
             }
         }
-        joint
-    }
 
-    fn add_slab(&self, slab: usize, weight: f64, table: &Table, policy: &[f64], joint: &mut [f64]) {
-        let (k, base) = (concentration(slab), self.slab_base(slab, table));
-        for (label, (p, cells)) in policy.iter().zip(joint.chunks_mut(base.len())).enumerate() {
-            let scale = weight * p / (table.row_sum(label as u64) as f64 + k);
-            cells.iter_mut().zip(&base).for_each(|(sum, m)| *sum += scale * k * m);
-            add_row(cells, table, label, scale);
+        let marginal = self.marginal(table);
+        let bases = [self.likelihood.base.shares(), &vec![1.0 / self.letters() as f64; self.letters()], &marginal];
+        for (label, (row, cells)) in rows.iter().zip(joint.chunks_mut(self.letters())).enumerate() {
+            for (share, base) in row.bases.iter().zip(bases) {
+                cells.iter_mut().zip(base).for_each(|(sum, m)| *sum += share * m);
+            }
+            add_row(cells, table, label, row.visits);
+            cells.iter_mut().for_each(|sum| *sum *= policy[label]);
         }
+        joint
     }
 
     /// A row that deviates answers by itself, all others as they do together.
@@ -181,35 +183,53 @@ impl Side {
         weight: f64,
         table: &Table,
         deviants: &Deviants,
-        policy: &[f64],
+        rows: &mut [Share],
         joint: &mut [f64],
     ) {
         let (k, letters) = (DEVIANT_CONCENTRATIONS[deviant % DEVIANT_GRID], self.letters());
-        let deviating = deviants.probable(deviant);
-        let rest: Vec<Vec<f64>> = (0..policy.len()).map(|label| self.marginal_without(table, label)).collect();
+        let (deviating, counts) = (deviants.probable(deviant), self.smoothed(table));
         let mut together = vec![0.0; letters];
-        for (label, rest) in rest.iter().enumerate() {
-            together.iter_mut().zip(rest).for_each(|(sum, q)| *sum += deviating.of(table, label) * q);
-        }
-        for (label, (p, cells)) in policy.iter().zip(joint.chunks_mut(letters)).enumerate() {
+        for (label, (row, cells)) in rows.iter_mut().zip(joint.chunks_mut(letters)).enumerate() {
             let own = deviating.of(table, label);
-            let scale = weight * p * own / (table.row_sum(label as u64) as f64 + k);
-            for (letter, sum) in cells.iter_mut().enumerate() {
-                let shared = together[letter] - own * rest[label][letter];
-                *sum += weight * p * shared + scale * k * self.deviant_share(deviant, letter);
+            row.add(k, deviant / DEVIANT_GRID, weight * own);
+            // What the others answer where this one deviates.
+            let mut rest = counts.clone();
+            add_row(&mut rest, table, label, -1.0);
+            let scale = weight * own / ((table.total() - row.r) as f64 + 1.0);
+            for ((sum, cell), count) in together.iter_mut().zip(cells).zip(rest) {
+                *sum += scale * count;
+                *cell -= scale * count;
             }
-            add_row(cells, table, label, scale);
         }
+        for cells in joint.chunks_mut(letters) {
+            cells.iter_mut().zip(&together).for_each(|(cell, shared)| *cell += shared);
+        }
+    }
+}
+
+/// What a row's response is made of, over the slabs: of its visits, each counting as much, and of each base.
+struct Share {
+    r: u64,
+    visits: f64,
+    bases: [f64; 3],
+}
+
+impl Share {
+    fn of(r: u64) -> Self {
+        Self { r, visits: 0.0, bases: [0.0; 3] }
     }
 
-    /// Returns the response of all rows but that of a label, with one visit more spread as the base is.
-    fn marginal_without(&self, table: &Table, label: usize) -> Vec<f64> {
-        let mut counts = self.smoothed(table);
-        add_row(&mut counts, table, label, -1.0);
-        let total = (table.total() - table.row_sum(label as u64)) as f64 + 1.0;
-        counts.iter_mut().for_each(|count| *count /= total);
-        counts
+    /// Adds the mean response (n_j + k m_j) / (r + k) of a slab of that weight.
+    fn add(&mut self, k: f64, base: usize, weight: f64) {
+        let each = weight / (self.r as f64 + k);
+        self.visits += each;
+        self.bases[base] += each * k;
     }
+}
+
+/// Returns which base a slab is on whose every row has its own response: the environment's, the uniform one, the state's own marginal.
+fn base_of(slab: usize) -> usize {
+    (slab / FIXED_GRID).min(2)
 }
 
 /// Adds the counts of all columns, times a scale.
