@@ -52,7 +52,8 @@ impl Freedom {
         let a = if w > 0.0 { q * weighted / w } else { q };
         let x = a / (a + 1.0);
         self.letters[0] += letters * x;
-        self.letters[1] += letters * x * (a + 3.0) / (a + 1.0);
+        // (a + 3) / (a + 1) = 3 - 2 x.
+        self.letters[1] += letters * x * (3.0 - 2.0 * x);
         self.marginal += letters * q * q;
     }
 

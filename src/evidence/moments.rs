@@ -182,6 +182,8 @@ pub(super) struct Unvisited {
 #[derive(Clone, Copy, Default)]
 struct Column {
     share: f64,
+    /// ln q_j.
+    ln_q: f64,
     /// ln(m_j / q_j).
     ln_ratio: f64,
 }
@@ -192,7 +194,7 @@ struct Empty([f64; 3]);
 
 impl Empty {
     fn of(column: &Column) -> Self {
-        let Column { share, ln_ratio } = *column;
+        let Column { share, ln_ratio, .. } = *column;
         let tilted = share * ln_ratio;
         Self([share, tilted, tilted * ln_ratio])
     }
@@ -203,23 +205,37 @@ impl Empty {
     }
 }
 
-/// Returns the moments of a slice under a slab; `psi_a1` gives psi(r + k + 1) of a row with r visits, `term` the term of n + k m_j at a column's
-/// position.
+/// What moments need to know of a row's concentration A = r + k.
+#[derive(Clone, Copy)]
+pub(super) struct Concentration {
+    /// ln A.
+    pub ln: f64,
+    /// psi(A + 1).
+    pub psi: f64,
+}
+
+impl Concentration {
+    pub fn of(a: f64) -> Self {
+        Self { ln: a.ln(), psi: digamma(a + 1.0) }
+    }
+}
+
+/// Returns the moments of a slice under a slab; `concentration` gives that of a row with r visits, `term` the term of n + k m_j at a column's position.
 pub(super) fn moments(
     slice: &Slice<'_>,
     slab: &Slab<'_>,
-    psi_a1: impl Fn(u64) -> f64,
+    concentration: impl Fn(u64) -> Concentration,
     term: impl Fn(usize, u64) -> Term,
 ) -> Moments {
     let view = View::new(slice, slab);
     let mut sums = Sums::default();
     for (row, cells) in slice.table.cells().chunk_by(|a, b| a.row == b.row).enumerate() {
-        let Driver { r, p, square } = slice.drivers[row];
-        sums.add([p, square], r as f64 + slab.concentration, psi_a1(r), view.row(r, cells, &term));
+        let (driver, concentration) = (&view.drivers[row], concentration(slice.drivers[row].r));
+        sums.add(driver, concentration.psi, view.row(driver, concentration.ln, cells, &term));
     }
-    let Unvisited { p, square, .. } = slice.unvisited;
-    if p > 0.0 {
-        sums.add([p, square], slab.concentration, psi_a1(0), view.row(0, &[], &term));
+    if view.unvisited.p > 0.0 {
+        let concentration = concentration(0);
+        sums.add(&view.unvisited, concentration.psi, view.row(&view.unvisited, concentration.ln, &[], &term));
     }
     sums.moments(view.marginal_entropy, slice.policy.weight, &view.freedom)
 }
@@ -265,14 +281,34 @@ pub(super) fn two_rows(p: f64, policy: &Policy<'_>, columns: &[Pair]) -> Moments
     }
     let mut total = Sums::default();
     for (at, row) in rows.into_iter().enumerate() {
-        total.add([p[at], square[at]], concentrations[at], digamma(concentrations[at] + 1.0), row);
+        total.add(&Drawn::new(p[at], square[at], concentrations[at]), digamma(concentrations[at] + 1.0), row);
     }
     total.moments(entropy, policy.weight, &freedom)
+}
+
+/// A row as a slab sees it.
+struct Drawn {
+    p: f64,
+    /// E p^2 / (A + 1).
+    spread: f64,
+    /// 1 / A.
+    inverse: f64,
+}
+
+impl Drawn {
+    fn new(p: f64, square: f64, a: f64) -> Self {
+        Self { p, spread: square / (a + 1.0), inverse: 1.0 / a }
+    }
 }
 
 /// What all rows of a slice have in common under a slab.
 struct View<'a> {
     slab: &'a Slab<'a>,
+    /// ln k.
+    ln_k: f64,
+    /// The visited rows, by position; and all others together.
+    drivers: Vec<Drawn>,
+    unvisited: Drawn,
     columns: Vec<Column>,
     /// What a row without visits has.
     empty: Empty,
@@ -299,9 +335,9 @@ struct Sums {
 }
 
 impl Sums {
-    fn add(&mut self, [p, square]: [f64; 2], a: f64, psi_a1: f64, row: Row) {
-        self.entropy += p * (psi_a1 - row.psi / a);
-        self.spread += square * (row.second - row.first * row.first).max(0.0) / (a + 1.0);
+    fn add(&mut self, Drawn { p, spread, inverse }: &Drawn, psi_a1: f64, row: Row) {
+        self.entropy += p * (psi_a1 - row.psi * inverse);
+        self.spread += spread * (row.second - row.first * row.first).max(0.0);
         self.divergence += p * row.first;
         self.square += p * row.first * row.first;
     }
@@ -336,46 +372,45 @@ impl Share {
 
 impl<'a> View<'a> {
     fn new(slice: &Slice<'_>, slab: &'a Slab<'a>) -> Self {
+        let k = slab.concentration;
+        let Unvisited { p, squared, square, .. } = slice.unvisited;
+        let driver = |driver: &Driver| Drawn::new(driver.p, driver.square, driver.r as f64 + k);
         let mut view = Self {
             slab,
+            ln_k: k.ln(),
+            drivers: slice.drivers.iter().map(driver).collect(),
+            unvisited: Drawn::new(p, square, k),
             columns: Vec::with_capacity(slab.columns.len()),
             empty: Empty::default(),
             marginal_entropy: 0.0,
             freedom: Freedom::default(),
         };
-        let (k, unvisited) = (slab.concentration, &slice.unvisited);
         slice.drivers.iter().for_each(|Driver { r, p, .. }| view.freedom.add_row(*p, *r as f64 + k));
-        view.freedom.add_alike(unvisited.p, unvisited.squared, k);
+        view.freedom.add_alike(p, squared, k);
         view.look_at_columns(slice);
         view
     }
 
     /// Finds the distribution of every q_j: as if no row had visits there, corrected in the occupied cells.
-    fn look_at_columns(&mut self, Slice { table, policy, drivers, unvisited, .. }: &Slice<'_>) {
+    fn look_at_columns(&mut self, Slice { table, policy, .. }: &Slice<'_>) {
         let k = self.slab.concentration;
         // sum p k/A, sum P (k/A)/(A + 1), sum P (k/A)^2/(A + 1), sum p (k/A)^2.
         let mut common = [0.0; 4];
-        let mut add = |p: f64, square: f64, a: f64| {
-            let drawn = k / a;
-            let terms = [p * drawn, square * drawn / (a + 1.0), square * drawn * drawn / (a + 1.0), p * drawn * drawn];
+        for Drawn { p, spread, inverse } in self.drivers.iter().chain([&self.unvisited]) {
+            let drawn = k * inverse;
+            let terms = [p * drawn, spread * drawn, spread * drawn * drawn, p * drawn * drawn];
             common.iter_mut().zip(terms).for_each(|(sum, term)| *sum += term);
-        };
-        drivers.iter().for_each(|driver| add(driver.p, driver.square, driver.r as f64 + k));
-        add(unvisited.p, unvisited.square, k);
+        }
         let [drawn, rising, falling, squares] = common;
         // E q, the rows' part of its variance, and sum p rho^2.
         let untouched = |m: f64| [m * drawn, m * rising - m * m * falling, m * m * squares];
         let mut sums: Vec<[f64; 3]> = self.slab.columns.iter().map(|letter| untouched(letter.share)).collect();
         for cell in table.cells() {
-            let Driver { r, p, square } = drivers[cell.row as usize];
-            let a = r as f64 + k;
-            let before = k * self.slab.columns[cell.column as usize].share / a;
-            let rho = before + cell.n as f64 / a;
-            let terms = [
-                p * cell.n as f64 / a,
-                square * (rho * (1.0 - rho) - before * (1.0 - before)) / (a + 1.0),
-                p * (rho * rho - before * before),
-            ];
+            let Drawn { p, spread, inverse } = self.drivers[cell.row as usize];
+            // By how much the visits raise rho, and the sum of what it was and is.
+            let more = cell.n as f64 * inverse;
+            let both = 2.0 * k * self.slab.columns[cell.column as usize].share * inverse + more;
+            let terms = [p * more, spread * more * (1.0 - both), p * more * both];
             sums[cell.column as usize].iter_mut().zip(terms).for_each(|(sum, term)| *sum += term);
         }
         let share = |[mean, rows, squares]: [f64; 3]| Share {
@@ -386,7 +421,8 @@ impl<'a> View<'a> {
             let q = share(*sums);
             self.marginal_entropy += q.entropy();
             self.freedom.add_letters(q.mean, 1.0);
-            let column = Column { share: letter.share, ln_ratio: (letter.share / q.mean).ln() };
+            let ln_q = q.mean.ln();
+            let column = Column { share: letter.share, ln_q, ln_ratio: letter.empty.ln - self.ln_k - ln_q };
             self.empty = self.empty.plus(Empty::of(&column), 1.0);
             self.columns.push(column);
         }
@@ -394,30 +430,27 @@ impl<'a> View<'a> {
             let q = share(untouched(*m));
             self.marginal_entropy += letters * q.entropy();
             self.freedom.add_letters(q.mean, *letters);
-            let column = Column { share: letters * m, ln_ratio: -drawn.ln() };
+            let column = Column { share: letters * m, ln_q: q.mean.ln(), ln_ratio: -drawn.ln() };
             self.empty = self.empty.plus(Empty::of(&column), 1.0);
         }
     }
 
-    /// Returns the sums of a row with r visits in these cells.
-    fn row(&self, r: u64, cells: &[Occupied], term: impl Fn(usize, u64) -> Term) -> Row {
+    /// Returns the sums of a row in these cells, given ln A.
+    fn row(&self, drawn: &Drawn, ln_a: f64, cells: &[Occupied], term: impl Fn(usize, u64) -> Term) -> Row {
         let k = self.slab.concentration;
-        let a = r as f64 + k;
-        let (ln_k, ln_a) = (k.ln(), a.ln());
         let mut row = Row { psi: self.slab.psi, first: 0.0, second: 0.0 };
         let mut empty = self.empty;
         for cell in cells {
             let at = cell.column as usize;
             let (letter, column, term) = (&self.slab.columns[at], &self.columns[at], term(at, cell.n));
             empty = empty.plus(Empty::of(column), -1.0);
-            let rho = (cell.n as f64 + k * letter.share) / a;
-            // ln(rho / q), by ln q = ln m - ln(m / q).
-            let ln_ratio = term.ln - ln_a - (letter.empty.ln - ln_k) + column.ln_ratio;
+            let rho = (cell.n as f64 + k * letter.share) * drawn.inverse;
+            let ln_ratio = term.ln - ln_a - column.ln_q;
             row.psi += term.psi - letter.empty.psi;
             row.first += rho * ln_ratio;
             row.second += rho * ln_ratio * ln_ratio;
         }
-        let (scale, shift) = (k / a, ln_k - ln_a);
+        let (scale, shift) = (k * drawn.inverse, self.ln_k - ln_a);
         let Empty([m, e, e2]) = empty;
         row.first += scale * (e + shift * m);
         row.second += scale * (e2 + 2.0 * shift * e + shift * shift * m);

@@ -2,11 +2,10 @@
 
 use super::base::{Alike, Groups};
 use super::deviants::{Deviants, Deviating};
-use super::gamma::digamma;
 use super::habits::Usage;
 use super::increments::{add, depth};
 use super::likelihood::{Likelihood, NullMixture, columns};
-use super::moments::{Letter, Moments, Pair, Policy, Slab, Slice, Term, moments, two_rows};
+use super::moments::{Concentration, Letter, Moments, Pair, Policy, Slab, Slice, Term, moments, two_rows};
 use super::parameters::{
     CUT, DEVIANT_CONCENTRATIONS, DEVIANT_GRID, DEVIANT_SLABS, FIXED, FIXED_CONCENTRATIONS, FIXED_GRID, NULL_GRID,
     OWN_CONCENTRATIONS, OWN_GRID, OWN_SLABS, SLABS, SideParameters,
@@ -30,8 +29,8 @@ pub(super) struct Side {
     habit_in_segments: Option<f64>,
     /// The weights of the kinds of the responder's habits in segments.
     pub segments: Vec<f64>,
-    /// psi(r + k + 1) by visits r, then by slab.
-    row_psi: Vec<[f64; OWN_GRID]>,
+    /// That of r + k by visits r, then by slab.
+    concentrations: Vec<[Concentration; OWN_GRID]>,
     /// On the environment's base, and the uniform one.
     bases: [Vec<Tabulated>; 2],
     groups: Groups,
@@ -61,7 +60,9 @@ impl Side {
             habit: parameters.habit,
             habit_in_segments: parameters.habit_in_segments,
             segments: parameters.segments.clone(),
-            row_psi: (0..depth(1)).map(|r| OWN_CONCENTRATIONS.map(|k| digamma(r as f64 + k + 1.0))).collect(),
+            concentrations: (0..depth(1))
+                .map(|r| OWN_CONCENTRATIONS.map(|k| Concentration::of(r as f64 + k)))
+                .collect(),
             likelihood,
         }
     }
@@ -163,7 +164,7 @@ impl Side {
             (false, _) => &alike,
         };
         let slab = Slab { concentration: k, columns: &columns, psi: tabulated.psi, rest };
-        moments(slice, &slab, self.psi_a1(at), term)
+        moments(slice, &slab, self.concentration(at), term)
     }
 
     fn on_own_marginal(&self, at: usize, slice: &Slice<'_>) -> Moments {
@@ -179,14 +180,14 @@ impl Side {
         let psi = columns.iter().map(|letter| letter.empty.psi).sum::<f64>() + unvisited;
         let slab = Slab { concentration: k, columns: &columns, psi, rest: &rest };
         let term = |at: usize, n: u64| Term::of(n as f64 + k * columns[at].share);
-        moments(slice, &slab, self.psi_a1(at), term)
+        moments(slice, &slab, self.concentration(at), term)
     }
 
-    /// Returns psi(r + k + 1) of rows with r visits, for the concentration k at a place of the grid.
-    fn psi_a1(&self, at: usize) -> impl Fn(u64) -> f64 {
-        move |r: u64| match self.row_psi.get(r as usize) {
-            Some(psi) => psi[at],
-            None => digamma(r as f64 + OWN_CONCENTRATIONS[at] + 1.0),
+    /// Returns the concentration r + k of rows with r visits, for k at a place of the grid.
+    fn concentration(&self, at: usize) -> impl Fn(u64) -> Concentration {
+        move |r: u64| match self.concentrations.get(r as usize) {
+            Some(concentrations) => concentrations[at],
+            None => Concentration::of(r as f64 + OWN_CONCENTRATIONS[at]),
         }
     }
 
