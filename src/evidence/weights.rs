@@ -8,6 +8,11 @@ use super::parameters::{CUT, DEVIANT_SLABS, FIXED, FIXED_GRID, OWN_SLABS, SLABS}
 /// The share of all slabs' posterior weight that moments are found for: the lighter ones change nothing, and there are many.
 const WEIGHED: f64 = 0.9;
 
+/// What neighbouring slabs may weigh that are taken together: so much of the weight of all slabs, and more where that is as little of all hypotheses.
+const LIGHT: f64 = 0.05;
+const UNHEARD: f64 = 0.01;
+const MOST_LIGHT: f64 = 0.15;
+
 /// The probabilities of a state's hypotheses.
 pub(super) struct Weights {
     pub dependent: f64,
@@ -67,7 +72,8 @@ impl Weights {
 
     /// Returns the same with fewer slabs to find moments for: light neighbours are taken together, and the lightest are left out.
     pub fn condensed(self) -> Self {
-        let grouped = Self { slabs: self.slabs.map(|side| grouped(&side)), ..self };
+        let light = (UNHEARD / self.dependent).clamp(LIGHT, MOST_LIGHT);
+        let grouped = Self { slabs: self.slabs.map(|side| grouped(&side, light)), ..self };
         let mut slabs = [[0.0; SLABS]; 2];
         grouped.heaviest(WEIGHED).into_iter().for_each(|(side, slab, weight)| slabs[side][slab] = weight);
         // Each side by itself, so that the order of the variables changes no bit.
@@ -103,14 +109,13 @@ pub(super) fn normalise(slabs: &mut [[f64; SLABS]; 2], segments: Option<&mut Seg
 
 /// Returns the weights of a side's slabs with those of neighbours in concentration given to the middle one by weight, where they are light together; and with
 /// those of all slabs of one deviating row, which differ little but in which row it is, to the heaviest.
-fn grouped(slabs: &[f64; SLABS]) -> [f64; SLABS] {
-    /// Concentrations that differ by not much more than a factor of four, and what they may weigh.
+fn grouped(slabs: &[f64; SLABS], light: f64) -> [f64; SLABS] {
+    /// Concentrations that differ by not much more than a factor of four.
     const NEIGHBOURS: usize = 3;
-    const LIGHT: f64 = 0.05;
     let mut grouped = [0.0; SLABS];
     for Range { start: mut from, end } in [0..FIXED_GRID, FIXED_GRID..FIXED, OWN_SLABS] {
         while from < end {
-            let is_light = |to: &usize| slabs[from..*to].iter().sum::<f64>() <= LIGHT;
+            let is_light = |to: &usize| slabs[from..*to].iter().sum::<f64>() <= light;
             let to = (from + 2..=end.min(from + NEIGHBOURS)).take_while(is_light).last().unwrap_or(from + 1);
             grouped[middle(slabs, from..to)] = slabs[from..to].iter().sum();
             from = to;
