@@ -34,16 +34,33 @@ struct Part {
     ln_share: f64,
 }
 
-/// The weights of the families, and how much more each slab weighs in those that have no slabs of one deviating row.
-pub(super) struct FamilyWeights {
+/// The logarithms of a fit's weights that concern segments: of the families, of how much more each slab weighs in those that have no slabs of one deviating
+/// row, and of the kinds of each responder's habits.
+pub(super) struct SegmentWeights {
     pub families: [f64; 3],
     pub cut: f64,
+    pub habits: [HabitWeights; 2],
 }
 
-impl FamilyWeights {
+impl SegmentWeights {
     pub fn new(parameters: &Parameters) -> Self {
         let [first, second] = [0, 1].map(|side: usize| parameters.sides[side].slabs[..CUT].iter().sum::<f64>());
-        Self { families: parameters.families, cut: 1.0 / (first + second) }
+        let habits = parameters.sides.each_ref().map(|side| HabitWeights::new(&side.segments));
+        Self { families: parameters.families.map(f64::ln), cut: -(first + second).ln(), habits }
+    }
+}
+
+/// The logarithms of the weights of the kinds of habits: of each, of those that differ, and of those drawn anew in each segment.
+pub(super) struct HabitWeights {
+    kinds: [f64; HABITS],
+    differ: f64,
+    apart: f64,
+}
+
+impl HabitWeights {
+    fn new(weights: &[f64]) -> Self {
+        let ln_of = |kinds: Range<usize>| weights[kinds].iter().sum::<f64>().ln();
+        Self { kinds: std::array::from_fn(|kind| weights[kind].ln()), differ: ln_of(1..HABITS), apart: ln_of(APART) }
     }
 }
 
@@ -61,20 +78,19 @@ pub(super) struct SegmentHabits {
 
 impl SegmentHabits {
     /// Weighs the kinds, given ln of the null of the state and of its parts by each component, and ln l of habits that are drawn around the state's.
-    pub fn new(weights: &[f64], pooled: f64, apart: &[f64; NULLS], around: &[f64; AROUND]) -> Self {
+    pub fn new(weights: &HabitWeights, pooled: f64, apart: &[f64; NULLS], around: &[f64; AROUND]) -> Self {
         let relative = |kind: usize| match kind {
             0 => 0.0,
             kind if APART.contains(&kind) => apart[kind - APART.start] - pooled,
             kind => around[kind - APART.end],
         };
-        let logarithms: [f64; HABITS] = std::array::from_fn(|kind| weights[kind].ln() + relative(kind));
-        let mean = |kinds: Range<usize>| ln_sum(&logarithms[kinds.clone()]) - weights[kinds].iter().sum::<f64>().ln();
+        let logarithms: [f64; HABITS] = std::array::from_fn(|kind| weights.kinds[kind] + relative(kind));
         let likeliest = (0..NULLS).max_by(|a, b| logarithms[APART.start + a].total_cmp(&logarithms[APART.start + b]));
         let ln = ln_sum(&logarithms);
         Self {
             ln,
-            ln_differ: mean(1..HABITS),
-            ln_apart: mean(APART),
+            ln_differ: ln_sum(&logarithms[1..]) - weights.differ,
+            ln_apart: ln_sum(&logarithms[APART]) - weights.apart,
             likeliest: likeliest.unwrap_or(0),
             kinds: logarithms.map(|one| (one - ln).exp()),
         }
@@ -112,8 +128,8 @@ impl Cut {
     }
 
     /// Weighs its habits in segments, given ln of the null of the state.
-    pub fn habits(&self, pooled: f64, parameters: &SideParameters) -> SegmentHabits {
-        SegmentHabits::new(&parameters.segments, pooled, &self.null, &self.around)
+    pub fn habits(&self, pooled: f64, weights: &HabitWeights) -> SegmentHabits {
+        SegmentHabits::new(weights, pooled, &self.null, &self.around)
     }
 
     /// Returns ln of the mean over the parts of the slabs on fixed bases in one of them, relative to a component of the null.

@@ -50,7 +50,7 @@ impl<'a> Draws<'a> {
     /// `most`: of how many parts, those that were visited most.
     pub fn new(prior: &'a Prior, habits: &'a Habits, counted: Counted<'a>, ego: Ego, most: usize) -> Self {
         let all = prior.weights(&Readings::new(counted));
-        let are_parts = all.differ().is_some_and(|differ| differ > DIFFER);
+        let are_parts = all.by_segment().is_some_and(|by_segment| by_segment.differ > DIFFER);
         let mut readings = Readings::new(if are_parts { counted.parts } else { counted.slices }.into());
         if are_parts {
             readings.wholes.sort_by_key(|part| std::cmp::Reverse(part[0].total()));

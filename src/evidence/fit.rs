@@ -6,7 +6,7 @@
 
 use super::base::Base;
 use super::counted::Counted;
-use super::cut::FamilyWeights;
+use super::cut::SegmentWeights;
 use super::habits::{Habits, Segments, Uses, margins};
 use super::likelihood::{Likelihood, NullMixture};
 use super::parameters::{Expected, Parameters, Segmented};
@@ -111,7 +111,7 @@ impl Fitter {
 fn round(states: &[State], parameters: &Parameters) -> Parameters {
     let (mut dependent, mut expected) = (0.0, [Expected::default(), Expected::default()]);
     let mut segmented = Segmented::default();
-    let weights = FamilyWeights::new(parameters);
+    let weights = SegmentWeights::new(parameters);
     for state in states {
         let shares = state.shares(parameters, &weights);
         dependent += 1.0 - shares.independent;

@@ -99,7 +99,7 @@ pub use fit::{Fit, Fitter};
 pub use habits::{Habits, Uses};
 pub use likelihood::rows_evidence;
 pub use parameters::{Parameters, SideParameters};
-pub use posterior::Posterior;
+pub use posterior::{BySegment, Posterior};
 pub use prior::Prior;
 
 /// The largest alphabet of either variable that posteriors are for: their tables hold every letter of the columns.

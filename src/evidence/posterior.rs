@@ -16,8 +16,16 @@ pub struct Posterior {
     components: Vec<Component>,
     /// What the table says by itself, where it was seen often.
     estimate: Option<Estimate>,
-    /// The probability that habits differ by segment.
-    differ: Option<f64>,
+    by_segment: Option<BySegment>,
+}
+
+/// What segments change where a state was seen in several.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BySegment {
+    /// The probability that the habits of either variable differ by segment, if nothing depends on anything.
+    pub differ: f64,
+    /// P(dependent) of the same counts, were there no segments.
+    pub pooled: f64,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -44,21 +52,21 @@ impl Posterior {
             let matched = |variance: f64| Beta::matched(mean, variance / (largest * largest));
             Component { weight: weight / total, mean, beta: matched(moments.variance), wide: matched(moments.wide) }
         };
-        Self { dependent, largest, components: merged.into_iter().map(component).collect(), estimate, differ: None }
+        Self { dependent, largest, components: merged.into_iter().map(component).collect(), estimate, by_segment: None }
     }
 
     /// Returns what is believed where one of the variables has a single letter: no dependence, since there is none to be had.
     pub(super) fn impossible() -> Self {
-        Self { dependent: 0.0, largest: 0.0, components: Vec::new(), estimate: None, differ: None }
+        Self { dependent: 0.0, largest: 0.0, components: Vec::new(), estimate: None, by_segment: None }
     }
 
-    pub(super) fn with_differing(self, differ: Option<f64>) -> Self {
-        Self { differ, ..self }
+    pub(super) fn with_segments(self, by_segment: Option<BySegment>) -> Self {
+        Self { by_segment, ..self }
     }
 
-    /// Returns the probability that the habits of either agent differ by segment here; `None` where there are no segments.
-    pub fn differ(&self) -> Option<f64> {
-        self.differ
+    /// Returns what segments change; `None` where there is one, or they are of no concern.
+    pub fn by_segment(&self) -> Option<BySegment> {
+        self.by_segment
     }
 
     /// Returns P(dependent): the probability that mutual information is above 0 at all.

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 
 use super::asymptotic::Estimate;
 use super::counted::Counted;
-use super::cut::FamilyWeights;
+use super::cut::SegmentWeights;
 use super::deviants::Deviants;
 use super::fit::Fit;
 use super::habits::Habits;
@@ -14,7 +14,7 @@ use super::parameters::SLABS;
 use super::posterior::Posterior;
 use super::segments::readings_of_parts;
 use super::side::Side;
-use super::weights::{Weights, normalise};
+use super::weights::{Segments, Weights, normalise};
 use crate::information::{Alphabet, Table};
 
 /// The most pairs of letters in use for which a table's own estimate is made: it looks at every one of them.
@@ -30,7 +30,7 @@ pub struct Prior {
     dependent: f64,
     /// Columns that respond to rows, and rows that respond to columns.
     pub(super) sides: [Side; 2],
-    pub(super) families: FamilyWeights,
+    pub(super) segments: SegmentWeights,
     habits: Habits,
     unseen: Posterior,
 }
@@ -82,7 +82,7 @@ impl Prior {
             alphabet: *alphabet,
             dependent: parameters.dependent,
             sides,
-            families: FamilyWeights::new(parameters),
+            segments: SegmentWeights::new(parameters),
             habits: Habits::of([rows, columns]),
             unseen: Posterior::impossible(),
         };
@@ -117,7 +117,7 @@ impl Prior {
             if estimate.is_some() { 0.0 } else { doubt(habits).max(doubt_of_segments(habits, &weights, &readings)) };
         let parts = self.weighed(habits, &weights, &readings);
         let parts = parts.into_iter().map(|(weight, moments)| (weight, moments.doubted(doubt))).collect();
-        Posterior::new(weights.dependent, largest, parts, estimate).with_differing(weights.differ())
+        Posterior::new(weights.dependent, largest, parts, estimate).with_segments(weights.by_segment())
     }
 
     /// Returns P(dependent) alone, which takes a fraction of the time of a whole [`posterior`](Self::posterior).
@@ -139,14 +139,21 @@ impl Prior {
         };
         let deviants = readings.wholes.iter().map(|reading| [0, 1].map(|side| said(side, reading))).collect();
         let is_cut = !readings.parts.is_empty();
-        let mut segments =
-            is_cut.then(|| self.cut(&mut slabs, nulls, self.told_by(readings.wholes.len() == 1, &readings.parts)));
-        let (ln, sum) = normalise(&mut slabs, segments.as_deref_mut());
-        let prior = self.dependent;
-        let odds = ln + sum.ln() + (prior / (1.0 - prior)).ln();
+        let mut segments = is_cut.then(|| {
+            let pooled = self.dependent_given(normalise(&mut slabs.clone(), None));
+            let told = self.told_by(readings.wholes.len() == 1, &readings.parts);
+            Box::new(Segments { pooled, ..self.cut(&mut slabs, nulls, told) })
+        });
+        let likelihood = normalise(&mut slabs, segments.as_deref_mut());
         let is_told = readings.wholes.iter().any(|[table, _]| !table.is_line());
-        let dependent = if is_told { 1.0 / (1.0 + (-odds).exp()) } else { prior };
+        let dependent = if is_told { self.dependent_given(likelihood) } else { self.dependent };
         Weights { dependent, slabs, deviants, segments }
+    }
+
+    /// Returns P(dependent), given the likelihood of dependence relative to the null: e^x times a factor.
+    fn dependent_given(&self, (ln, factor): (f64, f64)) -> f64 {
+        let odds = ln + factor.ln() + (self.dependent / (1.0 - self.dependent)).ln();
+        1.0 / (1.0 + (-odds).exp())
     }
 
     /// Returns the moments of mutual information under every slab that has any weight.
@@ -194,7 +201,7 @@ impl Prior {
     /// Returns what the table says by itself, if it was seen at least as often as it has pairs of letters in use.
     fn estimate(&self, habits: &Habits, weights: &Weights, readings: &[Reading<'_>]) -> Option<Estimate> {
         let [reading] = readings else { return None };
-        if weights.segments.is_some() && weights.differ().is_some_and(|differ| differ > ALIKE) {
+        if weights.by_segment().is_some_and(|by_segment| by_segment.differ > ALIKE) {
             return None;
         }
         let pairs = habits.driver(0).used * habits.driver(1).used;
@@ -225,7 +232,7 @@ fn doubt_of_segments(habits: &Habits, weights: &Weights, readings: &Readings<'_>
     let pairs = (habits.driver(0).used * habits.driver(1).used) as f64;
     let visits: f64 = readings.wholes.iter().map(|[whole, _]| whole.total() as f64).sum();
     let cells = pairs * readings.parts.len() as f64;
-    MOST * weights.differ().unwrap_or(0.0) * (cells / visits.max(1.0)).sqrt().min(1.0)
+    MOST * weights.by_segment().map_or(0.0, |by_segment| by_segment.differ) * (cells / visits.max(1.0)).sqrt().min(1.0)
 }
 
 /// Returns ln sum e^x.

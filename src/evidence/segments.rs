@@ -35,26 +35,38 @@ const MOST_CELLS: usize = 1_000_000;
 pub(super) struct Told {
     /// ln l of the slabs that are cut: on fixed bases by itself, on the parts' marginals relative to the parts' null.
     pub cut: [f64; CUT],
-    /// ln l of each part that was visited more than once, on its own marginal relative to its null, and its visits beyond the first.
-    pub parts: Vec<(f64, [f64; CUT])>,
-    /// ln of the null by each component: of those parts, and of all together.
-    pub nulls: Vec<[f64; NULLS]>,
+    /// Those that were visited more than once.
+    pub parts: Vec<ToldPart>,
+    /// ln of the null of all by each component.
     pub null: [f64; NULLS],
     /// ln of habits drawn around the state's, relative to those that are alike.
     pub around: [f64; AROUND],
+}
+
+/// What a part says by itself, from one side.
+pub(super) struct ToldPart {
+    /// Its visits beyond the first.
+    pub beyond: f64,
+    /// ln l of the slabs: on fixed bases by itself, on its own marginal relative to its null.
+    pub slabs: [f64; CUT],
+    /// ln of its null by each component.
+    pub null: [f64; NULLS],
+}
+
+impl ToldPart {
+    /// Returns its visits beyond the first, and ln l of the slabs relative to a component of its null.
+    fn beside(self, null: usize) -> (f64, [f64; CUT]) {
+        let mut slabs = self.slabs;
+        slabs[..FIXED].iter_mut().for_each(|ln| *ln -= self.null[null]);
+        (self.beyond, slabs)
+    }
 }
 
 impl Prior {
     /// Returns what the parts say from each side; `is_whole` where they are of one table.
     pub(super) fn told_by(&self, is_whole: bool, parts: &[Reading<'_>]) -> [Told; 2] {
         [0, 1].map(|side| {
-            let mut told = Told {
-                cut: [0.0; CUT],
-                parts: Vec::new(),
-                nulls: Vec::new(),
-                null: [0.0; NULLS],
-                around: [0.0; AROUND],
-            };
+            let mut told = Told { cut: [0.0; CUT], parts: Vec::new(), null: [0.0; NULLS], around: [0.0; AROUND] };
             parts.iter().for_each(|part| self.sides[side].told_by(&part[side], &mut told));
             if is_whole {
                 told.around = self.sides[side].likelihood.around(parts.iter().map(|part| &*part[side]));
@@ -64,24 +76,22 @@ impl Prior {
     }
 
     /// Adds what is known of segments to the logarithms of the slabs, whose null is `nulls`, and returns those of the slabs that are cut.
-    pub(super) fn cut(&self, slabs: &mut [[f64; SLABS]; 2], nulls: [f64; 2], told: [Told; 2]) -> Box<Segments> {
-        let [shared, cut, one] = self.families.families.map(f64::ln);
-        let [cut, one] = [cut, one].map(|ln| ln + self.families.cut.ln());
-        let mut segments = Box::<Segments>::default();
-        for (side, mut told) in told.into_iter().enumerate() {
+    pub(super) fn cut(&self, slabs: &mut [[f64; SLABS]; 2], nulls: [f64; 2], told: [Told; 2]) -> Segments {
+        let [shared, cut, one] = self.segments.families;
+        let [cut, one] = [cut, one].map(|ln| ln + self.segments.cut);
+        let mut segments = Segments::default();
+        for (side, told) in told.into_iter().enumerate() {
             let ln_slabs = &self.sides[side].ln_slabs;
-            let habits = SegmentHabits::new(&self.sides[side].segments, nulls[side], &told.null, &told.around);
-            for ((_, part), null) in told.parts.iter_mut().zip(&told.nulls) {
-                part[..FIXED].iter_mut().for_each(|ln| *ln -= null[habits.likeliest]);
-            }
+            let habits = SegmentHabits::new(&self.segments.habits[side], nulls[side], &told.null, &told.around);
+            let parts: Vec<_> = told.parts.into_iter().map(|part| part.beside(habits.likeliest)).collect();
             slabs[side].iter_mut().for_each(|ln| *ln += shared - habits.ln);
             let null = |at: usize| if at < FIXED { -nulls[side] } else { habits.ln_differ };
             segments.cut[side] = std::array::from_fn(|at| ln_slabs[at] + told.cut[at] + null(at) + cut - habits.ln);
             let null = |at: usize| if at < FIXED { habits.ln_apart } else { habits.ln_differ };
-            let mean = ln_mean(&told.parts);
+            let mean = ln_mean(&parts);
             segments.one[side] = std::array::from_fn(|at| ln_slabs[at] + mean[at] + null(at) + one - habits.ln);
             segments.differ[side] = 1.0 - habits.kinds[0];
-            segments.parts[side] = told.parts;
+            segments.parts[side] = parts;
         }
         segments
     }

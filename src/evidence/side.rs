@@ -10,7 +10,7 @@ use super::parameters::{
     CUT, DEVIANT_CONCENTRATIONS, DEVIANT_GRID, DEVIANT_SLABS, FIXED, FIXED_CONCENTRATIONS, FIXED_GRID, NULL_GRID,
     OWN_CONCENTRATIONS, OWN_GRID, OWN_SLABS, SLABS, SideParameters,
 };
-use super::segments::Told;
+use super::segments::{Told, ToldPart};
 use crate::information::Table;
 
 /// Rows below this share of a deviant's posterior weight are left out of its moments.
@@ -27,8 +27,6 @@ pub(super) struct Side {
     /// kappa, and kappa'.
     pub habit: Option<f64>,
     habit_in_segments: Option<f64>,
-    /// The weights of the kinds of the responder's habits in segments.
-    pub segments: Vec<f64>,
     /// That of r + k by visits r, then by slab.
     concentrations: Vec<[Concentration; OWN_GRID]>,
     /// On the environment's base, and the uniform one.
@@ -59,7 +57,6 @@ impl Side {
             ln_slabs: std::array::from_fn(|slab| parameters.slabs[slab].ln()),
             habit: parameters.habit,
             habit_in_segments: parameters.habit_in_segments,
-            segments: parameters.segments.clone(),
             concentrations: (0..depth(1))
                 .map(|r| OWN_CONCENTRATIONS.map(|k| Concentration::of(r as f64 + k)))
                 .collect(),
@@ -99,8 +96,7 @@ impl Side {
             told.cut[OWN_SLABS].iter_mut().zip(&own).for_each(|(ln, by)| *ln += by);
             alone[OWN_SLABS].copy_from_slice(&own);
         }
-        told.parts.push(((part.total() - 1) as f64, alone));
-        told.nulls.push(null);
+        told.parts.push(ToldPart { beyond: (part.total() - 1) as f64, slabs: alone, null });
     }
 
     /// Adds what a part of one visit says, for which concentrations are of no concern: DM(1; k m) = m_j.

@@ -1,6 +1,6 @@
 //! What one state says for every hypothesis, kept so that weights can be fitted to it over and over.
 
-use super::cut::{Cut, FamilyWeights};
+use super::cut::{Cut, SegmentWeights};
 use super::increments::add;
 use super::likelihood::{Likelihood, NullMixture, columns};
 use super::parameters::{
@@ -93,19 +93,19 @@ impl State {
     }
 
     /// Returns the probabilities of its hypotheses.
-    pub fn shares(&self, parameters: &Parameters, weights: &FamilyWeights) -> Shares {
+    pub fn shares(&self, parameters: &Parameters, weights: &SegmentWeights) -> Shares {
         let ln_dependent = parameters.dependent.ln();
         let mut shared =
             [0, 1].map(|at| self.sides[at].ln_hypotheses(&parameters.sides[at]).map(|ln| ln + ln_dependent));
         let mut cut = [[f64::NEG_INFINITY; 2]; 2];
         let (mut one, mut kinds, mut likeliest) = (cut, [[0.0; HABITS]; 2], [0; 2]);
         if let Some(parts) = &self.cut {
-            let [f_shared, f_cut, f_one] = weights.families.map(f64::ln);
-            let more = weights.cut.ln() + ln_dependent;
+            let [f_shared, f_cut, f_one] = weights.families;
+            let more = weights.cut + ln_dependent;
             for side in 0..2 {
                 let of_side = &parameters.sides[side];
                 let pooled = self.sides[side].ln_null(of_side);
-                let habits = parts[side].habits(pooled, of_side);
+                let habits = parts[side].habits(pooled, &weights.habits[side]);
                 shared[side].iter_mut().for_each(|ln| *ln += f_shared - habits.ln);
                 let own = |own: &Scaled<OWN_GRID>| own.ln_weighted(&of_side.slabs[OWN_SLABS]) + habits.ln_differ;
                 let fixed = parts[side].fixed.ln_weighted(&of_side.slabs[..FIXED]) - pooled;

@@ -787,7 +787,7 @@ fn habits_that_differ_by_segment_are_not_dependence() {
         let prior = fitted_to(&states, true);
 
         assert!(established(&prior, &states, true) <= 1, "{segments} segments");
-        let differ = prior.posterior(prior.habits(), states[0].counted()).differ();
+        let differ = prior.posterior(prior.habits(), states[0].counted()).by_segment().map(|one| one.differ);
         assert!(differ > Some(0.9), "{segments} segments: {differ:?}");
     }
     let states = in_segments(120, 2, 75, true, |_, _, _, habit| habit.to_vec());
@@ -833,7 +833,7 @@ fn the_order_of_the_variables_changes_no_bit_of_what_is_cut() {
         let [one, other] = [(prior, &state), (exchanged, &turned)]
             .map(|(prior, state)| prior.posterior(prior.habits(), state.counted()));
         assert_eq!((one.dependent(), one.mean(), one.interval()), (other.dependent(), other.mean(), other.interval()));
-        assert_eq!(one.differ(), other.differ());
+        assert_eq!(one.by_segment(), other.by_segment());
         assert_eq!(prior.dependent(state.counted()), one.dependent());
     }
 }

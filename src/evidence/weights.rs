@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use super::deviants::Deviants;
 use super::parameters::{CUT, DEVIANT_SLABS, FIXED, FIXED_GRID, OWN_SLABS, SLABS};
+use super::posterior::BySegment;
 
 /// The share of all slabs' posterior weight that moments are found for: the lighter ones change nothing, and there are many.
 const WEIGHED: f64 = 0.9;
@@ -34,6 +35,8 @@ pub(super) struct Segments {
     pub parts: [Vec<(f64, [f64; CUT])>; 2],
     /// That the habits of each side's responder differ by segment, if nothing depends on anything.
     pub differ: [f64; 2],
+    /// P(dependent) of the same counts, were there no segments.
+    pub pooled: f64,
 }
 
 impl Segments {
@@ -47,7 +50,7 @@ impl Segments {
 
 impl Default for Segments {
     fn default() -> Self {
-        Self { cut: [[0.0; CUT]; 2], one: [[0.0; CUT]; 2], parts: Default::default(), differ: [0.0; 2] }
+        Self { cut: [[0.0; CUT]; 2], one: [[0.0; CUT]; 2], parts: Default::default(), differ: [0.0; 2], pooled: 0.0 }
     }
 }
 
@@ -57,10 +60,10 @@ impl Weights {
         heaviest(self.present().collect(), share)
     }
 
-    /// Returns the probability that the habits of either agent differ by segment, if nothing depends on anything; `None` where there are no segments.
-    pub fn differ(&self) -> Option<f64> {
-        let [first, second] = self.segments.as_ref()?.differ;
-        Some(1.0 - (1.0 - first) * (1.0 - second))
+    /// Returns what segments change; `None` where there are none.
+    pub fn by_segment(&self) -> Option<BySegment> {
+        let Segments { differ: [first, second], pooled, .. } = **self.segments.as_ref()?;
+        Some(BySegment { differ: 1.0 - (1.0 - first) * (1.0 - second), pooled })
     }
 
     /// Returns the side, the number and the weight of the slabs that have any.

@@ -142,8 +142,8 @@ impl Judge<'_> {
             // A negative zero would be told as "-0".
             posterior_mean: posterior.mean() + 0.0,
             interval: posterior.interval(),
-            differ: posterior.differ(),
-            pooled: posterior.differ().map(|_| informed.prior.dependent(&draws.slices)),
+            differ: posterior.by_segment().map(|by_segment| by_segment.differ),
+            pooled: posterior.by_segment().map(|by_segment| by_segment.pooled),
         };
         Found { evidence, believed }
     }

@@ -34,7 +34,6 @@
 
 mod alphabet;
 mod conditional;
-mod cut;
 mod dense;
 mod deviance;
 mod estimators;
@@ -51,7 +50,6 @@ mod x_ln_x;
 
 pub use alphabet::Alphabet;
 pub use conditional::conditional;
-pub use cut::Cut;
 pub use dense::plug_in_dense;
 pub use deviance::divergence;
 pub use estimators::{adjusted, chao_shen, dirichlet, grassberger_2003, james_stein, nsb, uniform_policy};

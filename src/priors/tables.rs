@@ -1,11 +1,10 @@
 //! From a state's cells to contingency tables: whole, and one for each joint action of the agents held fixed.
 
 use std::borrow::Cow;
-use std::collections::BTreeMap;
 
 use crate::domain::{Cell, Exchange, Independence, Pair, Schema, SegmentId, Tally, Within};
 use crate::evidence;
-use crate::information::{self, Cut, ExpectedMethod, Table};
+use crate::information::{self, ExpectedMethod, Table};
 
 /// The tables of one state for one pair.
 pub struct Tables {
@@ -108,18 +107,6 @@ impl Tables {
         }
     }
 
-    /// Returns the draws as [`draws`](Self::draws) does, slice by slice, each with its parts by segment.
-    pub fn draws_cut<'a>(schema: &Schema, pair: &Pair, cells: impl Iterator<Item = &'a Cell> + Clone) -> Vec<Cut> {
-        let drawn = drawn(Independence::from(Tally::of(cells.clone())));
-        let undirected = pair.undirected();
-        let mut cuts: BTreeMap<Vec<u64>, BTreeMap<SegmentId, Vec<Counted>>> = BTreeMap::new();
-        for cell in cells {
-            let parts = cuts.entry(fixed(schema, pair, cell)).or_default();
-            parts.entry(cell.segment).or_default().push(counted(schema, &undirected, cell, drawn));
-        }
-        cuts.into_values().map(cut).collect()
-    }
-
     /// Returns what the evidence rests on: the pooled draws, with their parts by segment unless they are to be pooled.
     pub fn evidence<'a>(
         &self,
@@ -128,18 +115,21 @@ impl Tables {
         within: Within,
         cells: impl Iterator<Item = &'a Cell> + Clone,
     ) -> Draws<'_> {
-        let is_cut = within != Within::Pooled && self.segments > 1;
         let slices = self.draws(schema, pair, cells.clone());
-        Draws { slices, parts: if is_cut { Self::parts(schema, pair, cells) } else { Vec::new() } }
+        let is_cut = within != Within::Pooled && self.segments > 1 && slices.iter().any(|slice| !slice.is_line());
+        let parts = if is_cut { telling(&slices, Self::draws_cut(schema, pair, cells)) } else { Vec::new() };
+        Draws { slices, parts }
     }
 
-    fn parts<'a>(schema: &Schema, pair: &Pair, cells: impl Iterator<Item = &'a Cell> + Clone) -> Vec<Table> {
-        let cuts = Self::draws_cut(schema, pair, cells);
-        let telling = || cuts.iter().filter(|cut| !cut.whole.is_line());
-        if telling().all(|cut| cut.parts.len() < 2) {
-            return Vec::new();
-        }
-        telling().flat_map(|cut| cut.parts.iter().cloned()).collect()
+    /// Returns the draws cut by segment, slice by slice, but for segments without any.
+    fn draws_cut<'a>(schema: &Schema, pair: &Pair, cells: impl Iterator<Item = &'a Cell> + Clone) -> Vec<Vec<Table>> {
+        let drawn = drawn(Independence::from(Tally::of(cells.clone())));
+        let cut = strata(schema, &pair.undirected(), cells, drawn, by_segment);
+        let by_slice = cut.chunk_by(|((a, _), _), ((b, _), _)| a == b);
+        let parts = |slice: &[(Stratum, Table)]| {
+            slice.iter().map(|(_, part)| part.clone()).filter(|part| part.total() > 0).collect()
+        };
+        by_slice.map(parts).collect()
     }
 
     /// Returns the tables that figures are a mean over; none where they are of the whole.
@@ -208,11 +198,11 @@ fn segments(mut named: impl Iterator<Item = SegmentId>) -> u64 {
     1 + others.len() as u64
 }
 
-/// Returns the table of some parts beside those of them that hold counts.
-fn cut(parts: BTreeMap<SegmentId, Vec<Counted>>) -> Cut {
-    let whole = Table::from_counts(parts.values().flatten().copied());
-    let parts = parts.into_values().map(Table::from_counts).filter(|part| part.total() > 0).collect();
-    Cut { whole, parts }
+/// Returns the parts of those slices that can tell dependence from independence; none where each has a single one.
+fn telling(slices: &[Table], parts: Vec<Vec<Table>>) -> Vec<Table> {
+    let telling = slices.iter().zip(parts).filter(|(slice, _)| !slice.is_line()).map(|(_, parts)| parts);
+    let telling: Vec<Vec<Table>> = telling.collect();
+    if telling.iter().all(|parts| parts.len() < 2) { Vec::new() } else { telling.concat() }
 }
 
 fn drawn(independence: Independence) -> impl Fn(&Cell) -> u64 + Copy {
@@ -230,11 +220,22 @@ fn slices<'a>(
     count: impl Fn(&Cell) -> u64 + Copy,
     further: impl Fn(&Cell) -> Option<SegmentId>,
 ) -> Vec<Table> {
-    let mut slices: BTreeMap<Stratum, Vec<Counted>> = BTreeMap::new();
-    for cell in cells {
-        slices.entry((fixed(schema, pair, cell), further(cell))).or_default().push(counted(schema, pair, cell, count));
-    }
-    slices.into_values().map(Table::from_counts).collect()
+    strata(schema, pair, cells, count, further).into_iter().map(|(_, table)| table).collect()
+}
+
+/// Returns the same with what each is of.
+fn strata<'a>(
+    schema: &Schema,
+    pair: &Pair,
+    cells: impl Iterator<Item = &'a Cell>,
+    count: impl Fn(&Cell) -> u64 + Copy,
+    further: impl Fn(&Cell) -> Option<SegmentId>,
+) -> Vec<(Stratum, Table)> {
+    let of = |cell: &Cell| ((fixed(schema, pair, cell), further(cell)), counted(schema, pair, cell, count));
+    let mut counted: Vec<(Stratum, Counted)> = cells.map(of).collect();
+    counted.sort_by(|(a, _), (b, _)| a.cmp(b));
+    let strata = counted.chunk_by(|(a, _), (b, _)| a == b);
+    strata.map(|of| (of[0].0.clone(), Table::from_counts(of.iter().map(|(_, counted)| *counted)))).collect()
 }
 
 /// Returns the actions of the agents held fixed.
@@ -300,9 +301,8 @@ mod tests {
     fn draws_are_cut_by_segment_in_their_order() {
         let (schema, cells) = (schema(&[2, 2]), opposite());
         let cuts = Tables::draws_cut(&schema, &pair(0, 1, &[]), cells.iter());
-        let [cut] = &cuts[..] else { panic!("nobody is held fixed: {cuts:?}") };
-        assert_eq!(counts(&cut.whole), [(0, 0, 82), (0, 1, 18), (1, 0, 18), (1, 1, 82)]);
-        let [first, second] = &cut.parts[..] else { panic!("two segments: {cut:?}") };
+        let [parts] = &cuts[..] else { panic!("nobody is held fixed: {cuts:?}") };
+        let [first, second] = &parts[..] else { panic!("two segments: {parts:?}") };
         assert_eq!(counts(first), [(0, 0, 81), (0, 1, 9), (1, 0, 9), (1, 1, 1)]);
         assert_eq!(counts(second), [(0, 0, 1), (0, 1, 9), (1, 0, 9), (1, 1, 81)]);
     }
@@ -315,17 +315,17 @@ mod tests {
         for pair in [pair(0, 1, &[2]), pair(1, 0, &[2])] {
             let tables = Tables::new(&schema, &pair, cells.iter());
             let cuts = Tables::draws_cut(&schema, &pair, cells.iter());
-            let wholes: Vec<Table> = cuts.iter().map(|cut| cut.whole.clone()).collect();
+            let sum = |parts: &Vec<Table>| Table::from_counts(parts.iter().flat_map(counts));
             assert_eq!(
-                wholes,
+                cuts.iter().map(sum).collect::<Vec<_>>(),
                 *tables.draws(&schema, &pair, cells.iter()),
                 "as without cutting: entries, earlier agent in rows"
             );
-            let parts: Vec<Vec<u64>> = cuts.iter().map(|cut| cut.parts.iter().map(Table::total).collect()).collect();
+            let parts: Vec<Vec<u64>> = cuts.iter().map(|parts| parts.iter().map(Table::total).collect()).collect();
             // Without an entry (joint action 9) there is nothing to add.
             assert_eq!(parts, [vec![2], vec![6, 2]]);
             let by_segment = Tables::draws_by_segment(&schema, &pair, cells.iter());
-            assert_eq!(by_segment, cuts.into_iter().flat_map(|cut| cut.parts).collect::<Vec<_>>());
+            assert_eq!(by_segment, cuts.concat());
         }
     }
 
@@ -336,10 +336,7 @@ mod tests {
         cells.retain(|cell| cell.segment == SegmentId(7));
         let tables = Tables::within(&schema, &pair, Within::Segments, cells.iter());
         assert_eq!(tables.segments, 1);
-        assert_eq!(
-            Tables::draws_cut(&schema, &pair, cells.iter()),
-            [Cut { whole: tables.whole.clone(), parts: vec![tables.whole.clone()] }]
-        );
+        assert_eq!(Tables::draws_cut(&schema, &pair, cells.iter()), [[tables.whole.clone()]]);
         let pooled = Tables::new(&schema, &pair, cells.iter());
         assert_eq!(tables.figure(information::plug_in).to_bits(), pooled.figure(information::plug_in).to_bits());
         assert_eq!(tables.expected_if_independent(), pooled.expected_if_independent());
@@ -360,10 +357,10 @@ mod tests {
         let (schema, pair) = (schema(&[1, 2]), pair(0, 1, &[]));
         let tables = Tables::within(&schema, &pair, Within::Segments, [].iter());
         assert_eq!((tables.segments, tables.figure(information::plug_in)), (0, 0.0));
-        assert_eq!(Tables::draws_cut(&schema, &pair, [].iter()), []);
+        assert!(Tables::draws_cut(&schema, &pair, [].iter()).is_empty());
         // Seen, but not entered.
         let stays = [cell(0, 1, 4, 0), cell(1, 2, 4, 0)];
-        assert_eq!(Tables::draws_cut(&schema, &pair, stays.iter()), [Cut::default()]);
+        assert_eq!(Tables::draws_cut(&schema, &pair, stays.iter()), [[]]);
         assert_eq!(Tables::new(&schema, &pair, stays.iter()).segments, 2);
     }
 
