@@ -140,6 +140,11 @@ impl<'a> Policy<'a> {
         (r as f64 + self.concentration * self.usage.shares[label as usize]) / self.weight
     }
 
+    /// Returns the share kappa / S of the mean policy in it.
+    pub fn habitual(&self) -> f64 {
+        self.concentration / self.weight
+    }
+
     /// Returns the parameters kappa h_i + r_i of the Dirichlet distribution of the policy in a table, by label.
     pub fn parameters(&self, table: &Table) -> Vec<f64> {
         let parameter = |(label, h): (u64, &f64)| self.concentration * h + table.row_sum(label) as f64;

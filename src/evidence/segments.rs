@@ -55,7 +55,7 @@ pub(super) struct ToldPart {
 
 impl ToldPart {
     /// Returns its visits beyond the first, and ln l of the slabs relative to a component of its null.
-    fn beside(self, null: usize) -> (f64, [f64; CUT]) {
+    fn beside(&self, null: usize) -> (f64, [f64; CUT]) {
         let mut slabs = self.slabs;
         slabs[..FIXED].iter_mut().for_each(|ln| *ln -= self.null[null]);
         (self.beyond, slabs)
@@ -83,7 +83,7 @@ impl Prior {
         for (side, told) in told.into_iter().enumerate() {
             let ln_slabs = &self.sides[side].ln_slabs;
             let habits = SegmentHabits::new(&self.segments.habits[side], nulls[side], &told.null, &told.around);
-            let parts: Vec<_> = told.parts.into_iter().map(|part| part.beside(habits.likeliest)).collect();
+            let parts: Vec<_> = told.parts.iter().map(|part| part.beside(habits.likeliest)).collect();
             slabs[side].iter_mut().for_each(|ln| *ln += shared - habits.ln);
             let null = |at: usize| if at < FIXED { -nulls[side] } else { habits.ln_differ };
             segments.cut[side] = std::array::from_fn(|at| ln_slabs[at] + told.cut[at] + null(at) + cut - habits.ln);
@@ -174,12 +174,17 @@ impl Prior {
         }
         let joint = self.sides[side].responses(&weights.slabs[side], &whole[side], &weights.deviants[0][side], policy);
         let responses = Responses::new(&joint, letters);
-        let pooled = responses.information(policy.iter().copied());
+        let all = responses.mixed(policy);
+        let pooled = all.information();
         let total: f64 = parts.iter().map(|part| part[side].total() as f64).sum();
+        let mut mixture = all.clone();
         let part = |part: &Reading<'_>| {
             let (table, of_part) = (&part[side], self.sides[side].part_policy(&part[side], &usages[side]));
-            let p = (0..policy.len() as u64).map(|label| of_part.of(label, table.row_sum(label)));
-            table.total() as f64 / total * responses.information(p)
+            mixture.set(of_part.habitual(), &all);
+            for (label, r) in table.row_labels().iter().zip(table.rows()) {
+                mixture.add(*r as f64 / of_part.weight, &responses.0[*label as usize]);
+            }
+            table.total() as f64 / total * mixture.information()
         };
         let within: f64 = parts.iter().map(part).sum();
         if pooled > 0.0 { (within / pooled).clamp(0.0, 1.0) } else { 1.0 }
@@ -201,15 +206,38 @@ impl Responses {
         Self(joint.chunks(letters).map(row).collect())
     }
 
-    /// Returns mutual information where rows have these probabilities: sum_i p_i sum_j rho_ij ln rho_ij - sum_j q_j ln q_j.
-    fn information(&self, p: impl Iterator<Item = f64>) -> f64 {
-        let mut marginal = vec![0.0; self.0.first().map_or(0, |(rho, _)| rho.len())];
-        let mut ordered = 0.0;
-        for (p, (rho, of_row)) in p.zip(&self.0).filter(|(p, _)| *p > 0.0) {
-            ordered += p * of_row;
-            marginal.iter_mut().zip(rho).for_each(|(sum, rho)| *sum += p * rho);
-        }
-        (ordered - marginal.iter().map(|q| x_ln_x(*q)).sum::<f64>()).max(0.0)
+    /// Mixes them by the probabilities of the rows.
+    fn mixed(&self, policy: &[f64]) -> Mixture {
+        let letters = self.0.first().map_or(0, |(rho, _)| rho.len());
+        let mut mixture = Mixture { marginal: vec![0.0; letters], ordered: 0.0 };
+        policy.iter().zip(&self.0).for_each(|(p, response)| mixture.add(*p, response));
+        mixture
+    }
+}
+
+/// A mixture of responses: q_j = sum_i p_i rho_ij, and sum_i p_i sum_j rho_ij ln rho_ij.
+#[derive(Clone)]
+struct Mixture {
+    marginal: Vec<f64>,
+    ordered: f64,
+}
+
+impl Mixture {
+    /// Becomes so much of another one.
+    fn set(&mut self, share: f64, other: &Self) {
+        self.ordered = share * other.ordered;
+        self.marginal.iter_mut().zip(&other.marginal).for_each(|(q, other)| *q = share * other);
+    }
+
+    /// Adds so much of a response.
+    fn add(&mut self, p: f64, (rho, ordered): &(Vec<f64>, f64)) {
+        self.ordered += p * ordered;
+        self.marginal.iter_mut().zip(rho).for_each(|(q, rho)| *q += p * rho);
+    }
+
+    /// Returns the mutual information of rows and letters, if the probabilities of the rows sum to 1.
+    fn information(&self) -> f64 {
+        (self.ordered - self.marginal.iter().map(|q| x_ln_x(*q)).sum::<f64>()).max(0.0)
     }
 }
 

@@ -182,7 +182,7 @@ impl Tables {
 type Counted = (u64, u64, u64);
 
 /// What a slice is of: the joint action of the agents held fixed, and what it is cut by further.
-type Stratum = (Vec<u64>, Option<SegmentId>);
+type Stratum = (u64, Option<SegmentId>);
 
 fn visits(cell: &Cell) -> u64 {
     cell.tally.n
@@ -233,14 +233,15 @@ fn strata<'a>(
 ) -> Vec<(Stratum, Table)> {
     let of = |cell: &Cell| ((fixed(schema, pair, cell), further(cell)), counted(schema, pair, cell, count));
     let mut counted: Vec<(Stratum, Counted)> = cells.map(of).collect();
-    counted.sort_by(|(a, _), (b, _)| a.cmp(b));
+    counted.sort_by_key(|(stratum, _)| *stratum);
     let strata = counted.chunk_by(|(a, _), (b, _)| a == b);
-    strata.map(|of| (of[0].0.clone(), Table::from_counts(of.iter().map(|(_, counted)| *counted)))).collect()
+    strata.map(|of| (of[0].0, Table::from_counts(of.iter().map(|(_, counted)| *counted)))).collect()
 }
 
-/// Returns the actions of the agents held fixed.
-fn fixed(schema: &Schema, pair: &Pair, cell: &Cell) -> Vec<u64> {
-    pair.given.iter().map(|agent| schema.action_of(cell.joint, *agent)).collect()
+/// Returns the joint action of the agents held fixed, which is in the order of their actions.
+fn fixed(schema: &Schema, pair: &Pair, cell: &Cell) -> u64 {
+    let agents = pair.given.iter();
+    agents.fold(0, |joint, agent| joint * schema.agents()[*agent].actions() + schema.action_of(cell.joint, *agent))
 }
 
 fn by_segment(cell: &Cell) -> Option<SegmentId> {
