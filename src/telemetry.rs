@@ -11,6 +11,7 @@ use tracing_subscriber::EnvFilter;
 const ACCEPTED: &str = "nudge_transitions_accepted_total";
 const REJECTED: &str = "nudge_transitions_rejected_total";
 const DUPLICATES: &str = "nudge_batches_duplicate_total";
+const UNVERIFIED: &str = "nudge_batches_unverified_total";
 const REFUSED: &str = "nudge_batches_refused_total";
 const COMMIT_SECONDS: &str = "nudge_commit_duration_seconds";
 const COMMIT_TRANSITIONS: &str = "nudge_commit_transitions";
@@ -40,6 +41,10 @@ fn describe() {
     describe_counter!(ACCEPTED, "Transitions (records) counted, by environment");
     describe_counter!(REJECTED, "Transitions (records) rejected one by one, by environment and reason");
     describe_counter!(DUPLICATES, "Batches acknowledged again without being counted again, by environment");
+    describe_counter!(
+        UNVERIFIED,
+        "Batches under numbers used so long ago that nobody can tell whether they were counted, by environment"
+    );
     describe_counter!(REFUSED, "Batches refused as a whole, by reason");
     describe_histogram!(COMMIT_SECONDS, Unit::Seconds, "Time from the begin of a commit to its acknowledgement");
     describe_histogram!(COMMIT_TRANSITIONS, "Transitions per commit");
@@ -83,6 +88,11 @@ pub fn rejected(environment: &str, reason: &'static str, records: u64) {
 /// Records a batch that had been counted before.
 pub fn duplicate(environment: &str) {
     counter!(DUPLICATES, "environment" => environment.to_owned()).increment(1);
+}
+
+/// Records a batch under a number that was used so long ago that nobody can tell whether it was counted.
+pub fn unverified(environment: &str) {
+    counter!(UNVERIFIED, "environment" => environment.to_owned()).increment(1);
 }
 
 /// Records a batch that was refused as a whole.

@@ -145,8 +145,11 @@ fn told(environments: &[Arc<Environment>], batch: &Numbered, outcome: Outcome) -
 fn count(environments: &[Arc<Environment>], batch: &Numbered, told: &Acknowledged) {
     let Some(environment) = environments.iter().find(|environment| environment.id == batch.environment) else { return };
     match told {
-        Acknowledged::Applied(receipt) => count_records(environment.name.as_str(), receipt),
-        Acknowledged::Duplicate(_) | Acknowledged::Unverified => telemetry::duplicate(environment.name.as_str()),
+        Acknowledged::Applied(receipt) | Acknowledged::Rejected(receipt) => {
+            count_records(environment.name.as_str(), receipt)
+        }
+        Acknowledged::Duplicate(_) | Acknowledged::Untold => telemetry::duplicate(environment.name.as_str()),
+        Acknowledged::Unverified => telemetry::unverified(environment.name.as_str()),
     }
 }
 

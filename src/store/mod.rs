@@ -21,16 +21,16 @@ pub use sqlite::{Options, SqliteStore};
 
 /// Keeps environments and counts each batch exactly once.
 ///
-/// **The promise.** When [`Store::commit`] returns `Ok`, every batch it calls `Applied` is on stable storage with its counts, its receipt and its
+/// **The promise.** When [`Store::commit`] returns `Ok`, every batch it calls `Applied` or `Rejected` is on stable storage with its counts, its receipt and its
 /// number, all in one transaction; what follows holds for ever, through kill -9 and power loss on a disk that honours flush:
 ///
 /// | a batch's number is | its content is | outcome |
 /// |---|---|---|
-/// | last + 1 | any | `Applied`, last advances |
+/// | last + 1 | any | `Applied`, or `Rejected` where every record of it was; last advances |
 /// | above last + 1 | any | `Refused(OutOfOrder)`, nothing changes |
 /// | at or below last, among the last 1,024 | the same | `Duplicate` with the first receipt |
 /// | at or below last, among the last 1,024 | another | `Refused(Reused)`, nothing changes |
-/// | at or below last, its receipt cannot be read | the same | `Unverified` |
+/// | at or below last, its receipt cannot be read | the same | `Untold` |
 /// | at or below last, older | not compared | `Unverified` |
 /// | any | of an environment that is gone | `Refused(Gone)` |
 /// | last + 1 | would pass a quota, or 2^63 - 1 transitions | `Refused(Quota)`, `Refused(Overflow)`; the number is not used |

@@ -38,7 +38,7 @@ pub(super) async fn decide<'a>(
                 return Ok(Outcome::Refused(refusal));
             }
             ledger.accept(batch);
-            Ok(Outcome::Acknowledged(Acknowledged::Applied(batch.receipt.clone())))
+            Ok(Outcome::Acknowledged(Acknowledged::now(batch.receipt.clone())))
         }
     }
 }
@@ -66,7 +66,7 @@ async fn seen_before(
         Err(why) => {
             let (environment, sequence) = (batch.environment.0, batch.sequence.get());
             tracing::warn!(environment, producer = batch.producer.as_str(), sequence, %why, "a receipt cannot be read");
-            Outcome::Acknowledged(Acknowledged::Unverified)
+            Outcome::Acknowledged(Acknowledged::Untold)
         }
     })
 }
