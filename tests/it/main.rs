@@ -21,6 +21,7 @@ mod old_databases;
 mod operations;
 mod planted;
 mod proxy;
+mod receipts;
 mod rules;
 mod segments;
 mod server;
