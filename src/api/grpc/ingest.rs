@@ -2,7 +2,7 @@
 
 use crate::api::{MOST_BATCH_TRANSITIONS, proto};
 use crate::domain::{
-    Acknowledged, Batch, Entry, Label, ProducerId, Receipt, Record, Records, Rejection, Schema, Sequence, Widths,
+    Acknowledged, Batch, Entry, Label, ProducerId, Record, Records, Rejection, Schema, Sequence, Widths,
 };
 use crate::error::{ErrorKind, Fault, Problem};
 

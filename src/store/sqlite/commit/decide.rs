@@ -23,10 +23,10 @@ pub(super) async fn decide<'a>(
     ledgers: &mut Ledgers<'a>,
     batch: &'a Numbered,
 ) -> Result<Outcome, StoreError> {
-    let Some(ledger) = ledgers.of(batch.environment) else { return Ok(Outcome::Refused(Refusal::Gone)) };
-    if ledger.is_read_only {
+    if ledgers.is_read_only(batch.environment) {
         return Ok(Outcome::Refused(Refusal::ReadOnly));
     }
+    let Some(ledger) = ledgers.of(batch.environment) else { return Ok(Outcome::Refused(Refusal::Gone)) };
     let account = ledger.accounts.get(batch.producer.as_str()).expect("a ledger has every producer of its commit");
     let expected = account.last().next();
     match batch.sequence.cmp(&expected) {
