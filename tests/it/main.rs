@@ -21,6 +21,7 @@ mod old_databases;
 mod operations;
 mod planted;
 mod proxy;
+mod readiness;
 mod receipts;
 mod rules;
 mod segments;

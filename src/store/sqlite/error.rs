@@ -19,6 +19,9 @@ const CANNOT_OPEN: i32 = 14;
 const CONSTRAINT: i32 = 19;
 const NOT_A_DATABASE: i32 = 26;
 
+/// What is said of a database that is so damaged that it cannot be opened.
+pub(super) const DAMAGED: &str = "it is damaged; restore a backup";
+
 /// An error before COMMIT: the connection is dropped with it, which rolls back.
 pub(super) fn aborted(error: impl Into<Cause>) -> StoreError {
     match error.into() {
@@ -99,7 +102,7 @@ pub(super) fn opening(path: &Path, error: &sqlx::Error) -> StoreError {
         Some(NOT_A_DATABASE) => {
             unopenable(path, "it is not a database; move it away, or choose another --data directory")
         }
-        Some(CORRUPT) => unopenable(path, "it is damaged; restore a backup"),
+        Some(CORRUPT) => unopenable(path, DAMAGED),
         Some(READ_ONLY | CANNOT_OPEN) => {
             unopenable(path, "it cannot be written; give this user the right to write the file and its directory")
         }

@@ -46,6 +46,12 @@ pub(super) struct Lock {
 struct Beside(File);
 
 impl Identity {
+    /// Returns the file that a name leads to.
+    pub(super) fn of(path: &Path) -> Result<Self, StoreError> {
+        let found = std::fs::metadata(path).map_err(|error| unopenable(path, error))?;
+        Ok(Self { path: path.to_owned(), inode: inode(&found) })
+    }
+
     /// Returns the name.
     pub(super) fn path(&self) -> &Path {
         &self.path

@@ -1,6 +1,6 @@
 //! The store in one SQLite file: one connection that writes, a few that read, and what is remembered of it in memory.
 //!
-//! `open` makes it, `writer` owns the connection that writes, `commit` decides and counts, `read` and `audit` look, `environments`, `fits`, `models` and `removal` keep the worlds,
+//! `open` makes it, `inspect` looks at it from outside, `lock` says that it is in use, `writer` owns the connection that writes, `health` says whether it would, `commit` decides and counts, `read` and `audit` look, `environments`, `fits`, `models` and `removal` keep the worlds,
 //! `actions`, `cache`, `directory` and `known` remember, `text` and `packed` say how things are written, `error` what its errors mean.
 
 use std::path::{Path, PathBuf};
@@ -29,6 +29,7 @@ mod environments;
 mod error;
 mod fits;
 mod health;
+mod inspect;
 mod known;
 mod lock;
 mod models;
@@ -74,6 +75,22 @@ impl SqliteStore {
     /// Opens the database of that file, or makes it with its directories. Nobody else can open it while the store lives.
     pub async fn open(path: &Path, options: Options) -> Result<Self, StoreError> {
         open::open(path, options).await
+    }
+
+    /// Opens the database of that file to look at it: changes nothing, takes no lock, and may be done while a service has it open. Calls that would write
+    /// fail.
+    pub async fn inspect(path: &Path, options: Options) -> Result<Self, StoreError> {
+        inspect::inspect(path, options).await
+    }
+
+    /// Returns what SQLite's own integrity check finds, the first hundred lines; empty where all is well.
+    pub async fn integrity(&self) -> Result<Vec<String>, StoreError> {
+        inspect::integrity(&self.readers).await
+    }
+
+    /// Returns whether the database has every table of this build: one of an older build that is only looked at may lack some.
+    pub async fn is_current(&self) -> Result<bool, StoreError> {
+        inspect::is_current(&self.readers).await
     }
 
     /// Keeps in mind what an error says of the environment that it is about, or of the next write.

@@ -14,7 +14,7 @@ use super::removal;
 use super::{Memory, Options, SqliteStore, Writer};
 use crate::store::StoreError;
 
-static MIGRATIONS: Migrator = sqlx::migrate!();
+pub(super) static MIGRATIONS: Migrator = sqlx::migrate!();
 
 const READERS: u32 = 3;
 
@@ -76,7 +76,7 @@ fn connecting(path: &Path, cache_kib: u32) -> SqliteConnectOptions {
 }
 
 /// `synchronous = full` makes a commit wait for the disk; `normal` would lose acknowledged batches in a power cut.
-fn writing(path: &Path) -> SqliteConnectOptions {
+pub(super) fn writing(path: &Path) -> SqliteConnectOptions {
     connecting(path, WRITER_CACHE_KIB)
         .create_if_missing(true)
         .journal_mode(SqliteJournalMode::Wal)
