@@ -5,6 +5,7 @@
 mod architecture;
 mod cli;
 mod client;
+mod damage;
 mod descriptions;
 mod evidence;
 mod experiments;
@@ -15,6 +16,7 @@ mod graphs;
 mod inference;
 mod ingest;
 mod kill;
+mod locking;
 mod models;
 mod networks;
 mod old_databases;

@@ -2,6 +2,7 @@
 //! restart.
 
 use std::io::{BufRead, BufReader};
+use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
@@ -41,6 +42,13 @@ async fn turned(app: &TestApp, status: u16) -> String {
         assert!(since.elapsed() < SOON, "still {found}: {database}");
         tokio::time::sleep(Duration::from_millis(20)).await;
     }
+}
+
+/// Gives so many bytes of a file back.
+fn shorten(file: &Path, bytes: u64) {
+    let file = std::fs::File::options().write(true).open(file).expect("there");
+    let taken = file.metadata().expect("there").len();
+    file.set_len(taken - bytes).expect("shortened");
 }
 
 async fn metric(app: &TestApp) -> String {
@@ -88,14 +96,7 @@ async fn a_full_disk_is_not_ready_and_says_so_and_recovers_without_a_restart() {
     }
 
     // A little room is not enough to be believed: the next commit would need more than a page.
-    std::fs::File::options()
-        .write(true)
-        .open(&filler)
-        .and_then(|file| {
-            let taken = file.metadata()?.len();
-            file.set_len(taken - (1 << 20))
-        })
-        .expect("shortened");
+    shorten(&filler, 1 << 20);
     tokio::time::sleep(Duration::from_secs(3)).await;
     assert_eq!(checked(&app).await.0, 503);
 
@@ -168,16 +169,11 @@ async fn a_service_starts_on_a_full_disk_and_answers_what_it_has() {
     }
     app.stop().await;
     let filler = disk.fill();
-    let room = std::fs::File::options().write(true).open(&filler).expect("there");
     // For the index of the journal, which is made anew at every start.
-    room.set_len(room.metadata().expect("there").len() - (64 << 10)).expect("shortened");
+    shorten(&filler, 64 << 10);
     let app = TestApp::on(copy).await;
     assert_eq!(visits(&app).await, 1_000);
-    std::fs::File::options()
-        .append(true)
-        .open(&filler)
-        .map(|mut file| while std::io::Write::write_all(&mut file, &[0; 64]).is_ok() {})
-        .expect("there");
+    disk.fill();
     assert!(turned(&app, 503).await.starts_with("the disk is full ("));
     std::fs::remove_file(filler).expect("removed");
     turned(&app, 200).await;

@@ -30,7 +30,7 @@ impl SmallDisk {
     /// Takes all the room that is left, and returns the file that has it.
     pub fn fill(&self) -> PathBuf {
         let path = self.mounted.path().join("filler");
-        let mut file = std::fs::File::create(&path).expect("made");
+        let mut file = std::fs::File::options().create(true).append(true).open(&path).expect("made");
         for size in [1 << 16, 1 << 10, 1] {
             while file.write_all(&vec![0; size]).is_ok() {}
         }
