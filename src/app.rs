@@ -55,6 +55,7 @@ impl App {
             draining: CancellationToken::new(),
             background: TaskTracker::new(),
         };
+        app.in_background(prove(app.store.clone()));
         app.in_background(audit(app.store.clone()));
         app.in_background(tell_unreadable(fits.clone(), app.networks.clone()));
         if !upkeep.fit_every.is_zero() {
@@ -87,6 +88,14 @@ impl App {
 async fn tell_unreadable(fits: Fits, networks: Networks) {
     fits.tell_unreadable().await;
     networks.tell_unreadable().await;
+}
+
+/// Lets readiness rest on a write that reached the disk within a few seconds. What becomes of each, the store tells.
+async fn prove(store: Arc<dyn Store>) {
+    loop {
+        let _ = store.prove().await;
+        tokio::time::sleep(Duration::from_secs(1)).await;
+    }
 }
 
 async fn audit(store: Arc<dyn Store>) {

@@ -30,6 +30,12 @@ impl Environments {
         })
     }
 
+    /// Returns the environment of that name, unless it is another one than the caller knows under its uid; an empty uid takes it as it is.
+    pub fn find_known(&self, name: &str, uid: &str) -> Result<Arc<Environment>, Problem> {
+        let environment = self.find(name)?;
+        is_known_as(&environment, uid).map(|()| environment)
+    }
+
     fn find_unreadable(&self, name: &str) -> Option<Arc<UnreadableEnvironment>> {
         self.store.unreadable().into_iter().find(|environment| environment.name == name)
     }
@@ -102,6 +108,15 @@ impl Environments {
             _ => Ok((existing, false)),
         }
     }
+}
+
+/// Refuses a caller who knows an environment under another uid: it was deleted and made again since. An empty uid takes it as it is.
+pub fn is_known_as(environment: &Environment, uid: &str) -> Result<(), Problem> {
+    if uid.is_empty() || environment.uid.0 == uid {
+        return Ok(());
+    }
+    let message = format!("environment `{}` was deleted and made again: its uid is not `{uid}`", environment.name);
+    Err(Problem::new(ErrorKind::Conflict, "ENVIRONMENT_REPLACED", message).with("environment_uid", &environment.uid))
 }
 
 fn cannot_be_read(environment: &UnreadableEnvironment) -> Problem {

@@ -1,7 +1,7 @@
 //! Logs, and the one list of metrics: `nudge_<noun>_<unit>[_total]` in base units. Labels are bounded: never a state, an agent or a producer.
 
-use std::sync::OnceLock;
-use std::time::Duration;
+use std::sync::{Mutex, OnceLock, PoisonError};
+use std::time::{Duration, Instant};
 
 use metrics::{Unit, counter, describe_counter, describe_gauge, describe_histogram, gauge, histogram};
 
@@ -11,6 +11,7 @@ use tracing_subscriber::EnvFilter;
 const ACCEPTED: &str = "nudge_transitions_accepted_total";
 const REJECTED: &str = "nudge_transitions_rejected_total";
 const DUPLICATES: &str = "nudge_batches_duplicate_total";
+const UNVERIFIED: &str = "nudge_batches_unverified_total";
 const REFUSED: &str = "nudge_batches_refused_total";
 const COMMIT_SECONDS: &str = "nudge_commit_duration_seconds";
 const COMMIT_TRANSITIONS: &str = "nudge_commit_transitions";
@@ -27,6 +28,8 @@ const VERDICTS: &str = "nudge_verdicts_total";
 const REQUESTS: &str = "nudge_requests_total";
 const REQUEST_SECONDS: &str = "nudge_request_duration_seconds";
 const TRAINING_SECONDS: &str = "nudge_training_duration_seconds";
+const READY: &str = "nudge_ready";
+const READ_ONLY: &str = "nudge_environments_read_only";
 const BUILD: &str = "nudge_build_info";
 
 /// The upper bounds of the buckets of every histogram of seconds.
@@ -40,6 +43,10 @@ fn describe() {
     describe_counter!(ACCEPTED, "Transitions (records) counted, by environment");
     describe_counter!(REJECTED, "Transitions (records) rejected one by one, by environment and reason");
     describe_counter!(DUPLICATES, "Batches acknowledged again without being counted again, by environment");
+    describe_counter!(
+        UNVERIFIED,
+        "Batches under numbers used so long ago that nobody can tell whether they were counted, by environment"
+    );
     describe_counter!(REFUSED, "Batches refused as a whole, by reason");
     describe_histogram!(COMMIT_SECONDS, Unit::Seconds, "Time from the begin of a commit to its acknowledgement");
     describe_histogram!(COMMIT_TRANSITIONS, "Transitions per commit");
@@ -60,6 +67,8 @@ fn describe() {
     describe_counter!(REQUESTS, "Requests, by face, route or method, and code");
     describe_histogram!(REQUEST_SECONDS, Unit::Seconds, "Time to answer a request, by face and route or method");
     describe_histogram!(TRAINING_SECONDS, Unit::Seconds, "Time from the begin of a training to its end, by outcome");
+    describe_gauge!(READY, "1 where the service is ready by this check of /readyz, else 0");
+    describe_gauge!(READ_ONLY, "Environments that take no batches because they are damaged");
     describe_gauge!(BUILD, "1, with the version and the source revision as labels");
     gauge!(BUILD, "version" => env!("CARGO_PKG_VERSION"), "revision" => option_env!("NUDGE_REVISION").unwrap_or("unknown")).set(1.0);
 }
@@ -83,6 +92,11 @@ pub fn rejected(environment: &str, reason: &'static str, records: u64) {
 /// Records a batch that had been counted before.
 pub fn duplicate(environment: &str) {
     counter!(DUPLICATES, "environment" => environment.to_owned()).increment(1);
+}
+
+/// Records a batch under a number that was used so long ago that nobody can tell whether it was counted.
+pub fn unverified(environment: &str) {
+    counter!(UNVERIFIED, "environment" => environment.to_owned()).increment(1);
 }
 
 /// Records a batch that was refused as a whole.
@@ -146,6 +160,16 @@ pub fn request(face: &'static str, route: String, code: String, took: Duration) 
     counter!(REQUESTS, "face" => face, "route" => route, "code" => code).increment(1);
 }
 
+/// Records whether the service is ready by a check.
+pub fn ready(check: &'static str, is_ready: bool) {
+    gauge!(READY, "check" => check).set(if is_ready { 1.0 } else { 0.0 });
+}
+
+/// Records how many environments take no batches because they are damaged.
+pub fn read_only(environments: usize) {
+    gauge!(READ_ONLY).set(environments as f64);
+}
+
 /// Returns every metric in Prometheus' text format. Installs the recorder of this process at its first use.
 pub fn render() -> String {
     let recorder = recorder();
@@ -167,6 +191,32 @@ pub fn recorder() -> &'static PrometheusHandle {
     })
 }
 
+/// Lets the first of many lines that say the same into the log, and then one in a while.
+pub struct Seldom {
+    every: Duration,
+    /// When one was last let in, and how many were left out since.
+    state: Mutex<(Option<Instant>, u64)>,
+}
+
+impl Seldom {
+    /// Lets one in at most that often.
+    pub const fn every(every: Duration) -> Self {
+        Self { every, state: Mutex::new((None, 0)) }
+    }
+
+    /// Returns how many were left out before this line, or `None` where it is to be left out itself.
+    pub fn admits(&self, now: Instant) -> Option<u64> {
+        let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
+        let (last, left_out) = &mut *state;
+        if last.is_some_and(|last| now.duration_since(last) < self.every) {
+            *left_out += 1;
+            return None;
+        }
+        *last = Some(now);
+        Some(std::mem::take(left_out))
+    }
+}
+
 /// How log lines look.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LogFormat {
@@ -185,4 +235,16 @@ pub fn log(format: LogFormat) {
         LogFormat::Human => lines.with_ansi(std::io::IsTerminal::is_terminal(&std::io::stderr())).try_init(),
         LogFormat::Json => lines.json().flatten_event(true).try_init(),
     };
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_line_is_let_in_and_then_one_in_a_while() {
+        let (seldom, start) = (Seldom::every(Duration::from_secs(5)), Instant::now());
+        let at = |millis| seldom.admits(start + Duration::from_millis(millis));
+        assert_eq!([0, 1, 4_999, 5_000, 5_001, 60_000].map(at), [Some(0), None, None, Some(2), None, Some(1)]);
+    }
 }

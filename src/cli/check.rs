@@ -1,4 +1,4 @@
-//! `nudge check`: whether a database's totals match its cells.
+//! `nudge check`: whether a database is sound: its totals match its cells, SQLite finds nothing wrong, and everything can be read.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -9,16 +9,17 @@ use serde_json::json;
 use super::{Failure, output};
 use crate::config::Config;
 use crate::domain::{Model, UnreadableEnvironment};
+use crate::error::Problem;
 use crate::model::Networks;
 use crate::priors::Fits;
 use crate::store::{Audit, Options, SqliteStore, Store, StoreError};
 
-/// Audit a database that no service has open
+/// Audit a database, changing nothing
 #[derive(Debug, Args)]
-#[command(long_about = "Audit a database that no service has open.\n\n\
+#[command(long_about = "Audit a database, changing nothing. A service may have it open.\n\n\
     Compares the totals that were kept with every commit with the sums of the cells: a bit that flipped in a count shows here, where SQLite's own \
-    integrity check may see nothing. Ends with exit code 1 where they differ, and where an environment or a \
-    network cannot be read.\n\n\
+    integrity check may see nothing. Runs that check too, which sees the rest: pages, indices, types and constraints. Ends with exit code 1 where \
+    something is wrong or cannot be read, and 2 where there is no database to look at.\n\n\
     Example:\n  nudge check --data ./nudge-data")]
 pub struct Check {
     /// The directory of the database.
@@ -36,14 +37,17 @@ impl Check {
         if !path.exists() {
             return Err(Failure::usage(format!("no database at {}: name its directory with --data", path.display())));
         }
-        let store: Arc<dyn Store> = Arc::new(SqliteStore::open(&path, Options::default()).await.map_err(unopened)?);
-        let found = Found::of(&store).await;
-        store.close().await;
-        let found = found?;
+        let found = match SqliteStore::inspect(&path, Options::default()).await {
+            Ok(store) => Found::of(Arc::new(store)).await?,
+            // So damaged that nothing can be read is damage too.
+            Err(StoreError::Damaged(why)) => Found { integrity: vec![why], ..Found::default() },
+            Err(error) => return Err(unopened(error)),
+        };
         if self.json {
             output::print_json(&report(&found))?
         } else {
             found.audits.iter().try_for_each(tell)?;
+            found.integrity.iter().try_for_each(|line| output::print(&format!("database: DAMAGED, {line}")))?;
             found.environments.iter().try_for_each(|environment| tell_unreadable(environment))?;
             found.networks.iter().try_for_each(tell_network)?
         }
@@ -52,8 +56,11 @@ impl Check {
 }
 
 /// What was found in a database.
+#[derive(Default)]
 struct Found {
     audits: Vec<Audit>,
+    /// What SQLite finds wrong with it.
+    integrity: Vec<String>,
     /// Those that cannot be read.
     environments: Vec<Arc<UnreadableEnvironment>>,
     /// Likewise.
@@ -68,36 +75,54 @@ struct UnreadableNetwork {
 }
 
 impl Found {
-    async fn of(store: &Arc<dyn Store>) -> Result<Self, Failure> {
+    async fn of(store: Arc<SqliteStore>) -> Result<Self, Failure> {
+        let integrity = store.integrity().await.map_err(unopened)?;
         let audits = store.audit().await.map_err(unopened)?;
-        let registry = Networks::new(store.clone(), Fits::new(store.clone()));
-        let mut networks = Vec::new();
-        for environment in store.environments() {
-            let listed = registry.list(&environment).await.map_err(|problem| Failure::usage(problem.to_string()))?;
-            let unread = |model: Model| {
-                let why = model.card.err()?;
-                Some(UnreadableNetwork { environment: environment.name.to_string(), version: model.version, why })
-            };
-            networks.extend(listed.models.into_iter().filter_map(unread));
-        }
-        Ok(Self { audits, environments: store.unreadable(), networks })
+        // Tables of networks came later than those of counts.
+        let networks = match store.is_current().await.map_err(unopened)? {
+            true => unreadable_networks(store.clone()).await,
+            false => Ok(Vec::new()),
+        };
+        let networks = match networks {
+            Err(_) if !integrity.is_empty() => Vec::new(),
+            networks => networks.map_err(|problem| Failure::usage(problem.to_string()))?,
+        };
+        let environments = store.unreadable();
+        store.close().await;
+        Ok(Self { audits, integrity, environments, networks })
     }
 
     fn verdict(&self) -> Result<(), Failure> {
         let unsound = self.audits.iter().filter(|audit| !audit.is_sound()).count();
-        match (unsound, self.environments.len(), self.networks.len()) {
-            (0, 0, 0) => Ok(()),
-            (0, 0, networks) => Err(Failure::refused(format!("{networks} networks cannot be read"))),
-            (0, unread, 0) => Err(Failure::refused(format!("{unread} environments cannot be read"))),
-            (0, unread, networks) => {
-                Err(Failure::refused(format!("{unread} environments and {networks} networks cannot be read")))
-            }
-            (unsound, ..) => {
-                let all = self.audits.len();
-                Err(Failure::refused(format!("{unsound} of {all} environments do not match their cells")))
-            }
+        let mut faults = Vec::new();
+        if !self.integrity.is_empty() {
+            faults.push("the database is damaged".to_owned());
         }
+        if unsound > 0 {
+            faults.push(format!("{unsound} of {} environments do not match their cells", self.audits.len()));
+        }
+        let unread = [(self.environments.len(), "environments"), (self.networks.len(), "networks")];
+        let unread: Vec<String> =
+            unread.iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}")).collect();
+        if !unread.is_empty() {
+            faults.push(format!("{} cannot be read", unread.join(" and ")));
+        }
+        if faults.is_empty() { Ok(()) } else { Err(Failure::refused(faults.join("; "))) }
     }
+}
+
+async fn unreadable_networks(store: Arc<dyn Store>) -> Result<Vec<UnreadableNetwork>, Problem> {
+    let registry = Networks::new(store.clone(), Fits::new(store.clone()));
+    let mut networks = Vec::new();
+    for environment in store.environments() {
+        let listed = registry.list(&environment).await?;
+        let unread = |model: Model| {
+            let why = model.card.err()?;
+            Some(UnreadableNetwork { environment: environment.name.to_string(), version: model.version, why })
+        };
+        networks.extend(listed.models.into_iter().filter_map(unread));
+    }
+    Ok(networks)
 }
 
 fn unopened(error: StoreError) -> Failure {
@@ -107,6 +132,9 @@ fn unopened(error: StoreError) -> Failure {
 fn tell(audit: &Audit) -> Result<(), Failure> {
     let [transitions, states, cells] = audit.kept;
     let figures = format!("{transitions} transitions, {states} states, {cells} cells");
+    if let Some(why) = &audit.unreadable {
+        return output::print(&format!("{}: UNSOUND, cannot be read: {why}", audit.environment));
+    }
     if audit.is_sound() {
         return output::print(&format!("{}: sound ({figures})", audit.environment));
     }
@@ -127,15 +155,18 @@ fn tell_network(network: &UnreadableNetwork) -> Result<(), Failure> {
 fn report(found: &Found) -> serde_json::Value {
     let figures =
         |[transitions, states, cells]: [u64; 3]| json!({"transitions": transitions, "states": states, "cells": cells});
-    let one = |audit: &Audit| {
-        json!({
+    let one = |audit: &Audit| match &audit.unreadable {
+        Some(why) => json!({ "environment": audit.environment.as_str(), "sound": false, "unreadable": why }),
+        None => json!({
             "environment": audit.environment.as_str(),
             "sound": audit.is_sound(),
             "kept": figures(audit.kept),
             "found": figures(audit.found),
-        })
+        }),
     };
-    let mut report = json!({ "environments": found.audits.iter().map(one).collect::<Vec<_>>() });
+    let environments: Vec<_> = found.audits.iter().map(one).collect();
+    let mut report =
+        json!({ "sound": found.verdict().is_ok(), "environments": environments, "integrity": found.integrity });
     let environment =
         |one: &Arc<UnreadableEnvironment>| json!({"name": one.name, "uid": one.uid.0, "unreadable": one.why});
     if !found.environments.is_empty() {

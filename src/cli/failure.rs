@@ -27,6 +27,11 @@ impl Failure {
         Self { code: 1, lines: vec![line.into()] }
     }
 
+    /// Makes the failure of a command that was understood and refused for several reasons, a line each.
+    pub fn refused_for(lines: Vec<String>) -> Self {
+        Self { code: 1, lines }
+    }
+
     /// Makes the end of a command whose reader has gone, as `head` does: nothing is wrong and nobody listens.
     pub fn unheard() -> Self {
         Self { code: 0, lines: Vec::new() }

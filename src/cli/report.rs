@@ -22,25 +22,20 @@ impl Report {
         totals.accepted += part.accepted;
         totals.resumed += part.resumed;
         totals.rejected += part.rejected;
+        totals.rejected_batches += part.rejected_batches;
+        totals.unverified += part.unverified;
         totals.rejections.extend(part.rejections);
     }
 
-    /// Prints the figures. Rejected transitions make the command fail, after everything else was counted.
+    /// Prints the figures. Transitions that were rejected, or of which nobody can tell, make the command fail, after everything else was counted.
     pub(super) fn print(&self, as_json: bool) -> Result<(), Failure> {
         if as_json {
             print_json(&self.json())?
         } else {
             print(&self.table())?
         }
-        match self.environments.iter().find_map(|(name, totals)| Some((name, totals.rejections.first()?))) {
-            None => Ok(()),
-            Some((name, first)) => {
-                let (position, field, reason) = (first.position, &first.field, &first.reason);
-                let message =
-                    format!("transitions were rejected; the first in `{name}` is number {position}, {field}: {reason}");
-                Err(Failure::refused(message))
-            }
-        }
+        let faults: Vec<String> = self.environments.iter().flat_map(|(name, totals)| faults(name, totals)).collect();
+        if faults.is_empty() { Ok(()) } else { Err(Failure::refused_for(faults)) }
     }
 
     /// Returns the figures as a table.
@@ -63,11 +58,35 @@ impl Report {
             let rejections: Vec<Value> = totals.rejections.iter().map(rejection).collect();
             json!({
                 "environment": name, "transitions": transitions, "accepted": accepted, "resumed": resumed,
-                "rejected_count": rejected, "rejected": rejections,
+                "rejected_count": rejected, "rejected": rejections, "rejected_batches": totals.rejected_batches,
+                "unverified": totals.unverified,
             })
         };
         json!({ "environments": self.environments.iter().map(environment).collect::<Vec<_>>() })
     }
+}
+
+/// Says what of an environment was not counted, or may not have been: a line each.
+fn faults(environment: &str, totals: &Totals) -> Vec<String> {
+    let mut faults = Vec::new();
+    if let Some(Rejected { position, field, reason, .. }) = totals.rejections.first() {
+        let batches = match totals.rejected_batches {
+            0 => String::new(),
+            1 => ", and of 1 batch all".to_owned(),
+            batches => format!(", and of {} batches all", count(batches)),
+        };
+        faults.push(format!(
+            "transitions were rejected{batches}; the first in `{environment}` is number {position}, {field}: {reason}"
+        ));
+    }
+    if totals.unverified > 0 {
+        faults.push(format!(
+            "{} transitions in `{environment}` are unverified: their numbers were used so long ago that nobody can tell whether they were counted; \
+             send what is new under another producer id",
+            count(totals.unverified)
+        ));
+    }
+    faults
 }
 
 fn figures(totals: &Totals) -> [u64; 4] {

@@ -7,11 +7,13 @@
 //! 3. The answer is `Welcome`. Drop every batch up to `committed_sequence`, then send the rest in order, oldest first.
 //! 4. Keep at most `window` batches unacknowledged, each of at most `max_batch_transitions` transitions and `max_message_bytes` bytes.
 //! 5. `Acknowledgement` comes after the commit: drop everything up to its `committed_sequence`, and read a receipt for each batch.
-//! 6. A receipt that says `DUPLICATE` is a success: the batch was counted before. Rejected transitions are listed in it; the rest was counted.
+//! 6. A receipt that says `DUPLICATE` is a success: the batch was counted before. Rejected transitions are listed in it; the rest was counted. One that
+//!    says `REJECTED` lists them too: nothing of the batch was counted, and its number is used. One that says `UNVERIFIED` means that the number was used
+//!    so long ago that nobody can tell: a producer that lost its outbox must take a new id, for under its old one it may lose what it sends.
 //! 7. `UNAVAILABLE`, or a stream that breaks or ends: wait (100 ms, doubling up to 5 s, spread at random), and go on at 2 with the uid and hash
 //!    that the welcome gave.
-//! 8. Any other error is for good: `NOT_FOUND` (no such environment, or it was deleted), `FAILED_PRECONDITION` (another stream uses your id, or a
-//!    number was reused or left out), `INVALID_ARGUMENT`, `OUT_OF_RANGE` (too large), `RESOURCE_EXHAUSTED` (a quota without a retry time).
+//! 8. Any other error is for good: `NOT_FOUND` (no such environment, or it was deleted), `FAILED_PRECONDITION` (another stream uses your id, a
+//!    number was reused or left out, or the environment was deleted and made again), `INVALID_ARGUMENT`, `OUT_OF_RANGE` (too large), `RESOURCE_EXHAUSTED` (a quota without a retry time).
 //! 9. Send batches as `Columns`. The value of a label is its index, and values stand in the environment's order.
 //! 10. Set the entry flag where you know it: `ENTERED` when the discretised state differs from the step before, else `STAYED`.
 //!
@@ -29,7 +31,7 @@
 //!     producer.send(track.record(vec![distance], vec![0.1, 1.0])).await?;
 //! }
 //! let totals = producer.close().await?;
-//! assert_eq!(totals.sent, totals.accepted + totals.rejected + totals.resumed);
+//! assert_eq!(totals.sent, totals.accepted + totals.rejected + totals.resumed + totals.unverified);
 //! # Ok(())
 //! # }
 //! ```

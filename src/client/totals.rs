@@ -5,7 +5,8 @@ use crate::api::proto;
 /// How many rejected transitions are told one by one.
 const MOST_TOLD: usize = 100;
 
-/// What became of the transitions of a producer since it was opened. Once all is acknowledged, `sent = accepted + rejected + resumed`.
+/// What became of the transitions of a producer since it was opened. Once all is acknowledged, `sent = accepted + rejected + resumed +
+/// unverified`.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Totals {
     /// Transitions that were handed over and are part of a batch.
@@ -16,6 +17,11 @@ pub struct Totals {
     pub rejected: u64,
     /// Transitions of batches that the service had committed before this producer got a receipt: of an earlier run, or of a stream that broke.
     pub resumed: u64,
+    /// Transitions of batches under numbers that were used so long ago that nobody can tell whether they were counted: lost, if this producer began anew
+    /// under an id that was used before.
+    pub unverified: u64,
+    /// Batches of which every transition was rejected. They are part of the figures above.
+    pub rejected_batches: u64,
     /// Batches that were answered as counted before; their first receipts are part of the figures above.
     pub duplicates: u64,
     /// The sequence of the last batch.
@@ -40,7 +46,15 @@ pub struct Rejected {
 impl Totals {
     /// Counts a batch of `len` transitions, the first of them at `position`, by its receipt.
     pub(super) fn receive(&mut self, receipt: proto::Receipt, position: u64, len: u64) {
-        self.duplicates += u64::from(receipt.status == i32::from(proto::BatchStatus::Duplicate));
+        match receipt.status() {
+            proto::BatchStatus::Unverified => {
+                self.unverified += len;
+                return;
+            }
+            proto::BatchStatus::Duplicate => self.duplicates += 1,
+            proto::BatchStatus::Rejected => self.rejected_batches += 1,
+            proto::BatchStatus::Applied | proto::BatchStatus::Unspecified => {}
+        }
         if receipt.unverified {
             self.resumed += len;
             return;

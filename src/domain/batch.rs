@@ -65,6 +65,11 @@ pub struct Receipt {
 impl Receipt {
     /// How many rejections a receipt tells one by one.
     pub const MOST_TOLD: usize = 100;
+
+    /// Returns whether there were records and none of them was counted.
+    pub fn is_all_rejected(&self) -> bool {
+        self.accepted == 0 && self.rejected_count > 0
+    }
 }
 
 /// What a producer is told about a batch.
@@ -72,8 +77,38 @@ impl Receipt {
 pub enum Acknowledged {
     /// Counted now.
     Applied(Receipt),
+    /// Every one of its records was rejected, so that nothing of it counts. Its number is used all the same: later ones may be on their way.
+    Rejected(Receipt),
     /// Counted before; this is its first receipt.
     Duplicate(Receipt),
-    /// Numbered so far back that its content and receipt are no longer kept: a duplicate, unverified.
+    /// Counted before, for its content is the same; its first receipt cannot be read.
+    Untold,
+    /// Numbered so far back that its content and receipt are no longer kept. It is a duplicate if its producer numbers as it should, and is lost if the
+    /// producer began anew: nobody can tell which.
     Unverified,
+}
+
+impl Acknowledged {
+    /// Tells a batch whose number is used now.
+    pub fn now(receipt: Receipt) -> Self {
+        if receipt.is_all_rejected() { Self::Rejected(receipt) } else { Self::Applied(receipt) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(accepted: u64, rejected_count: u64) -> Acknowledged {
+        Acknowledged::now(Receipt { accepted, rejected_count, rejected: Vec::new() })
+    }
+
+    #[test]
+    fn a_batch_is_rejected_where_it_has_records_and_all_of_them_are() {
+        assert!(matches!(of(0, 1), Acknowledged::Rejected(_)));
+        assert!(matches!(of(0, 10_000), Acknowledged::Rejected(_)));
+        for (accepted, rejected) in [(0, 0), (1, 0), (1, 9_999)] {
+            assert!(matches!(of(accepted, rejected), Acknowledged::Applied(_)), "{accepted}, {rejected}");
+        }
+    }
 }

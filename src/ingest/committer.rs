@@ -3,7 +3,7 @@
 //! No client can cancel it, and it never talks to anything but the store.
 
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use tokio::sync::{OwnedSemaphorePermit, mpsc, oneshot};
 
@@ -11,13 +11,17 @@ use super::streams::Lease;
 use crate::domain::{Acknowledged, Environment, EnvironmentId, ProducerId, Receipt, Sequence};
 use crate::error::{ErrorKind, Problem};
 use crate::store::{Numbered, Outcome, Refusal, Store, StoreError};
-use crate::telemetry;
+use crate::telemetry::{self, Seldom};
 
 /// The most transitions of one commit.
 pub const MOST_COMMIT_TRANSITIONS: usize = 256_000;
 
 /// The most states of one commit, counting those of each batch: what a commit keeps in memory grows with them.
 const MOST_COMMIT_STATES: usize = 50_000;
+
+/// A database that fails is asked again and again by every producer: their lines of the log are few.
+static FAILURES: Seldom = Seldom::every(Duration::from_secs(5));
+static UNREAD: Seldom = Seldom::every(Duration::from_secs(5));
 
 /// What the committer does, in the order in which it was asked.
 pub enum Work {
@@ -127,7 +131,9 @@ impl Group {
 async fn answer_resume(store: &dyn Store, resume: Resume) {
     let watermark = store.watermark(resume.environment, &resume.producer).await;
     let _ = resume.reply.send(watermark.map_err(|error| {
-        tracing::error!(%error, "a resume point could not be read");
+        if let Some(left_out) = UNREAD.admits(Instant::now()) {
+            tracing::error!(%error, left_out, "a resume point could not be read");
+        }
         error.into()
     }));
 }
@@ -145,8 +151,11 @@ fn told(environments: &[Arc<Environment>], batch: &Numbered, outcome: Outcome) -
 fn count(environments: &[Arc<Environment>], batch: &Numbered, told: &Acknowledged) {
     let Some(environment) = environments.iter().find(|environment| environment.id == batch.environment) else { return };
     match told {
-        Acknowledged::Applied(receipt) => count_records(environment.name.as_str(), receipt),
-        Acknowledged::Duplicate(_) | Acknowledged::Unverified => telemetry::duplicate(environment.name.as_str()),
+        Acknowledged::Applied(receipt) | Acknowledged::Rejected(receipt) => {
+            count_records(environment.name.as_str(), receipt)
+        }
+        Acknowledged::Duplicate(_) | Acknowledged::Untold => telemetry::duplicate(environment.name.as_str()),
+        Acknowledged::Unverified => telemetry::unverified(environment.name.as_str()),
     }
 }
 
@@ -169,8 +178,10 @@ fn part_at_fault(pointer: &str) -> &'static str {
 }
 
 fn failed(error: StoreError, batches: usize) -> Vec<Result<Acknowledged, Problem>> {
-    tracing::error!(%error, batches, "a commit failed; its producers will resume");
-    let problem = Problem::from(error);
+    if let Some(left_out) = FAILURES.admits(Instant::now()) {
+        tracing::error!(%error, batches, left_out, "a commit failed; its producers will resume");
+    }
+    let problem = error.of_batch();
     vec![Err(problem); batches]
 }
 
@@ -181,7 +192,7 @@ fn refused(batch: &Numbered, refusal: Refusal) -> Problem {
         Refusal::ReadOnly => Problem::new(
             ErrorKind::Conflict,
             "ENVIRONMENT_READ_ONLY",
-            "the environment's totals do not match its cells: it can be read, but takes no transitions; see the log",
+            "the environment is damaged: it can be read as far as it is sound, but takes no transitions; see `/readyz?verbose`, and restore a backup",
         ),
         Refusal::OutOfOrder { expected } => {
             let message = format!("got sequence {sequence} of producer `{}`, expected {expected}", batch.producer);

@@ -382,8 +382,7 @@ pub fn logged(error: StoreError) -> Problem {
         StoreError::UnknownModel(_) | StoreError::UnknownEnvironment => error.into(),
         StoreError::Aborted(_) | StoreError::OutcomeUnknown(_) => {
             tracing::error!(%error, "the registry of networks could not be changed");
-            let message = "the database did not confirm the change: list the networks before you try again";
-            Problem::new(ErrorKind::Unavailable, "STORE_UNAVAILABLE", message)
+            error.into()
         }
         _ => {
             tracing::error!(%error, "the registry of networks could not be read");

@@ -29,7 +29,7 @@ pub async fn ready(app: &App) -> Result<(), Problem> {
 }
 
 async fn checks(app: &App) -> [Check; 3] {
-    let database = app.store.ready().await.map_err(|error| error.to_string());
+    let database = app.store.ready().await.map_err(|cause| cause.to_string());
     [
         ("database", database),
         ("committer", app.ingest.is_running().then_some(()).ok_or_else(|| "stopped".into())),
@@ -37,7 +37,7 @@ async fn checks(app: &App) -> [Check; 3] {
     ]
 }
 
-/// 200 where the service can take and answer, else 503; `?verbose` tells each check.
+/// 200 where the service can take and answer, else 503; `?verbose` tells each check, and which environments are damaged and take nothing.
 async fn readyz(State(app): State<App>, RawQuery(query): RawQuery) -> Response {
     let checks = checks(&app).await;
     let ready = checks.iter().all(|(_, check)| check.is_ok());
@@ -49,7 +49,13 @@ async fn readyz(State(app): State<App>, RawQuery(query): RawQuery) -> Response {
     }
     let told = |(name, check): Check| (name.to_owned(), check.err().unwrap_or("ok".into()).into());
     let checks: serde_json::Map<String, serde_json::Value> = checks.into_iter().map(told).collect();
-    (status, Json(serde_json::json!({ "ready": ready, "checks": checks }))).into_response()
+    let mut told = serde_json::json!({ "ready": ready, "checks": checks });
+    let damaged = app.store.read_only();
+    if !damaged.is_empty() {
+        let environments = damaged.into_iter().map(|(name, why)| (name.to_string(), why.into()));
+        told["read_only"] = serde_json::Value::Object(environments.collect());
+    }
+    (status, Json(told)).into_response()
 }
 
 /// The metrics in Prometheus' text format.
@@ -63,5 +69,7 @@ async fn metrics(State(app): State<App>) -> Response {
         telemetry::database(bytes);
     }
     telemetry::queued(app.ingest.queued());
+    checks(&app).await.iter().for_each(|(check, outcome)| telemetry::ready(check, outcome.is_ok()));
+    telemetry::read_only(app.store.read_only().len());
     ([("content-type", "text/plain; version=0.0.4; charset=utf-8")], telemetry::render()).into_response()
 }

@@ -1,16 +1,110 @@
 //! What can go wrong with a store.
 
+use std::fmt;
+
 use crate::error::{ErrorKind, Problem};
 
+/// What is wrong with a database, as far as somebody can act on it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Trouble {
+    /// No space is left for what is to be written.
+    DiskFull,
+    /// The file, its directory or its file system cannot be written.
+    ReadOnly,
+    /// The machine failed to read or to write.
+    InputOutput,
+    /// What is stored is not what was stored.
+    Damaged,
+    /// Another program keeps the database locked.
+    Locked,
+    /// The file cannot be opened.
+    Unopenable,
+    /// Another file, or none, has the name of the one that was opened.
+    Moved,
+    /// A write has not ended for a long time.
+    Stuck,
+    /// Anything else.
+    Other,
+}
+
+impl Trouble {
+    /// Returns it as one word for programs.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::DiskFull => "disk_full",
+            Self::ReadOnly => "read_only",
+            Self::InputOutput => "input_output",
+            Self::Damaged => "damaged",
+            Self::Locked => "locked",
+            Self::Unopenable => "unopenable",
+            Self::Moved => "moved",
+            Self::Stuck => "stuck",
+            Self::Other => "other",
+        }
+    }
+
+    /// Says it as a sentence.
+    pub fn in_words(self) -> &'static str {
+        match self {
+            Self::DiskFull => "the disk is full",
+            Self::ReadOnly => "the database is read-only",
+            Self::InputOutput => "the disk failed to read or to write",
+            Self::Damaged => "the database is damaged",
+            Self::Locked => "another program keeps the database locked",
+            Self::Unopenable => "the database cannot be opened",
+            Self::Moved => "the database's file was moved away or replaced",
+            Self::Stuck => "the disk does not answer",
+            Self::Other => "the database refused",
+        }
+    }
+}
+
+/// Why a database failed: what is wrong with it, and what it said, which belongs in the log.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Cause {
+    /// What is wrong.
+    pub trouble: Trouble,
+    /// What was said.
+    pub said: String,
+}
+
+impl Cause {
+    /// Makes a cause.
+    pub fn new(trouble: Trouble, said: impl Into<String>) -> Self {
+        Self { trouble, said: said.into() }
+    }
+}
+
+impl fmt::Display for Cause {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} ({})", self.trouble.in_words(), self.said)
+    }
+}
+
+impl From<&str> for Cause {
+    fn from(said: &str) -> Self {
+        Self::new(Trouble::Other, said)
+    }
+}
+
+impl From<String> for Cause {
+    fn from(said: String) -> Self {
+        Self::new(Trouble::Other, said)
+    }
+}
+
 /// An error of a store. Database codes become one of these in one place, beside the database.
-#[derive(Debug, thiserror::Error)]
+#[derive(Debug, Clone, thiserror::Error)]
 pub enum StoreError {
     /// Nothing was changed: the transaction was rolled back.
-    #[error("the database refused, nothing was counted: {0}")]
-    Aborted(String),
+    #[error("nothing was changed: {0}")]
+    Aborted(Cause),
     /// The commit failed and may have taken effect all the same: only the watermark tells.
     #[error("the database did not say whether it committed: {0}")]
-    OutcomeUnknown(String),
+    OutcomeUnknown(Cause),
+    /// What is stored is not what was stored. Nothing was changed.
+    #[error("the database is damaged: {0}")]
+    Damaged(String),
     /// A read failed.
     #[error("the database cannot be read: {0}")]
     Unreadable(String),
@@ -44,7 +138,7 @@ impl StoreError {
     pub fn kind(&self) -> ErrorKind {
         match self {
             Self::Aborted(_) | Self::OutcomeUnknown(_) | Self::InUse(_) => ErrorKind::Unavailable,
-            Self::Unreadable(_) | Self::Unopenable { .. } => ErrorKind::Internal,
+            Self::Unreadable(_) | Self::Damaged(_) | Self::Unopenable { .. } => ErrorKind::Internal,
             Self::UnknownEnvironment | Self::UnknownModel(_) => ErrorKind::NotFound,
             Self::VersionsUsedUp(_) => ErrorKind::Conflict,
             Self::AlreadyExists(_) => ErrorKind::AlreadyExists,
@@ -52,16 +146,52 @@ impl StoreError {
     }
 }
 
+impl StoreError {
+    /// Tells the error to somebody who sent a batch, without what the database said, which belongs in the log.
+    pub fn of_batch(self) -> Problem {
+        match &self {
+            Self::Aborted(cause) => of_cause(
+                &self,
+                "STORE_UNAVAILABLE",
+                cause,
+                format!("nothing was counted: {}; send it again", cause.trouble.in_words()),
+            ),
+            Self::OutcomeUnknown(cause) => of_cause(
+                &self,
+                "OUTCOME_UNKNOWN",
+                cause,
+                format!(
+                    "the batch may have been counted: {}; resume and send it again, it counts once",
+                    cause.trouble.in_words()
+                ),
+            ),
+            _ => self.into(),
+        }
+    }
+}
+
+fn of_cause(error: &StoreError, reason: &'static str, cause: &Cause, message: String) -> Problem {
+    Problem::new(error.kind(), reason, message).with("cause", cause.trouble.as_str())
+}
+
 impl From<StoreError> for Problem {
-    /// Tells the error without its cause, which belongs in the log.
+    /// Tells the error without what the database said, which belongs in the log.
     fn from(error: StoreError) -> Self {
         let (reason, message) = match &error {
-            StoreError::Aborted(_) => {
-                ("STORE_UNAVAILABLE", "the database refused, nothing was counted; send it again".into())
+            StoreError::Aborted(cause) => {
+                let message = format!("nothing was changed: {}; send it again", cause.trouble.in_words());
+                return of_cause(&error, "STORE_UNAVAILABLE", cause, message);
             }
-            StoreError::OutcomeUnknown(_) => {
-                ("OUTCOME_UNKNOWN", "the batch may have been counted; resume and send it again, it counts once".into())
+            StoreError::OutcomeUnknown(cause) => {
+                let words = cause.trouble.in_words();
+                let message =
+                    format!("the change may have been made: {words}; look whether it was, and send it again if not");
+                return of_cause(&error, "OUTCOME_UNKNOWN", cause, message);
             }
+            StoreError::Damaged(_) => (
+                "DATABASE_DAMAGED",
+                "the database is damaged where this is kept: run `nudge check`, and restore a backup".into(),
+            ),
             StoreError::InUse(_) | StoreError::Unreadable(_) | StoreError::Unopenable { .. } => {
                 ("INTERNAL", "the database cannot be read".into())
             }
@@ -71,5 +201,27 @@ impl From<StoreError> for Problem {
             StoreError::AlreadyExists(_) => ("ENVIRONMENT_EXISTS", error.to_string()),
         };
         Self::new(error.kind(), reason, message)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_batch_is_told_what_is_certain_and_a_change_is_no_batch() {
+        let full = || Cause::new(Trouble::DiskFull, "code 13");
+        let certain = StoreError::Aborted(full()).of_batch();
+        assert_eq!(certain.message, "nothing was counted: the disk is full; send it again");
+        assert_eq!((certain.reason, certain.details), ("STORE_UNAVAILABLE", vec![("cause", "disk_full".to_owned())]));
+        let uncertain = StoreError::OutcomeUnknown(Cause::new(Trouble::InputOutput, "code 1034"));
+        let told = "the batch may have been counted: the disk failed to read or to write; resume and send it again, it counts once";
+        assert_eq!(uncertain.clone().of_batch().message, told);
+        for error in [StoreError::Aborted(full()), uncertain] {
+            let problem = Problem::from(error);
+            assert!(!problem.message.contains("batch") && !problem.message.contains("count"), "{problem}");
+            assert!(!problem.message.contains("code "), "what the database says is for the log: {problem}");
+            assert!(problem.kind.is_retryable());
+        }
     }
 }

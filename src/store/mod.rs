@@ -16,21 +16,21 @@ mod error;
 pub mod form;
 mod sqlite;
 
-pub use error::StoreError;
+pub use error::{Cause, StoreError, Trouble};
 pub use sqlite::{Options, SqliteStore};
 
 /// Keeps environments and counts each batch exactly once.
 ///
-/// **The promise.** When [`Store::commit`] returns `Ok`, every batch it calls `Applied` is on stable storage with its counts, its receipt and its
+/// **The promise.** When [`Store::commit`] returns `Ok`, every batch it calls `Applied` or `Rejected` is on stable storage with its counts, its receipt and its
 /// number, all in one transaction; what follows holds for ever, through kill -9 and power loss on a disk that honours flush:
 ///
 /// | a batch's number is | its content is | outcome |
 /// |---|---|---|
-/// | last + 1 | any | `Applied`, last advances |
+/// | last + 1 | any | `Applied`, or `Rejected` where every record of it was; last advances |
 /// | above last + 1 | any | `Refused(OutOfOrder)`, nothing changes |
 /// | at or below last, among the last 1,024 | the same | `Duplicate` with the first receipt |
 /// | at or below last, among the last 1,024 | another | `Refused(Reused)`, nothing changes |
-/// | at or below last, its receipt cannot be read | the same | `Unverified` |
+/// | at or below last, its receipt cannot be read | the same | `Untold` |
 /// | at or below last, older | not compared | `Unverified` |
 /// | any | of an environment that is gone | `Refused(Gone)` |
 /// | last + 1 | would pass a quota, or 2^63 - 1 transitions | `Refused(Quota)`, `Refused(Overflow)`; the number is not used |
@@ -109,11 +109,19 @@ pub trait Store: Send + Sync {
     /// such version.
     async fn delete_model(&self, id: EnvironmentId, version: u64) -> Result<(), StoreError>;
 
-    /// Compares the totals of every environment with the sums of its cells. Where they differ, the environment becomes read-only.
+    /// Compares the totals of every environment with the sums of its cells. Where they differ or cannot be read, the environment becomes read-only.
     async fn audit(&self) -> Result<Vec<Audit>, StoreError>;
 
-    /// Returns whether a commit can be tried now: `Ok`, or why not.
-    async fn ready(&self) -> Result<(), StoreError>;
+    /// Returns the environments that take no batches because they are damaged, in order of name, with what is wrong with each. Damage that any call meets
+    /// makes its environment one of them, until the process ends. From memory.
+    fn read_only(&self) -> Vec<(Name, String)>;
+
+    /// Returns whether a commit would succeed: `Ok`, or why not, by the last commit or proof. From memory.
+    async fn ready(&self) -> Result<(), Cause>;
+
+    /// Proves by a small write that changes nothing that a commit would succeed, where nobody has committed for a few seconds. To be called again and
+    /// again.
+    async fn prove(&self) -> Result<(), StoreError>;
 
     /// Returns the size of the database on disk in bytes, journal included.
     async fn bytes(&self) -> Result<u64, StoreError>;
@@ -155,7 +163,7 @@ pub enum Outcome {
 pub enum Refusal {
     /// The environment was deleted.
     Gone,
-    /// The environment's totals do not match its cells.
+    /// The environment is damaged: its totals do not match its cells, or something of it cannot be read.
     ReadOnly,
     /// The number is ahead of the one expected.
     OutOfOrder {
@@ -285,11 +293,27 @@ pub struct Audit {
     pub kept: [u64; 3],
     /// As summed over states and cells.
     pub found: [u64; 3],
+    /// Why they cannot be compared; the figures are 0 then.
+    pub unreadable: Option<String>,
 }
 
 impl Audit {
     /// Returns whether the totals match.
     pub fn is_sound(&self) -> bool {
-        self.kept == self.found
+        self.unreadable.is_none() && self.kept == self.found
+    }
+
+    /// Says what is wrong, if anything is.
+    pub fn fault(&self) -> Option<String> {
+        match &self.unreadable {
+            Some(why) => Some(format!("its counts cannot be read: {why}")),
+            None if self.is_sound() => None,
+            None => {
+                let told = |[transitions, states, cells]: [u64; 3]| {
+                    format!("{transitions} transitions, {states} states, {cells} cells")
+                };
+                Some(format!("its totals do not match its cells: kept {}, found {}", told(self.kept), told(self.found)))
+            }
+        }
     }
 }

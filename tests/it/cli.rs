@@ -3,6 +3,7 @@
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
+use nudge::api::proto::BatchStatus;
 use serde_json::Value;
 
 use crate::fake::{CALM, Fake};
@@ -51,6 +52,35 @@ async fn recorded_games_count_once_however_often_they_are_sent() {
     let memory = fake.memory();
     assert_eq!(memory.values.len(), 44_373);
     assert!(memory.batches.iter().all(|(_, _, segment, _)| segment.starts_with('w')), "a segment is a trial");
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn what_was_not_counted_makes_the_command_fail() {
+    let lines = [
+        (
+            BatchStatus::Rejected,
+            "transitions were rejected, and of 16 batches all; the first in `cramped_room` is number 0",
+        ),
+        (
+            BatchStatus::Unverified,
+            "9,626 transitions in `cramped_room` are unverified: their numbers were used so long ago",
+        ),
+    ];
+    for (status, line) in lines {
+        let fake = Fake::start(CALM, 0).await;
+        fake.memory().instead = Some(status);
+        let (code, stdout, stderr) = ingest(&fake, TEST_GAMES, &["--json"]).await;
+        assert_eq!(code, 1, "{stderr}");
+        let report: Value = serde_json::from_str(&stdout).expect("JSON");
+        let told = |name: &str| report["environments"][3][name].as_u64().expect("a number");
+        let room = told("transitions");
+        let (rejected, batches, unverified) = (told("rejected_count"), told("rejected_batches"), told("unverified"));
+        match status {
+            BatchStatus::Rejected => assert!((rejected, unverified) == (room, 0) && batches > 1, "{report}"),
+            _ => assert_eq!((rejected, batches, unverified), (0, 0, room), "{report}"),
+        }
+        assert!(stderr.lines().any(|one| one.contains(line)), "{line}: {stderr}");
+    }
 }
 
 #[tokio::test]

@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use nudge::api::proto::BatchStatus;
 use nudge::client::{ClientError, Connection, Producer, ProducerBuilder, Totals};
 use nudge::domain::draft::{AgentDraft, FeatureDraft, KindDraft};
 use nudge::domain::{Entry, Record, SchemaDraft};
@@ -54,7 +55,7 @@ fn assert_counted_once(fake: &Fake, transitions: u32) {
 
 fn assert_all_accounted_for(totals: &Totals, transitions: u32) {
     assert_eq!(totals.sent, u64::from(transitions));
-    assert_eq!(totals.sent, totals.accepted + totals.rejected + totals.resumed, "{totals:?}");
+    assert_eq!(totals.sent, totals.accepted + totals.rejected + totals.resumed + totals.unverified, "{totals:?}");
 }
 
 #[tokio::test]
@@ -233,6 +234,21 @@ async fn rejected_transitions_are_told_by_position() {
     assert_eq!((totals.accepted, totals.rejected), (4, 1));
     assert_eq!((totals.rejections[0].position, totals.rejections[0].field.as_str()), (3, "/state/x"));
     assert_counted_once(&fake, 4);
+}
+
+#[tokio::test]
+async fn batches_of_which_nothing_counts_are_told_apart() {
+    for (status, expected) in [(BatchStatus::Rejected, [0, 5, 3, 0]), (BatchStatus::Unverified, [0, 0, 0, 5])] {
+        let (fake, builder) = start(CALM, 0).await;
+        fake.memory().instead = Some(status);
+        let mut producer = builder.batch_size(2).open().await.expect("known");
+        send(&mut producer, 0..5).await.expect("taken");
+        let totals = producer.close().await.expect("acknowledged");
+        assert_all_accounted_for(&totals, 5);
+        let told = [totals.accepted, totals.rejected, totals.rejected_batches, totals.unverified];
+        assert_eq!(told, expected, "{status:?}");
+        assert_eq!(totals.duplicates, 0);
+    }
 }
 
 #[tokio::test]

@@ -62,6 +62,8 @@ pub struct Memory {
     pub hellos: Vec<proto::Hello>,
     /// Answers the batch of that number with that error.
     pub refuse: Option<(u64, Status)>,
+    /// What is said of every batch instead of what became of it.
+    pub instead: Option<proto::BatchStatus>,
     streams: u64,
 }
 
@@ -153,8 +155,18 @@ impl Fake {
             memory.batches.push((hello.environment.clone(), next, batch.segment, firsts.len()));
             memory.values.extend(firsts.iter().filter(|value| **value >= 0.0));
         }
-        Ok(receipt(batch.sequence, is_new, &firsts))
+        let receipt = receipt(batch.sequence, is_new, &firsts);
+        Ok(memory.instead.map_or(receipt.clone(), |status| instead(receipt, status)))
     }
+}
+
+/// Says that every transition was rejected, or that nobody can tell.
+fn instead(receipt: proto::Receipt, status: proto::BatchStatus) -> proto::Receipt {
+    let unverified = status == proto::BatchStatus::Unverified;
+    let rejected_count = if unverified { 0 } else { receipt.accepted };
+    let rejection = |index| proto::Rejection { index, field: "/state/x".into(), reason: "got 9".into() };
+    let rejected = (0..rejected_count as u32).take(100).map(rejection).collect();
+    proto::Receipt { status: status.into(), accepted: 0, rejected_count, rejected, unverified, ..receipt }
 }
 
 /// Rejects what is negative.

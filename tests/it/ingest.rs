@@ -139,7 +139,7 @@ async fn an_environment_made_again_refuses_late_resends() {
     assert_ne!(old.uid, new.uid);
     let late = proto::Hello { environment_uid: old.uid, ..hello("p") };
     let refused = RawStream::open(app.ingest().await, late).await.err().expect("another environment");
-    assert_eq!((refused.code(), reason(&refused)), (Code::NotFound, "ENVIRONMENT_REPLACED".into()));
+    assert_eq!((refused.code(), reason(&refused)), (Code::FailedPrecondition, "ENVIRONMENT_REPLACED".into()));
     let (welcome, _) = RawStream::open(app.ingest().await, hello("p")).await.expect("welcome");
     assert_eq!(welcome.committed_sequence, 0);
     assert_eq!(visits(&app).await, 0);

@@ -2,7 +2,7 @@
 
 use crate::api::{MOST_BATCH_TRANSITIONS, proto};
 use crate::domain::{
-    Acknowledged, Batch, Entry, Label, ProducerId, Receipt, Record, Records, Rejection, Schema, Sequence, Widths,
+    Acknowledged, Batch, Entry, Label, ProducerId, Record, Records, Rejection, Schema, Sequence, Widths,
 };
 use crate::error::{ErrorKind, Fault, Problem};
 
@@ -97,12 +97,16 @@ fn records(widths: Widths, columns: proto::Columns) -> Result<Records, Vec<Fault
 
 /// Encodes what a producer is told about a batch.
 pub fn receipt(sequence: Sequence, told: Acknowledged) -> proto::Receipt {
-    use proto::BatchStatus::{Applied, Duplicate};
-    let (status, receipt, unverified) = match told {
-        Acknowledged::Applied(receipt) => (Applied, receipt, false),
-        Acknowledged::Duplicate(receipt) => (Duplicate, receipt, false),
-        Acknowledged::Unverified => (Duplicate, Receipt::default(), true),
+    use proto::BatchStatus::{Applied, Duplicate, Rejected, Unverified};
+    let (status, receipt) = match told {
+        Acknowledged::Applied(receipt) => (Applied, Some(receipt)),
+        Acknowledged::Rejected(receipt) => (Rejected, Some(receipt)),
+        Acknowledged::Duplicate(receipt) => (Duplicate, Some(receipt)),
+        Acknowledged::Untold => (Duplicate, None),
+        Acknowledged::Unverified => (Unverified, None),
     };
+    let unverified = receipt.is_none();
+    let receipt = receipt.unwrap_or_default();
     proto::Receipt {
         sequence: sequence.get(),
         status: status.into(),

@@ -1,14 +1,48 @@
 //! From bytes to a typed request: what is wrong is told with its place as a JSON pointer.
 
+use std::fmt;
+
 use serde::Deserialize;
+use serde::de::{Deserializer, Error, MapAccess, SeqAccess, Visitor};
 use serde_path_to_error::Segment;
 
 use crate::error::{Fault, Problem, pointer};
 
 /// Decodes a JSON document; `what` names it in the problem.
 pub fn decode<'a, T: Deserialize<'a>>(what: &str, bytes: &'a [u8]) -> Result<T, Problem> {
-    serde_json::from_slice(bytes)
-        .map_err(|error| Problem::invalid(what, vec![fault(place::<T>(bytes), &error.to_string())]))
+    serde_json::from_slice(bytes).map_err(|error| {
+        let fault = not_finite(bytes, &error).unwrap_or_else(|| fault(place::<T>(bytes), &error.to_string()));
+        Problem::invalid(what, vec![fault])
+    })
+}
+
+/// Decodes a member that may be left out: null means that it is.
+pub(super) fn or_default<'de, T: Deserialize<'de> + Default, D: Deserializer<'de>>(
+    deserializer: D,
+) -> Result<T, D::Error> {
+    Option::<T>::deserialize(deserializer).map(Option::unwrap_or_default)
+}
+
+/// Returns the fault of a text that is not JSON because it has a NaN or an infinity where a number should be, as some languages write them.
+pub(super) fn not_finite(text: &[u8], error: &serde_json::Error) -> Option<Fault> {
+    let word = word_at(text, error)?;
+    let number = word.trim_start_matches(['-', '+']).to_ascii_lowercase();
+    let told = ["nan", "inf", "infinity"].contains(&number.as_str()).then(|| {
+        let (line, column) = (error.line(), error.column());
+        format!("got {word}, expected a finite number: JSON has no NaN and no Infinity (line {line} column {column})")
+    });
+    told.map(|detail| Fault::new(place::<Anything>(text), detail))
+}
+
+/// Returns the word, with its sign, in which a text stops being JSON.
+fn word_at<'a>(text: &'a [u8], error: &serde_json::Error) -> Option<&'a str> {
+    let is_part = |byte: &u8| byte.is_ascii_alphabetic() || matches!(byte, b'-' | b'+');
+    let line: usize =
+        text.split_inclusive(|byte| *byte == b'\n').take(error.line().checked_sub(1)?).map(<[u8]>::len).sum();
+    let at = line + error.column().checked_sub(1)?;
+    let before = text.get(..at)?.iter().rev().take_while(|byte| is_part(byte)).count();
+    let after = text[at..].iter().take_while(|byte| is_part(byte)).count();
+    str::from_utf8(&text[at - before..at + after]).ok()
 }
 
 /// What is missing has a place too: where it would be.
@@ -34,6 +68,57 @@ fn step(segment: &Segment) -> String {
         Segment::Seq { index } => format!("/{index}"),
         Segment::Map { key } => pointer(key),
         Segment::Enum { .. } | Segment::Unknown => String::new(),
+    }
+}
+
+/// Any JSON value, of which nothing is kept: only the way to where it ends being one.
+struct Anything;
+
+impl<'de> Deserialize<'de> for Anything {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_any(Self)
+    }
+}
+
+impl<'de> Visitor<'de> for Anything {
+    type Value = Self;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("a value")
+    }
+
+    fn visit_unit<E: Error>(self) -> Result<Self, E> {
+        Ok(self)
+    }
+
+    fn visit_bool<E: Error>(self, _: bool) -> Result<Self, E> {
+        Ok(self)
+    }
+
+    fn visit_u64<E: Error>(self, _: u64) -> Result<Self, E> {
+        Ok(self)
+    }
+
+    fn visit_i64<E: Error>(self, _: i64) -> Result<Self, E> {
+        Ok(self)
+    }
+
+    fn visit_f64<E: Error>(self, _: f64) -> Result<Self, E> {
+        Ok(self)
+    }
+
+    fn visit_str<E: Error>(self, _: &str) -> Result<Self, E> {
+        Ok(self)
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<Self, A::Error> {
+        while seq.next_element::<Self>()?.is_some() {}
+        Ok(self)
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Self, A::Error> {
+        while map.next_entry::<String, Self>()?.is_some() {}
+        Ok(self)
     }
 }
 
@@ -99,6 +184,24 @@ mod tests {
         }
         assert!(decode::<Description>("environment", b"{\"state\": \"\xff\"}").is_err());
         assert!(decode::<Description>("environment", "[".repeat(100_000).as_bytes()).is_err());
+    }
+
+    #[test]
+    fn what_is_no_finite_number_is_told_with_its_place() {
+        for word in ["NaN", "nan", "-NaN", "Infinity", "-Infinity", "inf", "-inf", "+inf"] {
+            let fault =
+                fault(&format!("{{\"state\": [\n{{\"name\": \"a\", \"continuous\": {{\"edges\": [1, {word}]}}}}]}}"));
+            assert_eq!(fault.pointer, "/state/0/continuous/edges/1", "{word}");
+            let told = format!("got {word}, expected a finite number: JSON has no NaN and no Infinity (line 2 column");
+            assert!(fault.detail.starts_with(&told), "{word}: {}", fault.detail);
+        }
+        for text in ["NaN", "[NaN", "{\"state\": [NaN"] {
+            assert!(fault(text).detail.starts_with("got NaN, "), "{text}");
+        }
+        for text in ["nothing", "{\"state\": nano}", "{\"state\": \"NaN\", }", "-", "NaN\u{e9}x\n\n"] {
+            let detail = fault(text).detail;
+            assert!(!detail.contains("got NaN") || text.starts_with("NaN"), "{text}: {detail}");
+        }
     }
 
     #[test]

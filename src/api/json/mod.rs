@@ -42,11 +42,11 @@ pub use overview::{
 pub use parameters::Parameters;
 pub use prediction::{ModelAction, ModelFigures};
 pub use problem::{Fault, Problem};
-pub use query::{batch_of_query, exploration, fit, graph, listing, overview, page, question_of_query};
+pub use query::{exploration, fit, graph, head_of_query, listing, overview, page, question_of_query};
 pub use question::{NamedState, Question};
 pub use receipt::{Producer, Receipt, Rejection};
 pub use rule::{Rule, RuleChange};
-pub use transitions::{Action, FeatureValue, Incoming, Transition, Transitions, batch_of_json, batch_of_lines};
+pub use transitions::{Action, FeatureValue, Head, Incoming, Transition, Transitions, batch_of_json, batch_of_lines};
 
 /// Returns the text, or `None` where proto says "absent" by an empty one.
 fn present(text: String) -> Option<String> {

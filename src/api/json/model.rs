@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::Card;
+use super::decode::or_default;
 use crate::api::proto;
 use crate::domain::ModelId;
 use crate::domain::draft::TrainingDraft;
@@ -41,7 +42,8 @@ pub struct TrainingRequest {
     /// Where all randomness comes from; 0 by default.
     pub seed: Option<u64>,
     /// Whether the version is made active even where it does not beat its baselines.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "or_default")]
+    #[schema(nullable)]
     pub activate: bool,
 }
 

@@ -1,6 +1,6 @@
 //! Questions as a query string asks them. Nothing in a query string has a type, so numbers and labels are told apart by the features they are for.
 
-use super::Parameters;
+use super::{Head, Parameters};
 use crate::domain::RuleDraft;
 use crate::domain::draft::{DiscoveryDraft, ExplorationDraft, ListingDraft, PairDraft, QuestionDraft, StatesDraft};
 use crate::error::Problem;
@@ -121,14 +121,14 @@ pub fn page(mut query: Parameters) -> Result<(u64, Option<String>), Problem> {
     query.finish(page)
 }
 
-/// Reads what stands beside the transitions of a batch: its producer, its sequence and its segment.
-pub fn batch_of_query(mut query: Parameters) -> Result<(String, u64, Option<String>), Problem> {
+/// Reads what stands beside the transitions of a batch.
+pub fn head_of_query(mut query: Parameters) -> Result<Head, Problem> {
     let producer = query.text("producer");
     let producer = query.required("producer", producer).unwrap_or_default();
     let sequence = query.whole("sequence");
     let sequence = query.required("sequence", sequence).unwrap_or_default();
-    let batch = (producer, sequence, query.text("segment"));
-    query.finish(batch)
+    let (environment_uid, segment) = (query.text("environment_uid"), query.text("segment"));
+    query.finish(Head { producer, environment_uid, sequence, segment })
 }
 
 #[cfg(test)]
@@ -205,10 +205,12 @@ mod tests {
 
     #[test]
     fn lines_need_a_producer_and_a_sequence() {
-        assert_eq!(pointers(batch_of_query(parameters(&[])).expect_err("wrong")), ["/producer", "/sequence"]);
+        assert_eq!(pointers(head_of_query(parameters(&[])).expect_err("wrong")), ["/producer", "/sequence"]);
         let query = parameters(&[("producer", "a"), ("sequence", "one")]);
-        assert_eq!(pointers(batch_of_query(query).expect_err("wrong")), ["/sequence"]);
-        let query = parameters(&[("producer", "a"), ("sequence", "1"), ("segment", "x")]);
-        assert_eq!(batch_of_query(query).expect("valid"), ("a".into(), 1, Some("x".into())));
+        assert_eq!(pointers(head_of_query(query).expect_err("wrong")), ["/sequence"]);
+        let query = parameters(&[("producer", "a"), ("sequence", "1"), ("segment", "x"), ("environment_uid", "u")]);
+        let (environment_uid, segment) = (Some("u".into()), Some("x".into()));
+        let expected = Head { producer: "a".into(), environment_uid, sequence: 1, segment };
+        assert_eq!(head_of_query(query).expect("valid"), expected);
     }
 }

@@ -6,6 +6,7 @@ use serde::Deserialize;
 use serde::de::{Deserializer, MapAccess, Visitor};
 use utoipa::ToSchema;
 
+use super::decode::or_default;
 use super::loose::Loose;
 use super::{FeatureValue, Rule};
 use crate::domain::draft::{NamedValues, PairDraft, QuestionDraft, StatesDraft};
@@ -22,10 +23,12 @@ pub struct Question {
     #[schema(example = "human")]
     pub other: Option<String>,
     /// Agents whose actions are held fixed.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "or_default")]
+    #[schema(nullable)]
     pub given: Vec<String>,
     /// The segments to count; all if empty.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "or_default")]
+    #[schema(nullable)]
     pub segments: Vec<String>,
     /// What is compared within each segment alone: `auto` (the default) tests of independence only, `segments` the plug-in and its mean under
     /// independence too, `pooled` nothing.
@@ -37,12 +40,14 @@ pub struct Question {
     pub unit: Option<String>,
     /// Further estimators of mutual information, instead of the environment's: `excess`, `miller_madow`, `chao_shen`, `james_stein`,
     /// `grassberger_2003`, `nsb`, `dirichlet`, `adjusted`, `uniform_policy`.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "or_default")]
+    #[schema(nullable)]
     pub estimators: Vec<String>,
     /// Wants the test of independence: `auto` to follow `within`, or `pooled`, or `within_segments` to permute within each segment only.
     pub significance: Option<String>,
     /// Wants to know how many more visits a verdict would take.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "or_default")]
+    #[schema(nullable)]
     pub visits_to_decide: bool,
     /// `verdict`, `figures` (the default for several states) or `full` (the default for one).
     pub view: Option<String>,

@@ -10,7 +10,9 @@ use crate::api::proto;
 pub struct Receipt {
     /// The batch.
     pub sequence: u64,
-    /// `applied` (counted now) or `duplicate` (counted before; this is the first receipt).
+    /// `applied` (counted now), `rejected` (every record was: nothing is counted, the number is used), `duplicate` (counted before; this is the first
+    /// receipt) or `unverified` (its number was used so long ago that neither content nor receipt is kept: counted before if the producer numbers as it
+    /// should, and lost if it began again at 1; such a producer takes a new id).
     #[schema(example = "applied")]
     pub status: &'static str,
     /// Records that were counted.
@@ -19,7 +21,7 @@ pub struct Receipt {
     pub rejected_count: u64,
     /// The first 100 of those.
     pub rejected: Vec<Rejection>,
-    /// True for a duplicate so old that its content was not compared and its receipt is no longer kept: the figures above are then 0. Else absent.
+    /// True where the figures above are not known, and 0: for `unverified` always, for `duplicate` where the first receipt cannot be read. Else absent.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     #[schema(required = false)]
     pub unverified: bool,
@@ -51,6 +53,8 @@ impl From<proto::Receipt> for Receipt {
         let status = match receipt.status() {
             proto::BatchStatus::Applied => "applied",
             proto::BatchStatus::Duplicate => "duplicate",
+            proto::BatchStatus::Unverified => "unverified",
+            proto::BatchStatus::Rejected => "rejected",
             proto::BatchStatus::Unspecified => "unknown",
         };
         Self {

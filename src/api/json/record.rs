@@ -2,6 +2,7 @@
 
 use std::collections::HashSet;
 
+use super::decode::not_finite;
 use super::loose::{Loose, named};
 use crate::domain::{Entry, Record, Schema};
 use crate::error::{Fault, pointer};
@@ -12,7 +13,7 @@ pub(super) fn record(schema: &Schema, text: &[u8]) -> Result<Record, (String, St
 }
 
 fn decoded(schema: &Schema, text: &[u8]) -> Result<Record, Vec<Fault>> {
-    let value = Loose::read(text).map_err(|error| vec![Fault::new("", format!("not JSON: {error}"))])?;
+    let value = Loose::read(text).map_err(|error| vec![not_json(text, &error)])?;
     let Loose::Object(members) = value else {
         return Err(vec![Fault::new("", format!("got {value}, expected an object of state and actions"))]);
     };
@@ -29,6 +30,10 @@ fn decoded(schema: &Schema, text: &[u8]) -> Result<Record, Vec<Fault>> {
         }
         _ => Err(faults),
     }
+}
+
+fn not_json(text: &[u8], error: &serde_json::Error) -> Fault {
+    not_finite(text, error).unwrap_or_else(|| Fault::new("", format!("not JSON: {error}")))
 }
 
 /// The members of a transition, each at most once.
@@ -92,7 +97,7 @@ fn under(prefix: &str, faults: Vec<Fault>) -> Vec<Fault> {
 
 fn entry_of(value: Option<Loose>) -> Result<Entry, Vec<Fault>> {
     match value {
-        None => Ok(Entry::Unknown),
+        None | Some(Loose::Null) => Ok(Entry::Unknown),
         Some(Loose::Bool(flag)) => Ok(Entry::from(Some(flag))),
         Some(other) => Err(vec![Fault::new("/entry", format!("got {other}, expected true or false"))]),
     }
@@ -102,7 +107,7 @@ fn count_of(value: Option<Loose>) -> Result<u64, Vec<Fault>> {
     /// Above it, f64 does not tell neighbouring whole numbers apart.
     const LARGEST_EXACT: f64 = 9_007_199_254_740_992.0;
     match value {
-        None => Ok(1),
+        None | Some(Loose::Null) => Ok(1),
         Some(Loose::Whole(count)) if count >= 1 => Ok(count),
         // JSON knows no integers: some writers say 2.0.
         Some(Loose::Number(count)) if count.fract() == 0.0 && (1.0..=LARGEST_EXACT).contains(&count) => {

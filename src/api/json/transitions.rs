@@ -17,16 +17,17 @@ use crate::error::{Fault, Problem};
 
 /// A numbered batch of transitions, counted as a whole or not at all.
 #[derive(Debug, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields, expecting = "an object of producer, sequence, segment and transitions")]
+#[serde(deny_unknown_fields, expecting = "an object of producer, environment_uid, sequence, segment and transitions")]
 pub struct Transitions<'a> {
     /// Who sends: 1 to 128 of A-Z, a-z, 0-9, '.', '_', ':', '@' and '-', beginning with a letter or a digit.
     #[schema(example = "game-7")]
     pub producer: String,
+    /// The environment's uid if the sender knows it: refused with 409 if the environment was deleted and made again since. Absent to take it as it is.
+    pub environment_uid: Option<String>,
     /// 1, 2, 3, ... per environment and producer.
     #[schema(example = 1, minimum = 1)]
     pub sequence: u64,
     /// Where its transitions come from: a trial, a split, a policy version.
-    #[serde(default)]
     #[schema(example = "trial-3")]
     pub segment: Option<String>,
     /// The transitions, at most 10,000.
@@ -73,40 +74,53 @@ pub enum Action {
     Features(BTreeMap<String, FeatureValue>),
 }
 
+/// What stands beside the transitions of a batch, unchecked.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Head {
+    /// Who sends.
+    pub producer: String,
+    /// The environment's uid.
+    pub environment_uid: Option<String>,
+    /// The batch's number.
+    pub sequence: u64,
+    /// Where its transitions come from.
+    pub segment: Option<String>,
+}
+
 /// A decoded batch and who sent it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Incoming {
     /// Who sent it.
     pub producer: ProducerId,
+    /// The uid of the environment that it is for; empty for whichever has the name.
+    pub environment_uid: String,
     /// The batch.
     pub batch: Batch,
 }
 
 /// Decodes a batch that is one JSON document.
 pub fn batch_of_json(schema: &Schema, body: &[u8]) -> Result<Incoming, Problem> {
-    let Transitions { producer, sequence, segment, transitions } = decode("batch", body)?;
+    let Transitions { producer, environment_uid, sequence, segment, transitions } = decode("batch", body)?;
     grpc::within_limit(transitions.len())?;
     let texts = transitions.into_iter().map(|transition| transition.get().as_bytes());
-    head(&producer, sequence, segment.as_deref(), collect(schema, texts))
+    incoming(Head { producer, environment_uid, sequence, segment }, collect(schema, texts))
 }
 
 /// Decodes a batch that is a transition a line; lines that are empty are passed over.
-pub fn batch_of_lines(
-    schema: &Schema,
-    (producer, sequence, segment): (String, u64, Option<String>),
-    body: &[u8],
-) -> Result<Incoming, Problem> {
+pub fn batch_of_lines(schema: &Schema, head: Head, body: &[u8]) -> Result<Incoming, Problem> {
     let lines: Vec<&[u8]> =
         body.split(|byte| *byte == b'\n').map(<[u8]>::trim_ascii).filter(|line| !line.is_empty()).collect();
     grpc::within_limit(lines.len())?;
-    head(&producer, sequence, segment.as_deref(), collect(schema, lines.into_iter()))
+    incoming(head, collect(schema, lines.into_iter()))
 }
 
-fn head(producer: &str, sequence: u64, segment: Option<&str>, records: Records) -> Result<Incoming, Problem> {
+fn incoming(head: Head, records: Records) -> Result<Incoming, Problem> {
+    let Head { producer, environment_uid, sequence, segment } = head;
     let producer =
         producer.parse().map_err(|detail: String| Problem::invalid("batch", vec![Fault::new("/producer", detail)]))?;
-    let batch = Batch { sequence: grpc::sequence(sequence)?, segment: grpc::segment(segment.unwrap_or(""))?, records };
-    Ok(Incoming { producer, batch })
+    let segment = grpc::segment(&segment.unwrap_or_default())?;
+    let batch = Batch { sequence: grpc::sequence(sequence)?, segment, records };
+    Ok(Incoming { producer, environment_uid: environment_uid.unwrap_or_default(), batch })
 }
 
 fn collect<'a>(schema: &Schema, texts: impl ExactSizeIterator<Item = &'a [u8]>) -> Records {

@@ -46,7 +46,7 @@ impl IngestService for Face {
     async fn write(&self, request: Request<WriteRequest>) -> Result<Response<WriteResponse>, Status> {
         call("Write", async {
             let WriteRequest { environment, environment_uid, producer, batch } = request.into_inner();
-            let environment = self.environment(&environment, &environment_uid)?;
+            let environment = self.app.environments.find_known(&environment, &environment_uid)?;
             let producer = grpc::producer(&producer)?;
             let batch = grpc::batch(&environment.schema, batch.unwrap_or_default())?;
             let sequence = batch.sequence;
@@ -108,7 +108,7 @@ impl Face {
 
     /// Checks who says hello, to which environment, with which description of it in mind.
     fn introduce(&self, hello: Hello) -> Result<(Arc<Environment>, ProducerId), Problem> {
-        let environment = self.environment(&hello.environment, &hello.environment_uid)?;
+        let environment = self.app.environments.find_known(&hello.environment, &hello.environment_uid)?;
         let producer = grpc::producer(&hello.producer)?;
         let hash = environment.schema.hash();
         if !hello.schema_hash.is_empty() && hello.schema_hash != hash.0 {
@@ -116,17 +116,6 @@ impl Face {
             return Err(Problem::new(ErrorKind::Conflict, "SCHEMA_CONFLICT", message).with("schema_hash", hash));
         }
         Ok((environment, producer))
-    }
-
-    /// Returns the environment of that name, unless it is another one than the caller knew under its uid.
-    fn environment(&self, name: &str, uid: &str) -> Result<Arc<Environment>, Problem> {
-        let environment = self.app.environments.find(name)?;
-        if uid.is_empty() || environment.uid.0 == uid {
-            return Ok(environment);
-        }
-        let message = format!("environment `{name}` was deleted and made again: its uid is no longer `{uid}`");
-        Err(Problem::new(ErrorKind::NotFound, "ENVIRONMENT_REPLACED", message)
-            .with("environment_uid", &environment.uid))
     }
 
     async fn converse(

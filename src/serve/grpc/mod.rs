@@ -1,12 +1,12 @@
 //! The gRPC face: decode by `api`, ask the same rooms as REST, encode by `api`.
 
 use std::future::Future;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use tonic::service::Routes;
 use tonic::{Code, Response, Status};
 
-use super::status;
+use super::{operations, status};
 use crate::api::inference_proto::grpc_inference_service_server::GrpcInferenceServiceServer;
 use crate::api::proto::environment_service_server::EnvironmentServiceServer;
 use crate::api::proto::influence_service_server::InfluenceServiceServer;
@@ -50,7 +50,7 @@ pub async fn routes(app: App) -> Result<Routes, tonic_reflection::server::Error>
     health.set_serving::<InfluenceServiceServer<Face>>().await;
     health.set_serving::<ModelServiceServer<Face>>().await;
     health.set_serving::<GrpcInferenceServiceServer<Face>>().await;
-    tokio::spawn(not_serving_when(app.draining.clone(), health));
+    tokio::spawn(follow(app.clone(), health));
     let descriptors = || {
         tonic_reflection::server::Builder::configure()
             .register_encoded_file_descriptor_set(proto::DESCRIPTORS)
@@ -69,17 +69,26 @@ pub async fn routes(app: App) -> Result<Routes, tonic_reflection::server::Error>
     Ok(routes.routes())
 }
 
-async fn not_serving_when(draining: tokio_util::sync::CancellationToken, health: tonic_health::server::HealthReporter) {
-    draining.cancelled().await;
-    const NAMES: [&str; 6] = [
-        "",
+/// Lets health follow readiness: while nothing can be counted, the service as a whole and what takes batches do not serve. Ends with the service.
+async fn follow(app: App, health: tonic_health::server::HealthReporter) {
+    const OFTEN: Duration = Duration::from_secs(1);
+    const WRITING: [&str; 2] = ["", "nudge.v1.IngestService"];
+    const ASKING: [&str; 4] = [
         "nudge.v1.EnvironmentService",
-        "nudge.v1.IngestService",
         "nudge.v1.InfluenceService",
         "nudge.v1.ModelService",
         "inference.GRPCInferenceService",
     ];
-    for name in NAMES {
+    while app.draining.run_until_cancelled(tokio::time::sleep(OFTEN)).await.is_some() {
+        let status = match operations::ready(&app).await {
+            Ok(()) => tonic_health::ServingStatus::Serving,
+            Err(_) => tonic_health::ServingStatus::NotServing,
+        };
+        for name in WRITING {
+            health.set_service_status(name, status).await;
+        }
+    }
+    for name in WRITING.into_iter().chain(ASKING) {
         health.set_service_status(name, tonic_health::ServingStatus::NotServing).await;
     }
 }

@@ -8,13 +8,15 @@ use crate::api::json::Incoming;
 use crate::api::{grpc, json, proto};
 use crate::app::App;
 use crate::domain::Schema;
+use crate::environments::is_known_as;
 use crate::error::Problem;
 use crate::serve::status::Failure;
 
 /// Counts one batch of transitions, once however often it is sent, and answers after it is on stable storage.
 ///
-/// A transition that cannot be counted is rejected on its own, and the receipt says why. As `application/x-ndjson` the body is a transition a line,
-/// and producer, sequence and segment are query parameters.
+/// A transition that cannot be counted is rejected on its own, and the receipt says why: read its `status`, for a batch of which nothing was counted is
+/// answered by 200 too, because its number is used. As `application/x-ndjson` the body is a transition a line,
+/// and producer, sequence, segment and environment_uid are query parameters.
 #[utoipa::path(
     post,
     path = "/v1/environments/{environment}/transitions",
@@ -24,6 +26,7 @@ use crate::serve::status::Failure;
         ("producer" = Option<String>, Query, description = "Who sends; with `application/x-ndjson` only, and required there"),
         ("sequence" = Option<u64>, Query, description = "The batch's number; with `application/x-ndjson` only, and required there"),
         ("segment" = Option<String>, Query, description = "Where its transitions come from; with `application/x-ndjson` only"),
+        ("environment_uid" = Option<String>, Query, description = "The environment's uid if the sender knows it; with `application/x-ndjson` only"),
     ),
     request_body(content((json::Transitions = "application/json"), (json::Transition = "application/x-ndjson"))),
     responses((status = 200, description = "The receipt", body = json::Receipt), Refusals)
@@ -35,7 +38,8 @@ pub async fn write_transitions(
     document: Document,
 ) -> Result<axum::Json<json::Receipt>, Failure> {
     let environment = app.environments.find(&name)?;
-    let Incoming { producer, batch } = decode(&environment.schema, query, &document)?;
+    let Incoming { producer, environment_uid, batch } = decode(&environment.schema, query, &document)?;
+    is_known_as(&environment, &environment_uid)?;
     let sequence = batch.sequence;
     let told = app.ingest.write(&environment, producer, batch).await?;
     Ok(axum::Json(grpc::receipt(sequence, told).into()))
@@ -65,6 +69,6 @@ pub async fn get_producer(
 fn decode(schema: &Schema, query: json::Parameters, document: &Document) -> Result<Incoming, Problem> {
     match document.media {
         Media::Json => query.finish(()).and_then(|()| json::batch_of_json(schema, &document.bytes)),
-        Media::Lines => json::batch_of_lines(schema, json::batch_of_query(query)?, &document.bytes),
+        Media::Lines => json::batch_of_lines(schema, json::head_of_query(query)?, &document.bytes),
     }
 }

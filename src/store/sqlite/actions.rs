@@ -74,7 +74,7 @@ pub(super) async fn actions(
     // Nothing is kept until a transaction has settled what was committed, and each question would read every cell. Whether one can begin is not
     // the reader's concern.
     if memory.is_suspended() {
-        writer.ready().await.ok();
+        writer.settle().await.ok();
     }
     let mut reader = readers.acquire().await.map_err(unreadable)?;
     load(&mut reader, memory.announce(turn, environment.id), environment).await

@@ -6,29 +6,39 @@ use sqlx::{Row, SqlitePool};
 use super::directory::Directory;
 use super::error::unreadable;
 use crate::domain::Environment;
-use crate::store::{Audit, StoreError};
+use crate::store::{Audit, Cause, StoreError, Trouble};
 
-/// Audits every environment, and makes those read-only that do not add up.
+/// Audits every environment, and makes those read-only that do not add up or cannot be read.
 pub(super) async fn audit(readers: &SqlitePool, directory: &Directory) -> Result<Vec<Audit>, StoreError> {
     let mut audits = Vec::new();
     for environment in directory.all() {
         // One that was deleted meanwhile has nothing to compare.
-        let Some(audit) = audit_one(readers, &environment).await? else { continue };
-        if !audit.is_sound() && directory.make_read_only(environment.id) {
-            tracing::error!(
-                environment = %audit.environment,
-                kept = ?audit.kept,
-                found = ?audit.found,
-                "the counts of an environment do not add up to its totals: it takes no more batches; restore a backup"
-            );
+        let Some(audit) = audit_patiently(readers, &environment).await? else { continue };
+        if let Some(why) = audit.fault() {
+            directory.make_read_only(environment.id, &why);
         }
         audits.push(audit);
     }
     Ok(audits)
 }
 
+/// Damage is the environment's; a machine that fails to read it twice is as good as damage. Other errors are no environment's.
+async fn audit_patiently(readers: &SqlitePool, environment: &Environment) -> Result<Option<Audit>, StoreError> {
+    let mut audited = audit_one(readers, environment).await;
+    if audited.as_ref().is_err_and(|cause| cause.trouble == Trouble::InputOutput) {
+        audited = audit_one(readers, environment).await;
+    }
+    match audited {
+        Err(cause) if [Trouble::Damaged, Trouble::InputOutput].contains(&cause.trouble) => {
+            let environment = environment.name.clone();
+            Ok(Some(Audit { environment, kept: [0; 3], found: [0; 3], unreadable: Some(cause.said) }))
+        }
+        audited => audited.map_err(unreadable),
+    }
+}
+
 /// One statement, so that totals and cells are of the same moment. Visits are summed in two halves: a damaged one could overflow the sum.
-async fn audit_one(readers: &SqlitePool, environment: &Environment) -> Result<Option<Audit>, StoreError> {
+async fn audit_one(readers: &SqlitePool, environment: &Environment) -> Result<Option<Audit>, Cause> {
     let row = sqlx::query(
         "select totals.transitions, totals.states, totals.cells, found.high, found.low,
              (select count(*) from states where environment = ?1), found.cells
@@ -42,16 +52,16 @@ async fn audit_one(readers: &SqlitePool, environment: &Environment) -> Result<Op
     )
     .bind(environment.id.0)
     .fetch_optional(readers)
-    .await
-    .map_err(unreadable)?;
+    .await?;
     let read = |row: SqliteRow| {
         let number = |at| row.try_get::<i64, _>(at).map(i128::from);
         let transitions = (number(3)? << 32) + number(4)?;
         let kept = [number(0)?, number(1)?, number(2)?];
         let found = [transitions, number(5)?, number(6)?];
-        Ok::<_, sqlx::Error>(Audit { environment: environment.name.clone(), kept: told(kept), found: told(found) })
+        let environment = environment.name.clone();
+        Ok::<_, sqlx::Error>(Audit { environment, kept: told(kept), found: told(found), unreadable: None })
     };
-    row.map(read).transpose().map_err(unreadable)
+    Ok(row.map(read).transpose()?)
 }
 
 /// Damage can make a sum negative or larger than any number we tell.

@@ -1,6 +1,6 @@
 //! The environments, in memory. It is changed after the database has been, and read by everything.
 
-use std::collections::{BTreeMap, HashSet};
+use std::collections::{BTreeMap, HashMap};
 use std::sync::{Arc, PoisonError, RwLock};
 
 use crate::domain::{Environment, EnvironmentId, Name, UnreadableEnvironment};
@@ -13,7 +13,8 @@ pub(super) type Loaded = Result<Environment, UnreadableEnvironment>;
 pub(super) struct Directory {
     environments: RwLock<BTreeMap<Name, Arc<Environment>>>,
     unreadable: RwLock<BTreeMap<String, Arc<UnreadableEnvironment>>>,
-    read_only: RwLock<HashSet<EnvironmentId>>,
+    /// With what is wrong with each.
+    read_only: RwLock<HashMap<EnvironmentId, String>>,
 }
 
 impl Directory {
@@ -46,6 +47,7 @@ impl Directory {
     pub(super) fn remove(&self, id: EnvironmentId) {
         self.write(|environments| environments.retain(|_, environment| environment.id != id));
         self.unreadable.write().unwrap_or_else(PoisonError::into_inner).retain(|_, unread| unread.id != id);
+        self.read_only.write().unwrap_or_else(PoisonError::into_inner).remove(&id);
     }
 
     /// Replaces all environments by what the database holds, and says in the log which of them cannot be read.
@@ -67,14 +69,33 @@ impl Directory {
         *present = unread;
     }
 
-    /// Lets an environment take no more batches, until the process ends. Returns whether it took some before.
-    pub(super) fn make_read_only(&self, id: EnvironmentId) -> bool {
-        self.read_only.write().unwrap_or_else(PoisonError::into_inner).insert(id)
+    /// Lets an environment that is damaged take no more batches, until the process ends, and says so in the log. Returns whether it took some before.
+    pub(super) fn make_read_only(&self, id: EnvironmentId, why: &str) -> bool {
+        let Some(environment) = self.of_id(id) else { return false };
+        let mut read_only = self.read_only.write().unwrap_or_else(PoisonError::into_inner);
+        let is_new = read_only.insert(id, why.to_owned()).is_none();
+        if is_new {
+            let environment = environment.name.as_str();
+            tracing::error!(
+                environment,
+                why,
+                "an environment is damaged: it takes no more batches; run `nudge check`, and restore a backup"
+            );
+        }
+        is_new
     }
 
     /// Returns whether an environment takes no more batches.
     pub(super) fn is_read_only(&self, id: EnvironmentId) -> bool {
-        self.read_only.read().unwrap_or_else(PoisonError::into_inner).contains(&id)
+        self.read_only.read().unwrap_or_else(PoisonError::into_inner).contains_key(&id)
+    }
+
+    /// Returns the environments that take no more batches, in order of name, with what is wrong with each.
+    pub(super) fn read_only(&self) -> Vec<(Name, String)> {
+        let read_only = self.read_only.read().unwrap_or_else(PoisonError::into_inner);
+        let told =
+            |environment: Arc<Environment>| Some((environment.name.clone(), read_only.get(&environment.id)?.clone()));
+        self.all().into_iter().filter_map(told).collect()
     }
 
     fn read<R>(&self, look: impl FnOnce(&BTreeMap<Name, Arc<Environment>>) -> R) -> R {

@@ -14,11 +14,37 @@ use crate::store::StoreError;
 
 /// Reads every environment. One that cannot be read does not keep the others away.
 pub(super) async fn load(connection: &mut SqliteConnection) -> Result<Vec<Loaded>, StoreError> {
+    match all(connection).await.map_err(unreadable) {
+        Err(StoreError::Damaged(_)) => one_by_one(connection).await,
+        all => all,
+    }
+}
+
+async fn all(connection: &mut SqliteConnection) -> Result<Vec<Loaded>, sqlx::Error> {
     let rows = sqlx::query("select id, uid, name, schema, schema_hash, rule from environments where name is not null")
         .fetch_all(connection)
-        .await
-        .map_err(unreadable)?;
-    rows.iter().map(read).collect()
+        .await?;
+    rows.iter().map(|row| read(row, row.try_get("id")?, row.try_get("name")?)).collect()
+}
+
+/// Reads what a damaged table still has. Names and ids come from the index of names alone.
+async fn one_by_one(connection: &mut SqliteConnection) -> Result<Vec<Loaded>, StoreError> {
+    let rows = sqlx::query("select id, name from environments where name is not null order by name");
+    let mut loaded = Vec::new();
+    for row in rows.fetch_all(&mut *connection).await.map_err(unreadable)? {
+        let id: i64 = row.try_get("id").map_err(unreadable)?;
+        let name: String = row.try_get("name").unwrap_or_else(|_| format!("damaged-{id}"));
+        let text = "select uid, schema, schema_hash, rule from environments where id = ?";
+        let found = sqlx::query(text).bind(id).fetch_one(&mut *connection).await;
+        loaded.push(match found.and_then(|row| read(&row, id, &name)) {
+            Ok(environment) => environment,
+            Err(error) => {
+                let why = format!("the database is damaged: {error}");
+                Err(UnreadableEnvironment { id: EnvironmentId(id), uid: Uid(String::new()), name, why })
+            }
+        });
+    }
+    Ok(loaded)
 }
 
 pub(super) async fn create(
@@ -91,13 +117,11 @@ async fn insert(
     Ok(EnvironmentId(id))
 }
 
-fn read(row: &SqliteRow) -> Result<Loaded, StoreError> {
-    let id = EnvironmentId(row.try_get("id").map_err(unreadable)?);
-    let uid = Uid(row.try_get("uid").map_err(unreadable)?);
-    let name: String = row.try_get("name").map_err(unreadable)?;
-    Ok(match parse(row, &name) {
+fn read(row: &SqliteRow, id: i64, name: &str) -> Result<Loaded, sqlx::Error> {
+    let (id, uid) = (EnvironmentId(id), Uid(row.try_get("uid")?));
+    Ok(match parse(row, name) {
         Ok((name, schema, rule)) => Ok(Environment { id, uid, name, schema, rule }),
-        Err(why) => Err(UnreadableEnvironment { id, uid, name, why }),
+        Err(why) => Err(UnreadableEnvironment { id, uid, name: name.to_owned(), why }),
     })
 }
 

@@ -1,35 +1,94 @@
 //! Turns the database's errors into ours: the only place that looks at its codes.
 
 use std::fmt;
+use std::io::ErrorKind;
 use std::path::Path;
 
 use sqlx::migrate::MigrateError;
 
-use crate::store::StoreError;
+use crate::store::{Cause, StoreError, Trouble};
 
+// Primary result codes: https://www.sqlite.org/rescode.html
+const BUSY: i32 = 5;
+const LOCKED: i32 = 6;
 const READ_ONLY: i32 = 8;
+const INPUT_OUTPUT: i32 = 10;
 const CORRUPT: i32 = 11;
+const FULL: i32 = 13;
 const CANNOT_OPEN: i32 = 14;
+const CONSTRAINT: i32 = 19;
 const NOT_A_DATABASE: i32 = 26;
 
+/// What is said of a database that is so damaged that it cannot be opened.
+pub(super) const DAMAGED: &str = "it is damaged; restore a backup";
+
 /// An error before COMMIT: the connection is dropped with it, which rolls back.
-pub(super) fn aborted(error: impl fmt::Display) -> StoreError {
-    StoreError::Aborted(error.to_string())
+pub(super) fn aborted(error: impl Into<Cause>) -> StoreError {
+    match error.into() {
+        Cause { trouble: Trouble::Damaged, said } => StoreError::Damaged(said),
+        cause => StoreError::Aborted(cause),
+    }
 }
 
 /// An error of COMMIT itself, after which a part of the journal may or may not be on the disk.
-pub(super) fn outcome_unknown(error: impl fmt::Display) -> StoreError {
-    StoreError::OutcomeUnknown(error.to_string())
+///
+/// A full disk is certain: the last page of a transaction makes it whole, and SQLite reports `SQLITE_FULL` only where a page could not be written. What
+/// comes after that page (fsync, the index of the journal) has other codes.
+pub(super) fn uncommitted(error: sqlx::Error) -> StoreError {
+    match error.into() {
+        cause @ Cause { trouble: Trouble::DiskFull, .. } => StoreError::Aborted(cause),
+        cause => StoreError::OutcomeUnknown(cause),
+    }
 }
 
 /// An error of a read.
-pub(super) fn unreadable(error: impl fmt::Display) -> StoreError {
-    StoreError::Unreadable(error.to_string())
+pub(super) fn unreadable(error: impl Into<Cause>) -> StoreError {
+    match error.into() {
+        Cause { trouble: Trouble::Damaged, said } => StoreError::Damaged(said),
+        Cause { trouble: Trouble::Other, said } => StoreError::Unreadable(said),
+        cause => StoreError::Unreadable(cause.to_string()),
+    }
 }
 
 /// What is stored is not what we stored.
 pub(super) fn spoiled(what: &str) -> StoreError {
-    StoreError::Unreadable(format!("{what} is not as it was written; run `nudge check`, and restore a backup"))
+    StoreError::Damaged(format!("{what} is not as it was written; run `nudge check`, and restore a backup"))
+}
+
+impl From<sqlx::Error> for Cause {
+    fn from(error: sqlx::Error) -> Self {
+        Self::new(trouble(&error), error.to_string())
+    }
+}
+
+impl From<std::io::Error> for Cause {
+    fn from(error: std::io::Error) -> Self {
+        Self::new(trouble_of(error.kind()), error.to_string())
+    }
+}
+
+fn trouble(error: &sqlx::Error) -> Trouble {
+    match (error, primary_code(error)) {
+        // Nobody but us writes, by rules that no input can break, and a value of another type was not written by us.
+        (_, Some(CORRUPT | NOT_A_DATABASE | CONSTRAINT))
+        | (sqlx::Error::ColumnDecode { .. } | sqlx::Error::Decode(_) | sqlx::Error::RowNotFound, _) => Trouble::Damaged,
+        (_, Some(FULL)) => Trouble::DiskFull,
+        (_, Some(READ_ONLY)) => Trouble::ReadOnly,
+        (_, Some(INPUT_OUTPUT)) => Trouble::InputOutput,
+        (_, Some(BUSY | LOCKED)) => Trouble::Locked,
+        (_, Some(CANNOT_OPEN)) => Trouble::Unopenable,
+        _ => Trouble::Other,
+    }
+}
+
+/// Returns what keeps a file from being written.
+pub(super) fn trouble_of(kind: ErrorKind) -> Trouble {
+    match kind {
+        ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::FileTooLarge => Trouble::DiskFull,
+        ErrorKind::ReadOnlyFilesystem | ErrorKind::PermissionDenied => Trouble::ReadOnly,
+        ErrorKind::NotFound => Trouble::Moved,
+        _ => Trouble::InputOutput,
+    }
 }
 
 /// A database that cannot be opened, with what to do about it.
@@ -43,7 +102,7 @@ pub(super) fn opening(path: &Path, error: &sqlx::Error) -> StoreError {
         Some(NOT_A_DATABASE) => {
             unopenable(path, "it is not a database; move it away, or choose another --data directory")
         }
-        Some(CORRUPT) => unopenable(path, "it is damaged; restore a backup"),
+        Some(CORRUPT) => unopenable(path, DAMAGED),
         Some(READ_ONLY | CANNOT_OPEN) => {
             unopenable(path, "it cannot be written; give this user the right to write the file and its directory")
         }

@@ -1,17 +1,18 @@
 //! The store in one SQLite file: one connection that writes, a few that read, and what is remembered of it in memory.
 //!
-//! `open` makes it, `writer` owns the connection that writes, `commit` decides and counts, `read` and `audit` look, `environments`, `fits`, `models` and `removal` keep the worlds,
+//! `open` makes it, `inspect` looks at it from outside, `lock` says that it is in use, `writer` owns the connection that writes, `health` says whether it would, `commit` decides and counts, `read` and `audit` look, `environments`, `fits`, `models` and `removal` keep the worlds,
 //! `actions`, `cache`, `directory` and `known` remember, `text` and `packed` say how things are written, `error` what its errors mean.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Instant;
 
 use async_trait::async_trait;
 use sqlx::SqlitePool;
 
 use self::writer::{Memory, Writer};
 use super::{
-    Audit, Cursor, FitRecord, ModelRecord, NewModel, Numbered, Outcome, Quotas, Scanned, StateCounts, Store,
+    Audit, Cause, Cursor, FitRecord, ModelRecord, NewModel, Numbered, Outcome, Quotas, Scanned, StateCounts, Store,
     StoreError, Totals,
 };
 use crate::domain::{
@@ -27,7 +28,10 @@ mod directory;
 mod environments;
 mod error;
 mod fits;
+mod health;
+mod inspect;
 mod known;
+mod lock;
 mod models;
 mod open;
 mod packed;
@@ -64,13 +68,39 @@ pub struct SqliteStore {
     writer: Writer,
     readers: SqlitePool,
     /// Held as long as the store lives. Last, so that it is let go after the connections.
-    lock: Mutex<Option<open::Lock>>,
+    lock: Mutex<Option<lock::Lock>>,
 }
 
 impl SqliteStore {
     /// Opens the database of that file, or makes it with its directories. Nobody else can open it while the store lives.
     pub async fn open(path: &Path, options: Options) -> Result<Self, StoreError> {
         open::open(path, options).await
+    }
+
+    /// Opens the database of that file to look at it: changes nothing, takes no lock, and may be done while a service has it open. Calls that would write
+    /// fail.
+    pub async fn inspect(path: &Path, options: Options) -> Result<Self, StoreError> {
+        inspect::inspect(path, options).await
+    }
+
+    /// Returns what SQLite's own integrity check finds, the first hundred lines; empty where all is well.
+    pub async fn integrity(&self) -> Result<Vec<String>, StoreError> {
+        inspect::integrity(&self.readers).await
+    }
+
+    /// Returns whether the database has every table of this build: one of an older build that is only looked at may lack some.
+    pub async fn is_current(&self) -> Result<bool, StoreError> {
+        inspect::is_current(&self.readers).await
+    }
+
+    /// Keeps in mind what an error says of the environment that it is about, or of the next write.
+    fn noted<T>(&self, id: Option<EnvironmentId>, result: Result<T, StoreError>) -> Result<T, StoreError> {
+        match (&result, id) {
+            (Err(StoreError::Damaged(why)), Some(id)) => drop(self.memory.directory.make_read_only(id, why)),
+            (Err(error), _) => self.writer.health.heed(error),
+            (Ok(_), _) => {}
+        }
+        result
     }
 }
 
@@ -89,86 +119,95 @@ impl Store for SqliteStore {
     }
 
     async fn create(&self, name: &Name, schema: &Schema, rule: WrittenRule) -> Result<Arc<Environment>, StoreError> {
-        environments::create(&self.writer, name, schema, rule).await
+        self.noted(None, environments::create(&self.writer, name, schema, rule).await)
     }
 
     async fn set_rule(&self, id: EnvironmentId, rule: WrittenRule) -> Result<Arc<Environment>, StoreError> {
-        environments::set_rule(&self.writer, &self.memory.directory, id, rule).await
+        self.noted(Some(id), environments::set_rule(&self.writer, &self.memory.directory, id, rule).await)
     }
 
     async fn delete(&self, id: EnvironmentId) -> Result<(), StoreError> {
-        removal::delete(&self.writer, id).await
+        self.noted(Some(id), removal::delete(&self.writer, id).await)
     }
 
     async fn watermark(&self, id: EnvironmentId, producer: &ProducerId) -> Result<Sequence, StoreError> {
         let mut transaction = self.writer.begin().await?;
-        let watermark = read::watermark(transaction.connection(), id, producer).await?;
+        let watermark = self.noted(Some(id), read::watermark(transaction.connection(), id, producer).await)?;
         transaction.end().await?;
         watermark.ok_or(StoreError::UnknownEnvironment)
     }
 
     async fn commit(&self, batches: &[Numbered]) -> Result<Vec<Outcome>, StoreError> {
-        commit::commit(&self.writer, &self.memory.directory, self.quotas, batches).await
+        self.noted(None, commit::commit(&self.writer, &self.memory.directory, self.quotas, batches).await)
     }
 
     async fn counts(&self, id: EnvironmentId, keys: &[StateKey]) -> Result<Vec<StateCounts>, StoreError> {
-        read::counts(&self.readers, &self.memory.cache, id, keys).await
+        self.noted(Some(id), read::counts(&self.readers, &self.memory.cache, id, keys).await)
     }
 
     async fn scan(&self, id: EnvironmentId, after: Cursor, states: u32) -> Result<Vec<Scanned>, StoreError> {
-        read::scan(&self.readers, id, after, states).await
+        self.noted(Some(id), read::scan(&self.readers, id, after, states).await)
     }
 
     async fn segments(&self, id: EnvironmentId) -> Result<Vec<(SegmentId, Option<Label>)>, StoreError> {
-        read::segments(&self.readers, id).await
+        self.noted(Some(id), read::segments(&self.readers, id).await)
     }
 
     async fn totals(&self, id: EnvironmentId) -> Result<Totals, StoreError> {
-        read::totals(&self.readers, id).await
+        self.noted(Some(id), read::totals(&self.readers, id).await)
     }
 
     async fn actions(&self, environment: &Environment) -> Result<Arc<ActionTotals>, StoreError> {
-        actions::actions(&self.readers, &self.writer, &self.memory.actions, environment).await
+        let actions = actions::actions(&self.readers, &self.writer, &self.memory.actions, environment).await;
+        self.noted(Some(environment.id), actions)
     }
 
     async fn fits(&self, id: EnvironmentId) -> Result<Vec<FitRecord>, StoreError> {
-        fits::fits(&self.readers, id).await
+        self.noted(Some(id), fits::fits(&self.readers, id).await)
     }
 
     async fn keep_fit(&self, id: EnvironmentId, fit: &FitRecord) -> Result<(), StoreError> {
-        fits::keep(&self.writer, &self.memory.directory, id, fit).await
+        self.noted(Some(id), fits::keep(&self.writer, &self.memory.directory, id, fit).await)
     }
 
     async fn models(&self, id: EnvironmentId) -> Result<Vec<ModelRecord>, StoreError> {
-        models::models(&self.readers, id).await
+        self.noted(Some(id), models::models(&self.readers, id).await)
     }
 
     async fn model(&self, id: EnvironmentId, version: u64) -> Result<Option<(ModelRecord, Vec<u8>)>, StoreError> {
-        models::model(&self.readers, id, version).await
+        self.noted(Some(id), models::model(&self.readers, id, version).await)
     }
 
     async fn keep_model(&self, id: EnvironmentId, model: &NewModel) -> Result<u64, StoreError> {
-        models::keep(&self.writer, &self.memory.directory, id, model).await
+        self.noted(Some(id), models::keep(&self.writer, &self.memory.directory, id, model).await)
     }
 
     async fn activate_model(&self, id: EnvironmentId, version: u64) -> Result<(), StoreError> {
-        models::activate(&self.writer, &self.memory.directory, id, version).await
+        self.noted(Some(id), models::activate(&self.writer, &self.memory.directory, id, version).await)
     }
 
     async fn deactivate_model(&self, id: EnvironmentId, version: u64) -> Result<(), StoreError> {
-        models::deactivate(&self.writer, &self.memory.directory, id, version).await
+        self.noted(Some(id), models::deactivate(&self.writer, &self.memory.directory, id, version).await)
     }
 
     async fn delete_model(&self, id: EnvironmentId, version: u64) -> Result<(), StoreError> {
-        models::delete(&self.writer, &self.memory.directory, id, version).await
+        self.noted(Some(id), models::delete(&self.writer, &self.memory.directory, id, version).await)
     }
 
     async fn audit(&self) -> Result<Vec<Audit>, StoreError> {
         audit::audit(&self.readers, &self.memory.directory).await
     }
 
-    async fn ready(&self) -> Result<(), StoreError> {
-        self.writer.ready().await
+    fn read_only(&self) -> Vec<(Name, String)> {
+        self.memory.directory.read_only()
+    }
+
+    async fn ready(&self) -> Result<(), Cause> {
+        self.writer.health.ready(Instant::now())
+    }
+
+    async fn prove(&self) -> Result<(), StoreError> {
+        self.writer.prove().await
     }
 
     async fn bytes(&self) -> Result<u64, StoreError> {
@@ -180,6 +219,10 @@ impl Store for SqliteStore {
         if let Err(error) = self.writer.close().await {
             tracing::warn!(%error, "the journal was not moved into the database; the next start does it");
         }
-        *self.lock.lock().unwrap_or_else(PoisonError::into_inner) = None;
+        let lock = self.lock.lock().unwrap_or_else(PoisonError::into_inner).take();
+        match lock {
+            Some(lock) if self.writer.has_closed_all().await => lock.close(),
+            lock => drop(lock),
+        }
     }
 }

@@ -1,8 +1,6 @@
 //! Opening a database: its directory, its lock, its tables, its connections.
 
-use std::ffi::OsString;
-use std::fs::{File, TryLockError};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -11,11 +9,12 @@ use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection, SqliteJournalMode, Sq
 use sqlx::{ConnectOptions, Connection, SqlitePool};
 
 use super::error::{migrating, opening, unopenable};
+use super::lock::{Identity, Lock};
 use super::removal;
 use super::{Memory, Options, SqliteStore, Writer};
 use crate::store::StoreError;
 
-static MIGRATIONS: Migrator = sqlx::migrate!();
+pub(super) static MIGRATIONS: Migrator = sqlx::migrate!();
 
 const READERS: u32 = 3;
 
@@ -33,48 +32,21 @@ pub(super) async fn open(path: &Path, options: Options) -> Result<SqliteStore, S
         std::fs::create_dir_all(directory)
             .map_err(|error| unopenable(path, format!("cannot make its directory: {error}")))?;
     }
-    let lock = lock(path)?;
+    let lock = Lock::take(path)?;
     let writing = writing(path);
     migrate(path, &writing).await?;
     let memory = Arc::new(Memory::new(options.cache_cells));
-    let writer = Writer::new(writing, Arc::clone(&memory));
+    let writer = Writer::new(writing, lock.identity().clone(), Arc::clone(&memory));
     // The first transaction fills memory.
-    removal::sweep(&writer).await?;
-    let readers = readers(path).await.map_err(|error| opening(path, &error))?;
+    writer.begin().await?.end().await?;
+    if let Err(error) = removal::sweep(&writer).await {
+        tracing::warn!(%error, "the rows of a removed environment are left; they go at the next start");
+    }
+    // A disk that is full keeps nobody from asking: what is wrong is told by readiness.
+    let _ = writer.prove().await;
+    let readers = readers(lock.identity()).await.map_err(|error| opening(path, &error))?;
     let lock = Mutex::new(Some(lock));
     Ok(SqliteStore { path: path.to_owned(), quotas: options.quotas, memory, writer, readers, lock })
-}
-
-/// Takes the lock that says "a nudge serves this". The kernel lets go of it when the process ends, however it ends. It is a file of its own, because
-/// the database's own locks are let go between transactions.
-fn lock(path: &Path) -> Result<Lock, StoreError> {
-    let beside = lock_path(path);
-    let open = File::options().create(true).truncate(false).write(true).open(&beside);
-    let file =
-        open.map_err(|error| unopenable(&beside, format!("{error}; give this user the right to write there")))?;
-    match file.try_lock() {
-        Ok(()) => Ok(Lock(file)),
-        Err(TryLockError::WouldBlock) => Err(StoreError::InUse(path.display().to_string())),
-        Err(TryLockError::Error(error)) => Err(unopenable(&beside, format!("cannot lock it: {error}"))),
-    }
-}
-
-/// The lock of a database. Let go by name: a process that is being started has a copy of the file until it is another program, and closing ours would
-/// leave it locked meanwhile.
-pub(super) struct Lock(File);
-
-impl Drop for Lock {
-    fn drop(&mut self) {
-        if let Err(error) = self.0.unlock() {
-            tracing::warn!(%error, "the lock of a database could not be let go");
-        }
-    }
-}
-
-fn lock_path(path: &Path) -> PathBuf {
-    let mut name = OsString::from(path);
-    name.push(".lock");
-    name.into()
 }
 
 async fn migrate(path: &Path, options: &SqliteConnectOptions) -> Result<(), StoreError> {
@@ -104,7 +76,7 @@ fn connecting(path: &Path, cache_kib: u32) -> SqliteConnectOptions {
 }
 
 /// `synchronous = full` makes a commit wait for the disk; `normal` would lose acknowledged batches in a power cut.
-fn writing(path: &Path) -> SqliteConnectOptions {
+pub(super) fn writing(path: &Path) -> SqliteConnectOptions {
     connecting(path, WRITER_CACHE_KIB)
         .create_if_missing(true)
         .journal_mode(SqliteJournalMode::Wal)
@@ -114,14 +86,20 @@ fn writing(path: &Path) -> SqliteConnectOptions {
         .pragma("journal_size_limit", JOURNAL_BYTES.to_string())
 }
 
-async fn readers(path: &Path) -> Result<SqlitePool, sqlx::Error> {
+/// A file that took the name of the database since is no reader's.
+pub(super) async fn readers(file: &Identity) -> Result<SqlitePool, sqlx::Error> {
+    let opened = file.clone();
     SqlitePoolOptions::new()
+        .after_connect(move |_, _| {
+            let found = opened.check().map_err(sqlx::Error::Protocol);
+            Box::pin(async { found })
+        })
         .min_connections(1)
         .max_connections(READERS)
         .test_before_acquire(false)
         .idle_timeout(None)
         .max_lifetime(None)
-        .connect_with(connecting(path, READER_CACHE_KIB).read_only(true).row_buffer_size(1_024))
+        .connect_with(connecting(file.path(), READER_CACHE_KIB).read_only(true).row_buffer_size(1_024))
         .await
 }
 

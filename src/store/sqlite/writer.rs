@@ -4,19 +4,23 @@
 //! future) drops the connection, and the database rolls back what it had not committed. The next transaction then opens a new connection, and its
 //! `begin immediate` waits until the old one is gone: from there on it is known what was committed, and memory is brought up to date.
 
+use std::path::Path;
 use std::sync::Arc;
+use std::time::Instant;
 
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
-use sqlx::{ConnectOptions, Connection};
+use sqlx::{AssertSqlSafe, ConnectOptions, Connection};
 use tokio::sync::{Mutex, MutexGuard};
 
 use super::actions::ActionsMemory;
 use super::cache::CountsCache;
 use super::directory::Directory;
 use super::environments;
-use super::error::{aborted, outcome_unknown};
+use super::error::{aborted, trouble_of, uncommitted};
+use super::health::Health;
 use super::known::Known;
-use crate::store::StoreError;
+use super::lock::Identity;
+use crate::store::{Cause, StoreError, Trouble};
 
 /// What is remembered of the database, and changed after each commit.
 pub(super) struct Memory {
@@ -52,14 +56,23 @@ impl Memory {
 pub(super) struct Writer {
     options: SqliteConnectOptions,
     memory: Arc<Memory>,
+    /// The file that was locked.
+    file: Identity,
+    /// What became of the last writes.
+    pub(super) health: Health,
     place: Mutex<Place>,
 }
+
+/// What a commit needs on a disk that was full before it is believed to have room again: small commits would fit long before.
+const ROOM: usize = 4 << 20;
 
 #[derive(Default)]
 struct Place {
     connection: Option<SqliteConnection>,
     known: Known,
     closed: bool,
+    /// Whether a connection was dropped, which goes on closing for a while.
+    has_dropped: bool,
 }
 
 /// A transaction that has the write lock. Dropped without [`Transaction::commit`], it changes nothing.
@@ -67,12 +80,13 @@ pub(super) struct Transaction<'a> {
     place: MutexGuard<'a, Place>,
     connection: Option<SqliteConnection>,
     memory: &'a Memory,
+    health: &'a Health,
 }
 
 impl Writer {
     /// Makes a writer that connects at its first use.
-    pub(super) fn new(options: SqliteConnectOptions, memory: Arc<Memory>) -> Self {
-        Self { options, memory, place: Mutex::default() }
+    pub(super) fn new(options: SqliteConnectOptions, file: Identity, memory: Arc<Memory>) -> Self {
+        Self { options, memory, file, health: Health::new(), place: Mutex::default() }
     }
 
     /// Waits for the transaction before, and begins.
@@ -80,12 +94,45 @@ impl Writer {
         self.begin_in(self.place.lock().await).await
     }
 
-    /// Returns whether a transaction can begin. One that is under way says that it could.
-    pub(super) async fn ready(&self) -> Result<(), StoreError> {
+    /// Lets memory take counts in again, which it does from the next transaction on. Where one is under way, that is it.
+    pub(super) async fn settle(&self) -> Result<(), StoreError> {
         match self.place.try_lock() {
             Ok(place) => self.begin_in(place).await?.end().await,
             Err(_) => Ok(()),
         }
+    }
+
+    /// Proves that a commit would succeed by one that changes nothing, unless somebody has just committed.
+    pub(super) async fn prove(&self) -> Result<(), StoreError> {
+        if !self.health.wants_proof(Instant::now()) {
+            return Ok(());
+        }
+        let proven = self.write_a_page().await;
+        if let Err(error) = &proven {
+            self.health.heed(error);
+        }
+        // The database only says that it failed to write; the directory knows better why.
+        if self.health.trouble() == Some(Trouble::InputOutput)
+            && let Err(error) = try_to_write(self.file.path(), 1).await
+        {
+            self.health.diagnosed(trouble_of(error.kind()));
+        }
+        proven
+    }
+
+    /// Writes one page, and waits until the disk has it: that of the header, with a number of the user's that stays what it is.
+    async fn write_a_page(&self) -> Result<(), StoreError> {
+        let place = self.place.lock().await;
+        // Nobody else can write now, so nobody fails because of the room that is taken for a moment.
+        if self.health.trouble() == Some(Trouble::DiskFull) && !place.closed {
+            try_to_write(self.file.path(), ROOM).await.map_err(aborted)?;
+        }
+        let mut transaction = self.begin_in(place).await?;
+        let connection = transaction.connection();
+        let same: i64 = sqlx::query_scalar("pragma user_version").fetch_one(&mut *connection).await.map_err(aborted)?;
+        let text = AssertSqlSafe(format!("pragma user_version = {same}"));
+        sqlx::query(text).execute(connection).await.map_err(aborted)?;
+        transaction.commit(|_, _| ()).await
     }
 
     /// Moves the journal into the database and closes the connection for ever.
@@ -97,17 +144,30 @@ impl Writer {
         connection.close().await
     }
 
-    async fn begin_in<'a>(&'a self, mut place: MutexGuard<'a, Place>) -> Result<Transaction<'a>, StoreError> {
+    /// Returns whether it is known that every connection was closed.
+    pub(super) async fn has_closed_all(&self) -> bool {
+        let place = self.place.lock().await;
+        place.closed && place.connection.is_none() && !place.has_dropped
+    }
+
+    async fn begin_in<'a>(&'a self, place: MutexGuard<'a, Place>) -> Result<Transaction<'a>, StoreError> {
         if place.closed {
             return Err(aborted("the store is closed"));
         }
+        self.try_to_begin(place).await.inspect_err(|error| self.health.heed(error))
+    }
+
+    async fn try_to_begin<'a>(&'a self, mut place: MutexGuard<'a, Place>) -> Result<Transaction<'a>, StoreError> {
         let kept = place.connection.take();
         let is_new = kept.is_none();
+        // What would be acknowledged into a file without a name would be lost with the process, and a new connection would open another file.
+        self.file.check().map_err(|why| aborted(Cause::new(Trouble::Moved, why)))?;
         let connection = match kept {
             Some(connection) => connection,
             None => self.options.connect().await.map_err(aborted)?,
         };
-        let mut transaction = Transaction { place, connection: Some(connection), memory: &self.memory };
+        let health = &self.health;
+        let mut transaction = Transaction { place, connection: Some(connection), memory: &self.memory, health };
         sqlx::query("begin immediate").execute(transaction.connection()).await.map_err(aborted)?;
         if is_new {
             let all = environments::load(transaction.connection()).await?;
@@ -116,6 +176,15 @@ impl Writer {
         }
         Ok(transaction)
     }
+}
+
+/// Writes so many bytes beside a database and takes them away again. They need not reach the disk: a file system says at once whether it has room.
+async fn try_to_write(database: &Path, bytes: usize) -> std::io::Result<()> {
+    let mut name = database.as_os_str().to_owned();
+    name.push(".room");
+    let written = tokio::fs::write(&name, vec![0; bytes]).await;
+    let removed = tokio::fs::remove_file(&name).await;
+    written.and(removed)
 }
 
 impl Transaction<'_> {
@@ -132,7 +201,9 @@ impl Transaction<'_> {
 
     /// Commits, and lets `remember` bring memory up to date before anybody else can begin.
     pub(super) async fn commit(mut self, remember: impl FnOnce(&Memory, &mut Known)) -> Result<(), StoreError> {
-        sqlx::query("commit").execute(self.connection()).await.map_err(outcome_unknown)?;
+        let committed = sqlx::query("commit").execute(self.connection()).await.map_err(uncommitted);
+        committed.inspect_err(|error| self.health.heed(error))?;
+        self.health.succeeded(Instant::now());
         remember(self.memory, &mut self.place.known);
         self.place.connection = self.connection.take();
         Ok(())
@@ -152,6 +223,7 @@ impl Drop for Transaction<'_> {
             // Memory first: once the connection is gone, its last COMMIT may come true at any moment.
             self.memory.suspend();
             self.place.known = Known::default();
+            self.place.has_dropped = true;
             drop(connection);
         }
     }

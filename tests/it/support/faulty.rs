@@ -9,7 +9,8 @@ use nudge::domain::{
     UnreadableEnvironment, WrittenRule,
 };
 use nudge::store::{
-    Audit, Cursor, FitRecord, ModelRecord, NewModel, Numbered, Outcome, Scanned, StateCounts, Store, StoreError, Totals,
+    Audit, Cause, Cursor, FitRecord, ModelRecord, NewModel, Numbered, Outcome, Scanned, StateCounts, Store, StoreError,
+    Totals,
 };
 
 /// Which call fails, and how.
@@ -139,8 +140,14 @@ impl Store for Faulty {
     async fn audit(&self) -> Result<Vec<Audit>, StoreError> {
         self.store.audit().await
     }
-    async fn ready(&self) -> Result<(), StoreError> {
+    fn read_only(&self) -> Vec<(Name, String)> {
+        self.store.read_only()
+    }
+    async fn ready(&self) -> Result<(), Cause> {
         self.store.ready().await
+    }
+    async fn prove(&self) -> Result<(), StoreError> {
+        self.store.prove().await
     }
     async fn bytes(&self) -> Result<u64, StoreError> {
         self.store.bytes().await

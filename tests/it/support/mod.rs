@@ -2,6 +2,7 @@
 
 pub mod batches;
 pub mod databases;
+pub mod disks;
 pub mod faulty;
 pub mod fixtures;
 

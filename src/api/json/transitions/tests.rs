@@ -23,6 +23,10 @@ fn batch(transitions: &[&str]) -> Batch {
     batch_of_json(&schema(), body.as_bytes()).expect("a batch").batch
 }
 
+fn head() -> Head {
+    Head { producer: "game-7".into(), sequence: 3, ..Head::default() }
+}
+
 fn rejection(transition: &str) -> Rejection {
     let mut batch = batch(&[GOOD, transition, GOOD]);
     assert_eq!(batch.records.len, 3);
@@ -91,7 +95,6 @@ fn a_bad_value_rejects_its_record_only() {
         (r#"{"state""#, r#"{"count": 0, "state""#, "/count"),
         (r#"{"state""#, r#"{"count": -1, "state""#, "/count"),
         (r#"{"state""#, r#"{"count": 1.5, "state""#, "/count"),
-        (r#"{"state""#, r#"{"count": null, "state""#, "/count"),
         (r#"{"state""#, r#"{"count": "1", "state""#, "/count"),
         (r#"{"state""#, r#"{"count": 1, "count": 1, "state""#, "/count"),
         (r#"{"state""#, r#"{"entry": 1, "state""#, "/entry"),
@@ -100,6 +103,42 @@ fn a_bad_value_rejects_its_record_only() {
         let rejection = rejection(&with(good, instead));
         assert_eq!(rejection.field, field, "{instead}: {}", rejection.reason);
         assert!(!rejection.reason.is_empty());
+    }
+}
+
+#[test]
+fn null_says_that_a_member_is_absent() {
+    let nulls = batch(&[&with(r#"{"state""#, r#"{"entry": null, "count": null, "state""#), GOOD]);
+    assert_eq!(nulls, batch(&[GOOD, GOOD]));
+    for (good, instead, field) in [
+        (r#"{"state""#, r#"{"entry": null, "entry": true, "state""#, "/entry"),
+        (r#"{"state""#, r#"{"weight": null, "state""#, "/weight"),
+        (r#""human": "stay""#, r#""human": null"#, "/actions/human"),
+    ] {
+        assert_eq!(rejection(&with(good, instead)).field, field, "{instead}");
+    }
+    let body = format!(
+        r#"{{"producer": "p", "sequence": 3, "segment": null, "environment_uid": null, "transitions": [{GOOD}]}}"#
+    );
+    let incoming = batch_of_json(&schema(), body.as_bytes()).expect("a batch");
+    assert_eq!((incoming.batch, incoming.environment_uid.as_str()), (batch(&[GOOD]), ""));
+}
+
+#[test]
+fn a_number_that_is_none_fails_a_document_and_rejects_a_line() {
+    for word in ["NaN", "Infinity", "-Infinity"] {
+        let bad = with("1.2", word);
+        let body = format!("{{\"producer\": \"p\", \"sequence\": 1, \"transitions\": [{GOOD}, {bad}, {GOOD}]}}");
+        let problem = batch_of_json(&schema(), body.as_bytes()).expect_err("no JSON");
+        assert_eq!((problem.kind, problem.faults.len()), (ErrorKind::Invalid, 1));
+        assert_eq!(problem.faults[0].pointer, "/transitions/1/state/distance");
+        let told = format!("got {word}, expected a finite number");
+        assert!(problem.faults[0].detail.starts_with(&told), "{problem}");
+
+        let lines = batch_of_lines(&schema(), head(), format!("{GOOD}\n{bad}\n{GOOD}").as_bytes()).expect("a batch");
+        let [rejected] = &lines.batch.records.undecodable[..] else { panic!("one line: {lines:?}") };
+        assert_eq!((rejected.index, rejected.field.as_str()), (1, "/state/distance"));
+        assert!(rejected.reason.starts_with(&told), "{}", rejected.reason);
     }
 }
 
@@ -121,7 +160,7 @@ fn a_number_that_no_double_holds_is_told_as_it_was_written() {
     assert!(twice.reason.contains("given 2 times"), "{}", twice.reason);
 
     let lines = format!("{GOOD}\n{}\n{GOOD}", with("1.2", "1e400"));
-    let lines = batch_of_lines(&schema(), ("game-7".into(), 3, None), lines.as_bytes()).expect("a batch");
+    let lines = batch_of_lines(&schema(), head(), lines.as_bytes()).expect("a batch");
     let rejected = &lines.batch.records.undecodable[..];
     assert_eq!(rejected.iter().map(|r| (r.index, r.field.as_str())).collect::<Vec<_>>(), [(1, "/state/distance")]);
 }
@@ -132,7 +171,7 @@ fn what_is_no_transition_is_rejected() {
         rejection(text);
     }
     let lines = |text: &str| {
-        let batch = batch_of_lines(&schema(), ("game-7".into(), 3, None), text.as_bytes()).expect("a batch");
+        let batch = batch_of_lines(&schema(), head(), text.as_bytes()).expect("a batch");
         batch.batch.records.undecodable[0].reason.clone()
     };
     for text in ["1e400 1", "{\"state\": 1e400", "{\"state\": 1e400, }", "{\"state\": 1e400, \"x\": \"\\ud800\"}"] {
@@ -198,7 +237,6 @@ fn a_batch_has_a_limit() {
 #[test]
 fn lines_are_the_same_batch() {
     let body = format!("{GOOD}\r\n\n  {GOOD}\nnot json\n{{\"a\": \"\u{e9}\"}}\n");
-    let head = || ("game-7".to_owned(), 3, None);
     let lines = batch_of_lines(&schema(), head(), body.as_bytes()).expect("a batch");
     let rejected: Vec<u32> = lines.batch.records.undecodable.iter().map(|rejection| rejection.index).collect();
     assert_eq!((lines.batch.records.len, rejected), (4, vec![2, 3]));

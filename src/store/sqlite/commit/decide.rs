@@ -23,10 +23,10 @@ pub(super) async fn decide<'a>(
     ledgers: &mut Ledgers<'a>,
     batch: &'a Numbered,
 ) -> Result<Outcome, StoreError> {
-    let Some(ledger) = ledgers.of(batch.environment) else { return Ok(Outcome::Refused(Refusal::Gone)) };
-    if ledger.is_read_only {
+    if ledgers.is_read_only(batch.environment) {
         return Ok(Outcome::Refused(Refusal::ReadOnly));
     }
+    let Some(ledger) = ledgers.of(batch.environment) else { return Ok(Outcome::Refused(Refusal::Gone)) };
     let account = ledger.accounts.get(batch.producer.as_str()).expect("a ledger has every producer of its commit");
     let expected = account.last().next();
     match batch.sequence.cmp(&expected) {
@@ -38,7 +38,7 @@ pub(super) async fn decide<'a>(
                 return Ok(Outcome::Refused(refusal));
             }
             ledger.accept(batch);
-            Ok(Outcome::Acknowledged(Acknowledged::Applied(batch.receipt.clone())))
+            Ok(Outcome::Acknowledged(Acknowledged::now(batch.receipt.clone())))
         }
     }
 }
@@ -66,7 +66,7 @@ async fn seen_before(
         Err(why) => {
             let (environment, sequence) = (batch.environment.0, batch.sequence.get());
             tracing::warn!(environment, producer = batch.producer.as_str(), sequence, %why, "a receipt cannot be read");
-            Outcome::Acknowledged(Acknowledged::Unverified)
+            Outcome::Acknowledged(Acknowledged::Untold)
         }
     })
 }

@@ -1,24 +1,28 @@
 //! What the database says of each environment and producer of a commit, and what is accepted on top of it.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use sqlx::Row;
 use sqlx::sqlite::SqliteConnection;
 
+use super::Failed;
 use super::merge::Merged;
 use crate::domain::{EnvironmentId, Label, Sequence};
 use crate::store::sqlite::directory::Directory;
 use crate::store::sqlite::error::aborted;
 use crate::store::sqlite::{Map, text};
-use crate::store::{Numbered, Quotas, StoreError};
+use crate::store::{Numbered, Quotas};
 
 /// The ledgers of a commit: one an environment that exists. In order of environment, so that the same commit always writes in the same order.
-pub(super) struct Ledgers<'a>(BTreeMap<EnvironmentId, Ledger<'a>>);
+pub(super) struct Ledgers<'a> {
+    readable: BTreeMap<EnvironmentId, Ledger<'a>>,
+    /// Environments that are damaged: nothing of them is read.
+    read_only: BTreeSet<EnvironmentId>,
+}
 
 /// One environment in a commit.
 pub(super) struct Ledger<'a> {
     pub(super) environment: EnvironmentId,
-    pub(super) is_read_only: bool,
     pub(super) quotas: Quotas,
     /// Totals before this commit.
     pub(super) transitions: u64,
@@ -61,43 +65,62 @@ impl<'a> Ledgers<'a> {
         directory: &Directory,
         quotas: Quotas,
         batches: &'a [Numbered],
-    ) -> Result<Self, StoreError> {
-        let mut ledgers = BTreeMap::new();
+    ) -> Result<Self, Failed> {
+        let mut ledgers = Self { readable: BTreeMap::new(), read_only: BTreeSet::new() };
         for (environment, parties) in parties(batches) {
-            let Some([transitions, cells]) = totals(connection, environment).await.map_err(aborted)? else { continue };
-            let ledger = Ledger {
-                environment,
-                is_read_only: directory.is_read_only(environment),
-                quotas,
-                transitions,
-                cells,
-                accounts: accounts(connection, environment, parties.producers).await.map_err(aborted)?,
-                segments: segments(connection, environment, &parties.labels).await.map_err(aborted)?,
-                merged: Merged::default(),
-                fresh_cells: None,
-            };
-            ledgers.insert(environment, ledger);
+            if directory.is_read_only(environment) {
+                ledgers.read_only.insert(environment);
+                continue;
+            }
+            let ledger = Ledger::read(connection, quotas, environment, parties).await;
+            let ledger = ledger.map_err(|error| Failed::in_environment(environment, aborted(error)))?;
+            ledgers.readable.extend(ledger.map(|ledger| (environment, ledger)));
         }
-        Ok(Self(ledgers))
+        Ok(ledgers)
+    }
+
+    /// Returns whether an environment takes no batches.
+    pub(super) fn is_read_only(&self, environment: EnvironmentId) -> bool {
+        self.read_only.contains(&environment)
     }
 
     /// Returns the ledger of an environment; `None` where it is gone.
     pub(super) fn of(&mut self, environment: EnvironmentId) -> Option<&mut Ledger<'a>> {
-        self.0.get_mut(&environment)
+        self.readable.get_mut(&environment)
     }
 
     /// Returns whether there is nothing to write.
     pub(super) fn accepted_nothing(&self) -> bool {
-        self.0.values().all(Ledger::accepted_nothing)
+        self.readable.values().all(Ledger::accepted_nothing)
     }
 
     /// Returns the ledgers with something to write.
     pub(super) fn into_accepted(self) -> impl Iterator<Item = Ledger<'a>> {
-        self.0.into_values().filter(|ledger| !ledger.accepted_nothing())
+        self.readable.into_values().filter(|ledger| !ledger.accepted_nothing())
     }
 }
 
-impl Ledger<'_> {
+impl<'a> Ledger<'a> {
+    /// Reads the ledger of an environment; `None` where it is gone.
+    async fn read(
+        connection: &mut SqliteConnection,
+        quotas: Quotas,
+        environment: EnvironmentId,
+        parties: Parties<'a>,
+    ) -> Result<Option<Self>, sqlx::Error> {
+        let Some([transitions, cells]) = totals(connection, environment).await? else { return Ok(None) };
+        Ok(Some(Self {
+            environment,
+            quotas,
+            transitions,
+            cells,
+            accounts: accounts(connection, environment, parties.producers).await?,
+            segments: segments(connection, environment, &parties.labels).await?,
+            merged: Merged::default(),
+            fresh_cells: None,
+        }))
+    }
+
     fn accepted_nothing(&self) -> bool {
         self.accounts.values().all(|account| account.accepted.is_empty())
     }

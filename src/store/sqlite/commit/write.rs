@@ -6,7 +6,7 @@ use sqlx::sqlite::SqliteConnection;
 
 use super::account::write_account;
 use super::ledger::{Ledger, Ledgers};
-use super::{lookup, signed};
+use super::{Failed, lookup, signed};
 use crate::domain::{Cell, EnvironmentId, SegmentId, StateKey, Tally};
 use crate::store::StoreError;
 use crate::store::sqlite::error::aborted;
@@ -52,18 +52,29 @@ impl CellRow {
 pub(super) async fn write<'a>(
     transaction: &mut Transaction<'_>,
     ledgers: Ledgers<'a>,
-) -> Result<Vec<Delta<'a>>, StoreError> {
+) -> Result<Vec<Delta<'a>>, Failed> {
     let (connection, known) = transaction.parts();
     let mut deltas = Vec::new();
-    for mut ledger in ledgers.into_accepted() {
-        for (name, account) in ledger.accounts.iter().filter(|(_, account)| !account.accepted.is_empty()) {
-            write_account(connection, ledger.environment, name, account).await?;
-        }
-        if ledger.merged.len() > 0 {
-            deltas.push(write_counts(connection, known, &mut ledger).await.map_err(aborted)?);
-        }
+    for ledger in ledgers.into_accepted() {
+        let environment = ledger.environment;
+        let written = write_ledger(connection, known, ledger).await;
+        deltas.extend(written.map_err(|error| Failed::in_environment(environment, error))?);
     }
     Ok(deltas)
+}
+
+async fn write_ledger<'a>(
+    connection: &mut SqliteConnection,
+    known: &mut Known,
+    mut ledger: Ledger<'a>,
+) -> Result<Option<Delta<'a>>, StoreError> {
+    for (name, account) in ledger.accounts.iter().filter(|(_, account)| !account.accepted.is_empty()) {
+        write_account(connection, ledger.environment, name, account).await?;
+    }
+    if ledger.merged.len() == 0 {
+        return Ok(None);
+    }
+    write_counts(connection, known, &mut ledger).await.map(Some).map_err(aborted)
 }
 
 async fn write_counts<'a>(

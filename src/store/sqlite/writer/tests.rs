@@ -2,12 +2,15 @@
 
 use super::*;
 use crate::domain::{Counts, EnvironmentId, StateKey};
+use crate::store::sqlite::lock::Lock;
 
 const ENVIRONMENT: EnvironmentId = EnvironmentId(1);
 
 fn writer(directory: &tempfile::TempDir) -> Writer {
-    let options = SqliteConnectOptions::new().filename(directory.path().join("test.db")).create_if_missing(true);
-    Writer::new(options, Arc::new(Memory::new(100)))
+    let path = directory.path().join("test.db");
+    let options = SqliteConnectOptions::new().filename(&path).create_if_missing(true);
+    let lock = Lock::take(&path).expect("free");
+    Writer::new(options, lock.identity().clone(), Arc::new(Memory::new(100)))
 }
 
 async fn execute(transaction: &mut Transaction<'_>, text: &'static str) {
