@@ -9,9 +9,6 @@ use tonic_types::{ErrorDetails, StatusExt};
 use crate::api::json;
 use crate::error::{ErrorKind, Problem};
 
-/// How long a caller should wait before it tries again.
-pub const RETRY_AFTER: std::time::Duration = std::time::Duration::from_secs(1);
-
 /// Returns the HTTP and the gRPC code of a kind.
 pub fn codes(kind: ErrorKind) -> (StatusCode, Code) {
     match kind {
@@ -23,6 +20,7 @@ pub fn codes(kind: ErrorKind) -> (StatusCode, Code) {
         ErrorKind::TooLarge => (StatusCode::PAYLOAD_TOO_LARGE, Code::OutOfRange),
         ErrorKind::Quota => (StatusCode::TOO_MANY_REQUESTS, Code::ResourceExhausted),
         ErrorKind::Overloaded | ErrorKind::Unavailable => (StatusCode::SERVICE_UNAVAILABLE, Code::Unavailable),
+        ErrorKind::Deadline => (StatusCode::SERVICE_UNAVAILABLE, Code::DeadlineExceeded),
         ErrorKind::Internal => (StatusCode::INTERNAL_SERVER_ERROR, Code::Internal),
     }
 }
@@ -36,8 +34,8 @@ pub fn grpc(problem: Problem) -> Status {
     for fault in &problem.faults {
         details.add_bad_request_violation(&fault.pointer, &fault.detail);
     }
-    if problem.kind.is_retryable() {
-        details.set_retry_info(Some(RETRY_AFTER));
+    if problem.retry_after.is_some() {
+        details.set_retry_info(problem.retry_after);
     }
     Status::with_error_details(code, problem.message, details)
 }
@@ -102,8 +100,8 @@ impl Failure {
 
     fn response(&self, content_type: &'static str, body: impl IntoResponse) -> Response {
         let mut response = (self.status, [(header::CONTENT_TYPE, content_type)], body).into_response();
-        if self.problem.kind.is_retryable() {
-            response.headers_mut().insert(header::RETRY_AFTER, RETRY_AFTER.as_secs().into());
+        if let Some(wait) = self.problem.retry_after {
+            response.headers_mut().insert(header::RETRY_AFTER, wait.as_secs().into());
         }
         response
     }
