@@ -12,6 +12,7 @@ use crate::ingest::Ingest;
 use crate::model::Networks;
 use crate::priors::Fits;
 use crate::store::{Audit, Store, StoreError};
+use crate::work::Work;
 
 /// How often it is looked whether counts have grown enough: for priors to be fitted and for networks to be trained again. Never where it is zero.
 #[derive(Debug, Clone, Copy, Default)]
@@ -43,16 +44,18 @@ pub struct App {
 impl App {
     /// Opens the rooms on a store, and begins to compare its totals with its cells and to look at what is kept beside them.
     pub fn open(store: Arc<dyn Store>, upkeep: Upkeep) -> Self {
+        let draining = CancellationToken::new();
+        let work = Work::new(draining.clone());
         let ingest = Ingest::start(store.clone());
-        let fits = Fits::new(store.clone());
+        let fits = Fits::made_in(work.fits.clone(), store.clone());
         let networks = Networks::new(store.clone(), fits.clone());
         let app = Self {
             environments: Environments::new(store.clone(), ingest.clone()),
-            influence: Influence::new(store.clone(), fits.clone(), networks.clone()),
+            influence: Influence::new(store.clone(), fits.clone(), networks.clone(), work),
             networks,
             ingest,
             store,
-            draining: CancellationToken::new(),
+            draining,
             background: TaskTracker::new(),
         };
         app.in_background(audit(app.store.clone()));

@@ -229,7 +229,7 @@ impl Networks {
 
     /// Reads what a network of a pair would learn from, as it is counted now.
     pub async fn dataset(&self, environment: &Environment, pair: &Pair) -> Result<Dataset, Problem> {
-        let read = Dataset::read(&*self.store, &self.fits, environment, pair).await.map_err(logged)?;
+        let read = Dataset::read(&*self.store, &self.fits, environment, pair).await?;
         read.ok_or_else(|| {
             Problem::new(ErrorKind::TooLarge, "TOO_MANY_ACTIONS", "the agents have too many actions for evidence")
         })

@@ -68,6 +68,11 @@ impl Gate {
         self.enter().await?.run(work).await
     }
 
+    /// Returns how many work at once.
+    pub fn workers(&self) -> usize {
+        self.0.pool.as_ref().map_or(1, rayon::ThreadPool::current_num_threads)
+    }
+
     /// Returns how many work or wait.
     #[cfg(test)]
     fn busy(&self, of: usize) -> usize {

@@ -26,15 +26,29 @@ pub struct Progress(Arc<Figures>);
 
 #[derive(Debug, Default)]
 struct Figures {
-    step: Mutex<&'static str>,
+    step: Mutex<Step>,
     done: AtomicU64,
     total: AtomicU64,
+}
+
+#[derive(Debug, Clone)]
+enum Step {
+    /// Its own, in words.
+    Own(&'static str),
+    /// Another job, whose result is waited for.
+    Of(Progress),
+}
+
+impl Default for Step {
+    fn default() -> Self {
+        Self::Own("")
+    }
 }
 
 impl Progress {
     /// Begins a step of so many parts; `step` says in words what is done to them, "states measured".
     pub fn begin(&self, step: &'static str, total: u64) {
-        *self.0.step.lock().unwrap_or_else(PoisonError::into_inner) = step;
+        *self.step() = Step::Own(step);
         self.0.done.store(0, Ordering::Relaxed);
         self.0.total.store(total, Ordering::Relaxed);
     }
@@ -44,15 +58,25 @@ impl Progress {
         self.0.done.fetch_add(parts, Ordering::Relaxed);
     }
 
-    /// Tells how many parts are done.
-    pub fn set(&self, parts: u64) {
-        self.0.done.store(parts, Ordering::Relaxed);
+    /// Tells how far another job is, until the next step begins.
+    fn follow(&self, other: Self) {
+        *self.step() = Step::Of(other);
     }
 
-    /// Returns what is done, and of how many; what grows meanwhile does not pass its total.
+    /// Returns what is done, of how many, and in words; what grows meanwhile does not pass its total.
     fn told(&self) -> (u64, u64, &'static str) {
-        let [done, total] = [&self.0.done, &self.0.total].map(|figure| figure.load(Ordering::Relaxed));
-        (done.min(total), total, *self.0.step.lock().unwrap_or_else(PoisonError::into_inner))
+        let step = self.step().clone();
+        match step {
+            Step::Of(other) => other.told(),
+            Step::Own(step) => {
+                let [done, total] = [&self.0.done, &self.0.total].map(|figure| figure.load(Ordering::Relaxed));
+                (done.min(total), total, step)
+            }
+        }
+    }
+
+    fn step(&self) -> MutexGuard<'_, Step> {
+        self.0.step.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -108,6 +132,14 @@ impl<T> Waiting<T> {
     }
 }
 
+impl<T: Clone> Waiting<T> {
+    async fn outcome(&self) -> Result<T, Problem> {
+        let mut outcome = self.0.outcome.subscribe();
+        let made = outcome.wait_for(Option::is_some).await.ok().and_then(|outcome| outcome.clone());
+        made.unwrap_or_else(|| Err(stopped()))
+    }
+}
+
 impl<T> Drop for Waiting<T> {
     fn drop(&mut self) {
         let mut asked = self.0.asked();
@@ -133,16 +165,23 @@ where
         F: Future<Output = Result<T, Problem>> + Send + 'static,
     {
         let waiting = self.join(key, make)?;
-        let mut outcome = waiting.0.outcome.subscribe();
-        let made = async { outcome.wait_for(Option::is_some).await.map(|outcome| outcome.clone()) };
-        let made = match Deadline::current() {
-            Some(Deadline { patience, .. }) => tokio::time::timeout_at(patience, made).await,
-            None => Ok(made.await),
-        };
-        match made {
-            Ok(outcome) => outcome.ok().flatten().unwrap_or_else(|| Err(stopped())),
-            Err(_) => Err(self.goes_on(&waiting.0.progress)),
+        match Deadline::current() {
+            None => waiting.outcome().await,
+            Some(Deadline { patience, .. }) => {
+                let told = tokio::time::timeout_at(patience, waiting.outcome()).await;
+                told.unwrap_or_else(|_| Err(self.goes_on(&waiting.0.progress)))
+            }
         }
+    }
+
+    /// Returns the same to another job, which waits for as long as it takes and tells how far this one is.
+    pub async fn ask_for<F>(&self, other: &Progress, key: K, make: impl FnOnce(Progress) -> F) -> Result<T, Problem>
+    where
+        F: Future<Output = Result<T, Problem>> + Send + 'static,
+    {
+        let waiting = self.join(key, make)?;
+        other.follow(waiting.0.progress.clone());
+        waiting.outcome().await
     }
 
     /// Begins a job that nobody waits for, unless it goes on already or there is no room for it.
@@ -227,13 +266,13 @@ async fn abandoned<T>(entry: &Entry<T>) {
     loop {
         let until = entry.asked().last + ABANDONED;
         tokio::time::sleep_until(until).await;
-        let asked = entry.asked();
-        if asked.waiting == 0 && asked.last + ABANDONED <= Instant::now() {
-            return;
+        let mut asked = entry.asked();
+        match asked.waiting {
+            0 if asked.last + ABANDONED <= Instant::now() => return,
+            0 => {}
+            // Somebody waits: it is looked at again when they may have left.
+            _ => asked.last = Instant::now(),
         }
-        drop(asked);
-        // Somebody waits: it is looked at again when they may have left.
-        entry.asked().last = Instant::now();
     }
 }
 
@@ -347,6 +386,22 @@ mod tests {
         tokio::time::sleep(Duration::from_secs(1)).await;
         end.send(Ok(7)).expect("it goes on");
         assert_eq!(again.await.expect("it ends"), Ok(7));
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn who_waits_for_another_job_is_as_far_as_that_one() {
+        let (jobs, _stopping) = jobs(Duration::ZERO);
+        let (end, make) = held();
+        let both = jobs.clone();
+        let make = |progress: Progress| async move {
+            let sum = both.ask_for(&progress, "first", make).await?;
+            progress.begin("sums doubled", 4);
+            Ok(2 * sum)
+        };
+        let slow = within(Deadline::after(CALL), jobs.ask("key", make)).await.expect("in time").expect_err("slow");
+        assert_eq!(slow.message, "the sum is still being made: 3 of 10 parts added; it goes on, ask again");
+        end.send(Ok(7)).expect("it goes on");
+        assert_eq!(jobs.ask("key", never).await, Ok(14));
     }
 
     #[tokio::test(start_paused = true)]

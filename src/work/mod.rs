@@ -35,17 +35,20 @@ pub struct Work {
     pub passes: Gate,
     /// Fits, one at a time.
     pub fits: Gate,
+    /// Cancelled when the service begins to stop.
+    pub stopping: CancellationToken,
 }
 
 impl Work {
     /// Opens the lanes, until `stopping` is cancelled: that cancels what is in them.
-    pub fn new(stopping: &CancellationToken) -> Self {
+    pub fn new(stopping: CancellationToken) -> Self {
         let cores = std::thread::available_parallelism().map_or(1, std::num::NonZeroUsize::get);
         Self {
             questions: Gate::new("question", cores, MOST_WAITING, stopping.clone()),
             // Two at least, so that a long piece of one pass does not hold up a short pass.
             passes: Gate::new("pass", cores.max(2), Gate::ENDLESS, stopping.clone()),
             fits: Gate::new("fit", 1, Gate::ENDLESS, stopping.clone()),
+            stopping,
         }
     }
 }
