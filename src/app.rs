@@ -23,6 +23,9 @@ pub struct Upkeep {
     pub train_every: Duration,
 }
 
+/// How long a training may take to notice that it is to end.
+const TRAINING: Duration = Duration::from_millis(500);
+
 /// One handle of each room. Cloning is cheap.
 #[derive(Clone)]
 pub struct App {
@@ -36,6 +39,8 @@ pub struct App {
     pub networks: Networks,
     /// The question itself.
     pub influence: Influence,
+    /// Where everything that computes for long has its place.
+    pub work: Work,
     /// Cancelled when the service begins to stop: not ready, streams end, nothing new begins.
     pub draining: CancellationToken,
     background: TaskTracker,
@@ -51,10 +56,11 @@ impl App {
         let networks = Networks::new(store.clone(), fits.clone());
         let app = Self {
             environments: Environments::new(store.clone(), ingest.clone()),
-            influence: Influence::new(store.clone(), fits.clone(), networks.clone(), work),
+            influence: Influence::new(store.clone(), fits.clone(), networks.clone(), work.clone()),
             networks,
             ingest,
             store,
+            work,
             draining,
             background: TaskTracker::new(),
         };
@@ -81,7 +87,9 @@ impl App {
         self.background.wait().await;
         self.ingest.close().await;
         // Last, for a training looks only now and then whether it is to end, and what was sent must not wait for it.
-        self.networks.close().await;
+        if tokio::time::timeout(TRAINING, self.networks.close()).await.is_err() {
+            tracing::warn!("a training is left behind: it did not end in time, and what it learned is not kept");
+        }
         self.store.close().await;
     }
 }

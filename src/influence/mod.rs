@@ -36,7 +36,7 @@ use crate::domain::{
     FittedPrior, Label, LabelledCell, Labels, Pair, Question, Schema, Scope, SegmentId, StatePage, StateView, Summary,
     Tally, Variable, page_size,
 };
-use crate::error::{ErrorKind, Fault, Problem};
+use crate::error::{Fault, Problem};
 use crate::model::Networks;
 use crate::priors::Fits;
 use crate::store::{Store, StoreError, Totals};
@@ -59,7 +59,7 @@ pub struct Influence {
     fits: Fits,
     networks: Networks,
     work: Work,
-    ranks: Shared<survey::Key, Ranks>,
+    ranks: Shared<survey::RanksKey, Ranks>,
     surveys: Shared<survey::Key, Survey>,
     searched: Shared<Sought, Searched>,
     explored: Shared<(survey::Key, u64), Explored>,
@@ -290,7 +290,7 @@ impl Influence {
             let (this, plan) = (self.clone(), plan.clone());
             async move { ranks::make(&*this.store, &this.work.passes, &plan, &progress).await }
         };
-        self.ranks.get(plan.key(), totals, |_| true, make).await
+        self.ranks.get(plan.ranks_key(), totals, |_| true, make).await
     }
 
     /// Returns the discoveries by a plan, with the survey that they were looked for in.

@@ -3,7 +3,7 @@
 
 use super::survey::Plan;
 use crate::api::{MOST_MESSAGE_BYTES, too_large};
-use crate::domain::{Counts, Question, Schema, StateKey, View};
+use crate::domain::{Counts, Feature, FeatureKind, Question, Schema, StateKey, View};
 use crate::error::Problem;
 
 /// Bytes of an ego action's figures beside its response.
@@ -70,13 +70,15 @@ fn key_bytes(key: &StateKey) -> u64 {
     2 * key.bins().len() as u64
 }
 
-/// Returns the bytes of a state with its bins: names, labels, and what surrounds them.
+/// Returns the bytes of a state with its bins: names, labels, and what surrounds them. Labels that are made of numbers are short, and not made for this.
 fn state_bytes(schema: &Schema, key: &StateKey) -> u64 {
-    /// The tags and lengths of a bin and of its two texts.
-    const AROUND: usize = 6;
-    let bin = |(feature, bin): (&crate::domain::Feature, &u32)| {
-        feature.name.as_str().len() + feature.kind.bin_label(*bin).len() + AROUND
+    /// The tags and lengths of a bin and of its two texts, and the shortest label.
+    const AROUND: usize = 7;
+    let label = |kind: &FeatureKind, bin: u32| match kind {
+        FeatureKind::Categorical(labels) => labels[bin as usize].as_str().len() - 1,
+        _ => 0,
     };
+    let bin = |(feature, bin): (&Feature, &u32)| feature.name.as_str().len() + label(&feature.kind, *bin) + AROUND;
     let bins: usize = schema.state().iter().zip(key.bins()).map(bin).sum();
     key_bytes(key) + bins as u64
 }

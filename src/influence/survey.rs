@@ -73,6 +73,9 @@ impl Ranked for Row {
 /// What a survey is of: its rule by what decides, bit by bit.
 pub type Key = (EnvironmentId, Pair, Option<Vec<SegmentId>>, Within, (RuleKind, u64, u64, u64));
 
+/// The same without the rule.
+pub type RanksKey = (EnvironmentId, Pair, Option<Vec<SegmentId>>, Within);
+
 fn of_rule(rule: &Rule) -> (RuleKind, u64, u64, u64) {
     (rule.kind, rule.threshold_nats().to_bits(), rule.min_visits, rule.confidence.to_bits())
 }
@@ -97,6 +100,12 @@ impl Plan {
     pub fn key(&self) -> Key {
         let Scope { pair, within, rule, .. } = &self.scope;
         (self.environment.id, pair.clone(), self.segments.clone(), *within, of_rule(rule))
+    }
+
+    /// Returns what ranks that need no evidence are of: no rule decides them.
+    pub fn ranks_key(&self) -> RanksKey {
+        let (environment, pair, segments, within, _) = self.key();
+        (environment, pair, segments, within)
     }
 
     /// Returns who judges by this plan.

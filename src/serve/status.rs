@@ -1,5 +1,7 @@
 //! The one place that knows status codes: kinds of error beside their HTTP and gRPC codes.
 
+use std::time::Duration;
+
 use axum::Extension;
 use axum::response::{IntoResponse, Response};
 use http::{StatusCode, header};
@@ -40,6 +42,32 @@ pub fn grpc(problem: Problem) -> Status {
     Status::with_error_details(code, problem.message, details)
 }
 
+/// What was asked for, where it matters whether it may have been done although nobody was told.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Asked {
+    /// To be told something: nothing is changed by it.
+    Question,
+    /// To count a batch, which counts once however often it is sent.
+    Batch,
+    /// To change something else.
+    Change,
+}
+
+/// Says that there was no answer in time, and what helps.
+pub fn too_late(asked: Asked, allowed: Duration) -> Problem {
+    let help = match asked {
+        Asked::Question => "ask for less at a time",
+        Asked::Batch => "it may have been counted; send it again, it counts once",
+        Asked::Change => "it may have been done; look before you send it again",
+    };
+    let message = format!("no answer within {} seconds: {help}", allowed.as_secs_f64());
+    let problem = Problem::new(ErrorKind::Deadline, "TIMEOUT", message);
+    if asked == Asked::Batch { problem.retry_after(RETRY_BATCH) } else { problem }
+}
+
+/// After how long a batch that was not answered is sent again.
+const RETRY_BATCH: Duration = Duration::from_secs(1);
+
 /// A problem under its HTTP status. As a response it is only a note, which [`Failure::tell`] turns into a body once the request's path is known.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Failure {
@@ -69,9 +97,7 @@ impl Failure {
                 "UNSUPPORTED_MEDIA_TYPE",
                 "the body is of a type or an encoding that this path does not take",
             ),
-            StatusCode::SERVICE_UNAVAILABLE => {
-                (ErrorKind::Unavailable, "TIMEOUT", "no answer within 30 seconds; sending it again is safe")
-            }
+            StatusCode::SERVICE_UNAVAILABLE => (ErrorKind::Unavailable, "UNAVAILABLE", "the service cannot answer now"),
             status if status.is_server_error() => {
                 (ErrorKind::Internal, "INTERNAL", "the service failed; the cause is in its log")
             }

@@ -10,6 +10,7 @@ use crate::app::App;
 use crate::domain::Schema;
 use crate::error::Problem;
 use crate::serve::status::Failure;
+use crate::work::aside;
 
 /// Counts one batch of transitions, once however often it is sent, and answers after it is on stable storage.
 ///
@@ -35,7 +36,9 @@ pub async fn write_transitions(
     document: Document,
 ) -> Result<axum::Json<json::Receipt>, Failure> {
     let environment = app.environments.find(&name)?;
-    let Incoming { producer, batch } = decode(&environment.schema, query, &document)?;
+    let schema = environment.schema.clone();
+    let decoding = aside(document.bytes.len(), move || decode(&schema, query, &document));
+    let Incoming { producer, batch } = decoding.await??;
     let sequence = batch.sequence;
     let told = app.ingest.write(&environment, producer, batch).await?;
     Ok(axum::Json(grpc::receipt(sequence, told).into()))
