@@ -63,5 +63,7 @@ async fn metrics(State(app): State<App>) -> Response {
         telemetry::database(bytes);
     }
     telemetry::queued(app.ingest.queued());
+    let lanes = [("questions", &app.work.questions), ("passes", &app.work.passes), ("fits", &app.work.fits)];
+    lanes.into_iter().for_each(|(lane, gate)| telemetry::working(lane, gate.busy()));
     ([("content-type", "text/plain; version=0.0.4; charset=utf-8")], telemetry::render()).into_response()
 }

@@ -23,6 +23,8 @@ pub struct Gate(Arc<Inner>);
 struct Inner {
     /// For everybody who works or waits.
     places: Arc<Semaphore>,
+    /// How many there are.
+    all: usize,
     /// For everybody who works.
     workers: Arc<Semaphore>,
     /// `None` where the system has no thread left: turns then take threads of the runtime.
@@ -47,8 +49,9 @@ impl Gate {
             .thread_name(move |at| format!("{name}-{at}"))
             .start_handler(|_| give_way())
             .build();
-        let [places, workers] = [workers + waiting, workers].map(|permits| Arc::new(Semaphore::new(permits)));
-        Self(Arc::new(Inner { places, workers, pool: pool.ok(), stopping }))
+        let all = workers + waiting;
+        let [places, workers] = [all, workers].map(|permits| Arc::new(Semaphore::new(permits)));
+        Self(Arc::new(Inner { places, all, workers, pool: pool.ok(), stopping }))
     }
 
     /// Waits for a worker; refuses at once where too many wait already.
@@ -73,10 +76,9 @@ impl Gate {
         self.0.pool.as_ref().map_or(1, rayon::ThreadPool::current_num_threads)
     }
 
-    /// Returns how many work or wait.
-    #[cfg(test)]
-    fn busy(&self, of: usize) -> usize {
-        of - self.0.places.available_permits()
+    /// Returns how many work or wait for their turn.
+    pub fn busy(&self) -> usize {
+        self.0.all - self.0.places.available_permits()
     }
 }
 
@@ -194,13 +196,13 @@ mod tests {
             let gate = gate.clone();
             async move { gate.run(|_| Ok(())).await }
         });
-        until(|| gate.busy(2) == 2).await;
+        until(|| gate.busy() == 2).await;
 
         let refused = gate.run(|_| Ok(())).await.expect_err("full");
         assert_eq!((refused.kind, refused.retry_after), (ErrorKind::Overloaded, Some(RETRY_AFTER)));
         working.abort();
         assert_eq!(waiting.await.expect("it ends"), Ok(()), "the next has its turn");
-        until(|| gate.busy(2) == 0).await;
+        until(|| gate.busy() == 0).await;
     }
 
     #[tokio::test]
@@ -211,11 +213,11 @@ mod tests {
             let gate = gate.clone();
             async move { gate.run(|_| Ok(())).await }
         });
-        until(|| gate.busy(2) == 2).await;
+        until(|| gate.busy() == 2).await;
         waiting.abort();
-        until(|| gate.busy(2) == 1).await;
+        until(|| gate.busy() == 1).await;
         drop(turn);
-        assert_eq!(gate.busy(2), 0);
+        assert_eq!(gate.busy(), 0);
     }
 
     #[tokio::test]
@@ -231,12 +233,12 @@ mod tests {
             let gate = gate.clone();
             async move { gate.run(|_| Ok(())).await }
         });
-        until(|| gate.busy(2) == 2).await;
+        until(|| gate.busy() == 2).await;
         stopping.cancel();
         for stopped in [working, waiting] {
             assert_eq!(stopped.await.expect("it ends").expect_err("stopped").reason, "STOPPING");
         }
-        until(|| gate.busy(2) == 0).await;
+        until(|| gate.busy() == 0).await;
         assert_eq!(gate.run(|_| Ok(())).await.expect_err("it is over").reason, "STOPPING");
     }
 

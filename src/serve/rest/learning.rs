@@ -14,6 +14,8 @@ use crate::serve::STATE_BYTES;
 use crate::serve::status::Failure;
 
 /// Returns where one more visit is worth most: states, and the ego's actions in them. What to try next to learn one's influence.
+///
+/// Where that takes longer than its caller waits, 503 tells how far it is; it goes on, so that whoever asks again finds it further on.
 #[utoipa::path(
     get,
     path = "/v1/environments/{environment}/explore",
@@ -40,6 +42,8 @@ pub async fn explore(
 }
 
 /// Fits the prior of the evidence to all states, now, and answers when it is done. It is done by itself as counts grow.
+///
+/// Where that takes longer than its caller waits, 503 tells how far it is; it goes on, so that whoever asks again finds it further on.
 #[utoipa::path(
     post,
     path = "/v1/environments/{environment}/fit",

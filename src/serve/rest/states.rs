@@ -16,6 +16,8 @@ use crate::serve::status::Failure;
 const CELL_BYTES: usize = 128;
 
 /// Returns states by visits or by figures, a page at a time: where is influence highest?
+///
+/// Where that takes longer than its caller waits, 503 tells how far it is; it goes on, so that whoever asks again finds it further on.
 #[utoipa::path(
     get,
     path = "/v1/environments/{environment}/states",
