@@ -12,6 +12,7 @@ use crate::ingest::Ingest;
 use crate::model::Networks;
 use crate::priors::Fits;
 use crate::store::{Audit, Store, StoreError};
+use crate::work::Work;
 
 /// How often it is looked whether counts have grown enough: for priors to be fitted and for networks to be trained again. Never where it is zero.
 #[derive(Debug, Clone, Copy, Default)]
@@ -21,6 +22,9 @@ pub struct Upkeep {
     /// For networks.
     pub train_every: Duration,
 }
+
+/// How long a training may take to notice that it is to end.
+const TRAINING: Duration = Duration::from_millis(500);
 
 /// One handle of each room. Cloning is cheap.
 #[derive(Clone)]
@@ -35,6 +39,8 @@ pub struct App {
     pub networks: Networks,
     /// The question itself.
     pub influence: Influence,
+    /// Where everything that computes for long has its place.
+    pub work: Work,
     /// Cancelled when the service begins to stop: not ready, streams end, nothing new begins.
     pub draining: CancellationToken,
     background: TaskTracker,
@@ -43,16 +49,19 @@ pub struct App {
 impl App {
     /// Opens the rooms on a store, and begins to compare its totals with its cells and to look at what is kept beside them.
     pub fn open(store: Arc<dyn Store>, upkeep: Upkeep) -> Self {
+        let draining = CancellationToken::new();
+        let work = Work::new(draining.clone());
         let ingest = Ingest::start(store.clone());
-        let fits = Fits::new(store.clone());
+        let fits = Fits::made_in(work.fits.clone(), store.clone());
         let networks = Networks::new(store.clone(), fits.clone());
         let app = Self {
             environments: Environments::new(store.clone(), ingest.clone()),
-            influence: Influence::new(store.clone(), fits.clone(), networks.clone()),
+            influence: Influence::new(store.clone(), fits.clone(), networks.clone(), work.clone()),
             networks,
             ingest,
             store,
-            draining: CancellationToken::new(),
+            work,
+            draining,
             background: TaskTracker::new(),
         };
         app.in_background(prove(app.store.clone()));
@@ -79,7 +88,9 @@ impl App {
         self.background.wait().await;
         self.ingest.close().await;
         // Last, for a training looks only now and then whether it is to end, and what was sent must not wait for it.
-        self.networks.close().await;
+        if tokio::time::timeout(TRAINING, self.networks.close()).await.is_err() {
+            tracing::warn!("a training is left behind: it did not end in time, and what it learned is not kept");
+        }
         self.store.close().await;
     }
 }

@@ -8,6 +8,7 @@ use crate::domain::{Environment, EnvironmentPage, Name, Pair, Schema, Unreadable
 use crate::error::{ErrorKind, Fault, Problem};
 use crate::ingest::Ingest;
 use crate::store::{Store, StoreError};
+use crate::work::beside;
 
 /// A handle on the environments. Cloning is cheap.
 #[derive(Clone)]
@@ -53,15 +54,13 @@ impl Environments {
     }
 
     /// Makes an environment, or confirms that it exists with this schema; a rule that is given is set. Returns whether it was made now.
-    pub async fn apply(&self, name: &str, description: &DescriptionDraft) -> Result<(Arc<Environment>, bool), Problem> {
+    pub async fn apply(&self, name: &str, description: DescriptionDraft) -> Result<(Arc<Environment>, bool), Problem> {
         let existing = self.store.environment(name);
-        let (name, schema, rule) = checked(name, description, existing.as_deref())?;
+        let (named, kept) = (name.to_owned(), existing.clone());
+        // A description may have a million labels.
+        let (name, schema, rule) = beside(move || checked(&named, &description, kept.as_deref())).await??;
         if let Some(existing) = existing {
             return self.confirm(existing, &schema, rule).await;
-        }
-        let alike = schema.labels_alike();
-        if !alike.is_empty() {
-            return Err(Problem::invalid("environment", alike));
         }
         match self.store.create(&name, &schema, rule.unwrap_or_default()).await {
             Ok(made) => Ok((made, true)),
@@ -141,7 +140,10 @@ fn checked(name: &str, description: &DescriptionDraft, existing: Option<&Environ
     let rule = description.rule.as_ref().map(given).transpose();
     let rule = rule.map_err(|found| faults.extend(under_rule(found)));
     match (name, schema, rule) {
-        (Ok(name), Some(schema), Ok(rule)) => Ok((name, schema, rule)),
+        (Ok(name), Some(schema), Ok(rule)) => {
+            let alike = if existing.is_none() { schema.labels_alike() } else { Vec::new() };
+            if alike.is_empty() { Ok((name, schema, rule)) } else { Err(Problem::invalid("environment", alike)) }
+        }
         _ => Err(Problem::invalid("environment", faults)),
     }
 }

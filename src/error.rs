@@ -4,6 +4,7 @@
 //! both of them, once.
 
 use std::fmt;
+use std::time::Duration;
 
 /// What a caller can do about an error. HTTP and gRPC codes follow from it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -26,6 +27,8 @@ pub enum ErrorKind {
     Overloaded,
     /// The service cannot do this now, or cannot say whether it did: reconnect, resume, resend.
     Unavailable,
+    /// The caller's deadline passed before there was an answer.
+    Deadline,
     /// A defect or a broken machine; the cause is in the log.
     Internal,
 }
@@ -82,12 +85,18 @@ pub struct Problem {
     pub faults: Vec<Fault>,
     /// Numbers and names that a program can act on, such as `expected_sequence`.
     pub details: Vec<(&'static str, String)>,
+    /// After how long the same may be sent again, where that helps.
+    pub retry_after: Option<Duration>,
 }
+
+/// How long a caller should wait before it tries again, where nothing better is known.
+const RETRY_AFTER: Duration = Duration::from_secs(1);
 
 impl Problem {
     /// Makes a problem without faults or details.
     pub fn new(kind: ErrorKind, reason: &'static str, message: impl Into<String>) -> Self {
-        Self { kind, reason, message: message.into(), faults: Vec::new(), details: Vec::new() }
+        let retry_after = kind.is_retryable().then_some(RETRY_AFTER);
+        Self { kind, reason, message: message.into(), faults: Vec::new(), details: Vec::new(), retry_after }
     }
 
     /// Makes the problem of an input with these faults; the message tells the first ones.
@@ -104,6 +113,11 @@ impl Problem {
     pub fn with(mut self, name: &'static str, value: impl fmt::Display) -> Self {
         self.details.push((name, value.to_string()));
         self
+    }
+
+    /// Returns this problem of a request that may be sent again after so long.
+    pub fn retry_after(self, wait: Duration) -> Self {
+        Self { retry_after: Some(wait), ..self }
     }
 }
 

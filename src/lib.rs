@@ -7,6 +7,7 @@
 //! * [`information`]: the mathematics of contingency tables. Slices in, numbers out.
 //! * [`error`], [`config`], [`telemetry`]: kinds of error, the one configuration, logs and the one list of metrics.
 //! * [`domain`]: environments, features, states, transitions, counts, questions, answers. Types that cannot be wrong.
+//! * [`work`]: whatever computes for long: admitted, cancelled, and made once for all who ask.
 //! * [`evidence`]: what counts can support: the prior fitted to all states, the posterior of one, the verdict.
 //! * [`store`]: what was counted, durably: a promise, and SQLite behind it.
 //! * [`simulation`]: worlds that produce transitions.
@@ -56,3 +57,4 @@ pub mod serve;
 pub mod simulation;
 pub mod store;
 pub mod telemetry;
+pub mod work;

@@ -15,6 +15,7 @@ const UNVERIFIED: &str = "nudge_batches_unverified_total";
 const REFUSED: &str = "nudge_batches_refused_total";
 const COMMIT_SECONDS: &str = "nudge_commit_duration_seconds";
 const COMMIT_TRANSITIONS: &str = "nudge_commit_transitions";
+const WORKING: &str = "nudge_work_turns";
 const QUEUED: &str = "nudge_queue_transitions";
 const STREAMS: &str = "nudge_streams";
 const STATES: &str = "nudge_states";
@@ -51,6 +52,7 @@ fn describe() {
     describe_histogram!(COMMIT_SECONDS, Unit::Seconds, "Time from the begin of a commit to its acknowledgement");
     describe_histogram!(COMMIT_TRANSITIONS, "Transitions per commit");
     describe_gauge!(QUEUED, "Transitions that wait for their commit");
+    describe_gauge!(WORKING, "What computes or waits for its turn, by lane: questions, passes over all states, fits");
     describe_gauge!(STREAMS, "Open ingest streams");
     describe_gauge!(STATES, "Distinct states, by environment");
     describe_gauge!(CELLS, "Cells (state, segment, joint action), by environment");
@@ -107,6 +109,11 @@ pub fn refused(reason: &'static str) {
 /// Records how many transitions wait.
 pub fn queued(transitions: usize) {
     gauge!(QUEUED).set(transitions as f64);
+}
+
+/// Records how many turns of a lane are taken or waited for.
+pub fn working(lane: &'static str, turns: usize) {
+    gauge!(WORKING, "lane" => lane).set(turns as f64);
 }
 
 /// Records that a stream opened; the guard records that it ended.

@@ -76,7 +76,7 @@ impl Play {
         };
         let transitions: Vec<_> = (0..TRANSITIONS).map(transition).collect();
         let service = Service::start().await;
-        let (environment, _) = service.app.environments.apply(ENVIRONMENT, &schema().into()).await.expect("valid");
+        let (environment, _) = service.app.environments.apply(ENVIRONMENT, schema().into()).await.expect("valid");
         let play = Self { service, environment, learned, transitions, held_out };
         play.count().await;
         play

@@ -75,7 +75,7 @@ pub fn run() -> ExitCode {
 fn execute(cli: Cli) -> Result<(), Failure> {
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build();
     let runtime = runtime.map_err(|error| Failure::usage(format!("cannot start threads: {error}")))?;
-    runtime.block_on(async {
+    let done = runtime.block_on(async {
         match cli.command {
             Command::Serve(command) => command.run().await,
             Command::Demo(command) => command.run().await,
@@ -88,7 +88,10 @@ fn execute(cli: Cli) -> Result<(), Failure> {
             Command::Experiment(command) => command.run().await,
             Command::Check(command) => command.run().await,
         }
-    })
+    });
+    // Whatever still computes has nobody left to tell: the command is over, and all that it promised is done.
+    runtime.shutdown_background();
+    done
 }
 
 #[cfg(test)]

@@ -131,7 +131,8 @@ impl Connection {
     }
 }
 
-/// Asks until the service answers, which may be away for a moment: as patiently as a producer that sends.
+/// Asks until the service answers, which may be away for a moment: as patiently as a producer that sends. Where it is still making the answer, it is
+/// asked for as long as that takes.
 pub async fn patiently<T, F>(mut ask: impl FnMut() -> F) -> Result<T, ClientError>
 where
     F: Future<Output = Result<Response<T>, Status>>,
@@ -140,12 +141,21 @@ where
     loop {
         match ask().await {
             Ok(response) => return Ok(response.into_inner()),
+            Err(status) if is_still_working(&status) => {
+                trouble = Trouble::begin(Instant::now());
+                tokio::time::sleep(trouble.failed(said(&status))).await;
+            }
             Err(status) if is_transient(&status) && trouble.lasted(Instant::now()) < PATIENCE => {
                 tokio::time::sleep(trouble.failed(said(&status))).await;
             }
             Err(status) => return Err(status.into()),
         }
     }
+}
+
+/// Returns whether the service goes on making what was asked for.
+fn is_still_working(status: &Status) -> bool {
+    status.get_details_error_info().is_some_and(|info| info.reason == "STILL_WORKING")
 }
 
 /// Checks the description that the service keeps of an environment.

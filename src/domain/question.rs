@@ -241,13 +241,6 @@ impl Question {
     }
 }
 
-impl Question {
-    /// Returns whether answering takes long enough to be done aside.
-    pub fn is_slow(&self) -> bool {
-        self.view == View::Full || self.significance.is_some() || self.visits_to_decide
-    }
-}
-
 impl Scope {
     /// Checks the common part of a question.
     pub fn new(environment: &Environment, draft: &PairDraft) -> Result<Self, Problem> {

@@ -81,14 +81,21 @@ impl Fitter {
     }
 
     /// Fits.
-    pub fn fit(mut self) -> Fit {
+    pub fn fit(self) -> Fit {
+        self.fit_while(&|| true).expect("nobody ends it")
+    }
+
+    /// Fits, asking before each round whether to go on; `None` where it was ended.
+    pub fn fit_while(mut self, goes_on: &dyn Fn() -> bool) -> Option<Fit> {
         let mut parameters = Parameters::cold();
         for _ in 0..ROUNDS[0] {
+            goes_on().then_some(())?;
             parameters = round(&self.states, &parameters);
         }
-        self.look_for_deviants(&parameters);
+        self.look_for_deviants(&parameters, goes_on);
         let nulls = parameters.clone().sides.map(|side| side.nulls);
         for _ in 0..ROUNDS[1] {
+            goes_on().then_some(())?;
             parameters = round(&self.states, &parameters);
             parameters.sides.iter_mut().zip(&nulls).for_each(|(side, nulls)| side.nulls.clone_from(nulls));
         }
@@ -97,13 +104,14 @@ impl Fitter {
             side.habit = self.concentrations[at];
             side.habit_in_segments = self.segments[at].concentration(self.habits.driver(at));
         }
-        Fit { alphabet: self.alphabet, bases: [rows, columns], parameters, states: self.states.len() as u64 }
+        Some(Fit { alphabet: self.alphabet, bases: [rows, columns], parameters, states: self.states.len() as u64 })
     }
 
-    fn look_for_deviants(&mut self, parameters: &Parameters) {
+    fn look_for_deviants(&mut self, parameters: &Parameters, goes_on: &dyn Fn() -> bool) {
         for (side, likelihood) in self.likelihoods.iter().enumerate() {
             let nulls = NullMixture::new(&parameters.sides[side].nulls);
-            self.states.iter_mut().for_each(|state| state.look_for_deviants(side, likelihood, &nulls));
+            let states = self.states.iter_mut().take_while(|_| goes_on());
+            states.for_each(|state| state.look_for_deviants(side, likelihood, &nulls));
         }
     }
 }

@@ -3,7 +3,6 @@
 use std::fmt::Display;
 use std::sync::Arc;
 
-use futures::future::try_join_all;
 use tempfile::TempDir;
 
 use crate::app::{App, Upkeep};
@@ -19,7 +18,7 @@ use crate::store::{Options, SqliteStore};
 /// Records of one batch.
 const BATCH: usize = 10_000;
 
-/// States of one question: so few that the slow ones occupy every core.
+/// States of one question.
 const ASKED_TOGETHER: usize = 250;
 
 /// A service with one environment.
@@ -38,7 +37,7 @@ impl Service {
         let store = SqliteStore::open(&directory.path().join("nudge.db"), Options::default()).await;
         let store = store.map_err(|error| unavailable("open a temporary database", error))?;
         let app = App::open(Arc::new(store), Upkeep::default());
-        let (environment, _) = app.environments.apply("experiment", &schema.clone().into()).await?;
+        let (environment, _) = app.environments.apply("experiment", schema.clone().into()).await?;
         Ok(Self { app, environment, sequence: Sequence::NONE, directory })
     }
 
@@ -87,13 +86,14 @@ impl Service {
 
     /// Asks the same about many states, each given by its values, and returns an answer each.
     pub async fn ask(&self, states: &[Vec<f32>], question: &QuestionDraft) -> Result<Vec<Answer>, Problem> {
-        let part = async |states: &[Vec<f32>]| {
+        let mut answers = Vec::with_capacity(states.len());
+        // One after another: each is answered by every core.
+        for states in states.chunks(ASKED_TOGETHER) {
             let draft = QuestionDraft { states: StatesDraft::Positional(states.to_vec()), ..question.clone() };
             let question = Question::new(&self.environment, &draft)?;
-            self.app.influence.answer(&self.environment, question).await
-        };
-        let parts = try_join_all(states.chunks(ASKED_TOGETHER).map(part)).await?;
-        Ok(parts.into_iter().flat_map(|part| part.answers).collect())
+            answers.extend(self.app.influence.answer(&self.environment, question).await?.answers);
+        }
+        Ok(answers)
     }
 
     /// Closes the service and forgets what it counted.

@@ -1,7 +1,8 @@
-//! Answers: of one state, and of thousands by several threads.
+//! Answers: of one state at once, of thousands by several threads, when it is their turn.
 
 use std::cell::LazyCell;
-use std::sync::Arc;
+
+use rayon::prelude::*;
 
 use super::actions;
 use super::judge::{Judge, Judged};
@@ -10,14 +11,25 @@ use super::survey::Plan;
 use crate::domain::{
     Answer, Bin, Estimator, Figures, ModelAction, ModelFigures, Question, Schema, Scope, StateKey, Unit, View,
 };
-use crate::error::{ErrorKind, Problem};
+use crate::error::Problem;
 use crate::information::{self, Alphabet};
 use crate::model::Prediction;
 use crate::priors::{self, Draws, Tables};
-use crate::store::StateCounts;
+use crate::store::{StateCounts, Store};
+use crate::work::{Gate, Stop, Stopped};
 
-/// States that are answered at once; more are shared among threads, so that nobody waits behind ten thousand.
-const SHARE: usize = 2_500;
+/// States that a network is asked about together.
+const TOGETHER: usize = 256;
+
+/// What is answered where it is asked: figures of pairs of actions, over all states; some tenths of a millisecond.
+const LIGHT: u64 = 1_024;
+
+/// By how much more the figures of each of the ego's actions take.
+const FULL: u64 = 40;
+
+/// The most states, and the most cells of all of them, that are answered where it is asked.
+const FEW_STATES: u64 = 16;
+const FEW_CELLS: usize = 1_024;
 
 /// What an answer is made from, beside the counts of its state.
 #[derive(Clone)]
@@ -28,24 +40,31 @@ pub struct Ground {
     pub question: Question,
 }
 
-/// Returns the answers for the states of a question, which have these counts.
-pub async fn answers(ground: Ground, counts: Vec<StateCounts>) -> Result<Vec<Answer>, Problem> {
-    let states = ground.question.states.len();
-    if states <= SHARE && !ground.question.is_slow() {
-        return Ok(ground.answers(&counts, 0..states));
-    }
-    let shared = Arc::new((ground, counts));
-    let share = |from: usize| {
-        let shared = shared.clone();
-        tokio::task::spawn_blocking(move || shared.0.answers(&shared.1, from..(from + SHARE).min(states)))
+/// Returns whether a question is sooner answered where it is asked than handed to another thread.
+fn is_light(schema: &Schema, question: &Question) -> bool {
+    let Alphabet { rows, columns } = question.scope.pair.alphabet(schema);
+    let (states, detail) = (question.states.len() as u64, if question.view == View::Full { FULL } else { 1 });
+    let figures = states.saturating_mul(rows.saturating_mul(columns)).saturating_mul(detail);
+    let is_slow = question.significance.is_some() || question.visits_to_decide;
+    !is_slow && states <= FEW_STATES && figures <= LIGHT
+}
+
+/// Returns the answers for the states of a question. One that takes long waits for its turn before the counts are read, so that it holds next to nothing
+/// until then.
+pub async fn answers(store: &dyn Store, gate: &Gate, ground: Ground) -> Result<Vec<Answer>, Problem> {
+    let environment = &ground.plan.environment;
+    let turn = match is_light(&environment.schema, &ground.question) {
+        true => None,
+        false => Some(gate.enter().await?),
     };
-    let shares: Vec<_> = (0..states).step_by(SHARE).map(share).collect();
-    let mut answers = Vec::with_capacity(states);
-    for share in shares {
-        let share = share.await;
-        answers.extend(share.map_err(|error| Problem::new(ErrorKind::Internal, "INTERNAL", error.to_string()))?);
-    }
-    Ok(answers)
+    let counts = store.counts(environment.id, &ground.question.states).await.map_err(super::logged)?;
+    let cells: usize = counts.iter().map(|state| state.counts.cells().len()).sum();
+    let turn = match turn {
+        None if cells <= FEW_CELLS => return Ok(ground.answers_here(&counts)),
+        None => gate.enter().await?,
+        Some(turn) => turn,
+    };
+    turn.run(move |stop| ground.answers(&counts, stop)).await
 }
 
 /// Returns a warning where pooled and stratified answers disagree: by their tests, where those were asked for, else by the evidence.
@@ -61,11 +80,27 @@ impl Ground {
         self.plan.judge(self.question.view)
     }
 
-    fn answers(&self, counts: &[StateCounts], states: std::ops::Range<usize>) -> Vec<Answer> {
-        let judge = self.judge();
-        let keys = &self.question.states[states.clone()];
-        let told = keys.iter().zip(&counts[states]).zip(judge.predictions(keys));
+    /// Answers one state after another.
+    pub fn answers_here(&self, counts: &[StateCounts]) -> Vec<Answer> {
+        let (judge, keys) = (self.judge(), &self.question.states);
+        let told = keys.iter().zip(counts).zip(judge.predictions(keys));
         told.map(|((key, counts), predicted)| self.answer(judge, key, counts, predicted)).collect()
+    }
+
+    /// Answers by several threads.
+    fn answers(&self, counts: &[StateCounts], stop: &Stop) -> Result<Vec<Answer>, Stopped> {
+        let judge = self.judge();
+        let mut answers = Vec::with_capacity(counts.len());
+        for (keys, counts) in self.question.states.chunks(TOGETHER).zip(counts.chunks(TOGETHER)) {
+            stop.check()?;
+            let told = keys.par_iter().zip(counts).zip(judge.predictions(keys));
+            let answer = |((key, counts), predicted)| {
+                stop.check()?;
+                Ok(self.answer(judge, key, counts, predicted))
+            };
+            answers.extend(told.map(answer).collect::<Result<Vec<Answer>, Stopped>>()?);
+        }
+        Ok(answers)
     }
 
     /// Returns the answer for a state with these counts.

@@ -1,19 +1,29 @@
 //! Which states are called dependent when thousands are looked at: at a rate of false ones that the caller accepts.
 
+use std::sync::Arc;
+
 use rayon::prelude::*;
 
+use super::shared::Made;
 use super::stratified::{Disagreement, Disagreements};
 use super::survey::{Plan, Survey};
 use crate::domain::{Discoveries, Discovery, DiscoveryMethod, Exchange, StateKey};
-use crate::information::{Method, Significance, Table, bayesian_fdr, benjamini_hochberg, p_value, smallest_p};
+use crate::error::Problem;
+use crate::information::{
+    Method, Significance, Table, bayesian_fdr, benjamini_hochberg, p_value, p_value_while, smallest_p,
+};
 use crate::priors::{Pages, Tables};
-use crate::store::{Scanned, Store, StoreError};
+use crate::store::{Scanned, Store};
+use crate::work::{Gate, Progress, Stop, Stopped};
 
 /// Permutations of every state that can pass; those that may yet pass get more, tenfold each time.
 const FIRST: u64 = 199;
 
 /// The most permutations, in tests over the rate: a p-value that decides alone is then known to a fifth of itself.
 const LAST: f64 = 20.0;
+
+/// States that are tested in one piece of work.
+const TESTED_TOGETHER: usize = 100;
 
 /// Standard deviations by which a p-value may be smaller than its permutations say.
 const DOUBT: f64 = 4.0;
@@ -30,11 +40,32 @@ pub struct Found {
     pub warnings: Vec<String>,
 }
 
+/// A survey with the discoveries in it.
+pub struct Searched {
+    /// What they were looked for in.
+    pub survey: Arc<Made<Survey>>,
+    /// What was found.
+    pub found: Found,
+}
+
+/// Permutations of one piece of work: some seconds at most.
+const PIECE: u64 = 1 << 18;
+
 /// Finds the discoveries in a survey.
-pub async fn find(store: &dyn Store, plan: &Plan, survey: &Survey, discovery: Discovery) -> Result<Found, StoreError> {
+pub async fn find(
+    store: &dyn Store,
+    gate: &Gate,
+    plan: &Plan,
+    survey: &Arc<Made<Survey>>,
+    discovery: Discovery,
+    progress: &Progress,
+) -> Result<Found, Problem> {
     match discovery.method {
-        DiscoveryMethod::Bayes => Ok(by_posterior(survey, discovery)),
-        DiscoveryMethod::Bh => by_tests(store, plan, survey, discovery).await,
+        DiscoveryMethod::Bayes => {
+            let survey = survey.clone();
+            gate.run(move |_| Ok(by_posterior(&survey, discovery))).await
+        }
+        DiscoveryMethod::Bh => by_tests(store, gate, plan, survey, discovery, progress).await,
     }
 }
 
@@ -52,29 +83,44 @@ fn found(discovery: Discovery, rows: Vec<bool>, testable: u64, p_values: Vec<Opt
 /// A state whose margins allow a p-value small enough.
 struct Testable {
     key: StateKey,
-    slices: Vec<Table>,
+    slices: Arc<[Table]>,
     p_value: f64,
     /// Whether it was computed without permutations.
     is_exact: bool,
     permutations: u64,
 }
 
-async fn by_tests(store: &dyn Store, plan: &Plan, survey: &Survey, discovery: Discovery) -> Result<Found, StoreError> {
+/// What the tests of a state say.
+type Tested = (Option<Testable>, Option<Disagreement>);
+
+async fn by_tests(
+    store: &dyn Store,
+    gate: &Gate,
+    plan: &Plan,
+    survey: &Survey,
+    discovery: Discovery,
+    progress: &Progress,
+) -> Result<Found, Problem> {
     let mut testable = Vec::new();
     let mut disagreements = Disagreements::default();
+    progress.begin("states tested", survey.rows.len() as u64);
     let mut pages = Pages::new(store, plan.environment.id);
-    while let Some(page) = pages.next().await? {
-        let plan = plan.clone();
-        let tested = tokio::task::spawn_blocking(move || tested(&plan, page, discovery.fdr)).await;
-        for (state, disagreement) in tested.map_err(|error| StoreError::Unreadable(error.to_string()))? {
-            testable.extend(state);
-            disagreement.into_iter().for_each(|one| disagreements.add(one));
+    while let Some(page) = pages.next().await.map_err(super::logged)? {
+        let mut states = page.into_iter().peekable();
+        // Tests take longer than measuring does: a part of a page is long enough for one piece of work.
+        while states.peek().is_some() {
+            let part: Vec<Scanned> = states.by_ref().take(TESTED_TOGETHER).collect();
+            let (plan, size) = (plan.clone(), part.len() as u64);
+            for (state, disagreement) in gate.run(move |stop| tested(&plan, part, discovery.fdr, stop)).await? {
+                testable.extend(state);
+                disagreement.into_iter().for_each(|one| disagreements.add(one));
+            }
+            progress.add(size);
         }
     }
     // In order of key, so that ties are broken alike whatever the order of the scan.
     testable.sort_unstable_by(|a, b| a.key.cmp(&b.key));
-    let refined = tokio::task::spawn_blocking(move || refined(testable, discovery.fdr)).await;
-    let (testable, passed) = refined.map_err(|error| StoreError::Unreadable(error.to_string()))?;
+    let (testable, passed) = refined(gate, testable, discovery.fdr, progress).await?;
     let mut rows = vec![false; survey.rows.len()];
     let mut p_values = vec![None; survey.rows.len()];
     for (state, passed) in testable.iter().zip(passed) {
@@ -87,35 +133,74 @@ async fn by_tests(store: &dyn Store, plan: &Plan, survey: &Survey, discovery: Di
     Ok(Found { warnings: disagreements.warnings(), ..found(discovery, rows, testable.len() as u64, p_values) })
 }
 
-/// Tests the states of a page: those that can pass, and where pooled and stratified tests disagree.
-fn tested(plan: &Plan, page: Vec<Scanned>, fdr: f64) -> Vec<(Option<Testable>, Option<Disagreement>)> {
+/// Tests states: those that can pass, and where pooled and stratified tests disagree.
+fn tested(plan: &Plan, states: Vec<Scanned>, fdr: f64, stop: &Stop) -> Result<Vec<Tested>, Stopped> {
     let (schema, pair) = (&plan.environment.schema, &plan.scope.pair);
     let test = |scanned: Scanned| {
+        stop.check()?;
         let cells = || scanned.counts.of_segments(plan.segments.as_deref());
         let tables = Tables::new(schema, pair, cells());
         let draws = |exchange| tables.exchangeable(schema, pair, exchange, cells());
         let (exchange, seed) = (plan.scope.within.exchange(), scanned.key.seed());
         let disagreement = (tables.segments > 1)
             .then(|| Disagreement::between(&draws(Exchange::Pooled), &draws(Exchange::WithinSegments), FIRST, seed));
-        (Testable::new(scanned.key.clone(), draws(exchange).into_owned(), fdr), disagreement.flatten())
+        Ok((Testable::new(scanned.key.clone(), draws(exchange).into_owned(), fdr), disagreement.flatten()))
     };
-    page.into_par_iter().map(test).collect()
+    states.into_par_iter().map(test).collect()
 }
 
 /// Permutes more and more the states that would pass if every p-value were as small as its permutations allow, until those have passed, cannot pass
 /// any more, or have had as many as could matter.
-fn refined(mut testable: Vec<Testable>, fdr: f64) -> (Vec<Testable>, Vec<bool>) {
+async fn refined(
+    gate: &Gate,
+    mut testable: Vec<Testable>,
+    fdr: f64,
+    progress: &Progress,
+) -> Result<(Vec<Testable>, Vec<bool>), Problem> {
     let most = (LAST * testable.len() as f64 / fdr).ceil() as u64;
     loop {
-        let passed = benjamini_hochberg(&testable.iter().map(|state| state.p_value).collect::<Vec<_>>(), fdr);
-        let may_pass = benjamini_hochberg(&testable.iter().map(Testable::smallest_likely).collect::<Vec<_>>(), fdr);
-        let open = |(state, (passed, may)): &(&mut Testable, (&bool, &bool))| {
-            !**passed && **may && !state.is_exact && state.permutations < most
+        let judging = gate.run(move |_| {
+            let passed = benjamini_hochberg(&testable.iter().map(|state| state.p_value).collect::<Vec<_>>(), fdr);
+            let may_pass = benjamini_hochberg(&testable.iter().map(Testable::smallest_likely).collect::<Vec<_>>(), fdr);
+            Ok((testable, passed, may_pass))
+        });
+        let (judged, passed, may_pass) = judging.await?;
+        testable = judged;
+        let is_open = |at: &usize| {
+            let state = &testable[*at];
+            !passed[*at] && may_pass[*at] && !state.is_exact && state.permutations < most
         };
-        let open = testable.par_iter_mut().zip(passed.par_iter().zip(&may_pass)).filter(open);
-        if open.map(|(state, _)| state.refine(most)).count() == 0 {
-            return (testable, passed);
+        let mut open: Vec<usize> = (0..testable.len()).filter(is_open).collect();
+        if open.is_empty() {
+            return Ok((testable, passed));
         }
+        progress.begin("states tested more closely", open.len() as u64);
+        while let Some(first) = open.first() {
+            let together = (PIECE / testable[*first].permutations).max(gate.workers() as u64) as usize;
+            let part = open.split_off(open.len().saturating_sub(together));
+            let tests: Vec<Refined> = part.iter().map(|at| testable[*at].refined(most)).collect();
+            let refining = gate.run(move |stop| tests.par_iter().map(|test| test.p_value(stop)).collect());
+            let p_values: Vec<f64> = refining.await?;
+            for (at, p_value) in part.iter().zip(p_values) {
+                testable[*at].p_value = p_value;
+                testable[*at].permutations = testable[*at].more(most);
+            }
+            progress.add(part.len() as u64);
+        }
+    }
+}
+
+/// A test of more permutations.
+struct Refined {
+    slices: Arc<[Table]>,
+    permutations: u64,
+    seed: u64,
+}
+
+impl Refined {
+    fn p_value(&self, stop: &Stop) -> Result<f64, Stopped> {
+        let tested = p_value_while(&self.slices, self.permutations, self.seed, &|| stop.goes_on());
+        tested.map(|tested| tested.p_value).ok_or(Stopped)
     }
 }
 
@@ -124,7 +209,7 @@ impl Testable {
     fn new(key: StateKey, slices: Vec<Table>, fdr: f64) -> Option<Self> {
         (smallest_p(&slices) <= fdr).then(|| {
             let Significance { p_value, method } = p_value(&slices, FIRST, key.seed());
-            Self { key, slices, p_value, is_exact: method != Method::Permutation, permutations: FIRST }
+            Self { key, slices: slices.into(), p_value, is_exact: method != Method::Permutation, permutations: FIRST }
         })
     }
 
@@ -137,8 +222,11 @@ impl Testable {
         (self.p_value - DOUBT * deviation).max(0.0)
     }
 
-    fn refine(&mut self, most: u64) {
-        self.permutations = (self.permutations * 10).min(most);
-        self.p_value = p_value(&self.slices, self.permutations, self.key.seed()).p_value;
+    fn more(&self, most: u64) -> u64 {
+        (self.permutations * 10).min(most)
+    }
+
+    fn refined(&self, most: u64) -> Refined {
+        Refined { slices: self.slices.clone(), permutations: self.more(most), seed: self.key.seed() }
     }
 }

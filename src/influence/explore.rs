@@ -1,18 +1,23 @@
 //! What to try next: the states, and the ego's actions in them, where one more visit is worth most.
 
+use std::sync::Arc;
+
 use rayon::prelude::*;
 
 use super::answer::bins;
+use super::shared::Made;
 use super::survey::{Plan, Row, Survey};
 use crate::domain::{Exploration, StateKey, Trial, Verdict};
+use crate::error::Problem;
 use crate::priors::{self, Tables};
-use crate::store::StateCounts;
+use crate::store::{StateCounts, Store};
+use crate::work::{Gate, Progress, Stop, Stopped};
 
 /// The most states looked at.
 const CONSIDERED: usize = 500;
 
 /// Returns the undecided states of a survey that were seen at least so often, the most uncertain first.
-pub fn candidates(survey: &Survey, min_visits: u64) -> Vec<StateKey> {
+fn candidates(survey: &Survey, min_visits: u64) -> Vec<StateKey> {
     let open = |row: &&Row| row.verdict == Verdict::Undecided && row.visits >= min_visits;
     let far = |row: &Row| row.evidence.map(|evidence| (evidence.probability.above_threshold - 0.5).abs());
     let mut rows: Vec<(&Row, f64)> = survey.rows.iter().filter(open).filter_map(|row| Some((row, far(row)?))).collect();
@@ -22,15 +27,63 @@ pub fn candidates(survey: &Survey, min_visits: u64) -> Vec<StateKey> {
     rows.into_iter().map(|(row, _)| row.key.clone()).collect()
 }
 
-/// Returns the most valuable actions in these states, which have these counts.
-pub fn explore(plan: &Plan, keys: &[StateKey], counts: &[StateCounts], limit: usize, as_of: u64) -> Exploration {
-    let states = keys.par_iter().zip(counts);
-    let mut trials: Vec<Trial> = states.flat_map_iter(|(key, state)| trials(plan, key, state)).collect();
-    trials.sort_by(|a, b| {
+/// The most that are ever told.
+const MOST_TOLD: usize = 1_000;
+
+/// States looked at in one piece of work.
+const TOGETHER: usize = 16;
+
+/// What was found.
+pub struct Explored {
+    /// What it was looked for in.
+    pub survey: Arc<Made<Survey>>,
+    /// The most valuable actions first.
+    trials: Vec<Trial>,
+    considered: u64,
+}
+
+impl Explored {
+    /// Returns at most so many of the trials.
+    pub fn told(&self, limit: usize) -> Exploration {
+        let trials = self.trials(limit).to_vec();
+        Exploration { trials, considered: self.considered, as_of: self.survey.as_of }
+    }
+
+    /// Returns the same trials as they are kept.
+    pub fn trials(&self, limit: usize) -> &[Trial] {
+        &self.trials[..limit.min(self.trials.len())]
+    }
+}
+
+/// Looks for the most valuable actions in the undecided states of a survey that were seen at least so often.
+pub async fn explore(
+    store: &dyn Store,
+    gate: &Gate,
+    plan: &Plan,
+    survey: Arc<Made<Survey>>,
+    min_visits: u64,
+    progress: &Progress,
+) -> Result<Explored, Problem> {
+    let keys = candidates(&survey, min_visits);
+    progress.begin("states explored", keys.len() as u64);
+    let mut trials = Vec::new();
+    for keys in keys.chunks(TOGETHER) {
+        let counts = store.counts(plan.environment.id, keys).await.map_err(super::logged)?;
+        let (plan, states, size) = (plan.clone(), keys.to_vec(), keys.len() as u64);
+        trials.extend(gate.run(move |stop| explored(&plan, &states, &counts, stop)).await?);
+        progress.add(size);
+    }
+    trials.sort_by(|a: &Trial, b| {
         b.information_gain.total_cmp(&a.information_gain).then(a.key.cmp(&b.key)).then(a.index.cmp(&b.index))
     });
-    trials.truncate(limit);
-    Exploration { trials, considered: keys.len() as u64, as_of }
+    trials.truncate(MOST_TOLD);
+    Ok(Explored { trials, considered: keys.len() as u64, survey })
+}
+
+fn explored(plan: &Plan, keys: &[StateKey], counts: &[StateCounts], stop: &Stop) -> Result<Vec<Trial>, Stopped> {
+    let state = |(key, state)| stop.check().map(|()| trials(plan, key, state));
+    let trials: Result<Vec<Vec<Trial>>, Stopped> = keys.par_iter().zip(counts).map(state).collect();
+    Ok(trials?.into_iter().flatten().collect())
 }
 
 fn trials(plan: &Plan, key: &StateKey, state: &StateCounts) -> Vec<Trial> {

@@ -3,17 +3,21 @@
 use std::sync::Arc;
 use std::time::Instant;
 
+use rayon::prelude::*;
+
 use super::answer::{self, Ground};
 use super::skeleton::{self, Found, Margin};
-use super::{Influence, logged, told};
+use super::{Influence, logged, size, told};
 use crate::domain::draft::{PairDraft, QuestionDraft};
 use crate::domain::{
     Answer, Cell, Dependence, Edge, Environment, Exchange, Graph, Pair, Question, Schema, View, Within,
 };
-use crate::error::{ErrorKind, Problem};
+use crate::error::Problem;
 use crate::evidence::Believed;
 use crate::information::{self, Table};
 use crate::priors::{Informed, Tables};
+use crate::store::StateCounts;
+use crate::work::{Stop, Stopped};
 
 impl Influence {
     /// Returns the causal graph of one state: every pair of agents with its answer, and what it is once others are held fixed.
@@ -24,25 +28,29 @@ impl Influence {
         let key = question.states.first().cloned().ok_or_else(nothing)?;
         let segments = self.segments(environment, question.scope.segments.as_deref()).await?;
 
-        // Read once: all pairs, and all tests of them, are of the same counts.
-        let counts = self.store.counts(environment.id, &question.states).await.map_err(logged)?;
-        let cells = counts.first().ok_or_else(nothing)?.counts.of_segments(segments.as_deref()).copied().collect();
-        let (environment_of, within) = (environment.clone(), question.scope.within);
-        let mut tests = State { environment: environment_of, cells, within, seed: key.seed(), informed: Vec::new() };
-        let mut answers = Vec::new();
-        for pair in Pair::every(schema) {
-            let started = Instant::now();
-            let question = Question { scope: question.scope.of_pair(schema, pair), ..question.clone() };
+        let pairs = Pair::every(schema);
+        size::check_graph(schema, &key, pairs.len())?;
+        let started = Instant::now();
+        let mut grounds = Vec::with_capacity(pairs.len());
+        for pair in &pairs {
+            let question = Question { scope: question.scope.of_pair(schema, pair.clone()), ..question.clone() };
             let plan = self.plan(environment, question.scope.clone()).await?;
-            tests.informed.push(plan.informed.clone());
-            let answered = answer::answers(Ground { plan, question }, counts.clone()).await?;
-            told(started, &answered);
-            answers.extend(answered);
+            grounds.push(Ground { plan, question });
         }
 
-        let margins = Pair::every(schema).iter().zip(&answers).map(|(pair, answer)| margin(pair, answer)).collect();
-        let found = tokio::task::spawn_blocking(move || tests.skeleton(margins)).await;
-        let found = found.map_err(|error| Problem::new(ErrorKind::Internal, "INTERNAL", error.to_string()))?;
+        // Read once: all pairs, and all tests of them, are of the same counts.
+        let turn = self.work.questions.enter().await?;
+        let counts = self.store.counts(environment.id, &question.states).await.map_err(logged)?;
+        let cells = counts.first().ok_or_else(nothing)?.counts.of_segments(segments.as_deref()).copied().collect();
+        let tests = State {
+            environment: environment.clone(),
+            cells,
+            within: question.scope.within,
+            seed: key.seed(),
+            informed: grounds.iter().map(|ground| ground.plan.informed.clone()).collect(),
+        };
+        let (answers, found) = turn.run(move |stop| tests.graph(&pairs, &grounds, &counts, stop)).await?;
+        told(started, &answers);
         let edges = Pair::every(schema).into_iter().zip(answers).zip(found);
         Ok(Graph {
             bins: answer::bins(schema, &key),
@@ -68,10 +76,23 @@ struct State {
 }
 
 impl State {
-    /// Finds what each pair is, given what is known of it by itself.
-    fn skeleton(&self, margins: Vec<Margin>) -> Vec<Found> {
-        let tests = Asked { state: self, pairs: &margins };
-        skeleton::skeleton(self.environment.schema.agents().len(), &margins, &tests)
+    /// Answers for each pair, and finds what it is beside the others.
+    fn graph(
+        &self,
+        pairs: &[Pair],
+        grounds: &[Ground],
+        counts: &[StateCounts],
+        stop: &Stop,
+    ) -> Result<(Vec<Answer>, Vec<Found>), Stopped> {
+        let answered = |ground: &Ground| stop.check().map(|()| ground.answers_here(counts));
+        let answers: Result<Vec<Vec<Answer>>, Stopped> = grounds.par_iter().map(answered).collect();
+        let answers: Vec<Answer> = answers?.into_iter().flatten().collect();
+        let margins: Vec<Margin> = pairs.iter().zip(&answers).map(|(pair, answer)| margin(pair, answer)).collect();
+        let tests = Asked { state: self, pairs: &margins, stop };
+        let found = skeleton::skeleton(self.environment.schema.agents().len(), &margins, &tests);
+        // What was told after it was stopped is worth nothing.
+        stop.check()?;
+        Ok((answers, found))
     }
 }
 
@@ -79,6 +100,8 @@ impl State {
 struct Asked<'a> {
     state: &'a State,
     pairs: &'a [Margin],
+    /// Once it is stopped, nothing more is asked.
+    stop: &'a Stop,
 }
 
 impl Asked<'_> {
@@ -102,6 +125,7 @@ impl Asked<'_> {
 impl skeleton::Tests for Asked<'_> {
     /// By the pair's own prior: nothing is fitted for it.
     fn believed(&self, pair: usize, fixed: &[usize]) -> Option<Believed> {
+        self.stop.check().ok()?;
         let prior = &self.state.informed[pair].as_ref()?.prior;
         let slices = self.slices(pair, fixed);
         Some(Believed::of_dependence(prior.dependent(&slices), prior.unseen().dependent(), &slices))
@@ -109,7 +133,8 @@ impl skeleton::Tests for Asked<'_> {
 
     fn p_value(&self, pair: usize, fixed: &[usize], permutations: u64) -> f64 {
         let slices = self.slices(pair, fixed);
-        information::p_value(&slices, permutations, self.state.seed).p_value
+        let tested = information::p_value_while(&slices, permutations, self.state.seed, &|| self.stop.goes_on());
+        tested.map_or(1.0, |tested| tested.p_value)
     }
 }
 

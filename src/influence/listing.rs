@@ -2,7 +2,10 @@
 
 use super::answer::bins;
 use super::discoveries::Found;
-use super::order::{Order, OrderBy};
+use super::order::{Order, OrderBy, Orders, Ranked};
+use super::ranks::Ranks;
+use super::shared::Made;
+use super::size;
 use super::survey::{Row, Survey};
 use crate::domain::draft::ListingDraft;
 use crate::domain::{Discovery, Schema, Scope, StateFigures, StateKey, StatePage, Unit, Verdict, page_size};
@@ -48,39 +51,73 @@ impl Listing {
         }
     }
 
+    /// Returns whether the page can be chosen without evidence on every state.
+    pub fn needs_evidence(&self) -> bool {
+        self.order.by.needs_evidence() || self.verdict.is_some() || self.discovery.is_some()
+    }
+
     /// Returns the page of a survey; of the discoveries only, if there are any to tell.
-    pub fn page(&self, schema: &Schema, scope: &Scope, survey: &Survey, found: Option<&Found>) -> StatePage {
-        let positions = survey.ordered(self.order);
-        let row = |position: u32| &survey.rows[position as usize];
+    pub fn page(
+        &self,
+        schema: &Schema,
+        scope: &Scope,
+        survey: &Made<Survey>,
+        found: Option<&Found>,
+    ) -> Result<StatePage, Problem> {
+        let told = |position: usize| found.is_none_or(|found| found.rows[position]);
+        let wants =
+            |position: usize, row: &Row| told(position) && self.verdict.is_none_or(|wanted| row.verdict == wanted);
+        let Chosen { positions, next_page_token } = self.chosen(&survey.rows, &survey.orders, wants);
+        size::check_states(schema, positions.iter().map(|at| &survey.rows[*at].key))?;
+        let states = positions.into_iter().map(|at| StateFigures {
+            p_value: found.and_then(|found| found.p_values.get(at).copied().flatten()),
+            ..figures(schema, scope.unit, &survey.rows[at])
+        });
+        Ok(StatePage { states: states.collect(), next_page_token, as_of: survey.as_of, unit: scope.unit })
+    }
+
+    /// Returns the states of the page by ranks alone.
+    pub fn keys(&self, schema: &Schema, ranks: &Ranks) -> Result<(Vec<StateKey>, Option<String>), Problem> {
+        let Chosen { positions, next_page_token } = self.chosen(&ranks.rows, &ranks.orders, |_, _| true);
+        let keys: Vec<StateKey> = positions.into_iter().map(|at| ranks.rows[at].key().clone()).collect();
+        size::check_states(schema, keys.iter())?;
+        Ok((keys, next_page_token))
+    }
+
+    /// Chooses the rows of the page, by position.
+    fn chosen<R: Ranked>(&self, rows: &[R], orders: &Orders, wants: impl Fn(usize, &R) -> bool) -> Chosen {
+        let row = |position: u32| &rows[position as usize];
         let passed = |position: &u32| self.after.as_ref().is_some_and(|after| self.place_of(row(*position)) <= *after);
+        let positions = orders.of(rows, self.order);
         let start = positions.partition_point(passed);
-        let told = |position: u32| found.is_none_or(|found| found.rows[position as usize]);
-        let wanted = positions[start..].iter().copied().filter(|at| told(*at) && self.wants(row(*at)));
-        let mut page: Vec<u32> = wanted.take(self.size + 1).collect();
+        let wanted = positions[start..]
+            .iter()
+            .copied()
+            .filter(|at| row(*at).visits() >= self.min_visits && wants(*at as usize, row(*at)));
+        let mut page: Vec<usize> = wanted.take(self.size + 1).map(|at| at as usize).collect();
         let more = page.len() > self.size;
         page.truncate(self.size);
-        let next_page_token = page.last().filter(|_| more).map(|at| self.token(row(*at)));
-        let states = page.into_iter().map(|at| StateFigures {
-            p_value: found.and_then(|found| found.p_values.get(at as usize).copied().flatten()),
-            ..figures(schema, scope.unit, row(at))
-        });
-        StatePage { states: states.collect(), next_page_token, as_of: survey.as_of, unit: scope.unit }
+        let next_page_token = page.last().filter(|_| more).map(|at| self.token(&rows[*at]));
+        Chosen { positions: page, next_page_token }
     }
 
-    fn wants(&self, row: &Row) -> bool {
-        row.visits >= self.min_visits && self.verdict.is_none_or(|wanted| row.verdict == wanted)
+    fn place_of(&self, row: &impl Ranked) -> Place {
+        (self.order.rank(row), row.key().clone())
     }
 
-    fn place_of(&self, row: &Row) -> Place {
-        (self.order.rank(row), row.key.clone())
-    }
-
-    fn token(&self, row: &Row) -> String {
-        format!("{}-{:x}-{}", order_word(self.order), self.order.rank(row), row.key)
+    fn token(&self, row: &impl Ranked) -> String {
+        format!("{}-{:x}-{}", order_word(self.order), self.order.rank(row), row.key())
     }
 }
 
-fn figures(schema: &Schema, unit: Unit, row: &Row) -> StateFigures {
+/// The rows of a page.
+struct Chosen {
+    positions: Vec<usize>,
+    next_page_token: Option<String>,
+}
+
+/// Returns what is told of a state.
+pub fn figures(schema: &Schema, unit: Unit, row: &Row) -> StateFigures {
     StateFigures {
         key: row.key.clone(),
         bins: bins(schema, &row.key),

@@ -4,7 +4,7 @@
 //! a wire format but for the size that an answer may have; what is fitted to all counts of an environment is kept in the store beside them.
 
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 mod actions;
 mod answer;
@@ -14,6 +14,8 @@ mod graph;
 mod judge;
 mod listing;
 mod order;
+mod ranks;
+mod shared;
 mod size;
 mod skeleton;
 mod stratified;
@@ -21,19 +23,34 @@ mod summary;
 mod survey;
 
 use answer::Ground;
+use discoveries::Searched;
+use explore::Explored;
 use listing::Listing;
-use survey::{Plan, Survey, Surveys};
+use ranks::Ranks;
+use shared::{Made, Shared};
+use survey::{Plan, Survey};
 
 use crate::domain::draft::{DiscoveryDraft, ExplorationDraft, ListingDraft, PairDraft};
 use crate::domain::{
-    Agent, Answer, Answers, Basis, Cell, Discovery, Environment, Exploration, FittedPrior, Label, LabelledCell, Labels,
-    Pair, Question, Schema, Scope, SegmentId, StatePage, StateView, Summary, Tally, Variable, page_size,
+    Agent, Answer, Answers, Basis, Cell, Discovery, DiscoveryMethod, Environment, EnvironmentId, Exploration,
+    FittedPrior, Label, LabelledCell, Labels, Pair, Question, Schema, Scope, SegmentId, StatePage, StateView, Summary,
+    Tally, Variable, page_size,
 };
-use crate::error::{ErrorKind, Fault, Problem};
+use crate::error::{Fault, Problem};
 use crate::model::Networks;
 use crate::priors::Fits;
-use crate::store::Store;
+use crate::store::{Store, StoreError, Totals};
 use crate::telemetry;
+use crate::work::{Jobs, Progress, Work, aside};
+
+/// For how long fits that nobody was told are kept for whoever asked for them.
+const FITTED: Duration = Duration::from_secs(120);
+
+/// Which discoveries: the survey they are looked for in, the bits of the rate, and the method.
+type Sought = (survey::Key, u64, DiscoveryMethod);
+
+/// Which priors: of one pair, or of all.
+type Fitting = (EnvironmentId, Option<Pair>);
 
 /// A handle on the answers. Cloning is cheap.
 #[derive(Clone)]
@@ -41,13 +58,29 @@ pub struct Influence {
     store: Arc<dyn Store>,
     fits: Fits,
     networks: Networks,
-    surveys: Surveys,
+    work: Work,
+    ranks: Shared<survey::RanksKey, Ranks>,
+    surveys: Shared<survey::Key, Survey>,
+    searched: Shared<Sought, Searched>,
+    explored: Shared<(survey::Key, u64), Explored>,
+    fitting: Jobs<Fitting, Vec<FittedPrior>>,
 }
 
 impl Influence {
     /// Makes a handle on the answers from a store, the priors fitted to it and the networks that are asked where counts do not decide.
-    pub fn new(store: Arc<dyn Store>, fits: Fits, networks: Networks) -> Self {
-        Self { fits, networks, surveys: Surveys::new(store.clone()), store }
+    pub fn new(store: Arc<dyn Store>, fits: Fits, networks: Networks, work: Work) -> Self {
+        let stopping = || work.stopping.clone();
+        Self {
+            ranks: Shared::new("the ranking", stopping()),
+            surveys: Shared::new("the ranking", stopping()),
+            searched: Shared::new("the list of discoveries", stopping()),
+            explored: Shared::new("the exploration", stopping()),
+            fitting: Jobs::new("the fit", FITTED, stopping()),
+            store,
+            fits,
+            networks,
+            work,
+        }
     }
 
     /// Answers a question. Its answers stand on every transition acknowledged before it was asked.
@@ -56,29 +89,34 @@ impl Influence {
         let schema = &environment.schema;
         size::check(schema, &question)?;
         let plan = self.plan(environment, question.scope.clone()).await?;
-        let counts = self.store.counts(environment.id, &question.states).await.map_err(logged)?;
+        size::check_informed(&plan, &question)?;
         let labels = labels(schema, &question.scope.pair);
-        let answers = answer::answers(Ground { plan, question }, counts).await?;
+        let answers = answer::answers(&*self.store, &self.work.questions, Ground { plan, question }).await?;
         told(started, &answers);
         Ok(Answers { labels, answers })
     }
 
     /// Returns the counts of the state of that key.
     pub async fn state(&self, environment: &Environment, key: &str) -> Result<StateView, Problem> {
-        let schema = &environment.schema;
+        let schema = environment.schema.clone();
         let wrong = |detail| Problem::invalid("state key", vec![Fault::new("/key", detail)]);
         let key = schema.key_of_text(key).map_err(wrong)?;
         let counts = self.store.counts(environment.id, std::slice::from_ref(&key)).await.map_err(logged)?;
         let segments = self.store.segments(environment.id).await.map_err(logged)?;
-        let Some(state) = counts.first() else { return Err(Problem::invalid("state key", Vec::new())) };
-        let labelled = |cell: &Cell| labelled(schema, &segments, cell);
-        Ok(StateView {
-            bins: answer::bins(schema, &key),
-            total: Tally::of(state.counts.cells().iter()),
-            cells: state.counts.cells().iter().map(labelled).collect(),
-            revision: state.revision,
-            key,
-        })
+        let Some(state) = counts.into_iter().next() else { return Err(Problem::invalid("state key", Vec::new())) };
+        size::check_counts(&schema, &state.counts)?;
+        let bytes = size_of_val(state.counts.cells());
+        let view = move || {
+            let cells = state.counts.cells();
+            StateView {
+                bins: answer::bins(&schema, &key),
+                total: Tally::of(cells.iter()),
+                cells: cells.iter().map(|cell| labelled(&schema, &segments, cell)).collect(),
+                revision: state.revision,
+                key,
+            }
+        };
+        aside(bytes, view).await
     }
 
     /// Returns a page of states in an order.
@@ -86,9 +124,42 @@ impl Influence {
         let scope = Scope::new(environment, &listing.pair)?;
         let listing = Listing::new(&environment.schema, listing)?;
         let plan = self.plan(environment, scope).await?;
-        let survey = self.surveys.get(&plan).await.map_err(logged)?;
-        let found = self.discoveries(&plan, &survey, listing.discovery).await?;
-        Ok(listing.page(&environment.schema, &plan.scope, &survey, found.as_deref()))
+        let (survey, searched) = match listing.discovery {
+            Some(discovery) => {
+                let searched = self.searched(&plan, discovery).await?;
+                (searched.survey.clone(), Some(searched))
+            }
+            None if listing.needs_evidence() => (self.survey(&plan).await?, None),
+            None => match self.fresh_survey(&plan).await? {
+                Some(survey) => (survey, None),
+                None => return self.ranked(plan, listing).await,
+            },
+        };
+        let page = move || {
+            let found = searched.as_ref().map(|searched| &searched.found);
+            listing.page(&plan.environment.schema, &plan.scope, &survey, found)
+        };
+        // The first page of an order sorts it.
+        self.work.passes.run(move |_| Ok(page())).await?
+    }
+
+    /// Returns a page in an order that needs no evidence: only its own states are judged.
+    async fn ranked(&self, plan: Plan, listing: Listing) -> Result<StatePage, Problem> {
+        let ranks = self.ranks(&plan).await?;
+        let (as_of, environment) = (ranks.as_of, plan.environment.clone());
+        let choosing = self.work.passes.run(move |_| Ok(listing.keys(&environment.schema, &ranks)));
+        let (keys, next_page_token) = choosing.await??;
+
+        let turn = self.work.questions.enter().await?;
+        let counts = self.store.counts(plan.environment.id, &keys).await.map_err(logged)?;
+        let states = keys.into_iter().zip(counts).map(|(key, state)| (key, state.counts)).collect();
+        let unit = plan.scope.unit;
+        let judging = turn.run(move |stop| {
+            let schema = &plan.environment.schema;
+            let rows = survey::measured(&plan, states, stop)?;
+            Ok(rows.iter().map(|row| listing::figures(schema, unit, row)).collect())
+        });
+        Ok(StatePage { states: judging.await?, next_page_token, as_of, unit })
     }
 
     /// Returns what all states say together.
@@ -101,11 +172,21 @@ impl Influence {
         let scope = Scope::new(environment, pair)?;
         let discovery = Discovery::new(discovery).map_err(|faults| Problem::invalid("question", faults))?;
         let plan = self.plan(environment, scope).await?;
-        let survey = self.surveys.get(&plan).await.map_err(logged)?;
-        let found = self.discoveries(&plan, &survey, discovery).await?;
+        let (survey, searched) = match discovery {
+            None => (self.survey(&plan).await?, None),
+            Some(discovery) => {
+                let searched = self.searched(&plan, discovery).await?;
+                (searched.survey.clone(), Some(searched))
+            }
+        };
         let named = self.store.segments(environment.id).await.map_err(logged)?;
         let named = named.into_iter().filter_map(|(_, label)| label).collect();
-        Ok(summary::summary(&environment.schema, &plan.scope, named, &survey, found.as_deref()))
+        let rows = survey.rows.len();
+        let summary = move || {
+            let found = searched.as_ref().map(|searched| &searched.found);
+            summary::summary(&plan.environment.schema, &plan.scope, named, &survey, found)
+        };
+        aside(rows * size_of::<u64>(), summary).await
     }
 
     /// Returns the states, and the ego's actions in them, where one more visit is worth most.
@@ -117,38 +198,120 @@ impl Influence {
         let scope = Scope::new(environment, &draft.pair)?;
         let limit = page_size(draft.limit).map_err(|_| Problem::invalid("question", vec![limit_fault(draft.limit)]))?;
         let plan = self.plan(environment, scope).await?;
-        let survey = self.surveys.get(&plan).await.map_err(logged)?;
-        let keys = explore::candidates(&survey, draft.min_visits);
-        let counts = self.store.counts(environment.id, &keys).await.map_err(logged)?;
-        let explored = move || explore::explore(&plan, &keys, &counts, limit, survey.as_of);
-        let explored = tokio::task::spawn_blocking(explored).await;
-        explored.map_err(|error| Problem::new(ErrorKind::Internal, "INTERNAL", error.to_string()))
+        let (totals, min_visits) = (self.totals(&plan).await?, draft.min_visits);
+        let made = |progress: Progress| {
+            let (this, plan) = (self.clone(), plan.clone());
+            async move {
+                let survey = this.survey_for(&progress, &plan).await?;
+                let (store, gate, as_of) = (&*this.store, &this.work.passes, survey.as_of);
+                Ok((explore::explore(store, gate, &plan, survey, min_visits, &progress).await?, as_of))
+            }
+        };
+        let is_current = |explored: &Explored| plan.is_of(&explored.survey);
+        let explored = self.explored.get((plan.key(), min_visits), totals, is_current, made).await?;
+        size::check_states(&environment.schema, explored.trials(limit).iter().map(|trial| &trial.key))?;
+        Ok(explored.told(limit))
     }
 
-    /// Fits the prior of a pair, or of every pair, to the counts as they are now.
+    /// Fits the prior of a pair, or of every pair, to the counts as they are now. Whoever could not wait for it is told of it when it asks again.
     pub async fn fit(
         &self,
         environment: &Arc<Environment>,
         pair: Option<&PairDraft>,
     ) -> Result<Vec<FittedPrior>, Problem> {
-        let pairs = match pair {
-            Some(pair) => vec![Scope::new(environment, pair)?.pair.undirected()],
-            None => Pair::every(&environment.schema),
+        let pair = pair.map(|pair| Scope::new(environment, pair)).transpose()?.map(|scope| scope.pair.undirected());
+        let fits = |progress: Progress| {
+            let (this, environment, pair) = (self.clone(), environment.clone(), pair.clone());
+            async move {
+                let pairs = pair.map_or_else(|| Pair::every(&environment.schema), |pair| vec![pair]);
+                let mut fitted = Vec::with_capacity(pairs.len());
+                for pair in pairs {
+                    fitted.extend(this.fitted(&progress, &environment, &pair).await?);
+                }
+                Ok(fitted)
+            }
         };
-        let mut fitted = Vec::with_capacity(pairs.len());
-        for pair in pairs {
-            let Some(found) = self.fits.fit(environment, &pair).await.map_err(logged)? else { continue };
-            let name = |agent: usize| environment.schema.agents()[agent].name.to_string();
-            fitted.push(FittedPrior {
-                earlier: name(pair.ego),
-                later: name(pair.other),
-                given: pair.given.iter().map(|agent| name(*agent)).collect(),
-                fit: found.id,
-                states: found.fit.states,
-                dependent_share: found.fit.parameters.dependent,
-            });
-        }
-        Ok(fitted)
+        self.fitting.ask((environment.id, pair.clone()), fits).await
+    }
+
+    /// Fits one prior; `None` where the alphabets are too large for evidence.
+    async fn fitted(
+        &self,
+        progress: &Progress,
+        environment: &Environment,
+        pair: &Pair,
+    ) -> Result<Option<FittedPrior>, Problem> {
+        let Some(found) = self.fits.fit_telling(progress, environment, pair).await? else { return Ok(None) };
+        let name = |agent: usize| environment.schema.agents()[agent].name.to_string();
+        Ok(Some(FittedPrior {
+            earlier: name(pair.ego),
+            later: name(pair.other),
+            given: pair.given.iter().map(|agent| name(*agent)).collect(),
+            fit: found.id,
+            states: found.fit.states,
+            dependent_share: found.fit.parameters.dependent,
+        }))
+    }
+
+    /// Returns the survey of a plan.
+    async fn survey(&self, plan: &Plan) -> Result<Arc<Made<Survey>>, Problem> {
+        let totals = self.totals(plan).await?;
+        self.surveys
+            .get(plan.key(), totals, |survey| plan.is_of(survey), |progress| self.surveyed(plan, progress))
+            .await
+    }
+
+    /// Returns the same to a job that needs it.
+    async fn survey_for(&self, other: &Progress, plan: &Plan) -> Result<Arc<Made<Survey>>, Problem> {
+        let totals = self.totals(plan).await?;
+        let make = |progress| self.surveyed(plan, progress);
+        self.surveys.get_for(other, plan.key(), totals, |survey| plan.is_of(survey), make).await
+    }
+
+    /// Returns the survey of a plan if there is one that nothing was counted since.
+    async fn fresh_survey(&self, plan: &Plan) -> Result<Option<Arc<Made<Survey>>>, Problem> {
+        let totals = self.totals(plan).await?;
+        let last = self.surveys.last(&plan.key());
+        Ok(last.filter(|survey| survey.as_of >= totals.transitions && plan.is_of(survey)))
+    }
+
+    fn surveyed(
+        &self,
+        plan: &Plan,
+        progress: Progress,
+    ) -> impl Future<Output = Result<(Survey, u64), Problem>> + Send + 'static {
+        let (this, plan) = (self.clone(), plan.clone());
+        async move { survey::make(&*this.store, &this.work.passes, &plan, &progress).await }
+    }
+
+    async fn ranks(&self, plan: &Plan) -> Result<Arc<Made<Ranks>>, Problem> {
+        let totals = self.totals(plan).await?;
+        let make = |progress: Progress| {
+            let (this, plan) = (self.clone(), plan.clone());
+            async move { ranks::make(&*this.store, &this.work.passes, &plan, &progress).await }
+        };
+        self.ranks.get(plan.ranks_key(), totals, |_| true, make).await
+    }
+
+    /// Returns the discoveries by a plan, with the survey that they were looked for in.
+    async fn searched(&self, plan: &Plan, discovery: Discovery) -> Result<Arc<Made<Searched>>, Problem> {
+        let totals = self.totals(plan).await?;
+        let make = |progress: Progress| {
+            let (this, plan) = (self.clone(), plan.clone());
+            async move {
+                let survey = this.survey_for(&progress, &plan).await?;
+                let found =
+                    discoveries::find(&*this.store, &this.work.passes, &plan, &survey, discovery, &progress).await?;
+                let as_of = survey.as_of;
+                Ok((Searched { survey, found }, as_of))
+            }
+        };
+        let key = (plan.key(), discovery.fdr.to_bits(), discovery.method);
+        self.searched.get(key, totals, |searched| plan.is_of(&searched.survey), make).await
+    }
+
+    async fn totals(&self, plan: &Plan) -> Result<Totals, Problem> {
+        self.store.totals(plan.environment.id).await.map_err(logged)
     }
 
     /// Finds out what questions of that scope rest on: the numbers of their segments and the fit.
@@ -157,16 +320,6 @@ impl Influence {
         let informed = self.fits.informed(environment, &scope.pair).await.map_err(logged)?;
         let network = self.networks.active(environment, &scope.pair).await?;
         Ok(Plan { environment: environment.clone(), scope, segments, informed, network })
-    }
-
-    async fn discoveries(
-        &self,
-        plan: &Plan,
-        survey: &Survey,
-        discovery: Option<Discovery>,
-    ) -> Result<Option<Arc<discoveries::Found>>, Problem> {
-        let Some(discovery) = discovery else { return Ok(None) };
-        Ok(Some(survey.discoveries(&*self.store, plan, discovery).await.map_err(logged)?))
     }
 
     /// Returns the numbers of the segments named, or every unknown one as a fault.
@@ -206,7 +359,7 @@ fn limit_fault(limit: u64) -> Fault {
     Fault::new("/limit", format!("got {limit}, expected 1 to 1000"))
 }
 
-fn logged(error: crate::store::StoreError) -> Problem {
+fn logged(error: StoreError) -> Problem {
     tracing::error!(%error, "a question could not be answered");
     error.into()
 }

@@ -1,6 +1,7 @@
 //! What all states say together.
 
 use super::discoveries::Found;
+use super::shared::Made;
 use super::stratified;
 use super::survey::Survey;
 use crate::domain::{Dependence, HistogramBin, Label, Schema, Scope, Segmentation, Summary, Verdict};
@@ -13,7 +14,7 @@ pub fn summary(
     schema: &Schema,
     scope: &Scope,
     segments: Vec<Label>,
-    survey: &Survey,
+    survey: &Made<Survey>,
     found: Option<&Found>,
 ) -> Summary {
     let visits = |least: u64| -> u64 { survey.rows.iter().map(|row| row.visits).filter(|n| *n >= least).sum() };

@@ -55,5 +55,5 @@ pub use deviance::divergence;
 pub use estimators::{adjusted, chao_shen, dirichlet, grassberger_2003, james_stein, nsb, uniform_policy};
 pub use mutual_information::{excess, miller_madow, plug_in};
 pub use null::{ExpectedMethod, expected_if_independent};
-pub use significance::{Method, Significance, bayesian_fdr, benjamini_hochberg, p_value, smallest_p};
+pub use significance::{Method, Significance, bayesian_fdr, benjamini_hochberg, p_value, p_value_while, smallest_p};
 pub use table::{LARGEST_TOTAL, Occupied, Table};

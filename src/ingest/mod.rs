@@ -24,6 +24,7 @@ use crate::domain::{Acknowledged, Batch, Environment, EnvironmentId, ProducerId,
 use crate::error::{ErrorKind, Problem};
 use crate::store::{Numbered, Store};
 use crate::telemetry;
+use crate::work::aside;
 
 /// The most transitions that wait: one commit at work, and the beginning of the next.
 const MOST_QUEUED: usize = MOST_COMMIT_TRANSITIONS + MOST_COMMIT_TRANSITIONS / 4;
@@ -111,10 +112,15 @@ impl Ingest {
         room: OwnedSemaphorePermit,
     ) -> Result<Ticket, Problem> {
         let sequence = batch.sequence;
-        let segment = batch.segment.as_ref();
-        let (digest, worded) = (batch.records.digest(segment), batch.records.worded(segment).map(Box::new));
-        let (increment, receipt) = validate(&environment.schema, batch.segment, &batch.records);
-        let batch = Numbered { environment: environment.id, producer, sequence, digest, worded, increment, receipt };
+        let (schema, environment) = (environment.schema.clone(), environment.id);
+        let bytes = size_of_val(&batch.records.states[..]) + size_of_val(&batch.records.actions[..]);
+        let numbered = aside(bytes, move || {
+            let segment = batch.segment.as_ref();
+            let (digest, worded) = (batch.records.digest(segment), batch.records.worded(segment).map(Box::new));
+            let (increment, receipt) = validate(&schema, batch.segment, &batch.records);
+            Numbered { environment, producer, sequence, digest, worded, increment, receipt }
+        });
+        let batch = numbered.await?;
         let (reply, answer) = oneshot::channel();
         let pending = Pending { batch, lease, room, reply };
         self.queue.send(Work::Batch(pending)).await.map_err(|_| stopped())?;

@@ -7,12 +7,15 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
 
+use super::registry::logged;
 use super::spare_time::in_spare_time;
 use crate::domain::{Environment, FitId, Pair, StateKey, Within};
+use crate::error::Problem;
 use crate::evidence::{Base, Counted, Ego};
 use crate::information::{Alphabet, Table};
 use crate::priors::{self, Draws, Fits, Fitted, Pages, Sample, Tables};
-use crate::store::{Store, StoreError};
+use crate::store::Store;
+use crate::work::beside;
 
 /// The states of an environment for one pair of agents.
 #[derive(Clone)]
@@ -51,9 +54,9 @@ impl Dataset {
         fits: &Fits,
         environment: &Environment,
         pair: &Pair,
-    ) -> Result<Option<Self>, StoreError> {
+    ) -> Result<Option<Self>, Problem> {
         let Some(fitted) = fits.fit(environment, pair).await? else { return Ok(None) };
-        let revision = store.totals(environment.id).await?.transitions;
+        let revision = store.totals(environment.id).await.map_err(logged)?.transitions;
         let dataset = Self {
             schema_hash: environment.schema.hash().to_string(),
             alphabet: pair.alphabet(&environment.schema),
@@ -65,7 +68,7 @@ impl Dataset {
         };
         let mut sample = Sample::default();
         let mut pages = Pages::new(store, environment.id);
-        while let Some(page) = pages.next().await? {
+        while let Some(page) = pages.next().await.map_err(logged)? {
             let wanted = page.into_iter().filter(|scanned| sample.wants(&scanned.key));
             let drawn = wanted.map(|scanned| {
                 let cells = scanned.counts.cells().iter();
@@ -75,8 +78,7 @@ impl Dataset {
             });
             // Page by page, since a state may have hundreds of parts: what is kept of it is one table.
             let (drawn, weighing) = (drawn.collect(), dataset.clone());
-            let weighed = tokio::task::spawn_blocking(move || in_spare_time(|| weighing.weighed(drawn))).await;
-            let weighed = weighed.map_err(|error| StoreError::Unreadable(error.to_string()))?;
+            let weighed = beside(move || in_spare_time(|| weighing.weighed(drawn))).await?;
             weighed.into_iter().for_each(|example| sample.add(example.key.clone(), example, 1));
         }
         let examples = sample.sorted().into_iter().map(|(_, example)| example).collect();

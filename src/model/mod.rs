@@ -162,7 +162,7 @@ impl Networks {
         let members = content.members.len();
         let training = Training { kind: content.kind, width, members, epochs: 0, ..Training::default() };
         check_size(environment, &content.pair, &training)?;
-        let _turn = self.turn.lock().await;
+        let turn = self.turn.clone().lock_owned().await;
         let dataset = self.dataset(environment, &content.pair).await?;
         if content.kind == ModelKind::Joint {
             // It is calibrated here, for the rule as it is.
@@ -176,6 +176,8 @@ impl Networks {
         // Who does not say what it was trained on is believed where it is judged.
         content.seen.get_or_insert_with(|| Seen::of(&environment.schema, dataset.examples.iter().map(|one| &one.key)));
         let judged = tokio::task::spawn_blocking(move || {
+            // The next has its turn when this one is judged, even if nobody waits for it any more.
+            let _turn = turn;
             let (encoder, members) = (content.encoder.clone(), content.members.clone());
             let ensemble = Ensemble { encoder, members, epochs: Vec::new(), dropout: 0.0 };
             let card = in_spare_time(|| judge::card(&dataset, training, &ensemble, None, &Split::Unknown));
@@ -229,7 +231,7 @@ impl Networks {
 
     /// Reads what a network of a pair would learn from, as it is counted now.
     pub async fn dataset(&self, environment: &Environment, pair: &Pair) -> Result<Dataset, Problem> {
-        let read = Dataset::read(&*self.store, &self.fits, environment, pair).await.map_err(logged)?;
+        let read = Dataset::read(&*self.store, &self.fits, environment, pair).await?;
         read.ok_or_else(|| {
             Problem::new(ErrorKind::TooLarge, "TOO_MANY_ACTIONS", "the agents have too many actions for evidence")
         })
@@ -263,7 +265,8 @@ impl Networks {
         // It may have waited for long: the rule is that of now.
         let environment = &self.current(&order.environment)?;
         self.tell(order, 0.0, "reads the states and fits the prior");
-        let dataset = self.dataset(environment, pair).await?;
+        let dataset = order.end.run_until_cancelled(self.dataset(environment, pair)).await;
+        let dataset = dataset.unwrap_or_else(|| Err(no_network(&TrainingError::Cancelled)))?;
         let seen = Seen::of(&environment.schema, training::learned(&dataset, training).map(|example| &example.key));
         let (networks, order_there) = (self.clone(), order.clone());
         let trained =
@@ -314,6 +317,9 @@ impl Networks {
         let ensemble = train(dataset, 0.02, "learns from the counts")?;
         let shuffled = dataset.shuffled(training.seed);
         let twin = train(&shuffled, 0.02 + SHARE, "learns from shuffled counts, for comparison")?;
+        if order.end.is_cancelled() {
+            return Err(TrainingError::Cancelled);
+        }
         self.tell(order, 0.02 + 2.0 * SHARE, "is judged beside its baselines");
         let card = judge::card(dataset, *training, &ensemble, Some(&twin), &Split::HeldOut(training));
         Ok((ensemble, card))

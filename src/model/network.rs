@@ -166,6 +166,11 @@ impl Network {
         }
     }
 
+    /// Returns whether it predicts what each of the ego's actions does.
+    pub fn tells_actions(&self) -> bool {
+        self.kind == ModelKind::Joint
+    }
+
     /// Predicts what each of the ego's actions does in a state; empty for a direct network. Divergences are in nats.
     pub fn by_action(&self, environment: &Environment, state: &StateKey) -> Vec<ModelAction> {
         let inputs = self.encoder.encode(std::iter::once(state));

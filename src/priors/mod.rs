@@ -8,11 +8,15 @@ use std::time::{Duration, Instant};
 
 use lru::LruCache;
 
+use tokio_util::sync::CancellationToken;
+
 use crate::domain::{Environment, EnvironmentId, FitId, Pair, Schema, StateKey, Within};
+use crate::error::{ErrorKind, Problem};
 use crate::evidence::{self, Beliefs, Ego, Fit, Fitter, Habits, Prior, Uses};
 use crate::information::{Alphabet, Table};
 use crate::store::form::Unreadable;
-use crate::store::{FitRecord, Store, StoreError};
+use crate::store::{FitRecord, Scanned, Store, StoreError};
+use crate::work::{Gate, Progress, Stopped};
 
 mod asked;
 mod known;
@@ -105,12 +109,19 @@ pub struct Fits {
     kept: Arc<Mutex<LruCache<Key, Arc<Fitted>>>>,
     asked: Arc<Asked>,
     making: Arc<tokio::sync::Mutex<()>>,
+    gate: Gate,
 }
 
 impl Fits {
-    /// Keeps the fits of a store.
+    /// Keeps the fits of a store, made on a thread of their own.
     pub fn new(store: Arc<dyn Store>) -> Self {
-        Self { store, kept: Arc::new(Mutex::new(LruCache::new(KEPT))), asked: Arc::default(), making: Arc::default() }
+        Self::made_in(Gate::new("fit", 1, Gate::ENDLESS, CancellationToken::new()), store)
+    }
+
+    /// Keeps the fits of a store, made behind a gate.
+    pub fn made_in(gate: Gate, store: Arc<dyn Store>) -> Self {
+        let kept = Arc::new(Mutex::new(LruCache::new(KEPT)));
+        Self { store, kept, asked: Arc::default(), making: Arc::default(), gate }
     }
 
     /// Returns the last fit of a pair, or the prior that nothing was fitted to; `None` where the alphabets are too large for evidence.
@@ -143,32 +154,53 @@ impl Fits {
     }
 
     /// Fits a pair to the counts as they are now; `None` where the alphabets are too large for evidence. Whoever asks has it kept up for an hour.
-    pub async fn fit(&self, environment: &Environment, pair: &Pair) -> Result<Option<Arc<Fitted>>, StoreError> {
-        self.asked.note((environment.id, pair.undirected()), Instant::now());
-        self.make(environment, pair).await
+    pub async fn fit(&self, environment: &Environment, pair: &Pair) -> Result<Option<Arc<Fitted>>, Problem> {
+        self.fit_telling(&Progress::default(), environment, pair).await
     }
 
-    async fn make(&self, environment: &Environment, pair: &Pair) -> Result<Option<Arc<Fitted>>, StoreError> {
+    /// Fits a pair and tells how far it is.
+    pub async fn fit_telling(
+        &self,
+        progress: &Progress,
+        environment: &Environment,
+        pair: &Pair,
+    ) -> Result<Option<Arc<Fitted>>, Problem> {
+        self.asked.note((environment.id, pair.undirected()), Instant::now());
+        self.make(progress, environment, pair).await
+    }
+
+    async fn make(
+        &self,
+        progress: &Progress,
+        environment: &Environment,
+        pair: &Pair,
+    ) -> Result<Option<Arc<Fitted>>, Problem> {
         let pair = pair.undirected();
         let Some(alphabet) = alphabet(&environment.schema, &pair) else { return Ok(None) };
         let _turn = self.making.lock().await;
-        let last = self.get(environment, &pair).await?.map_or(0, |fitted| fitted.last_version);
+        let last = self.get(environment, &pair).await.map_err(logged)?.map_or(0, |fitted| fitted.last_version);
         if last >= i64::MAX.unsigned_abs() {
-            return Err(StoreError::VersionsUsedUp("fit"));
+            return Err(logged(StoreError::VersionsUsedUp("fit")));
         }
-        let version = last + 1;
-        let revision = self.store.totals(environment.id).await?.transitions;
-        let (uses, states) = self.states(environment, &pair, alphabet).await?;
-        let fitting = move || {
+        let (version, totals) = (last + 1, self.store.totals(environment.id).await.map_err(logged)?);
+        progress.begin("states read", totals.states);
+        let (uses, states) = self.states(progress, environment, &pair, alphabet).await?;
+
+        progress.begin("states looked at, and then fitted", states.len() as u64);
+        let telling = progress.clone();
+        let fitting = self.gate.run(move |stop| {
             let mut fitter = Fitter::new(alphabet, &uses);
-            states.iter().for_each(|(_, draws)| fitter.add(draws.counted()));
-            fitter.fit()
-        };
-        let fit = tokio::task::spawn_blocking(fitting).await;
-        let fit = fit.map_err(|error| StoreError::Unreadable(error.to_string()))?;
-        let id = FitId { version, revision };
+            for (_, draws) in &states {
+                stop.check()?;
+                fitter.add(draws.counted());
+                telling.add(1);
+            }
+            fitter.fit_while(&|| stop.goes_on()).ok_or(Stopped)
+        });
+        let fit = fitting.await?;
+        let id = FitId { version, revision: totals.transitions };
         let record = FitRecord { pair: text::of_pair(&pair), id, body: text::of_fit(&fit) };
-        self.store.keep_fit(environment.id, &record).await?;
+        self.store.keep_fit(environment.id, &record).await.map_err(logged)?;
         tracing::debug!(environment = %environment.name, pair = record.pair, version, states = fit.states, "fitted");
         Ok(Some(self.keep((environment.id, pair), id, version, fit)))
     }
@@ -200,47 +232,55 @@ impl Fits {
                 let started = Instant::now();
                 match self.fit_if_due(&environment, &pair).await {
                     Ok(true) => tokio::time::sleep(started.elapsed() * REST).await,
+                    Ok(false) => {}
                     // Somebody may have removed it meanwhile.
-                    Ok(false) | Err(StoreError::UnknownEnvironment) => {}
-                    Err(error) => tracing::warn!(%error, environment = %environment.name, "a prior was not fitted"),
+                    Err(problem) if problem.kind == ErrorKind::NotFound => {}
+                    Err(problem) => tracing::warn!(%problem, environment = %environment.name, "a prior was not fitted"),
                 }
             }
         }
     }
 
-    async fn fit_if_due(&self, environment: &Environment, pair: &Pair) -> Result<bool, StoreError> {
+    async fn fit_if_due(&self, environment: &Environment, pair: &Pair) -> Result<bool, Problem> {
         let Some(fitted) = self.get(environment, pair).await? else { return Ok(false) };
         let counted = self.store.totals(environment.id).await?.transitions;
         let due = fitted.id.revision as f64 * (1.0 + GROWTH);
         if counted == fitted.id.revision || (counted as f64) < due {
             return Ok(false);
         }
-        Ok(self.make(environment, pair).await?.is_some())
+        Ok(self.make(&Progress::default(), environment, pair).await?.is_some())
     }
 
     /// Returns how all states use the actions of both agents, and the draws of the states that can tell dependence from independence, in order of key.
     async fn states(
         &self,
+        progress: &Progress,
         environment: &Environment,
         pair: &Pair,
         alphabet: Alphabet,
-    ) -> Result<(Uses, Vec<(StateKey, Draws<'static>)>), StoreError> {
-        let mut uses = Uses::new(alphabet);
-        let mut sample = Sample::default();
+    ) -> Result<(Uses, Vec<(StateKey, Draws<'static>)>), Problem> {
+        let mut read = Read {
+            schema: environment.schema.clone(),
+            pair: pair.clone(),
+            uses: Uses::new(alphabet),
+            sample: Sample::default(),
+        };
         let mut pages = Pages::new(&*self.store, environment.id);
-        while let Some(page) = pages.next().await? {
-            for scanned in page {
-                let cells = scanned.counts.cells().iter();
-                let tables = Tables::new(&environment.schema, pair, cells.clone());
-                let draws = tables.evidence(&environment.schema, pair, Within::Auto, cells);
-                uses.add(draws.counted());
-                if !draws.slices.iter().all(Table::is_line) {
-                    let tables = draws.tables();
-                    sample.add(scanned.key, draws.into_owned(), tables);
-                }
-            }
+        while let Some(page) = pages.next().await.map_err(logged)? {
+            let states = page.len() as u64;
+            read = self
+                .gate
+                .run(move |stop| {
+                    for scanned in page {
+                        stop.check()?;
+                        read.add(scanned);
+                    }
+                    Ok(read)
+                })
+                .await?;
+            progress.add(states);
         }
-        Ok((uses, sample.sorted()))
+        Ok((read.uses, read.sample.sorted()))
     }
 
     fn keep(&self, key: Key, id: FitId, last_version: u64, fit: Fit) -> Arc<Fitted> {
@@ -260,6 +300,32 @@ impl Fits {
     fn lock(&self) -> std::sync::MutexGuard<'_, LruCache<Key, Arc<Fitted>>> {
         self.kept.lock().unwrap_or_else(PoisonError::into_inner)
     }
+}
+
+/// What a fit is made from, as far as it is read.
+struct Read {
+    schema: Schema,
+    pair: Pair,
+    uses: Uses,
+    sample: Sample<Draws<'static>>,
+}
+
+impl Read {
+    fn add(&mut self, scanned: Scanned) {
+        let cells = scanned.counts.cells().iter();
+        let tables = Tables::new(&self.schema, &self.pair, cells.clone());
+        let draws = tables.evidence(&self.schema, &self.pair, Within::Auto, cells);
+        self.uses.add(draws.counted());
+        if !draws.slices.iter().all(Table::is_line) {
+            let tables = draws.tables();
+            self.sample.add(scanned.key, draws.into_owned(), tables);
+        }
+    }
+}
+
+fn logged(error: StoreError) -> Problem {
+    tracing::error!(%error, "a prior could not be fitted");
+    error.into()
 }
 
 /// Says in the log why a fit cannot be read, if it cannot.

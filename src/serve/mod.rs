@@ -2,7 +2,9 @@
 //!
 //! Handlers decode, ask a room of [`App`], and encode. An `if` about the problem rather than the protocol belongs further in.
 
-use axum::Router;
+use std::time::Duration;
+
+use axum::{Router, middleware};
 use tokio::net::TcpListener;
 
 use crate::app::App;
@@ -16,6 +18,12 @@ mod inference;
 mod operations;
 mod rest;
 mod status;
+
+/// How long a call may take, unless its caller says otherwise (gRPC's `grpc-timeout`). Streams take as long as they want.
+const ALLOWED: Duration = Duration::from_secs(30);
+
+/// About what is told of a state, in bytes.
+const STATE_BYTES: usize = 1_024;
 
 /// What may be set about the faces.
 #[derive(Debug, Clone, Default)]
@@ -37,7 +45,7 @@ pub async fn serve(app: App, listener: TcpListener, settings: Settings) -> Resul
 async fn router(app: App, settings: &Settings) -> Result<Router, tonic_reflection::server::Error> {
     // Without this an unknown REST path would answer 200 with a gRPC status.
     let grpc = grpc::routes(app.clone()).await?.into_axum_router().reset_fallback();
-    let grpc = grpc.layer(tonic_web::GrpcWebLayer::new());
+    let grpc = grpc.layer(middleware::from_fn(grpc::in_time)).layer(tonic_web::GrpcWebLayer::new());
     let router =
         rest::router(app.clone()).merge(inference::router(app.clone())).merge(operations::router(app)).merge(grpc);
     Ok(cors::allow(router, &settings.cors_origins))

@@ -71,5 +71,7 @@ async fn metrics(State(app): State<App>) -> Response {
     telemetry::queued(app.ingest.queued());
     checks(&app).await.iter().for_each(|(check, outcome)| telemetry::ready(check, outcome.is_ok()));
     telemetry::read_only(app.store.read_only().len());
+    let lanes = [("questions", &app.work.questions), ("passes", &app.work.passes), ("fits", &app.work.fits)];
+    lanes.into_iter().for_each(|(lane, gate)| telemetry::working(lane, gate.busy()));
     ([("content-type", "text/plain; version=0.0.4; charset=utf-8")], telemetry::render()).into_response()
 }

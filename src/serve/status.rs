@@ -1,5 +1,7 @@
 //! The one place that knows status codes: kinds of error beside their HTTP and gRPC codes.
 
+use std::time::Duration;
+
 use axum::Extension;
 use axum::response::{IntoResponse, Response};
 use http::{StatusCode, header};
@@ -8,9 +10,6 @@ use tonic_types::{ErrorDetails, StatusExt};
 
 use crate::api::json;
 use crate::error::{ErrorKind, Problem};
-
-/// How long a caller should wait before it tries again.
-pub const RETRY_AFTER: std::time::Duration = std::time::Duration::from_secs(1);
 
 /// Returns the HTTP and the gRPC code of a kind.
 pub fn codes(kind: ErrorKind) -> (StatusCode, Code) {
@@ -23,6 +22,7 @@ pub fn codes(kind: ErrorKind) -> (StatusCode, Code) {
         ErrorKind::TooLarge => (StatusCode::PAYLOAD_TOO_LARGE, Code::OutOfRange),
         ErrorKind::Quota => (StatusCode::TOO_MANY_REQUESTS, Code::ResourceExhausted),
         ErrorKind::Overloaded | ErrorKind::Unavailable => (StatusCode::SERVICE_UNAVAILABLE, Code::Unavailable),
+        ErrorKind::Deadline => (StatusCode::SERVICE_UNAVAILABLE, Code::DeadlineExceeded),
         ErrorKind::Internal => (StatusCode::INTERNAL_SERVER_ERROR, Code::Internal),
     }
 }
@@ -36,11 +36,37 @@ pub fn grpc(problem: Problem) -> Status {
     for fault in &problem.faults {
         details.add_bad_request_violation(&fault.pointer, &fault.detail);
     }
-    if problem.kind.is_retryable() {
-        details.set_retry_info(Some(RETRY_AFTER));
+    if problem.retry_after.is_some() {
+        details.set_retry_info(problem.retry_after);
     }
     Status::with_error_details(code, problem.message, details)
 }
+
+/// What was asked for, where it matters whether it may have been done although nobody was told.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Asked {
+    /// To be told something: nothing is changed by it.
+    Question,
+    /// To count a batch, which counts once however often it is sent.
+    Batch,
+    /// To change something else.
+    Change,
+}
+
+/// Says that there was no answer in time, and what helps.
+pub fn too_late(asked: Asked, allowed: Duration) -> Problem {
+    let help = match asked {
+        Asked::Question => "ask for less at a time",
+        Asked::Batch => "it may have been counted; send it again, it counts once",
+        Asked::Change => "it may have been done; look before you send it again",
+    };
+    let message = format!("no answer within {} seconds: {help}", allowed.as_secs_f64());
+    let problem = Problem::new(ErrorKind::Deadline, "TIMEOUT", message);
+    if asked == Asked::Batch { problem.retry_after(RETRY_BATCH) } else { problem }
+}
+
+/// After how long a batch that was not answered is sent again.
+const RETRY_BATCH: Duration = Duration::from_secs(1);
 
 /// A problem under its HTTP status. As a response it is only a note, which [`Failure::tell`] turns into a body once the request's path is known.
 #[derive(Debug, Clone, PartialEq)]
@@ -71,9 +97,7 @@ impl Failure {
                 "UNSUPPORTED_MEDIA_TYPE",
                 "the body is of a type or an encoding that this path does not take",
             ),
-            StatusCode::SERVICE_UNAVAILABLE => {
-                (ErrorKind::Unavailable, "TIMEOUT", "no answer within 30 seconds; sending it again is safe")
-            }
+            StatusCode::SERVICE_UNAVAILABLE => (ErrorKind::Unavailable, "UNAVAILABLE", "the service cannot answer now"),
             status if status.is_server_error() => {
                 (ErrorKind::Internal, "INTERNAL", "the service failed; the cause is in its log")
             }
@@ -102,8 +126,8 @@ impl Failure {
 
     fn response(&self, content_type: &'static str, body: impl IntoResponse) -> Response {
         let mut response = (self.status, [(header::CONTENT_TYPE, content_type)], body).into_response();
-        if self.problem.kind.is_retryable() {
-            response.headers_mut().insert(header::RETRY_AFTER, RETRY_AFTER.as_secs().into());
+        if let Some(wait) = self.problem.retry_after {
+            response.headers_mut().insert(header::RETRY_AFTER, wait.as_secs().into());
         }
         response
     }

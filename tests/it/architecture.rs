@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 /// Rooms by rank. A room may import any lower rank, never its own or a higher one.
 const RANKS: &[&[&str]] = &[
     &["information", "error", "config", "telemetry"],
-    &["domain"],
+    &["domain", "work"],
     &["evidence", "store", "simulation", "recordings", "api"],
     &["ingest", "client", "priors"],
     &["environments", "model"],
@@ -31,7 +31,7 @@ const RESERVED: &[(&str, &[&str])] = &[
     ("clap", &["cli", "main"]),
     ("csv", &["recordings", "experiments"]),
     ("plotters", &["simulation", "experiments"]),
-    ("tokio", &["ingest", "store", "client", "priors", "model", "influence", "app", "serve", "cli", "main"]),
+    ("tokio", &["work", "ingest", "store", "client", "priors", "model", "influence", "app", "serve", "cli", "main"]),
 ];
 
 fn sources() -> BTreeMap<String, Vec<PathBuf>> {

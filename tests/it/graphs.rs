@@ -32,7 +32,7 @@ async fn environment(app: &App, name: &str, states: usize, agents: usize, letter
     };
     let agent = |at: usize| AgentDraft { name: format!("agent-{at}"), action: vec![integer("action", letters)] };
     let schema = SchemaDraft { state: vec![integer("state", states)], agents: (0..agents).map(agent).collect() };
-    app.environments.apply(name, &schema.into()).await.expect("a valid schema").0
+    app.environments.apply(name, schema.into()).await.expect("a valid schema").0
 }
 
 /// Counts what was played, a state each, under the sequence given and those that follow.

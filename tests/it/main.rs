@@ -3,6 +3,7 @@
 #![allow(missing_docs)]
 
 mod architecture;
+mod bounded;
 mod cli;
 mod client;
 mod damage;

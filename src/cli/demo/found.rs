@@ -4,7 +4,7 @@ use crate::api::json::{dependence, verdict};
 use crate::api::proto;
 use crate::cli::Failure;
 use crate::cli::output::{Table, count, figure, print};
-use crate::client::Connection;
+use crate::client::{Connection, patiently};
 
 /// States told of each environment.
 const TOLD: u32 = 3;
@@ -74,7 +74,11 @@ pub(super) async fn train(connection: &Connection, environment: &str) -> Result<
 /// Fits the prior of an environment, and waits until what is told of all its states stands on that fit and on everything counted.
 pub(super) async fn settle(connection: &Connection, environment: &str) -> Result<(), Failure> {
     let fit = proto::FitPriorRequest { environment: environment.into(), ..Default::default() };
-    let fits = connection.influence().fit_prior(fit).await?.into_inner().fits;
+    let ask = || {
+        let (mut client, fit) = (connection.influence(), fit.clone());
+        async move { client.fit_prior(fit).await }
+    };
+    let fits = patiently(ask).await?.fits;
     let made = fits.first().and_then(|fitted| fitted.fit).unwrap_or_default();
     loop {
         let told = summary(connection, environment).await?;
@@ -88,7 +92,11 @@ pub(super) async fn settle(connection: &Connection, environment: &str) -> Result
 async fn summary(connection: &Connection, environment: &str) -> Result<proto::SummarizeResponse, Failure> {
     let discovery = proto::Discovery { fdr: Some(0.05), ..Default::default() };
     let request = proto::SummarizeRequest { scope: Some(scope(environment)), discovery: Some(discovery) };
-    Ok(connection.influence().summarize(request).await?.into_inner())
+    let ask = || {
+        let (mut client, request) = (connection.influence(), request.clone());
+        async move { client.summarize(request).await }
+    };
+    Ok(patiently(ask).await?)
 }
 
 async fn most_dependent(connection: &Connection, environment: &str) -> Result<Vec<proto::StateFigures>, Failure> {
@@ -98,7 +106,11 @@ async fn most_dependent(connection: &Connection, environment: &str) -> Result<Ve
         page_size: TOLD,
         ..Default::default()
     };
-    Ok(connection.influence().list_states(request).await?.into_inner().states)
+    let ask = || {
+        let (mut client, request) = (connection.influence(), request.clone());
+        async move { client.list_states(request).await }
+    };
+    Ok(patiently(ask).await?.states)
 }
 
 /// Returns what the paper's rule says of a state.

@@ -10,7 +10,8 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use crate::api::proto;
 use crate::cli::Failure;
 use crate::cli::output::{Table, count, print};
-use crate::client::Connection;
+use crate::client::{Connection, patiently};
+use crate::error::ErrorKind;
 
 /// From one look to the next, on a terminal and in a pipe.
 const TERMINAL: Duration = Duration::from_millis(500);
@@ -86,11 +87,15 @@ impl Live {
         for environment in &self.environments {
             let scope = proto::Scope { environment: environment.clone(), ..Default::default() };
             let request = proto::SummarizeRequest { scope: Some(scope), discovery: None };
-            let summary = match self.connection.influence().summarize(request).await {
-                Ok(response) => response.into_inner(),
+            let ask = || {
+                let (mut client, request) = (self.connection.influence(), request.clone());
+                async move { client.summarize(request).await }
+            };
+            let summary = match patiently(ask).await {
+                Ok(summary) => summary,
                 // It is made when its first player comes.
-                Err(status) if status.code() == tonic::Code::NotFound => proto::SummarizeResponse::default(),
-                Err(status) => return Err(status.into()),
+                Err(error) if error.kind() == ErrorKind::NotFound => proto::SummarizeResponse::default(),
+                Err(error) => return Err(error.into()),
             };
             let now = Seen { at: Instant::now(), transitions: summary.transitions };
             let before = self.seen.insert(environment.clone(), now);

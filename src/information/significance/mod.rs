@@ -80,15 +80,25 @@ const FEW_TABLES: u64 = 1_000;
 /// Of independent states, at most a share p has a p-value of p or less, at any number of visits; at few visits a far
 /// smaller share, since few values are possible: see [`smallest_p`].
 pub fn p_value(slices: &[Table], permutations: u64, seed: u64) -> Significance {
+    p_value_while(slices, permutations, seed, &|| true).expect("nobody ends it")
+}
+
+/// Returns the same, asking now and then whether to go on; `None` where it was ended.
+pub fn p_value_while(
+    slices: &[Table],
+    permutations: u64,
+    seed: u64,
+    goes_on: &dyn Fn() -> bool,
+) -> Option<Significance> {
     let slices = informative(slices);
     let (p_value, method) = if few_tables(&slices, permutations.max(FEW_TABLES)) {
         (exact(&slices, statistic(&slices)), Method::Exact)
     } else if slices.iter().all(|slice| expects_enough(slice)) {
         (g_test(&slices), Method::GTest)
     } else {
-        (by_permutation(&slices, permutations, seed), Method::Permutation)
+        (by_permutation(&slices, permutations, seed, goes_on)?, Method::Permutation)
     };
-    Significance { p_value, method }
+    Some(Significance { p_value, method })
 }
 
 /// Returns the smallest p-value that any table with these margins could have: 1 where nothing can be learnt.
@@ -136,11 +146,20 @@ fn exact(slices: &[&Table], statistic: f64) -> f64 {
     reaching.min(1.0)
 }
 
-fn by_permutation(slices: &[&Table], permutations: u64, seed: u64) -> f64 {
+fn by_permutation(slices: &[&Table], permutations: u64, seed: u64, goes_on: &dyn Fn() -> bool) -> Option<f64> {
+    /// Permutations from one look to the next whether to go on.
+    const LOOK: u64 = 256;
+
     let mut random = Pcg64::seed_from_u64(seed);
     let mut samplers: Vec<Sampler> = slices.iter().map(|slice| Sampler::new(slice, freedoms(slice))).collect();
     let bar = bar(statistic(slices));
     let mut draw = || samplers.iter_mut().map(|sampler| sampler.draw(&mut random)).sum::<f64>();
-    let reaching = (0..permutations).filter(|_| draw() >= bar).count();
-    (1 + reaching) as f64 / (1.0 + permutations as f64)
+    let mut reaching = 0;
+    for permutation in 0..permutations {
+        if permutation % LOOK == 0 && !goes_on() {
+            return None;
+        }
+        reaching += u64::from(draw() >= bar);
+    }
+    Some((1 + reaching) as f64 / (1.0 + permutations as f64))
 }

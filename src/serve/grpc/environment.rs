@@ -10,6 +10,7 @@ use crate::api::proto::{
     UpdateRuleRequest, UpdateRuleResponse,
 };
 use crate::domain::draft::DescriptionDraft;
+use crate::work::beside;
 
 #[tonic::async_trait]
 impl EnvironmentService for Face {
@@ -19,10 +20,11 @@ impl EnvironmentService for Face {
     ) -> Result<Response<ApplyEnvironmentResponse>, Status> {
         call("ApplyEnvironment", async {
             let ApplyEnvironmentRequest { name, schema, rule } = request.into_inner();
-            let schema = schema.unwrap_or_default().into();
+            let schema = beside(move || schema.unwrap_or_default().into()).await?;
             let description = DescriptionDraft { schema, schema_hash: None, rule: rule.map(Into::into) };
-            let (environment, created) = self.app.environments.apply(&name, &description).await?;
-            Ok(ApplyEnvironmentResponse { environment: Some((&*environment).into()), created })
+            let (environment, created) = self.app.environments.apply(&name, description).await?;
+            let environment = beside(move || (&*environment).into()).await?;
+            Ok(ApplyEnvironmentResponse { environment: Some(environment), created })
         })
         .await
     }
@@ -33,7 +35,7 @@ impl EnvironmentService for Face {
     ) -> Result<Response<GetEnvironmentResponse>, Status> {
         call("GetEnvironment", async {
             let environment = self.app.environments.find(&request.into_inner().name)?;
-            Ok(GetEnvironmentResponse { environment: Some((&*environment).into()) })
+            Ok(GetEnvironmentResponse { environment: Some(beside(move || (&*environment).into()).await?) })
         })
         .await
     }
@@ -45,7 +47,8 @@ impl EnvironmentService for Face {
         call("ListEnvironments", async {
             let ListEnvironmentsRequest { page_size, page_token } = request.into_inner();
             let token = Some(page_token.as_str()).filter(|token| !token.is_empty());
-            Ok(self.app.environments.list(u64::from(page_size), token)?.into())
+            let page = self.app.environments.list(u64::from(page_size), token)?;
+            beside(move || page.into()).await
         })
         .await
     }
@@ -54,7 +57,7 @@ impl EnvironmentService for Face {
         call("UpdateRule", async {
             let UpdateRuleRequest { name, rule } = request.into_inner();
             let environment = self.app.environments.update_rule(&name, &rule.unwrap_or_default().into()).await?;
-            Ok(UpdateRuleResponse { environment: Some((&*environment).into()) })
+            Ok(UpdateRuleResponse { environment: Some(beside(move || (&*environment).into()).await?) })
         })
         .await
     }

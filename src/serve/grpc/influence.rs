@@ -13,11 +13,14 @@ use crate::api::{fitting, grpc};
 use crate::domain::draft::QuestionDraft;
 use crate::domain::{Answers, Question, View};
 use crate::error::Problem;
+use crate::serve::STATE_BYTES;
+use crate::work::aside;
 
 impl Face {
-    async fn answer(&self, environment: &str, draft: &QuestionDraft) -> Result<(Answers, View), Problem> {
+    async fn answer(&self, environment: &str, draft: QuestionDraft) -> Result<(Answers, View), Problem> {
         let environment = self.app.environments.find(environment)?;
-        let question = Question::new(&environment, draft)?;
+        let asked = environment.clone();
+        let question = aside(draft.states.len() * STATE_BYTES, move || Question::new(&asked, &draft)).await??;
         let view = question.view;
         Ok((self.app.influence.answer(&environment, question).await?, view))
     }
@@ -31,7 +34,7 @@ impl InfluenceService for Face {
     ) -> Result<Response<GetInfluenceResponse>, Status> {
         call("GetInfluence", async {
             let (environment, draft) = grpc::question(request.into_inner())?;
-            let (answers, view) = self.answer(&environment, &draft).await?;
+            let (answers, view) = self.answer(&environment, draft).await?;
             fitting(answers.into(), view)
         })
         .await
@@ -43,8 +46,8 @@ impl InfluenceService for Face {
     ) -> Result<Response<BatchGetInfluenceResponse>, Status> {
         call("BatchGetInfluence", async {
             let (environment, draft) = grpc::batch_question(request.into_inner())?;
-            let (answers, view) = self.answer(&environment, &draft).await?;
-            fitting(answers.into(), view)
+            let (answers, view) = self.answer(&environment, draft).await?;
+            aside(answers.answers.len() * STATE_BYTES, move || fitting(answers.into(), view)).await?
         })
         .await
     }
@@ -53,7 +56,8 @@ impl InfluenceService for Face {
         call("GetState", async {
             let GetStateRequest { environment, key } = request.into_inner();
             let environment = self.app.environments.find(&environment)?;
-            fitting(self.app.influence.state(&environment, &key).await?.into(), View::Full)
+            let view = self.app.influence.state(&environment, &key).await?;
+            aside(view.cells.len() * STATE_BYTES, move || fitting(view.into(), View::Full)).await?
         })
         .await
     }
@@ -62,7 +66,8 @@ impl InfluenceService for Face {
         call("ListStates", async {
             let (environment, listing) = grpc::list_states(request.into_inner())?;
             let environment = self.app.environments.find(&environment)?;
-            fitting(self.app.influence.states(&environment, &listing).await?.into(), View::Verdict)
+            let page = self.app.influence.states(&environment, &listing).await?;
+            aside(page.states.len() * STATE_BYTES, move || fitting(page.into(), View::Verdict)).await?
         })
         .await
     }
@@ -81,7 +86,8 @@ impl InfluenceService for Face {
         call("GetGraph", async {
             let (environment, draft) = grpc::graph(request.into_inner())?;
             let environment = self.app.environments.find(&environment)?;
-            Ok(self.app.influence.graph(&environment, &draft).await?.into())
+            let graph = self.app.influence.graph(&environment, &draft).await?;
+            aside(graph.edges.len() * STATE_BYTES, move || fitting(graph.into(), View::Figures)).await?
         })
         .await
     }
@@ -90,7 +96,8 @@ impl InfluenceService for Face {
         call("Explore", async {
             let (environment, draft) = grpc::exploration(request.into_inner())?;
             let environment = self.app.environments.find(&environment)?;
-            fitting(self.app.influence.explore(&environment, &draft).await?.into(), View::Verdict)
+            let exploration = self.app.influence.explore(&environment, &draft).await?;
+            aside(exploration.trials.len() * STATE_BYTES, move || fitting(exploration.into(), View::Verdict)).await?
         })
         .await
     }

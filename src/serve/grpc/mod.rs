@@ -22,6 +22,9 @@ mod inference;
 mod influence;
 mod ingest;
 mod model;
+mod timely;
+
+pub use timely::in_time;
 
 /// The largest message with a network that is read at all: one above the limit is refused with the way to send it.
 const MOST_REFUSED_BYTES: usize = 16 << 20;

@@ -26,6 +26,7 @@ use crate::api::inference::grpc;
 use crate::api::inference::rest::{self, Encoded};
 use crate::api::inference_proto::ModelMetadataResponse;
 use crate::app::App;
+use crate::work::aside;
 
 const HEADER_LENGTH: HeaderName = HeaderName::from_static(rest::HEADER_LENGTH);
 
@@ -100,9 +101,11 @@ async fn infer(
 ) -> Result<Response, Failure> {
     let body = body.map_err(|rejection| Failure::of_http(rejection.status()))?;
     let header_length = headers.get(HEADER_LENGTH).map(|value| value.to_str().unwrap_or_default());
-    let (request, form) = rest::request(&body, header_length)?;
+    let header_length = header_length.map(ToOwned::to_owned);
+    let bytes = body.len();
+    let (request, form) = aside(bytes, move || rest::request(&body, header_length.as_deref())).await??;
     let answer = served::infer(&app, named.name(), request).await?;
-    Ok(response(Encoded::new(&answer, &form)))
+    Ok(response(aside(bytes, move || Encoded::new(&answer, &form)).await?))
 }
 
 fn response(encoded: Encoded) -> Response {

@@ -10,9 +10,13 @@ use crate::domain::{Environment, Model, Pair};
 use crate::error::{ErrorKind, Fault, Problem};
 use crate::model::{Network, Prediction};
 use crate::telemetry;
+use crate::work::{Gate, Stop};
 
 /// Requests of fewer values are sooner answered than handed to another thread; some hundreds of rows.
 const MOST_INLINE_VALUES: usize = 2_048;
+
+/// States that are predicted for from one look to the next whether somebody still waits.
+const TOGETHER: usize = 4_096;
 
 /// A model as a caller names it. An empty version means the one that is active.
 #[derive(Debug, Clone, Copy)]
@@ -33,7 +37,7 @@ pub struct Served {
 /// Predicts for the states of a request.
 pub async fn infer(app: &App, name: ModelName<'_>, request: Request) -> Result<Answer, Problem> {
     let started = Instant::now();
-    let answer = async { Served::find(app, name).await?.infer(request).await }.await;
+    let answer = async { Served::find(app, name).await?.infer(&app.work.questions, request).await }.await;
     let states = answer.as_ref().map_or(0, |answer| answer.outputs.first().map_or(0, |output| output.values.len()));
     let code = answer.as_ref().map_or_else(|problem| problem.reason, |_| "OK");
     telemetry::inferred(started.elapsed(), code, states as u64);
@@ -71,9 +75,9 @@ impl Served {
     }
 
     /// Predicts for the states of a request.
-    async fn infer(self, request: Request) -> Result<Answer, Problem> {
+    async fn infer(self, gate: &Gate, request: Request) -> Result<Answer, Problem> {
         let (id, figures) = (request.id.clone(), request.figures(self.network.kind)?);
-        let predictions = self.predictions(request).await?;
+        let predictions = self.predictions(gate, request).await?;
         let output = |figure| output(figure, self.network.threshold, &predictions);
         Ok(Answer {
             outputs: figures.into_iter().map(output).collect::<Result<_, _>>()?,
@@ -83,15 +87,25 @@ impl Served {
         })
     }
 
-    /// Few states are read and predicted here, many on a thread that may take its time.
-    async fn predictions(&self, request: Request) -> Result<Vec<Prediction>, Problem> {
-        let values = request.values();
+    /// Few states are read and predicted here, many when it is their turn.
+    async fn predictions(&self, gate: &Gate, request: Request) -> Result<Vec<Prediction>, Problem> {
         let (schema, network) = (self.environment.schema.clone(), self.network.clone());
-        let predict = move || Ok(network.predict(&request.states(&schema)?, network.threshold));
-        if values <= MOST_INLINE_VALUES {
-            return predict();
+        if request.values() <= MOST_INLINE_VALUES {
+            return Ok(network.predict(&request.states(&schema)?, network.threshold));
         }
-        tokio::task::spawn_blocking(predict).await.map_err(|error| internal(error.to_string()))?
+        let predict = move |stop: &Stop| {
+            let states = match request.states(&schema) {
+                Ok(states) => states,
+                Err(problem) => return Ok(Err(problem)),
+            };
+            let mut predictions = Vec::with_capacity(states.len());
+            for states in states.chunks(TOGETHER) {
+                stop.check()?;
+                predictions.extend(network.predict(states, network.threshold));
+            }
+            Ok(Ok(predictions))
+        };
+        gate.run(predict).await?
     }
 }
 

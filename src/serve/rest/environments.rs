@@ -1,14 +1,17 @@
 //! Environments: made, shown, changed and removed.
 
+use std::sync::Arc;
+
 use axum::extract::State;
 use axum::response::{IntoResponse, Response};
 use http::StatusCode;
 
 use super::extract::{Json, Path, Query};
 use super::openapi::Refusals;
+use super::told::told;
 use crate::api::{json, proto};
 use crate::app::App;
-use crate::domain;
+use crate::domain::Environment;
 use crate::serve::status::Failure;
 
 /// Creates an environment, or confirms that it exists with this very description.
@@ -32,9 +35,9 @@ pub async fn apply_environment(
     Path(name): Path<String>,
     Json(description): Json<json::Description>,
 ) -> Result<Response, Failure> {
-    let (environment, created) = app.environments.apply(&name, &description.of_name(&name)?).await?;
+    let (environment, created) = app.environments.apply(&name, description.of_name(&name)?).await?;
     let status = if created { StatusCode::CREATED } else { StatusCode::OK };
-    Ok((status, shown(&environment)).into_response())
+    Ok((status, shown(environment).await?).into_response())
 }
 
 /// Returns one environment.
@@ -45,11 +48,8 @@ pub async fn apply_environment(
     params(("environment" = String, Path, description = "The environment's name")),
     responses((status = 200, description = "The environment", body = json::Environment), Refusals)
 )]
-pub async fn get_environment(
-    State(app): State<App>,
-    Path(name): Path<String>,
-) -> Result<axum::Json<json::Environment>, Failure> {
-    Ok(shown(&*app.environments.find(&name)?))
+pub async fn get_environment(State(app): State<App>, Path(name): Path<String>) -> Result<Response, Failure> {
+    shown(app.environments.find(&name)?).await
 }
 
 /// Returns environments in order of name, a page at a time.
@@ -63,13 +63,11 @@ pub async fn get_environment(
     ),
     responses((status = 200, description = "A page of environments", body = json::EnvironmentPage), Refusals)
 )]
-pub async fn list_environments(
-    State(app): State<App>,
-    Query(query): Query,
-) -> Result<axum::Json<json::EnvironmentPage>, Failure> {
+pub async fn list_environments(State(app): State<App>, Query(query): Query) -> Result<Response, Failure> {
     let (page_size, page_token) = json::page(query)?;
-    let page: proto::ListEnvironmentsResponse = app.environments.list(page_size, page_token.as_deref())?.into();
-    Ok(axum::Json(page.into()))
+    let page = app.environments.list(page_size, page_token.as_deref())?;
+    // A description may be large, and nobody has measured it.
+    told(usize::MAX, move || Ok(json::EnvironmentPage::from(proto::ListEnvironmentsResponse::from(page)))).await
 }
 
 /// Changes the parts of the rule that are given and keeps the rest.
@@ -85,9 +83,9 @@ pub async fn update_rule(
     State(app): State<App>,
     Path(name): Path<String>,
     Json(change): Json<json::RuleChange>,
-) -> Result<axum::Json<json::Environment>, Failure> {
+) -> Result<Response, Failure> {
     let environment = app.environments.update_rule(&name, &change.rule.into()).await?;
-    Ok(shown(&environment))
+    shown(environment).await
 }
 
 /// Removes an environment with its counts and watermarks, for ever, and ends its streams.
@@ -103,6 +101,6 @@ pub async fn delete_environment(State(app): State<App>, Path(name): Path<String>
     Ok(StatusCode::NO_CONTENT)
 }
 
-fn shown(environment: &domain::Environment) -> axum::Json<json::Environment> {
-    axum::Json(proto::Environment::from(environment).into())
+async fn shown(environment: Arc<Environment>) -> Result<Response, Failure> {
+    told(usize::MAX, move || Ok(json::Environment::from(proto::Environment::from(&*environment)))).await
 }

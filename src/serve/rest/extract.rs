@@ -9,6 +9,7 @@ use serde::de::DeserializeOwned;
 use crate::api::json::{self, Parameters};
 use crate::error::{Fault, Problem};
 use crate::serve::status::Failure;
+use crate::work::aside;
 
 /// The variable parts of the path.
 pub struct Path<T>(pub T);
@@ -67,18 +68,21 @@ impl<S: Send + Sync> FromRequestParts<S> for Query {
     }
 }
 
-impl<T: DeserializeOwned, S: Send + Sync> FromRequest<S> for Json<T> {
+impl<T: DeserializeOwned + Send + 'static, S: Send + Sync> FromRequest<S> for Json<T> {
     type Rejection = Failure;
 
     async fn from_request(request: Request, state: &S) -> Result<Self, Failure> {
-        Self::from_document(Document::from_request(request, state).await?)
+        Self::from_document(Document::from_request(request, state).await?).await
     }
 }
 
-impl<T: DeserializeOwned> Json<T> {
-    fn from_document(document: Document) -> Result<Self, Failure> {
+impl<T: DeserializeOwned + Send + 'static> Json<T> {
+    async fn from_document(document: Document) -> Result<Self, Failure> {
         match document.media {
-            Media::Json => Ok(Self(json::decode("body", &document.bytes)?)),
+            Media::Json => {
+                let bytes = document.bytes;
+                Ok(Self(aside(bytes.len(), move || json::decode("body", &bytes)).await??))
+            }
             Media::Lines => Err(Failure::of_media_type(LINES[0], JSON)),
         }
     }
@@ -93,7 +97,7 @@ impl<S: Send + Sync> FromRequest<S> for Document {
     }
 }
 
-impl<T: DeserializeOwned + Default, S: Send + Sync> FromRequest<S> for OptionalJson<T> {
+impl<T: DeserializeOwned + Default + Send + 'static, S: Send + Sync> FromRequest<S> for OptionalJson<T> {
     type Rejection = Failure;
 
     async fn from_request(request: Request, state: &S) -> Result<Self, Failure> {
@@ -101,7 +105,10 @@ impl<T: DeserializeOwned + Default, S: Send + Sync> FromRequest<S> for OptionalJ
         let bytes = body(request, state).await?;
         match bytes.is_empty() {
             true => Ok(Self(T::default())),
-            false => Json::from_document(Document { media: media(&headers)?, bytes }).map(|Json(value)| Self(value)),
+            false => {
+                let document = Document { media: media(&headers)?, bytes };
+                Json::from_document(document).await.map(|Json(value)| Self(value))
+            }
         }
     }
 }

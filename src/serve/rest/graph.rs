@@ -6,9 +6,13 @@ use http::{HeaderMap, header};
 
 use super::extract::{Path, Query};
 use super::openapi::{GraphParameters, Refusals};
-use crate::api::{json, proto};
+use super::told::told;
+use crate::api::{fitting, json, proto};
 use crate::app::App;
+use crate::domain::View;
+use crate::serve::STATE_BYTES;
 use crate::serve::status::Failure;
+use crate::work::aside;
 
 /// The media type of Graphviz.
 const DOT: &str = "text/vnd.graphviz";
@@ -36,11 +40,14 @@ pub async fn get_graph(
 ) -> Result<Response, Failure> {
     let draft = json::graph(query)?;
     let environment = app.environments.find(&name)?;
-    let graph = proto::GetGraphResponse::from(app.influence.graph(&environment, &draft).await?);
+    let graph = app.influence.graph(&environment, &draft).await?;
+    let bytes = graph.edges.len() * STATE_BYTES;
+    let graph = aside(bytes, move || fitting(proto::GetGraphResponse::from(graph), View::Figures)).await??;
     if wants_dot(&headers) {
         return Ok(([(header::CONTENT_TYPE, DOT), (header::VARY, "accept")], graph.dot).into_response());
     }
-    Ok(([(header::VARY, "accept")], axum::Json(json::Graph::from(graph))).into_response())
+    let told = told(bytes, move || Ok(json::Graph::from(graph))).await?;
+    Ok(([(header::VARY, "accept")], told).into_response())
 }
 
 fn wants_dot(headers: &HeaderMap) -> bool {

@@ -1,16 +1,20 @@
 //! The question itself, about one state or several.
 
 use axum::extract::State;
+use axum::response::Response;
 
 use super::extract::{Json, Path, Query};
 use super::openapi::{PairParameters, Refusals, StateParameters};
+use super::told::told;
 use crate::api::{fitting, json, proto};
 use crate::app::App;
 use crate::domain::Question;
 use crate::domain::draft::QuestionDraft;
+use crate::serve::STATE_BYTES;
 use crate::serve::status::Failure;
+use crate::work::aside;
 
-type Answered = Result<axum::Json<json::Answers>, Failure>;
+type Answered = Result<Response, Failure>;
 
 /// Returns the answers for up to 10,000 states, in order.
 ///
@@ -29,7 +33,7 @@ pub async fn batch_get_influence(
     Path(name): Path<String>,
     Json(question): Json<json::Question>,
 ) -> Answered {
-    answer(&app, &name, &question.try_into()?).await
+    answer(&app, &name, question.try_into()?).await
 }
 
 /// Returns the answer for one state, for a command line and for people.
@@ -45,13 +49,17 @@ pub async fn batch_get_influence(
     responses((status = 200, description = "The answer, as a list of one", body = json::Answers), Refusals)
 )]
 pub async fn get_influence(State(app): State<App>, Path(name): Path<String>, Query(query): Query) -> Answered {
-    answer(&app, &name, &json::question_of_query(query)?).await
+    answer(&app, &name, json::question_of_query(query)?).await
 }
 
-async fn answer(app: &App, name: &str, draft: &QuestionDraft) -> Answered {
+async fn answer(app: &App, name: &str, draft: QuestionDraft) -> Answered {
     let environment = app.environments.find(name)?;
-    let question = Question::new(&environment, draft)?;
+    let asked = environment.clone();
+    let question = aside(draft.states.len() * STATE_BYTES, move || Question::new(&asked, &draft)).await??;
     let view = question.view;
-    let answers: proto::BatchGetInfluenceResponse = app.influence.answer(&environment, question).await?.into();
-    Ok(axum::Json(fitting(answers, view)?.into()))
+    let answers = app.influence.answer(&environment, question).await?;
+    told(answers.answers.len() * STATE_BYTES, move || {
+        fitting(proto::BatchGetInfluenceResponse::from(answers), view).map(json::Answers::from)
+    })
+    .await
 }

@@ -4,12 +4,13 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use axum::Router;
-use axum::extract::{DefaultBodyLimit, MatchedPath};
+use axum::extract::{DefaultBodyLimit, MatchedPath, Request};
 use axum::middleware;
-use http::{HeaderName, HeaderValue, Request, StatusCode};
+use axum::response::{IntoResponse, Response};
+use http::{HeaderName, HeaderValue, Method};
 use tower::ServiceBuilder;
 use tower_http::CompressionLevel;
 use tower_http::catch_panic::CatchPanicLayer;
@@ -17,16 +18,16 @@ use tower_http::compression::CompressionLayer;
 use tower_http::compression::predicate::{NotForContentType, Predicate, SizeAbove};
 use tower_http::limit::RequestBodyLimitLayer;
 use tower_http::request_id::{MakeRequestId, PropagateRequestIdLayer, RequestId, SetRequestIdLayer};
-use tower_http::timeout::TimeoutLayer;
 use tower_http::trace::{DefaultOnResponse, TraceLayer};
 use tracing::{Level, Span};
 
 use super::problems;
+use crate::serve::ALLOWED;
+use crate::serve::status::{Asked, Failure, too_late};
 use crate::telemetry;
+use crate::work::deadline::{self, Deadline};
 
-// Both limits are told in words in `status.rs`.
-const TIMEOUT: Duration = Duration::from_secs(30);
-/// The largest body, in bytes.
+/// The largest body, in bytes: told in words in `status.rs`.
 pub const MOST_BODY_BYTES: usize = 16 << 20;
 /// An answer for one state is smaller, and sooner sent than compressed.
 const LEAST_COMPRESSED_BYTES: u64 = 1_024;
@@ -49,14 +50,32 @@ pub fn around(router: Router, form: problems::Form) -> Router {
         .layer(CompressionLayer::new().quality(CompressionLevel::Fastest).compress_when(compressible))
         .layer(middleware::from_fn_with_state(form, problems::tell))
         .layer(CatchPanicLayer::custom(problems::of_panic))
-        .layer(TimeoutLayer::with_status_code(StatusCode::SERVICE_UNAVAILABLE, TIMEOUT))
+        .layer(middleware::from_fn(in_time))
         .layer(RequestBodyLimitLayer::new(MOST_BODY_BYTES))
         .layer(DefaultBodyLimit::disable());
     router.layer(layers)
 }
 
+/// Answers each request within its time, or says that there was none: what it began is dropped.
+async fn in_time(request: Request, next: middleware::Next) -> Response {
+    let asked = asked(request.method(), request.uri().path());
+    let answer = deadline::within(Deadline::after(ALLOWED), next.run(request)).await;
+    answer.unwrap_or_else(|| Failure::from(too_late(asked, ALLOWED)).into_response())
+}
+
+/// Returns what a request asks for.
+fn asked(method: &Method, path: &str) -> Asked {
+    let last = path.rsplit('/').next().unwrap_or_default();
+    match (method, last) {
+        (&Method::GET | &Method::HEAD | &Method::OPTIONS, _) => Asked::Question,
+        (&Method::POST, "influence" | "infer" | "fit") => Asked::Question,
+        (&Method::POST, "transitions") => Asked::Batch,
+        _ => Asked::Change,
+    }
+}
+
 /// Records each request under its route, which is one of few, unlike its path.
-pub async fn measure(request: axum::extract::Request, next: middleware::Next) -> axum::response::Response {
+pub async fn measure(request: Request, next: middleware::Next) -> Response {
     let started = Instant::now();
     let matched = request.extensions().get::<MatchedPath>();
     let route =
@@ -66,7 +85,7 @@ pub async fn measure(request: axum::extract::Request, next: middleware::Next) ->
     response
 }
 
-fn span<B>(request: &Request<B>) -> Span {
+fn span<B>(request: &http::Request<B>) -> Span {
     let id = request.headers().get(REQUEST_ID).and_then(|id| id.to_str().ok());
     tracing::debug_span!("request", method = %request.method(), path = request.uri().path(), id)
 }
@@ -86,7 +105,7 @@ impl Default for Numbered {
 }
 
 impl MakeRequestId for Numbered {
-    fn make_request_id<B>(&mut self, _: &Request<B>) -> Option<RequestId> {
+    fn make_request_id<B>(&mut self, _: &http::Request<B>) -> Option<RequestId> {
         let number = self.next.fetch_add(1, Ordering::Relaxed);
         HeaderValue::try_from(format!("{}-{number:x}", self.run)).ok().map(RequestId::new)
     }

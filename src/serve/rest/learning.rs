@@ -1,15 +1,21 @@
 //! What the service learns from all states, and what it would like to see next.
 
 use axum::extract::State;
+use axum::response::Response;
 
 use super::extract::{Path, Query};
 use super::openapi::{ExplorationParameters, PairParameters, Refusals};
-use crate::api::{json, proto};
+use super::told::told;
+use crate::api::{fitting, json, proto};
 use crate::app::App;
+use crate::domain::View;
 use crate::error::{Fault, Problem};
+use crate::serve::STATE_BYTES;
 use crate::serve::status::Failure;
 
 /// Returns where one more visit is worth most: states, and the ego's actions in them. What to try next to learn one's influence.
+///
+/// Where that takes longer than its caller waits, 503 tells how far it is; it goes on, so that whoever asks again finds it further on.
 #[utoipa::path(
     get,
     path = "/v1/environments/{environment}/explore",
@@ -25,14 +31,19 @@ pub async fn explore(
     State(app): State<App>,
     Path(name): Path<String>,
     Query(query): Query,
-) -> Result<axum::Json<json::Exploration>, Failure> {
+) -> Result<Response, Failure> {
     let draft = json::exploration(query)?;
     let environment = app.environments.find(&name)?;
     let exploration = app.influence.explore(&environment, &draft).await?;
-    Ok(axum::Json(proto::ExploreResponse::from(exploration).into()))
+    told(exploration.trials.len() * STATE_BYTES, move || {
+        fitting(proto::ExploreResponse::from(exploration), View::Verdict).map(json::Exploration::from)
+    })
+    .await
 }
 
 /// Fits the prior of the evidence to all states, now, and answers when it is done. It is done by itself as counts grow.
+///
+/// Where that takes longer than its caller waits, 503 tells how far it is; it goes on, so that whoever asks again finds it further on.
 #[utoipa::path(
     post,
     path = "/v1/environments/{environment}/fit",

@@ -13,6 +13,7 @@ mod openapi;
 pub mod problems;
 mod states;
 mod summary;
+mod told;
 mod transitions;
 
 use axum::Router;

@@ -195,7 +195,7 @@ impl IntoResponses for Refusals {
             ("413", "The body, the batch or the answer is too large"),
             ("415", "The body is of another type"),
             ("500", "A defect; the cause is in the log"),
-            ("503", "Not now: send it again after the time in `Retry-After`"),
+            ("503", "Not now, or no answer in time: where there is a `Retry-After`, ask again after it"),
         ];
         REFUSALS.into_iter().map(|(status, description)| (status.to_owned(), refusal(description))).collect()
     }

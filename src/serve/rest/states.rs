@@ -1,14 +1,23 @@
 //! States: in an order, and the counts of one.
 
 use axum::extract::State;
+use axum::response::Response;
 
 use super::extract::{Path, Query};
 use super::openapi::{DiscoveryParameters, ListingParameters, PairParameters, Refusals};
-use crate::api::{json, proto};
+use super::told::told;
+use crate::api::{fitting, json, proto};
 use crate::app::App;
+use crate::domain::View;
+use crate::serve::STATE_BYTES;
 use crate::serve::status::Failure;
 
+/// About what is told of a cell, in bytes.
+const CELL_BYTES: usize = 128;
+
 /// Returns states by visits or by figures, a page at a time: where is influence highest?
+///
+/// Where that takes longer than its caller waits, 503 tells how far it is; it goes on, so that whoever asks again finds it further on.
 #[utoipa::path(
     get,
     path = "/v1/environments/{environment}/states",
@@ -25,11 +34,14 @@ pub async fn list_states(
     State(app): State<App>,
     Path(name): Path<String>,
     Query(query): Query,
-) -> Result<axum::Json<json::StatePage>, Failure> {
+) -> Result<Response, Failure> {
     let listing = json::listing(query)?;
     let environment = app.environments.find(&name)?;
     let page = app.influence.states(&environment, &listing).await?;
-    Ok(axum::Json(proto::ListStatesResponse::from(page).into()))
+    told(page.states.len() * STATE_BYTES, move || {
+        fitting(proto::ListStatesResponse::from(page), View::Verdict).map(json::StatePage::from)
+    })
+    .await
 }
 
 /// Returns the counts of one state, with labels.
@@ -43,11 +55,11 @@ pub async fn list_states(
     ),
     responses((status = 200, description = "The counts", body = json::Counts), Refusals)
 )]
-pub async fn get_state(
-    State(app): State<App>,
-    Path((name, key)): Path<(String, String)>,
-) -> Result<axum::Json<json::Counts>, Failure> {
+pub async fn get_state(State(app): State<App>, Path((name, key)): Path<(String, String)>) -> Result<Response, Failure> {
     let environment = app.environments.find(&name)?;
     let view = app.influence.state(&environment, &key).await?;
-    Ok(axum::Json(proto::GetStateResponse::from(view).into()))
+    told(view.cells.len() * CELL_BYTES, move || {
+        fitting(proto::GetStateResponse::from(view), View::Full).map(json::Counts::from)
+    })
+    .await
 }

@@ -11,6 +11,7 @@ use crate::domain::Schema;
 use crate::environments::is_known_as;
 use crate::error::Problem;
 use crate::serve::status::Failure;
+use crate::work::aside;
 
 /// Counts one batch of transitions, once however often it is sent, and answers after it is on stable storage.
 ///
@@ -38,7 +39,9 @@ pub async fn write_transitions(
     document: Document,
 ) -> Result<axum::Json<json::Receipt>, Failure> {
     let environment = app.environments.find(&name)?;
-    let Incoming { producer, environment_uid, batch } = decode(&environment.schema, query, &document)?;
+    let schema = environment.schema.clone();
+    let decoding = aside(document.bytes.len(), move || decode(&schema, query, &document));
+    let Incoming { producer, environment_uid, batch } = decoding.await??;
     is_known_as(&environment, &environment_uid)?;
     let sequence = batch.sequence;
     let told = app.ingest.write(&environment, producer, batch).await?;

@@ -3,7 +3,7 @@
 use axum::body::Body;
 use axum::response::Response;
 use axum::routing::{get, post};
-use http::header;
+use http::{Request, StatusCode, header};
 use http_body_util::BodyExt;
 use serde_json::Value;
 use tower::ServiceExt;
@@ -46,7 +46,8 @@ fn router() -> Router {
         .route("/perhaps", post(perhaps))
         .route("/file", post(file))
         .route("/nothing", get(nothing))
-        .route("/slow", get(std::future::pending::<()>))
+        .route("/slow", get(std::future::pending::<()>).delete(std::future::pending::<()>))
+        .route("/slow/transitions", post(std::future::pending::<()>))
         .route("/large", get(|| async { "x".repeat(2_000) }))
         .merge(documentation())
         .fallback(problems::unknown_path);
@@ -92,10 +93,19 @@ async fn a_panic_is_a_problem_without_its_cause() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn what_takes_too_long_is_a_problem_to_retry() {
+async fn what_takes_too_long_is_a_problem_that_says_what_helps() {
     let response = send(Request::get("/slow"), ()).await;
+    assert!(!response.headers().contains_key(header::RETRY_AFTER), "it would take as long again");
+    let told = problem(response, 503, "TIMEOUT").await;
+    assert_eq!(told["detail"], "no answer within 30 seconds: ask for less at a time");
+
+    let response = send(Request::post("/slow/transitions"), ()).await;
     assert_eq!(response.headers()[header::RETRY_AFTER], "1");
-    problem(response, 503, "TIMEOUT").await;
+    let told = problem(response, 503, "TIMEOUT").await;
+    assert_eq!(told["detail"], "no answer within 30 seconds: it may have been counted; send it again, it counts once");
+
+    let told = problem(send(Request::delete("/slow"), ()).await, 503, "TIMEOUT").await;
+    assert_eq!(told["detail"], "no answer within 30 seconds: it may have been done; look before you send it again");
 }
 
 #[tokio::test]
