@@ -15,6 +15,8 @@ const REFUSED: &str = "nudge_batches_refused_total";
 const COMMIT_SECONDS: &str = "nudge_commit_duration_seconds";
 const COMMIT_TRANSITIONS: &str = "nudge_commit_transitions";
 const QUEUED: &str = "nudge_queue_transitions";
+const CONNECTIONS: &str = "nudge_connections";
+const CONNECTIONS_ENDED: &str = "nudge_connections_ended_total";
 const STREAMS: &str = "nudge_streams";
 const STATES: &str = "nudge_states";
 const CELLS: &str = "nudge_cells";
@@ -44,6 +46,8 @@ fn describe() {
     describe_histogram!(COMMIT_SECONDS, Unit::Seconds, "Time from the begin of a commit to its acknowledgement");
     describe_histogram!(COMMIT_TRANSITIONS, "Transitions per commit");
     describe_gauge!(QUEUED, "Transitions that wait for their commit");
+    describe_gauge!(CONNECTIONS, "Open connections");
+    describe_counter!(CONNECTIONS_ENDED, "Connections ended by the service before it stops, by reason");
     describe_gauge!(STREAMS, "Open ingest streams");
     describe_gauge!(STATES, "Distinct states, by environment");
     describe_gauge!(CELLS, "Cells (state, segment, joint action), by environment");
@@ -93,6 +97,16 @@ pub fn refused(reason: &'static str) {
 /// Records how many transitions wait.
 pub fn queued(transitions: usize) {
     gauge!(QUEUED).set(transitions as f64);
+}
+
+/// Records how many connections are open.
+pub fn connections(open: usize) {
+    gauge!(CONNECTIONS).set(open as f64);
+}
+
+/// Records that the service ended a connection, or did not let it in, by reason.
+pub fn connection_ended(reason: &'static str) {
+    counter!(CONNECTIONS_ENDED, "reason" => reason).increment(1);
 }
 
 /// Records that a stream opened; the guard records that it ended.

@@ -5,9 +5,11 @@
 use axum::Router;
 use tokio::net::TcpListener;
 
+use self::connections::limits::Limits;
 use crate::app::App;
 use crate::telemetry;
 
+pub mod connections;
 pub mod listen;
 
 mod cors;
@@ -22,6 +24,8 @@ mod status;
 pub struct Settings {
     /// The origins whose pages may call from a browser, `https://example.org`; `*` for any. None by default.
     pub cors_origins: Vec<String>,
+    /// What connections may take.
+    pub limits: Limits,
 }
 
 /// Serves an app on a listener until it drains and its connections have ended.
@@ -29,7 +33,7 @@ pub async fn serve(app: App, listener: TcpListener, settings: Settings) -> Resul
     // Before the first request, whose figures would be lost.
     telemetry::recorder();
     let router = router(app.clone(), &settings).await?;
-    listen::accept(listener, router, app.draining).await;
+    listen::accept(listener, router, app.draining, settings.limits).await;
     Ok(())
 }
 
