@@ -1,6 +1,6 @@
 //! Admission of connections: a bounded number, and who makes room for whom when there are as many.
 //!
-//! A new connection takes the place of the one that waited longest without a request. Where all have requests it is a guest, of whom there are few:
+//! A new connection takes the place of one that waited longest without a request. Where all have requests it is a guest, of whom there are few:
 //! operators are answered even then, and everybody else is told that there are too many.
 
 use std::collections::HashMap;
@@ -12,6 +12,9 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use super::limits::Limits;
 use super::vitals::Vitals;
 use crate::telemetry;
+
+/// One of so many makes room at a time.
+const EVICTED_OF: usize = 64;
 
 /// Those who are here.
 pub struct Crowd {
@@ -72,16 +75,19 @@ impl Crowd {
         None
     }
 
-    /// Ends the connection of that standing that waited longest without a request; tells whether there was one.
+    /// Ends the connections of that standing that waited longest without a request, a few at a time; tells whether there were any.
     pub fn evict(&self, standing: Standing) -> bool {
         let present = self.lock();
         let peers = present.values().filter(|present| present.standing == standing);
-        let waiting = peers.filter_map(|peer| Some((peer.vitals.waits_since()?, &peer.vitals)));
-        let evicted = waiting.min_by_key(|(since, _)| *since).is_some_and(|(_, vitals)| vitals.evict());
-        if evicted {
-            telemetry::connection_ended("evicted");
-        }
-        evicted
+        let mut waiting: Vec<_> =
+            peers.filter_map(|peer| Some((peer.vitals.waits_since()?, peer.vitals.as_ref()))).collect();
+        waiting.sort_unstable_by_key(|(since, _)| *since);
+
+        // To look at everybody for each new connection would be a lever in a stranger's hand.
+        let several = 1 + present.len() / EVICTED_OF;
+        let evicted = waiting.iter().take(several).filter(|(_, vitals)| vitals.evict()).count();
+        (0..evicted).for_each(|_| telemetry::connection_ended("evicted"));
+        evicted > 0
     }
 
     fn places(&self, standing: Standing) -> &Arc<Semaphore> {

@@ -34,10 +34,9 @@ pub enum Form {
 pub struct Manner {
     /// How it is made up.
     pub form: Form,
-    /// Whether refusals are told as statuses of gRPC.
+    /// Whether refusals are told as statuses of gRPC, whose clients know that an answer may overtake what they send. Many clients of HTTP, of either
+    /// version, lose such an answer: for them what nobody wants is read, too.
     pub is_grpc: bool,
-    /// Whether what nobody wants is read to its end, for an answer that overtakes the body is lost on many clients of HTTP/1. HTTP/2 says which is which.
-    pub is_drained: bool,
     /// Whether its sender waits for a sign before it sends anything.
     pub is_announced: bool,
 }
@@ -156,7 +155,7 @@ impl Body for Received {
 
 impl Drop for Received {
     fn drop(&mut self) {
-        let is_wanted_no_more = !self.is_end_stream() && self.manner.is_drained;
+        let is_wanted_no_more = !self.is_end_stream() && !self.manner.is_grpc;
         // Who asked for a sign first has sent nothing, and is told all by the answer.
         let may_be_on_its_way = self.was_asked_for || !self.manner.is_announced;
         if is_wanted_no_more

@@ -8,7 +8,7 @@ use axum::body::Body;
 use futures::FutureExt;
 use futures::future::BoxFuture;
 use http::request::Parts;
-use http::{Request, Response, Version, header};
+use http::{Request, Response, header};
 use hyper::body::Incoming;
 use tower::ServiceExt;
 
@@ -82,12 +82,7 @@ fn manner(parts: &Parts) -> Manner {
         _ if STREAMS.contains(&path) && !is_web => Form::Messages(Framing::default()),
         _ => Form::Message,
     };
-    Manner {
-        form,
-        is_grpc: is_grpc(parts),
-        is_drained: parts.version < Version::HTTP_2,
-        is_announced: parts.headers.contains_key(header::EXPECT),
-    }
+    Manner { form, is_grpc: is_grpc(parts), is_announced: parts.headers.contains_key(header::EXPECT) }
 }
 
 fn is_grpc(parts: &Parts) -> bool {
