@@ -5,6 +5,7 @@
 mod architecture;
 mod cli;
 mod client;
+mod connections;
 mod descriptions;
 mod evidence;
 mod experiments;
