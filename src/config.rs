@@ -23,6 +23,10 @@ pub struct Config {
     pub fit_every: Duration,
     /// How often it is looked whether networks are to be trained again; never if it is zero.
     pub train_every: Duration,
+    /// The most connections; fewer where the limit on open files leaves room for fewer.
+    pub max_connections: usize,
+    /// The age at which HTTP/2 connections are asked to leave; never if it is zero.
+    pub max_connection_age: Duration,
     /// Origins whose pages may call REST and gRPC-Web; none by default.
     pub cors_origins: Vec<String>,
 }
@@ -38,6 +42,8 @@ impl Default for Config {
             cache_cells: 400_000,
             fit_every: Duration::from_secs(5),
             train_every: Duration::ZERO,
+            max_connections: 4_096,
+            max_connection_age: Duration::from_secs(3_600),
             cors_origins: Vec::new(),
         }
     }

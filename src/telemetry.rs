@@ -17,6 +17,8 @@ const COMMIT_SECONDS: &str = "nudge_commit_duration_seconds";
 const COMMIT_TRANSITIONS: &str = "nudge_commit_transitions";
 const WORKING: &str = "nudge_work_turns";
 const QUEUED: &str = "nudge_queue_transitions";
+const CONNECTIONS: &str = "nudge_connections";
+const CONNECTIONS_ENDED: &str = "nudge_connections_ended_total";
 const STREAMS: &str = "nudge_streams";
 const STATES: &str = "nudge_states";
 const CELLS: &str = "nudge_cells";
@@ -53,6 +55,8 @@ fn describe() {
     describe_histogram!(COMMIT_TRANSITIONS, "Transitions per commit");
     describe_gauge!(QUEUED, "Transitions that wait for their commit");
     describe_gauge!(WORKING, "What computes or waits for its turn, by lane: questions, passes over all states, fits");
+    describe_gauge!(CONNECTIONS, "Open connections");
+    describe_counter!(CONNECTIONS_ENDED, "Connections ended by the service before it stops, by reason");
     describe_gauge!(STREAMS, "Open ingest streams");
     describe_gauge!(STATES, "Distinct states, by environment");
     describe_gauge!(CELLS, "Cells (state, segment, joint action), by environment");
@@ -114,6 +118,16 @@ pub fn queued(transitions: usize) {
 /// Records how many turns of a lane are taken or waited for.
 pub fn working(lane: &'static str, turns: usize) {
     gauge!(WORKING, "lane" => lane).set(turns as f64);
+}
+
+/// Records how many connections are open.
+pub fn connections(open: usize) {
+    gauge!(CONNECTIONS).set(open as f64);
+}
+
+/// Records that the service ended a connection, or did not let it in, by reason.
+pub fn connection_ended(reason: &'static str) {
+    counter!(CONNECTIONS_ENDED, "reason" => reason).increment(1);
 }
 
 /// Records that a stream opened; the guard records that it ended.

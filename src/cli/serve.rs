@@ -12,6 +12,8 @@ use super::duration::duration;
 use super::{Failure, output};
 use crate::app::{App, Upkeep};
 use crate::config::Config;
+use crate::serve::connections::files;
+use crate::serve::connections::limits::Limits;
 use crate::serve::{Settings, serve};
 use crate::store::{Options, Quotas, SqliteStore};
 use crate::telemetry::{self, LogFormat};
@@ -58,6 +60,12 @@ pub struct ServeSettings {
     /// How often it is looked whether networks are to be trained again, which is when half as much again was counted; 0s for never.
     #[arg(long, env = "NUDGE_TRAIN_EVERY", value_name = "TIME", value_parser = duration, default_value = "0s")]
     pub train_every: Duration,
+    /// The most connections, as far as the limit on open files (ulimit -n) leaves room; the idlest one makes room for a new one.
+    #[arg(long, env = "NUDGE_MAX_CONNECTIONS", value_name = "N", value_parser = at_least_one, default_value_t = Config::default().max_connections)]
+    pub max_connections: usize,
+    /// The age, give or take a tenth, at which an HTTP/2 connection is asked to leave, so that clients spread over services anew; 0s for never.
+    #[arg(long, env = "NUDGE_MAX_CONNECTION_AGE", value_name = "TIME", value_parser = duration, default_value = "1h")]
+    pub max_connection_age: Duration,
     /// An origin whose pages may call, such as https://example.org; repeat it, or separate several by commas.
     #[arg(long, env = "NUDGE_CORS_ORIGINS", value_name = "ORIGIN", value_delimiter = ',')]
     pub cors_origins: Vec<String>,
@@ -97,6 +105,8 @@ impl ServeSettings {
             cache_cells: self.cache_cells,
             fit_every: self.fit_every,
             train_every: self.train_every,
+            max_connections: self.max_connections,
+            max_connection_age: self.max_connection_age,
             cors_origins: self.cors_origins.clone(),
         }
     }
@@ -138,7 +148,12 @@ impl Service {
         let store =
             SqliteStore::open(&config.database(), options).await.map_err(|error| Failure::usage(error.to_string()))?;
         let app = App::open(Arc::new(store), Upkeep { fit_every: config.fit_every, train_every: config.train_every });
-        let settings = Settings { cors_origins: config.cors_origins.clone() };
+        let limits = Limits {
+            connections: files::leave_room_for(config.max_connections),
+            age: config.max_connection_age,
+            ..Limits::default()
+        };
+        let settings = Settings { cors_origins: config.cors_origins.clone(), limits };
         let serving = serve(app.clone(), listener, settings);
         let serving = tokio::spawn(async { serving.await.map_err(|error| error.to_string()) });
         tracing::info!(%address, database = %config.database().display(), "serving");
@@ -190,6 +205,11 @@ pub(super) fn address(text: &str) -> Result<SocketAddr, String> {
     text.parse().map_err(|_| format!("got {text:?}, expected an IP address and a port such as 127.0.0.1:8080"))
 }
 
+fn at_least_one(text: &str) -> Result<usize, String> {
+    let number = text.parse().ok().filter(|number| *number > 0);
+    number.ok_or_else(|| format!("got {text:?}, expected a whole number of at least 1"))
+}
+
 fn cannot_listen(address: SocketAddr, error: &std::io::Error) -> Failure {
     let advice = match error.kind() {
         std::io::ErrorKind::AddrInUse => ": stop what listens there, or choose another address with --listen",
@@ -204,7 +224,7 @@ fn print(config: &Config, log: Log) -> Result<(), Failure> {
     let quoted = |origins: &[String]| origins.iter().map(|origin| format!("{origin:?}")).collect::<Vec<_>>().join(", ");
     output::print(&format!(
         "listen = \"{}\"\ndata = {:?}\nmax_cells = {}\nmax_segments = {}\nmax_producers = {}\ncache_cells = {}\nfit_every = \"{}s\"\ntrain_every = \"{}s\"\n\
-         cors_origins = [{}]\nlog = \"{log}\"",
+         max_connections = {}\nmax_connection_age = \"{}s\"\ncors_origins = [{}]\nlog = \"{log}\"",
         config.listen,
         config.data,
         config.max_cells,
@@ -213,6 +233,8 @@ fn print(config: &Config, log: Log) -> Result<(), Failure> {
         config.cache_cells,
         config.fit_every.as_secs(),
         config.train_every.as_secs(),
+        config.max_connections,
+        config.max_connection_age.as_secs(),
         quoted(&config.cors_origins),
     ))
 }

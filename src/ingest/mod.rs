@@ -4,19 +4,22 @@
 //! Batch --validate--> Numbered --queue (bounded)--> committer --store.commit--> Acknowledged
 //! ```
 //!
-//! The queue is bounded by transitions. A stream waits for room, which stops the reading of its socket; a single call is refused at once.
+//! The queue is bounded by transitions (back-pressure), in fair shares: single calls have a share that streams cannot take. A stream waits for room,
+//! which stops the reading of its socket; a single call waits for a moment, and is then refused.
 //! There is no wall clock in the protocol: order comes from sequence numbers, and the truth about them from the store.
 
 use std::sync::Arc;
 
-use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc, oneshot};
+use tokio::sync::{OwnedSemaphorePermit, mpsc, oneshot};
 use tokio_util::task::TaskTracker;
 
 mod committer;
+mod room;
 mod streams;
 mod validate;
 
-use committer::{MOST_COMMIT_TRANSITIONS, Pending, Resume, Work};
+use committer::{Pending, Resume, Work};
+use room::Room;
 use streams::{Lease, Registration, Streams};
 pub use validate::validate;
 
@@ -25,9 +28,6 @@ use crate::error::{ErrorKind, Problem};
 use crate::store::{Numbered, Store};
 use crate::telemetry;
 use crate::work::aside;
-
-/// The most transitions that wait: one commit at work, and the beginning of the next.
-const MOST_QUEUED: usize = MOST_COMMIT_TRANSITIONS + MOST_COMMIT_TRANSITIONS / 4;
 
 /// The most questions and batches that wait, however small.
 const MOST_WORK: usize = 8_192;
@@ -39,7 +39,7 @@ pub const WINDOW: usize = 320;
 #[derive(Clone)]
 pub struct Ingest {
     queue: mpsc::Sender<Work>,
-    room: Arc<Semaphore>,
+    room: Room,
     streams: Streams,
     committer: TaskTracker,
 }
@@ -51,18 +51,17 @@ impl Ingest {
         let committer = TaskTracker::new();
         committer.spawn(committer::run(store, work));
         committer.close();
-        Self { queue, room: Arc::new(Semaphore::new(MOST_QUEUED)), streams: Streams::default(), committer }
+        Self { queue, room: Room::default(), streams: Streams::default(), committer }
     }
 
-    /// Counts one batch and returns after it is on stable storage; refuses at once, retryably, when too much waits.
+    /// Counts one batch and returns after it is on stable storage; refuses soon, retryably, when too much waits.
     pub async fn write(
         &self,
         environment: &Environment,
         producer: ProducerId,
         batch: Batch,
     ) -> Result<Acknowledged, Problem> {
-        let size = size_of(&batch);
-        let room = self.room.clone().try_acquire_many_owned(size).map_err(|_| overloaded())?;
+        let room = self.room.for_call(size_of(&batch)).await?;
         self.enqueue(environment, producer, batch, None, room).await?.acknowledged().await.map(|(_, told)| told)
     }
 
@@ -88,7 +87,7 @@ impl Ingest {
 
     /// Returns how many transitions wait for their commit.
     pub fn queued(&self) -> usize {
-        MOST_QUEUED - self.room.available_permits()
+        self.room.taken()
     }
 
     /// Returns whether the committer still takes batches.
@@ -152,7 +151,7 @@ impl Session {
     /// Queues a batch, waiting for room; the ticket is answered after its commit.
     pub async fn submit(&self, batch: Batch) -> Result<Ticket, Problem> {
         self.registration.lease().check()?;
-        let room = self.ingest.room.clone().acquire_many_owned(size_of(&batch)).await.map_err(|_| stopped())?;
+        let room = self.ingest.room.for_stream(size_of(&batch)).await?;
         let lease = Some(self.registration.lease().clone());
         self.ingest.enqueue(&self.environment, self.producer.clone(), batch, lease, room).await
     }
@@ -180,10 +179,6 @@ impl Ticket {
 /// A batch takes room for each transition, and an empty one for itself.
 fn size_of(batch: &Batch) -> u32 {
     batch.records.len.max(1) as u32
-}
-
-fn overloaded() -> Problem {
-    Problem::new(ErrorKind::Overloaded, "OVERLOADED", format!("{MOST_QUEUED} transitions wait already; send it again"))
 }
 
 fn stopped() -> Problem {

@@ -7,9 +7,11 @@ use std::time::Duration;
 use axum::{Router, middleware};
 use tokio::net::TcpListener;
 
+use self::connections::limits::Limits;
 use crate::app::App;
 use crate::telemetry;
 
+pub mod connections;
 pub mod listen;
 
 mod cors;
@@ -30,6 +32,8 @@ const STATE_BYTES: usize = 1_024;
 pub struct Settings {
     /// The origins whose pages may call from a browser, `https://example.org`; `*` for any. None by default.
     pub cors_origins: Vec<String>,
+    /// What connections may take.
+    pub limits: Limits,
 }
 
 /// Serves an app on a listener until it drains and its connections have ended.
@@ -37,7 +41,7 @@ pub async fn serve(app: App, listener: TcpListener, settings: Settings) -> Resul
     // Before the first request, whose figures would be lost.
     telemetry::recorder();
     let router = router(app.clone(), &settings).await?;
-    listen::accept(listener, router, app.draining).await;
+    listen::accept(listener, router, app.draining, settings.limits).await;
     Ok(())
 }
 

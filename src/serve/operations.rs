@@ -19,6 +19,13 @@ pub fn router(app: App) -> Router {
         .with_state(app)
 }
 
+/// Tells whether operators ask under that path: whether the service lives, can work, and how it fares.
+pub fn is_asked(path: &str) -> bool {
+    const PATHS: [&str; 6] =
+        ["/livez", "/readyz", "/metrics", "/v2/health/live", "/v2/health/ready", "/grpc.health.v1.Health/Check"];
+    PATHS.contains(&path)
+}
+
 type Check = (&'static str, Result<(), String>);
 
 /// Says whether the service can take and answer, or why not.

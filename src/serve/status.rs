@@ -68,6 +68,14 @@ pub fn too_late(asked: Asked, allowed: Duration) -> Problem {
 /// After how long a batch that was not answered is sent again.
 const RETRY_BATCH: Duration = Duration::from_secs(1);
 
+const TOO_LARGE: &str = "BODY_TOO_LARGE";
+
+/// Makes the problem of a body that has more than so many bytes.
+pub fn body_too_large(most: usize) -> Problem {
+    let message = format!("the body is larger than {} MiB; send less at a time", most >> 20);
+    Problem::new(ErrorKind::TooLarge, TOO_LARGE, message).with("limit_bytes", most)
+}
+
 /// A problem under its HTTP status. As a response it is only a note, which [`Failure::tell`] turns into a body once the request's path is known.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Failure {
@@ -90,7 +98,7 @@ impl Failure {
                 (ErrorKind::Invalid, "METHOD_NOT_ALLOWED", "this path does not take this method")
             }
             StatusCode::PAYLOAD_TOO_LARGE => {
-                (ErrorKind::TooLarge, "BODY_TOO_LARGE", "the body is larger than 16 MiB; send less at a time")
+                (ErrorKind::TooLarge, TOO_LARGE, "the body is larger than 16 MiB; send less at a time")
             }
             StatusCode::UNSUPPORTED_MEDIA_TYPE => (
                 ErrorKind::Invalid,
@@ -104,6 +112,18 @@ impl Failure {
             _ => (ErrorKind::Invalid, "BAD_REQUEST", "the request could not be read"),
         };
         Self { status, problem: Problem::new(kind, reason, message) }
+    }
+
+    /// Makes the failure of a body that has more than so many bytes, as it was sent or unpacked.
+    pub fn of_size(most: usize) -> Self {
+        body_too_large(most).into()
+    }
+
+    /// Makes the failure of a body in an encoding that is not read.
+    pub fn of_encoding(found: &str) -> Self {
+        let mut failure = Self::of_http(StatusCode::UNSUPPORTED_MEDIA_TYPE);
+        failure.problem.message = format!("got content encoding {found:?}, expected gzip, deflate or identity");
+        failure
     }
 
     /// Makes the failure of a body whose type is not one of `expected`.

@@ -7,6 +7,7 @@ mod bounded;
 mod cli;
 mod client;
 mod damage;
+mod connections;
 mod descriptions;
 mod evidence;
 mod experiments;

@@ -10,6 +10,7 @@ use futures::StreamExt;
 use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Code, Request, Response, Status, Streaming};
+use tonic_types::StatusExt;
 
 use super::{Face, call};
 use crate::api::proto::ingest_request::Message;
@@ -22,6 +23,7 @@ use crate::api::{MOST_BATCH_TRANSITIONS, MOST_MESSAGE_BYTES, grpc};
 use crate::domain::{Environment, ProducerId, Sequence};
 use crate::error::{ErrorKind, Problem};
 use crate::ingest::{Session, Ticket, WINDOW};
+use crate::serve::connections::Leaving;
 use crate::serve::status;
 use crate::telemetry;
 
@@ -39,7 +41,9 @@ impl IngestService for Face {
 
     async fn ingest(&self, request: Request<Streaming<IngestRequest>>) -> Result<Response<Self::IngestStream>, Status> {
         let (out, responses) = mpsc::channel(OUTBOUND);
-        tokio::spawn(self.clone().stream(request.into_inner(), out));
+        let leaving = request.extensions().get().cloned();
+        let leaving = leaving.unwrap_or_else(|| Leaving(self.app.draining.clone()));
+        tokio::spawn(self.clone().stream(request.into_inner(), leaving, out));
         Ok(Response::new(ReceiverStream::new(responses)))
     }
 
@@ -80,21 +84,35 @@ impl IngestService for Face {
 
 impl Face {
     /// Runs a stream to its end and tells the end.
-    async fn stream(self, mut inbound: Streaming<IngestRequest>, out: Outbound) {
+    async fn stream(self, mut inbound: Streaming<IngestRequest>, leaving: Leaving, out: Outbound) {
         let _open = telemetry::stream_opened();
-        let ended = match self.welcome(&mut inbound, &out).await {
-            Ok(session) => self.converse(&session, &mut inbound, &out).await,
+        let ended = match self.welcome(&mut inbound, &leaving, &out).await {
+            Ok(session) => self.converse(&session, &mut inbound, &leaving, &out).await,
             Err(end) => Err(end),
         };
-        if let Err(End::Problem(problem)) = ended {
-            telemetry::refused(problem.reason);
-            // The client may be gone; it will find out when it resumes.
-            let _ = out.send(Err(status::grpc(problem))).await;
-        }
+        let told = match ended {
+            Err(End::Problem(problem)) => {
+                telemetry::refused(problem.reason);
+                status::grpc(problem)
+            }
+            Err(End::Told(status)) => status,
+            Ok(()) | Err(End::Gone) => return,
+        };
+        // The client may be gone; it will find out when it resumes.
+        let _ = out.send(Err(told)).await;
     }
 
-    async fn welcome(&self, inbound: &mut Streaming<IngestRequest>, out: &Outbound) -> Result<Session, End> {
-        let first = tokio::time::timeout(HELLO, inbound.message()).await;
+    async fn welcome(
+        &self,
+        inbound: &mut Streaming<IngestRequest>,
+        leaving: &Leaving,
+        out: &Outbound,
+    ) -> Result<Session, End> {
+        let first = tokio::select! {
+            biased;
+            () = leaving.0.cancelled() => return Err(self.parting().into()),
+            first = tokio::time::timeout(HELLO, inbound.message()) => first,
+        };
         let first = first.map_err(|_| protocol("no hello within 10 seconds"))?.map_err(End::from_read)?;
         let Some(IngestRequest { message: Some(Message::Hello(hello)) }) = first else {
             return Err(protocol("a stream begins with a hello").into());
@@ -122,15 +140,27 @@ impl Face {
         &self,
         session: &Session,
         inbound: &mut Streaming<IngestRequest>,
+        leaving: &Leaving,
         out: &Outbound,
     ) -> Result<(), End> {
         // Rendezvous only: tickets wait in the acknowledging half, which bounds them by the window.
         let (tickets, taken) = mpsc::channel(1);
-        let mut reading = std::pin::pin!(self.read(session, inbound, tickets));
+        let mut reading = std::pin::pin!(self.read(session, inbound, leaving, tickets));
         let mut acknowledging = std::pin::pin!(acknowledge(session.committed(), taken, out));
         tokio::select! {
             end = &mut reading => acknowledging.await.and(end),
             failed = &mut acknowledging => failed,
+        }
+    }
+
+    /// Tells why streams of a connection that is to end are ended.
+    fn parting(&self) -> Problem {
+        match self.app.draining.is_cancelled() {
+            true => draining(),
+            false => {
+                let message = "the connection was open for long enough; reconnect and resume";
+                Problem::new(ErrorKind::Unavailable, "RECONNECT", message)
+            }
         }
     }
 
@@ -139,12 +169,13 @@ impl Face {
         &self,
         session: &Session,
         inbound: &mut Streaming<IngestRequest>,
+        leaving: &Leaving,
         tickets: mpsc::Sender<Ticket>,
     ) -> Result<(), End> {
         loop {
             let message = tokio::select! {
                 biased;
-                () = self.app.draining.cancelled() => return Err(draining().into()),
+                () = leaving.0.cancelled() => return Err(self.parting().into()),
                 problem = session.ended() => return Err(problem.into()),
                 message = inbound.message() => message.map_err(End::from_read)?,
             };
@@ -154,7 +185,12 @@ impl Face {
                 Some(_) => return Err(protocol("expected a batch").into()),
             };
             let batch = grpc::batch(&session.environment().schema, batch)?;
-            let ticket = session.submit(batch).await?;
+            // A batch that still waits for room when the stream is to end was not taken: its client sends it again.
+            let ticket = tokio::select! {
+                biased;
+                () = leaving.0.cancelled() => return Err(self.parting().into()),
+                ticket = session.submit(batch) => ticket?,
+            };
             tickets.send(ticket).await.map_err(|_| End::Gone)?;
         }
     }
@@ -192,6 +228,8 @@ async fn acknowledge(resumed: Sequence, taken: mpsc::Receiver<Ticket>, out: &Out
 enum End {
     /// The client is told.
     Problem(Problem),
+    /// The client is told what was found out while reading.
+    Told(Status),
     /// There is nobody to tell.
     Gone,
 }
@@ -218,6 +256,8 @@ impl End {
                 format!("a message cannot be decoded: {}", status.message()),
             )
             .into(),
+            // Signed by us: the message did not arrive in time, or was one too many.
+            _ if status.get_details_error_info().is_some() => Self::Told(status),
             _ => Self::Gone,
         }
     }

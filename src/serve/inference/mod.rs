@@ -6,12 +6,10 @@
 pub mod served;
 
 use axum::Router;
-use axum::extract::rejection::BytesRejection;
-use axum::extract::{DefaultBodyLimit, State};
+use axum::extract::State;
 use axum::middleware;
 use axum::response::{IntoResponse, Response};
 use axum::routing::{any, get, post};
-use bytes::Bytes;
 use http::{HeaderMap, HeaderName, header};
 use serde::Deserialize;
 use serde_json::{Value, json};
@@ -19,7 +17,7 @@ use tower_http::decompression::RequestDecompressionLayer;
 
 use self::served::{ModelName, Served};
 use super::operations;
-use super::rest::extract::Path;
+use super::rest::extract::{Octets, Path};
 use super::rest::{layers, problems};
 use super::status::Failure;
 use crate::api::inference::grpc;
@@ -32,9 +30,8 @@ const HEADER_LENGTH: HeaderName = HeaderName::from_static(rest::HEADER_LENGTH);
 
 /// Returns the routes below `/v2`.
 pub fn router(app: App) -> Router {
-    // Triton's client can compress what it sends; the limit is then on what comes out of it, too.
-    let unpacked = DefaultBodyLimit::max(layers::MOST_BODY_BYTES);
-    let routes = routes().layer(unpacked).layer(RequestDecompressionLayer::new());
+    // Triton's client can compress what it sends.
+    let routes = routes().layer(RequestDecompressionLayer::new());
     let routes = routes.layer(middleware::from_fn(layers::measure)).with_state(app);
     let unknown = Router::new().route("/v2/{*path}", any(problems::unknown_path));
     layers::around(routes.merge(unknown), Failure::tell_text)
@@ -97,9 +94,8 @@ async fn infer(
     State(app): State<App>,
     Path(named): Path<Named>,
     headers: HeaderMap,
-    body: Result<Bytes, BytesRejection>,
+    Octets(body): Octets,
 ) -> Result<Response, Failure> {
-    let body = body.map_err(|rejection| Failure::of_http(rejection.status()))?;
     let header_length = headers.get(HEADER_LENGTH).map(|value| value.to_str().unwrap_or_default());
     let header_length = header_length.map(ToOwned::to_owned);
     let bytes = body.len();

@@ -1,13 +1,20 @@
 //! What handlers take out of a request. What cannot be taken is a problem, as everywhere.
 
+use std::error::Error;
+use std::sync::Arc;
+
 use axum::extract::{self, FromRequest, FromRequestParts, Request};
-use bytes::Bytes;
+use bytes::{Bytes, BytesMut};
 use http::request::Parts;
 use http::{HeaderMap, header};
+use http_body::Body;
+use http_body_util::{BodyExt, LengthLimitError};
 use serde::de::DeserializeOwned;
 
+use super::layers::MOST_BODY_BYTES;
 use crate::api::json::{self, Parameters};
 use crate::error::{Fault, Problem};
+use crate::serve::connections::memory::Charge;
 use crate::serve::status::Failure;
 use crate::work::aside;
 
@@ -22,6 +29,13 @@ pub struct Json<T>(pub T);
 
 /// A body that is one JSON document, or empty: then it is the default.
 pub struct OptionalJson<T>(pub T);
+
+/// A body of any type.
+pub struct Octets(pub Bytes);
+
+/// The most bytes that a body may have on a path, unpacked, where that is less than everywhere.
+#[derive(Debug, Clone, Copy)]
+pub struct MostBytes(pub usize);
 
 /// A body that is a file.
 pub struct File(pub Bytes);
@@ -91,18 +105,18 @@ impl<T: DeserializeOwned + Send + 'static> Json<T> {
 impl<S: Send + Sync> FromRequest<S> for Document {
     type Rejection = Failure;
 
-    async fn from_request(request: Request, state: &S) -> Result<Self, Failure> {
+    async fn from_request(request: Request, _: &S) -> Result<Self, Failure> {
         let media = media(request.headers())?;
-        Ok(Self { media, bytes: body(request, state).await? })
+        Ok(Self { media, bytes: body(request).await? })
     }
 }
 
 impl<T: DeserializeOwned + Default + Send + 'static, S: Send + Sync> FromRequest<S> for OptionalJson<T> {
     type Rejection = Failure;
 
-    async fn from_request(request: Request, state: &S) -> Result<Self, Failure> {
+    async fn from_request(request: Request, _: &S) -> Result<Self, Failure> {
         let headers = request.headers().clone();
-        let bytes = body(request, state).await?;
+        let bytes = body(request).await?;
         match bytes.is_empty() {
             true => Ok(Self(T::default())),
             false => {
@@ -116,16 +130,71 @@ impl<T: DeserializeOwned + Default + Send + 'static, S: Send + Sync> FromRequest
 impl<S: Send + Sync> FromRequest<S> for File {
     type Rejection = Failure;
 
-    async fn from_request(request: Request, state: &S) -> Result<Self, Failure> {
+    async fn from_request(request: Request, _: &S) -> Result<Self, Failure> {
         match content_type(request.headers()) {
-            (_, essence) if essence == OCTETS => Ok(Self(body(request, state).await?)),
+            (_, essence) if essence == OCTETS => Ok(Self(body(request).await?)),
             (found, _) => Err(Failure::of_media_type(found, OCTETS)),
         }
     }
 }
 
-async fn body<S: Send + Sync>(request: Request, state: &S) -> Result<Bytes, Failure> {
-    Bytes::from_request(request, state).await.map_err(|rejection| Failure::of_http(rejection.status()))
+impl<S: Send + Sync> FromRequest<S> for Octets {
+    type Rejection = Failure;
+
+    async fn from_request(request: Request, _: &S) -> Result<Self, Failure> {
+        Ok(Self(body(request).await?))
+    }
+}
+
+/// Collects a body, unpacked by now. Its bytes are bounded, and charged as they come: a few that were sent may unpack to very many.
+async fn body(request: Request) -> Result<Bytes, Failure> {
+    let MostBytes(most) = request.extensions().get().copied().unwrap_or(MostBytes(MOST_BODY_BYTES));
+    let charge: Option<Arc<Charge>> = request.extensions().get().cloned();
+    let mut body = request.into_body();
+    if body.size_hint().lower() > most as u64 {
+        return Err(Failure::of_size(most));
+    }
+    let (mut only, mut joined) = (Bytes::new(), BytesMut::new());
+    while let Some(frame) = body.frame().await {
+        let Ok(data) = frame.map_err(|error| unreadable(&error))?.into_data() else { continue };
+        if let Some(charge) = &charge {
+            charge.grow(data.len())?;
+        }
+        if only.len() + joined.len() + data.len() > most {
+            return Err(Failure::of_size(most));
+        }
+
+        // Most bodies are of one piece, which needs no copy.
+        if only.is_empty() && joined.is_empty() {
+            only = data;
+        } else {
+            joined.extend_from_slice(&std::mem::take(&mut only));
+            joined.extend_from_slice(&data);
+        }
+
+        // A body that is unpacked never waits by itself, and others are to have their turn.
+        tokio::task::coop::consume_budget().await;
+    }
+    Ok(if joined.is_empty() { only } else { joined.freeze() })
+}
+
+/// Tells why a body cannot be read: what our own layers say of it, or what is wrong with its bytes.
+fn unreadable(error: &axum::Error) -> Failure {
+    let mut cause: &dyn Error = error;
+    loop {
+        if let Some(problem) = cause.downcast_ref::<Problem>() {
+            return problem.clone().into();
+        }
+        if cause.is::<LengthLimitError>() {
+            return Failure::of_size(MOST_BODY_BYTES);
+        }
+        match cause.source() {
+            Some(deeper) => cause = deeper,
+            None => {
+                return Problem::invalid("body", vec![Fault::new("", format!("it cannot be read: {cause}"))]).into();
+            }
+        }
+    }
 }
 
 const JSON: &str = "application/json";

@@ -16,16 +16,20 @@ mod summary;
 mod told;
 mod transitions;
 
-use axum::Router;
 use axum::routing::{get, post, put};
+use axum::{Extension, Router};
+use tower_http::decompression::RequestDecompressionLayer;
 use utoipa_swagger_ui::{Config, SwaggerUi};
 
+use self::extract::MostBytes;
 use super::status::Failure;
+use crate::api::MOST_DESCRIPTION_BYTES;
 use crate::app::App;
 
 /// Returns the REST face with its documentation.
 pub fn router(app: App) -> Router {
-    let routes = routes().layer(axum::middleware::from_fn(layers::measure)).with_state(app);
+    let routes = routes().layer(RequestDecompressionLayer::new());
+    let routes = routes.layer(axum::middleware::from_fn(layers::measure)).with_state(app);
     layers::around(routes.merge(documentation()).fallback(problems::unknown_path), Failure::tell)
 }
 
@@ -33,7 +37,8 @@ fn routes() -> Router<App> {
     let environment = put(environments::apply_environment)
         .get(environments::get_environment)
         .patch(environments::update_rule)
-        .delete(environments::delete_environment);
+        .delete(environments::delete_environment)
+        .layer(Extension(MostBytes(MOST_DESCRIPTION_BYTES)));
     let influence = get(influence::get_influence).post(influence::batch_get_influence);
     Router::new()
         .route("/v1/environments", get(environments::list_environments))

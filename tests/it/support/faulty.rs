@@ -12,6 +12,7 @@ use nudge::store::{
     Audit, Cause, Cursor, FitRecord, ModelRecord, NewModel, Numbered, Outcome, Scanned, StateCounts, Store, StoreError,
     Totals,
 };
+use tokio::sync::Notify;
 
 /// Which call fails, and how.
 #[derive(Clone, Copy, PartialEq)]
@@ -20,6 +21,8 @@ pub enum Failure {
     AfterCommit,
     /// A commit does not take effect.
     BeforeCommit,
+    /// A commit waits until it is disarmed.
+    Held,
     /// The list of models cannot be read, until it is disarmed.
     Models,
     /// A model with its weights cannot be read, until it is disarmed.
@@ -31,12 +34,13 @@ pub struct Faulty {
     store: Arc<dyn Store>,
     failure: Failure,
     armed: AtomicBool,
+    disarmed: Notify,
 }
 
 impl Faulty {
     /// Makes a store that can fail so.
     pub fn new(store: Arc<dyn Store>, failure: Failure) -> Arc<Self> {
-        Arc::new(Self { store, failure, armed: AtomicBool::new(false) })
+        Arc::new(Self { store, failure, armed: AtomicBool::new(false), disarmed: Notify::new() })
     }
 
     /// Lets calls fail from now on.
@@ -47,6 +51,7 @@ impl Faulty {
     /// Lets calls fail no more.
     pub fn disarm(&self) {
         self.armed.store(false, Ordering::SeqCst);
+        self.disarmed.notify_waiters();
     }
 
     fn commit_fails(&self) -> bool {
@@ -65,6 +70,12 @@ impl Faulty {
 #[async_trait]
 impl Store for Faulty {
     async fn commit(&self, batches: &[Numbered]) -> Result<Vec<Outcome>, StoreError> {
+        if self.failure == Failure::Held {
+            let disarmed = self.disarmed.notified();
+            if self.armed.load(Ordering::SeqCst) {
+                disarmed.await;
+            }
+        }
         if !self.commit_fails() {
             return self.store.commit(batches).await;
         }

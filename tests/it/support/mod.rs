@@ -5,6 +5,7 @@ pub mod databases;
 pub mod disks;
 pub mod faulty;
 pub mod fixtures;
+pub mod raw;
 
 use std::net::SocketAddr;
 use std::path::Path;
@@ -49,10 +50,15 @@ impl TestApp {
 
     /// Starts a service on a store of the test's own.
     pub async fn with(directory: Arc<TempDir>, store: Arc<dyn Store>) -> Self {
+        Self::set(directory, store, Settings::default()).await
+    }
+
+    /// Starts a service on a store, with settings of the test's own.
+    pub async fn set(directory: Arc<TempDir>, store: Arc<dyn Store>, settings: Settings) -> Self {
         let app = App::open(store, Upkeep::default());
         let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
         let address = listener.local_addr().expect("bound");
-        let serving = serve(app.clone(), listener, Settings::default());
+        let serving = serve(app.clone(), listener, settings);
         let serving = tokio::spawn(async { serving.await.expect("the service runs") });
         Self { address, app, directory, serving }
     }
