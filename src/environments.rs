@@ -2,24 +2,35 @@
 //! description means.
 
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 use crate::domain::draft::{DescriptionDraft, RuleDraft};
-use crate::domain::{Environment, EnvironmentPage, Name, Pair, Schema, UnreadableEnvironment, WrittenRule, page_size};
+use crate::domain::{
+    Environment, EnvironmentId, EnvironmentPage, Name, Pair, Schema, UnreadableEnvironment, WrittenRule, page_size,
+};
 use crate::error::{ErrorKind, Fault, Problem};
 use crate::ingest::Ingest;
-use crate::store::{Store, StoreError};
+use crate::model::Networks;
+use crate::store::{Leftovers, Store, StoreError};
+
+/// The longest rest between two steps of a removal.
+const REST: Duration = Duration::from_millis(50);
+
+/// How long it is waited after a step failed, and how long at most after many did.
+const BACK_OFF: [Duration; 2] = [Duration::from_secs(1), Duration::from_secs(60)];
 
 /// A handle on the environments. Cloning is cheap.
 #[derive(Clone)]
 pub struct Environments {
     store: Arc<dyn Store>,
     ingest: Ingest,
+    networks: Networks,
 }
 
 impl Environments {
     /// Makes a handle.
-    pub fn new(store: Arc<dyn Store>, ingest: Ingest) -> Self {
-        Self { store, ingest }
+    pub fn new(store: Arc<dyn Store>, ingest: Ingest, networks: Networks) -> Self {
+        Self { store, ingest, networks }
     }
 
     /// Returns the environment of that name.
@@ -74,15 +85,52 @@ impl Environments {
         Ok(self.store.set_rule(environment.id, rule).await?)
     }
 
-    /// Removes an environment with its counts and watermarks, and ends its streams. It need not be readable.
+    /// Removes an environment with its counts and watermarks, and ends its streams and trainings. It need not be readable. What it leaves in the
+    /// database goes in the background.
     pub async fn delete(&self, name: &str) -> Result<(), Problem> {
-        let id = match self.find_unreadable(name) {
-            Some(environment) => environment.id,
-            None => self.find(name)?.id,
+        let (id, uid) = match self.find_unreadable(name) {
+            Some(environment) => (environment.id, environment.uid.clone()),
+            None => self.find(name).map(|environment| (environment.id, environment.uid.clone()))?,
         };
+        // A caller who leaves meanwhile must not keep streams from ending.
+        tokio::spawn(self.clone().remove(id)).await.map_err(|error| unexpected(&error))??;
+        tracing::info!(environment = name, %uid, "an environment was deleted");
+        Ok(())
+    }
+
+    async fn remove(self, id: EnvironmentId) -> Result<(), StoreError> {
         self.store.delete(id).await?;
         self.ingest.end_streams(id);
+        self.networks.end_of(id);
         Ok(())
+    }
+
+    /// Removes what deleted environments have left, for ever. Whoever wants to write comes first: after each step it rests for as long. Where it
+    /// fails it tries again, less and less often.
+    pub async fn sweep(self) {
+        let [first, longest] = BACK_OFF;
+        let mut back_off = first;
+        loop {
+            let started = Instant::now();
+            let rest = match self.store.sweep().await {
+                Ok(()) => {
+                    back_off = first;
+                    started.elapsed().min(REST)
+                }
+                // The store has said in the log what it was.
+                Err(_) => {
+                    let now = back_off;
+                    back_off = (now * 2).min(longest);
+                    now
+                }
+            };
+            tokio::time::sleep(rest).await;
+        }
+    }
+
+    /// Returns what deleted environments have left in the database.
+    pub fn leftovers(&self) -> Leftovers {
+        self.store.leftovers()
     }
 
     async fn confirm(
@@ -102,6 +150,11 @@ impl Environments {
             _ => Ok((existing, false)),
         }
     }
+}
+
+fn unexpected(error: &dyn std::fmt::Display) -> Problem {
+    tracing::error!(%error, "a removal ended unexpectedly");
+    Problem::new(ErrorKind::Internal, "INTERNAL", "the removal ended unexpectedly; the cause is in the service's log")
 }
 
 fn cannot_be_read(environment: &UnreadableEnvironment) -> Problem {

@@ -207,7 +207,10 @@ fn limit_fault(limit: u64) -> Fault {
 }
 
 fn logged(error: crate::store::StoreError) -> Problem {
-    tracing::error!(%error, "a question could not be answered");
+    // That an environment was deleted meanwhile is no fault.
+    if error.kind() != ErrorKind::NotFound {
+        tracing::error!(%error, "a question could not be answered");
+    }
     error.into()
 }
 

@@ -202,6 +202,8 @@ impl Surveys {
         tokio::spawn(async move {
             match make(&*surveys.store, &plan).await {
                 Ok(survey) => surveys.keep(plan.key(), Arc::new(survey)),
+                // It ends with its environment.
+                Err(StoreError::UnknownEnvironment) => {}
                 Err(error) => {
                     tracing::warn!(%error, environment = %plan.environment.name, "a survey could not be refreshed")
                 }

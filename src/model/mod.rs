@@ -55,7 +55,8 @@ use self::spare_time::in_spare_time;
 use self::training::{Ensemble, TrainingError};
 use crate::domain::draft::TrainingDraft;
 use crate::domain::{
-    Card, Environment, Job, JobState, Model, ModelId, ModelKind, Models, Pair, Training, is_same_threshold,
+    Card, Environment, EnvironmentId, Job, JobState, Model, ModelId, ModelKind, Models, Pair, Training,
+    is_same_threshold,
 };
 use crate::error::{ErrorKind, Fault, Problem};
 use crate::evidence::MOST_CELLS;
@@ -215,6 +216,11 @@ impl Networks {
         self.registry.network(environment, version).await
     }
 
+    /// Tells what is trained for an environment that was deleted to end.
+    pub fn end_of(&self, environment: EnvironmentId) {
+        self.jobs.end_all(environment);
+    }
+
     /// Tells what is trained to end.
     pub fn end(&self) {
         self.ending.cancel();
@@ -305,9 +311,7 @@ impl Networks {
         let train = |dataset: &Dataset, from: f64, what: &str| {
             let mut watch = |done: f64| {
                 self.tell(order, from + SHARE * done, what);
-                // Nobody can end the job of an environment that is gone.
-                let ends = order.end.is_cancelled() || self.current(&order.environment).is_err();
-                if ends { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+                if order.end.is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
             };
             training::train(dataset, &encoder, training, &mut watch)
         };

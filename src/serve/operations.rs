@@ -49,7 +49,8 @@ async fn readyz(State(app): State<App>, RawQuery(query): RawQuery) -> Response {
     }
     let told = |(name, check): Check| (name.to_owned(), check.err().unwrap_or("ok".into()).into());
     let checks: serde_json::Map<String, serde_json::Value> = checks.into_iter().map(told).collect();
-    (status, Json(serde_json::json!({ "ready": ready, "checks": checks }))).into_response()
+    let background = app.in_the_background();
+    (status, Json(serde_json::json!({ "ready": ready, "checks": checks, "background": background }))).into_response()
 }
 
 /// The metrics in Prometheus' text format.

@@ -58,8 +58,16 @@ pub trait Store: Send + Sync {
     /// Replaces the rule of an environment.
     async fn set_rule(&self, id: EnvironmentId, rule: WrittenRule) -> Result<Arc<Environment>, StoreError>;
 
-    /// Removes an environment with its counts, receipts, watermarks and models.
+    /// Removes an environment with its counts, receipts, watermarks and models: when this returns, no commit finds it, every read of it fails with
+    /// `UnknownEnvironment`, one that began before too, and its name is free. Its rows are left for [`Store::sweep`].
     async fn delete(&self, id: EnvironmentId) -> Result<(), StoreError>;
+
+    /// Waits until a deleted environment has left rows, and removes some of them: so few that a commit hardly waits. To be called again and again, by
+    /// one at a time. Interrupted anywhere, by an error, by being dropped or by kill -9, the next call goes on, after a restart too.
+    async fn sweep(&self) -> Result<(), StoreError>;
+
+    /// Returns what deleted environments have left. From memory.
+    fn leftovers(&self) -> Leftovers;
 
     /// Returns the last committed sequence of a producer, as the next commit would find it.
     async fn watermark(&self, id: EnvironmentId, producer: &ProducerId) -> Result<Sequence, StoreError>;
@@ -274,6 +282,15 @@ pub struct Totals {
     pub segments: u64,
     /// Producers.
     pub producers: u64,
+}
+
+/// What deleted environments have left in the database.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Leftovers {
+    /// Deleted environments with rows left.
+    pub environments: u64,
+    /// Their states that are left, as far as they are counted.
+    pub states: u64,
 }
 
 /// Totals beside what the cells add up to.

@@ -11,7 +11,7 @@ use sqlx::SqlitePool;
 
 use self::writer::{Memory, Writer};
 use super::{
-    Audit, Cursor, FitRecord, ModelRecord, NewModel, Numbered, Outcome, Quotas, Scanned, StateCounts, Store,
+    Audit, Cursor, FitRecord, Leftovers, ModelRecord, NewModel, Numbered, Outcome, Quotas, Scanned, StateCounts, Store,
     StoreError, Totals,
 };
 use crate::domain::{
@@ -72,6 +72,11 @@ impl SqliteStore {
     pub async fn open(path: &Path, options: Options) -> Result<Self, StoreError> {
         open::open(path, options).await
     }
+
+    /// Fails where an environment is gone. To be asked after a read: what was read while it was there was whole, for its rows go later.
+    fn present(&self, id: EnvironmentId) -> Result<(), StoreError> {
+        if self.memory.directory.has(id) { Ok(()) } else { Err(StoreError::UnknownEnvironment) }
+    }
 }
 
 #[async_trait]
@@ -100,6 +105,14 @@ impl Store for SqliteStore {
         removal::delete(&self.writer, id).await
     }
 
+    async fn sweep(&self) -> Result<(), StoreError> {
+        removal::sweep(&self.writer, &self.readers, &self.memory.removals).await
+    }
+
+    fn leftovers(&self) -> Leftovers {
+        self.memory.removals.left()
+    }
+
     async fn watermark(&self, id: EnvironmentId, producer: &ProducerId) -> Result<Sequence, StoreError> {
         let mut transaction = self.writer.begin().await?;
         let watermark = read::watermark(transaction.connection(), id, producer).await?;
@@ -116,11 +129,13 @@ impl Store for SqliteStore {
     }
 
     async fn scan(&self, id: EnvironmentId, after: Cursor, states: u32) -> Result<Vec<Scanned>, StoreError> {
-        read::scan(&self.readers, id, after, states).await
+        let page = read::scan(&self.readers, id, after, states).await?;
+        self.present(id).map(|()| page)
     }
 
     async fn segments(&self, id: EnvironmentId) -> Result<Vec<(SegmentId, Option<Label>)>, StoreError> {
-        read::segments(&self.readers, id).await
+        let segments = read::segments(&self.readers, id).await?;
+        self.present(id).map(|()| segments)
     }
 
     async fn totals(&self, id: EnvironmentId) -> Result<Totals, StoreError> {
@@ -132,7 +147,8 @@ impl Store for SqliteStore {
     }
 
     async fn fits(&self, id: EnvironmentId) -> Result<Vec<FitRecord>, StoreError> {
-        fits::fits(&self.readers, id).await
+        let fits = fits::fits(&self.readers, id).await?;
+        self.present(id).map(|()| fits)
     }
 
     async fn keep_fit(&self, id: EnvironmentId, fit: &FitRecord) -> Result<(), StoreError> {
@@ -140,11 +156,13 @@ impl Store for SqliteStore {
     }
 
     async fn models(&self, id: EnvironmentId) -> Result<Vec<ModelRecord>, StoreError> {
-        models::models(&self.readers, id).await
+        let models = models::models(&self.readers, id).await?;
+        self.present(id).map(|()| models)
     }
 
     async fn model(&self, id: EnvironmentId, version: u64) -> Result<Option<(ModelRecord, Vec<u8>)>, StoreError> {
-        models::model(&self.readers, id, version).await
+        let model = models::model(&self.readers, id, version).await?;
+        self.present(id).map(|()| model)
     }
 
     async fn keep_model(&self, id: EnvironmentId, model: &NewModel) -> Result<u64, StoreError> {

@@ -11,7 +11,6 @@ use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection, SqliteJournalMode, Sq
 use sqlx::{ConnectOptions, Connection, SqlitePool};
 
 use super::error::{migrating, opening, unopenable};
-use super::removal;
 use super::{Memory, Options, SqliteStore, Writer};
 use crate::store::StoreError;
 
@@ -39,7 +38,7 @@ pub(super) async fn open(path: &Path, options: Options) -> Result<SqliteStore, S
     let memory = Arc::new(Memory::new(options.cache_cells));
     let writer = Writer::new(writing, Arc::clone(&memory));
     // The first transaction fills memory.
-    removal::sweep(&writer).await?;
+    writer.begin().await?.end().await?;
     let readers = readers(path).await.map_err(|error| opening(path, &error))?;
     let lock = Mutex::new(Some(lock));
     Ok(SqliteStore { path: path.to_owned(), quotas: options.quotas, memory, writer, readers, lock })

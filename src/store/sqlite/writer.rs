@@ -14,8 +14,9 @@ use super::actions::ActionsMemory;
 use super::cache::CountsCache;
 use super::directory::Directory;
 use super::environments;
-use super::error::{aborted, outcome_unknown};
+use super::error::{aborted, outcome_unknown, unreadable};
 use super::known::Known;
+use super::removal::{self, Removals};
 use crate::store::StoreError;
 
 /// What is remembered of the database, and changed after each commit.
@@ -26,13 +27,16 @@ pub(super) struct Memory {
     pub(super) cache: CountsCache,
     /// How often each action was taken.
     pub(super) actions: ActionsMemory,
+    /// What deleted environments have left.
+    pub(super) removals: Removals,
 }
 
 impl Memory {
     /// Remembers nothing yet; the first transaction lets it begin.
     pub(super) fn new(cache_cells: usize) -> Self {
         let cache = CountsCache::new(cache_cells);
-        Self { directory: Directory::default(), cache, actions: ActionsMemory::default() }
+        let (directory, actions, removals) = Default::default();
+        Self { directory, cache, actions, removals }
     }
 
     /// Drops the counts, and takes none in until it is known what was committed.
@@ -111,7 +115,9 @@ impl Writer {
         sqlx::query("begin immediate").execute(transaction.connection()).await.map_err(aborted)?;
         if is_new {
             let all = environments::load(transaction.connection()).await?;
+            let gone = removal::gone(transaction.connection()).await.map_err(unreadable)?;
             self.memory.directory.replace(all);
+            self.memory.removals.replace(gone);
             self.memory.resume();
         }
         Ok(transaction)

@@ -9,7 +9,8 @@ use nudge::domain::{
     UnreadableEnvironment, WrittenRule,
 };
 use nudge::store::{
-    Audit, Cursor, FitRecord, ModelRecord, NewModel, Numbered, Outcome, Scanned, StateCounts, Store, StoreError, Totals,
+    Audit, Cursor, FitRecord, Leftovers, ModelRecord, NewModel, Numbered, Outcome, Scanned, StateCounts, Store,
+    StoreError, Totals,
 };
 
 /// Which call fails, and how.
@@ -91,6 +92,12 @@ impl Store for Faulty {
     }
     async fn delete(&self, id: EnvironmentId) -> Result<(), StoreError> {
         self.store.delete(id).await
+    }
+    async fn sweep(&self) -> Result<(), StoreError> {
+        self.store.sweep().await
+    }
+    fn leftovers(&self) -> Leftovers {
+        self.store.leftovers()
     }
     async fn watermark(&self, id: EnvironmentId, producer: &ProducerId) -> Result<Sequence, StoreError> {
         self.store.watermark(id, producer).await
