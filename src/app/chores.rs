@@ -44,8 +44,9 @@ impl Drop for Chore {
 }
 
 fn removing(Leftovers { environments, states }: Leftovers) -> String {
-    let plural = if environments == 1 { "" } else { "s" };
-    format!("removing {environments} environment{plural}, {} states left", in_thousands(states))
+    let plural = |number| if number == 1 { "" } else { "s" };
+    let (of_environments, of_states) = (plural(environments), plural(states));
+    format!("removing {environments} environment{of_environments}, {} state{of_states} left", in_thousands(states))
 }
 
 fn in_thousands(number: u64) -> String {

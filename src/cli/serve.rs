@@ -1,5 +1,6 @@
 //! `nudge serve`: the service on a socket, until a signal.
 
+use std::convert::Infallible;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -7,13 +8,14 @@ use std::time::Duration;
 
 use clap::{Args, ValueEnum};
 use tokio::net::TcpListener;
+use tokio_util::sync::CancellationToken;
 
 use super::duration::duration;
 use super::{Failure, output};
 use crate::app::{App, Upkeep};
 use crate::config::Config;
-use crate::serve::{Settings, serve};
-use crate::store::{Options, Quotas, SqliteStore};
+use crate::serve::{Doors, Settings};
+use crate::store::{Options, Quotas, SqliteStore, Stage};
 use crate::telemetry::{self, LogFormat};
 
 /// Serve REST, gRPC, gRPC-Web and metrics on one port
@@ -111,7 +113,7 @@ impl Serve {
         }
         telemetry::log(self.settings.log.format());
         let signals = Signals::install()?;
-        let service = Service::start(&config).await?;
+        let Some(service) = Service::start(&config, &signals).await? else { return Ok(()) };
         output::print(&format!("listening on http://{}", service.address))?;
         signals.next().await;
         service.stop_unless(&signals).await
@@ -124,25 +126,38 @@ pub struct Service {
     pub app: App,
     /// Where it listens.
     pub address: SocketAddr,
-    serving: tokio::task::JoinHandle<Result<(), String>>,
+    serving: tokio::task::JoinHandle<()>,
 }
 
 impl Service {
-    /// Opens the database, takes the port and begins to serve.
-    pub async fn start(config: &Config) -> Result<Self, Failure> {
+    /// Takes the port, where it says at once that it is alive, opens the database and begins to serve. `None` where a signal came first.
+    pub async fn start(config: &Config, signals: &Signals) -> Result<Option<Self>, Failure> {
         let quotas = Quotas { cells: config.max_cells, segments: config.max_segments, producers: config.max_producers };
         let options = Options { quotas, cache_cells: config.cache_cells };
         // The port first: whoever finds it taken should not have touched the data.
         let listener = TcpListener::bind(config.listen).await.map_err(|error| cannot_listen(config.listen, &error))?;
         let address = listener.local_addr().map_err(|error| cannot_listen(config.listen, &error))?;
-        let store =
-            SqliteStore::open(&config.database(), options).await.map_err(|error| Failure::usage(error.to_string()))?;
-        let app = App::open(Arc::new(store), Upkeep { fit_every: config.fit_every, train_every: config.train_every });
+        let (stage, draining) = (Stage::default(), CancellationToken::new());
+        let doors = Doors::closed(stage.clone());
+        let serving = tokio::spawn(doors.clone().serve(listener, draining.clone()));
+
+        let database = config.database();
+        let store = tokio::select! {
+            store = SqliteStore::open_telling(&database, options, &stage) => store,
+            () = signals.next() => {
+                // Whatever it was at is done or undone by the next opening, as after kill -9.
+                tracing::info!("stopped before the database was open");
+                return Ok(None);
+            }
+            never = tell_waiting(address, &stage) => match never {},
+        };
+        let store = Arc::new(store.map_err(|error| Failure::usage(error.to_string()))?);
+        let upkeep = Upkeep { fit_every: config.fit_every, train_every: config.train_every };
+        let app = App::open_until(draining, store, upkeep);
         let settings = Settings { cors_origins: config.cors_origins.clone() };
-        let serving = serve(app.clone(), listener, settings);
-        let serving = tokio::spawn(async { serving.await.map_err(|error| error.to_string()) });
-        tracing::info!(%address, database = %config.database().display(), "serving");
-        Ok(Self { app, address, serving })
+        doors.open(app.clone(), &settings).await.map_err(|error| Failure::usage(error.to_string()))?;
+        tracing::info!(%address, database = %database.display(), "serving");
+        Ok(Some(Self { app, address, serving }))
     }
 
     /// Stops gracefully, or at once when another signal comes.
@@ -157,9 +172,20 @@ impl Service {
     /// Ends streams after their last receipt, commits what is queued, and closes the database.
     pub async fn stop(self) -> Result<(), Failure> {
         self.app.draining.cancel();
-        let served = self.serving.await.map_err(|error| Failure::usage(error.to_string()))?;
+        let served = self.serving.await;
         self.app.close().await;
         served.map_err(|error| Failure::usage(error.to_string()))
+    }
+}
+
+/// Says in the log what takes so long, less and less often.
+async fn tell_waiting(address: SocketAddr, stage: &Stage) -> Infallible {
+    const LONGEST: Duration = Duration::from_secs(60);
+    let mut wait = Duration::from_secs(1);
+    loop {
+        tokio::time::sleep(wait).await;
+        tracing::info!(%address, doing = stage.told(), "listening, and not ready yet");
+        wait = (wait * 2).min(LONGEST);
     }
 }
 

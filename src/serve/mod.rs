@@ -6,16 +6,19 @@ use axum::Router;
 use tokio::net::TcpListener;
 
 use crate::app::App;
-use crate::telemetry;
+use crate::store::Stage;
 
 pub mod listen;
 
 mod cors;
+mod doors;
 mod grpc;
 mod inference;
 mod operations;
 mod rest;
 mod status;
+
+pub use doors::Doors;
 
 /// What may be set about the faces.
 #[derive(Debug, Clone, Default)]
@@ -26,10 +29,9 @@ pub struct Settings {
 
 /// Serves an app on a listener until it drains and its connections have ended.
 pub async fn serve(app: App, listener: TcpListener, settings: Settings) -> Result<(), tonic_reflection::server::Error> {
-    // Before the first request, whose figures would be lost.
-    telemetry::recorder();
-    let router = router(app.clone(), &settings).await?;
-    listen::accept(listener, router, app.draining).await;
+    let doors = Doors::closed(Stage::default());
+    doors.open(app.clone(), &settings).await?;
+    doors.serve(listener, app.draining).await;
     Ok(())
 }
 

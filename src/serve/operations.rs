@@ -10,10 +10,13 @@ use crate::app::App;
 use crate::error::{ErrorKind, Problem};
 use crate::telemetry;
 
+/// What `/livez` says.
+pub const ALIVE: &str = "ok\n";
+
 /// Returns the routes for operators.
 pub fn router(app: App) -> Router {
     Router::new()
-        .route("/livez", get(|| async { "ok\n" }))
+        .route("/livez", get(|| async { ALIVE }))
         .route("/readyz", get(readyz))
         .route("/metrics", get(metrics))
         .with_state(app)
@@ -42,15 +45,18 @@ async fn readyz(State(app): State<App>, RawQuery(query): RawQuery) -> Response {
     let checks = checks(&app).await;
     let ready = checks.iter().all(|(_, check)| check.is_ok());
     let status = if ready { StatusCode::OK } else { StatusCode::SERVICE_UNAVAILABLE };
-    let verbose =
-        query.is_some_and(|query| query.split('&').any(|part| part == "verbose" || part.starts_with("verbose=")));
-    if !verbose {
+    if !is_verbose(query.as_deref()) {
         return (status, if ready { "ready\n" } else { "not ready\n" }).into_response();
     }
     let told = |(name, check): Check| (name.to_owned(), check.err().unwrap_or("ok".into()).into());
     let checks: serde_json::Map<String, serde_json::Value> = checks.into_iter().map(told).collect();
     let background = app.in_the_background();
     (status, Json(serde_json::json!({ "ready": ready, "checks": checks, "background": background }))).into_response()
+}
+
+/// Returns whether a query string asks for each check.
+pub fn is_verbose(query: Option<&str>) -> bool {
+    query.is_some_and(|query| query.split('&').any(|part| part == "verbose" || part.starts_with("verbose=")))
 }
 
 /// The metrics in Prometheus' text format.

@@ -15,9 +15,11 @@ use crate::domain::{
 mod error;
 pub mod form;
 mod sqlite;
+mod stage;
 
 pub use error::StoreError;
 pub use sqlite::{Options, SqliteStore};
+pub use stage::Stage;
 
 /// Keeps environments and counts each batch exactly once.
 ///

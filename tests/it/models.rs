@@ -112,6 +112,20 @@ async fn active(app: &TestApp) -> Vec<u64> {
 }
 
 #[tokio::test]
+async fn trainings_end_with_their_environment() {
+    let app = world().await;
+    let running = asked(&app, &endless()).await;
+    until(&app, &running, &["running"]).await;
+    asked(&app, &endless()).await;
+    let environment = app.app.environments.find("world").expect("made");
+    assert_eq!(app.rest("DELETE", WORLD, None).await.0, 204);
+    for job in [1, 2] {
+        let over = app.app.networks.finished(&environment, job).await.expect("known");
+        assert_eq!(over.state, nudge::domain::JobState::Cancelled, "{over:?}");
+    }
+}
+
+#[tokio::test]
 async fn a_share_is_a_threshold_for_networks_too() {
     let app = world().await;
     let rule = async |rule: Value| assert_eq!(app.rest("PATCH", WORLD, Some(&json!({"rule": rule}))).await.0, 200);

@@ -9,10 +9,11 @@ use std::sync::{Arc, Mutex, PoisonError};
 use async_trait::async_trait;
 use sqlx::SqlitePool;
 
+use self::open::Closing;
 use self::writer::{Memory, Writer};
 use super::{
-    Audit, Cursor, FitRecord, Leftovers, ModelRecord, NewModel, Numbered, Outcome, Quotas, Scanned, StateCounts, Store,
-    StoreError, Totals,
+    Audit, Cursor, FitRecord, Leftovers, ModelRecord, NewModel, Numbered, Outcome, Quotas, Scanned, Stage, StateCounts,
+    Store, StoreError, Totals,
 };
 use crate::domain::{
     ActionTotals, Environment, EnvironmentId, Label, Name, ProducerId, Schema, SegmentId, Sequence, StateKey,
@@ -63,6 +64,7 @@ pub struct SqliteStore {
     memory: Arc<Memory>,
     writer: Writer,
     readers: SqlitePool,
+    closing: Closing,
     /// Held as long as the store lives. Last, so that it is let go after the connections.
     lock: Mutex<Option<open::Lock>>,
 }
@@ -70,7 +72,12 @@ pub struct SqliteStore {
 impl SqliteStore {
     /// Opens the database of that file, or makes it with its directories. Nobody else can open it while the store lives.
     pub async fn open(path: &Path, options: Options) -> Result<Self, StoreError> {
-        open::open(path, options).await
+        Self::open_telling(path, options, &Stage::default()).await
+    }
+
+    /// Opens the database of that file as [`SqliteStore::open`] does, and tells meanwhile how far it is.
+    pub async fn open_telling(path: &Path, options: Options, stage: &Stage) -> Result<Self, StoreError> {
+        open::open(path, options, stage).await
     }
 
     /// Fails where an environment is gone. To be asked after a read: what was read while it was there was whole, for its rows go later.
@@ -194,6 +201,7 @@ impl Store for SqliteStore {
     }
 
     async fn close(&self) {
+        self.closing.interrupt();
         self.readers.close().await;
         if let Err(error) = self.writer.close().await {
             tracing::warn!(%error, "the journal was not moved into the database; the next start does it");

@@ -3,16 +3,17 @@
 use std::ffi::OsString;
 use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use sqlx::migrate::Migrator;
+use sqlx::migrate::{MigrateError, Migrator};
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
 use sqlx::{ConnectOptions, Connection, SqlitePool};
 
 use super::error::{migrating, opening, unopenable};
 use super::{Memory, Options, SqliteStore, Writer};
-use crate::store::StoreError;
+use crate::store::{Stage, StoreError};
 
 static MIGRATIONS: Migrator = sqlx::migrate!();
 
@@ -27,21 +28,25 @@ const CHECKPOINT_PAGES: u32 = 4_096;
 /// What is left of the journal file after a large commit.
 const JOURNAL_BYTES: u32 = 64 << 20;
 
-pub(super) async fn open(path: &Path, options: Options) -> Result<SqliteStore, StoreError> {
+/// Steps of SQLite's machine after which a reader looks whether the store closes: some milliseconds.
+const INTERRUPT_STEPS: i32 = 100_000;
+
+pub(super) async fn open(path: &Path, options: Options, stage: &Stage) -> Result<SqliteStore, StoreError> {
     if let Some(directory) = path.parent() {
         std::fs::create_dir_all(directory)
             .map_err(|error| unopenable(path, format!("cannot make its directory: {error}")))?;
     }
     let lock = lock(path)?;
     let writing = writing(path);
-    migrate(path, &writing).await?;
+    migrate(path, &writing, stage).await?;
     let memory = Arc::new(Memory::new(options.cache_cells));
     let writer = Writer::new(writing, Arc::clone(&memory));
     // The first transaction fills memory.
     writer.begin().await?.end().await?;
-    let readers = readers(path).await.map_err(|error| opening(path, &error))?;
+    let closing = Closing::default();
+    let readers = readers(path, &closing).await.map_err(|error| opening(path, &error))?;
     let lock = Mutex::new(Some(lock));
-    Ok(SqliteStore { path: path.to_owned(), quotas: options.quotas, memory, writer, readers, lock })
+    Ok(SqliteStore { path: path.to_owned(), quotas: options.quotas, memory, writer, readers, closing, lock })
 }
 
 /// Takes the lock that says "a nudge serves this". The kernel lets go of it when the process ends, however it ends. It is a file of its own, because
@@ -76,14 +81,61 @@ fn lock_path(path: &Path) -> PathBuf {
     name.into()
 }
 
-async fn migrate(path: &Path, options: &SqliteConnectOptions) -> Result<(), StoreError> {
+/// Ends the reads that go on when a store closes: one may look at every cell, and nobody waits for its answer any more.
+#[derive(Clone, Default)]
+pub(super) struct Closing(Arc<AtomicBool>);
+
+impl Closing {
+    /// Interrupts every read, also those to come.
+    pub(super) fn interrupt(&self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+
+    async fn watch(self, connection: &mut SqliteConnection) -> Result<(), sqlx::Error> {
+        let goes_on = move || !self.0.load(Ordering::Relaxed);
+        connection.lock_handle().await?.set_progress_handler(INTERRUPT_STEPS, goes_on);
+        Ok(())
+    }
+}
+
+async fn migrate(path: &Path, options: &SqliteConnectOptions, stage: &Stage) -> Result<(), StoreError> {
     let mut connection = options.connect().await.map_err(|error| opening(path, &error))?;
     if !is_ours(&mut connection).await.map_err(|error| opening(path, &error))? {
         return Err(unopenable(path, "it is another program's database; choose another --data directory"));
     }
-    // `run` would do the same, but its future cannot be sent to another thread.
-    MIGRATIONS.run_direct(None, &mut connection, false).await.map_err(|error| migrating(path, &error))?;
+    run_migrations(&mut connection, stage).await.map_err(|error| migrating(path, &error))?;
     connection.close().await.map_err(|error| opening(path, &error))
+}
+
+/// Brings the tables up to date, one transaction a migration. Interrupted anywhere, the next opening goes on.
+async fn run_migrations(connection: &mut SqliteConnection, stage: &Stage) -> Result<(), MigrateError> {
+    let last = last_migration(connection).await.map_err(MigrateError::Execute)?;
+    let missing = MIGRATIONS.iter().map(|migration| migration.version).filter(|version| Some(*version) > last);
+    let missing: Vec<i64> = if last.is_some() { missing.collect() } else { Vec::new() };
+
+    let started = Instant::now();
+    for (step, version) in missing.iter().enumerate() {
+        stage.tell(format!("migrating the database, step {} of {}", step + 1, missing.len()));
+        tracing::info!(from = last, to = version, "migrating the database");
+        // `run` would do the same, but its future cannot be sent to another thread.
+        MIGRATIONS.run_direct(Some(*version), connection, false).await?;
+    }
+    if !missing.is_empty() {
+        tracing::info!(duration_ms = started.elapsed().as_millis() as u64, "the database is up to date");
+    }
+    stage.tell("opening the database");
+    // What is applied is checked; and a new database has none.
+    MIGRATIONS.run_direct(None, connection, false).await
+}
+
+/// Returns the last migration that the database has had; `None` where it is new.
+async fn last_migration(connection: &mut SqliteConnection) -> Result<Option<i64>, sqlx::Error> {
+    let text = "select exists (select 1 from sqlite_schema where name = '_sqlx_migrations')";
+    let is_new = !sqlx::query_scalar::<_, bool>(text).fetch_one(&mut *connection).await?;
+    if is_new {
+        return Ok(None);
+    }
+    sqlx::query_scalar("select max(version) from _sqlx_migrations").fetch_one(connection).await
 }
 
 /// Returns whether the database is empty or has our tables.
@@ -113,13 +165,17 @@ fn writing(path: &Path) -> SqliteConnectOptions {
         .pragma("journal_size_limit", JOURNAL_BYTES.to_string())
 }
 
-async fn readers(path: &Path) -> Result<SqlitePool, sqlx::Error> {
+async fn readers(path: &Path, closing: &Closing) -> Result<SqlitePool, sqlx::Error> {
     SqlitePoolOptions::new()
         .min_connections(1)
         .max_connections(READERS)
         .test_before_acquire(false)
         .idle_timeout(None)
         .max_lifetime(None)
+        .after_connect({
+            let closing = closing.clone();
+            move |connection, _| Box::pin(closing.clone().watch(connection))
+        })
         .connect_with(connecting(path, READER_CACHE_KIB).read_only(true).row_buffer_size(1_024))
         .await
 }

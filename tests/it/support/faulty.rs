@@ -20,6 +20,8 @@ pub enum Failure {
     AfterCommit,
     /// A commit does not take effect.
     BeforeCommit,
+    /// What deleted environments have left cannot be removed, until it is disarmed.
+    Sweep,
     /// The list of models cannot be read, until it is disarmed.
     Models,
     /// A model with its weights cannot be read, until it is disarmed.
@@ -94,6 +96,7 @@ impl Store for Faulty {
         self.store.delete(id).await
     }
     async fn sweep(&self) -> Result<(), StoreError> {
+        self.read(Failure::Sweep)?;
         self.store.sweep().await
     }
     fn leftovers(&self) -> Leftovers {
