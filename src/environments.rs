@@ -4,6 +4,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use crate::api::{self, proto};
 use crate::domain::draft::{DescriptionDraft, RuleDraft};
 use crate::domain::{
     Environment, EnvironmentId, EnvironmentPage, Name, Pair, Schema, UnreadableEnvironment, WrittenRule, page_size,
@@ -49,17 +50,22 @@ impl Environments {
     pub fn list(&self, asked: u64, page_token: Option<&str>) -> Result<EnvironmentPage, Problem> {
         let size = page_size(asked)?;
         let after = |environment: &Arc<Environment>| page_token.is_none_or(|token| environment.name.as_str() > token);
-        let mut environments: Vec<_> = self.store.environments().into_iter().filter(after).take(size + 1).collect();
-        let more = environments.len() > size;
-        environments.truncate(size);
-        let last = environments.last().filter(|_| more).map(|environment| environment.name.to_string());
         let unreadable = if page_token.is_none() { self.store.unreadable() } else { Vec::new() };
-        Ok(EnvironmentPage { environments, unreadable, next_page_token: last })
+        let spent = unreadable.iter().map(|one| api::bytes(&proto::UnreadableEnvironment::from(&**one))).sum();
+
+        let environments = self.store.environments().into_iter().filter(after);
+        let page = api::page(environments, size, spent, |environment| proto::Environment::from(&**environment));
+        let last = page.items.last().filter(|_| page.has_more).map(|environment| environment.name.to_string());
+        Ok(EnvironmentPage { environments: page.items, unreadable, next_page_token: last })
     }
 
     /// Makes an environment, or confirms that it exists with this schema; a rule that is given is set. Returns whether it was made now.
     pub async fn apply(&self, name: &str, description: &DescriptionDraft) -> Result<(Arc<Environment>, bool), Problem> {
         let existing = self.store.environment(name);
+        // Before it is looked at, which takes long where it is large. One that exists stays, whatever its size, and comes back in.
+        if existing.as_ref().is_none_or(|existing| description.schema.bytes() > existing.schema.draft().bytes()) {
+            description.schema.within_bytes()?;
+        }
         let (name, schema, rule) = checked(name, description, existing.as_deref())?;
         if let Some(existing) = existing {
             return self.confirm(existing, &schema, rule).await;

@@ -158,6 +158,17 @@ impl List {
         }
         let mut table = Table::new(&["name", "state", "agents", "rule", "uid"]);
         for environment in &environments {
+            if environment.schema.is_none() {
+                let large = "its description is larger than a message: REST tells it";
+                table.row([
+                    environment.name.clone(),
+                    large.into(),
+                    "".into(),
+                    rule(environment),
+                    environment.uid.clone(),
+                ]);
+                continue;
+            }
             let schema = schema_of(environment)?;
             let features = format!("{} features", schema.state().len());
             table.row([

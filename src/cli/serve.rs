@@ -50,6 +50,12 @@ pub struct ServeSettings {
     /// The most producers of an environment.
     #[arg(long, env = "NUDGE_MAX_PRODUCERS", value_name = "N", default_value_t = Config::default().max_producers)]
     pub max_producers: u64,
+    /// The most models (versions of networks) of an environment.
+    #[arg(long, env = "NUDGE_MAX_MODELS", value_name = "N", default_value_t = Config::default().max_models)]
+    pub max_models: u64,
+    /// The most environments. Those that exist stay, also where there are more.
+    #[arg(long, env = "NUDGE_MAX_ENVIRONMENTS", value_name = "N", default_value_t = Config::default().max_environments)]
+    pub max_environments: u64,
     /// Cells kept in memory.
     #[arg(long, env = "NUDGE_CACHE_CELLS", value_name = "N", default_value_t = Config::default().cache_cells)]
     pub cache_cells: usize,
@@ -96,6 +102,8 @@ impl ServeSettings {
             max_cells: self.max_cells,
             max_segments: self.max_segments,
             max_producers: self.max_producers,
+            max_models: self.max_models,
+            max_environments: self.max_environments,
             cache_cells: self.cache_cells,
             fit_every: self.fit_every,
             train_every: self.train_every,
@@ -132,7 +140,13 @@ pub struct Service {
 impl Service {
     /// Takes the port, where it says at once that it is alive, opens the database and begins to serve. `None` where a signal came first.
     pub async fn start(config: &Config, signals: &Signals) -> Result<Option<Self>, Failure> {
-        let quotas = Quotas { cells: config.max_cells, segments: config.max_segments, producers: config.max_producers };
+        let quotas = Quotas {
+            cells: config.max_cells,
+            segments: config.max_segments,
+            producers: config.max_producers,
+            models: config.max_models,
+            environments: config.max_environments,
+        };
         let options = Options { quotas, cache_cells: config.cache_cells };
         // The port first: whoever finds it taken should not have touched the data.
         let listener = TcpListener::bind(config.listen).await.map_err(|error| cannot_listen(config.listen, &error))?;
@@ -229,13 +243,15 @@ fn print(config: &Config, log: Log) -> Result<(), Failure> {
     let log = if log == Log::Json { "json" } else { "human" };
     let quoted = |origins: &[String]| origins.iter().map(|origin| format!("{origin:?}")).collect::<Vec<_>>().join(", ");
     output::print(&format!(
-        "listen = \"{}\"\ndata = {:?}\nmax_cells = {}\nmax_segments = {}\nmax_producers = {}\ncache_cells = {}\nfit_every = \"{}s\"\ntrain_every = \"{}s\"\n\
+        "listen = \"{}\"\ndata = {:?}\nmax_cells = {}\nmax_segments = {}\nmax_producers = {}\nmax_models = {}\nmax_environments = {}\ncache_cells = {}\nfit_every = \"{}s\"\ntrain_every = \"{}s\"\n\
          cors_origins = [{}]\nlog = \"{log}\"",
         config.listen,
         config.data,
         config.max_cells,
         config.max_segments,
         config.max_producers,
+        config.max_models,
+        config.max_environments,
         config.cache_cells,
         config.fit_every.as_secs(),
         config.train_every.as_secs(),

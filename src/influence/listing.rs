@@ -4,6 +4,7 @@ use super::answer::bins;
 use super::discoveries::Found;
 use super::order::{Order, OrderBy};
 use super::survey::{Row, Survey};
+use crate::api::{self, proto};
 use crate::domain::draft::ListingDraft;
 use crate::domain::{Discovery, Schema, Scope, StateFigures, StateKey, StatePage, Unit, Verdict, page_size};
 use crate::error::{Fault, Problem};
@@ -54,17 +55,16 @@ impl Listing {
         let row = |position: u32| &survey.rows[position as usize];
         let passed = |position: &u32| self.after.as_ref().is_some_and(|after| self.place_of(row(*position)) <= *after);
         let start = positions.partition_point(passed);
-        let told = |position: u32| found.is_none_or(|found| found.rows[position as usize]);
-        let wanted = positions[start..].iter().copied().filter(|at| told(*at) && self.wants(row(*at)));
-        let mut page: Vec<u32> = wanted.take(self.size + 1).collect();
-        let more = page.len() > self.size;
-        page.truncate(self.size);
-        let next_page_token = page.last().filter(|_| more).map(|at| self.token(row(*at)));
-        let states = page.into_iter().map(|at| StateFigures {
-            p_value: found.and_then(|found| found.p_values.get(at as usize).copied().flatten()),
-            ..figures(schema, scope.unit, row(at))
+        let is_found = |position: u32| found.is_none_or(|found| found.rows[position as usize]);
+        let wanted = positions[start..].iter().copied().filter(|at| is_found(*at) && self.wants(row(*at)));
+        let told = wanted.map(|at| {
+            let p_value = found.and_then(|found| found.p_values.get(at as usize).copied().flatten());
+            (at, StateFigures { p_value, ..figures(schema, scope.unit, row(at)) })
         });
-        StatePage { states: states.collect(), next_page_token, as_of: survey.as_of, unit: scope.unit }
+        let page = api::page(told, self.size, 0, |(_, figures)| proto::StateFigures::from(figures.clone()));
+        let next_page_token = page.items.last().filter(|_| page.has_more).map(|(at, _)| self.token(row(*at)));
+        let states = page.items.into_iter().map(|(_, figures)| figures).collect();
+        StatePage { states, next_page_token, as_of: survey.as_of, unit: scope.unit }
     }
 
     fn wants(&self, row: &Row) -> bool {

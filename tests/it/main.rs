@@ -21,6 +21,7 @@ mod old_databases;
 mod operations;
 mod planted;
 mod proxy;
+mod quotas;
 mod removal;
 mod rules;
 mod segments;

@@ -329,7 +329,10 @@ async fn the_faces_say_the_same() {
     let request = proto::GetJobRequest { environment: environment(), id: job.id };
     let job = client.get_job(request).await.expect("known").into_inner().job.expect("a job");
     assert_eq!(json!(dto::Job::from(job)), over_rest);
-    let list = client.list_models(proto::ListModelsRequest { environment: environment() }).await.expect("known");
+    let list = client
+        .list_models(proto::ListModelsRequest { environment: environment(), ..Default::default() })
+        .await
+        .expect("known");
     assert_eq!(json!(dto::Models::from(list.into_inner())), get(&app, "").await);
     let request = proto::GetModelRequest { environment: environment(), version: 1 };
     let model = client.get_model(request).await.expect("known").into_inner().model.expect("a model");

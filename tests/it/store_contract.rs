@@ -46,6 +46,8 @@ mod sqlite {
         known_cells_fit_at_the_quota,
         the_segments_quota_is_exact,
         the_producers_quota_is_exact,
+        the_environments_quota_is_exact,
+        the_models_quota_is_exact,
         transitions_stop_at_the_largest_number,
         a_joint_action_that_cannot_be_stored_is_refused,
         entries_become_unknown_and_stay_so,
@@ -479,6 +481,44 @@ async fn the_producers_quota_is_exact(database: &dyn Database) {
     assert_eq!(commit(&store, &batches).await, expected);
     assert_eq!(commit(&store, &batches[2..3]).await, [over_quota("producers", 2)]);
     assert_eq!(totals(&store, id).await.producers, 2);
+}
+
+async fn the_environments_quota_is_exact(database: &dyn Database) {
+    let store = database.open(Quotas { environments: 2, ..Quotas::default() }).await;
+    let create = async |store: &Arc<dyn Store>, name: &str| {
+        store.create(&name.parse().expect("a name"), &schema(), WrittenRule::default()).await
+    };
+    let is_full = |made| matches!(made, Err(StoreError::Quota { what: "environments", limit: 2, .. }));
+    let one = make_large(&store, "one", 10).await;
+    make(&store, "two").await;
+    assert!(is_full(create(&store, "three").await));
+    assert!(matches!(create(&store, "two").await, Err(StoreError::AlreadyExists(_))));
+    store.delete(one).await.expect("removed");
+    make(&store, "three").await;
+    assert!(is_full(create(&store, "four").await));
+    assert_eq!(store.leftovers().environments, 1, "rows that are left are no environment");
+    drop(store);
+
+    let store = database.open(Quotas { environments: 1, ..Quotas::default() }).await;
+    assert_eq!(store.environments().len(), 2, "what is stored stays");
+    assert!(matches!(create(&store, "four").await, Err(StoreError::Quota { limit: 1, .. })));
+}
+
+async fn the_models_quota_is_exact(database: &dyn Database) {
+    let store = database.open(Quotas { models: 2, ..Quotas::default() }).await;
+    let (id, elsewhere) = (make(&store, "hallway").await, make(&store, "kitchen").await);
+    assert_eq!((keep(&store, id, 0, 1).await, keep(&store, id, 1, 0).await), (1, 2));
+    let refused = store.keep_model(id, &network(0, 1, b"more")).await;
+    assert!(matches!(refused, Err(StoreError::Quota { what: "models", limit: 2, .. })), "{refused:?}");
+    assert_eq!(keep(&store, elsewhere, 0, 1).await, 1);
+    store.delete_model(id, 1).await.expect("deleted");
+    assert_eq!(keep(&store, id, 0, 1).await, 3, "a refused one uses no version");
+    drop(store);
+
+    let store = database.open(Quotas { models: 1, ..Quotas::default() }).await;
+    assert_eq!(models(&store, id).await.len(), 2, "what is stored stays");
+    activate(&store, id, &[2]).await;
+    assert!(store.keep_model(id, &network(0, 1, b"more")).await.is_err());
 }
 
 async fn transitions_stop_at_the_largest_number(database: &dyn Database) {

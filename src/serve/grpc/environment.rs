@@ -6,10 +6,25 @@ use super::{Face, call};
 use crate::api::proto::environment_service_server::EnvironmentService;
 use crate::api::proto::{
     ApplyEnvironmentRequest, ApplyEnvironmentResponse, DeleteEnvironmentRequest, DeleteEnvironmentResponse,
-    GetEnvironmentRequest, GetEnvironmentResponse, ListEnvironmentsRequest, ListEnvironmentsResponse,
+    Environment, GetEnvironmentRequest, GetEnvironmentResponse, ListEnvironmentsRequest, ListEnvironmentsResponse,
     UpdateRuleRequest, UpdateRuleResponse,
 };
 use crate::domain::draft::DescriptionDraft;
+use crate::{api, domain};
+
+/// Returns an environment as it can be sent.
+fn sendable(environment: &domain::Environment) -> Environment {
+    let mut sendable = environment.into();
+    lighten(&mut sendable);
+    sendable
+}
+
+/// Leaves out a description that is larger than a message, as one may be that was made before descriptions had a limit.
+fn lighten(environment: &mut Environment) {
+    if !api::fits_on_a_page(environment) {
+        environment.schema = None;
+    }
+}
 
 #[tonic::async_trait]
 impl EnvironmentService for Face {
@@ -22,7 +37,7 @@ impl EnvironmentService for Face {
             let schema = schema.unwrap_or_default().into();
             let description = DescriptionDraft { schema, schema_hash: None, rule: rule.map(Into::into) };
             let (environment, created) = self.app.environments.apply(&name, &description).await?;
-            Ok(ApplyEnvironmentResponse { environment: Some((&*environment).into()), created })
+            Ok(ApplyEnvironmentResponse { environment: Some(sendable(&environment)), created })
         })
         .await
     }
@@ -33,7 +48,7 @@ impl EnvironmentService for Face {
     ) -> Result<Response<GetEnvironmentResponse>, Status> {
         call("GetEnvironment", async {
             let environment = self.app.environments.find(&request.into_inner().name)?;
-            Ok(GetEnvironmentResponse { environment: Some((&*environment).into()) })
+            Ok(GetEnvironmentResponse { environment: Some(sendable(&environment)) })
         })
         .await
     }
@@ -45,7 +60,9 @@ impl EnvironmentService for Face {
         call("ListEnvironments", async {
             let ListEnvironmentsRequest { page_size, page_token } = request.into_inner();
             let token = Some(page_token.as_str()).filter(|token| !token.is_empty());
-            Ok(self.app.environments.list(u64::from(page_size), token)?.into())
+            let mut page = ListEnvironmentsResponse::from(self.app.environments.list(u64::from(page_size), token)?);
+            page.environments.iter_mut().for_each(lighten);
+            Ok(page)
         })
         .await
     }
@@ -54,7 +71,7 @@ impl EnvironmentService for Face {
         call("UpdateRule", async {
             let UpdateRuleRequest { name, rule } = request.into_inner();
             let environment = self.app.environments.update_rule(&name, &rule.unwrap_or_default().into()).await?;
-            Ok(UpdateRuleResponse { environment: Some((&*environment).into()) })
+            Ok(UpdateRuleResponse { environment: Some(sendable(&environment)) })
         })
         .await
     }

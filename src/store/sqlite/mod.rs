@@ -45,7 +45,7 @@ type Map<K, V> = foldhash::HashMap<K, V>;
 /// How a store is opened.
 #[derive(Debug, Clone)]
 pub struct Options {
-    /// The most an environment may hold.
+    /// The most that may be held.
     pub quotas: Quotas,
     /// The size of the cache of counts, in cells of 40 bytes; a state weighs six cells more.
     pub cache_cells: usize,
@@ -101,7 +101,7 @@ impl Store for SqliteStore {
     }
 
     async fn create(&self, name: &Name, schema: &Schema, rule: WrittenRule) -> Result<Arc<Environment>, StoreError> {
-        environments::create(&self.writer, name, schema, rule).await
+        environments::create(&self.writer, self.quotas, name, schema, rule).await
     }
 
     async fn set_rule(&self, id: EnvironmentId, rule: WrittenRule) -> Result<Arc<Environment>, StoreError> {
@@ -162,6 +162,10 @@ impl Store for SqliteStore {
         fits::keep(&self.writer, &self.memory.directory, id, fit).await
     }
 
+    fn quotas(&self) -> Quotas {
+        self.quotas
+    }
+
     async fn models(&self, id: EnvironmentId) -> Result<Vec<ModelRecord>, StoreError> {
         let models = models::models(&self.readers, id).await?;
         self.present(id).map(|()| models)
@@ -173,7 +177,7 @@ impl Store for SqliteStore {
     }
 
     async fn keep_model(&self, id: EnvironmentId, model: &NewModel) -> Result<u64, StoreError> {
-        models::keep(&self.writer, &self.memory.directory, id, model).await
+        models::keep(&self.writer, &self.memory.directory, self.quotas, id, model).await
     }
 
     async fn activate_model(&self, id: EnvironmentId, version: u64) -> Result<(), StoreError> {

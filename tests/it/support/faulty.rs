@@ -9,7 +9,7 @@ use nudge::domain::{
     UnreadableEnvironment, WrittenRule,
 };
 use nudge::store::{
-    Audit, Cursor, FitRecord, Leftovers, ModelRecord, NewModel, Numbered, Outcome, Scanned, StateCounts, Store,
+    Audit, Cursor, FitRecord, Leftovers, ModelRecord, NewModel, Numbered, Outcome, Quotas, Scanned, StateCounts, Store,
     StoreError, Totals,
 };
 
@@ -125,6 +125,9 @@ impl Store for Faulty {
     }
     async fn keep_fit(&self, id: EnvironmentId, fit: &FitRecord) -> Result<(), StoreError> {
         self.store.keep_fit(id, fit).await
+    }
+    fn quotas(&self) -> Quotas {
+        self.store.quotas()
     }
     async fn models(&self, id: EnvironmentId) -> Result<Vec<ModelRecord>, StoreError> {
         self.read(Failure::Models)?;
