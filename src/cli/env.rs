@@ -47,7 +47,8 @@ pub(super) enum Env {
     Show(Show),
     /// Delete an environment with everything that was counted in it
     #[command(
-        long_about = "Delete an environment with everything that was counted in it, for ever. Streams into it end.\n\n\
+        long_about = "Delete an environment with everything that was counted in it, for ever. Streams into it end, and its name is free \
+        at once; its rows go in the background.\n\n\
         Example:\n  nudge env delete counter_circuit.pos --yes"
     )]
     Delete(Delete),

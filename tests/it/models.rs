@@ -146,7 +146,7 @@ async fn a_share_is_a_threshold_for_networks_too() {
 #[tokio::test]
 async fn a_training_becomes_a_version_with_a_card() {
     let app = world().await;
-    assert_eq!(get(&app, "").await, json!({"models": [], "jobs": []}));
+    assert_eq!(get(&app, "").await, json!({"models": [], "jobs": [], "next_page_token": null}));
     let request = reqwest::Client::new().post(app.url(&format!("{WORLD}/models"))).json(&quick());
     let response = request.send().await.expect("answered");
     assert_eq!(response.status(), 202);

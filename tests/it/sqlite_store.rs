@@ -217,7 +217,7 @@ async fn no_step_of_a_removal_has_many_rows() {
     while store.leftovers().environments > 0 {
         store.sweep().await.expect("a step");
         let after = count(&file.path(), ROWS).await;
-        assert!((1..=2_048).contains(&(before - after)), "{before} - {after}");
+        assert!((1..=1_024).contains(&(before - after)), "{before} - {after}");
         before = after;
     }
     assert_eq!(before, 0);

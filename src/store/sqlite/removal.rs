@@ -59,7 +59,11 @@ pub(super) async fn sweep(writer: &Writer, readers: &SqlitePool, removals: &Remo
     }
     let swept = step(writer, removal.id, removals.rows()).await;
     match &swept {
-        Ok(step) => removals.swept(removal.id, step),
+        Ok(step) => {
+            removals.swept(removal.id, step);
+            // Where it fails, a commit does it.
+            writer.checkpoint().await.ok();
+        }
         Err(error) => removals.failed(removal.id, error),
     }
     swept.map(drop)
@@ -277,7 +281,7 @@ struct Pace {
 impl Pace {
     const FEWEST: u32 = 16;
     /// More would be written to the disk for longer than they take here.
-    const MOST: u32 = 1_024;
+    const MOST: u32 = 512;
     const LONG: Duration = Duration::from_millis(6);
     const SHORT: Duration = Duration::from_millis(2);
 
@@ -315,9 +319,9 @@ mod tests {
             milliseconds.iter().for_each(|took| pace.after(Duration::from_millis(*took)));
             pace.rows
         };
-        assert_eq!(rows(&[1]), 512);
-        assert_eq!(rows(&[3, 6, 4]), 512);
-        assert_eq!(rows(&[7]), 256);
+        assert_eq!(rows(&[7]), 128);
+        assert_eq!(rows(&[3, 6, 4]), 128);
+        assert_eq!(rows(&[1]), 256);
         assert_eq!(rows(&[100; 50]), Pace::FEWEST);
         assert_eq!(rows(&[0; 50]), Pace::MOST);
     }

@@ -57,6 +57,8 @@ pub(super) struct Writer {
     options: SqliteConnectOptions,
     memory: Arc<Memory>,
     place: Mutex<Place>,
+    /// A connection that moves the journal beside the one that writes.
+    aside: Mutex<Option<SqliteConnection>>,
 }
 
 #[derive(Default)]
@@ -76,7 +78,7 @@ pub(super) struct Transaction<'a> {
 impl Writer {
     /// Makes a writer that connects at its first use.
     pub(super) fn new(options: SqliteConnectOptions, memory: Arc<Memory>) -> Self {
-        Self { options, memory, place: Mutex::default() }
+        Self { options, memory, place: Mutex::default(), aside: Mutex::default() }
     }
 
     /// Waits for the transaction before, and begins.
@@ -92,8 +94,23 @@ impl Writer {
         }
     }
 
-    /// Moves the journal into the database and closes the connection for ever.
+    /// Moves the journal into the database while others write. A commit that finds it long does so itself, and whoever comes next waits for that.
+    pub(super) async fn checkpoint(&self) -> Result<(), sqlx::Error> {
+        let mut aside = self.aside.lock().await;
+        let mut connection = match aside.take() {
+            Some(connection) => connection,
+            None => self.options.connect().await?,
+        };
+        sqlx::query("pragma wal_checkpoint(passive)").execute(&mut connection).await?;
+        *aside = Some(connection);
+        Ok(())
+    }
+
+    /// Moves the journal into the database and closes the connections for ever.
     pub(super) async fn close(&self) -> Result<(), sqlx::Error> {
+        if let Some(aside) = self.aside.lock().await.take() {
+            aside.close().await?;
+        }
         let mut place = self.place.lock().await;
         place.closed = true;
         let Some(mut connection) = place.connection.take() else { return Ok(()) };
