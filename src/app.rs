@@ -1,11 +1,14 @@
 //! The service without its socket: one handle of each room, opened and closed in one place.
 
+mod chores;
+
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
+use self::chores::{Chore, Chores};
 use crate::environments::Environments;
 use crate::influence::Influence;
 use crate::ingest::Ingest;
@@ -44,18 +47,24 @@ pub struct App {
     /// Cancelled when the service begins to stop: not ready, streams end, nothing new begins.
     pub draining: CancellationToken,
     background: TaskTracker,
+    chores: Chores,
 }
 
 impl App {
-    /// Opens the rooms on a store, and begins to compare its totals with its cells and to look at what is kept beside them.
+    /// Opens the rooms on a store, and begins what goes on behind them: to remove what deleted environments have left, to compare totals with cells and
+    /// to look at what is kept beside them.
     pub fn open(store: Arc<dyn Store>, upkeep: Upkeep) -> Self {
-        let draining = CancellationToken::new();
+        Self::open_until(CancellationToken::new(), store, upkeep)
+    }
+
+    /// Opens the rooms as [`App::open`] does, to be stopped by a token of the caller's.
+    pub fn open_until(draining: CancellationToken, store: Arc<dyn Store>, upkeep: Upkeep) -> Self {
         let work = Work::new(draining.clone());
         let ingest = Ingest::start(store.clone());
         let fits = Fits::made_in(work.fits.clone(), store.clone());
         let networks = Networks::new(store.clone(), fits.clone());
         let app = Self {
-            environments: Environments::new(store.clone(), ingest.clone()),
+            environments: Environments::new(store.clone(), ingest.clone(), networks.clone()),
             influence: Influence::new(store.clone(), fits.clone(), networks.clone(), work.clone()),
             networks,
             ingest,
@@ -63,10 +72,13 @@ impl App {
             work,
             draining,
             background: TaskTracker::new(),
+            chores: Chores::default(),
         };
+        app.in_background(app.environments.clone().sweep());
         app.in_background(prove(app.store.clone()));
-        app.in_background(audit(app.store.clone()));
-        app.in_background(tell_unreadable(fits.clone(), app.networks.clone()));
+        app.in_background(audit(app.store.clone(), app.chores.begin("comparing totals with cells")));
+        let looking = app.chores.begin("looking at fits and networks");
+        app.in_background(tell_unreadable(fits.clone(), app.networks.clone(), looking));
         if !upkeep.fit_every.is_zero() {
             app.in_background(fits.keep_up(upkeep.fit_every));
         }
@@ -78,6 +90,11 @@ impl App {
 
     fn in_background(&self, work: impl Future<Output = ()> + Send + 'static) {
         self.background.spawn(self.draining.clone().run_until_cancelled_owned(work));
+    }
+
+    /// Tells what goes on behind the answers: "removing 1 environment, 120,000 states left", or "idle".
+    pub fn in_the_background(&self) -> String {
+        self.chores.told(self.environments.leftovers())
     }
 
     /// Stops the rooms: commits and answers what is queued, then closes the store.
@@ -96,7 +113,7 @@ impl App {
 }
 
 /// Says at the start which fits and networks this build cannot read. The store has told of environments when it was opened.
-async fn tell_unreadable(fits: Fits, networks: Networks) {
+async fn tell_unreadable(fits: Fits, networks: Networks, _looking: Chore) {
     fits.tell_unreadable().await;
     networks.tell_unreadable().await;
 }
@@ -109,9 +126,14 @@ async fn prove(store: Arc<dyn Store>) {
     }
 }
 
-async fn audit(store: Arc<dyn Store>) {
+async fn audit(store: Arc<dyn Store>, _comparing: Chore) {
+    let started = Instant::now();
+    tracing::info!("comparing totals with cells, in the background");
     match store.audit().await {
-        Ok(audits) if audits.iter().all(Audit::is_sound) => tracing::debug!("totals match the cells"),
+        Ok(audits) if audits.iter().all(Audit::is_sound) => {
+            let duration_ms = started.elapsed().as_millis() as u64;
+            tracing::info!(environments = audits.len(), duration_ms, "totals match the cells")
+        }
         // The store has told which environments are read-only now.
         Ok(_) => {}
         Err(error @ StoreError::Unreadable(_)) => {

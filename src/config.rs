@@ -17,6 +17,10 @@ pub struct Config {
     pub max_segments: u64,
     /// The most producers of an environment.
     pub max_producers: u64,
+    /// The most models of an environment.
+    pub max_models: u64,
+    /// The most environments.
+    pub max_environments: u64,
     /// Cells of the states that are kept in memory.
     pub cache_cells: usize,
     /// How often it is looked whether priors are to be fitted again; never if it is zero.
@@ -39,6 +43,8 @@ impl Default for Config {
             max_cells: 5_000_000,
             max_segments: 4_096,
             max_producers: 10_000,
+            max_models: 256,
+            max_environments: 1_000,
             cache_cells: 400_000,
             fit_every: Duration::from_secs(5),
             train_every: Duration::ZERO,

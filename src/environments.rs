@@ -2,25 +2,37 @@
 //! description means.
 
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
+use crate::api::{self, proto};
 use crate::domain::draft::{DescriptionDraft, RuleDraft};
-use crate::domain::{Environment, EnvironmentPage, Name, Pair, Schema, UnreadableEnvironment, WrittenRule, page_size};
+use crate::domain::{
+    Environment, EnvironmentId, EnvironmentPage, Name, Pair, Schema, UnreadableEnvironment, WrittenRule, page_size,
+};
 use crate::error::{ErrorKind, Fault, Problem};
 use crate::ingest::Ingest;
-use crate::store::{Store, StoreError};
+use crate::model::Networks;
+use crate::store::{Leftovers, Store, StoreError};
 use crate::work::beside;
+
+/// The longest rest between two steps of a removal.
+const REST: Duration = Duration::from_millis(50);
+
+/// How long it is waited after a step failed, and how long at most after many did.
+const BACK_OFF: [Duration; 2] = [Duration::from_secs(1), Duration::from_secs(60)];
 
 /// A handle on the environments. Cloning is cheap.
 #[derive(Clone)]
 pub struct Environments {
     store: Arc<dyn Store>,
     ingest: Ingest,
+    networks: Networks,
 }
 
 impl Environments {
     /// Makes a handle.
-    pub fn new(store: Arc<dyn Store>, ingest: Ingest) -> Self {
-        Self { store, ingest }
+    pub fn new(store: Arc<dyn Store>, ingest: Ingest, networks: Networks) -> Self {
+        Self { store, ingest, networks }
     }
 
     /// Returns the environment of that name.
@@ -45,17 +57,22 @@ impl Environments {
     pub fn list(&self, asked: u64, page_token: Option<&str>) -> Result<EnvironmentPage, Problem> {
         let size = page_size(asked)?;
         let after = |environment: &Arc<Environment>| page_token.is_none_or(|token| environment.name.as_str() > token);
-        let mut environments: Vec<_> = self.store.environments().into_iter().filter(after).take(size + 1).collect();
-        let more = environments.len() > size;
-        environments.truncate(size);
-        let last = environments.last().filter(|_| more).map(|environment| environment.name.to_string());
         let unreadable = if page_token.is_none() { self.store.unreadable() } else { Vec::new() };
-        Ok(EnvironmentPage { environments, unreadable, next_page_token: last })
+        let spent = unreadable.iter().map(|one| api::bytes(&proto::UnreadableEnvironment::from(&**one))).sum();
+
+        let environments = self.store.environments().into_iter().filter(after);
+        let page = api::page(environments, size, spent, |environment| proto::Environment::from(&**environment));
+        let last = page.items.last().filter(|_| page.has_more).map(|environment| environment.name.to_string());
+        Ok(EnvironmentPage { environments: page.items, unreadable, next_page_token: last })
     }
 
     /// Makes an environment, or confirms that it exists with this schema; a rule that is given is set. Returns whether it was made now.
     pub async fn apply(&self, name: &str, description: DescriptionDraft) -> Result<(Arc<Environment>, bool), Problem> {
         let existing = self.store.environment(name);
+        // Before it is looked at, which takes long where it is large. One that exists stays, whatever its size, and comes back in.
+        if existing.as_ref().is_none_or(|existing| description.schema.bytes() > existing.schema.draft().bytes()) {
+            description.schema.within_bytes()?;
+        }
         let (named, kept) = (name.to_owned(), existing.clone());
         // A description may have a million labels.
         let (name, schema, rule) = beside(move || checked(&named, &description, kept.as_deref())).await??;
@@ -79,15 +96,52 @@ impl Environments {
         Ok(self.store.set_rule(environment.id, rule).await?)
     }
 
-    /// Removes an environment with its counts and watermarks, and ends its streams. It need not be readable.
+    /// Removes an environment with its counts and watermarks, and ends its streams and trainings. It need not be readable. What it leaves in the
+    /// database goes in the background.
     pub async fn delete(&self, name: &str) -> Result<(), Problem> {
-        let id = match self.find_unreadable(name) {
-            Some(environment) => environment.id,
-            None => self.find(name)?.id,
+        let (id, uid) = match self.find_unreadable(name) {
+            Some(environment) => (environment.id, environment.uid.clone()),
+            None => self.find(name).map(|environment| (environment.id, environment.uid.clone()))?,
         };
+        // A caller who leaves meanwhile must not keep streams from ending.
+        tokio::spawn(self.clone().remove(id)).await.map_err(|error| unexpected(&error))??;
+        tracing::info!(environment = name, %uid, "an environment was deleted");
+        Ok(())
+    }
+
+    async fn remove(self, id: EnvironmentId) -> Result<(), StoreError> {
         self.store.delete(id).await?;
         self.ingest.end_streams(id);
+        self.networks.end_of(id);
         Ok(())
+    }
+
+    /// Removes what deleted environments have left, for ever. Whoever wants to write comes first: after each step it rests for as long. Where it
+    /// fails it tries again, less and less often.
+    pub async fn sweep(self) {
+        let [first, longest] = BACK_OFF;
+        let mut back_off = first;
+        loop {
+            let started = Instant::now();
+            let rest = match self.store.sweep().await {
+                Ok(()) => {
+                    back_off = first;
+                    started.elapsed().min(REST)
+                }
+                // The store has said in the log what it was.
+                Err(_) => {
+                    let now = back_off;
+                    back_off = (now * 2).min(longest);
+                    now
+                }
+            };
+            tokio::time::sleep(rest).await;
+        }
+    }
+
+    /// Returns what deleted environments have left in the database.
+    pub fn leftovers(&self) -> Leftovers {
+        self.store.leftovers()
     }
 
     async fn confirm(
@@ -116,6 +170,11 @@ pub fn is_known_as(environment: &Environment, uid: &str) -> Result<(), Problem> 
     }
     let message = format!("environment `{}` was deleted and made again: its uid is not `{uid}`", environment.name);
     Err(Problem::new(ErrorKind::Conflict, "ENVIRONMENT_REPLACED", message).with("environment_uid", &environment.uid))
+}
+
+fn unexpected(error: &dyn std::fmt::Display) -> Problem {
+    tracing::error!(%error, "a removal ended unexpectedly");
+    Problem::new(ErrorKind::Internal, "INTERNAL", "the removal ended unexpectedly; the cause is in the service's log")
 }
 
 fn cannot_be_read(environment: &UnreadableEnvironment) -> Problem {

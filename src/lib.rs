@@ -16,8 +16,8 @@
 //! * [`ingest`]: how transitions become counts.
 //! * [`client`]: speaking to a service as a game server does.
 //! * [`priors`]: from cells to tables, and the priors that evidence stands on, fitted to all states.
-//! * [`environments`]: which worlds there are: their beginning, their rule and their end.
 //! * [`model`]: what to expect where little or nothing was counted: networks, trained, judged, kept and served.
+//! * [`environments`]: which worlds there are: their beginning, their rule and their end.
 //! * [`influence`]: the question itself.
 //! * [`app`]: one handle of each room.
 //! * [`serve`]: everything on a listening socket.

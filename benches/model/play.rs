@@ -101,7 +101,7 @@ impl Play {
     /// Trains a network as usual, or with at most so many epochs, and makes it the one that answers.
     pub async fn train(&self, epochs: Option<u64>) -> Trained {
         let started = Instant::now();
-        let job = self.ask(epochs);
+        let job = self.ask(epochs).await;
         let job = self.service.app.networks.finished(&self.environment, job.id).await.expect("known");
         let took = started.elapsed();
         assert_eq!(job.state, JobState::Done, "{}", job.message);
@@ -111,9 +111,9 @@ impl Play {
     }
 
     /// Asks for a training.
-    pub fn ask(&self, epochs: Option<u64>) -> Job {
+    pub async fn ask(&self, epochs: Option<u64>) -> Job {
         let draft = TrainingDraft { epochs, activate: true, ..TrainingDraft::default() };
-        self.service.app.networks.train(&self.environment, &draft).expect("a valid training")
+        self.service.app.networks.train(&self.environment, &draft).await.expect("a valid training")
     }
 
     /// Returns what a network says of the unseen states.

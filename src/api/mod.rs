@@ -61,6 +61,60 @@ fn fits(message: &impl prost::Message) -> bool {
     message.encoded_len() <= MOST_MESSAGE_BYTES
 }
 
+/// Returns the size of a message in bytes.
+pub fn bytes(message: &impl prost::Message) -> usize {
+    message.encoded_len()
+}
+
+/// The most bytes of the items of a page: a part of its message is for what stands beside them.
+const MOST_PAGE_BYTES: usize = MOST_MESSAGE_BYTES - (64 << 10);
+
+/// Bytes of an item beside itself: its field and its length.
+const ITEM: usize = 8;
+
+/// Returns whether an item can be on any page of a message.
+pub fn fits_on_a_page(item: &impl prost::Message) -> bool {
+    item.encoded_len() + ITEM <= MOST_PAGE_BYTES
+}
+
+/// The beginning of a list.
+#[derive(Debug, PartialEq)]
+pub struct Page<T> {
+    /// One item at least, where there is any.
+    pub items: Vec<T>,
+    /// Whether the list goes on.
+    pub has_more: bool,
+}
+
+/// Returns the first items of a list, at most so many and no more than fit into a message of which some bytes are spent already. The first is on the page
+/// however large it is, for else no page would come after it.
+pub fn page<T, M: prost::Message>(
+    items: impl IntoIterator<Item = T>,
+    most: usize,
+    spent: usize,
+    told: impl Fn(&T) -> M,
+) -> Page<T> {
+    page_of(items, most, spent, |item| told(item).encoded_len())
+}
+
+/// Returns the same by the bytes of each item, where they are known without making it.
+pub fn page_of<T>(
+    items: impl IntoIterator<Item = T>,
+    most: usize,
+    spent: usize,
+    size: impl Fn(&T) -> usize,
+) -> Page<T> {
+    let (mut page, mut bytes) = (Vec::new(), spent);
+    for item in items {
+        bytes += size(&item) + ITEM;
+        if page.len() == most || (bytes > MOST_PAGE_BYTES && !page.is_empty()) {
+            return Page { items: page, has_more: true };
+        }
+        page.push(item);
+    }
+    Page { items: page, has_more: false }
+}
+
 /// Says that an answer does not fit into a message, and what to ask for instead.
 pub fn too_large(view: View) -> Problem {
     let instead = match view {
@@ -72,4 +126,28 @@ pub fn too_large(view: View) -> Problem {
     let message =
         format!("the answer in view {view} is larger than the limit of {MOST_MESSAGE_BYTES} bytes: {instead}");
     Problem::new(ErrorKind::TooLarge, "ANSWER_TOO_LARGE", message).with("limit_bytes", MOST_MESSAGE_BYTES)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn paged(items: &[usize], most: usize, spent: usize) -> (usize, bool) {
+        let page = page(items.iter().copied(), most, spent, |bytes| "x".repeat(*bytes));
+        assert_eq!(page.items, items[..page.items.len()]);
+        (page.items.len(), page.has_more)
+    }
+
+    #[test]
+    fn a_page_ends_at_its_size_or_at_its_bytes() {
+        let quarter = MOST_PAGE_BYTES / 4 - 20;
+        assert_eq!(paged(&[], 3, 0), (0, false));
+        assert_eq!(paged(&[1; 3], 3, 0), (3, false));
+        assert_eq!(paged(&[1; 4], 3, 0), (3, true));
+        assert_eq!(paged(&[quarter; 4], 100, 0), (4, false));
+        assert_eq!(paged(&[quarter; 5], 100, 0), (4, true));
+        assert_eq!(paged(&[quarter; 5], 100, 2 * quarter), (2, true));
+        assert_eq!(paged(&[5 * quarter, 1], 100, 0), (1, true), "one that fits nowhere has a page of its own");
+        assert_eq!(paged(&[1, 5 * quarter, 1], 100, 0), (1, true));
+    }
 }

@@ -264,7 +264,7 @@ mod tests {
     fn versions_and_jobs_are_told_a_line_each() {
         let jobs =
             vec![job(1, proto::JobState::Running, "training member 2 of 3"), job(2, proto::JobState::Queued, "")];
-        let response = proto::ListModelsResponse { models: vec![model(), worse()], jobs };
+        let response = proto::ListModelsResponse { models: vec![model(), worse()], jobs, ..Default::default() };
         insta::assert_snapshot!(list("hallway", &response));
         let nothing = list("hallway", &proto::ListModelsResponse::default());
         assert_eq!(nothing, "no models yet: `nudge train hallway` makes one\n");
@@ -301,7 +301,7 @@ mod tests {
         let inactive = proto::Model { active: false, ..unreadable.clone() };
         assert!(render("hallway", &inactive).ends_with("; `nudge model delete hallway 3` deletes it\n"));
 
-        let response = proto::ListModelsResponse { models: vec![model(), unreadable], jobs: Vec::new() };
+        let response = proto::ListModelsResponse { models: vec![model(), unreadable], ..Default::default() };
         let line = list("hallway", &response).lines().last().map(str::to_owned).unwrap_or_default();
         assert_eq!(
             line.split("  ").filter(|cell| !cell.is_empty()).map(str::trim).collect::<Vec<_>>().join("|"),

@@ -65,7 +65,7 @@ impl Demo {
         telemetry::log(telemetry::LogFormat::Human);
         let signals = Signals::install()?;
         let config = Config { listen: self.listen, data: self.data.clone(), fit_every: FIT_EVERY, ..Config::default() };
-        let service = Service::start(&config).await?;
+        let Some(service) = Service::start(&config, &signals).await? else { return Ok(()) };
         let address = reachable(service.address);
         print(&format!("listening on http://{address}, counting in {}", config.database().display()))?;
         let shown = tokio::select! {

@@ -47,7 +47,8 @@ pub(super) enum Env {
     Show(Show),
     /// Delete an environment with everything that was counted in it
     #[command(
-        long_about = "Delete an environment with everything that was counted in it, for ever. Streams into it end.\n\n\
+        long_about = "Delete an environment with everything that was counted in it, for ever. Streams into it end, and its name is free \
+        at once; its rows go in the background.\n\n\
         Example:\n  nudge env delete counter_circuit.pos --yes"
     )]
     Delete(Delete),
@@ -158,6 +159,17 @@ impl List {
         }
         let mut table = Table::new(&["name", "state", "agents", "rule", "uid"]);
         for environment in &environments {
+            if environment.schema.is_none() {
+                let large = "its description is larger than a message: REST tells it";
+                table.row([
+                    environment.name.clone(),
+                    large.into(),
+                    "".into(),
+                    rule(environment),
+                    environment.uid.clone(),
+                ]);
+                continue;
+            }
             let schema = schema_of(environment)?;
             let features = format!("{} features", schema.state().len());
             table.row([

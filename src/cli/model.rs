@@ -8,6 +8,7 @@ use super::output::{cannot_read, cannot_write, count, print, print_json, to_json
 use super::server::Server;
 use super::{Failure, card};
 use crate::api::{json as dto, proto};
+use crate::client::Connection;
 use crate::domain::ModelId;
 
 /// List, show, switch, move and delete trained networks
@@ -147,12 +148,30 @@ impl Model {
 impl List {
     async fn run(self) -> Result<(), Failure> {
         let Self { environment, json, server } = self;
-        let request = proto::ListModelsRequest { environment: environment.clone() };
-        let response = server.connect().await?.models().list_models(request).await?.into_inner();
+        let response = all(&server.connect().await?, &environment).await?;
         if json {
-            return print_json(&to_json(dto::Models::from(response)));
+            let mut told = to_json(dto::Models::from(response));
+            // It is all of them.
+            told.as_object_mut().map(|page| page.remove("next_page_token"));
+            return print_json(&told);
         }
         print(&card::list(&environment, &response))
+    }
+}
+
+/// Returns every version and every job, as one page.
+async fn all(connection: &Connection, environment: &str) -> Result<proto::ListModelsResponse, Failure> {
+    let mut all = proto::ListModelsResponse::default();
+    loop {
+        let page_token = std::mem::take(&mut all.next_page_token);
+        let request = proto::ListModelsRequest { environment: environment.to_owned(), page_size: 0, page_token };
+        let page = connection.models().list_models(request).await?.into_inner();
+        all.models.extend(page.models);
+        all.jobs.extend(page.jobs);
+        all.next_page_token = page.next_page_token;
+        if all.next_page_token.is_empty() {
+            return Ok(all);
+        }
     }
 }
 

@@ -1,5 +1,6 @@
 //! `nudge serve`: the service on a socket, until a signal.
 
+use std::convert::Infallible;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -7,6 +8,7 @@ use std::time::Duration;
 
 use clap::{Args, ValueEnum};
 use tokio::net::TcpListener;
+use tokio_util::sync::CancellationToken;
 
 use super::duration::duration;
 use super::{Failure, output};
@@ -14,8 +16,8 @@ use crate::app::{App, Upkeep};
 use crate::config::Config;
 use crate::serve::connections::files;
 use crate::serve::connections::limits::Limits;
-use crate::serve::{Settings, serve};
-use crate::store::{Options, Quotas, SqliteStore};
+use crate::serve::{Doors, Settings};
+use crate::store::{Options, Quotas, SqliteStore, Stage};
 use crate::telemetry::{self, LogFormat};
 
 /// Serve REST, gRPC, gRPC-Web and metrics on one port
@@ -50,6 +52,12 @@ pub struct ServeSettings {
     /// The most producers of an environment.
     #[arg(long, env = "NUDGE_MAX_PRODUCERS", value_name = "N", default_value_t = Config::default().max_producers)]
     pub max_producers: u64,
+    /// The most models (versions of networks) of an environment.
+    #[arg(long, env = "NUDGE_MAX_MODELS", value_name = "N", default_value_t = Config::default().max_models)]
+    pub max_models: u64,
+    /// The most environments. Those that exist stay, also where there are more.
+    #[arg(long, env = "NUDGE_MAX_ENVIRONMENTS", value_name = "N", default_value_t = Config::default().max_environments)]
+    pub max_environments: u64,
     /// Cells kept in memory.
     #[arg(long, env = "NUDGE_CACHE_CELLS", value_name = "N", default_value_t = Config::default().cache_cells)]
     pub cache_cells: usize,
@@ -102,6 +110,8 @@ impl ServeSettings {
             max_cells: self.max_cells,
             max_segments: self.max_segments,
             max_producers: self.max_producers,
+            max_models: self.max_models,
+            max_environments: self.max_environments,
             cache_cells: self.cache_cells,
             fit_every: self.fit_every,
             train_every: self.train_every,
@@ -121,7 +131,7 @@ impl Serve {
         }
         telemetry::log(self.settings.log.format());
         let signals = Signals::install()?;
-        let service = Service::start(&config).await?;
+        let Some(service) = Service::start(&config, &signals).await? else { return Ok(()) };
         output::print(&format!("listening on http://{}", service.address))?;
         signals.next().await;
         service.stop_unless(&signals).await
@@ -134,30 +144,49 @@ pub struct Service {
     pub app: App,
     /// Where it listens.
     pub address: SocketAddr,
-    serving: tokio::task::JoinHandle<Result<(), String>>,
+    serving: tokio::task::JoinHandle<()>,
 }
 
 impl Service {
-    /// Opens the database, takes the port and begins to serve.
-    pub async fn start(config: &Config) -> Result<Self, Failure> {
-        let quotas = Quotas { cells: config.max_cells, segments: config.max_segments, producers: config.max_producers };
+    /// Takes the port, where it says at once that it is alive, opens the database and begins to serve. `None` where a signal came first.
+    pub async fn start(config: &Config, signals: &Signals) -> Result<Option<Self>, Failure> {
+        let quotas = Quotas {
+            cells: config.max_cells,
+            segments: config.max_segments,
+            producers: config.max_producers,
+            models: config.max_models,
+            environments: config.max_environments,
+        };
         let options = Options { quotas, cache_cells: config.cache_cells };
         // The port first: whoever finds it taken should not have touched the data.
         let listener = TcpListener::bind(config.listen).await.map_err(|error| cannot_listen(config.listen, &error))?;
         let address = listener.local_addr().map_err(|error| cannot_listen(config.listen, &error))?;
-        let store =
-            SqliteStore::open(&config.database(), options).await.map_err(|error| Failure::usage(error.to_string()))?;
-        let app = App::open(Arc::new(store), Upkeep { fit_every: config.fit_every, train_every: config.train_every });
         let limits = Limits {
             connections: files::leave_room_for(config.max_connections),
             age: config.max_connection_age,
             ..Limits::default()
         };
+        let (stage, draining) = (Stage::default(), CancellationToken::new());
+        let doors = Doors::closed(stage.clone());
+        let serving = tokio::spawn(doors.clone().serve(listener, draining.clone(), limits.clone()));
+
+        let database = config.database();
+        let store = tokio::select! {
+            store = SqliteStore::open_telling(&database, options, &stage) => store,
+            () = signals.next() => {
+                // Whatever it was at is done or undone by the next opening, as after kill -9.
+                tracing::info!("stopped before the database was open");
+                return Ok(None);
+            }
+            never = tell_waiting(address, &stage) => match never {},
+        };
+        let store = Arc::new(store.map_err(|error| Failure::usage(error.to_string()))?);
+        let upkeep = Upkeep { fit_every: config.fit_every, train_every: config.train_every };
+        let app = App::open_until(draining, store, upkeep);
         let settings = Settings { cors_origins: config.cors_origins.clone(), limits };
-        let serving = serve(app.clone(), listener, settings);
-        let serving = tokio::spawn(async { serving.await.map_err(|error| error.to_string()) });
-        tracing::info!(%address, database = %config.database().display(), "serving");
-        Ok(Self { app, address, serving })
+        doors.open(app.clone(), &settings).await.map_err(|error| Failure::usage(error.to_string()))?;
+        tracing::info!(%address, database = %database.display(), "serving");
+        Ok(Some(Self { app, address, serving }))
     }
 
     /// Stops gracefully, or at once when another signal comes.
@@ -172,9 +201,20 @@ impl Service {
     /// Ends streams after their last receipt, commits what is queued, and closes the database.
     pub async fn stop(self) -> Result<(), Failure> {
         self.app.draining.cancel();
-        let served = self.serving.await.map_err(|error| Failure::usage(error.to_string()))?;
+        let served = self.serving.await;
         self.app.close().await;
         served.map_err(|error| Failure::usage(error.to_string()))
+    }
+}
+
+/// Says in the log what takes so long, less and less often.
+async fn tell_waiting(address: SocketAddr, stage: &Stage) -> Infallible {
+    const LONGEST: Duration = Duration::from_secs(60);
+    let mut wait = Duration::from_secs(1);
+    loop {
+        tokio::time::sleep(wait).await;
+        tracing::info!(%address, doing = stage.told(), "listening, and not ready yet");
+        wait = (wait * 2).min(LONGEST);
     }
 }
 
@@ -223,13 +263,15 @@ fn print(config: &Config, log: Log) -> Result<(), Failure> {
     let log = if log == Log::Json { "json" } else { "human" };
     let quoted = |origins: &[String]| origins.iter().map(|origin| format!("{origin:?}")).collect::<Vec<_>>().join(", ");
     output::print(&format!(
-        "listen = \"{}\"\ndata = {:?}\nmax_cells = {}\nmax_segments = {}\nmax_producers = {}\ncache_cells = {}\nfit_every = \"{}s\"\ntrain_every = \"{}s\"\n\
+        "listen = \"{}\"\ndata = {:?}\nmax_cells = {}\nmax_segments = {}\nmax_producers = {}\nmax_models = {}\nmax_environments = {}\ncache_cells = {}\nfit_every = \"{}s\"\ntrain_every = \"{}s\"\n\
          max_connections = {}\nmax_connection_age = \"{}s\"\ncors_origins = [{}]\nlog = \"{log}\"",
         config.listen,
         config.data,
         config.max_cells,
         config.max_segments,
         config.max_producers,
+        config.max_models,
+        config.max_environments,
         config.cache_cells,
         config.fit_every.as_secs(),
         config.train_every.as_secs(),

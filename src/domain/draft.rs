@@ -1,5 +1,7 @@
 //! An environment as somebody described it, before it has been checked. Every face decodes to this; [`super::Schema`] is what comes of it.
 
+use crate::error::{ErrorKind, Problem};
+
 /// An environment as somebody described it, or as a service told it.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct DescriptionDraft {
@@ -27,6 +29,39 @@ pub struct SchemaDraft {
 }
 
 impl SchemaDraft {
+    /// The most bytes of a new description, as [`SchemaDraft::bytes`] counts them.
+    pub const MOST_BYTES: usize = 1 << 20;
+
+    /// Returns how large a description is: the bytes of its names, units and labels and 8 for each edge, with 3 more for each text and 16 for each
+    /// feature. About what it takes on the wire.
+    pub fn bytes(&self) -> usize {
+        let text = |text: &String| text.len() + 3;
+        let kind = |kind: &KindDraft| match kind {
+            KindDraft::Continuous(edges) => 8 * edges.len(),
+            KindDraft::Categorical(labels) => labels.iter().map(text).sum(),
+            KindDraft::Circular(..) | KindDraft::Integer(..) => 0,
+        };
+        let feature = |feature: &FeatureDraft| {
+            let kinds: usize = feature.kinds.iter().map(kind).sum();
+            16 + text(&feature.name) + feature.unit.as_ref().map_or(0, text) + kinds
+        };
+        let agent = |agent: &AgentDraft| text(&agent.name) + agent.action.iter().map(feature).sum::<usize>();
+        self.state.iter().map(feature).sum::<usize>() + self.agents.iter().map(agent).sum::<usize>()
+    }
+
+    /// Refuses a description that is larger than a new one may be.
+    pub fn within_bytes(&self) -> Result<(), Problem> {
+        let (bytes, limit) = (self.bytes(), Self::MOST_BYTES);
+        if bytes <= limit {
+            return Ok(());
+        }
+        let message = format!(
+            "the description has {bytes} bytes of names, units, labels and edges, more than the limit of {limit}: use fewer labels and edges, or shorter ones"
+        );
+        let problem = Problem::new(ErrorKind::TooLarge, "DESCRIPTION_TOO_LARGE", message);
+        Err(problem.with("bytes", bytes).with("limit_bytes", limit))
+    }
+
     /// Returns what this description meant before angles had units: radians, unless it says otherwise by more than a unit.
     pub fn in_radians(&self) -> Self {
         let mut draft = self.clone();

@@ -296,13 +296,15 @@ impl JobState {
     }
 }
 
-/// Every version of an environment, and the jobs that were asked for since the service started.
+/// Versions of an environment, and the jobs that were asked for since the service started.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Models {
     /// In order of version.
     pub models: Vec<Model>,
-    /// In order of number.
+    /// In order of number; all of them on the first page.
     pub jobs: Vec<Job>,
+    /// Asks for the next page; `None` on the last.
+    pub next_page_token: Option<String>,
 }
 
 /// Names a version or a job: `3` or `job-3`.

@@ -65,7 +65,7 @@ impl Service {
     /// Trains a network and waits until it answers.
     pub async fn train(&self, draft: &TrainingDraft) -> Result<(), Problem> {
         let networks = &self.app.networks;
-        let Job { id, .. } = networks.train(&self.environment, draft)?;
+        let Job { id, .. } = networks.train(&self.environment, draft).await?;
         match networks.finished(&self.environment, id).await? {
             Job { state: JobState::Done, .. } => Ok(()),
             Job { message, .. } => Err(internal(message)),

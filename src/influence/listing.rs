@@ -7,6 +7,7 @@ use super::ranks::Ranks;
 use super::shared::Made;
 use super::size;
 use super::survey::{Row, Survey};
+use crate::api::{self, proto};
 use crate::domain::draft::ListingDraft;
 use crate::domain::{Discovery, Schema, Scope, StateFigures, StateKey, StatePage, Unit, Verdict, page_size};
 use crate::error::{Fault, Problem};
@@ -57,35 +58,35 @@ impl Listing {
     }
 
     /// Returns the page of a survey; of the discoveries only, if there are any to tell.
-    pub fn page(
-        &self,
-        schema: &Schema,
-        scope: &Scope,
-        survey: &Made<Survey>,
-        found: Option<&Found>,
-    ) -> Result<StatePage, Problem> {
+    pub fn page(&self, schema: &Schema, scope: &Scope, survey: &Made<Survey>, found: Option<&Found>) -> StatePage {
         let told = |position: usize| found.is_none_or(|found| found.rows[position]);
         let wants =
             |position: usize, row: &Row| told(position) && self.verdict.is_none_or(|wanted| row.verdict == wanted);
-        let Chosen { positions, next_page_token } = self.chosen(&survey.rows, &survey.orders, wants);
-        size::check_states(schema, positions.iter().map(|at| &survey.rows[*at].key))?;
-        let states = positions.into_iter().map(|at| StateFigures {
+        let figures = |at: usize| StateFigures {
             p_value: found.and_then(|found| found.p_values.get(at).copied().flatten()),
             ..figures(schema, scope.unit, &survey.rows[at])
-        });
-        Ok(StatePage { states: states.collect(), next_page_token, as_of: survey.as_of, unit: scope.unit })
+        };
+        let bytes = |at: usize| api::bytes(&proto::StateFigures::from(figures(at)));
+        let Chosen { positions, next_page_token } = self.chosen(&survey.rows, &survey.orders, wants, bytes);
+        let states = positions.into_iter().map(figures).collect();
+        StatePage { states, next_page_token, as_of: survey.as_of, unit: scope.unit }
     }
 
     /// Returns the states of the page by ranks alone.
-    pub fn keys(&self, schema: &Schema, ranks: &Ranks) -> Result<(Vec<StateKey>, Option<String>), Problem> {
-        let Chosen { positions, next_page_token } = self.chosen(&ranks.rows, &ranks.orders, |_, _| true);
-        let keys: Vec<StateKey> = positions.into_iter().map(|at| ranks.rows[at].key().clone()).collect();
-        size::check_states(schema, keys.iter())?;
-        Ok((keys, next_page_token))
+    pub fn keys(&self, schema: &Schema, ranks: &Ranks) -> (Vec<StateKey>, Option<String>) {
+        let bytes = |at: usize| size::most_listed(schema, ranks.rows[at].key());
+        let Chosen { positions, next_page_token } = self.chosen(&ranks.rows, &ranks.orders, |_, _| true, bytes);
+        (positions.into_iter().map(|at| ranks.rows[at].key().clone()).collect(), next_page_token)
     }
 
-    /// Chooses the rows of the page, by position.
-    fn chosen<R: Ranked>(&self, rows: &[R], orders: &Orders, wants: impl Fn(usize, &R) -> bool) -> Chosen {
+    /// Chooses the rows of the page, by position; `bytes` are those of what will be told of each.
+    fn chosen<R: Ranked>(
+        &self,
+        rows: &[R],
+        orders: &Orders,
+        wants: impl Fn(usize, &R) -> bool,
+        bytes: impl Fn(usize) -> usize,
+    ) -> Chosen {
         let row = |position: u32| &rows[position as usize];
         let passed = |position: &u32| self.after.as_ref().is_some_and(|after| self.place_of(row(*position)) <= *after);
         let positions = orders.of(rows, self.order);
@@ -93,12 +94,11 @@ impl Listing {
         let wanted = positions[start..]
             .iter()
             .copied()
-            .filter(|at| row(*at).visits() >= self.min_visits && wants(*at as usize, row(*at)));
-        let mut page: Vec<usize> = wanted.take(self.size + 1).map(|at| at as usize).collect();
-        let more = page.len() > self.size;
-        page.truncate(self.size);
-        let next_page_token = page.last().filter(|_| more).map(|at| self.token(&rows[*at]));
-        Chosen { positions: page, next_page_token }
+            .filter(|at| row(*at).visits() >= self.min_visits && wants(*at as usize, row(*at)))
+            .map(|at| at as usize);
+        let page = api::page_of(wanted, self.size, 0, |at| bytes(*at));
+        let next_page_token = page.items.last().filter(|_| page.has_more).map(|at| self.token(&rows[*at]));
+        Chosen { positions: page.items, next_page_token }
     }
 
     fn place_of(&self, row: &impl Ranked) -> Place {

@@ -36,7 +36,7 @@ use crate::domain::{
     FittedPrior, Label, LabelledCell, Labels, Pair, Question, Schema, Scope, SegmentId, StatePage, StateView, Summary,
     Tally, Variable, page_size,
 };
-use crate::error::{Fault, Problem};
+use crate::error::{ErrorKind, Fault, Problem};
 use crate::model::Networks;
 use crate::priors::Fits;
 use crate::store::{Store, StoreError, Totals};
@@ -140,7 +140,7 @@ impl Influence {
             listing.page(&plan.environment.schema, &plan.scope, &survey, found)
         };
         // The first page of an order sorts it.
-        self.work.passes.run(move |_| Ok(page())).await?
+        self.work.passes.run(move |_| Ok(page())).await
     }
 
     /// Returns a page in an order that needs no evidence: only its own states are judged.
@@ -148,7 +148,7 @@ impl Influence {
         let ranks = self.ranks(&plan).await?;
         let (as_of, environment) = (ranks.as_of, plan.environment.clone());
         let choosing = self.work.passes.run(move |_| Ok(listing.keys(&environment.schema, &ranks)));
-        let (keys, next_page_token) = choosing.await??;
+        let (keys, next_page_token) = choosing.await?;
 
         let turn = self.work.questions.enter().await?;
         let counts = self.store.counts(plan.environment.id, &keys).await.map_err(logged)?;
@@ -360,7 +360,10 @@ fn limit_fault(limit: u64) -> Fault {
 }
 
 fn logged(error: StoreError) -> Problem {
-    tracing::error!(%error, "a question could not be answered");
+    // That an environment was deleted meanwhile is no fault.
+    if error.kind() != ErrorKind::NotFound {
+        tracing::error!(%error, "a question could not be answered");
+    }
     error.into()
 }
 

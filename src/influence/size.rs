@@ -66,6 +66,12 @@ fn actions_bytes(schema: &Schema, question: &Question, each: u64) -> u64 {
 }
 
 /// Returns the bytes of a key as it is written: a digit and a dot a feature, at least.
+/// Returns the bytes of a state in a list, at most: its bins and its figures.
+pub fn most_listed(schema: &Schema, key: &StateKey) -> usize {
+    const FIGURES: u64 = 512;
+    (state_bytes(schema, key) + FIGURES) as usize
+}
+
 fn key_bytes(key: &StateKey) -> u64 {
     2 * key.bins().len() as u64
 }

@@ -94,6 +94,11 @@ impl Jobs {
         Ok(())
     }
 
+    /// Tells every job of an environment to end.
+    pub fn end_all(&self, environment: EnvironmentId) {
+        self.lock().iter().filter(|entry| entry.environment == environment).for_each(|entry| entry.end.cancel());
+    }
+
     /// Changes what is told of a job.
     pub fn update(&self, id: u64, change: impl FnOnce(&mut Job)) {
         if let Some(entry) = self.lock().iter_mut().find(|entry| entry.job.id == id) {

@@ -55,7 +55,8 @@ use self::spare_time::in_spare_time;
 use self::training::{Ensemble, TrainingError};
 use crate::domain::draft::TrainingDraft;
 use crate::domain::{
-    Card, Environment, Job, JobState, Model, ModelId, ModelKind, Models, Pair, Training, is_same_threshold,
+    Card, Environment, EnvironmentId, Job, JobState, Model, ModelId, ModelKind, Models, Pair, Training,
+    is_same_threshold, page_size,
 };
 use crate::error::{ErrorKind, Fault, Problem};
 use crate::evidence::MOST_CELLS;
@@ -95,9 +96,10 @@ impl Networks {
     }
 
     /// Asks for a training, which begins when those asked for before are over.
-    pub fn train(&self, environment: &Arc<Environment>, draft: &TrainingDraft) -> Result<Job, Problem> {
+    pub async fn train(&self, environment: &Arc<Environment>, draft: &TrainingDraft) -> Result<Job, Problem> {
         let (pair, training) = Training::new(&environment.schema, draft)?;
         check_size(environment, &pair, &training)?;
+        self.registry.check_room(environment).await?;
         let [ego, other] = [pair.ego, pair.other].map(|agent| environment.schema.agents()[agent].name.to_string());
         let end = self.ending.child_token();
         let job = self.jobs.add(environment.id, ego, other, end.clone())?;
@@ -109,7 +111,23 @@ impl Networks {
 
     /// Returns every version, and the jobs asked for since the service started.
     pub async fn list(&self, environment: &Environment) -> Result<Models, Problem> {
-        Ok(Models { models: self.registry.list(environment).await?, jobs: self.jobs.of(environment.id) })
+        let (models, jobs) = (self.registry.list(environment).await?, self.jobs.of(environment.id));
+        Ok(Models { models, jobs, next_page_token: None })
+    }
+
+    /// Returns a page of versions, with the jobs on the first; a size of 0 takes the largest.
+    pub async fn page(
+        &self,
+        environment: &Environment,
+        asked: u64,
+        page_token: Option<&str>,
+    ) -> Result<Models, Problem> {
+        let size = page_size(if asked == 0 { 1_000 } else { asked })?;
+        let after = page_token.map(place).transpose()?;
+        let page = self.registry.page(environment, after.unwrap_or(0), size).await?;
+        let last = page.items.last().filter(|_| page.has_more).map(|model| model.version.to_string());
+        let jobs = if after.is_none() { self.jobs.of(environment.id) } else { Vec::new() };
+        Ok(Models { models: page.items, jobs, next_page_token: last })
     }
 
     /// Returns one version.
@@ -158,6 +176,7 @@ impl Networks {
             tokio::task::spawn_blocking(move || file::read(&environment, &file)).await
         };
         let mut content = read.map_err(|error| internal(&error))??;
+        self.registry.check_room(environment).await?;
         let width = content.members.first().map_or(0, |member| member.trunk.shape().1);
         let members = content.members.len();
         let training = Training { kind: content.kind, width, members, epochs: 0, ..Training::default() };
@@ -215,6 +234,11 @@ impl Networks {
     /// Returns a version ready to answer, active or not.
     pub async fn network(&self, environment: &Environment, version: u64) -> Result<Arc<Network>, Problem> {
         self.registry.network(environment, version).await
+    }
+
+    /// Tells what is trained for an environment that was deleted to end.
+    pub fn end_of(&self, environment: EnvironmentId) {
+        self.jobs.end_all(environment);
     }
 
     /// Tells what is trained to end.
@@ -308,9 +332,7 @@ impl Networks {
         let train = |dataset: &Dataset, from: f64, what: &str| {
             let mut watch = |done: f64| {
                 self.tell(order, from + SHARE * done, what);
-                // Nobody can end the job of an environment that is gone.
-                let ends = order.end.is_cancelled() || self.current(&order.environment).is_err();
-                if ends { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+                if order.end.is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
             };
             training::train(dataset, &encoder, training, &mut watch)
         };
@@ -341,6 +363,13 @@ struct Order {
     training: Training,
     activate: bool,
     end: CancellationToken,
+}
+
+/// Reads a page's token: the version that it comes after.
+fn place(token: &str) -> Result<u64, Problem> {
+    let version = token.parse().ok().filter(|version: &u64| version.to_string() == token);
+    let fault = || Fault::new("/page_token", format!("got {token:?}, expected the `next_page_token` of a page"));
+    version.ok_or_else(|| Problem::invalid("page", vec![fault()]))
 }
 
 fn outcome(model: &Model) -> String {

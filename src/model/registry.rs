@@ -16,6 +16,7 @@ use tokio::sync::Mutex;
 use super::network::Network;
 use super::seen::{Seeing, Seen};
 use super::{file, text};
+use crate::api::{self, Page, proto};
 use crate::domain::{Card, Environment, EnvironmentId, Model, Pair, is_same_threshold};
 use crate::error::{ErrorKind, Problem};
 use crate::priors::Pages;
@@ -76,10 +77,31 @@ impl Registry {
         Ok(models)
     }
 
+    /// Returns the versions above one, in order, as many as a page of that size may have and fit into a message; and whether there are more.
+    pub async fn page(&self, environment: &Environment, after: u64, size: usize) -> Result<Page<Model>, Problem> {
+        let mut records = self.store.models(environment.id).await.map_err(logged)?;
+        records.retain(|record| record.version > after);
+        // One more tells that there is another page. Those beyond need not be looked at.
+        records.truncate(size + 1);
+        let mut models = Vec::with_capacity(records.len());
+        for record in records {
+            let card = self.card(environment, &record).await?;
+            models.push(model(environment, &record, card));
+        }
+        Ok(api::page(models, size, 0, |model| proto::Model::from(model.clone())))
+    }
+
     /// Returns one version.
     pub async fn get(&self, environment: &Environment, version: u64) -> Result<Model, Problem> {
         let found = self.list(environment).await?.into_iter().find(|model| model.version == version);
         found.ok_or_else(|| StoreError::UnknownModel(version).into())
+    }
+
+    /// Refuses where an environment has as many versions as it may have.
+    pub async fn check_room(&self, environment: &Environment) -> Result<(), Problem> {
+        let limit = self.store.quotas().models;
+        let versions = self.store.models(environment.id).await.map_err(logged)?.len();
+        if (versions as u64) < limit { Ok(()) } else { Err(StoreError::too_many_models(limit).into()) }
     }
 
     /// Keeps a network with its card.
@@ -379,7 +401,7 @@ fn unreadable(version: u64, why: &str) -> Problem {
 /// Notes an error of the store, and tells it in words about networks.
 pub fn logged(error: StoreError) -> Problem {
     match error {
-        StoreError::UnknownModel(_) | StoreError::UnknownEnvironment => error.into(),
+        StoreError::UnknownModel(_) | StoreError::UnknownEnvironment | StoreError::Quota { .. } => error.into(),
         StoreError::Aborted(_) | StoreError::OutcomeUnknown(_) => {
             tracing::error!(%error, "the registry of networks could not be changed");
             error.into()

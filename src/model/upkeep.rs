@@ -63,7 +63,7 @@ impl Networks {
             if counted < FEWEST || !(has_grown || is_stale) || self.jobs.is_busy(environment.id, &ego, &other) {
                 continue;
             }
-            self.train(environment, &again(ego, other, last.map(|(card, _)| card)))?;
+            self.train(environment, &again(ego, other, last.map(|(card, _)| card))).await?;
             tried.insert(place, Tried { counted, threshold });
         }
         Ok(())

@@ -9,17 +9,20 @@ use tokio::net::TcpListener;
 
 use self::connections::limits::Limits;
 use crate::app::App;
-use crate::telemetry;
+use crate::store::Stage;
 
 pub mod connections;
 pub mod listen;
 
 mod cors;
+mod doors;
 mod grpc;
 mod inference;
 mod operations;
 mod rest;
 mod status;
+
+pub use doors::Doors;
 
 /// How long a call may take, unless its caller says otherwise (gRPC's `grpc-timeout`). Streams take as long as they want.
 const ALLOWED: Duration = Duration::from_secs(30);
@@ -38,10 +41,9 @@ pub struct Settings {
 
 /// Serves an app on a listener until it drains and its connections have ended.
 pub async fn serve(app: App, listener: TcpListener, settings: Settings) -> Result<(), tonic_reflection::server::Error> {
-    // Before the first request, whose figures would be lost.
-    telemetry::recorder();
-    let router = router(app.clone(), &settings).await?;
-    listen::accept(listener, router, app.draining, settings.limits).await;
+    let doors = Doors::closed(Stage::default());
+    doors.open(app.clone(), &settings).await?;
+    doors.serve(listener, app.draining, settings.limits).await;
     Ok(())
 }
 

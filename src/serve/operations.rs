@@ -10,10 +10,13 @@ use crate::app::App;
 use crate::error::{ErrorKind, Problem};
 use crate::telemetry;
 
+/// What `/livez` says.
+pub const ALIVE: &str = "ok\n";
+
 /// Returns the routes for operators.
 pub fn router(app: App) -> Router {
     Router::new()
-        .route("/livez", get(|| async { "ok\n" }))
+        .route("/livez", get(|| async { ALIVE }))
         .route("/readyz", get(readyz))
         .route("/metrics", get(metrics))
         .with_state(app)
@@ -49,20 +52,24 @@ async fn readyz(State(app): State<App>, RawQuery(query): RawQuery) -> Response {
     let checks = checks(&app).await;
     let ready = checks.iter().all(|(_, check)| check.is_ok());
     let status = if ready { StatusCode::OK } else { StatusCode::SERVICE_UNAVAILABLE };
-    let verbose =
-        query.is_some_and(|query| query.split('&').any(|part| part == "verbose" || part.starts_with("verbose=")));
-    if !verbose {
+    if !is_verbose(query.as_deref()) {
         return (status, if ready { "ready\n" } else { "not ready\n" }).into_response();
     }
     let told = |(name, check): Check| (name.to_owned(), check.err().unwrap_or("ok".into()).into());
     let checks: serde_json::Map<String, serde_json::Value> = checks.into_iter().map(told).collect();
-    let mut told = serde_json::json!({ "ready": ready, "checks": checks });
+    let background = app.in_the_background();
+    let mut told = serde_json::json!({ "ready": ready, "checks": checks, "background": background });
     let damaged = app.store.read_only();
     if !damaged.is_empty() {
         let environments = damaged.into_iter().map(|(name, why)| (name.to_string(), why.into()));
         told["read_only"] = serde_json::Value::Object(environments.collect());
     }
     (status, Json(told)).into_response()
+}
+
+/// Returns whether a query string asks for each check.
+pub fn is_verbose(query: Option<&str>) -> bool {
+    query.is_some_and(|query| query.split('&').any(|part| part == "verbose" || part.starts_with("verbose=")))
 }
 
 /// The metrics in Prometheus' text format.

@@ -128,12 +128,32 @@ pub enum StoreError {
     /// Versions are never used again, and the last there can be was used.
     #[error("no version is left for another {0}: delete the environment and make it again")]
     VersionsUsedUp(&'static str),
+    /// There are as many as there may be.
+    #[error("{limit} {what} are the most there may be here, and there are as many: delete one, or raise {flag}")]
+    Quota {
+        /// `environments` or `models`.
+        what: &'static str,
+        /// The most there may be.
+        limit: u64,
+        /// What raises the limit.
+        flag: &'static str,
+    },
     /// The name is taken.
     #[error("environment `{0}` exists")]
     AlreadyExists(String),
 }
 
 impl StoreError {
+    /// Says that there are as many environments as there may be.
+    pub fn too_many_environments(limit: u64) -> Self {
+        Self::Quota { what: "environments", limit, flag: "--max-environments" }
+    }
+
+    /// Says that an environment has as many models as it may have.
+    pub fn too_many_models(limit: u64) -> Self {
+        Self::Quota { what: "models", limit, flag: "--max-models" }
+    }
+
     /// Returns what a caller can do about it.
     pub fn kind(&self) -> ErrorKind {
         match self {
@@ -142,6 +162,7 @@ impl StoreError {
             Self::UnknownEnvironment | Self::UnknownModel(_) => ErrorKind::NotFound,
             Self::VersionsUsedUp(_) => ErrorKind::Conflict,
             Self::AlreadyExists(_) => ErrorKind::AlreadyExists,
+            Self::Quota { .. } => ErrorKind::Quota,
         }
     }
 }
@@ -199,6 +220,9 @@ impl From<StoreError> for Problem {
             StoreError::UnknownModel(_) => ("MODEL_NOT_FOUND", error.to_string()),
             StoreError::VersionsUsedUp(_) => ("VERSIONS_USED_UP", error.to_string()),
             StoreError::AlreadyExists(_) => ("ENVIRONMENT_EXISTS", error.to_string()),
+            StoreError::Quota { limit, .. } => {
+                return Self::new(error.kind(), "QUOTA_EXCEEDED", error.to_string()).with("limit", limit);
+            }
         };
         Self::new(error.kind(), reason, message)
     }

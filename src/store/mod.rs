@@ -15,9 +15,11 @@ use crate::domain::{
 mod error;
 pub mod form;
 mod sqlite;
+mod stage;
 
 pub use error::{Cause, StoreError, Trouble};
 pub use sqlite::{Options, SqliteStore};
+pub use stage::Stage;
 
 /// Keeps environments and counts each batch exactly once.
 ///
@@ -52,14 +54,22 @@ pub trait Store: Send + Sync {
     /// Returns every environment that cannot be read, in order of name. Their names are taken, and they can be deleted. From memory.
     fn unreadable(&self) -> Vec<Arc<UnreadableEnvironment>>;
 
-    /// Makes an environment with a new uid; `AlreadyExists` where the name is taken.
+    /// Makes an environment with a new uid; `AlreadyExists` where the name is taken, `Quota` where there are as many as there may be.
     async fn create(&self, name: &Name, schema: &Schema, rule: WrittenRule) -> Result<Arc<Environment>, StoreError>;
 
     /// Replaces the rule of an environment.
     async fn set_rule(&self, id: EnvironmentId, rule: WrittenRule) -> Result<Arc<Environment>, StoreError>;
 
-    /// Removes an environment with its counts, receipts, watermarks and models.
+    /// Removes an environment with its counts, receipts, watermarks and models: when this returns, no commit finds it, every read of it fails with
+    /// `UnknownEnvironment`, one that began before too, and its name is free. Its rows are left for [`Store::sweep`].
     async fn delete(&self, id: EnvironmentId) -> Result<(), StoreError>;
+
+    /// Waits until a deleted environment has left rows, and removes some of them: so few that a commit hardly waits. To be called again and again, by
+    /// one at a time. Interrupted anywhere, by an error, by being dropped or by kill -9, the next call goes on, after a restart too.
+    async fn sweep(&self) -> Result<(), StoreError>;
+
+    /// Returns what deleted environments have left. From memory.
+    fn leftovers(&self) -> Leftovers;
 
     /// Returns the last committed sequence of a producer, as the next commit would find it.
     async fn watermark(&self, id: EnvironmentId, producer: &ProducerId) -> Result<Sequence, StoreError>;
@@ -89,6 +99,9 @@ pub trait Store: Send + Sync {
     /// Keeps a fit in place of the one of its pair.
     async fn keep_fit(&self, id: EnvironmentId, fit: &FitRecord) -> Result<(), StoreError>;
 
+    /// Returns the most that may be held. From memory.
+    fn quotas(&self) -> Quotas;
+
     /// Returns the models of an environment, in order of version, without their weights.
     async fn models(&self, id: EnvironmentId) -> Result<Vec<ModelRecord>, StoreError>;
 
@@ -96,6 +109,7 @@ pub trait Store: Send + Sync {
     async fn model(&self, id: EnvironmentId, version: u64) -> Result<Option<(ModelRecord, Vec<u8>)>, StoreError>;
 
     /// Keeps a model and returns its version: 1, 2, 3, ... in each environment, never used again, even after it is deleted. It is not active yet.
+    /// `Quota` where there are as many as there may be.
     async fn keep_model(&self, id: EnvironmentId, model: &NewModel) -> Result<u64, StoreError>;
 
     /// Makes a version the active one of its pair; `UnknownModel` where there is no such version.
@@ -183,20 +197,24 @@ pub enum Refusal {
     Overflow,
 }
 
-/// The most an environment may hold.
+/// The most that may be held. What is stored already stays where a quota is lower.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Quotas {
-    /// Cells.
+    /// Cells of an environment.
     pub cells: u64,
-    /// Segments.
+    /// Segments of an environment.
     pub segments: u64,
-    /// Producers.
+    /// Producers of an environment.
     pub producers: u64,
+    /// Models of an environment.
+    pub models: u64,
+    /// Environments.
+    pub environments: u64,
 }
 
 impl Default for Quotas {
     fn default() -> Self {
-        Self { cells: 5_000_000, segments: 4_096, producers: 10_000 }
+        Self { cells: 5_000_000, segments: 4_096, producers: 10_000, models: 256, environments: 1_000 }
     }
 }
 
@@ -282,6 +300,15 @@ pub struct Totals {
     pub segments: u64,
     /// Producers.
     pub producers: u64,
+}
+
+/// What deleted environments have left in the database.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Leftovers {
+    /// Deleted environments with rows left.
+    pub environments: u64,
+    /// Their states that are left, as far as they are counted.
+    pub states: u64,
 }
 
 /// Totals beside what the cells add up to.

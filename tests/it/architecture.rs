@@ -10,8 +10,8 @@ const RANKS: &[&[&str]] = &[
     &["domain", "work"],
     &["evidence", "store", "simulation", "recordings", "api"],
     &["ingest", "client", "priors"],
-    &["environments", "model"],
-    &["influence"],
+    &["model"],
+    &["environments", "influence"],
     &["app"],
     &["serve", "experiments"],
     &["cli"],
@@ -31,7 +31,23 @@ const RESERVED: &[(&str, &[&str])] = &[
     ("clap", &["cli", "main"]),
     ("csv", &["recordings", "experiments"]),
     ("plotters", &["simulation", "experiments"]),
-    ("tokio", &["work", "ingest", "store", "client", "priors", "model", "influence", "app", "serve", "cli", "main"]),
+    (
+        "tokio",
+        &[
+            "work",
+            "ingest",
+            "store",
+            "client",
+            "priors",
+            "model",
+            "environments",
+            "influence",
+            "app",
+            "serve",
+            "cli",
+            "main",
+        ],
+    ),
 ];
 
 fn sources() -> BTreeMap<String, Vec<PathBuf>> {

@@ -79,7 +79,7 @@ async fn train(app: &TestApp, other: &str, kind: &str) -> u64 {
         activate: true,
         ..TrainingDraft::default()
     };
-    let mut job = app.app.networks.train(&environment, &draft).expect("a valid training");
+    let mut job = app.app.networks.train(&environment, &draft).await.expect("a valid training");
     while !job.state.is_over() {
         tokio::time::sleep(Duration::from_millis(20)).await;
         job = app.app.networks.job(&environment, job.id).expect("known");

@@ -112,6 +112,20 @@ async fn active(app: &TestApp) -> Vec<u64> {
 }
 
 #[tokio::test]
+async fn trainings_end_with_their_environment() {
+    let app = world().await;
+    let running = asked(&app, &endless()).await;
+    until(&app, &running, &["running"]).await;
+    asked(&app, &endless()).await;
+    let environment = app.app.environments.find("world").expect("made");
+    assert_eq!(app.rest("DELETE", WORLD, None).await.0, 204);
+    for job in [1, 2] {
+        let over = app.app.networks.finished(&environment, job).await.expect("known");
+        assert_eq!(over.state, nudge::domain::JobState::Cancelled, "{over:?}");
+    }
+}
+
+#[tokio::test]
 async fn a_share_is_a_threshold_for_networks_too() {
     let app = world().await;
     let rule = async |rule: Value| assert_eq!(app.rest("PATCH", WORLD, Some(&json!({"rule": rule}))).await.0, 200);
@@ -132,7 +146,7 @@ async fn a_share_is_a_threshold_for_networks_too() {
 #[tokio::test]
 async fn a_training_becomes_a_version_with_a_card() {
     let app = world().await;
-    assert_eq!(get(&app, "").await, json!({"models": [], "jobs": []}));
+    assert_eq!(get(&app, "").await, json!({"models": [], "jobs": [], "next_page_token": null}));
     let request = reqwest::Client::new().post(app.url(&format!("{WORLD}/models"))).json(&quick());
     let response = request.send().await.expect("answered");
     assert_eq!(response.status(), 202);
@@ -315,7 +329,10 @@ async fn the_faces_say_the_same() {
     let request = proto::GetJobRequest { environment: environment(), id: job.id };
     let job = client.get_job(request).await.expect("known").into_inner().job.expect("a job");
     assert_eq!(json!(dto::Job::from(job)), over_rest);
-    let list = client.list_models(proto::ListModelsRequest { environment: environment() }).await.expect("known");
+    let list = client
+        .list_models(proto::ListModelsRequest { environment: environment(), ..Default::default() })
+        .await
+        .expect("known");
     assert_eq!(json!(dto::Models::from(list.into_inner())), get(&app, "").await);
     let request = proto::GetModelRequest { environment: environment(), version: 1 };
     let model = client.get_model(request).await.expect("known").into_inner().model.expect("a model");

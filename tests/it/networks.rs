@@ -90,7 +90,7 @@ fn draft() -> TrainingDraft {
 
 async fn finished(app: &App, draft: &TrainingDraft) -> Job {
     let environment = environment(app);
-    let job = app.networks.train(&environment, draft).expect("valid");
+    let job = app.networks.train(&environment, draft).await.expect("valid");
     app.networks.finished(&environment, job.id).await.expect("known")
 }
 

@@ -44,6 +44,15 @@ impl Server {
     }
 }
 
+impl Server {
+    /// Tells it to stop, and returns the code that it ends with.
+    pub fn terminate(mut self) -> Option<i32> {
+        let told = Command::new("kill").args(["-TERM", &self.child.id().to_string()]).status();
+        assert!(told.expect("kill is there").success());
+        self.child.wait().expect("it ends").code()
+    }
+}
+
 /// A test that fails leaves no service behind, which would keep whatever it inherited: files, locks, the port.
 impl Drop for Server {
     fn drop(&mut self) {

@@ -7,7 +7,7 @@ use nudge::domain::{
 };
 use nudge::error::ErrorKind;
 use nudge::store::{
-    Cursor, FitRecord, ModelRecord, NewModel, Numbered, Outcome, Quotas, Refusal, Store, StoreError, Totals,
+    Cursor, FitRecord, Leftovers, ModelRecord, NewModel, Numbered, Outcome, Quotas, Refusal, Store, StoreError, Totals,
 };
 
 use crate::support::batches::*;
@@ -37,11 +37,17 @@ mod sqlite {
         a_refused_batch_changes_nothing_for_the_others,
         empty_batches_use_their_numbers,
         a_new_environment_of_the_same_name_begins_anew,
+        a_deleted_environment_is_gone_before_its_rows,
+        a_read_that_goes_on_ends_with_its_environment,
+        several_environments_are_removed_at_once,
+        an_interrupted_removal_goes_on_after_reopening,
         the_cells_quota_is_exact,
         the_cells_quota_counts_what_the_same_commit_adds,
         known_cells_fit_at_the_quota,
         the_segments_quota_is_exact,
         the_producers_quota_is_exact,
+        the_environments_quota_is_exact,
+        the_models_quota_is_exact,
         transitions_stop_at_the_largest_number,
         a_joint_action_that_cannot_be_stored_is_refused,
         entries_become_unknown_and_stay_so,
@@ -295,6 +301,103 @@ async fn a_new_environment_of_the_same_name_begins_anew(database: &dyn Database)
     assert!(store.audit().await.expect("an audit").iter().all(|audit| audit.is_sound()));
 }
 
+/// Makes an environment with so many states, of three cells each.
+async fn make_large(store: &Arc<dyn Store>, name: &str, states: u32) -> EnvironmentId {
+    let id = make(store, name).await;
+    let cells = (0..states).flat_map(|place| (0..3).map(move |joint| (place, joint)));
+    let sending = cells.fold(batch(id, "game", 1), |sending, (place, joint)| sending.cell(place, joint, tally(1, 1)));
+    let first = sending.done();
+    assert_eq!(commit(store, std::slice::from_ref(&first)).await, [applied(&first)]);
+    id
+}
+
+/// Removes what deleted environments have left, to the last row.
+async fn sweep(store: &Arc<dyn Store>) {
+    while store.leftovers() != Leftovers::default() {
+        store.sweep().await.expect("a step");
+    }
+}
+
+async fn a_deleted_environment_is_gone_before_its_rows(database: &dyn Database) {
+    let store = database.open(Quotas::default()).await;
+    let old = make_large(&store, "hallway", 1_000).await;
+    let environment = store.environment("hallway").expect("made");
+    keep(&store, old, 0, 1).await;
+    store.delete(old).await.expect("removed");
+    assert_eq!(store.leftovers(), Leftovers { environments: 1, states: 1_000 });
+
+    // Before anything is swept, when something is, and after: nothing finds it.
+    let new = make(&store, "hallway").await;
+    let first = batch(new, "game", 1).cell(1, 1, tally(7, 7)).done();
+    assert_eq!(commit(&store, std::slice::from_ref(&first)).await, [applied(&first)]);
+    for steps in [0, 3, 1_000] {
+        for _ in 0..steps {
+            if store.leftovers() != Leftovers::default() {
+                store.sweep().await.expect("a step");
+            }
+        }
+        assert!(is_unknown(store.delete(old).await));
+        assert!(is_unknown(store.totals(old).await) && is_unknown(store.segments(old).await));
+        assert!(is_unknown(store.counts(old, &[state(1)]).await) && is_unknown(store.actions(&environment).await));
+        assert!(is_unknown(store.scan(old, Cursor::default(), 10).await));
+        assert!(is_unknown(store.fits(old).await) && is_unknown(store.models(old).await));
+        assert!(is_unknown(store.model(old, 1).await));
+        assert!(is_unknown(store.watermark(old, &"game".parse().expect("a producer")).await));
+        let late = batch(old, "game", 2).cell(1, 1, tally(1, 1)).done();
+        assert_eq!(commit(&store, &[late]).await, [Outcome::Refused(Refusal::Gone)]);
+        assert_eq!(cells(&store, new, 1).await, [(1, 7, Some(7))]);
+    }
+    assert_eq!(store.leftovers(), Leftovers::default());
+    assert!(store.audit().await.expect("an audit").iter().all(|audit| audit.is_sound()));
+}
+
+async fn a_read_that_goes_on_ends_with_its_environment(database: &dyn Database) {
+    let store = database.open(Quotas::default()).await;
+    let id = make_large(&store, "hallway", 30).await;
+    let page = store.scan(id, Cursor::default(), 10).await.expect("a page");
+    store.delete(id).await.expect("removed");
+    assert!(is_unknown(store.scan(id, page[9].cursor, 10).await));
+}
+
+async fn several_environments_are_removed_at_once(database: &dyn Database) {
+    let store = database.open(Quotas::default()).await;
+    let stays = make_large(&store, "stays", 50).await;
+    let mut left = 0;
+    for _ in 0..5 {
+        let id = make_large(&store, "hallway", 1_000).await;
+        store.delete(id).await.expect("removed");
+        left += 1;
+        assert_eq!(store.leftovers().environments, left);
+        // The next one goes while this one is swept.
+        store.sweep().await.expect("a step");
+    }
+    sweep(&store).await;
+    assert_eq!(totals(&store, stays).await.states, 50);
+    assert!(store.audit().await.expect("an audit").iter().all(|audit| audit.is_sound()));
+}
+
+async fn an_interrupted_removal_goes_on_after_reopening(database: &dyn Database) {
+    let store = database.open(Quotas::default()).await;
+    let [one, other] = [make_large(&store, "one", 1_000).await, make_large(&store, "other", 1_000).await];
+    store.delete(one).await.expect("removed");
+    store.sweep().await.expect("a step");
+    store.delete(other).await.expect("removed");
+    drop(store);
+
+    let store = database.open(Quotas::default()).await;
+    assert_eq!(store.leftovers().environments, 2);
+    store.sweep().await.expect("a step");
+    let left = store.leftovers().states;
+    assert!((1_000..=2_000).contains(&left), "all are counted with the first step: {left}");
+    make_large(&store, "one", 20).await;
+    sweep(&store).await;
+    drop(store);
+    let store = database.open(Quotas::default()).await;
+    assert_eq!(store.leftovers(), Leftovers::default());
+    assert_eq!(store.environments().len(), 1);
+    assert!(store.audit().await.expect("an audit").iter().all(|audit| audit.is_sound()));
+}
+
 async fn the_cells_quota_is_exact(database: &dyn Database) {
     let store = database.open(Quotas { cells: 4, ..Quotas::default() }).await;
     let id = make(&store, "hallway").await;
@@ -378,6 +481,44 @@ async fn the_producers_quota_is_exact(database: &dyn Database) {
     assert_eq!(commit(&store, &batches).await, expected);
     assert_eq!(commit(&store, &batches[2..3]).await, [over_quota("producers", 2)]);
     assert_eq!(totals(&store, id).await.producers, 2);
+}
+
+async fn the_environments_quota_is_exact(database: &dyn Database) {
+    let store = database.open(Quotas { environments: 2, ..Quotas::default() }).await;
+    let create = async |store: &Arc<dyn Store>, name: &str| {
+        store.create(&name.parse().expect("a name"), &schema(), WrittenRule::default()).await
+    };
+    let is_full = |made| matches!(made, Err(StoreError::Quota { what: "environments", limit: 2, .. }));
+    let one = make_large(&store, "one", 10).await;
+    make(&store, "two").await;
+    assert!(is_full(create(&store, "three").await));
+    assert!(matches!(create(&store, "two").await, Err(StoreError::AlreadyExists(_))));
+    store.delete(one).await.expect("removed");
+    make(&store, "three").await;
+    assert!(is_full(create(&store, "four").await));
+    assert_eq!(store.leftovers().environments, 1, "rows that are left are no environment");
+    drop(store);
+
+    let store = database.open(Quotas { environments: 1, ..Quotas::default() }).await;
+    assert_eq!(store.environments().len(), 2, "what is stored stays");
+    assert!(matches!(create(&store, "four").await, Err(StoreError::Quota { limit: 1, .. })));
+}
+
+async fn the_models_quota_is_exact(database: &dyn Database) {
+    let store = database.open(Quotas { models: 2, ..Quotas::default() }).await;
+    let (id, elsewhere) = (make(&store, "hallway").await, make(&store, "kitchen").await);
+    assert_eq!((keep(&store, id, 0, 1).await, keep(&store, id, 1, 0).await), (1, 2));
+    let refused = store.keep_model(id, &network(0, 1, b"more")).await;
+    assert!(matches!(refused, Err(StoreError::Quota { what: "models", limit: 2, .. })), "{refused:?}");
+    assert_eq!(keep(&store, elsewhere, 0, 1).await, 1);
+    store.delete_model(id, 1).await.expect("deleted");
+    assert_eq!(keep(&store, id, 0, 1).await, 3, "a refused one uses no version");
+    drop(store);
+
+    let store = database.open(Quotas { models: 1, ..Quotas::default() }).await;
+    assert_eq!(models(&store, id).await.len(), 2, "what is stored stays");
+    activate(&store, id, &[2]).await;
+    assert!(store.keep_model(id, &network(0, 1, b"more")).await.is_err());
 }
 
 async fn transitions_stop_at_the_largest_number(database: &dyn Database) {
@@ -673,7 +814,7 @@ async fn the_last_fit_of_each_pair_is_kept(database: &dyn Database) {
     let store = database.open(Quotas::default()).await;
     assert_eq!(store.fits(id).await.expect("fits"), expected, "they survive");
     store.delete(id).await.expect("removed");
-    assert_eq!(store.fits(id).await.expect("fits"), []);
+    assert!(is_unknown(store.fits(id).await));
     let refused = store.keep_fit(id, &fit("0,1", 3, "late")).await;
     assert!(matches!(refused, Err(StoreError::UnknownEnvironment)), "{refused:?}");
 }
@@ -810,8 +951,7 @@ async fn models_go_with_their_environment(database: &dyn Database) {
     keep(&store, elsewhere, 0, 1).await;
     activate(&store, id, &[7]).await;
     store.delete(id).await.expect("removed");
-    assert_eq!(models(&store, id).await, []);
-    assert_eq!(store.model(id, 7).await.expect("none"), None);
+    assert!(is_unknown(store.models(id).await) && is_unknown(store.model(id, 7).await));
     assert!(is_unknown(store.keep_model(id, &network(0, 1, b"late")).await));
     assert!(is_unknown(store.activate_model(id, 7).await));
     assert!(is_unknown(store.deactivate_model(id, 7).await));

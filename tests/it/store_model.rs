@@ -18,7 +18,7 @@ const NAMES: [&str; 2] = ["hallway", "kitchen"];
 const PRODUCERS: [&str; 3] = ["a", "b", "c"];
 const SEGMENTS: [&str; 3] = ["", "train", "test"];
 /// Small enough that a run meets each of them.
-const QUOTAS: Quotas = Quotas { cells: 14, segments: 2, producers: 2 };
+const QUOTAS: Quotas = Quotas { cells: 14, segments: 2, producers: 2, models: 256, environments: 1_000 };
 
 #[derive(Debug, Clone)]
 enum Step {

@@ -78,7 +78,10 @@ async fn networks_stay_listed_with_the_reason() {
     assert_eq!(listed[0]["active"], true, "nobody took it back");
 
     let (mut client, environment) = (app.models().await, "corner".to_owned());
-    let list = client.list_models(proto::ListModelsRequest { environment: environment.clone() }).await.expect("known");
+    let list = client
+        .list_models(proto::ListModelsRequest { environment: environment.clone(), ..Default::default() })
+        .await
+        .expect("known");
     assert_eq!(json!(dto::Models::from(list.into_inner()).models), json!(listed), "the faces agree");
     let (status, one) = app.rest("GET", &format!("{CORNER}/models/2"), None).await;
     assert_eq!((status, &one), (200, &listed[1]));

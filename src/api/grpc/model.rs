@@ -39,6 +39,7 @@ impl From<Models> for proto::ListModelsResponse {
         Self {
             models: models.models.into_iter().map(Into::into).collect(),
             jobs: models.jobs.into_iter().map(Into::into).collect(),
+            next_page_token: models.next_page_token.unwrap_or_default(),
         }
     }
 }

@@ -26,9 +26,9 @@ impl From<StateView> for proto::GetStateResponse {
     }
 }
 
-impl From<StatePage> for proto::ListStatesResponse {
-    fn from(page: StatePage) -> Self {
-        let figures = |figures: StateFigures| proto::StateFigures {
+impl From<StateFigures> for proto::StateFigures {
+    fn from(figures: StateFigures) -> Self {
+        Self {
             state: Some(state(&figures.key, figures.bins)),
             visits: figures.visits,
             plug_in: figures.plug_in,
@@ -40,9 +40,14 @@ impl From<StatePage> for proto::ListStatesResponse {
             probability: figures.evidence.map(|evidence| evidence.probability.into()),
             dependence: dependence(figures.evidence),
             p_value: figures.p_value,
-        };
+        }
+    }
+}
+
+impl From<StatePage> for proto::ListStatesResponse {
+    fn from(page: StatePage) -> Self {
         Self {
-            states: page.states.into_iter().map(figures).collect(),
+            states: page.states.into_iter().map(Into::into).collect(),
             next_page_token: page.next_page_token.unwrap_or_default(),
             as_of: page.as_of,
             unit: page.unit.as_str().into(),

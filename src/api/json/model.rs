@@ -3,8 +3,8 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::Card;
 use super::decode::or_default;
+use super::{Card, present};
 use crate::api::proto;
 use crate::domain::ModelId;
 use crate::domain::draft::TrainingDraft;
@@ -75,8 +75,10 @@ pub fn model_version(text: &str) -> Result<u64, Problem> {
 pub struct Models {
     /// In order of version.
     pub models: Vec<Model>,
-    /// In order of number.
+    /// In order of number; all of them on the first page.
     pub jobs: Vec<Job>,
+    /// Asks for the next page; null on the last.
+    pub next_page_token: Option<String>,
 }
 
 /// A version or a job.
@@ -157,6 +159,7 @@ impl From<proto::ListModelsResponse> for Models {
         Self {
             models: response.models.into_iter().map(Into::into).collect(),
             jobs: response.jobs.into_iter().map(Into::into).collect(),
+            next_page_token: present(response.next_page_token),
         }
     }
 }

@@ -7,11 +7,26 @@ use crate::api::fitting_description;
 use crate::api::proto::environment_service_server::EnvironmentService;
 use crate::api::proto::{
     ApplyEnvironmentRequest, ApplyEnvironmentResponse, DeleteEnvironmentRequest, DeleteEnvironmentResponse,
-    GetEnvironmentRequest, GetEnvironmentResponse, ListEnvironmentsRequest, ListEnvironmentsResponse,
+    Environment, GetEnvironmentRequest, GetEnvironmentResponse, ListEnvironmentsRequest, ListEnvironmentsResponse,
     UpdateRuleRequest, UpdateRuleResponse,
 };
 use crate::domain::draft::DescriptionDraft;
 use crate::work::beside;
+use crate::{api, domain};
+
+/// Returns an environment as it can be sent.
+fn sendable(environment: &domain::Environment) -> Environment {
+    let mut sendable = environment.into();
+    lighten(&mut sendable);
+    sendable
+}
+
+/// Leaves out a description that is larger than a message, as one may be that was made before descriptions had a limit.
+fn lighten(environment: &mut Environment) {
+    if !api::fits_on_a_page(environment) {
+        environment.schema = None;
+    }
+}
 
 #[tonic::async_trait]
 impl EnvironmentService for Face {
@@ -24,7 +39,7 @@ impl EnvironmentService for Face {
             let schema = beside(move || schema.unwrap_or_default().into()).await?;
             let description = DescriptionDraft { schema, schema_hash: None, rule: rule.map(Into::into) };
             let (environment, created) = self.app.environments.apply(&name, description).await?;
-            let environment = beside(move || (&*environment).into()).await?;
+            let environment = beside(move || sendable(&environment)).await?;
             Ok(ApplyEnvironmentResponse { environment: Some(environment), created })
         })
         .await
@@ -36,7 +51,7 @@ impl EnvironmentService for Face {
     ) -> Result<Response<GetEnvironmentResponse>, Status> {
         call("GetEnvironment", async {
             let environment = self.app.environments.find(&request.into_inner().name)?;
-            Ok(GetEnvironmentResponse { environment: Some(beside(move || (&*environment).into()).await?) })
+            Ok(GetEnvironmentResponse { environment: Some(beside(move || sendable(&environment)).await?) })
         })
         .await
     }
@@ -49,7 +64,12 @@ impl EnvironmentService for Face {
             let ListEnvironmentsRequest { page_size, page_token } = request.into_inner();
             let token = Some(page_token.as_str()).filter(|token| !token.is_empty());
             let page = self.app.environments.list(u64::from(page_size), token)?;
-            beside(move || page.into()).await
+            beside(move || {
+                let mut page = ListEnvironmentsResponse::from(page);
+                page.environments.iter_mut().for_each(lighten);
+                page
+            })
+            .await
         })
         .await
     }
@@ -58,7 +78,7 @@ impl EnvironmentService for Face {
         call("UpdateRule", async {
             let UpdateRuleRequest { name, rule } = request.into_inner();
             let environment = self.app.environments.update_rule(&name, &rule.unwrap_or_default().into()).await?;
-            Ok(UpdateRuleResponse { environment: Some(beside(move || (&*environment).into()).await?) })
+            Ok(UpdateRuleResponse { environment: Some(beside(move || sendable(&environment)).await?) })
         })
         .await
     }

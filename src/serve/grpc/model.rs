@@ -19,15 +19,17 @@ impl ModelService for Face {
         call("TrainModel", async {
             let (environment, draft) = grpc::training(request.into_inner());
             let environment = self.app.environments.find(&environment)?;
-            Ok(TrainModelResponse { job: Some(self.app.networks.train(&environment, &draft)?.into()) })
+            Ok(TrainModelResponse { job: Some(self.app.networks.train(&environment, &draft).await?.into()) })
         })
         .await
     }
 
     async fn list_models(&self, request: Request<ListModelsRequest>) -> Result<Response<ListModelsResponse>, Status> {
         call("ListModels", async {
-            let environment = self.app.environments.find(&request.into_inner().environment)?;
-            Ok(self.app.networks.list(&environment).await?.into())
+            let ListModelsRequest { environment, page_size, page_token } = request.into_inner();
+            let environment = self.app.environments.find(&environment)?;
+            let token = Some(page_token.as_str()).filter(|token| !token.is_empty());
+            Ok(self.app.networks.page(&environment, u64::from(page_size), token).await?.into())
         })
         .await
     }

@@ -89,6 +89,8 @@ pub async fn update_rule(
 }
 
 /// Removes an environment with its counts and watermarks, for ever, and ends its streams.
+///
+/// Accepted at once: its name is free, and what it leaves in the database goes in the background, of which `/readyz?verbose` tells.
 #[utoipa::path(
     delete,
     path = "/v1/environments/{environment}",

@@ -8,7 +8,7 @@ use http::{StatusCode, header};
 use serde::Deserialize;
 use utoipa::{IntoParams, ToSchema};
 
-use super::extract::{File, OCTETS, OptionalJson, Path};
+use super::extract::{File, OCTETS, OptionalJson, Path, Query};
 use super::openapi::Refusals;
 use crate::api::json::ModelOrJob;
 use crate::api::{json, proto};
@@ -82,25 +82,32 @@ pub async fn train_model(
     OptionalJson(request): OptionalJson<json::TrainingRequest>,
 ) -> Result<Response, Failure> {
     let environment = app.environments.find(&name)?;
-    let job = app.networks.train(&environment, &request.into())?;
+    let job = app.networks.train(&environment, &request.into()).await?;
     let location = format!("/v1/environments/{name}/models/{}", ModelId::Job(job.id));
     Ok((StatusCode::ACCEPTED, [(header::LOCATION, location)], axum::Json(job_shown(job))).into_response())
 }
 
-/// Returns every version, and the jobs that were asked for since the service started.
+/// Returns the versions, a page at a time, and the jobs that were asked for since the service started.
 #[utoipa::path(
     get,
     path = "/v1/environments/{environment}/models",
     tag = "models",
-    params(("environment" = String, Path, description = "The environment's name")),
+    params(
+        ("environment" = String, Path, description = "The environment's name"),
+        ("page_size" = Option<u32>, Query, description = "The most versions to return, 1 to 1,000; 1,000 by default"),
+        ("page_token" = Option<String>, Query, description = "The `next_page_token` of the page before"),
+    ),
     responses((status = 200, description = "Versions and jobs", body = json::Models), Refusals)
 )]
 pub async fn list_models(
     State(app): State<App>,
     Path(name): Path<String>,
+    Query(query): Query,
 ) -> Result<axum::Json<json::Models>, Failure> {
+    let (page_size, page_token) = json::page(query)?;
     let environment = app.environments.find(&name)?;
-    Ok(axum::Json(proto::ListModelsResponse::from(app.networks.list(&environment).await?).into()))
+    let page = app.networks.page(&environment, page_size, page_token.as_deref()).await?;
+    Ok(axum::Json(proto::ListModelsResponse::from(page).into()))
 }
 
 /// Returns a version, or how far a job is.

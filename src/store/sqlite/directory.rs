@@ -33,6 +33,11 @@ impl Directory {
         self.read(|environments| environments.values().find(|environment| environment.id == id).cloned())
     }
 
+    /// Returns whether there is an environment of that id, readable or not.
+    pub(super) fn has(&self, id: EnvironmentId) -> bool {
+        self.of_id(id).is_some() || self.unreadable().iter().any(|environment| environment.id == id)
+    }
+
     /// Returns every environment that cannot be read, in order of name.
     pub(super) fn unreadable(&self) -> Vec<Arc<UnreadableEnvironment>> {
         self.unreadable.read().unwrap_or_else(PoisonError::into_inner).values().cloned().collect()

@@ -10,7 +10,7 @@ use super::error::{aborted, unreadable};
 use super::text;
 use super::writer::Writer;
 use crate::domain::{Environment, EnvironmentId, Name, Schema, Uid, UnreadableEnvironment, WrittenRule};
-use crate::store::StoreError;
+use crate::store::{Quotas, StoreError};
 
 /// Reads every environment. One that cannot be read does not keep the others away.
 pub(super) async fn load(connection: &mut SqliteConnection) -> Result<Vec<Loaded>, StoreError> {
@@ -49,6 +49,7 @@ async fn one_by_one(connection: &mut SqliteConnection) -> Result<Vec<Loaded>, St
 
 pub(super) async fn create(
     writer: &Writer,
+    quotas: Quotas,
     name: &Name,
     schema: &Schema,
     rule: WrittenRule,
@@ -58,6 +59,10 @@ pub(super) async fn create(
     if is_taken(transaction.connection(), name).await? {
         transaction.end().await?;
         return Err(StoreError::AlreadyExists(name.to_string()));
+    }
+    if count(transaction.connection()).await.map_err(aborted)? >= quotas.environments {
+        transaction.end().await?;
+        return Err(StoreError::too_many_environments(quotas.environments));
     }
     let id = insert(transaction.connection(), &uid, name, schema, rule).await.map_err(aborted)?;
     let made = Arc::new(Environment { id, uid, name: name.clone(), schema: schema.clone(), rule });
@@ -94,6 +99,12 @@ async fn is_taken(connection: &mut SqliteConnection, name: &Name) -> Result<bool
         .fetch_one(connection)
         .await
         .map_err(aborted)
+}
+
+/// Returns how many there are, readable or not; those that are being removed are gone.
+async fn count(connection: &mut SqliteConnection) -> Result<u64, sqlx::Error> {
+    let text = "select count(*) from environments where name is not null";
+    sqlx::query_scalar(text).fetch_one(connection).await.map(i64::unsigned_abs)
 }
 
 async fn insert(

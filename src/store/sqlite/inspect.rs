@@ -8,7 +8,7 @@ use sqlx::{Row, SqlitePool};
 
 use super::error::{DAMAGED, aborted, opening, unopenable, unreadable};
 use super::lock::Identity;
-use super::open::{MIGRATIONS, readers, writing};
+use super::open::{Closing, MIGRATIONS, readers, writing};
 use super::{Memory, Options, SqliteStore, Writer, environments};
 use crate::store::StoreError;
 
@@ -18,7 +18,8 @@ const MOST_TOLD: usize = 100;
 /// Opens a database for reading. Every call that would write fails.
 pub(super) async fn inspect(path: &Path, options: Options) -> Result<SqliteStore, StoreError> {
     let file = Identity::of(path)?;
-    let readers = readers(&file).await.map_err(|error| unseen(path, error))?;
+    let closing = Closing::default();
+    let readers = readers(&file, &closing).await.map_err(|error| unseen(path, error))?;
     let memory = Arc::new(Memory::new(options.cache_cells));
     let mut reader = readers.acquire().await.map_err(|error| unseen(path, error))?;
     let versions = versions(&mut reader).await.map_err(|error| unseen(path, error))?;
@@ -34,7 +35,7 @@ pub(super) async fn inspect(path: &Path, options: Options) -> Result<SqliteStore
     let writer = Writer::new(writing(path), file, Arc::clone(&memory));
     writer.close().await.map_err(aborted)?;
     let (path, quotas, lock) = (path.to_owned(), options.quotas, Mutex::new(None));
-    Ok(SqliteStore { path, quotas, memory, writer, readers, lock })
+    Ok(SqliteStore { path, quotas, memory, writer, readers, closing, lock })
 }
 
 /// An error while looking: damage is what was looked for, and everything else keeps from looking.

@@ -10,10 +10,11 @@ use std::time::Instant;
 use async_trait::async_trait;
 use sqlx::SqlitePool;
 
+use self::open::Closing;
 use self::writer::{Memory, Writer};
 use super::{
-    Audit, Cause, Cursor, FitRecord, ModelRecord, NewModel, Numbered, Outcome, Quotas, Scanned, StateCounts, Store,
-    StoreError, Totals,
+    Audit, Cause, Cursor, FitRecord, Leftovers, ModelRecord, NewModel, Numbered, Outcome, Quotas, Scanned, Stage,
+    StateCounts, Store, StoreError, Totals,
 };
 use crate::domain::{
     ActionTotals, Environment, EnvironmentId, Label, Name, ProducerId, Schema, SegmentId, Sequence, StateKey,
@@ -48,7 +49,7 @@ type Map<K, V> = foldhash::HashMap<K, V>;
 /// How a store is opened.
 #[derive(Debug, Clone)]
 pub struct Options {
-    /// The most an environment may hold.
+    /// The most that may be held.
     pub quotas: Quotas,
     /// The size of the cache of counts, in cells of 40 bytes; a state weighs six cells more.
     pub cache_cells: usize,
@@ -67,6 +68,7 @@ pub struct SqliteStore {
     memory: Arc<Memory>,
     writer: Writer,
     readers: SqlitePool,
+    closing: Closing,
     /// Held as long as the store lives. Last, so that it is let go after the connections.
     lock: Mutex<Option<lock::Lock>>,
 }
@@ -74,7 +76,17 @@ pub struct SqliteStore {
 impl SqliteStore {
     /// Opens the database of that file, or makes it with its directories. Nobody else can open it while the store lives.
     pub async fn open(path: &Path, options: Options) -> Result<Self, StoreError> {
-        open::open(path, options).await
+        Self::open_telling(path, options, &Stage::default()).await
+    }
+
+    /// Opens the database of that file as [`SqliteStore::open`] does, and tells meanwhile how far it is.
+    pub async fn open_telling(path: &Path, options: Options, stage: &Stage) -> Result<Self, StoreError> {
+        open::open(path, options, stage).await
+    }
+
+    /// Fails where an environment is gone. To be asked after a read: what was read while it was there was whole, for its rows go later.
+    fn present(&self, id: EnvironmentId) -> Result<(), StoreError> {
+        if self.memory.directory.has(id) { Ok(()) } else { Err(StoreError::UnknownEnvironment) }
     }
 
     /// Opens the database of that file to look at it: changes nothing, takes no lock, and may be done while a service has it open. Calls that would write
@@ -119,7 +131,7 @@ impl Store for SqliteStore {
     }
 
     async fn create(&self, name: &Name, schema: &Schema, rule: WrittenRule) -> Result<Arc<Environment>, StoreError> {
-        self.noted(None, environments::create(&self.writer, name, schema, rule).await)
+        self.noted(None, environments::create(&self.writer, self.quotas, name, schema, rule).await)
     }
 
     async fn set_rule(&self, id: EnvironmentId, rule: WrittenRule) -> Result<Arc<Environment>, StoreError> {
@@ -128,6 +140,14 @@ impl Store for SqliteStore {
 
     async fn delete(&self, id: EnvironmentId) -> Result<(), StoreError> {
         self.noted(Some(id), removal::delete(&self.writer, id).await)
+    }
+
+    async fn sweep(&self) -> Result<(), StoreError> {
+        removal::sweep(&self.writer, &self.readers, &self.memory.removals).await
+    }
+
+    fn leftovers(&self) -> Leftovers {
+        self.memory.removals.left()
     }
 
     async fn watermark(&self, id: EnvironmentId, producer: &ProducerId) -> Result<Sequence, StoreError> {
@@ -146,11 +166,13 @@ impl Store for SqliteStore {
     }
 
     async fn scan(&self, id: EnvironmentId, after: Cursor, states: u32) -> Result<Vec<Scanned>, StoreError> {
-        self.noted(Some(id), read::scan(&self.readers, id, after, states).await)
+        let page = self.noted(Some(id), read::scan(&self.readers, id, after, states).await)?;
+        self.present(id).map(|()| page)
     }
 
     async fn segments(&self, id: EnvironmentId) -> Result<Vec<(SegmentId, Option<Label>)>, StoreError> {
-        self.noted(Some(id), read::segments(&self.readers, id).await)
+        let segments = self.noted(Some(id), read::segments(&self.readers, id).await)?;
+        self.present(id).map(|()| segments)
     }
 
     async fn totals(&self, id: EnvironmentId) -> Result<Totals, StoreError> {
@@ -163,23 +185,30 @@ impl Store for SqliteStore {
     }
 
     async fn fits(&self, id: EnvironmentId) -> Result<Vec<FitRecord>, StoreError> {
-        self.noted(Some(id), fits::fits(&self.readers, id).await)
+        let fits = self.noted(Some(id), fits::fits(&self.readers, id).await)?;
+        self.present(id).map(|()| fits)
     }
 
     async fn keep_fit(&self, id: EnvironmentId, fit: &FitRecord) -> Result<(), StoreError> {
         self.noted(Some(id), fits::keep(&self.writer, &self.memory.directory, id, fit).await)
     }
 
+    fn quotas(&self) -> Quotas {
+        self.quotas
+    }
+
     async fn models(&self, id: EnvironmentId) -> Result<Vec<ModelRecord>, StoreError> {
-        self.noted(Some(id), models::models(&self.readers, id).await)
+        let models = self.noted(Some(id), models::models(&self.readers, id).await)?;
+        self.present(id).map(|()| models)
     }
 
     async fn model(&self, id: EnvironmentId, version: u64) -> Result<Option<(ModelRecord, Vec<u8>)>, StoreError> {
-        self.noted(Some(id), models::model(&self.readers, id, version).await)
+        let model = self.noted(Some(id), models::model(&self.readers, id, version).await)?;
+        self.present(id).map(|()| model)
     }
 
     async fn keep_model(&self, id: EnvironmentId, model: &NewModel) -> Result<u64, StoreError> {
-        self.noted(Some(id), models::keep(&self.writer, &self.memory.directory, id, model).await)
+        self.noted(Some(id), models::keep(&self.writer, &self.memory.directory, self.quotas, id, model).await)
     }
 
     async fn activate_model(&self, id: EnvironmentId, version: u64) -> Result<(), StoreError> {
@@ -215,6 +244,7 @@ impl Store for SqliteStore {
     }
 
     async fn close(&self) {
+        self.closing.interrupt();
         self.readers.close().await;
         if let Err(error) = self.writer.close().await {
             tracing::warn!(%error, "the journal was not moved into the database; the next start does it");

@@ -9,7 +9,7 @@ use super::directory::Directory;
 use super::error::{aborted, unreadable};
 use super::writer::{Transaction, Writer};
 use crate::domain::EnvironmentId;
-use crate::store::{ModelRecord, NewModel, StoreError};
+use crate::store::{ModelRecord, NewModel, Quotas, StoreError};
 
 /// The SQL of a model's columns without its weights, which have a table of their own.
 macro_rules! record {
@@ -65,10 +65,15 @@ fn read(row: &SqliteRow) -> Result<ModelRecord, sqlx::Error> {
 pub(super) async fn keep(
     writer: &Writer,
     directory: &Directory,
+    quotas: Quotas,
     id: EnvironmentId,
     model: &NewModel,
 ) -> Result<u64, StoreError> {
     let mut transaction = begin(writer, directory, id).await?;
+    if count(transaction.connection(), id).await.map_err(aborted)? >= quotas.models {
+        transaction.end().await?;
+        return Err(StoreError::too_many_models(quotas.models));
+    }
     let Some(version) = next_version(transaction.connection(), id).await.map_err(aborted)? else {
         transaction.end().await?;
         return Err(StoreError::VersionsUsedUp("network"));
@@ -76,6 +81,11 @@ pub(super) async fn keep(
     insert(transaction.connection(), id, version, model).await.map_err(aborted)?;
     transaction.commit(|_, _| ()).await?;
     Ok(version.unsigned_abs())
+}
+
+async fn count(connection: &mut SqliteConnection, id: EnvironmentId) -> Result<u64, sqlx::Error> {
+    let text = "select count(*) from models where environment = ?";
+    sqlx::query_scalar(text).bind(id.0).fetch_one(connection).await.map(i64::unsigned_abs)
 }
 
 /// Returns the next version; `None` where the last there can be was used.

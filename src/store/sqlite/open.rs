@@ -1,18 +1,18 @@
 //! Opening a database: its directory, its lock, its tables, its connections.
 
 use std::path::Path;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use sqlx::migrate::Migrator;
+use sqlx::migrate::{MigrateError, Migrator};
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
 use sqlx::{ConnectOptions, Connection, SqlitePool};
 
 use super::error::{migrating, opening, unopenable};
 use super::lock::{Identity, Lock};
-use super::removal;
 use super::{Memory, Options, SqliteStore, Writer};
-use crate::store::StoreError;
+use crate::store::{Stage, StoreError};
 
 pub(super) static MIGRATIONS: Migrator = sqlx::migrate!();
 
@@ -27,36 +27,84 @@ const CHECKPOINT_PAGES: u32 = 4_096;
 /// What is left of the journal file after a large commit.
 const JOURNAL_BYTES: u32 = 64 << 20;
 
-pub(super) async fn open(path: &Path, options: Options) -> Result<SqliteStore, StoreError> {
+/// Steps of SQLite's machine after which a reader looks whether the store closes: some milliseconds.
+const INTERRUPT_STEPS: i32 = 100_000;
+
+pub(super) async fn open(path: &Path, options: Options, stage: &Stage) -> Result<SqliteStore, StoreError> {
     if let Some(directory) = path.parent() {
         std::fs::create_dir_all(directory)
             .map_err(|error| unopenable(path, format!("cannot make its directory: {error}")))?;
     }
     let lock = Lock::take(path)?;
     let writing = writing(path);
-    migrate(path, &writing).await?;
+    migrate(path, &writing, stage).await?;
     let memory = Arc::new(Memory::new(options.cache_cells));
     let writer = Writer::new(writing, lock.identity().clone(), Arc::clone(&memory));
     // The first transaction fills memory.
     writer.begin().await?.end().await?;
-    if let Err(error) = removal::sweep(&writer).await {
-        tracing::warn!(%error, "the rows of a removed environment are left; they go at the next start");
-    }
     // A disk that is full keeps nobody from asking: what is wrong is told by readiness.
     let _ = writer.prove().await;
-    let readers = readers(lock.identity()).await.map_err(|error| opening(path, &error))?;
+    let closing = Closing::default();
+    let readers = readers(lock.identity(), &closing).await.map_err(|error| opening(path, &error))?;
     let lock = Mutex::new(Some(lock));
-    Ok(SqliteStore { path: path.to_owned(), quotas: options.quotas, memory, writer, readers, lock })
+    Ok(SqliteStore { path: path.to_owned(), quotas: options.quotas, memory, writer, readers, closing, lock })
 }
 
-async fn migrate(path: &Path, options: &SqliteConnectOptions) -> Result<(), StoreError> {
+/// Ends the reads that go on when a store closes: one may look at every cell, and nobody waits for its answer any more.
+#[derive(Clone, Default)]
+pub(super) struct Closing(Arc<AtomicBool>);
+
+impl Closing {
+    /// Interrupts every read, also those to come.
+    pub(super) fn interrupt(&self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+
+    async fn watch(self, connection: &mut SqliteConnection) -> Result<(), sqlx::Error> {
+        let goes_on = move || !self.0.load(Ordering::Relaxed);
+        connection.lock_handle().await?.set_progress_handler(INTERRUPT_STEPS, goes_on);
+        Ok(())
+    }
+}
+
+async fn migrate(path: &Path, options: &SqliteConnectOptions, stage: &Stage) -> Result<(), StoreError> {
     let mut connection = options.connect().await.map_err(|error| opening(path, &error))?;
     if !is_ours(&mut connection).await.map_err(|error| opening(path, &error))? {
         return Err(unopenable(path, "it is another program's database; choose another --data directory"));
     }
-    // `run` would do the same, but its future cannot be sent to another thread.
-    MIGRATIONS.run_direct(None, &mut connection, false).await.map_err(|error| migrating(path, &error))?;
+    run_migrations(&mut connection, stage).await.map_err(|error| migrating(path, &error))?;
     connection.close().await.map_err(|error| opening(path, &error))
+}
+
+/// Brings the tables up to date, one transaction a migration. Interrupted anywhere, the next opening goes on.
+async fn run_migrations(connection: &mut SqliteConnection, stage: &Stage) -> Result<(), MigrateError> {
+    let last = last_migration(connection).await.map_err(MigrateError::Execute)?;
+    let missing = MIGRATIONS.iter().map(|migration| migration.version).filter(|version| Some(*version) > last);
+    let missing: Vec<i64> = if last.is_some() { missing.collect() } else { Vec::new() };
+
+    let started = Instant::now();
+    for (step, version) in missing.iter().enumerate() {
+        stage.tell(format!("migrating the database, step {} of {}", step + 1, missing.len()));
+        tracing::info!(from = last, to = version, "migrating the database");
+        // `run` would do the same, but its future cannot be sent to another thread.
+        MIGRATIONS.run_direct(Some(*version), connection, false).await?;
+    }
+    if !missing.is_empty() {
+        tracing::info!(duration_ms = started.elapsed().as_millis() as u64, "the database is up to date");
+    }
+    stage.tell("opening the database");
+    // What is applied is checked; and a new database has none.
+    MIGRATIONS.run_direct(None, connection, false).await
+}
+
+/// Returns the last migration that the database has had; `None` where it is new.
+async fn last_migration(connection: &mut SqliteConnection) -> Result<Option<i64>, sqlx::Error> {
+    let text = "select exists (select 1 from sqlite_schema where name = '_sqlx_migrations')";
+    let is_new = !sqlx::query_scalar::<_, bool>(text).fetch_one(&mut *connection).await?;
+    if is_new {
+        return Ok(None);
+    }
+    sqlx::query_scalar("select max(version) from _sqlx_migrations").fetch_one(connection).await
 }
 
 /// Returns whether the database is empty or has our tables.
@@ -87,12 +135,16 @@ pub(super) fn writing(path: &Path) -> SqliteConnectOptions {
 }
 
 /// A file that took the name of the database since is no reader's.
-pub(super) async fn readers(file: &Identity) -> Result<SqlitePool, sqlx::Error> {
-    let opened = file.clone();
+pub(super) async fn readers(file: &Identity, closing: &Closing) -> Result<SqlitePool, sqlx::Error> {
+    let (opened, closing) = (file.clone(), closing.clone());
     SqlitePoolOptions::new()
-        .after_connect(move |_, _| {
+        .after_connect(move |connection, _| {
             let found = opened.check().map_err(sqlx::Error::Protocol);
-            Box::pin(async { found })
+            let watching = closing.clone().watch(connection);
+            Box::pin(async {
+                found?;
+                watching.await
+            })
         })
         .min_connections(1)
         .max_connections(READERS)

@@ -20,6 +20,7 @@ use super::error::{aborted, trouble_of, uncommitted};
 use super::health::Health;
 use super::known::Known;
 use super::lock::Identity;
+use super::removal::{self, Removals};
 use crate::store::{Cause, StoreError, Trouble};
 
 /// What is remembered of the database, and changed after each commit.
@@ -30,13 +31,16 @@ pub(super) struct Memory {
     pub(super) cache: CountsCache,
     /// How often each action was taken.
     pub(super) actions: ActionsMemory,
+    /// What deleted environments have left.
+    pub(super) removals: Removals,
 }
 
 impl Memory {
     /// Remembers nothing yet; the first transaction lets it begin.
     pub(super) fn new(cache_cells: usize) -> Self {
         let cache = CountsCache::new(cache_cells);
-        Self { directory: Directory::default(), cache, actions: ActionsMemory::default() }
+        let (directory, actions, removals) = Default::default();
+        Self { directory, cache, actions, removals }
     }
 
     /// Drops the counts, and takes none in until it is known what was committed.
@@ -61,6 +65,8 @@ pub(super) struct Writer {
     /// What became of the last writes.
     pub(super) health: Health,
     place: Mutex<Place>,
+    /// A connection that moves the journal beside the one that writes.
+    aside: Mutex<Option<SqliteConnection>>,
 }
 
 /// What a commit needs on a disk that was full before it is believed to have room again: small commits would fit long before.
@@ -86,7 +92,7 @@ pub(super) struct Transaction<'a> {
 impl Writer {
     /// Makes a writer that connects at its first use.
     pub(super) fn new(options: SqliteConnectOptions, file: Identity, memory: Arc<Memory>) -> Self {
-        Self { options, memory, file, health: Health::new(), place: Mutex::default() }
+        Self { options, memory, file, health: Health::new(), place: Mutex::default(), aside: Mutex::default() }
     }
 
     /// Waits for the transaction before, and begins.
@@ -135,8 +141,23 @@ impl Writer {
         transaction.commit(|_, _| ()).await
     }
 
-    /// Moves the journal into the database and closes the connection for ever.
+    /// Moves the journal into the database while others write. A commit that finds it long does so itself, and whoever comes next waits for that.
+    pub(super) async fn checkpoint(&self) -> Result<(), sqlx::Error> {
+        let mut aside = self.aside.lock().await;
+        let mut connection = match aside.take() {
+            Some(connection) => connection,
+            None => self.options.connect().await?,
+        };
+        sqlx::query("pragma wal_checkpoint(passive)").execute(&mut connection).await?;
+        *aside = Some(connection);
+        Ok(())
+    }
+
+    /// Moves the journal into the database and closes the connections for ever.
     pub(super) async fn close(&self) -> Result<(), sqlx::Error> {
+        if let Some(aside) = self.aside.lock().await.take() {
+            aside.close().await?;
+        }
         let mut place = self.place.lock().await;
         place.closed = true;
         let Some(mut connection) = place.connection.take() else { return Ok(()) };
@@ -171,7 +192,9 @@ impl Writer {
         sqlx::query("begin immediate").execute(transaction.connection()).await.map_err(aborted)?;
         if is_new {
             let all = environments::load(transaction.connection()).await?;
+            let gone = removal::gone(transaction.connection()).await.map_err(aborted)?;
             self.memory.directory.replace(all);
+            self.memory.removals.replace(gone);
             self.memory.resume();
         }
         Ok(transaction)

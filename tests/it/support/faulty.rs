@@ -9,8 +9,8 @@ use nudge::domain::{
     UnreadableEnvironment, WrittenRule,
 };
 use nudge::store::{
-    Audit, Cause, Cursor, FitRecord, ModelRecord, NewModel, Numbered, Outcome, Scanned, StateCounts, Store, StoreError,
-    Totals,
+    Audit, Cause, Cursor, FitRecord, Leftovers, ModelRecord, NewModel, Numbered, Outcome, Quotas, Scanned, StateCounts,
+    Store, StoreError, Totals,
 };
 use tokio::sync::Notify;
 
@@ -23,6 +23,8 @@ pub enum Failure {
     BeforeCommit,
     /// A commit waits until it is disarmed.
     Held,
+    /// What deleted environments have left cannot be removed, until it is disarmed.
+    Sweep,
     /// The list of models cannot be read, until it is disarmed.
     Models,
     /// A model with its weights cannot be read, until it is disarmed.
@@ -104,6 +106,13 @@ impl Store for Faulty {
     async fn delete(&self, id: EnvironmentId) -> Result<(), StoreError> {
         self.store.delete(id).await
     }
+    async fn sweep(&self) -> Result<(), StoreError> {
+        self.read(Failure::Sweep)?;
+        self.store.sweep().await
+    }
+    fn leftovers(&self) -> Leftovers {
+        self.store.leftovers()
+    }
     async fn watermark(&self, id: EnvironmentId, producer: &ProducerId) -> Result<Sequence, StoreError> {
         self.store.watermark(id, producer).await
     }
@@ -127,6 +136,9 @@ impl Store for Faulty {
     }
     async fn keep_fit(&self, id: EnvironmentId, fit: &FitRecord) -> Result<(), StoreError> {
         self.store.keep_fit(id, fit).await
+    }
+    fn quotas(&self) -> Quotas {
+        self.store.quotas()
     }
     async fn models(&self, id: EnvironmentId) -> Result<Vec<ModelRecord>, StoreError> {
         self.read(Failure::Models)?;

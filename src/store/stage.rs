@@ -1,0 +1,25 @@
+//! How far a store is that is being opened, for those who wait.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// What the opening of a store does now, in words. Clones tell the same.
+#[derive(Clone)]
+pub struct Stage(Arc<Mutex<String>>);
+
+impl Stage {
+    /// Returns what is done now: "opening the database".
+    pub fn told(&self) -> String {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Says what is done from now on.
+    pub fn tell(&self, what: impl Into<String>) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = what.into();
+    }
+}
+
+impl Default for Stage {
+    fn default() -> Self {
+        Self(Arc::new(Mutex::new("opening the database".to_owned())))
+    }
+}
