@@ -121,7 +121,9 @@ async fn tell_unreadable(fits: Fits, networks: Networks, _looking: Chore) {
 /// Lets readiness rest on a write that reached the disk within a few seconds. What becomes of each, the store tells.
 async fn prove(store: Arc<dyn Store>) {
     loop {
-        let _ = store.prove().await;
+        // In a task of its own: dropped half-way at the end of the service, it would take the writing connection along, and with it the last checkpoint.
+        let proving = store.clone();
+        let _ = tokio::spawn(async move { proving.prove().await }).await;
         tokio::time::sleep(Duration::from_secs(1)).await;
     }
 }

@@ -25,7 +25,7 @@ pub(super) fn or_default<'de, T: Deserialize<'de> + Default, D: Deserializer<'de
 
 /// Returns the fault of a text that is not JSON because it has a NaN or an infinity where a number should be, as some languages write them.
 pub(super) fn not_finite(text: &[u8], error: &serde_json::Error) -> Option<Fault> {
-    let word = word_at(text, error)?;
+    let word = Some(error).filter(|error| error.is_syntax()).and_then(|error| word_at(text, error))?;
     let number = word.trim_start_matches(['-', '+']).to_ascii_lowercase();
     let told = ["nan", "inf", "infinity"].contains(&number.as_str()).then(|| {
         let (line, column) = (error.line(), error.column());
@@ -198,7 +198,9 @@ mod tests {
         for text in ["NaN", "[NaN", "{\"state\": [NaN"] {
             assert!(fault(text).detail.starts_with("got NaN, "), "{text}");
         }
-        for text in ["nothing", "{\"state\": nano}", "{\"state\": \"NaN\", }", "-", "NaN\u{e9}x\n\n"] {
+        for text in
+            ["nothing", "{\"state\": nano}", "{\"state\": \"NaN\"}", "{\"state\": \"NaN\", }", "-", "NaN\u{e9}x\n\n"]
+        {
             let detail = fault(text).detail;
             assert!(!detail.contains("got NaN") || text.starts_with("NaN"), "{text}: {detail}");
         }
