@@ -19,7 +19,7 @@ const CELL: u64 = 8;
 /// Refuses a question whose answers a message cannot hold.
 pub fn check(schema: &Schema, question: &Question) -> Result<(), Problem> {
     let states: u64 = match question.view {
-        View::Verdict => question.states.iter().map(|key| key_bytes(key)).sum(),
+        View::Verdict => question.states.iter().map(key_bytes).sum(),
         View::Figures | View::Full => question.states.iter().map(|key| state_bytes(schema, key)).sum(),
     };
     let actions = if question.view == View::Full { actions_bytes(schema, question, PROBABILITY) } else { 0 };

@@ -8,11 +8,16 @@ use http_body_util::BodyExt;
 use serde_json::Value;
 use tower::ServiceExt;
 
+use std::time::Duration;
+
+use tokio_util::sync::CancellationToken;
+
 use super::*;
 use crate::serve::cors;
 use crate::serve::rest::extract::{File, Json, OptionalJson, Path, Query};
 use crate::serve::rest::{documentation, problems};
 use crate::serve::status::Failure;
+use crate::work::{Jobs, Progress};
 
 async fn panics() {
     panic!("on purpose")
@@ -38,6 +43,17 @@ async fn nothing(Query(query): Query) -> Result<(), Failure> {
     Ok(query.finish(())?)
 }
 
+/// Asks for a result that is never made.
+async fn shared() -> Result<(), Failure> {
+    let jobs: Jobs<(), ()> = Jobs::new("the ranking", Duration::ZERO, CancellationToken::new());
+    let make = |progress: Progress| async move {
+        progress.begin("states measured", 9);
+        progress.add(4);
+        std::future::pending().await
+    };
+    Ok(jobs.ask((), make).await?)
+}
+
 fn router() -> Router {
     let router = Router::new()
         .route("/panics", get(panics))
@@ -48,6 +64,7 @@ fn router() -> Router {
         .route("/nothing", get(nothing))
         .route("/slow", get(std::future::pending::<()>).delete(std::future::pending::<()>))
         .route("/slow/transitions", post(std::future::pending::<()>))
+        .route("/shared", get(shared))
         .route("/large", get(|| async { "x".repeat(2_000) }))
         .merge(documentation())
         .fallback(problems::unknown_path);
@@ -106,6 +123,17 @@ async fn what_takes_too_long_is_a_problem_that_says_what_helps() {
 
     let told = problem(send(Request::delete("/slow"), ()).await, 503, "TIMEOUT").await;
     assert_eq!(told["detail"], "no answer within 30 seconds: it may have been done; look before you send it again");
+}
+
+#[tokio::test(start_paused = true)]
+async fn who_cannot_wait_for_a_shared_result_is_told_how_far_it_is() {
+    let began = tokio::time::Instant::now();
+    let response = send(Request::get("/shared"), ()).await;
+    assert_eq!(began.elapsed(), Duration::from_secs(25), "five seconds before the deadline");
+    assert_eq!(response.headers()[header::RETRY_AFTER], "1");
+    let told = problem(response, 503, "STILL_WORKING").await;
+    assert_eq!(told["detail"], "the ranking is still being made: 4 of 9 states measured; it goes on, ask again");
+    assert_eq!((&told["done"], &told["total"]), (&4.into(), &9.into()));
 }
 
 #[tokio::test]
