@@ -79,7 +79,7 @@ pub fn start_binary(data: &Path) -> (Child, SocketAddr) {
 pub async fn listen(router: axum::Router) -> SocketAddr {
     let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
     let address = listener.local_addr().expect("bound");
-    tokio::spawn(nudge::serve::listen::accept(listener, router, Default::default()));
+    tokio::spawn(nudge::serve::listen::accept(listener, router, Default::default(), Default::default()));
     address
 }
 
