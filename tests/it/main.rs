@@ -10,6 +10,7 @@ mod evidence;
 mod experiments;
 mod faces;
 mod fake;
+mod faults;
 mod golden;
 mod graphs;
 mod inference;

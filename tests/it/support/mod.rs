@@ -4,6 +4,7 @@ pub mod batches;
 pub mod databases;
 pub mod faulty;
 pub mod fixtures;
+pub mod load;
 
 use std::net::SocketAddr;
 use std::path::Path;
