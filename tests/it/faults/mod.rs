@@ -18,6 +18,7 @@ use crate::support::open;
 mod disk;
 mod full_disk;
 mod io_errors;
+mod power_cuts;
 
 /// Returns whether the long form was asked for.
 pub fn long() -> bool {
