@@ -15,10 +15,12 @@ use crate::server::Server;
 use crate::support::fixtures::Fixture;
 use crate::support::open;
 
+mod deaths;
 mod disk;
 mod full_disk;
 mod io_errors;
 mod power_cuts;
+mod wide;
 
 /// Returns whether the long form was asked for.
 pub fn long() -> bool {
