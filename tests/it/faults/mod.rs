@@ -15,11 +15,15 @@ use crate::server::Server;
 use crate::support::fixtures::Fixture;
 use crate::support::open;
 
+mod connections;
+mod crowd;
 mod deaths;
 mod disk;
 mod full_disk;
 mod io_errors;
+mod overload;
 mod power_cuts;
+mod process;
 mod wide;
 
 /// Returns whether the long form was asked for.

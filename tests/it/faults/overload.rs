@@ -1,0 +1,93 @@
+//! Ten times as much on the way as the service lets wait: memory is bounded, nothing is lost or counted twice, and in the long form, whose build is a
+//! release, those who ask are answered in time.
+
+use std::net::SocketAddr;
+use std::time::{Duration, Instant};
+
+use tempfile::TempDir;
+use tokio::task::JoinHandle;
+
+use super::process::{assert_memory_is_bounded, most_memory_mib};
+use super::{long, scaled};
+use crate::server::Server;
+use crate::support::load::{Load, Shape, Voice, assert_exactly_once, make_lane};
+
+/// 40 of them with 8 on the way are 3.2 million transitions; 320,000 may wait.
+const SHAPE: Shape = Shape { rows: 10_000, contents: 4, segments: 4, in_flight: 8 };
+const STREAMS: usize = 40;
+const POSTERS: usize = 8;
+
+const MOST_QUERY_P99: Duration = Duration::from_millis(100);
+const MOST_LIVEZ_P99: Duration = Duration::from_millis(50);
+
+/// Asks again and again until it is told how long to go on, and returns how long each answer took.
+fn asking(address: SocketAddr, path: fn(u64) -> String, until: Instant) -> JoinHandle<Vec<Duration>> {
+    tokio::spawn(async move {
+        let client = reqwest::Client::new();
+        let mut took = Vec::new();
+        for number in 0.. {
+            if Instant::now() >= until {
+                break;
+            }
+            let began = Instant::now();
+            let answer = client.get(format!("http://{address}{}", path(number))).send().await.expect("answered");
+            assert_eq!(answer.status().as_u16(), 200);
+            answer.bytes().await.expect("whole");
+            took.push(began.elapsed());
+            tokio::time::sleep(Duration::from_millis(5)).await;
+        }
+        took
+    })
+}
+
+fn query(number: u64) -> String {
+    format!("/v1/environments/lane/influence?key={}.{}", number % 4, number % 2)
+}
+
+fn livez(_: u64) -> String {
+    "/livez".into()
+}
+
+/// Returns the time within which 99 of 100 came.
+fn p99(mut took: Vec<Duration>) -> Duration {
+    took.sort_unstable();
+    took[(took.len() - 1) * 99 / 100]
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn ten_times_the_load_is_slowed_down_and_not_lost() {
+    let directory = TempDir::new().expect("a temporary directory");
+    let mut server = Server::start(directory.path(), "127.0.0.1:0");
+    make_lane(server.address).await;
+    let voices = [[Voice::Stream; STREAMS].as_slice(), [Voice::Rest; POSTERS].as_slice()].concat();
+    let load = Load::start(server.address, SHAPE, &voices);
+    load.progress(8).await;
+
+    let until = Instant::now() + Duration::from_secs(scaled(4, 120));
+    let queries: Vec<_> = (0..4).map(|_| asking(server.address, query, until)).collect();
+    let livez = p99(asking(server.address, livez, until).await.expect("no panic"));
+    let mut took = Vec::new();
+    for asked in queries {
+        took.extend(asked.await.expect("no panic"));
+    }
+    let (asked, query) = (took.len(), p99(took));
+    let memory = most_memory_mib(server.pid());
+    println!("{asked} queries, p99 {query:?}, livez p99 {livez:?}, {memory} MiB at most");
+    assert_memory_is_bounded(server.pid());
+    if long() {
+        assert!(query <= MOST_QUERY_P99, "queries: p99 {query:?}, expected {MOST_QUERY_P99:?}");
+        assert!(livez <= MOST_LIVEZ_P99, "livez: p99 {livez:?}, expected {MOST_LIVEZ_P99:?}");
+    }
+
+    let refusals = load.refusals();
+    for refusal in refusals.keys() {
+        assert!(refusal.starts_with("503 "), "a stream is slowed down, a call may be sent again: {refusal}");
+    }
+    let acknowledged = load.finish().await;
+    println!("refused {refusals:?}; streams and posters were {acknowledged:?} far");
+    server.terminate();
+    let ended = server.ended_within(Duration::from_secs(10)).await;
+    assert!(ended.is_some_and(|status| status.success()), "{ended:?}");
+    let transitions = assert_exactly_once(directory.path(), SHAPE, &acknowledged).await;
+    assert_eq!(transitions, acknowledged.iter().sum::<u64>() * SHAPE.rows as u64, "all that was sent");
+}
