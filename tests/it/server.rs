@@ -42,14 +42,8 @@ impl Server {
         self.child.id()
     }
 
-    /// Ends it as kill -9 does.
-    pub fn kill(mut self) {
-        self.child.kill().expect("running");
-        self.child.wait().expect("killed");
-    }
-
     /// Asks it to stop, as an operator does.
-    pub fn terminate(&self) {
+    pub fn ask_to_stop(&self) {
         let asked = Command::new("kill").args(["-TERM", &self.pid().to_string()]).status();
         assert!(asked.expect("kill is there").success());
     }
@@ -63,6 +57,12 @@ impl Server {
                 ended => return ended,
             }
         }
+    }
+
+    /// Ends it as kill -9 does.
+    pub fn kill(mut self) {
+        self.child.kill().expect("running");
+        self.child.wait().expect("killed");
     }
 }
 

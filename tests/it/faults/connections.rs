@@ -44,7 +44,7 @@ async fn a_crowd_that_waits_keeps_nobody_away_and_delays_no_end() {
     assert_serves(server.address, &load).await;
     assert_memory_is_bounded(server.pid());
 
-    server.terminate();
+    server.ask_to_stop();
     let ended = server.ended_within(STOPPED).await;
     assert!(ended.is_some_and(|status| status.success()), "{} waited with it: {ended:?}", crowd.open());
     let acknowledged = load.abandon().await;

@@ -74,7 +74,7 @@ impl Pair {
         let acknowledged = load.finish().await;
         let doomed = wide::make(server.address).await;
         wide::fill(server.address).await;
-        server.terminate();
+        server.ask_to_stop();
         assert!(server.ended_within(Duration::from_secs(10)).await.is_some_and(|status| status.success()));
         Self { directory, doomed, acknowledged }
     }

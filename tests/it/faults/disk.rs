@@ -67,9 +67,14 @@ impl Disk {
         self.data.path()
     }
 
+    /// Returns a place for a file of the test's own, off this disk.
+    pub fn beside(&self, name: &str) -> PathBuf {
+        self.beside.path().join(name)
+    }
+
     /// Returns where everything that reaches the disk is written down, if it is.
     pub fn log(&self) -> PathBuf {
-        self.beside.path().join("log")
+        self.beside("log")
     }
 
     /// Puts the disk under a server that is about to be started.

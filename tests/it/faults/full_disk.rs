@@ -51,7 +51,7 @@ async fn a_full_disk_refuses_and_once_there_is_room_everything_goes_on() {
         load.progress(full.len() as u64 * 4).await;
     }
     let acknowledged = load.finish().await;
-    server.terminate();
+    server.ask_to_stop();
     let ended = server.ended_within(Duration::from_secs(10)).await;
     assert!(ended.is_some_and(|status| status.success()), "{ended:?}");
     let transitions = assert_exactly_once(disk.path(), SHAPE, &acknowledged).await;

@@ -2,15 +2,17 @@
 //! again, and the service goes on by itself once the disk does.
 
 use std::collections::HashMap;
+use std::net::SocketAddr;
 
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
+use serde_json::{Value, json};
 
 use super::disk::{CHANGES, Disk, EIO, ENOSPC, FOR_EVER, READ, SYNC, TRUNCATE, WRITE};
 use super::{asked, eventually, scaled, settled};
 use crate::server::Server;
 use crate::support::fixtures::Fixture;
-use crate::support::load::{Load, Shape, Voice, assert_exactly_once, make_lane};
+use crate::support::load::{Load, Shape, Voice, assert_exactly_once, make_lane, read};
 
 const VOICES: [Voice; 4] = [Voice::Stream, Voice::Stream, Voice::Stream, Voice::Rest];
 
@@ -88,6 +90,52 @@ async fn nothing_is_lost_or_doubled_when_the_disk_fails_for_a_moment_or_for_good
         failed += a + b + c + d;
     }
     println!("{faults} faults, {failed} failed calls, 0 lost, 0 double");
+}
+
+/// Posts batches until one is refused; returns how many were acknowledged, and what the refusal says.
+async fn post_until_refused(address: SocketAddr, disk: &Disk, calls: u64, errno: u64) -> (u64, String) {
+    let url = format!("http://{address}/v1/environments/lane/transitions");
+    let client = reqwest::Client::new();
+    let transition = json!({"state": {"distance": 1, "held": 0}, "actions": {"robot": 0, "human": 0}});
+    for sequence in 1.. {
+        if sequence == 3 {
+            disk.fail(WRITE | SYNC, calls, FOR_EVER, errno);
+        }
+        let body = json!({"producer": "p0", "sequence": sequence, "transitions": [transition]});
+        let response = client.post(&url).json(&body).send().await.expect("answered");
+        let status = response.status().as_u16();
+        let answer: Value = response.json().await.expect("JSON");
+        if status != 200 {
+            return (sequence - 1, answer["detail"].to_string());
+        }
+    }
+    unreachable!("the disk fails for ever")
+}
+
+/// A commit that failed may still have committed, so a refusal may only say that nothing was counted where that is certain.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_refusal_that_says_that_nothing_was_counted_is_right() {
+    let (mut certain, mut there) = (0, 0);
+    for calls in 0..scaled(16, 60) {
+        for errno in [EIO, ENOSPC] {
+            let disk = Disk::new();
+            let server = Server::run(disk.under(&mut Server::command(disk.path(), "127.0.0.1:0"))).expect("it starts");
+            make_lane(server.address).await;
+            let (acknowledged, refusal) = post_until_refused(server.address, &disk, calls, errno).await;
+            server.kill();
+            let held = read(disk.path(), 1).await.expect("it was made");
+            let committed = held.committed[0];
+            let is_certain = refusal.contains("nothing was counted");
+            assert!(is_certain || refusal.contains("may have been counted"), "{refusal}");
+            let most = acknowledged + u64::from(!is_certain);
+            assert!((acknowledged..=most).contains(&committed), "{acknowledged}, then {committed}: {refusal}");
+            assert_eq!(held.cells.values().sum::<u64>(), committed, "a transition a batch");
+            certain += u64::from(is_certain);
+            there += committed - acknowledged;
+        }
+    }
+    assert!(there > 0, "a commit that is reported as failed and is there was met");
+    println!("{certain} refusals were certain; {there} batches were there that nobody was told of");
 }
 
 /// The first start of this build on a database of yesterday: opening, migrating, checking.

@@ -85,7 +85,7 @@ async fn ten_times_the_load_is_slowed_down_and_not_lost() {
     }
     let acknowledged = load.finish().await;
     println!("refused {refusals:?}; streams and posters were {acknowledged:?} far");
-    server.terminate();
+    server.ask_to_stop();
     let ended = server.ended_within(Duration::from_secs(10)).await;
     assert!(ended.is_some_and(|status| status.success()), "{ended:?}");
     let transitions = assert_exactly_once(directory.path(), SHAPE, &acknowledged).await;
