@@ -121,9 +121,11 @@ async fn a_deletion_that_is_killed_at_any_step_is_done_or_not_begun() {
         let mut server = settled(disk.under(&mut command)).await.expect("it starts");
         disk.fail(CHANGES, step, FOR_EVER, DEATH);
         let said = delete(server.address).await;
-        // Behind the answer the rows go, and with them the process.
-        let ended = server.ended_within(Duration::from_secs(30)).await;
-        assert!(ended.is_some() || disk.failed() == 0, "step {step}: it died");
+        // Behind the answer the rows go, and with them the process; unless it had fewer steps this time.
+        eventually("it dies or is done", async || {
+            server.ended_within(Duration::ZERO).await.is_some() || said && states(disk.path()).await == LANE_STATES
+        })
+        .await;
         drop(server);
         disk.mend();
         whole_again += u64::from(!is_gone_for_good(&pair, disk.path(), said).await);
