@@ -14,7 +14,7 @@ use crate::server::Server;
 use crate::support::load::{Load, Shape, Voice, assert_exactly_once, make_lane};
 
 /// 40 of them with 8 on the way are 3.2 million transitions; 320,000 may wait.
-const SHAPE: Shape = Shape { rows: 10_000, contents: 4, segments: 4, in_flight: 8 };
+const SHAPE: Shape = Shape { rows: 10_000, contents: 2, segments: 2, in_flight: 8 };
 const STREAMS: usize = 40;
 const POSTERS: usize = 8;
 
@@ -68,7 +68,7 @@ async fn ten_times_the_load_is_slowed_down_and_not_lost() {
     let load = Load::start(server.address, SHAPE, &voices);
     load.progress(8).await;
 
-    let until = Instant::now() + Duration::from_secs(scaled(4, 120));
+    let until = Instant::now() + Duration::from_secs(scaled(3, 120));
     let queries: Vec<_> = (0..4).map(|_| asking(server.address, query, until)).collect();
     let livez = asking(server.address, livez, until);
     let livez = p99(livez.await.expect("no panic"));

@@ -63,15 +63,19 @@ impl Content {
         let mut random = StdRng::seed_from_u64(producer << 32 | number);
         let segment = format!("t{}", number % shape.segments);
         let mut columns = proto::Columns { count: shape.rows as u32, ..Default::default() };
-        let mut cells = Cells::new();
+        // By number first: names of a million rows would take longer than what is tested.
+        let mut counted = BTreeMap::new();
         for _ in 0..shape.rows {
             let (distance, held) = (random.random_range(0..4_usize), random.random_range(0..2_u32));
             let (robot, human) = (random.random_range(0..2_u32), random.random_range(0..3_u32));
             columns.states.extend([[0.1, 0.6, 0.8, 2.0][distance], held as f32]);
             columns.actions.extend([robot as f32, human as f32]);
-            let key = (format!("{distance}.{held}"), segment.clone(), u64::from(robot), u64::from(human));
-            *cells.entry(key).or_default() += 1;
+            *counted.entry((distance, held, robot, human)).or_default() += 1;
         }
+        let named = |((distance, held, robot, human), n)| {
+            ((format!("{distance}.{held}"), segment.clone(), u64::from(robot), u64::from(human)), n)
+        };
+        let cells = counted.into_iter().map(named).collect();
         Self { columns, segment, cells }
     }
 
