@@ -24,6 +24,7 @@ mod io_errors;
 mod overload;
 mod power_cuts;
 mod process;
+mod readiness;
 mod wide;
 
 /// Returns whether the long form was asked for.
