@@ -2,7 +2,7 @@
 //! lost.
 
 use std::net::SocketAddr;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use tempfile::TempDir;
 
@@ -50,4 +50,41 @@ async fn a_crowd_that_waits_keeps_nobody_away_and_delays_no_end() {
     let acknowledged = load.abandon().await;
     let transitions = assert_exactly_once(directory.path(), Shape::SMALL, &acknowledged).await;
     println!("{silent} silent connections, {slow} of each slow kind, {transitions} transitions, 0 lost, 0 double");
+}
+
+/// Which manners are ended by the service, and when: first byte, preface and headers have 10 seconds, a REST request and an idle connection 30.
+const ENDED: [(Manner, Duration); 6] = [
+    (Manner::Silent, Duration::from_secs(10)),
+    (Manner::HalfPreface, Duration::from_secs(10)),
+    (Manner::Headers, Duration::from_secs(10)),
+    (Manner::EndlessHeaders, Duration::from_secs(10)),
+    (Manner::Body, Duration::from_secs(30)),
+    (Manner::DeafHttp2, Duration::from_secs(30)),
+];
+
+#[tokio::test(flavor = "multi_thread")]
+async fn who_keeps_the_service_waiting_is_let_go() {
+    const SLACK: Duration = Duration::from_secs(5);
+    let directory = TempDir::new().expect("a temporary directory");
+    let server = Server::start(directory.path(), "127.0.0.1:0");
+    make_lane(server.address).await;
+    let most = Duration::from_secs(scaled(10, 30));
+    let mut crowds = Vec::new();
+    for (manner, limit) in ENDED.into_iter().filter(|(_, limit)| *limit <= most) {
+        let mut crowd = Crowd::default();
+        crowd.join(server.address, manner, scaled(10, 100)).await;
+        crowds.push((manner, limit, crowd));
+    }
+    let began = Instant::now();
+    let mut stayed = Vec::new();
+    for (manner, limit, crowd) in crowds {
+        while crowd.open() > 0 && began.elapsed() < limit + SLACK {
+            tokio::time::sleep(Duration::from_millis(50)).await;
+        }
+        if crowd.open() > 0 {
+            stayed.push(format!("{} {manner:?} after {limit:?}", crowd.open()));
+        }
+    }
+    assert!(stayed.is_empty(), "still open: {stayed:?}");
+    server.kill();
 }
