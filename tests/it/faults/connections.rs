@@ -4,13 +4,17 @@
 use std::net::SocketAddr;
 use std::time::{Duration, Instant};
 
+use nudge::api::proto::ingest_service_client::IngestServiceClient;
+use serde_json::json;
 use tempfile::TempDir;
+use tokio::task::JoinSet;
 
 use super::crowd::{Crowd, Manner, SLOW};
 use super::process::{assert_may_open, assert_memory_is_bounded};
-use super::{asked, eventually, scaled};
+use super::{asked, eventually, scaled, wide};
 use crate::server::Server;
 use crate::support::load::{Load, Shape, Voice, assert_exactly_once, make_lane};
+use crate::support::{RawStream, channel, hello};
 
 /// What help promises of SIGTERM.
 const STOPPED: Duration = Duration::from_secs(10);
@@ -87,4 +91,50 @@ async fn who_keeps_the_service_waiting_is_let_go() {
     }
     assert!(stayed.is_empty(), "still open: {stayed:?}");
     server.kill();
+}
+
+/// Opens streams that say hello, and nothing more.
+async fn idle_streams(address: SocketAddr, streams: u64) -> Vec<RawStream> {
+    let mut open = Vec::new();
+    for number in 0..streams {
+        let client = IngestServiceClient::new(channel(address).await.expect("the server listens"));
+        open.push(RawStream::open(client, hello(&format!("idle-{number}"))).await.expect("a welcome").1);
+    }
+    open
+}
+
+/// Asks for the full answer of every state of the wide environment, and does not wait for it.
+fn ask_slowly(address: SocketAddr, questions: u64) -> JoinSet<()> {
+    let keys: Vec<String> = (0..wide::STATES).map(|place| place.to_string()).collect();
+    let body = json!({"keys": keys, "view": "full"});
+    let mut asked = JoinSet::new();
+    for _ in 0..questions {
+        let url = format!("http://{address}/v1/environments/wide/influence");
+        let question = reqwest::Client::new().post(url).json(&body);
+        asked.spawn(async move { drop(question.send().await) });
+    }
+    asked
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn slow_questions_and_open_streams_delay_no_end() {
+    let (streams, questions) = (scaled(60, 500), scaled(12, 60));
+    assert_may_open(2 * streams + 500);
+    let directory = TempDir::new().expect("a temporary directory");
+    let mut server = Server::start(directory.path(), "127.0.0.1:0");
+    make_lane(server.address).await;
+    wide::make(server.address).await;
+    wide::fill(server.address).await;
+    let load = Load::start(server.address, Shape::SMALL, &VOICES);
+    let idle = idle_streams(server.address, streams).await;
+    let slow = ask_slowly(server.address, questions);
+    // They are at work once the producers have been answered beside them.
+    load.progress(20).await;
+
+    server.ask_to_stop();
+    let ended = server.ended_within(STOPPED).await;
+    assert!(ended.is_some_and(|status| status.success()), "not within {STOPPED:?}: {ended:?}");
+    drop((idle, slow));
+    let acknowledged = load.abandon().await;
+    assert_exactly_once(directory.path(), Shape::SMALL, &acknowledged).await;
 }
