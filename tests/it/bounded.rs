@@ -350,8 +350,7 @@ async fn what_cannot_be_sent_is_refused_before_it_is_made() {
 /// Sends SIGTERM, and returns how long the process took to end.
 fn terminated(server: &mut Server) -> Duration {
     let since = Instant::now();
-    let sent = Command::new("kill").args(["-TERM", &server.id().to_string()]).stdout(Stdio::null()).status();
-    assert!(sent.expect("kill runs").success());
+    server.ask_to_stop();
     assert!(server.ended().success(), "it says that all is well");
     since.elapsed()
 }

@@ -13,6 +13,7 @@ mod evidence;
 mod experiments;
 mod faces;
 mod fake;
+mod faults;
 mod golden;
 mod graphs;
 mod inference;

@@ -9,6 +9,7 @@ use std::time::Duration;
 use nudge::api::proto;
 use nudge::api::proto::environment_service_client::EnvironmentServiceClient;
 use nudge::app::{App, Upkeep};
+use nudge::serve::connections::limits::Limits;
 use nudge::serve::{Doors, Settings};
 use nudge::store::{Options, Stage};
 use serde_json::{Value, json};
@@ -36,7 +37,7 @@ async fn every_face_says_what_it_waits_for_until_the_database_is_open() {
     let address = listener.local_addr().expect("bound");
     let (stage, draining) = (Stage::default(), CancellationToken::new());
     let doors = Doors::closed(stage.clone());
-    let serving = tokio::spawn(doors.clone().serve(listener, draining.clone()));
+    let serving = tokio::spawn(doors.clone().serve(listener, draining.clone(), Limits::default()));
     let url = |path: &str| format!("http://{address}{path}");
     let mut grpc = EnvironmentServiceClient::new(channel(address).await.expect("it listens"));
     let list = proto::ListEnvironmentsRequest::default;

@@ -5,6 +5,7 @@ pub mod databases;
 pub mod disks;
 pub mod faulty;
 pub mod fixtures;
+pub mod load;
 pub mod raw;
 
 use std::net::SocketAddr;

@@ -1,0 +1,165 @@
+//! Connections that keep a service waiting: in silence, or by drops.
+
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::TcpStream;
+use tokio::task::JoinSet;
+
+/// How a connection keeps the service waiting.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Manner {
+    /// It never says anything.
+    Silent,
+    /// Headers, byte by byte.
+    Headers,
+    /// A REST body, byte by byte.
+    Body,
+    /// Half of what HTTP/2 begins with.
+    HalfPreface,
+    /// HTTP/2 as it begins, and then nothing: no request, and no answer to pings.
+    DeafHttp2,
+    /// HTTP/2 headers that never end.
+    EndlessHeaders,
+    /// A gRPC message, byte by byte.
+    Message,
+    /// Requests for large answers that it does not read.
+    Unread,
+}
+
+/// Slow-loris of seven kinds; silence is an eighth.
+pub const SLOW: [Manner; 7] = [
+    Manner::Headers,
+    Manner::Body,
+    Manner::HalfPreface,
+    Manner::DeafHttp2,
+    Manner::EndlessHeaders,
+    Manner::Message,
+    Manner::Unread,
+];
+
+/// How often a drop falls: often enough that no timeout between two of them ends the connection.
+const DROP: Duration = Duration::from_millis(500);
+
+impl Manner {
+    /// Returns what it begins with.
+    fn opening(self) -> Vec<u8> {
+        const MOST_MESSAGE_BYTES: u32 = 4 << 20;
+        let announced = [&[0_u8], MOST_MESSAGE_BYTES.to_be_bytes().as_slice()].concat();
+        match self {
+            Self::Silent => Vec::new(),
+            Self::Headers => b"GET /livez HTTP/1.1\r\nhost: nudge\r\nx-slow: ".to_vec(),
+            Self::Body => b"POST /v1/environments/lane/transitions HTTP/1.1\r\nhost: nudge\r\ncontent-type: \
+                application/json\r\ncontent-length: 16000000\r\n\r\n{\"producer\": \""
+                .to_vec(),
+            Self::HalfPreface => PREFACE[..16].to_vec(),
+            Self::DeafHttp2 => [PREFACE.to_vec(), frame(SETTINGS, 0, 0, &[])].concat(),
+            Self::EndlessHeaders => {
+                let headers = frame(HEADERS, 0, 1, &header(":method", "GET"));
+                [PREFACE.to_vec(), frame(SETTINGS, 0, 0, &[]), headers].concat()
+            }
+            Self::Message => {
+                let headers = frame(HEADERS, END_HEADERS, 1, &grpc_headers("/nudge.v1.IngestService/Write"));
+                let data = frame(DATA, 0, 1, &announced);
+                [PREFACE.to_vec(), frame(SETTINGS, 0, 0, &[]), headers, data].concat()
+            }
+            Self::Unread => b"GET /openapi.json HTTP/1.1\r\nhost: nudge\r\n\r\n".repeat(100),
+        }
+    }
+
+    /// Returns what follows again and again.
+    fn one_drop(self) -> Vec<u8> {
+        match self {
+            Self::Silent | Self::HalfPreface | Self::DeafHttp2 => Vec::new(),
+            Self::Headers | Self::Body => b"a".to_vec(),
+            Self::EndlessHeaders => frame(CONTINUATION, 0, 1, &header("x-slow", "a")),
+            Self::Message => frame(DATA, 0, 1, b"a"),
+            Self::Unread => b"GET /openapi.json HTTP/1.1\r\nhost: nudge\r\n\r\n".to_vec(),
+        }
+    }
+}
+
+const PREFACE: &[u8] = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n";
+const DATA: u8 = 0;
+const HEADERS: u8 = 1;
+const SETTINGS: u8 = 4;
+const CONTINUATION: u8 = 9;
+const END_HEADERS: u8 = 4;
+
+/// A frame of HTTP/2 (RFC 9113, section 4.1).
+fn frame(kind: u8, flags: u8, stream: u32, payload: &[u8]) -> Vec<u8> {
+    let length = payload.len() as u32;
+    [&length.to_be_bytes()[1..], &[kind, flags], &stream.to_be_bytes(), payload].concat()
+}
+
+/// A header as it stands: literal, without indexing (RFC 7541, section 6.2.2).
+fn header(name: &str, value: &str) -> Vec<u8> {
+    let text = |text: &str| [&[text.len() as u8], text.as_bytes()].concat();
+    [vec![0], text(name), text(value)].concat()
+}
+
+fn grpc_headers(path: &str) -> Vec<u8> {
+    [
+        header(":method", "POST"),
+        header(":scheme", "http"),
+        header(":path", path),
+        header(":authority", "nudge"),
+        header("content-type", "application/grpc"),
+        header("te", "trailers"),
+    ]
+    .concat()
+}
+
+/// Connections that wait for their end. Dropped, they go.
+#[derive(Default)]
+pub struct Crowd {
+    open: Arc<AtomicU64>,
+    connections: JoinSet<()>,
+}
+
+impl Crowd {
+    /// Adds connections of one manner; where the service takes no more of them, they wait their turn.
+    pub async fn join(&mut self, address: SocketAddr, manner: Manner, connections: u64) {
+        for _ in 0..connections {
+            let Ok(socket) = TcpStream::connect(address).await else { continue };
+            self.open.fetch_add(1, Ordering::SeqCst);
+            let open = self.open.clone();
+            self.connections.spawn(async move {
+                wait(socket, manner).await;
+                open.fetch_sub(1, Ordering::SeqCst);
+            });
+        }
+    }
+
+    /// Returns how many of them are open.
+    pub fn open(&self) -> u64 {
+        self.open.load(Ordering::SeqCst)
+    }
+}
+
+/// Keeps a connection until the other side ends it.
+async fn wait(mut socket: TcpStream, manner: Manner) {
+    if socket.write_all(&manner.opening()).await.is_err() {
+        return;
+    }
+    let one_drop = manner.one_drop();
+    let mut heard = [0; 1_024];
+    loop {
+        tokio::select! {
+            // What is told is not answered.
+            read = socket.read(&mut heard), if manner != Manner::Unread => {
+                if read.unwrap_or(0) == 0 {
+                    return;
+                }
+            }
+            () = tokio::time::sleep(DROP) => {
+                if !one_drop.is_empty() && socket.write_all(&one_drop).await.is_err() {
+                    return;
+                }
+            }
+        }
+    }
+}
