@@ -1,7 +1,6 @@
 //! Work is bounded, can be cancelled, and goes on for those who ask again. Where a test needs something to take long, it holds the workers itself.
 
 use std::path::Path;
-use std::process::{Command, Stdio};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
