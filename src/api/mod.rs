@@ -27,24 +27,12 @@ pub mod inference_proto {
 /// The largest gRPC message, either way, in bytes.
 pub const MOST_MESSAGE_BYTES: usize = 4 << 20;
 
-/// The largest description of an environment, in bytes as it is sent: a feature of the most bins fits, and reading it takes milliseconds.
-pub const MOST_DESCRIPTION_BYTES: usize = 1 << 20;
-
 /// The most transitions of a batch.
 pub const MOST_BATCH_TRANSITIONS: usize = 10_000;
 
 /// Returns an answer in a view if it fits into a message.
 pub fn fitting<M: prost::Message>(answer: M, view: View) -> Result<M, Problem> {
     if fits(&answer) { Ok(answer) } else { Err(too_large(view)) }
-}
-
-/// Returns a message that describes an environment if it is within the limit of descriptions.
-pub fn fitting_description<M: prost::Message>(message: M) -> Result<M, Problem> {
-    if message.encoded_len() <= MOST_DESCRIPTION_BYTES {
-        return Ok(message);
-    }
-    let message = format!("the description is larger than {} MiB", MOST_DESCRIPTION_BYTES >> 20);
-    Err(Problem::new(ErrorKind::TooLarge, "BODY_TOO_LARGE", message).with("limit_bytes", MOST_DESCRIPTION_BYTES))
 }
 
 /// Returns a message that holds the file of a network if it is within the limit of a message; if it is not, says which path of REST takes it.

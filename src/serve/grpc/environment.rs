@@ -3,7 +3,6 @@
 use tonic::{Request, Response, Status};
 
 use super::{Face, call};
-use crate::api::fitting_description;
 use crate::api::proto::environment_service_server::EnvironmentService;
 use crate::api::proto::{
     ApplyEnvironmentRequest, ApplyEnvironmentResponse, DeleteEnvironmentRequest, DeleteEnvironmentResponse,
@@ -35,7 +34,7 @@ impl EnvironmentService for Face {
         request: Request<ApplyEnvironmentRequest>,
     ) -> Result<Response<ApplyEnvironmentResponse>, Status> {
         call("ApplyEnvironment", async {
-            let ApplyEnvironmentRequest { name, schema, rule } = fitting_description(request.into_inner())?;
+            let ApplyEnvironmentRequest { name, schema, rule } = request.into_inner();
             let schema = beside(move || schema.unwrap_or_default().into()).await?;
             let description = DescriptionDraft { schema, schema_hash: None, rule: rule.map(Into::into) };
             let (environment, created) = self.app.environments.apply(&name, description).await?;

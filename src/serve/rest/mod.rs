@@ -23,7 +23,7 @@ use utoipa_swagger_ui::{Config, SwaggerUi};
 
 use self::extract::MostBytes;
 use super::status::Failure;
-use crate::api::MOST_DESCRIPTION_BYTES;
+use crate::api::MOST_MESSAGE_BYTES;
 use crate::app::App;
 
 /// Returns the REST face with its documentation.
@@ -38,7 +38,8 @@ fn routes() -> Router<App> {
         .get(environments::get_environment)
         .patch(environments::update_rule)
         .delete(environments::delete_environment)
-        .layer(Extension(MostBytes(MOST_DESCRIPTION_BYTES)));
+        // A description is no longer than a message. How much it may describe is for the domain to say.
+        .layer(Extension(MostBytes(MOST_MESSAGE_BYTES)));
     let influence = get(influence::get_influence).post(influence::batch_get_influence);
     Router::new()
         .route("/v1/environments", get(environments::list_environments))
