@@ -176,16 +176,8 @@ mod tests {
         }
     }
 
-    #[tokio::test]
-    async fn work_is_done_on_a_thread_of_the_gate() {
-        let (gate, _stopping) = gate(1, 0);
-        let name = gate.run(|_| Ok(std::thread::current().name().map(ToOwned::to_owned))).await;
-        assert_eq!(name, Ok(Some("test-0".to_owned())));
-    }
-
-    #[tokio::test]
-    async fn who_finds_no_place_is_told_when_to_ask_again() {
-        let (gate, _stopping) = gate(1, 1);
+    /// Has a gate of one worker and one place work on and on, and another wait for its turn.
+    async fn full(gate: &Gate) -> [tokio::task::JoinHandle<Result<(), Problem>>; 2] {
         let (begun, begins) = mpsc::channel();
         let working = tokio::spawn({
             let gate = gate.clone();
@@ -197,6 +189,20 @@ mod tests {
             async move { gate.run(|_| Ok(())).await }
         });
         until(|| gate.busy() == 2).await;
+        [working, waiting]
+    }
+
+    #[tokio::test]
+    async fn work_is_done_on_a_thread_of_the_gate() {
+        let (gate, _stopping) = gate(1, 0);
+        let name = gate.run(|_| Ok(std::thread::current().name().map(ToOwned::to_owned))).await;
+        assert_eq!(name, Ok(Some("test-0".to_owned())));
+    }
+
+    #[tokio::test]
+    async fn who_finds_no_place_is_told_when_to_ask_again() {
+        let (gate, _stopping) = gate(1, 1);
+        let [working, waiting] = full(&gate).await;
 
         let refused = gate.run(|_| Ok(())).await.expect_err("full");
         assert_eq!((refused.kind, refused.retry_after), (ErrorKind::Overloaded, Some(RETRY_AFTER)));
@@ -223,17 +229,7 @@ mod tests {
     #[tokio::test]
     async fn the_service_that_stops_stops_those_who_work_and_those_who_wait() {
         let (gate, stopping) = gate(1, 1);
-        let (begun, begins) = mpsc::channel();
-        let working = tokio::spawn({
-            let gate = gate.clone();
-            async move { gate.run(endless(begun)).await }
-        });
-        until(|| begins.try_recv().is_ok()).await;
-        let waiting = tokio::spawn({
-            let gate = gate.clone();
-            async move { gate.run(|_| Ok(())).await }
-        });
-        until(|| gate.busy() == 2).await;
+        let [working, waiting] = full(&gate).await;
         stopping.cancel();
         for stopped in [working, waiting] {
             assert_eq!(stopped.await.expect("it ends").expect_err("stopped").reason, "STOPPING");

@@ -9,6 +9,8 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 use tokio::task::JoinSet;
 
+use crate::support::raw::{call, frame, header};
+
 /// How a connection keeps the service waiting.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Manner {
@@ -62,9 +64,8 @@ impl Manner {
                 [PREFACE.to_vec(), frame(SETTINGS, 0, 0, &[]), headers].concat()
             }
             Self::Message => {
-                let headers = frame(HEADERS, END_HEADERS, 1, &grpc_headers("/nudge.v1.IngestService/Write"));
                 let data = frame(DATA, 0, 1, &announced);
-                [PREFACE.to_vec(), frame(SETTINGS, 0, 0, &[]), headers, data].concat()
+                [PREFACE.to_vec(), frame(SETTINGS, 0, 0, &[]), call("/nudge.v1.IngestService/Write"), data].concat()
             }
             Self::Unread => b"GET /openapi.json HTTP/1.1\r\nhost: nudge\r\n\r\n".repeat(100),
         }
@@ -87,31 +88,6 @@ const DATA: u8 = 0;
 const HEADERS: u8 = 1;
 const SETTINGS: u8 = 4;
 const CONTINUATION: u8 = 9;
-const END_HEADERS: u8 = 4;
-
-/// A frame of HTTP/2 (RFC 9113, section 4.1).
-fn frame(kind: u8, flags: u8, stream: u32, payload: &[u8]) -> Vec<u8> {
-    let length = payload.len() as u32;
-    [&length.to_be_bytes()[1..], &[kind, flags], &stream.to_be_bytes(), payload].concat()
-}
-
-/// A header as it stands: literal, without indexing (RFC 7541, section 6.2.2).
-fn header(name: &str, value: &str) -> Vec<u8> {
-    let text = |text: &str| [&[text.len() as u8], text.as_bytes()].concat();
-    [vec![0], text(name), text(value)].concat()
-}
-
-fn grpc_headers(path: &str) -> Vec<u8> {
-    [
-        header(":method", "POST"),
-        header(":scheme", "http"),
-        header(":path", path),
-        header(":authority", "nudge"),
-        header("content-type", "application/grpc"),
-        header("te", "trailers"),
-    ]
-    .concat()
-}
 
 /// Connections that wait for their end. Dropped, they go.
 #[derive(Default)]

@@ -62,17 +62,19 @@ impl Raw {
     }
 }
 
-/// Returns a frame of HTTP/2.
+/// Returns a frame of HTTP/2 (RFC 9113, section 4.1).
 pub fn frame(kind: u8, flags: u8, stream: u32, payload: &[u8]) -> Vec<u8> {
     let length = (payload.len() as u32).to_be_bytes();
     [&length[1..], &[kind, flags], &stream.to_be_bytes(), payload].concat()
 }
 
+/// Returns a header as it stands: literal, without indexing (RFC 7541, section 6.2.2).
+pub fn header(name: &str, value: &str) -> Vec<u8> {
+    [&[0, name.len() as u8], name.as_bytes(), &[value.len() as u8], value.as_bytes()].concat()
+}
+
 /// Returns the headers of a call, as a frame that leaves its body open.
 pub fn call(path: &str) -> Vec<u8> {
-    let header = |name: &str, value: &str| {
-        [&[0, name.len() as u8], name.as_bytes(), &[value.len() as u8], value.as_bytes()].concat()
-    };
     let headers = [
         header(":method", "POST"),
         header(":scheme", "http"),
