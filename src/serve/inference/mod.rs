@@ -13,7 +13,6 @@ use axum::routing::{any, get, post};
 use http::{HeaderMap, HeaderName, header};
 use serde::Deserialize;
 use serde_json::{Value, json};
-use tower_http::decompression::RequestDecompressionLayer;
 
 use self::served::{ModelName, Served};
 use super::operations;
@@ -30,9 +29,7 @@ const HEADER_LENGTH: HeaderName = HeaderName::from_static(rest::HEADER_LENGTH);
 
 /// Returns the routes below `/v2`.
 pub fn router(app: App) -> Router {
-    // Triton's client can compress what it sends.
-    let routes = routes().layer(RequestDecompressionLayer::new());
-    let routes = routes.layer(middleware::from_fn(layers::measure)).with_state(app);
+    let routes = routes().layer(middleware::from_fn(layers::measure)).with_state(app);
     let unknown = Router::new().route("/v2/{*path}", any(problems::unknown_path));
     layers::around(routes.merge(unknown), Failure::tell_text)
 }

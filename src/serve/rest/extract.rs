@@ -12,11 +12,12 @@ use http_body_util::{BodyExt, LengthLimitError};
 use serde::de::DeserializeOwned;
 
 use super::layers::MOST_BODY_BYTES;
+use super::packed::Packing;
 use crate::api::json::{self, Parameters};
 use crate::error::{Fault, Problem};
 use crate::serve::connections::memory::Charge;
 use crate::serve::status::Failure;
-use crate::work::aside;
+use crate::work::{aside, beside};
 
 /// The variable parts of the path.
 pub struct Path<T>(pub T);
@@ -146,18 +147,27 @@ impl<S: Send + Sync> FromRequest<S> for Octets {
     }
 }
 
-/// Collects a body, unpacked by now. Its bytes are bounded, and charged as they come: a few that were sent may unpack to very many.
+/// Collects a body, and unpacks it if it is packed. Its bytes are bounded, and charged as they come.
 async fn body(request: Request) -> Result<Bytes, Failure> {
+    let packing = Packing::of(request.headers())?;
     let MostBytes(most) = request.extensions().get().copied().unwrap_or(MostBytes(MOST_BODY_BYTES));
     let charge: Option<Arc<Charge>> = request.extensions().get().cloned();
-    let mut body = request.into_body();
+    let sent = collected(request.into_body(), most, charge.as_deref()).await?;
+    match packing {
+        // Who has nothing to send may say that it is packed.
+        Some(packing) if !sent.is_empty() => beside(move || packing.unpack(&sent, most, charge.as_deref())).await?,
+        _ => Ok(sent),
+    }
+}
+
+async fn collected(mut body: axum::body::Body, most: usize, charge: Option<&Charge>) -> Result<Bytes, Failure> {
     if body.size_hint().lower() > most as u64 {
         return Err(Failure::of_size(most));
     }
     let (mut only, mut joined) = (Bytes::new(), BytesMut::new());
     while let Some(frame) = body.frame().await {
         let Ok(data) = frame.map_err(|error| unreadable(&error))?.into_data() else { continue };
-        if let Some(charge) = &charge {
+        if let Some(charge) = charge {
             charge.grow(data.len())?;
         }
         if only.len() + joined.len() + data.len() > most {
@@ -171,9 +181,6 @@ async fn body(request: Request) -> Result<Bytes, Failure> {
             joined.extend_from_slice(&std::mem::take(&mut only));
             joined.extend_from_slice(&data);
         }
-
-        // A body that is unpacked never waits by itself, and others are to have their turn.
-        tokio::task::coop::consume_budget().await;
     }
     Ok(if joined.is_empty() { only } else { joined.freeze() })
 }

@@ -10,6 +10,7 @@ pub mod layers;
 mod learning;
 mod models;
 mod openapi;
+mod packed;
 pub mod problems;
 mod states;
 mod summary;
@@ -18,7 +19,6 @@ mod transitions;
 
 use axum::routing::{get, post, put};
 use axum::{Extension, Router};
-use tower_http::decompression::RequestDecompressionLayer;
 use utoipa_swagger_ui::{Config, SwaggerUi};
 
 use self::extract::MostBytes;
@@ -28,8 +28,7 @@ use crate::app::App;
 
 /// Returns the REST face with its documentation.
 pub fn router(app: App) -> Router {
-    let routes = routes().layer(RequestDecompressionLayer::new());
-    let routes = routes.layer(axum::middleware::from_fn(layers::measure)).with_state(app);
+    let routes = routes().layer(axum::middleware::from_fn(layers::measure)).with_state(app);
     layers::around(routes.merge(documentation()).fallback(problems::unknown_path), Failure::tell)
 }
 

@@ -5,7 +5,7 @@ use std::any::Any;
 use axum::extract::{Request, State};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
-use http::{HeaderValue, StatusCode, header};
+use http::{StatusCode, header};
 
 use crate::serve::status::Failure;
 
@@ -27,23 +27,17 @@ pub fn of_panic(cause: Box<dyn Any + Send>) -> Response {
 /// Gives every error answer the body that its face tells.
 pub async fn tell(State(form): State<Form>, request: Request, next: Next) -> Response {
     let uri = request.uri().clone();
-    let encoding = request.headers().get(header::CONTENT_ENCODING).cloned();
     let response = next.run(request).await;
     let status = response.status();
     match status.is_client_error() || status.is_server_error() {
-        true => told(response, form, uri.path(), encoding.as_ref()),
+        true => told(response, form, uri.path()),
         false => response,
     }
 }
 
-fn told(response: Response, form: Form, path: &str, encoding: Option<&HeaderValue>) -> Response {
+fn told(response: Response, form: Form, path: &str) -> Response {
     let (mut parts, _) = response.into_parts();
-    let failure = parts.extensions.remove::<Failure>().unwrap_or_else(|| match (parts.status, encoding) {
-        (StatusCode::UNSUPPORTED_MEDIA_TYPE, Some(found)) => {
-            Failure::of_encoding(&String::from_utf8_lossy(found.as_bytes()))
-        }
-        (status, _) => Failure::of_http(status),
-    });
+    let failure = parts.extensions.remove::<Failure>().unwrap_or_else(|| Failure::of_http(parts.status));
     let mut told = form(&failure, path);
     // Keeps headers such as Allow, and drops those that described the old body.
     for name in [header::CONTENT_TYPE, header::CONTENT_LENGTH, header::CONTENT_ENCODING] {
