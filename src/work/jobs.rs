@@ -15,7 +15,11 @@ use super::gate::stopped;
 use crate::error::{ErrorKind, Problem};
 
 /// A job that nobody has asked about for so long is given up.
-const ABANDONED: Duration = Duration::from_secs(10 * 60);
+const ABANDONED: Duration = Duration::from_secs(2 * 60);
+
+/// Jobs of one kind that go on although nobody waits for them. When another is asked for, those go that were longest left alone: who asks for many and leaves
+/// keeps nobody waiting.
+const MOST_UNASKED: usize = 4;
 
 /// Jobs of one kind that may go on at once.
 const MOST: usize = 32;
@@ -105,6 +109,8 @@ struct Entry<T> {
     progress: Progress,
     outcome: watch::Sender<Outcome<T>>,
     asked: Mutex<Asked>,
+    /// Cancelled where it has to make room.
+    given_up: CancellationToken,
 }
 
 struct Asked {
@@ -119,6 +125,10 @@ impl<T> Entry<T> {
 
     fn is_over(&self) -> bool {
         self.outcome.borrow().is_some()
+    }
+
+    fn goes_on(&self) -> bool {
+        !self.is_over() && !self.given_up.is_cancelled()
     }
 }
 
@@ -198,7 +208,8 @@ where
         F: Future<Output = Result<T, Problem>> + Send + 'static,
     {
         let mut entries = self.entries();
-        if let Some(entry) = entries.get(&key) {
+        // One that was given up is begun anew.
+        if let Some(entry) = entries.get(&key).filter(|entry| !entry.given_up.is_cancelled()) {
             let waiting = Waiting::new(entry);
             if entry.is_over() {
                 // It is told now, and is not kept for another.
@@ -206,11 +217,17 @@ where
             }
             return Ok(waiting);
         }
-        if entries.values().filter(|entry| !entry.is_over()).count() >= MOST {
+        make_room(&entries);
+        if entries.values().filter(|entry| entry.goes_on()).count() >= MOST {
             return Err(self.overloaded());
         }
         let asked = Mutex::new(Asked { waiting: 0, last: Instant::now() });
-        let entry = Arc::new(Entry { progress: Progress::default(), outcome: watch::Sender::new(None), asked });
+        let entry = Arc::new(Entry {
+            progress: Progress::default(),
+            outcome: watch::Sender::new(None),
+            asked,
+            given_up: CancellationToken::new(),
+        });
         let waiting = Waiting::new(&entry);
         entries.insert(key.clone(), entry.clone());
         drop(entries);
@@ -228,6 +245,7 @@ where
         let outcome = tokio::select! {
             made = made => made,
             () = jobs.0.stopping.cancelled() => Err(stopped()),
+            () = entry.given_up.cancelled() => Err(jobs.given_up()),
             () = abandoned(entry) => Err(jobs.given_up()),
         };
         ending.is_kept = ending.told(outcome);
@@ -259,6 +277,14 @@ where
         let message = format!("{} was given up: nobody asked about it for long; ask again", self.0.what);
         Problem::new(ErrorKind::Unavailable, "ABANDONED", message)
     }
+}
+
+/// Gives up those jobs that were longest left alone, but for a few.
+fn make_room<K, T>(entries: &HashMap<K, Arc<Entry<T>>>) {
+    let is_unasked = |entry: &&Arc<Entry<T>>| entry.goes_on() && entry.asked().waiting == 0;
+    let mut unasked: Vec<&Arc<Entry<T>>> = entries.values().filter(is_unasked).collect();
+    unasked.sort_by_key(|entry| std::cmp::Reverse(entry.asked().last));
+    unasked.into_iter().skip(MOST_UNASKED).for_each(|entry| entry.given_up.cancel());
 }
 
 /// Waits until nobody has asked about a job for long.
@@ -425,7 +451,7 @@ mod tests {
         jobs.begin("key", make);
         tokio::time::sleep(ABANDONED - Duration::from_secs(1)).await;
         assert_eq!(asked(&jobs).await.expect_err("slow").reason, "STILL_WORKING");
-        // Asking began another ten minutes.
+        // Asking began another while.
         tokio::time::sleep(ABANDONED - Duration::from_secs(1)).await;
         assert!(!end.is_closed());
         tokio::time::sleep(ABANDONED).await;
@@ -462,12 +488,29 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
+    async fn who_asks_for_many_and_leaves_keeps_a_few() {
+        let jobs: Jobs<usize, u64> = Jobs::new("the sum", Duration::ZERO, CancellationToken::new());
+        let (ends, makes): (Vec<_>, Vec<_>) = (0..10).map(|_| held()).unzip();
+        for (key, make) in makes.into_iter().enumerate() {
+            jobs.begin(key, make);
+            tokio::time::sleep(Duration::from_millis(1)).await;
+        }
+        assert_eq!(jobs.ask(10, |_| async { Ok(7) }).await, Ok(7));
+        tokio::time::sleep(Duration::from_millis(1)).await;
+        let going_on: Vec<usize> = (0..10).filter(|key| !ends[*key].is_closed()).collect();
+        assert_eq!(going_on, [6, 7, 8, 9], "those that were asked about last");
+        assert_eq!(jobs.ask(0, |_| async { Ok(8) }).await, Ok(8), "one that was given up begins anew");
+    }
+
+    #[tokio::test(start_paused = true)]
     async fn too_many_jobs_are_refused() {
         let stopping = CancellationToken::new();
         let jobs: Jobs<usize, u64> = Jobs::new("the sum", Duration::ZERO, stopping.clone());
-        (0..MOST).for_each(|key| jobs.begin(key, |_| std::future::pending()));
+        let waiting: Vec<_> = (0..MOST).map(|key| jobs.join(key, |_| std::future::pending()).ok()).collect();
         let refused = jobs.ask(MOST, |_| async { Ok(1) }).await.expect_err("too many");
         assert_eq!(refused.kind, ErrorKind::Overloaded);
+        drop(waiting);
+        assert_eq!(jobs.ask(MOST, |_| async { Ok(1) }).await, Ok(1), "those that nobody waits for make room");
         stopping.cancel();
     }
 }
