@@ -63,7 +63,12 @@ fn facts(card: &proto::Card) -> String {
         ));
     }
     if card.imported {
-        facts.push(("imported", "trained elsewhere: nobody knows which states it has seen".into()));
+        let told = if card.epochs.is_empty() {
+            "trained by another tool: nobody knows which states it has seen"
+        } else {
+            "from a file that Nudge wrote: what it says is what it said there, how it did is measured here"
+        };
+        facts.push(("imported", told.into()));
     }
     facts.iter().map(|(name, fact)| format!("{name:<11}  {fact}\n")).collect()
 }
@@ -311,9 +316,13 @@ mod tests {
 
     #[test]
     fn an_imported_network_says_so() {
-        let card = model().card.map(|card| proto::Card { imported: true, ..card });
-        let told = render("hallway", &proto::Model { card, ..model() });
-        assert!(told.contains("\nimported     trained elsewhere"), "{told}");
+        let told = |epochs: Vec<u64>| {
+            let card = model().card.map(|card| proto::Card { imported: true, epochs, ..card });
+            render("hallway", &proto::Model { card, ..model() })
+        };
+        let [own, foreign] = [told(vec![30]), told(Vec::new())];
+        assert!(own.contains("\nimported     from a file that Nudge wrote"), "{own}");
+        assert!(foreign.contains("\nimported     trained by another tool"), "{foreign}");
     }
 
     #[test]

@@ -49,8 +49,8 @@ pub(super) enum Model {
     Export(Export),
     /// Keep a network that was trained elsewhere
     #[command(
-        long_about = "Keep a network that was trained elsewhere: a safetensors file as `nudge model export` writes it. It is judged by the \
-        counts of this environment, and not made active.\n\n\
+        long_about = "Keep a network that was trained elsewhere: a safetensors file as `nudge model export` writes it. It says of every \
+        state what it said there, is judged by the counts of this environment, and not made active. A file of another tool is calibrated here.\n\n\
         Example:\n  nudge model import hallway hallway.safetensors"
     )]
     Import(Import),

@@ -281,7 +281,7 @@ impl Registry {
 
     /// Returns the bins of the states that are counted now: what a version of an earlier build, which does not say what it was trained on, is believed in.
     /// Of very many states the later ones count as not seen, which costs verdicts and no more.
-    async fn counted(&self, environment: &Environment) -> Result<Seen, Problem> {
+    pub async fn counted(&self, environment: &Environment) -> Result<Seen, Problem> {
         /// Pages that are read: a million states, in some seconds, once for each such version.
         const MOST_PAGES: usize = 1_000;
         let mut seeing = Seeing::new(&environment.schema);
