@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
 
+use super::asking::asked;
 use super::output::{Table, cannot_read, print, print_json, to_json};
 use super::server::Server;
 use super::{Failure, output};
@@ -217,7 +218,11 @@ async fn all(connection: &Connection) -> Result<proto::ListEnvironmentsResponse,
     loop {
         let page_token = std::mem::take(&mut all.next_page_token);
         let request = proto::ListEnvironmentsRequest { page_size: 1_000, page_token };
-        let page = connection.environments().list_environments(request).await?.into_inner();
+        let ask = || {
+            let (mut client, request) = (connection.environments(), request.clone());
+            async move { client.list_environments(request).await }
+        };
+        let page = asked(ask).await?;
         all.environments.extend(page.environments);
         all.unreadable.extend(page.unreadable);
         all.next_page_token = page.next_page_token;

@@ -45,7 +45,7 @@ mod task;
 mod totals;
 mod trouble;
 
-pub use connection::{Connection, patiently, schema_of};
+pub use connection::{Connection, patiently, patiently_telling, schema_of};
 pub use error::{ClientError, Refusal};
 pub use producer::{Producer, ProducerBuilder};
 pub use totals::{Rejected, Totals};
