@@ -34,7 +34,7 @@ use crate::domain::draft::{DiscoveryDraft, ExplorationDraft, ListingDraft, PairD
 use crate::domain::{
     Agent, Answer, Answers, Basis, Cell, Discovery, DiscoveryMethod, Environment, EnvironmentId, Exploration,
     FittedPrior, Label, LabelledCell, Labels, Pair, Question, Schema, Scope, SegmentId, StatePage, StateView, Summary,
-    Tally, Variable, page_size,
+    Tally, Variable, hint, page_size,
 };
 use crate::error::{ErrorKind, Fault, Problem};
 use crate::model::Networks;
@@ -335,7 +335,11 @@ impl Influence {
         for label in named {
             match known.iter().find(|(_, known)| known.as_ref() == Some(label)) {
                 Some((id, _)) => ids.push(*id),
-                None => faults.push(Fault::new("/segments", format!("unknown segment {:?}", label.as_str()))),
+                None => {
+                    let known = known.iter().filter_map(|(_, label)| Some(label.as_ref()?.as_str()));
+                    let hint = hint(label.as_str(), known);
+                    faults.push(Fault::new("/segments", format!("unknown segment {:?}{hint}", label.as_str())));
+                }
             }
         }
         if faults.is_empty() { Ok(Some(ids)) } else { Err(Problem::invalid("question", faults)) }
