@@ -91,7 +91,8 @@ pub(super) async fn settle(connection: &Connection, environment: &str) -> Result
 
 async fn summary(connection: &Connection, environment: &str) -> Result<proto::SummarizeResponse, Failure> {
     let discovery = proto::Discovery { fdr: Some(0.05), ..Default::default() };
-    let request = proto::SummarizeRequest { scope: Some(scope(environment)), discovery: Some(discovery) };
+    let request =
+        proto::SummarizeRequest { scope: Some(scope(environment)), discovery: Some(discovery), omit_segments: true };
     let ask = || {
         let (mut client, request) = (connection.influence(), request.clone());
         async move { client.summarize(request).await }
