@@ -273,6 +273,10 @@ pub struct Job {
     pub message: String,
     /// The version that came out.
     pub version: Option<u64>,
+    /// Trainings that go before it, of whatever environment; 0 once it has begun.
+    pub ahead: u64,
+    /// In how many seconds it will be done, at its pace so far; `None` before that can be told, and when it is over.
+    pub seconds_left: Option<f64>,
 }
 
 /// How far a job is.

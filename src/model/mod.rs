@@ -100,9 +100,8 @@ impl Networks {
         let (pair, training) = Training::new(&environment.schema, draft)?;
         check_size(environment, &pair, &training)?;
         self.registry.check_room(environment).await?;
-        let [ego, other] = [pair.ego, pair.other].map(|agent| environment.schema.agents()[agent].name.to_string());
         let end = self.ending.child_token();
-        let job = self.jobs.add(environment.id, ego, other, end.clone())?;
+        let job = self.jobs.add(environment, &pair, end.clone())?;
         let order =
             Order { job: job.id, environment: environment.clone(), pair, training, activate: draft.activate, end };
         self.running.spawn(self.clone().carry_out(order));
