@@ -63,6 +63,7 @@ use crate::evidence::MOST_CELLS;
 use crate::priors::Fits;
 use crate::store::Store;
 use crate::telemetry;
+use crate::work::STOPPING;
 
 pub use back_off::BackOff;
 pub use dataset::{Dataset, Example};
@@ -277,7 +278,8 @@ impl Networks {
         };
         let (state, message, version) = match result {
             Ok(model) => (JobState::Done, outcome(&model), Some(model.version)),
-            Err(_) if order.end.is_cancelled() => {
+            // A stop of the service ends the fit that a training begins with before it tells the training.
+            Err(problem) if order.end.is_cancelled() || problem.reason == STOPPING => {
                 (JobState::Cancelled, "cancelled; no network is made".to_owned(), None)
             }
             Err(problem) => (JobState::Failed, problem.message, None),
