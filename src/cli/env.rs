@@ -14,7 +14,7 @@ use crate::api::{json as dto, proto};
 use crate::client::{Connection, schema_of};
 use crate::domain::draft::DescriptionDraft;
 use crate::domain::{Angle, Feature, FeatureKind, Pair, Schema, SchemaDraft, Unit, WrittenRule};
-use crate::error::{Fault, Problem};
+use crate::error::{ErrorKind, Fault, Problem};
 use crate::information::Alphabet;
 
 /// Create, list, show and delete environments
@@ -202,13 +202,23 @@ impl Show {
 impl Delete {
     async fn run(self) -> Result<(), Failure> {
         let Self { name, yes, server } = self;
+        let connection = server.connect().await?;
         if !yes {
-            let message = format!("this deletes `{name}` and everything counted in it, for ever: add --yes to do it");
-            return Err(Failure::usage(message));
+            return Err(unsure(&connection, &name).await);
         }
         let request = proto::DeleteEnvironmentRequest { name: name.clone() };
-        server.connect().await?.environments().delete_environment(request).await?;
+        connection.environments().delete_environment(request).await?;
         print(&format!("environment `{name}` deleted"))
+    }
+}
+
+/// Says what would be deleted, if there is anything: one that cannot be read can be deleted too.
+async fn unsure(connection: &Connection, name: &str) -> Failure {
+    match connection.environment(name).await {
+        Err(error) if error.kind() == ErrorKind::NotFound => error.into(),
+        _ => {
+            Failure::usage(format!("this deletes `{name}` and everything counted in it, for ever: add --yes to do it"))
+        }
     }
 }
 
