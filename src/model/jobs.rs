@@ -30,8 +30,8 @@ struct Entry {
     /// The environment's name.
     name: String,
     job: Job,
-    /// When it began.
-    began: Option<Instant>,
+    /// When it had done something for the first time, and which share that was: until then it reads and fits, at another pace.
+    began: Option<(Instant, f64)>,
     end: CancellationToken,
 }
 
@@ -48,9 +48,10 @@ impl Entry {
 
     /// Returns how long the rest takes if it goes as what is done went.
     fn seconds_left(&self) -> Option<f64> {
-        let done = self.job.progress;
-        let spent = self.began?.elapsed().as_secs_f64();
-        (done >= TELLING).then(|| (spent * (1.0 - done) / done).max(0.0))
+        let (at, first) = self.began?;
+        let done = self.job.progress - first;
+        let left = 1.0 - self.job.progress;
+        (done >= TELLING).then(|| (at.elapsed().as_secs_f64() * left / done).max(0.0))
     }
 }
 
@@ -144,8 +145,8 @@ impl Jobs {
     pub fn update(&self, id: u64, change: impl FnOnce(&mut Job)) {
         if let Some(entry) = self.lock().iter_mut().find(|entry| entry.job.id == id) {
             change(&mut entry.job);
-            if entry.job.state == JobState::Running {
-                entry.began.get_or_insert_with(Instant::now);
+            if entry.job.state == JobState::Running && entry.job.progress > 0.0 {
+                entry.began.get_or_insert_with(|| (Instant::now(), entry.job.progress));
             }
         }
         self.changed.notify_waiters();
@@ -166,7 +167,7 @@ mod tests {
 
     use super::*;
 
-    fn entry(id: u64, state: JobState, progress: f64, began: Option<Instant>) -> Entry {
+    fn entry(id: u64, state: JobState, progress: f64, began: Option<(Instant, f64)>) -> Entry {
         let (ego, other, message) = ("robot".into(), "human".into(), "learns".into());
         let job = Job { id, ego, other, state, progress, message, version: None, ahead: 0, seconds_left: None };
         Entry { environment: EnvironmentId(1), name: "world".into(), job, began, end: CancellationToken::new() }
@@ -175,7 +176,7 @@ mod tests {
     #[test]
     fn who_waits_is_told_what_goes_before() {
         let over = entry(1, JobState::Failed, 0.3, None);
-        let running = entry(2, JobState::Running, 0.236, Some(Instant::now()));
+        let running = entry(2, JobState::Running, 0.236, Some((Instant::now(), 0.02)));
         let [third, fourth] = [3, 4].map(|id| entry(id, JobState::Queued, 0.0, None));
         let told = |before: &[&Entry], entry: &Entry| {
             let before: Vec<Entry> =
@@ -193,10 +194,12 @@ mod tests {
     #[test]
     fn the_time_left_goes_by_the_time_spent() {
         let minute_ago = Instant::now().checked_sub(Duration::from_secs(60)).expect("the machine runs for longer");
-        let left = |state, progress, began| entry(1, state, progress, began).told(&[]).seconds_left;
-        let seconds = left(JobState::Running, 0.25, Some(minute_ago)).expect("a quarter is done");
-        assert!((179.0..181.0).contains(&seconds), "{seconds}");
-        assert_eq!(left(JobState::Running, 0.04, Some(minute_ago)), None, "too early to tell");
+        let left = |state, progress, began: Option<Instant>| {
+            entry(1, state, progress, began.map(|at| (at, 0.02))).told(&[]).seconds_left
+        };
+        let seconds = left(JobState::Running, 0.26, Some(minute_ago)).expect("a quarter is done since");
+        assert!((185.0..186.0).contains(&seconds), "60 s * .74 / .24, and a moment: {seconds}");
+        assert_eq!(left(JobState::Running, 0.06, Some(minute_ago)), None, "too early to tell");
         assert_eq!(left(JobState::Running, 0.5, None), None);
         assert_eq!(left(JobState::Done, 1.0, Some(minute_ago)), None);
         assert!(left(JobState::Running, 1.0, Some(minute_ago)).expect("known").abs() < 1e-9);
