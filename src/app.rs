@@ -89,7 +89,7 @@ impl App {
     }
 
     fn in_background(&self, work: impl Future<Output = ()> + Send + 'static) {
-        self.background.spawn(self.draining.clone().run_until_cancelled_owned(work));
+        self.background.spawn(unless_stopped(self.draining.clone(), work));
     }
 
     /// Tells what goes on behind the answers: "removing 1 environment, 120,000 states left", or "idle".
@@ -109,6 +109,15 @@ impl App {
             tracing::warn!("a training is left behind: it did not end in time, and what it learned is not kept");
         }
         self.store.close().await;
+    }
+}
+
+/// Does work until the service stops. The token's own method would look at the work first, which fails of the same stop and would say so in the log.
+async fn unless_stopped(draining: CancellationToken, work: impl Future<Output = ()>) {
+    tokio::select! {
+        biased;
+        () = draining.cancelled() => {}
+        () = work => {}
     }
 }
 
@@ -142,5 +151,27 @@ async fn audit(store: Arc<dyn Store>, _comparing: Chore) {
             tracing::error!(%error, "totals could not be compared with the cells")
         }
         Err(error) => tracing::warn!(%error, "totals were not compared with the cells"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::{AtomicBool, Ordering};
+
+    use super::*;
+
+    #[tokio::test]
+    async fn what_a_stop_ends_is_not_asked_what_it_says() {
+        let (draining, goes_on) = (CancellationToken::new(), AtomicBool::new(false));
+        let work = async {
+            draining.cancelled().await;
+            goes_on.store(true, Ordering::Relaxed);
+        };
+        let stopping = async {
+            tokio::task::yield_now().await;
+            draining.cancel();
+        };
+        tokio::join!(unless_stopped(draining.clone(), work), stopping);
+        assert!(!goes_on.load(Ordering::Relaxed));
     }
 }

@@ -7,7 +7,8 @@ use std::time::{Duration, Instant};
 use crate::api::{self, proto};
 use crate::domain::draft::{DescriptionDraft, RuleDraft};
 use crate::domain::{
-    Environment, EnvironmentId, EnvironmentPage, Name, Pair, Schema, UnreadableEnvironment, WrittenRule, page_size,
+    Environment, EnvironmentId, EnvironmentPage, Name, Pair, Schema, UnreadableEnvironment, WrittenRule, hint,
+    page_size,
 };
 use crate::error::{ErrorKind, Fault, Problem};
 use crate::ingest::Ingest;
@@ -39,8 +40,14 @@ impl Environments {
     pub fn find(&self, name: &str) -> Result<Arc<Environment>, Problem> {
         self.store.environment(name).ok_or_else(|| match self.find_unreadable(name) {
             Some(environment) => cannot_be_read(&environment),
-            None => Problem::new(ErrorKind::NotFound, "ENVIRONMENT_NOT_FOUND", format!("unknown environment `{name}`")),
+            None => self.unknown(name),
         })
+    }
+
+    fn unknown(&self, name: &str) -> Problem {
+        let known = self.store.environments();
+        let hint = hint(name, known.iter().map(|environment| environment.name.as_str()));
+        Problem::new(ErrorKind::NotFound, "ENVIRONMENT_NOT_FOUND", format!("unknown environment `{name}`{hint}"))
     }
 
     /// Returns the environment of that name, unless it is another one than the caller knows under its uid; an empty uid takes it as it is.

@@ -29,7 +29,29 @@ pub(super) fn list(environment: &str, response: &proto::ListModelsResponse) -> S
 /// Returns how far a job is, in a line.
 pub(super) fn job_line(job: &proto::Job) -> String {
     let message = if job.message.is_empty() { String::new() } else { format!(": {}", job.message) };
-    format!("{} {}{message}", ModelId::Job(job.id), job_state(job.state))
+    let (id, state) = (ModelId::Job(job.id), job_state(job.state));
+    match job.state() {
+        proto::JobState::Running => format!("{id} {state}, {}{message}", how_far(job)),
+        _ => format!("{id} {state}{message}"),
+    }
+}
+
+/// Returns how much of a job is done, and how long the rest will take if that can be told: "34 %, about 2 min left".
+fn how_far(job: &proto::Job) -> String {
+    let done = format!("{:.0} %", 100.0 * job.progress);
+    match job.seconds_left {
+        Some(seconds) => format!("{done}, about {} left", about(seconds)),
+        None => done,
+    }
+}
+
+/// Returns a time in a unit of its size.
+pub(super) fn about(seconds: f64) -> String {
+    match seconds {
+        0.0..90.0 => format!("{:.0} s", seconds.max(1.0)),
+        90.0..5_400.0 => format!("{:.0} min", seconds / 60.0),
+        _ => format!("{:.1} h", seconds / 3_600.0),
+    }
 }
 
 /// Tells how it was trained, a fact a line.
@@ -63,7 +85,12 @@ fn facts(card: &proto::Card) -> String {
         ));
     }
     if card.imported {
-        facts.push(("imported", "trained elsewhere: nobody knows which states it has seen".into()));
+        let told = if card.epochs.is_empty() {
+            "trained by another tool: nobody knows which states it has seen"
+        } else {
+            "from a file that Nudge wrote: what it says is what it said there, how it did is measured here"
+        };
+        facts.push(("imported", told.into()));
     }
     facts.iter().map(|(name, fact)| format!("{name:<11}  {fact}\n")).collect()
 }
@@ -252,7 +279,7 @@ mod tests {
 
     fn job(id: u64, state: proto::JobState, message: &str) -> proto::Job {
         let (ego, other, message) = ("robot".into(), "human".into(), message.into());
-        proto::Job { id, ego, other, state: state.into(), progress: 0.25, message, version: None }
+        proto::Job { id, ego, other, state: state.into(), progress: 0.25, message, ..Default::default() }
     }
 
     #[test]
@@ -311,15 +338,24 @@ mod tests {
 
     #[test]
     fn an_imported_network_says_so() {
-        let card = model().card.map(|card| proto::Card { imported: true, ..card });
-        let told = render("hallway", &proto::Model { card, ..model() });
-        assert!(told.contains("\nimported     trained elsewhere"), "{told}");
+        let told = |epochs: Vec<u64>| {
+            let card = model().card.map(|card| proto::Card { imported: true, epochs, ..card });
+            render("hallway", &proto::Model { card, ..model() })
+        };
+        let [own, foreign] = [told(vec![30]), told(Vec::new())];
+        assert!(own.contains("\nimported     from a file that Nudge wrote"), "{own}");
+        assert!(foreign.contains("\nimported     trained by another tool"), "{foreign}");
     }
 
     #[test]
     fn a_job_is_a_line() {
         let running = job(3, proto::JobState::Running, "training member 2 of 3");
-        assert_eq!(job_line(&running), "job-3 running: training member 2 of 3");
+        assert_eq!(job_line(&running), "job-3 running, 25 %: training member 2 of 3");
+        for (seconds, left) in [(0.2, "1 s"), (89.0, "89 s"), (90.0, "2 min"), (5_399.0, "90 min"), (9_000.0, "2.5 h")]
+        {
+            let told = job_line(&proto::Job { seconds_left: Some(seconds), ..running.clone() });
+            assert_eq!(told, format!("job-3 running, 25 %, about {left} left: training member 2 of 3"));
+        }
         assert_eq!(job_line(&job(4, proto::JobState::Queued, "")), "job-4 queued");
     }
 }

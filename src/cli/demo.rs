@@ -3,6 +3,7 @@
 mod found;
 mod live;
 
+use std::cell::Cell;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
 use std::time::Duration;
@@ -14,12 +15,13 @@ use self::live::Live;
 use super::Failure;
 use super::duration::duration;
 use super::ingest::{self, Part};
-use super::output::print;
+use super::output::{count, print};
 use super::progress::Progress;
 use super::report::Report;
 use super::serve::{Service, Signals, address};
 use super::simulate::{Pace, Run};
 use crate::api::proto;
+use crate::app::App;
 use crate::client::Connection;
 use crate::config::Config;
 use crate::error::Problem;
@@ -68,6 +70,9 @@ impl Demo {
         let Some(service) = Service::start(&config, &signals).await? else { return Ok(()) };
         let address = reachable(service.address);
         print(&format!("listening on http://{address}, counting in {}", config.database().display()))?;
+        if !self.fresh {
+            print(&counted_before(&service.app).await)?;
+        }
         let shown = tokio::select! {
             shown = self.show(address) => shown,
             () = signals.next() => Ok(()),
@@ -78,17 +83,30 @@ impl Demo {
 
     async fn show(&self, address: SocketAddr) -> Result<(), Failure> {
         let ended = tokio::time::sleep(self.duration.unwrap_or(Duration::MAX));
+        let is_told = Cell::new(false);
         let shown = async {
             let connection = Connection::open(&address.to_string()).await?;
             let environments = self.play(&connection).await?;
             let best = found::tell(&connection, &environments).await?;
             print(&to_try(address, &best))?;
+            is_told.set(true);
             found::train(&connection, HALLWAY).await?;
             std::future::pending().await
         };
         tokio::select! {
             shown = shown => shown,
-            () = ended => Ok(()),
+            () = ended => self.end(is_told.get()),
+        }
+    }
+
+    /// Ends the show where `--duration` says so, and says what was not told for want of time.
+    fn end(&self, is_told: bool) -> Result<(), Failure> {
+        match is_told {
+            true => Ok(()),
+            false => print(&format!(
+                "\nended by --duration before it could say what was found: give it longer; what is counted stays in {}",
+                self.data.display()
+            )),
         }
     }
 
@@ -122,6 +140,23 @@ impl Demo {
             report.table()
         ))?;
         Ok(names)
+    }
+}
+
+/// Returns what was counted in an earlier run, from the totals that are kept: looking at every state takes longer than some demos last.
+async fn counted_before(app: &App) -> String {
+    let mut told = String::new();
+    for environment in app.store.environments() {
+        // One that cannot be read is told by what follows.
+        let Ok(totals) = app.store.totals(environment.id).await else { continue };
+        if totals.transitions > 0 {
+            let [transitions, states] = [totals.transitions, totals.states].map(count);
+            told += &format!("{}: {transitions} transitions in {states} states, counted before\n", environment.name);
+        }
+    }
+    match told.is_empty() {
+        true => "counting games and a hallway, and then looking at every state: that takes some seconds".into(),
+        false => told + "looking at every state of them: that takes some seconds",
     }
 }
 

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
 
+use super::asking::asked;
 use super::output::{Table, cannot_read, print, print_json, to_json};
 use super::server::Server;
 use super::{Failure, output};
@@ -13,7 +14,7 @@ use crate::api::{json as dto, proto};
 use crate::client::{Connection, schema_of};
 use crate::domain::draft::DescriptionDraft;
 use crate::domain::{Angle, Feature, FeatureKind, Pair, Schema, SchemaDraft, Unit, WrittenRule};
-use crate::error::{Fault, Problem};
+use crate::error::{ErrorKind, Fault, Problem};
 use crate::information::Alphabet;
 
 /// Create, list, show and delete environments
@@ -201,13 +202,23 @@ impl Show {
 impl Delete {
     async fn run(self) -> Result<(), Failure> {
         let Self { name, yes, server } = self;
+        let connection = server.connect().await?;
         if !yes {
-            let message = format!("this deletes `{name}` and everything counted in it, for ever: add --yes to do it");
-            return Err(Failure::usage(message));
+            return Err(unsure(&connection, &name).await);
         }
         let request = proto::DeleteEnvironmentRequest { name: name.clone() };
-        server.connect().await?.environments().delete_environment(request).await?;
+        connection.environments().delete_environment(request).await?;
         print(&format!("environment `{name}` deleted"))
+    }
+}
+
+/// Says what would be deleted, if there is anything: one that cannot be read can be deleted too.
+async fn unsure(connection: &Connection, name: &str) -> Failure {
+    match connection.environment(name).await {
+        Err(error) if error.kind() == ErrorKind::NotFound => error.into(),
+        _ => {
+            Failure::usage(format!("this deletes `{name}` and everything counted in it, for ever: add --yes to do it"))
+        }
     }
 }
 
@@ -217,7 +228,11 @@ async fn all(connection: &Connection) -> Result<proto::ListEnvironmentsResponse,
     loop {
         let page_token = std::mem::take(&mut all.next_page_token);
         let request = proto::ListEnvironmentsRequest { page_size: 1_000, page_token };
-        let page = connection.environments().list_environments(request).await?.into_inner();
+        let ask = || {
+            let (mut client, request) = (connection.environments(), request.clone());
+            async move { client.list_environments(request).await }
+        };
+        let page = asked(ask).await?;
         all.environments.extend(page.environments);
         all.unreadable.extend(page.unreadable);
         all.next_page_token = page.next_page_token;

@@ -4,6 +4,7 @@
 //! command cannot be done as it was given (a wrong flag, no such file, no service there); 130: a signal ended what it waited for.
 
 mod answers;
+mod asking;
 mod card;
 mod check;
 mod demo;

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 
+use super::asking::asked;
 use super::output::{cannot_read, cannot_write, count, print, print_json, to_json};
 use super::server::Server;
 use super::{Failure, card};
@@ -49,8 +50,8 @@ pub(super) enum Model {
     Export(Export),
     /// Keep a network that was trained elsewhere
     #[command(
-        long_about = "Keep a network that was trained elsewhere: a safetensors file as `nudge model export` writes it. It is judged by the \
-        counts of this environment, and not made active.\n\n\
+        long_about = "Keep a network that was trained elsewhere: a safetensors file as `nudge model export` writes it. It says of every \
+        state what it said there, is judged by the counts of this environment, and not made active. A file of another tool is calibrated here.\n\n\
         Example:\n  nudge model import hallway hallway.safetensors"
     )]
     Import(Import),
@@ -165,7 +166,11 @@ async fn all(connection: &Connection, environment: &str) -> Result<proto::ListMo
     loop {
         let page_token = std::mem::take(&mut all.next_page_token);
         let request = proto::ListModelsRequest { environment: environment.to_owned(), page_size: 0, page_token };
-        let page = connection.models().list_models(request).await?.into_inner();
+        let ask = || {
+            let (mut client, request) = (connection.models(), request.clone());
+            async move { client.list_models(request).await }
+        };
+        let page = asked(ask).await?;
         all.models.extend(page.models);
         all.jobs.extend(page.jobs);
         all.next_page_token = page.next_page_token;
@@ -186,13 +191,23 @@ impl Show {
     async fn version(self, version: u64) -> Result<(), Failure> {
         let Self { environment, json, server, .. } = self;
         let request = proto::GetModelRequest { environment: environment.clone(), version };
-        let response = server.connect().await?.models().get_model(request).await?.into_inner();
+        let connection = server.connect().await?;
+        let ask = || {
+            let (mut client, request) = (connection.models(), request.clone());
+            async move { client.get_model(request).await }
+        };
+        let response = asked(ask).await?;
         shown(&environment, response.model.unwrap_or_default(), json)
     }
 
     async fn job(self, id: u64) -> Result<(), Failure> {
         let request = proto::GetJobRequest { environment: self.environment, id };
-        let response = self.server.connect().await?.models().get_job(request).await?.into_inner();
+        let connection = self.server.connect().await?;
+        let ask = || {
+            let (mut client, request) = (connection.models(), request.clone());
+            async move { client.get_job(request).await }
+        };
+        let response = asked(ask).await?;
         let job = response.job.unwrap_or_default();
         if self.json {
             return print_json(&to_json(dto::Job::from(job)));
@@ -249,7 +264,12 @@ impl Export {
     async fn run(self) -> Result<(), Failure> {
         let Self { environment, version, out, server } = self;
         let request = proto::ExportModelRequest { environment: environment.clone(), version };
-        let file = server.connect().await?.models().export_model(request).await?.into_inner().file;
+        let connection = server.connect().await?;
+        let ask = || {
+            let (mut client, request) = (connection.models(), request.clone());
+            async move { client.export_model(request).await }
+        };
+        let file = asked(ask).await?.file;
         std::fs::write(&out, &file).map_err(|error| cannot_write(&out, &error))?;
         let (bytes, out) = (count(file.len() as u64), out.display());
         print(&format!("version {version} of `{environment}`: {bytes} bytes in {out}"))

@@ -4,6 +4,7 @@ use std::collections::HashSet;
 
 use clap::{Args, ValueEnum};
 
+use super::asking::asked;
 use super::output::{print, print_json, to_json};
 use super::server::Server;
 use super::{Failure, answers, graph};
@@ -157,14 +158,23 @@ impl Query {
         let connection = self.server.connect().await?;
         let schema = schema_of(&connection.environment(&self.environment).await?)?;
         if self.graph {
-            let response = connection.influence().get_graph(self.graph_request(&schema)?).await?.into_inner();
+            let request = self.graph_request(&schema)?;
+            let ask = || {
+                let (mut client, request) = (connection.influence(), request.clone());
+                async move { client.get_graph(request).await }
+            };
+            let response = asked(ask).await?;
             return match self.json {
                 true => print_json(&to_json(dto::Graph::from(response))),
                 false => print(&graph::render(&self.environment, &response)),
             };
         }
         let request = self.request(&schema)?;
-        let response = connection.influence().batch_get_influence(request).await?.into_inner();
+        let ask = || {
+            let (mut client, request) = (connection.influence(), request.clone());
+            async move { client.batch_get_influence(request).await }
+        };
+        let response = asked(ask).await?;
         if self.json {
             print_json(&to_json(dto::Answers::from(response)))
         } else {

@@ -3,6 +3,7 @@
 use std::convert::Infallible;
 use std::net::SocketAddr;
 use std::path::PathBuf;
+use std::str::FromStr;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -44,19 +45,19 @@ pub struct ServeSettings {
     #[arg(long, env = "NUDGE_DATA", value_name = "DIR", default_value_os_t = Config::default().data)]
     pub data: PathBuf,
     /// The most cells (state, segment, joint action) of an environment.
-    #[arg(long, env = "NUDGE_MAX_CELLS", value_name = "N", default_value_t = Config::default().max_cells)]
+    #[arg(long, env = "NUDGE_MAX_CELLS", value_name = "N", value_parser = at_least_one::<u64>, default_value_t = Config::default().max_cells)]
     pub max_cells: u64,
     /// The most segments of an environment.
-    #[arg(long, env = "NUDGE_MAX_SEGMENTS", value_name = "N", default_value_t = Config::default().max_segments)]
+    #[arg(long, env = "NUDGE_MAX_SEGMENTS", value_name = "N", value_parser = at_least_one::<u64>, default_value_t = Config::default().max_segments)]
     pub max_segments: u64,
     /// The most producers of an environment.
-    #[arg(long, env = "NUDGE_MAX_PRODUCERS", value_name = "N", default_value_t = Config::default().max_producers)]
+    #[arg(long, env = "NUDGE_MAX_PRODUCERS", value_name = "N", value_parser = at_least_one::<u64>, default_value_t = Config::default().max_producers)]
     pub max_producers: u64,
     /// The most models (versions of networks) of an environment.
-    #[arg(long, env = "NUDGE_MAX_MODELS", value_name = "N", default_value_t = Config::default().max_models)]
+    #[arg(long, env = "NUDGE_MAX_MODELS", value_name = "N", value_parser = at_least_one::<u64>, default_value_t = Config::default().max_models)]
     pub max_models: u64,
     /// The most environments. Those that exist stay, also where there are more.
-    #[arg(long, env = "NUDGE_MAX_ENVIRONMENTS", value_name = "N", default_value_t = Config::default().max_environments)]
+    #[arg(long, env = "NUDGE_MAX_ENVIRONMENTS", value_name = "N", value_parser = at_least_one::<u64>, default_value_t = Config::default().max_environments)]
     pub max_environments: u64,
     /// Cells kept in memory.
     #[arg(long, env = "NUDGE_CACHE_CELLS", value_name = "N", default_value_t = Config::default().cache_cells)]
@@ -69,7 +70,7 @@ pub struct ServeSettings {
     #[arg(long, env = "NUDGE_TRAIN_EVERY", value_name = "TIME", value_parser = duration, default_value = "0s")]
     pub train_every: Duration,
     /// The most connections, as far as the limit on open files (ulimit -n) leaves room; the idlest one makes room for a new one.
-    #[arg(long, env = "NUDGE_MAX_CONNECTIONS", value_name = "N", value_parser = at_least_one, default_value_t = Config::default().max_connections)]
+    #[arg(long, env = "NUDGE_MAX_CONNECTIONS", value_name = "N", value_parser = at_least_one::<usize>, default_value_t = Config::default().max_connections)]
     pub max_connections: usize,
     /// The age, give or take a tenth, at which an HTTP/2 connection is asked to leave, so that clients spread over services anew; 0s for never.
     #[arg(long, env = "NUDGE_MAX_CONNECTION_AGE", value_name = "TIME", value_parser = duration, default_value = "1h")]
@@ -245,8 +246,8 @@ pub(super) fn address(text: &str) -> Result<SocketAddr, String> {
     text.parse().map_err(|_| format!("got {text:?}, expected an IP address and a port such as 127.0.0.1:8080"))
 }
 
-fn at_least_one(text: &str) -> Result<usize, String> {
-    let number = text.parse().ok().filter(|number| *number > 0);
+fn at_least_one<N: FromStr + Default + PartialOrd>(text: &str) -> Result<N, String> {
+    let number = text.parse().ok().filter(|number| *number > N::default());
     number.ok_or_else(|| format!("got {text:?}, expected a whole number of at least 1"))
 }
 

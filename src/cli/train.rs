@@ -1,6 +1,6 @@
 //! `nudge train`: a network for a pair of agents, trained by the service and judged beside its baselines.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use clap::Args;
 
@@ -10,11 +10,15 @@ use super::serve::Signals;
 use super::server::Server;
 use super::{Failure, card};
 use crate::api::proto::{self, JobState};
-use crate::client::{Connection, patiently};
+use crate::client::{Connection, patiently, patiently_telling};
 use crate::domain::{ModelId, ModelKind, Weighting};
 
-/// How often the service is asked how far it is.
-const EVERY: Duration = Duration::from_millis(200);
+/// How often the service is asked how far it is: often at first, for a short training, then less and less.
+const OFTEN: Duration = Duration::from_millis(100);
+const SELDOM: Duration = Duration::from_secs(1);
+
+/// In a pipe a line is told where there is something new, and after so long in any case.
+const QUIET: Duration = Duration::from_secs(30);
 
 /// Train a network that answers where counts do not decide
 #[derive(Debug, Args)]
@@ -71,7 +75,7 @@ impl Train {
         let connection = self.server.connect().await?;
         let signals = Signals::install()?;
         let response = connection.models().train_model(self.request()).await?.into_inner();
-        let job = Watched { connection, environment: self.environment, id: response.job.unwrap_or_default().id };
+        let job = Watched::new(&connection, &self.environment, response.job.unwrap_or_default().id);
         let version = outcome(job.end(&signals).await?)?;
         shown(&job.environment, job.model(version).await?, self.json)
     }
@@ -103,14 +107,43 @@ fn outcome(job: proto::Job) -> Result<u64, Failure> {
     }
 }
 
+/// What is said beside the bar, which tells the share itself.
+fn part(job: &proto::Job) -> String {
+    match job.seconds_left {
+        Some(seconds) => format!("about {} left: {}", card::about(seconds), job.message),
+        None => job.message.clone(),
+    }
+}
+
+/// What is new enough for a line in a pipe: another state, one fewer in front, another step, a tenth more.
+#[derive(PartialEq)]
+struct Stage {
+    state: i32,
+    ahead: u64,
+    step: Option<String>,
+    tenths: u64,
+}
+
+impl Stage {
+    fn of(job: &proto::Job) -> Self {
+        // What a job that waits says is how far the one in front of it is.
+        let step = Some(job.message.clone()).filter(|_| job.state() != JobState::Queued);
+        Self { state: job.state, ahead: job.ahead, step, tenths: (10.0 * job.progress) as u64 }
+    }
+}
+
 /// A training that is waited for.
-struct Watched {
+pub(super) struct Watched {
     connection: Connection,
     environment: String,
     id: u64,
 }
 
 impl Watched {
+    pub(super) fn new(connection: &Connection, environment: &str, id: u64) -> Self {
+        Self { connection: connection.clone(), environment: environment.to_owned(), id }
+    }
+
     /// Shows how far it is until it is over, or ends it when a signal comes.
     async fn end(&self, signals: &Signals) -> Result<proto::Job, Failure> {
         let progress = Progress::of_share();
@@ -122,21 +155,24 @@ impl Watched {
         ended
     }
 
-    async fn over(&self, progress: &Progress) -> Result<proto::Job, Failure> {
-        let mut told = String::new();
+    /// Shows how far it is until it is over.
+    pub(super) async fn over(&self, progress: &Progress) -> Result<proto::Job, Failure> {
+        let mut told = None;
+        let mut wait = OFTEN;
         loop {
-            let job = self.job().await?;
-            let line = card::job_line(&job);
-            progress.part(&job.message);
+            let job = self.job(progress).await?;
+            progress.part(&part(&job));
             progress.at_share(job.progress);
-            if told != line {
-                progress.line(&line);
-                told = line;
+            let stage = Stage::of(&job);
+            if told.as_ref().is_none_or(|(last, at): &(Stage, Instant)| *last != stage || at.elapsed() >= QUIET) {
+                progress.line(&card::job_line(&job));
+                told = Some((stage, Instant::now()));
             }
             match job.state() {
-                JobState::Queued | JobState::Running => tokio::time::sleep(EVERY).await,
+                JobState::Queued | JobState::Running => tokio::time::sleep(wait).await,
                 _ => return Ok(job),
             }
+            wait = (2 * wait).min(SELDOM);
         }
     }
 
@@ -154,13 +190,22 @@ impl Watched {
         }
     }
 
-    async fn job(&self) -> Result<proto::Job, Failure> {
+    /// Asks how far it is, and says so where the service is away for a moment.
+    async fn job(&self, progress: &Progress) -> Result<proto::Job, Failure> {
         let ask = || {
             let request = proto::GetJobRequest { environment: self.environment.clone(), id: self.id };
             let mut client = self.connection.models();
             async move { client.get_job(request).await }
         };
-        Ok(patiently(ask).await?.job.unwrap_or_default())
+        let mut last = String::new();
+        let tell = |why: &str| {
+            progress.part(why);
+            if last != why {
+                progress.line(&format!("{why}; asking again"));
+                last = why.to_owned();
+            }
+        };
+        Ok(patiently_telling(ask, tell).await?.job.unwrap_or_default())
     }
 
     async fn model(&self, version: u64) -> Result<proto::Model, Failure> {
@@ -211,6 +256,32 @@ mod tests {
     }
 
     #[test]
+    fn a_pipe_is_told_what_is_new() {
+        let waits = |ahead, message: &str| proto::Job { ahead, message: message.into(), ..job_in(JobState::Queued) };
+        let runs = |progress| proto::Job { progress, message: "learns".into(), ..job_in(JobState::Running) };
+        let is_new = |one: proto::Job, next: proto::Job| Stage::of(&one) != Stage::of(&next);
+        assert!(!is_new(waits(2, "34 % is done"), waits(2, "35 % is done")));
+        assert!(is_new(waits(2, ""), waits(1, "")) && is_new(waits(1, ""), runs(0.0)));
+        assert!(!is_new(runs(0.31), runs(0.39)) && is_new(runs(0.39), runs(0.4)));
+    }
+
+    #[test]
+    fn a_bar_says_how_long_it_takes_once_that_is_known() {
+        let runs = |seconds_left| proto::Job {
+            progress: 0.25,
+            message: "learns".into(),
+            seconds_left,
+            ..job_in(JobState::Running)
+        };
+        assert_eq!(part(&runs(None)), "learns");
+        assert_eq!(part(&runs(Some(140.0))), "about 2 min left: learns");
+    }
+
+    fn job_in(state: JobState) -> proto::Job {
+        proto::Job { id: 3, state: state.into(), ..Default::default() }
+    }
+
+    #[test]
     fn only_a_version_is_a_success() {
         let job = |state: JobState, version| proto::Job {
             id: 3,
@@ -219,6 +290,7 @@ mod tests {
             version,
             ..Default::default()
         };
+        assert_eq!(part(&job(JobState::Failed, None)), "nothing was counted");
         assert_eq!(outcome(job(JobState::Done, Some(7))), Ok(7));
         let failed = Failure::refused("job-3 failed: nothing was counted");
         assert_eq!(outcome(job(JobState::Failed, None)), Err(failed));

@@ -257,6 +257,17 @@ pub struct DiscoveryDraft {
     pub method: Option<String>,
 }
 
+/// A question for what all states say together, unchecked.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct SummaryDraft {
+    /// Whose influence on whom, from which counts, by which rule.
+    pub pair: PairDraft,
+    /// Which states count as discoveries.
+    pub discovery: DiscoveryDraft,
+    /// Whether the names of the segments are left out: there may be thousands.
+    pub omit_segments: bool,
+}
+
 /// A question for what to try next, unchecked.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ExplorationDraft {

@@ -29,6 +29,7 @@ mod label_set;
 mod model;
 mod name;
 mod named;
+mod near;
 mod overview;
 mod question;
 mod records;
@@ -55,6 +56,7 @@ pub use model::{
     Reliability, Score, Training, Weighting, is_same_threshold,
 };
 pub use name::{Label, Name, ProducerId};
+pub use near::hint;
 pub use overview::{
     Discoveries, Discovery, DiscoveryMethod, Edge, EdgeKind, Exploration, FittedPrior, Graph, HistogramBin,
     LabelledCell, StateFigures, StatePage, StateView, Summary, Trial, page_size,

@@ -123,7 +123,7 @@ pub struct Model {
 pub struct Card {
     /// How it was trained.
     pub training: Training,
-    /// Whether it was trained elsewhere and brought here: then nobody knows which states it has seen.
+    /// Whether it was brought here by a file.
     pub imported: bool,
     /// The schema it belongs to, in hexadecimal digits.
     pub schema_hash: String,
@@ -163,6 +163,18 @@ pub struct Card {
     /// Names of the baselines that it does not beat, by log-likelihood where both have one, else by the Brier score; it is made active by itself
     /// where there is none.
     pub not_better_than: Vec<String>,
+}
+
+impl Card {
+    /// Returns whether it found more in the counts that it learned from than the same network does in shuffled ones.
+    pub fn found_something(&self) -> bool {
+        !self.not_better_than.iter().any(|name| name == Baseline::Shuffled.as_str())
+    }
+
+    /// Returns whether it is known which states each member did not learn from: not of a network that another tool trained.
+    pub fn is_split_known(&self) -> bool {
+        !self.epochs.is_empty()
+    }
 }
 
 /// Returns whether two thresholds in nats are the same but for rounding: one may have been told in bits, or as a share of what is possible.
@@ -261,6 +273,10 @@ pub struct Job {
     pub message: String,
     /// The version that came out.
     pub version: Option<u64>,
+    /// Trainings that go before it, of whatever environment; 0 once it has begun.
+    pub ahead: u64,
+    /// In how many seconds it will be done, at its pace so far; `None` before that can be told, and when it is over.
+    pub seconds_left: Option<f64>,
 }
 
 /// How far a job is.

@@ -2,7 +2,7 @@
 
 use super::draft::{ActionDraft, NamedValues, ValueDraft};
 use super::label_set::is_plain_number;
-use super::{Agent, Feature, FeatureKind, LabelSet, Schema};
+use super::{Agent, Feature, FeatureKind, LabelSet, Name, Schema};
 use crate::error::{Fault, pointer};
 
 /// From here on a number is told with its exponent.
@@ -17,8 +17,11 @@ impl Schema {
 
     /// Returns one value an action feature, agent after agent, or every fault.
     pub fn action_values(&self, named: &[(String, ActionDraft)]) -> Result<Vec<f32>, Vec<Fault>> {
-        let mut faults =
-            unknown(named.iter().map(|(name, _)| name.as_str()), |name| self.agent(name).is_some(), "agent");
+        let mut faults = unknown(
+            named.iter().map(|(name, _)| name.as_str()),
+            self.agents().iter().map(|agent| &agent.name),
+            "agent",
+        );
         let mut all = Vec::with_capacity(self.action_width());
         for agent in self.agents() {
             let pointer = format!("/{}", agent.name);
@@ -67,7 +70,7 @@ fn action(agent: &Agent, draft: &ActionDraft) -> Result<Vec<f32>, Vec<Fault>> {
 }
 
 fn values(features: &[Feature], named: &NamedValues) -> Result<Vec<f32>, Vec<Fault>> {
-    let known = |name: &str| features.iter().any(|feature| feature.name.as_str() == name);
+    let known = features.iter().map(|feature| &feature.name);
     let mut faults = unknown(named.iter().map(|(name, _)| name.as_str()), known, "feature");
     let mut all = Vec::with_capacity(features.len());
     for feature in features {
@@ -86,8 +89,25 @@ fn values(features: &[Feature], named: &NamedValues) -> Result<Vec<f32>, Vec<Fau
     if faults.is_empty() { Ok(all) } else { Err(faults) }
 }
 
-fn unknown<'a>(names: impl Iterator<Item = &'a str>, known: impl Fn(&str) -> bool, what: &str) -> Vec<Fault> {
-    names.filter(|name| !known(name)).map(|name| Fault::new(pointer(name), format!("unknown {what}"))).collect()
+fn unknown<'a>(
+    names: impl Iterator<Item = &'a str>,
+    known: impl Iterator<Item = &'a Name> + Clone,
+    what: &str,
+) -> Vec<Fault> {
+    let is_known = |name: &str| known.clone().any(|known| known.as_str() == name);
+    names
+        .filter(|name| !is_known(name))
+        .map(|name| Fault::new(pointer(name), unknown_one(known.clone(), what)))
+        .collect()
+}
+
+/// Says which names there are, if they are few. Which is nearest is not looked for: a batch may have a hundred thousand wrong names.
+fn unknown_one<'a>(known: impl Iterator<Item = &'a Name> + Clone, what: &str) -> String {
+    const FEW: usize = 8;
+    match known.clone().count() {
+        1..=FEW => format!("unknown {what}, expected {}", known.map(Name::as_str).collect::<Vec<_>>().join(", ")),
+        _ => format!("unknown {what}"),
+    }
 }
 
 /// Reads a value of a feature, the same for every face: what [`super::LabelSet`] says of labels, and for other kinds a number, which text may be

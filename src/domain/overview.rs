@@ -156,7 +156,7 @@ pub struct Summary {
     pub transitions: u64,
     /// States seen, in the segments asked for.
     pub states: u64,
-    /// Segments of the environment.
+    /// Segments of the environment; none where they were left out.
     pub segments: Vec<Label>,
     /// Segments that the counts come from; the mean over states of the probability that habits differ there.
     pub segmentation: Segmentation,

@@ -9,7 +9,7 @@ use crate::error::{Fault, Problem};
 
 const WIDTH: RangeInclusive<u64> = 1..=Training::MOST_WIDTH as u64;
 const MEMBERS: RangeInclusive<u64> = 1..=Training::MOST_MEMBERS as u64;
-const FOLDS: RangeInclusive<u64> = 2..=20;
+const FOLDS: RangeInclusive<u64> = Training::FEWEST_FOLDS as u64..=Training::MOST_FOLDS as u64;
 const EPOCHS: RangeInclusive<u64> = 1..=10_000;
 
 impl Training {
@@ -17,6 +17,10 @@ impl Training {
     pub const MOST_WIDTH: usize = 1_024;
     /// The most networks that are averaged.
     pub const MOST_MEMBERS: usize = 16;
+    /// The fewest parts that the states are cut into: one to learn from, one to judge by.
+    pub const FEWEST_FOLDS: usize = 2;
+    /// The most parts that the states are cut into.
+    pub const MOST_FOLDS: usize = 20;
 
     /// Checks a request and lists every fault; returns whose network it is and how it is trained.
     pub fn new(schema: &Schema, draft: &TrainingDraft) -> Result<(Pair, Self), Problem> {

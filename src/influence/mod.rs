@@ -30,11 +30,11 @@ use ranks::Ranks;
 use shared::{Made, Shared};
 use survey::{Plan, Survey};
 
-use crate::domain::draft::{DiscoveryDraft, ExplorationDraft, ListingDraft, PairDraft};
+use crate::domain::draft::{ExplorationDraft, ListingDraft, PairDraft, SummaryDraft};
 use crate::domain::{
     Agent, Answer, Answers, Basis, Cell, Discovery, DiscoveryMethod, Environment, EnvironmentId, Exploration,
     FittedPrior, Label, LabelledCell, Labels, Pair, Question, Schema, Scope, SegmentId, StatePage, StateView, Summary,
-    Tally, Variable, page_size,
+    Tally, Variable, hint, page_size,
 };
 use crate::error::{ErrorKind, Fault, Problem};
 use crate::model::Networks;
@@ -163,14 +163,9 @@ impl Influence {
     }
 
     /// Returns what all states say together.
-    pub async fn summary(
-        &self,
-        environment: &Arc<Environment>,
-        pair: &PairDraft,
-        discovery: &DiscoveryDraft,
-    ) -> Result<Summary, Problem> {
-        let scope = Scope::new(environment, pair)?;
-        let discovery = Discovery::new(discovery).map_err(|faults| Problem::invalid("question", faults))?;
+    pub async fn summary(&self, environment: &Arc<Environment>, draft: &SummaryDraft) -> Result<Summary, Problem> {
+        let scope = Scope::new(environment, &draft.pair)?;
+        let discovery = Discovery::new(&draft.discovery).map_err(|faults| Problem::invalid("question", faults))?;
         let plan = self.plan(environment, scope).await?;
         let (survey, searched) = match discovery {
             None => (self.survey(&plan).await?, None),
@@ -179,7 +174,10 @@ impl Influence {
                 (searched.survey.clone(), Some(searched))
             }
         };
-        let named = self.store.segments(environment.id).await.map_err(logged)?;
+        let named = match draft.omit_segments {
+            true => Vec::new(),
+            false => self.store.segments(environment.id).await.map_err(logged)?,
+        };
         let named = named.into_iter().filter_map(|(_, label)| label).collect();
         let rows = survey.rows.len();
         let summary = move || {
@@ -335,7 +333,11 @@ impl Influence {
         for label in named {
             match known.iter().find(|(_, known)| known.as_ref() == Some(label)) {
                 Some((id, _)) => ids.push(*id),
-                None => faults.push(Fault::new("/segments", format!("unknown segment {:?}", label.as_str()))),
+                None => {
+                    let known = known.iter().filter_map(|(_, label)| Some(label.as_ref()?.as_str()));
+                    let hint = hint(label.as_str(), known);
+                    faults.push(Fault::new("/segments", format!("unknown segment {:?}{hint}", label.as_str())));
+                }
             }
         }
         if faults.is_empty() { Ok(Some(ids)) } else { Err(Problem::invalid("question", faults)) }

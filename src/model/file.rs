@@ -9,9 +9,11 @@
 //! | `members.0.influence.weight`, `.bias` | `[1, width]`, `[1]` (direct) |
 //!
 //! What the numbers cannot say stands in the file's metadata, text by text: `format` (`nudge/1`), `kind`, `ego`, `other`, `schema_hash`, `threshold`
-//! (nats), `scales` (JSON: for each feature `null`, or the mean and the deviation that its value is standardised by), `card` (the form of `text`; not
-//! read back), and, absent from files of earlier builds and of other tools, `seen` (JSON: for each feature the bins that the states of the training had,
-//! as runs `[first, last]` in order).
+//! (nats), `scales` (JSON: for each feature `null`, or the mean and the deviation that its value is standardised by), `card` (the form of `text`; absent,
+//! empty or `{}` in files of other tools), and, absent from files of earlier builds and of other tools, `seen` (JSON: for each feature the bins that the
+//! states of the training had, as runs `[first, last]` in order).
+//!
+//! The card belongs to what the network says: a probability is made by its calibration. A file that is imported brings it along.
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::fmt::Display;
@@ -24,7 +26,8 @@ use serde::{Deserialize, Serialize};
 use super::encoder::{Encoder, Scale};
 use super::member::{Layer, Member, heads};
 use super::seen::Seen;
-use crate::domain::{Environment, ModelKind, Pair, Schema, Training};
+use super::text;
+use crate::domain::{Card, Environment, ModelKind, Pair, Schema, Training, is_same_threshold};
 use crate::error::{Fault, Problem};
 
 /// The largest file.
@@ -35,8 +38,9 @@ const LARGEST: f32 = 1e6;
 
 const FORMAT: &str = "nudge/1";
 
-/// The name of the metadata that may be absent.
+/// The names of the metadata that may be absent.
 const SEEN: &str = "seen";
+const CARD: &str = "card";
 
 /// The bytes of a header's size, of which a header is a multiple.
 const SIZE: usize = size_of::<u64>();
@@ -72,7 +76,7 @@ pub fn write(environment: &Environment, content: &Content, card: &str) -> Vec<u8
         ("schema_hash", environment.schema.hash().to_string()),
         ("threshold", content.threshold.to_string()),
         ("scales", scales),
-        ("card", card.to_owned()),
+        (CARD, card.to_owned()),
     ];
     let mut metadata = BTreeMap::from(metadata);
     if let Some(seen) = &content.seen {
@@ -144,6 +148,38 @@ fn tensors(at: usize, kind: ModelKind, member: &Member) -> Vec<Tensor> {
 /// Reads a file that belongs to an environment, or lists what is wrong with it.
 pub fn read(environment: &Environment, bytes: &[u8]) -> Result<Content, Problem> {
     parse(environment, bytes).map_err(|faults| Problem::invalid("network", faults))
+}
+
+/// Reads a file that is brought from elsewhere, with the card that an export writes into it.
+pub fn imported(environment: &Environment, bytes: &[u8]) -> Result<(Content, Option<Card>), Problem> {
+    let content = read(environment, bytes)?;
+    let (_, header) = SafeTensors::read_metadata(bytes).expect("it was read before");
+    let told = header.metadata().as_ref().and_then(|metadata| metadata.get(CARD));
+    let card = told.filter(|text| !matches!(text.trim(), "" | "{}")).map(|text| card_of(&content, text));
+    let card = card.transpose().map_err(|detail| Problem::invalid("network", vec![fault(CARD, detail)]))?;
+    Ok((content, card))
+}
+
+/// Reads a card, which has to be that of its network. The text is not repeated: it is long.
+fn card_of(content: &Content, text: &str) -> Result<Card, String> {
+    const WITHOUT: &str = "take it as an export wrote it, or leave it out to have the network calibrated here";
+    let card = text::card(text).map_err(|why| format!("cannot be read: {why}; {WITHOUT}"))?;
+    let width = content.members.first().map_or(0, |member| member.trunk.shape().1);
+    let network = (content.kind.as_str(), content.members.len(), width);
+    let told = (card.training.kind.as_str(), card.training.members, card.training.width);
+    if told != network {
+        return Err(format!("is of a network {told:?}, expected {network:?} (kind, members, width); {WITHOUT}"));
+    }
+    let fewest = if card.is_split_known() { card.training.members } else { 0 }.max(Training::FEWEST_FOLDS);
+    if !(fewest..=Training::MOST_FOLDS).contains(&card.training.folds) {
+        let (folds, most) = (card.training.folds, Training::MOST_FOLDS);
+        return Err(format!("got {folds} folds, expected {fewest} to {most}; {WITHOUT}"));
+    }
+    if !is_same_threshold(card.threshold, content.threshold) {
+        let (told, expected) = (card.threshold, content.threshold);
+        return Err(format!("is of a threshold of {told} nats, expected {expected}; {WITHOUT}"));
+    }
+    Ok(card)
 }
 
 fn parse(environment: &Environment, bytes: &[u8]) -> Result<Content, Vec<Fault>> {

@@ -1,11 +1,12 @@
 //! Trainings that were asked for: one at a time, in the order of asking, each told about while it goes on and ended when somebody says so.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
 
 use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
 
-use crate::domain::{EnvironmentId, Job, JobState};
+use crate::domain::{Environment, EnvironmentId, Job, JobState, Pair};
 use crate::error::{ErrorKind, Problem};
 
 /// Jobs that may wait at once.
@@ -21,21 +22,57 @@ pub struct Jobs {
     changed: Arc<Notify>,
 }
 
+/// The share from which the time that is left is told: before it, one step more or less makes it another.
+const TELLING: f64 = 0.05;
+
 struct Entry {
     environment: EnvironmentId,
+    /// The environment's name.
+    name: String,
     job: Job,
+    /// When it had done something for the first time, and which share that was: until then it reads and fits, at another pace.
+    began: Option<(Instant, f64)>,
     end: CancellationToken,
+}
+
+impl Entry {
+    /// Returns the job with what is known only beside the others: those before it that are not over yet.
+    fn told(&self, before: &[Entry]) -> Job {
+        let job = self.job.clone();
+        match job.state {
+            JobState::Queued => waiting(job, before.iter().filter(|entry| !entry.job.state.is_over())),
+            JobState::Running => Job { seconds_left: self.seconds_left(), ..job },
+            _ => job,
+        }
+    }
+
+    /// Returns how long the rest takes if it goes as what is done went.
+    fn seconds_left(&self) -> Option<f64> {
+        let (at, first) = self.began?;
+        let done = self.job.progress - first;
+        let left = 1.0 - self.job.progress;
+        (done >= TELLING).then(|| (at.elapsed().as_secs_f64() * left / done).max(0.0))
+    }
+}
+
+/// Returns a job that waits, with what it waits for.
+fn waiting<'e>(job: Job, mut before: impl Iterator<Item = &'e Entry>) -> Job {
+    let Some(first) = before.next() else { return job };
+    let (id, name) = (first.job.id, &first.name);
+    let far = match first.job.state {
+        JobState::Running if first.job.progress >= 0.01 => {
+            format!(", of which {:.0} % is done", 100.0 * first.job.progress)
+        }
+        _ => String::new(),
+    };
+    let more = before.count() as u64;
+    let others = if more == 0 { String::new() } else { format!(", and for {more} more") };
+    Job { ahead: 1 + more, message: format!("waits for job-{id} of `{name}`{far}{others}"), ..job }
 }
 
 impl Jobs {
     /// Adds a job that waits, or refuses where too many do; returns it with what tells that it is to end.
-    pub fn add(
-        &self,
-        environment: EnvironmentId,
-        ego: String,
-        other: String,
-        end: CancellationToken,
-    ) -> Result<Job, Problem> {
+    pub fn add(&self, environment: &Environment, pair: &Pair, end: CancellationToken) -> Result<Job, Problem> {
         let mut entries = self.lock();
         let waiting = entries.iter().filter(|entry| !entry.job.state.is_over()).count();
         if waiting >= MOST_WAITING {
@@ -43,20 +80,25 @@ impl Jobs {
             return Err(Problem::new(ErrorKind::Overloaded, "TOO_MANY_TRAININGS", message));
         }
         let id = entries.last().map_or(0, |entry| entry.job.id) + 1;
-        let message = "waits for its turn".to_owned();
-        let job = Job { id, ego, other, state: JobState::Queued, progress: 0.0, message, version: None };
-        entries.push(Entry { environment, job: job.clone(), end });
+        let [ego, other] = [pair.ego, pair.other].map(|agent| environment.schema.agents()[agent].name.to_string());
+        let (state, message) = (JobState::Queued, "waits for its turn".to_owned());
+        let job = Job { id, ego, other, state, progress: 0.0, message, version: None, ahead: 0, seconds_left: None };
+        let entry = Entry { environment: environment.id, name: environment.name.to_string(), job, began: None, end };
+        let told = entry.told(&entries);
+        entries.push(entry);
         let over: Vec<u64> =
             entries.iter().filter(|entry| entry.job.state.is_over()).map(|entry| entry.job.id).collect();
         if over.len() > REMEMBERED {
             entries.retain(|entry| entry.job.id != over[0]);
         }
-        Ok(job)
+        Ok(told)
     }
 
     /// Returns the jobs of an environment, in order of number.
     pub fn of(&self, environment: EnvironmentId) -> Vec<Job> {
-        self.lock().iter().filter(|entry| entry.environment == environment).map(|entry| entry.job.clone()).collect()
+        let entries = self.lock();
+        let own = entries.iter().enumerate().filter(|(_, entry)| entry.environment == environment);
+        own.map(|(at, entry)| entry.told(&entries[..at])).collect()
     }
 
     /// Returns one job.
@@ -103,6 +145,9 @@ impl Jobs {
     pub fn update(&self, id: u64, change: impl FnOnce(&mut Job)) {
         if let Some(entry) = self.lock().iter_mut().find(|entry| entry.job.id == id) {
             change(&mut entry.job);
+            if entry.job.state == JobState::Running && entry.job.progress > 0.0 {
+                entry.began.get_or_insert_with(|| (Instant::now(), entry.job.progress));
+            }
         }
         self.changed.notify_waiters();
     }
@@ -114,4 +159,49 @@ impl Jobs {
 
 fn unknown(id: u64) -> Problem {
     Problem::new(ErrorKind::NotFound, "JOB_NOT_FOUND", format!("unknown job `job-{id}`"))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use super::*;
+
+    fn entry(id: u64, state: JobState, progress: f64, began: Option<(Instant, f64)>) -> Entry {
+        let (ego, other, message) = ("robot".into(), "human".into(), "learns".into());
+        let job = Job { id, ego, other, state, progress, message, version: None, ahead: 0, seconds_left: None };
+        Entry { environment: EnvironmentId(1), name: "world".into(), job, began, end: CancellationToken::new() }
+    }
+
+    #[test]
+    fn who_waits_is_told_what_goes_before() {
+        let over = entry(1, JobState::Failed, 0.3, None);
+        let running = entry(2, JobState::Running, 0.236, Some((Instant::now(), 0.02)));
+        let [third, fourth] = [3, 4].map(|id| entry(id, JobState::Queued, 0.0, None));
+        let told = |before: &[&Entry], entry: &Entry| {
+            let before: Vec<Entry> =
+                before.iter().map(|one| self::entry(one.job.id, one.job.state, one.job.progress, None)).collect();
+            let Job { ahead, message, .. } = entry.told(&before);
+            (ahead, message)
+        };
+        assert_eq!(told(&[&over], &third), (0, "learns".into()), "nothing goes before, its own words stay");
+        let first = "waits for job-2 of `world`, of which 24 % is done";
+        assert_eq!(told(&[&over, &running], &third), (1, first.to_owned()));
+        assert_eq!(told(&[&over, &running, &third], &fourth), (2, format!("{first}, and for 1 more")));
+        assert_eq!(told(&[&third], &fourth), (1, "waits for job-3 of `world`".into()));
+    }
+
+    #[test]
+    fn the_time_left_goes_by_the_time_spent() {
+        let minute_ago = Instant::now().checked_sub(Duration::from_secs(60)).expect("the machine runs for longer");
+        let left = |state, progress, began: Option<Instant>| {
+            entry(1, state, progress, began.map(|at| (at, 0.02))).told(&[]).seconds_left
+        };
+        let seconds = left(JobState::Running, 0.26, Some(minute_ago)).expect("a quarter is done since");
+        assert!((185.0..186.0).contains(&seconds), "60 s * .74 / .24, and a moment: {seconds}");
+        assert_eq!(left(JobState::Running, 0.06, Some(minute_ago)), None, "too early to tell");
+        assert_eq!(left(JobState::Running, 0.5, None), None);
+        assert_eq!(left(JobState::Done, 1.0, Some(minute_ago)), None);
+        assert!(left(JobState::Running, 1.0, Some(minute_ago)).expect("known").abs() < 1e-9);
+    }
 }

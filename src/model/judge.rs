@@ -4,20 +4,72 @@ use super::court::Court;
 use super::dataset::{Dataset, Example};
 use super::score::{Judged, reliability, score};
 use super::training::Ensemble;
-use crate::domain::{Baseline, Card, Score, Training};
+use crate::domain::{Baseline, Calibration, Card, Score, Training, is_same_threshold};
 
 /// The most numbers that are kept in judging: inputs, or probabilities of pairs of actions, over all states.
 const MOST_NUMBERS: usize = 8 << 20;
 
+/// Where an ensemble comes from.
+pub enum Origin<'a> {
+    /// It was trained here, as was its shuffled twin: on counts in which nothing depends on anything.
+    Trained(&'a Ensemble),
+    /// It was brought here, by a file of other tools or of a build that kept no card.
+    Foreign,
+    /// It was brought here by a file that Nudge wrote, with the card that it had there.
+    Exported(&'a Card),
+}
+
+impl Origin<'_> {
+    fn twin(&self) -> Option<&Ensemble> {
+        match self {
+            Self::Trained(twin) => Some(twin),
+            Self::Foreign | Self::Exported(_) => None,
+        }
+    }
+
+    /// Returns what a network says of itself wherever it is brought, unless it has to be made for another threshold.
+    fn kept(&self, threshold: f64) -> Option<Kept> {
+        match self {
+            Self::Exported(card) if is_same_threshold(card.threshold, threshold) => Some(Kept::of(card)),
+            _ => None,
+        }
+    }
+}
+
+/// What its answers rest on beside its weights. It was found on states that the network had not learned from; on those here, which it may know by heart,
+/// its calibration would be too sure.
+struct Kept {
+    threshold: f64,
+    calibration: Calibration,
+    base_rate: Option<f64>,
+    found_something: bool,
+}
+
+impl Kept {
+    fn of(card: &Card) -> Self {
+        let Card { threshold, calibration, base_rate, .. } = *card;
+        Self { threshold, calibration, base_rate, found_something: card.found_something() }
+    }
+}
+
 /// Which of the members judges each state: the one that did not learn from it.
-pub enum Split<'a> {
+enum Split<'a> {
     /// By the parts of the training.
     HeldOut(&'a Training),
     /// All members: nobody knows what they learned from.
     Unknown,
 }
 
-impl Split<'_> {
+impl<'a> Split<'a> {
+    /// Parts are cut by key: of a network that Nudge trained, wherever that was, it is known which states each member did not learn from.
+    fn of(origin: &Origin<'_>, training: &'a Training) -> Self {
+        match origin {
+            Origin::Trained(_) => Self::HeldOut(training),
+            Origin::Exported(card) if card.is_split_known() => Self::HeldOut(training),
+            Origin::Exported(_) | Origin::Foreign => Self::Unknown,
+        }
+    }
+
     /// Returns the states that are judged, each with the members that judge it: by position. Of very many, every second, third, ...
     fn states(&self, dataset: &Dataset, ensemble: &Ensemble) -> Vec<(usize, std::ops::Range<usize>)> {
         let members = ensemble.members.len();
@@ -49,31 +101,30 @@ impl Split<'_> {
     }
 }
 
-/// Judges an ensemble beside its shuffled twin, which was trained the same way on counts in which nothing depends on anything; an imported one has none.
-pub fn card(
-    dataset: &Dataset,
-    training: Training,
-    ensemble: &Ensemble,
-    shuffled: Option<&Ensemble>,
-    split: &Split<'_>,
-) -> Card {
+/// Judges an ensemble by the counts here. What an exported one says of a state stays what it was.
+pub fn card(dataset: &Dataset, training: Training, ensemble: &Ensemble, origin: &Origin<'_>) -> Card {
+    let split = Split::of(origin, &training);
     let court = Court::new(dataset, training, split.states(dataset, ensemble));
     let network = court.told(ensemble);
-    let calibration = court.calibration(&network);
+    let kept = origin.kept(dataset.threshold);
+    let calibration = kept.as_ref().map_or_else(|| court.calibration(&network), |kept| kept.calibration);
     let judged = court.judged(&network, calibration);
     let own = score("network", &judged, court.log_likelihood(&network));
     let mut baselines = court.simple_baselines();
-    let twin = shuffled.map(|shuffled| court.told(shuffled));
+    let twin = origin.twin().map(|twin| court.told(twin));
     baselines.extend(twin.as_ref().map(|twin| {
         let judged = court.judged(twin, court.calibration(twin));
         score(Baseline::Shuffled.as_str(), &judged, court.log_likelihood(twin))
     }));
-    let found = court.has_found_something(&network, twin.as_deref());
+    let found = match &kept {
+        Some(kept) => kept.found_something,
+        None => court.has_found_something(&network, twin.as_deref()),
+    };
     Card {
         training,
-        imported: matches!(split, Split::Unknown),
+        imported: !matches!(origin, Origin::Trained(_)),
         schema_hash: dataset.schema_hash.clone(),
-        threshold: dataset.threshold,
+        threshold: kept.as_ref().map_or(dataset.threshold, |kept| kept.threshold),
         revision: dataset.revision,
         fit: dataset.fit(),
         states: dataset.examples.len() as u64,
@@ -85,7 +136,7 @@ pub fn card(
         judged_states: judged.len() as u64,
         positive_share: positive_share(&judged),
         calibration,
-        base_rate: court.base_rate(&network, calibration),
+        base_rate: kept.map_or_else(|| court.base_rate(&network, calibration), |kept| kept.base_rate),
         not_better_than: not_better_than(&own, &baselines, found),
         score: own,
         baselines,

@@ -48,7 +48,7 @@ use tokio_util::task::TaskTracker;
 
 use self::encoder::{Encoder, MOST_INPUTS};
 use self::jobs::Jobs;
-use self::judge::Split;
+use self::judge::Origin;
 use self::registry::{Registry, logged};
 use self::seen::Seen;
 use self::spare_time::in_spare_time;
@@ -63,6 +63,7 @@ use crate::evidence::MOST_CELLS;
 use crate::priors::Fits;
 use crate::store::Store;
 use crate::telemetry;
+use crate::work::STOPPING;
 
 pub use back_off::BackOff;
 pub use dataset::{Dataset, Example};
@@ -100,9 +101,8 @@ impl Networks {
         let (pair, training) = Training::new(&environment.schema, draft)?;
         check_size(environment, &pair, &training)?;
         self.registry.check_room(environment).await?;
-        let [ego, other] = [pair.ego, pair.other].map(|agent| environment.schema.agents()[agent].name.to_string());
         let end = self.ending.child_token();
-        let job = self.jobs.add(environment.id, ego, other, end.clone())?;
+        let job = self.jobs.add(environment, &pair, end.clone())?;
         let order =
             Order { job: job.id, environment: environment.clone(), pair, training, activate: draft.activate, end };
         self.running.spawn(self.clone().carry_out(order));
@@ -169,21 +169,23 @@ impl Networks {
     }
 
     /// Keeps a network that was trained elsewhere: a safetensors file as [`export`](Self::export) writes it. It is judged by the counts here, and
-    /// not made active.
+    /// not made active. With the card of an export it says of every state what it said before; without one, or for a rule with another threshold, it
+    /// is calibrated here.
     pub async fn import(&self, environment: &Arc<Environment>, file: Vec<u8>) -> Result<Model, Problem> {
         let read = {
             let environment = environment.clone();
-            tokio::task::spawn_blocking(move || file::read(&environment, &file)).await
+            tokio::task::spawn_blocking(move || file::imported(&environment, &file)).await
         };
-        let mut content = read.map_err(|error| internal(&error))??;
+        let (mut content, exported) = read.map_err(|error| internal(&error))??;
         self.registry.check_room(environment).await?;
         let width = content.members.first().map_or(0, |member| member.trunk.shape().1);
         let members = content.members.len();
-        let training = Training { kind: content.kind, width, members, epochs: 0, ..Training::default() };
+        let foreign = Training { kind: content.kind, width, members, epochs: 0, ..Training::default() };
+        let training = exported.as_ref().map_or(foreign, |card| card.training);
         check_size(environment, &content.pair, &training)?;
         let turn = self.turn.clone().lock_owned().await;
         let dataset = self.dataset(environment, &content.pair).await?;
-        if content.kind == ModelKind::Joint {
+        if content.kind == ModelKind::Joint && !is_same_threshold(content.threshold, dataset.threshold) {
             // It is calibrated here, for the rule as it is.
             content.threshold = dataset.threshold;
         }
@@ -192,14 +194,19 @@ impl Networks {
             return Err(Problem::invalid("network", vec![Fault::new("/metadata/threshold", detail)]));
         }
         training::check(&dataset, &training).map_err(|error| no_network(&error))?;
-        // Who does not say what it was trained on is believed where it is judged.
-        content.seen.get_or_insert_with(|| Seen::of(&environment.schema, dataset.examples.iter().map(|one| &one.key)));
+        if content.seen.is_none() {
+            // Who does not say what it was trained on is believed where something is counted, as it is where it comes from.
+            content.seen = Some(self.registry.counted(environment).await?);
+        }
         let judged = tokio::task::spawn_blocking(move || {
             // The next has its turn when this one is judged, even if nobody waits for it any more.
             let _turn = turn;
             let (encoder, members) = (content.encoder.clone(), content.members.clone());
-            let ensemble = Ensemble { encoder, members, epochs: Vec::new(), dropout: 0.0 };
-            let card = in_spare_time(|| judge::card(&dataset, training, &ensemble, None, &Split::Unknown));
+            let (epochs, dropout) =
+                exported.as_ref().map_or_else(Default::default, |card| (card.epochs.clone(), card.dropout));
+            let ensemble = Ensemble { encoder, members, epochs, dropout };
+            let origin = exported.as_ref().map_or(Origin::Foreign, Origin::Exported);
+            let card = in_spare_time(|| judge::card(&dataset, training, &ensemble, &origin));
             (content, card)
         });
         let (content, card) = judged.await.map_err(|error| internal(&error))?;
@@ -271,7 +278,8 @@ impl Networks {
         };
         let (state, message, version) = match result {
             Ok(model) => (JobState::Done, outcome(&model), Some(model.version)),
-            Err(_) if order.end.is_cancelled() => {
+            // A stop of the service ends the fit that a training begins with before it tells the training.
+            Err(problem) if order.end.is_cancelled() || problem.reason == STOPPING => {
                 (JobState::Cancelled, "cancelled; no network is made".to_owned(), None)
             }
             Err(problem) => (JobState::Failed, problem.message, None),
@@ -343,7 +351,7 @@ impl Networks {
             return Err(TrainingError::Cancelled);
         }
         self.tell(order, 0.02 + 2.0 * SHARE, "is judged beside its baselines");
-        let card = judge::card(dataset, *training, &ensemble, Some(&twin), &Split::HeldOut(training));
+        let card = judge::card(dataset, *training, &ensemble, &Origin::Trained(&twin));
         Ok((ensemble, card))
     }
 

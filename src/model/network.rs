@@ -59,8 +59,6 @@ impl Network {
     /// Makes a version ready.
     pub fn new(environment: EnvironmentId, version: u64, content: Content, card: &Card) -> Self {
         let Content { kind, pair, threshold, encoder, members, seen } = content;
-        let shuffled = crate::domain::Baseline::Shuffled.as_str();
-        let found_something = !card.not_better_than.iter().any(|name| name == shuffled);
         Self {
             environment,
             version,
@@ -73,7 +71,7 @@ impl Network {
             base_rate: card.base_rate,
             seen: seen.unwrap_or_default(),
             told: Told::default(),
-            found_something,
+            found_something: card.found_something(),
         }
     }
 

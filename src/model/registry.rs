@@ -17,7 +17,7 @@ use super::network::Network;
 use super::seen::{Seeing, Seen};
 use super::{file, text};
 use crate::api::{self, Page, proto};
-use crate::domain::{Card, Environment, EnvironmentId, Model, Pair, is_same_threshold};
+use crate::domain::{Card, Environment, EnvironmentId, Model, Pair, hint, is_same_threshold};
 use crate::error::{ErrorKind, Problem};
 use crate::priors::Pages;
 use crate::store::{ModelRecord, NewModel, Store, StoreError};
@@ -27,6 +27,9 @@ pub const STALE: &str = "MODEL_STALE";
 
 /// The reason word of a version that this build cannot read.
 const UNREADABLE: &str = "MODEL_UNREADABLE";
+
+/// The reason word of a version that there is not.
+const UNKNOWN: &str = "MODEL_NOT_FOUND";
 
 /// Why a version cannot be read whose weights are gone.
 const WITHOUT_WEIGHTS: &str = "its weights: they are missing";
@@ -93,8 +96,13 @@ impl Registry {
 
     /// Returns one version.
     pub async fn get(&self, environment: &Environment, version: u64) -> Result<Model, Problem> {
-        let found = self.list(environment).await?.into_iter().find(|model| model.version == version);
-        found.ok_or_else(|| StoreError::UnknownModel(version).into())
+        let models = self.list(environment).await?;
+        let unknown = || {
+            let known: Vec<String> = models.iter().map(|model| model.version.to_string()).collect();
+            let hint = hint(&version.to_string(), known.iter().map(String::as_str));
+            Problem::new(ErrorKind::NotFound, UNKNOWN, format!("{}{hint}", StoreError::UnknownModel(version)))
+        };
+        models.iter().find(|model| model.version == version).cloned().ok_or_else(unknown)
     }
 
     /// Refuses where an environment has as many versions as it may have.
@@ -281,7 +289,7 @@ impl Registry {
 
     /// Returns the bins of the states that are counted now: what a version of an earlier build, which does not say what it was trained on, is believed in.
     /// Of very many states the later ones count as not seen, which costs verdicts and no more.
-    async fn counted(&self, environment: &Environment) -> Result<Seen, Problem> {
+    pub async fn counted(&self, environment: &Environment) -> Result<Seen, Problem> {
         /// Pages that are read: a million states, in some seconds, once for each such version.
         const MOST_PAGES: usize = 1_000;
         let mut seeing = Seeing::new(&environment.schema);

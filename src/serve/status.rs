@@ -133,6 +133,13 @@ impl Failure {
         failure
     }
 
+    /// Makes the failure of a request for an answer of none of the types that there are.
+    pub fn of_accept(found: &str, expected: &str) -> Self {
+        let message = format!("got accept {found:?}, expected {expected}");
+        let problem = Problem::new(ErrorKind::Invalid, "NOT_ACCEPTABLE", message);
+        Self { status: StatusCode::NOT_ACCEPTABLE, problem }
+    }
+
     /// Tells the failure of the request of that path as `application/problem+json`, and when to retry where it helps.
     pub fn tell(&self, instance: &str) -> Response {
         let body = json::Problem::new(&self.problem, self.status.as_u16(), instance);

@@ -13,6 +13,9 @@ use crate::error::{ErrorKind, Problem};
 /// After how long one who was refused should ask again.
 const RETRY_AFTER: Duration = Duration::from_secs(2);
 
+/// The reason word of work that a stop of the service ended.
+pub const STOPPING: &str = "STOPPING";
+
 /// A bounded number of workers behind a bounded queue. Cloning shares them.
 ///
 /// Its threads give way to those that serve connections and commit. They are the gate's own: what computes in parallel within a turn shares them, and a
@@ -132,7 +135,7 @@ fn overloaded() -> Problem {
 
 /// Says that the service stops.
 pub(super) fn stopped() -> Problem {
-    Problem::new(ErrorKind::Unavailable, "STOPPING", "the service is stopping; ask again when it is back")
+    Problem::new(ErrorKind::Unavailable, STOPPING, "the service is stopping; ask again when it is back")
 }
 
 /// Lowers the priority of a thread below that of those which serve connections and commit. Where the system does not know how, it stays.

@@ -243,8 +243,10 @@ where
         let mut ending = Ending { jobs: self, key, entry, is_kept: false };
         let Ending { jobs, entry, .. } = &ending;
         let outcome = tokio::select! {
-            made = made => made,
+            // The stop first: what is made may fail of it too, as by a closed database, and would say so in the log.
+            biased;
             () = jobs.0.stopping.cancelled() => Err(stopped()),
+            made = made => made,
             () = entry.given_up.cancelled() => Err(jobs.given_up()),
             () = abandoned(entry) => Err(jobs.given_up()),
         };
@@ -412,6 +414,25 @@ mod tests {
         tokio::time::sleep(Duration::from_secs(1)).await;
         end.send(Ok(7)).expect("it goes on");
         assert_eq!(again.await.expect("it ends"), Ok(7));
+    }
+
+    #[tokio::test]
+    async fn what_fails_by_the_stop_is_not_asked_what_it_says() {
+        let (jobs, stopping) = jobs(Duration::ZERO);
+        let goes_on = Arc::new(AtomicU64::new(0));
+        let (stop, noted) = (stopping.clone(), goes_on.clone());
+        let make = |_| async move {
+            stop.cancelled().await;
+            noted.store(1, Ordering::Relaxed);
+            Err(Problem::new(ErrorKind::Internal, "INTERNAL", "the pool is closed"))
+        };
+        let asking = async {
+            tokio::task::yield_now().await;
+            stopping.cancel();
+        };
+        let (told, ()) = tokio::join!(jobs.ask("key", make), asking);
+        assert_eq!(told.expect_err("it stops").reason, "STOPPING");
+        assert_eq!(goes_on.load(Ordering::Relaxed), 0);
     }
 
     #[tokio::test(start_paused = true)]

@@ -19,7 +19,7 @@ mod stop;
 use tokio_util::sync::CancellationToken;
 
 pub use aside::{aside, beside};
-pub use gate::{Gate, Turn};
+pub use gate::{Gate, STOPPING, Turn};
 pub use jobs::{Jobs, Progress};
 pub use stop::{Stop, Stopped};
 

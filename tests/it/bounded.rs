@@ -175,7 +175,7 @@ async fn shared(app: &TestApp, what: &str, timeout: &str) -> Result<(), Status> 
         }
         "bh" | "bayes" => {
             let discovery = Some(proto::Discovery { fdr: Some(0.05), method: method.into() });
-            let request = proto::SummarizeRequest { scope: scope(), discovery };
+            let request = proto::SummarizeRequest { scope: scope(), discovery, omit_segments: false };
             client.summarize(with_deadline(request, timeout)).await.map(drop)
         }
         "explore" => {

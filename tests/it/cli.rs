@@ -102,6 +102,7 @@ async fn a_mistake_gets_one_line_and_code_two() {
     let bad = tempfile::NamedTempFile::new().expect("a file");
     std::fs::write(bad.path(), "layout,trial,t\n").expect("written");
     let bad = bad.path().to_str().expect("text");
+    fake.describe("hallway", crate::support::lane_schema().into());
     let cases: [(&[&str], &str); 6] = [
         (&["ingest", "--format", "overcooked", "/no/such.csv"], "error: cannot read /no/such.csv: No such file"),
         (&["ingest", "--format", "overcooked", bad], "line 1: column `state` is missing"),

@@ -296,7 +296,7 @@ async fn states_and_summary_agree() {
     }
     let (_, over_rest) = app.rest("GET", "/v1/environments/lane/summary?unit=bits", None).await;
     let request =
-        proto::SummarizeRequest { scope: Some(proto::Scope { unit: "bits".into(), ..scope() }), discovery: None };
+        proto::SummarizeRequest { scope: Some(proto::Scope { unit: "bits".into(), ..scope() }), ..Default::default() };
     let over_grpc = client.summarize(request).await.expect("valid").into_inner();
     assert_eq!(over_rest, serde_json::to_value(dto::Summary::from(over_grpc)).expect("JSON"));
     assert_eq!((&over_rest["transitions"], &over_rest["states"]), (&json!(41), &json!(2)));

@@ -8,6 +8,7 @@ use std::sync::{Arc, Mutex, MutexGuard};
 
 use nudge::api::proto;
 use nudge::api::proto::environment_service_server::{EnvironmentService, EnvironmentServiceServer};
+use nudge::api::proto::influence_service_server::{InfluenceService, InfluenceServiceServer};
 use nudge::api::proto::ingest_request::Message as In;
 use nudge::api::proto::ingest_response::Message as Out;
 use nudge::api::proto::ingest_service_server::{IngestService, IngestServiceServer};
@@ -62,6 +63,8 @@ pub struct Memory {
     pub hellos: Vec<proto::Hello>,
     /// Answers the batch of that number with that error.
     pub refuse: Option<(u64, Status)>,
+    /// What is said of the next questions instead of an answer, the last first.
+    pub not_yet: Vec<Status>,
     /// What is said of every batch instead of what became of it.
     pub instead: Option<proto::BatchStatus>,
     streams: u64,
@@ -84,6 +87,7 @@ impl Fake {
         let serve = tonic::transport::Server::builder()
             .add_service(IngestServiceServer::new(fake.clone()))
             .add_service(EnvironmentServiceServer::new(fake.clone()))
+            .add_service(InfluenceServiceServer::new(fake.clone()))
             .serve_with_incoming(TcpListenerStream::new(listener));
         tokio::spawn(serve);
         fake
@@ -342,5 +346,59 @@ impl EnvironmentService for Fake {
             Some(_) => Ok(Response::new(proto::DeleteEnvironmentResponse {})),
             None => Err(Status::not_found(format!("unknown environment `{name}`"))),
         }
+    }
+}
+
+impl Fake {
+    /// Answers a question with nothing, unless it is not yet to be answered.
+    fn answered<T: Default>(&self) -> Result<Response<T>, Status> {
+        self.memory().not_yet.pop().map_or_else(|| Ok(Response::new(T::default())), Err)
+    }
+}
+
+#[tonic::async_trait]
+impl InfluenceService for Fake {
+    async fn batch_get_influence(
+        &self,
+        _: Request<proto::BatchGetInfluenceRequest>,
+    ) -> Result<Response<proto::BatchGetInfluenceResponse>, Status> {
+        self.answered()
+    }
+
+    async fn get_graph(&self, _: Request<proto::GetGraphRequest>) -> Result<Response<proto::GetGraphResponse>, Status> {
+        self.answered()
+    }
+
+    async fn get_influence(
+        &self,
+        _: Request<proto::GetInfluenceRequest>,
+    ) -> Result<Response<proto::GetInfluenceResponse>, Status> {
+        Err(Status::unimplemented("not here"))
+    }
+
+    async fn get_state(&self, _: Request<proto::GetStateRequest>) -> Result<Response<proto::GetStateResponse>, Status> {
+        Err(Status::unimplemented("not here"))
+    }
+
+    async fn list_states(
+        &self,
+        _: Request<proto::ListStatesRequest>,
+    ) -> Result<Response<proto::ListStatesResponse>, Status> {
+        Err(Status::unimplemented("not here"))
+    }
+
+    async fn summarize(
+        &self,
+        _: Request<proto::SummarizeRequest>,
+    ) -> Result<Response<proto::SummarizeResponse>, Status> {
+        Err(Status::unimplemented("not here"))
+    }
+
+    async fn explore(&self, _: Request<proto::ExploreRequest>) -> Result<Response<proto::ExploreResponse>, Status> {
+        Err(Status::unimplemented("not here"))
+    }
+
+    async fn fit_prior(&self, _: Request<proto::FitPriorRequest>) -> Result<Response<proto::FitPriorResponse>, Status> {
+        Err(Status::unimplemented("not here"))
     }
 }

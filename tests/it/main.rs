@@ -22,6 +22,7 @@ mod kill;
 mod locking;
 mod models;
 mod networks;
+mod newcomers;
 mod old_databases;
 mod operations;
 mod planted;

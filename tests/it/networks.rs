@@ -6,9 +6,11 @@ use std::time::Duration;
 use nudge::api::proto;
 use nudge::app::{App, Upkeep};
 use nudge::domain::draft::TrainingDraft;
-use nudge::domain::{Environment, Job, JobState, Model, RuleDraft};
+use nudge::domain::{Environment, Job, JobState, Model, RuleDraft, StateKey};
+use nudge::model::Prediction;
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
+use safetensors::SafeTensors;
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
@@ -470,4 +472,127 @@ async fn street_on(directory: Arc<TempDir>) -> TestApp {
     let app = TestApp::on(directory).await;
     assert_eq!(app.rest("PUT", WORLD, Some(&description())).await.0, 201);
     app
+}
+
+/// Takes a version to a file and back, and returns the number that it has then.
+async fn there_and_back(app: &App, version: u64) -> u64 {
+    let environment = environment(app);
+    let file = app.networks.export(&environment, version).await.expect("a file");
+    app.networks.import(&environment, file).await.expect("its own file").version
+}
+
+/// What a version says of every state, bit by bit: probabilities, information, and what each action does.
+async fn said(app: &App, version: u64) -> Vec<String> {
+    let environment = environment(app);
+    let network = app.networks.network(&environment, version).await.expect("kept");
+    let all = (0..2).flat_map(|near| (0..LANES).flat_map(move |lane| (0..SIGNS).map(move |sign| (near, lane, sign))));
+    let keys: Vec<StateKey> =
+        all.map(|(near, lane, sign)| StateKey::new(&[near, lane, sign].map(|bin| bin as u32))).collect();
+    let bits = |number: Option<f64>| number.map(f64::to_bits);
+    let predictions = network.predict(&keys, network.threshold);
+    let said = |(key, told): (&StateKey, Prediction)| {
+        let actions = network.by_action(&environment, key);
+        let verdict = network.decide(&told, 0.8, 0.1);
+        let numbers = [bits(told.probability), bits(told.mutual_information)];
+        format!("{key} {numbers:?} {} {} {verdict:?} {actions:?}", told.agrees, told.in_range)
+    };
+    keys.iter().zip(predictions).map(said).collect()
+}
+
+#[tokio::test]
+async fn a_network_that_leaves_and_comes_back_says_what_it_said() {
+    // Worlds with influence, with little, and with none, in which a calibration to states that were learned from would see much.
+    let worlds = [seen(20, COPIES), seen(9, 0.4), seen(9, 0.0)];
+    let kinds = ["joint", "direct"];
+    for (world, kind) in worlds.iter().flat_map(|world| kinds.map(|kind| (world, kind))) {
+        let app = street(world.clone()).await;
+        let draft = TrainingDraft { kind: Some(kind.into()), ..draft() };
+        let own = trained(&app.app, &draft).await;
+        let before = said(&app.app, own.version).await;
+        let brought = there_and_back(&app.app, own.version).await;
+        let again = there_and_back(&app.app, brought).await;
+        // What is counted meanwhile changes how it is judged, and not what it says.
+        count(&app, 2, seen(3, 1.0)).await;
+        let later = there_and_back(&app.app, own.version).await;
+        let own = own.card.expect("it can be read");
+        for version in [brought, again, later] {
+            assert!(said(&app.app, version).await == before, "{kind}: version {version} says something else");
+            let card = app.app.networks.get(&environment(&app.app), version).await.expect("kept").card.expect("read");
+            assert_eq!((card.calibration, card.base_rate, card.imported), (own.calibration, own.base_rate, true));
+            assert_eq!((&card.epochs, card.training), (&own.epochs, own.training), "it is known how it was trained");
+            assert_eq!(card.found_something(), own.found_something());
+        }
+        let card = app.app.networks.get(&environment(&app.app), brought).await.expect("kept").card.expect("read");
+        assert_eq!(
+            (&card.score, &card.reliability),
+            (&own.score, &own.reliability),
+            "judged by what it had not learned"
+        );
+        app.stop().await;
+    }
+}
+
+#[tokio::test]
+async fn brought_to_a_rule_with_another_threshold_it_is_calibrated_by_what_it_had_not_learned() {
+    let app = street(seen(9, 0.0)).await;
+    let own = trained(&app.app, &draft()).await;
+    app.rest("PATCH", WORLD, Some(&json!({"rule": {"threshold": 0.3}}))).await;
+    let brought = there_and_back(&app.app, own.version).await;
+    let card = app.app.networks.get(&environment(&app.app), brought).await.expect("kept").card.expect("read");
+    assert_eq!((card.threshold, card.imported, card.found_something()), (0.3, true, false));
+    assert!(card.base_rate.expect("judged") < 0.3, "there is no influence in this world: {card:?}");
+    app.stop().await;
+}
+
+/// A file of weights with another card, or none.
+fn with_card(file: &[u8], card: Option<&str>) -> Vec<u8> {
+    let (_, header) = SafeTensors::read_metadata(file).expect("a header");
+    let mut metadata = header.metadata().clone().expect("metadata");
+    metadata.remove("card").expect("an export has one");
+    metadata.extend(card.map(|card| ("card".to_owned(), card.to_owned())));
+    let tensors = SafeTensors::deserialize(file).expect("safetensors");
+    safetensors::serialize(tensors.tensors(), Some(metadata)).expect("names differ")
+}
+
+#[tokio::test]
+async fn files_without_a_card_are_judged_here_and_wrong_cards_are_faulted() {
+    let app = street(seen(9, COPIES)).await;
+    let environment = environment(&app.app);
+    let version = trained(&app.app, &draft()).await.version;
+    let file = app.app.networks.export(&environment, version).await.expect("a file");
+    for card in [None, Some(""), Some("{}"), Some(" {} ")] {
+        let brought =
+            app.app.networks.import(&environment, with_card(&file, card)).await.expect("as other tools write");
+        let card = brought.card.expect("it can be read");
+        assert!(card.imported && card.epochs.is_empty() && card.split.starts_with("trained elsewhere"), "{card:?}");
+    }
+    let (_, header) = SafeTensors::read_metadata(&file).expect("a header");
+    let text = header.metadata().as_ref().expect("metadata")["card"].clone();
+    let edit = |edit: &dyn Fn(&mut Value)| {
+        let mut card: Value = serde_json::from_str(&text).expect("JSON");
+        edit(&mut card);
+        card.to_string()
+    };
+    let wrong = [
+        ("no card".to_owned(), "it is not as it was written"),
+        ("[]".to_owned(), "it is not as it was written"),
+        (edit(&|card| card["form"] = json!(9)), "form 9 of a newer build"),
+        (edit(&|card| card["training"]["members"] = json!(3)), "expected (\"joint\", 2, 32)"),
+        (edit(&|card| card["training"]["kind"] = json!("direct")), "is of a network (\"direct\", 2, 32)"),
+        (edit(&|card| card["training"]["folds"] = json!(1)), "got 1 folds, expected 2 to 20"),
+        (edit(&|card| card["training"]["folds"] = json!(1_000_000_000)), "expected 2 to 20"),
+        (edit(&|card| card["threshold"] = json!(0.4)), "is of a threshold of 0.4 nats, expected 0.5"),
+        (edit(&|card| card["base_rate"] = json!(2)), "base_rate 2, expected 0 to 1"),
+        (edit(&|card| card["calibration"]["slope"] = json!("x")), "invalid type"),
+    ];
+    for (card, why) in wrong {
+        let refused = app.app.networks.import(&environment, with_card(&file, Some(&card))).await.expect_err(&card);
+        assert_eq!(refused.faults.iter().map(|fault| fault.pointer.as_str()).collect::<Vec<_>>(), ["/metadata/card"]);
+        assert!(refused.message.contains(why), "{why}: {refused}");
+    }
+    // As builds wrote it before cards had forms.
+    let first = edit(&|card| drop(card.as_object_mut().expect("an object").remove("form")));
+    let brought = app.app.networks.import(&environment, with_card(&file, Some(&first))).await.expect("an older file");
+    assert!(said(&app.app, brought.version).await == said(&app.app, version).await);
+    app.stop().await;
 }

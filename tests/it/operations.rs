@@ -16,7 +16,7 @@ async fn probes_tell_alive_ready_and_draining() {
     let app = TestApp::start().await;
     assert_eq!(app.rest("GET", "/livez", None).await.0, 200);
     let (status, checks) = app.rest("GET", "/readyz?verbose", None).await;
-    assert_eq!((status, &checks["checks"]["database"]), (200, &json!("ok")));
+    assert_eq!((status, &checks["checks"]), (200, &json!({"database": "ok", "committer": "ok", "draining": "no"})));
 }
 
 #[tokio::test]

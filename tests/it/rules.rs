@@ -196,7 +196,7 @@ async fn the_threshold_is_told_in_nats_bits_and_as_a_share() {
         "{told}"
     );
     let scope = Some(proto::Scope { environment: "world".into(), unit: "bits".into(), ..Default::default() });
-    let request = proto::SummarizeRequest { scope, discovery: None };
+    let request = proto::SummarizeRequest { scope, ..Default::default() };
     let over_grpc = app.influence().await.summarize(request).await.expect("valid").into_inner();
     assert_eq!(summary, serde_json::to_value(dto::Summary::from(over_grpc)).expect("JSON"));
 

@@ -343,7 +343,8 @@ async fn the_other_faces_say_the_same() {
         assert_eq!(serde_json::from_str::<Value>(&stdout).expect("JSON"), over_rest, "{word}");
 
         let discovery = Some(proto::Discovery { fdr: Some(0.05), method: proto::DiscoveryMethod::Bh.into() });
-        let summary = client.summarize(proto::SummarizeRequest { scope: scope(), discovery }).await;
+        let summary =
+            client.summarize(proto::SummarizeRequest { scope: scope(), discovery, omit_segments: false }).await;
         let summary = dto::Summary::from(summary.expect("valid").into_inner());
         let over_rest = get(&app, &format!("summary?fdr=0.05&method=bh&within={word}")).await;
         assert_eq!(serde_json::to_value(summary).expect("JSON"), over_rest, "{word}");

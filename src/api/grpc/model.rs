@@ -57,8 +57,9 @@ impl From<Model> for proto::Model {
 
 impl From<Job> for proto::Job {
     fn from(job: Job) -> Self {
-        let Job { id, ego, other, state, progress, message, version } = job;
-        Self { id, ego, other, state: proto::JobState::from(state).into(), progress, message, version }
+        let Job { id, ego, other, state, progress, message, version, ahead, seconds_left } = job;
+        let state = proto::JobState::from(state).into();
+        Self { id, ego, other, state, progress, message, version, ahead, seconds_left }
     }
 }
 

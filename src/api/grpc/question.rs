@@ -3,7 +3,9 @@
 use super::given;
 use crate::api::proto;
 use crate::domain::Verdict;
-use crate::domain::draft::{DiscoveryDraft, ExplorationDraft, ListingDraft, PairDraft, QuestionDraft, StatesDraft};
+use crate::domain::draft::{
+    DiscoveryDraft, ExplorationDraft, ListingDraft, PairDraft, QuestionDraft, StatesDraft, SummaryDraft,
+};
 use crate::error::{Fault, Problem};
 
 /// Decodes the common part of a question: the environment's name, and the rest.
@@ -144,8 +146,14 @@ fn permutations(number: i32) -> Result<Option<String>, Problem> {
     }
 }
 
-/// Decodes which discoveries are asked for.
-pub fn discovery(discovery: Option<proto::Discovery>) -> Result<DiscoveryDraft, Problem> {
+/// Decodes a question for what all states say together, and the environment's name.
+pub fn summary(request: proto::SummarizeRequest) -> Result<(String, SummaryDraft), Problem> {
+    let proto::SummarizeRequest { scope: asked, discovery: wanted, omit_segments } = request;
+    let (environment, pair) = scope(asked)?;
+    Ok((environment, SummaryDraft { pair, discovery: discovery(wanted)?, omit_segments }))
+}
+
+fn discovery(discovery: Option<proto::Discovery>) -> Result<DiscoveryDraft, Problem> {
     let Some(proto::Discovery { fdr, method }) = discovery else { return Ok(DiscoveryDraft::default()) };
     let method = match proto::DiscoveryMethod::try_from(method) {
         Ok(proto::DiscoveryMethod::Unspecified) => None,

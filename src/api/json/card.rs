@@ -11,7 +11,7 @@ use crate::api::proto;
 pub struct Card {
     /// How it was trained.
     pub training: Training,
-    /// Whether it was trained elsewhere and brought here: then nobody knows which states it has seen.
+    /// Whether it was brought here by a file. Without `epochs` another tool trained it, and nobody knows which states it has seen.
     pub imported: bool,
     /// The schema it belongs to, in hexadecimal digits.
     pub schema_hash: String,

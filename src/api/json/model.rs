@@ -140,6 +140,12 @@ pub struct Job {
     /// The version that came out.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub version: Option<u64>,
+    /// Trainings that go before it, of whatever environment; 0 once it has begun.
+    pub ahead: u64,
+    /// In how many seconds it will be done, at its pace so far; absent before that can be told, and when it is over.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 0)]
+    pub seconds_left: Option<f64>,
 }
 
 /// Returns the word for how far a job is.
@@ -179,8 +185,9 @@ impl From<proto::RollBackModelResponse> for RolledBack {
 
 impl From<proto::Job> for Job {
     fn from(job: proto::Job) -> Self {
-        let proto::Job { id, ego, other, state, progress, message, version } = job;
-        Self { id: ModelId::Job(id).to_string(), ego, other, state: job_state(state), progress, message, version }
+        let proto::Job { id, ego, other, state, progress, message, version, ahead, seconds_left } = job;
+        let (id, state) = (ModelId::Job(id).to_string(), job_state(state));
+        Self { id, ego, other, state, progress, message, version, ahead, seconds_left }
     }
 }
 
@@ -343,12 +350,17 @@ mod tests {
             progress: 0.25,
             message: "training".into(),
             version: None,
+            ahead: 0,
+            seconds_left: None,
         };
         let told = |job: domain::Job| serde_json::to_value(Job::from(proto::Job::from(job))).expect("JSON");
         let running = json!({
             "id": "job-3", "ego": "robot", "other": "human", "state": "running", "progress": 0.25, "message": "training",
+            "ahead": 0,
         });
         assert_eq!(told(job.clone()), running);
+        let waits = told(domain::Job { ahead: 2, seconds_left: Some(1.5), ..job.clone() });
+        assert_eq!((&waits["ahead"], &waits["seconds_left"]), (&json!(2), &json!(1.5)));
         let done = told(domain::Job { state: domain::JobState::Done, version: Some(7), ..job });
         assert_eq!((&done["state"], &done["version"]), (&json!("done"), &json!(7)));
     }

@@ -90,7 +90,7 @@ pub struct Summary {
     pub transitions: u64,
     /// States seen, in the segments asked for.
     pub states: u64,
-    /// Segments of the environment.
+    /// Segments of the environment; empty where `omit_segments` is asked for.
     pub segments: Vec<String>,
     /// The segments that the counts come from; `differ` is the mean over states.
     pub segmentation: Segmentation,

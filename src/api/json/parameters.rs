@@ -1,29 +1,36 @@
 //! The parameters of a query string, with their faults.
 
 use crate::domain::draft::{NamedValues, ValueDraft};
+use crate::domain::hint;
 use crate::error::{Fault, Problem, pointer};
 
 /// The parameters of a query string, taken one by one: what is left at the end is unknown.
 #[derive(Debug, Default)]
 pub struct Parameters {
     left: Vec<(String, String)>,
+    /// The names that were asked for.
+    known: Vec<String>,
     faults: Vec<Fault>,
 }
 
 impl Parameters {
     /// Makes parameters of decoded pairs.
     pub fn new(pairs: Vec<(String, String)>) -> Self {
-        Self { left: pairs, faults: Vec::new() }
+        Self { left: pairs, ..Self::default() }
     }
 
     /// Returns `value` unless a parameter was faulty, or was not taken.
     pub fn finish<T>(mut self, value: T) -> Result<T, Problem> {
-        let unknown = |(name, _): (String, String)| Fault::new(pointer(&name), "unknown parameter");
-        self.faults.extend(self.left.into_iter().map(unknown));
+        let unknown = |(name, _): &(String, String)| {
+            let hint = hint(name, self.known.iter().map(String::as_str));
+            Fault::new(pointer(name), format!("unknown parameter{hint}"))
+        };
+        self.faults.extend(self.left.iter().map(unknown));
         if self.faults.is_empty() { Ok(value) } else { Err(Problem::invalid("query", self.faults)) }
     }
 
     fn take(&mut self, name: &str) -> Vec<String> {
+        self.known.push(name.to_owned());
         self.left.extract_if(.., |(found, _)| found == name).map(|(_, value)| value).collect()
     }
 

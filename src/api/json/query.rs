@@ -2,7 +2,9 @@
 
 use super::{Head, Parameters};
 use crate::domain::RuleDraft;
-use crate::domain::draft::{DiscoveryDraft, ExplorationDraft, ListingDraft, PairDraft, QuestionDraft, StatesDraft};
+use crate::domain::draft::{
+    DiscoveryDraft, ExplorationDraft, ListingDraft, PairDraft, QuestionDraft, StatesDraft, SummaryDraft,
+};
 use crate::error::Problem;
 
 impl Parameters {
@@ -76,9 +78,13 @@ pub fn listing(mut query: Parameters) -> Result<ListingDraft, Problem> {
 }
 
 /// Reads whose influence on whom is to be summed up, and which discoveries are counted.
-pub fn overview(mut query: Parameters) -> Result<(PairDraft, DiscoveryDraft), Problem> {
-    let overview = (query.pair(), query.discovery());
-    query.finish(overview)
+pub fn summary(mut query: Parameters) -> Result<SummaryDraft, Problem> {
+    let draft = SummaryDraft {
+        pair: query.pair(),
+        discovery: query.discovery(),
+        omit_segments: query.number("omit_segments", "true or false").unwrap_or(false),
+    };
+    query.finish(draft)
 }
 
 /// Reads which state a graph is wanted of, from which counts and by which rule.

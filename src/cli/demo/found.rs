@@ -4,6 +4,8 @@ use crate::api::json::{dependence, verdict};
 use crate::api::proto;
 use crate::cli::Failure;
 use crate::cli::output::{Table, count, figure, print};
+use crate::cli::progress::Progress;
+use crate::cli::train::Watched;
 use crate::client::{Connection, patiently};
 
 /// States told of each environment.
@@ -62,12 +64,11 @@ pub(super) async fn tell(connection: &Connection, environments: &[String]) -> Re
 pub(super) async fn train(connection: &Connection, environment: &str) -> Result<(), Failure> {
     print(&format!("\nmeanwhile a network is trained for {environment}, to answer where counts do not decide ..."))?;
     let request = proto::TrainModelRequest { environment: environment.into(), ..Default::default() };
-    let mut job = connection.models().train_model(request).await?.into_inner().job.unwrap_or_default();
-    while matches!(job.state(), proto::JobState::Queued | proto::JobState::Running) {
-        tokio::time::sleep(std::time::Duration::from_millis(100)).await;
-        let request = proto::GetJobRequest { environment: environment.into(), id: job.id };
-        job = connection.models().get_job(request).await?.into_inner().job.unwrap_or_default();
-    }
+    let job = connection.models().train_model(request).await?.into_inner().job.unwrap_or_default();
+    let progress = Progress::of_share();
+    let job = Watched::new(connection, environment, job.id).over(&progress).await;
+    progress.finish();
+    let job = job?;
     print(&format!("{}: `nudge model show {environment} {}` tells how it was judged", job.message, job.version()))
 }
 
@@ -91,7 +92,8 @@ pub(super) async fn settle(connection: &Connection, environment: &str) -> Result
 
 async fn summary(connection: &Connection, environment: &str) -> Result<proto::SummarizeResponse, Failure> {
     let discovery = proto::Discovery { fdr: Some(0.05), ..Default::default() };
-    let request = proto::SummarizeRequest { scope: Some(scope(environment)), discovery: Some(discovery) };
+    let request =
+        proto::SummarizeRequest { scope: Some(scope(environment)), discovery: Some(discovery), omit_segments: true };
     let ask = || {
         let (mut client, request) = (connection.influence(), request.clone());
         async move { client.summarize(request).await }

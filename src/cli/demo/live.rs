@@ -86,7 +86,7 @@ impl Live {
         let mut lines = Vec::new();
         for environment in &self.environments {
             let scope = proto::Scope { environment: environment.clone(), ..Default::default() };
-            let request = proto::SummarizeRequest { scope: Some(scope), discovery: None };
+            let request = proto::SummarizeRequest { scope: Some(scope), omit_segments: true, ..Default::default() };
             let ask = || {
                 let (mut client, request) = (self.connection.influence(), request.clone());
                 async move { client.summarize(request).await }

@@ -74,10 +74,9 @@ impl InfluenceService for Face {
 
     async fn summarize(&self, request: Request<SummarizeRequest>) -> Result<Response<SummarizeResponse>, Status> {
         call("Summarize", async {
-            let SummarizeRequest { scope, discovery } = request.into_inner();
-            let (environment, pair) = grpc::scope(scope)?;
+            let (environment, draft) = grpc::summary(request.into_inner())?;
             let environment = self.app.environments.find(&environment)?;
-            Ok(self.app.influence.summary(&environment, &pair, &grpc::discovery(discovery)?).await?.into())
+            Ok(self.app.influence.summary(&environment, &draft).await?.into())
         })
         .await
     }

@@ -4,6 +4,7 @@ use axum::extract::State;
 use axum::response::{IntoResponse, Response};
 use http::{HeaderMap, header};
 
+use super::accept::preferred;
 use super::extract::{Path, Query};
 use super::openapi::{GraphParameters, Refusals};
 use super::told::told;
@@ -14,14 +15,15 @@ use crate::serve::STATE_BYTES;
 use crate::serve::status::Failure;
 use crate::work::aside;
 
-/// The media type of Graphviz.
+/// What a graph is told in: JSON, or the language of Graphviz.
+const JSON: &str = "application/json";
 const DOT: &str = "text/vnd.graphviz";
 
 /// Returns the causal graph of a state: agents as nodes, every pair with its answer and with what it is beside all other agents.
 ///
 /// A pair is `direct` where its dependence is established and no three other agents or fewer, their actions held fixed, explain it; else `explained`, `open`
 /// or `absent`. With `Accept: text/vnd.graphviz` it is told in DOT: direct edges are solid lines, explained ones dotted, open ones dashed, and none has an
-/// arrowhead, since within one tick dependence has no direction.
+/// arrowhead, since within one tick dependence has no direction. Pictures are drawn by Graphviz: `dot -Tsvg`; who accepts neither is answered 406.
 #[utoipa::path(
     get,
     path = "/v1/environments/{environment}/graph",
@@ -29,6 +31,7 @@ const DOT: &str = "text/vnd.graphviz";
     params(("environment" = String, Path, description = "The environment's name"), GraphParameters),
     responses(
         (status = 200, description = "The graph", content((json::Graph = "application/json"), (String = "text/vnd.graphviz"))),
+        (status = 406, description = "`Accept` names neither JSON nor DOT", body = json::Problem, content_type = "application/problem+json"),
         Refusals
     )
 )]
@@ -38,19 +41,15 @@ pub async fn get_graph(
     headers: HeaderMap,
     Query(query): Query,
 ) -> Result<Response, Failure> {
+    let is_dot = [JSON, DOT][preferred(&headers, &[JSON, DOT])?] == DOT;
     let draft = json::graph(query)?;
     let environment = app.environments.find(&name)?;
     let graph = app.influence.graph(&environment, &draft).await?;
     let bytes = graph.edges.len() * STATE_BYTES;
     let graph = aside(bytes, move || fitting(proto::GetGraphResponse::from(graph), View::Figures)).await??;
-    if wants_dot(&headers) {
+    if is_dot {
         return Ok(([(header::CONTENT_TYPE, DOT), (header::VARY, "accept")], graph.dot).into_response());
     }
     let told = told(bytes, move || Ok(json::Graph::from(graph))).await?;
     Ok(([(header::VARY, "accept")], told).into_response())
-}
-
-fn wants_dot(headers: &HeaderMap) -> bool {
-    let accepted = headers.get_all(header::ACCEPT).iter().filter_map(|value| value.to_str().ok());
-    accepted.flat_map(|list| list.split(',')).any(|media| media.split(';').next().is_some_and(|one| one.trim() == DOT))
 }

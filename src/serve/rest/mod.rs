@@ -2,6 +2,7 @@
 //!
 //! A handler decodes a draft, asks the room that knows, and encodes what it says. What is wrong with the input is decided further in.
 
+mod accept;
 mod environments;
 pub mod extract;
 mod graph;

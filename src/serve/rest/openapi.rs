@@ -151,6 +151,16 @@ pub struct DiscoveryParameters {
     method: Option<String>,
 }
 
+/// What a summary leaves out.
+#[derive(IntoParams)]
+#[into_params(parameter_in = Query)]
+#[allow(dead_code)]
+pub struct SummaryParameters {
+    /// Whether the names of the segments are left out, of which there may be thousands; false by default.
+    #[param(example = true)]
+    omit_segments: Option<bool>,
+}
+
 /// Which state, from which counts, by which rule.
 #[derive(IntoParams)]
 #[into_params(parameter_in = Query)]

@@ -3,7 +3,7 @@
 use axum::extract::State;
 
 use super::extract::{Path, Query};
-use super::openapi::{DiscoveryParameters, PairParameters, Refusals};
+use super::openapi::{DiscoveryParameters, PairParameters, Refusals, SummaryParameters};
 use crate::api::{json, proto};
 use crate::app::App;
 use crate::serve::status::Failure;
@@ -15,7 +15,7 @@ use crate::serve::status::Failure;
     get,
     path = "/v1/environments/{environment}/summary",
     tag = "summary",
-    params(("environment" = String, Path, description = "The environment's name"), PairParameters, DiscoveryParameters),
+    params(("environment" = String, Path, description = "The environment's name"), PairParameters, DiscoveryParameters, SummaryParameters),
     responses((status = 200, description = "The summary", body = json::Summary), Refusals)
 )]
 pub async fn summarize(
@@ -23,8 +23,8 @@ pub async fn summarize(
     Path(name): Path<String>,
     Query(query): Query,
 ) -> Result<axum::Json<json::Summary>, Failure> {
-    let (pair, discovery) = json::overview(query)?;
+    let draft = json::summary(query)?;
     let environment = app.environments.find(&name)?;
-    let summary = app.influence.summary(&environment, &pair, &discovery).await?;
+    let summary = app.influence.summary(&environment, &draft).await?;
     Ok(axum::Json(proto::SummarizeResponse::from(summary).into()))
 }
