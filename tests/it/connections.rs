@@ -83,6 +83,14 @@ async fn headers_have_their_time_and_no_more() {
 }
 
 #[tokio::test]
+async fn a_client_that_connects_early_connects_again() {
+    let app = start(Limits { head: second(), ..Limits::default() }).await;
+    let mut early = app.environments().await;
+    Raw::open(app.address, PREFACE).await.end().await;
+    early.list_environments(ListEnvironmentsRequest::default()).await.expect("on another connection");
+}
+
+#[tokio::test]
 async fn idle_connections_are_ended_and_streams_are_never_idle() {
     let app = start(Limits { idle: second(), stalled: second(), ..Limits::default() }).await;
     app.lane().await;
@@ -347,12 +355,11 @@ async fn old_connections_are_left_without_loss() {
     let totals = producer.close().await.expect("acknowledged");
     assert_eq!(totals.sent, 2_000);
     assert_eq!(app.cells("0.0").await[0].2, 2_000, "nothing is lost and nothing doubled");
-    let (_, metrics) = app.rest("GET", "/metrics", None).await;
-    assert!(metrics.as_str().unwrap_or_default().contains("nudge_connections_ended_total{reason=\"age\"}"));
-
     let (_, mut stream) = RawStream::open(app.ingest().await, hello("by-hand")).await.expect("welcome");
     let end = timeout(LONG, stream.acknowledged()).await.expect("it is ended").expect_err("it is ended");
     assert_eq!((end.code(), reason(&end).as_str()), (Code::Unavailable, "RECONNECT"));
+    let (_, metrics) = app.rest("GET", "/metrics", None).await;
+    assert!(metrics.as_str().unwrap_or_default().contains("nudge_connections_ended_total{reason=\"age\"}"));
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

@@ -89,7 +89,7 @@ impl Host {
         let (standing, budget) = (place.standing(), self.budget.clone());
         let service = Watched { router: self.router.clone(), vitals: vitals.clone(), standing, budget };
         let heard = vitals.clone();
-        let stream = InspectReader::new(stream, move |_: &[u8]| heard.heard());
+        let stream = InspectReader::new(stream, move |bytes: &[u8]| heard.heard(bytes));
         let mut connection = std::pin::pin!(self.builder.serve_connection(TokioIo::new(stream), service));
         let mut look = std::pin::pin!(sleep_until(Instant::now()));
         let mut is_leaving = false;

@@ -12,6 +12,9 @@ use tokio_util::sync::CancellationToken;
 
 use super::limits::Limits;
 
+/// How a connection of HTTP/2 begins.
+const PREFACE: &[u8] = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n";
+
 /// How long a connection that has nothing left to do may take to say goodbye.
 const GOODBYE: Duration = Duration::from_secs(2);
 
@@ -29,6 +32,8 @@ struct State {
     /// When it was accepted, or when its last request ended.
     since: Instant,
     expires: Option<Instant>,
+    /// Whether it began as HTTP/2 does, so that it can be told that it is to end.
+    is_greeted: bool,
     /// The version of its requests; none before the first.
     version: Option<Version>,
     requests: usize,
@@ -91,6 +96,7 @@ impl Vitals {
         let state = State {
             since: now,
             expires: age.and_then(|age| now.checked_add(age)),
+            is_greeted: false,
             version: None,
             requests: 0,
             head_since: None,
@@ -107,8 +113,11 @@ impl Vitals {
     }
 
     /// Notes that bytes arrived.
-    pub fn heard(&self) {
+    pub fn heard(&self, bytes: &[u8]) {
         let mut state = self.lock();
+        if state.version.is_none() && state.head_since.is_none() {
+            state.is_greeted = bytes.starts_with(PREFACE);
+        }
         if state.requests == 0 && state.head_since.is_none() {
             state.head_since = Some(Instant::now());
         }
@@ -163,7 +172,8 @@ impl Vitals {
         // What begins before the next look may be due before what is known now.
         let soon = now + self.limits.head.min(self.limits.idle).min(self.limits.stalled) / 2;
         let due = [ends, leaves].into_iter().flatten().map(|(due, _)| due);
-        Fate::Lives(due.fold(soon, Instant::min))
+        let expires = state.expires.filter(|expires| *expires > now);
+        Fate::Lives(due.chain(expires).fold(soon, Instant::min))
     }
 
     fn lock(&self) -> MutexGuard<'_, State> {
@@ -175,7 +185,7 @@ impl State {
     fn ends(&self, limits: &Limits) -> Option<(Instant, Cause)> {
         let unread = self.unread_since.values().min().map(|since| (*since + limits.stalled, Cause::Unread));
         let head = match (self.requests, self.version) {
-            (0, None) => Some((self.since + limits.head, Cause::Head)),
+            (0, None) if !self.is_greeted => Some((self.since + limits.head, Cause::Head)),
             // Frames of HTTP/2 that belong to no request (pings, settings) are no beginning of one.
             (0, Some(version)) if version < Version::HTTP_2 => {
                 self.head_since.map(|since| (since + limits.head, Cause::Head))
@@ -190,7 +200,13 @@ impl State {
     }
 
     fn leaves(&self, limits: &Limits) -> Option<(Instant, Cause)> {
-        let version = self.version.filter(|_| self.leaving_since.is_none())?;
+        if self.leaving_since.is_some() {
+            return None;
+        }
+        let Some(version) = self.version else {
+            // A client that connects ahead of its first request hears of it and connects again.
+            return self.is_greeted.then_some((self.since + limits.head, Cause::Head));
+        };
         let idle = (self.requests == 0).then(|| (self.since + limits.idle, Cause::Idle));
         let age = self.expires.filter(|_| version >= Version::HTTP_2).map(|expires| (expires, Cause::Age));
         [idle, age].into_iter().flatten().min_by_key(|(due, _)| *due)
@@ -263,10 +279,20 @@ mod tests {
     async fn headers_arrive_in_time_from_the_accept_on() {
         assert_eq!(watch(&vitals(None), 60).await, Some((Fate::Ends(Cause::Head), 10)));
         let dripping = vitals(None);
-        dripping.heard();
+        dripping.heard(b"G");
         advance(seconds(9)).await;
-        dripping.heard();
+        dripping.heard(b"G");
         assert_eq!(watch(&dripping, 60).await, Some((Fate::Ends(Cause::Head), 1)));
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn who_connects_ahead_of_its_first_request_is_told() {
+        let vitals = vitals(None);
+        vitals.heard(PREFACE);
+        vitals.heard(b"settings");
+        assert_eq!(watch(&vitals, 60).await, Some((Fate::Leaves(Cause::Head), 10)));
+        vitals.leaves();
+        assert_eq!(watch(&vitals, 60).await, Some((Fate::Ends(Cause::Grace), 2)));
     }
 
     #[tokio::test(start_paused = true)]
@@ -283,9 +309,9 @@ mod tests {
         let vitals = vitals(None);
         drop(vitals.begin(Version::HTTP_11));
         advance(seconds(5)).await;
-        vitals.heard();
+        vitals.heard(b"G");
         advance(seconds(9)).await;
-        vitals.heard();
+        vitals.heard(b"G");
         assert_eq!(watch(&vitals, 60).await, Some((Fate::Ends(Cause::Head), 1)));
     }
 
@@ -294,7 +320,7 @@ mod tests {
         let vitals = vitals(None);
         drop(vitals.begin(Version::HTTP_2));
         advance(seconds(20)).await;
-        vitals.heard();
+        vitals.heard(b"G");
         assert_eq!(watch(&vitals, 60).await, Some((Fate::Leaves(Cause::Idle), 10)));
     }
 
@@ -325,6 +351,9 @@ mod tests {
 
     #[tokio::test(start_paused = true)]
     async fn age_asks_multiplexed_connections_to_leave_and_grace_ends_them() {
+        let young = vitals(Some(1));
+        let in_a_second = Instant::now() + seconds(1);
+        assert_eq!(young.fate(Instant::now()), Fate::Lives(in_a_second), "before its version is known, too");
         let old = vitals(Some(100));
         let request = old.begin(Version::HTTP_2);
         assert_eq!(watch(&old, 600).await, Some((Fate::Leaves(Cause::Age), 100)));
