@@ -26,7 +26,7 @@ def main(url):
     for name, module, client in [("http", tritonclient.http, http), ("grpc", tritonclient.grpc, grpc)]:
         outputs(name, module, client)
         refusals(name, module, client)
-    refused("http: NaN in JSON", "expected value", lambda: http.infer(MODEL, [as_json(nan())]), InferenceServerException)
+    refused("http: NaN in JSON", "/inputs/0/data/2: got NaN", lambda: http.infer(MODEL, [as_json(nan())]), InferenceServerException)
     http.close()
     grpc.close()
 
