@@ -5,6 +5,7 @@ import pathlib
 import re
 
 import schemathesis
+from schemathesis.core import NotSet
 from schemathesis.core.parameters import ParameterLocation
 
 # It exists and has counts, so that what is asked of it gets as far as the question.
@@ -17,6 +18,8 @@ FEATURE = r"/(state|agents/\d+/action)/\d+"
 OPEN = re.compile("|".join([
     # Agents, segments, states, pages and versions that do not exist there.
     r"/(ego|other|given|segments|keys|states|state)(/.*)?|/state\..*|/(key|page_token|model|producer)",
+    # Which characters are printable is for Unicode to say.
+    r"/segment",
     # A threshold and a share exclude each other, and neither can be above what the two agents can reach.
     r"/rule[./](threshold|share)",
     # Names and labels are unique, edges increase, a feature is of one kind, and all of it together has a size.
@@ -40,16 +43,22 @@ def lines(context, value):
 @schemathesis.hook
 def before_call(context, case, kwargs):
     """Asks most of what is asked of an environment that exists, and keeps that one."""
+    path = case.path_parameters or {}
+    is_whole = case.path == ENVIRONMENT and case.method != "GET"
+    if is_whole and path.get("environment") == KNOWN:
+        path["environment"] = "another"
     if case.meta is None:
         return
-    path = case.path_parameters or {}
-    is_wrong_elsewhere = any(case.meta.is_negative_at(place) for place in [ParameterLocation.BODY, ParameterLocation.QUERY])
-    if "environment" in path and not case.meta.is_negative_at(ParameterLocation.PATH) and (is_positive(case) or is_wrong_elsewhere):
-        is_whole = case.path == ENVIRONMENT and case.method != "GET"
-        if is_whole and path["environment"] == KNOWN:
-            path["environment"] = "another"
-        elif not is_whole and not is_stateful(case):
-            path["environment"] = KNOWN
+    # What is wrong with a request stays wrong. A body that may be absent is not wrong where it is.
+    is_path_wrong = case.meta.is_negative_at(ParameterLocation.PATH)
+    is_body_wrong = case.meta.is_negative_at(ParameterLocation.BODY) and not isinstance(case.body, NotSet)
+    is_rest_wrong = is_body_wrong or case.meta.is_negative_at(ParameterLocation.QUERY)
+    is_free = "environment" in path and not is_path_wrong and (is_rest_wrong or is_positive(case))
+    if is_free and not is_whole and not is_stateful(case):
+        path["environment"] = KNOWN
+    if "environment" in path and not (is_positive(case) or is_path_wrong or is_rest_wrong):
+        # Called wrong, and nothing is wrong with it: some draws are.
+        path["environment"] = "nowhere"
     if is_positive(case):
         case.body = whole(case.body)
         if is_stateful(case) and case.method == "PUT" and case.path == ENVIRONMENT:
@@ -106,3 +115,10 @@ def wrong_transitions_are_not_counted(context, response, case):
     if case.path.endswith("/transitions") and not is_positive(case) and response.status_code == 200:
         receipt = response.json()
         assert receipt["status"] == "duplicate" or receipt["rejected_count"] > 0, response.text
+
+
+@schemathesis.check
+def only_no_body_is_right(context, response, case):
+    """Fails where a training is asked for by a body that is wrong by the document."""
+    if case.path.endswith("/models") and not is_positive(case) and response.status_code == 202:
+        assert isinstance(case.body, NotSet), f"a training was asked for by {case.body}"

@@ -49,7 +49,7 @@ async fn what_the_machinery_refuses_has_a_reason_too() {
     let app = TestApp::start().await;
     let large = vec![0; 5 << 20];
     let garbage = [0xff; 3];
-    let cases: [(&str, Option<&str>, Vec<u8>, Code, &str); 9] = [
+    let cases = [
         (LIST, None, garbage.to_vec(), Code::InvalidArgument, "UNDECODABLE"),
         (LIST, None, large.clone(), Code::OutOfRange, "MESSAGE_TOO_LARGE"),
         (LIST, Some("gzip"), gzip(&large), Code::OutOfRange, "MESSAGE_TOO_LARGE"),

@@ -28,7 +28,7 @@ pub struct Transitions<'a> {
     #[schema(example = 1, minimum = 1, maximum = 9_223_372_036_854_775_807_i64)]
     pub sequence: u64,
     /// Where its transitions come from: a trial, a split, a policy version.
-    #[schema(example = "trial-3")]
+    #[schema(example = "trial-3", min_length = 1, max_length = 64)]
     pub segment: Option<String>,
     /// The transitions, at most 10,000.
     #[serde(borrow)]
