@@ -32,6 +32,7 @@ async def health(url, rest, remote):
     check(await rest.is_model_ready(url, MODEL), "rest: the model is ready")
     check(await remote.is_model_ready(MODEL), "grpc: the model is ready")
     check(not await rest.is_model_ready(url, "nowhere"), "rest: an unknown model is not ready")
+    check(not await remote.is_model_ready("nowhere"), "grpc: an unknown model is not ready")
 
 
 async def figures(number, url, rest, remote):

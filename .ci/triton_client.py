@@ -26,7 +26,7 @@ def main(url):
     for name, module, client in [("http", tritonclient.http, http), ("grpc", tritonclient.grpc, grpc)]:
         outputs(name, module, client)
         refusals(name, module, client)
-    refused("http: NaN in JSON", "expected value", lambda: http.infer(MODEL, [as_json(nan())]), InferenceServerException)
+    refused("http: NaN in JSON", "/inputs/0/data/2: got NaN", lambda: http.infer(MODEL, [as_json(nan())]), InferenceServerException)
     http.close()
     grpc.close()
 
@@ -49,6 +49,8 @@ def metadata(http, grpc):
     check(model["versions"] == list(told.versions), f"both know versions {model['versions']}")
     version = model["versions"][-1]
     check(http.is_model_ready(MODEL, version) and grpc.is_model_ready(MODEL, version), f"version {version} is ready")
+    for client, name in [(http, "http"), (grpc, "grpc")]:
+        check(client.is_model_ready("nowhere") is False, f"{name}: an unknown model is not ready")
     return version
 
 
@@ -70,6 +72,7 @@ def figures(number, version, http, grpc):
     for algorithm in ["gzip", "deflate"]:
         packed = {"request_compression_algorithm": algorithm, "response_compression_algorithm": algorithm}
         answers[f"http, {algorithm}"] = http.infer(MODEL, [as_bytes(rows)], **packed)
+        answers[f"grpc, {algorithm}"] = grpc.infer(MODEL, [of_grpc(rows)], compression_algorithm=algorithm)
     reference = [answers["grpc"].as_numpy(name) for name in OUTPUTS]
     for way, answer in answers.items():
         found = [answer.as_numpy(name) for name in OUTPUTS]
@@ -101,7 +104,12 @@ def refusals(name, module, client):
 
     good = np.zeros((1, 2), np.float32)
     unknown = [module.InferRequestedOutput("speed")]
+    classes = [module.InferRequestedOutput(OUTPUTS[0], class_count=3)]
+    shared = [module.InferRequestedOutput(OUTPUTS[0])]
+    shared[0].set_shared_memory("mine", 4)
     cases = [
+        ("an output into shared memory", "shared memory is not supported", infer(good, outputs=shared)),
+        ("a number of classes", "class_count", infer(good, outputs=classes)),
         ("a wrong shape", "[rows, 2]: place, light", infer(np.zeros((1, 3), np.float32))),
         ("a wrong type", 'got "FP64", expected FP32', infer(np.zeros((1, 2), np.float64))),
         ("NaN", "/inputs/0/data/1/place: got NaN", infer(nan())),

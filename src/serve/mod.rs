@@ -51,7 +51,8 @@ pub async fn serve(app: App, listener: TcpListener, settings: Settings) -> Resul
 async fn router(app: App, settings: &Settings) -> Result<Router, tonic_reflection::server::Error> {
     // Without this an unknown REST path would answer 200 with a gRPC status.
     let grpc = grpc::routes(app.clone()).await?.into_axum_router().reset_fallback();
-    let grpc = grpc.layer(middleware::from_fn(grpc::in_time)).layer(tonic_web::GrpcWebLayer::new());
+    let grpc = grpc.layer(middleware::from_fn(grpc::in_time)).layer(middleware::from_fn(grpc::give_reasons));
+    let grpc = grpc.layer(tonic_web::GrpcWebLayer::new());
     let router =
         rest::router(app.clone()).merge(inference::router(app.clone())).merge(operations::router(app)).merge(grpc);
     Ok(cors::allow(router, &settings.cors_origins))

@@ -1,5 +1,6 @@
 //! The one place that knows status codes: kinds of error beside their HTTP and gRPC codes.
 
+use std::collections::HashMap;
 use std::time::Duration;
 
 use axum::Extension;
@@ -9,7 +10,13 @@ use tonic::{Code, Status};
 use tonic_types::{ErrorDetails, StatusExt};
 
 use crate::api::json;
-use crate::error::{ErrorKind, Problem};
+use crate::error::{ErrorKind, Fault, Problem};
+
+/// Who says the reasons of errors.
+const DOMAIN: &str = "nudge";
+
+const PATH_NOT_FOUND: &str = "PATH_NOT_FOUND";
+const UNSUPPORTED: &str = "UNSUPPORTED_MEDIA_TYPE";
 
 /// Returns the HTTP and the gRPC code of a kind.
 pub fn codes(kind: ErrorKind) -> (StatusCode, Code) {
@@ -27,19 +34,88 @@ pub fn codes(kind: ErrorKind) -> (StatusCode, Code) {
     }
 }
 
+/// The most faults that gRPC tells one by one. They travel in headers, of which clients take 8 KiB; REST tells all of them.
+const MOST_TOLD: usize = 10;
+
+/// The most bytes of a message in a gRPC status, which is told twice: percent-encoded, where a byte may become three, and in the details.
+const MOST_MESSAGE: usize = 800;
+
+/// The most bytes of a text in the details, and of all faults together; in base64 they are a third more.
+const MOST_TEXT: usize = 250;
+const MOST_FAULTS: usize = 2_000;
+
 /// Tells a problem as a gRPC status with `google.rpc` details: the reason always, field violations for input, when to retry where it helps.
+///
+/// Of many faults the first are told, and `more_faults` beside the reason says how many there are besides.
 pub fn grpc(problem: Problem) -> Status {
     let (_, code) = codes(problem.kind);
-    let metadata: std::collections::HashMap<_, _> =
-        problem.details.iter().map(|(name, value)| ((*name).to_owned(), value.clone())).collect();
-    let mut details = ErrorDetails::with_error_info(problem.reason, "nudge", metadata);
-    for fault in &problem.faults {
-        details.add_bad_request_violation(&fault.pointer, &fault.detail);
+    let told = told(&problem.faults);
+    let more = problem.faults.len() - told.len();
+    let more = (more > 0).then(|| ("more_faults".to_owned(), more.to_string()));
+    let given = problem.details.iter().map(|(name, value)| ((*name).to_owned(), cut(value, MOST_TEXT)));
+
+    let mut details =
+        ErrorDetails::with_error_info(problem.reason, DOMAIN, given.chain(more).collect::<HashMap<_, _>>());
+    for (pointer, detail) in told {
+        details.add_bad_request_violation(pointer, detail);
     }
     if problem.retry_after.is_some() {
         details.set_retry_info(problem.retry_after);
     }
-    Status::with_error_details(code, problem.message, details)
+    Status::with_error_details(code, cut(&problem.message, MOST_MESSAGE), details)
+}
+
+/// Returns the pointers and details of the first faults, as many as fit into headers.
+fn told(faults: &[Fault]) -> Vec<(String, String)> {
+    let mut left = MOST_FAULTS;
+    let first =
+        faults.iter().take(MOST_TOLD).map(|fault| (cut(&fault.pointer, MOST_TEXT), cut(&fault.detail, MOST_TEXT)));
+    let fits = |(pointer, detail): &(String, String)| {
+        let rest = left.checked_sub(pointer.len() + detail.len());
+        left = rest.unwrap_or_default();
+        rest.is_some()
+    };
+    first.take_while(fits).collect()
+}
+
+/// Returns the beginning of a text that is longer than so many bytes, and says that there is more.
+fn cut(text: &str, most: usize) -> String {
+    const MORE: &str = "...";
+    if text.len() <= most {
+        return text.to_owned();
+    }
+    format!("{}{MORE}", &text[..text.floor_char_boundary(most - MORE.len())])
+}
+
+/// Gives a status that the gRPC machinery made by itself what ours have: a reason, and a code that says whose fault it is.
+pub fn of_grpc(status: &Status) -> Status {
+    let message = status.message();
+    let (code, reason, message) = match status.code() {
+        Code::Unimplemented if message.is_empty() => return unknown_call(),
+        Code::Unimplemented => (Code::Unimplemented, UNSUPPORTED, message),
+        Code::OutOfRange if message.contains("encoded message length") && !message.contains("decoded") => {
+            (Code::OutOfRange, "ANSWER_TOO_LARGE", message)
+        }
+        Code::OutOfRange | Code::ResourceExhausted => (Code::OutOfRange, "MESSAGE_TOO_LARGE", message),
+        Code::Internal if !message.starts_with("Error encoding") => (Code::InvalidArgument, "UNDECODABLE", message),
+        Code::Internal => (Code::Internal, "INTERNAL", message),
+        Code::NotFound => (Code::NotFound, "NOT_FOUND", message),
+        Code::Cancelled => (Code::Cancelled, "CANCELLED", message),
+        Code::InvalidArgument => (Code::InvalidArgument, "INVALID_INPUT", message),
+        code => (code, "UNKNOWN", message),
+    };
+    signed(code, reason, message)
+}
+
+/// Says that there is no such service or method.
+pub fn unknown_call() -> Status {
+    let message = "nothing is served under this path: see which services and methods there are by reflection";
+    signed(Code::Unimplemented, PATH_NOT_FOUND, message)
+}
+
+fn signed(code: Code, reason: &str, message: &str) -> Status {
+    let details = ErrorDetails::with_error_info(reason, DOMAIN, HashMap::new());
+    Status::with_error_details(code, cut(message, MOST_MESSAGE), details)
 }
 
 /// What was asked for, where it matters whether it may have been done although nobody was told.
@@ -93,18 +169,16 @@ impl Failure {
     /// Makes the failure of a request that no room of ours refused, but the HTTP machinery did.
     pub fn of_http(status: StatusCode) -> Self {
         let (kind, reason, message) = match status {
-            StatusCode::NOT_FOUND => (ErrorKind::NotFound, "PATH_NOT_FOUND", "nothing is served under this path"),
+            StatusCode::NOT_FOUND => (ErrorKind::NotFound, PATH_NOT_FOUND, "nothing is served under this path"),
             StatusCode::METHOD_NOT_ALLOWED => {
                 (ErrorKind::Invalid, "METHOD_NOT_ALLOWED", "this path does not take this method")
             }
             StatusCode::PAYLOAD_TOO_LARGE => {
                 (ErrorKind::TooLarge, TOO_LARGE, "the body is larger than 16 MiB; send less at a time")
             }
-            StatusCode::UNSUPPORTED_MEDIA_TYPE => (
-                ErrorKind::Invalid,
-                "UNSUPPORTED_MEDIA_TYPE",
-                "the body is of a type or an encoding that this path does not take",
-            ),
+            StatusCode::UNSUPPORTED_MEDIA_TYPE => {
+                (ErrorKind::Invalid, UNSUPPORTED, "the body is of a type or an encoding that this path does not take")
+            }
             StatusCode::SERVICE_UNAVAILABLE => (ErrorKind::Unavailable, "UNAVAILABLE", "the service cannot answer now"),
             status if status.is_server_error() => {
                 (ErrorKind::Internal, "INTERNAL", "the service failed; the cause is in its log")
@@ -179,6 +253,58 @@ mod tests {
         assert_eq!(response.headers()[header::CONTENT_TYPE], "application/problem+json");
         let invalid = Failure::from(Problem::invalid("question", Vec::new())).tell("/v1/x");
         assert!(!invalid.headers().contains_key(header::RETRY_AFTER));
+    }
+
+    /// Bytes of the headers of a status, as HTTP/2 counts them.
+    fn header_bytes(status: Status) -> usize {
+        let headers = status.into_http::<()>().into_parts().0.headers;
+        headers.iter().map(|(name, value)| name.as_str().len() + value.len() + 32).sum()
+    }
+
+    #[test]
+    fn the_first_faults_and_the_number_of_the_rest_fit_into_headers() {
+        let most = 8 << 10;
+        for (text, number) in [("x", 3), ("x", 10), ("x", 11), ("x", 100_000), ("\u{1f980}", 100), ("", 1)] {
+            for times in [1, 40, 100_000] {
+                let fault = |i: usize| Fault::new(format!("/states/{i}/{}", text.repeat(times)), text.repeat(times));
+                let faults: Vec<Fault> = (0..number).map(fault).collect();
+                let problem = Problem::invalid("question", faults).with("schema_hash", "f".repeat(10 * times));
+                let status = grpc(problem);
+                let told = status.get_details_bad_request().expect("violations").field_violations.len();
+                let metadata = status.get_details_error_info().expect("a reason").metadata;
+                let more = metadata.get("more_faults").map_or(0, |more| more.parse().expect("a number"));
+                assert!((1..=10).contains(&told), "{told} of {number} x {times}");
+                assert_eq!(told + more, number, "{number} x {times}");
+                assert!(times > 1 || told == number.min(10), "short ones are all told: {told} of {number}");
+                let bytes = header_bytes(status);
+                assert!(bytes < most, "{bytes} bytes for {number} x {times} {text:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_machinery_of_grpc_gets_a_reason_for_everything_that_it_says() {
+        let cases = [
+            (Status::unimplemented(""), Code::Unimplemented, "PATH_NOT_FOUND"),
+            (Status::unimplemented("Content is compressed with `zstd`"), Code::Unimplemented, "UNSUPPORTED_MEDIA_TYPE"),
+            (Status::internal("failed to decode Protobuf message"), Code::InvalidArgument, "UNDECODABLE"),
+            (Status::out_of_range("decoded message length too large"), Code::OutOfRange, "MESSAGE_TOO_LARGE"),
+            (Status::resource_exhausted("Error decompressing: size limit"), Code::OutOfRange, "MESSAGE_TOO_LARGE"),
+            (Status::out_of_range("Error, encoded message length too large"), Code::OutOfRange, "ANSWER_TOO_LARGE"),
+            (Status::internal("Error encoding: x"), Code::Internal, "INTERNAL"),
+            (Status::not_found("service not registered"), Code::NotFound, "NOT_FOUND"),
+            (Status::aborted("x"), Code::Aborted, "UNKNOWN"),
+        ];
+        for (made, code, reason) in cases {
+            let status = of_grpc(&made);
+            let info = status.get_details_error_info().expect("a reason");
+            assert_eq!(
+                (status.code(), info.reason.as_str(), info.domain.as_str()),
+                (code, reason, "nudge"),
+                "{made:?}"
+            );
+            assert!(!status.message().is_empty());
+        }
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! The Open Inference Protocol over REST and gRPC: what clients of inference servers ask, answered by a small network trained here.
 
+use std::collections::HashMap;
 use std::io::Write;
 use std::sync::Arc;
 use std::time::Duration;
@@ -7,10 +8,11 @@ use std::time::Duration;
 use flate2::Compression;
 use flate2::write::{GzEncoder, ZlibEncoder};
 use nudge::api::inference_proto::grpc_inference_service_client::GrpcInferenceServiceClient;
+use nudge::api::inference_proto::infer_parameter::ParameterChoice::{self, Int64Param, StringParam};
 use nudge::api::inference_proto::model_infer_request::{InferInputTensor, InferRequestedOutputTensor};
 use nudge::api::inference_proto::{
-    InferTensorContents, ModelInferRequest, ModelInferResponse, ModelMetadataRequest, ModelReadyRequest,
-    ServerLiveRequest, ServerMetadataRequest, ServerReadyRequest,
+    InferParameter, InferTensorContents, ModelInferRequest, ModelInferResponse, ModelMetadataRequest,
+    ModelReadyRequest, ServerLiveRequest, ServerMetadataRequest, ServerReadyRequest,
 };
 use nudge::domain::draft::TrainingDraft;
 use nudge::domain::{Environment, JobState};
@@ -389,6 +391,7 @@ async fn both_faces_refuse_the_same() {
         message
     };
     let output = InferRequestedOutputTensor { name: "speed".into(), ..Default::default() };
+    let elsewhere = output_with("shared_memory_region", StringParam("mine".into()));
     let cases = [
         ("/inputs/0/shape", with(&|message| message.inputs[0].shape = vec![4, 1])),
         ("/inputs/0/datatype", with(&|message| message.inputs[0].datatype = "FP64".into())),
@@ -403,6 +406,21 @@ async fn both_faces_refuse_the_same() {
             with(&|message| message.raw_input_contents[0][4..8].copy_from_slice(&2f32.to_le_bytes())),
         ),
         ("/outputs/0/name", with(&|message| message.outputs = vec![output.clone()])),
+        ("/outputs/0/parameters/shared_memory_region", with(&|message| message.outputs = vec![elsewhere.clone()])),
+        (
+            "/outputs/0/parameters/shared_memory_byte_size",
+            with(&|message| message.outputs = vec![output_with("shared_memory_byte_size", Int64Param(8))]),
+        ),
+        (
+            "/outputs/0/parameters/classification",
+            with(&|message| message.outputs = vec![output_with("classification", Int64Param(3))]),
+        ),
+        (
+            "/inputs/0/parameters/shared_memory_region",
+            with(&|message| {
+                message.inputs[0].parameters = parameter("shared_memory_region", StringParam("mine".into()));
+            }),
+        ),
     ];
     for (fault, message) in cases {
         let status = call(&app, message.clone()).await.expect_err(fault);
@@ -413,13 +431,74 @@ async fn both_faces_refuse_the_same() {
     }
 }
 
+fn parameter(name: &str, choice: ParameterChoice) -> HashMap<String, InferParameter> {
+    HashMap::from([(name.to_owned(), InferParameter { parameter_choice: Some(choice) })])
+}
+
+fn output_with(name: &str, choice: ParameterChoice) -> InferRequestedOutputTensor {
+    InferRequestedOutputTensor { name: "influence_probability".into(), parameters: parameter(name, choice) }
+}
+
+/// Returns parameters as REST has them.
+fn as_json(parameters: &HashMap<String, InferParameter>) -> Value {
+    let value = |parameter: &InferParameter| match &parameter.parameter_choice {
+        Some(Int64Param(number)) => json!(number),
+        Some(StringParam(text)) => json!(text),
+        other => panic!("no case has {other:?}"),
+    };
+    parameters
+        .iter()
+        .map(|(name, parameter)| (name.clone(), value(parameter)))
+        .collect::<serde_json::Map<_, _>>()
+        .into()
+}
+
+#[tokio::test]
+async fn parameters_that_say_nothing_are_no_fault() {
+    let (app, _) = trained().await;
+    let rows = rows(2);
+    let mut zero = document(&rows);
+    zero["outputs"] = json!([{"name": "influence_probability", "parameters": {"classification": 0, "priority": 3}}]);
+    zero["inputs"][0]["parameters"] = json!({"shared_memory_offset": null, "colour": "red"});
+    assert_eq!(infer(&app, MODEL, &zero).await.0, 200);
+    let outputs = vec![output_with("classification", Int64Param(0))];
+    call(&app, ModelInferRequest { outputs, ..message(&rows) }).await.expect("0 classes are none");
+}
+
+#[tokio::test]
+async fn an_unknown_model_is_not_ready() {
+    let (app, version) = trained().await;
+    let mut client = client(&app).await;
+    let cases = [
+        (MODEL, version.to_string(), true),
+        (MODEL, String::new(), true),
+        (MODEL, "999".into(), false),
+        ("nowhere", String::new(), false),
+        ("world~robot~cat", String::new(), false),
+        // Nobody trained this one.
+        ("world~dog~human", String::new(), false),
+        ("", String::new(), false),
+    ];
+    for (name, version, expected) in cases {
+        let request = ModelReadyRequest { name: name.into(), version: version.clone() };
+        let ready = client.model_ready(request).await.expect("answered").into_inner().ready;
+        assert_eq!(ready, expected, "{name} {version}");
+    }
+    let wrong = ModelReadyRequest { name: MODEL.into(), version: "latest".into() };
+    assert_eq!(client.model_ready(wrong).await.expect_err("no version").code(), Code::InvalidArgument);
+}
+
 /// Sends the same over REST, as binary tensors.
 async fn binary(app: &TestApp, message: &ModelInferRequest) -> (u16, Value) {
     let (input, raw) = (&message.inputs[0], &message.raw_input_contents[0]);
-    let outputs: Vec<Value> = message.outputs.iter().map(|output| json!({"name": output.name})).collect();
+    let wanted =
+        |output: &InferRequestedOutputTensor| json!({"name": output.name, "parameters": as_json(&output.parameters)});
+    let outputs: Vec<Value> = message.outputs.iter().map(wanted).collect();
+    let mut parameters = as_json(&input.parameters);
+    parameters["binary_data_size"] = raw.len().into();
     let head = json!({
         "inputs": [{"name": input.name, "datatype": input.datatype, "shape": input.shape,
-            "parameters": {"binary_data_size": raw.len()}}],
+            "parameters": parameters}],
         "outputs": outputs,
     });
     let head = head.to_string();

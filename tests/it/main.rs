@@ -16,6 +16,7 @@ mod fake;
 mod faults;
 mod golden;
 mod graphs;
+mod grpc_errors;
 mod inference;
 mod ingest;
 mod kill;

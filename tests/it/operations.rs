@@ -1,6 +1,8 @@
 //! What operators and foreign clients meet: probes, metrics, reflection, gRPC-Web, unknown paths, the OpenAPI document.
 
-use serde_json::json;
+use std::collections::{BTreeMap, BTreeSet};
+
+use serde_json::{Value, json};
 use tokio_stream::StreamExt;
 use tonic_health::pb::HealthCheckRequest;
 use tonic_health::pb::health_client::HealthClient;
@@ -134,4 +136,120 @@ async fn grpc_web_is_spoken_over_http_1() {
     assert!(kind.starts_with("application/grpc-web"), "{kind}");
     let body = response.bytes().await.expect("a body");
     assert!(String::from_utf8_lossy(&body).contains("grpc-status:0"), "{body:?}");
+}
+
+#[tokio::test]
+async fn browsers_get_a_page_and_others_json() {
+    let app = TestApp::start().await;
+    let get = async |path: &str, accept: &str| {
+        let request = reqwest::Client::new().get(app.url(path)).header("accept", accept);
+        request.send().await.expect("answered")
+    };
+
+    let page = get("/", "text/html,*/*;q=0.8").await;
+    assert_eq!(
+        (page.status().as_u16(), &page.headers()["content-type"]),
+        (200, &"text/html; charset=utf-8".parse().expect("a value"))
+    );
+    assert!(page.headers().get_all("vary").iter().any(|vary| vary == "accept"));
+    let text = page.text().await.expect("text");
+    for part in [
+        env!("CARGO_PKG_VERSION"),
+        "/docs/",
+        "/openapi.json",
+        "/readyz",
+        "/livez",
+        &app.url("/v1/environments/crossing/influence"),
+    ] {
+        assert!(text.contains(part), "{part} in {text}");
+    }
+
+    // Everything that either names is there.
+    let told: Value = get("/", "*/*").await.json().await.expect("JSON");
+    assert_eq!((&told["name"], &told["version"]), (&"nudge".into(), &env!("CARGO_PKG_VERSION").into()));
+    let named = told.as_object().expect("an object").values().filter_map(|value| value.as_str()).map(str::to_owned);
+    let linked = text.split("href=\"").skip(1).filter_map(|rest| rest.split('"').next()).map(str::to_owned);
+    for path in named.filter(|path| path.starts_with('/')).chain(linked) {
+        assert_eq!(get(&path, "*/*").await.status().as_u16(), 200, "{path}");
+    }
+    assert_eq!(app.rest("POST", "/", None).await.1["reason"], "METHOD_NOT_ALLOWED");
+
+    for path in ["/", "/docs", "/docs/", "/docs/swagger-ui.css", "/openapi.json"] {
+        let headers = get(path, "text/html").await.headers().clone();
+        assert_eq!(headers["x-content-type-options"], "nosniff", "{path}");
+        assert_eq!(headers["x-frame-options"], "DENY", "{path}");
+        let policy = headers["content-security-policy"].to_str().expect("text");
+        assert!(policy.contains("default-src 'self'") && policy.contains("frame-ancestors 'none'"), "{path}: {policy}");
+    }
+}
+
+/// The operations of the OpenAPI document: path, method, names of its query parameters.
+async fn documented(app: &TestApp) -> Vec<(String, String, BTreeSet<String>)> {
+    let document = app.get("/openapi.json").await;
+    let paths = document["paths"].as_object().expect("paths").clone();
+    let operations = paths.into_iter().flat_map(|(path, operations)| {
+        let operations = operations.as_object().expect("operations").clone();
+        operations.into_iter().map(move |(method, operation)| (path.clone(), method.to_uppercase(), operation))
+    });
+    let names = |operation: &Value| {
+        let parameters = operation["parameters"].as_array().cloned().unwrap_or_default();
+        let queries = parameters.into_iter().filter(|parameter| parameter["in"] == "query");
+        queries.map(|parameter| parameter["name"].as_str().expect("a name").to_owned()).collect()
+    };
+    operations.map(|(path, method, operation)| (path, method, names(&operation))).collect()
+}
+
+/// A path as somebody asks for it.
+fn filled(path: &str) -> String {
+    let path = path.replace("{environment}", "lane").replace("{producer}", "p").replace("{key}", "0.0");
+    path.replace("{model}", "1")
+}
+
+#[tokio::test]
+async fn what_is_served_is_what_is_documented() {
+    let app = TestApp::start().await;
+    let mut methods: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
+    for (path, method, _) in documented(&app).await {
+        methods.entry(path).or_default().insert(method);
+    }
+
+    // Every path of the routes is documented, and the other way round.
+    let source = include_str!("../../src/serve/rest/mod.rs");
+    let served: BTreeSet<&str> = source.split(".route(\"").skip(1).filter_map(|rest| rest.split('"').next()).collect();
+    assert_eq!(served, methods.keys().map(String::as_str).collect());
+
+    // A path takes the methods that are documented, and no other. What is read with GET is read with HEAD too.
+    for (path, documented) in methods {
+        let request = reqwest::Client::new().request(reqwest::Method::TRACE, app.url(&filled(&path)));
+        let response = request.send().await.expect("answered");
+        assert_eq!(response.status().as_u16(), 405, "{path}");
+        let allowed = response.headers()["allow"].to_str().expect("text");
+        let allowed: BTreeSet<String> = allowed.split(',').filter(|method| *method != "HEAD").map(Into::into).collect();
+        assert_eq!(allowed, documented, "{path}");
+    }
+}
+
+#[tokio::test]
+async fn parameters_are_taken_where_they_are_documented_and_nowhere_else() {
+    let app = TestApp::start().await;
+    app.lane().await;
+    let operations = documented(&app).await;
+    let known: BTreeSet<String> = operations.iter().flat_map(|(_, _, names)| names.clone()).collect();
+    assert!(known.len() > 20, "{known:?}");
+    for (path, method, names) in operations.iter().filter(|(_, _, names)| !names.is_empty()) {
+        for name in known.iter().map(String::as_str).chain(["nothing"]) {
+            let is_documented = names.contains(name);
+            let name = if name == "state" { "state.distance" } else { name };
+            let request = reqwest::Client::new()
+                .request(method.parse().expect("a method"), app.url(&format!("{}?{name}=%3F", filled(path))));
+            // With lines, whose parameters stand in the query.
+            let request = if path.ends_with("/transitions") {
+                request.header("content-type", "application/x-ndjson").body("")
+            } else {
+                request
+            };
+            let told = request.send().await.expect("answered").text().await.expect("text");
+            assert_eq!(!told.contains("unknown parameter"), is_documented, "{method} {path}?{name}: {told}");
+        }
+    }
 }

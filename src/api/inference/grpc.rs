@@ -1,6 +1,8 @@
 //! Between the protocol's proto messages and its request and answer.
 
-use super::{Answer, DATATYPE, INPUT, Metadata, Output, Request, Tensor, Values};
+use std::collections::HashMap;
+
+use super::{Answer, DATATYPE, INPUT, Metadata, Output, Request, Tensor, Values, unsupported};
 use crate::api::inference_proto::infer_parameter::ParameterChoice;
 use crate::api::inference_proto::model_infer_request::InferInputTensor;
 use crate::api::inference_proto::model_infer_response::InferOutputTensor;
@@ -24,12 +26,25 @@ pub fn request(message: ModelInferRequest) -> Result<Request, Problem> {
         let detail = "got values here and in raw_input_contents, expected them in one of the two".to_owned();
         return Err(fault(&format!("/inputs/{both}/contents"), detail));
     }
+    let inputs_with = inputs.iter().enumerate().map(|(i, input)| (format!("/inputs/{i}"), &input.parameters));
+    let outputs_with = outputs.iter().enumerate().map(|(i, output)| (format!("/outputs/{i}"), &output.parameters));
+    let mut tensors = inputs_with.chain(outputs_with);
+    if let Some(fault) = tensors.find_map(|(tensor, parameters)| unsupported(&tensor, |name| is_set(parameters, name)))
+    {
+        return Err(Problem::invalid("inference request", vec![fault]));
+    }
     let mut raw = raw.into_iter();
     Ok(Request {
         id: Some(id).filter(|id| !id.is_empty()),
         inputs: inputs.into_iter().map(|input| tensor(input, raw.next())).collect(),
         outputs: outputs.into_iter().map(|output| output.name).collect(),
     })
+}
+
+/// Tells whether a parameter says something: 0 says nothing.
+fn is_set(parameters: &HashMap<String, InferParameter>, name: &str) -> bool {
+    let choice = parameters.get(name).and_then(|parameter| parameter.parameter_choice.as_ref());
+    choice.is_some_and(|choice| !matches!(choice, ParameterChoice::Int64Param(0) | ParameterChoice::Uint64Param(0)))
 }
 
 fn tensor(input: InferInputTensor, raw: Option<Vec<u8>>) -> Tensor {

@@ -1,9 +1,12 @@
 //! Between the protocol's JSON with the binary tensors after it, and its request and answer.
 
+use std::collections::HashMap;
+
 use bytes::Bytes;
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
-use super::{Answer, DATATYPE, Output, Request, Tensor, Values};
+use super::{Answer, DATATYPE, Output, Request, Tensor, Values, unsupported};
 use crate::api::inference_proto::model_metadata_response::TensorMetadata;
 use crate::api::inference_proto::{ModelMetadataResponse, ServerMetadataResponse};
 use crate::api::json;
@@ -60,6 +63,8 @@ struct Input {
 #[derive(Deserialize)]
 struct InputParameters {
     binary_data_size: Option<usize>,
+    #[serde(flatten)]
+    others: HashMap<String, Value>,
 }
 
 #[derive(Deserialize)]
@@ -71,6 +76,8 @@ struct Wanted {
 #[derive(Deserialize)]
 struct WantedParameters {
     binary_data: Option<bool>,
+    #[serde(flatten)]
+    others: HashMap<String, Value>,
 }
 
 /// Returns the request in a body, and the form of its answer. Members that are not known are ignored, as the protocol wants it.
@@ -79,6 +86,7 @@ pub fn request(body: &Bytes, header_length: Option<&str>) -> Result<(Request, Fo
     let (head, tail) = split(body, header_length).map_err(fault)?;
     let Document { id, parameters, inputs, outputs } = json::decode(WHAT, &head)?;
     let outputs = outputs.unwrap_or_default();
+    supported(&inputs, &outputs).map_err(fault)?;
     let form = Form {
         all: parameters.and_then(|parameters| parameters.binary_data_output).unwrap_or_default(),
         outputs: outputs.iter().map(Wanted::is_binary).collect(),
@@ -98,6 +106,23 @@ fn split(body: &Bytes, header_length: Option<&str>) -> Result<(Bytes, Bytes), Fa
             Err(Fault::new("", detail))
         }
     }
+}
+
+/// Checks that the values of every tensor are in the body, and are told as they are.
+fn supported(inputs: &[Input], outputs: &[Wanted]) -> Result<(), Fault> {
+    let inputs = inputs.iter().map(|input| input.parameters.as_ref().map(|parameters| &parameters.others));
+    let outputs = outputs.iter().map(|output| output.parameters.as_ref().map(|parameters| &parameters.others));
+    let inputs = inputs.enumerate().map(|(i, parameters)| (format!("/inputs/{i}"), parameters));
+    let outputs = outputs.enumerate().map(|(i, parameters)| (format!("/outputs/{i}"), parameters));
+    let fault = |(tensor, parameters): (String, Option<&HashMap<String, Value>>)| {
+        unsupported(&tensor, |name| parameters.is_some_and(|parameters| is_set(parameters, name)))
+    };
+    inputs.chain(outputs).find_map(fault).map_or(Ok(()), Err)
+}
+
+/// Tells whether a parameter says something: 0 says nothing.
+fn is_set(parameters: &HashMap<String, Value>, name: &str) -> bool {
+    parameters.get(name).is_some_and(|value| !value.is_null() && *value != 0)
 }
 
 /// Gives each input its values: those in its JSON, or its share of the bytes after the JSON.

@@ -6,7 +6,7 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::evidence::{dependence, interval};
-use super::{Fit, Labels, ModelFigures, Probability, Segmentation, Significance, State, present};
+use super::{Fit, Labels, ModelFigures, Probability, Segmentation, Significance, State, present, words};
 use crate::api::proto;
 
 /// The answers to one question, with what indices in them stand for.
@@ -31,12 +31,13 @@ pub struct Answer {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub entries: Option<u64>,
     /// `influences`, `no_influence` or `undecided`.
-    #[schema(example = "undecided")]
+    #[schema(example = "undecided", value_type = words::Verdict)]
     pub verdict: &'static str,
     /// What the verdict rests on.
     pub basis: Basis,
     /// The unit of every information figure, `nats` or `bits`.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<words::Unit>)]
     pub unit: Option<String>,
     /// The threshold used, in that unit.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -47,17 +48,19 @@ pub struct Answer {
     pub share: Option<f64>,
     /// The kind of rule that decided, `evidence` or `paper`.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<words::RuleKind>)]
     pub rule: Option<String>,
     /// Mutual information of ego action and other action in this state.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mutual_information: Option<MutualInformation>,
     /// What the evidence rests on: `entries`, or `assumed` where visits are taken for independent draws.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<words::Independence>)]
     pub independence: Option<String>,
     /// Whether there is any dependence at all, however weak: `established`, `excluded` or `open`; absent where the alphabets are too large for
     /// evidence, as are `probability` and the posterior mean.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(example = "open")]
+    #[schema(example = "open", value_type = Option<words::Dependence>)]
     pub dependence: Option<&'static str>,
     /// Probabilities given the counts.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -100,7 +103,7 @@ pub struct Answer {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, ToSchema)]
 pub struct Basis {
     /// `counts`, `model` (a network's prediction) or `prior` (nothing seen, and no model is active).
-    #[schema(example = "counts")]
+    #[schema(example = "counts", value_type = words::BasisKind)]
     pub kind: &'static str,
     /// The visits it rests on, where it is `counts`.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -114,10 +117,12 @@ pub struct Basis {
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct MutualInformation {
     /// Plug-in, at least 0; 0 at no visits. At few visits most of it is bias: compare `expected_if_independent`.
+    #[schema(minimum = 0)]
     pub plug_in: f64,
     /// The mean of plug-in under independence at these margins.
     pub expected_if_independent: f64,
     /// `hypergeometric` (exact) or `asymptotic` (above 1,000 visits).
+    #[schema(value_type = words::NullMethod)]
     pub expected_method: String,
     /// The mean given the counts and the fitted prior, at least 0.
     #[serde(skip_serializing_if = "Option::is_none")]

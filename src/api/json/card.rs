@@ -4,6 +4,7 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::Fit;
+use super::words;
 use crate::api::proto;
 
 /// What a network says of itself.
@@ -57,7 +58,7 @@ pub struct Card {
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct Training {
     /// What it predicts: `joint` or `direct`.
-    #[schema(example = "joint")]
+    #[schema(example = "joint", value_type = words::ModelKind)]
     pub kind: &'static str,
     /// Units of the hidden layer.
     pub width: u64,
@@ -68,7 +69,7 @@ pub struct Training {
     /// The most passes over the states.
     pub epochs: u64,
     /// How much a state counted: `visits` or `states`.
-    #[schema(example = "visits")]
+    #[schema(example = "visits", value_type = words::Weighting)]
     pub weighting: &'static str,
     /// Where all randomness came from.
     pub seed: u64,

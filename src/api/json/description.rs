@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::{Rule, decode};
+use super::{Rule, decode, words};
 use crate::domain::draft::{AgentDraft, DescriptionDraft, FeatureDraft, KindDraft, RuleDraft, SchemaDraft};
 use crate::error::{Fault, Problem};
 
@@ -13,6 +13,7 @@ use crate::error::{Fault, Problem};
 pub struct Description {
     /// The name that a service told; checked against the path where it is given.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(pattern = "^[a-z0-9][a-z0-9._-]{0,62}$")]
     pub name: Option<String>,
     /// The service's own name of it, which another service does not know: passed over.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -22,11 +23,11 @@ pub struct Description {
     pub schema_hash: Option<String>,
     /// The coordinates of the state, 1 to 256.
     #[serde(default)]
-    #[schema(required)]
+    #[schema(required, min_items = 1, max_items = 256)]
     pub state: Vec<Feature>,
     /// The agents, 2 to 8; at most 2^62 joint actions.
     #[serde(default)]
-    #[schema(required)]
+    #[schema(required, min_items = 2, max_items = 8)]
     pub agents: Vec<Agent>,
     /// The rule. Present, it sets the rule of an environment that exists; absent, it keeps it, or takes the default for a new one.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -39,11 +40,11 @@ pub struct Description {
 pub struct Agent {
     /// Matches `[a-z0-9][a-z0-9._-]{0,62}`; unique among features of the state and agents.
     #[serde(default)]
-    #[schema(required, example = "robot")]
+    #[schema(required, example = "robot", pattern = "^[a-z0-9][a-z0-9._-]{0,62}$")]
     pub name: String,
     /// The coordinates of its action; the first is most significant in the action's index.
     #[serde(default)]
-    #[schema(required)]
+    #[schema(required, min_items = 1, max_items = 16)]
     pub action: Vec<Feature>,
 }
 
@@ -56,7 +57,7 @@ pub struct Agent {
 pub struct Feature {
     /// Matches `[a-z0-9][a-z0-9._-]{0,62}`; unique.
     #[serde(default)]
-    #[schema(required, example = "distance")]
+    #[schema(required, example = "distance", pattern = "^[a-z0-9][a-z0-9._-]{0,62}$")]
     pub name: String,
     /// The unit of its values, for people. That of a circular feature says how angles are measured: `deg`, `degrees` and `°` degrees; `rad`, `radians`
     /// and none radians; others are refused, unless `circular.values` says it.
@@ -82,7 +83,7 @@ pub struct Feature {
 #[serde(deny_unknown_fields, expecting = "an object of edges")]
 pub struct Continuous {
     /// Strictly increasing after rounding to 32-bit floats, in the feature's unit.
-    #[schema(example = json!([0.5, 1, 2]))]
+    #[schema(example = json!([0.5, 1, 2]), max_items = 65_535)]
     pub edges: Vec<f64>,
 }
 
@@ -91,12 +92,12 @@ pub struct Continuous {
 #[serde(deny_unknown_fields, expecting = "an object of bins and values")]
 pub struct Circular {
     /// The number of bins, 1 to 65,536, each of width 2 pi / bins radians, or 360 / bins degrees.
-    #[schema(example = 8)]
+    #[schema(example = 8, minimum = 1, maximum = 65_536)]
     pub bins: i64,
     /// What values are measured in, `radians` or `degrees`; absent for what the feature's unit says. Environments that were made before units were
     /// read have `radians` beside a unit that says otherwise.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(example = "degrees")]
+    #[schema(example = "degrees", value_type = Option<words::AngleUnit>)]
     pub values: Option<String>,
 }
 
@@ -105,10 +106,10 @@ pub struct Circular {
 #[serde(deny_unknown_fields, expecting = "an object of min and max")]
 pub struct Integer {
     /// The smallest value, within +-2^24.
-    #[schema(example = 0)]
+    #[schema(example = 0, minimum = -16_777_216, maximum = 16_777_216)]
     pub min: i64,
     /// The largest value, within +-2^24, at least min.
-    #[schema(example = 3)]
+    #[schema(example = 3, minimum = -16_777_216, maximum = 16_777_216)]
     pub max: i64,
 }
 
@@ -118,7 +119,7 @@ pub struct Integer {
 #[serde(deny_unknown_fields, expecting = "an object of labels")]
 pub struct Categorical {
     /// 1 to 65,536 different labels of 1 to 64 printable characters.
-    #[schema(example = json!(["north", "south", "stay"]))]
+    #[schema(example = json!(["north", "south", "stay"]), min_items = 1, max_items = 65_536)]
     pub labels: Vec<String>,
 }
 

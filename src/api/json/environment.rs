@@ -10,11 +10,12 @@ use crate::api::proto;
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct Environment {
     /// The name that people use.
-    #[schema(example = "hallway")]
+    #[schema(example = "hallway", pattern = "^[a-z0-9][a-z0-9._-]{0,62}$")]
     pub name: String,
     /// The service's name of it, never reused.
     pub uid: String,
     /// BLAKE3 of state and agents, 64 hexadecimal digits.
+    #[schema(pattern = "^[0-9a-f]{64}$")]
     pub schema_hash: String,
     /// The coordinates of the state.
     pub state: Vec<Feature>,
@@ -40,6 +41,7 @@ pub struct EnvironmentPage {
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct UnreadableEnvironment {
     /// The name that people use.
+    #[schema(pattern = "^[a-z0-9][a-z0-9._-]{0,62}$")]
     pub name: String,
     /// The service's name of it, never reused.
     pub uid: String,

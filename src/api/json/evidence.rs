@@ -3,14 +3,17 @@
 use serde::Serialize;
 use utoipa::ToSchema;
 
+use super::words;
 use crate::api::proto;
 
 /// Probabilities given the counts and the fitted prior.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
 pub struct Probability {
     /// P(MI > 0): that there is any dependence at all.
+    #[schema(minimum = 0, maximum = 1)]
     pub dependent: f64,
     /// P(MI > threshold).
+    #[schema(minimum = 0, maximum = 1)]
     pub above_threshold: f64,
 }
 
@@ -18,8 +21,10 @@ pub struct Probability {
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct Significance {
     /// The probability of a plug-in at least as large, were the agents independent.
+    #[schema(minimum = 0, maximum = 1)]
     pub p_value: f64,
     /// `exact`, `permutation` or `g_test`.
+    #[schema(value_type = words::TestMethod)]
     pub method: String,
 }
 

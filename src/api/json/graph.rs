@@ -3,7 +3,7 @@
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::{Answer, State};
+use super::{Answer, State, words};
 use crate::api::proto;
 
 /// The causal graph of one state.
@@ -30,6 +30,7 @@ pub struct Edge {
     pub directed: bool,
     /// What the pair is, beside all other agents: `direct` (dependent, and no three others or fewer explain it), `explained` (dependent by itself, but not
     /// with some others' actions held fixed), `open` (not decided, or dependent only with others' actions held fixed) or `absent`.
+    #[schema(value_type = words::EdgeKind)]
     pub kind: String,
     /// The agents that explain it, where it is `explained`: with their actions held fixed no dependence is left.
     pub explained_by: Vec<String>,

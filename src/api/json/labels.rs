@@ -30,7 +30,7 @@ pub struct Variable {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, ToSchema)]
 pub struct State {
     /// Bin numbers joined by dots.
-    #[schema(example = "3.0.7")]
+    #[schema(example = "3.0.7", pattern = r"^[0-9]+(\.[0-9]+)*$")]
     pub key: String,
     /// One a feature, in the environment's order; absent in the view `verdict`.
     #[serde(skip_serializing_if = "Vec::is_empty", serialize_with = "as_object")]

@@ -24,6 +24,7 @@ mod receipt;
 mod record;
 mod rule;
 mod transitions;
+mod words;
 
 pub use answer::{ActionFigures, Answer, Answers, Basis, MutualInformation, verdict};
 pub use card::{Calibration, Card, Reliability, Score, Training, model_kind, weighting};
@@ -47,6 +48,7 @@ pub use question::{NamedState, Question};
 pub use receipt::{Producer, Receipt, Rejection};
 pub use rule::{Rule, RuleChange};
 pub use transitions::{Action, FeatureValue, Head, Incoming, Transition, Transitions, batch_of_json, batch_of_lines};
+pub use words::{DiscoveryMethod, Estimator, Permutations, RuleKind, Unit, Verdict, View, Within};
 
 /// Returns the text, or `None` where proto says "absent" by an empty one.
 fn present(text: String) -> Option<String> {

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::decode::or_default;
-use super::{Card, present};
+use super::{Card, present, words};
 use crate::api::proto;
 use crate::domain::ModelId;
 use crate::domain::draft::TrainingDraft;
@@ -22,7 +22,7 @@ pub struct TrainingRequest {
     pub other: Option<String>,
     /// `joint` (the default): what both agents do, from which mutual information and responses come; or `direct`, the paper's classifier: whether
     /// mutual information is above one threshold, and nothing else.
-    #[schema(example = "joint")]
+    #[schema(example = "joint", value_type = Option<words::ModelKind>)]
     pub kind: Option<String>,
     /// Units of the hidden layer; 64 by default.
     #[schema(example = 64, minimum = 1, maximum = 1_024)]
@@ -37,7 +37,7 @@ pub struct TrainingRequest {
     #[schema(example = 500, minimum = 1, maximum = 10_000)]
     pub epochs: Option<u64>,
     /// How much a state counts: `visits` (the default), as often as it was seen, or `states`, once.
-    #[schema(example = "visits")]
+    #[schema(example = "visits", value_type = Option<words::Weighting>)]
     pub weighting: Option<String>,
     /// Where all randomness comes from; 0 by default.
     pub seed: Option<u64>,
@@ -123,14 +123,14 @@ pub struct Model {
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct Job {
     /// Its name: `job-` and its number, since the service started.
-    #[schema(example = "job-3")]
+    #[schema(example = "job-3", pattern = "^job-[0-9]+$")]
     pub id: String,
     /// The agent whose influence is learned.
     pub ego: String,
     /// The agent that may be influenced.
     pub other: String,
     /// `queued` (others are trained first), `running`, `done` (there is a version), `failed` (the message says why) or `cancelled`.
-    #[schema(example = "running")]
+    #[schema(example = "running", value_type = words::JobState)]
     pub state: &'static str,
     /// The share that is done, 0 to 1.
     #[schema(minimum = 0, maximum = 1)]

@@ -5,7 +5,7 @@ use utoipa::ToSchema;
 
 use super::answer::{basis, verdict};
 use super::evidence::dependence;
-use super::{Basis, Fit, Probability, Segmentation, State, present};
+use super::{Basis, Fit, Probability, Segmentation, State, present, words};
 use crate::api::proto;
 
 /// The counts of one state.
@@ -50,6 +50,7 @@ pub struct StatePage {
     /// The revision the order was made from: how many transitions the environment had.
     pub as_of: u64,
     /// The unit of the figures, `nats` or `bits`.
+    #[schema(value_type = words::Unit)]
     pub unit: String,
 }
 
@@ -61,6 +62,7 @@ pub struct StateFigures {
     /// How often it was seen.
     pub visits: u64,
     /// Plug-in mutual information, in the page's unit.
+    #[schema(minimum = 0)]
     pub plug_in: f64,
     /// Its mean under independence, in the page's unit.
     pub expected_if_independent: f64,
@@ -68,12 +70,13 @@ pub struct StateFigures {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub posterior_mean: Option<f64>,
     /// `influences`, `no_influence` or `undecided`.
-    #[schema(example = "undecided")]
+    #[schema(example = "undecided", value_type = words::Verdict)]
     pub verdict: &'static str,
     /// What the verdict rests on.
     pub basis: Basis,
     /// Whether there is any dependence at all: `established`, `excluded` or `open`.
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<words::Dependence>)]
     pub dependence: Option<&'static str>,
     /// Probabilities given the counts.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -97,6 +100,7 @@ pub struct Summary {
     /// Visits from which the rule calls data enough.
     pub min_visits: u64,
     /// Share of visits, 0 to 1, that fell in states with at least that many; 0 where nothing was seen.
+    #[schema(minimum = 0, maximum = 1)]
     pub share_of_visits_with_enough_data: f64,
     /// States by verdict.
     pub verdicts: VerdictCounts,
@@ -105,6 +109,7 @@ pub struct Summary {
     /// The revision this was made from.
     pub as_of: u64,
     /// The unit of the figures, `nats` or `bits`.
+    #[schema(value_type = words::Unit)]
     pub unit: String,
     /// The threshold used, in that unit.
     pub threshold: f64,
@@ -161,6 +166,7 @@ pub struct Discoveries {
     /// The rate.
     pub fdr: f64,
     /// `bayes` or `bh`.
+    #[schema(value_type = words::DiscoveryMethod)]
     pub method: &'static str,
     /// How many they are.
     pub states: u64,

@@ -4,6 +4,7 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::model_kind;
+use super::words;
 use crate::api::proto;
 
 /// What a network says of a state.
@@ -12,7 +13,7 @@ pub struct ModelFigures {
     /// Its version.
     pub version: u64,
     /// What it predicts: `joint` or `direct`.
-    #[schema(example = "joint")]
+    #[schema(example = "joint", value_type = words::ModelKind)]
     pub kind: &'static str,
     /// P(MI > threshold), the mean of its members; null at another threshold than the one that it was trained for.
     pub probability: Option<f64>,

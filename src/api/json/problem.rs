@@ -17,7 +17,7 @@ pub struct Problem {
     #[schema(example = "Invalid input")]
     pub title: String,
     /// The HTTP status.
-    #[schema(example = 400)]
+    #[schema(example = 400, minimum = 400, maximum = 599)]
     pub status: u16,
     /// What went wrong this time: one sentence that names the thing.
     pub detail: String,
@@ -25,7 +25,7 @@ pub struct Problem {
     #[schema(example = "/v1/environments/hallway")]
     pub instance: String,
     /// One UPPER_SNAKE word, the same on every face.
-    #[schema(example = "INVALID_INPUT")]
+    #[schema(example = "INVALID_INPUT", pattern = "^[A-Z0-9_]+$")]
     pub reason: String,
     /// Every fault of the input.
     pub errors: Vec<Fault>,

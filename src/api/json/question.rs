@@ -8,7 +8,7 @@ use utoipa::ToSchema;
 
 use super::decode::or_default;
 use super::loose::Loose;
-use super::{FeatureValue, Rule};
+use super::{FeatureValue, Rule, words};
 use crate::domain::draft::{NamedValues, PairDraft, QuestionDraft, StatesDraft};
 use crate::error::{Fault, Problem};
 
@@ -32,29 +32,33 @@ pub struct Question {
     pub segments: Vec<String>,
     /// What is compared within each segment alone: `auto` (the default) tests of independence only, `segments` the plug-in and its mean under
     /// independence too, `pooled` nothing.
-    #[schema(example = "auto")]
+    #[schema(example = "auto", value_type = Option<words::Within>)]
     pub within: Option<String>,
     /// The parts of the rule that differ from the environment's.
     pub rule: Option<Rule>,
     /// The unit of the answer's figures, `nats` or `bits`; absent for the rule's.
+    #[schema(value_type = Option<words::Unit>)]
     pub unit: Option<String>,
     /// Further estimators of mutual information, instead of the environment's: `excess`, `miller_madow`, `chao_shen`, `james_stein`,
     /// `grassberger_2003`, `nsb`, `dirichlet`, `adjusted`, `uniform_policy`.
     #[serde(default, deserialize_with = "or_default")]
-    #[schema(nullable)]
+    #[schema(nullable, value_type = Vec<words::Estimator>)]
     pub estimators: Vec<String>,
     /// Wants the test of independence: `auto` to follow `within`, or `pooled`, or `within_segments` to permute within each segment only.
+    #[schema(value_type = Option<words::Permutations>)]
     pub significance: Option<String>,
     /// Wants to know how many more visits a verdict would take.
     #[serde(default, deserialize_with = "or_default")]
     #[schema(nullable)]
     pub visits_to_decide: bool,
     /// `verdict`, `figures` (the default for several states) or `full` (the default for one).
+    #[schema(value_type = Option<words::View>)]
     pub view: Option<String>,
     /// States, each a value a feature: a number in the feature's unit, or a label.
-    #[schema(value_type = Option<Vec<BTreeMap<String, FeatureValue>>>, example = json!([{"distance": 1.2, "held": "onion"}]))]
+    #[schema(value_type = Option<Vec<BTreeMap<String, FeatureValue>>>, example = json!([{"distance": 1.2, "held": "onion"}]), min_items = 1, max_items = 10_000)]
     pub states: Option<Vec<NamedState>>,
     /// States by key.
+    #[schema(min_items = 1, max_items = 10_000)]
     pub keys: Option<Vec<String>>,
 }
 

@@ -3,6 +3,7 @@
 use serde::Serialize;
 use utoipa::ToSchema;
 
+use super::words;
 use crate::api::proto;
 
 /// What became of a batch. It is on stable storage when this is sent.
@@ -13,13 +14,14 @@ pub struct Receipt {
     /// `applied` (counted now), `rejected` (every record was: nothing is counted, the number is used), `duplicate` (counted before; this is the first
     /// receipt) or `unverified` (its number was used so long ago that neither content nor receipt is kept: counted before if the producer numbers as it
     /// should, and lost if it began again at 1; such a producer takes a new id).
-    #[schema(example = "applied")]
+    #[schema(example = "applied", value_type = words::BatchStatus)]
     pub status: &'static str,
     /// Records that were counted.
     pub accepted: u64,
     /// Records that were not.
     pub rejected_count: u64,
     /// The first 100 of those.
+    #[schema(max_items = 100)]
     pub rejected: Vec<Rejection>,
     /// True where the figures above are not known, and 0: for `unverified` always, for `duplicate` where the first receipt cannot be read. Else absent.
     #[serde(skip_serializing_if = "std::ops::Not::not")]

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::words;
 use crate::api::proto;
 use crate::domain::RuleDraft;
 
@@ -16,7 +17,7 @@ use crate::domain::RuleDraft;
 pub struct Rule {
     /// `evidence` or `paper`.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(example = "evidence")]
+    #[schema(example = "evidence", value_type = Option<words::RuleKind>)]
     pub kind: Option<String>,
     /// Mutual information above which there is influence, in `unit`; at least 0, and less than ln min(R, K) of two agents with R and K actions: those
     /// asked about, or in an environment's own rule those that can have the most. One that nobody can reach is refused where it is given.
@@ -30,20 +31,20 @@ pub struct Rule {
     pub share: Option<f64>,
     /// `nats` or `bits`. Given without a threshold, it converts the threshold.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(example = "nats")]
+    #[schema(example = "nats", value_type = Option<words::Unit>)]
     pub unit: Option<String>,
     /// Visits below which the paper's rule stays undecided.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(example = 8)]
+    #[schema(example = 8, maximum = 9_223_372_036_854_775_807_i64)]
     pub min_visits: Option<u64>,
     /// Probability from which the evidence rule decides, above 0.5 and below 1.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(example = 0.8)]
+    #[schema(example = 0.8, exclusive_minimum = 0.5, exclusive_maximum = 1)]
     pub confidence: Option<f64>,
     /// What answers tell beside the plug-in, unless a question names others: `excess`, `miller_madow`, `chao_shen`, `james_stein`,
     /// `grassberger_2003`, `nsb`, `dirichlet`, `adjusted`, `uniform_policy`. A list replaces the one before.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schema(example = json!(["nsb"]))]
+    #[schema(example = json!(["nsb"]), value_type = Option<Vec<words::Estimator>>)]
     pub estimators: Option<Vec<String>>,
 }
 

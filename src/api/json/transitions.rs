@@ -20,19 +20,19 @@ use crate::error::{Fault, Problem};
 #[serde(deny_unknown_fields, expecting = "an object of producer, environment_uid, sequence, segment and transitions")]
 pub struct Transitions<'a> {
     /// Who sends: 1 to 128 of A-Z, a-z, 0-9, '.', '_', ':', '@' and '-', beginning with a letter or a digit.
-    #[schema(example = "game-7")]
+    #[schema(example = "game-7", pattern = "^[A-Za-z0-9][A-Za-z0-9._:@-]{0,127}$")]
     pub producer: String,
     /// The environment's uid if the sender knows it: refused with 409 if the environment was deleted and made again since. Absent to take it as it is.
     pub environment_uid: Option<String>,
     /// 1, 2, 3, ... per environment and producer.
-    #[schema(example = 1, minimum = 1)]
+    #[schema(example = 1, minimum = 1, maximum = 9_223_372_036_854_775_807_i64)]
     pub sequence: u64,
     /// Where its transitions come from: a trial, a split, a policy version.
-    #[schema(example = "trial-3")]
+    #[schema(example = "trial-3", min_length = 1, max_length = 64)]
     pub segment: Option<String>,
     /// The transitions, at most 10,000.
     #[serde(borrow)]
-    #[schema(value_type = Vec<Transition>)]
+    #[schema(value_type = Vec<Transition>, max_items = 10_000)]
     pub transitions: Vec<&'a RawValue>,
 }
 

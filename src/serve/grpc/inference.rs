@@ -27,8 +27,9 @@ impl GrpcInferenceService for Face {
     async fn model_ready(&self, request: Request<ModelReadyRequest>) -> Result<Response<ModelReadyResponse>, Status> {
         call("ModelReady", async {
             let ModelReadyRequest { name, version } = request.into_inner();
-            Served::find(&self.app, ModelName { model: &name, version: &version }).await?;
-            Ok(ModelReadyResponse { ready: operations::ready(&self.app).await.is_ok() })
+            let name = ModelName { model: &name, version: &version };
+            let ready = served::is_known(&self.app, name).await? && operations::ready(&self.app).await.is_ok();
+            Ok(ModelReadyResponse { ready })
         })
         .await
     }

@@ -244,7 +244,10 @@ impl End {
     /// A message that is too large or cannot be decoded is the client's to mend; any other failure to read is a lost connection.
     fn from_read(status: Status) -> Self {
         match status.code() {
-            Code::OutOfRange => {
+            // Signed by us: the message did not arrive in time, or was one too many.
+            _ if status.get_details_error_info().is_some() => Self::Told(status),
+            // As it was sent, or unpacked.
+            Code::OutOfRange | Code::ResourceExhausted => {
                 let message = format!("a message is larger than the limit of {MOST_MESSAGE_BYTES} bytes");
                 Problem::new(ErrorKind::TooLarge, "MESSAGE_TOO_LARGE", message)
                     .with("limit_bytes", MOST_MESSAGE_BYTES)
@@ -256,8 +259,6 @@ impl End {
                 format!("a message cannot be decoded: {}", status.message()),
             )
             .into(),
-            // Signed by us: the message did not arrive in time, or was one too many.
-            _ if status.get_details_error_info().is_some() => Self::Told(status),
             _ => Self::Gone,
         }
     }

@@ -3,6 +3,7 @@
 use std::future::Future;
 use std::time::{Duration, Instant};
 
+use tonic::codec::CompressionEncoding::{Deflate, Gzip};
 use tonic::service::Routes;
 use tonic::{Code, Response, Status};
 
@@ -22,8 +23,10 @@ mod inference;
 mod influence;
 mod ingest;
 mod model;
+mod reasons;
 mod timely;
 
+pub use reasons::give as give_reasons;
 pub use timely::in_time;
 
 /// The largest message with a network that is read at all: one above the limit is refused with the way to send it.
@@ -45,6 +48,9 @@ pub async fn routes(app: App) -> Result<Routes, tonic_reflection::server::Error>
             $server::new(Face { app: app.clone() })
                 .max_decoding_message_size($most_decoded)
                 .max_encoding_message_size(MOST_MESSAGE_BYTES)
+                // Unpacked within the same limit. Answers are small, and sooner sent than packed.
+                .accept_compressed(Gzip)
+                .accept_compressed(Deflate)
         };
     }
     let (health, checked) = tonic_health::server::health_reporter();
@@ -66,9 +72,9 @@ pub async fn routes(app: App) -> Result<Routes, tonic_reflection::server::Error>
         .add_service(limited!(InfluenceServiceServer))
         .add_service(limited!(ModelServiceServer, MOST_REFUSED_BYTES))
         .add_service(limited!(GrpcInferenceServiceServer))
-        .add_service(checked)
-        .add_service(descriptors().build_v1()?)
-        .add_service(descriptors().build_v1alpha()?);
+        .add_service(checked.accept_compressed(Gzip).accept_compressed(Deflate))
+        .add_service(descriptors().build_v1()?.accept_compressed(Gzip).accept_compressed(Deflate))
+        .add_service(descriptors().build_v1alpha()?.accept_compressed(Gzip).accept_compressed(Deflate));
     Ok(routes.routes())
 }
 

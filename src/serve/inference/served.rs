@@ -44,6 +44,15 @@ pub async fn infer(app: &App, name: ModelName<'_>, request: Request) -> Result<A
     answer
 }
 
+/// Tells whether a name and a version mean a network that can answer.
+pub async fn is_known(app: &App, name: ModelName<'_>) -> Result<bool, Problem> {
+    match Served::find(app, name).await {
+        Ok(_) => Ok(true),
+        Err(problem) if problem.kind == ErrorKind::NotFound => Ok(false),
+        Err(problem) => Err(problem),
+    }
+}
+
 impl Served {
     /// Finds the network that a name and a version mean.
     pub async fn find(app: &App, name: ModelName<'_>) -> Result<Self, Problem> {

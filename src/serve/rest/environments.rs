@@ -58,7 +58,7 @@ pub async fn get_environment(State(app): State<App>, Path(name): Path<String>) -
     path = "/v1/environments",
     tag = "environments",
     params(
-        ("page_size" = Option<u32>, Query, description = "The most to return, 1 to 1,000; 100 by default"),
+        ("page_size" = Option<u32>, Query, minimum = 0, maximum = 1_000, description = "The most to return, 1 to 1,000; 100 by default, which 0 means too"),
         ("page_token" = Option<String>, Query, description = "The `next_page_token` of the page before"),
     ),
     responses((status = 200, description = "A page of environments", body = json::EnvironmentPage), Refusals)

@@ -6,7 +6,7 @@ use http::{HeaderMap, header};
 
 use super::accept::preferred;
 use super::extract::{Path, Query};
-use super::openapi::{GraphParameters, Refusals};
+use super::openapi::{GraphParameters, Refusals, RuleParameters};
 use super::told::told;
 use crate::api::{fitting, json, proto};
 use crate::app::App;
@@ -28,7 +28,7 @@ const DOT: &str = "text/vnd.graphviz";
     get,
     path = "/v1/environments/{environment}/graph",
     tag = "influence",
-    params(("environment" = String, Path, description = "The environment's name"), GraphParameters),
+    params(("environment" = String, Path, description = "The environment's name"), GraphParameters, RuleParameters),
     responses(
         (status = 200, description = "The graph", content((json::Graph = "application/json"), (String = "text/vnd.graphviz"))),
         (status = 406, description = "`Accept` names neither JSON nor DOT", body = json::Problem, content_type = "application/problem+json"),

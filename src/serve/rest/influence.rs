@@ -4,7 +4,7 @@ use axum::extract::State;
 use axum::response::Response;
 
 use super::extract::{Json, Path, Query};
-use super::openapi::{PairParameters, Refusals, StateParameters};
+use super::openapi::{PairParameters, Refusals, RuleParameters, StateParameters};
 use super::told::told;
 use crate::api::{fitting, json, proto};
 use crate::app::App;
@@ -44,6 +44,7 @@ pub async fn batch_get_influence(
     params(
         ("environment" = String, Path, description = "The environment's name"),
         PairParameters,
+        RuleParameters,
         StateParameters,
     ),
     responses((status = 200, description = "The answer, as a list of one", body = json::Answers), Refusals)

@@ -4,7 +4,7 @@ use axum::extract::State;
 use axum::response::Response;
 
 use super::extract::{Path, Query};
-use super::openapi::{ExplorationParameters, PairParameters, Refusals};
+use super::openapi::{ExplorationParameters, PairParameters, Refusals, RuleParameters};
 use super::told::told;
 use crate::api::{fitting, json, proto};
 use crate::app::App;
@@ -23,6 +23,7 @@ use crate::serve::status::Failure;
     params(
         ("environment" = String, Path, description = "The environment's name"),
         PairParameters,
+        RuleParameters,
         ExplorationParameters,
     ),
     responses((status = 200, description = "What to try, the most valuable first", body = json::Exploration), Refusals)

@@ -12,6 +12,7 @@ mod learning;
 mod models;
 mod openapi;
 mod packed;
+mod pages;
 pub mod problems;
 mod states;
 mod summary;
@@ -20,17 +21,16 @@ mod transitions;
 
 use axum::routing::{get, post, put};
 use axum::{Extension, Router};
-use utoipa_swagger_ui::{Config, SwaggerUi};
 
 use self::extract::MostBytes;
 use super::status::Failure;
 use crate::api::MOST_MESSAGE_BYTES;
 use crate::app::App;
 
-/// Returns the REST face with its documentation.
+/// Returns the REST face with its pages.
 pub fn router(app: App) -> Router {
     let routes = routes().layer(axum::middleware::from_fn(layers::measure)).with_state(app);
-    layers::around(routes.merge(documentation()).fallback(problems::unknown_path), Failure::tell)
+    layers::around(routes.merge(pages::router()).fallback(problems::unknown_path), Failure::tell)
 }
 
 fn routes() -> Router<App> {
@@ -64,10 +64,4 @@ fn models() -> Router<App> {
         .route("/v1/environments/{environment}/models/{model}", get(models::get_model).delete(models::delete_model))
         .route("/v1/environments/{environment}/models/{model}/active", active)
         .route("/v1/environments/{environment}/models/{model}/weights", get(models::export_model))
-}
-
-fn documentation() -> Router {
-    // The page would otherwise ask a validator on the internet.
-    let config = Config::default().validator_url("none");
-    SwaggerUi::new("/docs").url("/openapi.json", openapi::document()).config(config).into()
 }

@@ -30,6 +30,7 @@ pub struct VersionPath {
     /// The environment's name.
     environment: String,
     /// The number of a version.
+    #[param(pattern = "^(0|[1-9][0-9]{0,17})$")]
     model: String,
 }
 
@@ -47,6 +48,7 @@ pub struct IdPath {
     /// The environment's name.
     environment: String,
     /// The number of a version, or `job-` and the number of a job.
+    #[param(pattern = "^(job-)?(0|[1-9][0-9]{0,17})$")]
     model: String,
 }
 
@@ -94,7 +96,7 @@ pub async fn train_model(
     tag = "models",
     params(
         ("environment" = String, Path, description = "The environment's name"),
-        ("page_size" = Option<u32>, Query, description = "The most versions to return, 1 to 1,000; 1,000 by default"),
+        ("page_size" = Option<u32>, Query, minimum = 0, maximum = 1_000, description = "The most versions to return, 1 to 1,000; 1,000 by default, which 0 means too"),
         ("page_token" = Option<String>, Query, description = "The `next_page_token` of the page before"),
     ),
     responses((status = 200, description = "Versions and jobs", body = json::Models), Refusals)

@@ -2,16 +2,81 @@
 
 use std::collections::BTreeMap;
 
+use serde_json::Value;
 use utoipa::openapi::response::Response;
-use utoipa::openapi::{ContentBuilder, Ref, RefOr, ResponseBuilder};
+use utoipa::openapi::schema::{Object, Type};
+use utoipa::openapi::{ContentBuilder, Header, HeaderBuilder, Ref, RefOr, ResponseBuilder};
 use utoipa::{IntoParams, IntoResponses, OpenApi};
 
 use super::{environments, graph, influence, learning, models, states, summary, transitions};
 use crate::api::json;
 
 /// Returns the document.
-pub fn document() -> utoipa::openapi::OpenApi {
-    Document::openapi()
+pub fn document() -> Value {
+    let mut document = serde_json::to_value(Document::openapi()).expect("descriptions become JSON");
+    let paths = document["paths"].as_object_mut().expect("paths").values_mut();
+    for operation in paths.flat_map(|path| path.as_object_mut().expect("operations").values_mut()) {
+        operation["parameters"].as_array_mut().into_iter().flatten().for_each(refine);
+        if let Some(contents) = operation.pointer_mut("/requestBody/content").and_then(Value::as_object_mut) {
+            // A body may be absent, which is not null.
+            contents.values_mut().for_each(|content| present(&mut content["schema"]));
+        }
+    }
+    bound(&mut document);
+    document
+}
+
+/// Says of a parameter what is so of all: nothing is null in a path or a query, where an empty value counts as absent; and what names look like.
+fn refine(parameter: &mut Value) {
+    const NAME: &str = "^[a-z0-9][a-z0-9._-]{0,62}$";
+    const STATE: &str = r"^state\.[a-z0-9][a-z0-9._-]{0,62}$";
+    const PRODUCER: &str = "^[A-Za-z0-9][A-Za-z0-9._:@-]{0,127}$";
+    if parameter["in"] == "query" {
+        parameter["allowEmptyValue"] = true.into();
+    }
+    let name = parameter["name"].as_str().unwrap_or_default().to_owned();
+    let schema = &mut parameter["schema"];
+    present(schema);
+    match name.as_str() {
+        "environment" | "ego" | "other" => schema["pattern"] = NAME.into(),
+        "producer" => schema["pattern"] = PRODUCER.into(),
+        "given" => schema["items"]["pattern"] = NAME.into(),
+        "state" => schema["propertyNames"] = serde_json::json!({ "pattern": STATE }),
+        _ => {}
+    }
+}
+
+/// Leaves null out of what a schema allows.
+fn present(schema: &mut Value) {
+    if let Some(types) = schema.get("type").and_then(Value::as_array) {
+        schema["type"] = types.iter().find(|kind| *kind != "null").cloned().expect("a type");
+    }
+    let choices = schema.get("oneOf").and_then(Value::as_array);
+    let choice = choices.and_then(|choices| choices.iter().find(|choice| choice.get("$ref").is_some()).cloned());
+    if let Some(choice) = choice {
+        *schema = choice;
+    }
+}
+
+/// Bounds whole numbers by what holds them: the description of a `u64` would otherwise say that it is signed.
+fn bound(value: &mut Value) {
+    match value {
+        Value::Array(values) => values.iter_mut().for_each(bound),
+        Value::Object(members) => {
+            let whole = match members.get("format").and_then(Value::as_str) {
+                Some("int64") => Some(("uint64", u64::MAX)),
+                Some("int32") => Some(("uint32", u32::MAX.into())),
+                _ => None,
+            };
+            let is_unsigned = members.get("minimum").and_then(Value::as_i64).is_some_and(|least| least >= 0);
+            if let Some((format, most)) = whole.filter(|_| is_unsigned) {
+                members.insert("format".to_owned(), format.into());
+                members.entry("maximum").or_insert(most.into());
+            }
+            members.values_mut().for_each(bound);
+        }
+        _ => {}
+    }
 }
 
 #[derive(OpenApi)]
@@ -48,6 +113,7 @@ pub fn document() -> utoipa::openapi::OpenApi {
         models::export_model,
         models::import_model,
     ),
+    servers((url = "/", description = "The service that tells this document")),
     components(schemas(json::Problem, json::Fault)),
     tags(
         (name = "environments", description = "Named worlds: what their states and agents are, and the rule that decides"),
@@ -76,26 +142,33 @@ pub struct PairParameters {
     /// What is compared within each segment alone: `auto` (the default) tests of independence only, `segments` the plug-in and its mean under
     /// independence too, `pooled` nothing.
     #[param(example = "auto")]
-    within: Option<String>,
+    within: Option<json::Within>,
     /// The unit of the figures, `nats` or `bits`; the rule's by default.
-    unit: Option<String>,
+    unit: Option<json::Unit>,
+}
+
+/// The parts of the rule that differ from the environment's.
+#[derive(IntoParams)]
+#[into_params(parameter_in = Query)]
+#[allow(dead_code)]
+pub struct RuleParameters {
     /// `evidence` or `paper`; the environment's by default.
     #[param(rename = "rule.kind")]
-    rule_kind: Option<String>,
+    rule_kind: Option<json::RuleKind>,
     /// Mutual information above which there is influence, in `rule.unit`, else in the unit of the environment's rule.
-    #[param(rename = "rule.threshold")]
+    #[param(rename = "rule.threshold", minimum = 0)]
     rule_threshold: Option<f64>,
     /// The threshold as a share of the most that the pair can have, at least 0 and below 1. Instead of `rule.threshold`.
-    #[param(rename = "rule.share")]
+    #[param(rename = "rule.share", minimum = 0, exclusive_maximum = 1)]
     rule_share: Option<f64>,
     /// `nats` or `bits`. Given without a threshold, it converts the threshold.
     #[param(rename = "rule.unit")]
-    rule_unit: Option<String>,
+    rule_unit: Option<json::Unit>,
     /// Visits below which the paper's rule stays undecided.
-    #[param(rename = "rule.min_visits")]
+    #[param(rename = "rule.min_visits", maximum = 9_223_372_036_854_775_807_i64)]
     rule_min_visits: Option<u64>,
     /// Probability from which the evidence rule decides, above 0.5 and below 1.
-    #[param(rename = "rule.confidence")]
+    #[param(rename = "rule.confidence", exclusive_minimum = 0.5, exclusive_maximum = 1)]
     rule_confidence: Option<f64>,
 }
 
@@ -108,15 +181,15 @@ pub struct StateParameters {
     #[param(style = Form, explode, value_type = BTreeMap<String, String>, example = json!({"state.distance": "1.2", "state.held": "onion"}), required = false)]
     state: Option<BTreeMap<String, String>>,
     /// The state by key: bin numbers joined by dots. Instead of values.
-    #[param(example = "3.0.7")]
+    #[param(example = "3.0.7", pattern = r"^[0-9]+(\.[0-9]+)*$")]
     key: Option<String>,
     /// Further estimators of mutual information, repeated or joined by commas, instead of the environment's: `excess`, `miller_madow`,
     /// `chao_shen`, `james_stein`, `grassberger_2003`, `nsb`, `dirichlet`, `adjusted`, `uniform_policy`.
-    estimators: Option<Vec<String>>,
+    estimators: Option<Vec<json::Estimator>>,
     /// `verdict`, `figures` or `full` (the default).
-    view: Option<String>,
+    view: Option<json::View>,
     /// Wants the test of independence: `auto` to follow `within`, or `pooled`, or `within_segments` to permute within each segment only.
-    significance: Option<String>,
+    significance: Option<json::Permutations>,
     /// Wants to know how many more visits a verdict would take.
     visits_to_decide: Option<bool>,
 }
@@ -127,13 +200,14 @@ pub struct StateParameters {
 #[allow(dead_code)]
 pub struct ListingParameters {
     /// `visits` (the default), `plug_in`, `posterior_mean` or `p_dependent`, then `desc` (the default) or `asc`.
-    #[param(example = "visits desc")]
+    #[param(example = "visits desc", pattern = "^(visits|plug_in|posterior_mean|p_dependent)( (asc|desc))?$")]
     order_by: Option<String>,
     /// Leaves out states with fewer visits.
     min_visits: Option<u64>,
     /// Leaves out states with another verdict: `influences`, `no_influence` or `undecided`.
-    verdict: Option<String>,
-    /// The most to return, 1 to 1,000; 100 by default.
+    verdict: Option<json::Verdict>,
+    /// The most to return, 1 to 1,000; 100 by default, which 0 means too.
+    #[param(minimum = 0, maximum = 1_000)]
     page_size: Option<u32>,
     /// The `next_page_token` of the page before.
     page_token: Option<String>,
@@ -145,10 +219,10 @@ pub struct ListingParameters {
 #[allow(dead_code)]
 pub struct DiscoveryParameters {
     /// The false discovery rate that is accepted, above 0 and below 1: pages then hold discoveries only, and the summary counts them.
-    #[param(example = 0.05)]
+    #[param(example = 0.05, exclusive_minimum = 0, exclusive_maximum = 1)]
     fdr: Option<f64>,
     /// `bayes` (the default), by the probability of dependence, or `bh`, Benjamini and Hochberg's procedure on tests of independence.
-    method: Option<String>,
+    method: Option<json::DiscoveryMethod>,
 }
 
 /// What a summary leaves out.
@@ -170,16 +244,16 @@ pub struct GraphParameters {
     #[param(style = Form, explode, value_type = BTreeMap<String, String>, example = json!({"state.distance": "1.2"}), required = false)]
     state: Option<BTreeMap<String, String>>,
     /// The state by key: bin numbers joined by dots. Instead of values.
-    #[param(example = "3.0.7")]
+    #[param(example = "3.0.7", pattern = r"^[0-9]+(\.[0-9]+)*$")]
     key: Option<String>,
     /// The segments to count, repeated or joined by commas; all by default.
     segments: Option<Vec<String>>,
     /// What is compared within each segment alone: `auto` (the default) tests of independence only, `segments` the plug-in and its mean under
     /// independence too, `pooled` nothing.
     #[param(example = "auto")]
-    within: Option<String>,
+    within: Option<json::Within>,
     /// The unit of the figures, `nats` or `bits`; the rule's by default.
-    unit: Option<String>,
+    unit: Option<json::Unit>,
 }
 
 /// What to try, and how much of it.
@@ -189,7 +263,8 @@ pub struct GraphParameters {
 pub struct ExplorationParameters {
     /// Leaves out states with fewer visits.
     min_visits: Option<u64>,
-    /// The most to return, 1 to 1,000; 100 by default.
+    /// The most to return, 1 to 1,000; 100 by default, which 0 means too.
+    #[param(minimum = 0, maximum = 1_000)]
     limit: Option<u32>,
 }
 
@@ -198,22 +273,38 @@ pub struct Refusals;
 
 impl IntoResponses for Refusals {
     fn responses() -> BTreeMap<String, RefOr<Response>> {
-        const REFUSALS: [(&str, &str); 7] = [
+        const REFUSALS: [(&str, &str); 9] = [
             ("400", "The input is wrong; its faults are listed"),
             ("404", "The thing named does not exist"),
+            ("405", "The path does not take the method; `Allow` names those that it takes"),
             ("409", "The request contradicts what is stored, or a sequence is ahead"),
             ("413", "The body, the batch or the answer is too large"),
             ("415", "The body is of another type"),
+            ("429", "A quota of the service is used up: remove something, or have the quota raised"),
             ("500", "A defect; the cause is in the log"),
             ("503", "Not now, or no answer in time: where there is a `Retry-After`, ask again after it"),
         ];
-        REFUSALS.into_iter().map(|(status, description)| (status.to_owned(), refusal(description))).collect()
+        REFUSALS.into_iter().map(|(status, description)| (status.to_owned(), refusal(status, description))).collect()
     }
 }
 
-fn refusal(description: &str) -> RefOr<Response> {
+fn refusal(status: &str, description: &str) -> RefOr<Response> {
     let problem = ContentBuilder::new().schema(Some(Ref::from_schema_name("Problem"))).build();
-    ResponseBuilder::new().description(description).content("application/problem+json", problem).build().into()
+    let response = ResponseBuilder::new().description(description).content("application/problem+json", problem);
+    match status {
+        "405" => response.header("Allow", told("The methods that the path takes, joined by commas", Type::String)),
+        "503" => {
+            response.header("Retry-After", told("After how many seconds the same may be sent again", Type::Integer))
+        }
+        _ => response,
+    }
+    .build()
+    .into()
+}
+
+fn told(description: &str, kind: Type) -> Header {
+    let schema = Object::builder().schema_type(kind);
+    HeaderBuilder::new().schema(Some(schema.build())).description(Some(description)).build()
 }
 
 #[cfg(test)]
@@ -222,7 +313,7 @@ mod tests {
 
     #[test]
     fn every_route_is_described_with_its_problems() {
-        let document = serde_json::to_value(document()).expect("JSON");
+        let document = document();
         assert!(document["openapi"].as_str().expect("a version").starts_with("3.1"));
         assert_eq!(document["info"]["version"], env!("CARGO_PKG_VERSION"));
         assert_eq!(document["info"]["license"]["identifier"], "MIT");
@@ -231,18 +322,40 @@ mod tests {
             paths.values().flat_map(|path| path.as_object().expect("operations").values()).collect();
         assert_eq!(operations.len(), 23);
         for operation in operations {
-            let refused = &operation["responses"]["400"]["content"]["application/problem+json"]["schema"]["$ref"];
-            assert_eq!(refused, "#/components/schemas/Problem");
+            for status in ["400", "404", "405", "409", "413", "415", "429", "500", "503"] {
+                let refused = &operation["responses"][status]["content"]["application/problem+json"]["schema"]["$ref"];
+                assert_eq!(refused, "#/components/schemas/Problem", "{status}");
+            }
         }
+        assert_eq!(document["servers"][0]["url"], "/");
     }
 
     #[test]
     fn every_reference_leads_somewhere() {
-        let document = serde_json::to_value(document()).expect("JSON");
+        let document = document();
         let text = document.to_string();
         for reference in text.split("\"#/components/schemas/").skip(1) {
             let name = reference.split('"').next().expect("a name");
             assert!(document["components"]["schemas"].get(name).is_some(), "{name}");
+        }
+    }
+
+    #[test]
+    fn words_and_bounds_and_patterns_are_told() {
+        let document = document();
+        let at = |pointer: &str| document.pointer(pointer).unwrap_or_else(|| panic!("{pointer}")).clone();
+        assert_eq!(at("/components/schemas/Unit/enum"), serde_json::json!(["nats", "bits"]));
+        assert_eq!(at("/components/schemas/Rule/properties/unit/oneOf/0/$ref"), "#/components/schemas/Unit");
+        assert_eq!(at("/components/schemas/Receipt/properties/accepted/maximum"), u64::MAX);
+        assert_eq!(at("/components/schemas/Receipt/properties/accepted/format"), "uint64");
+        assert_eq!(at("/components/schemas/Integer/properties/min/minimum"), -16_777_216);
+        assert_eq!(at("/components/schemas/Feature/properties/name/pattern"), "^[a-z0-9][a-z0-9._-]{0,62}$");
+
+        let paths = document["paths"].as_object().expect("paths").values();
+        let operations = paths.flat_map(|path| path.as_object().expect("operations").values());
+        let parameters = operations.flat_map(|operation| operation["parameters"].as_array().expect("some")).cloned();
+        for parameter in parameters.filter(|parameter| parameter["in"] == "path") {
+            assert!(parameter["schema"]["pattern"].is_string(), "{parameter}");
         }
     }
 }

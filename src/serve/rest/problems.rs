@@ -2,19 +2,26 @@
 
 use std::any::Any;
 
+use axum::body::Body;
 use axum::extract::{Request, State};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use http::{StatusCode, header};
 
-use crate::serve::status::Failure;
+use crate::serve::status::{self, Failure};
 
 /// How a face tells a failure of the request of that path.
 pub type Form = fn(&Failure, &str) -> Response;
 
-/// Answers for every path that is not served.
-pub async fn unknown_path() -> Failure {
-    Failure::of_http(StatusCode::NOT_FOUND)
+/// Answers for every path that is not served, callers of gRPC as they expect it.
+pub async fn unknown_path(request: Request) -> Response {
+    let media = request.headers().get(header::CONTENT_TYPE);
+    match media.filter(|media| media.as_bytes().starts_with(b"application/grpc")) {
+        Some(media) => {
+            ([(header::CONTENT_TYPE, media.clone())], status::unknown_call().into_http::<Body>()).into_response()
+        }
+        None => Failure::of_http(StatusCode::NOT_FOUND).into_response(),
+    }
 }
 
 /// Answers for a handler that panicked, and writes the cause to the log.

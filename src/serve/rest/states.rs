@@ -4,7 +4,7 @@ use axum::extract::State;
 use axum::response::Response;
 
 use super::extract::{Path, Query};
-use super::openapi::{DiscoveryParameters, ListingParameters, PairParameters, Refusals};
+use super::openapi::{DiscoveryParameters, ListingParameters, PairParameters, Refusals, RuleParameters};
 use super::told::told;
 use crate::api::{fitting, json, proto};
 use crate::app::App;
@@ -25,6 +25,7 @@ const CELL_BYTES: usize = 128;
     params(
         ("environment" = String, Path, description = "The environment's name"),
         PairParameters,
+        RuleParameters,
         ListingParameters,
         DiscoveryParameters,
     ),
@@ -51,7 +52,7 @@ pub async fn list_states(
     tag = "states",
     params(
         ("environment" = String, Path, description = "The environment's name"),
-        ("key" = String, Path, description = "The state's key: bin numbers joined by dots", example = "3.0.7"),
+        ("key" = String, Path, description = "The state's key: bin numbers joined by dots", example = "3.0.7", pattern = r"^[0-9]+(\.[0-9]+)*$"),
     ),
     responses((status = 200, description = "The counts", body = json::Counts), Refusals)
 )]

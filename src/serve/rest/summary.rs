@@ -3,7 +3,7 @@
 use axum::extract::State;
 
 use super::extract::{Path, Query};
-use super::openapi::{DiscoveryParameters, PairParameters, Refusals, SummaryParameters};
+use super::openapi::{DiscoveryParameters, PairParameters, Refusals, RuleParameters, SummaryParameters};
 use crate::api::{json, proto};
 use crate::app::App;
 use crate::serve::status::Failure;
@@ -15,7 +15,7 @@ use crate::serve::status::Failure;
     get,
     path = "/v1/environments/{environment}/summary",
     tag = "summary",
-    params(("environment" = String, Path, description = "The environment's name"), PairParameters, DiscoveryParameters, SummaryParameters),
+    params(("environment" = String, Path, description = "The environment's name"), PairParameters, RuleParameters, DiscoveryParameters, SummaryParameters),
     responses((status = 200, description = "The summary", body = json::Summary), Refusals)
 )]
 pub async fn summarize(

@@ -25,8 +25,8 @@ use crate::work::aside;
     params(
         ("environment" = String, Path, description = "The environment's name"),
         ("producer" = Option<String>, Query, description = "Who sends; with `application/x-ndjson` only, and required there"),
-        ("sequence" = Option<u64>, Query, description = "The batch's number; with `application/x-ndjson` only, and required there"),
-        ("segment" = Option<String>, Query, description = "Where its transitions come from; with `application/x-ndjson` only"),
+        ("sequence" = Option<u64>, Query, minimum = 1, maximum = 9_223_372_036_854_775_807_i64, description = "The batch's number; with `application/x-ndjson` only, and required there"),
+        ("segment" = Option<String>, Query, min_length = 1, max_length = 64, description = "Where its transitions come from; with `application/x-ndjson` only"),
         ("environment_uid" = Option<String>, Query, description = "The environment's uid if the sender knows it; with `application/x-ndjson` only"),
     ),
     request_body(content((json::Transitions = "application/json"), (json::Transition = "application/x-ndjson"))),

@@ -15,7 +15,7 @@ use tokio_util::sync::CancellationToken;
 use super::*;
 use crate::serve::cors;
 use crate::serve::rest::extract::{File, Json, OptionalJson, Path, Query};
-use crate::serve::rest::{documentation, problems};
+use crate::serve::rest::{pages, problems};
 use crate::serve::status::Failure;
 use crate::work::{Jobs, Progress};
 
@@ -66,7 +66,7 @@ fn router() -> Router {
         .route("/slow/transitions", post(std::future::pending::<()>))
         .route("/shared", get(shared))
         .route("/large", get(|| async { "x".repeat(2_000) }))
-        .merge(documentation())
+        .merge(pages::router())
         .fallback(problems::unknown_path);
     cors::allow(around(router, Failure::tell), &["https://good.example".into(), "\n".into()])
 }
