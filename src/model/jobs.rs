@@ -59,6 +59,11 @@ impl Jobs {
         self.lock().iter().filter(|entry| entry.environment == environment).map(|entry| entry.job.clone()).collect()
     }
 
+    /// Returns how many jobs there are in a state, over all environments.
+    pub fn number(&self, state: JobState) -> usize {
+        self.lock().iter().filter(|entry| entry.job.state == state).count()
+    }
+
     /// Returns one job.
     pub fn get(&self, environment: EnvironmentId, id: u64) -> Result<Job, Problem> {
         self.of(environment).into_iter().find(|job| job.id == id).ok_or_else(|| unknown(id))

@@ -29,8 +29,7 @@ use crate::app::App;
 /// Returns the REST face with its documentation.
 pub fn router(app: App) -> Router {
     let routes = routes().layer(RequestDecompressionLayer::new());
-    let routes = routes.layer(axum::middleware::from_fn(layers::measure)).with_state(app);
-    layers::around(routes.merge(documentation()).fallback(problems::unknown_path), Failure::tell)
+    layers::around(routes.with_state(app).merge(documentation()).fallback(problems::unknown_path), Failure::tell)
 }
 
 fn routes() -> Router<App> {
@@ -64,6 +63,17 @@ fn models() -> Router<App> {
         .route("/v1/environments/{environment}/models/{model}", get(models::get_model).delete(models::delete_model))
         .route("/v1/environments/{environment}/models/{model}/active", active)
         .route("/v1/environments/{environment}/models/{model}/weights", get(models::export_model))
+}
+
+/// Returns every documented route: `GET /v1/environments`.
+pub fn documented() -> Vec<String> {
+    let document = serde_json::to_value(openapi::document()).unwrap_or_default();
+    let paths = document["paths"].as_object().into_iter().flatten();
+    let routes = paths.flat_map(|(path, methods)| {
+        let methods = methods.as_object().into_iter().flatten().map(|(method, _)| method.to_uppercase());
+        methods.map(move |method| format!("{method} {path}"))
+    });
+    routes.filter(|route| route.starts_with(|first: char| first.is_ascii_uppercase())).collect()
 }
 
 fn documentation() -> Router {
