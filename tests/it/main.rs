@@ -20,6 +20,7 @@ mod inference;
 mod ingest;
 mod kill;
 mod locking;
+mod metrics;
 mod models;
 mod networks;
 mod old_databases;
