@@ -252,3 +252,75 @@ fn word(code: Code) -> &'static str {
         Code::Unauthenticated => "UNAUTHENTICATED",
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use axum::Router;
+    use axum::middleware;
+    use axum::routing::get;
+    use tower::ServiceExt;
+
+    use super::*;
+
+    fn begun(request: http::request::Builder) -> (Call, Request) {
+        let (mut parts, ()) = request.body(()).expect("a request").into_parts();
+        let call = Call::begin(&mut parts, None);
+        (call, Request::from_parts(parts, Body::empty()))
+    }
+
+    async fn panics() {
+        panic!("on purpose")
+    }
+
+    /// A face of gRPC that answers one method with a code, and panics in all others.
+    fn grpc() -> Router {
+        let refuse = || async { tonic::Status::not_found("no").into_http::<Body>() };
+        let panic = tower_http::catch_panic::CatchPanicLayer::custom(crate::serve::grpc::of_panic);
+        Router::new()
+            .route("/nudge.v1.IngestService/Write", get(refuse))
+            .route("/{service}/{*rest}", get(panics))
+            .layer(panic)
+            .layer(middleware::from_fn(note_code))
+            .layer(middleware::from_fn(note_route))
+    }
+
+    #[tokio::test]
+    async fn a_call_of_grpc_has_the_code_that_its_client_reads() {
+        let asked = async |path: &str| {
+            let (mut call, request) = begun(Request::get(path).header(header::CONTENT_TYPE, "application/grpc"));
+            let response = call.answered(grpc().oneshot(request).await.expect("infallible"));
+            assert!(!response.headers()[REQUEST_ID].is_empty());
+            (call.noted.route.get().cloned(), call.code())
+        };
+        assert_eq!(asked("/nudge.v1.IngestService/Write").await, (Some("Write".into()), "NOT_FOUND".into()));
+        assert_eq!(asked("/nudge.v1.EnvironmentService/GetEnvironment").await.1, "INTERNAL", "it panicked");
+        assert_eq!(asked("/nudge.v1.EnvironmentService/Invented").await.0, Some("other".into()));
+    }
+
+    #[test]
+    fn who_left_saw_no_code() {
+        let grpc = || Request::post("/x").header(header::CONTENT_TYPE, "application/grpc");
+        assert_eq!(begun(Request::get("/x")).0.code(), "499");
+        assert_eq!(begun(grpc()).0.code(), "CANCELLED");
+        let told = |request, status, is_read| {
+            let (mut call, _) = begun(request);
+            let response = Response::builder().status(status).body(()).expect("an answer");
+            drop(call.answered(response));
+            if is_read {
+                call.told();
+            }
+            call.code()
+        };
+        assert_eq!(told(Request::get("/x"), 200, false), "499", "it left before the end");
+        assert_eq!(told(Request::get("/x"), 503, true), "503");
+        assert_eq!(told(Request::head("/x"), 200, false), "200", "there is nothing to read");
+        assert_eq!(told(grpc(), 404, true), "UNIMPLEMENTED", "as a client takes it");
+    }
+
+    #[test]
+    fn every_method_of_grpc_is_known() {
+        for method in ["/nudge.v1.IngestService/Ingest", "/inference.GRPCInferenceService/ModelInfer"] {
+            assert!(METHODS.iter().any(|known| known == method), "{method}");
+        }
+    }
+}

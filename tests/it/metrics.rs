@@ -11,6 +11,7 @@ use nudge::api::proto::ingest_service_client::IngestServiceClient;
 use nudge::api::proto::{self, Hello};
 use nudge::store::Options;
 use nudge::telemetry::{ALL, Kind};
+use prost::Message;
 use serde_json::{Value, json};
 use tempfile::TempDir;
 use tokio::io::AsyncWriteExt;
@@ -50,11 +51,16 @@ impl Alone {
         self.send(method, path, body).await.status().as_u16()
     }
 
-    /// Asks a method of gRPC-Web, whose message is empty.
-    async fn web(&self, path: &str, timeout: Option<&str>) -> u16 {
+    /// Asks a method of gRPC-Web with an empty message.
+    async fn web(&self, path: &str) -> u16 {
+        self.web_with(path, &[], None).await
+    }
+
+    async fn web_with(&self, path: &str, message: &[u8], timeout: Option<&str>) -> u16 {
         let request = reqwest::Client::new().post(self.url(path)).header("content-type", "application/grpc-web+proto");
         let request = if let Some(timeout) = timeout { request.header("grpc-timeout", timeout) } else { request };
-        let response = request.body(vec![0; 5]).send().await.expect("answered");
+        let framed = [&[0][..], &u32::try_from(message.len()).expect("small").to_be_bytes(), message].concat();
+        let response = request.body(framed).send().await.expect("answered");
         let status = response.status().as_u16();
         response.bytes().await.expect("to its end");
         status
@@ -129,10 +135,11 @@ async fn every_request_is_counted_once_with_the_code_that_its_caller_saw() {
     assert_eq!(alone.status("GET", "/docs/nothing.js", None).await, 404);
     let large = json!(" ".repeat(17 << 20));
     assert_eq!(alone.status("POST", "/v1/environments/lane/influence", Some(large)).await, 413);
-    assert_eq!(alone.web("/nudge.v1.EnvironmentService/ListEnvironments", None).await, 200);
-    assert_eq!(alone.web("/nudge.v1.EnvironmentService/GetEnvironment", None).await, 200);
-    assert_eq!(alone.web("/nudge.v1.EnvironmentService/Invented", None).await, 200);
-    assert_eq!(alone.web("/nudge.v1.InfluenceService/Summarize", Some("0n")).await, 200);
+    assert_eq!(alone.web("/nudge.v1.EnvironmentService/ListEnvironments").await, 200);
+    assert_eq!(alone.web("/nudge.v1.EnvironmentService/GetEnvironment").await, 200);
+    assert_eq!(alone.web("/nudge.v1.EnvironmentService/Invented").await, 200);
+    let slow = proto::GetProducerRequest { environment: "lane".into(), producer: "p".into() }.encode_to_vec();
+    assert_eq!(alone.web_with("/nudge.v1.IngestService/GetProducer", &slow, Some("1n")).await, 200);
 
     let figures = alone.metrics().await;
     let transitions = format!("POST {ENVIRONMENT}/transitions");
@@ -147,7 +154,7 @@ async fn every_request_is_counted_once_with_the_code_that_its_caller_saw() {
         ("grpc", "ListEnvironments", "OK"),
         ("grpc", "GetEnvironment", "NOT_FOUND"),
         ("grpc", "other", "UNIMPLEMENTED"),
-        ("grpc", "Summarize", "DEADLINE_EXCEEDED"),
+        ("grpc", "GetProducer", "DEADLINE_EXCEEDED"),
     ] {
         assert_eq!(figures.requests(face, route, code), 1.0, "{face} {route} {code} in\n{}", figures.1);
     }
@@ -164,8 +171,8 @@ async fn what_callers_invent_is_one_series() {
         let status = alone.status(&method, &format!("/v1/environments/{number}"), None).await;
         assert_eq!(status, 405);
         alone.status("GET", &format!("/invented/{number}"), None).await;
-        alone.web(&format!("/nudge.v1.EnvironmentService/Invented{number}"), None).await;
-        alone.web(&format!("/invented.v{number}.Service/Method"), None).await;
+        alone.web(&format!("/nudge.v1.EnvironmentService/Invented{number}")).await;
+        alone.web(&format!("/invented.v{number}.Service/Method")).await;
     }
     let figures = alone.metrics().await;
     assert_eq!(figures.requests("rest", "other", "405"), 60.0);
@@ -339,7 +346,7 @@ async fn both_faces_have_request_ids_and_each_change_is_a_line_with_who_and_from
         response.status().as_u16()
     };
     assert_eq!(send("PUT", "/v1/environments/lane", Some(lane_json()), "made").await, 201);
-    assert_eq!(send("PATCH", "/v1/environments/lane", Some(json!({"confidence": 0.9})), "rule").await, 200);
+    assert_eq!(send("PATCH", "/v1/environments/lane", Some(json!({"rule": {"confidence": 0.9}})), "rule").await, 200);
     assert_eq!(send("POST", "/v1/environments/lane/models", Some(json!({})), "trained").await, 202);
     let mut client = EnvironmentServiceClient::new(channel(alone.server.address).await.expect("it listens"));
     let mut request = tonic::Request::new(proto::DeleteEnvironmentRequest { name: "lane".into() });
