@@ -38,6 +38,8 @@ pub struct App {
     pub environments: Environments,
     /// How transitions become counts.
     pub ingest: Ingest,
+    /// The priors that answers stand on.
+    pub fits: Fits,
     /// What to expect where little was counted.
     pub networks: Networks,
     /// The question itself.
@@ -66,6 +68,7 @@ impl App {
         let app = Self {
             environments: Environments::new(store.clone(), ingest.clone(), networks.clone()),
             influence: Influence::new(store.clone(), fits.clone(), networks.clone(), work.clone()),
+            fits: fits.clone(),
             networks,
             ingest,
             store,

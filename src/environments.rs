@@ -4,6 +4,8 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use tracing::{Instrument, instrument};
+
 use crate::api::{self, proto};
 use crate::domain::draft::{DescriptionDraft, RuleDraft};
 use crate::domain::{
@@ -74,6 +76,7 @@ impl Environments {
     }
 
     /// Makes an environment, or confirms that it exists with this schema; a rule that is given is set. Returns whether it was made now.
+    #[instrument(level = "debug", skip(self, description))]
     pub async fn apply(&self, name: &str, description: DescriptionDraft) -> Result<(Arc<Environment>, bool), Problem> {
         let existing = self.store.environment(name);
         // Before it is looked at, which takes long where it is large. One that exists stays, whatever its size, and comes back in.
@@ -87,33 +90,45 @@ impl Environments {
             return self.confirm(existing, &schema, rule).await;
         }
         match self.store.create(&name, &schema, rule.unwrap_or_default()).await {
-            Ok(made) => Ok((made, true)),
+            Ok(made) => {
+                tracing::info!(environment = %made.name, uid = %made.uid, "an environment was made");
+                Ok((made, true))
+            }
             Err(StoreError::AlreadyExists(_)) => self.confirm(self.find(name.as_str())?, &schema, rule).await,
             Err(error) => Err(error.into()),
         }
     }
 
     /// Changes the parts of a rule that are given.
+    #[instrument(level = "debug", skip(self, draft))]
     pub async fn update_rule(&self, name: &str, draft: &RuleDraft) -> Result<Arc<Environment>, Problem> {
         let environment = self.find(name)?;
         let kept = Some(environment.rule);
         let merged = environment.rule.merged(draft);
         let rule = merged.and_then(|rule| within_reach(rule, draft, &environment.schema, kept));
         let rule = rule.map_err(|faults| Problem::invalid("rule", under_rule(faults)))?;
-        Ok(self.store.set_rule(environment.id, rule).await?)
+        self.set_rule(&environment, rule).await
     }
 
     /// Removes an environment with its counts and watermarks, and ends its streams and trainings. It need not be readable. What it leaves in the
     /// database goes in the background.
+    #[instrument(level = "debug", skip(self))]
     pub async fn delete(&self, name: &str) -> Result<(), Problem> {
         let (id, uid) = match self.find_unreadable(name) {
             Some(environment) => (environment.id, environment.uid.clone()),
             None => self.find(name).map(|environment| (environment.id, environment.uid.clone()))?,
         };
         // A caller who leaves meanwhile must not keep streams from ending.
-        tokio::spawn(self.clone().remove(id)).await.map_err(|error| unexpected(&error))??;
+        tokio::spawn(self.clone().remove(id).in_current_span()).await.map_err(|error| unexpected(&error))??;
         tracing::info!(environment = name, %uid, "an environment was deleted");
         Ok(())
+    }
+
+    async fn set_rule(&self, environment: &Environment, rule: WrittenRule) -> Result<Arc<Environment>, Problem> {
+        let changed = self.store.set_rule(environment.id, rule).await?;
+        let rule = &changed.rule;
+        tracing::info!(environment = %changed.name, ?rule, before = ?environment.rule, "a rule was changed");
+        Ok(changed)
     }
 
     async fn remove(self, id: EnvironmentId) -> Result<(), StoreError> {
@@ -164,7 +179,7 @@ impl Environments {
                 .with("schema_hash", existing.schema.hash()));
         }
         match rule {
-            Some(rule) if rule != existing.rule => Ok((self.store.set_rule(existing.id, rule).await?, false)),
+            Some(rule) if rule != existing.rule => Ok((self.set_rule(&existing, rule).await?, false)),
             _ => Ok((existing, false)),
         }
     }

@@ -30,6 +30,16 @@ pub const MOST_MESSAGE_BYTES: usize = 4 << 20;
 /// The most transitions of a batch.
 pub const MOST_BATCH_TRANSITIONS: usize = 10_000;
 
+/// Returns the path of every method of gRPC: `/nudge.v1.IngestService/Write`.
+pub fn grpc_methods() -> Vec<String> {
+    let described: prost_types::FileDescriptorSet = prost::Message::decode(proto::DESCRIPTORS).unwrap_or_default();
+    let services = described.file.iter().flat_map(|file| file.service.iter().map(|service| (file.package(), service)));
+    let methods = services.flat_map(|(package, service)| {
+        service.method.iter().map(move |method| format!("/{package}.{}/{}", service.name(), method.name()))
+    });
+    methods.collect()
+}
+
 /// Returns an answer in a view if it fits into a message.
 pub fn fitting<M: prost::Message>(answer: M, view: View) -> Result<M, Problem> {
     if fits(&answer) { Ok(answer) } else { Err(too_large(view)) }

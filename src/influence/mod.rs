@@ -3,8 +3,11 @@
 //! Reads counts from the store, makes tables of them, lets `information` measure and `evidence` decide. Nothing here counts, and nothing here knows
 //! a wire format but for the size that an answer may have; what is fitted to all counts of an environment is kept in the store beside them.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
+
+use tracing::instrument;
 
 mod actions;
 mod answer;
@@ -32,9 +35,9 @@ use survey::{Plan, Survey};
 
 use crate::domain::draft::{ExplorationDraft, ListingDraft, PairDraft, SummaryDraft};
 use crate::domain::{
-    Agent, Answer, Answers, Basis, Cell, Discovery, DiscoveryMethod, Environment, EnvironmentId, Exploration,
-    FittedPrior, Label, LabelledCell, Labels, Pair, Question, Schema, Scope, SegmentId, StatePage, StateView, Summary,
-    Tally, Variable, hint, page_size,
+    Agent, Answer, Answers, Cell, Discovery, DiscoveryMethod, Environment, EnvironmentId, Exploration, FittedPrior,
+    Label, LabelledCell, Labels, Pair, Question, Schema, Scope, SegmentId, StatePage, StateView, Summary, Tally,
+    Variable, hint, page_size,
 };
 use crate::error::{ErrorKind, Fault, Problem};
 use crate::model::Networks;
@@ -84,6 +87,7 @@ impl Influence {
     }
 
     /// Answers a question. Its answers stand on every transition acknowledged before it was asked.
+    #[instrument(level = "debug", skip_all, fields(environment = %environment.name))]
     pub async fn answer(&self, environment: &Arc<Environment>, question: Question) -> Result<Answers, Problem> {
         let started = Instant::now();
         let schema = &environment.schema;
@@ -120,6 +124,7 @@ impl Influence {
     }
 
     /// Returns a page of states in an order.
+    #[instrument(level = "debug", skip_all, fields(environment = %environment.name))]
     pub async fn states(&self, environment: &Arc<Environment>, listing: &ListingDraft) -> Result<StatePage, Problem> {
         let scope = Scope::new(environment, &listing.pair)?;
         let listing = Listing::new(&environment.schema, listing)?;
@@ -163,6 +168,7 @@ impl Influence {
     }
 
     /// Returns what all states say together.
+    #[instrument(level = "debug", skip_all, fields(environment = %environment.name))]
     pub async fn summary(&self, environment: &Arc<Environment>, draft: &SummaryDraft) -> Result<Summary, Problem> {
         let scope = Scope::new(environment, &draft.pair)?;
         let discovery = Discovery::new(&draft.discovery).map_err(|faults| Problem::invalid("question", faults))?;
@@ -188,6 +194,7 @@ impl Influence {
     }
 
     /// Returns the states, and the ego's actions in them, where one more visit is worth most.
+    #[instrument(level = "debug", skip_all, fields(environment = %environment.name))]
     pub async fn explore(
         &self,
         environment: &Arc<Environment>,
@@ -212,6 +219,7 @@ impl Influence {
     }
 
     /// Fits the prior of a pair, or of every pair, to the counts as they are now. Whoever could not wait for it is told of it when it asks again.
+    #[instrument(level = "debug", skip_all, fields(environment = %environment.name))]
     pub async fn fit(
         &self,
         environment: &Arc<Environment>,
@@ -346,15 +354,12 @@ impl Influence {
 
 /// Counts a question that was answered.
 fn told(since: Instant, answers: &[Answer]) {
-    let mut bases = [0; 3];
+    telemetry::answered(since.elapsed());
+    let mut verdicts: BTreeMap<_, u64> = BTreeMap::new();
     for answer in answers {
-        bases[match answer.basis {
-            Basis::Counts(_) => 0,
-            Basis::Model(_) => 1,
-            Basis::Prior => 2,
-        }] += 1;
+        *verdicts.entry((answer.verdict.as_str(), answer.basis.as_str())).or_default() += 1;
     }
-    telemetry::answered(since.elapsed(), bases);
+    verdicts.into_iter().for_each(|((verdict, basis), number)| telemetry::decided(verdict, basis, number));
 }
 
 fn limit_fault(limit: u64) -> Fault {

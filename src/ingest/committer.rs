@@ -3,12 +3,13 @@
 //! No client can cancel it, and it never talks to anything but the store.
 
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
 use tokio::sync::{OwnedSemaphorePermit, mpsc, oneshot};
 
+use super::figures::Counted;
 use super::streams::Lease;
-use crate::domain::{Acknowledged, Environment, EnvironmentId, ProducerId, Receipt, Sequence};
+use crate::domain::{Acknowledged, EnvironmentId, ProducerId, Sequence};
 use crate::error::{ErrorKind, Problem};
 use crate::store::{Numbered, Outcome, Refusal, Store, StoreError};
 use crate::telemetry::{self, Seldom};
@@ -56,8 +57,8 @@ pub struct Resume {
 }
 
 /// Commits until it is told to stop or nobody can ask any more.
-pub async fn run(store: Arc<dyn Store>, mut queue: mpsc::Receiver<Work>) {
-    let mut group = Group::default();
+pub async fn run(store: Arc<dyn Store>, counted: Counted, mut queue: mpsc::Receiver<Work>) {
+    let mut group = Group { counted, ..Group::default() };
     while let Some(first) = queue.recv().await {
         let mut next = Some(first);
         while let Some(work) = next {
@@ -80,6 +81,7 @@ pub async fn run(store: Arc<dyn Store>, mut queue: mpsc::Receiver<Work>) {
 /// The batches of one commit.
 #[derive(Default)]
 struct Group {
+    counted: Counted,
     batches: Vec<Numbered>,
     replies: Vec<(oneshot::Sender<Result<Acknowledged, Problem>>, OwnedSemaphorePermit)>,
     transitions: usize,
@@ -90,6 +92,7 @@ impl Group {
     fn add(&mut self, pending: Pending) {
         // A stream that was fenced while its batch waited must not count: its successor was, or will be, told a resume point without it.
         if let Some(Err(problem)) = pending.lease.as_ref().map(|lease| lease.check()) {
+            telemetry::refused(problem.reason);
             let _ = pending.reply.send(Err(problem));
             return;
         }
@@ -109,21 +112,33 @@ impl Group {
         }
         let started = Instant::now();
         let result = store.commit(&self.batches).await;
-        telemetry::committed(started.elapsed(), self.transitions);
+        telemetry::committed(started.elapsed(), self.transitions, result.is_ok());
         let batches = std::mem::take(&mut self.batches);
         let replies = std::mem::take(&mut self.replies);
         (self.transitions, self.states) = (0, 0);
         let answers = match result {
             Ok(outcomes) => {
-                let environments = store.environments();
-                outcomes.into_iter().zip(&batches).map(|(outcome, batch)| told(&environments, batch, outcome)).collect()
+                outcomes.into_iter().zip(&batches).map(|(outcome, batch)| self.told(batch, outcome)).collect()
             }
             Err(error) => failed(error, batches.len()),
         };
         for ((reply, room), answer) in replies.into_iter().zip(answers) {
+            if let Err(problem) = &answer {
+                telemetry::refused(problem.reason);
+            }
             drop(room);
             // A client that went away finds its answer when it resumes.
             let _ = reply.send(answer);
+        }
+    }
+
+    fn told(&self, batch: &Numbered, outcome: Outcome) -> Result<Acknowledged, Problem> {
+        match outcome {
+            Outcome::Acknowledged(told) => {
+                self.counted.note(batch.environment, &told, SystemTime::now());
+                Ok(told)
+            }
+            Outcome::Refused(refusal) => Err(refused(batch, refusal)),
         }
     }
 }
@@ -136,45 +151,6 @@ async fn answer_resume(store: &dyn Store, resume: Resume) {
         }
         error.into()
     }));
-}
-
-fn told(environments: &[Arc<Environment>], batch: &Numbered, outcome: Outcome) -> Result<Acknowledged, Problem> {
-    match outcome {
-        Outcome::Acknowledged(told) => {
-            count(environments, batch, &told);
-            Ok(told)
-        }
-        Outcome::Refused(refusal) => Err(refused(batch, refusal)),
-    }
-}
-
-fn count(environments: &[Arc<Environment>], batch: &Numbered, told: &Acknowledged) {
-    let Some(environment) = environments.iter().find(|environment| environment.id == batch.environment) else { return };
-    match told {
-        Acknowledged::Applied(receipt) | Acknowledged::Rejected(receipt) => {
-            count_records(environment.name.as_str(), receipt)
-        }
-        Acknowledged::Duplicate(_) | Acknowledged::Untold => telemetry::duplicate(environment.name.as_str()),
-        Acknowledged::Unverified => telemetry::unverified(environment.name.as_str()),
-    }
-}
-
-fn count_records(environment: &str, receipt: &Receipt) {
-    telemetry::accepted(environment, receipt.accepted);
-    for rejection in &receipt.rejected {
-        telemetry::rejected(environment, part_at_fault(&rejection.field), 1);
-    }
-    let untold = receipt.rejected_count - receipt.rejected.len() as u64;
-    if untold > 0 {
-        telemetry::rejected(environment, "untold", untold);
-    }
-}
-
-/// Returns the part of a record that a pointer leads into: one of few words, whatever a client sends.
-fn part_at_fault(pointer: &str) -> &'static str {
-    const PARTS: [&str; 4] = ["state", "actions", "entry", "count"];
-    let first = pointer.split('/').nth(1).unwrap_or_default();
-    PARTS.into_iter().find(|part| *part == first).unwrap_or("other")
 }
 
 fn failed(error: StoreError, batches: usize) -> Vec<Result<Acknowledged, Problem>> {

@@ -12,13 +12,17 @@ use std::sync::Arc;
 
 use tokio::sync::{OwnedSemaphorePermit, mpsc, oneshot};
 use tokio_util::task::TaskTracker;
+use tracing::instrument;
 
 mod committer;
+mod figures;
 mod room;
 mod streams;
 mod validate;
 
 use committer::{Pending, Resume, Work};
+use figures::Counted;
+pub use figures::Figures;
 use room::Room;
 use streams::{Lease, Registration, Streams};
 pub use validate::validate;
@@ -41,6 +45,7 @@ pub struct Ingest {
     queue: mpsc::Sender<Work>,
     room: Room,
     streams: Streams,
+    counted: Counted,
     committer: TaskTracker,
 }
 
@@ -48,20 +53,21 @@ impl Ingest {
     /// Starts the committer on a store.
     pub fn start(store: Arc<dyn Store>) -> Self {
         let (queue, work) = mpsc::channel(MOST_WORK);
-        let committer = TaskTracker::new();
-        committer.spawn(committer::run(store, work));
+        let (committer, counted) = (TaskTracker::new(), Counted::default());
+        committer.spawn(committer::run(store, counted.clone(), work));
         committer.close();
-        Self { queue, room: Room::default(), streams: Streams::default(), committer }
+        Self { queue, room: Room::default(), streams: Streams::default(), counted, committer }
     }
 
     /// Counts one batch and returns after it is on stable storage; refuses soon, retryably, when too much waits.
+    #[instrument(level = "debug", skip_all, fields(environment = %environment.name, sequence = batch.sequence.get()))]
     pub async fn write(
         &self,
         environment: &Environment,
         producer: ProducerId,
         batch: Batch,
     ) -> Result<Acknowledged, Problem> {
-        let room = self.room.for_call(size_of(&batch)).await?;
+        let room = self.room.for_call(size_of(&batch)).await.inspect_err(refused)?;
         self.enqueue(environment, producer, batch, None, room).await?.acknowledged().await.map(|(_, told)| told)
     }
 
@@ -88,6 +94,11 @@ impl Ingest {
     /// Returns how many transitions wait for their commit.
     pub fn queued(&self) -> usize {
         self.room.taken()
+    }
+
+    /// Returns what became of the batches of these environments since the start; those of all others are forgotten.
+    pub fn figures(&self, environments: &[EnvironmentId]) -> Vec<Figures> {
+        self.counted.of(environments)
     }
 
     /// Returns whether the committer still takes batches.
@@ -119,11 +130,10 @@ impl Ingest {
             let (increment, receipt) = validate(&schema, batch.segment, &batch.records);
             Numbered { environment, producer, sequence, digest, worded, increment, receipt }
         });
-        let batch = numbered.await?;
+        let batch = numbered.await.inspect_err(refused)?;
         let (reply, answer) = oneshot::channel();
         let pending = Pending { batch, lease, room, reply };
-        self.queue.send(Work::Batch(pending)).await.map_err(|_| stopped())?;
-        telemetry::queued(self.queued());
+        self.queue.send(Work::Batch(pending)).await.map_err(|_| stopped()).inspect_err(refused)?;
         Ok(Ticket { sequence, answer })
     }
 }
@@ -150,8 +160,8 @@ impl Session {
 
     /// Queues a batch, waiting for room; the ticket is answered after its commit.
     pub async fn submit(&self, batch: Batch) -> Result<Ticket, Problem> {
-        self.registration.lease().check()?;
-        let room = self.ingest.room.for_stream(size_of(&batch)).await?;
+        self.registration.lease().check().inspect_err(refused)?;
+        let room = self.ingest.room.for_stream(size_of(&batch)).await.inspect_err(refused)?;
         let lease = Some(self.registration.lease().clone());
         self.ingest.enqueue(&self.environment, self.producer.clone(), batch, lease, room).await
     }
@@ -179,6 +189,11 @@ impl Ticket {
 /// A batch takes room for each transition, and an empty one for itself.
 fn size_of(batch: &Batch) -> u32 {
     batch.records.len.max(1) as u32
+}
+
+/// Counts a batch that is refused before the committer sees it; the committer counts the others.
+fn refused(problem: &Problem) {
+    telemetry::refused(problem.reason);
 }
 
 fn stopped() -> Problem {

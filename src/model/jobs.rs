@@ -101,6 +101,11 @@ impl Jobs {
         own.map(|(at, entry)| entry.told(&entries[..at])).collect()
     }
 
+    /// Returns how many jobs there are in a state, over all environments.
+    pub fn number(&self, state: JobState) -> usize {
+        self.lock().iter().filter(|entry| entry.job.state == state).count()
+    }
+
     /// Returns one job.
     pub fn get(&self, environment: EnvironmentId, id: u64) -> Result<Job, Problem> {
         self.of(environment).into_iter().find(|job| job.id == id).ok_or_else(|| unknown(id))

@@ -45,6 +45,7 @@ use std::time::Instant;
 
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
+use tracing::{Instrument, instrument};
 
 use self::encoder::{Encoder, MOST_INPUTS};
 use self::jobs::Jobs;
@@ -97,6 +98,7 @@ impl Networks {
     }
 
     /// Asks for a training, which begins when those asked for before are over.
+    #[instrument(level = "debug", skip_all, fields(environment = %environment.name))]
     pub async fn train(&self, environment: &Arc<Environment>, draft: &TrainingDraft) -> Result<Job, Problem> {
         let (pair, training) = Training::new(&environment.schema, draft)?;
         check_size(environment, &pair, &training)?;
@@ -105,7 +107,8 @@ impl Networks {
         let job = self.jobs.add(environment, &pair, end.clone())?;
         let order =
             Order { job: job.id, environment: environment.clone(), pair, training, activate: draft.activate, end };
-        self.running.spawn(self.clone().carry_out(order));
+        tracing::info!(environment = %environment.name, job = job.id, ego = job.ego, other = job.other, "a training was asked for");
+        self.running.spawn(self.clone().carry_out(order).in_current_span());
         Ok(job)
     }
 
@@ -135,6 +138,11 @@ impl Networks {
         self.registry.get(environment, version).await
     }
 
+    /// Returns how many trainings wait for their turn, and how many are being done.
+    pub fn at_work(&self) -> [usize; 2] {
+        [JobState::Queued, JobState::Running].map(|state| self.jobs.number(state))
+    }
+
     /// Returns a job.
     pub fn job(&self, environment: &Environment, id: u64) -> Result<Job, Problem> {
         self.jobs.get(environment.id, id)
@@ -146,21 +154,36 @@ impl Networks {
     }
 
     /// Makes a version the one that answers for its pair. Refused where it cannot answer by the environment's rule.
+    #[instrument(level = "debug", skip_all, fields(environment = %environment.name))]
     pub async fn activate(&self, environment: &Environment, version: u64) -> Result<Model, Problem> {
-        self.registry.activate(environment, version).await
+        let model = self.registry.activate(environment, version).await?;
+        tracing::info!(environment = %environment.name, version, "a network was made active");
+        Ok(model)
     }
 
     /// Takes a version back: the one that was active before answers again, or none. Returns that one.
+    #[instrument(level = "debug", skip_all, fields(environment = %environment.name))]
     pub async fn roll_back(&self, environment: &Environment, version: u64) -> Result<Option<Model>, Problem> {
-        self.registry.roll_back(environment, version).await
+        let instead = self.registry.roll_back(environment, version).await?;
+        let active = instead.as_ref().map(|model| model.version);
+        tracing::info!(environment = %environment.name, version, active, "a network was taken back");
+        Ok(instead)
     }
 
     /// Removes a version that is not active, or ends a job.
+    #[instrument(level = "debug", skip_all, fields(environment = %environment.name))]
     pub async fn delete(&self, environment: &Environment, id: ModelId) -> Result<(), Problem> {
         match id {
-            ModelId::Version(version) => self.registry.delete(environment, version).await,
-            ModelId::Job(job) => self.jobs.end(environment.id, job),
+            ModelId::Version(version) => {
+                self.registry.delete(environment, version).await?;
+                tracing::info!(environment = %environment.name, version, "a network was deleted");
+            }
+            ModelId::Job(job) => {
+                self.jobs.end(environment.id, job)?;
+                tracing::info!(environment = %environment.name, job, "a training was told to end");
+            }
         }
+        Ok(())
     }
 
     /// Returns a version as a safetensors file: its weights in PyTorch's layout, with its card.
@@ -171,6 +194,7 @@ impl Networks {
     /// Keeps a network that was trained elsewhere: a safetensors file as [`export`](Self::export) writes it. It is judged by the counts here, and
     /// not made active. With the card of an export it says of every state what it said before; without one, or for a rule with another threshold, it
     /// is calibrated here.
+    #[instrument(level = "debug", skip_all, fields(environment = %environment.name))]
     pub async fn import(&self, environment: &Arc<Environment>, file: Vec<u8>) -> Result<Model, Problem> {
         let read = {
             let environment = environment.clone();
@@ -215,6 +239,7 @@ impl Networks {
             return Err(Problem::invalid("network", vec![Fault::new("/members", detail)]));
         }
         let version = self.registry.keep(environment, &content, &card).await?;
+        tracing::info!(environment = %environment.name, version, "a network was imported");
         self.get(environment, version).await
     }
 
@@ -285,7 +310,7 @@ impl Networks {
             Err(problem) => (JobState::Failed, problem.message, None),
         };
         telemetry::trained(state.as_str(), started.elapsed());
-        tracing::info!(environment = %order.environment.name, job = order.job, state = state.as_str(), message, "a training is over");
+        tracing::info!(environment = %order.environment.name, job = order.job, state = state.as_str(), message, version, "a training is over");
         self.jobs.update(order.job, |job| {
             let progress = if state == JobState::Done { 1.0 } else { job.progress };
             *job = Job { state, message, version, progress, ..job.clone() };
@@ -315,7 +340,7 @@ impl Networks {
         let version = self.registry.keep(environment, &content, &card).await?;
         let environment = &self.current(environment)?;
         if order.activate || card.not_better_than.is_empty() {
-            match self.registry.activate(environment, version).await {
+            match self.activate(environment, version).await {
                 // The rule has changed meanwhile: then it is kept, and says that it is stale.
                 Err(problem) if problem.reason == registry::STALE => {}
                 activated => drop(activated?),

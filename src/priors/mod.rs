@@ -49,6 +49,8 @@ pub struct Fitted {
     pub id: FitId,
     /// The last version that was given to the pair, also to a fit that cannot be read any more: answers have named it, so it is not used again.
     last_version: u64,
+    /// When it was made; `None` where that was before the start.
+    made: Option<Instant>,
     /// The fit itself.
     pub fit: Fit,
     /// What answers are computed with.
@@ -139,7 +141,7 @@ impl Fits {
         // One that cannot be read was told at the start, and is made again. Until then answers say that nothing was fitted.
         let stored = record.and_then(|record| Some((record.id, text::fit(&record.body, alphabet).ok()?)));
         let (id, fit) = stored.unwrap_or_else(|| (FitId::default(), Fit::cold(alphabet)));
-        Ok(Some(self.keep(key, id, last_version, fit)))
+        Ok(Some(self.keep(key, id, last_version, None, fit)))
     }
 
     /// Returns the last fit of a pair with the habits of the environment by now; `None` where the alphabets are too large for evidence. Whoever asks has it
@@ -202,7 +204,17 @@ impl Fits {
         let record = FitRecord { pair: text::of_pair(&pair), id, body: text::of_fit(&fit) };
         self.store.keep_fit(environment.id, &record).await.map_err(logged)?;
         tracing::debug!(environment = %environment.name, pair = record.pair, version, states = fit.states, "fitted");
-        Ok(Some(self.keep((environment.id, pair), id, version, fit)))
+        Ok(Some(self.keep((environment.id, pair), id, version, Some(Instant::now()), fit)))
+    }
+
+    /// Returns the oldest fit of an environment that was asked for within the hour before `now`: the revision that it stands on, and when it was made if
+    /// that was since the start. `None` where nothing was fitted yet.
+    pub fn oldest(&self, environment: EnvironmentId, now: Instant) -> Option<(u64, Option<Instant>)> {
+        let pairs = self.asked.lately(environment, now);
+        let kept = self.lock();
+        let fitted = pairs.into_iter().filter_map(|pair| kept.peek(&(environment, pair)));
+        let oldest = fitted.filter(|fitted| fitted.id.version > 0).min_by_key(|fitted| fitted.id.revision)?;
+        Some((oldest.id.revision, oldest.made))
     }
 
     /// Says in the log which fits cannot be read, and why. [`Fits::keep_up`] and [`Fits::fit`] make others.
@@ -283,9 +295,9 @@ impl Fits {
         Ok((read.uses, read.sample.sorted()))
     }
 
-    fn keep(&self, key: Key, id: FitId, last_version: u64, fit: Fit) -> Arc<Fitted> {
+    fn keep(&self, key: Key, id: FitId, last_version: u64, made: Option<Instant>, fit: Fit) -> Arc<Fitted> {
         let (prior, known, unseen) = (Prior::new(&fit), Known::default(), Mutex::default());
-        let fitted = Arc::new(Fitted { id, last_version, prior, fit, known, unseen });
+        let fitted = Arc::new(Fitted { id, last_version, made, prior, fit, known, unseen });
         let mut kept = self.lock();
         match kept.get(&key) {
             // Read from the store by one while another made the next.

@@ -6,13 +6,14 @@ use std::sync::{Arc, OnceLock};
 use axum::Router;
 use axum::extract::{Request, State};
 use axum::response::{IntoResponse, Response};
-use http::{StatusCode, header};
+use http::StatusCode;
 use serde_json::json;
 use tokio::net::TcpListener;
 use tokio_util::sync::CancellationToken;
 use tower::ServiceExt;
 
 use super::connections::limits::Limits;
+use super::requests::is_grpc;
 use super::status::{self, Failure};
 use super::{Settings, listen, operations};
 use crate::app::App;
@@ -30,8 +31,8 @@ pub struct Doors {
 impl Doors {
     /// Makes a service that is closed, and tells by that stage how far its database is.
     pub fn closed(stage: Stage) -> Self {
-        // Before the first request, whose figures would be lost.
-        telemetry::recorder();
+        // Before the first request, so that the first of each kind is seen as a change.
+        telemetry::begin();
         Self { stage, open: Arc::default() }
     }
 
@@ -62,7 +63,7 @@ impl Doors {
                 (StatusCode::SERVICE_UNAVAILABLE, axum::Json(body)).into_response()
             }
             "/readyz" => (StatusCode::SERVICE_UNAVAILABLE, format!("not ready: {stage}\n")).into_response(),
-            _ if is_grpc(request) => status::grpc(problem()).into_http::<axum::body::Body>(),
+            _ if is_grpc(request.headers()) => status::grpc(problem()).into_http::<axum::body::Body>(),
             _ if path.starts_with("/v2") => Failure::from(problem()).tell_text(path),
             _ => Failure::from(problem()).tell(path),
         }
@@ -72,9 +73,4 @@ impl Doors {
 async fn enter(State(doors): State<Doors>, request: Request) -> Response {
     let Some(router) = doors.open.get() else { return doors.refuse(&request) };
     router.clone().oneshot(request).await.unwrap_or_else(|never: Infallible| match never {})
-}
-
-fn is_grpc(request: &Request) -> bool {
-    let kind = request.headers().get(header::CONTENT_TYPE).and_then(|kind| kind.to_str().ok());
-    kind.is_some_and(|kind| kind.starts_with("application/grpc"))
 }

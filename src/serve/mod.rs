@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use axum::{Router, middleware};
 use tokio::net::TcpListener;
+use tower_http::catch_panic::CatchPanicLayer;
 
 use self::connections::limits::Limits;
 use crate::app::App;
@@ -16,9 +17,11 @@ pub mod listen;
 
 mod cors;
 mod doors;
+mod figures;
 mod grpc;
 mod inference;
 mod operations;
+mod requests;
 mod rest;
 mod status;
 
@@ -51,9 +54,11 @@ pub async fn serve(app: App, listener: TcpListener, settings: Settings) -> Resul
 async fn router(app: App, settings: &Settings) -> Result<Router, tonic_reflection::server::Error> {
     // Without this an unknown REST path would answer 200 with a gRPC status.
     let grpc = grpc::routes(app.clone()).await?.into_axum_router().reset_fallback();
-    let grpc = grpc.layer(middleware::from_fn(grpc::in_time)).layer(middleware::from_fn(grpc::give_reasons));
+    let grpc = grpc.layer(CatchPanicLayer::custom(grpc::of_panic)).layer(middleware::from_fn(grpc::in_time));
+    let grpc = grpc.layer(middleware::from_fn(grpc::give_reasons)).layer(middleware::from_fn(requests::note_code));
     let grpc = grpc.layer(tonic_web::GrpcWebLayer::new());
     let router =
         rest::router(app.clone()).merge(inference::router(app.clone())).merge(operations::router(app)).merge(grpc);
-    Ok(cors::allow(router, &settings.cors_origins))
+    requests::expect(rest::documented());
+    Ok(cors::allow(router, &settings.cors_origins).layer(middleware::from_fn(requests::note_route)))
 }

@@ -6,6 +6,7 @@ use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use axum::{Json, Router};
 
+use super::figures;
 use crate::app::App;
 use crate::error::{ErrorKind, Problem};
 use crate::telemetry;
@@ -79,18 +80,7 @@ pub fn is_verbose(query: Option<&str>) -> bool {
 
 /// The metrics in Prometheus' text format.
 async fn metrics(State(app): State<App>) -> Response {
-    for environment in app.store.environments() {
-        if let Ok(totals) = app.store.totals(environment.id).await {
-            telemetry::holds(environment.name.as_str(), totals.states, totals.cells);
-        }
-    }
-    if let Ok(bytes) = app.store.bytes().await {
-        telemetry::database(bytes);
-    }
-    telemetry::queued(app.ingest.queued());
-    checks(&app).await.iter().for_each(|(check, outcome)| telemetry::ready(check, outcome.is_ok()));
-    telemetry::read_only(app.store.read_only().len());
-    let lanes = [("questions", &app.work.questions), ("passes", &app.work.passes), ("fits", &app.work.fits)];
-    lanes.into_iter().for_each(|(lane, gate)| telemetry::working(lane, gate.busy()));
-    ([("content-type", "text/plain; version=0.0.4; charset=utf-8")], telemetry::render()).into_response()
+    let checks = checks(&app).await.iter().map(|(check, outcome)| (*check, outcome.is_ok())).collect();
+    let standing = figures::standing(&app, checks).await;
+    ([("content-type", "text/plain; version=0.0.4; charset=utf-8")], telemetry::render(&standing)).into_response()
 }

@@ -140,6 +140,12 @@ pub trait Store: Send + Sync {
     /// Returns the size of the database on disk in bytes, journal included.
     async fn bytes(&self) -> Result<u64, StoreError>;
 
+    /// Returns what is free on the disk of the database, in bytes, and the size of the disk.
+    async fn disk(&self) -> Result<[u64; 2], StoreError>;
+
+    /// Returns what each environment holds, all at one moment, in order of id. Of one that was deleted something may be left.
+    async fn held(&self) -> Result<Vec<(EnvironmentId, Held)>, StoreError>;
+
     /// Moves the journal into the database and closes it. No call may follow.
     async fn close(&self);
 }
@@ -300,6 +306,17 @@ pub struct Totals {
     pub segments: u64,
     /// Producers.
     pub producers: u64,
+}
+
+/// How much an environment holds, networks included.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Held {
+    /// What was counted.
+    pub totals: Totals,
+    /// Versions of networks.
+    pub models: u64,
+    /// Pairs of agents with an active one.
+    pub active: u64,
 }
 
 /// What deleted environments have left in the database.

@@ -30,6 +30,8 @@ struct Inner {
     all: usize,
     /// For everybody who works.
     workers: Arc<Semaphore>,
+    /// How many may work at once.
+    most: usize,
     /// `None` where the system has no thread left: turns then take threads of the runtime.
     pool: Option<rayon::ThreadPool>,
     stopping: CancellationToken,
@@ -53,8 +55,9 @@ impl Gate {
             .start_handler(|_| give_way())
             .build();
         let all = workers + waiting;
+        let most = workers;
         let [places, workers] = [all, workers].map(|permits| Arc::new(Semaphore::new(permits)));
-        Self(Arc::new(Inner { places, all, workers, pool: pool.ok(), stopping }))
+        Self(Arc::new(Inner { places, all, workers, most, pool: pool.ok(), stopping }))
     }
 
     /// Waits for a worker; refuses at once where too many wait already.
@@ -82,6 +85,12 @@ impl Gate {
     /// Returns how many work or wait for their turn.
     pub fn busy(&self) -> usize {
         self.0.all - self.0.places.available_permits()
+    }
+
+    /// Returns how many wait for their turn.
+    pub fn waiting(&self) -> usize {
+        let working = self.0.most - self.0.workers.available_permits();
+        self.busy().saturating_sub(working)
     }
 }
 

@@ -21,6 +21,7 @@ mod inference;
 mod ingest;
 mod kill;
 mod locking;
+mod metrics;
 mod models;
 mod networks;
 mod newcomers;

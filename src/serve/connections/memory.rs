@@ -67,7 +67,7 @@ impl Charge {
     fn set(&self, held: &mut usize, change: impl FnOnce(usize) -> usize) -> Result<(), Problem> {
         let wanted = change(*held);
         if wanted > *held && !self.budget.take(wanted - *held, self.most(wanted)) {
-            telemetry::refused("TOO_MANY_UNFINISHED_BYTES");
+            telemetry::shed("TOO_MANY_UNFINISHED_BYTES");
             return Err(full());
         }
         if wanted < *held {

@@ -87,7 +87,8 @@ impl Host {
         let vitals = Vitals::new(self.limits.clone(), age, self.draining.child_token(), self.over.child_token());
         place.take(vitals.clone());
         let (standing, budget) = (place.standing(), self.budget.clone());
-        let service = Watched { router: self.router.clone(), vitals: vitals.clone(), standing, budget };
+        let peer = stream.peer_addr().ok().map(|address| address.ip());
+        let service = Watched { router: self.router.clone(), vitals: vitals.clone(), standing, budget, peer };
         let heard = vitals.clone();
         let stream = InspectReader::new(stream, move |bytes: &[u8]| heard.heard(bytes));
         let mut connection = std::pin::pin!(self.builder.serve_connection(TokioIo::new(stream), service));

@@ -9,6 +9,7 @@ use bytes::Bytes;
 use http_body::{Body as _, Frame, SizeHint};
 
 use super::vitals::InProgress;
+use crate::serve::requests::Call;
 
 /// The largest piece: small enough that a slow reader asks for the next in time, large enough to cost nothing.
 const PIECE: usize = 64 << 10;
@@ -19,12 +20,13 @@ pub struct Sent {
     /// What the body gave and was not handed over yet.
     rest: Bytes,
     request: Arc<InProgress>,
+    call: Call,
 }
 
 impl Sent {
     /// Makes the answer to a request of that body.
-    pub fn new(body: Body, request: Arc<InProgress>) -> Self {
-        Self { body, rest: Bytes::new(), request }
+    pub fn new(body: Body, request: Arc<InProgress>, call: Call) -> Self {
+        Self { body, rest: Bytes::new(), request, call }
     }
 
     fn piece(&mut self) -> Frame<Bytes> {
@@ -49,6 +51,9 @@ impl http_body::Body for Sent {
             return Poll::Ready(Some(Ok(self.piece())));
         }
         let frame = std::task::ready!(Pin::new(&mut self.body).poll_frame(context));
+        if frame.is_none() {
+            self.call.told();
+        }
         Poll::Ready(frame.map(|frame| match frame?.into_data() {
             Ok(data) => {
                 self.rest = data;
@@ -76,5 +81,9 @@ impl http_body::Body for Sent {
 impl Drop for Sent {
     fn drop(&mut self) {
         self.request.asked();
+        // Whoever knows the length of a body does not ask for its end.
+        if self.is_end_stream() {
+            self.call.told();
+        }
     }
 }

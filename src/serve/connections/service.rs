@@ -1,6 +1,7 @@
 //! What stands between a connection and the routes: it notes when requests begin and end, and watches their bodies.
 
 use std::convert::Infallible;
+use std::net::IpAddr;
 use std::sync::Arc;
 
 use axum::Router;
@@ -11,6 +12,7 @@ use http::request::Parts;
 use http::{Request, Response, header};
 use hyper::body::Incoming;
 use tower::ServiceExt;
+use tracing::Instrument;
 
 use super::Leaving;
 use super::crowd::Standing;
@@ -21,6 +23,7 @@ use super::sent::Sent;
 use super::vitals::Vitals;
 use crate::error::{ErrorKind, Problem};
 use crate::serve::operations;
+use crate::serve::requests::{Call, is_grpc};
 use crate::serve::status::{self, Failure};
 use crate::telemetry;
 
@@ -41,6 +44,8 @@ pub struct Watched {
     pub standing: Standing,
     /// Where the bytes of its messages come from.
     pub budget: Arc<Budget>,
+    /// From where it comes.
+    pub peer: Option<IpAddr>,
 }
 
 impl hyper::service::Service<Request<Incoming>> for Watched {
@@ -52,24 +57,26 @@ impl hyper::service::Service<Request<Incoming>> for Watched {
         let progress = Arc::new(self.vitals.begin(request.version()));
         let charge = Arc::new(Charge::new(self.budget.clone()));
         let (mut parts, body) = request.into_parts();
+        let mut call = Call::begin(&mut parts, self.peer);
         let body = Received::new(body, manner(&parts), charge.clone(), progress.clone());
         if self.standing == Standing::Guest {
             self.vitals.leaving.cancel();
             if !operations::is_asked(parts.uri.path()) {
-                let refusal = too_many(&parts).map(|body| Sent::new(body, progress));
+                let refusal = call.answered(too_many(&parts)).map(|body| Sent::new(body, progress, call));
                 return async { Ok(refusal) }.boxed();
             }
         }
         parts.extensions.insert(charge.clone());
         parts.extensions.insert(Leaving(self.vitals.leaving.clone()));
         let answer = self.router.clone().oneshot(Request::from_parts(parts, body));
-        async move {
+        let span = call.span();
+        let answer = async move {
             let Ok(response) = answer.await;
             // What was asked is in other hands now, or done with.
             charge.release();
-            Ok(response.map(|body| Sent::new(body, progress)))
-        }
-        .boxed()
+            Ok(call.answered(response).map(|body| Sent::new(body, progress, call)))
+        };
+        answer.instrument(span).boxed()
     }
 }
 
@@ -82,19 +89,15 @@ fn manner(parts: &Parts) -> Manner {
         _ if STREAMS.contains(&path) && !is_web => Form::Messages(Framing::default()),
         _ => Form::Message,
     };
-    Manner { form, is_grpc: is_grpc(parts), is_announced: parts.headers.contains_key(header::EXPECT) }
-}
-
-fn is_grpc(parts: &Parts) -> bool {
-    parts.headers.get(header::CONTENT_TYPE).is_some_and(|media| media.as_bytes().starts_with(b"application/grpc"))
+    Manner { form, is_grpc: is_grpc(&parts.headers), is_announced: parts.headers.contains_key(header::EXPECT) }
 }
 
 /// Answers a guest who asks what only residents may ask.
 fn too_many(parts: &Parts) -> Response<Body> {
-    telemetry::refused("TOO_MANY_CONNECTIONS");
+    telemetry::shed("TOO_MANY_CONNECTIONS");
     let message = "there are as many connections as the service takes, and all are busy; try again";
     let problem = Problem::new(ErrorKind::Overloaded, "TOO_MANY_CONNECTIONS", message);
-    match is_grpc(parts) {
+    match is_grpc(&parts.headers) {
         true => status::grpc(problem).into_http(),
         false => Failure::from(problem).tell(parts.uri.path()),
     }

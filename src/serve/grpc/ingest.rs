@@ -11,6 +11,7 @@ use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::{Code, Request, Response, Status, Streaming};
 use tonic_types::StatusExt;
+use tracing::Instrument;
 
 use super::{Face, call};
 use crate::api::proto::ingest_request::Message;
@@ -20,7 +21,7 @@ use crate::api::proto::{
     WriteResponse, ingest_response,
 };
 use crate::api::{MOST_BATCH_TRANSITIONS, MOST_MESSAGE_BYTES, grpc};
-use crate::domain::{Environment, ProducerId, Sequence};
+use crate::domain::{Batch, Environment, ProducerId, Sequence};
 use crate::error::{ErrorKind, Problem};
 use crate::ingest::{Session, Ticket, WINDOW};
 use crate::serve::connections::Leaving;
@@ -43,23 +44,15 @@ impl IngestService for Face {
         let (out, responses) = mpsc::channel(OUTBOUND);
         let leaving = request.extensions().get().cloned();
         let leaving = leaving.unwrap_or_else(|| Leaving(self.app.draining.clone()));
-        tokio::spawn(self.clone().stream(request.into_inner(), leaving, out));
+        tokio::spawn(self.clone().stream(request.into_inner(), leaving, out).in_current_span());
         Ok(Response::new(ReceiverStream::new(responses)))
     }
 
     async fn write(&self, request: Request<WriteRequest>) -> Result<Response<WriteResponse>, Status> {
         call("Write", async {
-            let WriteRequest { environment, environment_uid, producer, batch } = request.into_inner();
-            let environment = self.app.environments.find_known(&environment, &environment_uid)?;
-            let producer = grpc::producer(&producer)?;
-            let batch = grpc::batch(&environment.schema, batch.unwrap_or_default())?;
+            let (environment, producer, batch) = self.decode(request.into_inner()).inspect_err(refused)?;
             let sequence = batch.sequence;
-            let told = self
-                .app
-                .ingest
-                .write(&environment, producer, batch)
-                .await
-                .inspect_err(|problem| telemetry::refused(problem.reason))?;
+            let told = self.app.ingest.write(&environment, producer, batch).await?;
             Ok(WriteResponse { receipt: Some(grpc::receipt(sequence, told)) })
         })
         .await
@@ -83,6 +76,14 @@ impl IngestService for Face {
 }
 
 impl Face {
+    fn decode(&self, request: WriteRequest) -> Result<(Arc<Environment>, ProducerId, Batch), Problem> {
+        let WriteRequest { environment, environment_uid, producer, batch } = request;
+        let environment = self.app.environments.find_known(&environment, &environment_uid)?;
+        let producer = grpc::producer(&producer)?;
+        let batch = grpc::batch(&environment.schema, batch.unwrap_or_default())?;
+        Ok((environment, producer, batch))
+    }
+
     /// Runs a stream to its end and tells the end.
     async fn stream(self, mut inbound: Streaming<IngestRequest>, leaving: Leaving, out: Outbound) {
         let _open = telemetry::stream_opened();
@@ -91,10 +92,7 @@ impl Face {
             Err(end) => Err(end),
         };
         let told = match ended {
-            Err(End::Problem(problem)) => {
-                telemetry::refused(problem.reason);
-                status::grpc(problem)
-            }
+            Err(End::Problem(problem)) => status::grpc(problem),
             Err(End::Told(status)) => status,
             Ok(()) | Err(End::Gone) => return,
         };
@@ -177,14 +175,14 @@ impl Face {
                 biased;
                 () = leaving.0.cancelled() => return Err(self.parting().into()),
                 problem = session.ended() => return Err(problem.into()),
-                message = inbound.message() => message.map_err(End::from_read)?,
+                message = inbound.message() => message.map_err(End::from_read).inspect_err(End::count)?,
             };
             let batch = match message {
                 None => return Ok(()),
                 Some(IngestRequest { message: Some(Message::Batch(batch)) }) => batch,
                 Some(_) => return Err(protocol("expected a batch").into()),
             };
-            let batch = grpc::batch(&session.environment().schema, batch)?;
+            let batch = grpc::batch(&session.environment().schema, batch).inspect_err(refused)?;
             // A batch that still waits for room when the stream is to end was not taken: its client sends it again.
             let ticket = tokio::select! {
                 biased;
@@ -241,6 +239,13 @@ impl From<Problem> for End {
 }
 
 impl End {
+    /// Counts a batch that could not be read.
+    fn count(&self) {
+        if let Self::Problem(problem) = self {
+            refused(problem);
+        }
+    }
+
     /// A message that is too large or cannot be decoded is the client's to mend; any other failure to read is a lost connection.
     fn from_read(status: Status) -> Self {
         match status.code() {
@@ -274,6 +279,11 @@ fn welcome(session: &Session) -> Welcome {
         max_batch_transitions: MOST_BATCH_TRANSITIONS as u32,
         max_message_bytes: MOST_MESSAGE_BYTES as u32,
     }
+}
+
+/// Counts a batch that is refused before ingestion sees it; ingestion counts the others.
+fn refused(problem: &Problem) {
+    telemetry::refused(problem.reason);
 }
 
 fn protocol(message: &str) -> Problem {

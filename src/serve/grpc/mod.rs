@@ -1,12 +1,15 @@
 //! The gRPC face: decode by `api`, ask the same rooms as REST, encode by `api`.
 
+use std::any::Any;
 use std::future::Future;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use tonic::codec::CompressionEncoding::{Deflate, Gzip};
 use tonic::service::Routes;
-use tonic::{Code, Response, Status};
+use tonic::{Response, Status};
+use tracing::Instrument;
 
+use super::rest::problems::log_panic;
 use super::{operations, status};
 use crate::api::inference_proto::grpc_inference_service_server::GrpcInferenceServiceServer;
 use crate::api::proto::environment_service_server::EnvironmentServiceServer;
@@ -15,8 +18,7 @@ use crate::api::proto::ingest_service_server::IngestServiceServer;
 use crate::api::proto::model_service_server::ModelServiceServer;
 use crate::api::{MOST_MESSAGE_BYTES, proto};
 use crate::app::App;
-use crate::error::Problem;
-use crate::telemetry;
+use crate::error::{ErrorKind, Problem};
 
 mod environment;
 mod inference;
@@ -102,14 +104,18 @@ async fn follow(app: App, health: tonic_health::server::HealthReporter) {
     }
 }
 
-/// Runs a call: its problem becomes a status, its time and code are recorded.
+/// Runs a call: its problem becomes a status.
 async fn call<T>(
     method: &'static str,
     answer: impl Future<Output = Result<T, Problem>>,
 ) -> Result<Response<T>, Status> {
-    let started = Instant::now();
-    let result = answer.await.map(Response::new).map_err(status::grpc);
-    let code = result.as_ref().map_or_else(Status::code, |_| Code::Ok);
-    telemetry::request("grpc", method.to_owned(), format!("{code:?}"), started.elapsed());
-    result
+    let answer = answer.instrument(tracing::debug_span!("call", method));
+    answer.await.map(Response::new).map_err(status::grpc)
+}
+
+/// Answers for a method that panicked, and writes the cause to the log.
+pub fn of_panic(cause: Box<dyn Any + Send>) -> axum::response::Response {
+    log_panic(&*cause);
+    status::grpc(Problem::new(ErrorKind::Internal, "INTERNAL", "the service failed; the cause is in its log"))
+        .into_http()
 }

@@ -6,11 +6,9 @@ use axum::extract::Request;
 use axum::middleware::Next;
 use axum::response::Response;
 use http::HeaderMap;
-use tonic::Code;
 
 use crate::serve::ALLOWED;
 use crate::serve::status::{self, Asked, too_late};
-use crate::telemetry;
 use crate::work::deadline::{self, Deadline};
 
 /// Nobody is waited for longer, whatever it says.
@@ -25,10 +23,7 @@ pub async fn in_time(request: Request, next: Next) -> Response {
     let method = path.rsplit('/').next().unwrap_or_default().to_owned();
     let (asked, allowed) = (asked(&method), allowed(request.headers()));
     let answer = deadline::within(Deadline::after(allowed), next.run(request)).await;
-    answer.unwrap_or_else(|| {
-        telemetry::request("grpc", method, format!("{:?}", Code::DeadlineExceeded), allowed);
-        status::grpc(too_late(asked, allowed)).into_http()
-    })
+    answer.unwrap_or_else(|| status::grpc(too_late(asked, allowed)).into_http())
 }
 
 fn is_stream(path: &str) -> bool {

@@ -7,7 +7,6 @@ pub mod served;
 
 use axum::Router;
 use axum::extract::State;
-use axum::middleware;
 use axum::response::{IntoResponse, Response};
 use axum::routing::{any, get, post};
 use http::{HeaderMap, HeaderName, header};
@@ -29,7 +28,7 @@ const HEADER_LENGTH: HeaderName = HeaderName::from_static(rest::HEADER_LENGTH);
 
 /// Returns the routes below `/v2`.
 pub fn router(app: App) -> Router {
-    let routes = routes().layer(middleware::from_fn(layers::measure)).with_state(app);
+    let routes = routes().with_state(app);
     let unknown = Router::new().route("/v2/{*path}", any(problems::unknown_path));
     layers::around(routes.merge(unknown), Failure::tell_text)
 }

@@ -29,7 +29,7 @@ use crate::app::App;
 
 /// Returns the REST face with its pages.
 pub fn router(app: App) -> Router {
-    let routes = routes().layer(axum::middleware::from_fn(layers::measure)).with_state(app);
+    let routes = routes().with_state(app);
     layers::around(routes.merge(pages::router()).fallback(problems::unknown_path), Failure::tell)
 }
 
@@ -64,4 +64,15 @@ fn models() -> Router<App> {
         .route("/v1/environments/{environment}/models/{model}", get(models::get_model).delete(models::delete_model))
         .route("/v1/environments/{environment}/models/{model}/active", active)
         .route("/v1/environments/{environment}/models/{model}/weights", get(models::export_model))
+}
+
+/// Returns every documented route: `GET /v1/environments`.
+pub fn documented() -> Vec<String> {
+    let document = serde_json::to_value(openapi::document()).unwrap_or_default();
+    let paths = document["paths"].as_object().into_iter().flatten();
+    let routes = paths.flat_map(|(path, methods)| {
+        let methods = methods.as_object().into_iter().flatten().map(|(method, _)| method.to_uppercase());
+        methods.map(move |method| format!("{method} {path}"))
+    });
+    routes.filter(|route| route.starts_with(|first: char| first.is_ascii_uppercase())).collect()
 }

@@ -26,9 +26,14 @@ pub async fn unknown_path(request: Request) -> Response {
 
 /// Answers for a handler that panicked, and writes the cause to the log.
 pub fn of_panic(cause: Box<dyn Any + Send>) -> Response {
+    log_panic(&*cause);
+    Failure::of_http(StatusCode::INTERNAL_SERVER_ERROR).into_response()
+}
+
+/// Writes to the log why a handler panicked.
+pub fn log_panic(cause: &(dyn Any + Send)) {
     let text = cause.downcast_ref::<String>().map(String::as_str).or(cause.downcast_ref::<&str>().copied());
     tracing::error!(cause = text.unwrap_or("unknown"), "a request handler panicked");
-    Failure::of_http(StatusCode::INTERNAL_SERVER_ERROR).into_response()
 }
 
 /// Gives every error answer the body that its face tells.

@@ -1,5 +1,7 @@
 //! Transitions: counted once, and how far a producer is.
 
+use std::sync::Arc;
+
 use axum::extract::State;
 
 use super::extract::{Document, Media, Path, Query};
@@ -7,10 +9,11 @@ use super::openapi::Refusals;
 use crate::api::json::Incoming;
 use crate::api::{grpc, json, proto};
 use crate::app::App;
-use crate::domain::Schema;
+use crate::domain::{Environment, Schema};
 use crate::environments::is_known_as;
 use crate::error::Problem;
 use crate::serve::status::Failure;
+use crate::telemetry;
 use crate::work::aside;
 
 /// Counts one batch of transitions, once however often it is sent, and answers after it is on stable storage.
@@ -35,14 +38,12 @@ use crate::work::aside;
 pub async fn write_transitions(
     State(app): State<App>,
     Path(name): Path<String>,
-    Query(query): Query,
+    query: Query,
     document: Document,
 ) -> Result<axum::Json<json::Receipt>, Failure> {
-    let environment = app.environments.find(&name)?;
-    let schema = environment.schema.clone();
-    let decoding = aside(document.bytes.len(), move || decode(&schema, query, &document));
-    let Incoming { producer, environment_uid, batch } = decoding.await??;
-    is_known_as(&environment, &environment_uid)?;
+    let decoding = decoded(&app, &name, query, document).await;
+    let (environment, Incoming { producer, batch, .. }) =
+        decoding.inspect_err(|problem| telemetry::refused(problem.reason))?;
     let sequence = batch.sequence;
     let told = app.ingest.write(&environment, producer, batch).await?;
     Ok(axum::Json(grpc::receipt(sequence, told).into()))
@@ -67,6 +68,21 @@ pub async fn get_producer(
     let committed = app.ingest.committed(&environment, &grpc::producer(&producer)?).await?;
     let environment_uid = environment.uid.to_string();
     Ok(axum::Json(proto::GetProducerResponse { committed_sequence: committed.get(), environment_uid }.into()))
+}
+
+/// Finds out for whom a batch is and what is in it, before ingestion sees it.
+async fn decoded(
+    app: &App,
+    name: &str,
+    query: Query,
+    document: Document,
+) -> Result<(Arc<Environment>, Incoming), Problem> {
+    let environment = app.environments.find(name)?;
+    let schema = environment.schema.clone();
+    let Query(query) = query;
+    let incoming = aside(document.bytes.len(), move || decode(&schema, query, &document)).await??;
+    is_known_as(&environment, &incoming.environment_uid)?;
+    Ok((environment, incoming))
 }
 
 fn decode(schema: &Schema, query: json::Parameters, document: &Document) -> Result<Incoming, Problem> {

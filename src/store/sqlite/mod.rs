@@ -13,7 +13,7 @@ use sqlx::SqlitePool;
 use self::open::Closing;
 use self::writer::{Memory, Writer};
 use super::{
-    Audit, Cause, Cursor, FitRecord, Leftovers, ModelRecord, NewModel, Numbered, Outcome, Quotas, Scanned, Stage,
+    Audit, Cause, Cursor, FitRecord, Held, Leftovers, ModelRecord, NewModel, Numbered, Outcome, Quotas, Scanned, Stage,
     StateCounts, Store, StoreError, Totals,
 };
 use crate::domain::{
@@ -241,6 +241,14 @@ impl Store for SqliteStore {
 
     async fn bytes(&self) -> Result<u64, StoreError> {
         read::bytes(&self.path).await
+    }
+
+    async fn disk(&self) -> Result<[u64; 2], StoreError> {
+        read::disk(&self.path).await
+    }
+
+    async fn held(&self) -> Result<Vec<(EnvironmentId, Held)>, StoreError> {
+        read::held(&self.readers).await
     }
 
     async fn close(&self) {

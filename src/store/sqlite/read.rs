@@ -12,7 +12,8 @@ use super::error::{spoiled, unreadable};
 use super::packed::{self, packed_cells};
 use super::text;
 use crate::domain::{Counts, EnvironmentId, Label, ProducerId, SegmentId, Sequence, StateKey};
-use crate::store::{Cursor, Scanned, StateCounts, StoreError, Totals};
+use crate::store::{Cursor, Held, Scanned, StateCounts, StoreError, Totals};
+use crate::telemetry;
 
 /// Returns the counts of states: what is cached from memory, the rest by one statement.
 pub(super) async fn counts(
@@ -23,6 +24,7 @@ pub(super) async fn counts(
 ) -> Result<Vec<StateCounts>, StoreError> {
     let (mut found, epoch) = cache.get(id, keys);
     let missing: Vec<usize> = (0..keys.len()).filter(|at| found[*at].is_none()).collect();
+    telemetry::cached(keys.len() - missing.len(), missing.len());
     if !missing.is_empty() {
         let wanted: Vec<&StateKey> = missing.iter().map(|at| &keys[*at]).collect();
         let loaded = load(readers, id, &wanted).await?;
@@ -169,6 +171,43 @@ pub(super) async fn bytes(path: &Path) -> Result<u64, StoreError> {
     // A database that was just closed has none.
     let journal = tokio::fs::metadata(journal).await.map_or(0, |metadata| metadata.len());
     Ok(database + journal)
+}
+
+/// Returns the free bytes of the disk, as far as this process may use them, and all.
+pub(super) async fn disk(path: &Path) -> Result<[u64; 2], StoreError> {
+    let path = path.to_owned();
+    // A disk that does not answer must not hold up a thread that serves connections.
+    let asked = tokio::task::spawn_blocking(move || rustix::fs::statvfs(&path)).await.map_err(std::io::Error::from);
+    let disk = asked.map_err(unreadable)?.map_err(std::io::Error::from).map_err(unreadable)?;
+    Ok([disk.f_bavail, disk.f_blocks].map(|blocks| blocks * disk.f_frsize))
+}
+
+/// Returns what each environment holds.
+pub(super) async fn held(readers: &SqlitePool) -> Result<Vec<(EnvironmentId, Held)>, StoreError> {
+    let rows = sqlx::query(
+        "select environment, transitions, states, cells,
+             (select count(*) from segments where segments.environment = totals.environment),
+             (select count(*) from producers where producers.environment = totals.environment),
+             (select count(*) from models where models.environment = totals.environment),
+             (select count(distinct ego || '~' || other) from models
+                 where models.environment = totals.environment and activated is not null)
+         from totals order by environment",
+    )
+    .fetch_all(readers)
+    .await
+    .map_err(unreadable)?;
+    let held = |row: &SqliteRow| {
+        let [transitions, states, cells, segments, producers] = [1, 2, 3, 4, 5].map(|at| whole(row, at));
+        let totals = Totals {
+            transitions: transitions?,
+            states: states?,
+            cells: cells?,
+            segments: segments?,
+            producers: producers?,
+        };
+        Ok((EnvironmentId(row.try_get(0)?), Held { totals, models: whole(row, 6)?, active: whole(row, 7)? }))
+    };
+    rows.iter().map(held).collect::<Result<_, sqlx::Error>>().map_err(unreadable)
 }
 
 /// Reads a number that the tables keep from being negative.

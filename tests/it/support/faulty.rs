@@ -9,8 +9,8 @@ use nudge::domain::{
     UnreadableEnvironment, WrittenRule,
 };
 use nudge::store::{
-    Audit, Cause, Cursor, FitRecord, Leftovers, ModelRecord, NewModel, Numbered, Outcome, Quotas, Scanned, StateCounts,
-    Store, StoreError, Totals,
+    Audit, Cause, Cursor, FitRecord, Held, Leftovers, ModelRecord, NewModel, Numbered, Outcome, Quotas, Scanned,
+    StateCounts, Store, StoreError, Totals,
 };
 use tokio::sync::Notify;
 
@@ -174,6 +174,12 @@ impl Store for Faulty {
     }
     async fn bytes(&self) -> Result<u64, StoreError> {
         self.store.bytes().await
+    }
+    async fn disk(&self) -> Result<[u64; 2], StoreError> {
+        self.store.disk().await
+    }
+    async fn held(&self) -> Result<Vec<(EnvironmentId, Held)>, StoreError> {
+        self.store.held().await
     }
     async fn close(&self) {
         self.store.close().await;
