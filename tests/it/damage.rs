@@ -79,6 +79,35 @@ async fn an_audit_that_cannot_read_makes_the_environment_read_only() {
 }
 
 #[tokio::test]
+async fn an_audit_reads_the_rows_of_states_and_not_only_their_index() {
+    let (file, hurt, _) = prepared().await;
+    assert!(spoil(&file.path(), 13, "701000") > 0);
+    let store = file.open(Quotas::default()).await;
+    let audits = store.audit().await.expect("an audit of what can be read");
+    assert_eq!(audits.iter().map(|audit| audit.is_sound()).collect::<Vec<_>>(), [false, true], "{audits:?}");
+    let next = batch(hurt, "game", 2).cell(1, 1, tally(1, 1)).done();
+    assert_eq!(store.commit(&[next]).await.expect("a commit"), [read_only()]);
+}
+
+#[tokio::test]
+async fn an_audit_finds_cells_of_actions_and_segments_that_are_not_there() {
+    for change in ["joint = 1 << 40", "segment = 999"] {
+        let (file, hurt, sound) = prepared().await;
+        let mut raw = SqliteConnectOptions::new().filename(file.path()).connect().await.expect("a connection");
+        let text = format!("update cells set {change} where state = (select min(state) from cells)");
+        sqlx::query(sqlx::AssertSqlSafe(text)).execute(&mut raw).await.expect("changed");
+        raw.close().await.expect("closed");
+        let store = file.open(Quotas::default()).await;
+        let audits = store.audit().await.expect("an audit");
+        let why = audits[0].unreadable.as_ref().expect("found");
+        assert!(audits[1].is_sound() && why.starts_with("1 of its cells"), "{audits:?}");
+        let refused = batch(hurt, "game", 2).cell(1, 1, tally(1, 1)).done();
+        let taken = batch(sound, "game", 2).cell(1, 1, tally(1, 1)).done();
+        assert_eq!(store.commit(&[refused, taken.clone()]).await.expect("a commit"), [read_only(), applied(&taken)]);
+    }
+}
+
+#[tokio::test]
 async fn damage_that_a_commit_meets_is_its_environments_and_nobody_elses() {
     let (file, hurt, sound) = prepared().await;
     assert!(spoil(&file.path(), 10, "701000") > 0, "the index by which a commit finds its states");
