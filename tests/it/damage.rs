@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use nudge::domain::{EnvironmentId, WrittenRule};
-use nudge::store::{Options, Outcome, Quotas, Refusal, SqliteStore, Store, StoreError};
+use nudge::store::{Cursor, Options, Outcome, Quotas, Refusal, SqliteStore, Store, StoreError};
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 use serde_json::{Value, json};
@@ -98,6 +98,14 @@ async fn an_audit_finds_cells_of_actions_and_segments_that_are_not_there() {
         sqlx::query(sqlx::AssertSqlSafe(text)).execute(&mut raw).await.expect("changed");
         raw.close().await.expect("closed");
         let store = file.open(Quotas::default()).await;
+        let environment = store.environment("hurt").expect("there");
+        let met = [
+            store.counts(hurt, &[state(HURT.start)]).await.err(),
+            store.scan(hurt, Cursor::default(), 10).await.err(),
+            store.actions(&environment).await.err(),
+        ];
+        assert!(met.iter().all(|error| matches!(error, Some(StoreError::Damaged(_)))), "{change}: {met:?}");
+        assert_eq!(store.scan(sound, Cursor::default(), 100).await.expect("a page").len(), 49);
         let audits = store.audit().await.expect("an audit");
         let why = audits[0].unreadable.as_ref().expect("found");
         assert!(audits[1].is_sound() && why.starts_with("1 of its cells"), "{audits:?}");

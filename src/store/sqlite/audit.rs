@@ -60,7 +60,7 @@ async fn audit_one(readers: &SqlitePool, environment: &Environment) -> Result<Op
          where totals.environment = ?1",
     )
     .bind(environment.id.0)
-    .bind(joint_actions(environment))
+    .bind(environment.schema.joint_actions() as i64)
     .fetch_optional(readers)
     .await?;
     let read = |row: SqliteRow| {
@@ -86,11 +86,6 @@ async fn read_producers(readers: &SqlitePool, environment: &Environment) -> Resu
          where producers.environment = ?1";
     sqlx::query(text).bind(environment.id.0).fetch_one(readers).await?;
     Ok(())
-}
-
-/// Returns how many joint actions an environment has; at most 2^62.
-fn joint_actions(environment: &Environment) -> i64 {
-    environment.schema.agents().iter().map(|agent| agent.actions() as i64).product()
 }
 
 /// Damage can make a sum negative or larger than any number we tell.
