@@ -2,15 +2,12 @@
 
 use crate::domain::{Cell, Counts, SegmentId, Tally};
 
-/// The SQL of the packed cells of a state: lists of segments, joint actions, visits and entries, and whether
-/// the environment has all of the segments; null where there are no cells. Beside `states`.
+/// The SQL of the packed cells of a state: four lists, of segments, joint actions, visits and entries; null where there are no cells.
 macro_rules! packed_cells {
     ($state:literal) => {
         concat!(
             "(select group_concat(segment, ' ') || ';' || group_concat(joint, ' ') || ';' || group_concat(n, ' ')
-                  || ';' || group_concat(ifnull(entries, '-'), ' ') || ';' || min(exists (
-                      select 1 from segments where segments.id = cells.segment and segments.environment = states.environment
-                  ))
+                  || ';' || group_concat(ifnull(entries, '-'), ' ')
               from cells where cells.state = ",
             $state,
             ")"
@@ -20,14 +17,11 @@ macro_rules! packed_cells {
 
 pub(super) use packed_cells;
 
-/// Reads the counts of a state; `None` where the text is not what the SQL writes, or a cell is of a segment or a joint action that is not there.
+/// Reads the counts of a state; `None` where the text is not what the SQL writes, or a cell is of a joint action that is not there.
 pub(super) fn counts(text: &str, joint_actions: u64) -> Option<Counts> {
     let mut lists = text.split(';').map(|list| list.split(' '));
     let (segments, joints) = (lists.next()?, lists.next()?);
     let (visits, entries) = (lists.next()?, lists.next()?);
-    if !lists.next()?.eq(["1"]) {
-        return None;
-    }
     let cells = segments.zip(joints).zip(visits.zip(entries));
     cells
         .map(|((segment, joint), (n, entries))| cell(segment, joint, n, entries))
@@ -51,10 +45,10 @@ mod tests {
 
     #[test]
     fn lists_become_cells() {
-        let read = counts("7 7 8;3 900 3;1 2 9223372036854775807;1 - 0;1", 901).expect("what the SQL writes");
+        let read = counts("7 7 8;3 900 3;1 2 9223372036854775807;1 - 0", 901).expect("what the SQL writes");
         let told: Vec<_> = read.cells().iter().map(|c| (c.joint, c.segment.0, c.tally.n, c.tally.entries)).collect();
         assert_eq!(told, [(3, 7, 1, Some(1)), (3, 8, i64::MAX as u64, Some(0)), (900, 7, 2, None)]);
-        for spoiled in ["", "7;3;1", "7;3;1;1", "7;3;-1;1;1", "7;x;1;1;1", "7;3;1;;1", "7;3;1;1;0", "7;901;1;1;1"] {
+        for spoiled in ["", "7;3;1", "7;3;-1;1", "7;x;1;1", "7;3;1;", "7;901;1;1"] {
             assert_eq!(counts(spoiled, 901), None, "{spoiled:?}");
         }
     }
