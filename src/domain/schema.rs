@@ -104,6 +104,11 @@ impl Schema {
         self.0.action_kinds.len()
     }
 
+    /// Returns how many joint actions there are; at most 2^62.
+    pub fn joint_actions(&self) -> u64 {
+        self.agents().iter().map(Agent::actions).product()
+    }
+
     /// Returns the joint action of one value an action feature: mixed radix over all of them, the first most significant. `None` where a value has no
     /// bin.
     #[inline]

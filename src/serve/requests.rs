@@ -138,6 +138,14 @@ pub async fn note_code(request: Request, next: Next) -> Response {
     })
 }
 
+/// Notes the gRPC code of a request that is answered before it reaches gRPC.
+pub fn note(request: &Request, code: Code) {
+    if let Some(noted) = request.extensions().get::<Arc<Noted>>() {
+        // It is answered once.
+        let _ = noted.code.set(code);
+    }
+}
+
 impl Noted {
     /// Takes note of a code if there is one, and tells whether there was.
     fn read(&self, headers: &HeaderMap) -> bool {

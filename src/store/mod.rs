@@ -337,7 +337,7 @@ pub struct Audit {
     pub kept: [u64; 3],
     /// As summed over states and cells.
     pub found: [u64; 3],
-    /// Why they cannot be compared; the figures are 0 then.
+    /// Why they cannot be compared, where the figures are 0, or what else is wrong with the cells.
     pub unreadable: Option<String>,
 }
 

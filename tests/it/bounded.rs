@@ -205,7 +205,7 @@ async fn shared_results_tell_how_far_they_are_and_go_on() {
         let more = transitions(committed.expect("a number") + 1);
         assert_eq!(app.rest("POST", "/v1/environments/wide/transitions", Some(&more)).await.0, 200);
         let held = hold(gate).await;
-        let status = shared(&app, what, "400m").await.expect_err(what);
+        let status = shared(&app, what, "2S").await.expect_err(what);
         assert_eq!(
             (status.code(), reason(&status).as_str()),
             (Code::Unavailable, "STILL_WORKING"),

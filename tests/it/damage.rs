@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use nudge::domain::{EnvironmentId, WrittenRule};
-use nudge::store::{Options, Outcome, Quotas, Refusal, SqliteStore, Store, StoreError};
+use nudge::store::{Cursor, Options, Outcome, Quotas, Refusal, SqliteStore, Store, StoreError};
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 use serde_json::{Value, json};
@@ -76,6 +76,46 @@ async fn an_audit_that_cannot_read_makes_the_environment_read_only() {
     let more = batch(sound, "game", 2).cell(1, 1, tally(1, 1)).done();
     let refused = batch(hurt, "game", 2).cell(1, 1, tally(1, 1)).done();
     assert_eq!(store.commit(&[refused, more.clone()]).await.expect("a commit"), [read_only(), applied(&more)]);
+}
+
+#[tokio::test]
+async fn an_audit_reads_the_rows_of_states_and_not_only_their_index() {
+    let (file, hurt, _) = prepared().await;
+    assert!(spoil(&file.path(), 13, "701000") > 0);
+    let store = file.open(Quotas::default()).await;
+    let audits = store.audit().await.expect("an audit of what can be read");
+    assert_eq!(audits.iter().map(|audit| audit.is_sound()).collect::<Vec<_>>(), [false, true], "{audits:?}");
+    let next = batch(hurt, "game", 2).cell(1, 1, tally(1, 1)).done();
+    assert_eq!(store.commit(&[next]).await.expect("a commit"), [read_only()]);
+}
+
+#[tokio::test]
+async fn an_audit_finds_cells_of_actions_and_segments_that_are_not_there() {
+    for change in ["joint = 1 << 40", "segment = 999"] {
+        let (file, hurt, sound) = prepared().await;
+        let mut raw = SqliteConnectOptions::new().filename(file.path()).connect().await.expect("a connection");
+        let text = format!("update cells set {change} where state = (select min(state) from cells)");
+        sqlx::query(sqlx::AssertSqlSafe(text)).execute(&mut raw).await.expect("changed");
+        raw.close().await.expect("closed");
+        let store = file.open(Quotas::default()).await;
+        let environment = store.environment("hurt").expect("there");
+        let met = [
+            store.counts(hurt, &[state(HURT.start)]).await.err(),
+            store.scan(hurt, Cursor::default(), 10).await.err(),
+            store.actions(&environment).await.err(),
+        ];
+        // Nothing can be worked out with an action that nobody has; a segment without a name is told as one.
+        if change.starts_with("joint") {
+            assert!(met.iter().all(|error| matches!(error, Some(StoreError::Damaged(_)))), "{change}: {met:?}");
+        }
+        assert_eq!(store.scan(sound, Cursor::default(), 100).await.expect("a page").len(), 49);
+        let audits = store.audit().await.expect("an audit");
+        let why = audits[0].unreadable.as_ref().expect("found");
+        assert!(audits[1].is_sound() && why.starts_with("1 of its cells"), "{audits:?}");
+        let refused = batch(hurt, "game", 2).cell(1, 1, tally(1, 1)).done();
+        let taken = batch(sound, "game", 2).cell(1, 1, tally(1, 1)).done();
+        assert_eq!(store.commit(&[refused, taken.clone()]).await.expect("a commit"), [read_only(), applied(&taken)]);
+    }
 }
 
 #[tokio::test]

@@ -202,6 +202,51 @@ async fn a_database_that_is_moved_away_takes_nothing_until_it_is_back() {
     app.stop().await;
 }
 
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_journal_that_is_moved_away_takes_nothing_until_it_is_back() {
+    let app = TestApp::start().await;
+    app.lane().await;
+    assert_eq!(app.rest("POST", TRANSITIONS, Some(&batch(1))).await.0, 200);
+    let (journal, away) = (app.directory.path().join("nudge.db-wal"), app.directory.path().join("away"));
+    std::fs::rename(&journal, &away).expect("moved");
+    let (status, problem) = app.rest("POST", TRANSITIONS, Some(&batch(2))).await;
+    let expected = "nothing was counted: the database's file was moved away or replaced; send it again";
+    assert_eq!((status, &problem["detail"], &problem["cause"]), (503, &json!(expected), &json!("moved")));
+    let (status, told) = checked(&app).await;
+    assert!(status == 503 && told.contains("nudge.db-wal: No such file"), "at once: {status}, {told}");
+
+    for other in [true, false] {
+        if other {
+            std::fs::copy(&away, &journal).expect("another file of that name");
+        } else {
+            std::fs::remove_file(&journal).expect("removed");
+        }
+        let (status, problem) = app.rest("POST", TRANSITIONS, Some(&batch(2))).await;
+        assert_eq!((status, &problem["cause"]), (503, &json!("moved")));
+    }
+    std::fs::rename(&away, &journal).expect("moved back");
+    turned(&app, 200).await;
+    assert_eq!(app.rest("POST", TRANSITIONS, Some(&batch(2))).await.1["status"], "applied");
+    assert_eq!(visits(&app).await, 2_000);
+    app.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_journal_that_is_removed_is_not_ready_and_a_stop_keeps_what_it_had() {
+    let app = TestApp::start().await;
+    app.lane().await;
+    assert_eq!(app.rest("POST", TRANSITIONS, Some(&batch(1))).await.0, 200);
+    std::fs::remove_file(app.directory.path().join("nudge.db-wal")).expect("removed");
+    // Nobody commits: the service finds it out by itself.
+    let told = turned(&app, 503).await;
+    assert!(told.starts_with("the database's file was moved away or replaced ("), "{told}");
+    assert_eq!(app.rest("POST", TRANSITIONS, Some(&batch(2))).await.0, 503);
+    let app = app.restart().await;
+    assert_eq!(visits(&app).await, 1_000);
+    assert_eq!(app.rest("POST", TRANSITIONS, Some(&batch(2))).await.1["status"], "applied");
+    app.stop().await;
+}
+
 #[tokio::test]
 async fn a_database_that_another_program_keeps_locked_is_not_ready() {
     let app = TestApp::start().await;

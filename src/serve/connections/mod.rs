@@ -7,7 +7,7 @@
 //! ```
 //!
 //! hyper waits for ever for a first byte, for the rest of a preface, for a body and for a reader. Here the service and the bodies note what happens in the
-//! [`vitals`] of their connection, and its task looks at them now and then. There is nothing about any path here but which ones stream.
+//! `vitals` of their connection, and its task looks at them now and then. There is nothing about any path here but which ones stream.
 
 use std::sync::Arc;
 use std::time::Duration;

@@ -8,6 +8,7 @@ use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use http::{StatusCode, header};
 
+use crate::serve::requests;
 use crate::serve::status::{self, Failure};
 
 /// How a face tells a failure of the request of that path.
@@ -18,7 +19,9 @@ pub async fn unknown_path(request: Request) -> Response {
     let media = request.headers().get(header::CONTENT_TYPE);
     match media.filter(|media| media.as_bytes().starts_with(b"application/grpc")) {
         Some(media) => {
-            ([(header::CONTENT_TYPE, media.clone())], status::unknown_call().into_http::<Body>()).into_response()
+            let refused = status::unknown_call();
+            requests::note(&request, refused.code());
+            ([(header::CONTENT_TYPE, media.clone())], refused.into_http::<Body>()).into_response()
         }
         None => Failure::of_http(StatusCode::NOT_FOUND).into_response(),
     }

@@ -100,7 +100,7 @@ async fn load(
 
     let mut totals = ActionTotals::new(&environment.schema);
     while let Some(row) = next {
-        add(&mut totals, counts_of(&row, 1)?.cells())?;
+        add(&mut totals, counts_of(&row, 1, environment)?.cells())?;
         // Rows that have arrived do not wait, and others shall have their turn.
         tokio::task::consume_budget().await;
         next = rows.try_next().await.map_err(unreadable)?;

@@ -1,4 +1,5 @@
-//! Compares the totals that every commit kept with what the cells add up to. SQLite's own check passes a flipped bit in a count.
+//! Compares the totals that every commit kept with what the cells add up to, and reads every row that a commit may meet. SQLite's own check passes a
+//! flipped bit in a count, and a cell of an action or a segment that its environment does not have.
 
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, SqlitePool};
@@ -37,20 +38,29 @@ async fn audit_patiently(readers: &SqlitePool, environment: &Environment) -> Res
     }
 }
 
-/// One statement, so that totals and cells are of the same moment. Visits are summed in two halves: a damaged one could overflow the sum.
+/// One statement, so that totals and cells are of the same moment. Visits are summed in two halves: a damaged one could overflow the sum. States are
+/// found by their index, and each is looked up in its table too, which nothing else would read.
 async fn audit_one(readers: &SqlitePool, environment: &Environment) -> Result<Option<Audit>, Cause> {
+    read_producers(readers, environment).await?;
     let row = sqlx::query(
         "select totals.transitions, totals.states, totals.cells, found.high, found.low,
-             (select count(*) from states where environment = ?1), found.cells
+             (select count(*) from states cross join states as stored not indexed on stored.id = states.id
+                 where states.environment = ?1 and stored.environment = ?1 and stored.key = states.key),
+             found.cells, found.strays
          from totals cross join (
              select count(*) as cells,
-                 coalesce(sum(cells.n >> 32), 0) as high, coalesce(sum(cells.n & 0xffffffff), 0) as low
+                 coalesce(sum(cells.n >> 32), 0) as high, coalesce(sum(cells.n & 0xffffffff), 0) as low,
+                 coalesce(sum(not (
+                     cells.joint between 0 and ?2 - 1 and coalesce(cells.entries between 0 and cells.n, 1)
+                     and exists (select 1 from segments where segments.id = cells.segment and segments.environment = ?1)
+                 )), 0) as strays
              from states cross join cells on cells.state = states.id
              where states.environment = ?1
          ) as found
          where totals.environment = ?1",
     )
     .bind(environment.id.0)
+    .bind(environment.schema.joint_actions() as i64)
     .fetch_optional(readers)
     .await?;
     let read = |row: SqliteRow| {
@@ -59,9 +69,23 @@ async fn audit_one(readers: &SqlitePool, environment: &Environment) -> Result<Op
         let kept = [number(0)?, number(1)?, number(2)?];
         let found = [transitions, number(5)?, number(6)?];
         let environment = environment.name.clone();
-        Ok::<_, sqlx::Error>(Audit { environment, kept: told(kept), found: told(found), unreadable: None })
+        let strays = number(7)?;
+        let told_strays = format!("{strays} of its cells are of an action or a segment that it does not have");
+        let unreadable = (strays > 0 && kept == found).then_some(told_strays);
+        Ok::<_, sqlx::Error>(Audit { environment, kept: told(kept), found: told(found), unreadable })
     };
     Ok(row.map(read).transpose()?)
+}
+
+/// Reads every producer and receipt to its end.
+async fn read_producers(readers: &SqlitePool, environment: &Environment) -> Result<(), Cause> {
+    let text =
+        "select total(length(stored.name) + stored.sequence), total(length(batches.digest) + length(batches.receipt))
+         from producers cross join producers as stored not indexed on stored.id = producers.id
+         left join batches on batches.producer = producers.id
+         where producers.environment = ?1";
+    sqlx::query(text).bind(environment.id.0).fetch_one(readers).await?;
+    Ok(())
 }
 
 /// Damage can make a sum negative or larger than any number we tell.

@@ -52,6 +52,16 @@ impl Identity {
         Ok(Self { path: path.to_owned(), inode: inode(&found) })
     }
 
+    /// Returns the journal of a database that is open: SQLite keeps it beside the file itself, wherever a link to it stands.
+    pub(super) fn of_journal(database: &Path) -> Result<Self, String> {
+        let real = database.canonicalize().map_err(|error| format!("{}: {error}", database.display()))?;
+        let mut path = real.into_os_string();
+        path.push("-wal");
+        let path = PathBuf::from(path);
+        let found = std::fs::metadata(&path).map_err(|error| format!("{}: {error}", path.display()))?;
+        Ok(Self { path, inode: inode(&found) })
+    }
+
     /// Returns the name.
     pub(super) fn path(&self) -> &Path {
         &self.path

@@ -89,6 +89,10 @@ impl SqliteStore {
         if self.memory.directory.has(id) { Ok(()) } else { Err(StoreError::UnknownEnvironment) }
     }
 
+    fn known(&self, id: EnvironmentId) -> Result<Arc<Environment>, StoreError> {
+        self.memory.directory.of_id(id).ok_or(StoreError::UnknownEnvironment)
+    }
+
     /// Opens the database of that file to look at it: changes nothing, takes no lock, and may be done while a service has it open. Calls that would write
     /// fail.
     pub async fn inspect(path: &Path, options: Options) -> Result<Self, StoreError> {
@@ -162,11 +166,13 @@ impl Store for SqliteStore {
     }
 
     async fn counts(&self, id: EnvironmentId, keys: &[StateKey]) -> Result<Vec<StateCounts>, StoreError> {
-        self.noted(Some(id), read::counts(&self.readers, &self.memory.cache, id, keys).await)
+        let environment = self.known(id)?;
+        self.noted(Some(id), read::counts(&self.readers, &self.memory.cache, &environment, keys).await)
     }
 
     async fn scan(&self, id: EnvironmentId, after: Cursor, states: u32) -> Result<Vec<Scanned>, StoreError> {
-        let page = self.noted(Some(id), read::scan(&self.readers, id, after, states).await)?;
+        let environment = self.known(id)?;
+        let page = self.noted(Some(id), read::scan(&self.readers, &environment, after, states).await)?;
         self.present(id).map(|()| page)
     }
 

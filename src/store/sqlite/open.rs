@@ -46,6 +46,7 @@ pub(super) async fn open(path: &Path, options: Options, stage: &Stage) -> Result
     let _ = writer.prove().await;
     let closing = Closing::default();
     let readers = readers(lock.identity(), &closing).await.map_err(|error| opening(path, &error))?;
+    writer.share().await;
     let lock = Mutex::new(Some(lock));
     Ok(SqliteStore { path: path.to_owned(), quotas: options.quotas, memory, writer, readers, closing, lock })
 }

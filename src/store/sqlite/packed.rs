@@ -17,14 +17,15 @@ macro_rules! packed_cells {
 
 pub(super) use packed_cells;
 
-/// Reads the counts of a state; `None` where the text is not what the SQL writes.
-pub(super) fn counts(text: &str) -> Option<Counts> {
+/// Reads the counts of a state; `None` where the text is not what the SQL writes, or a cell is of a joint action that is not there.
+pub(super) fn counts(text: &str, joint_actions: u64) -> Option<Counts> {
     let mut lists = text.split(';').map(|list| list.split(' '));
     let (segments, joints) = (lists.next()?, lists.next()?);
     let (visits, entries) = (lists.next()?, lists.next()?);
     let cells = segments.zip(joints).zip(visits.zip(entries));
     cells
         .map(|((segment, joint), (n, entries))| cell(segment, joint, n, entries))
+        .map(|cell| cell.filter(|cell| cell.joint < joint_actions))
         .collect::<Option<_>>()
         .map(Counts::new)
 }
@@ -44,11 +45,11 @@ mod tests {
 
     #[test]
     fn lists_become_cells() {
-        let read = counts("7 7 8;3 900 3;1 2 9223372036854775807;1 - 0").expect("what the SQL writes");
+        let read = counts("7 7 8;3 900 3;1 2 9223372036854775807;1 - 0", 901).expect("what the SQL writes");
         let told: Vec<_> = read.cells().iter().map(|c| (c.joint, c.segment.0, c.tally.n, c.tally.entries)).collect();
         assert_eq!(told, [(3, 7, 1, Some(1)), (3, 8, i64::MAX as u64, Some(0)), (900, 7, 2, None)]);
-        for spoiled in ["", "7;3;1", "7;3;-1;1", "7;x;1;1", "7;3;1;"] {
-            assert_eq!(counts(spoiled), None, "{spoiled:?}");
+        for spoiled in ["", "7;3;1", "7;3;-1;1", "7;x;1;1", "7;3;1;", "7;901;1;1"] {
+            assert_eq!(counts(spoiled, 901), None, "{spoiled:?}");
         }
     }
 }

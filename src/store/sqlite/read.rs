@@ -11,7 +11,7 @@ use super::cache::{CountsCache, Epoch};
 use super::error::{spoiled, unreadable};
 use super::packed::{self, packed_cells};
 use super::text;
-use crate::domain::{Counts, EnvironmentId, Label, ProducerId, SegmentId, Sequence, StateKey};
+use crate::domain::{Counts, Environment, EnvironmentId, Label, ProducerId, SegmentId, Sequence, StateKey};
 use crate::store::{Cursor, Held, Scanned, StateCounts, StoreError, Totals};
 use crate::telemetry;
 
@@ -19,15 +19,16 @@ use crate::telemetry;
 pub(super) async fn counts(
     readers: &SqlitePool,
     cache: &CountsCache,
-    id: EnvironmentId,
+    environment: &Environment,
     keys: &[StateKey],
 ) -> Result<Vec<StateCounts>, StoreError> {
+    let id = environment.id;
     let (mut found, epoch) = cache.get(id, keys);
     let missing: Vec<usize> = (0..keys.len()).filter(|at| found[*at].is_none()).collect();
     telemetry::cached(keys.len() - missing.len(), missing.len());
     if !missing.is_empty() {
         let wanted: Vec<&StateKey> = missing.iter().map(|at| &keys[*at]).collect();
-        let loaded = load(readers, id, &wanted).await?;
+        let loaded = load(readers, environment, &wanted).await?;
         remember(cache, id, epoch, &wanted, &loaded);
         missing.into_iter().zip(loaded).for_each(|(at, counts)| found[at] = Some(counts));
     }
@@ -41,7 +42,11 @@ fn remember(cache: &CountsCache, id: EnvironmentId, epoch: Epoch, keys: &[&State
 }
 
 /// Loads states with the environment's revision, from one snapshot.
-async fn load(readers: &SqlitePool, id: EnvironmentId, keys: &[&StateKey]) -> Result<Vec<StateCounts>, StoreError> {
+async fn load(
+    readers: &SqlitePool,
+    environment: &Environment,
+    keys: &[&StateKey],
+) -> Result<Vec<StateCounts>, StoreError> {
     let text = concat!(
         "select wanted.key, totals.transitions, ",
         packed_cells!("states.id"),
@@ -49,14 +54,14 @@ async fn load(readers: &SqlitePool, id: EnvironmentId, keys: &[&StateKey]) -> Re
          left join states on states.environment = ?1 and states.key = wanted.value
          where totals.environment = ?1"
     );
-    let query = sqlx::query(text).bind(id.0).bind(text::of_list(keys));
+    let query = sqlx::query(text).bind(environment.id.0).bind(text::of_list(keys));
     let mut loaded: Vec<Option<StateCounts>> = vec![None; keys.len()];
     // As they come: the rows of thousands of states together would be larger than their counts.
     let mut rows = query.fetch(readers);
     while let Some(row) = rows.try_next().await.map_err(unreadable)? {
         let at = whole(&row, 0).map_err(unreadable)? as usize;
         let revision = whole(&row, 1).map_err(unreadable)?;
-        loaded[at] = Some(StateCounts { counts: Arc::new(counts_of(&row, 2)?), revision });
+        loaded[at] = Some(StateCounts { counts: Arc::new(counts_of(&row, 2, environment)?), revision });
     }
     loaded.into_iter().collect::<Option<_>>().ok_or(StoreError::UnknownEnvironment)
 }
@@ -64,7 +69,7 @@ async fn load(readers: &SqlitePool, id: EnvironmentId, keys: &[&StateKey]) -> Re
 /// Returns the next states after a cursor, in order of their ids.
 pub(super) async fn scan(
     readers: &SqlitePool,
-    id: EnvironmentId,
+    environment: &Environment,
     after: Cursor,
     states: u32,
 ) -> Result<Vec<Scanned>, StoreError> {
@@ -74,28 +79,30 @@ pub(super) async fn scan(
         packed_cells!("states.id"),
         " from states not indexed where environment = ? and id > ? order by id limit ?"
     );
-    let mut rows = sqlx::query(text).bind(id.0).bind(after.0).bind(states).fetch(readers);
+    let mut rows = sqlx::query(text).bind(environment.id.0).bind(after.0).bind(states).fetch(readers);
     let mut page = Vec::new();
     while let Some(row) = rows.try_next().await.map_err(unreadable)? {
-        page.push(scanned(&row)?);
+        page.push(scanned(&row, environment)?);
     }
     Ok(page)
 }
 
-fn scanned(row: &SqliteRow) -> Result<Scanned, StoreError> {
+fn scanned(row: &SqliteRow, environment: &Environment) -> Result<Scanned, StoreError> {
     let key: &str = row.try_get(1).map_err(unreadable)?;
     Ok(Scanned {
         cursor: Cursor(row.try_get(0).map_err(unreadable)?),
         key: StateKey::from_stored(key).ok_or_else(|| spoiled(&format!("state {key:?}")))?,
-        counts: counts_of(row, 2)?,
+        counts: counts_of(row, 2, environment)?,
     })
 }
 
 /// Reads packed cells; a state without any has none.
-pub(super) fn counts_of(row: &SqliteRow, at: usize) -> Result<Counts, StoreError> {
+pub(super) fn counts_of(row: &SqliteRow, at: usize, environment: &Environment) -> Result<Counts, StoreError> {
     match row.try_get::<Option<&str>, _>(at).map_err(unreadable)? {
         None => Ok(Counts::default()),
-        Some(text) => packed::counts(text).ok_or_else(|| spoiled("a state's counts")),
+        Some(text) => {
+            packed::counts(text, environment.schema.joint_actions()).ok_or_else(|| spoiled("a state's counts"))
+        }
     }
 }
 

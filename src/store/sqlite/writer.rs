@@ -75,6 +75,9 @@ const ROOM: usize = 4 << 20;
 #[derive(Default)]
 struct Place {
     connection: Option<SqliteConnection>,
+    /// The journal that the connection writes, which is lost with the process once it has no name. SQLite makes another one only after every
+    /// connection was closed: a new connection that finds another beside those that are open would mix the two.
+    journal: Option<Identity>,
     known: Known,
     closed: bool,
     /// Whether a connection was dropped, which goes on closing for a while.
@@ -86,7 +89,30 @@ pub(super) struct Transaction<'a> {
     place: MutexGuard<'a, Place>,
     connection: Option<SqliteConnection>,
     memory: &'a Memory,
+    file: &'a Identity,
     health: &'a Health,
+}
+
+impl Place {
+    /// Fails where the database or its journal is not the file at its path.
+    fn check(&self, file: &Identity) -> Result<(), Cause> {
+        let found = file.check().and_then(|()| self.journal.as_ref().map_or(Ok(()), Identity::check));
+        found.map_err(moved)
+    }
+
+    /// Remembers the journal that a new connection has just opened. Only a journal of another kind than ours has no file.
+    async fn remember_journal(&mut self, file: &Identity, connection: &mut SqliteConnection) -> Result<(), StoreError> {
+        let mode: String = sqlx::query_scalar("pragma journal_mode").fetch_one(connection).await.map_err(aborted)?;
+        if self.journal.is_none() && mode == "wal" {
+            self.journal = Some(Identity::of_journal(file.path()).map_err(|why| aborted(moved(why)))?);
+        }
+        // It was there before the connection opened it, and is now: so it is what was opened.
+        self.check(file).map_err(aborted)
+    }
+}
+
+fn moved(why: String) -> Cause {
+    Cause::new(Trouble::Moved, why)
 }
 
 impl Writer {
@@ -146,11 +172,27 @@ impl Writer {
         let mut aside = self.aside.lock().await;
         let mut connection = match aside.take() {
             Some(connection) => connection,
-            None => self.options.connect().await?,
+            None => self.connect_aside().await?,
         };
         sqlx::query("pragma wal_checkpoint(passive)").execute(&mut connection).await?;
         *aside = Some(connection);
         Ok(())
+    }
+
+    /// Connects where the journal is ours: another one would be moved into the database by the index of ours.
+    async fn connect_aside(&self) -> Result<SqliteConnection, sqlx::Error> {
+        let place = self.place.lock().await;
+        place.check(&self.file).map_err(|cause| sqlx::Error::Protocol(cause.to_string()))?;
+        self.options.connect().await
+    }
+
+    /// Lets the next connection bring its journal where the last one was dropped, which may have taken its own along: SQLite deletes it with the last
+    /// connection. To be called when the readers connect, after which none is the last.
+    pub(super) async fn share(&self) {
+        let mut place = self.place.lock().await;
+        if place.connection.is_none() {
+            place.journal = None;
+        }
     }
 
     /// Moves the journal into the database and closes the connections for ever.
@@ -179,18 +221,20 @@ impl Writer {
     }
 
     async fn try_to_begin<'a>(&'a self, mut place: MutexGuard<'a, Place>) -> Result<Transaction<'a>, StoreError> {
+        // What would be acknowledged into a file without a name would be lost with the process, and a new connection would open another file. The one
+        // that is kept is still right when the file is back, and moves its journal into the database if the service is stopped before.
+        place.check(&self.file).map_err(aborted)?;
         let kept = place.connection.take();
         let is_new = kept.is_none();
-        // What would be acknowledged into a file without a name would be lost with the process, and a new connection would open another file.
-        self.file.check().map_err(|why| aborted(Cause::new(Trouble::Moved, why)))?;
         let connection = match kept {
             Some(connection) => connection,
             None => self.options.connect().await.map_err(aborted)?,
         };
-        let health = &self.health;
-        let mut transaction = Transaction { place, connection: Some(connection), memory: &self.memory, health };
+        let (file, health) = (&self.file, &self.health);
+        let mut transaction = Transaction { place, connection: Some(connection), memory: &self.memory, file, health };
         sqlx::query("begin immediate").execute(transaction.connection()).await.map_err(aborted)?;
         if is_new {
+            transaction.remember_journal().await?;
             let all = environments::load(transaction.connection()).await?;
             let gone = removal::gone(transaction.connection()).await.map_err(aborted)?;
             self.memory.directory.replace(all);
@@ -222,14 +266,25 @@ impl Transaction<'_> {
         (connection, &mut self.place.known)
     }
 
+    async fn remember_journal(&mut self) -> Result<(), StoreError> {
+        let connection = self.connection.as_mut().expect("it is taken only when the transaction ends");
+        self.place.remember_journal(self.file, connection).await
+    }
+
     /// Commits, and lets `remember` bring memory up to date before anybody else can begin.
     pub(super) async fn commit(mut self, remember: impl FnOnce(&Memory, &mut Known)) -> Result<(), StoreError> {
         let committed = sqlx::query("commit").execute(self.connection()).await.map_err(uncommitted);
         committed.inspect_err(|error| self.health.heed(error))?;
-        self.health.succeeded(Instant::now());
         remember(self.memory, &mut self.place.known);
         self.place.connection = self.connection.take();
-        Ok(())
+
+        // For this process it is committed. Whether the next one finds it, only the file that was written knows.
+        let kept = self.place.check(self.file).map_err(StoreError::OutcomeUnknown);
+        match &kept {
+            Ok(()) => self.health.succeeded(Instant::now()),
+            Err(error) => self.health.heed(error),
+        }
+        kept
     }
 
     /// Ends a transaction that wrote nothing.

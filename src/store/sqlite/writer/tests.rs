@@ -76,3 +76,35 @@ async fn a_dropped_transaction_leaves_nothing_behind() {
     writer.close().await.expect("closed");
     assert!(writer.begin().await.is_err(), "no call may follow");
 }
+
+#[tokio::test]
+async fn a_journal_that_vanishes_before_the_commit_is_told_makes_it_uncertain() {
+    let directory = tempfile::tempdir().expect("a directory");
+    let made = prepared(&directory).await;
+    let options = made.options.clone().journal_mode(sqlx::sqlite::SqliteJournalMode::Wal);
+    let writer = Writer { options: options.clone(), ..made };
+    let (journal, away) = (directory.path().join("test.db-wal"), directory.path().join("away"));
+    let mut transaction = writer.begin().await.expect("a transaction");
+    execute(&mut transaction, "insert into parents values (7); insert into children values (7)").await;
+    std::fs::rename(&journal, &away).expect("moved");
+    let told = transaction.commit(|_, _| ()).await;
+    let is_moved = |cause: &Cause| cause.trouble == Trouble::Moved;
+    assert!(matches!(&told, Err(StoreError::OutcomeUnknown(cause)) if is_moved(cause)), "{told:?}");
+    assert!(writer.health.ready(Instant::now()).is_err_and(|cause| is_moved(&cause)));
+    let refused = writer.begin().await.err();
+    assert!(matches!(&refused, Some(StoreError::Aborted(cause)) if is_moved(cause)), "{refused:?}");
+    assert!(writer.checkpoint().await.is_err(), "a new connection would make another journal");
+    assert!(!journal.exists());
+
+    std::fs::rename(&away, &journal).expect("moved back");
+    assert_eq!(children(&writer).await, 1);
+    // A new connection beside one that is open has the same journal, or none.
+    let mut other = options.connect().await.expect("a connection");
+    sqlx::query("select * from children").execute(&mut other).await.expect("read");
+    drop(writer.begin().await.expect("a transaction"));
+    std::fs::rename(&journal, &away).expect("moved");
+    assert!(writer.begin().await.is_err());
+    std::fs::rename(&away, &journal).expect("moved back");
+    assert_eq!(children(&writer).await, 1);
+    other.close().await.expect("closed");
+}
