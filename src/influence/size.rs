@@ -38,7 +38,7 @@ pub fn check_informed(plan: &Plan, question: &Question) -> Result<(), Problem> {
     fits(actions_bytes(&plan.environment.schema, question, each), question.view)
 }
 
-/// Refuses a page of states, or the actions to try in them, that a message cannot hold.
+/// Refuses the actions to try in so many states, where a message cannot hold them.
 pub fn check_states<'a>(schema: &Schema, keys: impl Iterator<Item = &'a StateKey>) -> Result<(), Problem> {
     fits(keys.map(|key| state_bytes(schema, key)).sum(), View::Verdict)
 }
