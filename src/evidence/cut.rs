@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use super::increments::add;
-use super::likelihood::{Likelihood, columns};
+use super::likelihood::{Likelihood, by_part, columns};
 use super::parameters::{
     APART, AROUND, CUT, FIXED, HABITS, NULLS, OWN_GRID, OWN_SLABS, Parameters, SLABS, SideParameters,
 };
@@ -116,7 +116,7 @@ impl Cut {
         }
         let total: f64 = one.iter().map(|(beyond, _)| beyond).sum();
         several.iter_mut().for_each(|part| part.ln_share -= total.ln());
-        let around = if is_whole { likelihood.around(parts) } else { [0.0; AROUND] };
+        let around = if is_whole { likelihood.around(by_part(parts)) } else { [0.0; AROUND] };
         Self {
             null,
             around,

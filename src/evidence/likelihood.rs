@@ -141,9 +141,8 @@ impl Likelihood {
     }
 
     /// Returns how much likelier parts are, each with habits of its own around those of all together, than with the same: the evidence of slabs on the
-    /// marginal of the table of parts and letters.
-    pub fn around<'a>(&self, parts: impl Iterator<Item = &'a Table>) -> [f64; AROUND] {
-        let cells = (0..).zip(parts).flat_map(|(at, part)| columns(part).map(move |(label, n)| (at, label, n)));
+    /// marginal of the table of parts and letters, by its cells.
+    pub fn around(&self, cells: impl Iterator<Item = (u64, u64, u64)>) -> [f64; AROUND] {
         let table = Table::from_counts(cells);
         if table.is_line() {
             return [0.0; AROUND];
@@ -281,12 +280,20 @@ fn marginal_volume(table: &Table, anchor: Option<usize>) -> [f64; OWN_GRID] {
     const HALF_SEEN: f64 = 4.0;
     let seen = table.columns().iter().map(|c| *c as f64 / (*c as f64 + HALF_SEEN));
     let free = (seen.sum::<f64>() - 1.0).max(0.0);
+    if free == 0.0 {
+        return [0.0; OWN_GRID];
+    }
     let mut effective = [anchor.map_or(0.0, |row| table.rows()[row] as f64); OWN_GRID];
     for (_, r) in table.rows().iter().enumerate().filter(|(row, _)| Some(*row) != anchor) {
         let r = *r as f64;
         effective.iter_mut().zip(OWN_CONCENTRATIONS).for_each(|(sum, k)| *sum += r * (k + 1.0) / (k + r));
     }
     effective.map(|effective| 0.5 * free * (table.total() as f64 / effective).ln())
+}
+
+/// Returns the cells of the table of parts and letters.
+pub(super) fn by_part<'a>(parts: impl Iterator<Item = &'a Table>) -> impl Iterator<Item = (u64, u64, u64)> {
+    (0..).zip(parts).flat_map(|(at, part)| columns(part).map(move |(label, n)| (at, label, n)))
 }
 
 /// Returns the label and the count of each occupied column.

@@ -82,6 +82,7 @@ mod increments;
 mod likelihood;
 mod moments;
 mod parameters;
+mod parts;
 mod posterior;
 mod predicted;
 mod prior;
@@ -89,6 +90,7 @@ mod segments;
 mod side;
 mod state;
 mod weights;
+mod within;
 
 pub use base::Base;
 pub use by_action::{ActionPosterior, Ego};

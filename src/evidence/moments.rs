@@ -129,10 +129,10 @@ pub(super) struct Policy<'a> {
 }
 
 impl<'a> Policy<'a> {
-    /// Returns the policy behind these counts of rows; `habit` is the fitted concentration. Without one it is half a visit for each action in use.
-    pub fn new(table: &Table, usage: &'a Usage, habit: Option<f64>) -> Self {
+    /// Returns the policy behind so many visits; `habit` is the fitted concentration. Without one it is half a visit for each action in use.
+    pub fn new(visits: u64, usage: &'a Usage, habit: Option<f64>) -> Self {
         let concentration = habit.unwrap_or(0.5 * usage.used as f64);
-        Self { usage, concentration, weight: table.total() as f64 + concentration }
+        Self { usage, concentration, weight: visits as f64 + concentration }
     }
 
     /// Returns p of the row of a label with r visits.

@@ -63,7 +63,8 @@ impl Prior {
         policies: &[Vec<f64>; 2],
     ) -> [Vec<f64>; 2] {
         [0, 1].map(|side| {
-            self.sides[side].responses(&weights.slabs[side], &reading[side], &deviants[side], &policies[side])
+            let rows: Vec<(usize, f64)> = (0..policies[side].len()).map(|label| (label, 1.0)).collect();
+            self.sides[side].responses(&weights.slabs[side], &reading[side], &deviants[side], &rows)
         })
     }
 
@@ -82,7 +83,8 @@ impl Prior {
         let cell = |at: usize| {
             let (driver, responder) = (at / responders, at % responders);
             let independent = policies[side][driver] * shared[responder];
-            let dependent = own[at] + other[responder * drivers + driver];
+            let responding = policies[1 - side][responder] * other[responder * drivers + driver];
+            let dependent = policies[side][driver] * own[at] + responding;
             (1.0 - p_dependent) * independent + p_dependent * dependent
         };
         (0..drivers * responders).map(cell).collect()
@@ -153,27 +155,26 @@ impl Side {
         shared
     }
 
-    /// Returns sum_k w_k p_i rho_ij of these slabs, rows first.
-    pub fn responses(&self, slabs: &[f64], table: &Table, deviants: &Deviants, policy: &[f64]) -> Vec<f64> {
-        let mut rows: Vec<Share> = (0..policy.len()).map(|label| Share::of(table.row_sum(label as u64))).collect();
-        let mut joint = vec![0.0; policy.len() * self.letters()];
+    /// Returns sum_k w_k rho_ij of these slabs for rows i of these labels, each of which stands for so many rows that answer alike; rows first.
+    pub fn responses(&self, slabs: &[f64], table: &Table, deviants: &Deviants, rows: &[(usize, f64)]) -> Vec<f64> {
+        let mut rows: Vec<Share> = rows.iter().map(|(label, times)| Share::of(table, *label, *times)).collect();
+        let mut responses = vec![0.0; rows.len() * self.letters()];
         for (slab, weight) in slabs.iter().enumerate().filter(|(_, weight)| **weight > NEGLIGIBLE) {
             match slab.checked_sub(DEVIANT_SLABS.start) {
-                Some(deviant) => self.add_deviants(deviant, *weight, table, deviants, &mut rows, &mut joint),
+                Some(deviant) => self.add_deviants(deviant, *weight, table, deviants, &mut rows, &mut responses),
                 None => rows.iter_mut().for_each(|row| row.add(concentration(slab), base_of(slab), *weight)),
             }
         }
 
         let marginal = self.marginal(table);
         let bases = [self.likelihood.base.shares(), &vec![1.0 / self.letters() as f64; self.letters()], &marginal];
-        for (label, (row, cells)) in rows.iter().zip(joint.chunks_mut(self.letters())).enumerate() {
+        for (row, cells) in rows.iter().zip(responses.chunks_mut(self.letters())) {
             for (share, base) in row.bases.iter().zip(bases) {
                 cells.iter_mut().zip(base).for_each(|(sum, m)| *sum += share * m);
             }
-            add_row(cells, table, label, row.visits);
-            cells.iter_mut().for_each(|sum| *sum *= policy[label]);
+            add_row(cells, table, row.label, row.visits);
         }
-        joint
+        responses
     }
 
     /// A row that deviates answers by itself, all others as they do together.
@@ -184,24 +185,24 @@ impl Side {
         table: &Table,
         deviants: &Deviants,
         rows: &mut [Share],
-        joint: &mut [f64],
+        responses: &mut [f64],
     ) {
         let (k, letters) = (DEVIANT_CONCENTRATIONS[deviant % DEVIANT_GRID], self.letters());
         let (deviating, counts) = (deviants.probable(deviant), self.smoothed(table));
         let mut together = vec![0.0; letters];
-        for (label, (row, cells)) in rows.iter_mut().zip(joint.chunks_mut(letters)).enumerate() {
-            let own = deviating.of(table, label);
+        for (row, cells) in rows.iter_mut().zip(responses.chunks_mut(letters)) {
+            let own = deviating.of(table, row.label);
             row.add(k, deviant / DEVIANT_GRID, weight * own);
             // What the others answer where this one deviates.
             let mut rest = counts.clone();
-            add_row(&mut rest, table, label, -1.0);
+            add_row(&mut rest, table, row.label, -1.0);
             let scale = weight * own / ((table.total() - row.r) as f64 + 1.0);
             for ((sum, cell), count) in together.iter_mut().zip(cells).zip(rest) {
-                *sum += scale * count;
+                *sum += row.times * scale * count;
                 *cell -= scale * count;
             }
         }
-        for cells in joint.chunks_mut(letters) {
+        for cells in responses.chunks_mut(letters) {
             cells.iter_mut().zip(&together).for_each(|(cell, shared)| *cell += shared);
         }
     }
@@ -209,14 +210,17 @@ impl Side {
 
 /// What a row's response is made of, over the slabs: of its visits, each counting as much, and of each base.
 struct Share {
+    label: usize,
+    /// How many rows it stands for.
+    times: f64,
     r: u64,
     visits: f64,
     bases: [f64; 3],
 }
 
 impl Share {
-    fn of(r: u64) -> Self {
-        Self { r, visits: 0.0, bases: [0.0; 3] }
+    fn of(table: &Table, label: usize, times: f64) -> Self {
+        Self { label, times, r: table.row_sum(label as u64), visits: 0.0, bases: [0.0; 3] }
     }
 
     /// Adds the mean response (n_j + k m_j) / (r + k) of a slab of that weight.

@@ -11,8 +11,8 @@ use super::habits::Habits;
 use super::likelihood::Likelihood;
 use super::moments::{Moments, Slice};
 use super::parameters::SLABS;
+use super::parts::Parts;
 use super::posterior::Posterior;
-use super::segments::readings_of_parts;
 use super::side::Side;
 use super::weights::{Segments, Weights, normalise};
 use crate::information::{Alphabet, Table};
@@ -43,14 +43,14 @@ pub(super) struct Readings<'a> {
     /// Those that were visited, or one that was not.
     pub wholes: Vec<Reading<'a>>,
     /// Their parts by segment, if there are several segments.
-    pub parts: Vec<Reading<'a>>,
+    pub parts: Parts<'a>,
 }
 
 impl<'a> Readings<'a> {
     pub fn new(Counted { slices, parts }: Counted<'a>) -> Self {
         let visited: Vec<Reading<'_>> = slices.iter().filter(|slice| slice.total() > 0).map(reading).collect();
         let wholes = if visited.is_empty() { vec![Reading::default()] } else { visited };
-        Self { wholes, parts: readings_of_parts(parts) }
+        Self { wholes, parts: Parts::new(parts) }
     }
 }
 
@@ -127,7 +127,7 @@ impl Prior {
         }
         let Counted { slices, parts } = counted.into();
         let telling = slices.iter().filter(|slice| !slice.is_line());
-        let readings = Readings { wholes: telling.map(reading).collect(), parts: readings_of_parts(parts) };
+        let readings = Readings { wholes: telling.map(reading).collect(), parts: Parts::new(parts) };
         self.weights(&readings).dependent
     }
 
@@ -138,8 +138,7 @@ impl Prior {
             self.sides[side].said(&reading[side], &mut slabs[side], &mut nulls[side])
         };
         let deviants = readings.wholes.iter().map(|reading| [0, 1].map(|side| said(side, reading))).collect();
-        let is_cut = !readings.parts.is_empty();
-        let mut segments = is_cut.then(|| {
+        let mut segments = (readings.parts.number() > 0).then(|| {
             let pooled = self.dependent_given(normalise(&mut slabs.clone(), None));
             let told = self.told_by(readings.wholes.len() == 1, &readings.parts);
             Box::new(Segments { pooled, ..self.cut(&mut slabs, nulls, told) })
@@ -231,7 +230,7 @@ fn doubt_of_segments(habits: &Habits, weights: &Weights, readings: &Readings<'_>
     const MOST: f64 = 0.25;
     let pairs = (habits.driver(0).used * habits.driver(1).used) as f64;
     let visits: f64 = readings.wholes.iter().map(|[whole, _]| whole.total() as f64).sum();
-    let cells = pairs * readings.parts.len() as f64;
+    let cells = pairs * readings.parts.number() as f64;
     MOST * weights.by_segment().map_or(0.0, |by_segment| by_segment.differ) * (cells / visits.max(1.0)).sqrt().min(1.0)
 }
 

@@ -16,20 +16,17 @@ use super::cut::{SegmentHabits, ln_mean};
 use super::habits::{Habits, Usage};
 use super::moments::{Moments, Slice};
 use super::parameters::{AROUND, CUT, FIXED, NULLS, SLABS};
-use super::prior::{Prior, Reading, Readings};
-use super::weights::{Segments, Weights};
+use super::parts::Parts;
+use super::prior::{Prior, Reading};
+use super::weights::Segments;
 use crate::information::Table;
 
-/// Differences of habits that are less probable change nothing.
-const NEGLIGIBLE: f64 = 0.01;
 /// The most slabs that stand for all that are cut by segment.
 const MOST_CUT: usize = 2;
 /// The most parts that are looked at where one alone depends.
 const MOST_PARTS: usize = 2;
 /// Visits of a part up to which one stands for all that have as many.
 const FEW: u64 = 5;
-/// The most cells of all parts together for which shares of mutual information are found.
-const MOST_CELLS: usize = 1_000_000;
 
 /// What the parts of a state say, from one side.
 pub(super) struct Told {
@@ -53,6 +50,13 @@ pub(super) struct ToldPart {
     pub null: [f64; NULLS],
 }
 
+impl Told {
+    /// Begins with nothing told, with room for so many parts.
+    fn of(parts: usize) -> Self {
+        Self { cut: [0.0; CUT], parts: Vec::with_capacity(parts), null: [0.0; NULLS], around: [0.0; AROUND] }
+    }
+}
+
 impl ToldPart {
     /// Returns its visits beyond the first, and ln l of the slabs relative to a component of its null.
     fn beside(&self, null: usize) -> (f64, [f64; CUT]) {
@@ -64,12 +68,14 @@ impl ToldPart {
 
 impl Prior {
     /// Returns what the parts say from each side; `is_whole` where they are of one table.
-    pub(super) fn told_by(&self, is_whole: bool, parts: &[Reading<'_>]) -> [Told; 2] {
-        [0, 1].map(|side| {
-            let mut told = Told { cut: [0.0; CUT], parts: Vec::new(), null: [0.0; NULLS], around: [0.0; AROUND] };
-            parts.iter().for_each(|part| self.sides[side].told_by(&part[side], &mut told));
+    pub(super) fn told_by(&self, is_whole: bool, parts: &Parts<'_>) -> [Told; 2] {
+        [0, 1].map(|at| {
+            let side = &self.sides[at];
+            let mut told = Told::of(parts.several.len());
+            parts.several.iter().for_each(|part| side.told_by(&part[at], &mut told));
+            parts.single.responses(at).for_each(|(letter, n)| side.told_by_visits(letter, n, &mut told));
             if is_whole {
-                told.around = self.sides[side].likelihood.around(parts.iter().map(|part| &*part[side]));
+                told.around = side.likelihood.around(parts.by_part(at));
             }
             told
         })
@@ -98,15 +104,15 @@ impl Prior {
 
     /// Looks at the parts of a state, whose policies are drawn towards the state's. Of those that were visited a few times, the first of each number of visits
     /// stands for all: what is expected of them is mostly the slab's, and each has a small share.
-    pub(super) fn parts<'a>(&'a self, parts: &'a [Reading<'_>], usages: &'a [Usage; 2]) -> Vec<[Slice<'a>; 2]> {
+    pub(super) fn parts<'a>(&'a self, parts: &'a Parts<'_>, usages: &'a [Usage; 2]) -> Vec<[Slice<'a>; 2]> {
         let part = |part: &'a Reading<'_>| [0, 1].map(|side| self.sides[side].part(&part[side], &usages[side]));
-        let visited = |part: &&Reading<'_>, visits: u64| part[0].total() == visits;
-        let alike = (1..=FEW).filter_map(|visits| {
-            let alike = parts.iter().filter(|one| visited(one, visits)).count();
-            let first = parts.iter().find(|one| visited(one, visits))?;
-            Some(part(first).map(|slice| slice.for_all(alike)))
+        let for_all = |first: &'a Reading<'_>, alike| part(first).map(|slice| slice.for_all(alike));
+        let single = parts.single.first.iter().map(|first| for_all(first, parts.single.number));
+        let alike = (2..=FEW).filter_map(|visits| {
+            let mut alike = parts.several.iter().filter(|part| part[0].total() == visits);
+            Some(for_all(alike.next()?, 1 + alike.count()))
         });
-        parts.iter().filter(|part| part[0].total() > FEW).map(part).chain(alike).collect()
+        parts.several.iter().filter(|part| part[0].total() > FEW).map(part).chain(single).chain(alike).collect()
     }
 
     /// Returns the policies of both drivers in a state.
@@ -127,7 +133,7 @@ impl Prior {
     pub(super) fn cut_moments(
         &self,
         segments: &Segments,
-        parts: &[Reading<'_>],
+        parts: &Parts<'_>,
         usages: &[Usage; 2],
     ) -> Vec<(f64, Moments)> {
         let slices = self.parts(parts, usages);
@@ -146,13 +152,13 @@ impl Prior {
         side: usize,
         slab: usize,
         told: &[(f64, [f64; CUT])],
-        parts: &[Reading<'_>],
+        parts: &Parts<'_>,
         usage: &Usage,
     ) -> Moments {
-        let total: f64 = parts.iter().map(|part| part[side].total() as f64).sum();
-        let several = parts.iter().map(|part| &part[side]).filter(|part| part.total() > 1);
+        let total = parts.visits();
+        let weighed = told.iter().zip(&parts.several);
         let mut told: Vec<(f64, &Table)> =
-            told.iter().zip(several).map(|((beyond, ln), part)| (beyond.ln() + ln[slab], &**part)).collect();
+            weighed.map(|((beyond, ln), part)| (beyond.ln() + ln[slab], &*part[side])).collect();
         told.sort_by(|a, b| b.0.total_cmp(&a.0));
         told.truncate(MOST_PARTS);
         let largest = told.first().map_or(0.0, |(ln, _)| *ln);
@@ -162,102 +168,21 @@ impl Prior {
         };
         Moments::mixed(&told.into_iter().map(moments).collect::<Vec<_>>())
     }
-
-    /// Returns by which factor mutual information within segments is smaller than that of the pooled table, where all segments share their responses.
-    pub(super) fn within(&self, side: usize, weights: &Weights, readings: &Readings<'_>, usages: &[Usage; 2]) -> f64 {
-        let ([whole], Some(segments)) = (&readings.wholes[..], &weights.segments) else { return 1.0 };
-        let (policy, parts) = (&usages[side].shares, &readings.parts);
-        let letters = self.sides[side].letters();
-        // The driver of a side responds on the other.
-        if segments.differ[1 - side] < NEGLIGIBLE || policy.len() * letters * parts.len() > MOST_CELLS {
-            return 1.0;
-        }
-        let joint = self.sides[side].responses(&weights.slabs[side], &whole[side], &weights.deviants[0][side], policy);
-        let responses = Responses::new(&joint, letters);
-        let all = responses.mixed(policy);
-        let pooled = all.information();
-        let total: f64 = parts.iter().map(|part| part[side].total() as f64).sum();
-        let mut mixture = all.clone();
-        let part = |part: &Reading<'_>| {
-            let (table, of_part) = (&part[side], self.sides[side].part_policy(&part[side], &usages[side]));
-            mixture.set(of_part.habitual(), &all);
-            for (label, r) in table.row_labels().iter().zip(table.rows()) {
-                mixture.add(*r as f64 / of_part.weight, &responses.0[*label as usize]);
-            }
-            table.total() as f64 / total * mixture.information()
-        };
-        let within: f64 = parts.iter().map(part).sum();
-        if pooled > 0.0 { (within / pooled).clamp(0.0, 1.0) } else { 1.0 }
-    }
-}
-
-/// Responses rho_i of every row, and sum_j rho_ij ln rho_ij.
-struct Responses(Vec<(Vec<f64>, f64)>);
-
-impl Responses {
-    /// Makes them of a joint distribution, rows first, up to a factor.
-    fn new(joint: &[f64], letters: usize) -> Self {
-        let row = |cells: &[f64]| {
-            let total = cells.iter().sum::<f64>().max(f64::MIN_POSITIVE);
-            let rho: Vec<f64> = cells.iter().map(|cell| cell / total).collect();
-            let ordered = rho.iter().map(|rho| x_ln_x(*rho)).sum();
-            (rho, ordered)
-        };
-        Self(joint.chunks(letters).map(row).collect())
-    }
-
-    /// Mixes them by the probabilities of the rows.
-    fn mixed(&self, policy: &[f64]) -> Mixture {
-        let letters = self.0.first().map_or(0, |(rho, _)| rho.len());
-        let mut mixture = Mixture { marginal: vec![0.0; letters], ordered: 0.0 };
-        policy.iter().zip(&self.0).for_each(|(p, response)| mixture.add(*p, response));
-        mixture
-    }
-}
-
-/// A mixture of responses: q_j = sum_i p_i rho_ij, and sum_i p_i sum_j rho_ij ln rho_ij.
-#[derive(Clone)]
-struct Mixture {
-    marginal: Vec<f64>,
-    ordered: f64,
-}
-
-impl Mixture {
-    /// Becomes so much of another one.
-    fn set(&mut self, share: f64, other: &Self) {
-        self.ordered = share * other.ordered;
-        self.marginal.iter_mut().zip(&other.marginal).for_each(|(q, other)| *q = share * other);
-    }
-
-    /// Adds so much of a response.
-    fn add(&mut self, p: f64, (rho, ordered): &(Vec<f64>, f64)) {
-        self.ordered += p * ordered;
-        self.marginal.iter_mut().zip(rho).for_each(|(q, rho)| *q += p * rho);
-    }
-
-    /// Returns the mutual information of rows and letters, if the probabilities of the rows sum to 1.
-    fn information(&self) -> f64 {
-        (self.ordered - self.marginal.iter().map(|q| x_ln_x(*q)).sum::<f64>()).max(0.0)
-    }
-}
-
-fn x_ln_x(x: f64) -> f64 {
-    if x > 0.0 { x * x.ln() } else { 0.0 }
 }
 
 /// Returns the heaviest of these, by side, with the weight of all.
 fn heaviest(sides: [&[f64]; 2]) -> Vec<(usize, usize, f64)> {
     let numbered = |side: usize| sides[side].iter().enumerate().map(move |(at, weight)| (side, at, *weight));
-    let mut all: Vec<(usize, usize, f64)> = (0..2).flat_map(numbered).filter(|(.., weight)| *weight > 0.0).collect();
-    all.sort_by(|a, b| b.2.total_cmp(&a.2));
+    let mut heaviest: Vec<(usize, usize, f64)> = Vec::with_capacity(MOST_CUT + 1);
+    for one in (0..2).flat_map(numbered).filter(|(.., weight)| *weight > 0.0) {
+        let lighter = heaviest.partition_point(|(.., weight)| *weight >= one.2);
+        if lighter < MOST_CUT {
+            heaviest.insert(lighter, one);
+            heaviest.truncate(MOST_CUT);
+        }
+    }
     // Each side by itself, so that the order of the variables changes no bit.
     let total = sides[0].iter().sum::<f64>() + sides[1].iter().sum::<f64>();
-    all.truncate(MOST_CUT);
-    let kept: f64 = all.iter().map(|(.., weight)| weight).sum();
-    all.into_iter().map(|(side, at, weight)| (side, at, weight * total / kept)).collect()
-}
-
-/// Returns the parts of a state as each side reads them.
-pub(super) fn readings_of_parts(parts: &[Table]) -> Vec<Reading<'_>> {
-    parts.iter().filter(|part| part.total() > 0).map(super::prior::reading).collect()
+    let kept: f64 = heaviest.iter().map(|(.., weight)| weight).sum();
+    heaviest.into_iter().map(|(side, at, weight)| (side, at, weight * total / kept)).collect()
 }

@@ -80,12 +80,8 @@ impl Side {
         deviants
     }
 
-    /// Adds what a part of a state says.
+    /// Adds what a part of a state says that was visited more than once.
     pub fn told_by(&self, part: &Table, told: &mut Told) {
-        if part.total() == 1 {
-            self.told_by_visit(part.column_labels()[0] as usize, told);
-            return;
-        }
         let (null, apart) = (self.likelihood.shared(columns(part), part.total()), self.likelihood.rows_apart(part));
         told.cut.iter_mut().zip(apart).for_each(|(ln, by)| *ln += by);
         add(&mut told.null, &null);
@@ -99,10 +95,10 @@ impl Side {
         told.parts.push(ToldPart { beyond: (part.total() - 1) as f64, slabs: alone, null });
     }
 
-    /// Adds what a part of one visit says, for which concentrations are of no concern: DM(1; k m) = m_j.
-    fn told_by_visit(&self, letter: usize, told: &mut Told) {
+    /// Adds what so many parts of one visit of a letter say, for which concentrations are of no concern: DM(1; k m) = m_j.
+    pub fn told_by_visits(&self, letter: usize, parts: f64, told: &mut Told) {
         let shares = [self.likelihood.base.shares()[letter], 1.0 / self.letters() as f64];
-        let ln_shares = shares.map(f64::ln);
+        let ln_shares = shares.map(|share| parts * share.ln());
         for (cut, ln) in told.cut[..FIXED].chunks_mut(FIXED_GRID).zip(ln_shares) {
             cut.iter_mut().for_each(|sum| *sum += ln);
         }
@@ -115,12 +111,12 @@ impl Side {
     pub fn part<'a>(&self, part: &'a Table, usage: &'a Usage) -> Slice<'a> {
         /// Slabs of one deviating row are not cut.
         const NONE: &Deviants = &Deviants::none();
-        Slice::new(part, NONE, self.part_policy(part, usage), self.groups.without(part.column_labels()))
+        Slice::new(part, NONE, self.part_policy(part.total(), usage), self.groups.without(part.column_labels()))
     }
 
-    /// Returns the policy of the driver in a part of a state.
-    pub fn part_policy<'a>(&self, part: &Table, usage: &'a Usage) -> Policy<'a> {
-        Policy::new(part, usage, self.habit_in_segments.or(self.habit))
+    /// Returns the policy of the driver in a part of a state with so many visits.
+    pub fn part_policy<'a>(&self, visits: u64, usage: &'a Usage) -> Policy<'a> {
+        Policy::new(visits, usage, self.habit_in_segments.or(self.habit))
     }
 
     /// Looks at a slice, given how the environment uses the driver's letters.
@@ -130,7 +126,7 @@ impl Side {
 
     /// Returns the policy of the driver.
     pub fn policy<'a>(&self, table: &Table, usage: &'a Usage) -> Policy<'a> {
-        Policy::new(table, usage, self.habit)
+        Policy::new(table.total(), usage, self.habit)
     }
 
     /// Returns mean and variance of mutual information in a slice under a slab.

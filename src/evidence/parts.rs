@@ -1,0 +1,76 @@
+//! The parts of a state: its visits, cut by segment.
+
+use super::likelihood::by_part;
+use super::prior::{Reading, reading};
+use crate::information::Table;
+
+/// The parts of a state as each side reads them.
+pub(super) struct Parts<'a> {
+    /// Those that were visited more than once.
+    pub several: Vec<Reading<'a>>,
+    pub single: Single<'a>,
+}
+
+/// The parts of one visit, of which there can be many: all that matters is which letter it was.
+pub(super) struct Single<'a> {
+    /// How many.
+    pub number: usize,
+    pub first: Option<Reading<'a>>,
+    /// By letter of the rows, and of the columns.
+    letters: [Vec<u64>; 2],
+}
+
+impl<'a> Parts<'a> {
+    /// Looks at the parts that were visited.
+    pub fn new(parts: &'a [Table]) -> Self {
+        Self {
+            several: parts.iter().filter(|part| part.total() > 1).map(reading).collect(),
+            single: Single::new(parts.iter().filter(|part| part.total() == 1)),
+        }
+    }
+
+    /// Returns how many there are.
+    pub fn number(&self) -> usize {
+        self.several.len() + self.single.number
+    }
+
+    /// Returns the sum of their visits.
+    pub fn visits(&self) -> f64 {
+        self.several.iter().map(|part| part[0].total() as f64).sum::<f64>() + self.single.number as f64
+    }
+
+    /// Returns the cells of the table of parts and the responder's letters.
+    pub fn by_part(&self, side: usize) -> impl Iterator<Item = (u64, u64, u64)> {
+        let single = self.single.letters[1 - side].iter().map(|letter| (*letter, 1));
+        let single = (self.several.len() as u64..).zip(single).map(|(part, (letter, n))| (part, letter, n));
+        by_part(self.several.iter().map(move |part| &*part[side])).chain(single)
+    }
+}
+
+impl<'a> Single<'a> {
+    fn new(parts: impl Iterator<Item = &'a Table> + Clone) -> Self {
+        let first = parts.clone().next().map(reading);
+        let mut letters = [Vec::new(), Vec::new()];
+        for part in parts {
+            letters[0].push(part.row_labels()[0]);
+            letters[1].push(part.column_labels()[0]);
+        }
+        letters.iter_mut().for_each(|letters| letters.sort_unstable());
+        Self { number: letters[0].len(), first, letters }
+    }
+
+    /// Returns the driver's letters, and how many parts are of each.
+    pub fn drivers(&self, side: usize) -> impl Iterator<Item = (usize, f64)> {
+        counted(&self.letters[side])
+    }
+
+    /// Returns the responder's letters, and how many parts are of each.
+    pub fn responses(&self, side: usize) -> impl Iterator<Item = (usize, f64)> {
+        counted(&self.letters[1 - side])
+    }
+}
+
+/// Returns each letter with how often it is there, given letters in order.
+fn counted(letters: &[u64]) -> impl Iterator<Item = (usize, f64)> {
+    letters.chunk_by(|a, b| a == b).map(|equal| (equal[0] as usize, equal.len() as f64))
+}
