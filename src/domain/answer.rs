@@ -1,6 +1,6 @@
 //! Answers: what the counts of a state say about influence. Every figure is in the answer's unit.
 
-use super::{ModelFigures, RuleKind, StateKey, Tally, Unit};
+use super::{FitId, ModelFigures, RuleKind, StateKey, Tally, Unit};
 
 /// Whether the ego's action influences the other's.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -256,15 +256,6 @@ pub struct Segmentation {
     pub count: u64,
     /// P(habits differ by segment); `None` where the evidence does not tell.
     pub differ: Option<f64>,
-}
-
-/// Which fit of the prior was used; with the revision it makes an answer reproducible.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct FitId {
-    /// 0 for the prior that nothing was fitted to, then 1, 2, ...
-    pub version: u64,
-    /// How many transitions the environment had when it was made.
-    pub revision: u64,
 }
 
 /// One bin of a state.

@@ -3,7 +3,35 @@
 //! Every text and list is preceded by its length and every kind by its own letter, so no two schemas encode alike. What is added to schemas later
 //! must encode to nothing where it is absent: hashes are kept for ever.
 
-use super::{Agent, Angle, Feature, FeatureKind, SchemaHash};
+use std::fmt;
+
+use super::{Agent, Angle, Feature, FeatureKind};
+
+/// BLAKE3 of a schema: two environments with the same hash count the same way.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SchemaHash(pub [u8; 32]);
+
+impl fmt::Display for SchemaHash {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.iter().try_for_each(|byte| write!(f, "{byte:02x}"))
+    }
+}
+
+impl std::str::FromStr for SchemaHash {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let mut bytes = [0; 32];
+        let wrong = || format!("got {text:?}, expected 64 hexadecimal digits");
+        if text.len() != 64 || !text.is_ascii() {
+            return Err(wrong());
+        }
+        for (byte, i) in bytes.iter_mut().zip((0..64).step_by(2)) {
+            *byte = u8::from_str_radix(&text[i..i + 2], 16).map_err(|_| wrong())?;
+        }
+        Ok(Self(bytes))
+    }
+}
 
 pub(super) fn schema_hash(state: &[Feature], agents: &[Agent]) -> SchemaHash {
     let mut bytes = b"nudge.schema.v1".to_vec();

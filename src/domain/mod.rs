@@ -15,6 +15,7 @@
 
 pub mod draft;
 
+mod agent;
 mod angle;
 mod answer;
 mod batch;
@@ -23,6 +24,7 @@ mod counts;
 mod environment;
 mod estimator;
 mod feature;
+mod fit;
 mod hash;
 mod key;
 mod label_set;
@@ -31,6 +33,7 @@ mod name;
 mod named;
 mod near;
 mod overview;
+mod pair;
 mod question;
 mod records;
 mod rule;
@@ -38,9 +41,10 @@ mod schema;
 mod track;
 mod training;
 
+pub use agent::Agent;
 pub use angle::Angle;
 pub use answer::{
-    ActionFigures, Answer, Answers, Basis, Bin, Dependence, Evidence, Figures, FitId, Independence, Interval, Labels,
+    ActionFigures, Answer, Answers, Basis, Bin, Dependence, Evidence, Figures, Independence, Interval, Labels,
     Probability, Segmentation, Significance, Variable, Verdict,
 };
 pub use batch::{Acknowledged, Batch, Receipt, Sequence};
@@ -49,6 +53,8 @@ pub use draft::{RuleDraft, SchemaDraft};
 pub use environment::{Environment, EnvironmentId, EnvironmentPage, Uid, UnreadableEnvironment};
 pub use estimator::{Estimator, Estimators};
 pub use feature::{Feature, FeatureKind, Misfit};
+pub use fit::FitId;
+pub use hash::SchemaHash;
 pub use key::StateKey;
 pub use label_set::LabelSet;
 pub use model::{
@@ -61,8 +67,9 @@ pub use overview::{
     Discoveries, Discovery, DiscoveryMethod, Edge, EdgeKind, Exploration, FittedPrior, Graph, HistogramBin,
     LabelledCell, StateFigures, StatePage, StateView, Summary, Trial, page_size,
 };
-pub use question::{Exchange, MOST_STATES, Pair, Permutations, Question, Scope, View, Within};
+pub use pair::Pair;
+pub use question::{Exchange, MOST_STATES, Permutations, Question, Scope, View, Within};
 pub use records::{Digest, Entry, Record, Records, Rejection, Widths, Worded};
 pub use rule::{Rule, RuleKind, Threshold, Unit, WrittenRule};
-pub use schema::{Agent, Schema, SchemaHash};
+pub use schema::Schema;
 pub use track::Track;

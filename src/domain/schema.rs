@@ -1,11 +1,10 @@
 //! The fixed part of an environment: its state, its agents, and their arithmetic. A [`Schema`] cannot be wrong.
 
-use std::fmt;
 use std::sync::Arc;
 
 use super::checked::{self, Faults};
 use super::draft::DescriptionDraft;
-use super::{Feature, FeatureKind, Name, SchemaDraft, StateKey};
+use super::{Agent, Feature, FeatureKind, SchemaDraft, SchemaHash, StateKey};
 use crate::error::Fault;
 
 /// The state and the agents of an environment. Cloning is cheap.
@@ -21,61 +20,6 @@ struct Parts {
     /// The kinds of all action features, agent after agent: what the discretiser runs over.
     action_kinds: Vec<FeatureKind>,
     hash: SchemaHash,
-}
-
-/// One decision maker with its action space.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Agent {
-    /// Unique among the features and agents of its environment.
-    pub name: Name,
-    /// The coordinates of its action; the first is most significant in the action's index.
-    pub action: Vec<Feature>,
-}
-
-/// BLAKE3 of a schema: two environments with the same hash count the same way.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct SchemaHash(pub [u8; 32]);
-
-impl fmt::Display for SchemaHash {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.0.iter().try_for_each(|byte| write!(f, "{byte:02x}"))
-    }
-}
-
-impl std::str::FromStr for SchemaHash {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let mut bytes = [0; 32];
-        let wrong = || format!("got {text:?}, expected 64 hexadecimal digits");
-        if text.len() != 64 || !text.is_ascii() {
-            return Err(wrong());
-        }
-        for (byte, i) in bytes.iter_mut().zip((0..64).step_by(2)) {
-            *byte = u8::from_str_radix(&text[i..i + 2], 16).map_err(|_| wrong())?;
-        }
-        Ok(Self(bytes))
-    }
-}
-
-impl Agent {
-    /// Returns the number of actions.
-    pub fn actions(&self) -> u64 {
-        self.action.iter().map(|feature| u64::from(feature.kind.bins())).product()
-    }
-
-    /// Returns the labels of an action's features joined by "/".
-    pub fn action_label(&self, index: u64) -> String {
-        let mut rest = index;
-        let mut labels = Vec::with_capacity(self.action.len());
-        for feature in self.action.iter().rev() {
-            let bins = u64::from(feature.kind.bins());
-            labels.push(feature.kind.bin_label((rest % bins) as u32));
-            rest /= bins;
-        }
-        labels.reverse();
-        labels.join("/")
-    }
 }
 
 impl Schema {

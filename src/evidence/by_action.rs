@@ -1,25 +1,9 @@
 //! Which of the ego's actions does it: how far each moves the other, and what the other then does.
 
-use super::counted::Counted;
+use super::counted::{Counted, Ego};
 use super::draws::{Draws, Joint};
 use super::habits::Habits;
 use super::prior::Prior;
-
-/// Where the ego stands in a table.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Ego {
-    /// Its actions are the rows: it is the earlier variable.
-    Rows,
-    /// Its actions are the columns.
-    Columns,
-}
-
-impl Ego {
-    /// Returns the side of a prior on which the ego drives.
-    pub(super) fn side(self) -> usize {
-        usize::from(self == Self::Columns)
-    }
-}
 
 /// What is believed of one ego action in a state.
 #[derive(Debug, Clone, PartialEq)]

@@ -36,3 +36,19 @@ impl<'a, const N: usize> From<&'a [Table; N]> for Counted<'a> {
         slices.as_slice().into()
     }
 }
+
+/// Where the ego stands in a table.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ego {
+    /// Its actions are the rows: it is the earlier variable.
+    Rows,
+    /// Its actions are the columns.
+    Columns,
+}
+
+impl Ego {
+    /// Returns the side of a prior on which the ego drives.
+    pub(super) fn side(self) -> usize {
+        usize::from(self == Self::Columns)
+    }
+}

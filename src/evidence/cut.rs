@@ -4,11 +4,10 @@ use std::ops::Range;
 
 use super::increments::add;
 use super::likelihood::{Likelihood, by_part, columns};
+use super::log_space::{Scaled, ln_sum};
 use super::parameters::{
     APART, AROUND, CUT, FIXED, HABITS, NULLS, OWN_GRID, OWN_SLABS, Parameters, SLABS, SideParameters,
 };
-use super::prior::ln_sum;
-use super::state::Scaled;
 use crate::information::Table;
 
 /// What the parts of a state say, cut by segment.

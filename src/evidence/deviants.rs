@@ -1,8 +1,8 @@
 //! Slabs of one deviating row: it has a response of its own, tried or not, and all other rows share one.
 
 use super::likelihood::{Likelihood, Null, NullMixture, anchor, row_counts};
+use super::log_space::ln_sum;
 use super::parameters::{DEVIANTS, NULLS};
-use super::prior::ln_sum;
 use crate::information::Table;
 
 /// What the rows of a slice say for deviating.

@@ -6,8 +6,7 @@ use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, Gamma};
 use rand_pcg::Pcg64;
 
-use super::by_action::Ego;
-use super::counted::Counted;
+use super::counted::{Counted, Ego};
 use super::habits::Habits;
 use super::moments::{Moments, Slice};
 use super::parameters::{
@@ -15,7 +14,8 @@ use super::parameters::{
 };
 use super::posterior::Posterior;
 use super::predicted::{add_columns, add_row};
-use super::prior::{Prior, Reading, Readings};
+use super::prior::Prior;
+use super::readings::{Reading, Readings};
 use super::side::Side;
 use super::weights::Weights;
 use crate::information::Table;

@@ -22,8 +22,8 @@ use super::base::Base;
 use super::beta::Beta;
 use super::gamma::{digamma, ln_rising};
 use super::likelihood::rows_evidence;
-use super::prior::ln_sum;
-use super::state::normalised;
+use super::log_space::ln_sum;
+use super::log_space::normalised;
 use crate::information::{Alphabet, Table};
 
 /// Concentrations of the null on one base.

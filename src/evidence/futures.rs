@@ -4,8 +4,7 @@ use rand::RngExt;
 use rand_distr::{Binomial, Distribution};
 use rand_pcg::Pcg64;
 
-use super::by_action::Ego;
-use super::counted::Counted;
+use super::counted::{Counted, Ego};
 use super::decision::{Believed, decide};
 use super::draws::Draws;
 use super::habits::Habits;

@@ -7,11 +7,11 @@
 use super::base::Base;
 use super::gamma::ln_rising;
 use super::increments::{Increments, add};
+use super::log_space::ln_sum;
 use super::parameters::{
     AROUND, DEVIANT_CONCENTRATIONS, DEVIANTS, FIXED, FIXED_CONCENTRATIONS, FIXED_GRID, NULL_CONCENTRATIONS, NULLS,
     OWN_CONCENTRATIONS, OWN_GRID,
 };
-use super::prior::ln_sum;
 use crate::information::Table;
 
 /// Visits outside the most visited row below which a slice is anchored at that row.

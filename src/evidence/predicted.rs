@@ -7,7 +7,8 @@ use super::parameters::{
     DEVIANT_CONCENTRATIONS, DEVIANT_GRID, DEVIANT_SLABS, FIXED, FIXED_GRID, NULL_CONCENTRATIONS, NULL_GRID, NULLS,
     concentration,
 };
-use super::prior::{Prior, Reading};
+use super::prior::Prior;
+use super::readings::Reading;
 use super::side::Side;
 use super::weights::Weights;
 use crate::information::Table;

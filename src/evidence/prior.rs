@@ -1,7 +1,5 @@
 //! From a fit and a state's tables to what is believed of that state.
 
-use std::borrow::Cow;
-
 use super::asymptotic::Estimate;
 use super::counted::Counted;
 use super::cut::SegmentWeights;
@@ -11,8 +9,8 @@ use super::habits::Habits;
 use super::likelihood::Likelihood;
 use super::moments::{Moments, Slice};
 use super::parameters::SLABS;
-use super::parts::Parts;
 use super::posterior::Posterior;
+use super::readings::{Parts, Reading, Readings, reading};
 use super::side::Side;
 use super::weights::{Segments, Weights, normalise};
 use crate::information::{Alphabet, Table};
@@ -33,29 +31,6 @@ pub struct Prior {
     pub(super) segments: SegmentWeights,
     habits: Habits,
     unseen: Posterior,
-}
-
-/// A table, and the same with rows and columns exchanged: as each side reads it.
-pub(super) type Reading<'a> = [Cow<'a, Table>; 2];
-
-/// The tables of a state as each side reads them.
-pub(super) struct Readings<'a> {
-    /// Those that were visited, or one that was not.
-    pub wholes: Vec<Reading<'a>>,
-    /// Their parts by segment, if there are several segments.
-    pub parts: Parts<'a>,
-}
-
-impl<'a> Readings<'a> {
-    pub fn new(Counted { slices, parts }: Counted<'a>) -> Self {
-        let visited: Vec<Reading<'_>> = slices.iter().filter(|slice| slice.total() > 0).map(reading).collect();
-        let wholes = if visited.is_empty() { vec![Reading::default()] } else { visited };
-        Self { wholes, parts: Parts::new(parts) }
-    }
-}
-
-pub(super) fn reading(slice: &Table) -> Reading<'_> {
-    [Cow::Borrowed(slice), Cow::Owned(slice.transposed())]
 }
 
 impl Prior {
@@ -232,10 +207,4 @@ fn doubt_of_segments(habits: &Habits, weights: &Weights, readings: &Readings<'_>
     let visits: f64 = readings.wholes.iter().map(|[whole, _]| whole.total() as f64).sum();
     let cells = pairs * readings.parts.number() as f64;
     MOST * weights.by_segment().map_or(0.0, |by_segment| by_segment.differ) * (cells / visits.max(1.0)).sqrt().min(1.0)
-}
-
-/// Returns ln sum e^x.
-pub(super) fn ln_sum(logarithms: &[f64]) -> f64 {
-    let largest = logarithms.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    largest + logarithms.iter().map(|ln| (ln - largest).exp()).sum::<f64>().ln()
 }

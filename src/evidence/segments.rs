@@ -16,8 +16,9 @@ use super::cut::{SegmentHabits, ln_mean};
 use super::habits::{Habits, Usage};
 use super::moments::{Moments, Slice};
 use super::parameters::{AROUND, CUT, FIXED, NULLS, SLABS};
-use super::parts::Parts;
-use super::prior::{Prior, Reading};
+use super::prior::Prior;
+use super::readings::{Parts, Reading};
+use super::told::Told;
 use super::weights::Segments;
 use crate::information::Table;
 
@@ -27,44 +28,6 @@ const MOST_CUT: usize = 2;
 const MOST_PARTS: usize = 2;
 /// Visits of a part up to which one stands for all that have as many.
 const FEW: u64 = 5;
-
-/// What the parts of a state say, from one side.
-pub(super) struct Told {
-    /// ln l of the slabs that are cut: on fixed bases by itself, on the parts' marginals relative to the parts' null.
-    pub cut: [f64; CUT],
-    /// Those that were visited more than once.
-    pub parts: Vec<ToldPart>,
-    /// ln of the null of all by each component.
-    pub null: [f64; NULLS],
-    /// ln of habits drawn around the state's, relative to those that are alike.
-    pub around: [f64; AROUND],
-}
-
-/// What a part says by itself, from one side.
-pub(super) struct ToldPart {
-    /// Its visits beyond the first.
-    pub beyond: f64,
-    /// ln l of the slabs: on fixed bases by itself, on its own marginal relative to its null.
-    pub slabs: [f64; CUT],
-    /// ln of its null by each component.
-    pub null: [f64; NULLS],
-}
-
-impl Told {
-    /// Begins with nothing told, with room for so many parts.
-    fn of(parts: usize) -> Self {
-        Self { cut: [0.0; CUT], parts: Vec::with_capacity(parts), null: [0.0; NULLS], around: [0.0; AROUND] }
-    }
-}
-
-impl ToldPart {
-    /// Returns its visits beyond the first, and ln l of the slabs relative to a component of its null.
-    fn beside(&self, null: usize) -> (f64, [f64; CUT]) {
-        let mut slabs = self.slabs;
-        slabs[..FIXED].iter_mut().for_each(|ln| *ln -= self.null[null]);
-        (self.beyond, slabs)
-    }
-}
 
 impl Prior {
     /// Returns what the parts say from each side; `is_whole` where they are of one table.

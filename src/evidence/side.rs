@@ -10,7 +10,7 @@ use super::parameters::{
     CUT, DEVIANT_CONCENTRATIONS, DEVIANT_GRID, DEVIANT_SLABS, FIXED, FIXED_CONCENTRATIONS, FIXED_GRID, NULL_GRID,
     OWN_CONCENTRATIONS, OWN_GRID, OWN_SLABS, SLABS, SideParameters,
 };
-use super::segments::{Told, ToldPart};
+use super::told::{Told, ToldPart};
 use crate::information::Table;
 
 /// Rows below this share of a deviant's posterior weight are left out of its moments.

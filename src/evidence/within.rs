@@ -1,7 +1,8 @@
 //! How much of mutual information is within segments, where all of them share their responses.
 
 use super::habits::Usage;
-use super::prior::{Prior, Readings};
+use super::prior::Prior;
+use super::readings::Readings;
 use super::weights::Weights;
 use crate::information::Table;
 

@@ -1,8 +1,33 @@
-//! The parts of a state: its visits, cut by segment.
+//! The tables of a state as each side reads them: turned, and cut by segment.
 
+use std::borrow::Cow;
+
+use super::counted::Counted;
 use super::likelihood::by_part;
-use super::prior::{Reading, reading};
 use crate::information::Table;
+
+/// A table, and the same with rows and columns exchanged: as each side reads it.
+pub(super) type Reading<'a> = [Cow<'a, Table>; 2];
+
+/// The tables of a state as each side reads them.
+pub(super) struct Readings<'a> {
+    /// Those that were visited, or one that was not.
+    pub wholes: Vec<Reading<'a>>,
+    /// Their parts by segment, if there are several segments.
+    pub parts: Parts<'a>,
+}
+
+impl<'a> Readings<'a> {
+    pub fn new(Counted { slices, parts }: Counted<'a>) -> Self {
+        let visited: Vec<Reading<'_>> = slices.iter().filter(|slice| slice.total() > 0).map(reading).collect();
+        let wholes = if visited.is_empty() { vec![Reading::default()] } else { visited };
+        Self { wholes, parts: Parts::new(parts) }
+    }
+}
+
+pub(super) fn reading(slice: &Table) -> Reading<'_> {
+    [Cow::Borrowed(slice), Cow::Owned(slice.transposed())]
+}
 
 /// The parts of a state as each side reads them.
 pub(super) struct Parts<'a> {
