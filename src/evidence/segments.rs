@@ -15,7 +15,7 @@
 use super::cut::{SegmentHabits, ln_mean};
 use super::habits::{Habits, Usage};
 use super::moments::{Moments, Slice};
-use super::parameters::{AROUND, CUT, FIXED, NULLS, SLABS};
+use super::parameters::{CUT, FIXED, SLABS};
 use super::prior::Prior;
 use super::readings::{Parts, Reading};
 use super::told::Told;

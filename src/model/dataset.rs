@@ -7,8 +7,8 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
 
-use super::registry::logged;
 use super::spare_time::in_spare_time;
+use super::store_errors::logged;
 use crate::domain::{Environment, FitId, Pair, StateKey, Within};
 use crate::error::Problem;
 use crate::evidence::{Base, Counted, Ego};

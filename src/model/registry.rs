@@ -15,6 +15,7 @@ use tokio::sync::Mutex;
 
 use super::network::Network;
 use super::seen::{Seeing, Seen};
+use super::store_errors::logged;
 use super::{file, text};
 use crate::api::{self, Page, proto};
 use crate::domain::{Card, Environment, EnvironmentId, Model, Pair, hint, is_same_threshold};
@@ -404,19 +405,4 @@ fn check_pair(environment: &Environment, (ego, other): (usize, usize)) -> Result
 fn unreadable(version: u64, why: &str) -> Problem {
     let message = format!("version {version} cannot be read: {why}; use the build that wrote it, or train another");
     Problem::new(ErrorKind::Conflict, UNREADABLE, message)
-}
-
-/// Notes an error of the store, and tells it in words about networks.
-pub fn logged(error: StoreError) -> Problem {
-    match error {
-        StoreError::UnknownModel(_) | StoreError::UnknownEnvironment | StoreError::Quota { .. } => error.into(),
-        StoreError::Aborted(_) | StoreError::OutcomeUnknown(_) => {
-            tracing::error!(%error, "the registry of networks could not be changed");
-            error.into()
-        }
-        _ => {
-            tracing::error!(%error, "the registry of networks could not be read");
-            error.into()
-        }
-    }
 }

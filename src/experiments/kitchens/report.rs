@@ -3,11 +3,9 @@
 use serde_json::{Value, json};
 
 use super::scene::Scene;
-use super::{Decision, Figure, Layout, Manner, Options, Target, World, targets};
+use super::targets::{self, Findings, Target};
+use super::{Decision, Figure, Layout, Manner, Options, World};
 use crate::experiments::findings::{self, Cells, Row};
-
-/// Everything that was found.
-pub type Findings = findings::Findings<World, Decision, Figure>;
 
 /// How large a world is, and how much of it has influence: the same for every seed.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -51,7 +49,7 @@ pub struct Report {
 impl Report {
     /// Returns every target beside what was measured.
     pub fn targets(&self) -> Vec<Target> {
-        targets::targets(self)
+        targets::targets(self.worlds.iter().map(|(world, _)| *world), &self.findings)
     }
 
     /// Returns everything as JSON.

@@ -1,6 +1,6 @@
 //! Ways to decide from the counts of a state, beside each other.
 
-use super::world::Case;
+use super::case::Case;
 use crate::domain::{Estimator, Rule, Verdict};
 
 /// A way to decide from the counts of a state.

@@ -1,7 +1,7 @@
 //! The figures by which decisions are judged.
 
+use super::case::Case;
 use super::decision::{Decision, is_strong};
-use super::world::Case;
 use crate::domain::{Dependence, Rule, Verdict};
 use crate::experiments::findings;
 use crate::experiments::measures::{Hits, auc, frequency, mean, rmse};

@@ -4,6 +4,7 @@
 //! where a state without influence has the margins of one with influence, margins give nothing away. Then worlds of other sizes, with influence
 //! nowhere, in some states and everywhere. And hard worlds, which the evidence was not built on: other alphabets, other habits, other volumes.
 
+mod case;
 mod decision;
 mod figure;
 pub mod hard;
@@ -15,12 +16,13 @@ mod world;
 
 use futures::{StreamExt, TryStreamExt, stream};
 
+pub use case::Case;
 pub use decision::Decision;
 pub use figure::{Figure, measure};
 pub use plot::plot;
-pub use report::{Findings, Report};
-pub use targets::Target;
-pub use world::{Case, World, arm_name, generator_name};
+pub use report::Report;
+pub use targets::{Findings, Target};
+pub use world::{World, arm_name, generator_name};
 
 use super::findings;
 use super::seeds::Seeds;

@@ -2,12 +2,10 @@
 
 use serde_json::{Value, json};
 
-use super::{Decision, Figure, Options, Target, World, arm_name, generator_name, targets};
+use super::targets::{self, Findings, Target};
+use super::{Decision, Figure, Options, World, arm_name, generator_name};
 use crate::experiments::findings::{self, Cells, Plan, Row};
 use crate::experiments::seeds::Seeds;
-
-/// Everything that was found.
-pub type Findings = findings::Findings<World, Decision, Figure>;
 
 /// The outcome of the experiment.
 pub type Report = findings::Report<Options, World, Decision, Figure>;

@@ -1,8 +1,11 @@
 //! What the experiment must show, beside what it did.
 
-use super::{Decision, Figure, Findings, Options, World};
+use super::{Decision, Figure, Options, World};
 use crate::experiments::findings::{self, Bound};
 use crate::simulation::planted::{Arm, Generator};
+
+/// Everything that was found.
+pub type Findings = findings::Findings<World, Decision, Figure>;
 
 /// A figure, where it has to lie and where it does.
 pub type Target = findings::Target<World, Decision, Figure>;

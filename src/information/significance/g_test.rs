@@ -2,7 +2,6 @@
 
 use statrs::function::gamma::gamma_ur;
 
-use super::freedoms;
 use crate::information::mutual_information::plug_in;
 use crate::information::table::Table;
 
@@ -28,4 +27,10 @@ pub(super) fn g_test(slices: &[&Table]) -> f64 {
 pub(super) fn williams(table: &Table) -> f64 {
     let spread = |sums: &[u64]| sums.iter().map(|&sum| table.total() as f64 / sum as f64).sum::<f64>() - 1.0;
     1.0 + spread(table.rows()) * spread(table.columns()) / (6.0 * table.total() as f64 * freedoms(table))
+}
+
+/// Returns the degrees of freedom, (R' - 1)(C' - 1) on the occupied rows and columns.
+pub(super) fn freedoms(table: &Table) -> f64 {
+    let free = |sums: &[u64]| sums.len().saturating_sub(1) as f64;
+    free(table.rows()) * free(table.columns())
 }

@@ -21,7 +21,7 @@ use rand_pcg::Pcg64;
 use super::mutual_information::plug_in;
 use super::table::Table;
 use enumeration::enumerate;
-use g_test::{expects_enough, g_test};
+use g_test::{expects_enough, freedoms, g_test};
 use margins::{few_tables, least_probability};
 use permutation::Sampler;
 
@@ -120,12 +120,6 @@ pub fn smallest_p(slices: &[Table]) -> f64 {
 /// Returns the slices that have more than one table with their margins: the others change nothing.
 fn informative(slices: &[Table]) -> Vec<&Table> {
     slices.iter().filter(|slice| freedoms(slice) > 0.0).collect()
-}
-
-/// Returns the degrees of freedom, (R' - 1)(C' - 1) on the occupied rows and columns.
-fn freedoms(table: &Table) -> f64 {
-    let free = |sums: &[u64]| sums.len().saturating_sub(1) as f64;
-    free(table.rows()) * free(table.columns())
 }
 
 /// Returns sum N_s I_s, half of G.

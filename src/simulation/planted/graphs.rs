@@ -3,7 +3,7 @@
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
-use super::dirichlet;
+use super::joint::dirichlet;
 
 /// How evenly an agent that looks at nobody acts, and how a response is drawn, to a parent alone and to one of two: the smaller, the more of its own. Responses
 /// to one parent are not too clear: where two agents do exactly the same, neither can be held fixed and tell anything of the other.

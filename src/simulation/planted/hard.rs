@@ -4,7 +4,7 @@ use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 
-use super::{dirichlet, information, joint, mixed, pulled, pulls, shuffle, tilted};
+use super::joint::{dirichlet, information, joint, mixed, pulled, pulls, shuffle, tilted};
 
 /// The action that agents mostly take where they have a habit.
 const STAY: usize = 5;

@@ -7,7 +7,7 @@ use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 
-use super::{Pull, dirichlet, draw, information, joint, multinomial, pulled, pulls, shuffle};
+use super::joint::{Pull, dirichlet, draw, information, joint, multinomial, pulled, pulls, shuffle};
 use crate::information::{Alphabet, Occupied, Table};
 
 /// The share of a dominant segment.
@@ -305,7 +305,7 @@ fn drifting(segments: usize, letters: usize, rng: &mut Pcg64) -> Vec<Vec<f64>> {
 mod tests {
     use super::*;
     use crate::information::{conditional, p_value, plug_in};
-    use crate::simulation::planted::margins;
+    use crate::simulation::planted::joint::margins;
 
     const ROUNDING: f64 = 1e-12;
 

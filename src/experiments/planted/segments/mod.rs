@@ -12,8 +12,8 @@ mod targets;
 pub use engine::{Engine, Pooled, Said, Within};
 pub use figure::{Case, Figure, measure};
 pub use plot::plot;
-pub use report::{Findings, Report};
-pub use targets::Target;
+pub use report::Report;
+pub use targets::{Findings, Target};
 
 use rayon::prelude::*;
 

@@ -2,12 +2,10 @@
 
 use serde_json::{Value, json};
 
-use super::{Figure, Options, Target, Within, World, targets};
+use super::targets::{self, Findings, Target};
+use super::{Figure, Options, Within, World};
 use crate::experiments::findings::{self, Cells, Plan, Row};
 use crate::experiments::seeds::Seeds;
-
-/// Everything that was found.
-pub type Findings = findings::Findings<World, Within, Figure>;
 
 /// The outcome of the experiment.
 pub type Report = findings::Report<Options, World, Within, Figure>;

@@ -1,9 +1,12 @@
 //! What must be shown in worlds of segments, beside what was.
 
-use super::{Figure, Findings, Options, Within, World};
+use super::{Figure, Options, Within, World};
 use crate::experiments::findings::{self, Bound};
 use crate::experiments::planted::targets::CALLS;
 use crate::simulation::planted::segments::{Dependence, Differ};
+
+/// Everything that was found.
+pub type Findings = findings::Findings<World, Within, Figure>;
 
 /// A figure, where it has to lie and where it does.
 pub type Target = findings::Target<World, Within, Figure>;
