@@ -31,6 +31,7 @@ mod name;
 mod named;
 mod near;
 mod overview;
+mod principal;
 mod question;
 mod records;
 mod rule;
@@ -61,6 +62,7 @@ pub use overview::{
     Discoveries, Discovery, DiscoveryMethod, Edge, EdgeKind, Exploration, FittedPrior, Graph, HistogramBin,
     LabelledCell, StateFigures, StatePage, StateView, Summary, Trial, page_size,
 };
+pub use principal::{KeyScope, Pattern, Principal, Scopes};
 pub use question::{Exchange, MOST_STATES, Pair, Permutations, Question, Scope, View, Within};
 pub use records::{Digest, Entry, Record, Records, Rejection, Widths, Worded};
 pub use rule::{Rule, RuleKind, Threshold, Unit, WrittenRule};

@@ -221,7 +221,8 @@ fn span(id: &HeaderValue, parts: &Parts, peer: Option<IpAddr>) -> Span {
         "request",
         id = id.to_str().unwrap_or_default(),
         from = peer.map(tracing::field::display),
-        client
+        client,
+        principal = tracing::field::Empty
     )
 }
 

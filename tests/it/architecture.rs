@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 const RANKS: &[&[&str]] = &[
     &["information", "error", "config", "telemetry"],
     &["domain", "work"],
-    &["evidence", "store", "simulation", "recordings", "api"],
+    &["evidence", "store", "simulation", "recordings", "access", "api"],
     &["ingest", "client", "priors"],
     &["model"],
     &["environments", "influence"],
@@ -29,6 +29,7 @@ const RESERVED: &[(&str, &[&str])] = &[
     ("ndarray", &["model"]),
     ("safetensors", &["model"]),
     ("clap", &["cli", "main"]),
+    ("governor", &["access"]),
     ("csv", &["recordings", "experiments"]),
     ("plotters", &["simulation", "experiments"]),
     (
