@@ -132,11 +132,20 @@ impl Connection {
 
     /// Asks something small that only a Nudge can answer: a connection alone proves nothing.
     async fn probe(&self) -> Result<(), ClientError> {
-        let mut request = Request::new(proto::ListEnvironmentsRequest { page_size: 1, page_token: String::new() });
-        request.set_timeout(PROBE_TIMEOUT);
-        match self.environments().list_environments(request).await {
-            Ok(_) => Ok(()),
-            Err(status) => Err(self.not_answered(status)),
+        let asking = Instant::now();
+        loop {
+            let mut request = Request::new(proto::ListEnvironmentsRequest { page_size: 1, page_token: String::new() });
+            request.set_timeout(PROBE_TIMEOUT);
+            let status = match self.environments().list_environments(request).await {
+                Ok(_) => return Ok(()),
+                Err(status) => status,
+            };
+            // Whoever has used up the rate of its key has found a Nudge, and waits.
+            let wait = advised(&status).filter(|_| status.code() == Code::ResourceExhausted);
+            match wait.filter(|_| asking.elapsed() < PATIENCE) {
+                Some(wait) => tokio::time::sleep(wait).await,
+                None => return Err(self.not_answered(status)),
+            }
         }
     }
 

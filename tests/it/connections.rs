@@ -49,7 +49,8 @@ async fn start(limits: Limits) -> TestApp {
 }
 
 fn post(path: &str, media: &str, length: usize) -> Vec<u8> {
-    format!("POST {path} HTTP/1.1\r\nhost: localhost\r\ncontent-type: {media}\r\ncontent-length: {length}\r\n\r\n").into()
+    format!("POST {path} HTTP/1.1\r\nhost: localhost\r\ncontent-type: {media}\r\ncontent-length: {length}\r\n\r\n")
+        .into()
 }
 
 fn gzip(bytes: &[u8]) -> Vec<u8> {

@@ -181,8 +181,10 @@ fn route(method: &Method, path: &str) -> String {
     format!("{method} {path}")
 }
 
+/// Whatever is written in another way, `%33` for one, is taken for a version, which wants more.
 fn names_a_job(path: &str) -> bool {
-    path.rsplit('/').next().is_some_and(|last| last.parse::<u64>().is_err())
+    let number = path.rsplit('/').next().and_then(|last| last.strip_prefix("job-"));
+    number.is_some_and(|number| !number.is_empty() && number.bytes().all(|byte| byte.is_ascii_digit()))
 }
 
 #[cfg(test)]
@@ -204,6 +206,37 @@ mod tests {
         for gone in listed.iter().filter(|listed| listed.starts_with("/nudge") || listed.contains(" /v1/")) {
             assert!(known.contains(*gone), "{gone} is listed and not served");
         }
+    }
+
+    #[test]
+    fn only_what_is_surely_a_job_is_taken_for_one() {
+        assert!(names_a_job("/v1/environments/lane/models/job-12"));
+        for other in ["3", "%33", "+3", "job-", "job-1x", "job-+1", "JOB-1", "job%2D1", ""] {
+            assert!(!names_a_job(&format!("/v1/environments/lane/models/{other}")), "{other}");
+        }
+    }
+
+    #[test]
+    fn the_page_tells_what_each_endpoint_wants() {
+        const MARKS: [&str; 2] = ["<!-- the table: made of src/serve/access/wanted.rs -->\n", "<!-- its end -->"];
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/access.md");
+        let text = std::fs::read_to_string(&path).expect("the page");
+        let (before, rest) = text.split_once(MARKS[0]).expect("the begin of the table");
+        let (table, after) = rest.split_once(MARKS[1]).expect("the end of the table");
+        let mut made = "| endpoint | wants |\n|---|---|\n".to_owned();
+        for (endpoint, wanted) in REST.iter().chain(GRPC) {
+            let told = match wanted {
+                Nothing => "nothing".to_owned(),
+                Everywhere => "`read`, for every environment".to_owned(),
+                _ => format!("`{}`", wanted.scopes().unwrap_or_default().to_string().replace(',', "`, `")),
+            };
+            made += &format!("| `{endpoint}` | {told} |\n");
+        }
+        if std::env::var_os("NUDGE_WRITE_DOCS").is_some() {
+            std::fs::write(&path, [before, MARKS[0], &made, MARKS[1], after].concat()).expect("written");
+            return;
+        }
+        assert_eq!(table, made, "run this test with NUDGE_WRITE_DOCS=1");
     }
 
     #[test]

@@ -149,7 +149,15 @@ impl Face {
     ) -> Result<(), End> {
         // Rendezvous only: tickets wait in the acknowledging half, which bounds them by the window.
         let (tickets, taken) = mpsc::channel(1);
-        let mut reading = std::pin::pin!(self.read(session, inbound, leaving, tickets));
+        let reading = self.read(session, inbound, leaving, tickets);
+        // Wherever the reading waits, for a batch, for room or for the rate, a key that is withdrawn ends it at once.
+        let mut reading = std::pin::pin!(async {
+            tokio::select! {
+                biased;
+                problem = self.caller.withdrawn(INGEST, &session.environment().name) => Err(problem.into()),
+                end = reading => end,
+            }
+        });
         let mut acknowledging = std::pin::pin!(acknowledge(session.committed(), taken, out));
         tokio::select! {
             end = &mut reading => acknowledging.await.and(end),
@@ -181,7 +189,6 @@ impl Face {
                 biased;
                 () = leaving.0.cancelled() => return Err(self.parting().into()),
                 problem = session.ended() => return Err(problem.into()),
-                problem = self.caller.withdrawn(INGEST, &session.environment().name) => return Err(problem.into()),
                 message = inbound.message() => message.map_err(End::from_read).inspect_err(End::count)?,
             };
             let batch = match message {

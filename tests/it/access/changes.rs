@@ -124,6 +124,45 @@ async fn producers_belong_to_the_name_of_a_key() {
 }
 
 #[tokio::test]
+async fn a_stream_that_waits_for_its_rate_ends_with_its_key_too() {
+    let (key, line) = key("game ingest,read rate=4/m");
+    let guarded = Guarded::start(&[&line]).await;
+    // A probe and a hello: two are left, and the next comes in 15 seconds, for which no stream waits.
+    let (_, mut stream) = RawStream::open(ingest(&guarded, &key).await, hello("p")).await.expect("let in");
+    for sequence in 1..=3 {
+        stream.send(one(sequence)).await.expect("open");
+    }
+    let mut counted = 0;
+    let end = loop {
+        match stream.acknowledged().await {
+            Ok(told) => counted += told.receipts.len(),
+            Err(end) => break end,
+        }
+    };
+    assert_eq!((counted, end.code(), reason(&end).as_str()), (2, Code::ResourceExhausted, "RATE_EXCEEDED"));
+
+    let line = line.replace("4/m", "1/s");
+    guarded.ring.replace(keys(&[&line]));
+    tokio::time::sleep(Duration::from_millis(1_100)).await;
+    let client = ingest(&guarded, &key);
+    let mut client = tokio::time::timeout(Duration::from_secs(5), client).await.expect("let in");
+    tokio::time::sleep(Duration::from_millis(1_100)).await;
+    let (_, mut stream) = RawStream::open(client.clone(), hello("p")).await.expect("let in");
+    for sequence in 3..=9 {
+        stream.send(one(sequence)).await.expect("open");
+    }
+    let changed = Instant::now();
+    guarded.ring.replace(keys(&[]));
+    let end = loop {
+        if let Err(end) = stream.acknowledged().await {
+            break end;
+        }
+    };
+    assert_eq!((end.code(), changed.elapsed() < SOON), (Code::Unauthenticated, true), "{end:?}");
+    client.write(write("p", 9)).await.expect_err("withdrawn");
+}
+
+#[tokio::test]
 async fn a_rate_is_told_with_the_time_to_wait() {
     let (slow, line) = key("slow read,ingest rate=2/h");
     let guarded = Guarded::start(&[&line]).await;
@@ -161,8 +200,11 @@ async fn the_client_waits_for_its_rate_and_goes_on() {
     for _ in 0..6 {
         connection.environment("lane").await.expect("sooner or later");
     }
-    // A probe, a look, a stream, twelve batches and six looks are 21, and 4 may come at once.
-    assert!(began.elapsed() >= Duration::from_secs(4), "{:?}", began.elapsed());
+    for _ in 0..6 {
+        super::changes::connection(&guarded, &steady).await;
+    }
+    // A probe, a look, a stream, twelve batches, six looks and six probes are 27, and 4 may come at once.
+    assert!(began.elapsed() >= Duration::from_secs(5), "{:?}", began.elapsed());
 }
 
 #[tokio::test]
