@@ -135,6 +135,7 @@ fn parsers_survive_anything() {
     ];
     let header = prop_oneof![
         prop::collection::vec(any::<u8>(), 0..600),
+        "(Bearer|bearer) nudge_[0-9a-f]{1,64}".prop_map(String::into_bytes),
         "[Bb]earer[ \t]{0,3}[ -~]{0,80}".prop_map(String::into_bytes),
     ];
     let (mut read, mut found) = (0, 0);
