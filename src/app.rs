@@ -9,6 +9,7 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
 use self::chores::{Chore, Chores};
+use crate::domain::Principal;
 use crate::environments::Environments;
 use crate::influence::Influence;
 use crate::ingest::Ingest;
@@ -89,6 +90,12 @@ impl App {
             app.in_background(app.networks.clone().keep_up(upkeep.train_every));
         }
         app
+    }
+
+    /// Returns the rooms as they are for a principal.
+    pub fn asked_by(&self, principal: &Arc<Principal>) -> Self {
+        let environments = self.environments.asked_by(principal.clone());
+        Self { environments, ingest: self.ingest.asked_by(principal.clone()), ..self.clone() }
     }
 
     fn in_background(&self, work: impl Future<Output = ()> + Send + 'static) {

@@ -31,6 +31,12 @@ pub struct Config {
     pub max_connections: usize,
     /// The age at which HTTP/2 connections are asked to leave; never if it is zero.
     pub max_connection_age: Duration,
+    /// The file of the keys that are let in; without one, everybody is.
+    pub keys: Option<PathBuf>,
+    /// Whether everybody may be let in who reaches an address that is not this machine's own.
+    pub insecure: bool,
+    /// Names by which the service may be asked for, beside loopback names and the address that it listens on.
+    pub hosts: Vec<String>,
     /// Origins whose pages may call REST and gRPC-Web; none by default.
     pub cors_origins: Vec<String>,
 }
@@ -50,6 +56,9 @@ impl Default for Config {
             train_every: Duration::ZERO,
             max_connections: 4_096,
             max_connection_age: Duration::from_secs(3_600),
+            keys: None,
+            insecure: false,
+            hosts: Vec::new(),
             cors_origins: Vec::new(),
         }
     }

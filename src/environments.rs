@@ -9,13 +9,14 @@ use tracing::{Instrument, instrument};
 use crate::api::{self, proto};
 use crate::domain::draft::{DescriptionDraft, RuleDraft};
 use crate::domain::{
-    Environment, EnvironmentId, EnvironmentPage, Name, Pair, Schema, UnreadableEnvironment, WrittenRule, hint,
-    page_size,
+    Environment, EnvironmentId, EnvironmentPage, Name, Pair, Principal, Schema, UnreadableEnvironment, WrittenRule,
+    hint, page_size,
 };
 use crate::error::{ErrorKind, Fault, Problem};
 use crate::ingest::Ingest;
 use crate::model::Networks;
 use crate::store::{Leftovers, Store, StoreError};
+use crate::telemetry;
 use crate::work::beside;
 
 /// The longest rest between two steps of a removal.
@@ -30,16 +31,27 @@ pub struct Environments {
     store: Arc<dyn Store>,
     ingest: Ingest,
     networks: Networks,
+    principal: Arc<Principal>,
 }
 
 impl Environments {
     /// Makes a handle.
     pub fn new(store: Arc<dyn Store>, ingest: Ingest, networks: Networks) -> Self {
-        Self { store, ingest, networks }
+        Self { store, ingest, networks, principal: Arc::new(Principal::anonymous()) }
+    }
+
+    /// Returns a handle for a principal, to whom other environments than theirs are forbidden, whether there are such or not.
+    pub fn asked_by(&self, principal: Arc<Principal>) -> Self {
+        Self { principal, ..self.clone() }
+    }
+
+    fn admit(&self, name: &str) -> Result<(), Problem> {
+        self.principal.admit_to(name).inspect_err(|_| telemetry::denied("environment"))
     }
 
     /// Returns the environment of that name.
     pub fn find(&self, name: &str) -> Result<Arc<Environment>, Problem> {
+        self.admit(name)?;
         self.store.environment(name).ok_or_else(|| match self.find_unreadable(name) {
             Some(environment) => cannot_be_read(&environment),
             None => self.unknown(name),
@@ -48,7 +60,9 @@ impl Environments {
 
     fn unknown(&self, name: &str) -> Problem {
         let known = self.store.environments();
-        let hint = hint(name, known.iter().map(|environment| environment.name.as_str()));
+        let theirs =
+            known.iter().map(|environment| environment.name.as_str()).filter(|name| self.principal.may_see(name));
+        let hint = hint(name, theirs);
         Problem::new(ErrorKind::NotFound, "ENVIRONMENT_NOT_FOUND", format!("unknown environment `{name}`{hint}"))
     }
 
@@ -66,10 +80,12 @@ impl Environments {
     pub fn list(&self, asked: u64, page_token: Option<&str>) -> Result<EnvironmentPage, Problem> {
         let size = page_size(asked)?;
         let after = |environment: &Arc<Environment>| page_token.is_none_or(|token| environment.name.as_str() > token);
-        let unreadable = if page_token.is_none() { self.store.unreadable() } else { Vec::new() };
+        let mut unreadable = if page_token.is_none() { self.store.unreadable() } else { Vec::new() };
+        unreadable.retain(|environment| self.principal.may_see(&environment.name));
         let spent = unreadable.iter().map(|one| api::bytes(&proto::UnreadableEnvironment::from(&**one))).sum();
 
-        let environments = self.store.environments().into_iter().filter(after);
+        let is_theirs = |environment: &Arc<Environment>| self.principal.may_see(environment.name.as_str());
+        let environments = self.store.environments().into_iter().filter(after).filter(is_theirs);
         let page = api::page(environments, size, spent, |environment| proto::Environment::from(&**environment));
         let last = page.items.last().filter(|_| page.has_more).map(|environment| environment.name.to_string());
         Ok(EnvironmentPage { environments: page.items, unreadable, next_page_token: last })
@@ -78,6 +94,7 @@ impl Environments {
     /// Makes an environment, or confirms that it exists with this schema; a rule that is given is set. Returns whether it was made now.
     #[instrument(level = "debug", skip(self, description))]
     pub async fn apply(&self, name: &str, description: DescriptionDraft) -> Result<(Arc<Environment>, bool), Problem> {
+        self.admit(name)?;
         let existing = self.store.environment(name);
         // Before it is looked at, which takes long where it is large. One that exists stays, whatever its size, and comes back in.
         if existing.as_ref().is_none_or(|existing| description.schema.bytes() > existing.schema.draft().bytes()) {
@@ -114,6 +131,7 @@ impl Environments {
     /// database goes in the background.
     #[instrument(level = "debug", skip(self))]
     pub async fn delete(&self, name: &str) -> Result<(), Problem> {
+        self.admit(name)?;
         let (id, uid) = match self.find_unreadable(name) {
             Some(environment) => (environment.id, environment.uid.clone()),
             None => self.find(name).map(|environment| (environment.id, environment.uid.clone()))?,

@@ -11,6 +11,10 @@ use std::time::Duration;
 pub enum ErrorKind {
     /// The input is wrong: correct it. Its faults are listed.
     Invalid,
+    /// Nobody knows who asks: there is no key, or none that is let in.
+    Unauthenticated,
+    /// Whoever asks may not have it.
+    Forbidden,
     /// The thing named does not exist.
     NotFound,
     /// The request contradicts what is stored; sent again it will fail again.

@@ -12,6 +12,7 @@
 //! * [`store`]: what was counted, durably: a promise, and SQLite behind it.
 //! * [`simulation`]: worlds that produce transitions.
 //! * [`recordings`]: play that was recorded elsewhere, read as transitions.
+//! * [`access`]: keys, and what proves that somebody has one.
 //! * [`api`]: the wire: generated proto types, JSON, and their conversions.
 //! * [`ingest`]: how transitions become counts.
 //! * [`client`]: speaking to a service as a game server does.
@@ -37,6 +38,7 @@
 //! Nothing in `information`, `domain` or `evidence` does I/O. Raw values are not kept anywhere: only bins are counted. There is no wall clock in the
 //! protocol. The committer talks to nothing but the store. Nothing flows upwards but return values.
 
+pub mod access;
 pub mod api;
 pub mod app;
 pub mod cli;

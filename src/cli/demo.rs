@@ -56,6 +56,9 @@ pub(super) struct Demo {
     /// End by itself after so long: 20s, 5m or 1h
     #[arg(long, value_parser = duration)]
     duration: Option<Duration>,
+    /// Let in everybody who reaches an address that is not this machine's own
+    #[arg(long, env = "NUDGE_INSECURE")]
+    insecure: bool,
     /// Start over: forget what was counted before
     #[arg(long)]
     fresh: bool,
@@ -66,7 +69,8 @@ impl Demo {
     pub(super) async fn run(self) -> Result<(), Failure> {
         telemetry::log(telemetry::LogFormat::Human);
         let signals = Signals::install()?;
-        let config = Config { listen: self.listen, data: self.data.clone(), fit_every: FIT_EVERY, ..Config::default() };
+        let (listen, data, insecure) = (self.listen, self.data.clone(), self.insecure);
+        let config = Config { listen, data, insecure, fit_every: FIT_EVERY, ..Config::default() };
         let Some(service) = Service::start(&config, &signals).await? else { return Ok(()) };
         let address = reachable(service.address);
         print(&format!("listening on http://{address}, counting in {}", config.database().display()))?;

@@ -4,7 +4,7 @@ use std::io::Write;
 use std::process::ExitCode;
 
 use crate::client::{ClientError, Refusal};
-use crate::error::{Fault, Problem};
+use crate::error::{ErrorKind, Fault, Problem};
 
 /// The exit code of a command that a signal ended, as shells have it for Ctrl-C.
 const INTERRUPTED: u8 = 130;
@@ -78,6 +78,9 @@ impl From<Problem> for Failure {
 impl From<ClientError> for Failure {
     fn from(error: ClientError) -> Self {
         match &error {
+            ClientError::Refused(Refusal { kind: ErrorKind::Unauthenticated, message, .. }) => {
+                Self::refused(format!("{message}: give a key by NUDGE_KEY or --api-key-file"))
+            }
             ClientError::Refused(Refusal { message, faults, .. }) => Self::of_faults(1, message, faults),
             ClientError::Unreachable { .. } => {
                 Self::usage(format!("{error}: start a service with `nudge serve`, or name another with --server"))

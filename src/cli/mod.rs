@@ -14,6 +14,7 @@ mod experiment;
 mod failure;
 mod graph;
 mod ingest;
+mod key;
 mod model;
 mod output;
 mod progress;
@@ -63,6 +64,8 @@ enum Command {
     #[command(subcommand)]
     Experiment(experiment::Experiment),
     Check(check::Check),
+    #[command(subcommand)]
+    Key(key::Command),
 }
 
 /// Reads the arguments of the process, does what they say, and returns the exit code.
@@ -88,6 +91,7 @@ fn execute(cli: Cli) -> Result<(), Failure> {
             Command::Simulate(command) => command.run().await,
             Command::Experiment(command) => command.run().await,
             Command::Check(command) => command.run().await,
+            Command::Key(command) => command.run(),
         }
     });
     // Whatever still computes has nobody left to tell: the command is over, and all that it promised is done.

@@ -12,6 +12,7 @@ use tokio::net::TcpListener;
 use tokio_util::sync::CancellationToken;
 
 use super::duration::duration;
+use super::key::KeysFile;
 use super::{Failure, output};
 use crate::app::{App, Upkeep};
 use crate::config::Config;
@@ -75,6 +76,16 @@ pub struct ServeSettings {
     /// The age, give or take a tenth, at which an HTTP/2 connection is asked to leave, so that clients spread over services anew; 0s for never.
     #[arg(long, env = "NUDGE_MAX_CONNECTION_AGE", value_name = "TIME", value_parser = duration, default_value = "1h")]
     pub max_connection_age: Duration,
+    /// The file of the keys that are let in (see `nudge key new`), read again on SIGHUP. Without one, everybody who reaches the service is let in.
+    #[arg(long, env = "NUDGE_KEYS", value_name = "FILE")]
+    pub keys: Option<PathBuf>,
+    /// Let in everybody who reaches an address that is not this machine's own: only where something else keeps others away.
+    #[arg(long, env = "NUDGE_INSECURE")]
+    pub insecure: bool,
+    /// A name by which the service may be asked for without a key, beside loopback names and the address that it listens on, such as nudge.example.org
+    /// or *.example.org; repeat it, or separate several by commas.
+    #[arg(long, env = "NUDGE_HOSTS", value_name = "NAME", value_delimiter = ',', value_parser = host)]
+    pub hosts: Vec<String>,
     /// An origin whose pages may call, such as https://example.org; repeat it, or separate several by commas.
     #[arg(long, env = "NUDGE_CORS_ORIGINS", value_name = "ORIGIN", value_delimiter = ',')]
     pub cors_origins: Vec<String>,
@@ -118,6 +129,9 @@ impl ServeSettings {
             train_every: self.train_every,
             max_connections: self.max_connections,
             max_connection_age: self.max_connection_age,
+            keys: self.keys.clone(),
+            insecure: self.insecure,
+            hosts: self.hosts.clone(),
             cors_origins: self.cors_origins.clone(),
         }
     }
@@ -134,7 +148,10 @@ impl Serve {
         let signals = Signals::install()?;
         let Some(service) = Service::start(&config, &signals).await? else { return Ok(()) };
         output::print(&format!("listening on http://{}", service.address))?;
-        signals.next().await;
+        tokio::select! {
+            () = signals.next() => {}
+            never = service.reload() => match never {},
+        }
         service.stop_unless(&signals).await
     }
 }
@@ -146,6 +163,7 @@ pub struct Service {
     /// Where it listens.
     pub address: SocketAddr,
     serving: tokio::task::JoinHandle<()>,
+    keys: KeysFile,
 }
 
 impl Service {
@@ -159,6 +177,8 @@ impl Service {
             environments: config.max_environments,
         };
         let options = Options { quotas, cache_cells: config.cache_cells };
+        refuse_to_be_open(config)?;
+        let keys = KeysFile::read(config.keys.as_deref())?;
         // The port first: whoever finds it taken should not have touched the data.
         let listener = TcpListener::bind(config.listen).await.map_err(|error| cannot_listen(config.listen, &error))?;
         let address = listener.local_addr().map_err(|error| cannot_listen(config.listen, &error))?;
@@ -184,10 +204,21 @@ impl Service {
         let store = Arc::new(store.map_err(|error| Failure::usage(error.to_string()))?);
         let upkeep = Upkeep { fit_every: config.fit_every, train_every: config.train_every };
         let app = App::open_until(draining, store, upkeep);
-        let settings = Settings { cors_origins: config.cors_origins.clone(), limits };
+        let settings = Settings {
+            keys: keys.ring.clone(),
+            listen: Some(config.listen.ip()),
+            hosts: config.hosts.clone(),
+            cors_origins: config.cors_origins.clone(),
+            limits,
+        };
         doors.open(app.clone(), &settings).await.map_err(|error| Failure::usage(error.to_string()))?;
         tracing::info!(%address, database = %database.display(), "serving");
-        Ok(Some(Self { app, address, serving }))
+        Ok(Some(Self { app, address, serving, keys }))
+    }
+
+    /// Reads the keys again whenever SIGHUP comes, for ever.
+    pub async fn reload(&self) -> Infallible {
+        self.keys.follow().await
     }
 
     /// Stops gracefully, or at once when another signal comes.
@@ -246,6 +277,29 @@ pub(super) fn address(text: &str) -> Result<SocketAddr, String> {
     text.parse().map_err(|_| format!("got {text:?}, expected an IP address and a port such as 127.0.0.1:8080"))
 }
 
+/// Reads a name of a host: without scheme, port or path.
+fn host(text: &str) -> Result<String, String> {
+    let is_known = |byte: u8| byte.is_ascii_alphanumeric() || b"-._:[]*".contains(&byte);
+    let has_port = text.rsplit_once(':').is_some_and(|(name, port)| !name.contains(':') && port.parse::<u16>().is_ok());
+    let is_host = !text.is_empty() && text.bytes().all(is_known) && !has_port;
+    let expected = "expected a name without scheme and port such as nudge.example.org or *.example.org";
+    is_host.then(|| text.to_owned()).ok_or_else(|| format!("got {text:?}, {expected}"))
+}
+
+/// Refuses to let in everybody who reaches this machine, unless that is wanted.
+fn refuse_to_be_open(config: &Config) -> Result<(), Failure> {
+    let ip = config.listen.ip().to_canonical();
+    if ip.is_loopback() || config.keys.is_some() || config.insecure {
+        return Ok(());
+    }
+    let others = if ip.is_unspecified() { "every address of this machine" } else { "an address that others reach" };
+    Err(Failure::usage(format!(
+        "{} is {others}, and without keys everybody there could read, change and delete everything: give --keys FILE (`nudge key new` makes \
+         one), or listen on 127.0.0.1, or give --insecure where something else keeps others away",
+        config.listen
+    )))
+}
+
 fn at_least_one<N: FromStr + Default + PartialOrd>(text: &str) -> Result<N, String> {
     let number = text.parse().ok().filter(|number| *number > N::default());
     number.ok_or_else(|| format!("got {text:?}, expected a whole number of at least 1"))
@@ -265,7 +319,7 @@ fn print(config: &Config, log: Log) -> Result<(), Failure> {
     let quoted = |origins: &[String]| origins.iter().map(|origin| format!("{origin:?}")).collect::<Vec<_>>().join(", ");
     output::print(&format!(
         "listen = \"{}\"\ndata = {:?}\nmax_cells = {}\nmax_segments = {}\nmax_producers = {}\nmax_models = {}\nmax_environments = {}\ncache_cells = {}\nfit_every = \"{}s\"\ntrain_every = \"{}s\"\n\
-         max_connections = {}\nmax_connection_age = \"{}s\"\ncors_origins = [{}]\nlog = \"{log}\"",
+         max_connections = {}\nmax_connection_age = \"{}s\"\n{}insecure = {}\nhosts = [{}]\ncors_origins = [{}]\nlog = \"{log}\"",
         config.listen,
         config.data,
         config.max_cells,
@@ -278,6 +332,9 @@ fn print(config: &Config, log: Log) -> Result<(), Failure> {
         config.train_every.as_secs(),
         config.max_connections,
         config.max_connection_age.as_secs(),
+        config.keys.as_ref().map(|path| format!("keys = {path:?}\n")).unwrap_or_default(),
+        config.insecure,
+        quoted(&config.hosts),
         quoted(&config.cors_origins),
     ))
 }

@@ -9,6 +9,7 @@ use tonic::{Code, Request, Response, Status};
 use tonic_types::StatusExt;
 
 use super::error::{is_transient, said};
+use super::options::{Bearer, Options, Wire};
 use super::trouble::Trouble;
 use super::{ClientError, Producer, ProducerBuilder};
 use crate::api::proto;
@@ -42,12 +43,18 @@ const MOST_ACKNOWLEDGEMENT_BYTES: usize = 64 << 20;
 pub struct Connection {
     address: String,
     channel: Channel,
+    bearer: Bearer,
 }
 
 impl Connection {
     /// Connects to `http://127.0.0.1:8080` or `127.0.0.1:8080`, and makes sure that a Nudge answers there.
     pub async fn open(address: &str) -> Result<Self, ClientError> {
-        let connection = Self::dial(&with_scheme(address)?).await?;
+        Self::open_with(address, &Options::default()).await
+    }
+
+    /// Connects as [`Connection::open`] does, with options.
+    pub async fn open_with(address: &str, options: &Options) -> Result<Self, ClientError> {
+        let connection = Self::dial(&with_scheme(address)?, options).await?;
         connection.probe().await?;
         Ok(connection)
     }
@@ -58,23 +65,24 @@ impl Connection {
     }
 
     /// Returns a stub of the service that keeps environments.
-    pub fn environments(&self) -> EnvironmentServiceClient<Channel> {
-        EnvironmentServiceClient::new(self.channel.clone())
+    pub fn environments(&self) -> EnvironmentServiceClient<Wire> {
+        EnvironmentServiceClient::with_interceptor(self.channel.clone(), self.bearer.clone())
     }
 
     /// Returns a stub of the service that answers questions.
-    pub fn influence(&self) -> InfluenceServiceClient<Channel> {
-        InfluenceServiceClient::new(self.channel.clone())
+    pub fn influence(&self) -> InfluenceServiceClient<Wire> {
+        InfluenceServiceClient::with_interceptor(self.channel.clone(), self.bearer.clone())
     }
 
     /// Returns a stub of the service that trains networks.
-    pub fn models(&self) -> ModelServiceClient<Channel> {
-        ModelServiceClient::new(self.channel.clone())
+    pub fn models(&self) -> ModelServiceClient<Wire> {
+        ModelServiceClient::with_interceptor(self.channel.clone(), self.bearer.clone())
     }
 
     /// Returns a stub of the service that takes batches; [`Producer`] speaks to it well.
-    pub fn ingest(&self) -> IngestServiceClient<Channel> {
-        IngestServiceClient::new(self.channel.clone()).max_decoding_message_size(MOST_ACKNOWLEDGEMENT_BYTES)
+    pub fn ingest(&self) -> IngestServiceClient<Wire> {
+        IngestServiceClient::with_interceptor(self.channel.clone(), self.bearer.clone())
+            .max_decoding_message_size(MOST_ACKNOWLEDGEMENT_BYTES)
     }
 
     /// Prepares a producer of that id into that environment.
@@ -100,26 +108,44 @@ impl Connection {
             let (mut client, request) = (self.environments(), request.clone());
             async move { client.apply_environment(request).await }
         };
-        patiently(ask).await.map(drop)
+        match patiently(ask).await {
+            Err(ClientError::Refused(refusal)) if refusal.reason == "SCOPE_MISSING" => {
+                // A key that may only send finds what another made.
+                let found = self.environment(name).await.ok().and_then(|found| schema_of(&found).ok());
+                let is_same =
+                    found.zip(Schema::try_from(schema).ok()).is_some_and(|(one, other)| one.hash() == other.hash());
+                if is_same { Ok(()) } else { Err(ClientError::Refused(refusal)) }
+            }
+            done => done.map(drop),
+        }
     }
 
-    async fn dial(address: &str) -> Result<Self, ClientError> {
+    async fn dial(address: &str, options: &Options) -> Result<Self, ClientError> {
         let unusable = |why: String| ClientError::Address { address: address.into(), why };
         let endpoint = Endpoint::from_shared(address.to_owned()).map_err(|error| unusable(innermost(&error)))?;
         let (interval, timeout) = KEEP_ALIVE;
         let endpoint =
             endpoint.connect_timeout(CONNECT_TIMEOUT).http2_keep_alive_interval(interval).keep_alive_timeout(timeout);
         let channel = endpoint.connect().await.map_err(|error| unreachable(address, innermost(&error)))?;
-        Ok(Self { address: address.into(), channel })
+        Ok(Self { address: address.into(), channel, bearer: options.bearer() })
     }
 
     /// Asks something small that only a Nudge can answer: a connection alone proves nothing.
     async fn probe(&self) -> Result<(), ClientError> {
-        let mut request = Request::new(proto::ListEnvironmentsRequest { page_size: 1, page_token: String::new() });
-        request.set_timeout(PROBE_TIMEOUT);
-        match self.environments().list_environments(request).await {
-            Ok(_) => Ok(()),
-            Err(status) => Err(self.not_answered(status)),
+        let asking = Instant::now();
+        loop {
+            let mut request = Request::new(proto::ListEnvironmentsRequest { page_size: 1, page_token: String::new() });
+            request.set_timeout(PROBE_TIMEOUT);
+            let status = match self.environments().list_environments(request).await {
+                Ok(_) => return Ok(()),
+                Err(status) => status,
+            };
+            // Whoever has used up the rate of its key has found a Nudge, and waits.
+            let wait = advised(&status).filter(|_| status.code() == Code::ResourceExhausted);
+            match wait.filter(|_| asking.elapsed() < PATIENCE) {
+                Some(wait) => tokio::time::sleep(wait).await,
+                None => return Err(self.not_answered(status)),
+            }
         }
     }
 
@@ -182,7 +208,7 @@ fn why(status: &Status) -> String {
 }
 
 /// Returns after how long the service wants to be asked again; what it says is bounded, so that nobody waits for ever.
-fn advised(status: &Status) -> Option<Duration> {
+pub(super) fn advised(status: &Status) -> Option<Duration> {
     let advised = status.get_details_retry_info()?.retry_delay?;
     Some(advised.min(LONGEST_ADVICE))
 }

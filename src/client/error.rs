@@ -102,6 +102,8 @@ impl From<&Status> for Refusal {
 fn kind(code: Code, reason: &str) -> ErrorKind {
     match code {
         Code::InvalidArgument => ErrorKind::Invalid,
+        Code::Unauthenticated => ErrorKind::Unauthenticated,
+        Code::PermissionDenied => ErrorKind::Forbidden,
         Code::NotFound => ErrorKind::NotFound,
         Code::FailedPrecondition if reason == "OUT_OF_ORDER" => ErrorKind::OutOfOrder,
         Code::FailedPrecondition => ErrorKind::Conflict,

@@ -6,9 +6,9 @@ use futures::future::BoxFuture;
 use tokio::sync::mpsc::{UnboundedSender, unbounded_channel};
 use tokio::time::{Instant, sleep_until, timeout};
 use tokio_stream::wrappers::UnboundedReceiverStream;
-use tonic::transport::Channel;
 use tonic::{Status, Streaming};
 
+use super::options::Wire;
 use crate::api::proto;
 use crate::api::proto::ingest_request::Message;
 use crate::api::proto::ingest_service_client::IngestServiceClient;
@@ -51,7 +51,7 @@ pub(super) enum Event {
 
 impl Link {
     /// Begins to open a stream.
-    pub(super) fn open(client: IngestServiceClient<Channel>, hello: proto::Hello) -> Self {
+    pub(super) fn open(client: IngestServiceClient<Wire>, hello: proto::Hello) -> Self {
         Self::Opening(Box::pin(async move {
             let late = |_| Status::unavailable(format!("no welcome within {} s", WELCOME_TIMEOUT.as_secs()));
             timeout(WELCOME_TIMEOUT, open(client, hello)).await.map_err(late)?
@@ -78,7 +78,7 @@ impl Stream {
     }
 }
 
-async fn open(mut client: IngestServiceClient<Channel>, hello: proto::Hello) -> Result<Opened, Status> {
+async fn open(mut client: IngestServiceClient<Wire>, hello: proto::Hello) -> Result<Opened, Status> {
     let (outgoing, requests) = unbounded_channel();
     // The hello waits in the stream before the call: a service may read it before it answers the call at all.
     let _ = outgoing.send(proto::IngestRequest { message: Some(Message::Hello(hello)) });

@@ -4,6 +4,11 @@
 //!
 //! `docs/protocol.md` tells it, for those who write a client of their own in another language.
 //!
+//! # Keys
+//!
+//! A service that lets in keys only wants one: `Connection::open_with(address, Options::default().key(key))`, which goes along with every call. Where the
+//! key's rate is used up, calls and producers wait as long as the service says, and go on.
+//!
 //! # Example
 //!
 //! ```no_run
@@ -26,6 +31,7 @@
 mod connection;
 mod error;
 mod link;
+mod options;
 mod outbox;
 mod producer;
 mod task;
@@ -34,7 +40,9 @@ mod trouble;
 
 pub use connection::{Connection, patiently, patiently_telling, schema_of};
 pub use error::{ClientError, Refusal};
+pub use options::{Bearer, Options, Wire};
 pub use producer::{Producer, ProducerBuilder};
 pub use totals::{Rejected, Totals};
 
+pub use crate::access::Secret;
 pub use crate::domain::Track;

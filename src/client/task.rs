@@ -5,10 +5,11 @@ use std::time::Duration;
 use tokio::sync::{mpsc, oneshot};
 use tokio::time::{Instant, sleep_until};
 use tonic::Status;
-use tonic::transport::Channel;
 
+use super::connection::advised;
 use super::error::{is_transient, said};
 use super::link::{Event, Link, Opened};
+use super::options::Wire;
 use super::outbox::Outbox;
 use super::trouble::Trouble;
 use super::{ClientError, Totals};
@@ -31,7 +32,7 @@ pub(super) enum Command {
 /// What the task works by.
 pub(super) struct Terms {
     pub hello: proto::Hello,
-    pub client: IngestServiceClient<Channel>,
+    pub client: IngestServiceClient<Wire>,
     pub widths: Widths,
     /// Transitions of a batch of a replay, which must not depend on what the service allows.
     pub fixed_batch_size: Option<usize>,
@@ -200,7 +201,8 @@ impl Task {
         let now = Instant::now();
         let is_awaited = self.opened.is_some() || !self.outbox.is_empty();
         let trouble = self.trouble.get_or_insert_with(|| Trouble::begin(now));
-        let delay = trouble.failed(said(&status));
+        // A rate says after how long there is some of it again.
+        let delay = trouble.failed(said(&status)).max(advised(&status).unwrap_or_default());
         if let Some(limit) = self.terms.retry_for
             && is_awaited
             && trouble.lasted(now) >= limit

@@ -34,6 +34,7 @@ mod named;
 mod near;
 mod overview;
 mod pair;
+mod principal;
 mod question;
 mod records;
 mod rule;
@@ -68,6 +69,7 @@ pub use overview::{
     LabelledCell, StateFigures, StatePage, StateView, Summary, Trial, page_size,
 };
 pub use pair::Pair;
+pub use principal::{KeyScope, Pattern, Principal, Scopes};
 pub use question::{Exchange, MOST_STATES, Permutations, Question, Scope, View, Within};
 pub use records::{Digest, Entry, Record, Records, Rejection, Widths, Worded};
 pub use rule::{Rule, RuleKind, Threshold, Unit, WrittenRule};

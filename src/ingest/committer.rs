@@ -161,6 +161,13 @@ fn failed(error: StoreError, batches: usize) -> Vec<Result<Acknowledged, Problem
     vec![Err(problem); batches]
 }
 
+/// Refuses whoever speaks for a producer that belongs to another key's name.
+pub fn foreign(producer: &ProducerId) -> Problem {
+    telemetry::denied("producer");
+    let message = format!("producer `{producer}` belongs to another key; send under another producer id");
+    Problem::new(ErrorKind::Forbidden, "PRODUCER_FORBIDDEN", message).with("producer", producer)
+}
+
 fn refused(batch: &Numbered, refusal: Refusal) -> Problem {
     let sequence = batch.sequence;
     match refusal {
@@ -170,6 +177,7 @@ fn refused(batch: &Numbered, refusal: Refusal) -> Problem {
             "ENVIRONMENT_READ_ONLY",
             "the environment is damaged: it can be read as far as it is sound, but takes no transitions; see `/readyz?verbose`, and restore a backup",
         ),
+        Refusal::Foreign => foreign(&batch.producer),
         Refusal::OutOfOrder { expected } => {
             let message = format!("got sequence {sequence} of producer `{}`, expected {expected}", batch.producer);
             Problem::new(ErrorKind::OutOfOrder, "OUT_OF_ORDER", message).with("expected_sequence", expected)

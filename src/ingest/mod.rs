@@ -20,14 +20,14 @@ mod room;
 mod streams;
 mod validate;
 
-use committer::{Pending, Resume, Work};
+use committer::{Pending, Resume, Work, foreign};
 use figures::Counted;
 pub use figures::Figures;
 use room::Room;
 use streams::{Lease, Registration, Streams};
 pub use validate::validate;
 
-use crate::domain::{Acknowledged, Batch, Environment, EnvironmentId, ProducerId, Sequence};
+use crate::domain::{Acknowledged, Batch, Environment, EnvironmentId, Principal, ProducerId, Sequence};
 use crate::error::{ErrorKind, Problem};
 use crate::store::{Numbered, Store};
 use crate::telemetry;
@@ -47,6 +47,8 @@ pub struct Ingest {
     streams: Streams,
     counted: Counted,
     committer: TaskTracker,
+    store: Arc<dyn Store>,
+    principal: Arc<Principal>,
 }
 
 impl Ingest {
@@ -54,9 +56,15 @@ impl Ingest {
     pub fn start(store: Arc<dyn Store>) -> Self {
         let (queue, work) = mpsc::channel(MOST_WORK);
         let (committer, counted) = (TaskTracker::new(), Counted::default());
-        committer.spawn(committer::run(store, counted.clone(), work));
+        committer.spawn(committer::run(store.clone(), counted.clone(), work));
         committer.close();
-        Self { queue, room: Room::default(), streams: Streams::default(), counted, committer }
+        let (room, streams, principal) = (Room::default(), Streams::default(), Arc::new(Principal::anonymous()));
+        Self { queue, room, streams, counted, committer, store, principal }
+    }
+
+    /// Returns a handle that speaks for a principal: producers belong to its name.
+    pub fn asked_by(&self, principal: Arc<Principal>) -> Self {
+        Self { principal, ..self.clone() }
     }
 
     /// Counts one batch and returns after it is on stable storage; refuses soon, retryably, when too much waits.
@@ -73,9 +81,19 @@ impl Ingest {
 
     /// Opens a stream of a producer: fences its older one, and asks for the resume point behind everything queued before.
     pub async fn open(&self, environment: Arc<Environment>, producer: ProducerId) -> Result<Session, Problem> {
-        let registration = self.streams.open(environment.id, producer.clone());
+        self.claim(&environment, &producer).await?;
+        let owner = self.principal.name().cloned();
+        let registration =
+            self.streams.open(environment.id, producer.clone(), owner).ok_or_else(|| foreign(&producer))?;
         let committed = self.committed(&environment, &producer).await?;
         Ok(Session { ingest: self.clone(), environment, producer, registration, committed })
+    }
+
+    /// Refuses a producer that belongs to another key's name, before its stream is fenced.
+    async fn claim(&self, environment: &Environment, producer: &ProducerId) -> Result<(), Problem> {
+        let Some(name) = self.principal.name() else { return Ok(()) };
+        let owner = self.store.owner(environment.id, producer).await?;
+        if owner.is_none_or(|owner| owner == *name) { Ok(()) } else { Err(foreign(producer)) }
     }
 
     /// Returns the last committed sequence of a producer, after everything queued before.
@@ -123,12 +141,13 @@ impl Ingest {
     ) -> Result<Ticket, Problem> {
         let sequence = batch.sequence;
         let (schema, environment) = (environment.schema.clone(), environment.id);
+        let owner = self.principal.name().cloned();
         let bytes = size_of_val(&batch.records.states[..]) + size_of_val(&batch.records.actions[..]);
         let numbered = aside(bytes, move || {
             let segment = batch.segment.as_ref();
             let (digest, worded) = (batch.records.digest(segment), batch.records.worded(segment).map(Box::new));
             let (increment, receipt) = validate(&schema, batch.segment, &batch.records);
-            Numbered { environment, producer, sequence, digest, worded, increment, receipt }
+            Numbered { environment, producer, owner, sequence, digest, worded, increment, receipt }
         });
         let batch = numbered.await.inspect_err(refused)?;
         let (reply, answer) = oneshot::channel();

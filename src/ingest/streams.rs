@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use tokio_util::sync::CancellationToken;
 
-use crate::domain::{EnvironmentId, ProducerId};
+use crate::domain::{EnvironmentId, Name, ProducerId};
 use crate::error::{ErrorKind, Problem};
 
 type Key = (EnvironmentId, ProducerId);
@@ -17,6 +17,7 @@ pub struct Streams(Arc<Mutex<HashMap<Key, Arc<Lease>>>>);
 /// The right of one stream to speak for its producer, until it ends.
 #[derive(Default)]
 pub struct Lease {
+    owner: Option<Name>,
     over: CancellationToken,
     why: OnceLock<End>,
 }
@@ -35,14 +36,21 @@ pub struct Registration {
 }
 
 impl Streams {
-    /// Gives a new stream its lease; the lease of the producer's earlier stream is over before this returns.
-    pub fn open(&self, environment: EnvironmentId, producer: ProducerId) -> Registration {
+    /// Gives a new stream its lease; the lease of the producer's earlier stream is over before this returns. `None` where that one is of another key's
+    /// name, which goes on: nothing of either may be stored yet.
+    pub fn open(&self, environment: EnvironmentId, producer: ProducerId, owner: Option<Name>) -> Option<Registration> {
         let key = (environment, producer);
-        let lease = Arc::new(Lease::default());
-        if let Some(earlier) = self.lock().insert(key.clone(), lease.clone()) {
+        let mut live = self.lock();
+        let is_anothers = |live: &Arc<Lease>| owner.is_some() && live.owner.is_some() && live.owner != owner;
+        if live.get(&key).is_some_and(is_anothers) {
+            return None;
+        }
+        let lease = Arc::new(Lease { owner, ..Lease::default() });
+        if let Some(earlier) = live.insert(key.clone(), lease.clone()) {
             earlier.end(End::Fenced);
         }
-        Registration { streams: self.clone(), key, lease }
+        drop(live);
+        Some(Registration { streams: self.clone(), key, lease })
     }
 
     /// Ends every stream into an environment that was deleted.
@@ -112,22 +120,33 @@ mod tests {
     #[test]
     fn a_later_stream_fences_only_its_own_producer() {
         let streams = Streams::default();
-        let first = streams.open(EnvironmentId(1), producer("p"));
-        let elsewhere = streams.open(EnvironmentId(2), producer("p"));
-        let second = streams.open(EnvironmentId(1), producer("p"));
+        let open = |environment| streams.open(EnvironmentId(environment), producer("p"), None).expect("nobody's");
+        let [first, elsewhere, second] = [1, 2, 1].map(open);
         assert_eq!(first.lease().check().expect_err("fenced").reason, "FENCED");
         assert!(second.lease().check().is_ok() && elsewhere.lease().check().is_ok());
         drop(first);
-        let third = streams.open(EnvironmentId(1), producer("p"));
+        let third = open(1);
         assert!(second.lease().check().is_err(), "the fenced stream's end must not unregister the second");
         assert!(third.lease().check().is_ok());
     }
 
     #[test]
+    fn a_key_does_not_fence_the_stream_of_another_name() {
+        let streams = Streams::default();
+        let open = |owner: &str| streams.open(EnvironmentId(1), producer("p"), Some(owner.parse().expect("a name")));
+        let first = open("a").expect("nobody's");
+        assert!(open("b").is_none() && first.lease().check().is_ok());
+        let second = open("a").expect("its own");
+        assert!(first.lease().check().is_err());
+        drop((first, second));
+        assert!(open("b").is_some(), "nothing of it is stored");
+    }
+
+    #[test]
     fn an_environment_takes_its_streams_with_it() {
         let streams = Streams::default();
-        let gone = streams.open(EnvironmentId(1), producer("p"));
-        let stays = streams.open(EnvironmentId(2), producer("p"));
+        let open = |environment| streams.open(EnvironmentId(environment), producer("p"), None).expect("nobody's");
+        let [gone, stays] = [1, 2].map(open);
         streams.end_all(EnvironmentId(1));
         assert_eq!(gone.lease().check().expect_err("deleted").kind, ErrorKind::NotFound);
         assert!(stays.lease().check().is_ok());

@@ -5,7 +5,8 @@ use http::{HeaderName, HeaderValue, Method, header};
 use tower_http::cors::{AllowOrigin, CorsLayer};
 
 /// What the two faces send beside what every request may have, and what a page may read of the answers.
-const SENT: [HeaderName; 7] = [
+const SENT: [HeaderName; 8] = [
+    header::AUTHORIZATION,
     header::CONTENT_TYPE,
     HeaderName::from_static("x-request-id"),
     HeaderName::from_static("x-grpc-web"),
@@ -14,7 +15,8 @@ const SENT: [HeaderName; 7] = [
     HeaderName::from_static("connect-protocol-version"),
     HeaderName::from_static("inference-header-content-length"),
 ];
-const READ: [HeaderName; 6] = [
+const READ: [HeaderName; 7] = [
+    header::WWW_AUTHENTICATE,
     header::RETRY_AFTER,
     HeaderName::from_static("x-request-id"),
     HeaderName::from_static("grpc-status"),

@@ -2,16 +2,19 @@
 //!
 //! Handlers decode, ask a room of [`App`], and encode. An `if` about the problem rather than the protocol belongs further in.
 
+use std::net::IpAddr;
 use std::time::Duration;
 
 use axum::{Router, middleware};
 use tokio::net::TcpListener;
 use tower_http::catch_panic::CatchPanicLayer;
 
+use self::access::{Guard, Keyring};
 use self::connections::limits::Limits;
 use crate::app::App;
 use crate::store::Stage;
 
+pub mod access;
 pub mod connections;
 pub mod listen;
 
@@ -38,6 +41,12 @@ const STATE_BYTES: usize = 1_024;
 pub struct Settings {
     /// The origins whose pages may call from a browser, `https://example.org`; `*` for any. None by default.
     pub cors_origins: Vec<String>,
+    /// Who is let in; everybody where it is absent.
+    pub keys: Option<Keyring>,
+    /// The address that is listened on.
+    pub listen: Option<IpAddr>,
+    /// Names, beside loopback names and the address that is listened on, by which the service may be asked for: `nudge.example.org`, `*.example.org`.
+    pub hosts: Vec<String>,
     /// What connections may take.
     pub limits: Limits,
 }
@@ -60,5 +69,7 @@ async fn router(app: App, settings: &Settings) -> Result<Router, tonic_reflectio
     let router =
         rest::router(app.clone()).merge(inference::router(app.clone())).merge(operations::router(app)).merge(grpc);
     requests::expect(rest::documented());
+    let guard = Guard::new(settings);
+    let router = router.layer(middleware::from_fn_with_state(guard, access::admit));
     Ok(cors::allow(router, &settings.cors_origins).layer(middleware::from_fn(requests::note_route)))
 }

@@ -1,6 +1,6 @@
 //! What operators ask: is the process alive, can it work, what does it measure.
 
-use axum::extract::{RawQuery, State};
+use axum::extract::{RawQuery, Request, State};
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
@@ -28,6 +28,17 @@ pub fn is_asked(path: &str) -> bool {
     const PATHS: [&str; 6] =
         ["/livez", "/readyz", "/metrics", "/v2/health/live", "/v2/health/ready", "/grpc.health.v1.Health/Check"];
     PATHS.contains(&path)
+}
+
+/// Tells whether machines ask, which know addresses and no names: kubelets, load balancers, Prometheus. What they are told is for anybody, but for metrics.
+pub fn is_asked_by_machines(request: &Request) -> bool {
+    const OTHERS: [&str; 3] = [
+        "/grpc.health.v1.Health/Watch",
+        "/inference.GRPCInferenceService/ServerLive",
+        "/inference.GRPCInferenceService/ServerReady",
+    ];
+    let (path, query) = (request.uri().path(), request.uri().query());
+    (is_asked(path) && !is_verbose(query)) || OTHERS.contains(&path)
 }
 
 type Check = (&'static str, Result<(), String>);

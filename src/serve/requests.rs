@@ -197,7 +197,8 @@ fn route(request: &Request, path: &MatchedPath) -> String {
 
 /// Tells whether a request speaks gRPC, or gRPC-Web.
 pub fn is_grpc(headers: &HeaderMap) -> bool {
-    headers.get(header::CONTENT_TYPE).is_some_and(|media| media.as_bytes().starts_with(b"application/grpc"))
+    let media = headers.get(header::CONTENT_TYPE).and_then(|media| media.as_bytes().strip_prefix(b"application/grpc"));
+    media.is_some_and(|rest| rest.first().is_none_or(|next| b"+;- ".contains(next)))
 }
 
 fn is_kept(id: &HeaderValue) -> bool {
@@ -221,7 +222,8 @@ fn span(id: &HeaderValue, parts: &Parts, peer: Option<IpAddr>) -> Span {
         "request",
         id = id.to_str().unwrap_or_default(),
         from = peer.map(tracing::field::display),
-        client
+        client,
+        principal = tracing::field::Empty
     )
 }
 

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use axum::Extension;
 use axum::response::{IntoResponse, Response};
-use http::{StatusCode, header};
+use http::{HeaderValue, StatusCode, header};
 use tonic::{Code, Status};
 use tonic_types::{ErrorDetails, StatusExt};
 
@@ -22,6 +22,8 @@ const UNSUPPORTED: &str = "UNSUPPORTED_MEDIA_TYPE";
 pub fn codes(kind: ErrorKind) -> (StatusCode, Code) {
     match kind {
         ErrorKind::Invalid => (StatusCode::BAD_REQUEST, Code::InvalidArgument),
+        ErrorKind::Unauthenticated => (StatusCode::UNAUTHORIZED, Code::Unauthenticated),
+        ErrorKind::Forbidden => (StatusCode::FORBIDDEN, Code::PermissionDenied),
         ErrorKind::NotFound => (StatusCode::NOT_FOUND, Code::NotFound),
         ErrorKind::Conflict => (StatusCode::CONFLICT, Code::FailedPrecondition),
         ErrorKind::AlreadyExists => (StatusCode::CONFLICT, Code::AlreadyExists),
@@ -144,6 +146,9 @@ pub fn too_late(asked: Asked, allowed: Duration) -> Problem {
 /// After how long a batch that was not answered is sent again.
 const RETRY_BATCH: Duration = Duration::from_secs(1);
 
+/// What is told beside 401: how to show a key.
+const CHALLENGE: HeaderValue = HeaderValue::from_static("Bearer realm=\"nudge\"");
+
 const TOO_LARGE: &str = "BODY_TOO_LARGE";
 
 /// Makes the problem of a body that has more than so many bytes.
@@ -227,6 +232,9 @@ impl Failure {
 
     fn response(&self, content_type: &'static str, body: impl IntoResponse) -> Response {
         let mut response = (self.status, [(header::CONTENT_TYPE, content_type)], body).into_response();
+        if self.status == StatusCode::UNAUTHORIZED {
+            response.headers_mut().insert(header::WWW_AUTHENTICATE, CHALLENGE);
+        }
         if let Some(wait) = self.problem.retry_after {
             response.headers_mut().insert(header::RETRY_AFTER, wait.as_secs().into());
         }

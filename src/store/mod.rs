@@ -74,6 +74,9 @@ pub trait Store: Send + Sync {
     /// Returns the last committed sequence of a producer, as the next commit would find it.
     async fn watermark(&self, id: EnvironmentId, producer: &ProducerId) -> Result<Sequence, StoreError>;
 
+    /// Returns whose a producer is: the name of the key that first sent a batch of it that was counted. `None` where there is none.
+    async fn owner(&self, id: EnvironmentId, producer: &ProducerId) -> Result<Option<Name>, StoreError>;
+
     /// Commits batches in their order, in one transaction, and returns an outcome each.
     async fn commit(&self, batches: &[Numbered]) -> Result<Vec<Outcome>, StoreError>;
 
@@ -157,6 +160,8 @@ pub struct Numbered {
     pub environment: EnvironmentId,
     /// Who sent it.
     pub producer: ProducerId,
+    /// The name of the key that spoke for the producer; `None` where nobody needs one.
+    pub owner: Option<Name>,
     /// Its number.
     pub sequence: Sequence,
     /// Of its decoded content.
@@ -185,6 +190,8 @@ pub enum Refusal {
     Gone,
     /// The environment is damaged: its totals do not match its cells, or something of it cannot be read.
     ReadOnly,
+    /// The producer belongs to another key's name.
+    Foreign,
     /// The number is ahead of the one expected.
     OutOfOrder {
         /// The number that would be applied.

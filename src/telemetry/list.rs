@@ -37,6 +37,8 @@ metrics! {
     REQUEST_SECONDS: histogram("nudge_request_duration_seconds", ANSWERS, &["face", "route"]);
     /// Requests refused before anybody looked at them, by reason: connections or the memory of unfinished messages were used up
     SHED: counter("nudge_requests_shed_total", &["reason"]);
+    /// Requests refused because of who asks, by reason: `unauthenticated` (no key, or none that is let in), `scope`, `environment` or `producer` (not of this key), `host`, `origin` or `media` (what a browser could be made to send), `rate`
+    DENIED: counter("nudge_requests_denied_total", &["reason"]);
     /// Open connections
     CONNECTIONS: gauge("nudge_connections", &[]);
     /// Connections ended by the service before it stops, by reason

@@ -22,7 +22,7 @@ pub use metric::{Kind, Metric, Page};
 
 use list::{
     ACCEPTED, BUILD, CACHE, CELLS, COMMIT_SECONDS, COMMIT_TRANSITIONS, COMMITS, CONNECTIONS, CONNECTIONS_ENDED,
-    DATABASE, DISK, DISK_FREE, DUPLICATES, ENVIRONMENTS, FIT_AGE, FIT_BEHIND, INFERENCE_SECONDS, INFERENCES,
+    DATABASE, DENIED, DISK, DISK_FREE, DUPLICATES, ENVIRONMENTS, FIT_AGE, FIT_BEHIND, INFERENCE_SECONDS, INFERENCES,
     INFERRED_STATES, JOBS, LAST_BATCH, MODELS, MODELS_ACTIVE, QUERY_SECONDS, QUEUED, QUOTA, READ_ONLY, READY, REFUSED,
     REJECTED, REQUEST_SECONDS, REQUESTS, SHED, STATES, STREAMS, TRAINING_SECONDS, TRAININGS, UNVERIFIED, VERDICTS,
     WAITING, WORKING,
@@ -46,7 +46,8 @@ pub fn begin() {
     ]
     .into_iter()
     .for_each(|metric| metric.begin(&[]));
-    let words: [(&Metric, &[&str]); 8] = [
+    let words: [(&Metric, &[&str]); 9] = [
+        (&DENIED, &["unauthenticated", "scope", "environment", "producer", "host", "origin", "media", "rate"]),
         (&SHED, &["TOO_MANY_CONNECTIONS", "TOO_MANY_UNFINISHED_BYTES"]),
         (&CONNECTIONS_ENDED, &["head", "idle", "unread", "age", "grace", "evicted", "refused"]),
         (&REFUSED, &["OVERLOADED", "QUOTA_EXCEEDED", "OUT_OF_ORDER", "STORE_UNAVAILABLE", "OUTCOME_UNKNOWN"]),
@@ -79,6 +80,11 @@ pub fn refused(reason: &'static str) {
 /// Records a request that was refused for want of connections or of memory.
 pub fn shed(reason: &'static str) {
     SHED.add(&[reason], 1.0);
+}
+
+/// Records a request that was refused because of who asks.
+pub fn denied(reason: &'static str) {
+    DENIED.add(&[reason], 1.0);
 }
 
 /// Records how many connections are open.

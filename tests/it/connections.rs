@@ -33,7 +33,7 @@ use crate::support::faulty::{Failure, Faulty};
 use crate::support::raw::{LONG, PREFACE, Raw, call, frame};
 use crate::support::{RawStream, TestApp, hello, lane_schema, open, reason, row, rows};
 
-const ALIVE: &[u8] = b"GET /livez HTTP/1.1\r\nhost: nudge\r\n\r\n";
+const ALIVE: &[u8] = b"GET /livez HTTP/1.1\r\nhost: localhost\r\n\r\n";
 const LANE: &str = "/v1/environments/lane";
 const TRANSITIONS: &str = "/v1/environments/lane/transitions";
 
@@ -49,7 +49,8 @@ async fn start(limits: Limits) -> TestApp {
 }
 
 fn post(path: &str, media: &str, length: usize) -> Vec<u8> {
-    format!("POST {path} HTTP/1.1\r\nhost: nudge\r\ncontent-type: {media}\r\ncontent-length: {length}\r\n\r\n").into()
+    format!("POST {path} HTTP/1.1\r\nhost: localhost\r\ncontent-type: {media}\r\ncontent-length: {length}\r\n\r\n")
+        .into()
 }
 
 fn gzip(bytes: &[u8]) -> Vec<u8> {
@@ -168,7 +169,7 @@ async fn assert_stalled(call: JoinHandle<Status>, path: &str) {
 async fn answers_that_nobody_reads_are_ended() {
     let app = start(Limits { stalled: second(), ..Limits::default() }).await;
     // More than sockets hold.
-    let many = b"GET /docs/swagger-ui-bundle.js HTTP/1.1\r\nhost: nudge\r\n\r\n".repeat(30);
+    let many = b"GET /docs/swagger-ui-bundle.js HTTP/1.1\r\nhost: localhost\r\n\r\n".repeat(30);
     let mut raw = Raw::open(app.address, &many).await;
     let writing = async { while raw.0.write_all(ALIVE).await.is_ok() {} };
     timeout(LONG, writing).await.expect("it is ended");
@@ -362,7 +363,7 @@ async fn old_connections_are_left_without_loss() {
 async fn a_stop_waits_for_nobody_who_does_not_care() {
     let app = start(Limits { drain: second(), ..Limits::default() }).await;
     app.lane().await;
-    let unread = b"GET /docs/swagger-ui-bundle.js HTTP/1.1\r\nhost: nudge\r\n\r\n".repeat(30);
+    let unread = b"GET /docs/swagger-ui-bundle.js HTTP/1.1\r\nhost: localhost\r\n\r\n".repeat(30);
     let half = [&post(TRANSITIONS, "application/json", 100)[..], b"{"].concat();
     let open = [PREFACE, &call("/nudge.v1.IngestService/Ingest")].concat();
     let mut others = Vec::new();

@@ -2,6 +2,7 @@
 
 #![allow(missing_docs)]
 
+mod access;
 mod architecture;
 mod bounded;
 mod cli;

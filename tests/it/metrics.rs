@@ -215,7 +215,8 @@ async fn clients_that_left_and_commits_that_failed_are_counted() {
     held.arm();
     let body = transitions(1).to_string();
     let mut left = TcpStream::connect(app.address).await.expect("it listens");
-    let head = "POST /v1/environments/lane/transitions HTTP/1.1\r\nhost: x\r\ncontent-type: application/json\r\n";
+    let head =
+        "POST /v1/environments/lane/transitions HTTP/1.1\r\nhost: localhost\r\ncontent-type: application/json\r\n";
     let sent = format!("{head}content-length: {}\r\n\r\n{body}", body.len());
     left.write_all(sent.as_bytes()).await.expect("sent");
     let mut client = app.ingest().await;

@@ -28,6 +28,7 @@ mod sqlite {
         environments_survive,
         batches_count_in_their_order,
         a_gap_is_refused,
+        a_producer_belongs_to_the_first_name_that_speaks_for_it,
         a_number_used_with_another_content_is_refused,
         duplicates_get_their_first_receipt,
         duplicates_are_known_after_reopening,
@@ -159,6 +160,36 @@ async fn batches_count_in_their_order(database: &dyn Database) {
     assert_eq!(totals(&store, id).await, expected);
     assert_eq!(watermark(&store, id, "game").await, 2);
     assert_eq!(watermark(&store, id, "another").await, 0);
+}
+
+async fn a_producer_belongs_to_the_first_name_that_speaks_for_it(database: &dyn Database) {
+    let (store, id) = open(database).await;
+    let of = |producer: &str, sequence, owner: Option<&str>| {
+        let batch = batch(id, producer, sequence).cell(0, 1, tally(1, 1)).done();
+        Numbered { owner: owner.map(|owner| owner.parse().expect("a name")), ..batch }
+    };
+    let owner = async |producer: &str| {
+        let owner = store.owner(id, &producer.parse().expect("an id")).await.expect("read");
+        owner.map(|name| name.to_string())
+    };
+    let refused = Outcome::Refused(Refusal::Foreign);
+
+    // In one commit, and nobody's from before.
+    let batches = [of("p", 1, Some("a")), of("p", 2, Some("b")), of("p", 2, Some("a")), of("old", 1, None)];
+    let outcomes = store.commit(&batches).await.expect("committed");
+    assert_eq!(outcomes.iter().map(|outcome| *outcome == refused).collect::<Vec<_>>(), [false, true, false, false]);
+    assert_eq!((owner("p").await.as_deref(), owner("old").await, owner("new").await), (Some("a"), None, None));
+
+    // In a later one: also what was counted before is not told to others, and a gap of theirs is none of their business.
+    let batches = [of("p", 1, Some("b")), of("p", 9, Some("b")), of("old", 2, Some("b")), of("old", 3, Some("a"))];
+    let outcomes = store.commit(&batches).await.expect("committed");
+    assert_eq!(outcomes.iter().map(|outcome| *outcome == refused).collect::<Vec<_>>(), [true, true, false, true]);
+    assert_eq!(owner("old").await.as_deref(), Some("b"));
+
+    // A refused batch gives nobody a producer, and whoever needs no key speaks for all.
+    let outcomes = store.commit(&[of("gap", 2, Some("a")), of("p", 3, None)]).await.expect("committed");
+    assert!(matches!(outcomes[0], Outcome::Refused(Refusal::OutOfOrder { .. })) && outcomes[1] != refused);
+    assert_eq!((owner("gap").await, owner("p").await.as_deref()), (None, Some("a")));
 }
 
 async fn a_gap_is_refused(database: &dyn Database) {

@@ -33,11 +33,12 @@ impl EnvironmentService for Face {
         &self,
         request: Request<ApplyEnvironmentRequest>,
     ) -> Result<Response<ApplyEnvironmentResponse>, Status> {
+        let face = self.asked(&request);
         call("ApplyEnvironment", async {
             let ApplyEnvironmentRequest { name, schema, rule } = request.into_inner();
             let schema = beside(move || schema.unwrap_or_default().into()).await?;
             let description = DescriptionDraft { schema, schema_hash: None, rule: rule.map(Into::into) };
-            let (environment, created) = self.app.environments.apply(&name, description).await?;
+            let (environment, created) = face.app.environments.apply(&name, description).await?;
             let environment = beside(move || sendable(&environment)).await?;
             Ok(ApplyEnvironmentResponse { environment: Some(environment), created })
         })
@@ -48,8 +49,9 @@ impl EnvironmentService for Face {
         &self,
         request: Request<GetEnvironmentRequest>,
     ) -> Result<Response<GetEnvironmentResponse>, Status> {
+        let face = self.asked(&request);
         call("GetEnvironment", async {
-            let environment = self.app.environments.find(&request.into_inner().name)?;
+            let environment = face.app.environments.find(&request.into_inner().name)?;
             Ok(GetEnvironmentResponse { environment: Some(beside(move || sendable(&environment)).await?) })
         })
         .await
@@ -59,10 +61,11 @@ impl EnvironmentService for Face {
         &self,
         request: Request<ListEnvironmentsRequest>,
     ) -> Result<Response<ListEnvironmentsResponse>, Status> {
+        let face = self.asked(&request);
         call("ListEnvironments", async {
             let ListEnvironmentsRequest { page_size, page_token } = request.into_inner();
             let token = Some(page_token.as_str()).filter(|token| !token.is_empty());
-            let page = self.app.environments.list(u64::from(page_size), token)?;
+            let page = face.app.environments.list(u64::from(page_size), token)?;
             beside(move || {
                 let mut page = ListEnvironmentsResponse::from(page);
                 page.environments.iter_mut().for_each(lighten);
@@ -74,9 +77,10 @@ impl EnvironmentService for Face {
     }
 
     async fn update_rule(&self, request: Request<UpdateRuleRequest>) -> Result<Response<UpdateRuleResponse>, Status> {
+        let face = self.asked(&request);
         call("UpdateRule", async {
             let UpdateRuleRequest { name, rule } = request.into_inner();
-            let environment = self.app.environments.update_rule(&name, &rule.unwrap_or_default().into()).await?;
+            let environment = face.app.environments.update_rule(&name, &rule.unwrap_or_default().into()).await?;
             Ok(UpdateRuleResponse { environment: Some(beside(move || sendable(&environment)).await?) })
         })
         .await
@@ -86,8 +90,9 @@ impl EnvironmentService for Face {
         &self,
         request: Request<DeleteEnvironmentRequest>,
     ) -> Result<Response<DeleteEnvironmentResponse>, Status> {
+        let face = self.asked(&request);
         call("DeleteEnvironment", async {
-            self.app.environments.delete(&request.into_inner().name).await?;
+            face.app.environments.delete(&request.into_inner().name).await?;
             Ok(DeleteEnvironmentResponse {})
         })
         .await

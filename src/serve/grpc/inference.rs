@@ -25,10 +25,11 @@ impl GrpcInferenceService for Face {
     }
 
     async fn model_ready(&self, request: Request<ModelReadyRequest>) -> Result<Response<ModelReadyResponse>, Status> {
+        let face = self.asked(&request);
         call("ModelReady", async {
             let ModelReadyRequest { name, version } = request.into_inner();
             let name = ModelName { model: &name, version: &version };
-            let ready = served::is_known(&self.app, name).await? && operations::ready(&self.app).await.is_ok();
+            let ready = served::is_known(&face.app, name).await? && operations::ready(&face.app).await.is_ok();
             Ok(ModelReadyResponse { ready })
         })
         .await
@@ -45,21 +46,23 @@ impl GrpcInferenceService for Face {
         &self,
         request: Request<ModelMetadataRequest>,
     ) -> Result<Response<ModelMetadataResponse>, Status> {
+        let face = self.asked(&request);
         call("ModelMetadata", async {
             let ModelMetadataRequest { name, version } = request.into_inner();
-            let served = Served::find(&self.app, ModelName { model: &name, version: &version }).await?;
-            Ok(served.metadata(&self.app).await?.into())
+            let served = Served::find(&face.app, ModelName { model: &name, version: &version }).await?;
+            Ok(served.metadata(&face.app).await?.into())
         })
         .await
     }
 
     async fn model_infer(&self, request: Request<ModelInferRequest>) -> Result<Response<ModelInferResponse>, Status> {
+        let face = self.asked(&request);
         call("ModelInfer", async {
             let mut message = request.into_inner();
             let (model, version) =
                 (std::mem::take(&mut message.model_name), std::mem::take(&mut message.model_version));
             let request = grpc::request(message)?;
-            Ok(served::infer(&self.app, ModelName { model: &model, version: &version }, request).await?.into())
+            Ok(served::infer(&face.app, ModelName { model: &model, version: &version }, request).await?.into())
         })
         .await
     }

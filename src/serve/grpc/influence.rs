@@ -32,9 +32,10 @@ impl InfluenceService for Face {
         &self,
         request: Request<GetInfluenceRequest>,
     ) -> Result<Response<GetInfluenceResponse>, Status> {
+        let face = self.asked(&request);
         call("GetInfluence", async {
             let (environment, draft) = grpc::question(request.into_inner())?;
-            let (answers, view) = self.answer(&environment, draft).await?;
+            let (answers, view) = face.answer(&environment, draft).await?;
             fitting(answers.into(), view)
         })
         .await
@@ -44,68 +45,75 @@ impl InfluenceService for Face {
         &self,
         request: Request<BatchGetInfluenceRequest>,
     ) -> Result<Response<BatchGetInfluenceResponse>, Status> {
+        let face = self.asked(&request);
         call("BatchGetInfluence", async {
             let (environment, draft) = grpc::batch_question(request.into_inner())?;
-            let (answers, view) = self.answer(&environment, draft).await?;
+            let (answers, view) = face.answer(&environment, draft).await?;
             aside(answers.answers.len() * STATE_BYTES, move || fitting(answers.into(), view)).await?
         })
         .await
     }
 
     async fn get_state(&self, request: Request<GetStateRequest>) -> Result<Response<GetStateResponse>, Status> {
+        let face = self.asked(&request);
         call("GetState", async {
             let GetStateRequest { environment, key } = request.into_inner();
-            let environment = self.app.environments.find(&environment)?;
-            let view = self.app.influence.state(&environment, &key).await?;
+            let environment = face.app.environments.find(&environment)?;
+            let view = face.app.influence.state(&environment, &key).await?;
             aside(view.cells.len() * STATE_BYTES, move || fitting(view.into(), View::Full)).await?
         })
         .await
     }
 
     async fn list_states(&self, request: Request<ListStatesRequest>) -> Result<Response<ListStatesResponse>, Status> {
+        let face = self.asked(&request);
         call("ListStates", async {
             let (environment, listing) = grpc::list_states(request.into_inner())?;
-            let environment = self.app.environments.find(&environment)?;
-            let page = self.app.influence.states(&environment, &listing).await?;
+            let environment = face.app.environments.find(&environment)?;
+            let page = face.app.influence.states(&environment, &listing).await?;
             aside(page.states.len() * STATE_BYTES, move || fitting(page.into(), View::Verdict)).await?
         })
         .await
     }
 
     async fn summarize(&self, request: Request<SummarizeRequest>) -> Result<Response<SummarizeResponse>, Status> {
+        let face = self.asked(&request);
         call("Summarize", async {
             let (environment, draft) = grpc::summary(request.into_inner())?;
-            let environment = self.app.environments.find(&environment)?;
-            Ok(self.app.influence.summary(&environment, &draft).await?.into())
+            let environment = face.app.environments.find(&environment)?;
+            Ok(face.app.influence.summary(&environment, &draft).await?.into())
         })
         .await
     }
 
     async fn get_graph(&self, request: Request<GetGraphRequest>) -> Result<Response<GetGraphResponse>, Status> {
+        let face = self.asked(&request);
         call("GetGraph", async {
             let (environment, draft) = grpc::graph(request.into_inner())?;
-            let environment = self.app.environments.find(&environment)?;
-            let graph = self.app.influence.graph(&environment, &draft).await?;
+            let environment = face.app.environments.find(&environment)?;
+            let graph = face.app.influence.graph(&environment, &draft).await?;
             aside(graph.edges.len() * STATE_BYTES, move || fitting(graph.into(), View::Figures)).await?
         })
         .await
     }
 
     async fn explore(&self, request: Request<ExploreRequest>) -> Result<Response<ExploreResponse>, Status> {
+        let face = self.asked(&request);
         call("Explore", async {
             let (environment, draft) = grpc::exploration(request.into_inner())?;
-            let environment = self.app.environments.find(&environment)?;
-            let exploration = self.app.influence.explore(&environment, &draft).await?;
+            let environment = face.app.environments.find(&environment)?;
+            let exploration = face.app.influence.explore(&environment, &draft).await?;
             aside(exploration.trials.len() * STATE_BYTES, move || fitting(exploration.into(), View::Verdict)).await?
         })
         .await
     }
 
     async fn fit_prior(&self, request: Request<FitPriorRequest>) -> Result<Response<FitPriorResponse>, Status> {
+        let face = self.asked(&request);
         call("FitPrior", async {
             let (environment, pair) = grpc::fit(request.into_inner());
-            let environment = self.app.environments.find(&environment)?;
-            Ok(self.app.influence.fit(&environment, pair.as_ref()).await?.into())
+            let environment = face.app.environments.find(&environment)?;
+            Ok(face.app.influence.fit(&environment, pair.as_ref()).await?.into())
         })
         .await
     }

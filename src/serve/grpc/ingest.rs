@@ -21,7 +21,7 @@ use crate::api::proto::{
     WriteResponse, ingest_response,
 };
 use crate::api::{MOST_BATCH_TRANSITIONS, MOST_MESSAGE_BYTES, grpc};
-use crate::domain::{Batch, Environment, ProducerId, Sequence};
+use crate::domain::{Batch, Environment, KeyScope, ProducerId, Scopes, Sequence};
 use crate::error::{ErrorKind, Problem};
 use crate::ingest::{Session, Ticket, WINDOW};
 use crate::serve::connections::Leaving;
@@ -30,6 +30,9 @@ use crate::telemetry;
 
 /// How long a stream may take to say hello.
 const HELLO: Duration = Duration::from_secs(10);
+
+/// What whoever sends must stay allowed to do.
+const INGEST: Scopes = Scopes::of(&[KeyScope::Ingest]);
 
 /// Acknowledgements that wait for the socket.
 const OUTBOUND: usize = 16;
@@ -41,18 +44,20 @@ impl IngestService for Face {
     type IngestStream = ReceiverStream<Result<IngestResponse, Status>>;
 
     async fn ingest(&self, request: Request<Streaming<IngestRequest>>) -> Result<Response<Self::IngestStream>, Status> {
+        let face = self.asked(&request);
         let (out, responses) = mpsc::channel(OUTBOUND);
         let leaving = request.extensions().get().cloned();
-        let leaving = leaving.unwrap_or_else(|| Leaving(self.app.draining.clone()));
-        tokio::spawn(self.clone().stream(request.into_inner(), leaving, out).in_current_span());
+        let leaving = leaving.unwrap_or_else(|| Leaving(face.app.draining.clone()));
+        tokio::spawn(face.stream(request.into_inner(), leaving, out).in_current_span());
         Ok(Response::new(ReceiverStream::new(responses)))
     }
 
     async fn write(&self, request: Request<WriteRequest>) -> Result<Response<WriteResponse>, Status> {
+        let face = self.asked(&request);
         call("Write", async {
-            let (environment, producer, batch) = self.decode(request.into_inner()).inspect_err(refused)?;
+            let (environment, producer, batch) = face.decode(request.into_inner()).inspect_err(refused)?;
             let sequence = batch.sequence;
-            let told = self.app.ingest.write(&environment, producer, batch).await?;
+            let told = face.app.ingest.write(&environment, producer, batch).await?;
             Ok(WriteResponse { receipt: Some(grpc::receipt(sequence, told)) })
         })
         .await
@@ -62,10 +67,11 @@ impl IngestService for Face {
         &self,
         request: Request<GetProducerRequest>,
     ) -> Result<Response<GetProducerResponse>, Status> {
+        let face = self.asked(&request);
         call("GetProducer", async {
             let GetProducerRequest { environment, producer } = request.into_inner();
-            let environment = self.app.environments.find(&environment)?;
-            let committed = self.app.ingest.committed(&environment, &grpc::producer(&producer)?).await?;
+            let environment = face.app.environments.find(&environment)?;
+            let committed = face.app.ingest.committed(&environment, &grpc::producer(&producer)?).await?;
             Ok(GetProducerResponse {
                 committed_sequence: committed.get(),
                 environment_uid: environment.uid.to_string(),
@@ -143,7 +149,15 @@ impl Face {
     ) -> Result<(), End> {
         // Rendezvous only: tickets wait in the acknowledging half, which bounds them by the window.
         let (tickets, taken) = mpsc::channel(1);
-        let mut reading = std::pin::pin!(self.read(session, inbound, leaving, tickets));
+        let reading = self.read(session, inbound, leaving, tickets);
+        // Wherever the reading waits, for a batch, for room or for the rate, a key that is withdrawn ends it at once.
+        let mut reading = std::pin::pin!(async {
+            tokio::select! {
+                biased;
+                problem = self.caller.withdrawn(INGEST, &session.environment().name) => Err(problem.into()),
+                end = reading => end,
+            }
+        });
         let mut acknowledging = std::pin::pin!(acknowledge(session.committed(), taken, out));
         tokio::select! {
             end = &mut reading => acknowledging.await.and(end),
@@ -183,6 +197,7 @@ impl Face {
                 Some(_) => return Err(protocol("expected a batch").into()),
             };
             let batch = grpc::batch(&session.environment().schema, batch).inspect_err(refused)?;
+            self.caller.turn().await?;
             // A batch that still waits for room when the stream is to end was not taken: its client sends it again.
             let ticket = tokio::select! {
                 biased;

@@ -6,9 +6,10 @@ use std::time::Duration;
 
 use tonic::codec::CompressionEncoding::{Deflate, Gzip};
 use tonic::service::Routes;
-use tonic::{Response, Status};
+use tonic::{Request, Response, Status};
 use tracing::Instrument;
 
+use super::access::Caller;
 use super::rest::problems::log_panic;
 use super::{operations, status};
 use crate::api::inference_proto::grpc_inference_service_server::GrpcInferenceServiceServer;
@@ -38,6 +39,15 @@ const MOST_REFUSED_BYTES: usize = 16 << 20;
 #[derive(Clone)]
 struct Face {
     app: App,
+    caller: Caller,
+}
+
+impl Face {
+    /// Returns the face as it is for whoever sent a request.
+    fn asked<T>(&self, request: &Request<T>) -> Self {
+        let caller = request.extensions().get::<Caller>().cloned().unwrap_or_default();
+        Self { app: self.app.asked_by(caller.principal()), caller }
+    }
 }
 
 /// Returns the routes of every gRPC service, with health and reflection.
@@ -47,7 +57,7 @@ pub async fn routes(app: App) -> Result<Routes, tonic_reflection::server::Error>
             limited!($server, MOST_MESSAGE_BYTES)
         };
         ($server:ident, $most_decoded:expr) => {
-            $server::new(Face { app: app.clone() })
+            $server::new(Face { app: app.clone(), caller: Caller::default() })
                 .max_decoding_message_size($most_decoded)
                 .max_encoding_message_size(MOST_MESSAGE_BYTES)
                 // Unpacked within the same limit. Answers are small, and sooner sent than packed.

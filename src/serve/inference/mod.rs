@@ -6,7 +6,6 @@
 pub mod served;
 
 use axum::Router;
-use axum::extract::State;
 use axum::response::{IntoResponse, Response};
 use axum::routing::{any, get, post};
 use http::{HeaderMap, HeaderName, header};
@@ -15,7 +14,7 @@ use serde_json::{Value, json};
 
 use self::served::{ModelName, Served};
 use super::operations;
-use super::rest::extract::{Octets, Path};
+use super::rest::extract::{Asked, Octets, Path};
 use super::rest::{layers, problems};
 use super::status::Failure;
 use crate::api::inference::grpc;
@@ -69,25 +68,25 @@ async fn live() -> axum::Json<Value> {
     axum::Json(json!({ "live": true }))
 }
 
-async fn ready(State(app): State<App>) -> Result<axum::Json<Value>, Failure> {
+async fn ready(Asked(app): Asked) -> Result<axum::Json<Value>, Failure> {
     operations::ready(&app).await?;
     Ok(axum::Json(json!({ "ready": true })))
 }
 
-async fn model_ready(State(app): State<App>, Path(named): Path<Named>) -> Result<axum::Json<Value>, Failure> {
+async fn model_ready(Asked(app): Asked, Path(named): Path<Named>) -> Result<axum::Json<Value>, Failure> {
     Served::find(&app, named.name()).await?;
     operations::ready(&app).await?;
     Ok(axum::Json(json!({ "name": named.model, "ready": true })))
 }
 
-async fn metadata(State(app): State<App>, Path(named): Path<Named>) -> Result<axum::Json<rest::Model>, Failure> {
+async fn metadata(Asked(app): Asked, Path(named): Path<Named>) -> Result<axum::Json<rest::Model>, Failure> {
     let metadata = Served::find(&app, named.name()).await?.metadata(&app).await?;
     Ok(axum::Json(ModelMetadataResponse::from(metadata).into()))
 }
 
 /// Takes a body of any type: clients send none, and what a page could make a browser send changes nothing here.
 async fn infer(
-    State(app): State<App>,
+    Asked(app): Asked,
     Path(named): Path<Named>,
     headers: HeaderMap,
     Octets(body): Octets,

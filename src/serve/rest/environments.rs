@@ -2,15 +2,13 @@
 
 use std::sync::Arc;
 
-use axum::extract::State;
 use axum::response::{IntoResponse, Response};
 use http::StatusCode;
 
-use super::extract::{Json, Path, Query};
+use super::extract::{Asked, Json, Path, Query};
 use super::openapi::Refusals;
 use super::told::told;
 use crate::api::{json, proto};
-use crate::app::App;
 use crate::domain::Environment;
 use crate::serve::status::Failure;
 
@@ -31,7 +29,7 @@ use crate::serve::status::Failure;
     )
 )]
 pub async fn apply_environment(
-    State(app): State<App>,
+    Asked(app): Asked,
     Path(name): Path<String>,
     Json(description): Json<json::Description>,
 ) -> Result<Response, Failure> {
@@ -48,7 +46,7 @@ pub async fn apply_environment(
     params(("environment" = String, Path, description = "The environment's name")),
     responses((status = 200, description = "The environment", body = json::Environment), Refusals)
 )]
-pub async fn get_environment(State(app): State<App>, Path(name): Path<String>) -> Result<Response, Failure> {
+pub async fn get_environment(Asked(app): Asked, Path(name): Path<String>) -> Result<Response, Failure> {
     shown(app.environments.find(&name)?).await
 }
 
@@ -63,7 +61,7 @@ pub async fn get_environment(State(app): State<App>, Path(name): Path<String>) -
     ),
     responses((status = 200, description = "A page of environments", body = json::EnvironmentPage), Refusals)
 )]
-pub async fn list_environments(State(app): State<App>, Query(query): Query) -> Result<Response, Failure> {
+pub async fn list_environments(Asked(app): Asked, Query(query): Query) -> Result<Response, Failure> {
     let (page_size, page_token) = json::page(query)?;
     let page = app.environments.list(page_size, page_token.as_deref())?;
     // A description may be large, and nobody has measured it.
@@ -80,7 +78,7 @@ pub async fn list_environments(State(app): State<App>, Query(query): Query) -> R
     responses((status = 200, description = "The environment with its new rule", body = json::Environment), Refusals)
 )]
 pub async fn update_rule(
-    State(app): State<App>,
+    Asked(app): Asked,
     Path(name): Path<String>,
     Json(change): Json<json::RuleChange>,
 ) -> Result<Response, Failure> {
@@ -98,7 +96,7 @@ pub async fn update_rule(
     params(("environment" = String, Path, description = "The environment's name")),
     responses((status = 204, description = "The environment is gone"), Refusals)
 )]
-pub async fn delete_environment(State(app): State<App>, Path(name): Path<String>) -> Result<StatusCode, Failure> {
+pub async fn delete_environment(Asked(app): Asked, Path(name): Path<String>) -> Result<StatusCode, Failure> {
     app.environments.delete(&name).await?;
     Ok(StatusCode::NO_CONTENT)
 }

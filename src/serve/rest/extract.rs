@@ -1,5 +1,6 @@
 //! What handlers take out of a request. What cannot be taken is a problem, as everywhere.
 
+use std::convert::Infallible;
 use std::error::Error;
 use std::sync::Arc;
 
@@ -14,10 +15,24 @@ use serde::de::DeserializeOwned;
 use super::layers::MOST_BODY_BYTES;
 use super::packed::Packing;
 use crate::api::json::{self, Parameters};
+use crate::app::App;
 use crate::error::{Fault, Problem};
+use crate::serve::access::Caller;
 use crate::serve::connections::memory::Charge;
 use crate::serve::status::Failure;
 use crate::work::{aside, beside};
+
+/// The rooms of the service as they are for whoever asks.
+pub struct Asked(pub App);
+
+impl FromRequestParts<App> for Asked {
+    type Rejection = Infallible;
+
+    async fn from_request_parts(parts: &mut Parts, app: &App) -> Result<Self, Infallible> {
+        let caller = parts.extensions.get::<Caller>().cloned().unwrap_or_default();
+        Ok(Self(app.asked_by(caller.principal())))
+    }
+}
 
 /// The variable parts of the path.
 pub struct Path<T>(pub T);

@@ -1,15 +1,13 @@
 //! The causal graph of a state.
 
-use axum::extract::State;
 use axum::response::{IntoResponse, Response};
 use http::{HeaderMap, header};
 
 use super::accept::preferred;
-use super::extract::{Path, Query};
+use super::extract::{Asked, Path, Query};
 use super::openapi::{GraphParameters, Refusals, RuleParameters};
 use super::told::told;
 use crate::api::{fitting, json, proto};
-use crate::app::App;
 use crate::domain::View;
 use crate::serve::STATE_BYTES;
 use crate::serve::status::Failure;
@@ -36,7 +34,7 @@ const DOT: &str = "text/vnd.graphviz";
     )
 )]
 pub async fn get_graph(
-    State(app): State<App>,
+    Asked(app): Asked,
     Path(name): Path<String>,
     headers: HeaderMap,
     Query(query): Query,

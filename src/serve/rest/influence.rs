@@ -1,9 +1,8 @@
 //! The question itself, about one state or several.
 
-use axum::extract::State;
 use axum::response::Response;
 
-use super::extract::{Json, Path, Query};
+use super::extract::{Asked, Json, Path, Query};
 use super::openapi::{PairParameters, Refusals, RuleParameters, StateParameters};
 use super::told::told;
 use crate::api::{fitting, json, proto};
@@ -29,7 +28,7 @@ type Answered = Result<Response, Failure>;
     responses((status = 200, description = "The answers", body = json::Answers), Refusals)
 )]
 pub async fn batch_get_influence(
-    State(app): State<App>,
+    Asked(app): Asked,
     Path(name): Path<String>,
     Json(question): Json<json::Question>,
 ) -> Answered {
@@ -49,7 +48,7 @@ pub async fn batch_get_influence(
     ),
     responses((status = 200, description = "The answer, as a list of one", body = json::Answers), Refusals)
 )]
-pub async fn get_influence(State(app): State<App>, Path(name): Path<String>, Query(query): Query) -> Answered {
+pub async fn get_influence(Asked(app): Asked, Path(name): Path<String>, Query(query): Query) -> Answered {
     answer(&app, &name, json::question_of_query(query)?).await
 }
 

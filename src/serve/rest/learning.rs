@@ -1,13 +1,11 @@
 //! What the service learns from all states, and what it would like to see next.
 
-use axum::extract::State;
 use axum::response::Response;
 
-use super::extract::{Path, Query};
+use super::extract::{Asked, Path, Query};
 use super::openapi::{ExplorationParameters, PairParameters, Refusals, RuleParameters};
 use super::told::told;
 use crate::api::{fitting, json, proto};
-use crate::app::App;
 use crate::domain::View;
 use crate::error::{Fault, Problem};
 use crate::serve::STATE_BYTES;
@@ -28,11 +26,7 @@ use crate::serve::status::Failure;
     ),
     responses((status = 200, description = "What to try, the most valuable first", body = json::Exploration), Refusals)
 )]
-pub async fn explore(
-    State(app): State<App>,
-    Path(name): Path<String>,
-    Query(query): Query,
-) -> Result<Response, Failure> {
+pub async fn explore(Asked(app): Asked, Path(name): Path<String>, Query(query): Query) -> Result<Response, Failure> {
     let draft = json::exploration(query)?;
     let environment = app.environments.find(&name)?;
     let exploration = app.influence.explore(&environment, &draft).await?;
@@ -58,7 +52,7 @@ pub async fn explore(
     responses((status = 200, description = "What was fitted", body = json::Fits), Refusals)
 )]
 pub async fn fit_prior(
-    State(app): State<App>,
+    Asked(app): Asked,
     Path(name): Path<String>,
     Query(query): Query,
     body: bytes::Bytes,

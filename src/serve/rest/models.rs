@@ -2,13 +2,12 @@
 
 use std::sync::Arc;
 
-use axum::extract::State;
 use axum::response::{IntoResponse, Response};
 use http::{StatusCode, header};
 use serde::Deserialize;
 use utoipa::{IntoParams, ToSchema};
 
-use super::extract::{File, OCTETS, OptionalJson, Path, Query};
+use super::extract::{Asked, File, OCTETS, OptionalJson, Path, Query};
 use super::openapi::Refusals;
 use crate::api::json::ModelOrJob;
 use crate::api::{json, proto};
@@ -79,7 +78,7 @@ impl IdPath {
     )
 )]
 pub async fn train_model(
-    State(app): State<App>,
+    Asked(app): Asked,
     Path(name): Path<String>,
     OptionalJson(request): OptionalJson<json::TrainingRequest>,
 ) -> Result<Response, Failure> {
@@ -102,7 +101,7 @@ pub async fn train_model(
     responses((status = 200, description = "Versions and jobs", body = json::Models), Refusals)
 )]
 pub async fn list_models(
-    State(app): State<App>,
+    Asked(app): Asked,
     Path(name): Path<String>,
     Query(query): Query,
 ) -> Result<axum::Json<json::Models>, Failure> {
@@ -120,7 +119,7 @@ pub async fn list_models(
     params(IdPath),
     responses((status = 200, description = "The version or the job", body = json::ModelOrJob), Refusals)
 )]
-pub async fn get_model(State(app): State<App>, Path(path): Path<IdPath>) -> Result<axum::Json<ModelOrJob>, Failure> {
+pub async fn get_model(Asked(app): Asked, Path(path): Path<IdPath>) -> Result<axum::Json<ModelOrJob>, Failure> {
     let (environment, id) = path.find(&app)?;
     Ok(axum::Json(match id {
         ModelId::Version(version) => ModelOrJob::Model(Box::new(shown(app.networks.get(&environment, version).await?))),
@@ -136,7 +135,7 @@ pub async fn get_model(State(app): State<App>, Path(path): Path<IdPath>) -> Resu
     params(IdPath),
     responses((status = 204, description = "The version is gone, or the job ends"), Refusals)
 )]
-pub async fn delete_model(State(app): State<App>, Path(path): Path<IdPath>) -> Result<StatusCode, Failure> {
+pub async fn delete_model(Asked(app): Asked, Path(path): Path<IdPath>) -> Result<StatusCode, Failure> {
     let (environment, id) = path.find(&app)?;
     app.networks.delete(&environment, id).await?;
     Ok(StatusCode::NO_CONTENT)
@@ -151,7 +150,7 @@ pub async fn delete_model(State(app): State<App>, Path(path): Path<IdPath>) -> R
     responses((status = 200, description = "The version, which answers now", body = json::Model), Refusals)
 )]
 pub async fn activate_model(
-    State(app): State<App>,
+    Asked(app): Asked,
     Path(path): Path<VersionPath>,
 ) -> Result<axum::Json<json::Model>, Failure> {
     let (environment, version) = path.find(&app)?;
@@ -167,7 +166,7 @@ pub async fn activate_model(
     responses((status = 200, description = "What answers now", body = json::RolledBack), Refusals)
 )]
 pub async fn roll_back_model(
-    State(app): State<App>,
+    Asked(app): Asked,
     Path(path): Path<VersionPath>,
 ) -> Result<axum::Json<json::RolledBack>, Failure> {
     let (environment, version) = path.find(&app)?;
@@ -186,7 +185,7 @@ pub async fn roll_back_model(
         Refusals
     )
 )]
-pub async fn export_model(State(app): State<App>, Path(path): Path<VersionPath>) -> Result<Response, Failure> {
+pub async fn export_model(Asked(app): Asked, Path(path): Path<VersionPath>) -> Result<Response, Failure> {
     let (environment, version) = path.find(&app)?;
     let file = app.networks.export(&environment, version).await?;
     // A name of an environment needs no quoting.
@@ -206,11 +205,7 @@ pub async fn export_model(State(app): State<App>, Path(path): Path<VersionPath>)
     request_body(content = Safetensors, description = "The file", content_type = "application/octet-stream"),
     responses((status = 201, description = "The version that was made of it", body = json::Model), Refusals)
 )]
-pub async fn import_model(
-    State(app): State<App>,
-    Path(name): Path<String>,
-    File(file): File,
-) -> Result<Response, Failure> {
+pub async fn import_model(Asked(app): Asked, Path(name): Path<String>, File(file): File) -> Result<Response, Failure> {
     let environment = app.environments.find(&name)?;
     let model = app.networks.import(&environment, file.into()).await?;
     let location = format!("/v1/environments/{name}/models/{}", model.version);

@@ -10,12 +10,23 @@ use utoipa::{IntoParams, IntoResponses, OpenApi};
 
 use super::{environments, graph, influence, learning, models, states, summary, transitions};
 use crate::api::json;
+use crate::serve::access::Wanted;
 
 /// Returns the document.
 pub fn document() -> Value {
     let mut document = serde_json::to_value(Document::openapi()).expect("descriptions become JSON");
-    let paths = document["paths"].as_object_mut().expect("paths").values_mut();
-    for operation in paths.flat_map(|path| path.as_object_mut().expect("operations").values_mut()) {
+    document["components"]["securitySchemes"] = serde_json::json!({ SCHEME: {
+        "type": "http",
+        "scheme": "bearer",
+        "description": "A key that the service lets in, with one of the scopes that the operation names. Where the service runs without keys, none is needed.",
+    }});
+    let paths = document["paths"].as_object_mut().expect("paths").iter_mut();
+    let operations = paths.flat_map(|(path, operations)| {
+        let operations = operations.as_object_mut().expect("operations").iter_mut();
+        operations.map(move |(method, operation)| (format!("{} {path}", method.to_uppercase()), operation))
+    });
+    for (route, operation) in operations {
+        operation["security"] = security(&route);
         operation["parameters"].as_array_mut().into_iter().flatten().for_each(refine);
         if let Some(contents) = operation.pointer_mut("/requestBody/content").and_then(Value::as_object_mut) {
             // A body may be absent, which is not null.
@@ -24,6 +35,15 @@ pub fn document() -> Value {
     }
     bound(&mut document);
     document
+}
+
+/// The name of the way to show a key.
+const SCHEME: &str = "key";
+
+/// Says which scopes an operation wants: one of them, each an alternative of its own.
+fn security(route: &str) -> Value {
+    let scopes = Wanted::of_route(route).and_then(Wanted::scopes).unwrap_or_default();
+    scopes.iter().map(|scope| serde_json::json!({ SCHEME: [scope.as_str()] })).collect()
 }
 
 /// Says of a parameter what is so of all: nothing is null in a path or a query, where an empty value counts as absent; and what names look like.
@@ -273,14 +293,22 @@ pub struct Refusals;
 
 impl IntoResponses for Refusals {
     fn responses() -> BTreeMap<String, RefOr<Response>> {
-        const REFUSALS: [(&str, &str); 9] = [
+        const REFUSALS: [(&str, &str); 11] = [
             ("400", "The input is wrong; its faults are listed"),
+            ("401", "There is no key, or none that is let in"),
+            (
+                "403",
+                "The key has not the scope, or is not for the environment or the producer; or a page of another origin asks, or for another host",
+            ),
             ("404", "The thing named does not exist"),
             ("405", "The path does not take the method; `Allow` names those that it takes"),
             ("409", "The request contradicts what is stored, or a sequence is ahead"),
             ("413", "The body, the batch or the answer is too large"),
             ("415", "The body is of another type"),
-            ("429", "A quota of the service is used up: remove something, or have the quota raised"),
+            (
+                "429",
+                "A quota of the service is used up: remove something, or have the quota raised; or the rate of the key is: ask again after `Retry-After`",
+            ),
             ("500", "A defect; the cause is in the log"),
             ("503", "Not now, or no answer in time: where there is a `Retry-After`, ask again after it"),
         ];
@@ -293,7 +321,8 @@ fn refusal(status: &str, description: &str) -> RefOr<Response> {
     let response = ResponseBuilder::new().description(description).content("application/problem+json", problem);
     match status {
         "405" => response.header("Allow", told("The methods that the path takes, joined by commas", Type::String)),
-        "503" => {
+        "401" => response.header("WWW-Authenticate", told("How to show a key: `Bearer`", Type::String)),
+        "429" | "503" => {
             response.header("Retry-After", told("After how many seconds the same may be sent again", Type::Integer))
         }
         _ => response,
@@ -322,7 +351,7 @@ mod tests {
             paths.values().flat_map(|path| path.as_object().expect("operations").values()).collect();
         assert_eq!(operations.len(), 23);
         for operation in operations {
-            for status in ["400", "404", "405", "409", "413", "415", "429", "500", "503"] {
+            for status in ["400", "401", "403", "404", "405", "409", "413", "415", "429", "500", "503"] {
                 let refused = &operation["responses"][status]["content"]["application/problem+json"]["schema"]["$ref"];
                 assert_eq!(refused, "#/components/schemas/Problem", "{status}");
             }

@@ -17,7 +17,7 @@ pub type Form = fn(&Failure, &str) -> Response;
 /// Answers for every path that is not served, callers of gRPC as they expect it.
 pub async fn unknown_path(request: Request) -> Response {
     let media = request.headers().get(header::CONTENT_TYPE);
-    match media.filter(|media| media.as_bytes().starts_with(b"application/grpc")) {
+    match media.filter(|_| requests::is_grpc(request.headers())) {
         Some(media) => {
             let refused = status::unknown_call();
             requests::note(&request, refused.code());

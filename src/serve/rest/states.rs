@@ -1,13 +1,11 @@
 //! States: in an order, and the counts of one.
 
-use axum::extract::State;
 use axum::response::Response;
 
-use super::extract::{Path, Query};
+use super::extract::{Asked, Path, Query};
 use super::openapi::{DiscoveryParameters, ListingParameters, PairParameters, Refusals, RuleParameters};
 use super::told::told;
 use crate::api::{fitting, json, proto};
-use crate::app::App;
 use crate::domain::View;
 use crate::serve::STATE_BYTES;
 use crate::serve::status::Failure;
@@ -32,7 +30,7 @@ const CELL_BYTES: usize = 128;
     responses((status = 200, description = "A page of states", body = json::StatePage), Refusals)
 )]
 pub async fn list_states(
-    State(app): State<App>,
+    Asked(app): Asked,
     Path(name): Path<String>,
     Query(query): Query,
 ) -> Result<Response, Failure> {
@@ -56,7 +54,7 @@ pub async fn list_states(
     ),
     responses((status = 200, description = "The counts", body = json::Counts), Refusals)
 )]
-pub async fn get_state(State(app): State<App>, Path((name, key)): Path<(String, String)>) -> Result<Response, Failure> {
+pub async fn get_state(Asked(app): Asked, Path((name, key)): Path<(String, String)>) -> Result<Response, Failure> {
     let environment = app.environments.find(&name)?;
     let view = app.influence.state(&environment, &key).await?;
     told(view.cells.len() * CELL_BYTES, move || {

@@ -1,11 +1,8 @@
 //! What all states say together.
 
-use axum::extract::State;
-
-use super::extract::{Path, Query};
+use super::extract::{Asked, Path, Query};
 use super::openapi::{DiscoveryParameters, PairParameters, Refusals, RuleParameters, SummaryParameters};
 use crate::api::{json, proto};
-use crate::app::App;
 use crate::serve::status::Failure;
 
 /// Returns what all states say together: how much was seen, where data suffice, and how mutual information is distributed.
@@ -19,7 +16,7 @@ use crate::serve::status::Failure;
     responses((status = 200, description = "The summary", body = json::Summary), Refusals)
 )]
 pub async fn summarize(
-    State(app): State<App>,
+    Asked(app): Asked,
     Path(name): Path<String>,
     Query(query): Query,
 ) -> Result<axum::Json<json::Summary>, Failure> {

@@ -2,9 +2,7 @@
 
 use std::sync::Arc;
 
-use axum::extract::State;
-
-use super::extract::{Document, Media, Path, Query};
+use super::extract::{Asked, Document, Media, Path, Query};
 use super::openapi::Refusals;
 use crate::api::json::Incoming;
 use crate::api::{grpc, json, proto};
@@ -36,7 +34,7 @@ use crate::work::aside;
     responses((status = 200, description = "The receipt", body = json::Receipt), Refusals)
 )]
 pub async fn write_transitions(
-    State(app): State<App>,
+    Asked(app): Asked,
     Path(name): Path<String>,
     query: Query,
     document: Document,
@@ -61,7 +59,7 @@ pub async fn write_transitions(
     responses((status = 200, description = "How far the producer is", body = json::Producer), Refusals)
 )]
 pub async fn get_producer(
-    State(app): State<App>,
+    Asked(app): Asked,
     Path((name, producer)): Path<(String, String)>,
 ) -> Result<axum::Json<json::Producer>, Failure> {
     let environment = app.environments.find(&name)?;

@@ -161,6 +161,14 @@ impl Store for SqliteStore {
         watermark.ok_or(StoreError::UnknownEnvironment)
     }
 
+    async fn owner(&self, id: EnvironmentId, producer: &ProducerId) -> Result<Option<Name>, StoreError> {
+        let mut transaction = self.writer.begin().await?;
+        let owner = self.noted(Some(id), read::owner(transaction.connection(), id, producer).await)?;
+        transaction.end().await?;
+        let of_key = |owner: String| owner.parse().map_err(|why: String| StoreError::Unreadable(why.into()));
+        owner.map(of_key).transpose()
+    }
+
     async fn commit(&self, batches: &[Numbered]) -> Result<Vec<Outcome>, StoreError> {
         self.noted(None, commit::commit(&self.writer, &self.memory.directory, self.quotas, batches).await)
     }

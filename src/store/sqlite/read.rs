@@ -170,6 +170,17 @@ pub(super) async fn watermark(
     Ok(sequence.map(Sequence::from_stored))
 }
 
+/// Returns the name of the key that a producer belongs to, where it belongs to one.
+pub(super) async fn owner(
+    connection: &mut SqliteConnection,
+    id: EnvironmentId,
+    producer: &ProducerId,
+) -> Result<Option<String>, StoreError> {
+    let text = "select owner from producers where environment = ? and name = ?";
+    let owner = sqlx::query_scalar(text).bind(id.0).bind(producer.as_str()).fetch_optional(connection).await;
+    Ok(owner.map_err(unreadable)?.flatten())
+}
+
 /// Returns the bytes of the database and its journal.
 pub(super) async fn bytes(path: &Path) -> Result<u64, StoreError> {
     let database = tokio::fs::metadata(path).await.map_err(unreadable)?.len();

@@ -53,8 +53,8 @@ impl Manner {
         let announced = [&[0_u8], MOST_MESSAGE_BYTES.to_be_bytes().as_slice()].concat();
         match self {
             Self::Silent => Vec::new(),
-            Self::Headers => b"GET /livez HTTP/1.1\r\nhost: nudge\r\nx-slow: ".to_vec(),
-            Self::Body => b"POST /v1/environments/lane/transitions HTTP/1.1\r\nhost: nudge\r\ncontent-type: \
+            Self::Headers => b"GET /livez HTTP/1.1\r\nhost: localhost\r\nx-slow: ".to_vec(),
+            Self::Body => b"POST /v1/environments/lane/transitions HTTP/1.1\r\nhost: localhost\r\ncontent-type: \
                 application/json\r\ncontent-length: 16000000\r\n\r\n{\"producer\": \""
                 .to_vec(),
             Self::HalfPreface => PREFACE[..16].to_vec(),
@@ -67,7 +67,7 @@ impl Manner {
                 let data = frame(DATA, 0, 1, &announced);
                 [PREFACE.to_vec(), frame(SETTINGS, 0, 0, &[]), call("/nudge.v1.IngestService/Write"), data].concat()
             }
-            Self::Unread => b"GET /openapi.json HTTP/1.1\r\nhost: nudge\r\n\r\n".repeat(100),
+            Self::Unread => b"GET /openapi.json HTTP/1.1\r\nhost: localhost\r\n\r\n".repeat(100),
         }
     }
 
@@ -78,7 +78,7 @@ impl Manner {
             Self::Headers | Self::Body => b"a".to_vec(),
             Self::EndlessHeaders => frame(CONTINUATION, 0, 1, &header("x-slow", "a")),
             Self::Message => frame(DATA, 0, 1, b"a"),
-            Self::Unread => b"GET /openapi.json HTTP/1.1\r\nhost: nudge\r\n\r\n".to_vec(),
+            Self::Unread => b"GET /openapi.json HTTP/1.1\r\nhost: localhost\r\n\r\n".to_vec(),
         }
     }
 }

@@ -39,6 +39,7 @@ pub fn batch(environment: EnvironmentId, producer: &str, sequence: u64) -> Sendi
     Sending(Numbered {
         environment,
         producer: producer.parse().expect("a producer id"),
+        owner: None,
         sequence: Sequence::new(sequence).expect("a sequence"),
         digest: Digest([sequence as u8; 32]),
         worded: None,

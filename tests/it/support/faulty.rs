@@ -113,6 +113,10 @@ impl Store for Faulty {
     fn leftovers(&self) -> Leftovers {
         self.store.leftovers()
     }
+    async fn owner(&self, id: EnvironmentId, producer: &ProducerId) -> Result<Option<Name>, StoreError> {
+        self.store.owner(id, producer).await
+    }
+
     async fn watermark(&self, id: EnvironmentId, producer: &ProducerId) -> Result<Sequence, StoreError> {
         self.store.watermark(id, producer).await
     }

@@ -210,10 +210,16 @@ pub struct RawStream {
 
 impl RawStream {
     /// Says hello and returns the welcome with the stream.
-    pub async fn open(
-        mut client: IngestServiceClient<Channel>,
+    pub async fn open<T>(
+        mut client: IngestServiceClient<T>,
         hello: proto::Hello,
-    ) -> Result<(proto::Welcome, Self), Status> {
+    ) -> Result<(proto::Welcome, Self), Status>
+    where
+        T: tonic::client::GrpcService<tonic::body::Body>,
+        T::Error: Into<Box<dyn std::error::Error + Send + Sync>>,
+        T::ResponseBody: http_body::Body<Data = bytes::Bytes> + Send + 'static,
+        <T::ResponseBody as http_body::Body>::Error: Into<Box<dyn std::error::Error + Send + Sync>> + Send,
+    {
         let (requests, outbound) = mpsc::channel(64);
         let first = IngestRequest { message: Some(ingest_request::Message::Hello(hello)) };
         requests.send(first).await.expect("the channel is open");

@@ -25,8 +25,10 @@ pub(super) async fn write_account(
         None => insert_producer(connection, environment, producer).await.map_err(aborted)?,
     };
     let (before, last) = (signed(account.before().get()), signed(account.last().get()));
-    let text = "update producers set sequence = ? where id = ? and sequence = ?";
-    let done = sqlx::query(text).bind(last).bind(id).bind(before).execute(&mut *connection).await.map_err(aborted)?;
+    let text = "update producers set sequence = ?, owner = coalesce(owner, ?) where id = ? and sequence = ?";
+    let done =
+        sqlx::query(text).bind(last).bind(account.owner.clone()).bind(id).bind(before).execute(&mut *connection).await;
+    let done = done.map_err(aborted)?;
     if done.rows_affected() != 1 {
         return Err(aborted(format!("the sequence of producer `{producer}` is no longer {before}")));
     }

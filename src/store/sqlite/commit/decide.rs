@@ -28,6 +28,9 @@ pub(super) async fn decide<'a>(
     }
     let Some(ledger) = ledgers.of(batch.environment) else { return Ok(Outcome::Refused(Refusal::Gone)) };
     let account = ledger.accounts.get(batch.producer.as_str()).expect("a ledger has every producer of its commit");
+    if account.is_anothers(batch.owner.as_ref()) {
+        return Ok(Outcome::Refused(Refusal::Foreign));
+    }
     let expected = account.last().next();
     match batch.sequence.cmp(&expected) {
         _ if batch.sequence == Sequence::NONE => Ok(Outcome::Refused(Refusal::OutOfOrder { expected })),

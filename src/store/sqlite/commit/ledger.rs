@@ -7,7 +7,7 @@ use sqlx::sqlite::SqliteConnection;
 
 use super::Failed;
 use super::merge::Merged;
-use crate::domain::{EnvironmentId, Label, Sequence};
+use crate::domain::{EnvironmentId, Label, Name, Sequence};
 use crate::store::sqlite::directory::Directory;
 use crate::store::sqlite::error::aborted;
 use crate::store::sqlite::{Map, text};
@@ -42,11 +42,18 @@ pub(super) struct Ledger<'a> {
 pub(super) struct Account<'a> {
     /// Its id and last sequence, where the database knows it.
     pub(super) stored: Option<(i64, Sequence)>,
+    /// The name of the key that it belongs to: the one that first speaks for it, maybe in this commit.
+    pub(super) owner: Option<String>,
     /// The batches accepted now, which follow each other.
     pub(super) accepted: Vec<&'a Numbered>,
 }
 
 impl Account<'_> {
+    /// Returns whether somebody speaks for a producer that is another's. Where nobody needs a key, nobody is asked.
+    pub(super) fn is_anothers(&self, speaker: Option<&Name>) -> bool {
+        matches!((&self.owner, speaker), (Some(owner), Some(speaker)) if owner != speaker.as_str())
+    }
+
     /// Returns the last sequence before this commit.
     pub(super) fn before(&self) -> Sequence {
         self.stored.map_or(Sequence::NONE, |(_, sequence)| sequence)
@@ -163,7 +170,7 @@ async fn accounts<'a>(
     mut accounts: Map<&'a str, Account<'a>>,
 ) -> Result<Map<&'a str, Account<'a>>, sqlx::Error> {
     let rows = sqlx::query(
-        "select producers.id, producers.name, producers.sequence
+        "select producers.id, producers.name, producers.sequence, producers.owner
          from json_each(?2) as wanted
          cross join producers on producers.environment = ?1 and producers.name = wanted.value",
     )
@@ -174,6 +181,7 @@ async fn accounts<'a>(
     for row in rows {
         if let Some(account) = accounts.get_mut(row.try_get::<&str, _>(1)?) {
             account.stored = Some((row.try_get(0)?, Sequence::from_stored(row.try_get(2)?)));
+            account.owner = row.try_get(3)?;
         }
     }
     Ok(accounts)

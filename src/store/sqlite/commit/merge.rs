@@ -21,7 +21,11 @@ pub(super) struct Merged<'a> {
 impl<'a> Ledger<'a> {
     /// Adds a batch that was decided to be counted.
     pub(super) fn accept(&mut self, batch: &'a Numbered) {
-        self.accounts.entry(batch.producer.as_str()).or_default().accepted.push(batch);
+        let account = self.accounts.entry(batch.producer.as_str()).or_default();
+        if account.owner.is_none() {
+            account.owner = batch.owner.as_ref().map(|owner| owner.as_str().to_owned());
+        }
+        account.accepted.push(batch);
         self.merged.add(&batch.increment);
     }
 }

@@ -1,0 +1,185 @@
+//! Authentication, authorization and what browsers may be made to send: one layer before every face.
+//!
+//! | room | for |
+//! |---|---|
+//! | `keyring` | the keys that are let in now, and who asks with one |
+//! | `wanted` | what each endpoint wants: one table |
+//! | `hosts` | by which names the service may be asked for (DNS rebinding) |
+//! | `origins` | whose pages may change something (cross-site request forgery) |
+//!
+//! A request is looked at before its body is read. Which environment it is about, only its body may say: that is asked where the environment is found.
+
+mod hosts;
+mod keyring;
+mod origins;
+mod wanted;
+
+use std::sync::Arc;
+
+use axum::body::Body;
+use axum::extract::{MatchedPath, Request, State};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+use http::{Method, header};
+use tracing::Span;
+
+use self::hosts::Hosts;
+pub use self::keyring::{Caller, Keyring};
+use self::origins::Origins;
+pub use self::wanted::Wanted;
+use super::requests::{self, is_grpc};
+use super::status::{self, Failure};
+use super::{Settings, operations};
+use crate::access::bearer;
+use crate::error::{ErrorKind, Problem};
+use crate::telemetry;
+
+/// Who is let in. Cloning is cheap.
+#[derive(Clone)]
+pub struct Guard(Arc<Rules>);
+
+struct Rules {
+    keys: Option<Keyring>,
+    hosts: Hosts,
+    origins: Origins,
+}
+
+impl Guard {
+    /// Makes the guard of a service.
+    pub fn new(settings: &Settings) -> Self {
+        let hosts = Hosts::new(settings.listen, &settings.hosts);
+        let origins = Origins::new(&settings.cors_origins);
+        Self(Arc::new(Rules { keys: settings.keys.clone(), hosts, origins }))
+    }
+}
+
+/// Lets a request in with its [`Caller`], or refuses it in the form of its face.
+pub async fn admit(State(guard): State<Guard>, mut request: Request, next: Next) -> Response {
+    match guard.0.admit(&request) {
+        Ok(caller) => {
+            if let Some(name) = caller.principal().name() {
+                Span::current().record("principal", name.as_str());
+            }
+            request.extensions_mut().insert(caller);
+            next.run(request).await
+        }
+        Err(refusal) => refusal.tell(&request),
+    }
+}
+
+/// Why a request is not let in.
+enum Refusal {
+    /// Because of who asks.
+    Problem(Problem),
+    /// Because it says that it is not gRPC.
+    Media(Failure),
+}
+
+impl From<Problem> for Refusal {
+    fn from(problem: Problem) -> Self {
+        Self::Problem(problem)
+    }
+}
+
+impl Rules {
+    fn admit(&self, request: &Request) -> Result<Caller, Refusal> {
+        let wanted = Wanted::of(request);
+        let caller = self.authenticate(request);
+        let has_key = matches!(&caller, Ok(Some(caller)) if caller.principal().name().is_some());
+        if !has_key && !operations::is_asked_by_machines(request) {
+            self.hosts.admit(request)?;
+        }
+        self.origins.admit(request)?;
+        is_what_its_path_takes(request)?;
+        let caller = match (wanted, caller) {
+            (Wanted::Nothing, caller) => return Ok(caller.ok().flatten().unwrap_or_default()),
+            (_, Ok(Some(caller))) => caller,
+            (_, Ok(None)) => {
+                return Err(unauthenticated("this wants a key: send `authorization: Bearer KEY`").into());
+            }
+            (_, Err(problem)) => return Err(problem.into()),
+        };
+        wanted.authorize(caller.principal())?;
+        caller.take()?;
+        Ok(caller)
+    }
+
+    /// Finds out who asks; nobody where there is no key.
+    fn authenticate(&self, request: &Request) -> Result<Option<Caller>, Problem> {
+        let Some(keys) = &self.keys else { return Ok(Some(Caller::anonymous())) };
+        let headers = request.headers().get_all(header::AUTHORIZATION).iter().map(|value| value.as_bytes());
+        let Some(key) = bearer(headers).map_err(|why| unauthenticated(why.to_string()))? else { return Ok(None) };
+        let caller = keys.caller(key).ok_or_else(|| unauthenticated("the key is not one that is let in"))?;
+        Ok(Some(caller))
+    }
+}
+
+fn unauthenticated(message: impl Into<String>) -> Problem {
+    Problem::new(ErrorKind::Unauthenticated, "UNAUTHENTICATED", message)
+}
+
+/// Refuses what does not say that it is gRPC where gRPC is served: pages can make a browser send every other type without asking.
+fn is_what_its_path_takes(request: &Request) -> Result<(), Refusal> {
+    let is_preflight = request.method() == Method::OPTIONS;
+    if is_preflight || !wanted::is_grpc_path(request.uri().path()) || is_grpc(request.headers()) {
+        return Ok(());
+    }
+    // Whoever asks for what is not served is told so.
+    if request.extensions().get::<MatchedPath>().is_none() {
+        return Ok(());
+    }
+    let found = request.headers().get(header::CONTENT_TYPE).and_then(|media| media.to_str().ok()).unwrap_or_default();
+    Err(Refusal::Media(Failure::of_media_type(found, "application/grpc, or application/grpc-web")))
+}
+
+impl Refusal {
+    fn tell(self, request: &Request) -> Response {
+        let path = request.uri().path();
+        match self {
+            Self::Media(failure) => {
+                telemetry::denied("media");
+                failure.tell(path)
+            }
+            Self::Problem(problem) => {
+                telemetry::denied(word(problem.reason));
+                tracing::debug!(reason = problem.reason, path, "a request was not let in");
+                match request.headers().get(header::CONTENT_TYPE).filter(|_| is_grpc(request.headers())) {
+                    Some(media) => {
+                        let status = status::grpc(problem);
+                        requests::note(request, status.code());
+                        let mut response = status.into_http::<Body>();
+                        response.headers_mut().insert(header::CONTENT_TYPE, media.clone());
+                        response.into_response()
+                    }
+                    None if path == "/v2" || path.starts_with("/v2/") => Failure::from(problem).tell_text(path),
+                    None => Failure::from(problem).tell(path),
+                }
+            }
+        }
+    }
+}
+
+/// Returns the word of a reason in the metrics.
+fn word(reason: &str) -> &'static str {
+    match reason {
+        "UNAUTHENTICATED" => "unauthenticated",
+        "ENVIRONMENT_FORBIDDEN" => "environment",
+        "HOST_NOT_ALLOWED" => "host",
+        "ORIGIN_NOT_ALLOWED" => "origin",
+        "RATE_EXCEEDED" => "rate",
+        _ => "scope",
+    }
+}
+
+/// Returns whether a method changes nothing, as HTTP defines it.
+fn is_safe(method: &Method) -> bool {
+    [Method::GET, Method::HEAD, Method::OPTIONS].contains(method)
+}
+
+/// Returns a text from a request for an error, of which a caller may have made a novel.
+fn told(text: &[u8]) -> String {
+    const MOST: usize = 100;
+    let text = String::from_utf8_lossy(text);
+    let told: String = text.chars().take(MOST).collect();
+    if told.len() < text.len() { format!("{told}...") } else { told }
+}
