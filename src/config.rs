@@ -31,6 +31,12 @@ pub struct Config {
     pub max_connections: usize,
     /// The age at which HTTP/2 connections are asked to leave; never if it is zero.
     pub max_connection_age: Duration,
+    /// The certificate of the service in PEM, with those between it and its authority; plain text without it.
+    pub tls_cert: Option<PathBuf>,
+    /// The private key of the certificate, in PEM.
+    pub tls_key: Option<PathBuf>,
+    /// The authorities one of which every client has a certificate of, in PEM; clients need none without it.
+    pub tls_client_ca: Option<PathBuf>,
     /// Origins whose pages may call REST and gRPC-Web; none by default.
     pub cors_origins: Vec<String>,
 }
@@ -50,6 +56,9 @@ impl Default for Config {
             train_every: Duration::ZERO,
             max_connections: 4_096,
             max_connection_age: Duration::from_secs(3_600),
+            tls_cert: None,
+            tls_key: None,
+            tls_client_ca: None,
             cors_origins: Vec::new(),
         }
     }
