@@ -13,6 +13,7 @@ mod env;
 mod experiment;
 mod failure;
 mod graph;
+mod health;
 mod ingest;
 mod model;
 mod output;
@@ -34,7 +35,7 @@ pub use failure::Failure;
 #[derive(Debug, Parser)]
 #[command(
     name = "nudge",
-    version,
+    version = env!("NUDGE_VERSION"),
     long_about = "Tells when one agent's action influences another's: in this state, how strongly, how sure, and which actions do it.\n\n\
         A first look, with a service running (`nudge serve`):\n  \
         nudge ingest --format overcooked data/overcooked/train.csv.gz\n  \
@@ -63,6 +64,7 @@ enum Command {
     #[command(subcommand)]
     Experiment(experiment::Experiment),
     Check(check::Check),
+    Health(health::Health),
 }
 
 /// Reads the arguments of the process, does what they say, and returns the exit code.
@@ -88,6 +90,7 @@ fn execute(cli: Cli) -> Result<(), Failure> {
             Command::Simulate(command) => command.run().await,
             Command::Experiment(command) => command.run().await,
             Command::Check(command) => command.run().await,
+            Command::Health(command) => command.run().await,
         }
     });
     // Whatever still computes has nobody left to tell: the command is over, and all that it promised is done.

@@ -1,7 +1,7 @@
 //! `nudge serve`: the service on a socket, until a signal.
 
 use std::convert::Infallible;
-use std::net::SocketAddr;
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
 use std::str::FromStr;
 use std::sync::Arc;
@@ -280,6 +280,14 @@ impl Signals {
 /// Reads an address to listen on.
 pub(super) fn address(text: &str) -> Result<SocketAddr, String> {
     text.parse().map_err(|_| format!("got {text:?}, expected an IP address and a port such as 127.0.0.1:8080"))
+}
+
+/// Returns an address that a client on this machine can reach.
+pub(super) fn reachable(address: SocketAddr) -> SocketAddr {
+    match address.ip() {
+        ip if ip.is_unspecified() => SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), address.port()),
+        _ => address,
+    }
 }
 
 fn at_least_one<N: FromStr + Default + PartialOrd>(text: &str) -> Result<N, String> {

@@ -34,7 +34,7 @@ pub const PARTS: [&str; 6] = ["state", "actions", "entry", "count", "other", "un
 /// Begins to measure: from now on the process has an age, and what is counted is told from 0.
 pub fn begin() {
     process::begin();
-    BUILD.set(&[env!("CARGO_PKG_VERSION"), option_env!("NUDGE_REVISION").unwrap_or("unknown")], 1.0);
+    BUILD.set(&[env!("CARGO_PKG_VERSION"), env!("NUDGE_REVISION")], 1.0);
     [
         &CONNECTIONS,
         &STREAMS,

@@ -102,7 +102,12 @@ impl Host {
         let secured = tokio::select! {
             biased;
             secured = tls.secure(stream) => secured,
-            () = given_up(&vitals) => return too_late(peer),
+            is_late = given_up(&vitals) => {
+                if is_late {
+                    too_late(peer);
+                }
+                return;
+            }
         };
         if let Some(stream) = secured {
             self.attend(stream, service, &vitals).await;
@@ -142,16 +147,19 @@ impl Host {
     }
 }
 
-/// Waits until a connection has to end that has not come to its first request.
-async fn given_up(vitals: &Vitals) {
+/// Waits until a connection has to end that has not come to its first request, and tells whether it took too long: else it makes room, or the service stops.
+async fn given_up(vitals: &Vitals) -> bool {
     loop {
         match vitals.fate(Instant::now()) {
             Fate::Lives(until) => tokio::select! {
                 () = sleep_until(until) => {}
-                () = vitals.over.cancelled() => return,
-                () = vitals.leaving.cancelled() => return,
+                () = vitals.over.cancelled() => return false,
+                () = vitals.leaving.cancelled() => return false,
             },
-            Fate::Leaves(cause) | Fate::Ends(cause) => return ended_by(cause),
+            Fate::Leaves(cause) | Fate::Ends(cause) => {
+                ended_by(cause);
+                return true;
+            }
         }
     }
 }

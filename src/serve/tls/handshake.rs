@@ -33,8 +33,14 @@ impl Tls {
             Err(error) => return unheard(&error.to_string(), peer),
         }
         let acceptor = TlsAcceptor::from(self.current.load_full());
-        let secured = acceptor.accept(stream).await;
-        secured.map_err(|error| failed(reason(&error), &error.to_string(), peer)).ok()
+        match acceptor.accept(stream).into_fallible().await {
+            Ok(secured) => Some(secured),
+            Err((error, stream)) => {
+                failed(reason(&error), &error.to_string(), peer);
+                plain::linger(stream).await;
+                None
+            }
+        }
     }
 }
 

@@ -25,7 +25,14 @@ pub(super) async fn refuse(mut stream: TcpStream) {
     let is_http2 = matches!(stream.peek(&mut first).await, Ok(read) if &first[..read] == PREFACE);
     let answer = if is_http2 { GOAWAY.to_vec() } else { bad_request().into_bytes() };
     // Whoever has gone does not read it.
-    if stream.write_all(&answer).await.is_err() || stream.shutdown().await.is_err() {
+    if stream.write_all(&answer).await.is_ok() {
+        linger(stream).await;
+    }
+}
+
+/// Ends a connection so that the last word arrives: where bytes are left unread, the other side loses it.
+pub(super) async fn linger(mut stream: TcpStream) {
+    if stream.shutdown().await.is_err() {
         return;
     }
     let (most, longest) = UNWANTED;
