@@ -242,7 +242,8 @@ fn certificate(fault: &CertificateError) -> String {
         CertificateError::NotValidYet | CertificateError::NotValidYetContext { .. } => {
             format!("its certificate is not valid yet ({fault})")
         }
-        fault => format!("its certificate is not trusted ({fault})"),
+        CertificateError::ApplicationVerificationFailure => "its certificate is not the one of --tls-cert".into(),
+        fault => format!("its certificate is not trusted ({fault}); name that of its authority with --ca"),
     }
 }
 

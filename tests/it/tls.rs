@@ -490,7 +490,7 @@ async fn health_tells_ready_from_not_ready_from_nobody() {
         (&["--server", &plainly], 0, "ready"),
         (&["--listen", &plainly], 0, "ready"),
         (&["--listen", &beside, "--tls-cert", cert], 0, "ready"),
-        (&["--listen", &beside, "--tls-cert", other], 2, "its certificate is not trusted"),
+        (&["--listen", &beside, "--tls-cert", other], 2, "its certificate is not the one of --tls-cert"),
         (&["--listen", &beside], 2, "it speaks TLS: say https:// instead of http://"),
         (&["--server", &secured.url()], 2, "of an authority that is not known here"),
         (&["--server", &secured.url(), "--no-verify"], 0, "ready"),
