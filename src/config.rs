@@ -37,6 +37,12 @@ pub struct Config {
     pub insecure: bool,
     /// Names by which the service may be asked for, beside loopback names and the address that it listens on.
     pub hosts: Vec<String>,
+    /// The certificate of the service in PEM, with those between it and its authority; plain text without it.
+    pub tls_cert: Option<PathBuf>,
+    /// The private key of the certificate, in PEM.
+    pub tls_key: Option<PathBuf>,
+    /// The authorities one of which every client has a certificate of, in PEM; clients need none without it.
+    pub tls_client_ca: Option<PathBuf>,
     /// Origins whose pages may call REST and gRPC-Web; none by default.
     pub cors_origins: Vec<String>,
 }
@@ -59,6 +65,9 @@ impl Default for Config {
             keys: None,
             insecure: false,
             hosts: Vec::new(),
+            tls_cert: None,
+            tls_key: None,
+            tls_client_ca: None,
             cors_origins: Vec::new(),
         }
     }

@@ -6,6 +6,7 @@
 //!
 //! * [`information`]: the mathematics of contingency tables. Slices in, numbers out.
 //! * [`error`], [`config`], [`telemetry`]: kinds of error, the one configuration, logs and the one list of metrics.
+//! * [`tls`]: certificates and private keys in PEM files, for either side of a connection.
 //! * [`domain`]: environments, features, states, transitions, counts, questions, answers. Types that cannot be wrong.
 //! * [`work`]: whatever computes for long: admitted, cancelled, and made once for all who ask.
 //! * [`evidence`]: what counts can support: the prior fitted to all states, the posterior of one, the verdict.
@@ -59,4 +60,5 @@ pub mod serve;
 pub mod simulation;
 pub mod store;
 pub mod telemetry;
+pub mod tls;
 pub mod work;

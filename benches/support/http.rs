@@ -3,15 +3,16 @@
 use std::net::SocketAddr;
 use std::time::{Duration, Instant};
 
-use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::net::TcpStream;
 
 use super::{quantile, report};
 
 /// Asks over a kept connection, as plainly as possible: the client should cost little. Returns the body.
-pub async fn get(stream: &mut TcpStream, path: &str) -> Vec<u8> {
+pub async fn get(stream: &mut (impl AsyncRead + AsyncWrite + Unpin), path: &str) -> Vec<u8> {
     let request = format!("GET {path} HTTP/1.1\r\nhost: bench\r\n\r\n");
     stream.write_all(request.as_bytes()).await.expect("sent");
+    stream.flush().await.expect("sent");
     let mut answer = Vec::with_capacity(4_096);
     loop {
         stream.read_buf(&mut answer).await.expect("answered");

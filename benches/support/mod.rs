@@ -17,6 +17,7 @@ use nudge::api::proto::environment_service_client::EnvironmentServiceClient;
 use nudge::api::proto::ingest_service_client::IngestServiceClient;
 use nudge::api::proto::{self, IngestRequest, ingest_request, ingest_response};
 use nudge::app::{App, Upkeep};
+use nudge::serve::tls::{Socket, Tls};
 use nudge::serve::{Settings, serve};
 use nudge::store::{Options, SqliteStore};
 use rand::rngs::StdRng;
@@ -42,13 +43,18 @@ pub struct Service {
 
 impl Service {
     pub async fn start() -> Self {
+        Self::secured(None).await
+    }
+
+    /// Starts it with a certificate or without.
+    pub async fn secured(tls: Option<Tls>) -> Self {
         let directory = Arc::new(TempDir::new().expect("a temporary directory"));
         let path = directory.path().join("nudge.db");
         let store = SqliteStore::open(&path, Options::default()).await.expect("a database");
         let app = App::open(Arc::new(store), Upkeep::default());
         let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
         let address = listener.local_addr().expect("bound");
-        let serving = serve(app.clone(), listener, Settings::default());
+        let serving = serve(app.clone(), Socket { listener, tls }, Settings::default());
         let serving = tokio::spawn(async { serving.await.expect("the service runs") });
         Self { address, app, directory, serving }
     }
@@ -89,6 +95,11 @@ pub async fn channel(address: SocketAddr) -> Channel {
 
 /// Makes a world whose agents have that many actions each; the load uses [`ACTIONS`] of them.
 pub async fn make_world(address: SocketAddr, name: &str, actions: u32) {
+    make_world_by(EnvironmentServiceClient::new(channel(address).await), name, actions).await;
+}
+
+/// Makes a world as [`make_world`] does, by a client of the caller's.
+pub async fn make_world_by(mut client: EnvironmentServiceClient<Channel>, name: &str, actions: u32) {
     let integer = |name: String, bins: u32| proto::Feature {
         name,
         unit: String::new(),
@@ -110,7 +121,7 @@ pub async fn make_world(address: SocketAddr, name: &str, actions: u32) {
         agents: vec![agent("ego"), agent("other")],
     };
     let request = proto::ApplyEnvironmentRequest { name: name.into(), schema: Some(schema), rule: None };
-    EnvironmentServiceClient::new(channel(address).await).apply_environment(request).await.expect("valid");
+    client.apply_environment(request).await.expect("valid");
 }
 
 /// Batches whose transitions fall into `states` states, uniformly.
@@ -145,11 +156,21 @@ pub async fn pump(
     batches: &[proto::Columns],
     how_many: u64,
 ) -> Duration {
+    pump_by(IngestServiceClient::new(channel(address).await), world, producer, batches, how_many).await
+}
+
+/// Sends batches as [`pump`] does, by a client of the caller's.
+pub async fn pump_by(
+    mut client: IngestServiceClient<Channel>,
+    world: &str,
+    producer: &str,
+    batches: &[proto::Columns],
+    how_many: u64,
+) -> Duration {
     let (requests, outbound) = mpsc::channel(64);
     let hello = proto::Hello { environment: world.into(), producer: producer.into(), ..Default::default() };
     let send = |message| IngestRequest { message: Some(message) };
     requests.send(send(ingest_request::Message::Hello(hello))).await.expect("open");
-    let mut client = IngestServiceClient::new(channel(address).await);
     let mut responses = client.ingest(ReceiverStream::new(outbound)).await.expect("a stream").into_inner();
     let welcome = responses.message().await.expect("a welcome").expect("a welcome").message;
     let Some(ingest_response::Message::Welcome(welcome)) = welcome else { panic!("{welcome:?}") };

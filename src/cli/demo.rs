@@ -4,7 +4,7 @@ mod found;
 mod live;
 
 use std::cell::Cell;
-use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -18,7 +18,7 @@ use super::ingest::{self, Part};
 use super::output::{count, print};
 use super::progress::Progress;
 use super::report::Report;
-use super::serve::{Service, Signals, address};
+use super::serve::{Service, Signals, address, reachable};
 use super::simulate::{Pace, Run};
 use crate::api::proto;
 use crate::app::App;
@@ -197,12 +197,4 @@ fn to_try(address: SocketAddr, best: &Best) -> String {
          http://{address}/nudge.v1.InfluenceService/GetInfluence\n  \
          documentation: http://{address}/docs\n\nserving until Ctrl-C"
     )
-}
-
-/// Returns an address that a client on this machine can reach.
-fn reachable(address: SocketAddr) -> SocketAddr {
-    match address.ip() {
-        ip if ip.is_unspecified() => SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), address.port()),
-        _ => address,
-    }
 }

@@ -87,7 +87,9 @@ impl From<ClientError> for Failure {
             }
             ClientError::NotNudge { .. } => Self::usage(format!("{error}: name another address with --server")),
             ClientError::Address { .. } => Self::usage(format!("{error} (--server or NUDGE_SERVER)")),
-            ClientError::Invalid(_) => Self::usage(error.to_string()),
+            ClientError::Invalid(_) | ClientError::Tls(_) | ClientError::Untrusted { .. } => {
+                Self::usage(error.to_string())
+            }
             ClientError::GaveUp { .. } => Self::usage(format!("{error}; run the same command again to go on")),
             ClientError::Disagreement(_) | ClientError::Stopped => Self::refused(error.to_string()),
         }

@@ -13,6 +13,7 @@ mod env;
 mod experiment;
 mod failure;
 mod graph;
+mod health;
 mod ingest;
 mod key;
 mod model;
@@ -35,7 +36,7 @@ pub use failure::Failure;
 #[derive(Debug, Parser)]
 #[command(
     name = "nudge",
-    version,
+    version = env!("NUDGE_VERSION"),
     long_about = "Tells when one agent's action influences another's: in this state, how strongly, how sure, and which actions do it.\n\n\
         A first look, with a service running (`nudge serve`):\n  \
         nudge ingest --format overcooked data/overcooked/train.csv.gz\n  \
@@ -66,6 +67,7 @@ enum Command {
     Check(check::Check),
     #[command(subcommand)]
     Key(key::Command),
+    Health(health::Health),
 }
 
 /// Reads the arguments of the process, does what they say, and returns the exit code.
@@ -92,6 +94,7 @@ fn execute(cli: Cli) -> Result<(), Failure> {
             Command::Experiment(command) => command.run().await,
             Command::Check(command) => command.run().await,
             Command::Key(command) => command.run(),
+            Command::Health(command) => command.run().await,
         }
     });
     // Whatever still computes has nobody left to tell: the command is over, and all that it promised is done.

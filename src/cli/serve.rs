@@ -1,7 +1,7 @@
 //! `nudge serve`: the service on a socket, until a signal.
 
 use std::convert::Infallible;
-use std::net::SocketAddr;
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
 use std::str::FromStr;
 use std::sync::Arc;
@@ -18,6 +18,7 @@ use crate::app::{App, Upkeep};
 use crate::config::Config;
 use crate::serve::connections::files;
 use crate::serve::connections::limits::Limits;
+use crate::serve::tls::{Socket, Tls, TlsFiles};
 use crate::serve::{Doors, Settings};
 use crate::store::{Options, Quotas, SqliteStore, Stage};
 use crate::telemetry::{self, LogFormat};
@@ -86,6 +87,16 @@ pub struct ServeSettings {
     /// or *.example.org; repeat it, or separate several by commas.
     #[arg(long, env = "NUDGE_HOSTS", value_name = "NAME", value_delimiter = ',', value_parser = host)]
     pub hosts: Vec<String>,
+    /// The certificate of the service in PEM, with those between it and its authority: every face speaks TLS (HTTP/1.1 and HTTP/2). It is read again when
+    /// it changes.
+    #[arg(long, env = "NUDGE_TLS_CERT", value_name = "FILE")]
+    pub tls_cert: Option<PathBuf>,
+    /// The private key of the certificate, in PEM and not encrypted.
+    #[arg(long, env = "NUDGE_TLS_KEY", value_name = "FILE")]
+    pub tls_key: Option<PathBuf>,
+    /// The certificates of authorities, in PEM: every client needs a certificate of one of them (mutual TLS).
+    #[arg(long, env = "NUDGE_TLS_CLIENT_CA", value_name = "FILE")]
+    pub tls_client_ca: Option<PathBuf>,
     /// An origin whose pages may call, such as https://example.org; repeat it, or separate several by commas.
     #[arg(long, env = "NUDGE_CORS_ORIGINS", value_name = "ORIGIN", value_delimiter = ',')]
     pub cors_origins: Vec<String>,
@@ -132,6 +143,9 @@ impl ServeSettings {
             keys: self.keys.clone(),
             insecure: self.insecure,
             hosts: self.hosts.clone(),
+            tls_cert: self.tls_cert.clone(),
+            tls_key: self.tls_key.clone(),
+            tls_client_ca: self.tls_client_ca.clone(),
             cors_origins: self.cors_origins.clone(),
         }
     }
@@ -147,7 +161,8 @@ impl Serve {
         telemetry::log(self.settings.log.format());
         let signals = Signals::install()?;
         let Some(service) = Service::start(&config, &signals).await? else { return Ok(()) };
-        output::print(&format!("listening on http://{}", service.address))?;
+        let scheme = if config.tls_cert.is_some() { "https" } else { "http" };
+        output::print(&format!("listening on {scheme}://{}", service.address))?;
         tokio::select! {
             () = signals.next() => {}
             never = service.reload() => match never {},
@@ -179,6 +194,7 @@ impl Service {
         let options = Options { quotas, cache_cells: config.cache_cells };
         refuse_to_be_open(config)?;
         let keys = KeysFile::read(config.keys.as_deref())?;
+        let tls = tls(config)?;
         // The port first: whoever finds it taken should not have touched the data.
         let listener = TcpListener::bind(config.listen).await.map_err(|error| cannot_listen(config.listen, &error))?;
         let address = listener.local_addr().map_err(|error| cannot_listen(config.listen, &error))?;
@@ -189,7 +205,7 @@ impl Service {
         };
         let (stage, draining) = (Stage::default(), CancellationToken::new());
         let doors = Doors::closed(stage.clone());
-        let serving = tokio::spawn(doors.clone().serve(listener, draining.clone(), limits.clone()));
+        let serving = tokio::spawn(doors.clone().serve(Socket { listener, tls }, draining.clone(), limits.clone()));
 
         let database = config.database();
         let store = tokio::select! {
@@ -237,6 +253,26 @@ impl Service {
         self.app.close().await;
         served.map_err(|error| Failure::usage(error.to_string()))
     }
+}
+
+/// Reads the files of TLS, where it is wanted.
+fn tls(config: &Config) -> Result<Option<Tls>, Failure> {
+    let files = match (&config.tls_cert, &config.tls_key, &config.tls_client_ca) {
+        (Some(certificate), Some(key), authorities) => {
+            TlsFiles { certificate: certificate.clone(), key: key.clone(), client_authorities: authorities.clone() }
+        }
+        (None, None, None) => return Ok(None),
+        (Some(_), None, _) => return Err(lonely("--tls-cert (NUDGE_TLS_CERT)", "--tls-key (NUDGE_TLS_KEY)")),
+        (None, Some(_), _) => return Err(lonely("--tls-key (NUDGE_TLS_KEY)", "--tls-cert (NUDGE_TLS_CERT)")),
+        (None, None, Some(_)) => {
+            return Err(lonely("--tls-client-ca (NUDGE_TLS_CLIENT_CA)", "--tls-cert and --tls-key"));
+        }
+    };
+    Tls::open(files).map(Some).map_err(|error| Failure::usage(error.to_string()))
+}
+
+fn lonely(given: &str, missing: &str) -> Failure {
+    Failure::usage(format!("{given} is given without {missing}: TLS needs a certificate and its private key"))
 }
 
 /// Says in the log what takes so long, less and less often.
@@ -300,6 +336,14 @@ fn refuse_to_be_open(config: &Config) -> Result<(), Failure> {
     )))
 }
 
+/// Returns an address that a client on this machine can reach.
+pub(super) fn reachable(address: SocketAddr) -> SocketAddr {
+    match address.ip() {
+        ip if ip.is_unspecified() => SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), address.port()),
+        _ => address,
+    }
+}
+
 fn at_least_one<N: FromStr + Default + PartialOrd>(text: &str) -> Result<N, String> {
     let number = text.parse().ok().filter(|number| *number > N::default());
     number.ok_or_else(|| format!("got {text:?}, expected a whole number of at least 1"))
@@ -314,12 +358,19 @@ fn cannot_listen(address: SocketAddr, error: &std::io::Error) -> Failure {
     Failure::usage(format!("cannot listen on {address}: {error}{advice}"))
 }
 
+/// Tells the files of TLS by their paths; what is in them is nobody's business.
+fn paths(config: &Config) -> String {
+    let paths =
+        [("tls_cert", &config.tls_cert), ("tls_key", &config.tls_key), ("tls_client_ca", &config.tls_client_ca)];
+    paths.into_iter().filter_map(|(name, path)| Some(format!("{name} = {:?}\n", path.as_ref()?))).collect()
+}
+
 fn print(config: &Config, log: Log) -> Result<(), Failure> {
     let log = if log == Log::Json { "json" } else { "human" };
     let quoted = |origins: &[String]| origins.iter().map(|origin| format!("{origin:?}")).collect::<Vec<_>>().join(", ");
     output::print(&format!(
         "listen = \"{}\"\ndata = {:?}\nmax_cells = {}\nmax_segments = {}\nmax_producers = {}\nmax_models = {}\nmax_environments = {}\ncache_cells = {}\nfit_every = \"{}s\"\ntrain_every = \"{}s\"\n\
-         max_connections = {}\nmax_connection_age = \"{}s\"\n{}insecure = {}\nhosts = [{}]\ncors_origins = [{}]\nlog = \"{log}\"",
+         max_connections = {}\nmax_connection_age = \"{}s\"\n{}insecure = {}\nhosts = [{}]\n{}cors_origins = [{}]\nlog = \"{log}\"",
         config.listen,
         config.data,
         config.max_cells,
@@ -335,6 +386,7 @@ fn print(config: &Config, log: Log) -> Result<(), Failure> {
         config.keys.as_ref().map(|path| format!("keys = {path:?}\n")).unwrap_or_default(),
         config.insecure,
         quoted(&config.hosts),
+        paths(config),
         quoted(&config.cors_origins),
     ))
 }

@@ -3,13 +3,17 @@
 use std::error::Error;
 use std::time::Duration;
 
+use bytes::Bytes;
+use http_body_util::{BodyExt, Limited};
 use tokio::time::Instant;
 use tonic::transport::{Channel, Endpoint};
 use tonic::{Code, Request, Response, Status};
 use tonic_types::StatusExt;
+use tower::ServiceExt;
 
 use super::error::{is_transient, said};
 use super::options::{Bearer, Options, Wire};
+use super::tls::{Heard, PLAIN, trouble as trouble_of_tls};
 use super::trouble::Trouble;
 use super::{ClientError, Producer, ProducerBuilder};
 use crate::api::proto;
@@ -38,12 +42,16 @@ const KEEP_ALIVE: (Duration, Duration) = (Duration::from_secs(20), Duration::fro
 /// The largest acknowledgement that is read: a hundred rejections with their reasons for each batch of a wide window.
 const MOST_ACKNOWLEDGEMENT_BYTES: usize = 64 << 20;
 
+/// The most that is read of what a service says about its readiness.
+const MOST_READINESS_BYTES: usize = 64 << 10;
+
 /// A connection to one service. Cloning is cheap and shares it; it reconnects by itself when it is used again.
 #[derive(Debug, Clone)]
 pub struct Connection {
     address: String,
     channel: Channel,
     bearer: Bearer,
+    heard: Heard,
 }
 
 impl Connection {
@@ -52,7 +60,7 @@ impl Connection {
         Self::open_with(address, &Options::default()).await
     }
 
-    /// Connects as [`Connection::open`] does, with options.
+    /// Connects as [`Connection::open`] does, with a key or by what is said about TLS.
     pub async fn open_with(address: &str, options: &Options) -> Result<Self, ClientError> {
         let connection = Self::dial(&with_scheme(address)?, options).await?;
         connection.probe().await?;
@@ -126,8 +134,13 @@ impl Connection {
         let (interval, timeout) = KEEP_ALIVE;
         let endpoint =
             endpoint.connect_timeout(CONNECT_TIMEOUT).http2_keep_alive_interval(interval).keep_alive_timeout(timeout);
-        let channel = endpoint.connect().await.map_err(|error| unreachable(address, innermost(&error)))?;
-        Ok(Self { address: address.into(), channel, bearer: options.bearer() })
+        if address.starts_with(PLAIN) && options.tls.is_set() {
+            return Err(unusable("TLS is asked for (--ca, --cert), expected https://HOST:PORT".into()));
+        }
+        let heard = Heard::default();
+        let connected = endpoint.connect_with_connector(options.tls.connector(address, heard.clone())?).await;
+        let channel = connected.map_err(|error| not_connected(address, &error))?;
+        Ok(Self { address: address.into(), channel, bearer: options.bearer(), heard })
     }
 
     /// Asks something small that only a Nudge can answer: a connection alone proves nothing.
@@ -151,6 +164,9 @@ impl Connection {
 
     fn not_answered(&self, status: Status) -> ClientError {
         let is_signed = status.get_details_error_info().is_some();
+        if let Some(why) = trouble_of_tls(&status).or_else(|| self.heard.said()).filter(|_| !is_signed) {
+            return ClientError::Untrusted { address: self.address.clone(), why };
+        }
         match status.code() {
             _ if is_signed => status.into(),
             Code::Unavailable => unreachable(&self.address, said(&status)),
@@ -160,6 +176,33 @@ impl Connection {
             }
             _ => ClientError::NotNudge { address: self.address.clone(), why: said(&status) },
         }
+    }
+}
+
+/// What a service says about itself.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Readiness {
+    /// It is ready.
+    Ready,
+    /// It answers, and says why it is not ready.
+    NotReady(String),
+}
+
+/// Asks a service once whether it is ready, as `GET /readyz` does.
+pub async fn readiness(address: &str, tls: &ClientTls) -> Result<Readiness, ClientError> {
+    let Connection { address, channel, heard } = Connection::dial(&with_scheme(address)?, tls).await?;
+    let request = http::Request::get("/readyz").body(tonic::body::Body::empty()).expect("a path");
+    let answer = channel.oneshot(request).await.map_err(|error| match heard.said() {
+        Some(why) => ClientError::Untrusted { address: address.clone(), why },
+        None => not_connected(&address, &error),
+    })?;
+    let status = answer.status();
+    let body = Limited::new(answer.into_body(), MOST_READINESS_BYTES).collect().await;
+    let words = body.map_or_else(|_| Bytes::new(), |body| body.to_bytes());
+    match status.as_u16() {
+        200 => Ok(Readiness::Ready),
+        503 => Ok(Readiness::NotReady(String::from_utf8_lossy(&words).trim().to_owned())),
+        _ => Err(ClientError::NotNudge { address, why: format!("/readyz answers {status}") }),
     }
 }
 
@@ -232,8 +275,17 @@ fn with_scheme(address: &str) -> Result<String, ClientError> {
     match address.split_once("://") {
         None if address.is_empty() => unusable("it is empty, expected something like http://127.0.0.1:8080"),
         None => Ok(format!("http://{address}")),
-        Some(("http", _)) => Ok(address.into()),
-        Some((scheme, _)) => unusable(&format!("{scheme} is not spoken, expected http://HOST:PORT")),
+        Some(("http" | "https", _)) => Ok(address.into()),
+        Some((scheme, _)) => {
+            unusable(&format!("{scheme} is not spoken, expected http://HOST:PORT or https://HOST:PORT"))
+        }
+    }
+}
+
+fn not_connected(address: &str, error: &tonic::transport::Error) -> ClientError {
+    match trouble_of_tls(error) {
+        Some(why) => ClientError::Untrusted { address: address.into(), why },
+        None => unreachable(address, innermost(error)),
     }
 }
 
@@ -308,7 +360,8 @@ mod tests {
     fn an_address_may_come_without_its_scheme() {
         assert_eq!(with_scheme("127.0.0.1:8080"), Ok("http://127.0.0.1:8080".into()));
         assert_eq!(with_scheme("http://[::1]:8080"), Ok("http://[::1]:8080".into()));
-        for bad in ["", "https://example.org", "unix:///tmp/nudge"] {
+        assert_eq!(with_scheme("https://nudge:8443"), Ok("https://nudge:8443".into()));
+        for bad in ["", "ftp://example.org", "unix:///tmp/nudge"] {
             assert!(with_scheme(bad).is_err(), "{bad}");
         }
     }

@@ -4,6 +4,7 @@ use tonic::{Code, Status};
 use tonic_types::StatusExt;
 
 use crate::error::{ErrorKind, Fault};
+use crate::tls::TlsError;
 
 /// An error of the client. Cloning is cheap enough to tell it to every caller that waits.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -24,6 +25,17 @@ pub enum ClientError {
         /// What the network said.
         why: String,
     },
+    /// Somebody answers with whom the client does not agree on TLS.
+    #[error("no TLS with {address}: {why}")]
+    Untrusted {
+        /// Where.
+        address: String,
+        /// What is wrong.
+        why: String,
+    },
+    /// A file of TLS cannot be used.
+    #[error("{0}")]
+    Tls(#[from] TlsError),
     /// Somebody answers who does not speak `nudge.v1`.
     #[error("what listens at {address} is no Nudge ({why})")]
     NotNudge {
@@ -72,8 +84,10 @@ impl ClientError {
     /// Returns what a caller can do about it.
     pub fn kind(&self) -> ErrorKind {
         match self {
-            Self::Address { .. } | Self::Invalid(_) => ErrorKind::Invalid,
-            Self::Unreachable { .. } | Self::GaveUp { .. } | Self::Stopped => ErrorKind::Unavailable,
+            Self::Address { .. } | Self::Invalid(_) | Self::Tls(_) => ErrorKind::Invalid,
+            Self::Unreachable { .. } | Self::Untrusted { .. } | Self::GaveUp { .. } | Self::Stopped => {
+                ErrorKind::Unavailable
+            }
             Self::NotNudge { .. } => ErrorKind::NotFound,
             Self::Refused(refusal) => refusal.kind,
             Self::Disagreement(_) => ErrorKind::Conflict,

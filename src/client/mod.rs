@@ -35,13 +35,15 @@ mod options;
 mod outbox;
 mod producer;
 mod task;
+mod tls;
 mod totals;
 mod trouble;
 
-pub use connection::{Connection, patiently, patiently_telling, schema_of};
+pub use connection::{Connection, Readiness, patiently, patiently_telling, readiness, schema_of};
 pub use error::{ClientError, Refusal};
 pub use options::{Bearer, Options, Wire};
 pub use producer::{Producer, ProducerBuilder};
+pub use tls::{ClientTls, Trust};
 pub use totals::{Rejected, Totals};
 
 pub use crate::access::Secret;

@@ -1,4 +1,4 @@
-//! Options of a connection: with which key it asks.
+//! Options of a connection: with which key it asks, and whom it trusts.
 
 use tonic::metadata::{Ascii, MetadataValue};
 use tonic::service::Interceptor;
@@ -6,6 +6,7 @@ use tonic::service::interceptor::InterceptedService;
 use tonic::transport::Channel;
 use tonic::{Request, Status};
 
+use super::tls::ClientTls;
 use crate::access::Secret;
 
 /// What every call goes over: the channel, with the key on each request.
@@ -14,13 +15,22 @@ pub type Wire = InterceptedService<Channel, Bearer>;
 /// What a connection is opened with.
 #[derive(Debug, Clone, Default)]
 pub struct Options {
-    key: Option<Secret>,
+    /// Sent as `authorization: Bearer KEY` on each request.
+    pub key: Option<Secret>,
+    /// How the service is known over TLS.
+    pub tls: ClientTls,
 }
 
 impl Options {
     /// Asks with a key, as `authorization: Bearer KEY` on each request.
     pub fn key(mut self, key: Secret) -> Self {
         self.key = Some(key);
+        self
+    }
+
+    /// Knows the service over TLS by these certificates.
+    pub fn tls(mut self, tls: ClientTls) -> Self {
+        self.tls = tls;
         self
     }
 

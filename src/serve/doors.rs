@@ -8,13 +8,13 @@ use axum::extract::{Request, State};
 use axum::response::{IntoResponse, Response};
 use http::StatusCode;
 use serde_json::json;
-use tokio::net::TcpListener;
 use tokio_util::sync::CancellationToken;
 use tower::ServiceExt;
 
 use super::connections::limits::Limits;
 use super::requests::is_grpc;
 use super::status::{self, Failure};
+use super::tls::Socket;
 use super::{Settings, listen, operations};
 use crate::app::App;
 use crate::error::{ErrorKind, Problem};
@@ -45,9 +45,9 @@ impl Doors {
     }
 
     /// Serves connections until it drains and they have ended.
-    pub async fn serve(self, listener: TcpListener, draining: CancellationToken, limits: Limits) {
+    pub async fn serve(self, socket: impl Into<Socket>, draining: CancellationToken, limits: Limits) {
         let router = Router::new().fallback(enter).with_state(self);
-        listen::accept(listener, router, draining, limits).await;
+        listen::accept(socket, router, draining, limits).await;
     }
 
     fn refuse(&self, request: &Request) -> Response {

@@ -11,14 +11,22 @@ use tokio_util::task::TaskTracker;
 use super::connections::Host;
 use super::connections::crowd::Standing;
 use super::connections::limits::Limits;
+use super::tls::Socket;
 use crate::telemetry;
 
 /// Serves connections until the service drains, and returns when the last one ended or had its time.
-pub async fn accept(listener: TcpListener, router: Router, draining: CancellationToken, limits: Limits) {
+pub async fn accept(socket: impl Into<Socket>, router: Router, draining: CancellationToken, limits: Limits) {
+    let Socket { listener, tls } = socket.into();
     let (over, longest) = (CancellationToken::new(), limits.drain);
-    let host = Host::new(router, limits, draining.clone(), over.clone());
+    let host = Host::new(router, limits, tls.clone(), draining.clone(), over.clone());
     let connections = TaskTracker::new();
-    draining.run_until_cancelled(receive(&listener, &host, &connections)).await;
+    let renewing = async {
+        if let Some(tls) = tls {
+            tls.keep_up().await;
+        }
+    };
+    let receiving = async { tokio::join!(receive(&listener, &host, &connections), renewing) };
+    draining.run_until_cancelled(receiving).await;
     drop(listener);
     connections.close();
     if tokio::time::timeout(longest, connections.wait()).await.is_err() {

@@ -6,17 +6,18 @@ use std::net::IpAddr;
 use std::time::Duration;
 
 use axum::{Router, middleware};
-use tokio::net::TcpListener;
 use tower_http::catch_panic::CatchPanicLayer;
 
 use self::access::{Guard, Keyring};
 use self::connections::limits::Limits;
+use self::tls::Socket;
 use crate::app::App;
 use crate::store::Stage;
 
 pub mod access;
 pub mod connections;
 pub mod listen;
+pub mod tls;
 
 mod cors;
 mod doors;
@@ -51,11 +52,15 @@ pub struct Settings {
     pub limits: Limits,
 }
 
-/// Serves an app on a listener until it drains and its connections have ended.
-pub async fn serve(app: App, listener: TcpListener, settings: Settings) -> Result<(), tonic_reflection::server::Error> {
+/// Serves an app on a socket until it drains and its connections have ended.
+pub async fn serve(
+    app: App,
+    socket: impl Into<Socket>,
+    settings: Settings,
+) -> Result<(), tonic_reflection::server::Error> {
     let doors = Doors::closed(Stage::default());
     doors.open(app.clone(), &settings).await?;
-    doors.serve(listener, app.draining, settings.limits).await;
+    doors.serve(socket, app.draining, settings.limits).await;
     Ok(())
 }
 

@@ -43,6 +43,12 @@ metrics! {
     CONNECTIONS: gauge("nudge_connections", &[]);
     /// Connections ended by the service before it stops, by reason
     CONNECTIONS_ENDED: counter("nudge_connections_ended_total", &["reason"]);
+    /// TLS handshakes that failed, by reason: `plain_text` where the client spoke none, `closed` where it left first
+    HANDSHAKES_FAILED: counter("nudge_tls_handshakes_failed_total", &["reason"]);
+    /// Until when the certificate is valid, in seconds since 1970; absent without TLS
+    CERTIFICATE_EXPIRES: gauge("nudge_tls_certificate_expires_timestamp_seconds", &[]);
+    /// Times that the files of TLS changed, by outcome: `failed` where they could not be used and those before stay
+    CERTIFICATE_RELOADS: counter("nudge_tls_reloads_total", &["outcome"]);
     /// Open ingest streams
     STREAMS: gauge("nudge_streams", &[]);
 

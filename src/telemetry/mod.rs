@@ -21,11 +21,11 @@ pub use log::{LogFormat, Seldom, log};
 pub use metric::{Kind, Metric, Page};
 
 use list::{
-    ACCEPTED, BUILD, CACHE, CELLS, COMMIT_SECONDS, COMMIT_TRANSITIONS, COMMITS, CONNECTIONS, CONNECTIONS_ENDED,
-    DATABASE, DENIED, DISK, DISK_FREE, DUPLICATES, ENVIRONMENTS, FIT_AGE, FIT_BEHIND, INFERENCE_SECONDS, INFERENCES,
-    INFERRED_STATES, JOBS, LAST_BATCH, MODELS, MODELS_ACTIVE, QUERY_SECONDS, QUEUED, QUOTA, READ_ONLY, READY, REFUSED,
-    REJECTED, REQUEST_SECONDS, REQUESTS, SHED, STATES, STREAMS, TRAINING_SECONDS, TRAININGS, UNVERIFIED, VERDICTS,
-    WAITING, WORKING,
+    ACCEPTED, BUILD, CACHE, CELLS, CERTIFICATE_EXPIRES, CERTIFICATE_RELOADS, COMMIT_SECONDS, COMMIT_TRANSITIONS,
+    COMMITS, CONNECTIONS, CONNECTIONS_ENDED, DATABASE, DENIED, DISK, DISK_FREE, DUPLICATES, ENVIRONMENTS, FIT_AGE,
+    FIT_BEHIND, HANDSHAKES_FAILED, INFERENCE_SECONDS, INFERENCES, INFERRED_STATES, JOBS, LAST_BATCH, MODELS,
+    MODELS_ACTIVE, QUERY_SECONDS, QUEUED, QUOTA, READ_ONLY, READY, REFUSED, REJECTED, REQUEST_SECONDS, REQUESTS, SHED,
+    STATES, STREAMS, TRAINING_SECONDS, TRAININGS, UNVERIFIED, VERDICTS, WAITING, WORKING,
 };
 
 /// The parts of a record that may be at fault, as labels.
@@ -34,7 +34,7 @@ pub const PARTS: [&str; 6] = ["state", "actions", "entry", "count", "other", "un
 /// Begins to measure: from now on the process has an age, and what is counted is told from 0.
 pub fn begin() {
     process::begin();
-    BUILD.set(&[env!("CARGO_PKG_VERSION"), option_env!("NUDGE_REVISION").unwrap_or("unknown")], 1.0);
+    BUILD.set(&[env!("CARGO_PKG_VERSION"), env!("NUDGE_REVISION")], 1.0);
     [
         &CONNECTIONS,
         &STREAMS,
@@ -95,6 +95,36 @@ pub fn connections(open: usize) {
 /// Records that the service ended a connection, or did not let it in, by reason.
 pub fn connection_ended(reason: &'static str) {
     CONNECTIONS_ENDED.add(&[reason], 1.0);
+}
+
+/// Begins to measure TLS: what is counted is told from 0.
+pub fn begin_tls() {
+    let reasons = [
+        "plain_text",
+        "timeout",
+        "closed",
+        "no_client_certificate",
+        "bad_client_certificate",
+        "refused_by_client",
+        "protocol",
+    ];
+    reasons.iter().for_each(|reason| HANDSHAKES_FAILED.begin(&[reason]));
+    ["done", "failed"].iter().for_each(|outcome| CERTIFICATE_RELOADS.begin(&[outcome]));
+}
+
+/// Records that a client and the service did not agree on TLS, by reason.
+pub fn handshake_failed(reason: &'static str) {
+    HANDSHAKES_FAILED.add(&[reason], 1.0);
+}
+
+/// Records until when the certificate is valid, in seconds since 1970.
+pub fn certificate_expires(at: i64) {
+    CERTIFICATE_EXPIRES.set(&[], at as f64);
+}
+
+/// Records that the files of TLS were read again, and whether they are used.
+pub fn certificate_reloaded(is_used: bool) {
+    CERTIFICATE_RELOADS.add(&[if is_used { "done" } else { "failed" }], 1.0);
 }
 
 /// Records that a stream opened; the guard records that it ended.

@@ -43,6 +43,7 @@ mod start;
 mod store_contract;
 mod store_model;
 mod support;
+mod tls;
 mod uncertain_commit;
 mod unreadable;
 mod values;

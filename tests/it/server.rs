@@ -33,7 +33,7 @@ impl Server {
         if line.is_empty() {
             return Err(child.wait().expect("its output ended, and so does it"));
         }
-        let address = line.trim().rsplit("http://").next().and_then(|address| address.parse().ok());
+        let address = line.trim().rsplit("://").next().and_then(|address| address.parse().ok());
         Ok(Self { child, address: address.unwrap_or_else(|| panic!("no address in {line:?}")) })
     }
 

@@ -1,8 +1,8 @@
 //! Connections: bounded in number, in time and in memory.
 //!
 //! ```text
-//! accept --crowd--> place --task--> hyper --service--> routes
-//!                             |                 |
+//! accept --crowd--> place --task--> (TLS) --> hyper --service--> routes
+//!                             |        |        |
 //!                             +---- vitals -----+      received, sent: the bodies
 //! ```
 //!
@@ -15,6 +15,7 @@ use std::time::Duration;
 use axum::Router;
 use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
 use hyper_util::server::conn::auto::Builder;
+use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::TcpStream;
 use tokio::time::{Instant, sleep_until};
 use tokio_util::io::InspectReader;
@@ -25,6 +26,7 @@ use self::limits::Limits;
 use self::memory::Budget;
 use self::service::Watched;
 use self::vitals::{Cause, Fate, Vitals};
+use crate::serve::tls::{Tls, too_late};
 use crate::telemetry;
 
 pub mod crowd;
@@ -62,6 +64,7 @@ pub struct Leaving(pub CancellationToken);
 pub struct Host {
     router: Router,
     limits: Arc<Limits>,
+    tls: Option<Tls>,
     crowd: Arc<Crowd>,
     budget: Arc<Budget>,
     builder: Builder<TokioExecutor>,
@@ -71,9 +74,15 @@ pub struct Host {
 
 impl Host {
     /// Makes the host of nobody yet. `draining` asks everybody to leave, `over` ends what is left.
-    pub fn new(router: Router, limits: Limits, draining: CancellationToken, over: CancellationToken) -> Arc<Self> {
+    pub fn new(
+        router: Router,
+        limits: Limits,
+        tls: Option<Tls>,
+        draining: CancellationToken,
+        over: CancellationToken,
+    ) -> Arc<Self> {
         let (crowd, budget) = (Crowd::new(&limits), Budget::new(limits.unfinished_bytes));
-        Arc::new(Self { router, limits: Arc::new(limits), crowd, budget, builder: builder(), draining, over })
+        Arc::new(Self { router, limits: Arc::new(limits), tls, crowd, budget, builder: builder(), draining, over })
     }
 
     /// Returns who is here.
@@ -89,6 +98,27 @@ impl Host {
         let (standing, budget) = (place.standing(), self.budget.clone());
         let peer = stream.peer_addr().ok().map(|address| address.ip());
         let service = Watched { router: self.router.clone(), vitals: vitals.clone(), standing, budget, peer };
+        let Some(tls) = &self.tls else { return self.attend(stream, service, &vitals).await };
+        let secured = tokio::select! {
+            biased;
+            secured = tls.secure(stream) => secured,
+            is_late = given_up(&vitals) => {
+                if is_late {
+                    too_late(peer);
+                }
+                return;
+            }
+        };
+        if let Some(stream) = secured {
+            self.attend(stream, service, &vitals).await;
+        }
+    }
+
+    /// Speaks HTTP until the connection ends.
+    async fn attend<S>(&self, stream: S, service: Watched, vitals: &Arc<Vitals>)
+    where
+        S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
+    {
         let heard = vitals.clone();
         let stream = InspectReader::new(stream, move |bytes: &[u8]| heard.heard(bytes));
         let mut connection = std::pin::pin!(self.builder.serve_connection(TokioIo::new(stream), service));
@@ -112,6 +142,23 @@ impl Host {
                     }
                     Fate::Ends(cause) => return ended_by(cause),
                 },
+            }
+        }
+    }
+}
+
+/// Waits until a connection has to end that has not come to its first request, and tells whether it took too long: else it makes room, or the service stops.
+async fn given_up(vitals: &Vitals) -> bool {
+    loop {
+        match vitals.fate(Instant::now()) {
+            Fate::Lives(until) => tokio::select! {
+                () = sleep_until(until) => {}
+                () = vitals.over.cancelled() => return false,
+                () = vitals.leaving.cancelled() => return false,
+            },
+            Fate::Leaves(cause) | Fate::Ends(cause) => {
+                ended_by(cause);
+                return true;
             }
         }
     }

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 /// Rooms by rank. A room may import any lower rank, never its own or a higher one.
 const RANKS: &[&[&str]] = &[
-    &["information", "error", "config", "telemetry"],
+    &["information", "error", "config", "telemetry", "tls"],
     &["domain", "work"],
     &["evidence", "store", "simulation", "recordings", "api"],
     &["ingest", "client", "priors"],
@@ -24,6 +24,8 @@ const RESERVED: &[(&str, &[&str])] = &[
     ("prost", &["api"]),
     ("tonic", &["api", "client", "serve", "cli"]),
     ("axum", &["serve"]),
+    ("rustls", &["tls", "client", "serve"]),
+    ("tokio_rustls", &["client", "serve"]),
     ("candle_core", &["model"]),
     ("candle_nn", &["model"]),
     ("ndarray", &["model"]),

@@ -1,6 +1,7 @@
 //! What tests share: a service on port 0 with a temporary database, and a producer that speaks the protocol by hand.
 
 pub mod batches;
+pub mod certificates;
 pub mod databases;
 pub mod disks;
 pub mod faulty;
@@ -18,6 +19,7 @@ use nudge::api::proto::ingest_service_client::IngestServiceClient;
 use nudge::api::proto::model_service_client::ModelServiceClient;
 use nudge::api::proto::{self, IngestRequest, IngestResponse, ingest_request, ingest_response};
 use nudge::app::{App, Upkeep};
+use nudge::serve::tls::{Socket, Tls};
 use nudge::serve::{Settings, serve};
 use nudge::store::{Options, SqliteStore, Store};
 use serde_json::{Value, json};
@@ -56,10 +58,15 @@ impl TestApp {
 
     /// Starts a service on a store, with settings of the test's own.
     pub async fn set(directory: Arc<TempDir>, store: Arc<dyn Store>, settings: Settings) -> Self {
+        Self::behind(None, directory, store, settings).await
+    }
+
+    /// Starts a service that speaks TLS where it has a certificate.
+    pub async fn behind(tls: Option<Tls>, directory: Arc<TempDir>, store: Arc<dyn Store>, settings: Settings) -> Self {
         let app = App::open(store, Upkeep::default());
         let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
         let address = listener.local_addr().expect("bound");
-        let serving = serve(app.clone(), listener, settings);
+        let serving = serve(app.clone(), Socket { listener, tls }, settings);
         let serving = tokio::spawn(async { serving.await.expect("the service runs") });
         Self { address, app, directory, serving }
     }

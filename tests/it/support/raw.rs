@@ -3,7 +3,7 @@
 use std::net::SocketAddr;
 use std::time::Duration;
 
-use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 use tokio::net::TcpStream;
 use tokio::time::timeout;
 
@@ -14,13 +14,20 @@ pub const LONG: Duration = Duration::from_secs(60);
 pub const PREFACE: &[u8] = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n\0\0\0\x04\0\0\0\0\0";
 
 /// A connection without a client.
-pub struct Raw(pub TcpStream);
+pub struct Raw<S = TcpStream>(pub S);
 
 impl Raw {
     /// Connects and sends some bytes.
     pub async fn open(address: SocketAddr, first: &[u8]) -> Self {
-        let mut stream = TcpStream::connect(address).await.expect("it listens");
+        Self::over(TcpStream::connect(address).await.expect("it listens"), first).await
+    }
+}
+
+impl<S: AsyncRead + AsyncWrite + Unpin> Raw<S> {
+    /// Sends some bytes over a stream.
+    pub async fn over(mut stream: S, first: &[u8]) -> Self {
         stream.write_all(first).await.expect("sent");
+        stream.flush().await.expect("sent");
         Self(stream)
     }
 
@@ -54,7 +61,7 @@ impl Raw {
     /// Sends a byte now and then until the connection is ended.
     pub async fn drip(&mut self, byte: u8) {
         let dripping = async {
-            while self.0.write_all(&[byte]).await.is_ok() {
+            while self.0.write_all(&[byte]).await.is_ok() && self.0.flush().await.is_ok() {
                 tokio::time::sleep(Duration::from_millis(20)).await;
             }
         };

@@ -1,0 +1,136 @@
+//! What it costs to be let in: durable ingest and one question over REST on kept connections, secured beside open.
+//!
+//! `cargo bench --bench secured`, or `cargo bench --bench secured -- rest` for one of them. Service and client share the machine, so the client's half of
+//! the cost counts too.
+
+#![allow(missing_docs)]
+
+mod support;
+
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Instant;
+
+use nudge::client::{ClientTls, Connection, Options, Trust};
+use nudge::serve::tls::{Tls, TlsFiles};
+use rcgen::{CertifiedKey, generate_simple_self_signed};
+use rustls::pki_types::ServerName;
+use rustls::{ClientConfig, RootCertStore};
+use support::http::get;
+use support::{ACTIONS, BATCH, Service, batches, make_world_by, median, pump_by, report, runtime, state, wanted};
+use tempfile::TempDir;
+use tokio::io::{AsyncRead, AsyncWrite};
+use tokio::net::TcpStream;
+use tokio_rustls::TlsConnector;
+
+const ROUNDS: usize = 7;
+const BATCHES: u64 = 3_000;
+const QUESTIONS: usize = 4_000;
+const CONNECTIONS: usize = 4;
+
+/// A way to a service of its own.
+struct Way {
+    service: Service,
+    connection: Connection,
+    tls: Option<TlsConnector>,
+}
+
+impl Way {
+    /// Everything is open.
+    async fn open() -> Self {
+        let service = Service::start().await;
+        let connection = Connection::open(&service.address.to_string()).await.expect("it listens");
+        Self { service, connection, tls: None }
+    }
+
+    /// Everything that protects a service is on.
+    async fn secured(directory: &Path) -> Self {
+        let CertifiedKey { cert, signing_key } = generate_simple_self_signed(["localhost".into()]).expect("a pair");
+        let files = TlsFiles {
+            certificate: directory.join("tls.crt"),
+            key: directory.join("tls.key"),
+            client_authorities: None,
+        };
+        std::fs::write(&files.certificate, cert.pem()).expect("written");
+        std::fs::write(&files.key, signing_key.serialize_pem()).expect("written");
+        let service = Service::secured(Some(Tls::open(files.clone()).expect("a pair"))).await;
+        let address = format!("https://localhost:{}", service.address.port());
+        let trust = ClientTls { trust: Trust::Exactly(files.certificate), identity: None };
+        let connection = Connection::open_with(&address, &Options::default().tls(trust)).await.expect("it listens");
+        let mut roots = RootCertStore::empty();
+        roots.add(cert.der().clone()).expect("a certificate");
+        let config = ClientConfig::builder_with_provider(nudge::tls::provider()).with_safe_default_protocol_versions();
+        let config = config.expect("both versions").with_root_certificates(roots).with_no_client_auth();
+        Self { service, connection, tls: Some(TlsConnector::from(Arc::new(config))) }
+    }
+
+    async fn transitions_per_second(&self, load: &[nudge::api::proto::Columns]) -> f64 {
+        let took = pump_by(self.connection.ingest(), "world", "p", load, BATCHES).await;
+        (BATCHES * BATCH as u64) as f64 / took.as_secs_f64()
+    }
+
+    async fn questions_per_second(&self, path: &str) -> f64 {
+        let mut streams = Vec::new();
+        for _ in 0..CONNECTIONS {
+            streams.push(self.connect().await);
+        }
+        let started = Instant::now();
+        let ask = |mut stream: Box<dyn Wire>| async move {
+            for _ in 0..QUESTIONS {
+                get(&mut stream, path).await;
+            }
+        };
+        futures::future::join_all(streams.into_iter().map(ask)).await;
+        (QUESTIONS * CONNECTIONS) as f64 / started.elapsed().as_secs_f64()
+    }
+
+    async fn connect(&self) -> Box<dyn Wire> {
+        let stream = TcpStream::connect(self.service.address).await.expect("listening");
+        stream.set_nodelay(true).expect("a socket");
+        let Some(tls) = &self.tls else { return Box::new(stream) };
+        let name = ServerName::try_from("localhost").expect("a name");
+        Box::new(tls.connect(name, stream).await.expect("TLS"))
+    }
+}
+
+/// A kept connection of either kind.
+trait Wire: AsyncRead + AsyncWrite + Unpin + Send {}
+
+impl<S: AsyncRead + AsyncWrite + Unpin + Send> Wire for S {}
+
+fn main() {
+    runtime().block_on(async {
+        let directory = TempDir::new().expect("a temporary directory");
+        let ways = [Way::open().await, Way::secured(directory.path()).await];
+        let load = batches(223, 64, 1);
+        for way in &ways {
+            make_world_by(way.connection.environments(), "world", ACTIONS).await;
+            pump_by(way.connection.ingest(), "world", "p", &load, 200).await;
+        }
+        if wanted("ingest") {
+            let mut figures = [Vec::new(), Vec::new()];
+            for _ in 0..ROUNDS {
+                for (way, figures) in ways.iter().zip(&mut figures) {
+                    figures.push(way.transitions_per_second(&load).await);
+                }
+            }
+            let [open, secured] = figures.map(median);
+            report("durable ingest with TLS", secured, "without", open, "transitions/s", "(target >= 0.9)");
+        }
+        if wanted("rest") {
+            let key = state(1).map(|bin| bin.to_string()).join(".");
+            let path = format!("/v1/environments/world/influence?key={key}&view=figures");
+            let mut figures = [Vec::new(), Vec::new()];
+            for _ in 0..ROUNDS {
+                for (way, figures) in ways.iter().zip(&mut figures) {
+                    figures.push(way.questions_per_second(&path).await);
+                }
+            }
+            let [open, secured] = figures.map(median);
+            report("one known state over REST with TLS", secured, "without", open, "requests/s", "(target >= 0.85)");
+        }
+        for way in ways {
+            way.service.stop().await;
+        }
+    });
+}

@@ -1,0 +1,65 @@
+//! Certificates that are renewed while the service runs: the files are read every second, and at SIGHUP.
+//!
+//! Contents are compared, not times of change: Kubernetes swaps a symbolic link, and others write in place. A pair that does not fit, as it is between two
+//! writes, is told and changes nothing; the next change is tried again.
+
+use std::time::Duration;
+
+use tokio::signal::unix::{Signal, SignalKind, signal};
+use tokio::time::{MissedTickBehavior, interval};
+
+use super::Tls;
+use super::files::{Certified, Contents};
+use crate::telemetry;
+use crate::tls::TlsError;
+
+/// How often the files are looked at.
+const EVERY: Duration = Duration::from_secs(1);
+
+impl Tls {
+    /// Takes over what the files hold whenever it changes, for as long as it is polled.
+    pub async fn keep_up(&self) {
+        let mut ticks = interval(EVERY);
+        ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let mut hangups = signal(SignalKind::hangup()).ok();
+        // The contents that were seen last, or why there were none.
+        let mut seen = Ok(self.first);
+        loop {
+            let is_asked = tokio::select! {
+                _ = ticks.tick() => false,
+                () = hung_up(&mut hangups) => true,
+            };
+            let files = self.files.clone();
+            let reading = tokio::task::spawn_blocking(move || Contents::read(&files));
+            // It does not panic, and nothing cancels it.
+            let Ok(contents) = reading.await else { continue };
+            let now = contents.as_ref().map(Contents::digest).map_err(Clone::clone);
+            if is_asked || now != seen {
+                self.reload(contents.and_then(|contents| contents.certified()));
+                seen = now;
+            }
+        }
+    }
+
+    fn reload(&self, certified: Result<Certified, TlsError>) {
+        match certified {
+            Ok(certified) => {
+                certified.tell();
+                self.current.store(certified.config);
+                telemetry::certificate_reloaded(true);
+                tracing::info!("the certificate was read again, and is used from the next connection on");
+            }
+            Err(error) => {
+                telemetry::certificate_reloaded(false);
+                tracing::warn!(%error, "the certificate was not read again: the one before stays in use");
+            }
+        }
+    }
+}
+
+async fn hung_up(hangups: &mut Option<Signal>) {
+    match hangups {
+        Some(signal) => drop(signal.recv().await),
+        None => std::future::pending().await,
+    }
+}
