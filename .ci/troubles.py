@@ -32,7 +32,7 @@ LOOK_BACK = "15s"
 SMALLER = {
     "NudgeQueueFull": {"> 256000": "> 20000"},
     "NudgeNobodySends": {"> 3600": "> 20"},
-    "NudgeFitsOld": {"> 86400": "> 3", "> 100000": "> 100"},
+    "NudgeFitsOld": {"> 86400": "> 3"},
 }
 # Alerts of which there is no trouble on a machine that lets nobody mount: told where it is so.
 NEEDS_A_DISK = "NudgeDiskFull"

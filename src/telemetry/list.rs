@@ -39,7 +39,7 @@ metrics! {
     SHED: counter("nudge_requests_shed_total", &["reason"]);
     /// Open connections
     CONNECTIONS: gauge("nudge_connections", &[]);
-    /// Connections ended by the service before it stops, by reason
+    /// Connections ended by the service before it stops, by reason; `malformed`, `head_too_large` and `http2` for what is no request
     CONNECTIONS_ENDED: counter("nudge_connections_ended_total", &["reason"]);
     /// Open ingest streams
     STREAMS: gauge("nudge_streams", &[]);
@@ -65,6 +65,8 @@ metrics! {
     /// Transitions that wait for their commit
     QUEUED: gauge("nudge_queue_transitions", &[]);
 
+    /// Transitions that are kept, counts of records included, by environment
+    KEPT: gauge("nudge_transitions", &["environment"]);
     /// Distinct states, by environment
     STATES: gauge("nudge_states", &["environment"]);
     /// Cells (state, segment, joint action), by environment

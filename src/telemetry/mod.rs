@@ -23,9 +23,9 @@ pub use metric::{Kind, Metric, Page};
 use list::{
     ACCEPTED, BUILD, CACHE, CELLS, COMMIT_SECONDS, COMMIT_TRANSITIONS, COMMITS, CONNECTIONS, CONNECTIONS_ENDED,
     DATABASE, DISK, DISK_FREE, DUPLICATES, ENVIRONMENTS, FIT_AGE, FIT_BEHIND, INFERENCE_SECONDS, INFERENCES,
-    INFERRED_STATES, JOBS, LAST_BATCH, MODELS, MODELS_ACTIVE, QUERY_SECONDS, QUEUED, QUOTA, READ_ONLY, READY, REFUSED,
-    REJECTED, REQUEST_SECONDS, REQUESTS, SHED, STATES, STREAMS, TRAINING_SECONDS, TRAININGS, UNVERIFIED, VERDICTS,
-    WAITING, WORKING,
+    INFERRED_STATES, JOBS, KEPT, LAST_BATCH, MODELS, MODELS_ACTIVE, QUERY_SECONDS, QUEUED, QUOTA, READ_ONLY, READY,
+    REFUSED, REJECTED, REQUEST_SECONDS, REQUESTS, SHED, STATES, STREAMS, TRAINING_SECONDS, TRAININGS, UNVERIFIED,
+    VERDICTS, WAITING, WORKING,
 };
 
 /// The parts of a record that may be at fault, as labels.
@@ -48,7 +48,22 @@ pub fn begin() {
     .for_each(|metric| metric.begin(&[]));
     let words: [(&Metric, &[&str]); 8] = [
         (&SHED, &["TOO_MANY_CONNECTIONS", "TOO_MANY_UNFINISHED_BYTES"]),
-        (&CONNECTIONS_ENDED, &["head", "idle", "unread", "age", "grace", "evicted", "refused"]),
+        (
+            &CONNECTIONS_ENDED,
+            &[
+                "head",
+                "idle",
+                "unread",
+                "age",
+                "grace",
+                "evicted",
+                "refused",
+                "malformed",
+                "head_too_large",
+                "http2",
+                "silent",
+            ],
+        ),
         (&REFUSED, &["OVERLOADED", "QUOTA_EXCEEDED", "OUT_OF_ORDER", "STORE_UNAVAILABLE", "OUTCOME_UNKNOWN"]),
         (&COMMITS, &["committed", "failed"]),
         (&CACHE, &["hit", "miss"]),
@@ -183,6 +198,8 @@ pub struct OfEnvironment {
     pub unverified: u64,
     /// When a batch was last acknowledged.
     pub last_batch: Option<SystemTime>,
+    /// Transitions that are kept.
+    pub transitions: u64,
     /// States.
     pub states: u64,
     /// Cells.
@@ -238,6 +255,7 @@ fn tell_environment(page: &mut Page, told: &OfEnvironment) {
         (&ACCEPTED, told.accepted),
         (&DUPLICATES, told.duplicates),
         (&UNVERIFIED, told.unverified),
+        (&KEPT, told.transitions),
         (&STATES, told.states),
         (&CELLS, told.cells),
         (&MODELS, told.models),
