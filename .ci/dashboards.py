@@ -24,7 +24,18 @@ VARIABLES = {"$__rate_interval": "60s", "$__range": "10m", "$instance": ".*"}
 LONGEST_WAIT_SECONDS = 60
 
 
+# Where Grafana finds Prometheus: by a variable, so that the file can be imported and provisioned alike.
+DATASOURCE = {"type": "prometheus", "uid": "${DS_PROMETHEUS}"}
+# Units that Grafana knows (`@grafana/data`, valueFormats) and that fit base units.
+UNITS = {"short", "percentunit", "s", "bytes", "reqps", "cps", "dateTimeFromNow"}
+PANELS = {"row", "stat", "timeseries"}
+WIDTH = 24
+
+
 def main(url, data):
+    dashboard = json.loads((OPS / "grafana/nudge.json").read_text())
+    faults = list(unsound(dashboard))
+    inference_world.check(not faults, f"Grafana can show {len(dashboard['panels'])} panels", faults)
     free = socket.socket()
     free.bind(("127.0.0.1", 0))
     address = "127.0.0.1:%d" % free.getsockname()[1]
@@ -33,9 +44,10 @@ def main(url, data):
     try:
         until(lambda: up(address), "Prometheus scrapes the service")
         work(url)
-        panels = list(queries(json.loads((OPS / "grafana/nudge.json").read_text())))
+        panels = list(queries(dashboard))
         missing = until(lambda: not empty(address, panels), f"{len(panels)} queries of panels return data")
         inference_world.check(missing, None, [panel for panel in panels if not returns(address, panel[1])])
+        legends(address, dashboard)
         alerts(address)
     finally:
         prometheus.terminate()
@@ -70,15 +82,78 @@ def work(url):
         time.sleep(2)
 
 
+def unsound(dashboard):
+    """Yields what Grafana would not show as it is meant."""
+    panels, variables = dashboard["panels"], {variable["name"] for variable in dashboard["templating"]["list"]}
+    if dashboard.get("id") is not None or not 0 < len(dashboard["uid"]) <= 40 or "__inputs" in dashboard:
+        yield "an id of one Grafana only, no uid, or inputs that provisioning leaves empty"
+    if not any(variable["type"] == "datasource" and variable["query"] == "prometheus" for variable in dashboard["templating"]["list"]):
+        yield "no variable for the data source"
+    ids = [panel["id"] for panel in panels]
+    yield from (f"id {number} twice" for number in set(ids) if ids.count(number) > 1)
+    yield from (f"{variable['name']}: another data source" for variable in dashboard["templating"]["list"] if variable["type"] == "query" and variable["datasource"] != DATASOURCE)
+    used = set(re.findall(r"\$\{?([A-Za-z_]\w*)", json.dumps(dashboard))) - {"__rate_interval", "__range", "__all"}
+    yield from (f"${name} is no variable" for name in used - variables)
+    yield from overlaps(panels)
+    for panel in panels:
+        yield from (f"{panel['title']}: {fault}" for fault in unsound_panel(panel))
+
+
+def unsound_panel(panel):
+    place = panel["gridPos"]
+    if panel["type"] not in PANELS or not panel["title"]:
+        yield "of a type that Grafana does not bring, or without a title"
+    if min(place.values()) < 0 or place["x"] + place["w"] > WIDTH or 0 in (place["w"], place["h"]):
+        yield f"out of the grid: {place}"
+    if panel["type"] == "row":
+        return
+    targets = panel["targets"]
+    if any(source.get("datasource") != DATASOURCE for source in [panel, *targets]):
+        yield "another data source"
+    if not targets or len({target["refId"] for target in targets}) != len(targets):
+        yield "no query, or two of one refId"
+    if panel["fieldConfig"]["defaults"].get("unit") not in UNITS:
+        yield f"unit {panel['fieldConfig']['defaults'].get('unit')}"
+    if not panel.get("description"):
+        yield "no description"
+    yield from (f"asks every service: {target['expr']}" for target in targets if "$instance" not in target["expr"])
+
+
+def overlaps(panels):
+    taken = {}
+    for panel in panels:
+        place = panel["gridPos"]
+        for x in range(place["x"], place["x"] + place["w"]):
+            for y in range(place["y"], place["y"] + place["h"]):
+                if (x, y) in taken:
+                    yield f"{panel['title']} lies over {taken[x, y]}"
+                    return
+                taken[x, y] = panel["title"]
+
+
+def legends(address, dashboard):
+    """Checks that what a legend names is a label of what the query returns."""
+    for panel in dashboard["panels"]:
+        for target in panel.get("targets", []):
+            result = ask(address, "query", query=filled(target["expr"]))["result"]
+            labels = {label for sample in result for label in sample["metric"]}
+            wrong = set(re.findall(r"{{\s*(\w+)\s*}}", target.get("legendFormat", ""))) - labels
+            inference_world.check(not wrong, None, f"{panel['title']}: the legend names {wrong}, of {labels}")
+
+
+def filled(query):
+    """Returns a query with what Grafana puts in place of its variables."""
+    for variable, value in VARIABLES.items():
+        query = query.replace(variable, value)
+    inference_world.check("$" not in query, None, f"an unknown variable in {query}")
+    return query
+
+
 def queries(dashboard):
     """Yields the title and the query of every target of every panel."""
     for panel in dashboard["panels"]:
         for target in panel.get("targets", []):
-            query = target["expr"]
-            for variable, value in VARIABLES.items():
-                query = query.replace(variable, value)
-            inference_world.check("$" not in query, None, f"an unknown variable in {query}")
-            yield panel["title"], query
+            yield panel["title"], filled(target["expr"])
 
 
 def empty(address, panels):

@@ -6,16 +6,19 @@ from nudge_client import Client
 from nudge_client.api.environments import apply_environment, get_environment
 from nudge_client.api.influence import batch_get_influence, get_influence
 from nudge_client.api.transitions import write_transitions
-from nudge_client.models import Answers, Description, Environment, Problem, Question, Receipt, Transitions, Unit, Verdict
+from nudge_client.models import Agent, Answers, Categorical, CategoricalFeature, Description, Environment, Integer, IntegerFeature
+from nudge_client.models import Problem, Question, Receipt, Transitions, Unit, Verdict
 
 WORLD = "made-by-a-client"
 
 
 def main(url):
     client = Client(base_url=url)
-    agent = lambda name: {"name": name, "action": [{"name": "go", "integer": {"min": 0, "max": 1}}]}
-    place = {"name": "place", "categorical": {"labels": ["here", "there"]}}
-    description = Description.from_dict({"state": [place], "agents": [agent("robot"), agent("human")]})
+    # Of the classes of the kinds, and of a dictionary: both are a description.
+    agent = lambda name: Agent(name=name, action=[IntegerFeature(name="go", integer=Integer(min_=0, max_=1))])
+    place = CategoricalFeature(name="place", categorical=Categorical(labels=["here", "there"]))
+    description = Description(state=[place], agents=[agent("robot"), agent("human")])
+    check(Description.from_dict(description.to_dict()) == description, "a dictionary is the same description", description)
     made = apply_environment.sync(WORLD, client=client, body=description)
     check(isinstance(made, Environment) and made.name == WORLD, "an environment is made", made)
 

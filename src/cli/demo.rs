@@ -3,14 +3,14 @@
 mod found;
 mod live;
 
-use std::cell::Cell;
+use std::cell::RefCell;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
 
-use self::found::Best;
+use self::found::{Best, Found};
 use self::live::Live;
 use super::Failure;
 use super::duration::duration;
@@ -87,36 +87,49 @@ impl Demo {
 
     async fn show(&self, address: SocketAddr) -> Result<(), Failure> {
         let ended = tokio::time::sleep(self.duration.unwrap_or(Duration::MAX));
-        let is_told = Cell::new(false);
+        let so_far = RefCell::new(SoFar::default());
         let shown = async {
             let connection = Connection::open(&address.to_string()).await?;
             let environments = self.play(&connection).await?;
-            let best = found::tell(&connection, &environments).await?;
+            so_far.borrow_mut().stage = Stage::Looking(environments.clone());
+            for environment in &environments {
+                let seen = found::look(&connection, environment).await?;
+                so_far.borrow_mut().saw(seen, environment);
+            }
+            let best = so_far.borrow_mut().tell()?;
             print(&to_try(address, &best))?;
-            is_told.set(true);
             found::train(&connection, HALLWAY).await?;
             std::future::pending().await
         };
         tokio::select! {
             shown = shown => shown,
-            () = ended => self.end(is_told.get()),
+            () = ended => self.end(&so_far.borrow()),
         }
     }
 
-    /// Ends the show where `--duration` says so, and says what was not told for want of time.
-    fn end(&self, is_told: bool) -> Result<(), Failure> {
-        match is_told {
-            true => Ok(()),
-            false => print(&format!(
-                "\nended by --duration before it could say what was found: give it longer; what is counted stays in {}",
-                self.data.display()
-            )),
-        }
+    /// Ends the show where `--duration` says so: tells what was found so far, and what was not told for want of time.
+    fn end(&self, so_far: &SoFar) -> Result<(), Failure> {
+        let (doing, missing) = match &so_far.stage {
+            Stage::Counting => (
+                "sending games and a hallway",
+                "what was counted, and where two agents depend on each other".to_owned(),
+            ),
+            Stage::Looking(left) => {
+                ("looking at every state", format!("where two agents depend on each other in {}", left.join(", ")))
+            }
+            Stage::Told => return Ok(()),
+        };
+        so_far.found.tell()?;
+        print(&format!(
+            "\nended by --duration while {doing}: it was about to show {missing}. Give it longer; what is counted stays in {}",
+            self.data.display()
+        ))
     }
 
     /// Sends the games and the hallway side by side, as far as they are not counted yet, and returns the names of their environments.
     async fn play(&self, connection: &Connection) -> Result<Vec<String>, Failure> {
-        let parts = games()?;
+        // Reading them takes a second or two, which `--duration` and signals do not wait for.
+        let parts = tokio::task::spawn_blocking(games).await.map_err(|error| Failure::usage(error.to_string()))??;
         let mut names: Vec<String> = parts.iter().map(Part::environment_name).collect();
         names.push(HALLWAY.into());
         names.sort();
@@ -134,9 +147,6 @@ impl Demo {
             stopped = live.run() => match stopped? {},
         };
         live.finish();
-        for name in &names {
-            found::settle(connection, name).await?;
-        }
         let (mut report, hallway) = played;
         report.add(HALLWAY.into(), hallway);
         print(&format!(
@@ -144,6 +154,40 @@ impl Demo {
             report.table()
         ))?;
         Ok(names)
+    }
+}
+
+/// How far the show is.
+#[derive(Default)]
+struct SoFar {
+    stage: Stage,
+    found: Found,
+}
+
+/// What is being done for what is shown next.
+#[derive(Default)]
+enum Stage {
+    /// Games are read and sent.
+    #[default]
+    Counting,
+    /// Every state is looked at, of these environments.
+    Looking(Vec<String>),
+    /// Everything was told.
+    Told,
+}
+
+impl SoFar {
+    fn saw(&mut self, seen: found::Seen, environment: &str) {
+        self.found.add(seen);
+        if let Stage::Looking(left) = &mut self.stage {
+            left.retain(|other| other != environment);
+        }
+    }
+
+    fn tell(&mut self) -> Result<Best, Failure> {
+        self.stage = Stage::Told;
+        self.found.tell()?;
+        Ok(std::mem::take(&mut self.found.best))
     }
 }
 

@@ -12,7 +12,7 @@ use tokio_util::sync::CancellationToken;
 use tower::ServiceExt;
 
 use super::connections::limits::Limits;
-use super::requests::is_grpc;
+use super::requests::{self, is_grpc};
 use super::status::{self, Failure};
 use super::tls::Socket;
 use super::{Settings, listen, operations};
@@ -51,6 +51,7 @@ impl Doors {
     }
 
     fn refuse(&self, request: &Request) -> Response {
+        requests::note_closed(request);
         let path = request.uri().path();
         let stage = self.stage.told();
         let problem = || Problem::new(ErrorKind::Unavailable, "NOT_READY", format!("not ready: database: {stage}"));

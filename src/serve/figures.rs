@@ -46,7 +46,7 @@ async fn environments(app: &App) -> Vec<OfEnvironment> {
 
 fn of_environment(environment: &Environment, figures: ingest::Figures, held: Held, quotas: Quotas) -> OfEnvironment {
     let ingest::Figures { accepted, rejected, duplicates, unverified, last } = figures;
-    let Held { totals: Totals { states, cells, segments, producers, .. }, models, active } = held;
+    let Held { totals: Totals { transitions, states, cells, segments, producers, .. }, models, active } = held;
     let quotas = vec![
         ("cells", cells, quotas.cells),
         ("segments", segments, quotas.segments),
@@ -60,6 +60,7 @@ fn of_environment(environment: &Environment, figures: ingest::Figures, held: Hel
         duplicates,
         unverified,
         last_batch: last,
+        transitions,
         states,
         cells,
         quotas,

@@ -18,6 +18,7 @@ use http_body_util::BodyExt;
 use tonic::Code;
 use tracing::Span;
 
+use super::operations;
 use crate::api;
 use crate::telemetry;
 
@@ -80,6 +81,8 @@ impl Call {
         self.status = Some(response.status());
         // Nobody reads the body of such an answer.
         self.is_told = self.is_head;
+        // Not every refusal has been through gRPC.
+        self.noted.read(response.headers());
         response.headers_mut().insert(REQUEST_ID, self.id.clone());
         response
     }
@@ -114,11 +117,23 @@ impl Drop for Call {
 
 /// Notes the route of a request: one of few, unlike its path and its method.
 pub async fn note_route(request: Request, next: Next) -> Response {
-    if let (Some(noted), Some(path)) = (request.extensions().get::<Arc<Noted>>(), request.extensions().get()) {
+    if let (Some(noted), Some(path)) =
+        (request.extensions().get::<Arc<Noted>>(), request.extensions().get::<MatchedPath>())
+    {
         // It is routed once.
-        let _ = noted.route.set(route(&request, path));
+        let _ = noted.route.set(route(&request, path.as_str()));
     }
     next.run(request).await
+}
+
+/// Notes the route of a request that comes before there are any: that of a probe, or of a method of gRPC.
+pub fn note_closed(request: &Request) {
+    let path = request.uri().path();
+    let is_probe = is_grpc(request.headers()) || operations::is_asked(path);
+    if let (Some(noted), true) = (request.extensions().get::<Arc<Noted>>(), is_probe) {
+        // It is answered once.
+        let _ = noted.route.set(route(request, path));
+    }
 }
 
 /// Notes the gRPC code of an answer, which comes with its headers or after its messages.
@@ -180,7 +195,7 @@ static METHODS: LazyLock<Vec<String>> = LazyLock::new(|| {
     api::grpc_methods().into_iter().chain(OTHERS.map(str::to_owned)).collect()
 });
 
-fn route(request: &Request, path: &MatchedPath) -> String {
+fn route(request: &Request, path: &str) -> String {
     const KNOWN: [Method; 7] =
         [Method::GET, Method::HEAD, Method::POST, Method::PUT, Method::PATCH, Method::DELETE, Method::OPTIONS];
     let asked = request.uri().path();
@@ -190,7 +205,7 @@ fn route(request: &Request, path: &MatchedPath) -> String {
             let method = asked.rsplit('/').next().filter(|_| is_known);
             method.unwrap_or(OTHER).to_owned()
         }
-        method if KNOWN.contains(method) => format!("{method} {}", path.as_str()),
+        method if KNOWN.contains(method) => format!("{method} {path}"),
         _ => OTHER.to_owned(),
     }
 }
@@ -305,6 +320,26 @@ mod tests {
         assert_eq!(asked("/nudge.v1.IngestService/Write").await, (Some("Write".into()), "NOT_FOUND".into()));
         assert_eq!(asked("/nudge.v1.EnvironmentService/GetEnvironment").await.1, "INTERNAL", "it panicked");
         assert_eq!(asked("/nudge.v1.EnvironmentService/Invented").await.0, Some("other".into()));
+    }
+
+    #[test]
+    fn a_refusal_before_grpc_has_its_code() {
+        let (mut call, request) =
+            begun(Request::post("/grpc.health.v1.Health/Check").header(header::CONTENT_TYPE, "application/grpc"));
+        note_closed(&request);
+        drop(call.answered(tonic::Status::unavailable("not ready").into_http::<Body>()));
+        assert_eq!((call.noted.route.get().cloned(), call.code()), (Some("Check".into()), "UNAVAILABLE".into()));
+    }
+
+    #[test]
+    fn probes_are_told_apart_before_there_are_routes() {
+        let routed = |path: &str| {
+            let (call, request) = begun(Request::get(path));
+            note_closed(&request);
+            call.noted.route.get().cloned()
+        };
+        assert_eq!(routed("/readyz"), Some("GET /readyz".into()));
+        assert_eq!(routed("/v1/environments/invented"), None);
     }
 
     #[test]

@@ -41,7 +41,7 @@ metrics! {
     DENIED: counter("nudge_requests_denied_total", &["reason"]);
     /// Open connections
     CONNECTIONS: gauge("nudge_connections", &[]);
-    /// Connections ended by the service before it stops, by reason
+    /// Connections ended by the service before it stops, by reason; `malformed`, `head_too_large` and `http2` for what is no request
     CONNECTIONS_ENDED: counter("nudge_connections_ended_total", &["reason"]);
     /// TLS handshakes that failed, by reason: `plain_text` where the client spoke none, `closed` where it left first
     HANDSHAKES_FAILED: counter("nudge_tls_handshakes_failed_total", &["reason"]);
@@ -73,6 +73,8 @@ metrics! {
     /// Transitions that wait for their commit
     QUEUED: gauge("nudge_queue_transitions", &[]);
 
+    /// Transitions that are kept, counts of records included, by environment
+    KEPT: gauge("nudge_transitions", &["environment"]);
     /// Distinct states, by environment
     STATES: gauge("nudge_states", &["environment"]);
     /// Cells (state, segment, joint action), by environment

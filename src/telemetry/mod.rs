@@ -23,7 +23,7 @@ pub use metric::{Kind, Metric, Page};
 use list::{
     ACCEPTED, BUILD, CACHE, CELLS, CERTIFICATE_EXPIRES, CERTIFICATE_RELOADS, COMMIT_SECONDS, COMMIT_TRANSITIONS,
     COMMITS, CONNECTIONS, CONNECTIONS_ENDED, DATABASE, DENIED, DISK, DISK_FREE, DUPLICATES, ENVIRONMENTS, FIT_AGE,
-    FIT_BEHIND, HANDSHAKES_FAILED, INFERENCE_SECONDS, INFERENCES, INFERRED_STATES, JOBS, LAST_BATCH, MODELS,
+    FIT_BEHIND, HANDSHAKES_FAILED, INFERENCE_SECONDS, INFERENCES, INFERRED_STATES, JOBS, KEPT, LAST_BATCH, MODELS,
     MODELS_ACTIVE, QUERY_SECONDS, QUEUED, QUOTA, READ_ONLY, READY, REFUSED, REJECTED, REQUEST_SECONDS, REQUESTS, SHED,
     STATES, STREAMS, TRAINING_SECONDS, TRAININGS, UNVERIFIED, VERDICTS, WAITING, WORKING,
 };
@@ -49,7 +49,22 @@ pub fn begin() {
     let words: [(&Metric, &[&str]); 9] = [
         (&DENIED, &["unauthenticated", "scope", "environment", "producer", "host", "origin", "media", "rate"]),
         (&SHED, &["TOO_MANY_CONNECTIONS", "TOO_MANY_UNFINISHED_BYTES"]),
-        (&CONNECTIONS_ENDED, &["head", "idle", "unread", "age", "grace", "evicted", "refused"]),
+        (
+            &CONNECTIONS_ENDED,
+            &[
+                "head",
+                "idle",
+                "unread",
+                "age",
+                "grace",
+                "evicted",
+                "refused",
+                "malformed",
+                "head_too_large",
+                "http2",
+                "silent",
+            ],
+        ),
         (&REFUSED, &["OVERLOADED", "QUOTA_EXCEEDED", "OUT_OF_ORDER", "STORE_UNAVAILABLE", "OUTCOME_UNKNOWN"]),
         (&COMMITS, &["committed", "failed"]),
         (&CACHE, &["hit", "miss"]),
@@ -219,6 +234,8 @@ pub struct OfEnvironment {
     pub unverified: u64,
     /// When a batch was last acknowledged.
     pub last_batch: Option<SystemTime>,
+    /// Transitions that are kept.
+    pub transitions: u64,
     /// States.
     pub states: u64,
     /// Cells.
@@ -274,6 +291,7 @@ fn tell_environment(page: &mut Page, told: &OfEnvironment) {
         (&ACCEPTED, told.accepted),
         (&DUPLICATES, told.duplicates),
         (&UNVERIFIED, told.unverified),
+        (&KEPT, told.transitions),
         (&STATES, told.states),
         (&CELLS, told.cells),
         (&MODELS, told.models),

@@ -1,5 +1,7 @@
 //! The faces agree: one table of questions and one of faults, asked over REST and over gRPC.
 
+use std::collections::BTreeSet;
+
 use nudge::api::{json as dto, proto};
 use serde_json::{Value, json};
 use tonic::{Code, Status};
@@ -325,4 +327,111 @@ async fn a_third_agent_held_fixed_reveals_what_it_hid() {
     assert_eq!(plug_in("unit=bits").await, 0.0);
     assert!((plug_in("unit=bits&given=c").await - 1.0).abs() < 1e-12);
     assert!((plug_in("ego=c&other=b&given=a").await - 2_f64.ln()).abs() < 1e-12);
+}
+
+/// Every whole number that the body of a request has, with one that is right: by the schema of the document, and where it stands.
+const WHOLE: [(&str, &str); 9] = [
+    ("Circular.bins", "8"),
+    ("Integer.max", "3"),
+    ("Integer.min", "0"),
+    ("Rule.min_visits", "8"),
+    ("TrainingRequest.epochs", "5"),
+    ("TrainingRequest.folds", "2"),
+    ("TrainingRequest.members", "1"),
+    ("TrainingRequest.seed", "7"),
+    ("TrainingRequest.width", "4"),
+];
+
+/// Those of a batch, which are decoded apart.
+const WHOLE_OF_BATCHES: [&str; 2] = ["Transition.count", "Transitions.sequence"];
+
+/// Returns the schemas that bodies of requests lead to.
+fn schemas_of_bodies(document: &Value) -> BTreeSet<String> {
+    let names = |value: &Value| {
+        let text = value.to_string();
+        let parts = text.split("\"#/components/schemas/").skip(1);
+        parts.filter_map(|part| part.split('"').next().map(str::to_owned)).collect::<Vec<_>>()
+    };
+    let operations = document["paths"]
+        .as_object()
+        .expect("paths")
+        .values()
+        .flat_map(|path| path.as_object().expect("operations").values());
+    let mut waiting: Vec<String> = operations.flat_map(|operation| names(&operation["requestBody"])).collect();
+    let mut found = BTreeSet::new();
+    while let Some(name) = waiting.pop() {
+        waiting
+            .extend(names(&document["components"]["schemas"][&name]).into_iter().filter(|name| !found.contains(name)));
+        found.insert(name);
+    }
+    found
+}
+
+#[tokio::test]
+async fn a_whole_number_is_one_however_it_is_written() {
+    let app = TestApp::start().await;
+    let (_, document) = app.rest("GET", "/openapi.json", None).await;
+    let mut members = BTreeSet::new();
+    for name in schemas_of_bodies(&document) {
+        let Some(properties) = document["components"]["schemas"][&name]["properties"].as_object() else { continue };
+        let is_whole = |schema: &Value| {
+            schema["type"] == "integer"
+                || schema["type"].as_array().is_some_and(|types| types.contains(&json!("integer")))
+        };
+        members.extend(
+            properties.iter().filter(|(_, schema)| is_whole(schema)).map(|(member, _)| format!("{name}.{member}")),
+        );
+    }
+    let listed: BTreeSet<String> =
+        WHOLE.iter().map(|(member, _)| *member).chain(WHOLE_OF_BATCHES).map(str::to_owned).collect();
+    assert_eq!(members, listed, "this test tries each");
+
+    let description = r#"{"state": [{"name": "a", "circular": {"bins": Circular.bins}}, {"name": "b", "integer": {"min": Integer.min, "max": Integer.max}}],
+        "agents": [{"name": "c", "action": [{"name": "x", "integer": {"min": 0, "max": 1}}]}, {"name": "d", "action": [{"name": "x", "integer": {"min": 0, "max": 1}}]}],
+        "rule": {"min_visits": Rule.min_visits}}"#;
+    let training = r#"{"epochs": TrainingRequest.epochs, "folds": TrainingRequest.folds, "members": TrainingRequest.members,
+        "seed": TrainingRequest.seed, "width": TrainingRequest.width}"#;
+    let written = |text: &str, odd: &str, ending: &str| {
+        let fill = |text: String, (member, number): &(&str, &str)| {
+            text.replace(member, &format!("{number}{}", if *member == odd { ending } else { "" }))
+        };
+        WHOLE.iter().fold(text.to_owned(), fill)
+    };
+    let ask = async |method: &str, path: &str, body: String| {
+        let request = reqwest::Client::new().request(method.parse().expect("a method"), app.url(path));
+        let response = request.header("content-type", "application/json").body(body).send().await.expect("answered");
+        (response.status().as_u16(), response.text().await.expect("text"))
+    };
+    for (member, _) in WHOLE {
+        let (_, name) = member.split_once('.').expect("a member");
+        let (method, path, body) = match description.contains(member) {
+            true => ("PUT", "/v1/environments/whole", description),
+            false => ("POST", "/v1/environments/whole/models", training),
+        };
+        for ending in [".0", "e0", ".000"] {
+            let (status, told) = ask(method, path, written(body, member, ending)).await;
+            // An environment that nobody played in has nothing to learn from, which a training says for itself.
+            assert!([200, 201, 202].contains(&status), "{member}{ending}: {told}");
+        }
+        let (status, told) = ask(method, path, written(body, member, ".5")).await;
+        let problem: Value = serde_json::from_str(&told).expect("a problem");
+        assert_eq!(status, 400, "{member}: {told}");
+        let pointer = problem["errors"][0]["pointer"].as_str().expect("a pointer");
+        assert!(pointer.ends_with(&format!("/{name}")) && told.contains("expected a whole number"), "{told}");
+    }
+
+    let batch = |sequence: &str, count: &str| {
+        format!(
+            r#"{{"producer": "p", "sequence": {sequence}, "transitions": [{{"state": {{"a": 0, "b": 1}}, "actions": {{"c": 0, "d": 1}}, "count": {count}}}]}}"#
+        )
+    };
+    let path = "/v1/environments/whole/transitions";
+    let (status, told) = ask("POST", path, batch("1.0", "2.0")).await;
+    assert_eq!((status, told.contains(r#""accepted":1"#)), (200, true), "{told}");
+    let (_, summary) = app.rest("GET", "/v1/environments/whole/summary", None).await;
+    assert_eq!(summary["transitions"], 2);
+    let (status, told) = ask("POST", path, batch("2.5", "1")).await;
+    assert!(status == 400 && told.contains("/sequence") && told.contains("2.5`, expected a whole number"), "{told}");
+    let (status, told) = ask("POST", path, batch("2", "1.5")).await;
+    assert!(status == 200 && told.contains("/count") && told.contains("1.5, expected a whole number"), "{told}");
 }

@@ -14,11 +14,12 @@ use nudge::telemetry::{ALL, Kind};
 use prost::Message;
 use serde_json::{Value, json};
 use tempfile::TempDir;
-use tokio::io::AsyncWriteExt;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::TcpStream;
 
 use crate::server::Server;
 use crate::support::faulty::{Failure, Faulty};
+use crate::support::raw::PREFACE;
 use crate::support::{RawStream, TestApp, channel, lane_json, open, row, rows};
 
 /// The binary, whose metrics and log are nobody else's.
@@ -176,6 +177,42 @@ async fn what_callers_invent_is_one_series() {
     assert_eq!(figures.requests("rest", "other", "404"), 60.0);
     assert_eq!(figures.requests("grpc", "other", "UNIMPLEMENTED"), 120.0);
     assert!(figures.1.len() < before + 8_000, "{} bytes after {before}", figures.1.len());
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_is_no_request_is_counted_by_its_reason() {
+    let service = Alone::start();
+    let large = [b"GET / HTTP/1.1\r\nhost: nudge\r\nx: ".to_vec(), vec![b'a'; 100_000], b"\r\n\r\n".to_vec()].concat();
+    let long = [b"GET /".to_vec(), vec![b'a'; 100_000], b" HTTP/1.1\r\nhost: nudge\r\n\r\n".to_vec()].concat();
+    // Data on no stream, and a setting that may not be.
+    let [data, setting] = [&[0; 9][..], &[0, 0, 6, 4, 0, 0, 0, 0, 0, 0, 2, 0, 0, 0, 9]];
+    let tls = [b"\x16\x03\x01\x02\x00".to_vec(), vec![0; 100]].concat();
+    for (first, answer) in [
+        (b"nonsense\r\n\r\n".to_vec(), "HTTP/1.1 400"),
+        (b"GET / HTTP/9.9\r\nhost: nudge\r\n\r\n".to_vec(), "HTTP/1.1 400"),
+        (tls, "HTTP/1.1 400"),
+        (large, "HTTP/1.1 431"),
+        (long, "HTTP/1.1 431"),
+        ([PREFACE, data].concat(), ""),
+        ([PREFACE, setting].concat(), ""),
+        // These only leave.
+        (PREFACE.to_vec(), ""),
+        (b"GET / HTTP/1.1\r\nho".to_vec(), ""),
+        (Vec::new(), ""),
+    ] {
+        let mut raw = TcpStream::connect(service.server.address).await.expect("accepted");
+        // It may be refused before it is read to its end.
+        let _ = raw.write_all(&first).await;
+        let _ = raw.shutdown().await;
+        let mut told = Vec::new();
+        let _ = raw.read_to_end(&mut told).await;
+        assert!(String::from_utf8_lossy(&told).starts_with(answer), "{}", String::from_utf8_lossy(&told));
+    }
+    for (reason, times) in [("malformed", 3.0), ("head_too_large", 2.0), ("http2", 2.0), ("silent", 0.0)] {
+        service.until(&format!("nudge_connections_ended_total{{reason=\"{reason}\"}}"), times).await;
+    }
+    let figures = service.metrics().await;
+    assert_eq!([figures.requests("rest", "other", "400"), figures.requests("rest", "other", "431")], [3.0, 2.0]);
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

@@ -75,6 +75,19 @@ async fn every_face_says_what_it_waits_for_until_the_database_is_open() {
     doors.open(app.clone(), &Settings::default()).await.expect("opened");
     // On the connection that was refused before, too.
     assert!(grpc.list_environments(list()).await.is_ok());
+    let told = asked("GET", &url("/metrics")).await.2;
+    for (face, route, code) in [
+        ("rest", "GET /livez", "200"),
+        ("rest", "GET /v2/health/live", "200"),
+        ("rest", "GET /readyz", "503"),
+        ("rest", "GET /metrics", "503"),
+        ("grpc", "ListEnvironments", "UNAVAILABLE"),
+    ] {
+        let series = format!("nudge_requests_total{{face=\"{face}\",route=\"{route}\",code=\"{code}\"}} ");
+        // The metrics are the process's, which other tests may use.
+        let times = told.lines().find_map(|line| line.strip_prefix(&series)).map(|times| times.parse::<u64>());
+        assert!(times.is_some_and(|times| times.is_ok_and(|times| times >= 2)), "{series}");
+    }
     assert_eq!(asked("GET", &url("/readyz")).await, (200, None, "ready\n".into()));
     assert_eq!(asked("GET", &url("/v1/environments")).await.0, 200);
     drop(grpc);

@@ -55,6 +55,7 @@ struct RequestParameters {
 struct Input {
     name: String,
     datatype: String,
+    #[serde(deserialize_with = "json::wholes")]
     shape: Vec<i64>,
     parameters: Option<InputParameters>,
     data: Option<Data>,
@@ -62,6 +63,7 @@ struct Input {
 
 #[derive(Deserialize)]
 struct InputParameters {
+    #[serde(default, deserialize_with = "json::perhaps_whole")]
     binary_data_size: Option<usize>,
     #[serde(flatten)]
     others: HashMap<String, Value>,
@@ -122,7 +124,7 @@ fn supported(inputs: &[Input], outputs: &[Wanted]) -> Result<(), Fault> {
 
 /// Tells whether a parameter says something: 0 says nothing.
 fn is_set(parameters: &HashMap<String, Value>, name: &str) -> bool {
-    parameters.get(name).is_some_and(|value| !value.is_null() && *value != 0)
+    parameters.get(name).is_some_and(|value| !value.is_null() && value.as_f64() != Some(0.0))
 }
 
 /// Gives each input its values: those in its JSON, or its share of the bytes after the JSON.

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::whole::whole;
 use super::{Rule, decode, words};
 use crate::domain::draft::{AgentDraft, DescriptionDraft, FeatureDraft, KindDraft, RuleDraft, SchemaDraft};
 use crate::error::{Fault, Problem};
@@ -92,6 +93,7 @@ pub struct Continuous {
 #[serde(deny_unknown_fields, expecting = "an object of bins and values")]
 pub struct Circular {
     /// The number of bins, 1 to 65,536, each of width 2 pi / bins radians, or 360 / bins degrees.
+    #[serde(deserialize_with = "whole")]
     #[schema(example = 8, minimum = 1, maximum = 65_536)]
     pub bins: i64,
     /// What values are measured in, `radians` or `degrees`; absent for what the feature's unit says. Environments that were made before units were
@@ -106,9 +108,11 @@ pub struct Circular {
 #[serde(deny_unknown_fields, expecting = "an object of min and max")]
 pub struct Integer {
     /// The smallest value, within +-2^24.
+    #[serde(deserialize_with = "whole")]
     #[schema(example = 0, minimum = -16_777_216, maximum = 16_777_216)]
     pub min: i64,
     /// The largest value, within +-2^24, at least min.
+    #[serde(deserialize_with = "whole")]
     #[schema(example = 3, minimum = -16_777_216, maximum = 16_777_216)]
     pub max: i64,
 }

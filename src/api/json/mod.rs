@@ -24,6 +24,7 @@ mod receipt;
 mod record;
 mod rule;
 mod transitions;
+mod whole;
 mod words;
 
 pub use answer::{ActionFigures, Answer, Answers, Basis, MutualInformation, verdict};
@@ -48,6 +49,7 @@ pub use question::{NamedState, Question};
 pub use receipt::{Producer, Receipt, Rejection};
 pub use rule::{Rule, RuleChange};
 pub use transitions::{Action, FeatureValue, Head, Incoming, Transition, Transitions, batch_of_json, batch_of_lines};
+pub use whole::{perhaps_whole, wholes};
 pub use words::{DiscoveryMethod, Estimator, Permutations, RuleKind, Unit, Verdict, View, Within};
 
 /// Returns the text, or `None` where proto says "absent" by an empty one.

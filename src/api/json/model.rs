@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::decode::or_default;
+use super::whole::perhaps_whole;
 use super::{Card, present, words};
 use crate::api::proto;
 use crate::domain::ModelId;
@@ -25,21 +26,26 @@ pub struct TrainingRequest {
     #[schema(example = "joint", value_type = Option<words::ModelKind>)]
     pub kind: Option<String>,
     /// Units of the hidden layer; 64 by default.
+    #[serde(default, deserialize_with = "perhaps_whole")]
     #[schema(example = 64, minimum = 1, maximum = 1_024)]
     pub width: Option<u64>,
     /// Networks that are trained and averaged, at most `folds`; 3 by default.
+    #[serde(default, deserialize_with = "perhaps_whole")]
     #[schema(example = 3, minimum = 1, maximum = 16)]
     pub members: Option<u64>,
     /// Parts that the states are cut into; each member is stopped and judged by one that it does not learn from. 5 by default.
+    #[serde(default, deserialize_with = "perhaps_whole")]
     #[schema(example = 5, minimum = 2, maximum = 20)]
     pub folds: Option<u64>,
     /// The most passes over the states; 500 by default.
+    #[serde(default, deserialize_with = "perhaps_whole")]
     #[schema(example = 500, minimum = 1, maximum = 10_000)]
     pub epochs: Option<u64>,
     /// How much a state counts: `visits` (the default), as often as it was seen, or `states`, once.
     #[schema(example = "visits", value_type = Option<words::Weighting>)]
     pub weighting: Option<String>,
     /// Where all randomness comes from; 0 by default.
+    #[serde(default, deserialize_with = "perhaps_whole")]
     pub seed: Option<u64>,
     /// Whether the version is made active even where it does not beat its baselines.
     #[serde(default, deserialize_with = "or_default")]

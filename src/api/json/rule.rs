@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::whole::perhaps_whole;
 use super::words;
 use crate::api::proto;
 use crate::domain::RuleDraft;
@@ -34,7 +35,7 @@ pub struct Rule {
     #[schema(example = "nats", value_type = Option<words::Unit>)]
     pub unit: Option<String>,
     /// Visits below which the paper's rule stays undecided.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    #[serde(default, deserialize_with = "perhaps_whole", skip_serializing_if = "Option::is_none")]
     #[schema(example = 8, maximum = 9_223_372_036_854_775_807_i64)]
     pub min_visits: Option<u64>,
     /// Probability from which the evidence rule decides, above 0.5 and below 1.

@@ -11,6 +11,7 @@ use utoipa::ToSchema;
 
 use super::decode;
 use super::record::record;
+use super::whole::whole;
 use crate::api::grpc;
 use crate::domain::{Batch, ProducerId, Records, Schema, Widths};
 use crate::error::{Fault, Problem};
@@ -25,6 +26,7 @@ pub struct Transitions<'a> {
     /// The environment's uid if the sender knows it: refused with 409 if the environment was deleted and made again since. Absent to take it as it is.
     pub environment_uid: Option<String>,
     /// 1, 2, 3, ... per environment and producer.
+    #[serde(deserialize_with = "whole")]
     #[schema(example = 1, minimum = 1, maximum = 9_223_372_036_854_775_807_i64)]
     pub sequence: u64,
     /// Where its transitions come from: a trial, a split, a policy version.

@@ -19,45 +19,80 @@ pub(super) struct Best {
     dependent: f64,
 }
 
-/// Prints what was counted and the most dependent states of each environment, and returns the most dependent of all.
-pub(super) async fn tell(connection: &Connection, environments: &[String]) -> Result<Best, Failure> {
-    let mut best = Best::default();
-    let mut summaries =
-        Table::new(&["environment", "transitions", "states", "influence", "some dependence", "discoveries at 5 %"]);
-    let mut states = Table::new(&[
-        "environment",
-        "state",
-        "visits",
-        "plug-in",
-        "if independent",
-        "posterior mean",
-        "P(dependent)",
-        "dependence",
-        "verdict",
-        "paper's rule",
-    ]);
-    for environment in environments {
-        summaries.row(summary_row(environment, &summary(connection, environment).await?));
-        for state in most_dependent(connection, environment).await? {
-            let key = state.state.clone().unwrap_or_default().key;
-            let dependent = state.probability.map_or(0.0, |probability| probability.dependent);
-            if dependent > best.dependent {
-                best = Best { environment: environment.clone(), key: key.clone(), dependent };
-            }
-            let paper = by_paper(connection, environment, &key).await?;
-            states.row(state_row(environment, key, &state, paper));
+/// What was found so far, environment by environment.
+#[derive(Default)]
+pub(super) struct Found {
+    /// The most dependent state of all.
+    pub best: Best,
+    summaries: Vec<[String; 6]>,
+    states: Vec<[String; 10]>,
+}
+
+impl Found {
+    /// Adds what was found in an environment.
+    pub(super) fn add(&mut self, seen: Seen) {
+        if seen.best.dependent > self.best.dependent {
+            self.best = seen.best;
         }
+        self.summaries.push(seen.summary);
+        self.states.extend(seen.states);
     }
-    print(&format!("\n{}", summaries.render("")))?;
-    print(&format!(
-        "\nwhere two agents most probably depend on each other (information in nats)\n{}",
-        states.render("")
-    ))?;
-    print(
-        "\n\"influence\": mutual information is probably above 0.5 nats. \"some dependence\": there is any at all, however weak. Plug-in mutual \
-         information,\nthe paper's figure, is mostly bias at few visits: it stands beside what it would be if the agents were independent.",
-    )?;
-    Ok(best)
+
+    /// Prints what was counted and the most dependent states of each environment, if there is any.
+    pub(super) fn tell(&self) -> Result<(), Failure> {
+        if self.summaries.is_empty() {
+            return Ok(());
+        }
+        let mut summaries =
+            Table::new(&["environment", "transitions", "states", "influence", "some dependence", "discoveries at 5 %"]);
+        let mut states = Table::new(&[
+            "environment",
+            "state",
+            "visits",
+            "plug-in",
+            "if independent",
+            "posterior mean",
+            "P(dependent)",
+            "dependence",
+            "verdict",
+            "paper's rule",
+        ]);
+        self.summaries.iter().for_each(|row| summaries.row(row.clone()));
+        self.states.iter().for_each(|row| states.row(row.clone()));
+        print(&format!("\n{}", summaries.render("")))?;
+        print(&format!(
+            "\nwhere two agents most probably depend on each other (information in nats)\n{}",
+            states.render("")
+        ))?;
+        print(
+            "\n\"influence\": mutual information is probably above 0.5 nats. \"some dependence\": there is any at all, however weak. Plug-in mutual \
+             information,\nthe paper's figure, is mostly bias at few visits: it stands beside what it would be if the agents were independent.",
+        )
+    }
+}
+
+/// What was found in one environment.
+pub(super) struct Seen {
+    best: Best,
+    summary: [String; 6],
+    states: Vec<[String; 10]>,
+}
+
+/// Looks at all that is counted of an environment.
+pub(super) async fn look(connection: &Connection, environment: &str) -> Result<Seen, Failure> {
+    settle(connection, environment).await?;
+    let summary = summary_row(environment, &summary(connection, environment).await?);
+    let mut seen = Seen { best: Best::default(), summary, states: Vec::new() };
+    for state in most_dependent(connection, environment).await? {
+        let key = state.state.clone().unwrap_or_default().key;
+        let dependent = state.probability.map_or(0.0, |probability| probability.dependent);
+        if dependent > seen.best.dependent {
+            seen.best = Best { environment: environment.to_owned(), key: key.clone(), dependent };
+        }
+        let paper = by_paper(connection, environment, &key).await?;
+        seen.states.push(state_row(environment, key, &state, paper));
+    }
+    Ok(seen)
 }
 
 /// Trains a network for an environment, and prints whether it is worth asking.
@@ -73,7 +108,7 @@ pub(super) async fn train(connection: &Connection, environment: &str) -> Result<
 }
 
 /// Fits the prior of an environment, and waits until what is told of all its states stands on that fit and on everything counted.
-pub(super) async fn settle(connection: &Connection, environment: &str) -> Result<(), Failure> {
+async fn settle(connection: &Connection, environment: &str) -> Result<(), Failure> {
     let fit = proto::FitPriorRequest { environment: environment.into(), ..Default::default() };
     let ask = || {
         let (mut client, fit) = (connection.influence(), fit.clone());

@@ -34,6 +34,7 @@ pub mod files;
 pub mod limits;
 pub mod memory;
 
+mod ended;
 mod framing;
 mod received;
 mod sent;
@@ -127,7 +128,7 @@ impl Host {
         loop {
             tokio::select! {
                 biased;
-                ended = connection.as_mut() => return told(ended),
+                ended = connection.as_mut() => return ended::record(ended),
                 () = vitals.over.cancelled() => return,
                 () = vitals.leaving.cancelled(), if !is_leaving => {
                     is_leaving = true;
@@ -193,12 +194,6 @@ fn age(age: Duration, number: u64) -> Option<Duration> {
 fn ended_by(cause: Cause) {
     tracing::debug!(cause = cause.word(), "a connection is ended");
     telemetry::connection_ended(cause.word());
-}
-
-fn told(ended: Result<(), Box<dyn std::error::Error + Send + Sync>>) {
-    if let Err(error) = ended {
-        tracing::debug!(%error, "a connection ended with an error");
-    }
 }
 
 #[cfg(test)]

@@ -33,6 +33,7 @@ pub fn document() -> Value {
             contents.values_mut().for_each(|content| present(&mut content["schema"]));
         }
     }
+    one_kind_each(&mut document["components"]["schemas"]);
     bound(&mut document);
     document
 }
@@ -44,6 +45,30 @@ const SCHEME: &str = "key";
 fn security(route: &str) -> Value {
     let scopes = Wanted::of_route(route).and_then(Wanted::scopes).unwrap_or_default();
     scopes.iter().map(|scope| serde_json::json!({ SCHEME: [scope.as_str()] })).collect()
+}
+
+/// Says of features that they have exactly one kind: a schema a kind, of which `Feature` is one.
+fn one_kind_each(schemas: &mut Value) {
+    const KINDS: [(&str, &str); 4] = [
+        ("continuous", "ContinuousFeature"),
+        ("circular", "CircularFeature"),
+        ("integer", "IntegerFeature"),
+        ("categorical", "CategoricalFeature"),
+    ];
+    let any = schemas["Feature"].clone();
+    schemas["Feature"] = serde_json::json!({
+        "description": any["description"],
+        "oneOf": KINDS.map(|(_, name)| serde_json::json!({ "$ref": format!("#/components/schemas/{name}") })),
+    });
+    for (kind, name) in KINDS {
+        let mut feature = any.clone();
+        let properties = feature["properties"].as_object_mut().expect("properties");
+        properties.retain(|property, _| property == kind || KINDS.iter().all(|(other, _)| property != other));
+        present(&mut properties[kind]);
+        feature["required"] = serde_json::json!(["name", kind]);
+        feature["description"] = format!("One named coordinate that is {kind}.").into();
+        schemas[name] = feature;
+    }
 }
 
 /// Says of a parameter what is so of all: nothing is null in a path or a query, where an empty value counts as absent; and what names look like.
@@ -370,6 +395,28 @@ mod tests {
     }
 
     #[test]
+    fn a_feature_has_exactly_one_kind() {
+        let document = document();
+        let schemas = &document["components"]["schemas"];
+        let names = ["ContinuousFeature", "CircularFeature", "IntegerFeature", "CategoricalFeature"];
+        let choices = schemas["Feature"]["oneOf"].as_array().expect("choices").iter();
+        assert!(
+            choices
+                .map(|choice| choice["$ref"].as_str())
+                .eq(names.map(|name| Some(format!("#/components/schemas/{name}"))).iter().map(Option::as_deref))
+        );
+        for name in names {
+            let kind = name.strip_suffix("Feature").expect("a kind");
+            let member = kind.to_lowercase();
+            assert_eq!(schemas[name]["required"], serde_json::json!(["name", member]));
+            let properties = schemas[name]["properties"].as_object().expect("properties");
+            assert_eq!(properties.keys().count(), 3, "name, unit and its kind: {properties:?}");
+            assert_eq!(properties[&member]["$ref"], format!("#/components/schemas/{kind}"));
+            assert_eq!(schemas[name]["additionalProperties"], false, "{name}");
+        }
+    }
+
+    #[test]
     fn words_and_bounds_and_patterns_are_told() {
         let document = document();
         let at = |pointer: &str| document.pointer(pointer).unwrap_or_else(|| panic!("{pointer}")).clone();
@@ -378,7 +425,7 @@ mod tests {
         assert_eq!(at("/components/schemas/Receipt/properties/accepted/maximum"), u64::MAX);
         assert_eq!(at("/components/schemas/Receipt/properties/accepted/format"), "uint64");
         assert_eq!(at("/components/schemas/Integer/properties/min/minimum"), -16_777_216);
-        assert_eq!(at("/components/schemas/Feature/properties/name/pattern"), "^[a-z0-9][a-z0-9._-]{0,62}$");
+        assert_eq!(at("/components/schemas/IntegerFeature/properties/name/pattern"), "^[a-z0-9][a-z0-9._-]{0,62}$");
 
         let paths = document["paths"].as_object().expect("paths").values();
         let operations = paths.flat_map(|path| path.as_object().expect("operations").values());
