@@ -79,7 +79,7 @@ impl App {
         };
         app.in_background(app.environments.clone().sweep());
         app.in_background(prove(app.store.clone()));
-        app.in_background(audit(app.store.clone(), app.chores.begin("comparing totals with cells")));
+        app.in_background(look_at_cells(app.store.clone(), app.chores.clone()));
         let looking = app.chores.begin("looking at fits and networks");
         app.in_background(tell_unreadable(fits.clone(), app.networks.clone(), looking));
         if !upkeep.fit_every.is_zero() {
@@ -140,7 +140,20 @@ async fn prove(store: Arc<dyn Store>) {
     }
 }
 
-async fn audit(store: Arc<dyn Store>, _comparing: Chore) {
+/// Reads all cells once: whether they are sound, and then what every answer needs of all of them, so that nobody waits for it.
+async fn look_at_cells(store: Arc<dyn Store>, chores: Chores) {
+    let comparing = chores.begin("comparing totals with cells");
+    audit(&*store).await;
+    drop(comparing);
+
+    let _adding = chores.begin("adding up how often actions were taken");
+    for environment in store.environments() {
+        // Whoever asks about it is told of what is wrong with it.
+        let _ = store.actions(&environment).await;
+    }
+}
+
+async fn audit(store: &dyn Store) {
     let started = Instant::now();
     tracing::info!("comparing totals with cells, in the background");
     match store.audit().await {

@@ -13,8 +13,8 @@ use sqlx::SqlitePool;
 use self::open::Closing;
 use self::writer::{Memory, Writer};
 use super::{
-    Audit, Cause, Cursor, FitRecord, Held, Leftovers, ModelRecord, NewModel, Numbered, Outcome, Quotas, Scanned, Stage,
-    StateCounts, Store, StoreError, Totals,
+    Audit, ByVisits, Cause, Cursor, FitRecord, Held, Leftovers, ModelRecord, NewModel, Numbered, Outcome, Quotas,
+    Scanned, Stage, StateCounts, Store, StoreError, Totals,
 };
 use crate::domain::{
     ActionTotals, Environment, EnvironmentId, Label, Name, ProducerId, Schema, SegmentId, Sequence, StateKey,
@@ -173,6 +173,12 @@ impl Store for SqliteStore {
     async fn scan(&self, id: EnvironmentId, after: Cursor, states: u32) -> Result<Vec<Scanned>, StoreError> {
         let environment = self.known(id)?;
         let page = self.noted(Some(id), read::scan(&self.readers, &environment, after, states).await)?;
+        self.present(id).map(|()| page)
+    }
+
+    async fn by_visits(&self, id: EnvironmentId, wanted: &ByVisits) -> Result<(Vec<Scanned>, u64), StoreError> {
+        let environment = self.known(id)?;
+        let page = self.noted(Some(id), read::by_visits(&self.readers, &environment, wanted).await)?;
         self.present(id).map(|()| page)
     }
 

@@ -11,7 +11,7 @@ use sqlx::{ConnectOptions, Connection, SqlitePool};
 
 use super::error::{migrating, opening, unopenable};
 use super::lock::{Identity, Lock};
-use super::{Memory, Options, SqliteStore, Writer};
+use super::{Memory, Options, SqliteStore, Writer, text};
 use crate::store::{Stage, StoreError};
 
 pub(super) static MIGRATIONS: Migrator = sqlx::migrate!();
@@ -120,6 +120,7 @@ fn connecting(path: &Path, cache_kib: u32) -> SqliteConnectOptions {
         .busy_timeout(Duration::from_secs(5))
         .pragma("cache_size", format!("-{cache_kib}"))
         .pragma("temp_store", "memory")
+        .collation("bins", text::compare_keys)
         .thread_name(|number| format!("nudge-sqlite-{number}"))
         .disable_statement_logging()
 }

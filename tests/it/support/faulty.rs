@@ -9,8 +9,8 @@ use nudge::domain::{
     UnreadableEnvironment, WrittenRule,
 };
 use nudge::store::{
-    Audit, Cause, Cursor, FitRecord, Held, Leftovers, ModelRecord, NewModel, Numbered, Outcome, Quotas, Scanned,
-    StateCounts, Store, StoreError, Totals,
+    Audit, ByVisits, Cause, Cursor, FitRecord, Held, Leftovers, ModelRecord, NewModel, Numbered, Outcome, Quotas,
+    Scanned, StateCounts, Store, StoreError, Totals,
 };
 use tokio::sync::Notify;
 
@@ -121,6 +121,9 @@ impl Store for Faulty {
     }
     async fn scan(&self, id: EnvironmentId, after: Cursor, states: u32) -> Result<Vec<Scanned>, StoreError> {
         self.store.scan(id, after, states).await
+    }
+    async fn by_visits(&self, id: EnvironmentId, wanted: &ByVisits) -> Result<(Vec<Scanned>, u64), StoreError> {
+        self.store.by_visits(id, wanted).await
     }
     async fn segments(&self, id: EnvironmentId) -> Result<Vec<(SegmentId, Option<Label>)>, StoreError> {
         self.store.segments(id).await
