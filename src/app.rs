@@ -26,6 +26,13 @@ pub struct Upkeep {
     pub train_every: Duration,
 }
 
+/// How old a write may be that proves to an idle service that the next would succeed. Each proof writes one page.
+const PROOF: Duration = Duration::from_secs(3);
+
+/// The same where somebody asks whether the service is ready, and how long such a caller waits for a disk that does not answer.
+const PROOF_ASKED_FOR: Duration = Duration::from_millis(500);
+const PROOF_TAKES: Duration = Duration::from_secs(1);
+
 /// How long a training may take to notice that it is to end.
 const TRAINING: Duration = Duration::from_millis(500);
 
@@ -100,6 +107,17 @@ impl App {
         self.chores.told(self.environments.leftovers())
     }
 
+    /// Lets readiness rest on a write of this moment, so that nobody is told what was so some seconds ago.
+    pub async fn prove(&self) {
+        if self.draining.is_cancelled() {
+            return;
+        }
+        // In a task of its own, as in the background: the caller may leave.
+        let store = self.store.clone();
+        let proving = self.background.spawn(async move { store.prove(PROOF_ASKED_FOR).await });
+        let _ = tokio::time::timeout(PROOF_TAKES, proving).await;
+    }
+
     /// Stops the rooms: commits and answers what is queued, then closes the store.
     pub async fn close(&self) {
         self.draining.cancel();
@@ -135,7 +153,7 @@ async fn prove(store: Arc<dyn Store>) {
     loop {
         // In a task of its own: dropped half-way at the end of the service, it would take the writing connection along, and with it the last checkpoint.
         let proving = store.clone();
-        let _ = tokio::spawn(async move { proving.prove().await }).await;
+        let _ = tokio::spawn(async move { proving.prove(PROOF).await }).await;
         tokio::time::sleep(Duration::from_secs(1)).await;
     }
 }

@@ -4,6 +4,7 @@
 //! Absent on purpose: nothing here validates (it takes [`Increment`]s), waits in a queue, or knows a wire format.
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use async_trait::async_trait;
 
@@ -137,9 +138,8 @@ pub trait Store: Send + Sync {
     /// Returns whether a commit would succeed: `Ok`, or why not, by the last commit or proof. From memory.
     async fn ready(&self) -> Result<(), Cause>;
 
-    /// Proves by a small write that changes nothing that a commit would succeed, where nobody has committed for a few seconds. To be called again and
-    /// again.
-    async fn prove(&self) -> Result<(), StoreError>;
+    /// Proves by a small write that changes nothing that a commit would succeed, unless a write ended within the time given. To be called again and again.
+    async fn prove(&self, oldest: Duration) -> Result<(), StoreError>;
 
     /// Returns the size of the database on disk in bytes, journal included.
     async fn bytes(&self) -> Result<u64, StoreError>;

@@ -70,6 +70,7 @@ async fn live() -> axum::Json<Value> {
 }
 
 async fn ready(State(app): State<App>) -> Result<axum::Json<Value>, Failure> {
+    app.prove().await;
     operations::ready(&app).await?;
     Ok(axum::Json(json!({ "ready": true })))
 }

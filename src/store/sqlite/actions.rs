@@ -20,8 +20,9 @@ use sqlx::SqlitePool;
 use sqlx::sqlite::SqliteConnection;
 
 use super::error::{spoiled, unreadable};
-use super::packed::packed_cells_of_states;
+use super::packed::{packed_cells, packed_cells_of_states};
 use super::read::{cells_of, whole};
+use super::walk::{Walk, own_states};
 use super::writer::Writer;
 use crate::domain::{ActionTotals, Cell, Environment, EnvironmentId, Schema, Tally};
 use crate::store::StoreError;
@@ -77,17 +78,25 @@ pub(super) async fn actions(
         writer.settle().await.ok();
     }
     let mut reader = readers.acquire().await.map_err(unreadable)?;
-    load(&mut reader, memory.announce(turn, environment.id), environment).await
+    match load(&mut reader, memory.announce(turn, environment.id), environment, Walk::All).await {
+        // It may be another environment's.
+        Err(StoreError::Damaged(_)) => {
+            let turn = memory.turn.lock().await;
+            load(&mut reader, memory.announce(turn, environment.id), environment, Walk::Own).await
+        }
+        loaded => loaded,
+    }
 }
 
 async fn load(
     reader: &mut SqliteConnection,
     load: Load<'_>,
     environment: &Environment,
+    walk: Walk,
 ) -> Result<Arc<ActionTotals>, StoreError> {
     // Not `group by joint`: that sorts all cells in memory. Cells come packed, those of sixteen states together, because a row each would cost the
     // driver ten times as much. States are walked by id, in whose order their cells lie.
-    let text = concat!(
+    let all = concat!(
         "with recursive blocks (first) as (
              select 1 union all select first + 16 from blocks where first + 16 <= (select max(id) from states)
          )
@@ -95,6 +104,14 @@ async fn load(
         packed_cells_of_states!("?1", "blocks.first", "16"),
         " from totals cross join blocks where totals.environment = ?1"
     );
+    let own = concat!(
+        "select totals.transitions, ",
+        packed_cells!("states.id"),
+        " from totals left join ",
+        own_states!(),
+        " on states.environment = totals.environment where totals.environment = ?1"
+    );
+    let text = if walk == Walk::All { all } else { own };
     let mut rows = sqlx::query(text).bind(environment.id.0).fetch(reader);
     let mut next = rows.try_next().await.map_err(unreadable)?;
     let revision = next.as_ref().map(|row| whole(row, 0)).transpose().map_err(unreadable)?;

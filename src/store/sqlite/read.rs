@@ -11,6 +11,7 @@ use super::cache::{CountsCache, Epoch};
 use super::error::{spoiled, unreadable};
 use super::packed::{self, packed_cells};
 use super::text;
+use super::walk::{Walk, all_states, own_states};
 use crate::domain::{Cell, Counts, Environment, EnvironmentId, Label, ProducerId, SegmentId, Sequence, StateKey};
 use crate::store::{ByVisits, Cursor, Held, Scanned, StateCounts, StoreError, Totals};
 use crate::telemetry;
@@ -72,13 +73,23 @@ pub(super) async fn scan(
     environment: &Environment,
     after: Cursor,
     states: u32,
+    walk: Walk,
 ) -> Result<Vec<Scanned>, StoreError> {
-    // `not indexed` walks the states by id; with the index, they would have to be sorted for every page.
-    let text = concat!(
-        "select id, key, ",
-        packed_cells!("states.id"),
-        " from states not indexed where environment = ? and id > ? order by id limit ?"
-    );
+    macro_rules! text {
+        ($states:ident) => {
+            concat!(
+                "select id, key, ",
+                packed_cells!("states.id"),
+                " from ",
+                $states!(),
+                " where environment = ?1 and id > ?2 order by id limit ?3"
+            )
+        };
+    }
+    let text = match walk {
+        Walk::All => text!(all_states),
+        Walk::Own => text!(own_states),
+    };
     let mut rows = sqlx::query(text).bind(environment.id.0).bind(after.0).bind(states).fetch(readers);
     let mut page = Vec::new();
     while let Some(row) = rows.try_next().await.map_err(unreadable)? {
@@ -87,21 +98,19 @@ pub(super) async fn scan(
     Ok(page)
 }
 
-/// Returns the first states in an order of their visits, and the revision they are of.
-pub(super) async fn by_visits(
-    readers: &SqlitePool,
-    environment: &Environment,
-    wanted: &ByVisits,
-) -> Result<(Vec<Scanned>, u64), StoreError> {
-    // The states are walked by id, and so are their cells, which lie in that order: a pass that seeks nothing and sorts no more than the page.
-    // A rank is the number of visits, with a sign for the order.
-    let text = concat!(
-        "select chosen.id, chosen.key, ",
-        packed_cells!("chosen.id"),
-        ", totals.transitions
+/// The SQL of the first states by their visits. Where states are walked by id, so are their cells, which lie in that order: a pass that seeks nothing and
+/// sorts no more than the page. A rank is the number of visits, with a sign for the order.
+macro_rules! by_visits_text {
+    ($states:ident) => {
+        concat!(
+            "select chosen.id, chosen.key, ",
+            packed_cells!("chosen.id"),
+            ", totals.transitions
          from totals left join (
              select states.id as id, states.key as key, sum(cells.n) * ?2 as rank
-             from states not indexed cross join cells on cells.state = states.id
+             from ",
+            $states!(),
+            " cross join cells on cells.state = states.id
              where states.environment = ?1 and (?3 is null or cells.segment in (select value from json_each(?3)))
              group by states.id
              having sum(cells.n) >= ?4 and (?5 is null or sum(cells.n) * ?2 > ?5
@@ -110,7 +119,21 @@ pub(super) async fn by_visits(
          ) as chosen
          where totals.environment = ?1
          order by chosen.rank, chosen.key collate bins"
-    );
+        )
+    };
+}
+
+/// Returns the first states in an order of their visits, and the revision they are of.
+pub(super) async fn by_visits(
+    readers: &SqlitePool,
+    environment: &Environment,
+    wanted: &ByVisits,
+    walk: Walk,
+) -> Result<(Vec<Scanned>, u64), StoreError> {
+    let text = match walk {
+        Walk::All => by_visits_text!(all_states),
+        Walk::Own => by_visits_text!(own_states),
+    };
     let ByVisits { segments, min_visits, descending, after, states } = wanted;
     let sign = if *descending { -1 } else { 1 };
     // No state has more visits than fit.

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
 use async_trait::async_trait;
 use nudge::domain::{
@@ -172,8 +173,8 @@ impl Store for Faulty {
     async fn ready(&self) -> Result<(), Cause> {
         self.store.ready().await
     }
-    async fn prove(&self) -> Result<(), StoreError> {
-        self.store.prove().await
+    async fn prove(&self, oldest: Duration) -> Result<(), StoreError> {
+        self.store.prove(oldest).await
     }
     async fn bytes(&self) -> Result<u64, StoreError> {
         self.store.bytes().await
