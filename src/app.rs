@@ -9,6 +9,7 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
 use self::chores::{Chore, Chores};
+use crate::domain::Environment;
 use crate::environments::Environments;
 use crate::influence::Influence;
 use crate::ingest::Ingest;
@@ -165,7 +166,9 @@ async fn look_at_cells(store: Arc<dyn Store>, chores: Chores) {
     drop(comparing);
 
     let _adding = chores.begin("adding up how often actions were taken");
-    for environment in store.environments() {
+    let damaged = store.read_only();
+    let is_sound = |environment: &Arc<Environment>| damaged.iter().all(|(name, _)| *name != environment.name);
+    for environment in store.environments().into_iter().filter(is_sound) {
         // Whoever asks about it is told of what is wrong with it.
         let _ = store.actions(&environment).await;
     }

@@ -378,9 +378,9 @@ async fn pages_that_every_start_reads_are_told_to_be_damaged_in_words() {
     let page: i64 = sqlx::query_scalar(text).fetch_one(&mut raw).await.expect("a page");
     raw.close().await.expect("closed");
     let sound = std::fs::read(file.path()).expect("read");
-    let table = b"create table totals";
+    let table = b"CREATE TABLE totals";
     let definition = sound.windows(table.len()).position(|window| window == table).expect("there");
-    for (at, byte) in [((page as usize - 1) * PAGE, 0x77), (definition + "create ".len(), b'x')] {
+    for (at, byte) in [((page as usize - 1) * PAGE, 0x77), (definition + "CREATE ".len(), b'x')] {
         let directory = Arc::new(TempDir::new().expect("a directory"));
         let mut bytes = sound.clone();
         bytes[at] = byte;

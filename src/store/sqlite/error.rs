@@ -113,7 +113,7 @@ pub(super) fn opening(path: &Path, error: &sqlx::Error) -> StoreError {
     match primary_code(error) {
         Some(NOT_A_DATABASE) => unopenable(
             path,
-            "it is not a database, or its first page is damaged; restore a backup, move it away, or choose another --data directory",
+            "it is not a database; move it away, or choose another --data directory; if it was one, its first page is damaged: restore a backup",
         ),
         Some(CORRUPT) => unopenable(path, damaged(&error.to_string())),
         Some(READ_ONLY | CANNOT_OPEN) => {
