@@ -9,7 +9,7 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
 use self::chores::{Chore, Chores};
-use crate::domain::Principal;
+use crate::domain::{Environment, Principal};
 use crate::environments::Environments;
 use crate::influence::Influence;
 use crate::ingest::Ingest;
@@ -26,6 +26,13 @@ pub struct Upkeep {
     /// For networks.
     pub train_every: Duration,
 }
+
+/// How old a write may be that proves to an idle service that the next would succeed. Each proof writes one page.
+const PROOF: Duration = Duration::from_secs(3);
+
+/// The same where somebody asks whether the service is ready, and how long such a caller waits for a disk that does not answer.
+const PROOF_ASKED_FOR: Duration = Duration::from_millis(500);
+const PROOF_TAKES: Duration = Duration::from_secs(1);
 
 /// How long a training may take to notice that it is to end.
 const TRAINING: Duration = Duration::from_millis(500);
@@ -80,7 +87,7 @@ impl App {
         };
         app.in_background(app.environments.clone().sweep());
         app.in_background(prove(app.store.clone()));
-        app.in_background(audit(app.store.clone(), app.chores.begin("comparing totals with cells")));
+        app.in_background(look_at_cells(app.store.clone(), app.chores.clone()));
         let looking = app.chores.begin("looking at fits and networks");
         app.in_background(tell_unreadable(fits.clone(), app.networks.clone(), looking));
         if !upkeep.fit_every.is_zero() {
@@ -105,6 +112,17 @@ impl App {
     /// Tells what goes on behind the answers: "removing 1 environment, 120,000 states left", or "idle".
     pub fn in_the_background(&self) -> String {
         self.chores.told(self.environments.leftovers())
+    }
+
+    /// Lets readiness rest on a write of this moment, so that nobody is told what was so some seconds ago.
+    pub async fn prove(&self) {
+        if self.draining.is_cancelled() {
+            return;
+        }
+        // In a task of its own, as in the background: the caller may leave.
+        let store = self.store.clone();
+        let proving = self.background.spawn(async move { store.prove(PROOF_ASKED_FOR).await });
+        let _ = tokio::time::timeout(PROOF_TAKES, proving).await;
     }
 
     /// Stops the rooms: commits and answers what is queued, then closes the store.
@@ -142,12 +160,27 @@ async fn prove(store: Arc<dyn Store>) {
     loop {
         // In a task of its own: dropped half-way at the end of the service, it would take the writing connection along, and with it the last checkpoint.
         let proving = store.clone();
-        let _ = tokio::spawn(async move { proving.prove().await }).await;
+        let _ = tokio::spawn(async move { proving.prove(PROOF).await }).await;
         tokio::time::sleep(Duration::from_secs(1)).await;
     }
 }
 
-async fn audit(store: Arc<dyn Store>, _comparing: Chore) {
+/// Reads all cells once: whether they are sound, and then what every answer needs of all of them, so that nobody waits for it.
+async fn look_at_cells(store: Arc<dyn Store>, chores: Chores) {
+    let comparing = chores.begin("comparing totals with cells");
+    audit(&*store).await;
+    drop(comparing);
+
+    let _adding = chores.begin("adding up how often actions were taken");
+    let damaged = store.read_only();
+    let is_sound = |environment: &Arc<Environment>| damaged.iter().all(|(name, _)| *name != environment.name);
+    for environment in store.environments().into_iter().filter(is_sound) {
+        // Whoever asks about it is told of what is wrong with it.
+        let _ = store.actions(&environment).await;
+    }
+}
+
+async fn audit(store: &dyn Store) {
     let started = Instant::now();
     tracing::info!("comparing totals with cells, in the background");
     match store.audit().await {

@@ -79,7 +79,8 @@ impl Environments {
     /// Returns a page of environments; a size of 0 takes the default.
     pub fn list(&self, asked: u64, page_token: Option<&str>) -> Result<EnvironmentPage, Problem> {
         let size = page_size(asked)?;
-        let after = |environment: &Arc<Environment>| page_token.is_none_or(|token| environment.name.as_str() > token);
+        let place = page_token.map(place).transpose()?;
+        let after = |environment: &Arc<Environment>| place.is_none_or(|name| environment.name.as_str() > name);
         let mut unreadable = if page_token.is_none() { self.store.unreadable() } else { Vec::new() };
         unreadable.retain(|environment| self.principal.may_see(&environment.name));
         let spent = unreadable.iter().map(|one| api::bytes(&proto::UnreadableEnvironment::from(&**one))).sum();
@@ -87,7 +88,7 @@ impl Environments {
         let is_theirs = |environment: &Arc<Environment>| self.principal.may_see(environment.name.as_str());
         let environments = self.store.environments().into_iter().filter(after).filter(is_theirs);
         let page = api::page(environments, size, spent, |environment| proto::Environment::from(&**environment));
-        let last = page.items.last().filter(|_| page.has_more).map(|environment| environment.name.to_string());
+        let last = page.items.last().filter(|_| page.has_more).map(|environment| token(environment.name.as_str()));
         Ok(EnvironmentPage { environments: page.items, unreadable, next_page_token: last })
     }
 
@@ -201,6 +202,19 @@ impl Environments {
             _ => Ok((existing, false)),
         }
     }
+}
+
+/// Returns the token of a page that ends with an environment of that name, which may be gone when the next is asked for. Any text can be a name, so the
+/// token carries a mark of ours.
+fn token(name: &str) -> String {
+    format!("{name}~{}", &blake3::hash(name.as_bytes()).to_hex()[..8])
+}
+
+/// Reads a page's token: the name that it comes after.
+fn place(text: &str) -> Result<&str, Problem> {
+    let name = text.rsplit_once('~').map(|(name, _)| name).filter(|name| token(name) == text);
+    let fault = || Fault::new("/page_token", format!("got {text:?}, expected the `next_page_token` of a page"));
+    name.ok_or_else(|| Problem::invalid("page", vec![fault()]))
 }
 
 /// Refuses a caller who knows an environment under another uid: it was deleted and made again since. An empty uid takes it as it is.

@@ -49,7 +49,9 @@ impl Check {
             found.audits.iter().try_for_each(tell)?;
             found.integrity.iter().try_for_each(|line| output::print(&format!("database: DAMAGED, {line}")))?;
             found.environments.iter().try_for_each(|environment| tell_unreadable(environment))?;
-            found.networks.iter().try_for_each(tell_network)?
+            found.networks.iter().try_for_each(tell_network)?;
+            found.receipts.iter().try_for_each(|line| output::print(line))?;
+            found.fits.iter().try_for_each(|line| output::print(line))?
         }
         found.verdict()
     }
@@ -65,6 +67,10 @@ struct Found {
     environments: Vec<Arc<UnreadableEnvironment>>,
     /// Likewise.
     networks: Vec<UnreadableNetwork>,
+    /// Likewise, in words.
+    fits: Vec<String>,
+    /// What is wrong with the numbers and receipts of batches.
+    receipts: Vec<String>,
 }
 
 /// A network that cannot be read.
@@ -79,7 +85,8 @@ impl Found {
         let integrity = store.integrity().await.map_err(unopened)?;
         let audits = store.audit().await.map_err(unopened)?;
         // Tables of networks came later than those of counts.
-        let networks = match store.is_current().await.map_err(unopened)? {
+        let is_current = store.is_current().await.map_err(unopened)?;
+        let networks = match is_current {
             true => unreadable_networks(store.clone()).await,
             false => Ok(Vec::new()),
         };
@@ -87,9 +94,11 @@ impl Found {
             Err(_) if !integrity.is_empty() => Vec::new(),
             networks => networks.map_err(|problem| Failure::usage(problem.to_string()))?,
         };
+        let (receipts, fits) =
+            if is_current { (receipts(&store).await?, fits(&store).await) } else { Default::default() };
         let environments = store.unreadable();
         store.close().await;
-        Ok(Self { audits, integrity, environments, networks })
+        Ok(Self { audits, integrity, environments, networks, fits, receipts })
     }
 
     fn verdict(&self) -> Result<(), Failure> {
@@ -101,7 +110,11 @@ impl Found {
         if unsound > 0 {
             faults.push(format!("{unsound} of {} environments do not match their cells", self.audits.len()));
         }
-        let unread = [(self.environments.len(), "environments"), (self.networks.len(), "networks")];
+        if !self.receipts.is_empty() {
+            faults.push(format!("{} receipts or numbers of batches are not as they were written", self.receipts.len()));
+        }
+        let unread =
+            [(self.environments.len(), "environments"), (self.networks.len(), "networks"), (self.fits.len(), "fits")];
         let unread: Vec<String> =
             unread.iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}")).collect();
         if !unread.is_empty() {
@@ -109,6 +122,27 @@ impl Found {
         }
         if faults.is_empty() { Ok(()) } else { Err(Failure::refused(faults.join("; "))) }
     }
+}
+
+/// Looks at the receipts of every environment. What cannot be read at all, the audit has told.
+async fn receipts(store: &SqliteStore) -> Result<Vec<String>, Failure> {
+    let mut found = Vec::new();
+    for environment in store.environments() {
+        match store.receipts(environment.id).await {
+            Ok(faults) => found.extend(faults.iter().map(|fault| format!("{}: DAMAGED, {fault}", environment.name))),
+            Err(StoreError::Damaged(_)) => {}
+            Err(error) => return Err(unopened(error)),
+        }
+    }
+    Ok(found)
+}
+
+/// Looks at the fits of every environment: those that are damaged, not those of an older form, which are made again.
+async fn fits(store: &Arc<SqliteStore>) -> Vec<String> {
+    let unread = Fits::new(store.clone()).unreadable().await.into_iter().filter(|unread| !unread.is_older());
+    unread
+        .map(|unread| format!("{}, fit of {}: CANNOT BE READ, {}", unread.environment, unread.pair, unread.why))
+        .collect()
 }
 
 async fn unreadable_networks(store: Arc<dyn Store>) -> Result<Vec<UnreadableNetwork>, Problem> {
@@ -175,6 +209,11 @@ fn report(found: &Found) -> serde_json::Value {
     let network = |one: &UnreadableNetwork| json!({"environment": one.environment, "version": one.version, "unreadable": one.why});
     if !found.networks.is_empty() {
         report["unreadable_networks"] = found.networks.iter().map(network).collect();
+    }
+    for (name, lines) in [("unreadable_fits", &found.fits), ("receipts", &found.receipts)] {
+        if !lines.is_empty() {
+            report[name] = json!(lines);
+        }
     }
     report
 }

@@ -9,8 +9,9 @@ use super::size;
 use super::survey::{Row, Survey};
 use crate::api::{self, proto};
 use crate::domain::draft::ListingDraft;
-use crate::domain::{Discovery, Schema, Scope, StateFigures, StateKey, StatePage, Unit, Verdict, page_size};
+use crate::domain::{Discovery, Schema, Scope, SegmentId, StateFigures, StateKey, StatePage, Unit, Verdict, page_size};
 use crate::error::{Fault, Problem};
+use crate::store::ByVisits;
 
 /// A checked request for a page.
 pub struct Listing {
@@ -55,6 +56,25 @@ impl Listing {
     /// Returns whether the page can be chosen without evidence on every state.
     pub fn needs_evidence(&self) -> bool {
         self.order.by.needs_evidence() || self.verdict.is_some() || self.discovery.is_some()
+    }
+
+    /// Returns what is asked of the store for a page by visits, with one state more than the page may have; `None` for other pages.
+    pub fn by_visits(&self, segments: Option<&[SegmentId]>) -> Option<ByVisits> {
+        let is_so = self.order.by == OrderBy::Visits && !self.needs_evidence();
+        is_so.then(|| ByVisits {
+            segments: segments.map(<[_]>::to_vec),
+            min_visits: self.min_visits,
+            descending: self.order.descending,
+            after: self.after.as_ref().map(|(rank, key)| (self.order.visits(*rank), key.clone())),
+            states: self.size as u32 + 1,
+        })
+    }
+
+    /// Returns how many of the rows that the store found are the page, and its token.
+    pub fn cut(&self, schema: &Schema, rows: &[Row]) -> (usize, Option<String>) {
+        let page = api::page_of(rows.iter(), self.size, 0, |row| size::most_listed(schema, &row.key));
+        let next_page_token = page.items.last().filter(|_| page.has_more).map(|row| self.token(*row));
+        (page.items.len(), next_page_token)
     }
 
     /// Returns the page of a survey; of the discoveries only, if there are any to tell.
@@ -106,7 +126,7 @@ impl Listing {
     }
 
     fn token(&self, row: &impl Ranked) -> String {
-        format!("{}-{:x}-{}", order_word(self.order), self.order.rank(row), row.key())
+        token_of(self.order, self.order.rank(row), row.key())
     }
 }
 
@@ -173,5 +193,10 @@ fn place(schema: &Schema, order: Order, token: &str) -> Result<Place, String> {
     }
     let rank = parts.next().and_then(|rank| u64::from_str_radix(rank, 16).ok());
     let key = parts.next().and_then(|key| schema.key_of_text(key).ok());
-    rank.zip(key).ok_or_else(wrong)
+    // As it was written, so that no other text is taken for one.
+    rank.zip(key).filter(|(rank, key)| token_of(order, *rank, key) == token).ok_or_else(wrong)
+}
+
+fn token_of(order: Order, rank: u64, key: &StateKey) -> String {
+    format!("{}-{rank:x}-{key}", order_word(order))
 }

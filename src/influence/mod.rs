@@ -42,7 +42,7 @@ use crate::domain::{
 use crate::error::{ErrorKind, Fault, Problem};
 use crate::model::Networks;
 use crate::priors::Fits;
-use crate::store::{Store, StoreError, Totals};
+use crate::store::{ByVisits, Store, StoreError, Totals};
 use crate::telemetry;
 use crate::work::{Jobs, Progress, Work, aside};
 
@@ -137,7 +137,10 @@ impl Influence {
             None if listing.needs_evidence() => (self.survey(&plan).await?, None),
             None => match self.fresh_survey(&plan).await? {
                 Some(survey) => (survey, None),
-                None => return self.ranked(plan, listing).await,
+                None => match listing.by_visits(plan.segments.as_deref()) {
+                    Some(wanted) => return self.by_visits(plan, listing, wanted).await,
+                    None => return self.ranked(plan, listing).await,
+                },
             },
         };
         let page = move || {
@@ -146,6 +149,21 @@ impl Influence {
         };
         // The first page of an order sorts it.
         self.work.passes.run(move |_| Ok(page())).await
+    }
+
+    /// Returns a page in an order of visits: the store finds it in one pass, and only its own states are judged.
+    async fn by_visits(&self, plan: Plan, listing: Listing, wanted: ByVisits) -> Result<StatePage, Problem> {
+        let turn = self.work.questions.enter().await?;
+        let (found, as_of) = self.store.by_visits(plan.environment.id, &wanted).await.map_err(logged)?;
+        let states = found.into_iter().map(|scanned| (scanned.key, Arc::new(scanned.counts))).collect();
+        turn.run(move |stop| {
+            let (schema, unit) = (&plan.environment.schema, plan.scope.unit);
+            let rows = survey::measured(&plan, states, stop)?;
+            let (size, next_page_token) = listing.cut(schema, &rows);
+            let states = rows[..size].iter().map(|row| listing::figures(schema, unit, row)).collect();
+            Ok(StatePage { states, next_page_token, as_of, unit })
+        })
+        .await
     }
 
     /// Returns a page in an order that needs no evidence: only its own states are judged.

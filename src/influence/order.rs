@@ -57,6 +57,15 @@ impl Order {
             OrderBy::PosteriorMean => row.evidence().map_or(0.0, |evidence| evidence.posterior_mean).to_bits(),
             OrderBy::Dependent => row.evidence().map_or(0.0, |evidence| evidence.probability.dependent).to_bits(),
         };
+        self.directed(value)
+    }
+
+    /// Returns the visits of a state that has this rank in an order of visits.
+    pub fn visits(self, rank: u64) -> u64 {
+        self.directed(rank)
+    }
+
+    fn directed(self, value: u64) -> u64 {
         if self.descending { !value } else { value }
     }
 }

@@ -88,9 +88,7 @@ where
             _ => {}
         }
         let ask = || self.jobs.ask(key.clone(), |progress| self.clone().making(key.clone(), make(progress)));
-        let made = ask().await?;
-        // It may have begun before this question was asked; another cannot have.
-        if is_fresh(&made) || is_slow(&made) { Ok(made) } else { ask().await }
+        joined(ask, |made| is_fresh(made) || is_slow(made)).await
     }
 
     /// Returns a result that is as new as those totals to another job, which waits for it.
@@ -105,13 +103,12 @@ where
     where
         F: Future<Output = Result<(T, u64), Problem>> + Send + 'static,
     {
-        let is_fresh = |made: &Arc<Made<T>>| made.as_of >= totals.transitions && is_current(&made.value);
-        if let Some(made) = self.last(&key).filter(is_fresh) {
+        let is_fresh = |made: &Made<T>| made.as_of >= totals.transitions && is_current(&made.value);
+        if let Some(made) = self.last(&key).filter(|made| is_fresh(made)) {
             return Ok(made);
         }
         let ask = || self.jobs.ask_for(other, key.clone(), |progress| self.clone().making(key.clone(), make(progress)));
-        let made = ask().await?;
-        if is_fresh(&made) { Ok(made) } else { ask().await }
+        joined(ask, is_fresh).await
     }
 
     /// Returns the last result that was made, if it is kept.
@@ -130,6 +127,15 @@ where
         self.kept.lock().unwrap_or_else(PoisonError::into_inner).put(key, made.clone());
         Ok(made)
     }
+}
+
+/// Asks for what is made, and once more where that will not do: a job that was joined may have begun before the question was asked, the next cannot have.
+async fn joined<T, F>(ask: impl Fn() -> F, will_do: impl Fn(&Made<T>) -> bool) -> Result<Arc<Made<T>>, Problem>
+where
+    F: Future<Output = Result<Arc<Made<T>>, Problem>>,
+{
+    let made = ask().await?;
+    if will_do(&made) { Ok(made) } else { ask().await }
 }
 
 #[cfg(test)]
@@ -188,5 +194,23 @@ mod tests {
         let (first, second) =
             tokio::join!(maker.get(&shared, totals(5, 1), SECOND), maker.get(&shared, totals(6, 1), SECOND));
         assert_eq!((first, second), ((1, 5), (2, 6)));
+    }
+
+    #[tokio::test(start_paused = true)]
+    async fn what_is_made_anew_behind_a_stale_answer_is_given_up_where_nobody_asks_again() {
+        let (shared, maker) = (Shared::new("it", CancellationToken::new()), Maker(AtomicU64::new(0)));
+        let many = SMALL + 1;
+        maker.get(&shared, totals(5, many), SECOND).await;
+        let hour = SECOND * 3_600;
+        assert_eq!(maker.get(&shared, totals(6, many), hour).await, (1, 5));
+        // Whoever asks meanwhile keeps it going.
+        tokio::time::sleep(SECOND * 100).await;
+        assert_eq!(maker.get(&shared, totals(6, many), hour).await, (1, 5));
+        tokio::time::sleep(SECOND * 110).await;
+        assert_eq!(maker.get(&shared, totals(6, many), hour).await, (1, 5));
+        assert_eq!(maker.0.load(Ordering::Relaxed), 2, "it goes on");
+        tokio::time::sleep(SECOND * 130).await;
+        assert_eq!(maker.get(&shared, totals(6, many), hour).await, (1, 5));
+        assert_eq!(maker.0.load(Ordering::Relaxed), 3, "it was given up, and begins anew");
     }
 }

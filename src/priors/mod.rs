@@ -229,6 +229,20 @@ impl Fits {
         }
     }
 
+    /// Returns every fit that this build cannot read. What the store cannot read is left out.
+    pub async fn unreadable(&self) -> Vec<UnreadableFit> {
+        let mut found = Vec::new();
+        for environment in self.store.environments() {
+            let records = self.store.fits(environment.id).await.unwrap_or_default();
+            let unread = |record: FitRecord| {
+                let why = unreadable(&environment.schema, &record)?;
+                Some(UnreadableFit { environment: environment.name.to_string(), pair: record.pair, why })
+            };
+            found.extend(records.into_iter().filter_map(unread));
+        }
+        found
+    }
+
     /// Fits what has grown enough, for ever: what was asked for within the last hour.
     pub async fn keep_up(self, every: Duration) {
         loop {
@@ -338,6 +352,23 @@ impl Read {
 fn logged(error: StoreError) -> Problem {
     tracing::error!(%error, "a prior could not be fitted");
     error.into()
+}
+
+/// A fit that cannot be read.
+pub struct UnreadableFit {
+    /// The environment's name.
+    pub environment: String,
+    /// The pair, as it is stored.
+    pub pair: String,
+    /// Why.
+    pub why: Unreadable,
+}
+
+impl UnreadableFit {
+    /// Returns whether nothing is wrong with it but its age: another is made from the same counts.
+    pub fn is_older(&self) -> bool {
+        matches!(self.why, Unreadable::Older(_))
+    }
 }
 
 /// Says in the log why a fit cannot be read, if it cannot.

@@ -61,6 +61,7 @@ async fn checks(app: &App) -> [Check; 3] {
 
 /// 200 where the service can take and answer, else 503; `?verbose` tells each check, and which environments are damaged and take nothing.
 async fn readyz(State(app): State<App>, RawQuery(query): RawQuery) -> Response {
+    app.prove().await;
     let checks = checks(&app).await;
     let ready = checks.iter().all(|(_, check)| check.is_ok());
     let status = if ready { StatusCode::OK } else { StatusCode::SERVICE_UNAVAILABLE };

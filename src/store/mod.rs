@@ -4,6 +4,7 @@
 //! Absent on purpose: nothing here validates (it takes [`Increment`]s), waits in a queue, or knows a wire format.
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use async_trait::async_trait;
 
@@ -86,6 +87,10 @@ pub trait Store: Send + Sync {
     /// Returns the next states after a cursor, in an order of the store's own, without filling the cache. Empty at the end.
     async fn scan(&self, id: EnvironmentId, after: Cursor, states: u32) -> Result<Vec<Scanned>, StoreError>;
 
+    /// Returns the first states in an order of their visits, with all their cells, and how many transitions the environment had: all of one moment, and
+    /// without filling the cache. Looks at every cell of the environment.
+    async fn by_visits(&self, id: EnvironmentId, wanted: &ByVisits) -> Result<(Vec<Scanned>, u64), StoreError>;
+
     /// Returns the segments of an environment in order of label; transitions without a segment have the label `None`.
     async fn segments(&self, id: EnvironmentId) -> Result<Vec<(SegmentId, Option<Label>)>, StoreError>;
 
@@ -136,9 +141,8 @@ pub trait Store: Send + Sync {
     /// Returns whether a commit would succeed: `Ok`, or why not, by the last commit or proof. From memory.
     async fn ready(&self) -> Result<(), Cause>;
 
-    /// Proves by a small write that changes nothing that a commit would succeed, where nobody has committed for a few seconds. To be called again and
-    /// again.
-    async fn prove(&self) -> Result<(), StoreError>;
+    /// Proves by a small write that changes nothing that a commit would succeed, unless a write ended within the time given. To be called again and again.
+    async fn prove(&self, oldest: Duration) -> Result<(), StoreError>;
 
     /// Returns the size of the database on disk in bytes, journal included.
     async fn bytes(&self) -> Result<u64, StoreError>;
@@ -253,6 +257,21 @@ pub struct Scanned {
     pub key: StateKey,
     /// Its cells.
     pub counts: Counts,
+}
+
+/// Which states are wanted in an order of their visits: what [`Store::by_visits`] takes.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ByVisits {
+    /// Whose visits count; those of all segments if `None`. A state without any is left out.
+    pub segments: Option<Vec<SegmentId>>,
+    /// Leaves out states with fewer visits.
+    pub min_visits: u64,
+    /// The most visits first. Equally many are in order of key.
+    pub descending: bool,
+    /// Begins after a state with so many visits.
+    pub after: Option<(u64, StateKey)>,
+    /// The most states to return.
+    pub states: u32,
 }
 
 /// What was fitted to the counts of one pair of agents. What it says is for those who made it.

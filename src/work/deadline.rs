@@ -34,8 +34,12 @@ impl Deadline {
     }
 }
 
-/// Answers a call under a deadline; `None` where it passed first. What the call began is dropped with it.
+/// Answers a call under a deadline; `None` where it passed first, so that a call which is late already does not begin. What the call began is dropped
+/// with it.
 pub async fn within<F: Future>(deadline: Deadline, call: F) -> Option<F::Output> {
+    if deadline.at <= Instant::now() {
+        return None;
+    }
     tokio::time::timeout_at(deadline.at, DEADLINE.scope(deadline, call)).await.ok()
 }
 
@@ -60,6 +64,7 @@ mod tests {
         assert_eq!(within(deadline, async { Deadline::current() }).await, Some(Some(deadline)));
         assert_eq!(within(deadline, std::future::pending::<()>()).await, None);
         assert_eq!(Instant::now(), deadline.at);
+        assert_eq!(within(deadline, async { panic!("it is late already") }).await, None::<()>);
     }
 
     #[tokio::test]

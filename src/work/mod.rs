@@ -4,6 +4,7 @@
 //! |---|---|
 //! | `stop` | the cancellation token that loops look at |
 //! | `gate` | admission control: a bounded number of workers and a bounded queue |
+//! | `progress` | how far something is, in words |
 //! | `jobs` | shared results: made once for all who ask, with progress, whoever leaves |
 //! | `deadline` | until when a caller waits |
 //! | `aside` | what is too long for a thread that serves connections, and too short to queue for |
@@ -14,13 +15,15 @@ mod aside;
 pub mod deadline;
 mod gate;
 mod jobs;
+mod progress;
 mod stop;
 
 use tokio_util::sync::CancellationToken;
 
 pub use aside::{aside, beside};
 pub use gate::{Gate, STOPPING, Turn};
-pub use jobs::{Jobs, Progress};
+pub use jobs::Jobs;
+pub use progress::Progress;
 pub use stop::{Stop, Stopped};
 
 /// Questions that may wait for a worker. What they hold meanwhile is no more than themselves.

@@ -163,6 +163,32 @@ async fn a_call_ends_with_its_deadline_and_its_place_is_free() {
     app.stop().await;
 }
 
+#[tokio::test(flavor = "multi_thread")]
+async fn a_deadline_that_has_passed_is_told_at_once_and_one_that_is_none_is_refused() {
+    let app = filled().await;
+    let ask = async |timeout: &str| {
+        let call = reqwest::Client::new()
+            .post(app.url("/nudge.v1.EnvironmentService/ListEnvironments"))
+            .header("content-type", "application/grpc-web+proto")
+            .header("grpc-timeout", timeout);
+        let answer = call.body(vec![0; 5]).send().await.expect("answered");
+        Status::from_header_map(answer.headers()).unwrap_or_else(|| Status::ok(""))
+    };
+    for passed in ["0n", "0u", "0m", "0S", "0M", "0H", "00000000S", "1n"] {
+        assert_eq!(ask(passed).await.code(), Code::DeadlineExceeded, "{passed}");
+    }
+    for enough in ["99999999u", "20000m", "20S", "1M", "1H", "99999999H", "00000020S"] {
+        assert_eq!(ask(enough).await.code(), Code::Ok, "{enough}");
+    }
+    for wrong in ["", "5", "S", "5s", "-5S", "1.5S", "123456789m", "5 S", "soon"] {
+        let status = ask(wrong).await;
+        assert_eq!(status.code(), Code::InvalidArgument, "{wrong:?}");
+        let faults = status.get_details_bad_request().expect("the field is named").field_violations;
+        assert_eq!(faults[0].field, "grpc-timeout", "{wrong:?}");
+    }
+    app.stop().await;
+}
+
 /// What is made of all states, asked for with that deadline.
 async fn shared(app: &TestApp, what: &str, timeout: &str) -> Result<(), Status> {
     let mut client = app.influence().await;

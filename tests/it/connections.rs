@@ -440,3 +440,25 @@ async fn single_calls_get_through_where_streams_take_all_they_can() {
     assert_eq!((status, &told["status"]), (200, &json!("applied")), "{told}");
     drop(receipts);
 }
+
+#[tokio::test]
+async fn a_request_that_does_not_say_once_whom_it_is_for_is_refused() {
+    let app = start(Limits::default()).await;
+    for (request, status) in [
+        ("GET /livez HTTP/1.1\r\n\r\n", 400),
+        ("GET /livez HTTP/1.1\r\nHost: a\r\nHost: a\r\n\r\n", 400),
+        ("GET /livez HTTP/1.1\r\nHost: a b\r\n\r\n", 400),
+        ("GET http://a/livez HTTP/1.1\r\n\r\n", 400),
+        ("POST /v1/environments/e/transitions HTTP/1.1\r\nContent-Length: 100000\r\n\r\n{", 400),
+        ("GET /livez HTTP/1.0\r\nHost: a\r\nHost: b\r\n\r\n", 400),
+        ("GET /livez HTTP/1.0\r\n\r\n", 200),
+        ("GET /livez HTTP/1.1\r\nHost: a:8080\r\nConnection: close\r\n\r\n", 200),
+        ("GET /livez HTTP/1.1\r\nHost:\r\nConnection: close\r\n\r\n", 200),
+    ] {
+        let told = Raw::open(app.address, request.as_bytes()).await.end().await;
+        let told = String::from_utf8(told).expect("text");
+        assert_eq!(told.split(' ').nth(1), Some(status.to_string().as_str()), "{request:?}: {told}");
+        assert!(status == 200 || told.contains("application/problem+json"), "{told}");
+    }
+    app.stop().await;
+}

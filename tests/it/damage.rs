@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use nudge::domain::{EnvironmentId, WrittenRule};
-use nudge::store::{Cursor, Options, Outcome, Quotas, Refusal, SqliteStore, Store, StoreError};
+use nudge::store::{ByVisits, Cursor, Options, Outcome, Quotas, Refusal, SqliteStore, Store, StoreError};
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 use serde_json::{Value, json};
@@ -18,6 +18,10 @@ use crate::support::databases::{Database, SqliteFile};
 use crate::support::{TestApp, lane_json};
 
 const PAGE: usize = 4_096;
+
+/// Pages of another environment that one may need: on each of the tables of states and cells and the index of keys, the one where the other begins, which
+/// was split off the last one.
+const BORDERS: u32 = 3;
 
 /// The places of the environment that will be hurt: their keys stand on pages of their own.
 const HURT: std::ops::Range<u32> = 700_000..702_000;
@@ -145,6 +149,55 @@ async fn damage_that_a_question_meets_makes_the_environment_read_only() {
     assert_eq!(store.commit(&[next]).await.expect("a commit"), [read_only()]);
 }
 
+/// Every page that came with an environment is spoiled in turn, and one that was there before is asked about: it borders on some of them, and has a few rows
+/// on those that were split.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn damage_of_one_environment_is_not_that_of_another() {
+    let file = SqliteFile::new();
+    let store = file.open(Quotas::default()).await;
+    let sound = make(&store, "sound").await;
+    let keys = 100_000..102_000;
+    let fill = |id, places: std::ops::Range<u32>| {
+        places.fold(batch(id, "game", 1), |sending, place| sending.cell(place, 1, tally(1, 1))).done()
+    };
+    store.commit(&[fill(sound, keys.clone())]).await.expect("a commit");
+    store.close().await;
+    let before = std::fs::metadata(file.path()).expect("there").len() as usize / PAGE;
+    let store = file.open(Quotas::default()).await;
+    let hurt = make(&store, "hurt").await;
+    store.commit(&[fill(hurt, HURT)]).await.expect("a commit");
+    store.close().await;
+
+    let bytes = std::fs::read(file.path()).expect("read");
+    let directory = TempDir::new().expect("a directory");
+    let keys: Vec<_> = keys.map(state).collect();
+    let wanted = ByVisits { segments: None, min_visits: 0, descending: true, after: None, states: 10 };
+    let (mut hurt_by, mut failed) = (0, [0; 5]);
+    for page in before..bytes.len() / PAGE {
+        let path = directory.path().join(format!("{page}.db"));
+        let mut spoiled = bytes.clone();
+        spoiled[page * PAGE] = 0x77;
+        std::fs::write(&path, spoiled).expect("written");
+        let store = SqliteStore::inspect(&path, Options::default()).await.expect("it can be looked at");
+        let environment = store.environment("sound").expect("there");
+        let audits = store.audit().await.expect("an audit");
+        let is_sound = |name: &str| audits.iter().any(|audit| audit.environment.as_str() == name && audit.is_sound());
+        hurt_by += u32::from(!is_sound("hurt"));
+        let asked = [
+            is_sound("sound"),
+            store.scan(sound, Cursor::default(), 10_000).await.is_ok_and(|page| page.len() == keys.len()),
+            store.actions(&environment).await.is_ok_and(|actions| actions.revision == 2_000),
+            store.by_visits(sound, &wanted).await.is_ok_and(|(page, _)| page.len() == 10),
+            store.counts(sound, &keys).await.is_ok(),
+        ];
+        failed.iter_mut().zip(asked).for_each(|(failed, is_well)| *failed += u32::from(!is_well));
+        store.close().await;
+        std::fs::remove_file(&path).expect("removed");
+    }
+    assert!(hurt_by > 20, "{hurt_by} pages are the other's");
+    assert!(failed.iter().all(|failed| *failed <= BORDERS), "{failed:?} of {hurt_by}");
+}
+
 /// A row that breaks a rule of its table is damage too: a count beyond the largest, which no batch can bring about.
 #[tokio::test]
 async fn a_count_that_cannot_be_is_damage() {
@@ -261,6 +314,128 @@ async fn a_description_that_is_damaged_keeps_no_other_environment_away() {
     app.stop().await;
     let (code, report, _) = check(directory.path()).await;
     assert_eq!((code, &report["unreadable"][0]["name"]), (1, &json!("hurt")), "{report}");
+}
+
+/// Changes a database as a flipped bit would: where SQLite sees nothing.
+async fn changed(file: &SqliteFile, text: &'static str) -> Arc<TempDir> {
+    let directory = served(file);
+    let options = SqliteConnectOptions::new().filename(directory.path().join("nudge.db"));
+    let mut raw = options.pragma("writable_schema", "on").connect().await.expect("a connection");
+    let done = sqlx::query(text).execute(&mut raw).await.expect("changed");
+    assert!(done.rows_affected() == 1 || text.starts_with("alter"), "{text}");
+    raw.close().await.expect("closed");
+    directory
+}
+
+/// The tables say what they are, and that is not so: nobody is served by them, in the same words as the check has.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn what_a_database_says_of_its_tables_is_checked() {
+    let (file, ..) = prepared().await;
+    for (text, expected) in [
+        (
+            "update _sqlx_migrations set checksum = zeroblob(48) where version = 1",
+            "its record of migration 1 is not as it was written",
+        ),
+        (
+            "update _sqlx_migrations set version = 19 where version = 3",
+            "its record of migration 3 is not as it was written",
+        ),
+        (
+            "update _sqlx_migrations set success = 0 where version = 2",
+            "its record of migration 2 is not as it was written",
+        ),
+        (
+            "update sqlite_schema set sql = replace(sql, 'n > 0', 'n > 1') where name = 'cells'",
+            "the definition of `cells` is not as it was written",
+        ),
+        ("alter table _sqlx_migrations rename to x_sqlx_migrations", "its list of migrations is missing"),
+    ] {
+        let directory = changed(&file, text).await;
+        let (code, report, stderr) = check(directory.path()).await;
+        assert_eq!((code, &report["integrity"]), (1, &json!([expected])), "{text}: {report} {stderr}");
+        let data = directory.path().to_str().expect("text");
+        let serving = nudge("", &["serve", "--listen", "127.0.0.1:0", "--data", data]);
+        let (code, _, stderr) = told(&output(serving).await);
+        assert_eq!((code, stderr.lines().count()), (2, 1), "{text}: {stderr}");
+        assert!(stderr.contains(&format!("it is damaged: {expected}; `nudge check` tells")), "{text}: {stderr}");
+    }
+    // What somebody else added is none of ours.
+    let directory = served(&file);
+    let options = SqliteConnectOptions::new().filename(directory.path().join("nudge.db"));
+    let mut raw = options.connect().await.expect("a connection");
+    sqlx::raw_sql("create index mine on cells (n); analyze").execute(&mut raw).await.expect("added");
+    raw.close().await.expect("closed");
+    assert_eq!(check(directory.path()).await.0, 0);
+    TestApp::on(directory).await.stop().await;
+}
+
+/// The page of the list of migrations, and the first of all, which say what the tables are: every start reads them.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn pages_that_every_start_reads_are_told_to_be_damaged_in_words() {
+    let (file, ..) = prepared().await;
+    let mut raw = SqliteConnectOptions::new().filename(file.path()).connect().await.expect("a connection");
+    let text = "select rootpage from sqlite_schema where name = '_sqlx_migrations'";
+    let page: i64 = sqlx::query_scalar(text).fetch_one(&mut raw).await.expect("a page");
+    raw.close().await.expect("closed");
+    let sound = std::fs::read(file.path()).expect("read");
+    let table = b"CREATE TABLE totals";
+    let definition = sound.windows(table.len()).position(|window| window == table).expect("there");
+    for (at, byte) in [((page as usize - 1) * PAGE, 0x77), (definition + "CREATE ".len(), b'x')] {
+        let directory = Arc::new(TempDir::new().expect("a directory"));
+        let mut bytes = sound.clone();
+        bytes[at] = byte;
+        std::fs::write(directory.path().join("nudge.db"), bytes).expect("written");
+        let (code, report, stderr) = check(directory.path()).await;
+        assert_eq!((code, &report["sound"]), (1, &json!(false)), "{at}: {report} {stderr}");
+        assert!(report["integrity"].to_string().contains("malformed"), "{at}: {report}");
+        let data = directory.path().to_str().expect("text");
+        let serving = nudge("", &["serve", "--listen", "127.0.0.1:0", "--data", data]);
+        let (code, _, stderr) = told(&output(serving).await);
+        assert_eq!((code, stderr.lines().count()), (2, 1), "{at}: {stderr}");
+        assert!(stderr.contains("it is damaged: ") && stderr.contains("`nudge check` tells"), "{at}: {stderr}");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_check_reads_receipts_and_fits() {
+    let (file, hurt, _) = prepared().await;
+    let store = file.open(Quotas::default()).await;
+    let many: Vec<_> = (2..=1_100).map(|sequence| batch(hurt, "game", sequence).done()).collect();
+    store.commit(&many).await.expect("a commit");
+    store.close().await;
+    assert_eq!(check(served(&file).path()).await.0, 0, "the first are kept no longer");
+    for (text, expected) in [
+        (
+            "update batches set receipt = replace(receipt, 'accepted', 'accdpted') where sequence = 900",
+            "the receipt of batch 900",
+        ),
+        (
+            "update batches set receipt = '{\"accepted\":1,\"rejected_count\":2}' where sequence = 900",
+            "tells of more or fewer",
+        ),
+        (
+            "update batches set receipt = '{\"accepted\":0,\"rejected_count\":1,\"rejected\":[[7,\"a\",\"b\"]]}' where sequence = 900",
+            "the batch cannot have",
+        ),
+        ("update batches set sequence = 70000 where sequence = 900", "its last number is 1100"),
+        ("delete from batches where sequence = 77", "its last number is 1100"),
+        ("delete from batches where sequence = 1100", "its last number is 1100"),
+        ("update producers set sequence = 1101 where sequence = 1100", "its last number is 1101"),
+        ("update producers set name = '' where sequence = 1100", "nobody can have this name"),
+        (
+            "insert into fits (environment, pair, version, revision, body) values (1, '0,1', 1, 1, '{\"form\":1')",
+            "fit of 0,1: CANNOT BE READ",
+        ),
+    ] {
+        let directory = changed(&file, text).await;
+        let (code, report, stderr) = check(directory.path()).await;
+        assert_eq!((code, &report["sound"], &report["integrity"]), (1, &json!(false), &json!([])), "{text}: {report}");
+        assert!(report.to_string().contains(expected), "{text}: {report}");
+        assert!(stderr.contains("cannot be read") || stderr.contains("not as they were written"), "{text}: {stderr}");
+        let data = directory.path().to_str().expect("text");
+        let (_, stdout, _) = told(&output(nudge("", &["check", "--data", data])).await);
+        assert!(stdout.contains(expected), "{text}: {stdout}");
+    }
 }
 
 async fn quick_check(path: &Path) -> bool {

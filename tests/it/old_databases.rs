@@ -4,6 +4,7 @@ use nudge::domain::Pair;
 use nudge::priors::Fits;
 use serde_json::{Value, json};
 
+use crate::cli::{nudge, output, told};
 use crate::support::TestApp;
 use crate::support::fixtures::{BEFORE_VERSIONS, Fixture};
 
@@ -52,6 +53,19 @@ fn fixtures() -> Vec<Fixture> {
         assert!(fixtures.iter().any(|fixture| fixture.name == name), "{name} is missing");
     }
     fixtures
+}
+
+/// Looked at before they are opened, and after.
+#[tokio::test]
+async fn a_check_passes_them() {
+    for fixture in fixtures() {
+        for _ in 0..2 {
+            let data = fixture.directory.path().to_str().expect("text").to_owned();
+            let (code, stdout, stderr) = told(&output(nudge("", &["check", "--data", &data])).await);
+            assert_eq!(code, 0, "{}: {stdout}{stderr}", fixture.name);
+            opened(&fixture).await.stop().await;
+        }
+    }
 }
 
 #[tokio::test]

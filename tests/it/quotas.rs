@@ -256,3 +256,33 @@ async fn models_come_in_pages() {
     let refused = app.models().await.list_models(request(0, "-1")).await.expect_err("no token");
     assert_eq!(refused.code(), Code::InvalidArgument);
 }
+
+#[tokio::test]
+async fn what_is_no_token_of_a_page_is_refused_by_every_list() {
+    let app = TestApp::start().await;
+    app.lane().await;
+    let lists = [ENVIRONMENTS, "/v1/environments/lane/states", "/v1/environments/lane/models"];
+    // The last one is a name that an environment may have.
+    for token in ["garbage", "lane~", "lane~00000000", "vd-", "vd-+1-0.0", "~", "\u{5de6}", "%20", "-1", "lane"] {
+        for list in lists {
+            let query: String = token.bytes().map(|byte| format!("%{byte:02x}")).collect();
+            let (status, problem) = app.rest("GET", &format!("{list}?page_token={query}"), None).await;
+            let fault = &problem["errors"][0];
+            assert_eq!((status, &fault["pointer"]), (400, &json!("/page_token")), "{list} {token:?}: {problem}");
+            assert!(fault["detail"].as_str().expect("text").contains(&format!("{token:?}")), "{problem}");
+        }
+        let page_token = token.to_owned();
+        let request = proto::ListEnvironmentsRequest { page_size: 0, page_token: page_token.clone() };
+        let environments = app.environments().await.list_environments(request).await.expect_err("no token");
+        let scope = Some(proto::Scope { environment: "lane".into(), ..Default::default() });
+        let request = proto::ListStatesRequest { scope, page_token: page_token.clone(), ..Default::default() };
+        let states = app.influence().await.list_states(request).await.expect_err("no token");
+        let request = proto::ListModelsRequest { environment: "lane".into(), page_size: 0, page_token };
+        let models = app.models().await.list_models(request).await.expect_err("no token");
+        for refused in [environments, states, models] {
+            assert_eq!(refused.code(), Code::InvalidArgument, "{token:?}");
+            let faults = refused.get_details_bad_request().expect("the field is named").field_violations;
+            assert_eq!(faults[0].field, "/page_token", "{token:?}");
+        }
+    }
+}

@@ -262,6 +262,9 @@ async fn a_database_that_another_program_keeps_locked_is_not_ready() {
     app.stop().await;
 }
 
+/// How old a write may be that proves something.
+const PROOF: Duration = Duration::from_secs(3);
+
 #[tokio::test]
 async fn a_proof_reaches_the_journal_and_changes_nothing() {
     let directory = tempfile::tempdir().expect("a directory");
@@ -271,15 +274,34 @@ async fn a_proof_reaches_the_journal_and_changes_nothing() {
     let mut other = SqliteConnectOptions::new().filename(&path).connect().await.expect("a connection");
     sqlx::query("pragma user_version = 7").execute(&mut other).await.expect("a number of somebody's");
     let before = journal();
-    store.prove().await.expect("proven");
+    store.prove(PROOF).await.expect("proven");
     assert_eq!(journal(), before, "it was opened a moment ago, which is proof enough");
     tokio::time::sleep(Duration::from_millis(3_100)).await;
-    store.prove().await.expect("proven");
+    store.prove(PROOF).await.expect("proven");
     assert_eq!(journal() - before, 24 + 4_096, "one page");
     let version: i64 = sqlx::query_scalar("pragma user_version").fetch_one(&mut other).await.expect("a number");
     assert_eq!(version, 7);
-    store.prove().await.expect("proven");
+    store.prove(PROOF).await.expect("proven");
     assert_eq!(journal() - before, 24 + 4_096, "not more often");
     assert!(store.ready().await.is_ok());
     store.close().await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn whoever_asks_whether_it_is_ready_is_told_how_it_is_now() {
+    let app = TestApp::start().await;
+    app.lane().await;
+    let (journal, away) = (app.directory.path().join("nudge.db-wal"), app.directory.path().join("away"));
+    for path in ["/readyz", "/v2/health/ready"] {
+        // Long enough that the last proof is not of this moment, and not so long that the service looks by itself.
+        let a_moment = || tokio::time::sleep(Duration::from_millis(600));
+        assert_eq!(app.rest("GET", path, None).await.0, 200);
+        std::fs::rename(&journal, &away).expect("moved");
+        a_moment().await;
+        assert_eq!(app.rest("GET", path, None).await.0, 503, "{path}: at the first question");
+        std::fs::rename(&away, &journal).expect("moved back");
+        a_moment().await;
+        assert_eq!(app.rest("GET", path, None).await.0, 200, "{path}: likewise");
+    }
+    app.stop().await;
 }

@@ -3,11 +3,12 @@
 use std::sync::Arc;
 
 use nudge::domain::{
-    ActionTotals, Cell, Environment, EnvironmentId, FitId, SegmentId, Sequence, Tally, Threshold, WrittenRule,
+    ActionTotals, Cell, Environment, EnvironmentId, FitId, SegmentId, Sequence, StateKey, Tally, Threshold, WrittenRule,
 };
 use nudge::error::ErrorKind;
 use nudge::store::{
-    Cursor, FitRecord, Leftovers, ModelRecord, NewModel, Numbered, Outcome, Quotas, Refusal, Store, StoreError, Totals,
+    ByVisits, Cursor, FitRecord, Leftovers, ModelRecord, NewModel, Numbered, Outcome, Quotas, Refusal, Scanned, Store,
+    StoreError, Totals,
 };
 
 use crate::support::batches::*;
@@ -56,6 +57,7 @@ mod sqlite {
         counts_come_in_the_order_asked,
         many_states_are_read_at_once,
         a_scan_sees_every_state_once,
+        states_are_found_in_the_order_of_their_visits,
         what_a_commit_counts_is_read_after_it,
         nobody_acted_in_an_empty_environment,
         actions_add_up_over_states_and_segments,
@@ -662,6 +664,64 @@ async fn a_scan_sees_every_state_once(database: &dyn Database) {
     }
     seen.sort();
     assert_eq!(seen, (0..25).map(state).collect::<Vec<_>>());
+}
+
+/// Returns every state in the order asked for, by what a scan finds.
+async fn ordered(store: &Arc<dyn Store>, id: EnvironmentId, wanted: &ByVisits) -> Vec<(u64, StateKey)> {
+    let visits = |scanned: &Scanned| {
+        let cells = scanned.counts.of_segments(wanted.segments.as_deref());
+        (cells.map(|cell| cell.tally.n).sum::<u64>(), scanned.key.clone())
+    };
+    let scanned = store.scan(id, Cursor::default(), 1_000).await.expect("a page");
+    let mut states: Vec<_> = scanned.iter().map(visits).collect();
+    states.retain(|(visits, _)| *visits >= wanted.min_visits.max(1));
+    states.sort();
+    // Equally many stay in order of key.
+    if wanted.descending {
+        states.sort_by_key(|(visits, _)| std::cmp::Reverse(*visits));
+    }
+    states
+}
+
+async fn states_are_found_in_the_order_of_their_visits(database: &dyn Database) {
+    let (store, id) = open(database).await;
+    let other = make(&store, "other").await;
+    let all = |descending, min_visits| ByVisits { segments: None, min_visits, descending, after: None, states: 7 };
+    assert_eq!(store.by_visits(id, &all(true, 0)).await.expect("none yet"), (Vec::new(), 0));
+
+    // Two segments, another environment in between, and keys whose texts are in another order than their bins.
+    let many = |id, producer: &str, places: std::ops::Range<u32>, step: u64| {
+        let cell = |b: Sending, place: u32| {
+            b.cell(place, 1, tally(1 + u64::from(place) * step % 5, 0)).cell(place, 2, tally(1, 0))
+        };
+        places.fold(batch(id, producer, 1), cell)
+    };
+    let (plain, trained) = (many(id, "a", 0..130, 7).done(), many(id, "b", 90..140, 3).segment("train").done());
+    commit(&store, &[plain, many(other, "a", 0..140, 1).done(), trained]).await;
+    let segments = store.segments(id).await.expect("segments");
+    let chosen = [None, Some(vec![segments[1].0]), Some(segments.iter().map(|(id, _)| *id).collect()), Some(vec![])];
+    let transitions = totals(&store, id).await.transitions;
+
+    for segments in chosen {
+        for (descending, min_visits) in [(true, 0), (false, 0), (true, 4), (false, 4), (true, 1_000), (true, u64::MAX)]
+        {
+            let mut wanted = ByVisits { segments: segments.clone(), ..all(descending, min_visits) };
+            let expected = ordered(&store, id, &wanted).await;
+            for page in expected.chunks(7) {
+                let (found, revision) = store.by_visits(id, &wanted).await.expect("a page");
+                let keys: Vec<&StateKey> = found.iter().map(|scanned| &scanned.key).collect();
+                assert_eq!(keys, page.iter().map(|(_, key)| key).collect::<Vec<_>>(), "{wanted:?}");
+                assert_eq!(revision, transitions);
+                let read = store.counts(id, &keys.into_iter().cloned().collect::<Vec<_>>()).await.expect("counts");
+                assert!(found.iter().zip(read).all(|(found, read)| found.counts == *read.counts), "all of its cells");
+                wanted.after = page.last().cloned();
+            }
+            assert_eq!(store.by_visits(id, &wanted).await.expect("the end").0, [], "{wanted:?}");
+        }
+    }
+
+    store.delete(id).await.expect("deleted");
+    assert!(matches!(store.by_visits(id, &all(true, 0)).await, Err(StoreError::UnknownEnvironment)));
 }
 
 async fn what_a_commit_counts_is_read_after_it(database: &dyn Database) {

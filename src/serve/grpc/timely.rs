@@ -7,6 +7,7 @@ use axum::middleware::Next;
 use axum::response::Response;
 use http::HeaderMap;
 
+use crate::error::{Fault, Problem};
 use crate::serve::ALLOWED;
 use crate::serve::status::{self, Asked, too_late};
 use crate::work::deadline::{self, Deadline};
@@ -21,7 +22,11 @@ pub async fn in_time(request: Request, next: Next) -> Response {
         return next.run(request).await;
     }
     let method = path.rsplit('/').next().unwrap_or_default().to_owned();
-    let (asked, allowed) = (asked(&method), allowed(request.headers()));
+    let asked = asked(&method);
+    let allowed = match allowed(request.headers()) {
+        Ok(allowed) => allowed,
+        Err(problem) => return status::grpc(problem).into_http(),
+    };
     let answer = deadline::within(Deadline::after(allowed), next.run(request)).await;
     answer.unwrap_or_else(|| status::grpc(too_late(asked, allowed)).into_http())
 }
@@ -50,13 +55,23 @@ fn asked(method: &str) -> Asked {
     }
 }
 
-/// Returns how long a call may take.
-fn allowed(headers: &HeaderMap) -> Duration {
-    let said = headers.get("grpc-timeout").and_then(|value| timeout(value.to_str().ok()?));
-    said.map_or(ALLOWED, |said| said.min(MOST))
+/// Returns how long a call may take. What is no timeout is refused: to take it for none would let a caller who is in a hurry wait.
+fn allowed(headers: &HeaderMap) -> Result<Duration, Problem> {
+    let mut said = headers.get_all("grpc-timeout").iter();
+    let Some(first) = said.next() else { return Ok(ALLOWED) };
+    let wrong = |got: String| {
+        let expected = "expected one to eight digits and a unit of H, M, S, m, u or n";
+        Problem::invalid("call", vec![Fault::new("grpc-timeout", format!("got {got}, {expected}"))])
+    };
+    if said.next().is_some() {
+        return Err(wrong("several".to_owned()));
+    }
+    let read = first.to_str().ok().and_then(timeout);
+    let text = || String::from_utf8_lossy(first.as_bytes()).into_owned();
+    read.map(|said| said.min(MOST)).ok_or_else(|| wrong(format!("{:?}", text())))
 }
 
-/// Reads a timeout as gRPC writes it: at most eight digits and a unit. Anything else says nothing.
+/// Reads a timeout as gRPC writes it: at most eight digits and a unit.
 fn timeout(text: &str) -> Option<Duration> {
     let (digits, unit) = text.split_at_checked(text.len().checked_sub(1)?)?;
     let is_number = (1..=8).contains(&digits.len()) && digits.bytes().all(|byte| byte.is_ascii_digit());
@@ -75,6 +90,7 @@ fn timeout(text: &str) -> Option<Duration> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::error::ErrorKind;
 
     #[test]
     fn timeouts_are_read_as_grpc_writes_them() {
@@ -92,10 +108,26 @@ mod tests {
         let said = |text: &str| {
             allowed(&HeaderMap::from_iter([("grpc-timeout".parse().expect("a name"), text.parse().expect("a value"))]))
         };
-        assert_eq!(
-            ["1S", "2M", "99999999H", "soon"].map(said),
-            [Duration::from_secs(1), Duration::from_secs(120), MOST, ALLOWED]
-        );
-        assert_eq!(allowed(&HeaderMap::new()), ALLOWED);
+        let [zero, second, minutes] = [0, 1, 120].map(Duration::from_secs);
+        assert_eq!(["0n", "00000000H", "1S", "2M", "99999999H"].map(said), [zero, zero, second, minutes, MOST].map(Ok));
+        assert_eq!(allowed(&HeaderMap::new()), Ok(ALLOWED));
+    }
+
+    #[test]
+    fn what_is_no_timeout_is_refused_in_words() {
+        let headers = |values: &[&[u8]]| {
+            let mut headers = HeaderMap::new();
+            for value in values {
+                headers.append("grpc-timeout", http::HeaderValue::from_bytes(value).expect("a value"));
+            }
+            headers
+        };
+        for wrong in [&b"soon"[..], b"", b"S", b"1", b"-1S", b"1.5S", b"1s", b"123456789S", b"\xff"] {
+            let problem = allowed(&headers(&[wrong])).expect_err("no timeout");
+            assert_eq!((problem.kind, problem.faults[0].pointer.as_str()), (ErrorKind::Invalid, "grpc-timeout"));
+        }
+        let problem = allowed(&headers(&[b"1S", b"2S"])).expect_err("two timeouts");
+        let expected = "got several, expected one to eight digits and a unit of H, M, S, m, u or n";
+        assert_eq!(problem.faults[0].detail, expected);
     }
 }

@@ -69,6 +69,7 @@ async fn live() -> axum::Json<Value> {
 }
 
 async fn ready(Asked(app): Asked) -> Result<axum::Json<Value>, Failure> {
+    app.prove().await;
     operations::ready(&app).await?;
     Ok(axum::Json(json!({ "ready": true })))
 }

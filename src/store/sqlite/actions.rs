@@ -1,5 +1,5 @@
-//! Materialised marginal counts: how often each action was taken in an environment. Read from the cells when somebody first asks, then brought up to
-//! date by every commit; never on disk.
+//! Materialised marginal counts: how often each action was taken in an environment. Kept from an environment's beginning, or read from the cells
+//! when somebody first asks, then brought up to date by every commit; never on disk.
 //!
 //! Commits go on while the cells are read, and each must be counted once: by the read or on top of it. **Revisions** settle it, as in the cache:
 //!
@@ -20,8 +20,9 @@ use sqlx::SqlitePool;
 use sqlx::sqlite::SqliteConnection;
 
 use super::error::{spoiled, unreadable};
-use super::packed::packed_cells;
-use super::read::{counts_of, whole};
+use super::packed::{packed_cells, packed_cells_of_states};
+use super::read::{cells_of, whole};
+use super::walk::{Walk, own_states};
 use super::writer::Writer;
 use crate::domain::{ActionTotals, Cell, Environment, EnvironmentId, Schema, Tally};
 use crate::store::StoreError;
@@ -77,21 +78,40 @@ pub(super) async fn actions(
         writer.settle().await.ok();
     }
     let mut reader = readers.acquire().await.map_err(unreadable)?;
-    load(&mut reader, memory.announce(turn, environment.id), environment).await
+    match load(&mut reader, memory.announce(turn, environment.id), environment, Walk::All).await {
+        // It may be another environment's.
+        Err(StoreError::Damaged(_)) => {
+            let turn = memory.turn.lock().await;
+            load(&mut reader, memory.announce(turn, environment.id), environment, Walk::Own).await
+        }
+        loaded => loaded,
+    }
 }
 
 async fn load(
     reader: &mut SqliteConnection,
     load: Load<'_>,
     environment: &Environment,
+    walk: Walk,
 ) -> Result<Arc<ActionTotals>, StoreError> {
-    // Not `group by joint`: that sorts all cells in memory. Cells come packed, because a row each would cost the driver ten times as much.
-    let text = concat!(
+    // Not `group by joint`: that sorts all cells in memory. Cells come packed, those of sixteen states together, because a row each would cost the
+    // driver ten times as much. States are walked by id, in whose order their cells lie.
+    let all = concat!(
+        "with recursive blocks (first) as (
+             select 1 union all select first + 16 from blocks where first + 16 <= (select max(id) from states)
+         )
+         select totals.transitions, ",
+        packed_cells_of_states!("?1", "blocks.first", "16"),
+        " from totals cross join blocks where totals.environment = ?1"
+    );
+    let own = concat!(
         "select totals.transitions, ",
         packed_cells!("states.id"),
-        " from totals left join states on states.environment = totals.environment
-         where totals.environment = ?"
+        " from totals left join ",
+        own_states!(),
+        " on states.environment = totals.environment where totals.environment = ?1"
     );
+    let text = if walk == Walk::All { all } else { own };
     let mut rows = sqlx::query(text).bind(environment.id.0).fetch(reader);
     let mut next = rows.try_next().await.map_err(unreadable)?;
     let revision = next.as_ref().map(|row| whole(row, 0)).transpose().map_err(unreadable)?;
@@ -100,7 +120,7 @@ async fn load(
 
     let mut totals = ActionTotals::new(&environment.schema);
     while let Some(row) = next {
-        add(&mut totals, counts_of(&row, 1, environment)?.cells())?;
+        add(&mut totals, &cells_of(&row, 1, environment)?)?;
         // Rows that have arrived do not wait, and others shall have their turn.
         tokio::task::consume_budget().await;
         next = rows.try_next().await.map_err(unreadable)?;
@@ -109,7 +129,7 @@ async fn load(
     Ok(load.finish(totals))
 }
 
-/// Adds the cells of a state. Damaged ones could overflow a sum, which no sound ones do.
+/// Adds cells. Damaged ones could overflow a sum, which no sound ones do.
 fn add(totals: &mut ActionTotals, cells: &[Cell]) -> Result<(), StoreError> {
     for cell in cells {
         let sum = totals.revision.checked_add(cell.tally.n).filter(|sum| *sum <= i64::MAX as u64);
@@ -129,6 +149,14 @@ impl Default for ActionsMemory {
 }
 
 impl ActionsMemory {
+    /// Keeps the totals of an environment that was made now, so that its cells need never be read for them; as long as that takes no other's place.
+    pub(super) fn begin(&self, environment: &Environment) {
+        let mut inner = self.inner();
+        if !inner.suspended && inner.kept.len() < KEPT.get() {
+            inner.kept.put(environment.id, Arc::new(ActionTotals::new(&environment.schema)));
+        }
+    }
+
     /// Counts the joint actions of a commit, after COMMIT and before it returns.
     pub(super) fn apply(&self, environment: EnvironmentId, revision: u64, cells: impl Iterator<Item = (u64, Tally)>) {
         let mut inner = self.inner();

@@ -25,9 +25,13 @@ pub(super) async fn audit(readers: &SqlitePool, directory: &Directory) -> Result
 
 /// Damage is the environment's; a machine that fails to read it twice is as good as damage. Other errors are no environment's.
 async fn audit_patiently(readers: &SqlitePool, environment: &Environment) -> Result<Option<Audit>, StoreError> {
-    let mut audited = audit_one(readers, environment).await;
+    let mut audited = audit_one(readers, environment, Bound::None).await;
     if audited.as_ref().is_err_and(|cause| cause.trouble == Trouble::InputOutput) {
-        audited = audit_one(readers, environment).await;
+        audited = audit_one(readers, environment, Bound::None).await;
+    }
+    // What was damaged may be where the next environment begins.
+    if audited.as_ref().is_err_and(|cause| cause.trouble == Trouble::Damaged) {
+        audited = audit_one(readers, environment, Bound::Kept).await;
     }
     match audited {
         Err(cause) if [Trouble::Damaged, Trouble::InputOutput].contains(&cause.trouble) => {
@@ -38,14 +42,26 @@ async fn audit_patiently(readers: &SqlitePool, environment: &Environment) -> Res
     }
 }
 
+/// How far rows are read.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Bound {
+    /// To where they end, which is seen only by looking at what comes next.
+    None,
+    /// As many as the totals say there are. Were there more, the sums would have to be right without them.
+    Kept,
+}
+
 /// One statement, so that totals and cells are of the same moment. Visits are summed in two halves: a damaged one could overflow the sum. States are
-/// found by their index, and each is looked up in its table too, which nothing else would read.
-async fn audit_one(readers: &SqlitePool, environment: &Environment) -> Result<Option<Audit>, Cause> {
+/// found by their index, and each is looked up in its table too, which nothing else would read. Their cells are read in the order in which they lie.
+async fn audit_one(readers: &SqlitePool, environment: &Environment, bound: Bound) -> Result<Option<Audit>, Cause> {
     read_producers(readers, environment).await?;
     let row = sqlx::query(
         "select totals.transitions, totals.states, totals.cells, found.high, found.low,
-             (select count(*) from states cross join states as stored not indexed on stored.id = states.id
-                 where states.environment = ?1 and stored.environment = ?1 and stored.key = states.key),
+             (select count(*) from (
+                 select id, key from states indexed by sqlite_autoindex_states_1 where environment = ?1
+                 limit case when ?3 then (select states from totals where environment = ?1) else -1 end
+              ) as mine cross join states as stored not indexed on stored.id = mine.id
+                 where stored.environment = ?1 and stored.key = mine.key),
              found.cells, found.strays
          from totals cross join (
              select count(*) as cells,
@@ -54,13 +70,21 @@ async fn audit_one(readers: &SqlitePool, environment: &Environment) -> Result<Op
                      cells.joint between 0 and ?2 - 1 and coalesce(cells.entries between 0 and cells.n, 1)
                      and exists (select 1 from segments where segments.id = cells.segment and segments.environment = ?1)
                  )), 0) as strays
-             from states cross join cells on cells.state = states.id
-             where states.environment = ?1
+             from (
+                 select cells.* from (
+                     select id from (
+                         select id from states indexed by sqlite_autoindex_states_1 where environment = ?1
+                         limit case when ?3 then (select states from totals where environment = ?1) else -1 end
+                     ) order by id
+                 ) as mine cross join cells on cells.state = mine.id
+                 limit case when ?3 then (select cells from totals where environment = ?1) else -1 end
+             ) as cells
          ) as found
          where totals.environment = ?1",
     )
     .bind(environment.id.0)
     .bind(environment.schema.joint_actions() as i64)
+    .bind(bound == Bound::Kept)
     .fetch_optional(readers)
     .await?;
     let read = |row: SqliteRow| {

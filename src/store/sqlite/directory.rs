@@ -78,8 +78,10 @@ impl Directory {
     pub(super) fn make_read_only(&self, id: EnvironmentId, why: &str) -> bool {
         let Some(environment) = self.of_id(id) else { return false };
         let mut read_only = self.read_only.write().unwrap_or_else(PoisonError::into_inner);
-        let is_new = read_only.insert(id, why.to_owned()).is_none();
+        // What was found first is told: what comes of it later says less.
+        let is_new = !read_only.contains_key(&id);
         if is_new {
+            read_only.insert(id, why.to_owned());
             let environment = environment.name.as_str();
             tracing::error!(
                 environment,

@@ -7,8 +7,9 @@ use sqlx::sqlite::{SqliteConnection, SqliteRow};
 
 use super::directory::{Directory, Loaded};
 use super::error::{aborted, unreadable};
+use super::known::Known;
 use super::text;
-use super::writer::Writer;
+use super::writer::{Memory, Writer};
 use crate::domain::{Environment, EnvironmentId, Name, Schema, Uid, UnreadableEnvironment, WrittenRule};
 use crate::store::{Quotas, StoreError};
 
@@ -66,7 +67,11 @@ pub(super) async fn create(
     }
     let id = insert(transaction.connection(), &uid, name, schema, rule).await.map_err(aborted)?;
     let made = Arc::new(Environment { id, uid, name: name.clone(), schema: schema.clone(), rule });
-    transaction.commit(|memory, _| memory.directory.put(Arc::clone(&made))).await?;
+    let remember = |memory: &Memory, _: &mut Known| {
+        memory.directory.put(Arc::clone(&made));
+        memory.actions.begin(&made);
+    };
+    transaction.commit(remember).await?;
     Ok(made)
 }
 

@@ -19,8 +19,15 @@ const CANNOT_OPEN: i32 = 14;
 const CONSTRAINT: i32 = 19;
 const NOT_A_DATABASE: i32 = 26;
 
-/// What is said of a database that is so damaged that it cannot be opened.
-pub(super) const DAMAGED: &str = "it is damaged; restore a backup";
+/// Says what is wrong with a database that is so damaged that it cannot be opened.
+pub(super) fn damaged(what: &str) -> String {
+    format!("it is damaged: {what}; `nudge check` tells the same and more, and a backup mends it")
+}
+
+/// Says of a database that a later build made it.
+pub(super) fn made_by_newer(path: &Path) -> StoreError {
+    unopenable(path, "it was made by a newer nudge; use that version, or choose another --data directory")
+}
 
 /// An error before COMMIT: the connection is dropped with it, which rolls back.
 pub(super) fn aborted(error: impl Into<Cause>) -> StoreError {
@@ -96,13 +103,19 @@ pub(super) fn unopenable(path: &Path, why: impl fmt::Display) -> StoreError {
     StoreError::Unopenable { path: path.display().to_string(), why: why.to_string() }
 }
 
+/// Returns whether an error says that pages of a database of ours are damaged.
+pub(super) fn is_damage(error: &sqlx::Error) -> bool {
+    primary_code(error) != Some(NOT_A_DATABASE) && trouble(error) == Trouble::Damaged
+}
+
 /// An error while opening.
 pub(super) fn opening(path: &Path, error: &sqlx::Error) -> StoreError {
     match primary_code(error) {
-        Some(NOT_A_DATABASE) => {
-            unopenable(path, "it is not a database; move it away, or choose another --data directory")
-        }
-        Some(CORRUPT) => unopenable(path, DAMAGED),
+        Some(NOT_A_DATABASE) => unopenable(
+            path,
+            "it is not a database; move it away, or choose another --data directory; if it was one, its first page is damaged: restore a backup",
+        ),
+        Some(CORRUPT) => unopenable(path, damaged(&error.to_string())),
         Some(READ_ONLY | CANNOT_OPEN) => {
             unopenable(path, "it cannot be written; give this user the right to write the file and its directory")
         }
@@ -114,12 +127,7 @@ pub(super) fn opening(path: &Path, error: &sqlx::Error) -> StoreError {
 pub(super) fn migrating(path: &Path, error: &MigrateError) -> StoreError {
     match error {
         MigrateError::Execute(error) | MigrateError::ExecuteMigration(error, _) => opening(path, error),
-        MigrateError::VersionMissing(_) => {
-            unopenable(path, "it was made by a newer nudge; use that version, or choose another --data directory")
-        }
-        MigrateError::VersionMismatch(_) | MigrateError::Dirty(_) => {
-            unopenable(path, "it was made by another build of nudge; use that one, or choose another --data directory")
-        }
+        MigrateError::VersionMissing(_) => made_by_newer(path),
         other => unopenable(path, other),
     }
 }

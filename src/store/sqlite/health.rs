@@ -7,9 +7,6 @@ use std::time::{Duration, Instant};
 use crate::store::{Cause, StoreError, Trouble};
 use crate::telemetry::Seldom;
 
-/// How long a commit is proof of the next one. Each proof of an idle service writes one page.
-const PROOF: Duration = Duration::from_secs(3);
-
 /// How long after a failure it is tried again, while nobody else does.
 const RETRY: Duration = Duration::from_secs(1);
 
@@ -81,10 +78,10 @@ impl Health {
         }
     }
 
-    /// Returns whether a proof is due, and begins to wait for it if so.
-    pub(super) fn wants_proof(&self, now: Instant) -> bool {
+    /// Returns whether a proof is due where one so old is enough, and begins to wait for it if so.
+    pub(super) fn wants_proof(&self, oldest: Duration, now: Instant) -> bool {
         let mut state = self.state();
-        let enough = if state.failing.is_some() { RETRY } else { PROOF };
+        let enough = if state.failing.is_some() { oldest.min(RETRY) } else { oldest };
         let is_due = state.last.is_none_or(|last| now.duration_since(last) >= enough);
         if is_due {
             state.waiting.get_or_insert(now);
@@ -120,6 +117,8 @@ impl Health {
 mod tests {
     use super::*;
 
+    const PROOF: Duration = Duration::from_secs(3);
+
     fn full() -> Cause {
         Cause::new(Trouble::DiskFull, "code 13")
     }
@@ -138,13 +137,19 @@ mod tests {
     fn a_proof_is_wanted_when_idle_and_sooner_while_it_fails() {
         let (health, start) = (Health::new(), Instant::now());
         let after = |seconds| start + Duration::from_secs(seconds);
-        assert!(health.wants_proof(start), "nothing was proven yet");
+        assert!(health.wants_proof(PROOF, start), "nothing was proven yet");
         health.succeeded(start);
-        assert!(!health.wants_proof(after(2)), "somebody committed meanwhile");
-        assert!(health.wants_proof(after(3)));
+        assert!(!health.wants_proof(PROOF, after(2)), "somebody committed meanwhile");
+        assert!(health.wants_proof(PROOF, after(3)));
         health.failed(&full(), after(3));
-        assert!(!health.wants_proof(after(3)));
-        assert!(health.wants_proof(after(4)));
+        assert!(!health.wants_proof(PROOF, after(3)));
+        assert!(health.wants_proof(PROOF, after(4)));
+        let soon = Duration::from_millis(500);
+        health.failed(&full(), after(5));
+        assert!(
+            !health.wants_proof(soon, after(5)) && health.wants_proof(soon, after(5) + soon),
+            "who asks wants it sooner"
+        );
     }
 
     #[test]
@@ -152,8 +157,8 @@ mod tests {
         let (health, start) = (Health::new(), Instant::now());
         let after = |seconds| start + Duration::from_secs(seconds);
         health.succeeded(start);
-        assert!(health.wants_proof(after(3)));
-        assert!(health.wants_proof(after(4)), "nothing has ended yet");
+        assert!(health.wants_proof(PROOF, after(3)));
+        assert!(health.wants_proof(PROOF, after(4)), "nothing has ended yet");
         assert_eq!(health.ready(after(13)), Ok(()));
         assert_eq!(health.ready(after(14)).map_err(|cause| cause.trouble), Err(Trouble::Stuck));
         health.succeeded(after(15));

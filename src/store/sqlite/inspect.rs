@@ -3,12 +3,12 @@
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 
-use sqlx::sqlite::SqliteConnection;
 use sqlx::{Row, SqlitePool};
 
-use super::error::{DAMAGED, aborted, opening, unopenable, unreadable};
+use super::error::{aborted, is_damage, made_by_newer, opening, unopenable, unreadable};
 use super::lock::Identity;
 use super::open::{Closing, MIGRATIONS, readers, writing};
+use super::tables::{self, Tables};
 use super::{Memory, Options, SqliteStore, Writer, environments};
 use crate::store::StoreError;
 
@@ -22,13 +22,13 @@ pub(super) async fn inspect(path: &Path, options: Options) -> Result<SqliteStore
     let readers = readers(&file, &closing).await.map_err(|error| unseen(path, error))?;
     let memory = Arc::new(Memory::new(options.cache_cells));
     let mut reader = readers.acquire().await.map_err(|error| unseen(path, error))?;
-    let versions = versions(&mut reader).await.map_err(|error| unseen(path, error))?;
-    match versions.last() {
-        None => return Err(unopenable(path, "it is no database of nudge; name its directory with --data")),
-        Some(last) if *last > newest() => {
-            return Err(unopenable(path, "it was made by a newer nudge; use that version"));
+    match tables::look(&mut reader).await.map_err(|error| unseen(path, error))? {
+        Tables::None | Tables::Foreign | Tables::Ours(0) => {
+            return Err(unopenable(path, "it is no database of nudge; name its directory with --data"));
         }
-        Some(_) => memory.directory.replace(environments::load(&mut reader).await?),
+        Tables::Newer => return Err(made_by_newer(path)),
+        Tables::Damaged(what) => return Err(StoreError::Damaged(what)),
+        Tables::Ours(_) => memory.directory.replace(environments::load(&mut reader).await?),
     }
     drop(reader);
 
@@ -40,10 +40,7 @@ pub(super) async fn inspect(path: &Path, options: Options) -> Result<SqliteStore
 
 /// An error while looking: damage is what was looked for, and everything else keeps from looking.
 fn unseen(path: &Path, error: sqlx::Error) -> StoreError {
-    match opening(path, &error) {
-        StoreError::Unopenable { why, .. } if why == DAMAGED => unreadable(error),
-        other => other,
-    }
+    if is_damage(&error) { unreadable(error) } else { opening(path, &error) }
 }
 
 /// Returns what SQLite's own check finds: pages, indices, types and constraints, of every table. Empty where all is well.
@@ -61,19 +58,6 @@ pub(super) async fn integrity(readers: &SqlitePool) -> Result<Vec<String>, Store
 /// Returns whether a database has every table of this build.
 pub(super) async fn is_current(readers: &SqlitePool) -> Result<bool, StoreError> {
     let mut reader = readers.acquire().await.map_err(unreadable)?;
-    Ok(versions(&mut reader).await.map_err(unreadable)?.last() == Some(&newest()))
-}
-
-fn newest() -> i64 {
-    MIGRATIONS.iter().map(|migration| migration.version).max().unwrap_or_default()
-}
-
-/// Returns the versions of the migrations that were applied, in order; none where the tables are not ours.
-async fn versions(reader: &mut SqliteConnection) -> Result<Vec<i64>, sqlx::Error> {
-    let text = "select count(*) from sqlite_schema where name = '_sqlx_migrations'";
-    let is_ours: bool = sqlx::query_scalar(text).fetch_one(&mut *reader).await?;
-    match is_ours {
-        true => sqlx::query_scalar("select version from _sqlx_migrations order by version").fetch_all(reader).await,
-        false => Ok(Vec::new()),
-    }
+    let tables = tables::look(&mut reader).await.map_err(unreadable)?;
+    Ok(tables == Tables::Ours(MIGRATIONS.iter().count()))
 }

@@ -1,11 +1,11 @@
 //! The store in one SQLite file: one connection that writes, a few that read, and what is remembered of it in memory.
 //!
-//! `open` makes it, `inspect` looks at it from outside, `lock` says that it is in use, `writer` owns the connection that writes, `health` says whether it would, `commit` decides and counts, `read` and `audit` look, `environments`, `fits`, `models` and `removal` keep the worlds,
+//! `open` makes it, `tables` says whose it is, `inspect` and `receipts` look at it from outside, `lock` says that it is in use, `writer` owns the connection that writes, `health` says whether it would, `commit` decides and counts, `read` and `audit` look, by a `walk`, `environments`, `fits`, `models` and `removal` keep the worlds,
 //! `actions`, `cache`, `directory` and `known` remember, `text` and `packed` say how things are written, `error` what its errors mean.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use async_trait::async_trait;
 use sqlx::SqlitePool;
@@ -13,8 +13,8 @@ use sqlx::SqlitePool;
 use self::open::Closing;
 use self::writer::{Memory, Writer};
 use super::{
-    Audit, Cause, Cursor, FitRecord, Held, Leftovers, ModelRecord, NewModel, Numbered, Outcome, Quotas, Scanned, Stage,
-    StateCounts, Store, StoreError, Totals,
+    Audit, ByVisits, Cause, Cursor, FitRecord, Held, Leftovers, ModelRecord, NewModel, Numbered, Outcome, Quotas,
+    Scanned, Stage, StateCounts, Store, StoreError, Totals,
 };
 use crate::domain::{
     ActionTotals, Environment, EnvironmentId, Label, Name, ProducerId, Schema, SegmentId, Sequence, StateKey,
@@ -37,10 +37,13 @@ mod models;
 mod open;
 mod packed;
 mod read;
+mod receipts;
 mod recent;
 mod removal;
 mod rows;
+mod tables;
 mod text;
+mod walk;
 mod writer;
 
 /// A map of keys that came from outside: fast, and seeded so that nobody can choose them to collide.
@@ -102,6 +105,11 @@ impl SqliteStore {
     /// Returns what SQLite's own integrity check finds, the first hundred lines; empty where all is well.
     pub async fn integrity(&self) -> Result<Vec<String>, StoreError> {
         inspect::integrity(&self.readers).await
+    }
+
+    /// Returns what is wrong with the numbers and receipts of an environment's batches, the first hundred faults; empty where all is well.
+    pub async fn receipts(&self, id: EnvironmentId) -> Result<Vec<String>, StoreError> {
+        receipts::faults(&self.readers, id).await
     }
 
     /// Returns whether the database has every table of this build: one of an older build that is only looked at may lack some.
@@ -180,7 +188,15 @@ impl Store for SqliteStore {
 
     async fn scan(&self, id: EnvironmentId, after: Cursor, states: u32) -> Result<Vec<Scanned>, StoreError> {
         let environment = self.known(id)?;
-        let page = self.noted(Some(id), read::scan(&self.readers, &environment, after, states).await)?;
+        let page = self
+            .noted(Some(id), walk::apart(|walk| read::scan(&self.readers, &environment, after, states, walk)).await)?;
+        self.present(id).map(|()| page)
+    }
+
+    async fn by_visits(&self, id: EnvironmentId, wanted: &ByVisits) -> Result<(Vec<Scanned>, u64), StoreError> {
+        let environment = self.known(id)?;
+        let page =
+            self.noted(Some(id), walk::apart(|walk| read::by_visits(&self.readers, &environment, wanted, walk)).await)?;
         self.present(id).map(|()| page)
     }
 
@@ -249,8 +265,8 @@ impl Store for SqliteStore {
         self.writer.health.ready(Instant::now())
     }
 
-    async fn prove(&self) -> Result<(), StoreError> {
-        self.writer.prove().await
+    async fn prove(&self, oldest: Duration) -> Result<(), StoreError> {
+        self.writer.prove(oldest).await
     }
 
     async fn bytes(&self) -> Result<u64, StoreError> {

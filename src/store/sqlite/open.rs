@@ -9,9 +9,10 @@ use sqlx::migrate::{MigrateError, Migrator};
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
 use sqlx::{ConnectOptions, Connection, SqlitePool};
 
-use super::error::{migrating, opening, unopenable};
+use super::error::{damaged, made_by_newer, migrating, opening, unopenable};
 use super::lock::{Identity, Lock};
-use super::{Memory, Options, SqliteStore, Writer};
+use super::tables::{self, Tables};
+use super::{Memory, Options, SqliteStore, Writer, text};
 use crate::store::{Stage, StoreError};
 
 pub(super) static MIGRATIONS: Migrator = sqlx::migrate!();
@@ -41,9 +42,13 @@ pub(super) async fn open(path: &Path, options: Options, stage: &Stage) -> Result
     let memory = Arc::new(Memory::new(options.cache_cells));
     let writer = Writer::new(writing, lock.identity().clone(), Arc::clone(&memory));
     // The first transaction fills memory.
-    writer.begin().await?.end().await?;
+    let filled = async { writer.begin().await?.end().await };
+    filled.await.map_err(|error| match error {
+        StoreError::Damaged(what) => unopenable(path, damaged(&what)),
+        error => error,
+    })?;
     // A disk that is full keeps nobody from asking: what is wrong is told by readiness.
-    let _ = writer.prove().await;
+    let _ = writer.prove(Duration::ZERO).await;
     let closing = Closing::default();
     let readers = readers(lock.identity(), &closing).await.map_err(|error| opening(path, &error))?;
     writer.share().await;
@@ -70,8 +75,13 @@ impl Closing {
 
 async fn migrate(path: &Path, options: &SqliteConnectOptions, stage: &Stage) -> Result<(), StoreError> {
     let mut connection = options.connect().await.map_err(|error| opening(path, &error))?;
-    if !is_ours(&mut connection).await.map_err(|error| opening(path, &error))? {
-        return Err(unopenable(path, "it is another program's database; choose another --data directory"));
+    match tables::look(&mut connection).await.map_err(|error| opening(path, &error))? {
+        Tables::Foreign => {
+            return Err(unopenable(path, "it is another program's database; choose another --data directory"));
+        }
+        Tables::Newer => return Err(made_by_newer(path)),
+        Tables::Damaged(what) => return Err(unopenable(path, damaged(&what))),
+        Tables::None | Tables::Ours(_) => {}
     }
     run_migrations(&mut connection, stage).await.map_err(|error| migrating(path, &error))?;
     connection.close().await.map_err(|error| opening(path, &error))
@@ -108,18 +118,13 @@ async fn last_migration(connection: &mut SqliteConnection) -> Result<Option<i64>
     sqlx::query_scalar("select max(version) from _sqlx_migrations").fetch_one(connection).await
 }
 
-/// Returns whether the database is empty or has our tables.
-async fn is_ours(connection: &mut SqliteConnection) -> Result<bool, sqlx::Error> {
-    let text = "select count(*) = 0 or coalesce(sum(name = '_sqlx_migrations'), 0) from sqlite_schema";
-    sqlx::query_scalar(text).fetch_one(connection).await
-}
-
 fn connecting(path: &Path, cache_kib: u32) -> SqliteConnectOptions {
     SqliteConnectOptions::new()
         .filename(path)
         .busy_timeout(Duration::from_secs(5))
         .pragma("cache_size", format!("-{cache_kib}"))
         .pragma("temp_store", "memory")
+        .collation("bins", text::compare_keys)
         .thread_name(|number| format!("nudge-sqlite-{number}"))
         .disable_statement_logging()
 }

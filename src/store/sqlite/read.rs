@@ -11,8 +11,9 @@ use super::cache::{CountsCache, Epoch};
 use super::error::{spoiled, unreadable};
 use super::packed::{self, packed_cells};
 use super::text;
-use crate::domain::{Counts, Environment, EnvironmentId, Label, ProducerId, SegmentId, Sequence, StateKey};
-use crate::store::{Cursor, Held, Scanned, StateCounts, StoreError, Totals};
+use super::walk::{Walk, all_states, own_states};
+use crate::domain::{Cell, Counts, Environment, EnvironmentId, Label, ProducerId, SegmentId, Sequence, StateKey};
+use crate::store::{ByVisits, Cursor, Held, Scanned, StateCounts, StoreError, Totals};
 use crate::telemetry;
 
 /// Returns the counts of states: what is cached from memory, the rest by one statement.
@@ -72,19 +73,89 @@ pub(super) async fn scan(
     environment: &Environment,
     after: Cursor,
     states: u32,
+    walk: Walk,
 ) -> Result<Vec<Scanned>, StoreError> {
-    // `not indexed` walks the states by id; with the index, they would have to be sorted for every page.
-    let text = concat!(
-        "select id, key, ",
-        packed_cells!("states.id"),
-        " from states not indexed where environment = ? and id > ? order by id limit ?"
-    );
+    macro_rules! text {
+        ($states:ident) => {
+            concat!(
+                "select id, key, ",
+                packed_cells!("states.id"),
+                " from ",
+                $states!(),
+                " where environment = ?1 and id > ?2 order by id limit ?3"
+            )
+        };
+    }
+    let text = match walk {
+        Walk::All => text!(all_states),
+        Walk::Own => text!(own_states),
+    };
     let mut rows = sqlx::query(text).bind(environment.id.0).bind(after.0).bind(states).fetch(readers);
     let mut page = Vec::new();
     while let Some(row) = rows.try_next().await.map_err(unreadable)? {
         page.push(scanned(&row, environment)?);
     }
     Ok(page)
+}
+
+/// The SQL of the first states by their visits. Where states are walked by id, so are their cells, which lie in that order: a pass that seeks nothing and
+/// sorts no more than the page. A rank is the number of visits, with a sign for the order.
+macro_rules! by_visits_text {
+    ($states:ident) => {
+        concat!(
+            "select chosen.id, chosen.key, ",
+            packed_cells!("chosen.id"),
+            ", totals.transitions
+         from totals left join (
+             select states.id as id, states.key as key, sum(cells.n) * ?2 as rank
+             from ",
+            $states!(),
+            " cross join cells on cells.state = states.id
+             where states.environment = ?1 and (?3 is null or cells.segment in (select value from json_each(?3)))
+             group by states.id
+             having sum(cells.n) >= ?4 and (?5 is null or sum(cells.n) * ?2 > ?5
+                 or (sum(cells.n) * ?2 = ?5 and states.key > ?6 collate bins))
+             order by rank, states.key collate bins limit ?7
+         ) as chosen
+         where totals.environment = ?1
+         order by chosen.rank, chosen.key collate bins"
+        )
+    };
+}
+
+/// Returns the first states in an order of their visits, and the revision they are of.
+pub(super) async fn by_visits(
+    readers: &SqlitePool,
+    environment: &Environment,
+    wanted: &ByVisits,
+    walk: Walk,
+) -> Result<(Vec<Scanned>, u64), StoreError> {
+    let text = match walk {
+        Walk::All => by_visits_text!(all_states),
+        Walk::Own => by_visits_text!(own_states),
+    };
+    let ByVisits { segments, min_visits, descending, after, states } = wanted;
+    let sign = if *descending { -1 } else { 1 };
+    // No state has more visits than fit.
+    let (least, states) = i64::try_from(*min_visits).map_or((i64::MAX, 0), |least| (least, *states));
+    let rank = after.as_ref().map(|(visits, _)| sign * i64::try_from(*visits).unwrap_or(i64::MAX));
+    let query = sqlx::query(text)
+        .bind(environment.id.0)
+        .bind(sign)
+        .bind(segments.as_ref().map(|ids| text::of_numbers(ids.iter().map(|id| id.0))))
+        .bind(least)
+        .bind(rank)
+        .bind(after.as_ref().map(|(_, key)| key.to_string()))
+        .bind(states);
+    let (mut rows, mut page, mut revision) = (query.fetch(readers), Vec::new(), None);
+    while let Some(row) = rows.try_next().await.map_err(unreadable)? {
+        revision = Some(whole(&row, 3).map_err(unreadable)?);
+        // An environment without such states is one row without a state.
+        if row.try_get::<Option<i64>, _>(0).map_err(unreadable)?.is_some() {
+            page.push(scanned(&row, environment)?);
+        }
+    }
+    Ok((page, revision.ok_or(StoreError::UnknownEnvironment)?))
 }
 
 fn scanned(row: &SqliteRow, environment: &Environment) -> Result<Scanned, StoreError> {
@@ -97,11 +168,16 @@ fn scanned(row: &SqliteRow, environment: &Environment) -> Result<Scanned, StoreE
 }
 
 /// Reads packed cells; a state without any has none.
-pub(super) fn counts_of(row: &SqliteRow, at: usize, environment: &Environment) -> Result<Counts, StoreError> {
+fn counts_of(row: &SqliteRow, at: usize, environment: &Environment) -> Result<Counts, StoreError> {
+    cells_of(row, at, environment).map(Counts::new)
+}
+
+/// Reads packed cells as they come, those of several states too.
+pub(super) fn cells_of(row: &SqliteRow, at: usize, environment: &Environment) -> Result<Vec<Cell>, StoreError> {
     match row.try_get::<Option<&str>, _>(at).map_err(unreadable)? {
-        None => Ok(Counts::default()),
+        None => Ok(Vec::new()),
         Some(text) => {
-            packed::counts(text, environment.schema.joint_actions()).ok_or_else(|| spoiled("a state's counts"))
+            packed::cells(text, environment.schema.joint_actions()).ok_or_else(|| spoiled("a state's counts"))
         }
     }
 }

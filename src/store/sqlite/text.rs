@@ -3,6 +3,7 @@
 //! Floats are texts in it: the shortest decimal, which the standard library reads back to the same bits. JSON numbers would be read by rules of
 //! somebody else's.
 
+use std::cmp::Ordering;
 use std::fmt::Display;
 use std::str::FromStr;
 
@@ -176,6 +177,19 @@ fn first_receipt(text: ReceiptText) -> Receipt {
 /// Writes a list of texts.
 pub(super) fn of_list<T: Display>(texts: impl IntoIterator<Item = T>) -> String {
     form::write_plain(&texts.into_iter().map(|text| text.to_string()).collect::<Vec<_>>())
+}
+
+/// Writes a list of numbers.
+pub(super) fn of_numbers(numbers: impl IntoIterator<Item = i64>) -> String {
+    form::write_plain(&numbers.into_iter().collect::<Vec<_>>())
+}
+
+/// Compares the texts of two keys as [`crate::domain::StateKey`]s compare: bin by bin. A number without leading zeros is less if it is shorter.
+pub(super) fn compare_keys(a: &str, b: &str) -> Ordering {
+    fn numbers(key: &str) -> impl Iterator<Item = (usize, &str)> {
+        key.split('.').map(|bin| (bin.len(), bin))
+    }
+    numbers(a).cmp(numbers(b))
 }
 
 fn features_text(features: Vec<FeatureDraft>) -> Vec<FeatureText> {

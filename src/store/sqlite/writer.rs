@@ -6,7 +6,7 @@
 
 use std::path::Path;
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
 use sqlx::{AssertSqlSafe, ConnectOptions, Connection};
@@ -65,6 +65,8 @@ pub(super) struct Writer {
     /// What became of the last writes.
     pub(super) health: Health,
     place: Mutex<Place>,
+    /// Held by whoever proves that it can be written.
+    proving: Mutex<()>,
     /// A connection that moves the journal beside the one that writes.
     aside: Mutex<Option<SqliteConnection>>,
 }
@@ -118,7 +120,15 @@ fn moved(why: String) -> Cause {
 impl Writer {
     /// Makes a writer that connects at its first use.
     pub(super) fn new(options: SqliteConnectOptions, file: Identity, memory: Arc<Memory>) -> Self {
-        Self { options, memory, file, health: Health::new(), place: Mutex::default(), aside: Mutex::default() }
+        Self {
+            options,
+            memory,
+            file,
+            health: Health::new(),
+            place: Mutex::default(),
+            proving: Mutex::default(),
+            aside: Mutex::default(),
+        }
     }
 
     /// Waits for the transaction before, and begins.
@@ -134,9 +144,11 @@ impl Writer {
         }
     }
 
-    /// Proves that a commit would succeed by one that changes nothing, unless somebody has just committed.
-    pub(super) async fn prove(&self) -> Result<(), StoreError> {
-        if !self.health.wants_proof(Instant::now()) {
+    /// Proves that a commit would succeed by one that changes nothing, unless a write ended so short a time ago.
+    pub(super) async fn prove(&self, oldest: Duration) -> Result<(), StoreError> {
+        // One at a time: whoever waited for another's finds it new enough.
+        let _proving = self.proving.lock().await;
+        if !self.health.wants_proof(oldest, Instant::now()) {
             return Ok(());
         }
         let proven = self.write_a_page().await;

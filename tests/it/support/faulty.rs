@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 
 use async_trait::async_trait;
 use nudge::domain::{
@@ -9,8 +10,8 @@ use nudge::domain::{
     UnreadableEnvironment, WrittenRule,
 };
 use nudge::store::{
-    Audit, Cause, Cursor, FitRecord, Held, Leftovers, ModelRecord, NewModel, Numbered, Outcome, Quotas, Scanned,
-    StateCounts, Store, StoreError, Totals,
+    Audit, ByVisits, Cause, Cursor, FitRecord, Held, Leftovers, ModelRecord, NewModel, Numbered, Outcome, Quotas,
+    Scanned, StateCounts, Store, StoreError, Totals,
 };
 use tokio::sync::Notify;
 
@@ -126,6 +127,9 @@ impl Store for Faulty {
     async fn scan(&self, id: EnvironmentId, after: Cursor, states: u32) -> Result<Vec<Scanned>, StoreError> {
         self.store.scan(id, after, states).await
     }
+    async fn by_visits(&self, id: EnvironmentId, wanted: &ByVisits) -> Result<(Vec<Scanned>, u64), StoreError> {
+        self.store.by_visits(id, wanted).await
+    }
     async fn segments(&self, id: EnvironmentId) -> Result<Vec<(SegmentId, Option<Label>)>, StoreError> {
         self.store.segments(id).await
     }
@@ -173,8 +177,8 @@ impl Store for Faulty {
     async fn ready(&self) -> Result<(), Cause> {
         self.store.ready().await
     }
-    async fn prove(&self) -> Result<(), StoreError> {
-        self.store.prove().await
+    async fn prove(&self, oldest: Duration) -> Result<(), StoreError> {
+        self.store.prove(oldest).await
     }
     async fn bytes(&self) -> Result<u64, StoreError> {
         self.store.bytes().await

@@ -4,9 +4,8 @@ use std::sync::LazyLock;
 
 use sqlx::sqlite::SqliteConnection;
 
-use super::decide::KEPT;
 use super::ledger::Account;
-use super::signed;
+use super::{KEPT, signed};
 use crate::domain::EnvironmentId;
 use crate::store::sqlite::error::aborted;
 use crate::store::sqlite::rows::ManyRows;

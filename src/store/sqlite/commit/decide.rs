@@ -6,16 +6,13 @@ use sqlx::Row;
 use sqlx::sqlite::SqliteConnection;
 
 use super::ledger::{Account, Ledgers};
-use super::quota;
+use super::{KEPT, quota};
 use crate::domain::{Acknowledged, Digest, Receipt, Rejection, Sequence};
 use crate::store::form::Unreadable;
 use crate::store::sqlite::error::{aborted, spoiled};
 use crate::store::sqlite::text;
 use crate::store::sqlite::writer::Transaction;
 use crate::store::{Numbered, Outcome, Refusal, StoreError};
-
-/// How many of each producer's batches are kept, with digest and receipt.
-pub(super) const KEPT: u64 = 1_024;
 
 /// Decides one batch after those before it, and merges it where it is accepted.
 pub(super) async fn decide<'a>(

@@ -17,6 +17,9 @@ mod merge;
 mod quota;
 mod write;
 
+/// How many of each producer's batches are kept, with digest and receipt.
+pub(super) const KEPT: u64 = 1_024;
+
 /// Commits batches in their order, in one transaction, and returns an outcome each. An environment that turns out to be damaged holds up no other: it
 /// takes no more batches, and the rest is begun anew.
 pub(super) async fn commit(
