@@ -11,12 +11,14 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
+use nudge::access::{Keys, Secret};
 use nudge::client::{ClientTls, Connection, Options, Trust};
+use nudge::serve::access::Keyring;
 use nudge::serve::tls::{Tls, TlsFiles};
 use rcgen::{CertifiedKey, generate_simple_self_signed};
 use rustls::pki_types::ServerName;
 use rustls::{ClientConfig, RootCertStore};
-use support::http::get;
+use support::http::get_with;
 use support::{ACTIONS, BATCH, Service, batches, make_world_by, median, pump_by, report, runtime, state, wanted};
 use tempfile::TempDir;
 use tokio::io::{AsyncRead, AsyncWrite};
@@ -33,6 +35,8 @@ struct Way {
     service: Service,
     connection: Connection,
     tls: Option<TlsConnector>,
+    /// Lines of the head of each question.
+    lines: String,
 }
 
 impl Way {
@@ -40,7 +44,7 @@ impl Way {
     async fn open() -> Self {
         let service = Service::start().await;
         let connection = Connection::open(&service.address.to_string()).await.expect("it listens");
-        Self { service, connection, tls: None }
+        Self { service, connection, tls: None, lines: String::new() }
     }
 
     /// Everything that protects a service is on.
@@ -53,15 +57,20 @@ impl Way {
         };
         std::fs::write(&files.certificate, cert.pem()).expect("written");
         std::fs::write(&files.key, signing_key.serialize_pem()).expect("written");
-        let service = Service::secured(Some(Tls::open(files.clone()).expect("a pair"))).await;
+        let key = Secret::random().expect("randomness");
+        let keys = Keys::parse(&format!("bench {} read,ingest,admin", key.digest())).expect("a line");
+        let tls = Tls::open(files.clone()).expect("a pair");
+        let service = Service::secured(Some(tls), Some(Keyring::new(keys))).await;
         let address = format!("https://localhost:{}", service.address.port());
         let trust = ClientTls { trust: Trust::Exactly(files.certificate), identity: None };
-        let connection = Connection::open_with(&address, &Options::default().tls(trust)).await.expect("it listens");
+        let lines = format!("authorization: Bearer {}\r\n", key.reveal());
+        let connection =
+            Connection::open_with(&address, &Options::default().key(key).tls(trust)).await.expect("it listens");
         let mut roots = RootCertStore::empty();
         roots.add(cert.der().clone()).expect("a certificate");
         let config = ClientConfig::builder_with_provider(nudge::tls::provider()).with_safe_default_protocol_versions();
         let config = config.expect("both versions").with_root_certificates(roots).with_no_client_auth();
-        Self { service, connection, tls: Some(TlsConnector::from(Arc::new(config))) }
+        Self { service, connection, tls: Some(TlsConnector::from(Arc::new(config))), lines }
     }
 
     async fn transitions_per_second(&self, load: &[nudge::api::proto::Columns]) -> f64 {
@@ -77,7 +86,7 @@ impl Way {
         let started = Instant::now();
         let ask = |mut stream: Box<dyn Wire>| async move {
             for _ in 0..QUESTIONS {
-                get(&mut stream, path).await;
+                get_with(&mut stream, path, &self.lines).await;
             }
         };
         futures::future::join_all(streams.into_iter().map(ask)).await;
@@ -115,7 +124,7 @@ fn main() {
                 }
             }
             let [open, secured] = figures.map(median);
-            report("durable ingest with TLS", secured, "without", open, "transitions/s", "(target >= 0.9)");
+            report("durable ingest with keys and TLS", secured, "without", open, "transitions/s", "(target >= 0.9)");
         }
         if wanted("rest") {
             let key = state(1).map(|bin| bin.to_string()).join(".");
@@ -127,7 +136,14 @@ fn main() {
                 }
             }
             let [open, secured] = figures.map(median);
-            report("one known state over REST with TLS", secured, "without", open, "requests/s", "(target >= 0.85)");
+            report(
+                "one known state over REST with keys and TLS",
+                secured,
+                "without",
+                open,
+                "requests/s",
+                "(target >= 0.85)",
+            );
         }
         for way in ways {
             way.service.stop().await;

@@ -10,7 +10,12 @@ use super::{quantile, report};
 
 /// Asks over a kept connection, as plainly as possible: the client should cost little. Returns the body.
 pub async fn get(stream: &mut (impl AsyncRead + AsyncWrite + Unpin), path: &str) -> Vec<u8> {
-    let request = format!("GET {path} HTTP/1.1\r\nhost: bench\r\n\r\n");
+    get_with(stream, path, "").await
+}
+
+/// Asks as [`get`] does, with further lines of the head, each of which ends.
+pub async fn get_with(stream: &mut (impl AsyncRead + AsyncWrite + Unpin), path: &str, lines: &str) -> Vec<u8> {
+    let request = format!("GET {path} HTTP/1.1\r\nhost: localhost\r\n{lines}\r\n");
     stream.write_all(request.as_bytes()).await.expect("sent");
     stream.flush().await.expect("sent");
     let mut answer = Vec::with_capacity(4_096);

@@ -17,6 +17,8 @@ use nudge::api::proto::environment_service_client::EnvironmentServiceClient;
 use nudge::api::proto::ingest_service_client::IngestServiceClient;
 use nudge::api::proto::{self, IngestRequest, ingest_request, ingest_response};
 use nudge::app::{App, Upkeep};
+use nudge::client::{Connection, Wire};
+use nudge::serve::access::Keyring;
 use nudge::serve::tls::{Socket, Tls};
 use nudge::serve::{Settings, serve};
 use nudge::store::{Options, SqliteStore};
@@ -43,18 +45,18 @@ pub struct Service {
 
 impl Service {
     pub async fn start() -> Self {
-        Self::secured(None).await
+        Self::secured(None, None).await
     }
 
-    /// Starts it with a certificate or without.
-    pub async fn secured(tls: Option<Tls>) -> Self {
+    /// Starts it with a certificate or without, and with keys or without.
+    pub async fn secured(tls: Option<Tls>, keys: Option<Keyring>) -> Self {
         let directory = Arc::new(TempDir::new().expect("a temporary directory"));
         let path = directory.path().join("nudge.db");
         let store = SqliteStore::open(&path, Options::default()).await.expect("a database");
         let app = App::open(Arc::new(store), Upkeep::default());
         let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
         let address = listener.local_addr().expect("bound");
-        let serving = serve(app.clone(), Socket { listener, tls }, Settings::default());
+        let serving = serve(app.clone(), Socket { listener, tls }, Settings { keys, ..Settings::default() });
         let serving = tokio::spawn(async { serving.await.expect("the service runs") });
         Self { address, app, directory, serving }
     }
@@ -93,13 +95,17 @@ pub async fn channel(address: SocketAddr) -> Channel {
     Channel::from_shared(format!("http://{address}")).expect("an address").connect().await.expect("somebody listens")
 }
 
+async fn connection(address: SocketAddr) -> Connection {
+    Connection::open(&address.to_string()).await.expect("a service listens")
+}
+
 /// Makes a world whose agents have that many actions each; the load uses [`ACTIONS`] of them.
 pub async fn make_world(address: SocketAddr, name: &str, actions: u32) {
-    make_world_by(EnvironmentServiceClient::new(channel(address).await), name, actions).await;
+    make_world_by(connection(address).await.environments(), name, actions).await;
 }
 
 /// Makes a world as [`make_world`] does, by a client of the caller's.
-pub async fn make_world_by(mut client: EnvironmentServiceClient<Channel>, name: &str, actions: u32) {
+pub async fn make_world_by(mut client: EnvironmentServiceClient<Wire>, name: &str, actions: u32) {
     let integer = |name: String, bins: u32| proto::Feature {
         name,
         unit: String::new(),
@@ -156,12 +162,12 @@ pub async fn pump(
     batches: &[proto::Columns],
     how_many: u64,
 ) -> Duration {
-    pump_by(IngestServiceClient::new(channel(address).await), world, producer, batches, how_many).await
+    pump_by(connection(address).await.ingest(), world, producer, batches, how_many).await
 }
 
 /// Sends batches as [`pump`] does, by a client of the caller's.
 pub async fn pump_by(
-    mut client: IngestServiceClient<Channel>,
+    mut client: IngestServiceClient<Wire>,
     world: &str,
     producer: &str,
     batches: &[proto::Columns],

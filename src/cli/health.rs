@@ -10,7 +10,7 @@ use super::duration::duration;
 use super::output::print;
 use super::server::Tls;
 use super::{Failure, serve};
-use crate::client::{ClientTls, Readiness, Trust, readiness};
+use crate::client::{ClientTls, Options, Readiness, Trust, readiness};
 use crate::config::Config;
 
 /// Ask a service whether it is ready
@@ -46,7 +46,7 @@ impl Health {
     /// Asks, and fails where it is not ready.
     pub(super) async fn run(self) -> Result<(), Failure> {
         let (address, tls) = self.service()?;
-        let asked = tokio::time::timeout(self.timeout, readiness(&address, &tls)).await;
+        let asked = tokio::time::timeout(self.timeout, readiness(&address, &Options::default().tls(tls))).await;
         let late = |_| Failure::usage(format!("{address} does not answer within {:?}", self.timeout));
         match asked.map_err(late)?? {
             Readiness::Ready => print("ready"),

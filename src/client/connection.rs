@@ -189,8 +189,8 @@ pub enum Readiness {
 }
 
 /// Asks a service once whether it is ready, as `GET /readyz` does.
-pub async fn readiness(address: &str, tls: &ClientTls) -> Result<Readiness, ClientError> {
-    let Connection { address, channel, heard } = Connection::dial(&with_scheme(address)?, tls).await?;
+pub async fn readiness(address: &str, options: &Options) -> Result<Readiness, ClientError> {
+    let Connection { address, channel, heard, .. } = Connection::dial(&with_scheme(address)?, options).await?;
     let request = http::Request::get("/readyz").body(tonic::body::Body::empty()).expect("a path");
     let answer = channel.oneshot(request).await.map_err(|error| match heard.said() {
         Some(why) => ClientError::Untrusted { address: address.clone(), why },

@@ -9,7 +9,7 @@ use http::{Request, Response};
 use http_body_util::{BodyExt, Full};
 use hyper::body::Incoming;
 use hyper_util::rt::{TokioExecutor, TokioIo};
-use nudge::client::{ClientError, ClientTls, Connection, Options, Trust};
+use nudge::client::{self, ClientError, ClientTls, Connection, Trust};
 use nudge::domain::{Entry, Record};
 use nudge::serve::connections::limits::Limits;
 use nudge::serve::tls::{Tls, TlsFiles};
@@ -63,7 +63,7 @@ impl Secured {
     /// Connects as a client that trusts the authority.
     async fn client(&self) -> Connection {
         let tls = client(self.directory(), &self.authority, None);
-        Connection::open_with(&self.url(), &Options::default().tls(tls.clone())).await.expect("it listens")
+        Connection::open_with(&self.url(), &client::Options::default().tls(tls.clone())).await.expect("it listens")
     }
 
     /// Asks over one protocol of ALPN.
@@ -263,7 +263,7 @@ async fn clients_need_a_certificate_where_it_is_asked_for() {
     let expired = clients.certify_until("game-7", 2_021);
     let open = async |identity: Option<&Certificate>| {
         let tls = client(secured.directory(), &secured.authority, identity);
-        Connection::open_with(&secured.url(), &Options::default().tls(tls.clone())).await
+        Connection::open_with(&secured.url(), &client::Options::default().tls(tls.clone())).await
     };
     open(Some(&right)).await.expect("a client of ours");
 
@@ -395,7 +395,7 @@ async fn clients_are_told_what_is_wrong() {
         (secured.url(), ClientTls { trust: Trust::Anybody, identity: None }, ""),
     ];
     for (address, tls, why) in cases {
-        match Connection::open_with(&address, &Options::default().tls(tls.clone())).await {
+        match Connection::open_with(&address, &client::Options::default().tls(tls.clone())).await {
             Ok(_) => assert_eq!(why, "", "{address}"),
             Err(error) => assert!(!why.is_empty() && error.to_string().contains(why), "{address}: {error}"),
         }
@@ -404,7 +404,11 @@ async fn clients_are_told_what_is_wrong() {
     let tls = Tls::open(write(here, &expired, None)).expect("a pair, though an old one");
     let (directory, store) = (plain.directory.clone(), plain.app.store.clone());
     let old = TestApp::behind(Some(tls), directory, store, Settings::default()).await;
-    let refused = Connection::open_with(&format!("https://localhost:{}", old.address.port()), &trusted).await;
+    let refused = Connection::open_with(
+        &format!("https://localhost:{}", old.address.port()),
+        &client::Options::default().tls(trusted),
+    )
+    .await;
     assert!(refused.as_ref().is_err_and(|error| error.to_string().contains("its certificate has expired")));
 }
 
