@@ -72,7 +72,7 @@ fn a_key_that_stands_where_its_digest_should_is_not_told() {
     let text = key.reveal();
     for line in [
         format!("a {text} read"),
-        format!("{text}"),
+        text.to_string(),
         format!("a {} {text}", digest("x")),
         format!("a {} read rate={text}", digest("x")),
         format!("a {} read {text}", digest("x")),

@@ -173,7 +173,7 @@ impl Store for SqliteStore {
         let mut transaction = self.writer.begin().await?;
         let owner = self.noted(Some(id), read::owner(transaction.connection(), id, producer).await)?;
         transaction.end().await?;
-        let of_key = |owner: String| owner.parse().map_err(|why: String| StoreError::Unreadable(why.into()));
+        let of_key = |owner: String| owner.parse().map_err(StoreError::Unreadable);
         owner.map(of_key).transpose()
     }
 

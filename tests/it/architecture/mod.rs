@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 const RANKS: &[&[&str]] = &[
     &["information", "error", "config", "telemetry", "tls"],
     &["domain", "work"],
-    &["evidence", "store", "simulation", "recordings", "api"],
+    &["evidence", "store", "simulation", "recordings", "access", "api"],
     &["ingest", "client", "priors"],
     &["model"],
     &["environments", "influence"],
@@ -31,6 +31,7 @@ const RESERVED: &[(&str, &[&str])] = &[
     ("ndarray", &["model"]),
     ("safetensors", &["model"]),
     ("clap", &["cli", "main"]),
+    ("governor", &["access"]),
     ("csv", &["recordings", "experiments"]),
     ("plotters", &["simulation", "experiments"]),
     (
