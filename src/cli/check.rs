@@ -84,9 +84,8 @@ impl Found {
     async fn of(store: Arc<SqliteStore>) -> Result<Self, Failure> {
         let integrity = store.integrity().await.map_err(unopened)?;
         let audits = store.audit().await.map_err(unopened)?;
-        // Tables of networks came later than those of counts.
-        let is_current = store.is_current().await.map_err(unopened)?;
-        let networks = match is_current {
+        // Tables of fits and of networks came later than those of counts.
+        let networks = match store.has_table("models").await.map_err(unopened)? {
             true => unreadable_networks(store.clone()).await,
             false => Ok(Vec::new()),
         };
@@ -94,8 +93,8 @@ impl Found {
             Err(_) if !integrity.is_empty() => Vec::new(),
             networks => networks.map_err(|problem| Failure::usage(problem.to_string()))?,
         };
-        let (receipts, fits) =
-            if is_current { (receipts(&store).await?, fits(&store).await) } else { Default::default() };
+        let receipts = receipts(&store).await?;
+        let fits = if store.has_table("fits").await.map_err(unopened)? { fits(&store).await } else { Vec::new() };
         let environments = store.unreadable();
         store.close().await;
         Ok(Self { audits, integrity, environments, networks, fits, receipts })

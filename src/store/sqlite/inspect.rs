@@ -7,7 +7,7 @@ use sqlx::{Row, SqlitePool};
 
 use super::error::{aborted, is_damage, made_by_newer, opening, unopenable, unreadable};
 use super::lock::Identity;
-use super::open::{Closing, MIGRATIONS, readers, writing};
+use super::open::{Closing, readers, writing};
 use super::tables::{self, Tables};
 use super::{Memory, Options, SqliteStore, Writer, environments};
 use crate::store::StoreError;
@@ -55,9 +55,8 @@ pub(super) async fn integrity(readers: &SqlitePool) -> Result<Vec<String>, Store
     }
 }
 
-/// Returns whether a database has every table of this build.
-pub(super) async fn is_current(readers: &SqlitePool) -> Result<bool, StoreError> {
-    let mut reader = readers.acquire().await.map_err(unreadable)?;
-    let tables = tables::look(&mut reader).await.map_err(unreadable)?;
-    Ok(tables == Tables::Ours(MIGRATIONS.iter().count()))
+/// Returns whether a database has a table.
+pub(super) async fn has_table(readers: &SqlitePool, name: &str) -> Result<bool, StoreError> {
+    let found = sqlx::query("select 1 from sqlite_schema where type = 'table' and name = ?").bind(name);
+    Ok(found.fetch_optional(readers).await.map_err(unreadable)?.is_some())
 }

@@ -112,9 +112,9 @@ impl SqliteStore {
         receipts::faults(&self.readers, id).await
     }
 
-    /// Returns whether the database has every table of this build: one of an older build that is only looked at may lack some.
-    pub async fn is_current(&self) -> Result<bool, StoreError> {
-        inspect::is_current(&self.readers).await
+    /// Returns whether the database has a table: one of an older build that is only looked at may lack it.
+    pub async fn has_table(&self, name: &str) -> Result<bool, StoreError> {
+        inspect::has_table(&self.readers, name).await
     }
 
     /// Keeps in mind what an error says of the environment that it is about, or of the next write.
