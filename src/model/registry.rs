@@ -18,7 +18,7 @@ use super::seen::{Seeing, Seen};
 use super::store_errors::logged;
 use super::{file, text};
 use crate::api::{self, Page, proto};
-use crate::domain::{Card, Environment, EnvironmentId, Model, Pair, hint, is_same_threshold};
+use crate::domain::{Card, Environment, EnvironmentId, Model, Pair, is_same_threshold};
 use crate::error::{ErrorKind, Problem};
 use crate::priors::Pages;
 use crate::store::{ModelRecord, NewModel, Store, StoreError};
@@ -98,12 +98,17 @@ impl Registry {
     /// Returns one version.
     pub async fn get(&self, environment: &Environment, version: u64) -> Result<Model, Problem> {
         let models = self.list(environment).await?;
-        let unknown = || {
-            let known: Vec<String> = models.iter().map(|model| model.version.to_string()).collect();
-            let hint = hint(&version.to_string(), known.iter().map(String::as_str));
-            Problem::new(ErrorKind::NotFound, UNKNOWN, format!("{}{hint}", StoreError::UnknownModel(version)))
-        };
-        models.iter().find(|model| model.version == version).cloned().ok_or_else(unknown)
+        let found = models.iter().find(|model| model.version == version).cloned();
+        found.ok_or_else(|| unknown(version, models.iter().map(|model| model.version)))
+    }
+
+    /// Returns one version as it is kept.
+    async fn record(&self, environment: &Environment, version: u64) -> Result<(ModelRecord, Vec<u8>), Problem> {
+        if let Some(found) = self.store.model(environment.id, version).await.map_err(logged)? {
+            return Ok(found);
+        }
+        let known = self.store.models(environment.id).await.map_err(logged)?;
+        Err(unknown(version, known.into_iter().map(|record| record.version)))
     }
 
     /// Refuses where an environment has as many versions as it may have.
@@ -187,8 +192,7 @@ impl Registry {
 
     /// Returns a version as a file.
     pub async fn export(&self, environment: &Environment, version: u64) -> Result<Vec<u8>, Problem> {
-        let found = self.store.model(environment.id, version).await.map_err(logged)?;
-        let (_, weights) = found.ok_or(StoreError::UnknownModel(version))?;
+        let (_, weights) = self.record(environment, version).await?;
         if weights.is_empty() {
             return Err(unreadable(version, WITHOUT_WEIGHTS));
         }
@@ -243,8 +247,7 @@ impl Registry {
         if let Some(network) = self.ready().get(&key) {
             return Ok(Ok(network.clone()));
         }
-        let found = self.store.model(environment.id, version).await.map_err(logged)?;
-        let (record, weights) = found.ok_or(StoreError::UnknownModel(version))?;
+        let (record, weights) = self.record(environment, version).await?;
 
         let parsed = parse(environment, (record.ego, record.other), &record.card, &weights);
         self.note(environment, version, parsed.as_ref().err().cloned());
@@ -402,7 +405,33 @@ fn check_pair(environment: &Environment, (ego, other): (usize, usize)) -> Result
 }
 
 /// Refuses what only a version can do that can be read.
+/// Says which versions there are, of which the one that is asked for is none.
+fn unknown(version: u64, known: impl Iterator<Item = u64>) -> Problem {
+    /// More are told by the first and the last.
+    const FEW: usize = 8;
+    let known: Vec<u64> = known.collect();
+    let known = match &known[..] {
+        [] => "there is none".into(),
+        [first, .., last] if known.len() > FEW => format!("its versions go from {first} to {last}"),
+        few => format!("known: {}", few.iter().map(u64::to_string).collect::<Vec<_>>().join(", ")),
+    };
+    Problem::new(ErrorKind::NotFound, UNKNOWN, format!("{}; {known}", StoreError::UnknownModel(version)))
+}
+
 fn unreadable(version: u64, why: &str) -> Problem {
     let message = format!("version {version} cannot be read: {why}; use the build that wrote it, or train another");
     Problem::new(ErrorKind::Conflict, UNREADABLE, message)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn which_versions_there_are_is_said() {
+        let said = |known: std::ops::Range<u64>| unknown(99, known).message;
+        assert_eq!(said(0..0), "unknown model version 99; there is none");
+        assert_eq!(said(1..4), "unknown model version 99; known: 1, 2, 3");
+        assert_eq!(said(3..40), "unknown model version 99; its versions go from 3 to 39");
+    }
 }

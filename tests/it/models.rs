@@ -235,7 +235,10 @@ async fn versions_are_switched_rolled_back_and_deleted() {
     assert_eq!((status, back), (200, json!({"active": null})));
     assert_eq!(active(&app).await, [0_u64; 0]);
     assert_eq!(rest(&app, "DELETE", "/2", None).await, (204, json!("")));
-    assert_eq!(rest(&app, "GET", "/2", None).await.0, 404);
+    for (method, path) in [("GET", "/2"), ("GET", "/2/weights"), ("PUT", "/2/active"), ("DELETE", "/2")] {
+        let (status, problem) = rest(&app, method, path, None).await;
+        assert_eq!((status, &problem["detail"]), (404, &json!("unknown model version 2; known: 1")), "{method} {path}");
+    }
     assert_eq!(trained(&app, &quick()).await, 3, "no number is used twice");
     app.stop().await;
 }
