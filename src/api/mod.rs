@@ -113,6 +113,23 @@ pub fn page_of<T>(
     Page { items: page, has_more: false }
 }
 
+/// Returns a list in parts, in order, each of which fits into a message; an item that does not is a part of its own.
+pub fn parts<M: prost::Message>(items: impl IntoIterator<Item = M>) -> Vec<Vec<M>> {
+    let (mut parts, mut bytes) = (Vec::<Vec<M>>::new(), 0);
+    for item in items {
+        let size = item.encoded_len() + ITEM;
+        bytes += size;
+        match parts.last_mut() {
+            Some(part) if bytes <= MOST_PAGE_BYTES => part.push(item),
+            _ => {
+                bytes = size;
+                parts.push(vec![item]);
+            }
+        }
+    }
+    parts
+}
+
 /// Says that an answer does not fit into a message, and what to ask for instead.
 pub fn too_large(view: View) -> Problem {
     let instead = match view {

@@ -1,6 +1,6 @@
 //! Batches and receipts.
 
-use crate::api::{MOST_BATCH_TRANSITIONS, proto};
+use crate::api::{self, MOST_BATCH_TRANSITIONS, proto};
 use crate::domain::{
     Acknowledged, Batch, Entry, Label, ProducerId, Record, Records, Rejection, Schema, Sequence, Widths,
 };
@@ -117,15 +117,54 @@ pub fn receipt(sequence: Sequence, told: Acknowledged) -> proto::Receipt {
     }
 }
 
-/// Encodes acknowledgements that are told together; they are in order, and the last one's number covers all.
-pub fn acknowledgement(told: Vec<(Sequence, Acknowledged)>, committed: Sequence) -> proto::IngestResponse {
-    let receipts = told.into_iter().map(|(sequence, told)| receipt(sequence, told)).collect();
-    let acknowledgement = proto::Acknowledgement { committed_sequence: committed.get(), receipts };
-    proto::IngestResponse { message: Some(proto::ingest_response::Message::Acknowledgement(acknowledgement)) }
+/// Encodes acknowledgements, which are in order, after everything up to a number was acknowledged: as many together as fit into a message, for the receipt of
+/// a batch of rejections has dozens of kilobytes. The number of each message covers all receipts before it.
+pub fn acknowledgements(told: Vec<(Sequence, Acknowledged)>, committed: Sequence) -> Vec<proto::IngestResponse> {
+    let receipts = told.into_iter().map(|(sequence, told)| receipt(sequence, told));
+    let acknowledged = |committed: &mut u64, receipts: Vec<proto::Receipt>| {
+        *committed = receipts.last().map_or(*committed, |last| last.sequence.max(*committed));
+        Some(proto::Acknowledgement { committed_sequence: *committed, receipts })
+    };
+    let messages = api::parts(receipts).into_iter().scan(committed.get(), acknowledged);
+    messages.map(|one| proto::ingest_response::Message::Acknowledgement(one).into()).collect()
+}
+
+impl From<proto::ingest_response::Message> for proto::IngestResponse {
+    fn from(message: proto::ingest_response::Message) -> Self {
+        Self { message: Some(message) }
+    }
 }
 
 impl From<Rejection> for proto::Rejection {
     fn from(rejection: Rejection) -> Self {
         Self { index: rejection.index, field: rejection.field, reason: rejection.reason }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::api::MOST_MESSAGE_BYTES;
+    use crate::domain::Receipt;
+
+    #[test]
+    fn acknowledgements_of_many_rejections_fit_into_messages() {
+        let number = |n: u64| Sequence::new(n).expect("a number");
+        let rejection = |index| Rejection { index, field: "/state/0".into(), reason: "x".repeat(300) };
+        let receipt = Receipt { accepted: 0, rejected_count: 100, rejected: (0..100).map(rejection).collect() };
+        let told = (6..=325).map(|n| (number(n), Acknowledged::Rejected(receipt.clone()))).collect();
+
+        let messages = acknowledgements(told, number(5));
+
+        let of = |message: &proto::IngestResponse| match message.message.clone() {
+            Some(proto::ingest_response::Message::Acknowledgement(told)) => told,
+            other => panic!("{other:?}"),
+        };
+        let told: Vec<proto::Acknowledgement> = messages.iter().map(of).collect();
+        assert!(messages.len() > 1 && messages.iter().all(|message| api::bytes(message) <= MOST_MESSAGE_BYTES));
+        assert!(told.iter().all(|one| one.receipts.last().map(|last| last.sequence) == Some(one.committed_sequence)));
+        let sequences = told.iter().flat_map(|one| one.receipts.iter().map(|receipt| receipt.sequence));
+        assert!(sequences.eq(6..=325), "each once, in order");
+        assert!(acknowledgements(Vec::new(), number(5)).is_empty());
     }
 }

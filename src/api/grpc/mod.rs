@@ -8,7 +8,7 @@ mod model;
 mod overview;
 mod question;
 
-pub use ingest::{acknowledgement, batch, producer, receipt, sequence};
+pub use ingest::{acknowledgements, batch, producer, receipt, sequence};
 pub(in crate::api) use ingest::{segment, within_limit};
 pub use model::training;
 pub use question::{batch_question, exploration, fit, graph, list_states, question, scope, summary};

@@ -226,10 +226,11 @@ async fn acknowledge(resumed: Sequence, taken: mpsc::Receiver<Ticket>, out: &Out
                 }
             }
         }
-        if let Some((last, _)) = told.last() {
-            committed = committed.max(*last);
-            out.send(Ok(grpc::acknowledgement(told, committed))).await.map_err(|_| End::Gone)?;
+        let last = told.last().map(|(last, _)| *last);
+        for message in grpc::acknowledgements(told, committed) {
+            out.send(Ok(message)).await.map_err(|_| End::Gone)?;
         }
+        committed = last.map_or(committed, |last| committed.max(last));
         if let Some(problem) = refused {
             return Err(problem.into());
         }
