@@ -10,7 +10,8 @@ use super::merge::Merged;
 use crate::domain::{EnvironmentId, Label, Name, Sequence};
 use crate::store::sqlite::directory::Directory;
 use crate::store::sqlite::error::aborted;
-use crate::store::sqlite::{Map, text};
+use crate::store::sqlite::map::Map;
+use crate::store::sqlite::text;
 use crate::store::{Numbered, Quotas};
 
 /// The ledgers of a commit: one an environment that exists. In order of environment, so that the same commit always writes in the same order.

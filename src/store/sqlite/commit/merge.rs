@@ -3,7 +3,7 @@
 use super::ledger::{Ledger, stored_label};
 use crate::domain::{Increment, StateKey, Tally};
 use crate::store::Numbered;
-use crate::store::sqlite::Map;
+use crate::store::sqlite::map::Map;
 
 /// The most cells that a commit makes room for at its first batch.
 const USUAL_CELLS: usize = 8_192;

@@ -11,8 +11,9 @@ use crate::domain::{Cell, EnvironmentId, SegmentId, StateKey, Tally};
 use crate::store::StoreError;
 use crate::store::sqlite::error::aborted;
 use crate::store::sqlite::known::{CellKey, Known};
+use crate::store::sqlite::memory::Memory;
 use crate::store::sqlite::rows::ManyRows;
-use crate::store::sqlite::writer::{Memory, Transaction};
+use crate::store::sqlite::writer::Transaction;
 
 /// What a commit adds to one environment, for memory.
 pub(super) struct Delta<'a> {
