@@ -5,8 +5,10 @@ use std::sync::LazyLock;
 use sqlx::sqlite::SqliteConnection;
 
 use super::account::write_account;
+use super::failed::Failed;
 use super::ledger::{Ledger, Ledgers};
-use super::{Failed, lookup, signed};
+use super::lookup;
+use super::signed::signed;
 use crate::domain::{Cell, EnvironmentId, SegmentId, StateKey, Tally};
 use crate::store::StoreError;
 use crate::store::sqlite::error::aborted;
