@@ -2,7 +2,8 @@
 //!
 //! # The map, in reading order
 //!
-//! Each room may use the ones above it, never the ones below (`tests/it/architecture.rs`).
+//! Each room may use the ones above it, never the ones below, and within a room no files import each other in a circle: what two of them need has a file of
+//! its own (`tests/it/architecture`).
 //!
 //! * [`information`]: the mathematics of contingency tables. Slices in, numbers out.
 //! * [`error`], [`config`], [`telemetry`]: kinds of error, the one configuration, logs and the one list of metrics.

@@ -1,6 +1,7 @@
 //! `nudge simulate`: worlds that produce transitions, sent as a game server sends them, written to a file, or drawn.
 
 mod ndjson;
+mod observed;
 mod options;
 mod sending;
 
@@ -14,11 +15,9 @@ use super::output::{cannot_write, count};
 use super::progress::Progress;
 use super::report::Report;
 use super::server::Server;
-use crate::api::json::description_of_text;
-use crate::domain::SchemaDraft;
 use crate::error::Problem;
+use crate::simulation::drawing;
 use crate::simulation::hallway::Hallway as World;
-use crate::simulation::{drawing, observation};
 
 /// Simulate a world and send what happens in it
 #[derive(Debug, Subcommand)]
@@ -106,11 +105,6 @@ impl Hallway {
             .map_err(|fault| Failure::from(Problem::invalid("drawing", vec![options::by_flag(fault)])))?;
         std::fs::write(file, svg).map_err(|error| cannot_write(file, &error))
     }
-}
-
-/// Returns the description of the environment.
-fn description() -> Result<SchemaDraft, Failure> {
-    Ok(description_of_text(observation::DESCRIPTION)?.0)
 }
 
 fn show(progress: &Progress, moment: Moment) {

@@ -34,15 +34,17 @@ mod link;
 mod options;
 mod outbox;
 mod producer;
+mod retry;
 mod task;
 mod tls;
 mod totals;
 mod trouble;
 
-pub use connection::{Connection, Readiness, patiently, patiently_telling, readiness, schema_of};
+pub use connection::{Connection, Readiness, readiness, schema_of};
 pub use error::{ClientError, Refusal};
 pub use options::{Bearer, Options, Wire};
 pub use producer::{Producer, ProducerBuilder};
+pub use retry::{patiently, patiently_telling};
 pub use tls::{ClientTls, Trust};
 pub use totals::{Rejected, Totals};
 

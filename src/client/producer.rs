@@ -5,10 +5,10 @@ use std::time::Duration;
 use tokio::sync::{mpsc, oneshot};
 use tokio_util::task::AbortOnDropHandle;
 
-use super::connection::schema_of;
+use super::connection::{Connection, schema_of};
 use super::outbox::{Limits, Outbox};
 use super::task::{Command, Task, Terms};
-use super::{ClientError, Connection, Totals};
+use super::{ClientError, Totals};
 use crate::api::proto;
 use crate::domain::{Label, ProducerId, Record, Schema, Widths};
 
@@ -26,6 +26,13 @@ pub struct ProducerBuilder {
     outbox: usize,
     retry_for: Option<Duration>,
     replay: bool,
+}
+
+impl Connection {
+    /// Prepares a producer of that id into that environment.
+    pub fn producer(&self, environment: &str, id: &str) -> ProducerBuilder {
+        Producer::builder(self, environment, id)
+    }
 }
 
 impl ProducerBuilder {

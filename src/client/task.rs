@@ -6,11 +6,11 @@ use tokio::sync::{mpsc, oneshot};
 use tokio::time::{Instant, sleep_until};
 use tonic::Status;
 
-use super::connection::advised;
 use super::error::{is_transient, said};
 use super::link::{Event, Link, Opened};
 use super::options::Wire;
 use super::outbox::Outbox;
+use super::retry::advised;
 use super::trouble::Trouble;
 use super::{ClientError, Totals};
 use crate::api::proto;

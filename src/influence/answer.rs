@@ -6,6 +6,7 @@ use rayon::prelude::*;
 
 use super::actions;
 use super::judge::{Judge, Judged};
+use super::store_errors::logged;
 use super::stratified::{self, Tested};
 use super::survey::Plan;
 use crate::domain::{
@@ -57,7 +58,7 @@ pub async fn answers(store: &dyn Store, gate: &Gate, ground: Ground) -> Result<V
         true => None,
         false => Some(gate.enter().await?),
     };
-    let counts = store.counts(environment.id, &ground.question.states).await.map_err(super::logged)?;
+    let counts = store.counts(environment.id, &ground.question.states).await.map_err(logged)?;
     let cells: usize = counts.iter().map(|state| state.counts.cells().len()).sum();
     let turn = match turn {
         None if cells <= FEW_CELLS => return Ok(ground.answers_here(&counts)),

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::shared::Made;
+use super::store_errors::logged;
 use super::stratified::{Disagreement, Disagreements};
 use super::survey::{Plan, Survey};
 use crate::domain::{Discoveries, Discovery, DiscoveryMethod, Exchange, StateKey};
@@ -105,7 +106,7 @@ async fn by_tests(
     let mut disagreements = Disagreements::default();
     progress.begin("states tested", survey.rows.len() as u64);
     let mut pages = Pages::new(store, plan.environment.id);
-    while let Some(page) = pages.next().await.map_err(super::logged)? {
+    while let Some(page) = pages.next().await.map_err(logged)? {
         let mut states = page.into_iter().peekable();
         // Tests take longer than measuring does: a part of a page is long enough for one piece of work.
         while states.peek().is_some() {

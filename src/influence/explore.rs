@@ -6,6 +6,7 @@ use rayon::prelude::*;
 
 use super::answer::bins;
 use super::shared::Made;
+use super::store_errors::logged;
 use super::survey::{Plan, Row, Survey};
 use crate::domain::{Exploration, StateKey, Trial, Verdict};
 use crate::error::Problem;
@@ -68,7 +69,7 @@ pub async fn explore(
     progress.begin("states explored", keys.len() as u64);
     let mut trials = Vec::new();
     for keys in keys.chunks(TOGETHER) {
-        let counts = store.counts(plan.environment.id, keys).await.map_err(super::logged)?;
+        let counts = store.counts(plan.environment.id, keys).await.map_err(logged)?;
         let (plan, states, size) = (plan.clone(), keys.to_vec(), keys.len() as u64);
         trials.extend(gate.run(move |stop| explored(&plan, &states, &counts, stop)).await?);
         progress.add(size);

@@ -7,7 +7,8 @@ use rayon::prelude::*;
 
 use super::answer::{self, Ground};
 use super::skeleton::{self, Found, Margin};
-use super::{Influence, logged, size, told};
+use super::store_errors::logged;
+use super::{Influence, size, told};
 use crate::domain::draft::{PairDraft, QuestionDraft};
 use crate::domain::{
     Answer, Cell, Dependence, Edge, Environment, Exchange, Graph, Pair, Question, Schema, View, Within,

@@ -21,6 +21,7 @@ mod ranks;
 mod shared;
 mod size;
 mod skeleton;
+mod store_errors;
 mod stratified;
 mod summary;
 mod survey;
@@ -31,6 +32,7 @@ use explore::Explored;
 use listing::Listing;
 use ranks::Ranks;
 use shared::{Made, Shared};
+use store_errors::logged;
 use survey::{Plan, Survey};
 
 use crate::domain::draft::{ExplorationDraft, ListingDraft, PairDraft, SummaryDraft};
@@ -39,10 +41,10 @@ use crate::domain::{
     Label, LabelledCell, Labels, Pair, Question, Schema, Scope, SegmentId, StatePage, StateView, Summary, Tally,
     Variable, hint, page_size,
 };
-use crate::error::{ErrorKind, Fault, Problem};
+use crate::error::{Fault, Problem};
 use crate::model::Networks;
 use crate::priors::Fits;
-use crate::store::{ByVisits, Store, StoreError, Totals};
+use crate::store::{ByVisits, Store, Totals};
 use crate::telemetry;
 use crate::work::{Jobs, Progress, Work, aside};
 
@@ -382,14 +384,6 @@ fn told(since: Instant, answers: &[Answer]) {
 
 fn limit_fault(limit: u64) -> Fault {
     Fault::new("/limit", format!("got {limit}, expected 1 to 1000"))
-}
-
-fn logged(error: StoreError) -> Problem {
-    // That an environment was deleted meanwhile is no fault.
-    if error.kind() != ErrorKind::NotFound {
-        tracing::error!(%error, "a question could not be answered");
-    }
-    error.into()
 }
 
 fn labelled(schema: &Schema, segments: &[(SegmentId, Option<Label>)], cell: &Cell) -> LabelledCell {

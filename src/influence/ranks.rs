@@ -3,6 +3,7 @@
 use rayon::prelude::*;
 
 use super::order::{Orders, Ranked};
+use super::store_errors::logged;
 use super::survey::Plan;
 use crate::domain::{Evidence, StateKey};
 use crate::error::Problem;
@@ -45,11 +46,11 @@ impl Ranked for Rank {
 
 /// Passes over all states; returns their ranks, and how many transitions there were before.
 pub async fn make(store: &dyn Store, gate: &Gate, plan: &Plan, progress: &Progress) -> Result<(Ranks, u64), Problem> {
-    let totals = store.totals(plan.environment.id).await.map_err(super::logged)?;
+    let totals = store.totals(plan.environment.id).await.map_err(logged)?;
     progress.begin("states looked at", totals.states);
     let mut rows = Vec::new();
     let mut pages = Pages::new(store, plan.environment.id);
-    while let Some(page) = pages.next().await.map_err(super::logged)? {
+    while let Some(page) = pages.next().await.map_err(logged)? {
         let (plan, states) = (plan.clone(), page.len() as u64);
         rows.extend(gate.run(move |stop| stop.check().map(|()| ranks(&plan, page))).await?);
         progress.add(states);

@@ -7,6 +7,7 @@ use rayon::prelude::*;
 
 use super::judge::Judge;
 use super::order::{Orders, Ranked};
+use super::store_errors::logged;
 use crate::domain::{
     Basis, Counts, Environment, EnvironmentId, Evidence, FitId, Pair, Rule, RuleKind, Scope, SegmentId, StateKey,
     Verdict, View, Within,
@@ -133,12 +134,12 @@ impl Plan {
 
 /// Passes over all states; returns the survey, and how many transitions there were before.
 pub async fn make(store: &dyn Store, gate: &Gate, plan: &Plan, progress: &Progress) -> Result<(Survey, u64), Problem> {
-    let totals = store.totals(plan.environment.id).await.map_err(super::logged)?;
+    let totals = store.totals(plan.environment.id).await.map_err(logged)?;
     progress.begin("states measured", totals.states);
     let mut rows = Vec::new();
     let mut segments = HashSet::new();
     let mut pages = Pages::new(store, plan.environment.id);
-    while let Some(page) = pages.next().await.map_err(super::logged)? {
+    while let Some(page) = pages.next().await.map_err(logged)? {
         let (plan, states) = (plan.clone(), page.len() as u64);
         let measuring = gate.run(move |stop| {
             let named = named(&plan, &page);

@@ -13,9 +13,10 @@ use tower::ServiceExt;
 
 use super::connections::limits::Limits;
 use super::requests::{self, is_grpc};
+use super::settings::Settings;
 use super::status::{self, Failure};
 use super::tls::Socket;
-use super::{Settings, listen, operations};
+use super::{listen, operations, routes};
 use crate::app::App;
 use crate::error::{ErrorKind, Problem};
 use crate::store::Stage;
@@ -38,7 +39,7 @@ impl Doors {
 
     /// Lets everybody in to an app.
     pub async fn open(&self, app: App, settings: &Settings) -> Result<(), tonic_reflection::server::Error> {
-        let router = super::router(app, settings).await?;
+        let router = routes::router(app, settings).await?;
         // A service is opened once.
         let _ = self.open.set(router);
         Ok(())

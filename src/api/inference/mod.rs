@@ -8,13 +8,10 @@ mod tensor;
 
 use std::sync::Arc;
 
-pub use tensor::{MOST_ROWS, Tensor, Values};
+pub use tensor::{DATATYPE, MOST_ROWS, Tensor, Values};
 
 use crate::domain::{ModelKind, Schema, StateKey};
 use crate::error::{Fault, Problem};
-
-/// The type of every tensor, in and out.
-pub const DATATYPE: &str = "FP32";
 
 /// The name of the only input.
 pub const INPUT: &str = "state";

@@ -2,9 +2,11 @@
 
 use bytes::Bytes;
 
-use super::DATATYPE;
 use crate::domain::{Feature, Schema, StateKey};
 use crate::error::Fault;
+
+/// The type of every tensor, in and out.
+pub const DATATYPE: &str = "FP32";
 
 /// The most rows of one request.
 pub const MOST_ROWS: usize = 100_000;

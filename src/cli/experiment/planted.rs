@@ -1,5 +1,6 @@
 //! `nudge experiment planted`: every decision beside every other, in worlds whose influence was planted.
 
+mod figures;
 mod hard;
 mod kitchens;
 mod segments;
@@ -11,11 +12,9 @@ use clap::{Args, ValueEnum};
 use serde_json::Value;
 
 use crate::cli::Failure;
-use crate::cli::output::{Table, print, print_json};
+use crate::cli::output::{print, print_json};
 use crate::cli::progress::Progress;
-use crate::experiments::findings::{Bound, Target};
 use crate::experiments::kitchens::{self as in_kitchens, Layout};
-use crate::experiments::measures::Spread;
 use crate::experiments::planted::{self as of_tables, World, hard as in_hard_worlds, segments as in_segments};
 use crate::experiments::seeds::Seeds;
 use crate::simulation::planted::segments as drawn;
@@ -293,36 +292,4 @@ fn write(directory: &Path, name: &str, text: &str) -> Result<(), Failure> {
 
 fn unwritable(path: &Path, error: &std::io::Error) -> Failure {
     Failure::usage(format!("cannot write {}: {error}", path.display()))
-}
-
-/// Returns targets beside what was measured, each row with the names of its world, decision and figure.
-fn targets<W, D, F>(
-    targets: &[Target<W, D, F>],
-    worlds: &[&str],
-    named: impl Fn(&Target<W, D, F>) -> Vec<String>,
-) -> String {
-    let mut table = Table::new(&[worlds, &["decision", "figure", "target", "measured", ""]].concat());
-    for target in targets {
-        let bound = match target.bound {
-            Bound::AtLeast(at) => format!(">= {at}"),
-            Bound::AtMost(at) => format!("<= {at}"),
-        };
-        let measured = target.measured.map_or("-".to_owned(), |measured| format!("{measured:.4}"));
-        let met = if target.is_met() { "met" } else { "MISSED" };
-        table.row(named(target).into_iter().chain([bound, measured, met.to_owned()]));
-    }
-    table.render("")
-}
-
-fn spread(spread: Option<Spread>) -> String {
-    spread_to(3, spread)
-}
-
-/// Returns a figure over seeds with so many decimals.
-fn spread_to(decimals: usize, spread: Option<Spread>) -> String {
-    match spread {
-        Some(Spread { mean, sd: Some(sd), .. }) => format!("{mean:.decimals$} ±{sd:.decimals$}"),
-        Some(Spread { mean, .. }) => format!("{mean:.decimals$}"),
-        None => "-".to_owned(),
-    }
 }

@@ -7,9 +7,9 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use super::sending::observed;
-use super::{cannot_write, description};
+use super::observed::{description, observed};
 use crate::cli::Failure;
+use crate::cli::output::cannot_write;
 use crate::domain::{Entry, Record, Schema};
 use crate::error::Problem;
 use crate::simulation::hallway::Hallway;

@@ -5,11 +5,9 @@ use std::time::Duration;
 use clap::ValueEnum;
 use tokio::time::{Instant, sleep_until};
 
-use super::description;
+use super::observed::{description, observed};
 use crate::cli::Failure;
 use crate::client::{Connection, Producer, Totals};
-use crate::domain::Schema;
-use crate::error::Problem;
 use crate::simulation::hallway::{Hallway, Protocol};
 use crate::simulation::observation::{Observation, Observations};
 
@@ -77,12 +75,6 @@ impl Run {
         let digest = blake3::hash(format!("{protocol:?}").as_bytes()).to_hex();
         format!("{WAY}:{}", &digest[..32])
     }
-}
-
-/// Begins to observe a trial.
-pub(super) fn observed(hallway: &Hallway, number: u32, schema: &Schema) -> Result<Observations, Failure> {
-    let trial = hallway.trial(number).map_err(|fault| Problem::invalid("hallway", vec![fault]))?;
-    Ok(Observations::of(trial, schema))
 }
 
 /// The stream of one run.

@@ -9,6 +9,7 @@ mod decision;
 mod figure;
 mod layout;
 mod manner;
+mod options;
 mod plot;
 mod policy;
 mod report;
@@ -23,13 +24,12 @@ pub use decision::Decision;
 pub use figure::Figure;
 pub use layout::Layout;
 pub use manner::Manner;
+pub use options::{Options, World};
 pub use plot::plot;
 pub use report::{Facts, Report};
 pub use targets::Target;
 
 use super::findings;
-use super::seeds::Seeds;
-use crate::domain::Training;
 use crate::error::Problem;
 use figure::Measured;
 use scene::Scene;
@@ -37,50 +37,6 @@ use visits::Visits;
 
 /// Worlds at work at once: each is at most one training at a time, which takes one core.
 const AT_ONCE: usize = 2;
-
-/// A kind of world.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct World {
-    /// Where its states come from.
-    pub layout: Layout,
-    /// How the other answers.
-    pub manner: Manner,
-}
-
-/// What is run.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Options {
-    /// Which seeds.
-    pub seeds: Seeds,
-    /// Which layouts.
-    pub layouts: Vec<Layout>,
-    /// In which ways the other answers.
-    pub manners: Vec<Manner>,
-    /// The most passes of a network over the states.
-    pub epochs: u32,
-    /// The most steps of the training games that are counted, from the first; all of them if absent.
-    pub steps: Option<usize>,
-}
-
-impl Default for Options {
-    fn default() -> Self {
-        Self {
-            seeds: Seeds { number: 5, first: 1 },
-            layouts: Layout::ALL.to_vec(),
-            manners: Manner::ALL.to_vec(),
-            epochs: Training::default().epochs as u32,
-            steps: None,
-        }
-    }
-}
-
-impl Options {
-    /// Returns the worlds that are drawn, for every seed: layout after layout.
-    pub fn worlds(&self) -> Vec<World> {
-        let of = |layout: Layout| self.manners.iter().map(move |manner| World { layout, manner: *manner });
-        self.layouts.iter().copied().flat_map(of).collect()
-    }
-}
 
 /// Runs the experiment; `done` is called after each world of each seed.
 pub async fn run(options: &Options, mut done: impl FnMut()) -> Result<Report, Problem> {

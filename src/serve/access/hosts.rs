@@ -6,7 +6,7 @@ use axum::extract::Request;
 use http::header;
 use http::uri::Authority;
 
-use super::told;
+use super::denials::told;
 use crate::error::{ErrorKind, Problem};
 
 /// The names that a service goes by.

@@ -7,7 +7,7 @@ use std::time::Duration;
 use arc_swap::ArcSwap;
 use tokio::sync::watch;
 
-use super::unauthenticated;
+use super::denials::{unauthenticated, word};
 use crate::access::{Key, KeyDigest, Keys};
 use crate::domain::{Name, Principal, Scopes};
 use crate::error::{ErrorKind, Problem};
@@ -109,7 +109,7 @@ impl Caller {
             // A change after this is seen by the wait.
             changed.borrow_and_update();
             if let Err(problem) = self.stands(ring.find(*digest), wanted, environment) {
-                telemetry::denied(super::word(problem.reason));
+                telemetry::denied(word(problem.reason));
                 return problem;
             }
             if changed.changed().await.is_err() {

@@ -6,9 +6,11 @@
 //! | `wanted` | what each endpoint wants: one table |
 //! | `hosts` | by which names the service may be asked for (DNS rebinding) |
 //! | `origins` | whose pages may change something (cross-site request forgery) |
+//! | `denials` | how who is not let in is told, and counted |
 //!
 //! A request is looked at before its body is read. Which environment it is about, only its body may say: that is asked where the environment is found.
 
+mod denials;
 mod hosts;
 mod keyring;
 mod origins;
@@ -23,15 +25,17 @@ use axum::response::{IntoResponse, Response};
 use http::{Method, header};
 use tracing::Span;
 
+use self::denials::{unauthenticated, word};
 use self::hosts::Hosts;
 pub use self::keyring::{Caller, Keyring};
 use self::origins::Origins;
 pub use self::wanted::Wanted;
+use super::operations;
 use super::requests::{self, is_grpc};
+use super::settings::Settings;
 use super::status::{self, Failure};
-use super::{Settings, operations};
 use crate::access::bearer;
-use crate::error::{ErrorKind, Problem};
+use crate::error::Problem;
 use crate::telemetry;
 
 /// Who is let in. Cloning is cheap.
@@ -114,10 +118,6 @@ impl Rules {
     }
 }
 
-fn unauthenticated(message: impl Into<String>) -> Problem {
-    Problem::new(ErrorKind::Unauthenticated, "UNAUTHENTICATED", message)
-}
-
 /// Refuses what does not say that it is gRPC where gRPC is served: pages can make a browser send every other type without asking.
 fn is_what_its_path_takes(request: &Request) -> Result<(), Refusal> {
     let is_preflight = request.method() == Method::OPTIONS;
@@ -157,29 +157,4 @@ impl Refusal {
             }
         }
     }
-}
-
-/// Returns the word of a reason in the metrics.
-fn word(reason: &str) -> &'static str {
-    match reason {
-        "UNAUTHENTICATED" => "unauthenticated",
-        "ENVIRONMENT_FORBIDDEN" => "environment",
-        "HOST_NOT_ALLOWED" => "host",
-        "ORIGIN_NOT_ALLOWED" => "origin",
-        "RATE_EXCEEDED" => "rate",
-        _ => "scope",
-    }
-}
-
-/// Returns whether a method changes nothing, as HTTP defines it.
-fn is_safe(method: &Method) -> bool {
-    [Method::GET, Method::HEAD, Method::OPTIONS].contains(method)
-}
-
-/// Returns a text from a request for an error, of which a caller may have made a novel.
-fn told(text: &[u8]) -> String {
-    const MOST: usize = 100;
-    let text = String::from_utf8_lossy(text);
-    let told: String = text.chars().take(MOST).collect();
-    if told.len() < text.len() { format!("{told}...") } else { told }
 }

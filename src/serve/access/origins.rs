@@ -2,10 +2,10 @@
 
 use axum::extract::Request;
 use http::uri::Authority;
-use http::{HeaderValue, Uri, header};
+use http::{HeaderValue, Method, Uri, header};
 
+use super::denials::told;
 use super::hosts::asked_for;
-use super::{is_safe, told};
 use crate::error::{ErrorKind, Problem};
 
 /// The origins whose pages may call.
@@ -45,6 +45,11 @@ impl Origins {
         };
         self.0.iter().any(|allowed| allowed == "*" || allowed.eq_ignore_ascii_case(origin)) || is_own()
     }
+}
+
+/// Returns whether a method changes nothing, as HTTP defines it.
+fn is_safe(method: &Method) -> bool {
+    [Method::GET, Method::HEAD, Method::OPTIONS].contains(method)
 }
 
 /// Returns scheme and authority of an origin. `null` is none: whoever hides where it comes from is not let in.

@@ -36,10 +36,13 @@ pub mod memory;
 
 mod ended;
 mod framing;
+mod leaving;
 mod received;
 mod sent;
 mod service;
 mod vitals;
+
+pub use leaving::Leaving;
 
 /// How often a silent HTTP/2 connection is asked for a sign of life, and how long it may take to give it.
 const KEEP_ALIVE: (Duration, Duration) = (Duration::from_secs(20), Duration::from_secs(10));
@@ -56,10 +59,6 @@ const WINDOWS: (u32, u32) = (256 << 10, 512 << 10);
 
 /// What HTTP/1 reads and writes ahead.
 const MOST_BUFFERED_BYTES: usize = 64 << 10;
-
-/// In the extensions of a request: cancelled when its connection is to end, so whoever answers for long should come to an end and let the client reconnect.
-#[derive(Debug, Clone)]
-pub struct Leaving(pub CancellationToken);
 
 /// Everybody who is connected, and what they share.
 pub struct Host {

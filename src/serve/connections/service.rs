@@ -15,9 +15,9 @@ use hyper::body::Incoming;
 use tower::ServiceExt;
 use tracing::Instrument;
 
-use super::Leaving;
 use super::crowd::Standing;
 use super::framing::Framing;
+use super::leaving::Leaving;
 use super::memory::{Budget, Charge};
 use super::received::{Form, Manner, Received};
 use super::sent::Sent;

@@ -13,7 +13,7 @@ use crate::api::{fitting, grpc};
 use crate::domain::draft::QuestionDraft;
 use crate::domain::{Answers, Question, View};
 use crate::error::Problem;
-use crate::serve::STATE_BYTES;
+use crate::serve::costs::STATE_BYTES;
 use crate::work::aside;
 
 impl Face {

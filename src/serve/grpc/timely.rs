@@ -8,7 +8,7 @@ use axum::response::Response;
 use http::HeaderMap;
 
 use crate::error::{Fault, Problem};
-use crate::serve::ALLOWED;
+use crate::serve::costs::ALLOWED;
 use crate::serve::status::{self, Asked, too_late};
 use crate::work::deadline::{self, Deadline};
 

@@ -6,7 +6,7 @@ use axum::response::{IntoResponse, Response};
 use http::StatusCode;
 
 use super::extract::{Asked, Json, Path, Query};
-use super::openapi::Refusals;
+use super::refusals::Refusals;
 use super::told::told;
 use crate::api::{json, proto};
 use crate::domain::Environment;

@@ -5,11 +5,12 @@ use http::{HeaderMap, header};
 
 use super::accept::preferred;
 use super::extract::{Asked, Path, Query};
-use super::openapi::{GraphParameters, Refusals, RuleParameters};
+use super::parameters::{GraphParameters, RuleParameters};
+use super::refusals::Refusals;
 use super::told::told;
 use crate::api::{fitting, json, proto};
 use crate::domain::View;
-use crate::serve::STATE_BYTES;
+use crate::serve::costs::STATE_BYTES;
 use crate::serve::status::Failure;
 use crate::work::aside;
 

@@ -3,13 +3,14 @@
 use axum::response::Response;
 
 use super::extract::{Asked, Json, Path, Query};
-use super::openapi::{PairParameters, Refusals, RuleParameters, StateParameters};
+use super::parameters::{PairParameters, RuleParameters, StateParameters};
+use super::refusals::Refusals;
 use super::told::told;
 use crate::api::{fitting, json, proto};
 use crate::app::App;
 use crate::domain::Question;
 use crate::domain::draft::QuestionDraft;
-use crate::serve::STATE_BYTES;
+use crate::serve::costs::STATE_BYTES;
 use crate::serve::status::Failure;
 use crate::work::aside;
 

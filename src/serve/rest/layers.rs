@@ -15,7 +15,7 @@ use tower_http::compression::predicate::{NotForContentType, Predicate, SizeAbove
 use tower_http::limit::RequestBodyLimitLayer;
 
 use super::problems;
-use crate::serve::ALLOWED;
+use crate::serve::costs::ALLOWED;
 use crate::serve::status::{Asked, Failure, too_late};
 use crate::work::deadline::{self, Deadline};
 

@@ -3,12 +3,13 @@
 use axum::response::Response;
 
 use super::extract::{Asked, Path, Query};
-use super::openapi::{ExplorationParameters, PairParameters, Refusals, RuleParameters};
+use super::parameters::{ExplorationParameters, PairParameters, RuleParameters};
+use super::refusals::Refusals;
 use super::told::told;
 use crate::api::{fitting, json, proto};
 use crate::domain::View;
 use crate::error::{Fault, Problem};
-use crate::serve::STATE_BYTES;
+use crate::serve::costs::STATE_BYTES;
 use crate::serve::status::Failure;
 
 /// Returns where one more visit is worth most: states, and the ego's actions in them. What to try next to learn one's influence.

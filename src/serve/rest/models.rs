@@ -8,7 +8,7 @@ use serde::Deserialize;
 use utoipa::{IntoParams, ToSchema};
 
 use super::extract::{Asked, File, OCTETS, OptionalJson, Path, Query};
-use super::openapi::Refusals;
+use super::refusals::Refusals;
 use crate::api::json::ModelOrJob;
 use crate::api::{json, proto};
 use crate::app::App;

@@ -3,11 +3,12 @@
 use axum::response::Response;
 
 use super::extract::{Asked, Path, Query};
-use super::openapi::{DiscoveryParameters, ListingParameters, PairParameters, Refusals, RuleParameters};
+use super::parameters::{DiscoveryParameters, ListingParameters, PairParameters, RuleParameters};
+use super::refusals::Refusals;
 use super::told::told;
 use crate::api::{fitting, json, proto};
 use crate::domain::View;
-use crate::serve::STATE_BYTES;
+use crate::serve::costs::STATE_BYTES;
 use crate::serve::status::Failure;
 
 /// About what is told of a cell, in bytes.

@@ -1,7 +1,8 @@
 //! What all states say together.
 
 use super::extract::{Asked, Path, Query};
-use super::openapi::{DiscoveryParameters, PairParameters, Refusals, RuleParameters, SummaryParameters};
+use super::parameters::{DiscoveryParameters, PairParameters, RuleParameters, SummaryParameters};
+use super::refusals::Refusals;
 use crate::api::{json, proto};
 use crate::serve::status::Failure;
 

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::extract::{Asked, Document, Media, Path, Query};
-use super::openapi::Refusals;
+use super::refusals::Refusals;
 use crate::api::json::Incoming;
 use crate::api::{grpc, json, proto};
 use crate::app::App;

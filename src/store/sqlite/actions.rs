@@ -23,7 +23,6 @@ use super::error::{spoiled, unreadable};
 use super::packed::{packed_cells, packed_cells_of_states};
 use super::read::{cells_of, whole};
 use super::walk::{Walk, own_states};
-use super::writer::Writer;
 use crate::domain::{ActionTotals, Cell, Environment, EnvironmentId, Schema, Tally};
 use crate::store::StoreError;
 
@@ -57,12 +56,12 @@ struct Load<'a> {
     _turn: tokio::sync::MutexGuard<'a, ()>,
 }
 
-/// Returns the totals of an environment at its newest revision.
+/// Returns the totals of an environment at its newest revision. Where nothing is kept until it is settled what was committed, `settling` is awaited first.
 pub(super) async fn actions(
     readers: &SqlitePool,
-    writer: &Writer,
     memory: &ActionsMemory,
     environment: &Environment,
+    settling: impl Future<Output = Result<(), StoreError>>,
 ) -> Result<Arc<ActionTotals>, StoreError> {
     if let Some(kept) = memory.get(environment.id) {
         return Ok(kept);
@@ -75,7 +74,7 @@ pub(super) async fn actions(
     // Nothing is kept until a transaction has settled what was committed, and each question would read every cell. Whether one can begin is not
     // the reader's concern.
     if memory.is_suspended() {
-        writer.settle().await.ok();
+        settling.await.ok();
     }
     let mut reader = readers.acquire().await.map_err(unreadable)?;
     match load(&mut reader, memory.announce(turn, environment.id), environment, Walk::All).await {

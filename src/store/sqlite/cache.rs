@@ -19,7 +19,7 @@ use std::sync::{Arc, Mutex, MutexGuard};
 
 use lru::LruCache;
 
-use super::Map;
+use super::map::Map;
 use crate::domain::{Cell, Counts, EnvironmentId, StateKey};
 use crate::store::StateCounts;
 

@@ -5,11 +5,16 @@ use std::sync::{Arc, Mutex};
 
 use sqlx::{Row, SqlitePool};
 
+use super::closing::Closing;
 use super::error::{aborted, is_damage, made_by_newer, opening, unopenable, unreadable};
+use super::handle::SqliteStore;
+use super::load;
 use super::lock::Identity;
-use super::open::{Closing, readers, writing};
+use super::memory::Memory;
+use super::open::{readers, writing};
+use super::options::Options;
 use super::tables::{self, Tables};
-use super::{Memory, Options, SqliteStore, Writer, environments};
+use super::writer::Writer;
 use crate::store::StoreError;
 
 /// The most lines of SQLite's own check that are told.
@@ -28,7 +33,7 @@ pub(super) async fn inspect(path: &Path, options: Options) -> Result<SqliteStore
         }
         Tables::Newer => return Err(made_by_newer(path)),
         Tables::Damaged(what) => return Err(StoreError::Damaged(what)),
-        Tables::Ours(_) => memory.directory.replace(environments::load(&mut reader).await?),
+        Tables::Ours(_) => memory.directory.replace(load::environments(&mut reader).await?),
     }
     drop(reader);
 

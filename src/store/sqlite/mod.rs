@@ -1,17 +1,17 @@
 //! The store in one SQLite file: one connection that writes, a few that read, and what is remembered of it in memory.
 //!
-//! `open` makes it, `tables` says whose it is, `inspect` and `receipts` look at it from outside, `lock` says that it is in use, `writer` owns the connection that writes, `health` says whether it would, `commit` decides and counts, `read` and `audit` look, by a `walk`, `environments`, `fits`, `models` and `removal` keep the worlds,
-//! `actions`, `cache`, `directory` and `known` remember, `text` and `packed` say how things are written, `error` what its errors mean.
+//! `open` makes a `handle` on it by its `options`, `tables` says whose it is, `inspect` and `receipts` look at it from outside, `lock` says that it is in
+//! use, `writer` owns the connection that writes, `health` says whether it would, `closing` interrupts those that read. `commit` decides and counts;
+//! `read` and `audit` look, by a `walk`; `load`, `environments`, `fits`, `models`, `removal` and its `leftovers` keep the worlds. In `memory` are
+//! `actions`, `cache` and `directory`, beside the writer is `known`, a `map` that is `recent`. `text`, `packed` and `rows` say how things are written,
+//! `error` what its errors mean.
 
-use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::path::Path;
+use std::sync::{Arc, PoisonError};
 use std::time::{Duration, Instant};
 
 use async_trait::async_trait;
-use sqlx::SqlitePool;
 
-use self::open::Closing;
-use self::writer::{Memory, Writer};
 use super::{
     Audit, ByVisits, Cause, Cursor, FitRecord, Held, Leftovers, ModelRecord, NewModel, Numbered, Outcome, Quotas,
     Scanned, Stage, StateCounts, Store, StoreError, Totals,
@@ -24,17 +24,24 @@ use crate::domain::{
 mod actions;
 mod audit;
 mod cache;
+mod closing;
 mod commit;
 mod directory;
 mod environments;
 mod error;
 mod fits;
+mod handle;
 mod health;
 mod inspect;
 mod known;
+mod leftovers;
+mod load;
 mod lock;
+mod map;
+mod memory;
 mod models;
 mod open;
+mod options;
 mod packed;
 mod read;
 mod receipts;
@@ -46,35 +53,8 @@ mod text;
 mod walk;
 mod writer;
 
-/// A map of keys that came from outside: fast, and seeded so that nobody can choose them to collide.
-type Map<K, V> = foldhash::HashMap<K, V>;
-
-/// How a store is opened.
-#[derive(Debug, Clone)]
-pub struct Options {
-    /// The most that may be held.
-    pub quotas: Quotas,
-    /// The size of the cache of counts, in cells of 40 bytes; a state weighs six cells more.
-    pub cache_cells: usize,
-}
-
-impl Default for Options {
-    fn default() -> Self {
-        Self { quotas: Quotas::default(), cache_cells: 400_000 }
-    }
-}
-
-/// A [`Store`] in one file.
-pub struct SqliteStore {
-    path: PathBuf,
-    quotas: Quotas,
-    memory: Arc<Memory>,
-    writer: Writer,
-    readers: SqlitePool,
-    closing: Closing,
-    /// Held as long as the store lives. Last, so that it is let go after the connections.
-    lock: Mutex<Option<lock::Lock>>,
-}
+pub use handle::SqliteStore;
+pub use options::Options;
 
 impl SqliteStore {
     /// Opens the database of that file, or makes it with its directories. Nobody else can open it while the store lives.
@@ -210,7 +190,7 @@ impl Store for SqliteStore {
     }
 
     async fn actions(&self, environment: &Environment) -> Result<Arc<ActionTotals>, StoreError> {
-        let actions = actions::actions(&self.readers, &self.writer, &self.memory.actions, environment).await;
+        let actions = actions::actions(&self.readers, &self.memory.actions, environment, self.writer.settle()).await;
         self.noted(Some(environment.id), actions)
     }
 

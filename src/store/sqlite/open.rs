@@ -1,21 +1,23 @@
 //! Opening a database: its directory, its lock, its tables, its connections.
 
 use std::path::Path;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use sqlx::migrate::{MigrateError, Migrator};
+use sqlx::migrate::MigrateError;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
 use sqlx::{ConnectOptions, Connection, SqlitePool};
 
+use super::closing::Closing;
 use super::error::{damaged, made_by_newer, migrating, opening, unopenable};
+use super::handle::SqliteStore;
 use super::lock::{Identity, Lock};
-use super::tables::{self, Tables};
-use super::{Memory, Options, SqliteStore, Writer, text};
+use super::memory::Memory;
+use super::options::Options;
+use super::tables::{self, MIGRATIONS, Tables};
+use super::text;
+use super::writer::Writer;
 use crate::store::{Stage, StoreError};
-
-pub(super) static MIGRATIONS: Migrator = sqlx::migrate!();
 
 const READERS: u32 = 3;
 
@@ -27,9 +29,6 @@ const READER_CACHE_KIB: u32 = 4 * 1024;
 const CHECKPOINT_PAGES: u32 = 4_096;
 /// What is left of the journal file after a large commit.
 const JOURNAL_BYTES: u32 = 64 << 20;
-
-/// Steps of SQLite's machine after which a reader looks whether the store closes: some milliseconds.
-const INTERRUPT_STEPS: i32 = 100_000;
 
 pub(super) async fn open(path: &Path, options: Options, stage: &Stage) -> Result<SqliteStore, StoreError> {
     if let Some(directory) = path.parent() {
@@ -54,23 +53,6 @@ pub(super) async fn open(path: &Path, options: Options, stage: &Stage) -> Result
     writer.share().await;
     let lock = Mutex::new(Some(lock));
     Ok(SqliteStore { path: path.to_owned(), quotas: options.quotas, memory, writer, readers, closing, lock })
-}
-
-/// Ends the reads that go on when a store closes: one may look at every cell, and nobody waits for its answer any more.
-#[derive(Clone, Default)]
-pub(super) struct Closing(Arc<AtomicBool>);
-
-impl Closing {
-    /// Interrupts every read, also those to come.
-    pub(super) fn interrupt(&self) {
-        self.0.store(true, Ordering::Relaxed);
-    }
-
-    async fn watch(self, connection: &mut SqliteConnection) -> Result<(), sqlx::Error> {
-        let goes_on = move || !self.0.load(Ordering::Relaxed);
-        connection.lock_handle().await?.set_progress_handler(INTERRUPT_STEPS, goes_on);
-        Ok(())
-    }
 }
 
 async fn migrate(path: &Path, options: &SqliteConnectOptions, stage: &Stage) -> Result<(), StoreError> {

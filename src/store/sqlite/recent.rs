@@ -5,7 +5,7 @@
 
 use std::hash::Hash;
 
-use super::Map;
+use super::map::Map;
 
 /// A map of at most two generations of keys.
 pub(super) struct Recent<K, V> {

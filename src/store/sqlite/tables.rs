@@ -3,11 +3,12 @@
 
 use std::collections::HashMap;
 
-use sqlx::migrate::Migration;
+use sqlx::migrate::{Migration, Migrator};
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
 use sqlx::{ConnectOptions, Connection, Row};
 
-use super::open::MIGRATIONS;
+/// Every migration of this build, in order.
+pub(super) static MIGRATIONS: Migrator = sqlx::migrate!();
 
 /// Whose tables a database has.
 #[derive(Debug, PartialEq, Eq)]

@@ -12,49 +12,13 @@ use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
 use sqlx::{AssertSqlSafe, ConnectOptions, Connection};
 use tokio::sync::{Mutex, MutexGuard};
 
-use super::actions::ActionsMemory;
-use super::cache::CountsCache;
-use super::directory::Directory;
-use super::environments;
 use super::error::{aborted, trouble_of, uncommitted};
 use super::health::Health;
 use super::known::Known;
 use super::lock::Identity;
-use super::removal::{self, Removals};
+use super::memory::Memory;
+use super::{leftovers, load};
 use crate::store::{Cause, StoreError, Trouble};
-
-/// What is remembered of the database, and changed after each commit.
-pub(super) struct Memory {
-    /// The environments.
-    pub(super) directory: Directory,
-    /// The counts of states.
-    pub(super) cache: CountsCache,
-    /// How often each action was taken.
-    pub(super) actions: ActionsMemory,
-    /// What deleted environments have left.
-    pub(super) removals: Removals,
-}
-
-impl Memory {
-    /// Remembers nothing yet; the first transaction lets it begin.
-    pub(super) fn new(cache_cells: usize) -> Self {
-        let cache = CountsCache::new(cache_cells);
-        let (directory, actions, removals) = Default::default();
-        Self { directory, cache, actions, removals }
-    }
-
-    /// Drops the counts, and takes none in until it is known what was committed.
-    fn suspend(&self) {
-        self.cache.suspend();
-        self.actions.suspend();
-    }
-
-    /// Takes counts in again.
-    fn resume(&self) {
-        self.cache.resume();
-        self.actions.resume();
-    }
-}
 
 /// The door to the writing connection: one transaction at a time.
 pub(super) struct Writer {
@@ -247,8 +211,8 @@ impl Writer {
         sqlx::query("begin immediate").execute(transaction.connection()).await.map_err(aborted)?;
         if is_new {
             transaction.remember_journal().await?;
-            let all = environments::load(transaction.connection()).await?;
-            let gone = removal::gone(transaction.connection()).await.map_err(aborted)?;
+            let all = load::environments(transaction.connection()).await?;
+            let gone = leftovers::gone(transaction.connection()).await.map_err(aborted)?;
             self.memory.directory.replace(all);
             self.memory.removals.replace(gone);
             self.memory.resume();

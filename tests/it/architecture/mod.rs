@@ -1,8 +1,13 @@
-//! The house rules as a test: who may import whom, and who alone may use which crate.
+//! The house rules as a test: who may import whom, who alone may use which crate, who does no I/O, and that no files
+//! import each other in a circle. `imports` reads who imports whom; `seen` tests the test.
 
-use std::collections::BTreeMap;
+mod imports;
+
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::LazyLock;
+
+use imports::{Source, Sources};
 
 /// Rooms by rank. A room may import any lower rank, never its own or a higher one.
 const RANKS: &[&[&str]] = &[
@@ -24,12 +29,12 @@ const RESERVED: &[(&str, &[&str])] = &[
     ("prost", &["api"]),
     ("tonic", &["api", "client", "serve", "cli"]),
     ("axum", &["serve"]),
-    ("rustls", &["tls", "client", "serve"]),
-    ("tokio_rustls", &["client", "serve"]),
     ("candle_core", &["model"]),
     ("candle_nn", &["model"]),
     ("ndarray", &["model"]),
     ("safetensors", &["model"]),
+    ("rustls", &["tls", "client", "serve"]),
+    ("tokio_rustls", &["client", "serve"]),
     ("clap", &["cli", "main"]),
     ("governor", &["access"]),
     ("csv", &["recordings", "experiments"]),
@@ -53,94 +58,218 @@ const RESERVED: &[(&str, &[&str])] = &[
     ),
 ];
 
-fn sources() -> BTreeMap<String, Vec<PathBuf>> {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
-    let mut rooms: BTreeMap<String, Vec<PathBuf>> = BTreeMap::new();
-    let mut waiting = vec![root.clone()];
-    while let Some(directory) = waiting.pop() {
-        for entry in fs::read_dir(directory).expect("src can be read") {
-            let path = entry.expect("an entry can be read").path();
-            if path.is_dir() {
-                waiting.push(path);
-            } else if path.extension().is_some_and(|extension| extension == "rs") {
-                let inside = path.strip_prefix(&root).expect("below src");
-                let room = inside.components().next().expect("has a name").as_os_str().to_string_lossy();
-                rooms.entry(room.trim_end_matches(".rs").to_owned()).or_default().push(path);
-            }
-        }
-    }
-    rooms.remove("lib");
-    rooms
+/// Rooms that are mathematics and words: they neither read nor write nor look at a clock.
+const PURE: &[&str] = &["information", "domain", "evidence"];
+
+/// What the standard library has for that.
+const IO: &[&[&str]] = &[
+    &["std", "fs"],
+    &["std", "io"],
+    &["std", "net"],
+    &["std", "env"],
+    &["std", "process"],
+    &["std", "thread"],
+    &["std", "time", "Instant"],
+    &["std", "time", "SystemTime"],
+];
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("src")
+}
+
+/// Reads the crate, once for all rules.
+fn sources() -> &'static Sources {
+    static SOURCES: LazyLock<Sources> = LazyLock::new(|| Sources::read(&root()));
+    &SOURCES
 }
 
 fn rank(room: &str) -> usize {
     RANKS.iter().position(|rooms| rooms.contains(&room)).unwrap_or_else(|| panic!("{room} has no rank: give it one"))
 }
 
-/// Returns the lines that are code: comments and what follows `//` are left out.
-fn code(path: &Path) -> Vec<String> {
-    let text = fs::read_to_string(path).expect("a source can be read");
-    text.lines().map(|line| line.split("//").next().unwrap_or_default().to_owned()).collect()
+fn room(module: &str) -> &str {
+    module.split("::").next().unwrap_or_default()
 }
 
-/// Returns the words that follow `prefix` in a line, as in `crate::store::Store`.
-fn named_after<'a>(line: &'a str, prefix: &str) -> Vec<&'a str> {
-    let word = |rest: &'a str| rest.split(|c: char| !c.is_alphanumeric() && c != '_').next().unwrap_or_default();
-    line.match_indices(prefix).map(|(at, found)| word(&line[at + found.len()..])).collect()
+/// Returns what every file does that one in its room may not.
+fn faults<'a>(sources: &'a Sources, fault: impl Fn(&str, &[String]) -> Option<String> + 'a) -> Vec<String> {
+    let of_file = |(module, source): (String, &Source)| {
+        let faults = source.paths().filter_map(|path| fault(room(&module), path));
+        faults.map(|fault| format!("{module}: {fault}")).collect::<Vec<_>>()
+    };
+    // The root is the map.
+    sources.files().filter(|(module, _)| !module.is_empty()).flat_map(of_file).collect()
+}
+
+fn upwards(sources: &Sources) -> Vec<String> {
+    faults(sources, |from, path| {
+        let [first, to, ..] = path else { return None };
+        let is_upwards =
+            first == "crate" && to != from && RANKS.concat().contains(&to.as_str()) && rank(to) >= rank(from);
+        is_upwards.then(|| format!("{from} imports {}", path.join("::")))
+    })
+}
+
+fn strangers(sources: &Sources) -> Vec<String> {
+    faults(sources, |from, path| {
+        let reserved = RESERVED.iter().find(|(name, rooms)| path[0] == *name && !rooms.contains(&from));
+        reserved.map(|_| format!("{from} uses {}", path.join("::")))
+    })
+}
+
+fn impure(sources: &Sources) -> Vec<String> {
+    faults(sources, |from, path| {
+        let is_io = IO.iter().any(|io| path.iter().zip(*io).filter(|(part, io)| part == io).count() == io.len());
+        (PURE.contains(&from) && is_io).then(|| format!("{from} uses {}", path.join("::")))
+    })
 }
 
 #[test]
 fn imports_point_downwards() {
-    let mut wrong = Vec::new();
-    for (room, files) in sources() {
-        for file in files {
-            for line in code(&file) {
-                for prefix in ["crate::", "nudge::"] {
-                    let imported =
-                        named_after(&line, prefix).into_iter().filter(|name| !name.is_empty() && *name != room);
-                    let upwards = imported.filter(|name| RANKS.concat().contains(name) && rank(name) >= rank(&room));
-                    wrong.extend(upwards.map(|name| format!("{}: {room} imports {name}", file.display())));
-                }
-            }
-        }
-    }
+    let wrong = upwards(sources());
     assert!(wrong.is_empty(), "imports that do not point downwards:\n{}", wrong.join("\n"));
 }
 
 #[test]
 fn crates_stay_in_their_rooms() {
-    let mut wrong = Vec::new();
-    for (room, files) in sources() {
-        for file in files {
-            for line in code(&file) {
-                for (name, rooms) in RESERVED {
-                    let path = format!("{name}::");
-                    let mut uses = line.match_indices(&path).map(|(at, _)| line[..at].chars().last());
-                    let begins =
-                        |before: Option<char>| before.is_none_or(|c| !c.is_alphanumeric() && c != '_' && c != ':');
-                    if uses.any(begins) && !rooms.contains(&room.as_str()) {
-                        wrong.push(format!("{}: {room} uses {name}", file.display()));
-                    }
-                }
-            }
-        }
-    }
+    let wrong = strangers(sources());
     assert!(wrong.is_empty(), "crates outside their rooms:\n{}", wrong.join("\n"));
 }
 
 #[test]
+fn mathematics_and_words_do_no_io() {
+    let wrong = impure(sources());
+    assert!(wrong.is_empty(), "I/O where there is none:\n{}", wrong.join("\n"));
+}
+
+#[test]
+fn no_files_go_in_circles() {
+    let circles: Vec<String> = sources().circles().into_iter().map(|circle| circle.join(", ")).collect();
+    assert!(circles.is_empty(), "files that import each other:\n{}", circles.join("\n"));
+}
+
+#[test]
 fn every_room_is_on_the_map() {
-    let map = fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("src/lib.rs")).expect("lib.rs can be read");
-    for room in sources().keys().filter(|room| *room != "main") {
-        assert!(map.contains(&format!("pub mod {room};")), "{room} is not on the map");
+    let map = fs::read_to_string(root().join("lib.rs")).expect("lib.rs can be read");
+    for (module, _) in sources().files() {
+        let room = room(&module);
+        assert!(["", "main"].contains(&room) || map.contains(&format!("pub mod {room};")), "{room} is not on the map");
     }
     assert!(!map.contains("pub use"), "the map re-exports nothing");
 }
 
 #[test]
 fn every_file_says_what_it_is_for() {
-    for file in sources().into_values().flatten() {
-        let text = fs::read_to_string(&file).expect("a source can be read");
-        assert!(text.starts_with("//!"), "{} does not open with //!", file.display());
+    let mut waiting = vec![root()];
+    while let Some(path) = waiting.pop() {
+        if path.is_dir() {
+            let entries = fs::read_dir(path).expect("a folder can be read");
+            waiting.extend(entries.map(|entry| entry.expect("an entry can be read").path()));
+        } else if path.extension().is_some_and(|extension| extension == "rs") {
+            let text = fs::read_to_string(&path).expect("a source can be read");
+            assert!(text.starts_with("//!"), "{} does not open with //!", path.display());
+        }
+    }
+}
+
+/// Every way to write an import that breaks a rule is seen.
+mod seen {
+    use super::*;
+
+    #[test]
+    fn imports_that_point_upwards() {
+        for text in [
+            "use crate::serve::Doors;",
+            "use crate::{error::Problem, serve::{Doors}};",
+            "use crate::serve::{self};",
+            "use crate::serve as attendance;",
+            "use super::super::serve::*;",
+            "fn f() -> crate::serve::Doors { todo!() }",
+            "fn f() { vec![1, crate::serve::doors()]; }",
+            "#[derive(crate::serve::Derive)] struct S;",
+            "fn f() { use nudge::serve::doors; }",
+            "pub use crate::serve::Doors;",
+            "pub use crate::serve::{self as attendance};",
+            "mod inside { use super::super::super::serve::Doors; }",
+            "#[serde(with = \"crate::serve::form\")] struct S;",
+        ] {
+            assert_eq!(upwards(&Sources::of(&[("store::sqlite", text)])).len(), 1, "{text}");
+        }
+        for allowed in [
+            "use crate::domain::Name; use super::Store;",
+            "use serve::Doors;",
+            "mod inside { use super::super::serve::Doors; }",
+            "pub(in crate::serve) struct S;",
+            "#[cfg(test)] mod tests { use crate::serve::Doors; }",
+            "//! Of crate::serve nothing is known: \n const S: &str = \"ask crate::serve::Doors\";",
+        ] {
+            assert_eq!(upwards(&Sources::of(&[("store::sqlite", allowed)])), Vec::<String>::new(), "{allowed}");
+        }
+    }
+
+    #[test]
+    fn crates_and_io_where_they_may_not_be() {
+        for text in [
+            "use sqlx::Row;",
+            "use {sqlx as database};",
+            "use ::sqlx;",
+            "use sqlx::*;",
+            "pub use sqlx::Row;",
+            "extern crate sqlx as database;",
+            "fn f(row: &sqlx::Row) {}",
+            "fn f() { sqlx::query!(\"\"); }",
+        ] {
+            assert_eq!(strangers(&Sources::of(&[("domain", text)])).len(), 1, "{text}");
+            assert!(strangers(&Sources::of(&[("store::sqlite", text)])).is_empty(), "{text}");
+        }
+        for text in [
+            "use std::{fmt, fs::File};",
+            "use std::time::Instant;",
+            "fn f() { std::env::var(\"A\"); }",
+            "use std::io as i;",
+            "use std::time::{self}; fn f() { time::Instant::now(); }",
+            "use std::time as clock; fn f() { g!(clock::SystemTime::now()); }",
+            "use std as all; fn f(file: all::fs::File) {}",
+        ] {
+            assert_eq!(impure(&Sources::of(&[("evidence::prior", text)])).len(), 1, "{text}");
+        }
+        assert!(impure(&Sources::of(&[("evidence", "use std::time::Duration;")])).is_empty());
+    }
+
+    #[test]
+    fn circles() {
+        let circles = |texts: &[(&str, &str)]| Sources::of(texts).circles().into_iter().collect::<Vec<_>>();
+        let two = [("a::b", "use super::c::C;"), ("a::c", "fn f() { crate::a::b::g(); }")];
+        assert_eq!(circles(&two), [["a::b", "a::c"]]);
+
+        // Through what a parent re-exports, by another name even; and with the parent itself.
+        let exported = [
+            ("a", "mod b; mod c; pub use b::B as Other;"),
+            ("a::b", "use super::c::C;"),
+            ("a::c", "use super::Other;"),
+        ];
+        assert_eq!(circles(&exported), [["a::b", "a::c"]]);
+        let parent = [("a", "mod b; struct A; fn f() { b::g(); }"), ("a::b", "use super::A;")];
+        assert_eq!(circles(&parent), [["a", "a::b"]]);
+
+        // With a parent that uses what it re-exports; and with a neighbour that is re-exported, for that one is no map.
+        let used = [("a", "mod b; pub use b::B; struct A(B);"), ("a::b", "use super::A;")];
+        assert_eq!(circles(&used), [["a", "a::b"]]);
+        let beside = [("a::b", "pub use super::c::C; pub struct B;"), ("a::c", "use super::b::B; pub struct C;")];
+        assert_eq!(circles(&beside), [["a::b", "a::c"]]);
+
+        // By names that an import brings in.
+        let by_name =
+            [("a", "mod b; mod c;"), ("a::b", "use crate::a; fn f() { a::c::g(); }"), ("a::c", "use super::b::f;")];
+        assert_eq!(circles(&by_name), [["a::b", "a::c"]]);
+
+        // Through a third; not where all point one way, nor where a parent shows what it does not use.
+        assert_eq!(
+            circles(&[("a", "use crate::b::B;"), ("b", "use crate::c::C;"), ("c", "use crate::a::A;")]),
+            [["a", "b", "c"]]
+        );
+        assert!(circles(&[("a", "mod b; pub use b::B;"), ("a::b", "use super::c::C;"), ("a::c", "")]).is_empty());
+        assert!(circles(&[("a", "mod b; pub use b::B; pub struct A;"), ("a::b", "use super::A;")]).is_empty());
+        assert!(circles(&[("a", "mod b; fn f() { b::g(); }"), ("a::b", "pub(in crate::a) fn g() {}")]).is_empty());
     }
 }

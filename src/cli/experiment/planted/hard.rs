@@ -1,6 +1,6 @@
 //! What was found in hard worlds, as people read it.
 
-use super::{spread, spread_to, targets};
+use super::figures::{spread, spread_to, targets};
 use crate::cli::output::{Table, count};
 use crate::experiments::findings::REVISION;
 use crate::experiments::measures::Spread;

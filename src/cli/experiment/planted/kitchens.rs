@@ -1,6 +1,6 @@
 //! What was found in kitchens, as people read it.
 
-use super::{spread, targets};
+use super::figures::{spread, targets};
 use crate::cli::output::{Table, count};
 use crate::experiments::findings::REVISION;
 use crate::experiments::kitchens::{Decision, Facts, Figure, Report, Target, World};

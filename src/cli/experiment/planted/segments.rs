@@ -1,6 +1,6 @@
 //! What was found in worlds of segments, as people read it.
 
-use super::{spread, spread_to, targets};
+use super::figures::{spread, spread_to, targets};
 use crate::cli::output::{Table, count};
 use crate::experiments::findings::REVISION;
 use crate::experiments::planted::segments::{Figure, Report, Target, VISITS, Within, World};

@@ -5,12 +5,14 @@
 
 mod engine;
 mod figure;
+mod options;
 mod plot;
 mod report;
 mod targets;
 
 pub use engine::{Engine, Pooled, Said, Within};
 pub use figure::{Case, Figure, measure};
+pub use options::{FDR, Options, VISITS, World, named};
 pub use plot::plot;
 pub use report::Report;
 pub use targets::{Findings, Target};
@@ -18,64 +20,11 @@ pub use targets::{Findings, Target};
 use rayon::prelude::*;
 
 use crate::experiments::findings;
-use crate::experiments::seeds::Seeds;
 use crate::information::{Table, p_value, smallest_p};
-use crate::simulation::planted::segments::{self as drawn, WORLDS};
-
-/// Visits of a state: those that targets are stated for.
-pub const VISITS: [usize; 2] = [30, 150];
-
-/// The false discovery rate of lists.
-pub const FDR: f64 = 0.05;
+use crate::simulation::planted::segments as drawn;
 
 /// Permutations for every state, and for those that may be listed then.
 const PERMUTATIONS: [u64; 2] = [199, 1_999];
-
-/// A world: a kind of states, how often each is seen, and how many there are.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct World {
-    /// How its states come about.
-    pub drawn: drawn::World,
-    /// Visits of each state.
-    pub visits: usize,
-    /// How many states there are.
-    pub states: usize,
-}
-
-/// What is run.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Options {
-    /// Which seeds.
-    pub seeds: Seeds,
-    /// States of each world.
-    pub states: usize,
-    /// The kinds of states.
-    pub worlds: Vec<drawn::World>,
-}
-
-impl Default for Options {
-    fn default() -> Self {
-        Self {
-            seeds: Seeds { number: 10, first: 1 },
-            states: drawn::Options::default().states,
-            worlds: WORLDS.to_vec(),
-        }
-    }
-}
-
-impl Options {
-    /// Returns the worlds that are drawn, for every seed.
-    pub fn worlds(&self) -> Vec<World> {
-        let with_visits = |visits| self.worlds.iter().map(move |drawn| (*drawn, visits));
-        let worlds = VISITS.into_iter().flat_map(with_visits);
-        worlds.map(|(drawn, visits)| World { drawn, visits, states: self.states }).collect()
-    }
-}
-
-/// Returns the kind of states of a name.
-pub fn named(text: &str) -> Option<drawn::World> {
-    WORLDS.into_iter().find(|world| world.name == text)
-}
 
 /// Runs the experiment; `done` is called after each world of each seed.
 pub fn run(options: &Options, mut done: impl FnMut()) -> Report {
@@ -129,6 +78,7 @@ fn tested(cut: &[Table], seed: u64) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::simulation::planted::segments::WORLDS;
 
     fn world(name: &str, visits: usize) -> World {
         World { drawn: named(name).expect("a world"), visits, states: 120 }

@@ -5,7 +5,8 @@ use std::sync::LazyLock;
 use sqlx::sqlite::SqliteConnection;
 
 use super::ledger::Account;
-use super::{KEPT, signed};
+use super::signed::signed;
+use super::window::KEPT;
 use crate::domain::EnvironmentId;
 use crate::store::sqlite::error::aborted;
 use crate::store::sqlite::rows::ManyRows;

@@ -6,7 +6,8 @@ use sqlx::Row;
 use sqlx::sqlite::SqliteConnection;
 
 use super::ledger::{Account, Ledgers};
-use super::{KEPT, quota};
+use super::quota;
+use super::window::KEPT;
 use crate::domain::{Acknowledged, Digest, Receipt, Rejection, Sequence};
 use crate::store::form::Unreadable;
 use crate::store::sqlite::error::{aborted, spoiled};

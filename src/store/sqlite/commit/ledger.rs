@@ -5,12 +5,13 @@ use std::collections::{BTreeMap, BTreeSet};
 use sqlx::Row;
 use sqlx::sqlite::SqliteConnection;
 
-use super::Failed;
-use super::merge::Merged;
-use crate::domain::{EnvironmentId, Label, Name, Sequence};
+use super::failed::Failed;
+use super::merge::{Merged, stored_label};
+use crate::domain::{EnvironmentId, Name, Sequence};
 use crate::store::sqlite::directory::Directory;
 use crate::store::sqlite::error::aborted;
-use crate::store::sqlite::{Map, text};
+use crate::store::sqlite::map::Map;
+use crate::store::sqlite::text;
 use crate::store::{Numbered, Quotas};
 
 /// The ledgers of a commit: one an environment that exists. In order of environment, so that the same commit always writes in the same order.
@@ -128,14 +129,19 @@ impl<'a> Ledger<'a> {
         }))
     }
 
+    /// Adds a batch that was decided to be counted.
+    pub(super) fn accept(&mut self, batch: &'a Numbered) {
+        let account = self.accounts.entry(batch.producer.as_str()).or_default();
+        if account.owner.is_none() {
+            account.owner = batch.owner.as_ref().map(|owner| owner.as_str().to_owned());
+        }
+        account.accepted.push(batch);
+        self.merged.add(&batch.increment);
+    }
+
     fn accepted_nothing(&self) -> bool {
         self.accounts.values().all(|account| account.accepted.is_empty())
     }
-}
-
-/// Returns how a segment's label is stored: transitions without one have the empty label, which no label can be.
-pub(super) fn stored_label(label: Option<&Label>) -> &str {
-    label.map_or("", Label::as_str)
 }
 
 /// Who and what a commit names in one environment.

@@ -1,9 +1,7 @@
 //! Adding equal cells together across all batches of a commit, so that each is written once.
 
-use super::ledger::{Ledger, stored_label};
-use crate::domain::{Increment, StateKey, Tally};
-use crate::store::Numbered;
-use crate::store::sqlite::Map;
+use crate::domain::{Increment, Label, StateKey, Tally};
+use crate::store::sqlite::map::Map;
 
 /// The most cells that a commit makes room for at its first batch.
 const USUAL_CELLS: usize = 8_192;
@@ -18,20 +16,9 @@ pub(super) struct Merged<'a> {
     transitions: u64,
 }
 
-impl<'a> Ledger<'a> {
-    /// Adds a batch that was decided to be counted.
-    pub(super) fn accept(&mut self, batch: &'a Numbered) {
-        let account = self.accounts.entry(batch.producer.as_str()).or_default();
-        if account.owner.is_none() {
-            account.owner = batch.owner.as_ref().map(|owner| owner.as_str().to_owned());
-        }
-        account.accepted.push(batch);
-        self.merged.add(&batch.increment);
-    }
-}
-
 impl<'a> Merged<'a> {
-    fn add(&mut self, increment: &'a Increment) {
+    /// Adds an increment.
+    pub(super) fn add(&mut self, increment: &'a Increment) {
         if increment.cells.is_empty() {
             return;
         }
@@ -110,4 +97,9 @@ impl<'a> Merged<'a> {
     pub(super) fn take_cells(&mut self) -> impl ExactSizeIterator<Item = ((u32, u32, u64), Tally)> + use<> {
         std::mem::take(&mut self.cells).into_iter()
     }
+}
+
+/// Returns how a segment's label is stored: transitions without one have the empty label, which no label can be.
+pub(super) fn stored_label(label: Option<&Label>) -> &str {
+    label.map_or("", Label::as_str)
 }

@@ -1,24 +1,26 @@
 //! Counting batches exactly once: decide each by the table of [`crate::store::Store`], merge what is accepted, write it, commit.
 //!
 //! `ledger` is what the database says before, and what is accepted on top of it; `decide` is the table; `quota` its last row; `merge` adds equal cells
-//! together; `write` and `account` put it all into the database.
+//! together; `write` and `account` put it all into the database. Whoever asks again within the `window` hears what was said first.
 
+use self::failed::Failed;
 use self::ledger::Ledgers;
 use super::directory::Directory;
 use super::writer::Writer;
-use crate::domain::EnvironmentId;
 use crate::store::{Numbered, Outcome, Quotas, StoreError};
 
 mod account;
 mod decide;
+mod failed;
 mod ledger;
 mod lookup;
 mod merge;
 mod quota;
+mod signed;
+mod window;
 mod write;
 
-/// How many of each producer's batches are kept, with digest and receipt.
-pub(super) const KEPT: u64 = 1_024;
+pub(super) use self::window::KEPT;
 
 /// Commits batches in their order, in one transaction, and returns an outcome each. An environment that turns out to be damaged holds up no other: it
 /// takes no more batches, and the rest is begun anew.
@@ -57,28 +59,4 @@ async fn attempt(
     let deltas = write::write(&mut transaction, ledgers).await?;
     transaction.commit(|memory, _| deltas.iter().for_each(|delta| delta.apply_to(memory))).await?;
     Ok(outcomes)
-}
-
-/// Why a commit failed, and in whose rows.
-struct Failed {
-    error: StoreError,
-    /// None where it is no environment's.
-    environment: Option<EnvironmentId>,
-}
-
-impl Failed {
-    fn in_environment(id: EnvironmentId, error: StoreError) -> Self {
-        Self { error, environment: Some(id) }
-    }
-}
-
-impl From<StoreError> for Failed {
-    fn from(error: StoreError) -> Self {
-        Self { error, environment: None }
-    }
-}
-
-/// Returns a number as the database holds it.
-fn signed(number: u64) -> i64 {
-    i64::try_from(number).expect("a batch that would pass 2^63 - 1 was refused")
 }

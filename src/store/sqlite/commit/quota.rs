@@ -2,8 +2,9 @@
 
 use sqlx::sqlite::SqliteConnection;
 
-use super::ledger::{Account, Ledger, stored_label};
+use super::ledger::{Account, Ledger};
 use super::lookup;
+use super::merge::stored_label;
 use crate::domain::StateKey;
 use crate::store::sqlite::error::aborted;
 use crate::store::sqlite::known::CellKey;

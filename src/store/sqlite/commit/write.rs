@@ -5,14 +5,17 @@ use std::sync::LazyLock;
 use sqlx::sqlite::SqliteConnection;
 
 use super::account::write_account;
+use super::failed::Failed;
 use super::ledger::{Ledger, Ledgers};
-use super::{Failed, lookup, signed};
+use super::lookup;
+use super::signed::signed;
 use crate::domain::{Cell, EnvironmentId, SegmentId, StateKey, Tally};
 use crate::store::StoreError;
 use crate::store::sqlite::error::aborted;
 use crate::store::sqlite::known::{CellKey, Known};
+use crate::store::sqlite::memory::Memory;
 use crate::store::sqlite::rows::ManyRows;
-use crate::store::sqlite::writer::{Memory, Transaction};
+use crate::store::sqlite::writer::Transaction;
 
 /// What a commit adds to one environment, for memory.
 pub(super) struct Delta<'a> {

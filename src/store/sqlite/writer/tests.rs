@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::domain::{Counts, EnvironmentId, StateKey};
+use crate::store::sqlite::cache::CountsCache;
 use crate::store::sqlite::lock::Lock;
 
 const ENVIRONMENT: EnvironmentId = EnvironmentId(1);

@@ -1,0 +1,39 @@
+//! What is remembered of the database, beside each other.
+
+use super::actions::ActionsMemory;
+use super::cache::CountsCache;
+use super::directory::Directory;
+use super::leftovers::Removals;
+
+/// What is remembered of the database, and changed after each commit.
+pub(super) struct Memory {
+    /// The environments.
+    pub(super) directory: Directory,
+    /// The counts of states.
+    pub(super) cache: CountsCache,
+    /// How often each action was taken.
+    pub(super) actions: ActionsMemory,
+    /// What deleted environments have left.
+    pub(super) removals: Removals,
+}
+
+impl Memory {
+    /// Remembers nothing yet; the first transaction lets it begin.
+    pub(super) fn new(cache_cells: usize) -> Self {
+        let cache = CountsCache::new(cache_cells);
+        let (directory, actions, removals) = Default::default();
+        Self { directory, cache, actions, removals }
+    }
+
+    /// Drops the counts, and takes none in until it is known what was committed.
+    pub(super) fn suspend(&self) {
+        self.cache.suspend();
+        self.actions.suspend();
+    }
+
+    /// Takes counts in again.
+    pub(super) fn resume(&self) {
+        self.cache.resume();
+        self.actions.resume();
+    }
+}
