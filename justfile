@@ -26,7 +26,7 @@ bench name *part:
 
 # Formats the code and the protos.
 fmt:
-    cargo fmt
+    cargo fmt --all
     if [ -x .venv/bin/buf ]; then .venv/bin/buf format proto --write; fi
 
 # Documentation of the code, the tables that are made of it, and whether links lead somewhere.

@@ -2,6 +2,9 @@
 //!
 //! # The map, in reading order
 //!
+//! Rooms that others can use alone are crates, which this one shows under their names: `nudge_core` has [`information`], [`error`], [`domain`] and
+//! [`evidence`], `nudge_worlds` [`simulation`] and [`recordings`].
+//!
 //! Each room may use the ones above it, never the ones below, and within a room no files import each other in a circle: what two of them need has a file of
 //! its own (`tests/it/architecture`).
 //!
@@ -40,25 +43,22 @@
 //! Nothing in `information`, `domain` or `evidence` does I/O. Raw values are not kept anywhere: only bins are counted. There is no wall clock in the
 //! protocol. The committer talks to nothing but the store. Nothing flows upwards but return values.
 
+pub use nudge_core::{domain, error, evidence, information};
+pub use nudge_worlds::{recordings, simulation};
+
 pub mod access;
 pub mod api;
 pub mod app;
 pub mod cli;
 pub mod client;
 pub mod config;
-pub mod domain;
 pub mod environments;
-pub mod error;
-pub mod evidence;
 pub mod experiments;
 pub mod influence;
-pub mod information;
 pub mod ingest;
 pub mod model;
 pub mod priors;
-pub mod recordings;
 pub mod serve;
-pub mod simulation;
 pub mod store;
 pub mod telemetry;
 pub mod tls;

@@ -3,7 +3,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use syn::visit::{self, Visit};
 
@@ -26,10 +26,11 @@ pub struct Source {
 const MOST_STEPS: usize = 8;
 
 impl Sources {
-    /// Reads all files below a folder.
-    pub fn read(root: &Path) -> Self {
+    /// Reads all files below the folders of several crates as if they were one: what is in one of them the others know by the same path.
+    pub fn read(roots: &[PathBuf]) -> Self {
         let mut files = BTreeMap::new();
-        read_folder(root, &[], &mut files);
+        // The first last: of several roots, its map is the one.
+        roots.iter().rev().for_each(|root| read_folder(root, &[], &mut files));
         Self(files)
     }
 
@@ -174,7 +175,7 @@ impl Scope {
         let (before, rest) = match first.as_str() {
             "super" => (above(supers)?.collect(), &path[supers..]),
             "self" => (above(0)?.collect(), &path[1..]),
-            "nudge" => (vec!["crate".to_owned()], &path[1..]),
+            "nudge" | "nudge_core" | "nudge_worlds" => (vec!["crate".to_owned()], &path[1..]),
             child if self.children.contains(child) => (above(0)?.collect(), path),
             _ => match self.names.get(first).filter(|named| steps > 0 && named.first() != Some(first)) {
                 Some(named) => return self.absolute(&[named, &path[1..]].concat(), steps - 1),

@@ -4,7 +4,7 @@ use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, Normal};
 use rand_pcg::Pcg64;
 
-use crate::information::{Alphabet, Table};
+use nudge_core::information::{Alphabet, Table};
 
 pub mod graphs;
 mod hard;

@@ -4,7 +4,7 @@ use rand::RngExt;
 use rand_distr::{Binomial, Distribution, Gamma};
 use rand_pcg::Pcg64;
 
-use crate::information::Table;
+use nudge_core::information::Table;
 
 /// Draws from the symmetric Dirichlet distribution.
 pub(super) fn dirichlet(concentration: f64, letters: usize, rng: &mut Pcg64) -> Vec<f64> {

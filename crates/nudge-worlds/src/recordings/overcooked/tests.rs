@@ -1,7 +1,7 @@
 //! The files that come with the program, and files that are wrong.
 
 use super::*;
-use crate::domain::Schema;
+use nudge_core::domain::Schema;
 
 const HEADER: &str = "layout,trial,t,state,action0,action1\n";
 const STATE: &str = r#""{""p"":[[1,1,""N"",""""],[3,2,""S"",""onion""]],""o"":[]}""#;

@@ -11,7 +11,7 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 use super::hallway::{Hallway, Protocol, Trial, walls};
 use super::observation::ELLIPSE;
 use super::{Pedestrian, Segment};
-use crate::error::Fault;
+use nudge_core::error::Fault;
 
 /// Okabe and Ito's colours, which the colour-blind can tell apart: to the right, to the left, across.
 const COLOURS: [(RGBColor, &str); 3] = [

@@ -7,9 +7,9 @@ use proptest::prelude::*;
 use serde_json::Value;
 
 use super::*;
-use crate::domain::draft::{AgentDraft, FeatureDraft, KindDraft};
-use crate::domain::{Entry, SchemaDraft};
 use crate::simulation::hallway::{Hallway, Protocol};
+use nudge_core::domain::draft::{AgentDraft, FeatureDraft, KindDraft};
+use nudge_core::domain::{Entry, SchemaDraft};
 
 /// Reads the description without the room that reads descriptions: it stands beside this one.
 fn schema() -> Schema {

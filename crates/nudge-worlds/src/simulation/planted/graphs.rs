@@ -188,7 +188,7 @@ mod tests {
     /// Returns the plug-in mutual information of two agents in a state, in nats.
     fn plug_in(state: &Played, [a, b]: [usize; 2], fixed: Option<(usize, u64)>) -> f64 {
         let visits = state.visits.iter().filter(|actions| fixed.is_none_or(|(agent, action)| actions[agent] == action));
-        crate::information::plug_in(&crate::information::Table::from_counts(
+        nudge_core::information::plug_in(&nudge_core::information::Table::from_counts(
             visits.map(|actions| (actions[a], actions[b], 1)),
         ))
     }

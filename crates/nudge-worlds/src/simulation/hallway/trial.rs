@@ -7,8 +7,8 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64;
 
 use super::{Protocol, Scenario, start};
-use crate::error::Fault;
 use crate::simulation::{Crowd, Pedestrian, Segment, Wall};
+use nudge_core::error::Fault;
 
 /// How close to a wall anybody gets, in metres.
 const WALL_BAND: f64 = 0.01;

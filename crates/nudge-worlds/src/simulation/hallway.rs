@@ -17,7 +17,7 @@ use std::sync::Arc;
 pub use protocol::{Protocol, Scenario};
 pub use trial::{Trial, walls};
 
-use crate::error::Fault;
+use nudge_core::error::Fault;
 
 /// A hallway whose protocol can be carried out. Cloning is cheap.
 #[derive(Debug, Clone, PartialEq)]

@@ -4,8 +4,8 @@ use std::fmt;
 use std::ops::RangeInclusive;
 use std::str::FromStr;
 
-use crate::error::Fault;
 use crate::simulation::SocialForce;
+use nudge_core::error::Fault;
 
 /// Who walks where.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -7,7 +7,7 @@
 use glam::DVec2;
 
 use super::Wall;
-use crate::error::Fault;
+use nudge_core::error::Fault;
 
 /// The constants of the model. The default is the paper's.
 #[derive(Debug, Clone, PartialEq)]

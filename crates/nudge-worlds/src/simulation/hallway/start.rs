@@ -6,8 +6,8 @@ use rand_distr::{Distribution, Normal};
 use rand_pcg::Pcg64;
 
 use super::{Protocol, Scenario};
-use crate::error::Fault;
 use crate::simulation::Pedestrian;
+use nudge_core::error::Fault;
 
 /// Places drawn for one pedestrian before all are taken away again, and how often that may happen. Drawn one after the other, circles around
 /// pedestrians cover at most about half of a zone; what needs more is refused.

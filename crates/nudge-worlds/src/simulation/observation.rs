@@ -25,10 +25,10 @@ use kdtree::distance::squared_euclidean;
 
 use super::hallway::Trial;
 use super::{Pedestrian, SocialForce, semi_minor_axis};
-use crate::domain::{Record, Schema, Track};
+use nudge_core::domain::{Record, Schema, Track};
 
 /// The description of the environment whose transitions these are, in JSON.
-pub const DESCRIPTION: &str = include_str!("../../examples/hallway.json");
+pub const DESCRIPTION: &str = include_str!("../../../../examples/hallway.json");
 
 /// The semi-minor axis below which somebody lies in an ellipse, in metres: twice the range of the force. The paper gives no size.
 pub const ELLIPSE: f64 = 0.6;

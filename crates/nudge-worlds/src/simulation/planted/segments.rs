@@ -8,7 +8,7 @@ use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
 
 use super::joint::{Pull, dirichlet, draw, information, joint, multinomial, pulled, pulls, shuffle};
-use crate::information::{Alphabet, Occupied, Table};
+use nudge_core::information::{Alphabet, Occupied, Table};
 
 /// The share of a dominant segment.
 const DOMINANT: f64 = 0.9;
@@ -304,8 +304,8 @@ fn drifting(segments: usize, letters: usize, rng: &mut Pcg64) -> Vec<Vec<f64>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::information::{conditional, p_value, plug_in};
     use crate::simulation::planted::joint::margins;
+    use nudge_core::information::{conditional, p_value, plug_in};
 
     const ROUNDING: f64 = 1e-12;
 

@@ -26,7 +26,7 @@ impl Kitchen {
     /// Returns the five layouts that the recordings know, in order of name.
     pub fn all() -> Vec<Self> {
         let maps: BTreeMap<String, Vec<String>> =
-            serde_json::from_str(include_str!("../../../data/overcooked/layouts.json"))
+            serde_json::from_str(include_str!("../../../../../data/overcooked/layouts.json"))
                 .expect("the file is part of the program, and a test reads it");
         maps.into_iter().map(|(name, rows)| Self::of_map(name, &rows)).collect()
     }

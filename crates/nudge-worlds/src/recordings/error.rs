@@ -1,6 +1,6 @@
 //! What can be wrong with a recording.
 
-use crate::error::ErrorKind;
+use nudge_core::error::ErrorKind;
 
 /// An error of a recording, with its place.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]

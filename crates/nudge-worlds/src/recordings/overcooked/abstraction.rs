@@ -4,8 +4,8 @@ use std::fmt;
 use std::str::FromStr;
 
 use super::{Cell, Held, Kitchen, Move, Object, Orientation, Player, Step, Thing};
-use crate::domain::SchemaDraft;
-use crate::domain::draft::{AgentDraft, FeatureDraft, KindDraft};
+use nudge_core::domain::SchemaDraft;
+use nudge_core::domain::draft::{AgentDraft, FeatureDraft, KindDraft};
 
 /// How much of a kitchen's state is kept. Each is finer than the one before.
 ///
