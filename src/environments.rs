@@ -9,8 +9,8 @@ use tracing::{Instrument, instrument};
 use crate::api::{self, proto};
 use crate::domain::draft::{DescriptionDraft, RuleDraft};
 use crate::domain::{
-    Asker, Environment, EnvironmentId, EnvironmentPage, Name, Pair, Principal, Schema, UnreadableEnvironment, WrittenRule,
-    hint, page_size,
+    Asker, Environment, EnvironmentId, EnvironmentPage, Name, Pair, Principal, Schema, UnreadableEnvironment,
+    WrittenRule, hint, page_size,
 };
 use crate::error::{ErrorKind, Fault, Problem};
 use crate::ingest::Ingest;
@@ -61,8 +61,7 @@ impl Environments {
 
     fn unknown(&self, name: &str) -> Problem {
         let (known, principal) = (self.store.environments(), self.asker.now());
-        let theirs =
-            known.iter().map(|environment| environment.name.as_str()).filter(|name| principal.may_see(name));
+        let theirs = known.iter().map(|environment| environment.name.as_str()).filter(|name| principal.may_see(name));
         let hint = hint(name, theirs);
         Problem::new(ErrorKind::NotFound, "ENVIRONMENT_NOT_FOUND", format!("unknown environment `{name}`{hint}"))
     }

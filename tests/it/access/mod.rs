@@ -2,6 +2,7 @@
 
 mod changes;
 mod process;
+mod slow;
 mod wire;
 
 use std::sync::Arc;
