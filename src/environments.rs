@@ -94,7 +94,7 @@ impl Environments {
     }
 
     /// Makes an environment, or confirms that it exists with this schema; a rule that is given is set. Returns whether it was made now.
-    #[instrument(level = "debug", skip(self, description))]
+    #[instrument(level = "debug", skip_all)]
     pub async fn apply(&self, name: &str, description: DescriptionDraft) -> Result<(Arc<Environment>, bool), Problem> {
         self.admit(name)?;
         let existing = self.store.environment(name);
@@ -119,7 +119,7 @@ impl Environments {
     }
 
     /// Changes the parts of a rule that are given.
-    #[instrument(level = "debug", skip(self, draft))]
+    #[instrument(level = "debug", skip_all)]
     pub async fn update_rule(&self, name: &str, draft: &RuleDraft) -> Result<Arc<Environment>, Problem> {
         let environment = self.find(name)?;
         let kept = Some(environment.rule);
@@ -131,7 +131,7 @@ impl Environments {
 
     /// Removes an environment with its counts and watermarks, and ends its streams and trainings. It need not be readable. What it leaves in the
     /// database goes in the background.
-    #[instrument(level = "debug", skip(self))]
+    #[instrument(level = "debug", skip_all)]
     pub async fn delete(&self, name: &str) -> Result<(), Problem> {
         self.admit(name)?;
         let (id, uid) = match self.find_unreadable(name) {

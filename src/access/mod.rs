@@ -26,4 +26,4 @@ pub use keys::{Key, Keys, KeysError};
 pub use line::Line;
 pub use rate::Rate;
 pub use secret::{KeyDigest, Secret};
-pub use shown::redacted;
+pub use shown::{has_key, redacted};

@@ -23,6 +23,14 @@ pub fn redacted(text: &str) -> String {
     told + &words(rest)
 }
 
+/// Returns whether a key as they are made here stands in a text, or the beginning of one.
+pub fn has_key(text: &str) -> bool {
+    text.match_indices(PREFIX).any(|(at, _)| {
+        let behind = &text.as_bytes()[at + PREFIX.len()..];
+        behind.len() >= PART && behind.iter().take(PART).all(u8::is_ascii_hexdigit)
+    })
+}
+
 /// Returns a text of a keys file for an error, unless there may be a part of a key in it; nothing of a long one.
 pub(super) fn harmless(text: &str) -> String {
     const MOST: usize = 40;
@@ -61,17 +69,13 @@ fn words(text: &str) -> String {
 
 /// Returns whether a word looks like a secret. Paths and names are long too, but their parts are short or of small letters.
 fn is_secret(word: &str) -> bool {
-    let is_key = |(at, _): (usize, &str)| {
-        let behind = &word[at + PREFIX.len()..];
-        behind.len() >= PART && behind.bytes().take(PART).all(|byte| byte.is_ascii_hexdigit())
-    };
     let is_row = |row: &str| row.len() >= DIGITS;
     let is_mixed = |row: &str| {
         is_row(row) && has(row, char::is_lowercase) && has(row, char::is_uppercase) && has(row, char::is_numeric)
     };
     // Base 64 has slashes too, and no path without a slash or a dot at its beginning is as mixed.
     let is_path = word.starts_with(['/', '.', '~']);
-    word.match_indices(PREFIX).any(is_key)
+    has_key(word)
         || word.split(|char: char| !(char.is_ascii_alphanumeric() || char == '+')).any(is_row)
         || word.split(['/', '.', '~', '=']).any(is_mixed)
         || (!is_path && word.split(['.', '~', '=', '-', '_']).any(is_mixed))

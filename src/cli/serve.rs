@@ -75,7 +75,7 @@ pub struct ServeSettings {
     /// The most connections, as far as the limit on open files (ulimit -n) leaves room; the idlest one makes room for a new one.
     #[arg(long, env = "NUDGE_MAX_CONNECTIONS", value_name = "N", value_parser = at_least_one::<usize>, default_value_t = Config::default().max_connections)]
     pub max_connections: usize,
-    /// The age, give or take a tenth, at which an HTTP/2 connection is asked to leave, so that clients spread over services anew; 0s for never.
+    /// The age, give or take a tenth, at which a connection is asked to leave, so that clients spread over services anew; 0s for never.
     #[arg(long, env = "NUDGE_MAX_CONNECTION_AGE", value_name = "TIME", value_parser = duration, default_value = "1h")]
     pub max_connection_age: Duration,
     /// The file of the keys that are let in (see `nudge key new`), read again on SIGHUP. Without one, everybody who reaches the service is let in.
@@ -226,6 +226,7 @@ impl Service {
             listen: Some(config.listen.ip()),
             hosts: config.hosts.clone(),
             cors_origins: config.cors_origins.clone(),
+            speaks_tls: config.tls_cert.is_some(),
             limits,
         };
         doors.open(app.clone(), &settings).await.map_err(|error| Failure::usage(error.to_string()))?;

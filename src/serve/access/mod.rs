@@ -23,7 +23,7 @@ use axum::body::Body;
 use axum::extract::{MatchedPath, Request, State};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
-use http::{HeaderValue, Method, header};
+use http::{HeaderMap, HeaderValue, Method, StatusCode, header};
 use tracing::Span;
 
 use self::denials::{unauthenticated, word};
@@ -35,7 +35,7 @@ use super::operations;
 use super::requests::is_grpc;
 use super::settings::Settings;
 use super::status::{self, Failure};
-use crate::access::bearer;
+use crate::access::{bearer, redacted};
 use crate::error::Problem;
 use crate::telemetry;
 
@@ -53,7 +53,7 @@ impl Guard {
     /// Makes the guard of a service.
     pub fn new(settings: &Settings) -> Self {
         let hosts = Hosts::new(settings.listen, &settings.hosts);
-        let origins = Origins::new(&settings.cors_origins);
+        let origins = Origins::new(&settings.cors_origins, settings.speaks_tls, &settings.hosts);
         Self(Arc::new(Rules { keys: settings.keys.clone(), hosts, origins }))
     }
 }
@@ -104,8 +104,8 @@ impl Form {
 enum Refusal {
     /// Because of who asks.
     Problem(Problem),
-    /// Because it says that it is not gRPC.
-    Media(Failure),
+    /// Because it is no call of gRPC, where gRPC is served.
+    Protocol(Failure),
 }
 
 impl From<Problem> for Refusal {
@@ -123,9 +123,11 @@ impl Rules {
             self.hosts.admit(request)?;
         }
         self.origins.admit(request)?;
-        is_what_its_path_takes(request)?;
         let caller = match (wanted, caller) {
-            (Wanted::Nothing, caller) => return Ok(caller.ok().flatten().unwrap_or_default()),
+            (Wanted::Nothing, caller) => {
+                is_what_its_path_takes(request)?;
+                return Ok(caller.ok().flatten().unwrap_or_default());
+            }
             (_, Ok(Some(caller))) => caller,
             (_, Ok(None)) => {
                 return Err(unauthenticated("this wants a key: send `authorization: Bearer KEY`").into());
@@ -133,6 +135,7 @@ impl Rules {
             (_, Err(problem)) => return Err(problem.into()),
         };
         wanted.authorize(caller.principal())?;
+        is_what_its_path_takes(request)?;
         caller.take()?;
         Ok(caller)
     }
@@ -147,34 +150,59 @@ impl Rules {
     }
 }
 
-/// Refuses what does not say that it is gRPC where gRPC is served: pages can make a browser send every other type without asking.
+/// Refuses what does not say that it is gRPC where gRPC is served: pages can make a browser send every other type, and every other method that has no body,
+/// without asking.
 fn is_what_its_path_takes(request: &Request) -> Result<(), Refusal> {
     let is_preflight = request.method() == Method::OPTIONS;
-    if is_preflight || !wanted::is_grpc_path(request.uri().path()) || is_grpc(request.headers()) {
+    // Whoever asks for what is not served is told so.
+    let is_served = request.extensions().get::<MatchedPath>().is_some();
+    if is_preflight || !is_served || !wanted::is_grpc_path(request.uri().path()) {
         return Ok(());
     }
-    // Whoever asks for what is not served is told so.
-    if request.extensions().get::<MatchedPath>().is_none() {
+    if request.method() != Method::POST {
+        return Err(Refusal::Protocol(Failure::of_http(StatusCode::METHOD_NOT_ALLOWED)));
+    }
+    if is_protobuf(request.headers()) {
         return Ok(());
     }
     let found = request.headers().get(header::CONTENT_TYPE).and_then(|media| media.to_str().ok()).unwrap_or_default();
-    Err(Refusal::Media(Failure::of_media_type(found, "application/grpc, or application/grpc-web")))
+    Err(Refusal::Protocol(Failure::of_media_type(found, "application/grpc, or application/grpc-web")))
+}
+
+/// Returns whether a call is of gRPC or gRPC-Web, and its messages of the one encoding that is read: `application/grpc+json` would be read as another.
+fn is_protobuf(headers: &HeaderMap) -> bool {
+    const TYPES: [&str; 6] = [
+        "application/grpc",
+        "application/grpc+proto",
+        "application/grpc-web",
+        "application/grpc-web+proto",
+        "application/grpc-web-text",
+        "application/grpc-web-text+proto",
+    ];
+    let media = headers.get(header::CONTENT_TYPE).and_then(|media| media.to_str().ok()).unwrap_or_default();
+    TYPES.contains(&media.split(';').next().unwrap_or_default().trim())
 }
 
 impl Refusal {
     fn count(&self, path: &str) {
         match self {
-            Self::Media(_) => telemetry::denied("media"),
+            Self::Protocol(_) => telemetry::denied("media"),
             Self::Problem(problem) => {
                 telemetry::denied(word(problem.reason));
-                tracing::debug!(reason = problem.reason, path, "a request was not let in");
+                tracing::debug!(reason = problem.reason, path = redacted(path), "a request was not let in");
             }
         }
     }
 
     fn tell(self, Form { path, grpc }: &Form) -> Response {
         match (self, grpc) {
-            (Self::Media(failure), _) => failure.tell(path),
+            (Self::Protocol(failure), _) => {
+                let mut response = failure.tell(path);
+                if response.status() == StatusCode::METHOD_NOT_ALLOWED {
+                    response.headers_mut().insert(header::ALLOW, HeaderValue::from_static("POST"));
+                }
+                response
+            }
             (Self::Problem(problem), Some(media)) => {
                 let mut response = status::grpc(problem).into_http::<Body>();
                 response.headers_mut().insert(header::CONTENT_TYPE, media.clone());

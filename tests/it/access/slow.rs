@@ -173,12 +173,12 @@ async fn an_answer_that_takes_longer_than_its_key_is_not_told() {
         let (key, line) = key("game read");
         let guarded = Guarded::start(&[&line]).await;
         // Whoever asks waits for a turn, which nobody gives back.
-        let questions = &guarded.app.app.work.questions;
+        let passes = &guarded.app.app.work.passes;
         let mut turns = Vec::new();
-        while questions.busy() < questions.workers() {
-            turns.push(questions.enter().await.expect("free"));
+        while turns.len() < passes.workers() {
+            turns.push(passes.enter().await.expect("free"));
         }
-        let path = "/v1/environments/lane/influence?state.distance=0.6&state.held=dish";
+        let path = "/v1/environments/lane/summary";
         let request = reqwest::Client::new().get(guarded.app.url(path)).header("authorization", bearer(&key));
         let asking = tokio::spawn(request.send());
         tokio::time::sleep(Duration::from_millis(300)).await;

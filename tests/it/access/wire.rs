@@ -241,12 +241,8 @@ pub fn message(method: &str, environment: &str) -> Vec<u8> {
         service.starts_with(file.package()) && file.service.iter().any(|one| service.ends_with(one.name()))
     });
     let Some(file) = file else { return Vec::new() };
-    let method = file
-        .service
-        .iter()
-        .flat_map(|service| &service.method)
-        .find(|method| method.name() == name)
-        .expect("described");
+    let method = file.service.iter().flat_map(|service| &service.method).find(|method| method.name() == name);
+    let Some(method) = method else { return Vec::new() };
     let kind = |path: &str| -> DescriptorProto {
         let name = path.rsplit('.').next().expect("a name");
         let messages = described.file.iter().flat_map(|file| &file.message_type);
