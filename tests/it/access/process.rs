@@ -209,6 +209,9 @@ fn telling(arguments: &[&str], variables: &[(&str, &str)]) -> (Option<i32>, Stri
     (output.status.code(), text(&output.stdout) + &text(&output.stderr))
 }
 
+/// Arguments, and variables by their names.
+type Given<'a> = (Vec<&'a str>, Vec<(&'a str, &'a str)>);
+
 #[test]
 fn a_secret_in_the_wrong_place_is_not_shown() {
     let directory = TempDir::new().expect("a temporary directory");
@@ -219,7 +222,7 @@ fn a_secret_in_the_wrong_place_is_not_shown() {
     let serve = ["serve", "--listen", "127.0.0.1:0", "--data", &data];
     let print = ["serve", "--print-config"];
 
-    let mut cases: Vec<(Vec<&str>, Vec<(&str, &str)>)> = Vec::new();
+    let mut cases: Vec<Given> = Vec::new();
     for secret in [key.as_str(), pem.as_str()] {
         for variable in [
             "NUDGE_KEYS",
