@@ -9,7 +9,7 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
 use self::chores::{Chore, Chores};
-use crate::domain::{Environment, Principal};
+use crate::domain::{Asker, Environment};
 use crate::environments::Environments;
 use crate::influence::Influence;
 use crate::ingest::Ingest;
@@ -99,10 +99,11 @@ impl App {
         app
     }
 
-    /// Returns the rooms as they are for a principal.
-    pub fn asked_by(&self, principal: &Arc<Principal>) -> Self {
-        let environments = self.environments.asked_by(principal.clone());
-        Self { environments, ingest: self.ingest.asked_by(principal.clone()), ..self.clone() }
+    /// Returns the rooms as they are for whoever asks. Every request comes through here to an environment, and is looked at again where it finds one: who
+    /// sends a body slowly may have had a key when it began.
+    pub fn asked_by(&self, asker: &Asker) -> Self {
+        let environments = self.environments.asked_by(asker.clone());
+        Self { environments, ingest: self.ingest.asked_by(asker.first().clone()), ..self.clone() }
     }
 
     fn in_background(&self, work: impl Future<Output = ()> + Send + 'static) {

@@ -29,7 +29,7 @@ pub struct Config {
     pub train_every: Duration,
     /// The most connections; fewer where the limit on open files leaves room for fewer.
     pub max_connections: usize,
-    /// The age at which HTTP/2 connections are asked to leave; never if it is zero.
+    /// The age at which connections are asked to leave; never if it is zero.
     pub max_connection_age: Duration,
     /// The file of the keys that are let in; without one, everybody is.
     pub keys: Option<PathBuf>,

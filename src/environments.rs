@@ -9,8 +9,8 @@ use tracing::{Instrument, instrument};
 use crate::api::{self, proto};
 use crate::domain::draft::{DescriptionDraft, RuleDraft};
 use crate::domain::{
-    Environment, EnvironmentId, EnvironmentPage, Name, Pair, Principal, Schema, UnreadableEnvironment, WrittenRule,
-    hint, page_size,
+    Asker, Environment, EnvironmentId, EnvironmentPage, Name, Pair, Principal, Schema, UnreadableEnvironment,
+    WrittenRule, hint, page_size,
 };
 use crate::error::{ErrorKind, Fault, Problem};
 use crate::ingest::Ingest;
@@ -31,22 +31,23 @@ pub struct Environments {
     store: Arc<dyn Store>,
     ingest: Ingest,
     networks: Networks,
-    principal: Arc<Principal>,
+    asker: Asker,
 }
 
 impl Environments {
     /// Makes a handle.
     pub fn new(store: Arc<dyn Store>, ingest: Ingest, networks: Networks) -> Self {
-        Self { store, ingest, networks, principal: Arc::new(Principal::anonymous()) }
+        Self { store, ingest, networks, asker: Asker::always(Principal::anonymous()) }
     }
 
-    /// Returns a handle for a principal, to whom other environments than theirs are forbidden, whether there are such or not.
-    pub fn asked_by(&self, principal: Arc<Principal>) -> Self {
-        Self { principal, ..self.clone() }
+    /// Returns a handle for whoever asks, to whom other environments than theirs are forbidden, whether there are such or not. Which are theirs is looked at
+    /// each time.
+    pub fn asked_by(&self, asker: Asker) -> Self {
+        Self { asker, ..self.clone() }
     }
 
     fn admit(&self, name: &str) -> Result<(), Problem> {
-        self.principal.admit_to(name).inspect_err(|_| telemetry::denied("environment"))
+        self.asker.admit_to(name).inspect_err(|_| telemetry::denied("environment"))
     }
 
     /// Returns the environment of that name.
@@ -59,9 +60,8 @@ impl Environments {
     }
 
     fn unknown(&self, name: &str) -> Problem {
-        let known = self.store.environments();
-        let theirs =
-            known.iter().map(|environment| environment.name.as_str()).filter(|name| self.principal.may_see(name));
+        let (known, principal) = (self.store.environments(), self.asker.now());
+        let theirs = known.iter().map(|environment| environment.name.as_str()).filter(|name| principal.may_see(name));
         let hint = hint(name, theirs);
         Problem::new(ErrorKind::NotFound, "ENVIRONMENT_NOT_FOUND", format!("unknown environment `{name}`{hint}"))
     }
@@ -81,11 +81,12 @@ impl Environments {
         let size = page_size(asked)?;
         let place = page_token.map(place).transpose()?;
         let after = |environment: &Arc<Environment>| place.is_none_or(|name| environment.name.as_str() > name);
+        let principal = self.asker.now();
         let mut unreadable = if page_token.is_none() { self.store.unreadable() } else { Vec::new() };
-        unreadable.retain(|environment| self.principal.may_see(&environment.name));
+        unreadable.retain(|environment| principal.may_see(&environment.name));
         let spent = unreadable.iter().map(|one| api::bytes(&proto::UnreadableEnvironment::from(&**one))).sum();
 
-        let is_theirs = |environment: &Arc<Environment>| self.principal.may_see(environment.name.as_str());
+        let is_theirs = |environment: &Arc<Environment>| principal.may_see(environment.name.as_str());
         let environments = self.store.environments().into_iter().filter(after).filter(is_theirs);
         let page = api::page(environments, size, spent, |environment| proto::Environment::from(&**environment));
         let last = page.items.last().filter(|_| page.has_more).map(|environment| token(environment.name.as_str()));
@@ -93,7 +94,7 @@ impl Environments {
     }
 
     /// Makes an environment, or confirms that it exists with this schema; a rule that is given is set. Returns whether it was made now.
-    #[instrument(level = "debug", skip(self, description))]
+    #[instrument(level = "debug", skip_all)]
     pub async fn apply(&self, name: &str, description: DescriptionDraft) -> Result<(Arc<Environment>, bool), Problem> {
         self.admit(name)?;
         let existing = self.store.environment(name);
@@ -118,7 +119,7 @@ impl Environments {
     }
 
     /// Changes the parts of a rule that are given.
-    #[instrument(level = "debug", skip(self, draft))]
+    #[instrument(level = "debug", skip_all)]
     pub async fn update_rule(&self, name: &str, draft: &RuleDraft) -> Result<Arc<Environment>, Problem> {
         let environment = self.find(name)?;
         let kept = Some(environment.rule);
@@ -130,7 +131,7 @@ impl Environments {
 
     /// Removes an environment with its counts and watermarks, and ends its streams and trainings. It need not be readable. What it leaves in the
     /// database goes in the background.
-    #[instrument(level = "debug", skip(self))]
+    #[instrument(level = "debug", skip_all)]
     pub async fn delete(&self, name: &str) -> Result<(), Problem> {
         self.admit(name)?;
         let (id, uid) = match self.find_unreadable(name) {

@@ -4,6 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
+use super::file::read_text;
 use super::rate::Meter;
 use super::{KeyDigest, Line};
 use crate::domain::{Name, Principal};
@@ -40,10 +41,22 @@ impl Keys {
     /// Reads a file.
     pub fn read(path: &Path) -> Result<Self, KeysError> {
         let unread = |why: String| KeysError::Unread { path: path.display().to_string(), why };
-        let bytes = std::fs::read(path).map_err(|error| unread(error.to_string()))?;
-        let text = String::from_utf8(bytes).map_err(|_| unread("it is not UTF-8".into()))?;
+        let text = read_text(path).map_err(unread)?;
         let within = |faults: Vec<String>| faults.iter().map(|fault| format!("{}: {fault}", path.display())).collect();
-        Self::parse(&text).map_err(|faults| KeysError::Wrong(within(faults)))
+        Self::parse_whole(&text).map_err(|faults| KeysError::Wrong(within(faults)))
+    }
+
+    /// Reads the lines of a file, each of which ends: one that does not may be half of what was meant, and half a line lets in more than the whole.
+    pub fn parse_whole(text: &str) -> Result<Self, Vec<String>> {
+        let is_whole = text.is_empty() || text.ends_with('\n');
+        let unended =
+            || format!("line {}: got no end of the line, expected one: it may be half-written", text.lines().count());
+        match Self::parse(text) {
+            Ok(keys) if is_whole => Ok(keys),
+            Ok(_) => Err(vec![unended()]),
+            Err(faults) if is_whole => Err(faults),
+            Err(faults) => Err(faults.into_iter().chain([unended()]).collect()),
+        }
     }
 
     /// Reads lines; empty ones and those that begin with `#` are passed over. Tells every fault.

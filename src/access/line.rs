@@ -3,7 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
-use super::secret::harmless;
+use super::shown::harmless;
 use super::{KeyDigest, Rate};
 use crate::domain::{KeyScope, Name, Pattern, Scopes};
 

@@ -57,7 +57,7 @@ pub(super) struct Demo {
     #[arg(long, value_parser = duration)]
     duration: Option<Duration>,
     /// Let in everybody who reaches an address that is not this machine's own
-    #[arg(long, env = "NUDGE_INSECURE")]
+    #[arg(long, env = "NUDGE_INSECURE", value_parser = clap::builder::BoolishValueParser::new())]
     insecure: bool,
     /// Start over: forget what was counted before
     #[arg(long)]

@@ -3,6 +3,7 @@
 use std::io::Write;
 use std::process::ExitCode;
 
+use crate::access::redacted;
 use crate::client::{ClientError, Refusal};
 use crate::error::{ErrorKind, Fault, Problem};
 
@@ -42,7 +43,7 @@ impl Failure {
         Self { code: INTERRUPTED, lines: vec![line.into()] }
     }
 
-    /// Prints the lines to standard error and returns the exit code.
+    /// Prints the lines to standard error and returns the exit code. A secret that was given in the wrong place is not in them.
     pub fn report(self) -> ExitCode {
         let mut stderr = std::io::stderr().lock();
         for (i, line) in self.lines.iter().enumerate() {
@@ -52,7 +53,7 @@ impl Failure {
                 _ => "  ",
             };
             // Where standard error is closed too there is nobody left to tell.
-            let _ = writeln!(stderr, "{lead}{line}");
+            let _ = writeln!(stderr, "{lead}{}", redacted(line));
         }
         ExitCode::from(self.code)
     }

@@ -8,7 +8,7 @@ use clap::{Args, Subcommand};
 use tokio::signal::unix::{SignalKind, signal};
 
 use super::{Failure, output};
-use crate::access::{Keys, Line, Rate, Secret};
+use crate::access::{Keys, Line, Rate, Secret, read_text};
 use crate::domain::{KeyScope, Name, Pattern};
 use crate::serve::access::Keyring;
 
@@ -82,15 +82,13 @@ fn append(path: &Path, line: &Line) -> Result<(), Failure> {
     use std::os::unix::fs::OpenOptionsExt;
 
     let failed = |error: std::io::Error| Failure::usage(format!("cannot add to {}: {error}", path.display()));
-    let text = match std::fs::read_to_string(path) {
-        Ok(text) => text,
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => String::new(),
-        Err(error) => return Err(failed(error)),
-    };
-    Keys::parse(&text).map_err(|faults| Failure::usage(format!("{}: {}", path.display(), faults.join("\n"))))?;
-    let before = if text.is_empty() || text.ends_with('\n') { "" } else { "\n" };
+    let unread = |why: String| Failure::usage(format!("cannot read the keys file {}: {why}", path.display()));
+    // A link that leads nowhere is no missing file.
+    let is_missing = path.symlink_metadata().is_err_and(|error| error.kind() == std::io::ErrorKind::NotFound);
+    let text = if is_missing { String::new() } else { read_text(path).map_err(unread)? };
+    Keys::parse_whole(&text).map_err(|faults| Failure::usage(format!("{}: {}", path.display(), faults.join("\n"))))?;
     let mut file = std::fs::OpenOptions::new().append(true).create(true).mode(0o600).open(path).map_err(failed)?;
-    file.write_all(format!("{before}{line}\n").as_bytes()).and_then(|()| file.sync_all()).map_err(failed)
+    file.write_all(format!("{line}\n").as_bytes()).and_then(|()| file.sync_all()).map_err(failed)
 }
 
 /// The file of the keys that a service lets in.
@@ -131,6 +129,15 @@ impl KeysFile {
 }
 
 fn tell(path: &Path, keys: &Keys, what: &str) {
+    use std::os::unix::fs::PermissionsExt;
+
+    /// Writing for a group or for others, and reading for others.
+    const OPEN: u32 = 0o026;
+    let mode = path.metadata().map_or(0, |about| about.permissions().mode() & 0o777);
+    if mode & OPEN != 0 {
+        let mode = format!("{mode:03o}");
+        tracing::warn!(file = %path.display(), mode, "others may read or write the keys file, expected its owner alone (600)");
+    }
     match keys.is_empty() {
         true => tracing::warn!(file = %path.display(), "{what}, and there is none: nobody is let in"),
         false => tracing::info!(file = %path.display(), keys = keys.len(), "{what}"),

@@ -26,11 +26,14 @@ mod server;
 mod simulate;
 mod train;
 
+use std::io::Write;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
 pub use failure::Failure;
+
+use crate::access::redacted;
 
 /// Tells when one agent's action influences another's
 #[derive(Debug, Parser)]
@@ -72,10 +75,23 @@ enum Command {
 
 /// Reads the arguments of the process, does what they say, and returns the exit code.
 pub fn run() -> ExitCode {
-    match execute(Cli::parse()) {
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) if error.use_stderr() => return unread(&error),
+        // Help, and the version.
+        Err(told) => told.exit(),
+    };
+    match execute(cli) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => failure.report(),
     }
+}
+
+/// Tells what is wrong with the arguments or the variables, in which a secret may stand by mistake.
+fn unread(error: &clap::Error) -> ExitCode {
+    // Where standard error is closed nobody is left to tell.
+    let _ = write!(std::io::stderr(), "{}", redacted(&error.render().to_string()));
+    ExitCode::from(2)
 }
 
 fn execute(cli: Cli) -> Result<(), Failure> {

@@ -14,6 +14,7 @@ use tokio_util::sync::CancellationToken;
 use super::duration::duration;
 use super::key::KeysFile;
 use super::{Failure, output};
+use crate::access::redacted;
 use crate::app::{App, Upkeep};
 use crate::config::Config;
 use crate::serve::connections::files;
@@ -74,14 +75,14 @@ pub struct ServeSettings {
     /// The most connections, as far as the limit on open files (ulimit -n) leaves room; the idlest one makes room for a new one.
     #[arg(long, env = "NUDGE_MAX_CONNECTIONS", value_name = "N", value_parser = at_least_one::<usize>, default_value_t = Config::default().max_connections)]
     pub max_connections: usize,
-    /// The age, give or take a tenth, at which an HTTP/2 connection is asked to leave, so that clients spread over services anew; 0s for never.
+    /// The age, give or take a tenth, at which a connection is asked to leave, so that clients spread over services anew; 0s for never.
     #[arg(long, env = "NUDGE_MAX_CONNECTION_AGE", value_name = "TIME", value_parser = duration, default_value = "1h")]
     pub max_connection_age: Duration,
     /// The file of the keys that are let in (see `nudge key new`), read again on SIGHUP. Without one, everybody who reaches the service is let in.
     #[arg(long, env = "NUDGE_KEYS", value_name = "FILE")]
     pub keys: Option<PathBuf>,
     /// Let in everybody who reaches an address that is not this machine's own: only where something else keeps others away.
-    #[arg(long, env = "NUDGE_INSECURE")]
+    #[arg(long, env = "NUDGE_INSECURE", value_parser = clap::builder::BoolishValueParser::new())]
     pub insecure: bool,
     /// A name by which the service may be asked for without a key, beside loopback names and the address that it listens on, such as nudge.example.org
     /// or *.example.org; repeat it, or separate several by commas.
@@ -225,6 +226,7 @@ impl Service {
             listen: Some(config.listen.ip()),
             hosts: config.hosts.clone(),
             cors_origins: config.cors_origins.clone(),
+            speaks_tls: config.tls_cert.is_some(),
             limits,
         };
         doors.open(app.clone(), &settings).await.map_err(|error| Failure::usage(error.to_string()))?;
@@ -325,7 +327,12 @@ fn host(text: &str) -> Result<String, String> {
 /// Refuses to let in everybody who reaches this machine, unless that is wanted.
 fn refuse_to_be_open(config: &Config) -> Result<(), Failure> {
     let ip = config.listen.ip().to_canonical();
-    if ip.is_loopback() || config.keys.is_some() || config.insecure {
+    if ip.is_loopback() || config.keys.is_some() {
+        return Ok(());
+    }
+    if config.insecure {
+        let address = config.listen;
+        tracing::warn!(%address, "without keys everybody who reaches this address is let in (--insecure)");
         return Ok(());
     }
     let others = if ip.is_unspecified() { "every address of this machine" } else { "an address that others reach" };
@@ -368,7 +375,7 @@ fn paths(config: &Config) -> String {
 fn print(config: &Config, log: Log) -> Result<(), Failure> {
     let log = if log == Log::Json { "json" } else { "human" };
     let quoted = |origins: &[String]| origins.iter().map(|origin| format!("{origin:?}")).collect::<Vec<_>>().join(", ");
-    output::print(&format!(
+    output::print(&redacted(&format!(
         "listen = \"{}\"\ndata = {:?}\nmax_cells = {}\nmax_segments = {}\nmax_producers = {}\nmax_models = {}\nmax_environments = {}\ncache_cells = {}\nfit_every = \"{}s\"\ntrain_every = \"{}s\"\n\
          max_connections = {}\nmax_connection_age = \"{}s\"\n{}insecure = {}\nhosts = [{}]\n{}cors_origins = [{}]\nlog = \"{log}\"",
         config.listen,
@@ -388,5 +395,5 @@ fn print(config: &Config, log: Log) -> Result<(), Failure> {
         quoted(&config.hosts),
         paths(config),
         quoted(&config.cors_origins),
-    ))
+    )))
 }

@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use super::Failure;
+use crate::access::read_text;
 use crate::client::{ClientTls, Connection, Options, Secret, Trust};
 
 /// Where the service is.
@@ -85,9 +86,9 @@ impl Server {
         match (&self.api_key, &self.api_key_file) {
             (Some(Given(text)), _) => key(text, "--api-key or NUDGE_KEY"),
             (None, Some(path)) => {
-                let text = std::fs::read_to_string(path);
-                let text = text
-                    .map_err(|error| Failure::usage(format!("cannot read the key in {}: {error}", path.display())))?;
+                let text = read_text(path);
+                let text =
+                    text.map_err(|why| Failure::usage(format!("cannot read the key in {}: {why}", path.display())))?;
                 key(&text, &path.display().to_string())
             }
             (None, None) => Ok(None),

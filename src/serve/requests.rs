@@ -19,6 +19,7 @@ use tonic::Code;
 use tracing::Span;
 
 use super::operations;
+use crate::access::{has_key, redacted};
 use crate::api;
 use crate::telemetry;
 
@@ -217,7 +218,8 @@ pub fn is_grpc(headers: &HeaderMap) -> bool {
 }
 
 fn is_kept(id: &HeaderValue) -> bool {
-    (1..=LONGEST).contains(&id.len()) && id.to_str().is_ok()
+    // Long rows of digits are usual in it; a key is not.
+    (1..=LONGEST).contains(&id.len()) && id.to_str().is_ok_and(|id| !has_key(id))
 }
 
 /// Numbers requests under a random beginning, which is cheaper than a random number for each.
@@ -232,7 +234,7 @@ fn numbered() -> HeaderValue {
 /// Says of everything that is logged for a request who asked, and from where.
 fn span(id: &HeaderValue, parts: &Parts, peer: Option<IpAddr>) -> Span {
     let client = parts.headers.get(header::USER_AGENT).and_then(|client| client.to_str().ok());
-    let client = client.map(|client| &client[..client.len().min(LONGEST)]);
+    let client = client.map(|client| redacted(&client[..client.len().min(LONGEST)]));
     tracing::info_span!(
         "request",
         id = id.to_str().unwrap_or_default(),

@@ -16,6 +16,8 @@ pub struct Settings {
     pub listen: Option<IpAddr>,
     /// Names, beside loopback names and the address that is listened on, by which the service may be asked for: `nudge.example.org`, `*.example.org`.
     pub hosts: Vec<String>,
+    /// Whether the port speaks TLS.
+    pub speaks_tls: bool,
     /// What connections may take.
     pub limits: Limits,
 }

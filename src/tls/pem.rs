@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use rustls::RootCertStore;
-use rustls::pki_types::pem::PemObject;
+use rustls::pki_types::pem::{self, PemObject};
 use rustls::pki_types::{CertificateDer, PrivateKeyDer};
 
 /// The largest file that is read: a bundle of all public authorities is a quarter of it.
@@ -58,7 +58,7 @@ impl Pem {
     pub fn certificates(&self) -> Result<Vec<CertificateDer<'static>>, TlsError> {
         let read: Result<Vec<_>, _> = CertificateDer::pem_slice_iter(&self.bytes).collect();
         let certificates =
-            read.map_err(|error| self.fault(format!("is damaged ({error}), expected PEM certificates")))?;
+            read.map_err(|error| self.fault(format!("is damaged ({}), expected PEM certificates", damage(&error))))?;
         match certificates.is_empty() {
             true => Err(self.fault(format!("expected PEM certificates (BEGIN CERTIFICATE), found {}", self.found()))),
             false => Ok(certificates),
@@ -73,10 +73,10 @@ impl Pem {
             return Err(self.fault(why));
         }
         PrivateKeyDer::from_pem_slice(&self.bytes).map_err(|error| match error {
-            rustls::pki_types::pem::Error::NoItemsFound => {
+            pem::Error::NoItemsFound => {
                 self.fault(format!("expected a PEM private key (BEGIN PRIVATE KEY), found {}", self.found()))
             }
-            error => self.fault(format!("is damaged ({error}), expected a PEM private key")),
+            error => self.fault(format!("is damaged ({}), expected a PEM private key", damage(&error))),
         })
     }
 
@@ -117,6 +117,16 @@ impl Pem {
     }
 }
 
+/// Tells what is wrong with PEM, and nothing of what is in it.
+fn damage(error: &pem::Error) -> &'static str {
+    match error {
+        pem::Error::MissingSectionEnd { .. } => "there is a BEGIN without its END",
+        pem::Error::IllegalSectionStart { .. } => "a line with BEGIN is cut",
+        pem::Error::Base64Decode(_) => "there is something else than base 64 between BEGIN and END",
+        _ => "it is no PEM",
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -146,7 +156,7 @@ mod tests {
         for (text, why) in cases {
             let error = pem(&text).key().expect_err("no key").to_string();
             assert!(error.starts_with("--tls-key \"k.pem\": ") && error.contains(why), "{error}");
-            assert!(!error.contains("secret"), "{error}");
+            assert!(!error.contains("secret") && !error.contains('['), "{error}");
         }
         let error = pem(&block("PRIVATE KEY", "AAAA")).certificates().expect_err("no certificate").to_string();
         assert!(error.ends_with("expected PEM certificates (BEGIN CERTIFICATE), found a private key"), "{error}");

@@ -299,6 +299,55 @@ async fn clients_need_a_certificate_where_it_is_asked_for() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn who_was_let_in_by_another_authority_leaves() {
+    let (before, after) = (Authority::new("before"), Authority::new("after"));
+    let limits = Limits { grace: 2 * second(), ..Limits::default() };
+    let secured = Secured::start(Some(&before), limits).await;
+    let client = before.certify("game-7");
+    let connected = async |protocol: &str| {
+        let config = config(&secured.authority, Some(&client), protocol);
+        connect(secured.app.address, &config).await.expect("TLS")
+    };
+    // One that is kept without a request, one with half a request, and a call that goes on.
+    let mut kept = Raw::over(connected("http/1.1").await, ALIVE).await;
+    kept.until("ok\n").await;
+    let half = b"POST /v1/environments/lane/fit HTTP/1.1\r\nhost: localhost\r\ncontent-type: application/json\r\ncontent-length: 2\r\n\r\n{";
+    let mut busy = Raw::over(connected("http/1.1").await, half).await;
+    let watch = [PREFACE, &call("/grpc.health.v1.Health/Watch")].concat();
+    let mut watching = Raw::over(connected("h2").await, &watch).await;
+    sleep(Duration::from_millis(300)).await;
+
+    // A certificate that is renewed leaves everybody; authorities that are replaced do not.
+    write(secured.directory(), &secured.authority.certify("localhost"), Some(&before));
+    sleep(Duration::from_millis(1_500)).await;
+    kept.0.write_all(ALIVE).await.expect("open");
+    kept.until("ok\n").await;
+    write(secured.directory(), &secured.authority.certify("localhost"), Some(&after));
+
+    let ended = async {
+        assert!(kept.end().await.is_empty(), "it is closed between requests");
+        sleep(Duration::from_millis(200)).await;
+        busy.0.write_all(b"}").await.expect("it may finish what it began");
+        let answer = String::from_utf8_lossy(&busy.end().await).into_owned();
+        assert!(answer.contains("connection: close"), "{answer}");
+        let frames = watching.end().await;
+        // The header of a frame: its length, and its kind.
+        assert!(frames.windows(5).any(|bytes| bytes == b"\0\0\x08\x07\0"), "GOAWAY");
+    };
+    timeout(Duration::from_secs(10), ended).await.expect("all of them have left");
+    assert!(connect_and_ask(&secured, &client).await.is_empty(), "it does not come back");
+    assert!(!connect_and_ask(&secured, &after.certify("game-7")).await.is_empty(), "others come");
+}
+
+/// Asks whether the service is alive, with a certificate, and returns the answer.
+async fn connect_and_ask(secured: &Secured, client: &Certificate) -> Vec<u8> {
+    let config = config(&secured.authority, Some(client), "http/1.1");
+    let Ok(mut stream) = connect(secured.app.address, &config).await else { return Vec::new() };
+    let _ = stream.write_all(b"GET /livez HTTP/1.1\r\nhost: localhost\r\nconnection: close\r\n\r\n").await;
+    Raw(stream).end().await
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn files_are_read_again_and_streams_go_on() {
     let secured = Secured::start(None, Limits::default()).await;
     let made = request("PUT", "/v1/environments/lane", "application/json", lane_json().to_string());

@@ -30,6 +30,13 @@ impl Hosts {
         })
     }
 
+    /// Returns whether a host is one of the names that were given.
+    pub fn is_given(&self, host: &str) -> bool {
+        let host = plain(host);
+        let name = host.trim_start_matches('[').trim_end_matches(']');
+        self.is_named(name) || self.names.contains(&host)
+    }
+
     fn has(&self, host: &str) -> bool {
         let host = plain(host);
         let name = host.trim_start_matches('[').trim_end_matches(']');
@@ -60,8 +67,12 @@ impl Hosts {
 
 /// Returns every host that a request asks for: the authority of its URI, which HTTP/2 has, and its header.
 pub fn asked_for(request: &Request) -> Vec<Result<Authority, String>> {
-    let read = |bytes: &[u8]| Authority::try_from(bytes).map_err(|_| told(bytes));
-    let in_uri = request.uri().authority().cloned().map(Ok);
+    let read = |bytes: &[u8]| {
+        let authority = Authority::try_from(bytes).ok();
+        // A user before the name is of another place, and hides the name from whoever reads.
+        authority.filter(|authority| !authority.as_str().contains('@')).ok_or_else(|| told(bytes))
+    };
+    let in_uri = request.uri().authority().map(|authority| read(authority.as_str().as_bytes()));
     let headers = request.headers().get_all(header::HOST).iter().map(|host| read(host.as_bytes()));
     in_uri.into_iter().chain(headers).collect()
 }
@@ -138,6 +149,7 @@ mod tests {
             hosts.admit(&request.body(Body::empty()).expect("a request")).is_ok()
         };
         assert!(both("/", "localhost") && both("http://127.0.0.1/", "localhost"));
+        assert!(!both("http://user@localhost/", "localhost") && !both("/", "user@localhost"));
         assert!(!both("/", "evil.example") && !both("http://evil.example/", "localhost"));
         assert!(hosts.admit(&Request::new(Body::empty())).is_ok(), "no browser leaves it out");
     }

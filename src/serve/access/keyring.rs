@@ -8,8 +8,9 @@ use arc_swap::ArcSwap;
 use tokio::sync::watch;
 
 use super::denials::{unauthenticated, word};
+use super::wanted::Wanted;
 use crate::access::{Key, KeyDigest, Keys};
-use crate::domain::{Name, Principal, Scopes};
+use crate::domain::{Asker, Principal};
 use crate::error::{ErrorKind, Problem};
 use crate::telemetry;
 
@@ -38,11 +39,17 @@ impl Keyring {
         self.0.changed.send_replace(());
     }
 
-    /// Returns who asks with that key.
-    pub fn caller(&self, key: &[u8]) -> Option<Caller> {
+    /// Returns who asks with that key for something that wants so much.
+    pub fn caller(&self, key: &[u8], wanted: Wanted) -> Option<Caller> {
         let digest = KeyDigest::of(key);
-        let principal = self.find(digest)?.principal().clone();
-        Some(Caller { principal, key: Some((self.clone(), digest)) })
+        let first = self.find(digest)?.principal().clone();
+        let (ring, name) = (self.clone(), first.name().cloned());
+        let nobody = Arc::new(Principal::nobody());
+        let asker = Asker::changing(first, move || {
+            let key = ring.find(digest).filter(|key| key.name() == name.as_ref());
+            key.map_or_else(|| nobody.clone(), |key| key.principal().clone())
+        });
+        Some(Caller { asker, key: Some((self.clone(), digest)), wanted })
     }
 
     fn find(&self, digest: KeyDigest) -> Option<Key> {
@@ -56,30 +63,41 @@ impl fmt::Debug for Keyring {
     }
 }
 
-/// Who sent a request: what handlers know of them, and streams go on asking.
+/// Who sent a request: what handlers know of them, and what goes on asking whether they are still let in.
 #[derive(Debug, Clone)]
 pub struct Caller {
-    principal: Arc<Principal>,
+    asker: Asker,
     /// `None` where nobody needs one.
     key: Option<(Keyring, KeyDigest)>,
+    wanted: Wanted,
 }
 
 /// Whoever was not let in by the layer may do nothing.
 impl Default for Caller {
     fn default() -> Self {
-        Self { principal: Arc::new(Principal::nobody()), key: None }
+        Self { asker: Asker::always(Principal::nobody()), key: None, wanted: Wanted::Unlisted }
     }
 }
 
 impl Caller {
     /// Makes the one who asks where nobody needs a key.
     pub fn anonymous() -> Self {
-        Self { principal: Arc::new(Principal::anonymous()), key: None }
+        Self { asker: Asker::always(Principal::anonymous()), key: None, wanted: Wanted::Unlisted }
     }
 
-    /// Returns who it is.
+    /// Returns who was let in.
     pub fn principal(&self) -> &Arc<Principal> {
-        &self.principal
+        self.asker.first()
+    }
+
+    /// Returns who asks, at each moment.
+    pub fn asker(&self) -> &Asker {
+        &self.asker
+    }
+
+    /// Returns whether there is a key that may be withdrawn.
+    pub fn has_key(&self) -> bool {
+        self.key.is_some()
     }
 
     /// Takes one of the key's rate, or refuses.
@@ -101,14 +119,14 @@ impl Caller {
         }
     }
 
-    /// Waits until the key is withdrawn, or is not for these scopes or that environment any more, and returns which. For ever where there is none.
-    pub async fn withdrawn(&self, wanted: Scopes, environment: &Name) -> Problem {
+    /// Waits until the key is withdrawn, or is not for what was asked any more, and returns which. For ever where there is none.
+    pub async fn withdrawn(&self) -> Problem {
         let Some((ring, digest)) = &self.key else { return std::future::pending().await };
         let mut changed = ring.0.changed.subscribe();
         loop {
             // A change after this is seen by the wait.
             changed.borrow_and_update();
-            if let Err(problem) = self.stands(ring.find(*digest), wanted, environment) {
+            if let Err(problem) = self.stands(ring.find(*digest)) {
                 telemetry::denied(word(problem.reason));
                 return problem;
             }
@@ -119,11 +137,11 @@ impl Caller {
     }
 
     /// Refuses where the key now says something else than when the request was let in.
-    fn stands(&self, key: Option<Key>, wanted: Scopes, environment: &Name) -> Result<(), Problem> {
-        let key = key.filter(|key| key.name() == self.principal.name());
-        let key = key.ok_or_else(|| unauthenticated("the key was withdrawn while this stream was open"))?;
-        key.principal().authorize(wanted)?;
-        key.principal().admit_to(environment.as_str())
+    fn stands(&self, key: Option<Key>) -> Result<(), Problem> {
+        let key = key.filter(|key| key.name() == self.principal().name());
+        let key = key.ok_or_else(|| unauthenticated("the key was withdrawn before this was over"))?;
+        self.wanted.authorize(key.principal())?;
+        self.asker.environment().map_or(Ok(()), |environment| key.principal().admit_to(environment))
     }
 
     fn taken(&self) -> Result<(), Duration> {
@@ -132,7 +150,7 @@ impl Caller {
     }
 
     fn too_often(&self, wait: Duration) -> Problem {
-        let who = self.principal.name().map(|name| format!(" `{name}`")).unwrap_or_default();
+        let who = self.principal().name().map(|name| format!(" `{name}`")).unwrap_or_default();
         // Told in whole seconds, and never too early.
         let wait = Duration::from_secs(wait.as_secs() + 1);
         let message = format!("key{who} asks more often than its rate; ask again in {} s", wait.as_secs());

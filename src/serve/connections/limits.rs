@@ -19,7 +19,7 @@ pub struct Limits {
     pub message: Duration,
     /// How long what is left of a refused body is read and dropped, so that its sender comes to read the refusal.
     pub unwanted: Duration,
-    /// The age at which a multiplexed connection (HTTP/2) is asked to leave, give or take a tenth; never if it is zero.
+    /// The age at which a connection is asked to leave, give or take a tenth; never if it is zero.
     pub age: Duration,
     /// How long a connection that was asked to leave may take to finish its requests.
     pub grace: Duration,

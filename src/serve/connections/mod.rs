@@ -98,7 +98,7 @@ impl Host {
         let (standing, budget) = (place.standing(), self.budget.clone());
         let peer = stream.peer_addr().ok().map(|address| address.ip());
         let service = Watched { router: self.router.clone(), vitals: vitals.clone(), standing, budget, peer };
-        let Some(tls) = &self.tls else { return self.attend(stream, service, &vitals).await };
+        let Some(tls) = &self.tls else { return self.attend(stream, service, &vitals, CancellationToken::new()).await };
         let secured = tokio::select! {
             biased;
             secured = tls.secure(stream) => secured,
@@ -109,13 +109,13 @@ impl Host {
                 return;
             }
         };
-        if let Some(stream) = secured {
-            self.attend(stream, service, &vitals).await;
+        if let Some((stream, outdated)) = secured {
+            self.attend(stream, service, &vitals, outdated).await;
         }
     }
 
-    /// Speaks HTTP until the connection ends.
-    async fn attend<S>(&self, stream: S, service: Watched, vitals: &Arc<Vitals>)
+    /// Speaks HTTP until the connection ends. Where what it was let in by is outdated, it is asked to leave.
+    async fn attend<S>(&self, stream: S, service: Watched, vitals: &Arc<Vitals>, outdated: CancellationToken)
     where
         S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
     {
@@ -129,6 +129,7 @@ impl Host {
                 biased;
                 ended = connection.as_mut() => return ended::record(ended),
                 () = vitals.over.cancelled() => return,
+                () = outdated.cancelled(), if !vitals.leaving.is_cancelled() => vitals.leaving.cancel(),
                 () = vitals.leaving.cancelled(), if !is_leaving => {
                     is_leaving = true;
                     vitals.leaves();

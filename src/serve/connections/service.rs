@@ -108,6 +108,10 @@ impl Watched {
 fn host(parts: &Parts) -> Result<(), String> {
     let mut hosts = parts.headers.get_all(header::HOST).iter();
     let expected = "expected one `Host` header with a name and perhaps a port";
+    // HTTP/2 has it in its URI, and a user before the name hides the name from whoever reads.
+    if parts.uri.authority().is_some_and(|authority| authority.as_str().contains('@')) {
+        return Err(format!("got a user before the name in the authority, {expected}"));
+    }
     match (hosts.next(), hosts.next()) {
         (None, _) if parts.version == Version::HTTP_11 => Err(format!("got none, {expected}")),
         (None, _) => Ok(()),
@@ -161,6 +165,10 @@ mod tests {
         }
         for version in [Version::HTTP_10, Version::HTTP_11, Version::HTTP_2] {
             assert!(asked(version, &["a", "a"]).is_err(), "{version:?}");
+        }
+        for version in [Version::HTTP_11, Version::HTTP_2] {
+            let request = Request::builder().version(version).uri("http://user@localhost/").header("host", "localhost");
+            assert!(host(&request.body(()).expect("a request").into_parts().0).is_err(), "{version:?}");
         }
         let told = asked(Version::HTTP_11, &[]).expect_err("none");
         assert_eq!(told, "got none, expected one `Host` header with a name and perhaps a port");

@@ -203,12 +203,12 @@ impl State {
         if self.leaving_since.is_some() {
             return None;
         }
-        let Some(version) = self.version else {
+        if self.version.is_none() {
             // A client that connects ahead of its first request hears of it and connects again.
             return self.is_greeted.then_some((self.since + limits.head, Cause::Head));
-        };
+        }
         let idle = (self.requests == 0).then(|| (self.since + limits.idle, Cause::Idle));
-        let age = self.expires.filter(|_| version >= Version::HTTP_2).map(|expires| (expires, Cause::Age));
+        let age = self.expires.map(|expires| (expires, Cause::Age));
         [idle, age].into_iter().flatten().min_by_key(|(due, _)| *due)
     }
 }
@@ -350,7 +350,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn age_asks_multiplexed_connections_to_leave_and_grace_ends_them() {
+    async fn age_asks_connections_to_leave_and_grace_ends_them() {
         let young = vitals(Some(1));
         let in_a_second = Instant::now() + seconds(1);
         assert_eq!(young.fate(Instant::now()), Fate::Lives(in_a_second), "before its version is known, too");
@@ -363,7 +363,7 @@ mod tests {
         assert_eq!(watch(&old, 600).await, Some((Fate::Ends(Cause::Grace), 2)));
         let plain = vitals(Some(100));
         let _request = plain.begin(Version::HTTP_11);
-        assert_eq!(watch(&plain, 600).await, None);
+        assert_eq!(watch(&plain, 600).await, Some((Fate::Leaves(Cause::Age), 100)));
     }
 
     #[tokio::test(start_paused = true)]

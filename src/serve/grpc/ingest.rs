@@ -21,7 +21,7 @@ use crate::api::proto::{
     WriteResponse, ingest_response,
 };
 use crate::api::{MOST_BATCH_TRANSITIONS, MOST_MESSAGE_BYTES, grpc};
-use crate::domain::{Batch, Environment, KeyScope, ProducerId, Scopes, Sequence};
+use crate::domain::{Batch, Environment, ProducerId, Sequence};
 use crate::error::{ErrorKind, Problem};
 use crate::ingest::{Session, Ticket, WINDOW};
 use crate::serve::connections::Leaving;
@@ -30,9 +30,6 @@ use crate::telemetry;
 
 /// How long a stream may take to say hello.
 const HELLO: Duration = Duration::from_secs(10);
-
-/// What whoever sends must stay allowed to do.
-const INGEST: Scopes = Scopes::of(&[KeyScope::Ingest]);
 
 /// Acknowledgements that wait for the socket.
 const OUTBOUND: usize = 16;
@@ -93,7 +90,12 @@ impl Face {
     /// Runs a stream to its end and tells the end.
     async fn stream(self, mut inbound: Streaming<IngestRequest>, leaving: Leaving, out: Outbound) {
         let _open = telemetry::stream_opened();
-        let ended = match self.welcome(&mut inbound, &leaving, &out).await {
+        let welcomed = tokio::select! {
+            biased;
+            problem = self.caller.withdrawn() => Err(problem.into()),
+            welcomed = self.welcome(&mut inbound, &leaving, &out) => welcomed,
+        };
+        let ended = match welcomed {
             Ok(session) => self.converse(&session, &mut inbound, &leaving, &out).await,
             Err(end) => Err(end),
         };
@@ -154,7 +156,7 @@ impl Face {
         let mut reading = std::pin::pin!(async {
             tokio::select! {
                 biased;
-                problem = self.caller.withdrawn(INGEST, &session.environment().name) => Err(problem.into()),
+                problem = self.caller.withdrawn() => Err(problem.into()),
                 end = reading => end,
             }
         });

@@ -46,7 +46,7 @@ impl Face {
     /// Returns the face as it is for whoever sent a request.
     fn asked<T>(&self, request: &Request<T>) -> Self {
         let caller = request.extensions().get::<Caller>().cloned().unwrap_or_default();
-        Self { app: self.app.asked_by(caller.principal()), caller }
+        Self { app: self.app.asked_by(caller.asker()), caller }
     }
 }
 

@@ -30,7 +30,7 @@ impl FromRequestParts<App> for Asked {
 
     async fn from_request_parts(parts: &mut Parts, app: &App) -> Result<Self, Infallible> {
         let caller = parts.extensions.get::<Caller>().cloned().unwrap_or_default();
-        Ok(Self(app.asked_by(caller.principal())))
+        Ok(Self(app.asked_by(caller.asker())))
     }
 }
 

@@ -34,6 +34,8 @@ pub(super) struct Contents {
 /// What a handshake needs.
 pub(super) struct Certified {
     pub config: Arc<ServerConfig>,
+    /// The digest of the authorities of clients.
+    pub authorities: blake3::Hash,
     validity: Validity,
 }
 
@@ -73,7 +75,8 @@ impl Contents {
         };
         let mut config = config.with_single_cert(chain, self.key.key()?).map_err(|error| self.told(&error))?;
         config.alpn_protocols = PROTOCOLS.map(<[u8]>::to_vec).into();
-        Ok(Certified { config: Arc::new(config), validity })
+        let authorities = blake3::hash(self.client_authorities.as_ref().map_or(&[], Pem::bytes));
+        Ok(Certified { config: Arc::new(config), authorities, validity })
     }
 
     fn told(&self, error: &rustls::Error) -> TlsError {

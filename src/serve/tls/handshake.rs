@@ -7,6 +7,7 @@ use rustls::Error;
 use tokio::net::TcpStream;
 use tokio_rustls::TlsAcceptor;
 use tokio_rustls::server::TlsStream;
+use tokio_util::sync::CancellationToken;
 
 use super::{Tls, plain};
 use crate::telemetry::{self, Seldom};
@@ -18,8 +19,9 @@ const HANDSHAKE: u8 = 0x16;
 static FAILURES: Seldom = Seldom::every(Duration::from_secs(5));
 
 impl Tls {
-    /// Agrees with a client on a secret; none where that failed, which is told. Whoever drops this half-way calls [`too_late`].
-    pub async fn secure(&self, stream: TcpStream) -> Option<TlsStream<TcpStream>> {
+    /// Agrees with a client on a secret; none where that failed, which is told. Whoever drops this half-way calls [`too_late`]. The token is cancelled when
+    /// the authorities change by which the client was let in.
+    pub async fn secure(&self, stream: TcpStream) -> Option<(TlsStream<TcpStream>, CancellationToken)> {
         let peer = stream.peer_addr().ok().map(|address| address.ip());
         let mut first = [0];
         match stream.peek(&mut first).await {
@@ -32,9 +34,10 @@ impl Tls {
             Ok(0) => return unheard("the connection was closed", peer),
             Err(error) => return unheard(&error.to_string(), peer),
         }
-        let acceptor = TlsAcceptor::from(self.current.load_full());
+        let current = self.current.load_full();
+        let acceptor = TlsAcceptor::from(current.config.clone());
         match acceptor.accept(stream).into_fallible().await {
-            Ok(secured) => Some(secured),
+            Ok(secured) => Some((secured, current.outdated.clone())),
             Err((error, stream)) => {
                 failed(reason(&error), &error.to_string(), peer);
                 plain::linger(stream).await;

@@ -1,7 +1,8 @@
 //! TLS and mutual TLS of the listening socket, by rustls: HTTP/1.1 and HTTP/2 by ALPN, with certificates that are read again when their files change.
 //!
 //! ```text
-//! files --load--> Certified --swap--> the next handshake      (connections that are open keep what they began with)
+//! files --load--> Certified --swap--> the next handshake      (connections that are open keep what they began with, unless the authorities of clients
+//!                                                              changed: then they are asked to leave)
 //!   ^ watch, every second and at SIGHUP
 //! ```
 //!
@@ -17,11 +18,12 @@ use std::sync::Arc;
 use arc_swap::ArcSwap;
 use rustls::ServerConfig;
 use tokio::net::TcpListener;
+use tokio_util::sync::CancellationToken;
 
 pub use files::TlsFiles;
 pub use handshake::too_late;
 
-use self::files::Contents;
+use self::files::{Certified, Contents};
 use crate::telemetry;
 use crate::tls::TlsError;
 
@@ -29,7 +31,7 @@ use crate::tls::TlsError;
 #[derive(Clone)]
 pub struct Tls {
     files: Arc<TlsFiles>,
-    current: Arc<ArcSwap<ServerConfig>>,
+    current: Arc<ArcSwap<Current>>,
     /// The digest of what the files held when they were last looked at, which is not what is used where that was bad.
     first: blake3::Hash,
 }
@@ -41,8 +43,23 @@ impl Tls {
         let certified = contents.certified()?;
         certified.tell();
         telemetry::begin_tls();
-        let current = Arc::new(ArcSwap::from(certified.config));
+        let current = Arc::new(ArcSwap::from_pointee(Current::of(certified)));
         Ok(Self { files: Arc::new(files), current, first: contents.digest() })
+    }
+}
+
+/// What the next handshake uses.
+pub(super) struct Current {
+    config: Arc<ServerConfig>,
+    /// The digest of the authorities of clients.
+    authorities: blake3::Hash,
+    /// Cancelled when clients are let in by other authorities.
+    outdated: CancellationToken,
+}
+
+impl Current {
+    fn of(certified: Certified) -> Self {
+        Self { config: certified.config, authorities: certified.authorities, outdated: CancellationToken::new() }
     }
 }
 

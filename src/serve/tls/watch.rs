@@ -3,13 +3,14 @@
 //! Contents are compared, not times of change: Kubernetes swaps a symbolic link, and others write in place. A pair that does not fit, as it is between two
 //! writes, is told and changes nothing; the next change is tried again.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::time::{MissedTickBehavior, interval};
 
-use super::Tls;
 use super::files::{Certified, Contents};
+use super::{Current, Tls};
 use crate::telemetry;
 use crate::tls::TlsError;
 
@@ -45,7 +46,7 @@ impl Tls {
         match certified {
             Ok(certified) => {
                 certified.tell();
-                self.current.store(certified.config);
+                self.use_from_now_on(Current::of(certified));
                 telemetry::certificate_reloaded(true);
                 tracing::info!("the certificate was read again, and is used from the next connection on");
             }
@@ -54,6 +55,22 @@ impl Tls {
                 tracing::warn!(%error, "the certificate was not read again: the one before stays in use");
             }
         }
+    }
+}
+
+impl Tls {
+    /// Uses this for the next handshake. Who was let in by other authorities is asked to leave; by the same, stays.
+    fn use_from_now_on(&self, mut next: Current) {
+        let before = self.current.load_full();
+        if before.authorities == next.authorities {
+            next.outdated = before.outdated.clone();
+            self.current.store(Arc::new(next));
+            return;
+        }
+        // First the new ones: whoever leaves comes again at once.
+        self.current.store(Arc::new(next));
+        before.outdated.cancel();
+        tracing::info!("the authorities of clients have changed: connections that are open are asked to leave");
     }
 }
 

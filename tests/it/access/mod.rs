@@ -2,6 +2,7 @@
 
 mod changes;
 mod process;
+mod slow;
 mod wire;
 
 use std::sync::Arc;
@@ -326,6 +327,8 @@ async fn what_does_not_say_that_it_is_grpc_is_none() {
             "multipart/form-data",
             "application/json",
             "application/grpcx",
+            "application/grpc+json",
+            "application/grpc-web+thrift",
             "",
         ] {
             let answer = wire.grpc(&method, "lane", &[], media).await;
@@ -333,7 +336,32 @@ async fn what_does_not_say_that_it_is_grpc_is_none() {
         }
     }
     app.app.environments.find("lane").expect("it is still there");
+    // A browser sends these from any page, some of them without asking; no call of gRPC is one.
+    for (method, status) in [("GET", 405), ("HEAD", 405), ("PUT", 405), ("DELETE", 405)] {
+        for media in ["application/grpc", "application/grpc-web+proto", "text/plain"] {
+            let path = app.url("/nudge.v1.EnvironmentService/DeleteEnvironment");
+            let request = reqwest::Client::new().request(method.parse().expect("a method"), path);
+            let answer = request.header("content-type", media).body("x").send().await.expect("answered");
+            assert_eq!(
+                (answer.status().as_u16(), &answer.headers()["allow"]),
+                (status, &"POST".parse().expect("a value"))
+            );
+        }
+    }
     let answer =
         wire.grpc("/nudge.v1.EnvironmentService/DeleteEnvironment", "lane", &[], "application/grpc+proto").await;
     assert!(answer.is_let_in() && app.app.environments.find("lane").is_err(), "{answer:?}");
+}
+
+#[tokio::test]
+async fn a_stranger_is_told_no_more_than_that_a_key_is_wanted() {
+    let (_, line) = key("game read");
+    let Guarded { app, .. } = Guarded::start(&[&line]).await;
+    let wire = Wire::new(&app);
+    for method in ["/nudge.v1.EnvironmentService/Invented", "/nudge.v1.EnvironmentService/DeleteEnvironment"] {
+        for media in ["application/grpc", "application/grpc+json", "text/plain", ""] {
+            let answer = wire.grpc(method, "lane", &[], media).await;
+            assert_eq!(answer.status, 401, "{method} as {media:?}: {answer:?}");
+        }
+    }
 }

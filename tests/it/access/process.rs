@@ -130,7 +130,12 @@ async fn keys_are_read_again_and_nothing_secret_is_told() {
     tokio::time::sleep(Duration::from_millis(300)).await;
     until(&server, &first, 200).await;
     let last = lines.lines().last().expect("two lines").to_owned();
-    std::fs::write(&file, last).expect("written");
+    // So does one that is half-written: half a line may let in more than the whole.
+    std::fs::write(&file, &last).expect("written");
+    hang_up();
+    tokio::time::sleep(Duration::from_millis(300)).await;
+    until(&server, &first, 200).await;
+    std::fs::write(&file, format!("{last}\n")).expect("written");
     hang_up();
     assert!(until(&server, &first, 401).await < Duration::from_secs(1));
     until(&server, &second, 200).await;
@@ -160,6 +165,17 @@ async fn keys_are_read_again_and_nothing_secret_is_told() {
     assert_eq!(made.status(), 201, "{body}");
     let metrics = ask("/metrics").send().await.expect("answered").text().await.expect("text");
     assert!(metrics.contains("nudge_requests_denied_total{reason=\"unauthenticated\"}"));
+    // A key in the wrong place of a request, with a key to be let in by and without.
+    for key in [&second, &first] {
+        let url = format!("{address}/v1/environments/{second}?state.x={second}");
+        for method in [http::Method::GET, http::Method::DELETE] {
+            let request = client.request(method, &url).header("authorization", format!("Bearer {key}"));
+            let request = request.header("user-agent", &second).header("x-request-id", format!("a-{second}"));
+            let answer = request.send().await.expect("answered");
+            assert!(answer.status().is_client_error());
+            assert!(!answer.headers()["x-request-id"].to_str().expect("text").contains(&second));
+        }
+    }
     let mut print = Command::new(env!("CARGO_BIN_EXE_nudge"));
     let print =
         print.args(["serve", "--print-config", "--keys", &path]).env("NUDGE_KEY", &second).output().expect("runs");
@@ -176,5 +192,146 @@ async fn keys_are_read_again_and_nothing_secret_is_told() {
         for secret in [&first, &second] {
             assert!(!told.contains(&secret[6..30]), "a key is told in\n{told}");
         }
+    }
+}
+
+/// Runs a command that is to fail or to print something, and returns everything that it tells; one that goes on is ended.
+fn telling(arguments: &[&str], variables: &[(&str, &str)]) -> (Option<i32>, String) {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_nudge"));
+    command.args(arguments).envs(variables.iter().copied()).stdin(Stdio::null());
+    let mut child = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().expect("it runs");
+    let late = Instant::now() + Duration::from_secs(20);
+    while child.try_wait().expect("a child of ours").is_none() && Instant::now() < late {
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    let _ = child.kill();
+    let output = child.wait_with_output().expect("it ended");
+    (output.status.code(), text(&output.stdout) + &text(&output.stderr))
+}
+
+/// Arguments, and variables by their names.
+type Given<'a> = (Vec<&'a str>, Vec<(&'a str, &'a str)>);
+
+#[test]
+fn a_secret_in_the_wrong_place_is_not_shown() {
+    let directory = TempDir::new().expect("a temporary directory");
+    let data = directory.path().join("data").to_str().expect("text").to_owned();
+    let key = nudge::access::Secret::random().expect("randomness").reveal().to_owned();
+    let pem = crate::support::certificates::Authority::new("a").certify("localhost").key;
+    let inside: Vec<&str> = pem.lines().filter(|line| line.len() > 20 && !line.contains("---")).collect();
+    let serve = ["serve", "--listen", "127.0.0.1:0", "--data", &data];
+    let print = ["serve", "--print-config"];
+
+    let mut cases: Vec<Given> = Vec::new();
+    for secret in [key.as_str(), pem.as_str()] {
+        for variable in [
+            "NUDGE_KEYS",
+            "NUDGE_TLS_CERT",
+            "NUDGE_TLS_KEY",
+            "NUDGE_TLS_CLIENT_CA",
+            "NUDGE_DATA",
+            "NUDGE_LISTEN",
+            "NUDGE_HOSTS",
+            "NUDGE_CORS_ORIGINS",
+            "NUDGE_MAX_CELLS",
+            "NUDGE_LOG",
+            "NUDGE_INSECURE",
+            "NUDGE_FIT_EVERY",
+        ] {
+            cases.push((print.to_vec(), vec![(variable, secret)]));
+        }
+        cases.push((serve.to_vec(), vec![("NUDGE_KEYS", secret)]));
+        cases.push((serve.to_vec(), vec![("NUDGE_TLS_KEY", secret), ("NUDGE_TLS_CERT", "tls.crt")]));
+        cases.push((serve.to_vec(), vec![("NUDGE_TLS_KEY", secret), ("NUDGE_TLS_CERT", secret)]));
+        for flag in ["--keys", "--tls-key", "--listen", "--hosts", "--max-cells", "--log"] {
+            cases.push(([&print[..], &[flag, secret]].concat(), vec![]));
+        }
+        let scope = ["key", "new", "game", "--scope", "read"];
+        cases.push((vec!["key", "new", secret, "--scope", "read"], vec![]));
+        cases.push((vec!["key", "new", "game", "--scope", secret], vec![]));
+        for flag in ["--rate", "--environments"] {
+            cases.push(([&scope[..], &[flag, secret]].concat(), vec![]));
+        }
+        cases.push((vec!["serve", secret], vec![]));
+        cases.push((vec![secret], vec![]));
+        for flag in ["--api-key-file", "--server", "--ca"] {
+            cases.push((vec!["env", "list", flag, secret], vec![]));
+        }
+    }
+    for (arguments, variables) in cases {
+        let (code, told) = telling(&arguments, &variables);
+        let shown: Vec<_> = arguments.iter().map(|argument| &argument[..argument.len().min(16)]).collect();
+        let case = format!("{shown:?} {:?}", variables.iter().map(|(name, _)| name).collect::<Vec<_>>());
+        assert!(code == Some(2) || code == Some(0), "{case}: {code:?} {told}");
+        assert!(!told.contains(&key[6..22]), "{case}: {told}");
+        assert!(inside.iter().all(|line| !told.contains(&line[..16])), "{case}: {told}");
+    }
+}
+
+#[test]
+fn a_pipe_is_no_file() {
+    let directory = TempDir::new().expect("a temporary directory");
+    let data = directory.path().join("data").to_str().expect("text").to_owned();
+    let fifo = directory.path().join("fifo").to_str().expect("text").to_owned();
+    assert!(Command::new("mkfifo").arg(&fifo).status().expect("mkfifo is there").success());
+    let serve = ["serve", "--listen", "127.0.0.1:0", "--data", &data];
+    for arguments in [
+        [&serve[..], &["--keys", &fifo]].concat(),
+        [&serve[..], &["--tls-cert", &fifo, "--tls-key", &fifo]].concat(),
+        vec!["key", "new", "game", "--scope", "read", "--append", &fifo],
+        vec!["env", "list", "--api-key-file", &fifo],
+        vec!["env", "list", "--server", "https://localhost:1", "--ca", &fifo],
+        vec!["env", "list", "--api-key-file", "/dev/zero"],
+        vec!["key", "new", "game", "--scope", "read", "--append", "/dev/null"],
+        [&serve[..], &["--keys", directory.path().to_str().expect("text")]].concat(),
+    ] {
+        let (code, told) = telling(&arguments, &[]);
+        assert_eq!(code, Some(2), "{arguments:?}: {told}");
+        assert!(told.contains("expected"), "{arguments:?}: {told}");
+    }
+}
+
+#[test]
+fn a_keys_file_that_ends_within_a_line_lets_nobody_in() {
+    let directory = TempDir::new().expect("a temporary directory");
+    let data = directory.path().join("data").to_str().expect("text").to_owned();
+    let file = directory.path().join("keys").to_str().expect("text").to_owned();
+    let digest = nudge::access::Secret::random().expect("randomness").digest();
+    std::fs::write(&file, format!("# keys\ngame {digest} read")).expect("written");
+    let new = ["key", "new", "game", "--scope", "read", "--append", &file];
+    for arguments in [&["serve", "--listen", "127.0.0.1:0", "--data", &data, "--keys", &file][..], &new] {
+        let (code, told) = telling(arguments, &[]);
+        assert!(code == Some(2) && told.contains("line 2: got no end of the line"), "{arguments:?}: {told}");
+    }
+    std::fs::write(&file, format!("# keys\ngame {digest} read\n")).expect("written");
+    assert_eq!(telling(&new, &[]).0, Some(0));
+    assert!(std::fs::read_to_string(&file).expect("there").ends_with('\n'));
+}
+
+#[test]
+fn what_is_open_to_others_is_warned_of() {
+    use std::os::unix::fs::PermissionsExt;
+
+    let directory = TempDir::new().expect("a temporary directory");
+    let (data, log) = (directory.path().join("data"), directory.path().join("log"));
+    let logged = |listen: &str, keys: Option<u32>, insecure: Option<&str>| {
+        let mut command = Server::command(&data, listen);
+        if let Some(mode) = keys {
+            let path = directory.path().join("keys");
+            std::fs::write(&path, "").expect("written");
+            std::fs::set_permissions(&path, std::fs::Permissions::from_mode(mode)).expect("its owner's");
+            command.arg("--keys").arg(path);
+        }
+        command.envs(insecure.map(|value| ("NUDGE_INSECURE", value)));
+        Server::run(command.stderr(std::fs::File::create(&log).expect("made"))).expect("it begins").terminate();
+        std::fs::read_to_string(&log).expect("there")
+    };
+    for yes in ["1", "true", "yes", "on"] {
+        assert!(logged("0.0.0.0:0", None, Some(yes)).contains("--insecure"), "{yes}");
+    }
+    assert!(!logged("127.0.0.1:0", None, Some("1")).contains("--insecure"), "nobody else reaches it");
+    for (mode, is_open) in [(0o600, false), (0o640, false), (0o644, true), (0o660, true), (0o602, true)] {
+        let log = logged("127.0.0.1:0", Some(mode), Some("0"));
+        assert_eq!(log.contains("others may read or write the keys file"), is_open, "{mode:o}: {log}");
     }
 }

@@ -179,9 +179,17 @@ impl<'a> Wire<'a> {
 const INFER: &str = r#"{"inputs":[{"name":"state","datatype":"FP32","shape":[1,2],"data":[1,0]}]}"#;
 
 impl Answer {
+    /// Reads what came back over REST or gRPC.
+    pub fn read(is_grpc: bool, status: u16, headers: HeaderMap, text: String) -> Self {
+        if is_grpc { Self::of_grpc(status, headers, text) } else { Self::of_text(status, headers, text) }
+    }
+
     async fn of_rest(response: reqwest::Response) -> Self {
         let (status, headers) = (response.status().as_u16(), response.headers().clone());
-        let text = response.text().await.unwrap_or_default();
+        Self::of_text(status, headers, response.text().await.unwrap_or_default())
+    }
+
+    fn of_text(status: u16, headers: HeaderMap, text: String) -> Self {
         let told: Value = serde_json::from_str(&text).unwrap_or_default();
         let reason = told["reason"].as_str().unwrap_or_default().to_owned();
         Self { status, reason, text, headers }
@@ -223,7 +231,7 @@ fn with(request: reqwest::RequestBuilder, headers: &[(&str, &[u8])]) -> reqwest:
 }
 
 /// Returns the least message of a method that names an environment: in every one of ours that is the first field, or the first of the first.
-fn message(method: &str, environment: &str) -> Vec<u8> {
+pub fn message(method: &str, environment: &str) -> Vec<u8> {
     if method.ends_with("/ModelInfer") {
         return infer(environment);
     }
@@ -233,12 +241,8 @@ fn message(method: &str, environment: &str) -> Vec<u8> {
         service.starts_with(file.package()) && file.service.iter().any(|one| service.ends_with(one.name()))
     });
     let Some(file) = file else { return Vec::new() };
-    let method = file
-        .service
-        .iter()
-        .flat_map(|service| &service.method)
-        .find(|method| method.name() == name)
-        .expect("described");
+    let method = file.service.iter().flat_map(|service| &service.method).find(|method| method.name() == name);
+    let Some(method) = method else { return Vec::new() };
     let kind = |path: &str| -> DescriptorProto {
         let name = path.rsplit('.').next().expect("a name");
         let messages = described.file.iter().flat_map(|file| &file.message_type);
@@ -266,6 +270,6 @@ fn infer(model: &str) -> Vec<u8> {
     ModelInferRequest { model_name: model.into(), inputs: vec![input], ..Default::default() }.encode_to_vec()
 }
 
-fn framed(message: Vec<u8>) -> Vec<u8> {
+pub fn framed(message: Vec<u8>) -> Vec<u8> {
     [&[0][..], &(message.len() as u32).to_be_bytes(), &message].concat()
 }

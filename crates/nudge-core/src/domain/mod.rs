@@ -18,6 +18,7 @@ pub mod draft;
 mod agent;
 mod angle;
 mod answer;
+mod asker;
 mod batch;
 mod checked;
 mod counts;
@@ -48,6 +49,7 @@ pub use answer::{
     ActionFigures, Answer, Answers, Basis, Bin, Dependence, Evidence, Figures, Independence, Interval, Labels,
     Probability, Segmentation, Significance, Variable, Verdict,
 };
+pub use asker::Asker;
 pub use batch::{Acknowledged, Batch, Receipt, Sequence};
 pub use counts::{ActionTotals, Cell, Counts, Increment, MOST_ACTIONS, SegmentId, Tally};
 pub use draft::{RuleDraft, SchemaDraft};
