@@ -128,7 +128,7 @@ pub struct Model {
 /// A training that was asked for.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct Job {
-    /// Its name: `job-` and its number, since the service started.
+    /// Its name: `job-` and its number, which no job of another start of the service has.
     #[schema(example = "job-3", pattern = "^job-[0-9]+$")]
     pub id: String,
     /// The agent whose influence is learned.
