@@ -114,6 +114,8 @@ fn outcome(job: proto::Job) -> Result<u64, Failure> {
 /// What is said beside the bar, which tells the share itself.
 fn part(job: &proto::Job) -> String {
     match job.seconds_left {
+        // Where the terminal ends before the sentence, how many wait is said.
+        _ if job.ahead > 0 => format!("{} ahead: {}", job.ahead, job.message),
         Some(seconds) => format!("about {} left: {}", card::about(seconds), job.message),
         None => job.message.clone(),
     }
@@ -332,6 +334,8 @@ mod tests {
         };
         assert_eq!(part(&runs(None)), "learns");
         assert_eq!(part(&runs(Some(140.0))), "about 2 min left: learns");
+        let waits = proto::Job { ahead: 2, message: "waits for job-1".into(), ..job_in(JobState::Queued) };
+        assert_eq!(part(&waits), "2 ahead: waits for job-1");
     }
 
     fn job_in(state: JobState) -> proto::Job {
@@ -345,7 +349,11 @@ mod tests {
             version,
             ego: ego.into(),
             other: "human".into(),
-            card: Some(proto::Card { training: Some(proto::Training { seed, ..training }), imported, ..Default::default() }),
+            card: Some(proto::Card {
+                training: Some(proto::Training { seed, ..training }),
+                imported,
+                ..Default::default()
+            }),
             ..Default::default()
         };
         let before = vec![model(1, "robot", 7, false)];

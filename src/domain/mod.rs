@@ -49,6 +49,7 @@ pub use answer::{
     Probability, Segmentation, Significance, Variable, Verdict,
 };
 pub use batch::{Acknowledged, Batch, Receipt, Sequence};
+pub use checked::shortest;
 pub use counts::{ActionTotals, Cell, Counts, Increment, MOST_ACTIONS, SegmentId, Tally};
 pub use draft::{RuleDraft, SchemaDraft};
 pub use environment::{Environment, EnvironmentId, EnvironmentPage, Uid, UnreadableEnvironment};
@@ -63,7 +64,7 @@ pub use model::{
     Reliability, Score, Training, Weighting, is_same_threshold,
 };
 pub use name::{Label, Name, ProducerId};
-pub use near::hint;
+pub use near::{hint, is_near, meant};
 pub use overview::{
     Discoveries, Discovery, DiscoveryMethod, Edge, EdgeKind, Exploration, FittedPrior, Graph, HistogramBin,
     LabelledCell, StateFigures, StatePage, StateView, Summary, Trial, page_size,

@@ -6,7 +6,7 @@ use std::time::{Instant, SystemTime, UNIX_EPOCH};
 use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
 
-use crate::domain::{Environment, EnvironmentId, Job, JobState, Pair, hint};
+use crate::domain::{Environment, EnvironmentId, Job, JobState, Pair};
 use crate::error::{ErrorKind, Problem};
 
 /// Jobs that may wait at once.
@@ -177,12 +177,13 @@ const TOLD: usize = 8;
 
 fn unknown(id: u64, jobs: &[Entry], environment: EnvironmentId) -> Problem {
     let own = jobs.iter().rev().filter(|entry| entry.environment == environment);
-    let names: Vec<String> = own.take(TOLD).map(|entry| format!("job-{}", entry.job.id)).collect();
-    let hint = match names.is_empty() {
-        true => "; none was asked for since the service started".to_owned(),
-        false => hint(&format!("job-{id}"), names.iter().map(String::as_str)),
+    let names: Vec<String> = own.take(TOLD).map(|entry| format!("`job-{}`", entry.job.id)).collect();
+    // None of them is "meant": their numbers are alike.
+    let known = match names.is_empty() {
+        true => "none was asked for since the service started".to_owned(),
+        false => format!("known: {}", names.join(", ")),
     };
-    Problem::new(ErrorKind::NotFound, "JOB_NOT_FOUND", format!("unknown job `job-{id}`{hint}"))
+    Problem::new(ErrorKind::NotFound, "JOB_NOT_FOUND", format!("unknown job `job-{id}`; {known}"))
 }
 
 #[cfg(test)]
@@ -227,7 +228,7 @@ mod tests {
         let told = |jobs: &[Entry]| unknown(7, jobs, EnvironmentId(1)).message;
         assert_eq!(told(&[]), "unknown job `job-7`; none was asked for since the service started");
         let (one, other) = (entry(71, JobState::Done, 1.0, None), entry(80, JobState::Done, 1.0, None));
-        assert_eq!(told(&[one, other]), "unknown job `job-7`; did you mean `job-71`?");
+        assert_eq!(told(&[one, other]), "unknown job `job-7`; known: `job-80`, `job-71`");
         let strange = Entry { environment: EnvironmentId(2), ..entry(71, JobState::Done, 1.0, None) };
         assert_eq!(told(&[strange]), "unknown job `job-7`; none was asked for since the service started");
     }
