@@ -126,7 +126,7 @@ impl Environments {
         let merged = environment.rule.merged(draft);
         let rule = merged.and_then(|rule| within_reach(rule, draft, &environment.schema, kept));
         let rule = rule.map_err(|faults| Problem::invalid("rule", under_rule(faults)))?;
-        self.set_rule(&environment, rule).await
+        if rule == environment.rule { Ok(environment) } else { self.set_rule(&environment, rule).await }
     }
 
     /// Removes an environment with its counts and watermarks, and ends its streams and trainings. It need not be readable. What it leaves in the
@@ -147,7 +147,7 @@ impl Environments {
     async fn set_rule(&self, environment: &Environment, rule: WrittenRule) -> Result<Arc<Environment>, Problem> {
         let changed = self.store.set_rule(environment.id, rule).await?;
         let rule = &changed.rule;
-        tracing::info!(environment = %changed.name, ?rule, before = ?environment.rule, "a rule was changed");
+        tracing::info!(environment = %changed.name, %rule, before = %environment.rule, "a rule was changed");
         Ok(changed)
     }
 

@@ -68,7 +68,8 @@ fn facts(card: &proto::Card) -> String {
                 "{} of at most {}, leaving out {} of the hidden units",
                 passes.join(", "),
                 count(training.epochs),
-                card.dropout
+                // Cards of earlier builds hold what a float makes of it.
+                card.dropout as f32
             ),
         ),
         ("judged by", judged_by(card, &training)),

@@ -98,7 +98,9 @@ impl Demo {
             }
             let best = so_far.borrow_mut().tell()?;
             print(&to_try(address, &best))?;
+            so_far.borrow_mut().stage = Stage::Training;
             found::train(&connection, HALLWAY).await?;
+            so_far.borrow_mut().stage = Stage::Told;
             std::future::pending().await
         };
         tokio::select! {
@@ -109,17 +111,10 @@ impl Demo {
 
     /// Ends the show where `--duration` says so: tells what was found so far, and what was not told for want of time.
     fn end(&self, so_far: &SoFar) -> Result<(), Failure> {
-        let (doing, missing) = match &so_far.stage {
-            Stage::Counting => (
-                "sending games and a hallway",
-                "what was counted, and where two agents depend on each other".to_owned(),
-            ),
-            Stage::Looking(left) => {
-                ("looking at every state", format!("where two agents depend on each other in {}", left.join(", ")))
-            }
-            Stage::Told => return Ok(()),
-        };
-        so_far.found.tell()?;
+        let Some((doing, missing)) = so_far.stage.unfinished() else { return Ok(()) };
+        if !matches!(so_far.stage, Stage::Training) {
+            so_far.found.tell()?;
+        }
         print(&format!(
             "\nended by --duration while {doing}: it was about to show {missing}. Give it longer; what is counted stays in {}",
             self.data.display()
@@ -172,8 +167,30 @@ enum Stage {
     Counting,
     /// Every state is looked at, of these environments.
     Looking(Vec<String>),
+    /// A network is trained; what was found is told already.
+    Training,
     /// Everything was told.
     Told,
+}
+
+impl Stage {
+    /// Returns what is being done, and what was to be shown after it; nothing where all is told.
+    fn unfinished(&self) -> Option<(&'static str, String)> {
+        match self {
+            Self::Counting => Some((
+                "sending games and a hallway",
+                "what was counted, and where two agents depend on each other".to_owned(),
+            )),
+            Self::Looking(left) => Some((
+                "looking at every state",
+                format!("where two agents depend on each other in {}", left.join(", ")),
+            )),
+            Self::Training => {
+                Some(("training a network", format!("how a network of {HALLWAY} does where counts do not decide")))
+            }
+            Self::Told => None,
+        }
+    }
 }
 
 impl SoFar {
@@ -241,4 +258,18 @@ fn to_try(address: SocketAddr, best: &Best) -> String {
          http://{address}/nudge.v1.InfluenceService/GetInfluence\n  \
          documentation: http://{address}/docs\n\nserving until Ctrl-C"
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_end_in_the_middle_is_told_until_all_is_shown() {
+        let looking = Stage::Looking(vec!["a".into(), "b".into()]);
+        let (doing, missing) = looking.unfinished().expect("there is more");
+        assert_eq!((doing, missing.ends_with("in a, b")), ("looking at every state", true));
+        assert_eq!(Stage::Training.unfinished().expect("there is more").0, "training a network");
+        assert!(Stage::Counting.unfinished().is_some() && Stage::Told.unfinished().is_none());
+    }
 }

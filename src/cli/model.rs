@@ -161,7 +161,7 @@ impl List {
 }
 
 /// Returns every version and every job, as one page.
-async fn all(connection: &Connection, environment: &str) -> Result<proto::ListModelsResponse, Failure> {
+pub(super) async fn all(connection: &Connection, environment: &str) -> Result<proto::ListModelsResponse, Failure> {
     let mut all = proto::ListModelsResponse::default();
     loop {
         let page_token = std::mem::take(&mut all.next_page_token);

@@ -78,15 +78,97 @@ impl Progress {
 }
 
 fn bar(steps: u64) -> ProgressBar {
-    styled(steps, "{msg:32} {bar:40} {human_pos}/{human_len}  {per_sec}  {eta}")
+    styled(steps, STEPS)
 }
 
 fn share() -> ProgressBar {
-    // The message stands last, because it is cut off where the terminal ends.
-    styled(SHARES, "{bar:40} {percent:>3} %  {elapsed}  {wide_msg}")
+    styled(SHARES, SHARE)
 }
+
+/// Words have a line of their own, which is cut off where the terminal ends; the bar below it fits into 60 columns with its figures.
+const STEPS: &str = "{wide_msg}\n{bar:16} {human_pos}/{human_len}  {per_sec}  {eta}";
+const SHARE: &str = "{wide_msg}\n{bar:32} {percent:>3} %  {elapsed}";
 
 fn styled(steps: u64, template: &str) -> ProgressBar {
     let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
     ProgressBar::new(steps).with_style(style)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io;
+    use std::sync::{Arc, Mutex};
+
+    use indicatif::{ProgressDrawTarget, TermLike};
+
+    use super::*;
+
+    /// A terminal of a width, and what was written on it.
+    #[derive(Debug, Clone)]
+    struct Terminal(u16, Arc<Mutex<String>>);
+
+    impl TermLike for Terminal {
+        fn width(&self) -> u16 {
+            self.0
+        }
+
+        fn move_cursor_up(&self, _: usize) -> io::Result<()> {
+            Ok(())
+        }
+
+        fn move_cursor_down(&self, _: usize) -> io::Result<()> {
+            Ok(())
+        }
+
+        fn move_cursor_right(&self, _: usize) -> io::Result<()> {
+            Ok(())
+        }
+
+        fn move_cursor_left(&self, _: usize) -> io::Result<()> {
+            Ok(())
+        }
+
+        fn write_line(&self, text: &str) -> io::Result<()> {
+            self.write_str(text).and_then(|()| self.write_str("\n"))
+        }
+
+        fn write_str(&self, text: &str) -> io::Result<()> {
+            self.1.lock().expect("no panic").push_str(text);
+            Ok(())
+        }
+
+        fn clear_line(&self) -> io::Result<()> {
+            Ok(())
+        }
+
+        fn flush(&self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    /// Returns what is drawn on a terminal of that width.
+    fn drawn(bar: ProgressBar, width: u16, message: &str) -> String {
+        let terminal = Terminal(width, Arc::default());
+        bar.set_draw_target(ProgressDrawTarget::term_like(Box::new(terminal.clone())));
+        bar.set_message(message.to_owned());
+        bar.force_draw();
+        let written = terminal.1.lock().expect("no panic").clone();
+        bar.abandon();
+        written
+    }
+
+    #[test]
+    fn words_are_seen_on_every_terminal() {
+        let waits = "2 ahead: waits for job-1796000000000 of `lane`, 24 % done";
+        for width in [60, 80, 200] {
+            let drawn = drawn(share(), width, waits);
+            assert!(drawn.contains(waits), "{width}: {drawn}");
+            assert!(drawn.contains("  0 %"), "{width}: {drawn}");
+        }
+        let part = "cramped_room: sending the games of 2019";
+        for width in [60, 80, 200] {
+            let drawn = drawn(bar(9_999_999), width, part);
+            assert!(drawn.contains(part) && drawn.contains("0/9,999,999"), "{width}: {drawn}");
+        }
+    }
 }

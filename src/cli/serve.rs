@@ -99,7 +99,7 @@ pub struct ServeSettings {
     #[arg(long, env = "NUDGE_TLS_CLIENT_CA", value_name = "FILE")]
     pub tls_client_ca: Option<PathBuf>,
     /// An origin whose pages may call, such as https://example.org; repeat it, or separate several by commas.
-    #[arg(long, env = "NUDGE_CORS_ORIGINS", value_name = "ORIGIN", value_delimiter = ',')]
+    #[arg(long, env = "NUDGE_CORS_ORIGINS", value_name = "ORIGIN", value_delimiter = ',', value_parser = origin)]
     pub cors_origins: Vec<String>,
     /// How log lines look.
     #[arg(long, env = "NUDGE_LOG", value_enum, default_value_t = Log::Human)]
@@ -324,6 +324,21 @@ fn host(text: &str) -> Result<String, String> {
     is_host.then(|| text.to_owned()).ok_or_else(|| format!("got {text:?}, {expected}"))
 }
 
+/// Reads an origin: scheme, host and perhaps a port, or `*` for any.
+fn origin(text: &str) -> Result<String, String> {
+    let plain = text.strip_suffix('/').unwrap_or(text);
+    let is_scheme = |scheme: &str| {
+        scheme.starts_with(|first: char| first.is_ascii_alphabetic())
+            && scheme.bytes().all(|byte| byte.is_ascii_alphanumeric() || b"+-.".contains(&byte))
+    };
+    let is_host = |host: &str| {
+        !host.is_empty() && host.bytes().all(|byte| byte.is_ascii_alphanumeric() || b"-._:[]".contains(&byte))
+    };
+    let is_origin = plain.split_once("://").is_some_and(|(scheme, host)| is_scheme(scheme) && is_host(host));
+    let expected = "expected a scheme, a host and perhaps a port such as https://example.org, or *";
+    (is_origin || text == "*").then(|| plain.to_owned()).ok_or_else(|| format!("got {text:?}, {expected}"))
+}
+
 /// Refuses to let in everybody who reaches this machine, unless that is wanted.
 fn refuse_to_be_open(config: &Config) -> Result<(), Failure> {
     let ip = config.listen.ip().to_canonical();
@@ -396,4 +411,28 @@ fn print(config: &Config, log: Log) -> Result<(), Failure> {
         paths(config),
         quoted(&config.cors_origins),
     )))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_origin_has_a_scheme_and_no_path() {
+        for (text, kept) in [
+            ("https://example.org", "https://example.org"),
+            ("http://localhost:3000", "http://localhost:3000"),
+            ("https://[::1]:8443/", "https://[::1]:8443"),
+            ("tauri://localhost", "tauri://localhost"),
+            ("*", "*"),
+        ] {
+            assert_eq!(origin(text).as_deref(), Ok(kept), "{text}");
+        }
+        for wrong in
+            ["", "example.org", "https://", "://x", "https://example.org/path", "https://*.example.org", "null", " "]
+        {
+            let told = origin(wrong).expect_err(wrong);
+            assert!(told.starts_with(&format!("got {wrong:?}, expected a scheme, a host")), "{told}");
+        }
+    }
 }

@@ -4,13 +4,13 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 
-use super::model::shown;
+use super::model::{all, shown};
 use super::progress::Progress;
 use super::serve::Signals;
 use super::server::Server;
 use super::{Failure, card};
 use crate::api::proto::{self, JobState};
-use crate::client::{Connection, patiently, patiently_telling};
+use crate::client::{ClientError, Connection, patiently, patiently_telling};
 use crate::domain::{ModelId, ModelKind, Weighting};
 
 /// How often the service is asked how far it is: often at first, for a short training, then less and less.
@@ -74,8 +74,12 @@ impl Train {
     pub(super) async fn run(self) -> Result<(), Failure> {
         let connection = self.server.connect().await?;
         let signals = Signals::install()?;
-        let response = connection.models().train_model(self.request()).await?.into_inner();
-        let job = Watched::new(&connection, &self.environment, response.job.unwrap_or_default().id);
+        let before = all(&connection, &self.environment).await?.models;
+        let request = self.request();
+        let response = connection.models().train_model(request.clone()).await?.into_inner();
+        let asked = response.job.unwrap_or_default();
+        let wanted = Wanted { ego: asked.ego, other: asked.other, kind: request.kind, seed: request.seed(), before };
+        let job = Watched { wanted: Some(wanted), ..Watched::new(&connection, &self.environment, asked.id) };
         let version = outcome(job.end(&signals).await?)?;
         shown(&job.environment, job.model(version).await?, self.json)
     }
@@ -110,6 +114,8 @@ fn outcome(job: proto::Job) -> Result<u64, Failure> {
 /// What is said beside the bar, which tells the share itself.
 fn part(job: &proto::Job) -> String {
     match job.seconds_left {
+        // Where the terminal ends before the sentence, how many wait is said.
+        _ if job.ahead > 0 => format!("{} ahead: {}", job.ahead, job.message),
         Some(seconds) => format!("about {} left: {}", card::about(seconds), job.message),
         None => job.message.clone(),
     }
@@ -132,16 +138,56 @@ impl Stage {
     }
 }
 
+/// What was asked for, by which a version that came out of it is told from others'.
+struct Wanted {
+    ego: String,
+    other: String,
+    kind: i32,
+    seed: u64,
+    /// The versions that there were already.
+    before: Vec<proto::Model>,
+}
+
+impl Wanted {
+    /// Returns those versions that may have come out of the training: later ones of the same agents, kind and seed.
+    fn kept_of(&self, models: &[proto::Model]) -> Vec<u64> {
+        let is_new = |model: &&proto::Model| self.before.iter().all(|before| before.version != model.version);
+        models.iter().filter(is_new).filter(|model| self.is_met_by(model)).map(|model| model.version).collect()
+    }
+
+    fn is_met_by(&self, model: &proto::Model) -> bool {
+        let card = model.card.as_ref().filter(|card| !card.imported);
+        let Some(training) = card.and_then(|card| card.training) else { return false };
+        // What is not said is joint.
+        let kind = if self.kind == 0 { proto::ModelKind::Joint.into() } else { self.kind };
+        (&model.ego, &model.other, training.kind, training.seed) == (&self.ego, &self.other, kind, self.seed)
+    }
+}
+
+/// Says what became of a job that the service does not know any more, since jobs do not outlive it.
+fn lost(id: u64, environment: &str, kept: &[u64]) -> String {
+    let name = ModelId::Job(id);
+    let lost = format!("{name} of `{environment}` is not known any more: the service was started anew meanwhile");
+    match kept {
+        [] => format!("{lost}, and no version that may be of it was kept; ask for the training again"),
+        [.., last] => {
+            let of = "of the same agents, kind and seed";
+            format!("{lost}; version {last}, {of}, was kept since: nudge model show {environment} {last}")
+        }
+    }
+}
+
 /// A training that is waited for.
 pub(super) struct Watched {
     connection: Connection,
     environment: String,
     id: u64,
+    wanted: Option<Wanted>,
 }
 
 impl Watched {
     pub(super) fn new(connection: &Connection, environment: &str, id: u64) -> Self {
-        Self { connection: connection.clone(), environment: environment.to_owned(), id }
+        Self { connection: connection.clone(), environment: environment.to_owned(), id, wanted: None }
     }
 
     /// Shows how far it is until it is over, or ends it when a signal comes.
@@ -184,7 +230,7 @@ impl Watched {
         tokio::select! {
             answer = client.cancel_job(request) => match answer {
                 Ok(_) => Failure::interrupted(format!("{name} of `{}` cancelled", self.environment)),
-                Err(status) => status.into(),
+                Err(status) => self.failed(status.into()).await,
             },
             () = signals.next() => Failure::interrupted(format!("{name} of `{}` may go on", self.environment)),
         }
@@ -205,7 +251,20 @@ impl Watched {
                 last = why.to_owned();
             }
         };
-        Ok(patiently_telling(ask, tell).await?.job.unwrap_or_default())
+        match patiently_telling(ask, tell).await {
+            Ok(told) => Ok(told.job.unwrap_or_default()),
+            Err(error) => Err(self.failed(error).await),
+        }
+    }
+
+    /// Says why nothing more can be said of the job: of one that is not known any more, what came of it.
+    async fn failed(&self, error: ClientError) -> Failure {
+        let is_lost = matches!(&error, ClientError::Refused(refusal) if refusal.reason == "JOB_NOT_FOUND");
+        let (true, Some(wanted)) = (is_lost, &self.wanted) else { return error.into() };
+        match all(&self.connection, &self.environment).await {
+            Ok(now) => Failure::refused(lost(self.id, &self.environment, &wanted.kept_of(&now.models))),
+            Err(failure) => failure,
+        }
     }
 
     async fn model(&self, version: u64) -> Result<proto::Model, Failure> {
@@ -275,10 +334,40 @@ mod tests {
         };
         assert_eq!(part(&runs(None)), "learns");
         assert_eq!(part(&runs(Some(140.0))), "about 2 min left: learns");
+        let waits = proto::Job { ahead: 2, message: "waits for job-1".into(), ..job_in(JobState::Queued) };
+        assert_eq!(part(&waits), "2 ahead: waits for job-1");
     }
 
     fn job_in(state: JobState) -> proto::Job {
         proto::Job { id: 3, state: state.into(), ..Default::default() }
+    }
+
+    #[test]
+    fn a_lost_job_is_told_with_what_was_kept_of_it() {
+        let training = proto::Training { kind: proto::ModelKind::Joint.into(), seed: 7, ..Default::default() };
+        let model = |version, ego: &str, seed, imported| proto::Model {
+            version,
+            ego: ego.into(),
+            other: "human".into(),
+            card: Some(proto::Card {
+                training: Some(proto::Training { seed, ..training }),
+                imported,
+                ..Default::default()
+            }),
+            ..Default::default()
+        };
+        let before = vec![model(1, "robot", 7, false)];
+        let wanted = Wanted { ego: "robot".into(), other: "human".into(), kind: 0, seed: 7, before: before.clone() };
+        let others = [model(2, "robot", 8, false), model(3, "cook", 7, false), model(4, "robot", 7, true)];
+        let unreadable = proto::Model { card: None, ..model(5, "robot", 7, false) };
+        let strange = [before, others.to_vec(), vec![unreadable]].concat();
+        assert_eq!(wanted.kept_of(&strange), [0; 0], "none of them is of this training");
+        let kept = wanted.kept_of(&[strange, vec![model(6, "robot", 7, false)]].concat());
+        assert_eq!(kept, [6]);
+        let direct = Wanted { kind: proto::ModelKind::Direct.into(), ..wanted };
+        assert_eq!(direct.kept_of(&[model(6, "robot", 7, false)]), [0; 0]);
+        assert!(lost(3, "lane", &kept).ends_with("was kept since: nudge model show lane 6"));
+        assert!(lost(3, "lane", &[]).contains("no version that may be of it was kept"));
     }
 
     #[test]

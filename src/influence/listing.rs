@@ -153,21 +153,21 @@ pub fn figures(schema: &Schema, unit: Unit, row: &Row) -> StateFigures {
 
 fn order(text: Option<&str>) -> Result<Order, String> {
     let text = text.unwrap_or("visits desc");
-    let mut words = text.split_ascii_whitespace();
-    let by = match words.next() {
-        Some("visits") => Some(OrderBy::Visits),
-        Some("plug_in") => Some(OrderBy::PlugIn),
-        Some("posterior_mean") => Some(OrderBy::PosteriorMean),
-        Some("p_dependent") => Some(OrderBy::Dependent),
+    let (by, direction) = text.split_once(' ').unwrap_or((text, "desc"));
+    let by = match by {
+        "visits" => Some(OrderBy::Visits),
+        "plug_in" => Some(OrderBy::PlugIn),
+        "posterior_mean" => Some(OrderBy::PosteriorMean),
+        "p_dependent" => Some(OrderBy::Dependent),
         _ => None,
     };
-    let descending = match words.next() {
-        None | Some("desc") => Some(true),
-        Some("asc") => Some(false),
-        Some(_) => None,
+    let descending = match direction {
+        "desc" => Some(true),
+        "asc" => Some(false),
+        _ => None,
     };
-    match (by, descending, words.next()) {
-        (Some(by), Some(descending), None) => Ok(Order { by, descending }),
+    match (by, descending) {
+        (Some(by), Some(descending)) => Ok(Order { by, descending }),
         _ => Err(format!("got {text:?}, expected visits, plug_in, posterior_mean or p_dependent, then desc or asc")),
     }
 }

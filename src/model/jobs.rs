@@ -1,7 +1,7 @@
 //! Trainings that were asked for: one at a time, in the order of asking, each told about while it goes on and ended when somebody says so.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Instant;
+use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 use tokio::sync::Notify;
 use tokio_util::sync::CancellationToken;
@@ -16,8 +16,10 @@ const MOST_WAITING: usize = 16;
 const REMEMBERED: usize = 256;
 
 /// The jobs since the service started. Cloning is cheap.
-#[derive(Clone, Default)]
+#[derive(Clone)]
 pub struct Jobs {
+    /// The number of the first.
+    first: u64,
     entries: Arc<Mutex<Vec<Entry>>>,
     changed: Arc<Notify>,
 }
@@ -71,6 +73,13 @@ fn waiting<'e>(job: Job, mut before: impl Iterator<Item = &'e Entry>) -> Job {
 }
 
 impl Jobs {
+    /// Makes an empty list of a service that starts at that time: its milliseconds since 1970 number the first job. Jobs do not outlive the service, and
+    /// whoever still waits for one of an earlier start must not find another's under its number.
+    pub fn since(start: SystemTime) -> Self {
+        let first = start.duration_since(UNIX_EPOCH).map_or(0, |since| since.as_millis() as u64);
+        Self { first: first.max(1), entries: Arc::default(), changed: Arc::default() }
+    }
+
     /// Adds a job that waits, or refuses where too many do; returns it with what tells that it is to end.
     pub fn add(&self, environment: &Environment, pair: &Pair, end: CancellationToken) -> Result<Job, Problem> {
         let mut entries = self.lock();
@@ -79,7 +88,7 @@ impl Jobs {
             let message = format!("{waiting} trainings wait already; ask again when one is over, or end one");
             return Err(Problem::new(ErrorKind::Overloaded, "TOO_MANY_TRAININGS", message));
         }
-        let id = entries.last().map_or(0, |entry| entry.job.id) + 1;
+        let id = entries.last().map_or(self.first, |entry| entry.job.id + 1);
         let [ego, other] = [pair.ego, pair.other].map(|agent| environment.schema.agents()[agent].name.to_string());
         let (state, message) = (JobState::Queued, "waits for its turn".to_owned());
         let job = Job { id, ego, other, state, progress: 0.0, message, version: None, ahead: 0, seconds_left: None };
@@ -108,7 +117,8 @@ impl Jobs {
 
     /// Returns one job.
     pub fn get(&self, environment: EnvironmentId, id: u64) -> Result<Job, Problem> {
-        self.of(environment).into_iter().find(|job| job.id == id).ok_or_else(|| unknown(id))
+        let found = self.of(environment).into_iter().find(|job| job.id == id);
+        found.ok_or_else(|| unknown(id, &self.lock(), environment))
     }
 
     /// Returns whether a pair of agents waits for a training or has one.
@@ -132,7 +142,7 @@ impl Jobs {
     pub fn end(&self, environment: EnvironmentId, id: u64) -> Result<(), Problem> {
         let entries = self.lock();
         let found = entries.iter().find(|entry| entry.environment == environment && entry.job.id == id);
-        let entry = found.ok_or_else(|| unknown(id))?;
+        let entry = found.ok_or_else(|| unknown(id, &entries, environment))?;
         if entry.job.state.is_over() {
             let message = format!("job-{id} is over already: {}", entry.job.state.as_str());
             return Err(Problem::new(ErrorKind::Conflict, "JOB_OVER", message));
@@ -162,8 +172,18 @@ impl Jobs {
     }
 }
 
-fn unknown(id: u64) -> Problem {
-    Problem::new(ErrorKind::NotFound, "JOB_NOT_FOUND", format!("unknown job `job-{id}`"))
+/// Jobs that are told where one is not known: the last ones.
+const TOLD: usize = 8;
+
+fn unknown(id: u64, jobs: &[Entry], environment: EnvironmentId) -> Problem {
+    let own = jobs.iter().rev().filter(|entry| entry.environment == environment);
+    let names: Vec<String> = own.take(TOLD).map(|entry| format!("`job-{}`", entry.job.id)).collect();
+    // None of them is "meant": their numbers are alike.
+    let known = match names.is_empty() {
+        true => "none was asked for since the service started".to_owned(),
+        false => format!("known: {}", names.join(", ")),
+    };
+    Problem::new(ErrorKind::NotFound, "JOB_NOT_FOUND", format!("unknown job `job-{id}`; {known}"))
 }
 
 #[cfg(test)]
@@ -194,6 +214,23 @@ mod tests {
         assert_eq!(told(&[&over, &running], &third), (1, first.to_owned()));
         assert_eq!(told(&[&over, &running, &third], &fourth), (2, format!("{first}, and for 1 more")));
         assert_eq!(told(&[&third], &fourth), (1, "waits for job-3 of `world`".into()));
+    }
+
+    #[test]
+    fn numbers_of_two_starts_differ() {
+        let at = |milliseconds| Jobs::since(UNIX_EPOCH + Duration::from_millis(milliseconds)).first;
+        assert_eq!([at(1_796_000_000_000), at(1_796_000_000_001)], [1_796_000_000_000, 1_796_000_000_001]);
+        assert_eq!(Jobs::since(UNIX_EPOCH - Duration::from_secs(1)).first, 1, "a clock that is not set");
+    }
+
+    #[test]
+    fn an_unknown_job_is_told_with_those_there_are() {
+        let told = |jobs: &[Entry]| unknown(7, jobs, EnvironmentId(1)).message;
+        assert_eq!(told(&[]), "unknown job `job-7`; none was asked for since the service started");
+        let (one, other) = (entry(71, JobState::Done, 1.0, None), entry(80, JobState::Done, 1.0, None));
+        assert_eq!(told(&[one, other]), "unknown job `job-7`; known: `job-80`, `job-71`");
+        let strange = Entry { environment: EnvironmentId(2), ..entry(71, JobState::Done, 1.0, None) };
+        assert_eq!(told(&[strange]), "unknown job `job-7`; none was asked for since the service started");
     }
 
     #[test]

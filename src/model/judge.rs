@@ -43,12 +43,15 @@ struct Kept {
     calibration: Calibration,
     base_rate: Option<f64>,
     found_something: bool,
+    /// How its shuffled twin did there, which did not come along.
+    shuffled: Option<Score>,
 }
 
 impl Kept {
     fn of(card: &Card) -> Self {
         let Card { threshold, calibration, base_rate, .. } = *card;
-        Self { threshold, calibration, base_rate, found_something: card.found_something() }
+        let shuffled = card.baselines.iter().find(|score| score.name == Baseline::Shuffled.as_str()).cloned();
+        Self { threshold, calibration, base_rate, found_something: card.found_something(), shuffled }
     }
 }
 
@@ -112,14 +115,19 @@ pub fn card(dataset: &Dataset, training: Training, ensemble: &Ensemble, origin: 
     let own = score("network", &judged, court.log_likelihood(&network));
     let mut baselines = court.simple_baselines();
     let twin = origin.twin().map(|twin| court.told(twin));
-    baselines.extend(twin.as_ref().map(|twin| {
+    let shuffled = twin.as_ref().map(|twin| {
         let judged = court.judged(twin, court.calibration(twin));
         score(Baseline::Shuffled.as_str(), &judged, court.log_likelihood(twin))
-    }));
-    let found = match &kept {
+    });
+    let beats_shuffled = match &kept {
         Some(kept) => kept.found_something,
-        None => court.has_found_something(&network, twin.as_deref()),
+        None => {
+            let found = court.has_found_something(&network, twin.as_deref());
+            found && shuffled.as_ref().is_none_or(|shuffled| is_better(&own, shuffled))
+        }
     };
+    let not_better_than = not_better_than(&own, &baselines, beats_shuffled);
+    baselines.extend(shuffled.or_else(|| kept.as_ref().and_then(|kept| kept.shuffled.clone())));
     Card {
         training,
         imported: !matches!(origin, Origin::Trained(_)),
@@ -137,26 +145,19 @@ pub fn card(dataset: &Dataset, training: Training, ensemble: &Ensemble, origin: 
         positive_share: positive_share(&judged),
         calibration,
         base_rate: kept.map_or_else(|| court.base_rate(&network, calibration), |kept| kept.base_rate),
-        not_better_than: not_better_than(&own, &baselines, found),
+        not_better_than,
         score: own,
         baselines,
         reliability: reliability(&judged),
     }
 }
 
-/// Returns the names of the baselines that a network does not beat; where it has found nothing, its shuffled twin is among them.
-fn not_better_than(network: &Score, baselines: &[Score], found_something: bool) -> Vec<String> {
-    let beaten = |baseline: &Score| match baseline.name == Baseline::Shuffled.as_str() {
-        true => found_something && is_better(network, baseline),
-        false => is_better(network, baseline),
-    };
-    let mut names: Vec<String> =
-        baselines.iter().filter(|baseline| !beaten(baseline)).map(|baseline| baseline.name.clone()).collect();
-    let has_twin = baselines.iter().any(|baseline| baseline.name == Baseline::Shuffled.as_str());
-    if !found_something && !has_twin {
-        names.push(Baseline::Shuffled.as_str().to_owned());
-    }
-    names
+/// Returns the names of the baselines that a network does not beat, its shuffled twin the last of them.
+fn not_better_than(network: &Score, baselines: &[Score], beats_shuffled: bool) -> Vec<String> {
+    let unbeaten =
+        baselines.iter().filter(|baseline| !is_better(network, baseline)).map(|baseline| baseline.name.clone());
+    let shuffled = (!beats_shuffled).then(|| Baseline::Shuffled.as_str().to_owned());
+    unbeaten.chain(shuffled).collect()
 }
 
 /// Returns whether a network is better than a baseline: by the likelihood of what the other did, where both tell it, else by the squared error of the

@@ -42,7 +42,7 @@ mod worth;
 
 use std::ops::ControlFlow;
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Instant, SystemTime};
 
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
@@ -92,7 +92,7 @@ impl Networks {
             registry: Registry::new(store.clone()),
             store,
             fits,
-            jobs: Jobs::default(),
+            jobs: Jobs::since(SystemTime::now()),
             turn: Arc::default(),
             ending: CancellationToken::new(),
             running: TaskTracker::new(),

@@ -404,7 +404,6 @@ fn check_pair(environment: &Environment, (ego, other): (usize, usize)) -> Result
     }
 }
 
-/// Refuses what only a version can do that can be read.
 /// Says which versions there are, of which the one that is asked for is none.
 fn unknown(version: u64, known: impl Iterator<Item = u64>) -> Problem {
     /// More are told by the first and the last.

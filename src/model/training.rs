@@ -16,7 +16,7 @@ use super::encoder::Encoder;
 use super::learner::{Batch, Learner, Shape};
 use super::member::Member;
 use super::worth::Worth;
-use crate::domain::{ModelKind, Training, Weighting};
+use crate::domain::{ModelKind, Training, Weighting, shortest};
 
 /// Shares of hidden units to leave out, of which the better is taken.
 const DROPOUTS: [f32; 2] = [0.5, 0.2];
@@ -111,7 +111,7 @@ pub fn train(
     }
     let epochs = trained.iter().map(|trained| trained.epochs).collect();
     let members = trained.into_iter().map(|trained| trained.member).collect();
-    Ok(Ensemble { encoder: encoder.clone(), members, epochs, dropout: f64::from(dropout) })
+    Ok(Ensemble { encoder: encoder.clone(), members, epochs, dropout: shortest(dropout) })
 }
 
 /// A member as it was when it did best.

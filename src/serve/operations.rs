@@ -1,14 +1,16 @@
 //! What operators ask: is the process alive, can it work, what does it measure.
 
-use axum::extract::{RawQuery, Request, State};
-use axum::http::StatusCode;
+use axum::extract::{Request, State};
+use axum::http::{StatusCode, Uri};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use axum::{Json, Router};
 
 use super::figures;
+use super::status::Failure;
 use crate::app::App;
-use crate::error::{ErrorKind, Problem};
+use crate::domain::hint;
+use crate::error::{ErrorKind, Fault, Problem, pointer};
 use crate::telemetry;
 
 /// What `/livez` says.
@@ -17,10 +19,30 @@ pub const ALIVE: &str = "ok\n";
 /// Returns the routes for operators.
 pub fn router(app: App) -> Router {
     Router::new()
-        .route("/livez", get(|| async { ALIVE }))
+        .route("/livez", get(livez))
         .route("/readyz", get(readyz))
         .route("/metrics", get(metrics))
+        .method_not_allowed_fallback(|uri: Uri| async move {
+            Failure::of_http(StatusCode::METHOD_NOT_ALLOWED).tell(uri.path())
+        })
         .with_state(app)
+}
+
+async fn livez(uri: Uri) -> Response {
+    taken(&uri, &[]).map_or_else(|refusal| refusal, |()| ALIVE.into_response())
+}
+
+/// Refuses a parameter that is none of these.
+fn taken(uri: &Uri, known: &[&str]) -> Result<(), Response> {
+    let names = uri.query().unwrap_or_default().split('&').filter_map(|part| part.split('=').next());
+    let unknown = |name: &&str| !name.is_empty() && !known.contains(name);
+    let fault = |name: &str| {
+        let none = "; there is none on this path".to_owned();
+        let hint = if known.is_empty() { none } else { hint(name, known.iter().copied()) };
+        Fault::new(pointer(name), format!("unknown parameter{hint}"))
+    };
+    let faults: Vec<Fault> = names.filter(unknown).map(fault).collect();
+    if faults.is_empty() { Ok(()) } else { Err(Failure::from(Problem::invalid("query", faults)).tell(uri.path())) }
 }
 
 /// Tells whether operators ask under that path: whether the service lives, can work, and how it fares.
@@ -60,12 +82,15 @@ async fn checks(app: &App) -> [Check; 3] {
 }
 
 /// 200 where the service can take and answer, else 503; `?verbose` tells each check, and which environments are damaged and take nothing.
-async fn readyz(State(app): State<App>, RawQuery(query): RawQuery) -> Response {
+async fn readyz(State(app): State<App>, uri: Uri) -> Response {
+    if let Err(refusal) = taken(&uri, &["verbose"]) {
+        return refusal;
+    }
     app.prove().await;
     let checks = checks(&app).await;
     let ready = checks.iter().all(|(_, check)| check.is_ok());
     let status = if ready { StatusCode::OK } else { StatusCode::SERVICE_UNAVAILABLE };
-    if !is_verbose(query.as_deref()) {
+    if !is_verbose(uri.query()) {
         return (status, if ready { "ready\n" } else { "not ready\n" }).into_response();
     }
     let told = |(name, check): Check| (name.to_owned(), check.err().unwrap_or_else(|| passed(name).into()).into());
@@ -91,7 +116,10 @@ pub fn is_verbose(query: Option<&str>) -> bool {
 }
 
 /// The metrics in Prometheus' text format.
-async fn metrics(State(app): State<App>) -> Response {
+async fn metrics(State(app): State<App>, uri: Uri) -> Response {
+    if let Err(refusal) = taken(&uri, &[]) {
+        return refusal;
+    }
     let checks = checks(&app).await.iter().map(|(check, outcome)| (*check, outcome.is_ok())).collect();
     let standing = figures::standing(&app, checks).await;
     ([("content-type", "text/plain; version=0.0.4; charset=utf-8")], telemetry::render(&standing)).into_response()

@@ -5,6 +5,7 @@
 //! the way, its route and its gRPC code, is noted in its extensions.
 
 use std::net::IpAddr;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, LazyLock, OnceLock};
 use std::time::Instant;
 
@@ -40,6 +41,7 @@ const STREAMS: [&str; 3] = ["Ingest", "Watch", "ServerReflectionInfo"];
 pub struct Noted {
     route: OnceLock<String>,
     code: OnceLock<Code>,
+    has_left: AtomicBool,
 }
 
 /// A request that is not over. It is counted when this is dropped.
@@ -72,6 +74,11 @@ impl Call {
         }
     }
 
+    /// Returns what is found out about the request.
+    pub fn noted(&self) -> Arc<Noted> {
+        self.noted.clone()
+    }
+
     /// Returns the span that what is logged for the request belongs to.
     pub fn span(&self) -> Span {
         self.span.clone()
@@ -95,9 +102,10 @@ impl Call {
 
     fn code(&self) -> String {
         let panicked = std::thread::panicking().then_some(StatusCode::INTERNAL_SERVER_ERROR);
-        let status = self.status.filter(|_| self.is_told).or(panicked);
+        let has_left = self.noted.has_left.load(Ordering::Relaxed);
+        let status = self.status.filter(|_| self.is_told && !has_left).or(panicked);
         if self.is_grpc {
-            let code = self.noted.code.get().copied().or_else(|| status.map(code_of));
+            let code = self.noted.code.get().copied().filter(|_| !has_left).or_else(|| status.map(code_of));
             return word(code.unwrap_or(Code::Cancelled)).to_owned();
         }
         // As nginx and others write it when the caller left.
@@ -163,6 +171,11 @@ pub fn note(request: &Request, code: Code) {
 }
 
 impl Noted {
+    /// Notes that its caller left before it had asked all: whatever it is told, nobody hears it.
+    pub fn left(&self) {
+        self.has_left.store(true, Ordering::Relaxed);
+    }
+
     /// Takes note of a code if there is one, and tells whether there was.
     fn read(&self, headers: &HeaderMap) -> bool {
         let Some(code) = headers.get("grpc-status") else { return false };
@@ -224,7 +237,6 @@ fn is_kept(id: &HeaderValue) -> bool {
 
 /// Numbers requests under a random beginning, which is cheaper than a random number for each.
 fn numbered() -> HeaderValue {
-    use std::sync::atomic::{AtomicU64, Ordering};
     static RUN: LazyLock<String> = LazyLock::new(|| uuid::Uuid::new_v4().simple().to_string()[..16].to_owned());
     static NEXT: AtomicU64 = AtomicU64::new(0);
     let number = NEXT.fetch_add(1, Ordering::Relaxed);
@@ -362,6 +374,13 @@ mod tests {
         assert_eq!(told(Request::get("/x"), 503, true), "503");
         assert_eq!(told(Request::head("/x"), 200, false), "200", "there is nothing to read");
         assert_eq!(told(grpc(), 404, true), "UNIMPLEMENTED", "as a client takes it");
+        for (request, code) in [(Request::post("/x"), "499"), (grpc(), "CANCELLED")] {
+            let (mut call, _) = begun(request);
+            call.noted().left();
+            drop(call.answered(tonic::Status::internal("its body ended early").into_http::<()>()));
+            call.told();
+            assert_eq!(call.code(), code, "it left in mid-body");
+        }
     }
 
     #[test]

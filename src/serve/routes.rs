@@ -14,7 +14,7 @@ pub async fn router(app: App, settings: &Settings) -> Result<Router, tonic_refle
     let grpc = grpc::routes(app.clone()).await?.into_axum_router().reset_fallback();
     let grpc = grpc.layer(CatchPanicLayer::custom(grpc::of_panic)).layer(middleware::from_fn(grpc::in_time));
     let grpc = grpc.layer(middleware::from_fn(grpc::give_reasons)).layer(middleware::from_fn(requests::note_code));
-    let grpc = grpc.layer(tonic_web::GrpcWebLayer::new());
+    let grpc = grpc.layer(tonic_web::GrpcWebLayer::new()).layer(middleware::from_fn(grpc::over_http_2));
     let router =
         rest::router(app.clone()).merge(inference::router(app.clone())).merge(operations::router(app)).merge(grpc);
     requests::expect(rest::documented());

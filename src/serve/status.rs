@@ -193,6 +193,13 @@ impl Failure {
         Self { status, problem: Problem::new(kind, reason, message) }
     }
 
+    /// Makes the failure of a path that is not served, with what may have been meant.
+    pub fn of_path(hint: &str) -> Self {
+        let mut failure = Self::of_http(StatusCode::NOT_FOUND);
+        failure.problem.message += hint;
+        failure
+    }
+
     /// Makes the failure of a body that has more than so many bytes, as it was sent or unpacked.
     pub fn of_size(most: usize) -> Self {
         body_too_large(most).into()

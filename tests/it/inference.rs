@@ -8,7 +8,7 @@ use std::time::Duration;
 use flate2::Compression;
 use flate2::write::{GzEncoder, ZlibEncoder};
 use nudge::api::inference_proto::grpc_inference_service_client::GrpcInferenceServiceClient;
-use nudge::api::inference_proto::infer_parameter::ParameterChoice::{self, Int64Param, StringParam};
+use nudge::api::inference_proto::infer_parameter::ParameterChoice::{self, DoubleParam, Int64Param, StringParam};
 use nudge::api::inference_proto::model_infer_request::{InferInputTensor, InferRequestedOutputTensor};
 use nudge::api::inference_proto::{
     InferParameter, InferTensorContents, ModelInferRequest, ModelInferResponse, ModelMetadataRequest,
@@ -357,10 +357,15 @@ async fn any_version_of_a_pair_can_be_asked_by_its_number() {
     assert_eq!(metadata["outputs"].as_array().map(Vec::len), Some(1));
     // A version of another pair is none of this model's.
     for version in [of_dog, 999] {
-        assert_eq!(infer(&app, &format!("{MODEL}/versions/{version}"), &document(&rows)).await.0, 404);
+        let (code, told) = infer(&app, &format!("{MODEL}/versions/{version}"), &document(&rows)).await;
+        let known =
+            if version == of_dog { format!("{first}, {direct}") } else { format!("{first}, {direct}, {of_dog}") };
+        assert_eq!(code, 404);
+        assert!(told["error"].as_str().is_some_and(|told| told.ends_with(&format!("; known: {known}"))), "{told}");
         let message = ModelInferRequest { model_version: version.to_string(), ..message(&rows) };
         let status = call(&app, message).await.expect_err("not of this pair");
         assert_eq!((status.code(), reason(&status).as_str()), (Code::NotFound, "MODEL_NOT_FOUND"));
+        assert_eq!(status.message(), told["error"]);
     }
     // Nobody trained this one.
     assert_eq!(infer(&app, "world~dog~human", &document(&rows)).await.0, 404);
@@ -416,6 +421,23 @@ async fn both_faces_refuse_the_same() {
             with(&|message| message.outputs = vec![output_with("classification", Int64Param(3))]),
         ),
         (
+            "/outputs/0/parameters/class_count",
+            with(&|message| message.outputs = vec![output_with("class_count", Int64Param(3))]),
+        ),
+        (
+            "/outputs/0/parameters/classification",
+            with(&|message| message.outputs = vec![output_with("classification", DoubleParam(0.5))]),
+        ),
+        (
+            "/parameters/classification",
+            with(&|message| message.parameters = parameter("classification", Int64Param(3))),
+        ),
+        ("/parameters/class_count", with(&|message| message.parameters = parameter("class_count", Int64Param(3)))),
+        (
+            "/parameters/shared_memory_region",
+            with(&|message| message.parameters = parameter("shared_memory_region", StringParam("mine".into()))),
+        ),
+        (
             "/inputs/0/parameters/shared_memory_region",
             with(&|message| {
                 message.inputs[0].parameters = parameter("shared_memory_region", StringParam("mine".into()));
@@ -444,6 +466,7 @@ fn as_json(parameters: &HashMap<String, InferParameter>) -> Value {
     let value = |parameter: &InferParameter| match &parameter.parameter_choice {
         Some(Int64Param(number)) => json!(number),
         Some(StringParam(text)) => json!(text),
+        Some(DoubleParam(number)) => json!(number),
         other => panic!("no case has {other:?}"),
     };
     parameters
@@ -461,8 +484,14 @@ async fn parameters_that_say_nothing_are_no_fault() {
     zero["outputs"] = json!([{"name": "influence_probability", "parameters": {"classification": 0, "priority": 3}}]);
     zero["inputs"][0]["parameters"] = json!({"shared_memory_offset": null, "colour": "red"});
     assert_eq!(infer(&app, MODEL, &zero).await.0, 200);
-    let outputs = vec![output_with("classification", Int64Param(0))];
-    call(&app, ModelInferRequest { outputs, ..message(&rows) }).await.expect("0 classes are none");
+    zero["outputs"][0]["parameters"] = json!({"classification": 0.0, "class_count": null});
+    zero["parameters"] = json!({"classification": 0.0, "priority": 3});
+    assert_eq!(infer(&app, MODEL, &zero).await.0, 200);
+    for nothing in [Int64Param(0), DoubleParam(0.0)] {
+        let outputs = vec![output_with("classification", nothing.clone())];
+        let parameters = parameter("class_count", nothing);
+        call(&app, ModelInferRequest { outputs, parameters, ..message(&rows) }).await.expect("0 classes are none");
+    }
 }
 
 #[tokio::test]
@@ -500,6 +529,7 @@ async fn binary(app: &TestApp, message: &ModelInferRequest) -> (u16, Value) {
         "inputs": [{"name": input.name, "datatype": input.datatype, "shape": input.shape,
             "parameters": parameters}],
         "outputs": outputs,
+        "parameters": as_json(&message.parameters),
     });
     let head = head.to_string();
     let body = [head.as_bytes(), raw].concat();

@@ -118,6 +118,7 @@ fn requests(face: &str, route: &str, code: &str) -> String {
 }
 
 const ENVIRONMENT: &str = "/v1/environments/{environment}";
+const INFLUENCE: &str = "POST /v1/environments/{environment}/influence";
 
 fn transitions(sequence: u64) -> Value {
     json!({"producer": "p", "sequence": sequence, "transitions": [
@@ -279,6 +280,42 @@ async fn clients_that_left_and_commits_that_failed_are_counted() {
     more("grpc", "Write", "CANCELLED").await;
     more("grpc", "Write", "DEADLINE_EXCEEDED").await;
     held.disarm();
+
+    let infer = "/v2/models/lane/infer";
+    let unfinished = [
+        ("POST", "/v1/environments/lane/transitions", "application/json", "rest", route.as_str(), "499"),
+        ("POST", "/v1/environments/lane/influence", "application/json", "rest", INFLUENCE, "499"),
+        ("PUT", "/v1/environments/lane", "application/json", "rest", "PUT /v1/environments/{environment}", "499"),
+        ("POST", infer, "application/json", "rest", "POST /v2/models/{model}/infer", "499"),
+        ("POST", "/nudge.v1.IngestService/Write", "application/grpc-web+proto", "grpc", "Write", "CANCELLED"),
+    ];
+    for (method, path, media, face, route, code) in unfinished {
+        for body in ["content-length: 100\r\n\r\n{\"a", "transfer-encoding: chunked\r\n\r\n20\r\n{\"a"] {
+            let before = figures().await;
+            let mut left = TcpStream::connect(app.address).await.expect("it listens");
+            let sent = format!("{method} {path} HTTP/1.1\r\nhost: localhost\r\ncontent-type: {media}\r\n{body}");
+            left.write_all(sent.as_bytes()).await.expect("sent");
+            tokio::time::sleep(Duration::from_millis(50)).await;
+            drop(left);
+            let mut times = 0;
+            while figures().await.requests(face, route, code) <= before.requests(face, route, code) {
+                times += 1;
+                assert!(times < 200, "{route} {code} is not counted: {body}");
+                tokio::time::sleep(Duration::from_millis(25)).await;
+            }
+            let other = if face == "rest" { "400" } else { "INVALID_ARGUMENT" };
+            assert_eq!(figures().await.requests(face, route, other), before.requests(face, route, other), "{route}");
+        }
+    }
+    let before = figures().await;
+    let mut wrong = TcpStream::connect(app.address).await.expect("it listens");
+    let sent = "POST /v1/environments/lane/influence HTTP/1.1\r\nhost: localhost\r\ncontent-type: application/json\r\n\
+        transfer-encoding: chunked\r\n\r\nnonsense\r\n";
+    wrong.write_all(sent.as_bytes()).await.expect("sent");
+    let mut told = Vec::new();
+    let _ = wrong.read_to_end(&mut told).await;
+    assert!(told.starts_with(b"HTTP/1.1 400"), "{}", String::from_utf8_lossy(&told));
+    assert!(figures().await.requests("rest", INFLUENCE, "400") > before.requests("rest", INFLUENCE, "400"));
     app.stop().await;
 
     let directory = Arc::new(TempDir::new().expect("a temporary directory"));

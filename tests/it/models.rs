@@ -116,10 +116,11 @@ async fn trainings_end_with_their_environment() {
     let app = world().await;
     let running = asked(&app, &endless()).await;
     until(&app, &running, &["running"]).await;
-    asked(&app, &endless()).await;
+    let waiting = asked(&app, &endless()).await;
     let environment = app.app.environments.find("world").expect("made");
     assert_eq!(app.rest("DELETE", WORLD, None).await.0, 204);
-    for job in [1, 2] {
+    for job in [running, waiting] {
+        let job = job.strip_prefix("job-").and_then(|id| id.parse().ok()).expect("a job");
         let over = app.app.networks.finished(&environment, job).await.expect("known");
         assert_eq!(over.state, nudge::domain::JobState::Cancelled, "{over:?}");
     }
@@ -308,6 +309,21 @@ async fn what_does_not_exist_is_refused_alike() {
         let method = if path.ends_with("active") { "PUT" } else { "GET" };
         let (code, problem) = rest(&app, method, path, None).await;
         assert_eq!((code, &problem["errors"][0]["pointer"]), (400, &json!("/model")), "{path}: {problem}");
+    }
+    app.stop().await;
+}
+
+#[tokio::test]
+async fn a_job_of_another_start_is_unknown() {
+    let app = world().await;
+    let (_, before) = rest(&app, "POST", "", Some(&json!({"epochs": 1}))).await;
+    let app = app.restart().await;
+    let (_, after) = rest(&app, "POST", "", Some(&json!({"epochs": 1}))).await;
+    assert_ne!(before["id"], after["id"], "one is never taken for the other");
+    for method in ["GET", "DELETE"] {
+        let (status, told) = rest(&app, method, &format!("/{}", before["id"].as_str().expect("a name")), None).await;
+        assert_eq!((status, &told["reason"]), (404, &json!("JOB_NOT_FOUND")), "{told}");
+        assert!(told["detail"].as_str().is_some_and(|told| told.contains(after["id"].as_str().expect("a name"))));
     }
     app.stop().await;
 }

@@ -6,7 +6,7 @@ use std::time::Duration;
 use nudge::api::proto;
 use nudge::app::{App, Upkeep};
 use nudge::domain::draft::TrainingDraft;
-use nudge::domain::{Environment, Job, JobState, Model, RuleDraft, StateKey};
+use nudge::domain::{Card, Environment, Job, JobState, Model, RuleDraft, StateKey};
 use nudge::model::Prediction;
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
@@ -521,6 +521,9 @@ async fn a_network_that_leaves_and_comes_back_says_what_it_said() {
             assert_eq!((card.calibration, card.base_rate, card.imported), (own.calibration, own.base_rate, true));
             assert_eq!((&card.epochs, card.training), (&own.epochs, own.training), "it is known how it was trained");
             assert_eq!(card.found_something(), own.found_something());
+            let shuffled = |card: &Card| card.baselines.iter().find(|score| score.name == "shuffled").cloned();
+            assert!(shuffled(&own).is_some(), "{own:?}");
+            assert_eq!(shuffled(&card), shuffled(&own), "it is told as it was");
         }
         let card = app.app.networks.get(&environment(&app.app), brought).await.expect("kept").card.expect("read");
         assert_eq!(

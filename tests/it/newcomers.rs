@@ -176,7 +176,8 @@ async fn two_trainings(app: &TestApp) -> [u64; 2] {
     let first = app.app.networks.train(&environment, &draft).await.expect("valid");
     let second = app.app.networks.train(&environment, &draft).await.expect("valid");
     assert_eq!((first.ahead, second.ahead), (0, 1));
-    assert!(second.message.starts_with("waits for job-1 of `lane`"), "{}", second.message);
+    assert_eq!(second.id, first.id + 1);
+    assert!(second.message.starts_with(&format!("waits for job-{} of `lane`", first.id)), "{}", second.message);
     [first.id, second.id]
 }
 
@@ -190,11 +191,11 @@ async fn a_training_that_waits_says_for_what() {
     let third = third.into_inner().job.expect("a job");
     assert_eq!((third.ahead, third.seconds_left), (2, None));
     assert!(third.message.ends_with(", and for 1 more"), "{}", third.message);
-    let job = app.get("/v1/environments/lane/models/job-2").await;
+    let job = app.get(&format!("/v1/environments/lane/models/job-{second}")).await;
     assert_eq!((&job["state"], &job["ahead"]), (&json!("queued"), &json!(1)));
     let (_, stdout, _) = run(&app, &["model", "list", "lane"]).await;
-    assert!(stdout.contains("waits for job-1 of `lane`"), "{stdout}");
-    app.rest("DELETE", "/v1/environments/lane/models/job-2", None).await;
+    assert!(stdout.contains(&format!("waits for job-{first} of `lane`")), "{stdout}");
+    app.rest("DELETE", &format!("/v1/environments/lane/models/job-{second}"), None).await;
     let environment = app.app.environments.find("lane").expect("made");
     assert_eq!(app.app.networks.finished(&environment, second).await.expect("known").state, JobState::Cancelled);
     assert_eq!(app.app.networks.job(&environment, third.id).expect("known").ahead, 1, "one fewer");

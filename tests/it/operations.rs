@@ -70,6 +70,80 @@ async fn every_error_of_rest_is_a_problem() {
 }
 
 #[tokio::test]
+async fn what_nobody_knows_is_refused_before_anything_is_done() {
+    let app = TestApp::start().await;
+    app.lane().await;
+    let none = "unknown parameter; there is none on this path";
+    let lane = "/v1/environments/lane";
+    let rule = json!({"rule": {"min_visits": 3}});
+    let cases = [
+        ("DELETE", lane.to_owned(), "foo", none, None),
+        ("GET", lane.to_owned(), "view", none, None),
+        ("PATCH", lane.to_owned(), "foo", none, Some(&rule)),
+        ("GET", format!("{lane}/states/1.0"), "segments", none, None),
+        ("GET", format!("{lane}/producers/p"), "foo", none, None),
+        ("GET", format!("{lane}/models/1"), "foo", none, None),
+        ("DELETE", format!("{lane}/models/1"), "foo", none, None),
+        ("PUT", format!("{lane}/models/1/active"), "foo", none, None),
+        ("GET", "/readyz".to_owned(), "verbos", "unknown parameter; did you mean `verbose`?", None),
+        ("GET", "/livez".to_owned(), "verbose", none, None),
+        ("GET", "/metrics".to_owned(), "foo", none, None),
+    ];
+    for (method, path, name, detail, body) in cases {
+        let (status, told) = app.rest(method, &format!("{path}?{name}=1"), body).await;
+        let fault = json!([{"pointer": format!("/{name}"), "detail": detail}]);
+        assert_eq!((status, &told["errors"]), (400, &fault), "{method} {path}: {told}");
+    }
+    let (_, kept) = app.rest("GET", lane, None).await;
+    assert_ne!(kept["rule"]["min_visits"], 3, "it was not changed, nor deleted");
+    assert_eq!(app.rest("GET", "/readyz?verbose=", None).await.0, 200);
+    assert_eq!(app.rest("GET", "/v2/health/live?foo=1", None).await.0, 200, "the inference protocol ignores it");
+
+    let batch = json!({"producer": "p", "sequence": 1, "transitions": []});
+    let (status, told) = app.rest("POST", &format!("{lane}/transitions?producer=p"), Some(&batch)).await;
+    let detail = told["errors"][0]["detail"].as_str().unwrap_or_default();
+    assert_eq!(status, 400);
+    assert!(detail.starts_with("belongs to a body of `application/x-ndjson`"), "{told}");
+    app.stop().await;
+}
+
+#[tokio::test]
+async fn a_mistyped_path_is_told_what_may_be_meant() {
+    let app = TestApp::start().await;
+    for (path, member, meant) in [
+        ("/v1/environments/lane/sumary", "detail", "/v1/environments/lane/summary"),
+        ("/ready", "detail", "/readyz"),
+        ("/v2/models/lane/infr", "error", "/v2/models/lane/infer"),
+    ] {
+        let (status, told) = app.rest("GET", path, None).await;
+        assert_eq!(
+            (status, &told[member]),
+            (404, &format!("nothing is served under this path; did you mean `{meant}`?").into())
+        );
+    }
+    app.stop().await;
+}
+
+#[tokio::test]
+async fn every_refusal_has_a_body() {
+    let app = TestApp::start().await;
+    for path in ["/livez", "/readyz", "/metrics"] {
+        let response = reqwest::Client::new().post(app.url(path)).send().await.expect("answered");
+        let allowed = response.headers().get("allow").cloned();
+        assert_eq!((response.status().as_u16(), allowed), (405, Some("GET,HEAD".parse().expect("text"))), "{path}");
+        assert_eq!(response.headers()["content-type"], "application/problem+json", "{path}");
+        let told: Value = response.json().await.expect("JSON");
+        assert_eq!((&told["reason"], &told["instance"]), (&json!("METHOD_NOT_ALLOWED"), &json!(path)));
+    }
+    let call = reqwest::Client::new().post(app.url("/nudge.v1.EnvironmentService/ListEnvironments"));
+    let response = call.header("content-type", "application/grpc").body(vec![0; 5]).send().await.expect("answered");
+    assert_eq!((response.status().as_u16(), response.version()), (400, reqwest::Version::HTTP_11));
+    let told: Value = response.json().await.expect("JSON");
+    assert!(told["errors"][0]["detail"].as_str().is_some_and(|told| told.starts_with("got HTTP/1.1, expected HTTP/2")));
+    app.stop().await;
+}
+
+#[tokio::test]
 async fn the_openapi_document_names_every_path() {
     let app = TestApp::start().await;
     let (status, document) = app.rest("GET", "/openapi.json", None).await;

@@ -15,7 +15,7 @@ use crate::error::{Fault, Problem};
 
 /// Returns the request in a message. The model and its version stay behind.
 pub fn request(message: ModelInferRequest) -> Result<Request, Problem> {
-    let ModelInferRequest { id, inputs, outputs, raw_input_contents: raw, .. } = message;
+    let ModelInferRequest { id, parameters, inputs, outputs, raw_input_contents: raw, .. } = message;
     let fault =
         |pointer: &str, detail: String| Problem::invalid("inference request", vec![Fault::new(pointer, detail)]);
     if !raw.is_empty() && raw.len() != inputs.len() {
@@ -28,7 +28,7 @@ pub fn request(message: ModelInferRequest) -> Result<Request, Problem> {
     }
     let inputs_with = inputs.iter().enumerate().map(|(i, input)| (format!("/inputs/{i}"), &input.parameters));
     let outputs_with = outputs.iter().enumerate().map(|(i, output)| (format!("/outputs/{i}"), &output.parameters));
-    let mut tensors = inputs_with.chain(outputs_with);
+    let mut tensors = std::iter::once((String::new(), &parameters)).chain(inputs_with).chain(outputs_with);
     if let Some(fault) = tensors.find_map(|(tensor, parameters)| unsupported(&tensor, |name| is_set(parameters, name)))
     {
         return Err(Problem::invalid("inference request", vec![fault]));
@@ -44,7 +44,12 @@ pub fn request(message: ModelInferRequest) -> Result<Request, Problem> {
 /// Tells whether a parameter says something: 0 says nothing.
 fn is_set(parameters: &HashMap<String, InferParameter>, name: &str) -> bool {
     let choice = parameters.get(name).and_then(|parameter| parameter.parameter_choice.as_ref());
-    choice.is_some_and(|choice| !matches!(choice, ParameterChoice::Int64Param(0) | ParameterChoice::Uint64Param(0)))
+    choice.is_some_and(|choice| match choice {
+        ParameterChoice::Int64Param(number) => *number != 0,
+        ParameterChoice::Uint64Param(number) => *number != 0,
+        ParameterChoice::DoubleParam(number) => *number != 0.0,
+        ParameterChoice::BoolParam(_) | ParameterChoice::StringParam(_) => true,
+    })
 }
 
 fn tensor(input: InferInputTensor, raw: Option<Vec<u8>>) -> Tensor {

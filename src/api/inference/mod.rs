@@ -75,15 +75,17 @@ pub struct Metadata {
     pub figures: &'static [Figure],
 }
 
-/// Returns the fault of a tensor one of whose parameters says that its values are elsewhere, or something else. Ignored, its sender would read what
+/// Returns the fault of a tensor, or of the request where it is empty, one of whose parameters says that its values are elsewhere, or something else. Ignored, its sender would read what
 /// nobody wrote there. Other parameters that are not known are ignored, as the protocol wants it.
 fn unsupported(tensor: &str, has: impl Fn(&str) -> bool) -> Option<Fault> {
     const SHARED: &str = "shared memory is not supported, expected values in the message itself";
-    const PARAMETERS: [(&str, &str); 4] = [
+    const CLASSES: &str = "classes (class_count) are not supported: no output has any; expected none";
+    const PARAMETERS: [(&str, &str); 5] = [
         ("shared_memory_region", SHARED),
         ("shared_memory_byte_size", SHARED),
         ("shared_memory_offset", SHARED),
-        ("classification", "classes (class_count) are not supported: no output has any; expected none"),
+        ("classification", CLASSES),
+        ("class_count", CLASSES),
     ];
     let (name, why) = PARAMETERS.into_iter().find(|(name, _)| has(name))?;
     Some(Fault::new(format!("{tensor}/parameters/{name}"), why))

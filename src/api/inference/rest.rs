@@ -49,6 +49,8 @@ struct Document {
 #[derive(Deserialize)]
 struct RequestParameters {
     binary_data_output: Option<bool>,
+    #[serde(flatten)]
+    others: HashMap<String, Value>,
 }
 
 #[derive(Deserialize)]
@@ -88,7 +90,8 @@ pub fn request(body: &Bytes, header_length: Option<&str>) -> Result<(Request, Fo
     let (head, tail) = split(body, header_length).map_err(fault)?;
     let Document { id, parameters, inputs, outputs } = json::decode(WHAT, &head)?;
     let outputs = outputs.unwrap_or_default();
-    supported(&inputs, &outputs).map_err(fault)?;
+    let others = parameters.as_ref().map(|parameters| &parameters.others);
+    supported(others, &inputs, &outputs).map_err(fault)?;
     let form = Form {
         all: parameters.and_then(|parameters| parameters.binary_data_output).unwrap_or_default(),
         outputs: outputs.iter().map(Wanted::is_binary).collect(),
@@ -110,8 +113,8 @@ fn split(body: &Bytes, header_length: Option<&str>) -> Result<(Bytes, Bytes), Fa
     }
 }
 
-/// Checks that the values of every tensor are in the body, and are told as they are.
-fn supported(inputs: &[Input], outputs: &[Wanted]) -> Result<(), Fault> {
+/// Checks that the values of every tensor are in the body, and are told as they are, by its own parameters and the request's.
+fn supported(request: Option<&HashMap<String, Value>>, inputs: &[Input], outputs: &[Wanted]) -> Result<(), Fault> {
     let inputs = inputs.iter().map(|input| input.parameters.as_ref().map(|parameters| &parameters.others));
     let outputs = outputs.iter().map(|output| output.parameters.as_ref().map(|parameters| &parameters.others));
     let inputs = inputs.enumerate().map(|(i, parameters)| (format!("/inputs/{i}"), parameters));
@@ -119,7 +122,7 @@ fn supported(inputs: &[Input], outputs: &[Wanted]) -> Result<(), Fault> {
     let fault = |(tensor, parameters): (String, Option<&HashMap<String, Value>>)| {
         unsupported(&tensor, |name| parameters.is_some_and(|parameters| is_set(parameters, name)))
     };
-    inputs.chain(outputs).find_map(fault).map_or(Ok(()), Err)
+    std::iter::once((String::new(), request)).chain(inputs).chain(outputs).find_map(fault).map_or(Ok(()), Err)
 }
 
 /// Tells whether a parameter says something: 0 says nothing.

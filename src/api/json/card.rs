@@ -46,7 +46,8 @@ pub struct Card {
     pub base_rate: Option<f64>,
     /// How it did.
     pub score: Score,
-    /// How others did on the same states: `all_positive`, `majority`, `look_up`, `back_off` and `shuffled`.
+    /// How others did on the same states: `all_positive`, `majority`, `look_up`, `back_off` and `shuffled`; of an import,
+    /// `shuffled` is as it was where the network was trained.
     pub baselines: Vec<Score>,
     /// Predicted probabilities beside what the evidence says, in tenths; tenths without a state are left out.
     pub reliability: Vec<Reliability>,

@@ -44,7 +44,7 @@ pub use overview::{
 pub use parameters::Parameters;
 pub use prediction::{ModelAction, ModelFigures};
 pub use problem::{Fault, Problem};
-pub use query::{exploration, fit, graph, head_of_query, listing, page, question_of_query, summary};
+pub use query::{exploration, fit, graph, head_of_query, listing, no_head, page, question_of_query, summary};
 pub use question::{NamedState, Question};
 pub use receipt::{Producer, Receipt, Rejection};
 pub use rule::{Rule, RuleChange};

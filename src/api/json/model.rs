@@ -37,9 +37,9 @@ pub struct TrainingRequest {
     #[serde(default, deserialize_with = "perhaps_whole")]
     #[schema(example = 5, minimum = 2, maximum = 20)]
     pub folds: Option<u64>,
-    /// The most passes over the states; 500 by default.
+    /// The most passes over the states; 140 by default.
     #[serde(default, deserialize_with = "perhaps_whole")]
-    #[schema(example = 500, minimum = 1, maximum = 10_000)]
+    #[schema(example = 140, minimum = 1, maximum = 10_000)]
     pub epochs: Option<u64>,
     /// How much a state counts: `visits` (the default), as often as it was seen, or `states`, once.
     #[schema(example = "visits", value_type = Option<words::Weighting>)]
@@ -128,7 +128,7 @@ pub struct Model {
 /// A training that was asked for.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct Job {
-    /// Its name: `job-` and its number, since the service started.
+    /// Its name: `job-` and its number, which no job of another start of the service has.
     #[schema(example = "job-3", pattern = "^job-[0-9]+$")]
     pub id: String,
     /// The agent whose influence is learned.

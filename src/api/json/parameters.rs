@@ -1,7 +1,7 @@
 //! The parameters of a query string, with their faults.
 
 use crate::domain::draft::{NamedValues, ValueDraft};
-use crate::domain::hint;
+use crate::domain::{hint, is_near};
 use crate::error::{Fault, Problem, pointer};
 
 /// The parameters of a query string, taken one by one: what is left at the end is unknown.
@@ -21,12 +21,32 @@ impl Parameters {
 
     /// Returns `value` unless a parameter was faulty, or was not taken.
     pub fn finish<T>(mut self, value: T) -> Result<T, Problem> {
-        let unknown = |(name, _): &(String, String)| {
-            let hint = hint(name, self.known.iter().map(String::as_str));
-            Fault::new(pointer(name), format!("unknown parameter{hint}"))
-        };
-        self.faults.extend(self.left.iter().map(unknown));
+        let unknown =
+            |(name, _): &(String, String)| Fault::new(pointer(name), format!("unknown parameter{}", self.hint(name)));
+        let unknown: Vec<Fault> = self.left.iter().map(unknown).collect();
+        self.faults.extend(unknown);
         if self.faults.is_empty() { Ok(value) } else { Err(Problem::invalid("query", self.faults)) }
+    }
+
+    /// Returns what is added to an unknown parameter: which were meant, those that there are, or that there are none.
+    fn hint(&self, name: &str) -> String {
+        if self.known.is_empty() {
+            return "; there is none on this path".to_owned();
+        }
+        // Of a family, the member that was meant: `state.held` for `stat.held`.
+        let (family, member) = name.split_once('.').unwrap_or_default();
+        let known = self.known.iter().filter_map(|known| match known.strip_suffix('.') {
+            Some(prefix) => is_near(family, prefix).then(|| format!("{prefix}.{member}")),
+            None => Some(known.clone()),
+        });
+        hint(name, known.collect::<Vec<_>>().iter().map(String::as_str))
+    }
+
+    /// Notes parameters that belong to bodies of another type only.
+    pub(super) fn misplaced(&mut self, name: &str, why: &str) {
+        if !self.take(name).is_empty() {
+            self.fault(name, why);
+        }
     }
 
     fn take(&mut self, name: &str) -> Vec<String> {
@@ -66,6 +86,7 @@ impl Parameters {
 
     /// Takes every parameter whose name begins with `prefix`, without it.
     pub(super) fn under(&mut self, prefix: &str) -> NamedValues {
+        self.known.push(prefix.to_owned());
         let under = self.left.extract_if(.., |(name, _)| name.starts_with(prefix));
         under.map(|(name, value)| (name[prefix.len()..].to_owned(), ValueDraft::Text(value))).collect()
     }

@@ -127,6 +127,13 @@ pub fn page(mut query: Parameters) -> Result<(u64, Option<String>), Problem> {
     query.finish(page)
 }
 
+/// Refuses what stands beside the lines of a batch where the batch is a document, in which it has its place.
+pub fn no_head(mut query: Parameters) -> Result<(), Problem> {
+    let why = "belongs to a body of `application/x-ndjson`; in `application/json` it is a member of the document";
+    ["producer", "sequence", "segment", "environment_uid"].into_iter().for_each(|name| query.misplaced(name, why));
+    query.finish(())
+}
+
 /// Reads what stands beside the transitions of a batch.
 pub fn head_of_query(mut query: Parameters) -> Result<Head, Problem> {
     let producer = query.text("producer");
@@ -207,6 +214,29 @@ mod tests {
         assert_eq!((draft.order_by.as_deref(), draft.min_visits, draft.page_size), (Some("visits desc"), 8, 5));
         assert_eq!(page(parameters(&[("page_token", "x")])).expect("valid"), (0, Some("x".into())));
         assert_eq!(pointers(page(parameters(&[("page_size", "many")])).expect_err("wrong")), ["/page_size"]);
+    }
+
+    #[test]
+    fn what_was_meant_is_told() {
+        let detail = |problem: Problem| problem.faults.into_iter().map(|fault| fault.detail).collect::<Vec<_>>();
+        let unknown =
+            |pair| detail(question_of_query(parameters(&[("key", "0"), pair])).expect_err("unknown")).remove(0);
+        for (mistyped, meant) in [("stat.q", "state.q"), ("sate.distance", "state.distance"), ("vieww", "view")] {
+            assert_eq!(unknown((mistyped, "1")), format!("unknown parameter; did you mean `{meant}`?"));
+        }
+        assert_eq!(
+            detail(parameters(&[("foo", "1")]).finish(()).expect_err("unknown")),
+            ["unknown parameter; there is none on this path"]
+        );
+        let lines = detail(
+            head_of_query(parameters(&[("producr", "a"), ("producer", "a"), ("sequence", "1")])).expect_err("unknown"),
+        );
+        assert_eq!(lines, ["unknown parameter; did you mean `producer`?"]);
+        let document = detail(
+            no_head(parameters(&[("producr", "a"), ("sequence", ""), ("segment", "s")])).expect_err("misplaced"),
+        );
+        assert_eq!(document[2], "unknown parameter; did you mean `producer`?");
+        assert!(document[..2].iter().all(|detail| detail.starts_with("belongs to a body of `application/x-ndjson`")));
     }
 
     #[test]

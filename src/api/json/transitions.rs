@@ -29,8 +29,8 @@ pub struct Transitions<'a> {
     #[serde(deserialize_with = "whole")]
     #[schema(example = 1, minimum = 1, maximum = 9_223_372_036_854_775_807_i64)]
     pub sequence: u64,
-    /// Where its transitions come from: a trial, a split, a policy version.
-    #[schema(example = "trial-3", min_length = 1, max_length = 64)]
+    /// Where its transitions come from: a trial, a split, a policy version. Absent or empty for no segment.
+    #[schema(example = "trial-3", max_length = 64)]
     pub segment: Option<String>,
     /// The transitions, at most 10,000.
     #[serde(borrow)]
@@ -39,7 +39,8 @@ pub struct Transitions<'a> {
 }
 
 /// One transition: a state and what every agent did there. Also a line of `application/x-ndjson`.
-#[derive(Debug, ToSchema)]
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
 pub struct Transition {
     /// A value a feature.
     #[schema(example = json!({"distance": 1.2, "held": "onion"}))]
@@ -50,7 +51,7 @@ pub struct Transition {
     /// Whether this step entered its state (true) or a stay goes on (false); absent if the sender does not say.
     pub entry: Option<bool>,
     /// How often it was observed, for counts that were merged elsewhere; absent for once.
-    #[schema(minimum = 1)]
+    #[schema(minimum = 1, maximum = 9_223_372_036_854_775_807_i64)]
     pub count: Option<u64>,
 }
 

@@ -187,8 +187,10 @@ fn builder() -> Builder<TokioExecutor> {
 fn age(age: Duration, number: u64) -> Option<Duration> {
     /// Successive multiples of it fill the unit interval evenly.
     const GOLDEN: f64 = 0.618_033_988_749_894_9;
+    /// No connection becomes as old, and clocks go no further than the longest duration.
+    const OLDEST: Duration = Duration::from_secs(10 * 365 * 24 * 3_600);
     let spread = (number as f64 * GOLDEN).fract();
-    (!age.is_zero()).then(|| age.mul_f64(0.9 + 0.2 * spread))
+    (!age.is_zero()).then(|| age.min(OLDEST).mul_f64(0.9 + 0.2 * spread))
 }
 
 fn ended_by(cause: Cause) {
@@ -208,5 +210,9 @@ mod tests {
         assert!(ages[0] >= 3_240 && ages[99] <= 3_960);
         assert!(ages.windows(2).all(|pair| pair[1] - pair[0] < 20), "{ages:?}");
         assert_eq!(age(Duration::ZERO, 1), None);
+        for number in 0..100 {
+            let age = age(Duration::MAX, number).expect("some");
+            assert!(Instant::now().checked_add(age).is_some());
+        }
     }
 }

@@ -2,6 +2,8 @@
 //!
 //! The deadlines run only while a body is waited for, so a sender is not blamed for our own slowness (back-pressure).
 
+use std::error::Error;
+use std::io;
 use std::pin::Pin;
 use std::sync::Arc;
 use std::task::{Context, Poll};
@@ -18,6 +20,7 @@ use super::framing::Framing;
 use super::memory::Charge;
 use super::vitals::InProgress;
 use crate::error::{ErrorKind, Problem};
+use crate::serve::requests::Noted;
 use crate::serve::status;
 
 /// How a body is made up.
@@ -47,6 +50,8 @@ pub struct Received {
     manner: Manner,
     charge: Arc<Charge>,
     request: Arc<InProgress>,
+    /// Told when its sender leaves before its end.
+    noted: Arc<Noted>,
     /// When the message at hand began.
     began: Instant,
     /// Since when the next byte is waited for.
@@ -58,13 +63,20 @@ pub struct Received {
 
 impl Received {
     /// Makes the body of a request that has just begun.
-    pub fn new(body: Incoming, manner: Manner, charge: Arc<Charge>, request: Arc<InProgress>) -> Self {
+    pub fn new(
+        body: Incoming,
+        manner: Manner,
+        charge: Arc<Charge>,
+        request: Arc<InProgress>,
+        noted: Arc<Noted>,
+    ) -> Self {
         Self {
             has_ended: body.is_end_stream(),
             body: Some(body),
             manner,
             charge,
             request,
+            noted,
             began: Instant::now(),
             waits_since: None,
             timer: None,
@@ -138,7 +150,13 @@ impl Body for Received {
             }
             Poll::Ready(end) => {
                 me.has_ended = true;
-                Poll::Ready(end.map(|failed| failed.map_err(Into::into)))
+                let failed = |error: hyper::Error| {
+                    if has_left(&error) {
+                        me.noted.left();
+                    }
+                    error.into()
+                };
+                Poll::Ready(end.map(|end| end.map_err(failed)))
             }
             Poll::Pending => me.poll_overdue(context).map(|()| Some(Err(me.refuse(stalled())))),
         }
@@ -173,6 +191,18 @@ async fn drain(mut body: Incoming, request: Arc<InProgress>) {
     let rest = async { while let Some(Ok(_)) = body.frame().await {} };
     let most: Duration = request.vitals().limits().unwanted;
     let _ = tokio::time::timeout(most, rest).await;
+}
+
+/// Tells whether a body ended early because nobody sends it any more, and not because of what was sent.
+fn has_left(error: &hyper::Error) -> bool {
+    let mut cause = error.source();
+    while let Some(found) = cause {
+        if let Some(io) = found.downcast_ref::<io::Error>() {
+            return !matches!(io.kind(), io::ErrorKind::InvalidInput | io::ErrorKind::InvalidData);
+        }
+        cause = found.source();
+    }
+    true
 }
 
 fn stalled() -> Problem {

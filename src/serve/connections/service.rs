@@ -59,7 +59,7 @@ impl hyper::service::Service<Request<Incoming>> for Watched {
         let charge = Arc::new(Charge::new(self.budget.clone()));
         let (mut parts, body) = request.into_parts();
         let mut call = Call::begin(&mut parts, self.peer);
-        let body = Received::new(body, manner(&parts), charge.clone(), progress.clone());
+        let body = Received::new(body, manner(&parts), charge.clone(), progress.clone(), call.noted());
         if let Some(refusal) = self.refusal(&parts) {
             self.vitals.leaving.cancel();
             let refusal = call.answered(refused(&parts, refusal)).map(|body| Sent::new(body, progress, call));

@@ -4,14 +4,18 @@ use std::any::Any;
 use std::future::Future;
 use std::time::Duration;
 
+use axum::body::Body;
+use axum::middleware::Next;
+use http::{Request, Version, header};
 use tonic::codec::CompressionEncoding::{Deflate, Gzip};
 use tonic::service::Routes;
-use tonic::{Request, Response, Status};
+use tonic::{Response, Status};
 use tracing::Instrument;
 
 use super::access::Caller;
 use super::rest::problems::log_panic;
-use super::{operations, status};
+use super::status::Failure;
+use super::{operations, requests, status};
 use crate::api::inference_proto::grpc_inference_service_server::GrpcInferenceServiceServer;
 use crate::api::proto::environment_service_server::EnvironmentServiceServer;
 use crate::api::proto::influence_service_server::InfluenceServiceServer;
@@ -19,7 +23,7 @@ use crate::api::proto::ingest_service_server::IngestServiceServer;
 use crate::api::proto::model_service_server::ModelServiceServer;
 use crate::api::{MOST_MESSAGE_BYTES, proto};
 use crate::app::App;
-use crate::error::{ErrorKind, Problem};
+use crate::error::{ErrorKind, Fault, Problem};
 
 mod environment;
 mod inference;
@@ -44,7 +48,7 @@ struct Face {
 
 impl Face {
     /// Returns the face as it is for whoever sent a request.
-    fn asked<T>(&self, request: &Request<T>) -> Self {
+    fn asked<T>(&self, request: &tonic::Request<T>) -> Self {
         let caller = request.extensions().get::<Caller>().cloned().unwrap_or_default();
         Self { app: self.app.asked_by(caller.asker()), caller }
     }
@@ -112,6 +116,17 @@ async fn follow(app: App, health: tonic_health::server::HealthReporter) {
     for name in WRITING.into_iter().chain(ASKING) {
         health.set_service_status(name, tonic_health::ServingStatus::NotServing).await;
     }
+}
+
+/// Refuses gRPC over HTTP/1.1 in words, which has no trailers that its clients read; gRPC-Web needs none.
+pub async fn over_http_2(request: Request<Body>, next: Next) -> axum::response::Response {
+    let media = request.headers().get(header::CONTENT_TYPE).map_or(&b""[..], |media| media.as_bytes());
+    let is_grpc = requests::is_grpc(request.headers()) && !media.starts_with(b"application/grpc-web");
+    if !is_grpc || request.version() >= Version::HTTP_2 {
+        return next.run(request).await;
+    }
+    let detail = "got HTTP/1.1, expected HTTP/2 for application/grpc; over HTTP/1.1 there is application/grpc-web";
+    Failure::from(Problem::invalid("call", vec![Fault::new("", detail)])).tell(request.uri().path())
 }
 
 /// Runs a call: its problem becomes a status.

@@ -7,7 +7,7 @@ pub mod served;
 
 use axum::Router;
 use axum::response::{IntoResponse, Response};
-use axum::routing::{any, get, post};
+use axum::routing::{get, post};
 use http::{HeaderMap, HeaderName, header};
 use serde::Deserialize;
 use serde_json::{Value, json};
@@ -28,9 +28,22 @@ const HEADER_LENGTH: HeaderName = HeaderName::from_static(rest::HEADER_LENGTH);
 /// Returns the routes below `/v2`.
 pub fn router(app: App) -> Router {
     let routes = routes().with_state(app);
-    let unknown = Router::new().route("/v2/{*path}", any(problems::unknown_path));
+    let unknown = Router::new().route("/v2/{*path}", problems::unknown_path(PATHS.map(str::to_owned)));
     layers::around(routes.merge(unknown), Failure::tell_text)
 }
+
+/// Every path, for those who mistype one.
+const PATHS: [&str; 9] = [
+    "/v2",
+    "/v2/health/live",
+    "/v2/health/ready",
+    "/v2/models/{model}",
+    "/v2/models/{model}/ready",
+    "/v2/models/{model}/infer",
+    "/v2/models/{model}/versions/{version}",
+    "/v2/models/{model}/versions/{version}/ready",
+    "/v2/models/{model}/versions/{version}/infer",
+];
 
 fn routes() -> Router<App> {
     Router::new()

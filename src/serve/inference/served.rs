@@ -15,6 +15,9 @@ use crate::work::{Gate, Stop};
 /// Requests of fewer values are sooner answered than handed to another thread; some hundreds of rows.
 const MOST_INLINE_VALUES: usize = 2_048;
 
+/// Versions that are told where one is of another model: the last ones.
+const TOLD: usize = 8;
+
 /// States that are predicted for from one look to the next whether somebody still waits.
 const TOGETHER: usize = 4_096;
 
@@ -62,25 +65,34 @@ impl Served {
             Some(version) => app.networks.network(&environment, version).await?,
             None => app.networks.served(&environment, &pair).await?.ok_or_else(|| none_active(model))?,
         };
-        if network.pair != pair {
-            return Err(not_found(format!("version {version} is not one of model `{model}`")));
+        let found = Self { model: model.into(), environment, network };
+        if found.network.pair != pair {
+            let known = found.versions(app, &pair).await?;
+            let known: Vec<String> = known.iter().rev().take(TOLD).rev().map(u64::to_string).collect();
+            let known =
+                if known.is_empty() { "there is none".to_owned() } else { format!("known: {}", known.join(", ")) };
+            return Err(not_found(format!("version {version} is not one of model `{model}`; {known}")));
         }
-        Ok(Self { model: model.into(), environment, network })
+        Ok(found)
     }
 
     /// Returns what it takes and answers, and which other versions there are.
     pub async fn metadata(&self, app: &App) -> Result<Metadata, Problem> {
-        let agents = self.environment.schema.agents();
-        let [ego, other] = [self.network.pair.ego, self.network.pair.other].map(|agent| agents[agent].name.as_str());
-        let models = app.networks.list(&self.environment).await?.models;
-        let is_served = |model: &&Model| model.ego == ego && model.other == other && model.card.is_ok();
-        let of_pair = models.iter().filter(is_served);
         Ok(Metadata {
             model: self.model.clone(),
-            versions: of_pair.map(|model| model.version).collect(),
+            versions: self.versions(app, &self.network.pair).await?,
             features: self.environment.schema.state().len(),
             figures: Figure::of(self.network.kind),
         })
+    }
+
+    /// Returns every version of a pair that can answer.
+    async fn versions(&self, app: &App, pair: &Pair) -> Result<Vec<u64>, Problem> {
+        let agents = self.environment.schema.agents();
+        let [ego, other] = [pair.ego, pair.other].map(|agent| agents[agent].name.as_str());
+        let models = app.networks.list(&self.environment).await?.models;
+        let is_served = |model: &&Model| model.ego == ego && model.other == other && model.card.is_ok();
+        Ok(models.iter().filter(is_served).map(|model| model.version).collect())
     }
 
     /// Predicts for the states of a request.

@@ -1,6 +1,7 @@
-//! Which of several media types a caller prefers, by its `Accept` header (RFC 9110, 12.5.1).
+//! Which of several media types a caller prefers, by its `Accept` header (RFC 9110, 12.5.1), and that an answer is sent however its bytes are wanted.
 
-use http::{HeaderMap, header};
+use axum::extract::Request;
+use http::{HeaderMap, HeaderValue, header};
 
 use crate::serve::status::Failure;
 
@@ -25,6 +26,30 @@ pub fn preferred(headers: &HeaderMap, offered: &[&str]) -> Result<usize, Failure
         }
     }
     taken.ok_or_else(|| Failure::of_accept(&accepted.chars().take(TOLD).collect::<String>(), &offered.join(" or ")))
+}
+
+/// Lets every answer be sent as it is, where no other way is welcome: a server may ignore that nothing is (RFC 9110, 12.5.3), and what was done by the
+/// time must not be answered as if it were refused.
+pub async fn any_encoding(mut request: Request) -> Request {
+    let headers = request.headers_mut();
+    let asked = headers.get_all(header::ACCEPT_ENCODING).iter().filter_map(|value| value.to_str().ok());
+    let left: Vec<&str> = asked.flat_map(|list| list.split(',')).filter(|coding| !excludes_identity(coding)).collect();
+    match HeaderValue::from_str(&left.join(",")) {
+        Ok(left) if !left.is_empty() => {
+            headers.insert(header::ACCEPT_ENCODING, left);
+        }
+        _ => {
+            headers.remove(header::ACCEPT_ENCODING);
+        }
+    }
+    request
+}
+
+fn excludes_identity(coding: &str) -> bool {
+    let (name, weight) = coding.split_once(';').unwrap_or((coding, ""));
+    let weight = weight.trim().strip_prefix("q=").or_else(|| weight.trim().strip_prefix("Q="));
+    let is_excluded = weight.and_then(|weight| weight.parse::<f32>().ok()) == Some(0.0);
+    is_excluded && ["identity", "*"].contains(&name.trim().to_ascii_lowercase().as_str())
 }
 
 /// How welcome a media type is.

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use axum::response::{IntoResponse, Response};
 use http::StatusCode;
 
-use super::extract::{Asked, Json, Path, Query};
+use super::extract::{Asked, Json, Path, Plain, Query};
 use super::refusals::Refusals;
 use super::told::told;
 use crate::api::{json, proto};
@@ -29,7 +29,7 @@ use crate::serve::status::Failure;
     )
 )]
 pub async fn apply_environment(
-    Asked(app): Asked,
+    Plain(app): Plain,
     Path(name): Path<String>,
     Json(description): Json<json::Description>,
 ) -> Result<Response, Failure> {
@@ -46,7 +46,7 @@ pub async fn apply_environment(
     params(("environment" = String, Path, description = "The environment's name")),
     responses((status = 200, description = "The environment", body = json::Environment), Refusals)
 )]
-pub async fn get_environment(Asked(app): Asked, Path(name): Path<String>) -> Result<Response, Failure> {
+pub async fn get_environment(Plain(app): Plain, Path(name): Path<String>) -> Result<Response, Failure> {
     shown(app.environments.find(&name)?).await
 }
 
@@ -78,7 +78,7 @@ pub async fn list_environments(Asked(app): Asked, Query(query): Query) -> Result
     responses((status = 200, description = "The environment with its new rule", body = json::Environment), Refusals)
 )]
 pub async fn update_rule(
-    Asked(app): Asked,
+    Plain(app): Plain,
     Path(name): Path<String>,
     Json(change): Json<json::RuleChange>,
 ) -> Result<Response, Failure> {
@@ -96,7 +96,7 @@ pub async fn update_rule(
     params(("environment" = String, Path, description = "The environment's name")),
     responses((status = 204, description = "The environment is gone"), Refusals)
 )]
-pub async fn delete_environment(Asked(app): Asked, Path(name): Path<String>) -> Result<StatusCode, Failure> {
+pub async fn delete_environment(Plain(app): Plain, Path(name): Path<String>) -> Result<StatusCode, Failure> {
     app.environments.delete(&name).await?;
     Ok(StatusCode::NO_CONTENT)
 }

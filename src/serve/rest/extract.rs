@@ -34,6 +34,20 @@ impl FromRequestParts<App> for Asked {
     }
 }
 
+/// The rooms of the service for whoever asks without parameters: one that is given is unknown.
+pub struct Plain(pub App);
+
+impl FromRequestParts<App> for Plain {
+    type Rejection = Failure;
+
+    async fn from_request_parts(parts: &mut Parts, app: &App) -> Result<Self, Failure> {
+        let Query(query) = Query::from_request_parts(parts, app).await?;
+        query.finish(())?;
+        let Ok(Asked(app)) = Asked::from_request_parts(parts, app).await;
+        Ok(Self(app))
+    }
+}
+
 /// The variable parts of the path.
 pub struct Path<T>(pub T);
 

@@ -2,7 +2,7 @@
 
 use axum::response::Response;
 
-use super::extract::{Asked, Json, Path, Query};
+use super::extract::{Asked, Json, Path, Plain, Query};
 use super::parameters::{PairParameters, RuleParameters, StateParameters};
 use super::refusals::Refusals;
 use super::told::told;
@@ -29,7 +29,7 @@ type Answered = Result<Response, Failure>;
     responses((status = 200, description = "The answers", body = json::Answers), Refusals)
 )]
 pub async fn batch_get_influence(
-    Asked(app): Asked,
+    Plain(app): Plain,
     Path(name): Path<String>,
     Json(question): Json<json::Question>,
 ) -> Answered {

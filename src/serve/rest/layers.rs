@@ -14,7 +14,7 @@ use tower_http::compression::CompressionLayer;
 use tower_http::compression::predicate::{NotForContentType, Predicate, SizeAbove};
 use tower_http::limit::RequestBodyLimitLayer;
 
-use super::problems;
+use super::{accept, problems};
 use crate::serve::costs::ALLOWED;
 use crate::serve::status::{Asked, Failure, too_late};
 use crate::work::deadline::{self, Deadline};
@@ -29,6 +29,7 @@ pub fn around(router: Router, form: problems::Form) -> Router {
     let compressible = SizeAbove::new(LEAST_COMPRESSED_BYTES).and(NotForContentType::IMAGES);
     // The first is outermost.
     let layers = ServiceBuilder::new()
+        .layer(middleware::map_request(accept::any_encoding))
         .layer(CompressionLayer::new().quality(CompressionLevel::Fastest).compress_when(compressible))
         .layer(middleware::from_fn_with_state(form, problems::tell))
         .layer(CatchPanicLayer::custom(problems::of_panic))

@@ -10,6 +10,7 @@ mod influence;
 pub mod layers;
 mod learning;
 mod models;
+mod nearest;
 mod openapi;
 mod packed;
 mod pages;
@@ -29,10 +30,15 @@ use super::status::Failure;
 use crate::api::MOST_MESSAGE_BYTES;
 use crate::app::App;
 
+/// What is served beside the documented routes.
+const OTHERS: [&str; 6] = ["/livez", "/readyz", "/metrics", "/openapi.json", "/docs", "/v2"];
+
 /// Returns the REST face with its pages.
 pub fn router(app: App) -> Router {
     let routes = routes().with_state(app);
-    layers::around(routes.merge(pages::router()).fallback(problems::unknown_path), Failure::tell)
+    let paths = documented().into_iter().filter_map(|route| Some(route.split_once(' ')?.1.to_owned()));
+    let unknown = problems::unknown_path(paths.chain(OTHERS.map(str::to_owned)));
+    layers::around(routes.merge(pages::router()).fallback_service(unknown), Failure::tell)
 }
 
 fn routes() -> Router<App> {

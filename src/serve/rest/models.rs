@@ -7,7 +7,7 @@ use http::{StatusCode, header};
 use serde::Deserialize;
 use utoipa::{IntoParams, ToSchema};
 
-use super::extract::{Asked, File, OCTETS, OptionalJson, Path, Query};
+use super::extract::{Asked, File, OCTETS, OptionalJson, Path, Plain, Query};
 use super::refusals::Refusals;
 use crate::api::json::ModelOrJob;
 use crate::api::{json, proto};
@@ -78,7 +78,7 @@ impl IdPath {
     )
 )]
 pub async fn train_model(
-    Asked(app): Asked,
+    Plain(app): Plain,
     Path(name): Path<String>,
     OptionalJson(request): OptionalJson<json::TrainingRequest>,
 ) -> Result<Response, Failure> {
@@ -119,7 +119,7 @@ pub async fn list_models(
     params(IdPath),
     responses((status = 200, description = "The version or the job", body = json::ModelOrJob), Refusals)
 )]
-pub async fn get_model(Asked(app): Asked, Path(path): Path<IdPath>) -> Result<axum::Json<ModelOrJob>, Failure> {
+pub async fn get_model(Plain(app): Plain, Path(path): Path<IdPath>) -> Result<axum::Json<ModelOrJob>, Failure> {
     let (environment, id) = path.find(&app)?;
     Ok(axum::Json(match id {
         ModelId::Version(version) => ModelOrJob::Model(Box::new(shown(app.networks.get(&environment, version).await?))),
@@ -135,7 +135,7 @@ pub async fn get_model(Asked(app): Asked, Path(path): Path<IdPath>) -> Result<ax
     params(IdPath),
     responses((status = 204, description = "The version is gone, or the job ends"), Refusals)
 )]
-pub async fn delete_model(Asked(app): Asked, Path(path): Path<IdPath>) -> Result<StatusCode, Failure> {
+pub async fn delete_model(Plain(app): Plain, Path(path): Path<IdPath>) -> Result<StatusCode, Failure> {
     let (environment, id) = path.find(&app)?;
     app.networks.delete(&environment, id).await?;
     Ok(StatusCode::NO_CONTENT)
@@ -150,7 +150,7 @@ pub async fn delete_model(Asked(app): Asked, Path(path): Path<IdPath>) -> Result
     responses((status = 200, description = "The version, which answers now", body = json::Model), Refusals)
 )]
 pub async fn activate_model(
-    Asked(app): Asked,
+    Plain(app): Plain,
     Path(path): Path<VersionPath>,
 ) -> Result<axum::Json<json::Model>, Failure> {
     let (environment, version) = path.find(&app)?;
@@ -166,7 +166,7 @@ pub async fn activate_model(
     responses((status = 200, description = "What answers now", body = json::RolledBack), Refusals)
 )]
 pub async fn roll_back_model(
-    Asked(app): Asked,
+    Plain(app): Plain,
     Path(path): Path<VersionPath>,
 ) -> Result<axum::Json<json::RolledBack>, Failure> {
     let (environment, version) = path.find(&app)?;
@@ -185,7 +185,7 @@ pub async fn roll_back_model(
         Refusals
     )
 )]
-pub async fn export_model(Asked(app): Asked, Path(path): Path<VersionPath>) -> Result<Response, Failure> {
+pub async fn export_model(Plain(app): Plain, Path(path): Path<VersionPath>) -> Result<Response, Failure> {
     let (environment, version) = path.find(&app)?;
     let file = app.networks.export(&environment, version).await?;
     // A name of an environment needs no quoting.
@@ -205,7 +205,7 @@ pub async fn export_model(Asked(app): Asked, Path(path): Path<VersionPath>) -> R
     request_body(content = Safetensors, description = "The file", content_type = "application/octet-stream"),
     responses((status = 201, description = "The version that was made of it", body = json::Model), Refusals)
 )]
-pub async fn import_model(Asked(app): Asked, Path(name): Path<String>, File(file): File) -> Result<Response, Failure> {
+pub async fn import_model(Plain(app): Plain, Path(name): Path<String>, File(file): File) -> Result<Response, Failure> {
     let environment = app.environments.find(&name)?;
     let model = app.networks.import(&environment, file.into()).await?;
     let location = format!("/v1/environments/{name}/models/{}", model.version);

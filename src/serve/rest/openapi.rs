@@ -222,6 +222,37 @@ mod tests {
     }
 
     #[test]
+    fn every_body_that_is_taken_knows_all_its_members() {
+        let document = document();
+        let mut seen: Vec<String> = Vec::new();
+        let mut left: Vec<Value> = document["paths"].as_object().expect("paths").values().cloned().collect();
+        left = left.iter().flat_map(|path| path.as_object().expect("operations").values()).cloned().collect();
+        left = left.iter().map(|operation| operation["requestBody"].clone()).collect();
+        while let Some(value) = left.pop() {
+            if let Some(name) =
+                value["$ref"].as_str().and_then(|reference| reference.strip_prefix("#/components/schemas/"))
+            {
+                if !seen.iter().any(|seen| seen == name) {
+                    seen.push(name.to_owned());
+                    left.push(document["components"]["schemas"][name].clone());
+                }
+            }
+            if value["properties"].is_object() {
+                assert_eq!(value["additionalProperties"], false, "{value}");
+            }
+            left.extend(value.as_object().into_iter().flat_map(|members| members.values()).cloned());
+            left.extend(value.as_array().into_iter().flatten().cloned());
+        }
+        for expected in
+            ["Transition", "Transitions", "Question", "Rule", "RuleChange", "TrainingRequest", "Description"]
+        {
+            assert!(seen.iter().any(|seen| seen == expected), "{expected} is not among {seen:?}");
+        }
+    }
+
+    const SEGMENT: &str = "/paths/~1v1~1environments~1{environment}~1transitions/post/parameters/3/schema";
+
+    #[test]
     fn words_and_bounds_and_patterns_are_told() {
         let document = document();
         let at = |pointer: &str| document.pointer(pointer).unwrap_or_else(|| panic!("{pointer}")).clone();
@@ -231,6 +262,15 @@ mod tests {
         assert_eq!(at("/components/schemas/Receipt/properties/accepted/format"), "uint64");
         assert_eq!(at("/components/schemas/Integer/properties/min/minimum"), -16_777_216);
         assert_eq!(at("/components/schemas/IntegerFeature/properties/name/pattern"), "^[a-z0-9][a-z0-9._-]{0,62}$");
+
+        assert_eq!(at("/components/schemas/Transition/properties/count/maximum"), i64::MAX);
+        assert_eq!(at("/components/schemas/Transition/additionalProperties"), false);
+        for segment in [at("/components/schemas/Transitions/properties/segment"), at(SEGMENT)] {
+            assert_eq!((&segment["minLength"], &segment["maxLength"]), (&Value::Null, &64.into()), "empty is none");
+        }
+        let epochs = at("/components/schemas/TrainingRequest/properties/epochs/description");
+        let default = format!("{} by default", crate::domain::Training::default().epochs);
+        assert!(epochs.as_str().expect("text").contains(&default), "{epochs}");
 
         let paths = document["paths"].as_object().expect("paths").values();
         let operations = paths.flat_map(|path| path.as_object().expect("operations").values());

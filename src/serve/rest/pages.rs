@@ -8,6 +8,7 @@ use http::{HeaderMap, HeaderName, HeaderValue, Uri, header};
 use serde_json::json;
 use utoipa_swagger_ui::{Config, SwaggerUi};
 
+use super::accept::preferred;
 use super::openapi;
 
 const VERSION: &str = env!("CARGO_PKG_VERSION");
@@ -59,11 +60,9 @@ async fn first(uri: Uri, headers: HeaderMap) -> Response {
     (vary, axum::Json(told)).into_response()
 }
 
-/// Tells whether a page is among what is accepted by name, as browsers say it; `*/*` is not.
+/// Tells whether a page is more welcome than JSON, as browsers say it; who accepts neither gets JSON.
 fn wants_page(headers: &HeaderMap) -> bool {
-    let accepted = headers.get_all(header::ACCEPT).iter().filter_map(|value| value.to_str().ok());
-    let media = |part: &str| part.split(';').next().unwrap_or_default().trim().to_ascii_lowercase();
-    accepted.flat_map(|list| list.split(',')).any(|part| media(part) == "text/html")
+    preferred(headers, &["application/json", "text/html"]) == Ok(1)
 }
 
 /// Returns where the service is as its caller knows it, where that is nothing but a host and a port.
@@ -85,8 +84,17 @@ mod tests {
         let accepts =
             |text: &'static str| wants_page(&HeaderMap::from_iter([(header::ACCEPT, HeaderValue::from_static(text))]));
         assert!(accepts("text/html,application/xhtml+xml,application/xml;q=0.9,*/*;q=0.8"));
-        assert!(accepts("application/json, Text/HTML;q=0.5"));
-        for other in ["*/*", "application/json", "text/*", "text/html5", ""] {
+        assert!(accepts("application/json;q=0.4, Text/HTML;q=0.5"));
+        for other in [
+            "*/*",
+            "application/json",
+            "text/html5",
+            "",
+            "text/html;q=0",
+            "application/json, text/html;q=0.5",
+            "text/html;q=0, */*",
+            "image/png",
+        ] {
             assert!(!accepts(other), "{other}");
         }
         assert!(!wants_page(&HeaderMap::new()));

@@ -1,21 +1,30 @@
 //! Every error is a problem: what handlers refuse, what the HTTP machinery refuses, and panics.
 
 use std::any::Any;
+use std::sync::Arc;
 
 use axum::body::Body;
 use axum::extract::{Request, State};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
+use axum::routing::{MethodRouter, any};
 use http::{StatusCode, header};
 
+use super::nearest;
 use crate::serve::requests;
 use crate::serve::status::{self, Failure};
 
 /// How a face tells a failure of the request of that path.
 pub type Form = fn(&Failure, &str) -> Response;
 
-/// Answers for every path that is not served, callers of gRPC as they expect it.
-pub async fn unknown_path(request: Request) -> Response {
+/// Returns what answers for every path that is not served, callers of gRPC as they expect it. Of those that are served, as templates, it tells which may
+/// have been meant.
+pub fn unknown_path(served: impl IntoIterator<Item = String>) -> MethodRouter {
+    let served: Arc<[String]> = served.into_iter().collect();
+    any(move |request: Request| unknown(request, served))
+}
+
+async fn unknown(request: Request, served: Arc<[String]>) -> Response {
     let media = request.headers().get(header::CONTENT_TYPE);
     match media.filter(|_| requests::is_grpc(request.headers())) {
         Some(media) => {
@@ -23,7 +32,7 @@ pub async fn unknown_path(request: Request) -> Response {
             requests::note(&request, refused.code());
             ([(header::CONTENT_TYPE, media.clone())], refused.into_http::<Body>()).into_response()
         }
-        None => Failure::of_http(StatusCode::NOT_FOUND).into_response(),
+        None => Failure::of_path(&nearest::hint(request.uri().path(), &served)).into_response(),
     }
 }
 

@@ -2,7 +2,7 @@
 
 use axum::response::Response;
 
-use super::extract::{Asked, Path, Query};
+use super::extract::{Asked, Path, Plain, Query};
 use super::parameters::{DiscoveryParameters, ListingParameters, PairParameters, RuleParameters};
 use super::refusals::Refusals;
 use super::told::told;
@@ -55,7 +55,7 @@ pub async fn list_states(
     ),
     responses((status = 200, description = "The counts", body = json::Counts), Refusals)
 )]
-pub async fn get_state(Asked(app): Asked, Path((name, key)): Path<(String, String)>) -> Result<Response, Failure> {
+pub async fn get_state(Plain(app): Plain, Path((name, key)): Path<(String, String)>) -> Result<Response, Failure> {
     let environment = app.environments.find(&name)?;
     let view = app.influence.state(&environment, &key).await?;
     told(view.cells.len() * CELL_BYTES, move || {

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::extract::{Asked, Document, Media, Path, Query};
+use super::extract::{Asked, Document, Media, Path, Plain, Query};
 use super::refusals::Refusals;
 use crate::api::json::Incoming;
 use crate::api::{grpc, json, proto};
@@ -27,7 +27,7 @@ use crate::work::aside;
         ("environment" = String, Path, description = "The environment's name"),
         ("producer" = Option<String>, Query, description = "Who sends; with `application/x-ndjson` only, and required there"),
         ("sequence" = Option<u64>, Query, minimum = 1, maximum = 9_223_372_036_854_775_807_i64, description = "The batch's number; with `application/x-ndjson` only, and required there"),
-        ("segment" = Option<String>, Query, min_length = 1, max_length = 64, description = "Where its transitions come from; with `application/x-ndjson` only"),
+        ("segment" = Option<String>, Query, max_length = 64, description = "Where its transitions come from, absent or empty for no segment; with `application/x-ndjson` only"),
         ("environment_uid" = Option<String>, Query, description = "The environment's uid if the sender knows it; with `application/x-ndjson` only"),
     ),
     request_body(content((json::Transitions = "application/json"), (json::Transition = "application/x-ndjson"))),
@@ -59,7 +59,7 @@ pub async fn write_transitions(
     responses((status = 200, description = "How far the producer is", body = json::Producer), Refusals)
 )]
 pub async fn get_producer(
-    Asked(app): Asked,
+    Plain(app): Plain,
     Path((name, producer)): Path<(String, String)>,
 ) -> Result<axum::Json<json::Producer>, Failure> {
     let environment = app.environments.find(&name)?;
@@ -85,7 +85,7 @@ async fn decoded(
 
 fn decode(schema: &Schema, query: json::Parameters, document: &Document) -> Result<Incoming, Problem> {
     match document.media {
-        Media::Json => query.finish(()).and_then(|()| json::batch_of_json(schema, &document.bytes)),
+        Media::Json => json::no_head(query).and_then(|()| json::batch_of_json(schema, &document.bytes)),
         Media::Lines => json::batch_of_lines(schema, json::head_of_query(query)?, &document.bytes),
     }
 }

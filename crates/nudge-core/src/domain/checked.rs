@@ -205,9 +205,9 @@ fn draft_of_feature(feature: &Feature) -> FeatureDraft {
     }
 }
 
-/// Returns the shortest decimal that rounds to `edge`, so that an edge given as 0.7 is told as 0.7.
-fn shortest(edge: f32) -> f64 {
-    edge.to_string().parse().expect("a float prints as a float")
+/// Returns the shortest decimal that rounds to a float, so that an edge given as 0.7 is told as 0.7.
+pub fn shortest(float: f32) -> f64 {
+    float.to_string().parse().expect("a float prints as a float")
 }
 
 /// Returns what values are measured in, where that is not what everybody expects of the feature's unit.

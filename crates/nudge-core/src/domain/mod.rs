@@ -51,6 +51,7 @@ pub use answer::{
 };
 pub use asker::Asker;
 pub use batch::{Acknowledged, Batch, Receipt, Sequence};
+pub use checked::shortest;
 pub use counts::{ActionTotals, Cell, Counts, Increment, MOST_ACTIONS, SegmentId, Tally};
 pub use draft::{RuleDraft, SchemaDraft};
 pub use environment::{Environment, EnvironmentId, EnvironmentPage, Uid, UnreadableEnvironment};
@@ -65,7 +66,7 @@ pub use model::{
     Reliability, Score, Training, Weighting, is_same_threshold,
 };
 pub use name::{Label, Name, ProducerId};
-pub use near::hint;
+pub use near::{hint, is_near, meant};
 pub use overview::{
     Discoveries, Discovery, DiscoveryMethod, Edge, EdgeKind, Exploration, FittedPrior, Graph, HistogramBin,
     LabelledCell, StateFigures, StatePage, StateView, Summary, Trial, page_size,

@@ -259,7 +259,7 @@ pub struct Reliability {
 /// A training that was asked for.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Job {
-    /// Its number, since the service started.
+    /// Its number, which no job of another start of the service has.
     pub id: u64,
     /// The agent whose influence is learned.
     pub ego: String,

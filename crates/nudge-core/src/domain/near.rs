@@ -21,6 +21,19 @@ pub fn hint<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> String 
     }
 }
 
+/// Returns whether a name may have been meant by another.
+pub fn is_near(name: &str, known: &str) -> bool {
+    !near(name, &[known]).is_empty()
+}
+
+/// Returns "; did you mean `a`, `b` or `c`?" of the first names; nothing where there are none.
+pub fn meant(names: &[&str]) -> String {
+    match &names[..names.len().min(TOLD)] {
+        [] => String::new(),
+        first => format!("; did you mean {}?", alternatives(first)),
+    }
+}
+
 /// Returns the names near one, the nearest first: of those that hold it, or that it holds, and those that are a few edits away.
 fn near<'a>(name: &str, known: &[&'a str]) -> Vec<&'a str> {
     let letters: Vec<char> = name.to_lowercase().chars().collect();

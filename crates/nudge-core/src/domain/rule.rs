@@ -1,6 +1,7 @@
 //! The rule that turns figures into a verdict, and the unit that information is told in.
 
 use std::f64::consts::LN_2;
+use std::fmt;
 
 use super::{Estimator, Estimators, RuleDraft};
 use crate::error::Fault;
@@ -110,6 +111,22 @@ pub struct WrittenRule {
     pub confidence: f64,
     /// What answers tell beside the plug-in, unless a question names others. They decide nothing.
     pub estimators: Estimators,
+}
+
+impl fmt::Display for WrittenRule {
+    /// Tells the rule in words, for the log.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let unit = self.unit.as_str();
+        write!(f, "{} above ", self.kind.as_str())?;
+        match self.threshold {
+            Threshold::Information(information) => write!(f, "{information} {unit}")?,
+            Threshold::Share(share) => write!(f, "a share of {share}, in {unit}")?,
+        }
+        write!(f, ", at least {} visits, confidence {}, estimators ", self.min_visits, self.confidence)?;
+        let names: Vec<&str> = self.estimators.iter().map(Estimator::as_str).collect();
+        f.write_str(if names.is_empty() { "none" } else { "" })?;
+        f.write_str(&names.join(" "))
+    }
 }
 
 /// How figures become a verdict for one pair: a share has become information.
@@ -308,6 +325,16 @@ mod tests {
 
     fn threshold(threshold: f64, unit: Option<&str>) -> RuleDraft {
         RuleDraft { threshold: Some(threshold), unit: unit.map(Into::into), ..RuleDraft::default() }
+    }
+
+    #[test]
+    fn a_rule_is_told_in_words() {
+        let rule = WrittenRule { estimators: Estimators::default(), ..WrittenRule::default() };
+        assert_eq!(rule.to_string(), "evidence above 0.5 nats, at least 8 visits, confidence 0.8, estimators none");
+        let estimators = [Estimator::Nsb].into_iter().collect();
+        let rule = WrittenRule { threshold: Threshold::Share(0.25), unit: Unit::Bits, estimators, ..rule };
+        let expected = "evidence above a share of 0.25, in bits, at least 8 visits, confidence 0.8, estimators nsb";
+        assert_eq!(rule.to_string(), expected);
     }
 
     #[test]

@@ -67,7 +67,7 @@ fn router() -> Router {
         .route("/shared", get(shared))
         .route("/large", get(|| async { "x".repeat(2_000) }))
         .merge(pages::router())
-        .fallback(problems::unknown_path);
+        .fallback_service(problems::unknown_path(["/numbers".to_owned()]));
     cors::allow(around(router, Failure::tell), &["https://good.example".into(), "\n".into()])
 }
 
@@ -92,7 +92,10 @@ fn json() -> http::request::Builder {
 async fn an_unknown_path_is_a_problem() {
     let told = problem(send(Request::get("/v3/x?y"), ()).await, 404, "PATH_NOT_FOUND").await;
     assert_eq!(told["instance"], "/v3/x");
+    assert_eq!(told["detail"], "nothing is served under this path");
     problem(send(Request::get("/docs/nothing.js"), ()).await, 404, "PATH_NOT_FOUND").await;
+    let told = problem(send(Request::get("/nubmers"), ()).await, 404, "PATH_NOT_FOUND").await;
+    assert_eq!(told["detail"], "nothing is served under this path; did you mean `/numbers`?");
 }
 
 #[tokio::test]
@@ -193,6 +196,35 @@ async fn large_answers_are_compressed_on_demand() {
     assert!(encoding(send(asking("/large"), ()).await).is_some());
     assert!(encoding(send(Request::get("/large"), ()).await).is_none());
     assert!(encoding(send(asking("/names/x"), ()).await).is_none());
+}
+
+#[tokio::test]
+async fn no_answer_is_refused_for_its_encoding() {
+    let answered = async |path: &str, accepted: &[&str]| {
+        let request = Request::get(path);
+        let request = accepted.iter().fold(request, |request, value| request.header(header::ACCEPT_ENCODING, *value));
+        let response = send(request, ()).await;
+        let packed =
+            response.headers().get(header::CONTENT_ENCODING).map(|value| value.to_str().expect("text").to_owned());
+        (response.status().as_u16(), packed)
+    };
+    for excluded in [
+        &["identity;q=0"][..],
+        &["*;q=0"],
+        &["* ; q=0.000"],
+        &["IDENTITY;Q=0"],
+        &["br, identity;q=0"],
+        &["gzip;q=0, identity;q=0, *"],
+        &["gzip;q=0", "*;q=0"],
+        &["identity;q=0", "deflate"],
+    ] {
+        assert_eq!(answered("/large", excluded).await, (200, None), "{excluded:?}");
+        assert_eq!(answered("/names/x", excluded).await.0, 200, "{excluded:?}");
+        assert_eq!(answered("/nosuch", excluded).await.0, 404, "{excluded:?}");
+    }
+    for packed in [&["gzip, identity;q=0"][..], &["identity;q=0", "gzip"], &["*;q=0, gzip"], &["*, identity;q=0"]] {
+        assert_eq!(answered("/large", packed).await, (200, Some("gzip".into())), "{packed:?}");
+    }
 }
 
 #[tokio::test]
