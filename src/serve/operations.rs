@@ -29,11 +29,11 @@ pub fn router(app: App) -> Router {
 }
 
 async fn livez(uri: Uri) -> Response {
-    taken(&uri, &[]).map_or_else(|refusal| refusal, |()| ALIVE.into_response())
+    refusal(&uri, &[]).unwrap_or_else(|| ALIVE.into_response())
 }
 
-/// Refuses a parameter that is none of these.
-fn taken(uri: &Uri, known: &[&str]) -> Result<(), Response> {
+/// Returns the refusal of a parameter that is none of these, if there is one.
+fn refusal(uri: &Uri, known: &[&str]) -> Option<Response> {
     let names = uri.query().unwrap_or_default().split('&').filter_map(|part| part.split('=').next());
     let unknown = |name: &&str| !name.is_empty() && !known.contains(name);
     let fault = |name: &str| {
@@ -42,7 +42,7 @@ fn taken(uri: &Uri, known: &[&str]) -> Result<(), Response> {
         Fault::new(pointer(name), format!("unknown parameter{hint}"))
     };
     let faults: Vec<Fault> = names.filter(unknown).map(fault).collect();
-    if faults.is_empty() { Ok(()) } else { Err(Failure::from(Problem::invalid("query", faults)).tell(uri.path())) }
+    (!faults.is_empty()).then(|| Failure::from(Problem::invalid("query", faults)).tell(uri.path()))
 }
 
 /// Tells whether operators ask under that path: whether the service lives, can work, and how it fares.
@@ -83,7 +83,7 @@ async fn checks(app: &App) -> [Check; 3] {
 
 /// 200 where the service can take and answer, else 503; `?verbose` tells each check, and which environments are damaged and take nothing.
 async fn readyz(State(app): State<App>, uri: Uri) -> Response {
-    if let Err(refusal) = taken(&uri, &["verbose"]) {
+    if let Some(refusal) = refusal(&uri, &["verbose"]) {
         return refusal;
     }
     app.prove().await;
@@ -117,7 +117,7 @@ pub fn is_verbose(query: Option<&str>) -> bool {
 
 /// The metrics in Prometheus' text format.
 async fn metrics(State(app): State<App>, uri: Uri) -> Response {
-    if let Err(refusal) = taken(&uri, &[]) {
+    if let Some(refusal) = refusal(&uri, &[]) {
         return refusal;
     }
     let checks = checks(&app).await.iter().map(|(check, outcome)| (*check, outcome.is_ok())).collect();

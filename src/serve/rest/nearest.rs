@@ -26,7 +26,9 @@ fn filled(template: &str, asked: &[&str]) -> Option<String> {
     let mut filled = Vec::with_capacity(asked.len());
     for (part, asked) in template.into_iter().zip(asked) {
         let is_variable = part.starts_with('{');
-        if part != *asked && !(is_variable && !asked.is_empty()) && !is_near(asked, part) {
+        let fills = is_variable && !asked.is_empty();
+        let is_meant = fills || part == *asked || is_near(asked, part);
+        if !is_meant {
             return None;
         }
         filled.push(if is_variable { asked } else { part });

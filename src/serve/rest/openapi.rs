@@ -229,13 +229,10 @@ mod tests {
         left = left.iter().flat_map(|path| path.as_object().expect("operations").values()).cloned().collect();
         left = left.iter().map(|operation| operation["requestBody"].clone()).collect();
         while let Some(value) = left.pop() {
-            if let Some(name) =
-                value["$ref"].as_str().and_then(|reference| reference.strip_prefix("#/components/schemas/"))
-            {
-                if !seen.iter().any(|seen| seen == name) {
-                    seen.push(name.to_owned());
-                    left.push(document["components"]["schemas"][name].clone());
-                }
+            let reference = value["$ref"].as_str().and_then(|to| to.strip_prefix("#/components/schemas/"));
+            if let Some(name) = reference.filter(|name| !seen.iter().any(|seen| seen == name)) {
+                seen.push(name.to_owned());
+                left.push(document["components"]["schemas"][name].clone());
             }
             if value["properties"].is_object() {
                 assert_eq!(value["additionalProperties"], false, "{value}");
