@@ -3,7 +3,7 @@
 The rules are those of `ops`, made faster by rule and not by hand: whatever they wait for lasts a second, whatever they look back over lasts `LOOK_BACK`.
 Times and amounts that no test can wait for are smaller here (`SMALLER`); that the true ones are kept is what `alerts_test.yml` is for.
 
-Needs the standard library, `prometheus` and Linux only.
+Needs the standard library, `prometheus`, `openssl` and Linux only.
 """
 
 import concurrent.futures
@@ -17,6 +17,7 @@ import resource
 import signal
 import socket
 import sqlite3
+import ssl
 import subprocess
 import sys
 import threading
@@ -34,6 +35,15 @@ SMALLER = {
     "NudgeNobodySends": {"> 3600": "> 20"},
     "NudgeFitsOld": {"> 86400": "> 3"},
 }
+# What scrapes services that show a certificate, whoever signed it.
+OVER_TLS = """
+  - job_name: nudge_over_tls
+    scheme: https
+    tls_config:
+      insecure_skip_verify: true
+    static_configs:
+      - targets: [%s]
+"""
 # Alerts of which there is no trouble on a machine that lets nobody mount: told where it is so.
 NEEDS_A_DISK = "NudgeDiskFull"
 BINARY = pathlib.Path(os.environ.get("CARGO_TARGET_DIR", "target")) / "debug/nudge"
@@ -42,7 +52,8 @@ BINARY = pathlib.Path(os.environ.get("CARGO_TARGET_DIR", "target")) / "debug/nud
 def main(data):
     data = pathlib.Path(data)
     well, cut, small, busy, full = (Service(data, name) for name in ("well", "cut", "small", "busy", "full"))
-    services = [well, cut, small, busy, full]
+    brief = Service(data, "brief", "https")
+    services = [well, cut, small, busy, full, brief]
     address = f"127.0.0.1:{free_port()}"
     with contextlib.ExitStack() as ends:
         for service in services:
@@ -51,6 +62,7 @@ def main(data):
             Trouble(cut, cannot_commit, ["NudgeNotReady", "NudgeCommitsFail", "NudgeErrors", "NudgeTrainingFailed"]),
             Trouble(small, too_small, ["NudgeQuotaFull", "NudgeSheds", "NudgeSlow", "NudgeRejects", "NudgeFitsOld", "NudgeFilesRunOut", "NudgeNobodySends"]),
             Trouble(busy, too_much, ["NudgeQueueFull", "NudgeQuestionsWait", "NudgeEnvironmentDamaged", "NudgeDown"]),
+            Trouble(brief, lambda _, told: told("NudgeCertificateExpires"), ["NudgeCertificateExpires"]),
         ]
         if full.start_on_a_full_disk():
             troubles.append(Trouble(full, lambda _, told: told(NEEDS_A_DISK), [NEEDS_A_DISK]))
@@ -61,6 +73,7 @@ def main(data):
         cut.start()
         small.start("--max-cells", "38", "--max-connections", "12", "--fit-every", "0s")
         busy.start()
+        brief.start(*brief_certificate(brief.data))
         start_prometheus(data, address, services, ends)
         make(address, well, troubles)
 
@@ -109,6 +122,15 @@ def teller(address, service):
 
 
 # --- The troubles ---
+
+
+def brief_certificate(data):
+    """Makes a certificate that ends in three days, and returns the flags that show it."""
+    certificate, key = data / "tls.crt", data / "tls.key"
+    subject = ["-subj", "/CN=localhost", "-addext", "subjectAltName=DNS:localhost"]
+    files = ["-keyout", str(key), "-out", str(certificate)]
+    subprocess.run(["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "3", *subject, *files], check=True, capture_output=True)
+    return "--tls-cert", str(certificate), "--tls-key", str(key)
 
 
 def work(service, over):
@@ -193,11 +215,11 @@ def too_much(service, told):
 class Service:
     """A service that is started, hurt and stopped, under one address."""
 
-    def __init__(self, data, name):
-        self.name, self.data = name, data / name
+    def __init__(self, data, name, scheme="http"):
+        self.name, self.data, self.scheme = name, data / name, scheme
         self.data.mkdir()
         self.address = f"127.0.0.1:{free_port()}"
-        self.url = f"http://{self.address}"
+        self.url = f"{scheme}://{self.address}"
         self.process = None
 
     def start(self, *flags, before=()):
@@ -221,7 +243,8 @@ class Service:
 
     def is_ready(self):
         try:
-            with urllib.request.urlopen(f"{self.url}/readyz", timeout=5):
+            # Who it is does not matter here.
+            with urllib.request.urlopen(f"{self.url}/readyz", timeout=5, context=ssl._create_unverified_context()):
                 return True
         except OSError:
             check(self.process.poll() is None, None, f"the service that is {self.name} ended")
@@ -329,11 +352,13 @@ def damage(database):
 def start_prometheus(data, address, services, ends):
     config, rules = (dashboards.OPS / "prometheus/scrape.yml").read_text(), faster((dashboards.OPS / "prometheus/alerts.yml").read_text())
     (data / "alerts.yml").write_text(rules)
-    targets = ", ".join(f'"{service.address}"' for service in services)
-    for old, new in {'"localhost:8080"': targets, ": 15s": ": 1s"}.items():
+    targets = {
+        scheme: ", ".join(f'"{service.address}"' for service in services if service.scheme == scheme) for scheme in ("http", "https")
+    }
+    for old, new in {'"localhost:8080"': targets["http"], ": 15s": ": 1s"}.items():
         check(old in config, None, f"no {old} in scrape.yml")
         config = config.replace(old, new)
-    (data / "prometheus.yml").write_text(config)
+    (data / "prometheus.yml").write_text(config + OVER_TLS % targets["https"])
     command = ["prometheus", f"--config.file={data}/prometheus.yml", f"--storage.tsdb.path={data}/tsdb", f"--web.listen-address={address}"]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=(data / "prometheus.log").open("w"))
     ends.callback(lambda: (process.terminate(), process.wait()))
