@@ -1,8 +1,9 @@
-"""A client that openapi-python-client made of the document makes a world, plays in it and asks: `client.py URL`."""
+"""A client that openapi-python-client made of the document makes a world, plays in it and asks: `NUDGE_KEY=... client.py URL`."""
 
+import os
 import sys
 
-from nudge_client import Client
+from nudge_client import AuthenticatedClient
 from nudge_client.api.environments import apply_environment, get_environment
 from nudge_client.api.influence import batch_get_influence, get_influence
 from nudge_client.api.transitions import write_transitions
@@ -13,7 +14,7 @@ WORLD = "made-by-a-client"
 
 
 def main(url):
-    client = Client(base_url=url)
+    client = AuthenticatedClient(base_url=url, token=os.environ["NUDGE_KEY"])
     # Of the classes of the kinds, and of a dictionary: both are a description.
     agent = lambda name: Agent(name=name, action=[IntegerFeature(name="go", integer=Integer(min_=0, max_=1))])
     place = CategoricalFeature(name="place", categorical=Categorical(labels=["here", "there"]))
