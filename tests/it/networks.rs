@@ -447,25 +447,30 @@ async fn what_has_grown_is_trained_again_by_itself_if_asked() {
     let store = open(directory.path(), Default::default()).await;
     let app = App::open(store, Upkeep { train_every: Duration::from_millis(10), ..Upkeep::default() });
     let environment = environment(&app);
-    // The first look asks for it; until it did there is no such job.
-    while app.networks.job(&environment, 1).is_err() {
-        tokio::task::yield_now().await;
-    }
-    let job = app.networks.finished(&environment, 1).await.expect("known");
+    let job = ended(&app, &environment, 0).await;
     assert_eq!((job.state, job.version), (JobState::Done, Some(1)), "{}", job.message);
     // Another threshold makes it stale, which is mended once, and not again by itself.
     let threshold = RuleDraft { threshold: Some(0.3), ..RuleDraft::default() };
     app.environments.update_rule("street", &threshold).await.expect("valid");
-    while app.networks.job(&environment, 2).is_err() {
-        tokio::task::yield_now().await;
-    }
-    let job = app.networks.finished(&environment, 2).await.expect("known");
+    let job = ended(&app, &environment, 1).await;
     assert_eq!((job.state, job.version), (JobState::Done, Some(2)), "{}", job.message);
     let models = app.networks.list(&app.environments.find("street").expect("made")).await.expect("listed").models;
     assert_eq!(models.iter().map(|model| model.stale).collect::<Vec<_>>(), [true, false]);
     tokio::time::sleep(Duration::from_millis(100)).await;
-    assert!(app.networks.job(&environment, 3).is_err(), "nothing has changed since");
+    let jobs = app.networks.list(&environment).await.expect("listed").jobs;
+    assert_eq!(jobs.len(), 2, "nothing has changed since");
     app.close().await;
+}
+
+/// Awaits the end of an environment's nth job, which somebody asks for sooner or later.
+async fn ended(app: &App, environment: &Environment, nth: usize) -> Job {
+    loop {
+        let jobs = app.networks.list(environment).await.expect("listed").jobs;
+        if let Some(job) = jobs.get(nth) {
+            return app.networks.finished(environment, job.id).await.expect("known");
+        }
+        tokio::task::yield_now().await;
+    }
 }
 
 async fn street_on(directory: Arc<TempDir>) -> TestApp {
