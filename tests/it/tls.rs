@@ -8,7 +8,6 @@ use bytes::Bytes;
 use http::{Request, Response};
 use http_body_util::{BodyExt, Full};
 use hyper::body::Incoming;
-use hyper_util::rt::{TokioExecutor, TokioIo};
 use nudge::client::{self, ClientError, ClientTls, Connection, Trust};
 use nudge::domain::{Entry, Record};
 use nudge::serve::connections::limits::Limits;
@@ -26,6 +25,7 @@ use tokio_util::sync::CancellationToken;
 use crate::cli::{nudge, output, told};
 use crate::server::Server;
 use crate::support::certificates::{Authority, Certificate, client, config, connect, write};
+use crate::support::exchange::exchange;
 use crate::support::raw::{LONG, PREFACE, Raw, call};
 use crate::support::{RawStream, TestApp, hello, lane_json, open, row, rows};
 
@@ -68,17 +68,9 @@ impl Secured {
 
     /// Asks over one protocol of ALPN.
     async fn ask(&self, protocol: &str, request: Request<Full<Bytes>>) -> Response<Incoming> {
-        let stream = TokioIo::new(connect(self.app.address, &self.config(protocol)).await.expect("TLS"));
-        assert_eq!(stream.inner().get_ref().1.alpn_protocol(), Some(protocol.as_bytes()));
-        if protocol == "h2" {
-            let (mut sender, connection) =
-                hyper::client::conn::http2::handshake(TokioExecutor::new(), stream).await.expect("HTTP/2");
-            tokio::spawn(connection);
-            return sender.send_request(request).await.expect("answered");
-        }
-        let (mut sender, connection) = hyper::client::conn::http1::handshake(stream).await.expect("HTTP/1");
-        tokio::spawn(connection);
-        sender.send_request(request).await.expect("answered")
+        let stream = connect(self.app.address, &self.config(protocol)).await.expect("TLS");
+        assert_eq!(stream.get_ref().1.alpn_protocol(), Some(protocol.as_bytes()));
+        exchange(stream, request, protocol == "h2").await
     }
 
     /// Returns the certificate that the service shows.

@@ -7,14 +7,14 @@ use bytes::Bytes;
 use futures::channel::mpsc;
 use http::Request;
 use http_body_util::{BodyExt, StreamBody};
-use hyper::body::{Frame, Incoming};
-use hyper_util::rt::{TokioExecutor, TokioIo};
+use hyper::body::Frame;
 use nudge::api::proto;
 use tokio::net::TcpStream;
 use tonic::Code;
 
 use super::wire::{Answer, framed, message};
 use super::{Guarded, bearer, key, keys};
+use crate::support::exchange::exchange;
 use crate::support::{hello, reason};
 
 /// How soon a change acts.
@@ -51,7 +51,8 @@ impl Sent {
         let request = request.header("content-type", self.media).header("authorization", key);
         let request = request.header("host", guarded.app.address.to_string());
         let request = request.body(StreamBody::new(pieces)).expect("a request");
-        let answer = tokio::spawn(exchange(guarded.app.address, request, self.media == "application/grpc"));
+        let stream = TcpStream::connect(guarded.app.address).await.expect("it listens");
+        let answer = tokio::spawn(exchange::<_, Slow>(stream, request, self.media == "application/grpc"));
 
         let (first, rest) = self.body.split_at(self.body.len() / 2);
         let send = |piece: &[u8]| drop(body.unbounded_send(Ok(Frame::data(Bytes::copy_from_slice(piece)))));
@@ -70,19 +71,6 @@ impl Sent {
         let text = String::from_utf8_lossy(&body.to_bytes()).into_owned();
         Answer::read(self.is_grpc(), parts.status.as_u16(), headers, text)
     }
-}
-
-async fn exchange(address: std::net::SocketAddr, request: Request<Slow>, is_http2: bool) -> http::Response<Incoming> {
-    let stream = TokioIo::new(TcpStream::connect(address).await.expect("it listens"));
-    if is_http2 {
-        let (mut sender, connection) =
-            hyper::client::conn::http2::handshake(TokioExecutor::new(), stream).await.expect("HTTP/2");
-        tokio::spawn(connection);
-        return sender.send_request(request).await.expect("answered");
-    }
-    let (mut sender, connection) = hyper::client::conn::http1::handshake(stream).await.expect("HTTP/1");
-    tokio::spawn(connection);
-    sender.send_request(request).await.expect("answered")
 }
 
 fn requests() -> Vec<Sent> {

@@ -4,6 +4,7 @@ pub mod batches;
 pub mod certificates;
 pub mod databases;
 pub mod disks;
+pub mod exchange;
 pub mod faulty;
 pub mod fixtures;
 pub mod load;
