@@ -1,4 +1,5 @@
-//! Durable ingest through gRPC beside a sink that decodes and drops, and beside a plain loop of prepared upserts.
+//! Durable ingest through gRPC beside a sink that decodes and drops, and beside a plain loop of
+//! prepared upserts.
 //!
 //! `cargo bench --bench ingest`, or `cargo bench --bench ingest -- hot` for one of them.
 
@@ -13,13 +14,14 @@ use std::time::{Duration, Instant};
 use futures::StreamExt;
 use nudge::api::proto::ingest_service_server::{IngestService, IngestServiceServer};
 use nudge::api::proto::{
-    self, GetProducerRequest, GetProducerResponse, IngestRequest, IngestResponse, WriteRequest, WriteResponse,
-    ingest_request, ingest_response,
+    self, GetProducerRequest, GetProducerResponse, IngestRequest, IngestResponse, WriteRequest,
+    WriteResponse, ingest_request, ingest_response,
 };
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqliteSynchronous};
 use sqlx::{Connection, SqliteConnection};
 use support::{
-    ACTIONS, BATCH, Service, batches, listen, make_world, median, pump, report, runtime, start_binary, state, wanted,
+    ACTIONS, BATCH, Service, batches, listen, make_world, median, pump, report, runtime,
+    start_binary, state, wanted,
 };
 use tonic::{Request, Response, Status, Streaming};
 
@@ -53,12 +55,25 @@ async fn hot() {
     pump(service.address, "world", "p", &load, 200).await;
     let (mut durable, mut dropped) = (Vec::new(), Vec::new());
     for _ in 0..ROUNDS {
-        dropped.push(per_second(HOT_BATCHES, pump(sink, "world", "p", &load, HOT_BATCHES).await));
-        durable.push(per_second(HOT_BATCHES, pump(service.address, "world", "p", &load, HOT_BATCHES).await));
+        dropped.push(per_second(
+            HOT_BATCHES,
+            pump(sink, "world", "p", &load, HOT_BATCHES).await,
+        ));
+        durable.push(per_second(
+            HOT_BATCHES,
+            pump(service.address, "world", "p", &load, HOT_BATCHES).await,
+        ));
     }
     service.stop().await;
     let (durable, dropped) = (median(durable), median(dropped));
-    report("durable ingest, 8,000 hot cells", durable, "decode and drop", dropped, "transitions/s", "(target >= 0.5)");
+    report(
+        "durable ingest, 8,000 hot cells",
+        durable,
+        "decode and drop",
+        dropped,
+        "transitions/s",
+        "(target >= 0.5)",
+    );
 }
 
 /// A million states, uniformly.
@@ -66,11 +81,24 @@ async fn uniform() {
     let load = batches(1_000_000, UNIFORM_BATCHES as usize, 2);
     let service = Service::start().await;
     make_world(service.address, "world", ACTIONS).await;
-    let durable = per_second(UNIFORM_BATCHES, pump(service.address, "world", "p", &load, UNIFORM_BATCHES).await);
+    let durable = per_second(
+        UNIFORM_BATCHES,
+        pump(service.address, "world", "p", &load, UNIFORM_BATCHES).await,
+    );
     service.stop().await;
-    let dropped = per_second(UNIFORM_BATCHES, pump(sink().await, "world", "p", &load, UNIFORM_BATCHES).await);
+    let dropped = per_second(
+        UNIFORM_BATCHES,
+        pump(sink().await, "world", "p", &load, UNIFORM_BATCHES).await,
+    );
     let plain = plain_upserts(UNIFORM_BATCHES).await;
-    report("durable ingest, a million states", durable, "decode and drop", dropped, "transitions/s", "");
+    report(
+        "durable ingest, a million states",
+        durable,
+        "decode and drop",
+        dropped,
+        "transitions/s",
+        "",
+    );
     report(
         "durable ingest, a million states",
         durable,
@@ -89,10 +117,14 @@ async fn plain_upserts(batches: u64) -> f64 {
         .create_if_missing(true)
         .journal_mode(SqliteJournalMode::Wal)
         .synchronous(SqliteSynchronous::Full);
-    let mut connection = SqliteConnection::connect_with(&options).await.expect("a database");
-    let table =
-        "create table cells (state integer, joint integer, n integer, primary key (state, joint)) without rowid";
-    sqlx::query(table).execute(&mut connection).await.expect("a table");
+    let mut connection = SqliteConnection::connect_with(&options)
+        .await
+        .expect("a database");
+    let table = "create table cells (state integer, joint integer, n integer, primary key (state, joint)) without rowid";
+    sqlx::query(table)
+        .execute(&mut connection)
+        .await
+        .expect("a table");
     let mut random = <rand::rngs::StdRng as rand::SeedableRng>::seed_from_u64(3);
     let started = Instant::now();
     for _ in 0..batches * BATCH as u64 / 10_000 {
@@ -101,7 +133,12 @@ async fn plain_upserts(batches: u64) -> f64 {
             let upsert = "insert into cells values (?, ?, 1) on conflict do update set n = n + 1";
             let number = rand::RngExt::random_range(&mut random, 0..1_000_000_i64);
             let joint = rand::RngExt::random_range(&mut random, 0..i64::from(ACTIONS * ACTIONS));
-            sqlx::query(upsert).bind(number).bind(joint).execute(&mut *transaction).await.expect("counted");
+            sqlx::query(upsert)
+                .bind(number)
+                .bind(joint)
+                .execute(&mut *transaction)
+                .await
+                .expect("counted");
         }
         transaction.commit().await.expect("committed");
     }
@@ -117,8 +154,15 @@ async fn memory() {
     pump(address, "world", "p", &distinct, 1_000).await;
     let status = std::fs::read_to_string(format!("/proc/{}/status", child.id())).expect("linux");
     let of = |field: &str| -> f64 {
-        let line = status.lines().find(|line| line.starts_with(field)).expect("present");
-        line.split_whitespace().nth(1).and_then(|kib| kib.parse::<f64>().ok()).expect("a number") / 1024.0
+        let line = status
+            .lines()
+            .find(|line| line.starts_with(field))
+            .expect("present");
+        line.split_whitespace()
+            .nth(1)
+            .and_then(|kib| kib.parse::<f64>().ok())
+            .expect("a number")
+            / 1024.0
     };
     println!(
         "a million distinct cells: {:.0} MiB resident, {:.0} MiB at the peak (target < 150 MB)",
@@ -134,14 +178,20 @@ fn distinct(i: u32) -> proto::Columns {
     let first = i * BATCH as u32;
     // The first batch that is sent has the number 1.
     let states = (first..first + BATCH as u32).flat_map(state).collect();
-    proto::Columns { count: BATCH as u32, states, actions: vec![1.0; 2 * BATCH], ..Default::default() }
+    proto::Columns {
+        count: BATCH as u32,
+        states,
+        actions: vec![1.0; 2 * BATCH],
+        ..Default::default()
+    }
 }
 
 /// Decodes every batch, drops it and acknowledges it, as many together as were ready.
 struct Sink;
 
 async fn sink() -> SocketAddr {
-    let service = IngestServiceServer::new(Sink).max_decoding_message_size(nudge::api::MOST_MESSAGE_BYTES);
+    let service =
+        IngestServiceServer::new(Sink).max_decoding_message_size(nudge::api::MOST_MESSAGE_BYTES);
     listen(tonic::service::Routes::new(service).into_axum_router()).await
 }
 
@@ -149,23 +199,34 @@ async fn sink() -> SocketAddr {
 impl IngestService for Sink {
     type IngestStream = Pin<Box<dyn futures::Stream<Item = Result<IngestResponse, Status>> + Send>>;
 
-    async fn ingest(&self, request: Request<Streaming<IngestRequest>>) -> Result<Response<Self::IngestStream>, Status> {
+    async fn ingest(
+        &self,
+        request: Request<Streaming<IngestRequest>>,
+    ) -> Result<Response<Self::IngestStream>, Status> {
         let answers = request.into_inner().ready_chunks(64).map(|messages| {
             let mut told = proto::Acknowledgement::default();
             for message in messages {
                 match message?.message {
                     Some(ingest_request::Message::Batch(batch)) => {
                         told.committed_sequence = batch.sequence;
-                        told.receipts.push(proto::Receipt { sequence: batch.sequence, ..Default::default() });
+                        told.receipts.push(proto::Receipt {
+                            sequence: batch.sequence,
+                            ..Default::default()
+                        });
                     }
                     _ => {
-                        let welcome = proto::Welcome { window: 256, ..Default::default() };
+                        let welcome = proto::Welcome {
+                            window: 256,
+                            ..Default::default()
+                        };
                         let message = Some(ingest_response::Message::Welcome(welcome));
                         return Ok(IngestResponse { message });
                     }
                 }
             }
-            Ok(IngestResponse { message: Some(ingest_response::Message::Acknowledgement(told)) })
+            Ok(IngestResponse {
+                message: Some(ingest_response::Message::Acknowledgement(told)),
+            })
         });
         Ok(Response::new(Box::pin(answers)))
     }
@@ -174,7 +235,10 @@ impl IngestService for Sink {
         Err(Status::unimplemented("a sink"))
     }
 
-    async fn get_producer(&self, _: Request<GetProducerRequest>) -> Result<Response<GetProducerResponse>, Status> {
+    async fn get_producer(
+        &self,
+        _: Request<GetProducerRequest>,
+    ) -> Result<Response<GetProducerResponse>, Status> {
         Err(Status::unimplemented("a sink"))
     }
 }

@@ -1,4 +1,5 @@
-//! Questions beside constants: REST beside a bare axum handler, gRPC beside the same call answered with a constant, busy beside idle.
+//! Questions beside constants: REST beside a bare axum handler, gRPC beside the same call answered
+//! with a constant, busy beside idle.
 //!
 //! `cargo bench --bench query`, or `cargo bench --bench query -- grpc` for one of them.
 
@@ -15,14 +16,15 @@ use std::time::{Duration, Instant};
 use nudge::api::proto::influence_service_client::InfluenceServiceClient;
 use nudge::api::proto::influence_service_server::{InfluenceService, InfluenceServiceServer};
 use nudge::api::proto::{
-    BatchGetInfluenceRequest, BatchGetInfluenceResponse, ExploreRequest, ExploreResponse, FitPriorRequest,
-    FitPriorResponse, GetGraphRequest, GetGraphResponse, GetInfluenceRequest, GetInfluenceResponse, GetStateRequest,
-    GetStateResponse, ListStatesRequest, ListStatesResponse, Rule, Scope, StateValues, SummarizeRequest,
-    SummarizeResponse, View,
+    BatchGetInfluenceRequest, BatchGetInfluenceResponse, ExploreRequest, ExploreResponse,
+    FitPriorRequest, FitPriorResponse, GetGraphRequest, GetGraphResponse, GetInfluenceRequest,
+    GetInfluenceResponse, GetStateRequest, GetStateResponse, ListStatesRequest, ListStatesResponse,
+    Rule, Scope, StateValues, SummarizeRequest, SummarizeResponse, View,
 };
 use support::http::{get, latencies, report_tail};
 use support::{
-    ACTIONS, Service, batches, channel, listen, make_world, median, pump, report, runtime, start_binary, state, wanted,
+    ACTIONS, Service, batches, channel, listen, make_world, median, pump, report, runtime,
+    start_binary, state, wanted,
 };
 use tokio::net::TcpStream;
 use tonic::{Request, Response, Status};
@@ -58,7 +60,13 @@ fn main() {
 /// One state over REST in view `figures`, four connections.
 async fn rest(service: &Service) {
     let path = known_path();
-    let body = get(&mut TcpStream::connect(service.address).await.expect("listening"), &path).await;
+    let body = get(
+        &mut TcpStream::connect(service.address)
+            .await
+            .expect("listening"),
+        &path,
+    )
+    .await;
     let constant = constant(body).await;
     let (mut answers, mut constants) = (Vec::new(), Vec::new());
     for _ in 0..ROUNDS {
@@ -107,45 +115,81 @@ async fn requests_per_second(address: SocketAddr, path: &str) -> f64 {
 }
 
 fn question(world: &str, rule: &str, view: View) -> BatchGetInfluenceRequest {
-    let rule = Rule { kind: Some(rule.into()), ..Default::default() };
+    let rule = Rule {
+        kind: Some(rule.into()),
+        ..Default::default()
+    };
     BatchGetInfluenceRequest {
-        scope: Some(Scope { environment: world.into(), rule: Some(rule), ..Default::default() }),
-        states: (0..STATES).map(|number| StateValues { values: state(number).into() }).collect(),
+        scope: Some(Scope {
+            environment: world.into(),
+            rule: Some(rule),
+            ..Default::default()
+        }),
+        states: (0..STATES)
+            .map(|number| StateValues {
+                values: state(number).into(),
+            })
+            .collect(),
         view: view.into(),
         ..Default::default()
     }
 }
 
-/// 10,000 known states in one call, view `figures`: with all evidence, and without. Without it are the same counts in a world whose agents could do
-/// so much more that evidence is not computed.
+/// 10,000 known states in one call, view `figures`: with all evidence, and without. Without it are
+/// the same counts in a world whose agents could do so much more that evidence is not computed.
 async fn evidence(service: &Service) {
     const TOO_MANY: u32 = 4_097;
     make_world(service.address, "plain", TOO_MANY).await;
     pump(service.address, "plain", "p", &batches(STATES, 500, 1), 500).await;
-    let fit = FitPriorRequest { environment: "world".into(), ..Default::default() };
+    let fit = FitPriorRequest {
+        environment: "world".into(),
+        ..Default::default()
+    };
     let mut client = InfluenceServiceClient::new(channel(service.address).await);
-    let [with, without] = ["world", "plain"].map(|world| question(world, "evidence", View::Figures));
+    let [with, without] =
+        ["world", "plain"].map(|world| question(world, "evidence", View::Figures));
     let (mut first, mut answers, mut plain) = (Vec::new(), Vec::new(), Vec::new());
     for _ in 0..ROUNDS {
         plain.push(calls_per_second(&mut client, &without).await);
         // What was found with another fit is found anew.
         client.fit_prior(fit.clone()).await.expect("fitted");
         let started = Instant::now();
-        client.batch_get_influence(with.clone()).await.expect("answered");
+        client
+            .batch_get_influence(with.clone())
+            .await
+            .expect("answered");
         first.push(1.0 / started.elapsed().as_secs_f64());
         answers.push(calls_per_second(&mut client, &with).await);
     }
     let (first, answers, plain) = (median(first), median(answers), median(plain));
     let name = "10,000 states with full evidence";
-    report(&format!("{name}, at first"), first, "plug-in only", plain, "calls/s", "(target >= 0.2)");
-    report(name, answers, "plug-in only", plain, "calls/s", "(target >= 0.2)");
+    report(
+        &format!("{name}, at first"),
+        first,
+        "plug-in only",
+        plain,
+        "calls/s",
+        "(target >= 0.2)",
+    );
+    report(
+        name,
+        answers,
+        "plug-in only",
+        plain,
+        "calls/s",
+        "(target >= 0.2)",
+    );
 }
 
 /// 10,000 known states in one call, view `verdict` by the paper's rule.
 async fn grpc(service: &Service) {
     let question = question("world", "paper", View::Verdict);
     let mut client = InfluenceServiceClient::new(channel(service.address).await);
-    let answer = client.batch_get_influence(question.clone()).await.expect("answered").into_inner();
+    let answer = client
+        .batch_get_influence(question.clone())
+        .await
+        .expect("answered")
+        .into_inner();
     let constant = tonic::service::Routes::new(InfluenceServiceServer::new(Constant(answer)));
     let address = listen(constant.into_axum_router()).await;
     let mut constant = InfluenceServiceClient::new(channel(address).await);
@@ -172,12 +216,16 @@ async fn calls_per_second(
     const CALLS: usize = 40;
     let started = Instant::now();
     for _ in 0..CALLS {
-        client.batch_get_influence(question.clone()).await.expect("answered");
+        client
+            .batch_get_influence(question.clone())
+            .await
+            .expect("answered");
     }
     CALLS as f64 / started.elapsed().as_secs_f64()
 }
 
-/// The slowest hundredth of single questions while transitions come in at full speed, beside the same when idle.
+/// The slowest hundredth of single questions while transitions come in at full speed, beside the
+/// same when idle.
 async fn busy(service: &Service) {
     let path = known_path();
     let idle = latencies(service.address, &path).await;
@@ -196,20 +244,37 @@ async fn busy(service: &Service) {
     report_tail("while ingesting", busy, "idle", idle, "(target <= 5)");
 }
 
-/// From the start of the real binary on an empty database to its first ready answer, beside `sqlite3` opening the same file.
+/// From the start of the real binary on an empty database to its first ready answer, beside
+/// `sqlite3` opening the same file.
 fn start() {
     let directory = tempfile::TempDir::new().expect("a temporary directory");
-    let ready = median((0..ROUNDS).map(|_| start_to_ready(directory.path())).collect());
+    let ready = median(
+        (0..ROUNDS)
+            .map(|_| start_to_ready(directory.path()))
+            .collect(),
+    );
     let file = directory.path().join("nudge.db");
     let open = || {
         let started = Instant::now();
-        let opened =
-            Command::new("sqlite3").arg(&file).arg("select count(*) from environments").stdout(Stdio::null()).status();
+        let opened = Command::new("sqlite3")
+            .arg(&file)
+            .arg("select count(*) from environments")
+            .stdout(Stdio::null())
+            .status();
         opened.ok().map(|_| started.elapsed().as_secs_f64() * 1e3)
     };
     match (0..ROUNDS).map(|_| open()).collect::<Option<Vec<f64>>>() {
-        Some(opened) => report("start to ready", ready, "sqlite3 opening the file", median(opened), "ms", ""),
-        None => println!("start to ready: {ready:.0} ms (no sqlite3 on this machine to stand beside it)"),
+        Some(opened) => report(
+            "start to ready",
+            ready,
+            "sqlite3 opening the file",
+            median(opened),
+            "ms",
+            "",
+        ),
+        None => println!(
+            "start to ready: {ready:.0} ms (no sqlite3 on this machine to stand beside it)"
+        ),
     }
 }
 
@@ -233,25 +298,46 @@ impl InfluenceService for Constant {
     ) -> Result<Response<BatchGetInfluenceResponse>, Status> {
         Ok(Response::new(self.0.clone()))
     }
-    async fn get_influence(&self, _: Request<GetInfluenceRequest>) -> Result<Response<GetInfluenceResponse>, Status> {
+    async fn get_influence(
+        &self,
+        _: Request<GetInfluenceRequest>,
+    ) -> Result<Response<GetInfluenceResponse>, Status> {
         Err(Status::unimplemented("a constant"))
     }
-    async fn get_state(&self, _: Request<GetStateRequest>) -> Result<Response<GetStateResponse>, Status> {
+    async fn get_state(
+        &self,
+        _: Request<GetStateRequest>,
+    ) -> Result<Response<GetStateResponse>, Status> {
         Err(Status::unimplemented("a constant"))
     }
-    async fn list_states(&self, _: Request<ListStatesRequest>) -> Result<Response<ListStatesResponse>, Status> {
+    async fn list_states(
+        &self,
+        _: Request<ListStatesRequest>,
+    ) -> Result<Response<ListStatesResponse>, Status> {
         Err(Status::unimplemented("a constant"))
     }
-    async fn summarize(&self, _: Request<SummarizeRequest>) -> Result<Response<SummarizeResponse>, Status> {
+    async fn summarize(
+        &self,
+        _: Request<SummarizeRequest>,
+    ) -> Result<Response<SummarizeResponse>, Status> {
         Err(Status::unimplemented("a constant"))
     }
-    async fn get_graph(&self, _: Request<GetGraphRequest>) -> Result<Response<GetGraphResponse>, Status> {
+    async fn get_graph(
+        &self,
+        _: Request<GetGraphRequest>,
+    ) -> Result<Response<GetGraphResponse>, Status> {
         Err(Status::unimplemented("a constant"))
     }
-    async fn explore(&self, _: Request<ExploreRequest>) -> Result<Response<ExploreResponse>, Status> {
+    async fn explore(
+        &self,
+        _: Request<ExploreRequest>,
+    ) -> Result<Response<ExploreResponse>, Status> {
         Err(Status::unimplemented("a constant"))
     }
-    async fn fit_prior(&self, _: Request<FitPriorRequest>) -> Result<Response<FitPriorResponse>, Status> {
+    async fn fit_prior(
+        &self,
+        _: Request<FitPriorRequest>,
+    ) -> Result<Response<FitPriorResponse>, Status> {
         Err(Status::unimplemented("a constant"))
     }
 }

@@ -1,7 +1,8 @@
-//! What it costs to be let in: durable ingest and one question over REST on kept connections, secured beside open.
+//! What it costs to be let in: durable ingest and one question over REST on kept connections,
+//! secured beside open.
 //!
-//! `cargo bench --bench secured`, or `cargo bench --bench secured -- rest` for one of them. Service and client share the machine, so the client's half of
-//! the cost counts too.
+//! `cargo bench --bench secured`, or `cargo bench --bench secured -- rest` for one of them. Service
+//! and client share the machine, so the client's half of the cost counts too.
 
 #![allow(missing_docs)]
 
@@ -19,7 +20,10 @@ use rcgen::{CertifiedKey, generate_simple_self_signed};
 use rustls::pki_types::ServerName;
 use rustls::{ClientConfig, RootCertStore};
 use support::http::get_with;
-use support::{ACTIONS, BATCH, Service, batches, make_world_by, median, pump_by, report, runtime, state, wanted};
+use support::{
+    ACTIONS, BATCH, Service, batches, make_world_by, median, pump_by, report, runtime, state,
+    wanted,
+};
 use tempfile::TempDir;
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::TcpStream;
@@ -43,13 +47,21 @@ impl Way {
     /// Everything is open.
     async fn open() -> Self {
         let service = Service::start().await;
-        let connection = Connection::open(&service.address.to_string()).await.expect("it listens");
-        Self { service, connection, tls: None, lines: String::new() }
+        let connection = Connection::open(&service.address.to_string())
+            .await
+            .expect("it listens");
+        Self {
+            service,
+            connection,
+            tls: None,
+            lines: String::new(),
+        }
     }
 
     /// Everything that protects a service is on.
     async fn secured(directory: &Path) -> Self {
-        let CertifiedKey { cert, signing_key } = generate_simple_self_signed(["localhost".into()]).expect("a pair");
+        let CertifiedKey { cert, signing_key } =
+            generate_simple_self_signed(["localhost".into()]).expect("a pair");
         let files = TlsFiles {
             certificate: directory.join("tls.crt"),
             key: directory.join("tls.key"),
@@ -58,19 +70,33 @@ impl Way {
         std::fs::write(&files.certificate, cert.pem()).expect("written");
         std::fs::write(&files.key, signing_key.serialize_pem()).expect("written");
         let key = Secret::random().expect("randomness");
-        let keys = Keys::parse(&format!("bench {} read,ingest,admin", key.digest())).expect("a line");
+        let keys =
+            Keys::parse(&format!("bench {} read,ingest,admin", key.digest())).expect("a line");
         let tls = Tls::open(files.clone()).expect("a pair");
         let service = Service::secured(Some(tls), Some(Keyring::new(keys))).await;
         let address = format!("https://localhost:{}", service.address.port());
-        let trust = ClientTls { trust: Trust::Exactly(files.certificate), identity: None };
+        let trust = ClientTls {
+            trust: Trust::Exactly(files.certificate),
+            identity: None,
+        };
         let lines = format!("authorization: Bearer {}\r\n", key.reveal());
-        let connection =
-            Connection::open_with(&address, &Options::default().key(key).tls(trust)).await.expect("it listens");
+        let connection = Connection::open_with(&address, &Options::default().key(key).tls(trust))
+            .await
+            .expect("it listens");
         let mut roots = RootCertStore::empty();
         roots.add(cert.der().clone()).expect("a certificate");
-        let config = ClientConfig::builder_with_provider(nudge::tls::provider()).with_safe_default_protocol_versions();
-        let config = config.expect("both versions").with_root_certificates(roots).with_no_client_auth();
-        Self { service, connection, tls: Some(TlsConnector::from(Arc::new(config))), lines }
+        let config = ClientConfig::builder_with_provider(nudge::tls::provider())
+            .with_safe_default_protocol_versions();
+        let config = config
+            .expect("both versions")
+            .with_root_certificates(roots)
+            .with_no_client_auth();
+        Self {
+            service,
+            connection,
+            tls: Some(TlsConnector::from(Arc::new(config))),
+            lines,
+        }
     }
 
     async fn transitions_per_second(&self, load: &[nudge::api::proto::Columns]) -> f64 {
@@ -94,9 +120,13 @@ impl Way {
     }
 
     async fn connect(&self) -> Box<dyn Wire> {
-        let stream = TcpStream::connect(self.service.address).await.expect("listening");
+        let stream = TcpStream::connect(self.service.address)
+            .await
+            .expect("listening");
         stream.set_nodelay(true).expect("a socket");
-        let Some(tls) = &self.tls else { return Box::new(stream) };
+        let Some(tls) = &self.tls else {
+            return Box::new(stream);
+        };
         let name = ServerName::try_from("localhost").expect("a name");
         Box::new(tls.connect(name, stream).await.expect("TLS"))
     }
@@ -124,7 +154,14 @@ fn main() {
                 }
             }
             let [open, secured] = figures.map(median);
-            report("durable ingest with keys and TLS", secured, "without", open, "transitions/s", "(target >= 0.9)");
+            report(
+                "durable ingest with keys and TLS",
+                secured,
+                "without",
+                open,
+                "transitions/s",
+                "(target >= 0.9)",
+            );
         }
         if wanted("rest") {
             let key = state(1).map(|bin| bin.to_string()).join(".");

@@ -18,7 +18,8 @@ use crate::priors::Fits;
 use crate::store::{Audit, Store, StoreError};
 use crate::work::Work;
 
-/// How often it is looked whether counts have grown enough: for priors to be fitted and for networks to be trained again. Never where it is zero.
+/// How often it is looked whether counts have grown enough: for priors to be fitted and for
+/// networks to be trained again. Never where it is zero.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Upkeep {
     /// For priors.
@@ -27,10 +28,12 @@ pub struct Upkeep {
     pub train_every: Duration,
 }
 
-/// How old a write may be that proves to an idle service that the next would succeed. Each proof writes one page.
+/// How old a write may be that proves to an idle service that the next would succeed. Each proof
+/// writes one page.
 const PROOF: Duration = Duration::from_secs(3);
 
-/// The same where somebody asks whether the service is ready, and how long such a caller waits for a disk that does not answer.
+/// The same where somebody asks whether the service is ready, and how long such a caller waits for
+/// a disk that does not answer.
 const PROOF_ASKED_FOR: Duration = Duration::from_millis(500);
 const PROOF_TAKES: Duration = Duration::from_secs(1);
 
@@ -61,8 +64,9 @@ pub struct App {
 }
 
 impl App {
-    /// Opens the rooms on a store, and begins what goes on behind them: to remove what deleted environments have left, to compare totals with cells and
-    /// to look at what is kept beside them.
+    /// Opens the rooms on a store, and begins what goes on behind them: to remove what deleted
+    /// environments have left, to compare totals with cells and to look at what is kept beside
+    /// them.
     pub fn open(store: Arc<dyn Store>, upkeep: Upkeep) -> Self {
         Self::open_until(CancellationToken::new(), store, upkeep)
     }
@@ -99,30 +103,40 @@ impl App {
         app
     }
 
-    /// Returns the rooms as they are for whoever asks. Every request comes through here to an environment, and is looked at again where it finds one: who
-    /// sends a body slowly may have had a key when it began.
+    /// Returns the rooms as they are for whoever asks. Every request comes through here to an
+    /// environment, and is looked at again where it finds one: who sends a body slowly may have had
+    /// a key when it began.
     pub fn asked_by(&self, asker: &Asker) -> Self {
         let environments = self.environments.asked_by(asker.clone());
-        Self { environments, ingest: self.ingest.asked_by(asker.first().clone()), ..self.clone() }
+        Self {
+            environments,
+            ingest: self.ingest.asked_by(asker.first().clone()),
+            ..self.clone()
+        }
     }
 
     fn in_background(&self, work: impl Future<Output = ()> + Send + 'static) {
-        self.background.spawn(unless_stopped(self.draining.clone(), work));
+        self.background
+            .spawn(unless_stopped(self.draining.clone(), work));
     }
 
-    /// Tells what goes on behind the answers: "removing 1 environment, 120,000 states left", or "idle".
+    /// Tells what goes on behind the answers: "removing 1 environment, 120,000 states left", or
+    /// "idle".
     pub fn in_the_background(&self) -> String {
         self.chores.told(self.environments.leftovers())
     }
 
-    /// Lets readiness rest on a write of this moment, so that nobody is told what was so some seconds ago.
+    /// Lets readiness rest on a write of this moment, so that nobody is told what was so some
+    /// seconds ago.
     pub async fn prove(&self) {
         if self.draining.is_cancelled() {
             return;
         }
         // In a task of its own, as in the background: the caller may leave.
         let store = self.store.clone();
-        let proving = self.background.spawn(async move { store.prove(PROOF_ASKED_FOR).await });
+        let proving = self
+            .background
+            .spawn(async move { store.prove(PROOF_ASKED_FOR).await });
         let _ = tokio::time::timeout(PROOF_TAKES, proving).await;
     }
 
@@ -133,15 +147,22 @@ impl App {
         self.background.close();
         self.background.wait().await;
         self.ingest.close().await;
-        // Last, for a training looks only now and then whether it is to end, and what was sent must not wait for it.
-        if tokio::time::timeout(TRAINING, self.networks.close()).await.is_err() {
-            tracing::warn!("a training is left behind: it did not end in time, and what it learned is not kept");
+        // Last, for a training looks only now and then whether it is to end, and what was sent must
+        // not wait for it.
+        if tokio::time::timeout(TRAINING, self.networks.close())
+            .await
+            .is_err()
+        {
+            tracing::warn!(
+                "a training is left behind: it did not end in time, and what it learned is not kept"
+            );
         }
         self.store.close().await;
     }
 }
 
-/// Does work until the service stops. The token's own method would look at the work first, which fails of the same stop and would say so in the log.
+/// Does work until the service stops. The token's own method would look at the work first, which
+/// fails of the same stop and would say so in the log.
 async fn unless_stopped(draining: CancellationToken, work: impl Future<Output = ()>) {
     tokio::select! {
         biased;
@@ -150,23 +171,27 @@ async fn unless_stopped(draining: CancellationToken, work: impl Future<Output = 
     }
 }
 
-/// Says at the start which fits and networks this build cannot read. The store has told of environments when it was opened.
+/// Says at the start which fits and networks this build cannot read. The store has told of
+/// environments when it was opened.
 async fn tell_unreadable(fits: Fits, networks: Networks, _looking: Chore) {
     fits.tell_unreadable().await;
     networks.tell_unreadable().await;
 }
 
-/// Lets readiness rest on a write that reached the disk within a few seconds. What becomes of each, the store tells.
+/// Lets readiness rest on a write that reached the disk within a few seconds. What becomes of each,
+/// the store tells.
 async fn prove(store: Arc<dyn Store>) {
     loop {
-        // In a task of its own: dropped half-way at the end of the service, it would take the writing connection along, and with it the last checkpoint.
+        // In a task of its own: dropped half-way at the end of the service, it would take the
+        // writing connection along, and with it the last checkpoint.
         let proving = store.clone();
         let _ = tokio::spawn(async move { proving.prove(PROOF).await }).await;
         tokio::time::sleep(Duration::from_secs(1)).await;
     }
 }
 
-/// Reads all cells once: whether they are sound, and then what every answer needs of all of them, so that nobody waits for it.
+/// Reads all cells once: whether they are sound, and then what every answer needs of all of them,
+/// so that nobody waits for it.
 async fn look_at_cells(store: Arc<dyn Store>, chores: Chores) {
     let comparing = chores.begin("comparing totals with cells");
     audit(&*store).await;
@@ -174,7 +199,8 @@ async fn look_at_cells(store: Arc<dyn Store>, chores: Chores) {
 
     let _adding = chores.begin("adding up how often actions were taken");
     let damaged = store.read_only();
-    let is_sound = |environment: &Arc<Environment>| damaged.iter().all(|(name, _)| *name != environment.name);
+    let is_sound =
+        |environment: &Arc<Environment>| damaged.iter().all(|(name, _)| *name != environment.name);
     for environment in store.environments().into_iter().filter(is_sound) {
         // Whoever asks about it is told of what is wrong with it.
         let _ = store.actions(&environment).await;
@@ -187,7 +213,11 @@ async fn audit(store: &dyn Store) {
     match store.audit().await {
         Ok(audits) if audits.iter().all(Audit::is_sound) => {
             let duration_ms = started.elapsed().as_millis() as u64;
-            tracing::info!(environments = audits.len(), duration_ms, "totals match the cells")
+            tracing::info!(
+                environments = audits.len(),
+                duration_ms,
+                "totals match the cells"
+            )
         }
         // The store has told which environments are read-only now.
         Ok(_) => {}

@@ -4,7 +4,8 @@ use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// How a service runs. Every field has a flag and an environment variable of the same name, `--data` and `NUDGE_DATA`.
+/// How a service runs. Every field has a flag and an environment variable of the same name,
+/// `--data` and `NUDGE_DATA`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Config {
     /// The one address of REST, gRPC, metrics and the page. Port 0 takes a free one.
@@ -35,13 +36,16 @@ pub struct Config {
     pub keys: Option<PathBuf>,
     /// Whether everybody may be let in who reaches an address that is not this machine's own.
     pub insecure: bool,
-    /// Names by which the service may be asked for, beside loopback names and the address that it listens on.
+    /// Names by which the service may be asked for, beside loopback names and the address that it
+    /// listens on.
     pub hosts: Vec<String>,
-    /// The certificate of the service in PEM, with those between it and its authority; plain text without it.
+    /// The certificate of the service in PEM, with those between it and its authority; plain text
+    /// without it.
     pub tls_cert: Option<PathBuf>,
     /// The private key of the certificate, in PEM.
     pub tls_key: Option<PathBuf>,
-    /// The authorities one of which every client has a certificate of, in PEM; clients need none without it.
+    /// The authorities one of which every client has a certificate of, in PEM; clients need none
+    /// without it.
     pub tls_client_ca: Option<PathBuf>,
     /// Origins whose pages may call REST and gRPC-Web; none by default.
     pub cors_origins: Vec<String>,

@@ -1,5 +1,5 @@
-//! Which worlds there are: their beginning, their rule and their end. The store keeps them; what is decided here is what a repeated or changed
-//! description means.
+//! Which worlds there are: their beginning, their rule and their end. The store keeps them; what is
+//! decided here is what a repeated or changed description means.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -9,8 +9,8 @@ use tracing::{Instrument, instrument};
 use crate::api::{self, proto};
 use crate::domain::draft::{DescriptionDraft, RuleDraft};
 use crate::domain::{
-    Asker, Environment, EnvironmentId, EnvironmentPage, Name, Pair, Principal, Schema, UnreadableEnvironment,
-    WrittenRule, hint, page_size,
+    Asker, Environment, EnvironmentId, EnvironmentPage, Name, Pair, Principal, Schema,
+    UnreadableEnvironment, WrittenRule, hint, page_size,
 };
 use crate::error::{ErrorKind, Fault, Problem};
 use crate::ingest::Ingest;
@@ -37,114 +37,194 @@ pub struct Environments {
 impl Environments {
     /// Makes a handle.
     pub fn new(store: Arc<dyn Store>, ingest: Ingest, networks: Networks) -> Self {
-        Self { store, ingest, networks, asker: Asker::always(Principal::anonymous()) }
+        Self {
+            store,
+            ingest,
+            networks,
+            asker: Asker::always(Principal::anonymous()),
+        }
     }
 
-    /// Returns a handle for whoever asks, to whom other environments than theirs are forbidden, whether there are such or not. Which are theirs is looked at
-    /// each time.
+    /// Returns a handle for whoever asks, to whom other environments than theirs are forbidden,
+    /// whether there are such or not. Which are theirs is looked at each time.
     pub fn asked_by(&self, asker: Asker) -> Self {
-        Self { asker, ..self.clone() }
+        Self {
+            asker,
+            ..self.clone()
+        }
     }
 
     fn admit(&self, name: &str) -> Result<(), Problem> {
-        self.asker.admit_to(name).inspect_err(|_| telemetry::denied("environment"))
+        self.asker
+            .admit_to(name)
+            .inspect_err(|_| telemetry::denied("environment"))
     }
 
     /// Returns the environment of that name.
     pub fn find(&self, name: &str) -> Result<Arc<Environment>, Problem> {
         self.admit(name)?;
-        self.store.environment(name).ok_or_else(|| match self.find_unreadable(name) {
-            Some(environment) => cannot_be_read(&environment),
-            None => self.unknown(name),
-        })
+        self.store
+            .environment(name)
+            .ok_or_else(|| match self.find_unreadable(name) {
+                Some(environment) => cannot_be_read(&environment),
+                None => self.unknown(name),
+            })
     }
 
     fn unknown(&self, name: &str) -> Problem {
         let (known, principal) = (self.store.environments(), self.asker.now());
-        let theirs = known.iter().map(|environment| environment.name.as_str()).filter(|name| principal.may_see(name));
+        let theirs = known
+            .iter()
+            .map(|environment| environment.name.as_str())
+            .filter(|name| principal.may_see(name));
         let hint = hint(name, theirs);
-        Problem::new(ErrorKind::NotFound, "ENVIRONMENT_NOT_FOUND", format!("unknown environment `{name}`{hint}"))
+        Problem::new(
+            ErrorKind::NotFound,
+            "ENVIRONMENT_NOT_FOUND",
+            format!("unknown environment `{name}`{hint}"),
+        )
     }
 
-    /// Returns the environment of that name, unless it is another one than the caller knows under its uid; an empty uid takes it as it is.
+    /// Returns the environment of that name, unless it is another one than the caller knows under
+    /// its uid; an empty uid takes it as it is.
     pub fn find_known(&self, name: &str, uid: &str) -> Result<Arc<Environment>, Problem> {
         let environment = self.find(name)?;
         is_known_as(&environment, uid).map(|()| environment)
     }
 
     fn find_unreadable(&self, name: &str) -> Option<Arc<UnreadableEnvironment>> {
-        self.store.unreadable().into_iter().find(|environment| environment.name == name)
+        self.store
+            .unreadable()
+            .into_iter()
+            .find(|environment| environment.name == name)
     }
 
     /// Returns a page of environments; a size of 0 takes the default.
     pub fn list(&self, asked: u64, page_token: Option<&str>) -> Result<EnvironmentPage, Problem> {
         let size = page_size(asked)?;
         let place = page_token.map(place).transpose()?;
-        let after = |environment: &Arc<Environment>| place.is_none_or(|name| environment.name.as_str() > name);
+        let after = |environment: &Arc<Environment>| {
+            place.is_none_or(|name| environment.name.as_str() > name)
+        };
         let principal = self.asker.now();
-        let mut unreadable = if page_token.is_none() { self.store.unreadable() } else { Vec::new() };
+        let mut unreadable = if page_token.is_none() {
+            self.store.unreadable()
+        } else {
+            Vec::new()
+        };
         unreadable.retain(|environment| principal.may_see(&environment.name));
-        let spent = unreadable.iter().map(|one| api::bytes(&proto::UnreadableEnvironment::from(&**one))).sum();
+        let spent = unreadable
+            .iter()
+            .map(|one| api::bytes(&proto::UnreadableEnvironment::from(&**one)))
+            .sum();
 
-        let is_theirs = |environment: &Arc<Environment>| principal.may_see(environment.name.as_str());
-        let environments = self.store.environments().into_iter().filter(after).filter(is_theirs);
-        let page = api::page(environments, size, spent, |environment| proto::Environment::from(&**environment));
-        let last = page.items.last().filter(|_| page.has_more).map(|environment| token(environment.name.as_str()));
-        Ok(EnvironmentPage { environments: page.items, unreadable, next_page_token: last })
+        let is_theirs =
+            |environment: &Arc<Environment>| principal.may_see(environment.name.as_str());
+        let environments = self
+            .store
+            .environments()
+            .into_iter()
+            .filter(after)
+            .filter(is_theirs);
+        let page = api::page(environments, size, spent, |environment| {
+            proto::Environment::from(&**environment)
+        });
+        let last = page
+            .items
+            .last()
+            .filter(|_| page.has_more)
+            .map(|environment| token(environment.name.as_str()));
+        Ok(EnvironmentPage {
+            environments: page.items,
+            unreadable,
+            next_page_token: last,
+        })
     }
 
-    /// Makes an environment, or confirms that it exists with this schema; a rule that is given is set. Returns whether it was made now.
+    /// Makes an environment, or confirms that it exists with this schema; a rule that is given is
+    /// set. Returns whether it was made now.
     #[instrument(level = "debug", skip_all)]
-    pub async fn apply(&self, name: &str, description: DescriptionDraft) -> Result<(Arc<Environment>, bool), Problem> {
+    pub async fn apply(
+        &self,
+        name: &str,
+        description: DescriptionDraft,
+    ) -> Result<(Arc<Environment>, bool), Problem> {
         self.admit(name)?;
         let existing = self.store.environment(name);
-        // Before it is looked at, which takes long where it is large. One that exists stays, whatever its size, and comes back in.
-        if existing.as_ref().is_none_or(|existing| description.schema.bytes() > existing.schema.draft().bytes()) {
+        // Before it is looked at, which takes long where it is large. One that exists stays,
+        // whatever its size, and comes back in.
+        if existing
+            .as_ref()
+            .is_none_or(|existing| description.schema.bytes() > existing.schema.draft().bytes())
+        {
             description.schema.within_bytes()?;
         }
         let (named, kept) = (name.to_owned(), existing.clone());
         // A description may have a million labels.
-        let (name, schema, rule) = beside(move || checked(&named, &description, kept.as_deref())).await??;
+        let (name, schema, rule) =
+            beside(move || checked(&named, &description, kept.as_deref())).await??;
         if let Some(existing) = existing {
             return self.confirm(existing, &schema, rule).await;
         }
-        match self.store.create(&name, &schema, rule.unwrap_or_default()).await {
+        match self
+            .store
+            .create(&name, &schema, rule.unwrap_or_default())
+            .await
+        {
             Ok(made) => {
                 tracing::info!(environment = %made.name, uid = %made.uid, "an environment was made");
                 Ok((made, true))
             }
-            Err(StoreError::AlreadyExists(_)) => self.confirm(self.find(name.as_str())?, &schema, rule).await,
+            Err(StoreError::AlreadyExists(_)) => {
+                self.confirm(self.find(name.as_str())?, &schema, rule).await
+            }
             Err(error) => Err(error.into()),
         }
     }
 
     /// Changes the parts of a rule that are given.
     #[instrument(level = "debug", skip_all)]
-    pub async fn update_rule(&self, name: &str, draft: &RuleDraft) -> Result<Arc<Environment>, Problem> {
+    pub async fn update_rule(
+        &self,
+        name: &str,
+        draft: &RuleDraft,
+    ) -> Result<Arc<Environment>, Problem> {
         let environment = self.find(name)?;
         let kept = Some(environment.rule);
         let merged = environment.rule.merged(draft);
         let rule = merged.and_then(|rule| within_reach(rule, draft, &environment.schema, kept));
         let rule = rule.map_err(|faults| Problem::invalid("rule", under_rule(faults)))?;
-        if rule == environment.rule { Ok(environment) } else { self.set_rule(&environment, rule).await }
+        if rule == environment.rule {
+            Ok(environment)
+        } else {
+            self.set_rule(&environment, rule).await
+        }
     }
 
-    /// Removes an environment with its counts and watermarks, and ends its streams and trainings. It need not be readable. What it leaves in the
-    /// database goes in the background.
+    /// Removes an environment with its counts and watermarks, and ends its streams and trainings.
+    /// It need not be readable. What it leaves in the database goes in the background.
     #[instrument(level = "debug", skip_all)]
     pub async fn delete(&self, name: &str) -> Result<(), Problem> {
         self.admit(name)?;
         let (id, uid) = match self.find_unreadable(name) {
             Some(environment) => (environment.id, environment.uid.clone()),
-            None => self.find(name).map(|environment| (environment.id, environment.uid.clone()))?,
+            None => self
+                .find(name)
+                .map(|environment| (environment.id, environment.uid.clone()))?,
         };
         // A caller who leaves meanwhile must not keep streams from ending.
-        tokio::spawn(self.clone().remove(id).in_current_span()).await.map_err(|error| unexpected(&error))??;
+        tokio::spawn(self.clone().remove(id).in_current_span())
+            .await
+            .map_err(|error| unexpected(&error))??;
         tracing::info!(environment = name, %uid, "an environment was deleted");
         Ok(())
     }
 
-    async fn set_rule(&self, environment: &Environment, rule: WrittenRule) -> Result<Arc<Environment>, Problem> {
+    async fn set_rule(
+        &self,
+        environment: &Environment,
+        rule: WrittenRule,
+    ) -> Result<Arc<Environment>, Problem> {
         let changed = self.store.set_rule(environment.id, rule).await?;
         let rule = &changed.rule;
         tracing::info!(environment = %changed.name, %rule, before = %environment.rule, "a rule was changed");
@@ -158,8 +238,8 @@ impl Environments {
         Ok(())
     }
 
-    /// Removes what deleted environments have left, for ever. Whoever wants to write comes first: after each step it rests for as long. Where it
-    /// fails it tries again, less and less often.
+    /// Removes what deleted environments have left, for ever. Whoever wants to write comes first:
+    /// after each step it rests for as long. Where it fails it tries again, less and less often.
     pub async fn sweep(self) {
         let [first, longest] = BACK_OFF;
         let mut back_off = first;
@@ -193,59 +273,94 @@ impl Environments {
         rule: Option<WrittenRule>,
     ) -> Result<(Arc<Environment>, bool), Problem> {
         if existing.schema.hash() != schema.hash() {
-            let message =
-                format!("environment `{}` exists with another schema; delete it or take another name", existing.name);
-            return Err(Problem::new(ErrorKind::AlreadyExists, "SCHEMA_CONFLICT", message)
-                .with("schema_hash", existing.schema.hash()));
+            let message = format!(
+                "environment `{}` exists with another schema; delete it or take another name",
+                existing.name
+            );
+            return Err(
+                Problem::new(ErrorKind::AlreadyExists, "SCHEMA_CONFLICT", message)
+                    .with("schema_hash", existing.schema.hash()),
+            );
         }
         match rule {
-            Some(rule) if rule != existing.rule => Ok((self.set_rule(&existing, rule).await?, false)),
+            Some(rule) if rule != existing.rule => {
+                Ok((self.set_rule(&existing, rule).await?, false))
+            }
             _ => Ok((existing, false)),
         }
     }
 }
 
-/// Returns the token of a page that ends with an environment of that name, which may be gone when the next is asked for. Any text can be a name, so the
-/// token carries a mark of ours.
+/// Returns the token of a page that ends with an environment of that name, which may be gone when
+/// the next is asked for. Any text can be a name, so the token carries a mark of ours.
 fn token(name: &str) -> String {
     format!("{name}~{}", &blake3::hash(name.as_bytes()).to_hex()[..8])
 }
 
 /// Reads a page's token: the name that it comes after.
 fn place(text: &str) -> Result<&str, Problem> {
-    let name = text.rsplit_once('~').map(|(name, _)| name).filter(|name| token(name) == text);
-    let fault = || Fault::new("/page_token", format!("got {text:?}, expected the `next_page_token` of a page"));
+    let name = text
+        .rsplit_once('~')
+        .map(|(name, _)| name)
+        .filter(|name| token(name) == text);
+    let fault = || {
+        Fault::new(
+            "/page_token",
+            format!("got {text:?}, expected the `next_page_token` of a page"),
+        )
+    };
     name.ok_or_else(|| Problem::invalid("page", vec![fault()]))
 }
 
-/// Refuses a caller who knows an environment under another uid: it was deleted and made again since. An empty uid takes it as it is.
+/// Refuses a caller who knows an environment under another uid: it was deleted and made again
+/// since. An empty uid takes it as it is.
 pub fn is_known_as(environment: &Environment, uid: &str) -> Result<(), Problem> {
     if uid.is_empty() || environment.uid.0 == uid {
         return Ok(());
     }
-    let message = format!("environment `{}` was deleted and made again: its uid is not `{uid}`", environment.name);
-    Err(Problem::new(ErrorKind::Conflict, "ENVIRONMENT_REPLACED", message).with("environment_uid", &environment.uid))
+    let message = format!(
+        "environment `{}` was deleted and made again: its uid is not `{uid}`",
+        environment.name
+    );
+    Err(
+        Problem::new(ErrorKind::Conflict, "ENVIRONMENT_REPLACED", message)
+            .with("environment_uid", &environment.uid),
+    )
 }
 
 fn unexpected(error: &dyn std::fmt::Display) -> Problem {
     tracing::error!(%error, "a removal ended unexpectedly");
-    Problem::new(ErrorKind::Internal, "INTERNAL", "the removal ended unexpectedly; the cause is in the service's log")
+    Problem::new(
+        ErrorKind::Internal,
+        "INTERNAL",
+        "the removal ended unexpectedly; the cause is in the service's log",
+    )
 }
 
 fn cannot_be_read(environment: &UnreadableEnvironment) -> Problem {
     let UnreadableEnvironment { name, why, .. } = environment;
-    let message = format!("environment `{name}` cannot be read: {why}; use the build that wrote it, or delete it");
+    let message = format!(
+        "environment `{name}` cannot be read: {why}; use the build that wrote it, or delete it"
+    );
     Problem::new(ErrorKind::Conflict, "ENVIRONMENT_UNREADABLE", message)
 }
 
 type Checked = (Name, Schema, Option<WrittenRule>);
 
 /// Checks a description, beside what exists under its name.
-fn checked(name: &str, description: &DescriptionDraft, existing: Option<&Environment>) -> Result<Checked, Problem> {
+fn checked(
+    name: &str,
+    description: &DescriptionDraft,
+    existing: Option<&Environment>,
+) -> Result<Checked, Problem> {
     let mut faults = Vec::new();
-    let name = name.parse::<Name>().map_err(|detail| faults.push(Fault::new("/name", detail)));
+    let name = name
+        .parse::<Name>()
+        .map_err(|detail| faults.push(Fault::new("/name", detail)));
     let kept = existing.map(|environment| environment.schema.hash());
-    let schema = Schema::described(description, kept).map_err(|found| faults.extend(found)).ok();
+    let schema = Schema::described(description, kept)
+        .map_err(|found| faults.extend(found))
+        .ok();
     let kept = existing.map(|environment| environment.rule);
     let given = |draft: &RuleDraft| match (WrittenRule::default().merged(draft), &schema) {
         (Ok(rule), Some(schema)) => within_reach(rule, draft, schema, kept),
@@ -255,22 +370,31 @@ fn checked(name: &str, description: &DescriptionDraft, existing: Option<&Environ
     let rule = rule.map_err(|found| faults.extend(under_rule(found)));
     match (name, schema, rule) {
         (Ok(name), Some(schema), Ok(rule)) => {
-            let alike = if existing.is_none() { schema.labels_alike() } else { Vec::new() };
-            if alike.is_empty() { Ok((name, schema, rule)) } else { Err(Problem::invalid("environment", alike)) }
+            let alike = if existing.is_none() {
+                schema.labels_alike()
+            } else {
+                Vec::new()
+            };
+            if alike.is_empty() {
+                Ok((name, schema, rule))
+            } else {
+                Err(Problem::invalid("environment", alike))
+            }
         }
         _ => Err(Problem::invalid("environment", faults)),
     }
 }
 
-/// Refuses a threshold that is given now and that no pair of the environment can reach. What is kept already is no fault: it is how a description
-/// comes back in.
+/// Refuses a threshold that is given now and that no pair of the environment can reach. What is
+/// kept already is no fault: it is how a description comes back in.
 fn within_reach(
     rule: WrittenRule,
     draft: &RuleDraft,
     schema: &Schema,
     kept: Option<WrittenRule>,
 ) -> Result<WrittenRule, Vec<Fault>> {
-    let is_kept = kept.is_some_and(|kept| (kept.threshold, kept.unit) == (rule.threshold, rule.unit));
+    let is_kept =
+        kept.is_some_and(|kept| (kept.threshold, kept.unit) == (rule.threshold, rule.unit));
     if draft.threshold.is_some() && !is_kept {
         let widest = Pair::widest(schema).alphabet(schema);
         rule.within_reach(widest).map_err(|fault| vec![fault])?;
@@ -280,5 +404,8 @@ fn within_reach(
 
 /// A rule stands under `rule` in every request, so its faults lie there.
 fn under_rule(faults: Vec<Fault>) -> Vec<Fault> {
-    faults.into_iter().map(|fault| fault.under("/rule")).collect()
+    faults
+        .into_iter()
+        .map(|fault| fault.under("/rule"))
+        .collect()
 }

@@ -1,19 +1,24 @@
-//! Nudge tells when one agent's action influences another's: in this state, how strongly, how sure, and which actions do it.
+//! Nudge tells when one agent's action influences another's: in this state, how strongly, how sure,
+//! and which actions do it.
 //!
 //! # The map, in reading order
 //!
-//! Rooms that others can use alone are crates, which this one shows under their names: `nudge_core` has [`information`], [`error`], [`domain`] and
-//! [`evidence`], `nudge_worlds` [`simulation`] and [`recordings`].
+//! Rooms that others can use alone are crates, which this one shows under their names: `nudge_core`
+//! has [`information`], [`error`], [`domain`] and [`evidence`], `nudge_worlds` [`simulation`] and
+//! [`recordings`].
 //!
-//! Each room may use the ones above it, never the ones below, and within a room no files import each other in a circle: what two of them need has a file of
-//! its own (`tests/it/architecture`).
+//! Each room may use the ones above it, never the ones below, and within a room no files import
+//! each other in a circle: what two of them need has a file of its own (`tests/it/architecture`).
 //!
 //! * [`information`]: the mathematics of contingency tables. Slices in, numbers out.
-//! * [`error`], [`config`], [`telemetry`]: kinds of error, the one configuration, logs and the one list of metrics.
+//! * [`error`], [`config`], [`telemetry`]: kinds of error, the one configuration, logs and the one
+//!   list of metrics.
 //! * [`tls`]: certificates and private keys in PEM files, for either side of a connection.
-//! * [`domain`]: environments, features, states, transitions, counts, questions, answers. Types that cannot be wrong.
+//! * [`domain`]: environments, features, states, transitions, counts, questions, answers. Types
+//!   that cannot be wrong.
 //! * [`work`]: whatever computes for long: admitted, cancelled, and made once for all who ask.
-//! * [`evidence`]: what counts can support: the prior fitted to all states, the posterior of one, the verdict.
+//! * [`evidence`]: what counts can support: the prior fitted to all states, the posterior of one,
+//!   the verdict.
 //! * [`store`]: what was counted, durably: a promise, and SQLite behind it.
 //! * [`simulation`]: worlds that produce transitions.
 //! * [`recordings`]: play that was recorded elsewhere, read as transitions.
@@ -21,8 +26,10 @@
 //! * [`api`]: the wire: generated proto types, JSON, and their conversions.
 //! * [`ingest`]: how transitions become counts.
 //! * [`client`]: speaking to a service as a game server does.
-//! * [`priors`]: from cells to tables, and the priors that evidence stands on, fitted to all states.
-//! * [`model`]: what to expect where little or nothing was counted: networks, trained, judged, kept and served.
+//! * [`priors`]: from cells to tables, and the priors that evidence stands on, fitted to all
+//!   states.
+//! * [`model`]: what to expect where little or nothing was counted: networks, trained, judged, kept
+//!   and served.
 //! * [`environments`]: which worlds there are: their beginning, their rule and their end.
 //! * [`influence`]: the question itself.
 //! * [`app`]: one handle of each room.
@@ -40,8 +47,9 @@
 //!
 //! # Deliberately absent
 //!
-//! Nothing in `information`, `domain` or `evidence` does I/O. Raw values are not kept anywhere: only bins are counted. There is no wall clock in the
-//! protocol. The committer talks to nothing but the store. Nothing flows upwards but return values.
+//! Nothing in `information`, `domain` or `evidence` does I/O. Raw values are not kept anywhere:
+//! only bins are counted. There is no wall clock in the protocol. The committer talks to nothing
+//! but the store. Nothing flows upwards but return values.
 
 pub use nudge_core::{domain, error, evidence, information};
 pub use nudge_worlds::{recordings, simulation};

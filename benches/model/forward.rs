@@ -1,4 +1,5 @@
-//! The forward pass that is served beside the training library's own on the same weights and the same states, encoding included.
+//! The forward pass that is served beside the training library's own on the same weights and the
+//! same states, encoding included.
 
 use std::collections::HashMap;
 use std::hint::black_box;
@@ -23,17 +24,42 @@ pub async fn report(play: &Play, network: &Network) {
     let library = Library::of(play, network).await;
     let states: Vec<State> = play.learned.iter().cycle().take(ROWS).copied().collect();
     let keys: Vec<StateKey> = states.iter().map(|state| StateKey::new(state)).collect();
-    agree(network, &keys, &library.predict(&states).expect("predicted"));
-    let alone = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a pool");
+    agree(
+        network,
+        &keys,
+        &library.predict(&states).expect("predicted"),
+    );
+    let alone = rayon::ThreadPoolBuilder::new()
+        .num_threads(1)
+        .build()
+        .expect("a pool");
     for size in [1, ROWS] {
-        let predict = |keys: &[StateKey]| drop(black_box(network.predict_once(black_box(keys), network.threshold)));
+        let predict = |keys: &[StateKey]| {
+            drop(black_box(
+                network.predict_once(black_box(keys), network.threshold),
+            ))
+        };
         let own = rows_per_second(&keys, size, predict);
-        let again = |keys: &[StateKey]| drop(black_box(network.predict(black_box(keys), network.threshold)));
+        let again = |keys: &[StateKey]| {
+            drop(black_box(
+                network.predict(black_box(keys), network.threshold),
+            ))
+        };
         let again = rows_per_second(&keys, size, again);
-        let ask = |states: &[State]| drop(black_box(library.predict(black_box(states)).expect("predicted")));
+        let ask = |states: &[State]| {
+            drop(black_box(
+                library.predict(black_box(states)).expect("predicted"),
+            ))
+        };
         let beside = [
-            ("candle, one thread", alone.install(|| rows_per_second(&states, size, ask))),
-            ("candle, its own threads", rows_per_second(&states, size, ask)),
+            (
+                "candle, one thread",
+                alone.install(|| rows_per_second(&states, size, ask)),
+            ),
+            (
+                "candle, its own threads",
+                rows_per_second(&states, size, ask),
+            ),
         ];
         for (yardstick, beside) in beside {
             let what = format!("predicting {size} at once");
@@ -74,21 +100,35 @@ struct Member {
 
 impl Library {
     pub async fn of(play: &Play, network: &Network) -> Self {
-        let exported = play.service.app.networks.export(&play.environment, network.version).await.expect("kept");
+        let exported = play
+            .service
+            .app
+            .networks
+            .export(&play.environment, network.version)
+            .await
+            .expect("kept");
         Self::load(&exported).expect("its own format")
     }
 
     fn load(file: &[u8]) -> Result<Self> {
         let tensors = candle_core::safetensors::load_buffer(file, &Device::Cpu)?;
         let exists = |at: &usize| tensors.contains_key(&format!("members.{at}.trunk.weight"));
-        let members = (0..).take_while(exists).map(|at| Member::load(&tensors, at));
-        Ok(Self { members: members.collect::<Result<_>>()? })
+        let members = (0..)
+            .take_while(exists)
+            .map(|at| Member::load(&tensors, at));
+        Ok(Self {
+            members: members.collect::<Result<_>>()?,
+        })
     }
 
     /// Returns mutual information of states in nats, the mean of the members.
     pub fn predict(&self, states: &[State]) -> Result<Vec<f32>> {
         let inputs = encoded(states)?;
-        let each = self.members.iter().map(|member| member.information(&inputs)).collect::<Result<Vec<Tensor>>>()?;
+        let each = self
+            .members
+            .iter()
+            .map(|member| member.information(&inputs))
+            .collect::<Result<Vec<Tensor>>>()?;
         Tensor::stack(&each, 0)?.mean(0)?.to_vec1()
     }
 }
@@ -96,7 +136,10 @@ impl Library {
 impl Member {
     fn load(tensors: &HashMap<String, Tensor>, at: usize) -> Result<Self> {
         let tensor = |name: String| {
-            tensors.get(&name).cloned().ok_or_else(|| candle_core::Error::CannotFindTensor { path: name }.bt())
+            tensors
+                .get(&name)
+                .cloned()
+                .ok_or_else(|| candle_core::Error::CannotFindTensor { path: name }.bt())
         };
         let layer = |name: &str| {
             let part = |part: &str| tensor(format!("members.{at}.{name}.{part}"));
@@ -113,9 +156,14 @@ impl Member {
     fn information(&self, inputs: &Tensor) -> Result<Tensor> {
         let hidden = self.trunk.forward(inputs)?.relu()?;
         let ego = softmax(&self.ego.forward(&hidden)?, D::Minus1)?;
-        let interaction = self.interaction.forward(&hidden)?.reshape(((), ACTIONS, ACTIONS))?;
-        let ln_response =
-            log_softmax(&interaction.broadcast_add(&self.other.forward(&hidden)?.unsqueeze(1)?)?, D::Minus1)?;
+        let interaction = self
+            .interaction
+            .forward(&hidden)?
+            .reshape(((), ACTIONS, ACTIONS))?;
+        let ln_response = log_softmax(
+            &interaction.broadcast_add(&self.other.forward(&hidden)?.unsqueeze(1)?)?,
+            D::Minus1,
+        )?;
         let response = ln_response.exp()?;
         let marginal = response.broadcast_mul(&ego.unsqueeze(2)?)?.sum_keepdim(1)?;
         let divergence = (response * ln_response.broadcast_sub(&marginal.log()?)?)?.sum(2)?;

@@ -1,8 +1,9 @@
-//! Networks beside other programs on the same machine: what a prediction costs, what a training costs and how good it is, and what a training costs those
-//! who ask meanwhile.
+//! Networks beside other programs on the same machine: what a prediction costs, what a training
+//! costs and how good it is, and what a training costs those who ask meanwhile.
 //!
-//! `cargo bench --bench model`, or `cargo bench --bench model -- forward` for one of `forward`, `infer`, `busy` and `training`; with
-//! `NUDGE_PYTHON=/path/to/python` training stands beside `benches/model_yardsticks.py`, which says what that Python needs.
+//! `cargo bench --bench model`, or `cargo bench --bench model -- forward` for one of `forward`,
+//! `infer`, `busy` and `training`; with `NUDGE_PYTHON=/path/to/python` training stands beside
+//! `benches/model_yardsticks.py`, which says what that Python needs.
 
 #![allow(missing_docs)]
 

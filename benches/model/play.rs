@@ -1,14 +1,16 @@
-//! A world whose truth is known, 50,000 transitions of which are counted: 1,000 states to learn from, 250 that nobody sees.
+//! A world whose truth is known, 50,000 transitions of which are counted: 1,000 states to learn
+//! from, 250 that nobody sees.
 //!
-//! Each agent's habits are a sum over the features of a state, so that an unseen state can be told from others. Where the first feature says so, the other
-//! mostly does what the ego does.
+//! Each agent's habits are a sum over the features of a state, so that an unseen state can be told
+//! from others. Where the first feature says so, the other mostly does what the ego does.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use nudge::domain::draft::{AgentDraft, FeatureDraft, KindDraft, SchemaDraft, TrainingDraft};
 use nudge::domain::{
-    Acknowledged, Batch, Entry, Environment, Job, JobState, ProducerId, Record, Records, Sequence, StateKey, Widths,
+    Acknowledged, Batch, Entry, Environment, Job, JobState, ProducerId, Record, Records, Sequence,
+    StateKey, Widths,
 };
 use nudge::model::Network;
 use rand::seq::SliceRandom;
@@ -46,7 +48,8 @@ pub struct Play {
     pub held_out: Vec<(State, Joint)>,
 }
 
-/// A network and how long it took from asking to having it: reading the counts, fitting the prior, its members, their shuffled twins, and judging.
+/// A network and how long it took from asking to having it: reading the counts, fitting the prior,
+/// its members, their shuffled twins, and judging.
 pub struct Trained {
     pub network: Arc<Network>,
     pub took: Duration,
@@ -69,15 +72,29 @@ impl Play {
         let mut states = all_states();
         states.shuffle(&mut random);
         let learned = states[..LEARNED].to_vec();
-        let held_out = states[LEARNED..][..HELD_OUT].iter().map(|state| (*state, habits.joint(state))).collect();
+        let held_out = states[LEARNED..][..HELD_OUT]
+            .iter()
+            .map(|state| (*state, habits.joint(state)))
+            .collect();
         let transition = |_| {
             let state = learned[random.random_range(0..LEARNED)];
             (state, drawn(&habits.joint(&state), random.random()))
         };
         let transitions: Vec<_> = (0..TRANSITIONS).map(transition).collect();
         let service = Service::start().await;
-        let (environment, _) = service.app.environments.apply(ENVIRONMENT, schema().into()).await.expect("valid");
-        let play = Self { service, environment, learned, transitions, held_out };
+        let (environment, _) = service
+            .app
+            .environments
+            .apply(ENVIRONMENT, schema().into())
+            .await
+            .expect("valid");
+        let play = Self {
+            service,
+            environment,
+            learned,
+            transitions,
+            held_out,
+        };
         play.count().await;
         play
     }
@@ -88,39 +105,83 @@ impl Play {
         let record = |(state, actions): &(State, [usize; 2])| {
             let state = state.iter().map(|bin| *bin as f32).collect();
             let actions = actions.iter().map(|action| *action as f32).collect();
-            Ok(Record { state, actions, entry: Entry::Unknown, count: 1 })
+            Ok(Record {
+                state,
+                actions,
+                entry: Entry::Unknown,
+                count: 1,
+            })
         };
         for (number, transitions) in (1..).zip(self.transitions.chunks(BATCH)) {
-            let records = Records::collect(Widths::of(&self.environment.schema), transitions.iter().map(record));
-            let batch = Batch { sequence: Sequence::new(number).expect("a number"), segment: None, records };
-            let told = self.service.app.ingest.write(&self.environment, producer.clone(), batch).await;
-            assert!(matches!(&told, Ok(Acknowledged::Applied(receipt)) if receipt.rejected_count == 0), "{told:?}");
+            let records = Records::collect(
+                Widths::of(&self.environment.schema),
+                transitions.iter().map(record),
+            );
+            let batch = Batch {
+                sequence: Sequence::new(number).expect("a number"),
+                segment: None,
+                records,
+            };
+            let told = self
+                .service
+                .app
+                .ingest
+                .write(&self.environment, producer.clone(), batch)
+                .await;
+            assert!(
+                matches!(&told, Ok(Acknowledged::Applied(receipt)) if receipt.rejected_count == 0),
+                "{told:?}"
+            );
         }
     }
 
-    /// Trains a network as usual, or with at most so many epochs, and makes it the one that answers.
+    /// Trains a network as usual, or with at most so many epochs, and makes it the one that
+    /// answers.
     pub async fn train(&self, epochs: Option<u64>) -> Trained {
         let started = Instant::now();
         let job = self.ask(epochs).await;
-        let job = self.service.app.networks.finished(&self.environment, job.id).await.expect("known");
+        let job = self
+            .service
+            .app
+            .networks
+            .finished(&self.environment, job.id)
+            .await
+            .expect("known");
         let took = started.elapsed();
         assert_eq!(job.state, JobState::Done, "{}", job.message);
         let version = job.version.expect("a version came out");
-        let network = self.service.app.networks.network(&self.environment, version).await.expect("kept");
+        let network = self
+            .service
+            .app
+            .networks
+            .network(&self.environment, version)
+            .await
+            .expect("kept");
         Trained { network, took }
     }
 
     /// Asks for a training.
     pub async fn ask(&self, epochs: Option<u64>) -> Job {
-        let draft = TrainingDraft { epochs, activate: true, ..TrainingDraft::default() };
-        self.service.app.networks.train(&self.environment, &draft).await.expect("a valid training")
+        let draft = TrainingDraft {
+            epochs,
+            activate: true,
+            ..TrainingDraft::default()
+        };
+        self.service
+            .app
+            .networks
+            .train(&self.environment, &draft)
+            .await
+            .expect("a valid training")
     }
 
     /// Returns what a network says of the unseen states.
     pub fn told(&self, network: &Network) -> Vec<Joint> {
         let told = |(state, _): &(State, Joint)| {
             let actions = network.by_action(&self.environment, &StateKey::new(state));
-            std::array::from_fn(|i| std::array::from_fn(|j| actions[i].probability * actions[i].response[j]))
+            std::array::from_fn(|i| {
+                std::array::from_fn(|j| actions[i].probability * actions[i].response[j])
+            })
         };
         self.held_out.iter().map(told).collect()
     }
@@ -128,13 +189,18 @@ impl Play {
     /// Returns how far from the truth what somebody says of the unseen states is.
     pub fn quality(&self, told: &[Joint]) -> Quality {
         let mean = |figure: &dyn Fn(&Joint, &Joint) -> f64| {
-            let each = self.held_out.iter().zip(told).map(|((_, truth), told)| figure(truth, told));
+            let each = self
+                .held_out
+                .iter()
+                .zip(told)
+                .map(|((_, truth), told)| figure(truth, told));
             each.sum::<f64>() / HELD_OUT as f64
         };
         Quality {
             joint: mean(&|truth, told| cross_entropy(truth.as_flattened(), told.as_flattened())),
             ego: mean(&|truth, told| cross_entropy(&policy(truth), &policy(told))),
-            information: mean(&|truth, told| (information(truth) - information(told)).powi(2)).sqrt(),
+            information: mean(&|truth, told| (information(truth) - information(told)).powi(2))
+                .sqrt(),
         }
     }
 
@@ -148,13 +214,22 @@ struct Habits(Vec<Vec<[[f64; ACTIONS]; 2]>>);
 
 impl Habits {
     fn drawn(random: &mut Pcg64) -> Self {
-        let mut weights = || [(); 2].map(|()| [(); ACTIONS].map(|()| random.random_range(-1.0..1.0)));
-        Self(BINS.iter().map(|labels| (0..*labels).map(|_| weights()).collect()).collect())
+        let mut weights =
+            || [(); 2].map(|()| [(); ACTIONS].map(|()| random.random_range(-1.0..1.0)));
+        Self(
+            BINS.iter()
+                .map(|labels| (0..*labels).map(|_| weights()).collect())
+                .collect(),
+        )
     }
 
     fn policy(&self, state: &State, agent: usize) -> [f64; ACTIONS] {
         let weights = |action: usize| {
-            let each = self.0.iter().zip(state).map(|(feature, label)| feature[*label as usize][agent][action]);
+            let each = self
+                .0
+                .iter()
+                .zip(state)
+                .map(|(feature, label)| feature[*label as usize][agent][action]);
             each.sum::<f64>().exp()
         };
         let weights: [f64; ACTIONS] = std::array::from_fn(weights);
@@ -164,7 +239,8 @@ impl Habits {
     fn joint(&self, state: &State) -> Joint {
         let [ego, other] = [0, 1].map(|agent| self.policy(state, agent));
         let copied = if state[0] < ANSWERED { COPIED } else { 0.0 };
-        let response = |i: usize, j: usize| (1.0 - copied) * other[j] + if i == j { copied } else { 0.0 };
+        let response =
+            |i: usize, j: usize| (1.0 - copied) * other[j] + if i == j { copied } else { 0.0 };
         std::array::from_fn(|i| std::array::from_fn(|j| ego[i] * response(i, j)))
     }
 }
@@ -182,14 +258,19 @@ fn cross_entropy(p: &[f64], q: &[f64]) -> f64 {
 fn information(joint: &Joint) -> f64 {
     let other: [f64; ACTIONS] = std::array::from_fn(|j| joint.iter().map(|row| row[j]).sum());
     let cell = |(row, of_ego): (&[f64; ACTIONS], f64)| {
-        row.iter().zip(&other).map(|(p, of_other)| p * (p / (of_ego * of_other)).ln()).sum::<f64>()
+        row.iter()
+            .zip(&other)
+            .map(|(p, of_other)| p * (p / (of_ego * of_other)).ln())
+            .sum::<f64>()
     };
     joint.iter().zip(policy(joint)).map(cell).sum()
 }
 
 fn all_states() -> Vec<State> {
     let [a, b, c, d] = BINS;
-    (0..a * b * c * d).map(|n| [n % a, n / a % b, n / a / b % c, n / a / b / c]).collect()
+    (0..a * b * c * d)
+        .map(|n| [n % a, n / a % b, n / a / b % c, n / a / b / c])
+        .collect()
 }
 
 /// Returns the pair of actions at a place in the unit interval.
@@ -207,10 +288,20 @@ fn drawn(joint: &Joint, mut place: f64) -> [usize; 2] {
 
 fn schema() -> SchemaDraft {
     let labels = |n: u32| KindDraft::Categorical((0..n).map(|label| format!("l{label}")).collect());
-    let feature = |name: String, n| FeatureDraft { name, unit: None, kinds: vec![labels(n)] };
-    let agent = |name: &str| AgentDraft { name: name.into(), action: vec![feature("move".into(), ACTIONS as u32)] };
+    let feature = |name: String, n| FeatureDraft {
+        name,
+        unit: None,
+        kinds: vec![labels(n)],
+    };
+    let agent = |name: &str| AgentDraft {
+        name: name.into(),
+        action: vec![feature("move".into(), ACTIONS as u32)],
+    };
     SchemaDraft {
-        state: (0..).zip(BINS).map(|(at, n): (u32, u32)| feature(format!("f{at}"), n)).collect(),
+        state: (0..)
+            .zip(BINS)
+            .map(|(at, n): (u32, u32)| feature(format!("f{at}"), n))
+            .collect(),
         agents: vec![agent("ego"), agent("other")],
     }
 }

@@ -1,16 +1,19 @@
-//! What a network costs on the wire: the inference protocol beside the same server with a constant, and a question while a training runs beside one without.
+//! What a network costs on the wire: the inference protocol beside the same server with a constant,
+//! and a question while a training runs beside one without.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use nudge::api::inference_proto::grpc_inference_service_client::GrpcInferenceServiceClient;
-use nudge::api::inference_proto::grpc_inference_service_server::{GrpcInferenceService, GrpcInferenceServiceServer};
+use nudge::api::inference_proto::grpc_inference_service_server::{
+    GrpcInferenceService, GrpcInferenceServiceServer,
+};
 use nudge::api::inference_proto::model_infer_request::InferInputTensor;
 use nudge::api::inference_proto::{
-    ModelInferRequest, ModelInferResponse, ModelMetadataRequest, ModelMetadataResponse, ModelReadyRequest,
-    ModelReadyResponse, ServerLiveRequest, ServerLiveResponse, ServerMetadataRequest, ServerMetadataResponse,
-    ServerReadyRequest, ServerReadyResponse,
+    ModelInferRequest, ModelInferResponse, ModelMetadataRequest, ModelMetadataResponse,
+    ModelReadyRequest, ModelReadyResponse, ServerLiveRequest, ServerLiveResponse,
+    ServerMetadataRequest, ServerMetadataResponse, ServerReadyRequest, ServerReadyResponse,
 };
 use nudge::domain::JobState;
 use nudge::model::Network;
@@ -26,15 +29,28 @@ use super::support::{channel, listen, median, report};
 
 const ROWS: usize = 1_024;
 
-/// 1,024 rows in one `ModelInfer`: beside a constant, which nothing that computes can come near, and beside the training library behind that constant.
+/// 1,024 rows in one `ModelInfer`: beside a constant, which nothing that computes can come near,
+/// and beside the training library behind that constant.
 pub async fn infer(play: &Play, network: &Network) {
     let states: Vec<State> = play.learned.iter().cycle().take(ROWS).copied().collect();
     let question = question(&states);
     let mut client = GrpcInferenceServiceClient::new(channel(play.service.address).await);
-    let answer = client.model_infer(question.clone()).await.expect("answered").into_inner();
+    let answer = client
+        .model_infer(question.clone())
+        .await
+        .expect("answered")
+        .into_inner();
     let library = Arc::new((Library::of(play, network).await, states));
-    let mut constant = beside(Constant { answer: answer.clone(), library: None }).await;
-    let mut computing = beside(Constant { answer, library: Some(library) }).await;
+    let mut constant = beside(Constant {
+        answer: answer.clone(),
+        library: None,
+    })
+    .await;
+    let mut computing = beside(Constant {
+        answer,
+        library: Some(library),
+    })
+    .await;
     let [mut answers, mut constants, mut computed] = [(); 3].map(|()| Vec::new());
     for _ in 0..ROUNDS {
         constants.push(calls_per_second(&mut constant, &question).await);
@@ -42,8 +58,22 @@ pub async fn infer(play: &Play, network: &Network) {
         answers.push(calls_per_second(&mut client, &question).await);
     }
     let (what, answers) = (format!("ModelInfer with {ROWS} rows"), median(answers));
-    report(&what, answers, "the same call, constant answer", median(constants), "calls/s", "(target >= 0.5)");
-    report(&what, answers, "the same call, candle and that answer", median(computed), "calls/s", "");
+    report(
+        &what,
+        answers,
+        "the same call, constant answer",
+        median(constants),
+        "calls/s",
+        "(target >= 0.5)",
+    );
+    report(
+        &what,
+        answers,
+        "the same call, candle and that answer",
+        median(computed),
+        "calls/s",
+        "",
+    );
 }
 
 async fn beside(constant: Constant) -> GrpcInferenceServiceClient<Channel> {
@@ -61,22 +91,36 @@ fn question(states: &[State]) -> ModelInferRequest {
     ModelInferRequest {
         model_name: ENVIRONMENT.into(),
         inputs: vec![input],
-        raw_input_contents: vec![states.as_flattened().iter().flat_map(|bin| (*bin as f32).to_le_bytes()).collect()],
+        raw_input_contents: vec![
+            states
+                .as_flattened()
+                .iter()
+                .flat_map(|bin| (*bin as f32).to_le_bytes())
+                .collect(),
+        ],
         ..Default::default()
     }
 }
 
-async fn calls_per_second(client: &mut GrpcInferenceServiceClient<Channel>, question: &ModelInferRequest) -> f64 {
+async fn calls_per_second(
+    client: &mut GrpcInferenceServiceClient<Channel>,
+    question: &ModelInferRequest,
+) -> f64 {
     const CALLS: usize = 400;
     let started = Instant::now();
     for _ in 0..CALLS {
-        client.model_infer(question.clone()).await.expect("answered");
+        client
+            .model_infer(question.clone())
+            .await
+            .expect("answered");
     }
     CALLS as f64 / started.elapsed().as_secs_f64()
 }
 
-/// The slowest hundredth of single questions while networks are trained, one after the other, beside the same when idle, and beside the same while a
-/// thread of this process only spins: where others use the machine too, a process that is busy has to wait for its turn, whatever it is busy with.
+/// The slowest hundredth of single questions while networks are trained, one after the other,
+/// beside the same when idle, and beside the same while a thread of this process only spins: where
+/// others use the machine too, a process that is busy has to wait for its turn, whatever it is busy
+/// with.
 pub async fn busy(play: &Play) {
     let over = AtomicBool::new(false);
     let idle = ask(play).await;
@@ -126,7 +170,14 @@ async fn ask(play: &Play) -> Vec<Duration> {
 async fn running(play: &Play) {
     let environment = &play.environment;
     let is_running = async || {
-        let jobs = play.service.app.networks.list(environment).await.expect("listed").jobs;
+        let jobs = play
+            .service
+            .app
+            .networks
+            .list(environment)
+            .await
+            .expect("listed")
+            .jobs;
         jobs.iter().any(|job| job.state == JobState::Running)
     };
     while !is_running().await {
@@ -135,7 +186,8 @@ async fn running(play: &Play) {
     tokio::time::sleep(Duration::from_millis(500)).await;
 }
 
-/// Answers every request with the same tensors, after the training library has computed them if there is one.
+/// Answers every request with the same tensors, after the training library has computed them if
+/// there is one.
 struct Constant {
     answer: ModelInferResponse,
     library: Option<Arc<(Library, Vec<State>)>>,
@@ -143,20 +195,34 @@ struct Constant {
 
 #[tonic::async_trait]
 impl GrpcInferenceService for Constant {
-    async fn model_infer(&self, _: Request<ModelInferRequest>) -> Result<Response<ModelInferResponse>, Status> {
+    async fn model_infer(
+        &self,
+        _: Request<ModelInferRequest>,
+    ) -> Result<Response<ModelInferResponse>, Status> {
         if let Some(library) = self.library.clone() {
             let predict = move || library.0.predict(&library.1).expect("predicted");
-            tokio::task::spawn_blocking(predict).await.expect("predicted");
+            tokio::task::spawn_blocking(predict)
+                .await
+                .expect("predicted");
         }
         Ok(Response::new(self.answer.clone()))
     }
-    async fn server_live(&self, _: Request<ServerLiveRequest>) -> Result<Response<ServerLiveResponse>, Status> {
+    async fn server_live(
+        &self,
+        _: Request<ServerLiveRequest>,
+    ) -> Result<Response<ServerLiveResponse>, Status> {
         Err(Status::unimplemented("a constant"))
     }
-    async fn server_ready(&self, _: Request<ServerReadyRequest>) -> Result<Response<ServerReadyResponse>, Status> {
+    async fn server_ready(
+        &self,
+        _: Request<ServerReadyRequest>,
+    ) -> Result<Response<ServerReadyResponse>, Status> {
         Err(Status::unimplemented("a constant"))
     }
-    async fn model_ready(&self, _: Request<ModelReadyRequest>) -> Result<Response<ModelReadyResponse>, Status> {
+    async fn model_ready(
+        &self,
+        _: Request<ModelReadyRequest>,
+    ) -> Result<Response<ModelReadyResponse>, Status> {
         Err(Status::unimplemented("a constant"))
     }
     async fn server_metadata(

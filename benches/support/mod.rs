@@ -1,6 +1,8 @@
-//! What the benchmarks share: a world of six features and two agents, its load, and the arithmetic of a ratio.
+//! What the benchmarks share: a world of six features and two agents, its load, and the arithmetic
+//! of a ratio.
 //!
-//! Every figure is printed beside its yardstick from the same run: machines differ and are noisy, ratios less so.
+//! Every figure is printed beside its yardstick from the same run: machines differ and are noisy,
+//! ratios less so.
 
 #![allow(dead_code, missing_docs)]
 
@@ -52,13 +54,27 @@ impl Service {
     pub async fn secured(tls: Option<Tls>, keys: Option<Keyring>) -> Self {
         let directory = Arc::new(TempDir::new().expect("a temporary directory"));
         let path = directory.path().join("nudge.db");
-        let store = SqliteStore::open(&path, Options::default()).await.expect("a database");
+        let store = SqliteStore::open(&path, Options::default())
+            .await
+            .expect("a database");
         let app = App::open(Arc::new(store), Upkeep::default());
         let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
         let address = listener.local_addr().expect("bound");
-        let serving = serve(app.clone(), Socket { listener, tls }, Settings { keys, ..Settings::default() });
+        let serving = serve(
+            app.clone(),
+            Socket { listener, tls },
+            Settings {
+                keys,
+                ..Settings::default()
+            },
+        );
         let serving = tokio::spawn(async { serving.await.expect("the service runs") });
-        Self { address, app, directory, serving }
+        Self {
+            address,
+            app,
+            directory,
+            serving,
+        }
     }
 
     pub async fn stop(self) {
@@ -78,25 +94,43 @@ pub fn start_binary(data: &Path) -> (Child, SocketAddr) {
         .spawn()
         .expect("the binary starts");
     let mut line = String::new();
-    BufReader::new(child.stdout.take().expect("piped")).read_line(&mut line).expect("a line");
-    let address = line.trim().rsplit("http://").next().and_then(|address| address.parse().ok());
+    BufReader::new(child.stdout.take().expect("piped"))
+        .read_line(&mut line)
+        .expect("a line");
+    let address = line
+        .trim()
+        .rsplit("http://")
+        .next()
+        .and_then(|address| address.parse().ok());
     (child, address.expect("an address"))
 }
 
-/// Serves a yardstick's routes as the service serves its own: the same accept loop and the same sockets.
+/// Serves a yardstick's routes as the service serves its own: the same accept loop and the same
+/// sockets.
 pub async fn listen(router: axum::Router) -> SocketAddr {
     let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
     let address = listener.local_addr().expect("bound");
-    tokio::spawn(nudge::serve::listen::accept(listener, router, Default::default(), Default::default()));
+    tokio::spawn(nudge::serve::listen::accept(
+        listener,
+        router,
+        Default::default(),
+        Default::default(),
+    ));
     address
 }
 
 pub async fn channel(address: SocketAddr) -> Channel {
-    Channel::from_shared(format!("http://{address}")).expect("an address").connect().await.expect("somebody listens")
+    Channel::from_shared(format!("http://{address}"))
+        .expect("an address")
+        .connect()
+        .await
+        .expect("somebody listens")
 }
 
 async fn connection(address: SocketAddr) -> Connection {
-    Connection::open(&address.to_string()).await.expect("a service listens")
+    Connection::open(&address.to_string())
+        .await
+        .expect("a service listens")
 }
 
 /// Makes a world whose agents have that many actions each; the load uses [`ACTIONS`] of them.
@@ -109,7 +143,10 @@ pub async fn make_world_by(mut client: EnvironmentServiceClient<Wire>, name: &st
     let integer = |name: String, bins: u32| proto::Feature {
         name,
         unit: String::new(),
-        kind: Some(proto::feature::Kind::Integer(proto::Integer { min: 0, max: bins as i32 - 1 })),
+        kind: Some(proto::feature::Kind::Integer(proto::Integer {
+            min: 0,
+            max: bins as i32 - 1,
+        })),
     };
     let edges = |name: String, bins: u32| proto::Feature {
         kind: Some(proto::feature::Kind::Continuous(proto::Continuous {
@@ -119,14 +156,25 @@ pub async fn make_world_by(mut client: EnvironmentServiceClient<Wire>, name: &st
     };
     // Half of the features are cut at edges, half are whole numbers.
     let feature = |(i, bins): (usize, u32)| {
-        if i % 2 == 0 { edges(format!("f{i}"), bins) } else { integer(format!("f{i}"), bins) }
+        if i % 2 == 0 {
+            edges(format!("f{i}"), bins)
+        } else {
+            integer(format!("f{i}"), bins)
+        }
     };
-    let agent = |name: &str| proto::Agent { name: name.into(), action: vec![integer("move".into(), actions)] };
+    let agent = |name: &str| proto::Agent {
+        name: name.into(),
+        action: vec![integer("move".into(), actions)],
+    };
     let schema = proto::Schema {
         state: STATE_BINS.into_iter().enumerate().map(feature).collect(),
         agents: vec![agent("ego"), agent("other")],
     };
-    let request = proto::ApplyEnvironmentRequest { name: name.into(), schema: Some(schema), rule: None };
+    let request = proto::ApplyEnvironmentRequest {
+        name: name.into(),
+        schema: Some(schema),
+        rule: None,
+    };
     client.apply_environment(request).await.expect("valid");
 }
 
@@ -134,10 +182,15 @@ pub async fn make_world_by(mut client: EnvironmentServiceClient<Wire>, name: &st
 pub fn batches(states: u32, how_many: usize, seed: u64) -> Vec<proto::Columns> {
     let mut random = StdRng::seed_from_u64(seed);
     let mut batch = || {
-        let mut columns = proto::Columns { count: BATCH as u32, ..Default::default() };
+        let mut columns = proto::Columns {
+            count: BATCH as u32,
+            ..Default::default()
+        };
         for _ in 0..BATCH {
             columns.states.extend(state(random.random_range(0..states)));
-            columns.actions.extend([0, 0].map(|_| random.random_range(0..ACTIONS) as f32));
+            columns
+                .actions
+                .extend([0, 0].map(|_| random.random_range(0..ACTIONS) as f32));
         }
         columns
     };
@@ -154,7 +207,8 @@ pub fn state(number: u32) -> [f32; 6] {
     })
 }
 
-/// Sends batches under the numbers after the resume point and returns how long it took until the last was acknowledged.
+/// Sends batches under the numbers after the resume point and returns how long it took until the
+/// last was acknowledged.
 pub async fn pump(
     address: SocketAddr,
     world: &str,
@@ -162,7 +216,14 @@ pub async fn pump(
     batches: &[proto::Columns],
     how_many: u64,
 ) -> Duration {
-    pump_by(connection(address).await.ingest(), world, producer, batches, how_many).await
+    pump_by(
+        connection(address).await.ingest(),
+        world,
+        producer,
+        batches,
+        how_many,
+    )
+    .await
 }
 
 /// Sends batches as [`pump`] does, by a client of the caller's.
@@ -174,12 +235,32 @@ pub async fn pump_by(
     how_many: u64,
 ) -> Duration {
     let (requests, outbound) = mpsc::channel(64);
-    let hello = proto::Hello { environment: world.into(), producer: producer.into(), ..Default::default() };
-    let send = |message| IngestRequest { message: Some(message) };
-    requests.send(send(ingest_request::Message::Hello(hello))).await.expect("open");
-    let mut responses = client.ingest(ReceiverStream::new(outbound)).await.expect("a stream").into_inner();
-    let welcome = responses.message().await.expect("a welcome").expect("a welcome").message;
-    let Some(ingest_response::Message::Welcome(welcome)) = welcome else { panic!("{welcome:?}") };
+    let hello = proto::Hello {
+        environment: world.into(),
+        producer: producer.into(),
+        ..Default::default()
+    };
+    let send = |message| IngestRequest {
+        message: Some(message),
+    };
+    requests
+        .send(send(ingest_request::Message::Hello(hello)))
+        .await
+        .expect("open");
+    let mut responses = client
+        .ingest(ReceiverStream::new(outbound))
+        .await
+        .expect("a stream")
+        .into_inner();
+    let welcome = responses
+        .message()
+        .await
+        .expect("a welcome")
+        .expect("a welcome")
+        .message;
+    let Some(ingest_response::Message::Welcome(welcome)) = welcome else {
+        panic!("{welcome:?}")
+    };
     let first = welcome.committed_sequence;
     let window = tokio::sync::Semaphore::new(welcome.window as usize);
     let started = Instant::now();
@@ -188,15 +269,29 @@ pub async fn pump_by(
             window.acquire().await.expect("open").forget();
             let columns = batches[sequence as usize % batches.len()].clone();
             let transitions = Some(proto::batch::Transitions::Columns(columns));
-            let batch = proto::Batch { sequence, segment: String::new(), transitions };
-            requests.send(send(ingest_request::Message::Batch(batch))).await.expect("open");
+            let batch = proto::Batch {
+                sequence,
+                segment: String::new(),
+                transitions,
+            };
+            requests
+                .send(send(ingest_request::Message::Batch(batch)))
+                .await
+                .expect("open");
         }
     };
     let receiving = async {
         let mut committed = first;
         while committed < first + how_many {
-            let message = responses.message().await.expect("acknowledged").expect("open").message;
-            let Some(ingest_response::Message::Acknowledgement(told)) = message else { panic!("{message:?}") };
+            let message = responses
+                .message()
+                .await
+                .expect("acknowledged")
+                .expect("open")
+                .message;
+            let Some(ingest_response::Message::Acknowledgement(told)) = message else {
+                panic!("{message:?}")
+            };
             committed = told.committed_sequence;
             window.add_permits(told.receipts.len());
         }
@@ -225,20 +320,42 @@ pub fn report(what: &str, figure: f64, yardstick: &str, beside: f64, unit: &str,
 
 /// Whether a figure is wanted: all are, unless some are named.
 pub fn wanted(name: &str) -> bool {
-    let mut named = std::env::args().skip(1).filter(|argument| argument != "--bench").peekable();
+    let mut named = std::env::args()
+        .skip(1)
+        .filter(|argument| argument != "--bench")
+        .peekable();
     named.peek().is_none() || named.any(|argument| argument == name)
 }
 
 pub fn runtime() -> tokio::runtime::Runtime {
-    tokio::runtime::Builder::new_multi_thread().enable_all().build().expect("a runtime")
+    tokio::runtime::Builder::new_multi_thread()
+        .enable_all()
+        .build()
+        .expect("a runtime")
 }
 
-/// Runs a script of this directory with the Python that `NUDGE_PYTHON` names, and returns the fields of each line that it printed, with tabs between.
+/// Runs a script of this directory with the Python that `NUDGE_PYTHON` names, and returns the
+/// fields of each line that it printed, with tabs between.
 pub fn python(script: &str, argument: Option<&Path>) -> Option<Vec<Vec<String>>> {
     let python = std::env::var_os("NUDGE_PYTHON")?;
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("benches").join(script);
-    let output = Command::new(python).arg(script).args(argument).output().expect("NUDGE_PYTHON runs");
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let script = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("benches")
+        .join(script);
+    let output = Command::new(python)
+        .arg(script)
+        .args(argument)
+        .output()
+        .expect("NUDGE_PYTHON runs");
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
     let lines = String::from_utf8(output.stdout).expect("text");
-    Some(lines.lines().map(|line| line.split('\t').map(Into::into).collect()).collect())
+    Some(
+        lines
+            .lines()
+            .map(|line| line.split('\t').map(Into::into).collect())
+            .collect(),
+    )
 }

@@ -40,17 +40,30 @@ pub enum KeysError {
 impl Keys {
     /// Reads a file.
     pub fn read(path: &Path) -> Result<Self, KeysError> {
-        let unread = |why: String| KeysError::Unread { path: path.display().to_string(), why };
+        let unread = |why: String| KeysError::Unread {
+            path: path.display().to_string(),
+            why,
+        };
         let text = read_text(path).map_err(unread)?;
-        let within = |faults: Vec<String>| faults.iter().map(|fault| format!("{}: {fault}", path.display())).collect();
+        let within = |faults: Vec<String>| {
+            faults
+                .iter()
+                .map(|fault| format!("{}: {fault}", path.display()))
+                .collect()
+        };
         Self::parse_whole(&text).map_err(|faults| KeysError::Wrong(within(faults)))
     }
 
-    /// Reads the lines of a file, each of which ends: one that does not may be half of what was meant, and half a line lets in more than the whole.
+    /// Reads the lines of a file, each of which ends: one that does not may be half of what was
+    /// meant, and half a line lets in more than the whole.
     pub fn parse_whole(text: &str) -> Result<Self, Vec<String>> {
         let is_whole = text.is_empty() || text.ends_with('\n');
-        let unended =
-            || format!("line {}: got no end of the line, expected one: it may be half-written", text.lines().count());
+        let unended = || {
+            format!(
+                "line {}: got no end of the line, expected one: it may be half-written",
+                text.lines().count()
+            )
+        };
         match Self::parse(text) {
             Ok(keys) if is_whole => Ok(keys),
             Ok(_) => Err(vec![unended()]),
@@ -68,9 +81,11 @@ impl Keys {
             if line.is_empty() || line.starts_with('#') {
                 continue;
             }
-            let found = line
-                .parse::<Line>()
-                .map_err(|faults| faults.into_iter().map(|fault| format!("line {number}: {fault}")));
+            let found = line.parse::<Line>().map_err(|faults| {
+                faults
+                    .into_iter()
+                    .map(|fault| format!("line {number}: {fault}"))
+            });
             match found {
                 Err(found) => faults.extend(found),
                 Ok(line) => match keys.0.iter().position(|key| key.digest == line.digest) {
@@ -85,7 +100,11 @@ impl Keys {
                 },
             }
         }
-        if faults.is_empty() { Ok(keys) } else { Err(faults) }
+        if faults.is_empty() {
+            Ok(keys)
+        } else {
+            Err(faults)
+        }
     }
 
     /// Returns how many there are.
@@ -100,14 +119,26 @@ impl Keys {
 
     /// Returns the key of that digest. Every one is compared, whole, so that time tells nothing.
     pub fn find(&self, digest: KeyDigest) -> Option<&Key> {
-        self.0.iter().fold(None, |found, key| if key.digest == digest { Some(key) } else { found })
+        self.0.iter().fold(None, |found, key| {
+            if key.digest == digest {
+                Some(key)
+            } else {
+                found
+            }
+        })
     }
 
     /// Goes on with what is used of rates that did not change.
     pub fn going_on_from(mut self, before: &Self) -> Self {
         for key in &mut self.0 {
-            let used = before.find(key.digest).and_then(|before| before.meter.clone());
-            let is_same = |used: &Arc<Meter>| key.meter.as_ref().is_some_and(|meter| meter.rate() == used.rate());
+            let used = before
+                .find(key.digest)
+                .and_then(|before| before.meter.clone());
+            let is_same = |used: &Arc<Meter>| {
+                key.meter
+                    .as_ref()
+                    .is_some_and(|meter| meter.rate() == used.rate())
+            };
             if let Some(used) = used.filter(is_same) {
                 key.meter = Some(used);
             }
@@ -140,9 +171,19 @@ impl Key {
 
 impl From<Line> for Key {
     fn from(line: Line) -> Self {
-        let Line { name, digest, scopes, environments, rate } = line;
+        let Line {
+            name,
+            digest,
+            scopes,
+            environments,
+            rate,
+        } = line;
         let principal = Arc::new(Principal::named(name, scopes, environments));
-        Self { digest, principal, meter: rate.map(|rate| Arc::new(Meter::new(rate))) }
+        Self {
+            digest,
+            principal,
+            meter: rate.map(|rate| Arc::new(Meter::new(rate))),
+        }
     }
 }
 

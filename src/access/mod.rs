@@ -1,4 +1,5 @@
-//! Access keys (API keys, bearer tokens): what proves that somebody is a [`Principal`](crate::domain::Principal).
+//! Access keys (API keys, bearer tokens): what proves that somebody is a
+//! [`Principal`](crate::domain::Principal).
 //!
 //! | room | for |
 //! |---|---|

@@ -39,7 +39,11 @@ impl FromStr for Rate {
             _ => return Err(expected()),
         };
         let is_number = number.bytes().all(|byte| byte.is_ascii_digit());
-        let number = number.parse().ok().filter(|_| is_number).ok_or_else(expected)?;
+        let number = number
+            .parse()
+            .ok()
+            .filter(|_| is_number)
+            .ok_or_else(expected)?;
         Ok(Self { number, unit })
     }
 }
@@ -70,7 +74,10 @@ impl Meter {
             Unit::Minute => Quota::per_minute(rate.number),
             Unit::Hour => Quota::per_hour(rate.number),
         };
-        Self { rate, limiter: RateLimiter::direct(quota) }
+        Self {
+            rate,
+            limiter: RateLimiter::direct(quota),
+        }
     }
 
     /// Returns the rate.
@@ -80,7 +87,9 @@ impl Meter {
 
     /// Takes one of the rate, or tells after how long there is one.
     pub fn take(&self) -> Result<(), Duration> {
-        self.limiter.check().map_err(|not_until| not_until.wait_time_from(DefaultClock::default().now()))
+        self.limiter
+            .check()
+            .map_err(|not_until| not_until.wait_time_from(DefaultClock::default().now()))
     }
 }
 
@@ -91,9 +100,24 @@ mod tests {
     #[test]
     fn rates_are_a_number_and_a_unit() {
         for text in ["1/s", "600/m", "4294967295/h"] {
-            assert_eq!(text.parse::<Rate>().map(|rate| rate.to_string()), Ok(text.to_owned()));
+            assert_eq!(
+                text.parse::<Rate>().map(|rate| rate.to_string()),
+                Ok(text.to_owned())
+            );
         }
-        for wrong in ["", "5", "/s", "0/s", "-1/s", "+1/s", "1/d", "1.5/s", "4294967296/s", "1/s/s", " 1/s"] {
+        for wrong in [
+            "",
+            "5",
+            "/s",
+            "0/s",
+            "-1/s",
+            "+1/s",
+            "1/d",
+            "1.5/s",
+            "4294967296/s",
+            "1/s/s",
+            " 1/s",
+        ] {
             assert!(wrong.parse::<Rate>().is_err(), "{wrong}");
         }
     }
@@ -103,6 +127,9 @@ mod tests {
         let meter = Meter::new("3/h".parse().expect("a rate"));
         assert!((0..3).all(|_| meter.take().is_ok()));
         let wait = meter.take().expect_err("used up");
-        assert!(wait > Duration::from_secs(1_100) && wait <= Duration::from_secs(1_200), "{wait:?}");
+        assert!(
+            wait > Duration::from_secs(1_100) && wait <= Duration::from_secs(1_200),
+            "{wait:?}"
+        );
     }
 }

@@ -20,8 +20,12 @@ impl Secret {
     /// Makes a key of 256 bits from the randomness of the operating system.
     pub fn random() -> Result<Self, String> {
         let mut bytes = [0; 32];
-        getrandom::fill(&mut bytes).map_err(|error| format!("the operating system gives no randomness: {error}"))?;
-        Ok(Self(format!("{PREFIX}{}", blake3::Hash::from(bytes).to_hex())))
+        getrandom::fill(&mut bytes)
+            .map_err(|error| format!("the operating system gives no randomness: {error}"))?;
+        Ok(Self(format!(
+            "{PREFIX}{}",
+            blake3::Hash::from(bytes).to_hex()
+        )))
     }
 
     /// Returns the key, for the one place that needs it.
@@ -42,7 +46,9 @@ impl std::str::FromStr for Secret {
     fn from_str(text: &str) -> Result<Self, String> {
         let is_key = !text.is_empty() && text.len() <= LONGEST && is_token(text.as_bytes());
         let expected = "expected a key as `nudge key new` prints it, in one line";
-        is_key.then(|| Self(text.into())).ok_or_else(|| format!("got {} bytes that are no key, {expected}", text.len()))
+        is_key
+            .then(|| Self(text.into()))
+            .ok_or_else(|| format!("got {} bytes that are no key, {expected}", text.len()))
     }
 }
 
@@ -64,10 +70,18 @@ impl std::str::FromStr for KeyDigest {
 
     fn from_str(text: &str) -> Result<Self, String> {
         // Whatever stands here by mistake may be a key, and errors go to the log.
-        let told =
-            || format!("got {} (not shown), expected the BLAKE3 digest of a key in 64 of 0-9 and a-f", shown(text));
+        let told = || {
+            format!(
+                "got {} (not shown), expected the BLAKE3 digest of a key in 64 of 0-9 and a-f",
+                shown(text)
+            )
+        };
         let is_lower = text.len() == 64 && !text.bytes().any(|byte| byte.is_ascii_uppercase());
-        is_lower.then(|| blake3::Hash::from_hex(text).ok()).flatten().map(Self).ok_or_else(told)
+        is_lower
+            .then(|| blake3::Hash::from_hex(text).ok())
+            .flatten()
+            .map(Self)
+            .ok_or_else(told)
     }
 }
 
@@ -92,7 +106,10 @@ fn shown(text: &str) -> String {
 
 /// Returns whether bytes are of the alphabet of bearer tokens, `token68` of RFC 9110.
 pub fn is_token(bytes: &[u8]) -> bool {
-    let end = bytes.iter().rposition(|byte| *byte != b'=').map_or(0, |at| at + 1);
+    let end = bytes
+        .iter()
+        .rposition(|byte| *byte != b'=')
+        .map_or(0, |at| at + 1);
     let is_known = |byte: &u8| byte.is_ascii_alphanumeric() || b"-._~+/".contains(byte);
     end > 0 && bytes[..end].iter().all(is_known)
 }
@@ -108,14 +125,22 @@ mod tests {
         assert_eq!(one.reveal().len(), PREFIX.len() + 64);
         assert_eq!(one.reveal().parse::<Secret>(), Ok(one.clone()));
         assert_eq!(format!("{one:?}"), "Secret(..)");
-        assert_eq!(one.digest().to_string().parse::<KeyDigest>(), Ok(one.digest()));
+        assert_eq!(
+            one.digest().to_string().parse::<KeyDigest>(),
+            Ok(one.digest())
+        );
     }
 
     #[test]
     fn errors_do_not_tell_what_may_be_a_key() {
         let key = Secret::random().expect("randomness");
-        let digest = key.reveal().parse::<KeyDigest>().expect_err("a key is no digest");
-        let secret = format!("{} ", key.reveal()).parse::<Secret>().expect_err("a space");
+        let digest = key
+            .reveal()
+            .parse::<KeyDigest>()
+            .expect_err("a key is no digest");
+        let secret = format!("{} ", key.reveal())
+            .parse::<Secret>()
+            .expect_err("a space");
         for told in [digest, secret] {
             assert!(!told.contains(&key.reveal()[6..20]), "{told}");
         }

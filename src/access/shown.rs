@@ -1,4 +1,5 @@
-//! Redaction: secrets that stand where they should not, in an argument, a variable or a line of a file, are not shown.
+//! Redaction: secrets that stand where they should not, in an argument, a variable or a line of a
+//! file, are not shown.
 
 use super::secret::PREFIX;
 
@@ -11,7 +12,8 @@ const DIGITS: usize = 24;
 /// So many digits of base 16 are taken for a part of a secret, where there may be parts of one.
 const PART: usize = 8;
 
-/// Returns a text without what looks like a secret: a key, PEM, or a long row of digits of base 16 or 64.
+/// Returns a text without what looks like a secret: a key, PEM, or a long row of digits of base 16
+/// or 64.
 pub fn redacted(text: &str) -> String {
     let mut told = String::with_capacity(text.len());
     let mut rest = text;
@@ -31,11 +33,16 @@ pub fn has_key(text: &str) -> bool {
     })
 }
 
-/// Returns a text of a keys file for an error, unless there may be a part of a key in it; nothing of a long one.
+/// Returns a text of a keys file for an error, unless there may be a part of a key in it; nothing
+/// of a long one.
 pub(super) fn harmless(text: &str) -> String {
     const MOST: usize = 40;
-    let is_part = |run: &str| run.len() >= PART && has(run, char::is_alphabetic) && has(run, |char| char.is_numeric());
-    let may_be_part = text.split(|char: char| !char.is_ascii_hexdigit()).any(is_part);
+    let is_part = |run: &str| {
+        run.len() >= PART && has(run, char::is_alphabetic) && has(run, |char| char.is_numeric())
+    };
+    let may_be_part = text
+        .split(|char: char| !char.is_ascii_hexdigit())
+        .any(is_part);
     if may_be_part || text.chars().count() > MOST || redacted(text) != text {
         return not_shown(text);
     }
@@ -44,9 +51,12 @@ pub(super) fn harmless(text: &str) -> String {
 
 /// Skips a document in PEM, to its end where it has one.
 fn after_pem(text: &str) -> &str {
-    let Some(at) = text.find(PEM[1]) else { return "" };
+    let Some(at) = text.find(PEM[1]) else {
+        return "";
+    };
     let end = &text[at + PEM[1].len()..];
-    end.find("-----").map_or("", |at| &end[at + "-----".len()..])
+    end.find("-----")
+        .map_or("", |at| &end[at + "-----".len()..])
 }
 
 /// Returns a text without the words in it that look like secrets.
@@ -56,7 +66,9 @@ fn words(text: &str) -> String {
     let mut rest = text;
     while let Some(first) = rest.chars().next() {
         let is_word = is_in_word(first);
-        let end = rest.find(|char| is_in_word(char) != is_word).unwrap_or(rest.len());
+        let end = rest
+            .find(|char| is_in_word(char) != is_word)
+            .unwrap_or(rest.len());
         let (word, behind) = rest.split_at(end);
         match is_word && is_secret(word) {
             true => told += &not_shown(word),
@@ -67,16 +79,22 @@ fn words(text: &str) -> String {
     told
 }
 
-/// Returns whether a word looks like a secret. Paths and names are long too, but their parts are short or of small letters.
+/// Returns whether a word looks like a secret. Paths and names are long too, but their parts are
+/// short or of small letters.
 fn is_secret(word: &str) -> bool {
     let is_row = |row: &str| row.len() >= DIGITS;
     let is_mixed = |row: &str| {
-        is_row(row) && has(row, char::is_lowercase) && has(row, char::is_uppercase) && has(row, char::is_numeric)
+        is_row(row)
+            && has(row, char::is_lowercase)
+            && has(row, char::is_uppercase)
+            && has(row, char::is_numeric)
     };
     // Base 64 has slashes too, and no path without a slash or a dot at its beginning is as mixed.
     let is_path = word.starts_with(['/', '.', '~']);
     has_key(word)
-        || word.split(|char: char| !(char.is_ascii_alphanumeric() || char == '+')).any(is_row)
+        || word
+            .split(|char: char| !(char.is_ascii_alphanumeric() || char == '+'))
+            .any(is_row)
         || word.split(['/', '.', '~', '=']).any(is_mixed)
         || (!is_path && word.split(['.', '~', '=', '-', '_']).any(is_mixed))
 }
@@ -106,15 +124,32 @@ mod tests {
         let key = key();
         let pem = format!("-----BEGIN PRIVATE KEY-----\n{BASE64}\n-----END PRIVATE KEY-----\n");
         let half = &pem[..70];
-        for secret in
-            [&key, &key[6..], &key[6..40], &key.to_uppercase(), BASE64, "c2VjcmV0LXNlY3JldC1zZWNyZXQ=", &pem, half]
-        {
-            for text in
-                [secret.to_owned(), format!("x={secret}"), format!("--keys {secret:?}: no"), format!("a {secret} b")]
-            {
+        for secret in [
+            &key,
+            &key[6..],
+            &key[6..40],
+            &key.to_uppercase(),
+            BASE64,
+            "c2VjcmV0LXNlY3JldC1zZWNyZXQ=",
+            &pem,
+            half,
+        ] {
+            for text in [
+                secret.to_owned(),
+                format!("x={secret}"),
+                format!("--keys {secret:?}: no"),
+                format!("a {secret} b"),
+            ] {
                 let told = redacted(&text);
-                let inside = if secret.contains("BEGIN") { &BASE64[..20] } else { &secret[8..20] };
-                assert!(!told.contains(inside) && told.contains("not shown"), "{text}: {told}");
+                let inside = if secret.contains("BEGIN") {
+                    &BASE64[..20]
+                } else {
+                    &secret[8..20]
+                };
+                assert!(
+                    !told.contains(inside) && told.contains("not shown"),
+                    "{text}: {told}"
+                );
             }
         }
         let around = redacted(&format!("error: {pem:?} is no file"));
@@ -142,7 +177,12 @@ mod tests {
     #[test]
     fn a_part_of_a_key_is_not_shown_in_errors_about_its_file() {
         let key = key();
-        for part in [&key[..], &key[6..46], &key[6..30], &format!("rate={}", &key[..30])] {
+        for part in [
+            &key[..],
+            &key[6..46],
+            &key[6..30],
+            &format!("rate={}", &key[..30]),
+        ] {
             assert!(!harmless(part).contains(&part[6..14]), "{part}");
         }
         assert_eq!(harmless("all"), "\"all\"");

@@ -1,6 +1,7 @@
 //! The wire: generated proto types, and their conversions to and from the domain, in one place.
 //!
-//! Requests become drafts, which the domain checks; answers become proto messages, and JSON is made of those, so that the faces cannot disagree.
+//! Requests become drafts, which the domain checks; answers become proto messages, and JSON is made
+//! of those, so that the faces cannot disagree.
 
 pub mod grpc;
 pub mod inference;
@@ -18,7 +19,8 @@ pub mod proto {
     pub const DESCRIPTORS: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/descriptors.bin"));
 }
 
-/// The messages and the service of the Open Inference Protocol, package `inference`, generated from `proto/`.
+/// The messages and the service of the Open Inference Protocol, package `inference`, generated from
+/// `proto/`.
 #[allow(missing_docs, clippy::all)]
 pub mod inference_proto {
     tonic::include_proto!("inference");
@@ -32,27 +34,41 @@ pub const MOST_BATCH_TRANSITIONS: usize = 10_000;
 
 /// Returns the path of every method of gRPC: `/nudge.v1.IngestService/Write`.
 pub fn grpc_methods() -> Vec<String> {
-    let described: prost_types::FileDescriptorSet = prost::Message::decode(proto::DESCRIPTORS).unwrap_or_default();
-    let services = described.file.iter().flat_map(|file| file.service.iter().map(|service| (file.package(), service)));
+    let described: prost_types::FileDescriptorSet =
+        prost::Message::decode(proto::DESCRIPTORS).unwrap_or_default();
+    let services = described
+        .file
+        .iter()
+        .flat_map(|file| file.service.iter().map(|service| (file.package(), service)));
     let methods = services.flat_map(|(package, service)| {
-        service.method.iter().map(move |method| format!("/{package}.{}/{}", service.name(), method.name()))
+        service
+            .method
+            .iter()
+            .map(move |method| format!("/{package}.{}/{}", service.name(), method.name()))
     });
     methods.collect()
 }
 
 /// Returns an answer in a view if it fits into a message.
 pub fn fitting<M: prost::Message>(answer: M, view: View) -> Result<M, Problem> {
-    if fits(&answer) { Ok(answer) } else { Err(too_large(view)) }
+    if fits(&answer) {
+        Ok(answer)
+    } else {
+        Err(too_large(view))
+    }
 }
 
-/// Returns a message that holds the file of a network if it is within the limit of a message; if it is not, says which path of REST takes it.
+/// Returns a message that holds the file of a network if it is within the limit of a message; if it
+/// is not, says which path of REST takes it.
 pub fn fitting_file<M: prost::Message>(message: M, path: &str) -> Result<M, Problem> {
     if fits(&message) {
         return Ok(message);
     }
-    let message =
-        format!("the file is larger than a message, which has at most {MOST_MESSAGE_BYTES} bytes: use REST, {path}");
-    Err(Problem::new(ErrorKind::TooLarge, "FILE_TOO_LARGE", message).with("limit_bytes", MOST_MESSAGE_BYTES))
+    let message = format!(
+        "the file is larger than a message, which has at most {MOST_MESSAGE_BYTES} bytes: use REST, {path}"
+    );
+    Err(Problem::new(ErrorKind::TooLarge, "FILE_TOO_LARGE", message)
+        .with("limit_bytes", MOST_MESSAGE_BYTES))
 }
 
 fn fits(message: &impl prost::Message) -> bool {
@@ -84,8 +100,9 @@ pub struct Page<T> {
     pub has_more: bool,
 }
 
-/// Returns the first items of a list, at most so many and no more than fit into a message of which some bytes are spent already. The first is on the page
-/// however large it is, for else no page would come after it.
+/// Returns the first items of a list, at most so many and no more than fit into a message of which
+/// some bytes are spent already. The first is on the page however large it is, for else no page
+/// would come after it.
 pub fn page<T, M: prost::Message>(
     items: impl IntoIterator<Item = T>,
     most: usize,
@@ -106,14 +123,21 @@ pub fn page_of<T>(
     for item in items {
         bytes += size(&item) + ITEM;
         if page.len() == most || (bytes > MOST_PAGE_BYTES && !page.is_empty()) {
-            return Page { items: page, has_more: true };
+            return Page {
+                items: page,
+                has_more: true,
+            };
         }
         page.push(item);
     }
-    Page { items: page, has_more: false }
+    Page {
+        items: page,
+        has_more: false,
+    }
 }
 
-/// Returns a list in parts, in order, each of which fits into a message; an item that does not is a part of its own.
+/// Returns a list in parts, in order, each of which fits into a message; an item that does not is a
+/// part of its own.
 pub fn parts<M: prost::Message>(items: impl IntoIterator<Item = M>) -> Vec<Vec<M>> {
     let (mut parts, mut bytes) = (Vec::<Vec<M>>::new(), 0);
     for item in items {
@@ -138,9 +162,11 @@ pub fn too_large(view: View) -> Problem {
         View::Verdict => "ask for fewer states",
     };
     let view = view.as_str();
-    let message =
-        format!("the answer in view {view} is larger than the limit of {MOST_MESSAGE_BYTES} bytes: {instead}");
-    Problem::new(ErrorKind::TooLarge, "ANSWER_TOO_LARGE", message).with("limit_bytes", MOST_MESSAGE_BYTES)
+    let message = format!(
+        "the answer in view {view} is larger than the limit of {MOST_MESSAGE_BYTES} bytes: {instead}"
+    );
+    Problem::new(ErrorKind::TooLarge, "ANSWER_TOO_LARGE", message)
+        .with("limit_bytes", MOST_MESSAGE_BYTES)
 }
 
 #[cfg(test)]
@@ -148,7 +174,9 @@ mod tests {
     use super::*;
 
     fn paged(items: &[usize], most: usize, spent: usize) -> (usize, bool) {
-        let page = page(items.iter().copied(), most, spent, |bytes| "x".repeat(*bytes));
+        let page = page(items.iter().copied(), most, spent, |bytes| {
+            "x".repeat(*bytes)
+        });
         assert_eq!(page.items, items[..page.items.len()]);
         (page.items.len(), page.has_more)
     }
@@ -162,7 +190,11 @@ mod tests {
         assert_eq!(paged(&[quarter; 4], 100, 0), (4, false));
         assert_eq!(paged(&[quarter; 5], 100, 0), (4, true));
         assert_eq!(paged(&[quarter; 5], 100, 2 * quarter), (2, true));
-        assert_eq!(paged(&[5 * quarter, 1], 100, 0), (1, true), "one that fits nowhere has a page of its own");
+        assert_eq!(
+            paged(&[5 * quarter, 1], 100, 0),
+            (1, true),
+            "one that fits nowhere has a page of its own"
+        );
         assert_eq!(paged(&[1, 5 * quarter, 1], 100, 0), (1, true));
     }
 }

@@ -18,15 +18,27 @@ impl Chores {
     /// Says that something begins: "comparing totals with cells".
     pub fn begin(&self, what: &'static str) -> Chore {
         self.lock().push(what);
-        Chore { chores: self.clone(), what }
+        Chore {
+            chores: self.clone(),
+            what,
+        }
     }
 
-    /// Tells everything that is being done, with what deleted environments have left; `idle` where nothing is.
+    /// Tells everything that is being done, with what deleted environments have left; `idle` where
+    /// nothing is.
     pub fn told(&self, left: Leftovers) -> String {
         let removing = (left.environments > 0).then(|| removing(left));
-        let chores = self.lock().iter().map(|what| (*what).to_owned()).collect::<Vec<_>>();
+        let chores = self
+            .lock()
+            .iter()
+            .map(|what| (*what).to_owned())
+            .collect::<Vec<_>>();
         let all: Vec<String> = removing.into_iter().chain(chores).collect();
-        if all.is_empty() { "idle".to_owned() } else { all.join("; ") }
+        if all.is_empty() {
+            "idle".to_owned()
+        } else {
+            all.join("; ")
+        }
     }
 
     fn lock(&self) -> MutexGuard<'_, Vec<&'static str>> {
@@ -43,16 +55,27 @@ impl Drop for Chore {
     }
 }
 
-fn removing(Leftovers { environments, states }: Leftovers) -> String {
+fn removing(
+    Leftovers {
+        environments,
+        states,
+    }: Leftovers,
+) -> String {
     let plural = |number| if number == 1 { "" } else { "s" };
     let (of_environments, of_states) = (plural(environments), plural(states));
-    format!("removing {environments} environment{of_environments}, {} state{of_states} left", in_thousands(states))
+    format!(
+        "removing {environments} environment{of_environments}, {} state{of_states} left",
+        in_thousands(states)
+    )
 }
 
 fn in_thousands(number: u64) -> String {
     let digits = number.to_string();
     let groups = digits.as_bytes().rchunks(3).rev();
-    groups.map(|group| String::from_utf8_lossy(group).into_owned()).collect::<Vec<_>>().join(",")
+    groups
+        .map(|group| String::from_utf8_lossy(group).into_owned())
+        .collect::<Vec<_>>()
+        .join(",")
 }
 
 #[cfg(test)]
@@ -65,9 +88,15 @@ mod tests {
         assert_eq!(chores.told(Leftovers::default()), "idle");
         let audit = chores.begin("comparing totals with cells");
         let looking = chores.begin("looking at fits and networks");
-        let left = Leftovers { environments: 2, states: 1_234_567 };
+        let left = Leftovers {
+            environments: 2,
+            states: 1_234_567,
+        };
         let removing = "removing 2 environments, 1,234,567 states left";
-        assert_eq!(chores.told(left), format!("{removing}; comparing totals with cells; looking at fits and networks"));
+        assert_eq!(
+            chores.told(left),
+            format!("{removing}; comparing totals with cells; looking at fits and networks")
+        );
         drop(audit);
         drop(looking);
         assert_eq!(chores.told(left), removing);

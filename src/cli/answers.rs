@@ -12,8 +12,15 @@ pub(super) fn render(environment: &str, response: &proto::BatchGetInfluenceRespo
     let labels = response.labels.clone().unwrap_or_default();
     let heading = heading(environment, &labels, &response.answers);
     match response.answers.as_slice() {
-        [only] if only.mutual_information.is_some() => format!("{heading}\n\n{}", one(only, &labels)),
-        all => format!("{heading}\n\n{}{}{}", several(all), warnings(all), by_state(all, &labels)),
+        [only] if only.mutual_information.is_some() => {
+            format!("{heading}\n\n{}", one(only, &labels))
+        }
+        all => format!(
+            "{heading}\n\n{}{}{}",
+            several(all),
+            warnings(all),
+            by_state(all, &labels)
+        ),
     }
 }
 
@@ -23,17 +30,42 @@ fn told(threshold: f64) -> String {
 }
 
 fn heading(environment: &str, labels: &proto::Labels, answers: &[proto::Answer]) -> String {
-    let name = |variable: &Option<proto::Variable>| variable.as_ref().map(|one| one.name.clone()).unwrap_or_default();
-    let given: Vec<&str> = labels.given.iter().map(|variable| variable.name.as_str()).collect();
-    let given = if given.is_empty() { String::new() } else { format!(" given {}", given.join(", ")) };
+    let name = |variable: &Option<proto::Variable>| {
+        variable
+            .as_ref()
+            .map(|one| one.name.clone())
+            .unwrap_or_default()
+    };
+    let given: Vec<&str> = labels
+        .given
+        .iter()
+        .map(|variable| variable.name.as_str())
+        .collect();
+    let given = if given.is_empty() {
+        String::new()
+    } else {
+        format!(" given {}", given.join(", "))
+    };
     let (ego, other) = (name(&labels.ego), name(&labels.other));
-    let first = answers.first().filter(|answer| answer.mutual_information.is_some());
+    let first = answers
+        .first()
+        .filter(|answer| answer.mutual_information.is_some());
     let rule = first.map(|answer| {
         let threshold = told(answer.threshold.unwrap_or_default());
-        let share = answer.share.map(|share| format!(", {} of the most the two can have", percent(share)));
-        format!("\n{} rule, threshold {threshold} {}{}", answer.rule, answer.unit, share.unwrap_or_default())
+        let share = answer
+            .share
+            .map(|share| format!(", {} of the most the two can have", percent(share)));
+        format!(
+            "\n{} rule, threshold {threshold} {}{}",
+            answer.rule,
+            answer.unit,
+            share.unwrap_or_default()
+        )
     });
-    format!("{environment}: {ego} on {other}{given}, same tick{}", rule.unwrap_or_default())
+    format!(
+        "{environment}: {ego} on {other}{given}, same tick{}",
+        rule.unwrap_or_default()
+    )
 }
 
 /// Tells one answer in full.
@@ -43,9 +75,16 @@ fn one(answer: &proto::Answer, labels: &proto::Labels) -> String {
     for bin in &state.bins {
         text += &format!("  {} = {}\n", bin.feature, bin.label);
     }
-    let entries = answer.entries.map(|entries| format!(", {} entries", count(entries))).unwrap_or_default();
-    text +=
-        &format!("\n{}, from {}: {} visits{entries}\n", verdict(answer.verdict), basis(answer), count(answer.visits));
+    let entries = answer
+        .entries
+        .map(|entries| format!(", {} entries", count(entries)))
+        .unwrap_or_default();
+    text += &format!(
+        "\n{}, from {}: {} visits{entries}\n",
+        verdict(answer.verdict),
+        basis(answer),
+        count(answer.visits)
+    );
     text += &format!("{}\n", evidence(answer));
     text += &information(answer);
     if !answer.by_action.is_empty() {
@@ -61,13 +100,25 @@ fn evidence(answer: &proto::Answer) -> String {
         let (threshold, above) = (told(threshold), figure(probability.above_threshold));
         let above = format!("by the counts P(above {threshold} {}) {above}", answer.unit);
         let dependence = dependence(answer.dependence).unwrap_or("unknown");
-        lines.push(format!("{above}; dependence {dependence}, P(dependent) {}", figure(probability.dependent)));
+        lines.push(format!(
+            "{above}; dependence {dependence}, P(dependent) {}",
+            figure(probability.dependent)
+        ));
     }
     if let Some(test) = &answer.significance {
-        lines.push(format!("test of independence: p = {} ({})", figure(test.p_value), test.method));
+        lines.push(format!(
+            "test of independence: p = {} ({})",
+            figure(test.p_value),
+            test.method
+        ));
     }
     lines.extend(segmentation(answer));
-    lines.extend(answer.warnings.iter().map(|warning| format!("warning: {warning}")));
+    lines.extend(
+        answer
+            .warnings
+            .iter()
+            .map(|warning| format!("warning: {warning}")),
+    );
     if let Some(model) = &answer.model {
         lines.push(network(model, answer));
     }
@@ -82,26 +133,44 @@ fn evidence(answer: &proto::Answer) -> String {
 
 /// Tells how many segments the counts come from, where there are several.
 fn segmentation(answer: &proto::Answer) -> Option<String> {
-    let proto::Segmentation { count: segments, differ } = answer.segmentation.filter(|found| found.count > 1)?;
+    let proto::Segmentation {
+        count: segments,
+        differ,
+    } = answer.segmentation.filter(|found| found.count > 1)?;
     let differ = differ.map(|differ| format!(", P(habits differ) {}", figure(differ)));
-    Some(format!("from {} segments{}", count(segments), differ.unwrap_or_default()))
+    Some(format!(
+        "from {} segments{}",
+        count(segments),
+        differ.unwrap_or_default()
+    ))
 }
 
 /// Tells what a network says of a state.
 fn network(model: &proto::ModelFigures, answer: &proto::Answer) -> String {
     let (kind, unit) = (model_kind(model.kind), &answer.unit);
     let above = match (model.probability, answer.threshold) {
-        (Some(probability), Some(threshold)) => format!("P(above {} {unit}) {}", told(threshold), figure(probability)),
+        (Some(probability), Some(threshold)) => format!(
+            "P(above {} {unit}) {}",
+            told(threshold),
+            figure(probability)
+        ),
         _ => "cannot tell at this threshold".into(),
     };
-    let information = model.mutual_information.map(|mean| format!(", mutual information {} {unit}", figure(mean)));
+    let information = model
+        .mutual_information
+        .map(|mean| format!(", mutual information {} {unit}", figure(mean)));
     let members = if model.agrees { "agree" } else { "disagree" };
     let outside = match model.out_of_range.is_empty() {
         true => String::new(),
-        false => format!("; no verdict, for it was trained without such {}", model.out_of_range.join(", ")),
+        false => format!(
+            "; no verdict, for it was trained without such {}",
+            model.out_of_range.join(", ")
+        ),
     };
     let (version, information) = (model.version, information.unwrap_or_default());
-    format!("model, version {version} ({kind}): {above}{information}; its members {members}{outside}")
+    format!(
+        "model, version {version} ({kind}): {above}{information}; its members {members}{outside}"
+    )
 }
 
 fn information(answer: &proto::Answer) -> String {
@@ -114,7 +183,10 @@ fn information(answer: &proto::Answer) -> String {
         table.row(["90 % to".into(), figure(interval.upper)]);
     }
     table.row(["plug-in".into(), figure(information.plug_in)]);
-    table.row([format!("expected if independent ({method})"), figure(information.expected_if_independent)]);
+    table.row([
+        format!("expected if independent ({method})"),
+        figure(information.expected_if_independent),
+    ]);
     let mut estimates: Vec<_> = information.estimates.into_iter().collect();
     estimates.sort_by(|a, b| a.0.cmp(&b.0));
     for (name, value) in estimates {
@@ -125,7 +197,15 @@ fn information(answer: &proto::Answer) -> String {
 
 fn by_action(answer: &proto::Answer, labels: &proto::Labels) -> String {
     let divergence = format!("divergence ({})", answer.unit);
-    let mut table = Table::new(&["action", "visits", &divergence, "from", "to", "plug-in", "answered by"]);
+    let mut table = Table::new(&[
+        "action",
+        "visits",
+        &divergence,
+        "from",
+        "to",
+        "plug-in",
+        "answered by",
+    ]);
     for action in &answer.by_action {
         table.row([
             action.action.clone(),
@@ -140,29 +220,57 @@ fn by_action(answer: &proto::Answer, labels: &proto::Labels) -> String {
     table.render("  ")
 }
 
-/// Tells what a network expects of the ego's actions; nothing where it was not asked, or predicts no actions.
+/// Tells what a network expects of the ego's actions; nothing where it was not asked, or predicts
+/// no actions.
 fn by_model(answer: &proto::Answer, labels: &proto::Labels) -> String {
-    let Some(model) = answer.model.as_ref().filter(|model| !model.by_action.is_empty()) else { return String::new() };
+    let Some(model) = answer
+        .model
+        .as_ref()
+        .filter(|model| !model.by_action.is_empty())
+    else {
+        return String::new();
+    };
     let divergence = format!("divergence ({})", answer.unit);
     let mut table = Table::new(&["action", "P(action)", &divergence, "answered by"]);
     for action in &model.by_action {
         let answered = most_frequent(&action.response, responses(labels));
-        table.row([action.action.clone(), figure(action.probability), figure(action.divergence), answered]);
+        table.row([
+            action.action.clone(),
+            figure(action.probability),
+            figure(action.divergence),
+            answered,
+        ]);
     }
-    format!("\nby model, version {}\n{}", model.version, table.render("  "))
+    format!(
+        "\nby model, version {}\n{}",
+        model.version,
+        table.render("  ")
+    )
 }
 
 /// Returns the labels of the other's actions.
 fn responses(labels: &proto::Labels) -> &[String] {
-    labels.other.as_ref().map(|other| other.actions.as_slice()).unwrap_or_default()
+    labels
+        .other
+        .as_ref()
+        .map(|other| other.actions.as_slice())
+        .unwrap_or_default()
 }
 
 /// Returns the likeliest responses with their shares: `stay 61 %, north 20 %`.
 fn most_frequent(shares: &[f64], labels: &[String]) -> String {
-    let mut ranked: Vec<(usize, f64)> = shares.iter().copied().enumerate().filter(|(_, share)| *share > 0.0).collect();
+    let mut ranked: Vec<(usize, f64)> = shares
+        .iter()
+        .copied()
+        .enumerate()
+        .filter(|(_, share)| *share > 0.0)
+        .collect();
     ranked.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
     let told = ranked.iter().take(RESPONSES_TOLD).map(|(index, share)| {
-        let label = labels.get(*index).cloned().unwrap_or_else(|| format!("#{index}"));
+        let label = labels
+            .get(*index)
+            .cloned()
+            .unwrap_or_else(|| format!("#{index}"));
         format!("{label} {:.0} %", share * 100.0)
     });
     told.collect::<Vec<_>>().join(", ")
@@ -170,10 +278,19 @@ fn most_frequent(shares: &[f64], labels: &[String]) -> String {
 
 /// Tells several answers a line each.
 fn several(answers: &[proto::Answer]) -> String {
-    let with_figures = answers.iter().any(|answer| answer.mutual_information.is_some());
+    let with_figures = answers
+        .iter()
+        .any(|answer| answer.mutual_information.is_some());
     let mut titles = vec!["state", "visits", "verdict", "basis"];
     if with_figures {
-        titles.extend(["P(above)", "dependence", "posterior mean", "plug-in", "if independent", "unit"]);
+        titles.extend([
+            "P(above)",
+            "dependence",
+            "posterior mean",
+            "plug-in",
+            "if independent",
+            "unit",
+        ]);
     }
     let with_model = answers.iter().any(|answer| answer.model.is_some());
     if with_model {
@@ -182,10 +299,17 @@ fn several(answers: &[proto::Answer]) -> String {
     let mut table = Table::new(&titles);
     for answer in answers {
         let key = answer.state.clone().unwrap_or_default().key;
-        let mut row = vec![key, count(answer.visits), verdict(answer.verdict).into(), basis(answer)];
+        let mut row = vec![
+            key,
+            count(answer.visits),
+            verdict(answer.verdict).into(),
+            basis(answer),
+        ];
         if with_figures {
             let information = answer.mutual_information.clone().unwrap_or_default();
-            let above = answer.probability.map(|probability| probability.above_threshold);
+            let above = answer
+                .probability
+                .map(|probability| probability.above_threshold);
             row.push(figure_or_dash(above));
             row.push(dependence(answer.dependence).unwrap_or("-").into());
             row.push(figure_or_dash(information.posterior_mean));
@@ -193,7 +317,9 @@ fn several(answers: &[proto::Answer]) -> String {
             row.push(answer.unit.clone());
         }
         if with_model {
-            row.push(figure_or_dash(answer.model.as_ref().and_then(|model| model.probability)));
+            row.push(figure_or_dash(
+                answer.model.as_ref().and_then(|model| model.probability),
+            ));
         }
         table.row(row);
     }
@@ -204,10 +330,18 @@ fn several(answers: &[proto::Answer]) -> String {
 fn warnings(answers: &[proto::Answer]) -> String {
     let told = |answer: &proto::Answer| {
         let key = answer.state.clone().unwrap_or_default().key;
-        answer.warnings.iter().map(|warning| format!("warning, state {key}: {warning}\n")).collect::<String>()
+        answer
+            .warnings
+            .iter()
+            .map(|warning| format!("warning, state {key}: {warning}\n"))
+            .collect::<String>()
     };
     let told: String = answers.iter().map(told).collect();
-    if told.is_empty() { told } else { format!("\n{told}") }
+    if told.is_empty() {
+        told
+    } else {
+        format!("\n{told}")
+    }
 }
 
 /// Tells the ego's actions of each answer that has them.
@@ -215,7 +349,11 @@ fn by_state(answers: &[proto::Answer], labels: &proto::Labels) -> String {
     let full = answers.iter().filter(|answer| !answer.by_action.is_empty());
     full.map(|answer| {
         let key = answer.state.clone().unwrap_or_default().key;
-        format!("\nstate {key}\n{}{}", by_action(answer, labels), by_model(answer, labels))
+        format!(
+            "\nstate {key}\n{}{}",
+            by_action(answer, labels),
+            by_model(answer, labels)
+        )
     })
     .collect()
 }
@@ -236,11 +374,18 @@ mod tests {
 
     fn variable(name: &str, actions: &[&str]) -> Option<proto::Variable> {
         let actions = actions.iter().map(|action| (*action).to_owned()).collect();
-        Some(proto::Variable { name: name.into(), actions })
+        Some(proto::Variable {
+            name: name.into(),
+            actions,
+        })
     }
 
     fn answer(key: &str) -> proto::Answer {
-        let bin = |feature: &str, label: &str| proto::Bin { feature: feature.into(), bin: 0, label: label.into() };
+        let bin = |feature: &str, label: &str| proto::Bin {
+            feature: feature.into(),
+            bin: 0,
+            label: label.into(),
+        };
         let action = |action: &str, visits, divergence, response: &[f64]| proto::ActionFigures {
             action: action.into(),
             visits,
@@ -251,7 +396,10 @@ mod tests {
             ..proto::ActionFigures::default()
         };
         proto::Answer {
-            state: Some(proto::State { key: key.into(), bins: vec![bin("distance", "[1, 2)"), bin("lane", "3")] }),
+            state: Some(proto::State {
+                key: key.into(),
+                bins: vec![bin("distance", "[1, 2)"), bin("lane", "3")],
+            }),
             visits: 1_812,
             verdict: proto::Verdict::NoInfluence.into(),
             basis: proto::Basis::Counts.into(),
@@ -265,15 +413,32 @@ mod tests {
                 expected_method: "asymptotic".into(),
                 estimates: [("excess".to_owned(), 0.00114)].into(),
                 posterior_mean: Some(0.0012),
-                interval: Some(proto::Interval { lower: 0.0, upper: 0.0143 }),
+                interval: Some(proto::Interval {
+                    lower: 0.0,
+                    upper: 0.0143,
+                }),
             }),
             dependence: proto::Dependence::Open.into(),
-            probability: Some(proto::Probability { dependent: 0.2, above_threshold: 0.0 }),
-            significance: Some(proto::Significance { p_value: 0.21, method: "permutation".into() }),
-            segmentation: Some(proto::Segmentation { count: 12, differ: Some(0.31) }),
+            probability: Some(proto::Probability {
+                dependent: 0.2,
+                above_threshold: 0.0,
+            }),
+            significance: Some(proto::Significance {
+                p_value: 0.21,
+                method: "permutation".into(),
+            }),
+            segmentation: Some(proto::Segmentation {
+                count: 12,
+                differ: Some(0.31),
+            }),
             warnings: vec!["pooled p = 0.0010, but within segments p = 0.2100".into()],
-            visits_to_decide: Some(proto::VisitsToDecide { visits: Some(2_000) }),
-            by_action: vec![action("stay", 1_800, Some(0.01), &[0.25, 0.75]), action("go", 0, None, &[])],
+            visits_to_decide: Some(proto::VisitsToDecide {
+                visits: Some(2_000),
+            }),
+            by_action: vec![
+                action("stay", 1_800, Some(0.01), &[0.25, 0.75]),
+                action("go", 0, None, &[]),
+            ],
             ..proto::Answer::default()
         }
     }
@@ -284,7 +449,10 @@ mod tests {
             other: variable("human", &["stay", "go"]),
             given: Vec::new(),
         };
-        proto::BatchGetInfluenceResponse { labels: Some(labels), answers }
+        proto::BatchGetInfluenceResponse {
+            labels: Some(labels),
+            answers,
+        }
     }
 
     #[test]
@@ -307,7 +475,10 @@ mod tests {
             mutual_information: Some(0.6421),
             agrees: true,
             out_of_range: Vec::new(),
-            by_action: vec![action("stay", 0.75, &[0.9, 0.1]), action("go", 0.25, &[0.2, 0.8])],
+            by_action: vec![
+                action("stay", 0.75, &[0.9, 0.1]),
+                action("go", 0.25, &[0.2, 0.8]),
+            ],
         };
         proto::Answer {
             visits: 2,
@@ -326,14 +497,28 @@ mod tests {
 
     #[test]
     fn a_network_is_told_beside_the_counts() {
-        insta::assert_snapshot!(render("hallway", &response(vec![decided_by_a_network("2.3")])));
+        insta::assert_snapshot!(render(
+            "hallway",
+            &response(vec![decided_by_a_network("2.3")])
+        ));
     }
 
     #[test]
     fn a_network_that_cannot_tell_says_so() {
-        let model = proto::ModelFigures { version: 3, kind: proto::ModelKind::Direct.into(), ..Default::default() };
-        let told = render("hallway", &response(vec![proto::Answer { model: Some(model), ..answer("2.3") }]));
-        let expected = "\nmodel, version 3 (direct): cannot tell at this threshold; its members disagree\n";
+        let model = proto::ModelFigures {
+            version: 3,
+            kind: proto::ModelKind::Direct.into(),
+            ..Default::default()
+        };
+        let told = render(
+            "hallway",
+            &response(vec![proto::Answer {
+                model: Some(model),
+                ..answer("2.3")
+            }]),
+        );
+        let expected =
+            "\nmodel, version 3 (direct): cannot tell at this threshold; its members disagree\n";
         assert!(told.contains(expected), "{told}");
     }
 
@@ -343,23 +528,41 @@ mod tests {
             out_of_range: vec!["lane".into(), "sign".into()],
             ..decided_by_a_network("2.3").model.expect("told")
         };
-        let told = render("hallway", &response(vec![proto::Answer { model: Some(model), ..answer("2.3") }]));
-        let expected = "; its members agree; no verdict, for it was trained without such lane, sign\n";
+        let told = render(
+            "hallway",
+            &response(vec![proto::Answer {
+                model: Some(model),
+                ..answer("2.3")
+            }]),
+        );
+        let expected =
+            "; its members agree; no verdict, for it was trained without such lane, sign\n";
         assert!(told.contains(expected), "{told}");
     }
 
     #[test]
     fn networks_have_a_column_among_several_states() {
-        let plain = |answer: proto::Answer| proto::Answer { by_action: Vec::new(), ..answer };
+        let plain = |answer: proto::Answer| proto::Answer {
+            by_action: Vec::new(),
+            ..answer
+        };
         let answers = vec![plain(answer("2.2")), plain(decided_by_a_network("2.3"))];
         insta::assert_snapshot!(render("hallway", &response(answers)));
     }
 
     #[test]
     fn several_states_are_told_a_line_each() {
-        let plain = proto::Answer { by_action: Vec::new(), ..answer("2.3") };
+        let plain = proto::Answer {
+            by_action: Vec::new(),
+            ..answer("2.3")
+        };
         let basis = proto::Basis::Prior.into();
-        let unseen = proto::Answer { visits: 0, basis, warnings: Vec::new(), ..plain.clone() };
+        let unseen = proto::Answer {
+            visits: 0,
+            basis,
+            warnings: Vec::new(),
+            ..plain.clone()
+        };
         insta::assert_snapshot!(render("hallway", &response(vec![plain, unseen])));
     }
 }

@@ -1,4 +1,5 @@
-//! Questions of commands: asked again by themselves while the service makes the answer or is away, with a line that says so.
+//! Questions of commands: asked again by themselves while the service makes the answer or is away,
+//! with a line that says so.
 
 use std::io::{IsTerminal, Write};
 use std::time::Duration;
@@ -23,7 +24,8 @@ where
     Ok(answer?)
 }
 
-/// What is said meanwhile, on standard error: one line that is redrawn on a terminal, in a pipe a line whenever there is something new.
+/// What is said meanwhile, on standard error: one line that is redrawn on a terminal, in a pipe a
+/// line whenever there is something new.
 #[derive(Default)]
 struct Waiting {
     bar: Option<ProgressBar>,
@@ -36,7 +38,10 @@ impl Waiting {
             return;
         }
         self.last = why.to_owned();
-        let line = format!("{}; asking again", why.trim_end_matches("; it goes on, ask again"));
+        let line = format!(
+            "{}; asking again",
+            why.trim_end_matches("; it goes on, ask again")
+        );
         if std::io::stderr().is_terminal() {
             self.bar.get_or_insert_with(spinner).set_message(line);
         } else {
@@ -54,7 +59,8 @@ impl Waiting {
 
 fn spinner() -> ProgressBar {
     let style = ProgressStyle::with_template("{spinner} {elapsed}  {wide_msg}");
-    let bar = ProgressBar::new_spinner().with_style(style.unwrap_or_else(|_| ProgressStyle::default_spinner()));
+    let bar = ProgressBar::new_spinner()
+        .with_style(style.unwrap_or_else(|_| ProgressStyle::default_spinner()));
     bar.enable_steady_tick(TICK);
     bar
 }

@@ -1,4 +1,5 @@
-//! `nudge check`: whether a database is sound: its totals match its cells, SQLite finds nothing wrong, and everything can be read.
+//! `nudge check`: whether a database is sound: its totals match its cells, SQLite finds nothing
+//! wrong, and everything can be read.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -16,11 +17,13 @@ use crate::store::{Audit, Options, SqliteStore, Store, StoreError};
 
 /// Audit a database, changing nothing
 #[derive(Debug, Args)]
-#[command(long_about = "Audit a database, changing nothing. A service may have it open.\n\n\
+#[command(
+    long_about = "Audit a database, changing nothing. A service may have it open.\n\n\
     Compares the totals that were kept with every commit with the sums of the cells: a bit that flipped in a count shows here, where SQLite's own \
     integrity check may see nothing. Runs that check too, which sees the rest: pages, indices, types and constraints. Ends with exit code 1 where \
     something is wrong or cannot be read, and 2 where there is no database to look at.\n\n\
-    Example:\n  nudge check --data ./nudge-data")]
+    Example:\n  nudge check --data ./nudge-data"
+)]
 pub struct Check {
     /// The directory of the database.
     #[arg(long, env = "NUDGE_DATA", value_name = "DIR", default_value_os_t = Config::default().data)]
@@ -33,24 +36,43 @@ pub struct Check {
 impl Check {
     /// Audits every environment.
     pub async fn run(self) -> Result<(), Failure> {
-        let path = Config { data: self.data, ..Config::default() }.database();
+        let path = Config {
+            data: self.data,
+            ..Config::default()
+        }
+        .database();
         if !path.exists() {
-            return Err(Failure::usage(format!("no database at {}: name its directory with --data", path.display())));
+            return Err(Failure::usage(format!(
+                "no database at {}: name its directory with --data",
+                path.display()
+            )));
         }
         let found = match SqliteStore::inspect(&path, Options::default()).await {
             Ok(store) => Found::of(Arc::new(store)).await?,
             // So damaged that nothing can be read is damage too.
-            Err(StoreError::Damaged(why)) => Found { integrity: vec![why], ..Found::default() },
+            Err(StoreError::Damaged(why)) => Found {
+                integrity: vec![why],
+                ..Found::default()
+            },
             Err(error) => return Err(unopened(error)),
         };
         if self.json {
             output::print_json(&report(&found))?
         } else {
             found.audits.iter().try_for_each(tell)?;
-            found.integrity.iter().try_for_each(|line| output::print(&format!("database: DAMAGED, {line}")))?;
-            found.environments.iter().try_for_each(|environment| tell_unreadable(environment))?;
+            found
+                .integrity
+                .iter()
+                .try_for_each(|line| output::print(&format!("database: DAMAGED, {line}")))?;
+            found
+                .environments
+                .iter()
+                .try_for_each(|environment| tell_unreadable(environment))?;
             found.networks.iter().try_for_each(tell_network)?;
-            found.receipts.iter().try_for_each(|line| output::print(line))?;
+            found
+                .receipts
+                .iter()
+                .try_for_each(|line| output::print(line))?;
             found.fits.iter().try_for_each(|line| output::print(line))?
         }
         found.verdict()
@@ -94,10 +116,21 @@ impl Found {
             networks => networks.map_err(|problem| Failure::usage(problem.to_string()))?,
         };
         let receipts = receipts(&store).await?;
-        let fits = if store.has_table("fits").await.map_err(unopened)? { fits(&store).await } else { Vec::new() };
+        let fits = if store.has_table("fits").await.map_err(unopened)? {
+            fits(&store).await
+        } else {
+            Vec::new()
+        };
         let environments = store.unreadable();
         store.close().await;
-        Ok(Self { audits, integrity, environments, networks, fits, receipts })
+        Ok(Self {
+            audits,
+            integrity,
+            environments,
+            networks,
+            fits,
+            receipts,
+        })
     }
 
     fn verdict(&self) -> Result<(), Failure> {
@@ -107,19 +140,35 @@ impl Found {
             faults.push("the database is damaged".to_owned());
         }
         if unsound > 0 {
-            faults.push(format!("{unsound} of {} environments do not match their cells", self.audits.len()));
+            faults.push(format!(
+                "{unsound} of {} environments do not match their cells",
+                self.audits.len()
+            ));
         }
         if !self.receipts.is_empty() {
-            faults.push(format!("{} receipts or numbers of batches are not as they were written", self.receipts.len()));
+            faults.push(format!(
+                "{} receipts or numbers of batches are not as they were written",
+                self.receipts.len()
+            ));
         }
-        let unread =
-            [(self.environments.len(), "environments"), (self.networks.len(), "networks"), (self.fits.len(), "fits")];
-        let unread: Vec<String> =
-            unread.iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("{count} {what}")).collect();
+        let unread = [
+            (self.environments.len(), "environments"),
+            (self.networks.len(), "networks"),
+            (self.fits.len(), "fits"),
+        ];
+        let unread: Vec<String> = unread
+            .iter()
+            .filter(|(count, _)| *count > 0)
+            .map(|(count, what)| format!("{count} {what}"))
+            .collect();
         if !unread.is_empty() {
             faults.push(format!("{} cannot be read", unread.join(" and ")));
         }
-        if faults.is_empty() { Ok(()) } else { Err(Failure::refused(faults.join("; "))) }
+        if faults.is_empty() {
+            Ok(())
+        } else {
+            Err(Failure::refused(faults.join("; ")))
+        }
     }
 }
 
@@ -128,7 +177,11 @@ async fn receipts(store: &SqliteStore) -> Result<Vec<String>, Failure> {
     let mut found = Vec::new();
     for environment in store.environments() {
         match store.receipts(environment.id).await {
-            Ok(faults) => found.extend(faults.iter().map(|fault| format!("{}: DAMAGED, {fault}", environment.name))),
+            Ok(faults) => found.extend(
+                faults
+                    .iter()
+                    .map(|fault| format!("{}: DAMAGED, {fault}", environment.name)),
+            ),
             Err(StoreError::Damaged(_)) => {}
             Err(error) => return Err(unopened(error)),
         }
@@ -136,11 +189,21 @@ async fn receipts(store: &SqliteStore) -> Result<Vec<String>, Failure> {
     Ok(found)
 }
 
-/// Looks at the fits of every environment: those that are damaged, not those of an older form, which are made again.
+/// Looks at the fits of every environment: those that are damaged, not those of an older form,
+/// which are made again.
 async fn fits(store: &Arc<SqliteStore>) -> Vec<String> {
-    let unread = Fits::new(store.clone()).unreadable().await.into_iter().filter(|unread| !unread.is_older());
+    let unread = Fits::new(store.clone())
+        .unreadable()
+        .await
+        .into_iter()
+        .filter(|unread| !unread.is_older());
     unread
-        .map(|unread| format!("{}, fit of {}: CANNOT BE READ, {}", unread.environment, unread.pair, unread.why))
+        .map(|unread| {
+            format!(
+                "{}, fit of {}: CANNOT BE READ, {}",
+                unread.environment, unread.pair, unread.why
+            )
+        })
         .collect()
 }
 
@@ -151,7 +214,11 @@ async fn unreadable_networks(store: Arc<dyn Store>) -> Result<Vec<UnreadableNetw
         let listed = registry.list(&environment).await?;
         let unread = |model: Model| {
             let why = model.card.err()?;
-            Some(UnreadableNetwork { environment: environment.name.to_string(), version: model.version, why })
+            Some(UnreadableNetwork {
+                environment: environment.name.to_string(),
+                version: model.version,
+                why,
+            })
         };
         networks.extend(listed.models.into_iter().filter_map(unread));
     }
@@ -166,30 +233,46 @@ fn tell(audit: &Audit) -> Result<(), Failure> {
     let [transitions, states, cells] = audit.kept;
     let figures = format!("{transitions} transitions, {states} states, {cells} cells");
     if let Some(why) = &audit.unreadable {
-        return output::print(&format!("{}: UNSOUND, cannot be read: {why}", audit.environment));
+        return output::print(&format!(
+            "{}: UNSOUND, cannot be read: {why}",
+            audit.environment
+        ));
     }
     if audit.is_sound() {
         return output::print(&format!("{}: sound ({figures})", audit.environment));
     }
     let [transitions, states, cells] = audit.found;
     let found = format!("{transitions} transitions, {states} states, {cells} cells");
-    output::print(&format!("{}: UNSOUND, kept {figures}, found {found}", audit.environment))
+    output::print(&format!(
+        "{}: UNSOUND, kept {figures}, found {found}",
+        audit.environment
+    ))
 }
 
 fn tell_unreadable(environment: &UnreadableEnvironment) -> Result<(), Failure> {
-    output::print(&format!("{}: CANNOT BE READ, {}", environment.name, environment.why))
+    output::print(&format!(
+        "{}: CANNOT BE READ, {}",
+        environment.name, environment.why
+    ))
 }
 
 fn tell_network(network: &UnreadableNetwork) -> Result<(), Failure> {
-    let UnreadableNetwork { environment, version, why } = network;
-    output::print(&format!("{environment}, network version {version}: CANNOT BE READ, {why}"))
+    let UnreadableNetwork {
+        environment,
+        version,
+        why,
+    } = network;
+    output::print(&format!(
+        "{environment}, network version {version}: CANNOT BE READ, {why}"
+    ))
 }
 
 fn report(found: &Found) -> serde_json::Value {
-    let figures =
-        |[transitions, states, cells]: [u64; 3]| json!({"transitions": transitions, "states": states, "cells": cells});
+    let figures = |[transitions, states, cells]: [u64; 3]| json!({"transitions": transitions, "states": states, "cells": cells});
     let one = |audit: &Audit| match &audit.unreadable {
-        Some(why) => json!({ "environment": audit.environment.as_str(), "sound": false, "unreadable": why }),
+        Some(why) => {
+            json!({ "environment": audit.environment.as_str(), "sound": false, "unreadable": why })
+        }
         None => json!({
             "environment": audit.environment.as_str(),
             "sound": audit.is_sound(),
@@ -198,10 +281,8 @@ fn report(found: &Found) -> serde_json::Value {
         }),
     };
     let environments: Vec<_> = found.audits.iter().map(one).collect();
-    let mut report =
-        json!({ "sound": found.verdict().is_ok(), "environments": environments, "integrity": found.integrity });
-    let environment =
-        |one: &Arc<UnreadableEnvironment>| json!({"name": one.name, "uid": one.uid.0, "unreadable": one.why});
+    let mut report = json!({ "sound": found.verdict().is_ok(), "environments": environments, "integrity": found.integrity });
+    let environment = |one: &Arc<UnreadableEnvironment>| json!({"name": one.name, "uid": one.uid.0, "unreadable": one.why});
     if !found.environments.is_empty() {
         report["unreadable"] = found.environments.iter().map(environment).collect();
     }
@@ -209,7 +290,10 @@ fn report(found: &Found) -> serde_json::Value {
     if !found.networks.is_empty() {
         report["unreadable_networks"] = found.networks.iter().map(network).collect();
     }
-    for (name, lines) in [("unreadable_fits", &found.fits), ("receipts", &found.receipts)] {
+    for (name, lines) in [
+        ("unreadable_fits", &found.fits),
+        ("receipts", &found.receipts),
+    ] {
         if !lines.is_empty() {
             report[name] = json!(lines);
         }

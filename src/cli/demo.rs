@@ -1,4 +1,5 @@
-//! `nudge demo`: the service with real human games and a simulated hallway in it, what it found, and what to try.
+//! `nudge demo`: the service with real human games and a simulated hallway in it, what it found,
+//! and what to try.
 
 mod found;
 mod live;
@@ -70,10 +71,21 @@ impl Demo {
         telemetry::log(telemetry::LogFormat::Human);
         let signals = Signals::install()?;
         let (listen, data, insecure) = (self.listen, self.data.clone(), self.insecure);
-        let config = Config { listen, data, insecure, fit_every: FIT_EVERY, ..Config::default() };
-        let Some(service) = Service::start(&config, &signals).await? else { return Ok(()) };
+        let config = Config {
+            listen,
+            data,
+            insecure,
+            fit_every: FIT_EVERY,
+            ..Config::default()
+        };
+        let Some(service) = Service::start(&config, &signals).await? else {
+            return Ok(());
+        };
         let address = reachable(service.address);
-        print(&format!("listening on http://{address}, counting in {}", config.database().display()))?;
+        print(&format!(
+            "listening on http://{address}, counting in {}",
+            config.database().display()
+        ))?;
         if !self.fresh {
             print(&counted_before(&service.app).await)?;
         }
@@ -109,9 +121,12 @@ impl Demo {
         }
     }
 
-    /// Ends the show where `--duration` says so: tells what was found so far, and what was not told for want of time.
+    /// Ends the show where `--duration` says so: tells what was found so far, and what was not told
+    /// for want of time.
     fn end(&self, so_far: &SoFar) -> Result<(), Failure> {
-        let Some((doing, missing)) = so_far.stage.unfinished() else { return Ok(()) };
+        let Some((doing, missing)) = so_far.stage.unfinished() else {
+            return Ok(());
+        };
         if !matches!(so_far.stage, Stage::Training) {
             so_far.found.tell()?;
         }
@@ -121,10 +136,13 @@ impl Demo {
         ))
     }
 
-    /// Sends the games and the hallway side by side, as far as they are not counted yet, and returns the names of their environments.
+    /// Sends the games and the hallway side by side, as far as they are not counted yet, and
+    /// returns the names of their environments.
     async fn play(&self, connection: &Connection) -> Result<Vec<String>, Failure> {
         // Reading them takes a second or two, which `--duration` and signals do not wait for.
-        let parts = tokio::task::spawn_blocking(games).await.map_err(|error| Failure::usage(error.to_string()))??;
+        let parts = tokio::task::spawn_blocking(games)
+            .await
+            .map_err(|error| Failure::usage(error.to_string()))??;
         let mut names: Vec<String> = parts.iter().map(Part::environment_name).collect();
         names.push(HALLWAY.into());
         names.sort();
@@ -132,9 +150,16 @@ impl Demo {
         if self.fresh {
             forget(connection, &names).await?;
         }
-        let hallway = Hallway::try_from(Protocol { trials: TRIALS, ..Protocol::default() });
+        let hallway = Hallway::try_from(Protocol {
+            trials: TRIALS,
+            ..Protocol::default()
+        });
         let hallway = hallway.map_err(|faults| Problem::invalid("hallway", faults))?;
-        let run = Run { hallway, environment: HALLWAY.into(), pace: Pace::Fast };
+        let run = Run {
+            hallway,
+            environment: HALLWAY.into(),
+            pace: Pace::Fast,
+        };
         let silent = Progress::silent();
         let mut live = Live::begin(connection, names.clone()).await?;
         let played = tokio::select! {
@@ -183,11 +208,15 @@ impl Stage {
             )),
             Self::Looking(left) => Some((
                 "looking at every state",
-                format!("where two agents depend on each other in {}", left.join(", ")),
+                format!(
+                    "where two agents depend on each other in {}",
+                    left.join(", ")
+                ),
             )),
-            Self::Training => {
-                Some(("training a network", format!("how a network of {HALLWAY} does where counts do not decide")))
-            }
+            Self::Training => Some((
+                "training a network",
+                format!("how a network of {HALLWAY} does where counts do not decide"),
+            )),
             Self::Told => None,
         }
     }
@@ -208,19 +237,28 @@ impl SoFar {
     }
 }
 
-/// Returns what was counted in an earlier run, from the totals that are kept: looking at every state takes longer than some demos last.
+/// Returns what was counted in an earlier run, from the totals that are kept: looking at every
+/// state takes longer than some demos last.
 async fn counted_before(app: &App) -> String {
     let mut told = String::new();
     for environment in app.store.environments() {
         // One that cannot be read is told by what follows.
-        let Ok(totals) = app.store.totals(environment.id).await else { continue };
+        let Ok(totals) = app.store.totals(environment.id).await else {
+            continue;
+        };
         if totals.transitions > 0 {
             let [transitions, states] = [totals.transitions, totals.states].map(count);
-            told += &format!("{}: {transitions} transitions in {states} states, counted before\n", environment.name);
+            told += &format!(
+                "{}: {transitions} transitions in {states} states, counted before\n",
+                environment.name
+            );
         }
     }
     match told.is_empty() {
-        true => "counting games and a hallway, and then looking at every state: that takes some seconds".into(),
+        true => {
+            "counting games and a hallway, and then looking at every state: that takes some seconds"
+                .into()
+        }
         false => told + "looking at every state of them: that takes some seconds",
     }
 }
@@ -247,7 +285,9 @@ async fn forget(connection: &Connection, names: &[String]) -> Result<(), Failure
 }
 
 fn to_try(address: SocketAddr, best: &Best) -> String {
-    let Best { environment, key, .. } = best;
+    let Best {
+        environment, key, ..
+    } = best;
     format!(
         "\nto try:\n  \
          curl -s 'http://{address}/v1/environments/{environment}/influence?key={key}'\n  \
@@ -268,8 +308,14 @@ mod tests {
     fn an_end_in_the_middle_is_told_until_all_is_shown() {
         let looking = Stage::Looking(vec!["a".into(), "b".into()]);
         let (doing, missing) = looking.unfinished().expect("there is more");
-        assert_eq!((doing, missing.ends_with("in a, b")), ("looking at every state", true));
-        assert_eq!(Stage::Training.unfinished().expect("there is more").0, "training a network");
+        assert_eq!(
+            (doing, missing.ends_with("in a, b")),
+            ("looking at every state", true)
+        );
+        assert_eq!(
+            Stage::Training.unfinished().expect("there is more").0,
+            "training a network"
+        );
         assert!(Stage::Counting.unfinished().is_some() && Stage::Told.unfinished().is_none());
     }
 }

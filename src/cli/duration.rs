@@ -2,13 +2,19 @@
 
 use std::time::Duration;
 
-/// The longest that is taken: what is longer is a slip, and no clock can be asked for the end of all of them.
+/// The longest that is taken: what is longer is a slip, and no clock can be asked for the end of
+/// all of them.
 const LONGEST_HOURS: u64 = 365 * 24;
 
 /// Reads a time: 20s, 5m or 1h, up to a year.
 pub(super) fn duration(text: &str) -> Result<Duration, String> {
-    let wrong = || format!("got {text:?}, expected a whole number and s, m or h such as 20s, at most {LONGEST_HOURS}h");
-    let (number, unit) = text.split_at(text.len() - text.chars().next_back().map_or(0, char::len_utf8));
+    let wrong = || {
+        format!(
+            "got {text:?}, expected a whole number and s, m or h such as 20s, at most {LONGEST_HOURS}h"
+        )
+    };
+    let (number, unit) =
+        text.split_at(text.len() - text.chars().next_back().map_or(0, char::len_utf8));
     let seconds = match unit {
         "s" => 1,
         "m" => 60,
@@ -16,7 +22,9 @@ pub(super) fn duration(text: &str) -> Result<Duration, String> {
         _ => return Err(wrong()),
     };
     let number: u64 = number.parse().map_err(|_| wrong())?;
-    let seconds = number.checked_mul(seconds).filter(|seconds| *seconds <= LONGEST_HOURS * 3_600);
+    let seconds = number
+        .checked_mul(seconds)
+        .filter(|seconds| *seconds <= LONGEST_HOURS * 3_600);
     seconds.map(Duration::from_secs).ok_or_else(wrong)
 }
 
@@ -29,7 +37,16 @@ mod tests {
         assert_eq!(duration("20s"), Ok(Duration::from_secs(20)));
         assert_eq!(duration("2m"), Ok(Duration::from_secs(120)));
         assert_eq!(duration("0s"), Ok(Duration::ZERO));
-        for bad in ["", "20", "s", "-1s", "1.5s", "20 s", "9é", "99999999999999999999h"] {
+        for bad in [
+            "",
+            "20",
+            "s",
+            "-1s",
+            "1.5s",
+            "20 s",
+            "9é",
+            "99999999999999999999h",
+        ] {
             assert!(duration(bad).is_err(), "{bad}");
         }
     }
@@ -37,11 +54,26 @@ mod tests {
     #[test]
     fn a_year_is_the_longest() {
         for year in ["8760h", "525600m", "31536000s"] {
-            assert_eq!(duration(year), Ok(Duration::from_secs(31_536_000)), "{year}");
+            assert_eq!(
+                duration(year),
+                Ok(Duration::from_secs(31_536_000)),
+                "{year}"
+            );
         }
-        for long in ["8761h", "525601m", "31536001s", "5124095576030431h", "18446744073709551615s"] {
+        for long in [
+            "8761h",
+            "525601m",
+            "31536001s",
+            "5124095576030431h",
+            "18446744073709551615s",
+        ] {
             let told = duration(long).expect_err("too long");
-            assert_eq!(told, format!("got {long:?}, expected a whole number and s, m or h such as 20s, at most 8760h"));
+            assert_eq!(
+                told,
+                format!(
+                    "got {long:?}, expected a whole number and s, m or h such as 20s, at most 8760h"
+                )
+            );
         }
     }
 }

@@ -39,7 +39,9 @@ pub(super) enum Env {
     )]
     Apply(Apply),
     /// List environments
-    #[command(long_about = "List environments in order of name.\n\nExample:\n  nudge env list --json")]
+    #[command(
+        long_about = "List environments in order of name.\n\nExample:\n  nudge env list --json"
+    )]
     List(List),
     /// Show one environment
     #[command(
@@ -59,7 +61,8 @@ pub(super) enum Env {
 pub(super) struct Apply {
     /// File with the description, in JSON; - for standard input
     file: PathBuf,
-    /// Name of the environment; else the name that the description gives itself, else the file's name without its extension
+    /// Name of the environment; else the name that the description gives itself, else the file's
+    /// name without its extension
     #[arg(long)]
     name: Option<String>,
     /// Print JSON
@@ -113,27 +116,46 @@ impl Env {
 
 impl Apply {
     async fn run(self) -> Result<(), Failure> {
-        let description: dto::Description = dto::decode("environment", text_of(&self.file)?.as_bytes())?;
-        let name = self.name.or_else(|| description.name.clone()).or_else(|| stem(&self.file)).ok_or_else(unnamed)?;
+        let description: dto::Description =
+            dto::decode("environment", text_of(&self.file)?.as_bytes())?;
+        let name = self
+            .name
+            .or_else(|| description.name.clone())
+            .or_else(|| stem(&self.file))
+            .ok_or_else(unnamed)?;
         let draft = DescriptionDraft::from(description);
-        // The wire has room for one kind a feature and for fewer numbers than JSON, and none for a hash: what does not fit must be told, not trimmed.
+        // The wire has room for one kind a feature and for fewer numbers than JSON, and none for a
+        // hash: what does not fit must be told, not trimmed.
         let schema = checked(&draft).map_err(|faults| Problem::invalid("environment", faults))?;
         let connection = self.server.connect().await?;
         let (schema, rule) = (Some(schema.into()), draft.rule.map(Into::into));
         let request = proto::ApplyEnvironmentRequest { name, schema, rule };
-        let response = connection.environments().apply_environment(request).await?.into_inner();
+        let response = connection
+            .environments()
+            .apply_environment(request)
+            .await?
+            .into_inner();
         let environment = response.environment.unwrap_or_default();
         if self.json {
             return print_json(&to_json(dto::Environment::from(environment)));
         }
-        let done = if response.created { "created" } else { "exists with this description" };
+        let done = if response.created {
+            "created"
+        } else {
+            "exists with this description"
+        };
         let schema = schema_of(&environment)?;
         let told = [thresholds(&environment, &schema), notes(&schema)].concat();
-        print(&format!("environment `{}` {done}\n{}", environment.name, told.join("\n")))
+        print(&format!(
+            "environment `{}` {done}\n{}",
+            environment.name,
+            told.join("\n")
+        ))
     }
 }
 
-/// Returns the description as the wire takes it. What only the service can tell, whether it was made before units of angles were read, is left to it.
+/// Returns the description as the wire takes it. What only the service can tell, whether it was
+/// made before units of angles were read, is left to it.
 fn checked(draft: &DescriptionDraft) -> Result<SchemaDraft, Vec<Fault>> {
     if draft.schema_hash.is_some() {
         return Schema::described(draft, None).map(|schema| schema.draft());
@@ -151,10 +173,15 @@ impl List {
         if self.json {
             let mut told = to_json(dto::EnvironmentPage::from(page));
             // It is all of them.
-            told.as_object_mut().map(|page| page.remove("next_page_token"));
+            told.as_object_mut()
+                .map(|page| page.remove("next_page_token"));
             return print_json(&told);
         }
-        let proto::ListEnvironmentsResponse { environments, unreadable, .. } = page;
+        let proto::ListEnvironmentsResponse {
+            environments,
+            unreadable,
+            ..
+        } = page;
         if environments.is_empty() && unreadable.is_empty() {
             return print("no environments yet: `nudge env apply FILE` makes one");
         }
@@ -207,7 +234,10 @@ impl Delete {
             return Err(unsure(&connection, &name).await);
         }
         let request = proto::DeleteEnvironmentRequest { name: name.clone() };
-        connection.environments().delete_environment(request).await?;
+        connection
+            .environments()
+            .delete_environment(request)
+            .await?;
         print(&format!("environment `{name}` deleted"))
     }
 }
@@ -216,9 +246,9 @@ impl Delete {
 async fn unsure(connection: &Connection, name: &str) -> Failure {
     match connection.environment(name).await {
         Err(error) if error.kind() == ErrorKind::NotFound => error.into(),
-        _ => {
-            Failure::usage(format!("this deletes `{name}` and everything counted in it, for ever: add --yes to do it"))
-        }
+        _ => Failure::usage(format!(
+            "this deletes `{name}` and everything counted in it, for ever: add --yes to do it"
+        )),
     }
 }
 
@@ -227,7 +257,10 @@ async fn all(connection: &Connection) -> Result<proto::ListEnvironmentsResponse,
     let mut all = proto::ListEnvironmentsResponse::default();
     loop {
         let page_token = std::mem::take(&mut all.next_page_token);
-        let request = proto::ListEnvironmentsRequest { page_size: 1_000, page_token };
+        let request = proto::ListEnvironmentsRequest {
+            page_size: 1_000,
+            page_token,
+        };
         let ask = || {
             let (mut client, request) = (connection.environments(), request.clone());
             async move { client.list_environments(request).await }
@@ -243,12 +276,22 @@ async fn all(connection: &Connection) -> Result<proto::ListEnvironmentsResponse,
 }
 
 fn cannot_be_read(environment: &proto::UnreadableEnvironment) -> String {
-    let proto::UnreadableEnvironment { name, uid, unreadable } = environment;
-    format!("{name}  CANNOT BE READ ({uid}): {unreadable}; `nudge env delete {name} --yes` deletes it\n")
+    let proto::UnreadableEnvironment {
+        name,
+        uid,
+        unreadable,
+    } = environment;
+    format!(
+        "{name}  CANNOT BE READ ({uid}): {unreadable}; `nudge env delete {name} --yes` deletes it\n"
+    )
 }
 
 fn text_of(file: &Path) -> Result<String, Failure> {
-    let text = if is_standard_input(file) { io::read_to_string(io::stdin()) } else { std::fs::read_to_string(file) };
+    let text = if is_standard_input(file) {
+        io::read_to_string(io::stdin())
+    } else {
+        std::fs::read_to_string(file)
+    };
     text.map_err(|error| cannot_read(file, &error))
 }
 
@@ -257,43 +300,77 @@ fn is_standard_input(file: &Path) -> bool {
 }
 
 fn stem(file: &Path) -> Option<String> {
-    file.file_stem().filter(|_| !is_standard_input(file)).map(|stem| stem.to_string_lossy().into_owned())
+    file.file_stem()
+        .filter(|_| !is_standard_input(file))
+        .map(|stem| stem.to_string_lossy().into_owned())
 }
 
 fn described(environment: &proto::Environment, schema: &Schema) -> String {
     let mut table = Table::new(&["of", "feature", "unit", "bins", "values"]);
     let mut row = |of: &str, feature: &Feature| {
-        let unit = feature.unit.as_ref().map(ToString::to_string).unwrap_or_default();
+        let unit = feature
+            .unit
+            .as_ref()
+            .map(ToString::to_string)
+            .unwrap_or_default();
         let bins = output::count(u64::from(feature.kind.bins()));
-        table.row([of.to_owned(), feature.name.to_string(), unit, bins, feature.kind.expected()]);
+        table.row([
+            of.to_owned(),
+            feature.name.to_string(),
+            unit,
+            bins,
+            feature.kind.expected(),
+        ]);
     };
-    schema.state().iter().for_each(|feature| row("state", feature));
-    schema.action_features().for_each(|(agent, feature)| row(agent.name.as_str(), feature));
+    schema
+        .state()
+        .iter()
+        .for_each(|feature| row("state", feature));
+    schema
+        .action_features()
+        .for_each(|(agent, feature)| row(agent.name.as_str(), feature));
     let (name, uid, hash) = (&environment.name, &environment.uid, schema.hash());
-    let told: String = thresholds(environment, schema).iter().map(|line| format!("        {line}\n")).collect();
-    let notes: String = notes(schema).iter().map(|line| format!("note    {line}\n")).collect();
+    let told: String = thresholds(environment, schema)
+        .iter()
+        .map(|line| format!("        {line}\n"))
+        .collect();
+    let notes: String = notes(schema)
+        .iter()
+        .map(|line| format!("note    {line}\n"))
+        .collect();
     let rule = rule(environment);
-    format!("{name}\nuid     {uid}\nschema  {hash}\nrule    {rule}\n{told}{notes}\n{}", table.render(""))
+    format!(
+        "{name}\nuid     {uid}\nschema  {hash}\nrule    {rule}\n{told}{notes}\n{}",
+        table.render("")
+    )
 }
 
 /// Tells the threshold in every way, a line for pairs that can have as much as each other.
 fn thresholds(environment: &proto::Environment, schema: &Schema) -> Vec<String> {
     let draft = environment.rule.clone().unwrap_or_default().into();
-    let Ok(rule) = WrittenRule::default().merged(&draft) else { return Vec::new() };
+    let Ok(rule) = WrittenRule::default().merged(&draft) else {
+        return Vec::new();
+    };
     let mut by_reach: BTreeMap<u64, Vec<Pair>> = BTreeMap::new();
     for pair in Pair::every(schema) {
         let Alphabet { rows, columns } = pair.alphabet(schema);
         by_reach.entry(rows.min(columns)).or_default().push(pair);
     }
-    by_reach.into_values().map(|pairs| threshold(&rule, schema, &pairs)).collect()
+    by_reach
+        .into_values()
+        .map(|pairs| threshold(&rule, schema, &pairs))
+        .collect()
 }
 
 /// Tells the threshold for pairs of which each can have as much as the others.
 fn threshold(rule: &WrittenRule, schema: &Schema, pairs: &[Pair]) -> String {
     const NAMED: usize = 3;
     let name = |agent: usize| schema.agents()[agent].name.as_str();
-    let mut named: Vec<String> =
-        pairs.iter().take(NAMED).map(|pair| format!("{} and {}", name(pair.ego), name(pair.other))).collect();
+    let mut named: Vec<String> = pairs
+        .iter()
+        .take(NAMED)
+        .map(|pair| format!("{} and {}", name(pair.ego), name(pair.other)))
+        .collect();
     if pairs.len() > NAMED {
         named.push(format!("{} other pairs", pairs.len() - NAMED));
     }
@@ -302,8 +379,13 @@ fn threshold(rule: &WrittenRule, schema: &Schema, pairs: &[Pair]) -> String {
         return format!("always undecided between {named}: one of the two has a single action");
     };
     let nats = rule.resolved(alphabet).threshold_nats();
-    let [nats, bits] = [nats, Unit::Bits.from_nats(nats)].map(|number| output::significant(number, 3));
-    let beyond = if rule.within_reach(alphabet).is_err() { ": out of reach" } else { "" };
+    let [nats, bits] =
+        [nats, Unit::Bits.from_nats(nats)].map(|number| output::significant(number, 3));
+    let beyond = if rule.within_reach(alphabet).is_err() {
+        ": out of reach"
+    } else {
+        ""
+    };
     format!(
         "influence above {nats} nats ({bits} bits; {} of the most {named} can have{beyond})",
         output::percent(share)
@@ -312,12 +394,18 @@ fn threshold(rule: &WrittenRule, schema: &Schema, pairs: &[Pair]) -> String {
 
 /// Says where values are not measured in what their unit says.
 fn notes(schema: &Schema) -> Vec<String> {
-    let actions =
-        schema.action_features().map(|(agent, feature)| (format!("{}.{}", agent.name, feature.name), feature));
-    let state = schema.state().iter().map(|feature| (feature.name.to_string(), feature));
+    let actions = schema
+        .action_features()
+        .map(|(agent, feature)| (format!("{}.{}", agent.name, feature.name), feature));
+    let state = schema
+        .state()
+        .iter()
+        .map(|feature| (feature.name.to_string(), feature));
     let note = |(name, feature): (String, &Feature)| {
         let unit = feature.unit.as_ref()?.as_str();
-        let FeatureKind::Circular(_, angle) = feature.kind else { return None };
+        let FeatureKind::Circular(_, angle) = feature.kind else {
+            return None;
+        };
         (Angle::of_unit(Some(unit)) != Some(angle)).then(|| {
             let values = angle.as_str();
             format!("{name}: values are {values} although the unit is {unit}, as in environments made before units of angles were read")
@@ -327,7 +415,12 @@ fn notes(schema: &Schema) -> Vec<String> {
 }
 
 fn agents(schema: &Schema) -> String {
-    schema.agents().iter().map(|agent| agent.name.as_str()).collect::<Vec<_>>().join(", ")
+    schema
+        .agents()
+        .iter()
+        .map(|agent| agent.name.as_str())
+        .collect::<Vec<_>>()
+        .join(", ")
 }
 
 fn rule(environment: &proto::Environment) -> String {
@@ -338,7 +431,13 @@ fn rule(environment: &proto::Environment) -> String {
         None => format!("{} {unit}", rule.threshold.unwrap_or_default()),
     };
     match kind.as_str() {
-        "paper" => format!("paper, above {above} from {} visits", rule.min_visits.unwrap_or_default()),
-        _ => format!("{kind}, above {above} at {}", rule.confidence.unwrap_or_default()),
+        "paper" => format!(
+            "paper, above {above} from {} visits",
+            rule.min_visits.unwrap_or_default()
+        ),
+        _ => format!(
+            "{kind}, above {above} at {}",
+            rule.confidence.unwrap_or_default()
+        ),
     }
 }

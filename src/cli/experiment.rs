@@ -8,10 +8,12 @@ use super::Failure;
 
 /// Measure what Nudge claims, where the truth is known
 #[derive(Debug, Subcommand)]
-#[command(long_about = "Measure what Nudge claims, where the truth is known.\n\n\
+#[command(
+    long_about = "Measure what Nudge claims, where the truth is known.\n\n\
     An experiment starts a service of its own in a temporary directory, sends it what it draws, and judges the answers. Every figure stands beside \
     its null. The same seed, parameters and version give the same bytes.\n\n\
-    Example:\n  nudge experiment planted --out ./results")]
+    Example:\n  nudge experiment planted --out ./results"
+)]
 pub(super) enum Experiment {
     Planted(planted::Planted),
 }

@@ -20,30 +20,46 @@ pub struct Failure {
 impl Failure {
     /// Makes the failure of a command that cannot be done as it was given.
     pub fn usage(line: impl Into<String>) -> Self {
-        Self { code: 2, lines: vec![line.into()] }
+        Self {
+            code: 2,
+            lines: vec![line.into()],
+        }
     }
 
     /// Makes the failure of a command that was understood and refused.
     pub fn refused(line: impl Into<String>) -> Self {
-        Self { code: 1, lines: vec![line.into()] }
+        Self {
+            code: 1,
+            lines: vec![line.into()],
+        }
     }
 
-    /// Makes the failure of a command that was understood and refused for several reasons, a line each.
+    /// Makes the failure of a command that was understood and refused for several reasons, a line
+    /// each.
     pub fn refused_for(lines: Vec<String>) -> Self {
         Self { code: 1, lines }
     }
 
-    /// Makes the end of a command whose reader has gone, as `head` does: nothing is wrong and nobody listens.
+    /// Makes the end of a command whose reader has gone, as `head` does: nothing is wrong and
+    /// nobody listens.
     pub fn unheard() -> Self {
-        Self { code: 0, lines: Vec::new() }
+        Self {
+            code: 0,
+            lines: Vec::new(),
+        }
     }
 
-    /// Makes the end of a command that a signal ended: nothing is wrong, and the line says what became of what it waited for.
+    /// Makes the end of a command that a signal ended: nothing is wrong, and the line says what
+    /// became of what it waited for.
     pub fn interrupted(line: impl Into<String>) -> Self {
-        Self { code: INTERRUPTED, lines: vec![line.into()] }
+        Self {
+            code: INTERRUPTED,
+            lines: vec![line.into()],
+        }
     }
 
-    /// Prints the lines to standard error and returns the exit code. A secret that was given in the wrong place is not in them.
+    /// Prints the lines to standard error and returns the exit code. A secret that was given in the
+    /// wrong place is not in them.
     pub fn report(self) -> ExitCode {
         let mut stderr = std::io::stderr().lock();
         for (i, line) in self.lines.iter().enumerate() {
@@ -61,11 +77,17 @@ impl Failure {
     /// Tells every fault on its own line, below what the message says before it lists some of them.
     fn of_faults(code: u8, message: &str, faults: &[Fault]) -> Self {
         if faults.is_empty() {
-            return Self { code, lines: vec![message.into()] };
+            return Self {
+                code,
+                lines: vec![message.into()],
+            };
         }
         let title = message.split_once(": ").map_or(message, |(title, _)| title);
         let faults = faults.iter().map(Fault::to_string);
-        Self { code, lines: std::iter::once(title.to_owned()).chain(faults).collect() }
+        Self {
+            code,
+            lines: std::iter::once(title.to_owned()).chain(faults).collect(),
+        }
     }
 }
 
@@ -79,19 +101,31 @@ impl From<Problem> for Failure {
 impl From<ClientError> for Failure {
     fn from(error: ClientError) -> Self {
         match &error {
-            ClientError::Refused(Refusal { kind: ErrorKind::Unauthenticated, message, .. }) => {
-                Self::refused(format!("{message}: give a key by NUDGE_KEY or --api-key-file"))
+            ClientError::Refused(Refusal {
+                kind: ErrorKind::Unauthenticated,
+                message,
+                ..
+            }) => Self::refused(format!(
+                "{message}: give a key by NUDGE_KEY or --api-key-file"
+            )),
+            ClientError::Refused(Refusal {
+                message, faults, ..
+            }) => Self::of_faults(1, message, faults),
+            ClientError::Unreachable { .. } => Self::usage(format!(
+                "{error}: start a service with `nudge serve`, or name another with --server"
+            )),
+            ClientError::NotNudge { .. } => {
+                Self::usage(format!("{error}: name another address with --server"))
             }
-            ClientError::Refused(Refusal { message, faults, .. }) => Self::of_faults(1, message, faults),
-            ClientError::Unreachable { .. } => {
-                Self::usage(format!("{error}: start a service with `nudge serve`, or name another with --server"))
+            ClientError::Address { .. } => {
+                Self::usage(format!("{error} (--server or NUDGE_SERVER)"))
             }
-            ClientError::NotNudge { .. } => Self::usage(format!("{error}: name another address with --server")),
-            ClientError::Address { .. } => Self::usage(format!("{error} (--server or NUDGE_SERVER)")),
             ClientError::Invalid(_) | ClientError::Tls(_) | ClientError::Untrusted { .. } => {
                 Self::usage(error.to_string())
             }
-            ClientError::GaveUp { .. } => Self::usage(format!("{error}; run the same command again to go on")),
+            ClientError::GaveUp { .. } => {
+                Self::usage(format!("{error}; run the same command again to go on"))
+            }
             ClientError::Disagreement(_) | ClientError::Stopped => Self::refused(error.to_string()),
         }
     }
@@ -109,9 +143,14 @@ mod tests {
 
     #[test]
     fn faults_are_told_one_a_line() {
-        let faults = (0..5).map(|i| Fault::new(format!("/states/{i}/x"), "missing")).collect();
+        let faults = (0..5)
+            .map(|i| Fault::new(format!("/states/{i}/x"), "missing"))
+            .collect();
         let failure = Failure::from(Problem::invalid("question", faults));
         assert_eq!(failure.lines.len(), 6);
-        assert_eq!(failure.lines[..2], ["invalid question", "/states/0/x: missing"]);
+        assert_eq!(
+            failure.lines[..2],
+            ["invalid question", "/states/0/x: missing"]
+        );
     }
 }

@@ -46,8 +46,17 @@ impl Health {
     /// Asks, and fails where it is not ready.
     pub(super) async fn run(self) -> Result<(), Failure> {
         let (address, tls) = self.service()?;
-        let asked = tokio::time::timeout(self.timeout, readiness(&address, &Options::default().tls(tls))).await;
-        let late = |_| Failure::usage(format!("{address} does not answer within {:?}", self.timeout));
+        let asked = tokio::time::timeout(
+            self.timeout,
+            readiness(&address, &Options::default().tls(tls)),
+        )
+        .await;
+        let late = |_| {
+            Failure::usage(format!(
+                "{address} does not answer within {:?}",
+                self.timeout
+            ))
+        };
         match asked.map_err(late)?? {
             Readiness::Ready => print("ready"),
             Readiness::NotReady(why) => Err(Failure::refused(why)),

@@ -1,4 +1,5 @@
-//! `nudge ingest`: recorded play, sent so that every transition counts once however often the command is run.
+//! `nudge ingest`: recorded play, sent so that every transition counts once however often the
+//! command is run.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -12,7 +13,8 @@ use super::server::Server;
 use crate::client::{Connection, Totals, Track};
 use crate::recordings::overcooked::{self, Abstraction, Game, Kitchen, World};
 
-/// What is part of every producer id: another way to cut the same file into batches must take another.
+/// What is part of every producer id: another way to cut the same file into batches must take
+/// another.
 const WAY: &str = "overcooked.1";
 
 /// Transitions of a batch; see [`WAY`].
@@ -20,12 +22,14 @@ const BATCH_SIZE: usize = 1_000;
 
 /// Send recorded play to a service, each transition once
 #[derive(Debug, Args)]
-#[command(long_about = "Send recorded play to a service, each transition once.\n\n\
+#[command(
+    long_about = "Send recorded play to a service, each transition once.\n\n\
     Environments that are missing are made, one a layout: counter_circuit, or counter_circuit.pos for another abstraction \
     than the usual one. A trial is a segment. The producer is named after the file's content, so a second run \
     changes nothing, and a run that was interrupted goes on where it stopped.\n\n\
     Example:\n  nudge ingest --format overcooked data/overcooked/train.csv.gz data/overcooked/test.csv.gz\n  \
-    nudge ingest --format overcooked train.csv --abstraction pos")]
+    nudge ingest --format overcooked train.csv --abstraction pos"
+)]
 pub(super) struct Ingest {
     /// Files to send, gzipped or not
     #[arg(required = true, value_name = "FILE")]
@@ -66,7 +70,8 @@ impl Ingest {
         let mut parts = Vec::new();
         for file in &self.files {
             let name = file.display().to_string();
-            let bytes = std::fs::read(file).map_err(|error| Failure::usage(format!("cannot read {name}: {error}")))?;
+            let bytes = std::fs::read(file)
+                .map_err(|error| Failure::usage(format!("cannot read {name}: {error}")))?;
             parts.extend(parts_of(&name, &bytes, self.abstraction)?);
         }
         let connection = self.server.connect().await?;
@@ -78,7 +83,11 @@ impl Ingest {
 }
 
 /// Takes a file of that name apart by layout; games stay in the file's order.
-pub(super) fn parts_of(name: &str, bytes: &[u8], abstraction: Abstraction) -> Result<Vec<Part>, Failure> {
+pub(super) fn parts_of(
+    name: &str,
+    bytes: &[u8],
+    abstraction: Abstraction,
+) -> Result<Vec<Part>, Failure> {
     let wrong = |why: &dyn std::fmt::Display| Failure::usage(format!("cannot read {name}: {why}"));
     let text = overcooked::decompressed(bytes).map_err(|error| wrong(&error))?;
     let games = overcooked::read(&text).map_err(|error| wrong(&error))?;
@@ -93,10 +102,21 @@ pub(super) fn parts_of(name: &str, bytes: &[u8], abstraction: Abstraction) -> Re
 
 impl Part {
     /// Makes a part; `None` for a layout that nobody knows, which reading has refused already.
-    fn new(file: &str, layout: String, games: Vec<Game>, abstraction: Abstraction, digest: &str) -> Option<Self> {
+    fn new(
+        file: &str,
+        layout: String,
+        games: Vec<Game>,
+        abstraction: Abstraction,
+        digest: &str,
+    ) -> Option<Self> {
         let world = World::new(Kitchen::named(&layout)?, abstraction);
         let producer = format!("{WAY}:{layout}:{abstraction}:{digest}");
-        Some(Self { world, games, producer, file: file.to_owned() })
+        Some(Self {
+            world,
+            games,
+            producer,
+            file: file.to_owned(),
+        })
     }
 
     /// Returns the name of the environment that it goes into.
@@ -114,7 +134,10 @@ impl Part {
         let name = self.world.environment_name();
         progress.part(&name);
         connection.apply(&name, &self.world.description()).await?;
-        let producer = connection.producer(&name, &self.producer).batch_size(BATCH_SIZE).replay();
+        let producer = connection
+            .producer(&name, &self.producer)
+            .batch_size(BATCH_SIZE)
+            .replay();
         let mut producer = producer.open().await?;
         for game in &self.games {
             producer.segment(Some(&game.trial)).await?;
@@ -133,10 +156,17 @@ impl Part {
 
 impl Report {
     /// Sends parts, one after the other.
-    pub(super) async fn of(parts: &[Part], connection: &Connection, progress: &Progress) -> Result<Self, Failure> {
+    pub(super) async fn of(
+        parts: &[Part],
+        connection: &Connection,
+        progress: &Progress,
+    ) -> Result<Self, Failure> {
         let mut report = Self::default();
         for part in parts {
-            report.add(part.environment_name(), part.send(connection, progress).await?);
+            report.add(
+                part.environment_name(),
+                part.send(connection, progress).await?,
+            );
         }
         Ok(report)
     }

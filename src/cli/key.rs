@@ -31,10 +31,17 @@ pub(super) enum Command {
 pub(super) struct New {
     /// Whose key it is; producers belong to this name
     name: Name,
-    /// What it is for: read, ingest, train, admin; repeat it, or separate several by commas. None implies another
-    #[arg(long = "scope", value_name = "SCOPE", value_delimiter = ',', required = true)]
+    /// What it is for: read, ingest, train, admin; repeat it, or separate several by commas. None
+    /// implies another
+    #[arg(
+        long = "scope",
+        value_name = "SCOPE",
+        value_delimiter = ',',
+        required = true
+    )]
     scopes: Vec<KeyScope>,
-    /// The environments that it is for, such as 'hallway*'; repeat it, or separate several by commas. All by default
+    /// The environments that it is for, such as 'hallway*'; repeat it, or separate several by
+    /// commas. All by default
     #[arg(long, value_name = "PATTERN", value_delimiter = ',')]
     environments: Vec<Pattern>,
     /// How often it may ask, such as 50/s, 600/m or 1000/h; as often as it likes by default
@@ -81,14 +88,35 @@ impl New {
 fn append(path: &Path, line: &Line) -> Result<(), Failure> {
     use std::os::unix::fs::OpenOptionsExt;
 
-    let failed = |error: std::io::Error| Failure::usage(format!("cannot add to {}: {error}", path.display()));
-    let unread = |why: String| Failure::usage(format!("cannot read the keys file {}: {why}", path.display()));
+    let failed = |error: std::io::Error| {
+        Failure::usage(format!("cannot add to {}: {error}", path.display()))
+    };
+    let unread = |why: String| {
+        Failure::usage(format!(
+            "cannot read the keys file {}: {why}",
+            path.display()
+        ))
+    };
     // A link that leads nowhere is no missing file.
-    let is_missing = path.symlink_metadata().is_err_and(|error| error.kind() == std::io::ErrorKind::NotFound);
-    let text = if is_missing { String::new() } else { read_text(path).map_err(unread)? };
-    Keys::parse_whole(&text).map_err(|faults| Failure::usage(format!("{}: {}", path.display(), faults.join("\n"))))?;
-    let mut file = std::fs::OpenOptions::new().append(true).create(true).mode(0o600).open(path).map_err(failed)?;
-    file.write_all(format!("{line}\n").as_bytes()).and_then(|()| file.sync_all()).map_err(failed)
+    let is_missing = path
+        .symlink_metadata()
+        .is_err_and(|error| error.kind() == std::io::ErrorKind::NotFound);
+    let text = if is_missing {
+        String::new()
+    } else {
+        read_text(path).map_err(unread)?
+    };
+    Keys::parse_whole(&text)
+        .map_err(|faults| Failure::usage(format!("{}: {}", path.display(), faults.join("\n"))))?;
+    let mut file = std::fs::OpenOptions::new()
+        .append(true)
+        .create(true)
+        .mode(0o600)
+        .open(path)
+        .map_err(failed)?;
+    file.write_all(format!("{line}\n").as_bytes())
+        .and_then(|()| file.sync_all())
+        .map_err(failed)
 }
 
 /// The file of the keys that a service lets in.
@@ -102,17 +130,31 @@ pub(super) struct KeysFile {
 impl KeysFile {
     /// Reads the file, and takes SIGHUP over; nothing where there is no file.
     pub(super) fn read(path: Option<&Path>) -> Result<Self, Failure> {
-        let Some(path) = path else { return Ok(Self { ring: None, path: PathBuf::new(), hangups: None }) };
+        let Some(path) = path else {
+            return Ok(Self {
+                ring: None,
+                path: PathBuf::new(),
+                hangups: None,
+            });
+        };
         // Before the file is read: a change after that comes with a signal that is not lost.
-        let hangups = signal(SignalKind::hangup()).map_err(|error| Failure::usage(error.to_string()))?;
+        let hangups =
+            signal(SignalKind::hangup()).map_err(|error| Failure::usage(error.to_string()))?;
         let keys = Keys::read(path).map_err(|error| Failure::usage(error.to_string()))?;
         tell(path, &keys, "keys were read");
-        Ok(Self { ring: Some(Keyring::new(keys)), path: path.into(), hangups: Some(hangups.into()) })
+        Ok(Self {
+            ring: Some(Keyring::new(keys)),
+            path: path.into(),
+            hangups: Some(hangups.into()),
+        })
     }
 
-    /// Reads the file again whenever SIGHUP comes, for ever. One that is wrong leaves the keys as they are.
+    /// Reads the file again whenever SIGHUP comes, for ever. One that is wrong leaves the keys as
+    /// they are.
     pub(super) async fn follow(&self) -> Infallible {
-        let (Some(ring), Some(hangups)) = (&self.ring, &self.hangups) else { return std::future::pending().await };
+        let (Some(ring), Some(hangups)) = (&self.ring, &self.hangups) else {
+            return std::future::pending().await;
+        };
         loop {
             if hangups.lock().await.recv().await.is_none() {
                 std::future::pending::<()>().await;
@@ -122,7 +164,9 @@ impl KeysFile {
                     tell(&self.path, &keys, "keys were read again");
                     ring.replace(keys);
                 }
-                Err(error) => tracing::error!(%error, "keys were not read again: those from before stay"),
+                Err(error) => {
+                    tracing::error!(%error, "keys were not read again: those from before stay")
+                }
             }
         }
     }
@@ -133,13 +177,17 @@ fn tell(path: &Path, keys: &Keys, what: &str) {
 
     /// Writing for a group or for others, and reading for others.
     const OPEN: u32 = 0o026;
-    let mode = path.metadata().map_or(0, |about| about.permissions().mode() & 0o777);
+    let mode = path
+        .metadata()
+        .map_or(0, |about| about.permissions().mode() & 0o777);
     if mode & OPEN != 0 {
         let mode = format!("{mode:03o}");
         tracing::warn!(file = %path.display(), mode, "others may read or write the keys file, expected its owner alone (600)");
     }
     match keys.is_empty() {
-        true => tracing::warn!(file = %path.display(), "{what}, and there is none: nobody is let in"),
+        true => {
+            tracing::warn!(file = %path.display(), "{what}, and there is none: nobody is let in")
+        }
         false => tracing::info!(file = %path.display(), keys = keys.len(), "{what}"),
     }
 }

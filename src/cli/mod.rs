@@ -1,7 +1,9 @@
-//! The command line: a file a command. Each reads its arguments, calls one room, and prints; nothing is decided here.
+//! The command line: a file a command. Each reads its arguments, calls one room, and prints;
+//! nothing is decided here.
 //!
-//! Results go to standard output, everything else to standard error. Exit code 0: done; 1: the service refused, or rejected something; 2: the
-//! command cannot be done as it was given (a wrong flag, no such file, no service there); 130: a signal ended what it waited for.
+//! Results go to standard output, everything else to standard error. Exit code 0: done; 1: the
+//! service refused, or rejected something; 2: the command cannot be done as it was given (a wrong
+//! flag, no such file, no service there); 130: a signal ended what it waited for.
 
 mod answers;
 mod asking;
@@ -90,13 +92,20 @@ pub fn run() -> ExitCode {
 /// Tells what is wrong with the arguments or the variables, in which a secret may stand by mistake.
 fn unread(error: &clap::Error) -> ExitCode {
     // Where standard error is closed nobody is left to tell.
-    let _ = write!(std::io::stderr(), "{}", redacted(&error.render().to_string()));
+    let _ = write!(
+        std::io::stderr(),
+        "{}",
+        redacted(&error.render().to_string())
+    );
     ExitCode::from(2)
 }
 
 fn execute(cli: Cli) -> Result<(), Failure> {
-    let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build();
-    let runtime = runtime.map_err(|error| Failure::usage(format!("cannot start threads: {error}")))?;
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .enable_all()
+        .build();
+    let runtime =
+        runtime.map_err(|error| Failure::usage(format!("cannot start threads: {error}")))?;
     let done = runtime.block_on(async {
         match cli.command {
             Command::Serve(command) => command.run().await,
@@ -113,7 +122,8 @@ fn execute(cli: Cli) -> Result<(), Failure> {
             Command::Health(command) => command.run().await,
         }
     });
-    // Whatever still computes has nobody left to tell: the command is over, and all that it promised is done.
+    // Whatever still computes has nobody left to tell: the command is over, and all that it
+    // promised is done.
     runtime.shutdown_background();
     done
 }
@@ -132,10 +142,21 @@ mod tests {
     #[test]
     fn every_command_teaches_by_an_example() {
         let cli = Cli::command();
-        let nested = |command: &clap::Command| command.get_subcommands().cloned().collect::<Vec<_>>();
-        for command in nested(&cli).iter().flat_map(|command| [vec![command.clone()], nested(command)].concat()) {
-            let help = command.get_long_about().map(ToString::to_string).unwrap_or_default();
-            assert!(help.contains("\n  nudge "), "{} has no example", command.get_name());
+        let nested =
+            |command: &clap::Command| command.get_subcommands().cloned().collect::<Vec<_>>();
+        for command in nested(&cli)
+            .iter()
+            .flat_map(|command| [vec![command.clone()], nested(command)].concat())
+        {
+            let help = command
+                .get_long_about()
+                .map(ToString::to_string)
+                .unwrap_or_default();
+            assert!(
+                help.contains("\n  nudge "),
+                "{} has no example",
+                command.get_name()
+            );
         }
     }
 }

@@ -14,17 +14,23 @@ use crate::domain::ModelId;
 
 /// List, show, switch, move and delete trained networks
 #[derive(Debug, Subcommand)]
-#[command(long_about = "List, show, switch, move and delete trained networks.\n\n\
+#[command(
+    long_about = "List, show, switch, move and delete trained networks.\n\n\
     A training makes a version. The active version of a pair of agents answers where counts do not decide.\n\n\
-    Example:\n  nudge model list hallway\n  nudge model activate hallway 3")]
+    Example:\n  nudge model list hallway\n  nudge model activate hallway 3"
+)]
 pub(super) enum Model {
     /// List versions and trainings
-    #[command(long_about = "List every version, and the trainings that were asked for since the service started.\n\n\
-        Example:\n  nudge model list hallway --json")]
+    #[command(
+        long_about = "List every version, and the trainings that were asked for since the service started.\n\n\
+        Example:\n  nudge model list hallway --json"
+    )]
     List(List),
     /// Show what a version says of itself, or how far a training is
-    #[command(long_about = "Show what a version says of itself beside every baseline, or how far a training is.\n\n\
-        Example:\n  nudge model show hallway 3\n  nudge model show hallway job-2")]
+    #[command(
+        long_about = "Show what a version says of itself beside every baseline, or how far a training is.\n\n\
+        Example:\n  nudge model show hallway 3\n  nudge model show hallway job-2"
+    )]
     Show(Show),
     /// Make a version the one that answers
     #[command(
@@ -39,8 +45,10 @@ pub(super) enum Model {
     )]
     Rollback(Version),
     /// Delete a version that is not active, or end a training
-    #[command(long_about = "Delete a version that is not active, for ever, or end a training.\n\n\
-        Example:\n  nudge model delete hallway 2\n  nudge model delete hallway job-2")]
+    #[command(
+        long_about = "Delete a version that is not active, for ever, or end a training.\n\n\
+        Example:\n  nudge model delete hallway 2\n  nudge model delete hallway job-2"
+    )]
     Delete(Delete),
     /// Write a version to a file
     #[command(
@@ -148,12 +156,17 @@ impl Model {
 
 impl List {
     async fn run(self) -> Result<(), Failure> {
-        let Self { environment, json, server } = self;
+        let Self {
+            environment,
+            json,
+            server,
+        } = self;
         let response = all(&server.connect().await?, &environment).await?;
         if json {
             let mut told = to_json(dto::Models::from(response));
             // It is all of them.
-            told.as_object_mut().map(|page| page.remove("next_page_token"));
+            told.as_object_mut()
+                .map(|page| page.remove("next_page_token"));
             return print_json(&told);
         }
         print(&card::list(&environment, &response))
@@ -161,11 +174,18 @@ impl List {
 }
 
 /// Returns every version and every job, as one page.
-pub(super) async fn all(connection: &Connection, environment: &str) -> Result<proto::ListModelsResponse, Failure> {
+pub(super) async fn all(
+    connection: &Connection,
+    environment: &str,
+) -> Result<proto::ListModelsResponse, Failure> {
     let mut all = proto::ListModelsResponse::default();
     loop {
         let page_token = std::mem::take(&mut all.next_page_token);
-        let request = proto::ListModelsRequest { environment: environment.to_owned(), page_size: 0, page_token };
+        let request = proto::ListModelsRequest {
+            environment: environment.to_owned(),
+            page_size: 0,
+            page_token,
+        };
         let ask = || {
             let (mut client, request) = (connection.models(), request.clone());
             async move { client.list_models(request).await }
@@ -189,8 +209,16 @@ impl Show {
     }
 
     async fn version(self, version: u64) -> Result<(), Failure> {
-        let Self { environment, json, server, .. } = self;
-        let request = proto::GetModelRequest { environment: environment.clone(), version };
+        let Self {
+            environment,
+            json,
+            server,
+            ..
+        } = self;
+        let request = proto::GetModelRequest {
+            environment: environment.clone(),
+            version,
+        };
         let connection = server.connect().await?;
         let ask = || {
             let (mut client, request) = (connection.models(), request.clone());
@@ -201,7 +229,10 @@ impl Show {
     }
 
     async fn job(self, id: u64) -> Result<(), Failure> {
-        let request = proto::GetJobRequest { environment: self.environment, id };
+        let request = proto::GetJobRequest {
+            environment: self.environment,
+            id,
+        };
         let connection = self.server.connect().await?;
         let ask = || {
             let (mut client, request) = (connection.models(), request.clone());
@@ -218,9 +249,23 @@ impl Show {
 
 impl Version {
     async fn activate(self) -> Result<(), Failure> {
-        let Self { environment, version, json, server } = self;
-        let request = proto::ActivateModelRequest { environment: environment.clone(), version };
-        let response = server.connect().await?.models().activate_model(request).await?.into_inner();
+        let Self {
+            environment,
+            version,
+            json,
+            server,
+        } = self;
+        let request = proto::ActivateModelRequest {
+            environment: environment.clone(),
+            version,
+        };
+        let response = server
+            .connect()
+            .await?
+            .models()
+            .activate_model(request)
+            .await?
+            .into_inner();
         let model = response.model.unwrap_or_default();
         if json {
             return print_json(&to_json(dto::Model::from(model)));
@@ -229,9 +274,23 @@ impl Version {
     }
 
     async fn roll_back(self) -> Result<(), Failure> {
-        let Self { environment, version, json, server } = self;
-        let request = proto::RollBackModelRequest { environment: environment.clone(), version };
-        let response = server.connect().await?.models().roll_back_model(request).await?.into_inner();
+        let Self {
+            environment,
+            version,
+            json,
+            server,
+        } = self;
+        let request = proto::RollBackModelRequest {
+            environment: environment.clone(),
+            version,
+        };
+        let response = server
+            .connect()
+            .await?
+            .models()
+            .roll_back_model(request)
+            .await?
+            .into_inner();
         if json {
             return print_json(&to_json(dto::RolledBack::from(response)));
         }
@@ -239,21 +298,37 @@ impl Version {
             Some(model) => answers_now(&environment, model),
             None => "no version answers for its pair now".into(),
         };
-        print(&format!("version {version} of `{environment}` is taken back; {now}"))
+        print(&format!(
+            "version {version} of `{environment}` is taken back; {now}"
+        ))
     }
 }
 
 impl Delete {
     async fn run(self) -> Result<(), Failure> {
-        let Self { environment, model, server } = self;
+        let Self {
+            environment,
+            model,
+            server,
+        } = self;
         let mut client = server.connect().await?.models();
         match model {
             ModelId::Version(version) => {
-                client.delete_model(proto::DeleteModelRequest { environment: environment.clone(), version }).await?;
+                client
+                    .delete_model(proto::DeleteModelRequest {
+                        environment: environment.clone(),
+                        version,
+                    })
+                    .await?;
                 print(&format!("version {version} of `{environment}` deleted"))
             }
             ModelId::Job(id) => {
-                client.cancel_job(proto::CancelJobRequest { environment: environment.clone(), id }).await?;
+                client
+                    .cancel_job(proto::CancelJobRequest {
+                        environment: environment.clone(),
+                        id,
+                    })
+                    .await?;
                 print(&format!("{model} of `{environment}` cancelled"))
             }
         }
@@ -262,8 +337,16 @@ impl Delete {
 
 impl Export {
     async fn run(self) -> Result<(), Failure> {
-        let Self { environment, version, out, server } = self;
-        let request = proto::ExportModelRequest { environment: environment.clone(), version };
+        let Self {
+            environment,
+            version,
+            out,
+            server,
+        } = self;
+        let request = proto::ExportModelRequest {
+            environment: environment.clone(),
+            version,
+        };
         let connection = server.connect().await?;
         let ask = || {
             let (mut client, request) = (connection.models(), request.clone());
@@ -272,17 +355,33 @@ impl Export {
         let file = asked(ask).await?.file;
         std::fs::write(&out, &file).map_err(|error| cannot_write(&out, &error))?;
         let (bytes, out) = (count(file.len() as u64), out.display());
-        print(&format!("version {version} of `{environment}`: {bytes} bytes in {out}"))
+        print(&format!(
+            "version {version} of `{environment}`: {bytes} bytes in {out}"
+        ))
     }
 }
 
 impl Import {
     async fn run(self) -> Result<(), Failure> {
-        let Self { environment, file, json, server } = self;
+        let Self {
+            environment,
+            file,
+            json,
+            server,
+        } = self;
         // Read first, so that a wrong name is told whether a service is there or not.
         let bytes = std::fs::read(&file).map_err(|error| cannot_read(&file, &error))?;
-        let request = proto::ImportModelRequest { environment: environment.clone(), file: bytes };
-        let response = server.connect().await?.models().import_model(request).await?.into_inner();
+        let request = proto::ImportModelRequest {
+            environment: environment.clone(),
+            file: bytes,
+        };
+        let response = server
+            .connect()
+            .await?
+            .models()
+            .import_model(request)
+            .await?
+            .into_inner();
         shown(&environment, response.model.unwrap_or_default(), json)
     }
 }
@@ -296,7 +395,12 @@ pub(super) fn shown(environment: &str, model: proto::Model, json: bool) -> Resul
 }
 
 fn answers_now(environment: &str, model: &proto::Model) -> String {
-    let proto::Model { version, ego, other, .. } = model;
+    let proto::Model {
+        version,
+        ego,
+        other,
+        ..
+    } = model;
     format!("version {version} of `{environment}` answers for {ego} on {other} now")
 }
 
@@ -318,17 +422,29 @@ mod tests {
 
     #[test]
     fn versions_and_jobs_are_told_apart() {
-        let Ok(Model::Show(show)) = parsed(&["show", "hallway", "job-2"]) else { panic!("well formed") };
+        let Ok(Model::Show(show)) = parsed(&["show", "hallway", "job-2"]) else {
+            panic!("well formed")
+        };
         assert_eq!(show.model, ModelId::Job(2));
-        let Ok(Model::Delete(delete)) = parsed(&["delete", "hallway", "2"]) else { panic!("well formed") };
+        let Ok(Model::Delete(delete)) = parsed(&["delete", "hallway", "2"]) else {
+            panic!("well formed")
+        };
         assert_eq!(delete.model, ModelId::Version(2));
     }
 
     #[test]
     fn a_typo_is_told_with_what_was_expected() {
-        let told = parsed(&["show", "hallway", "three"]).expect_err("wrong").to_string();
-        assert!(told.contains("got \"three\", expected the number of a version, or job-"), "{told}");
+        let told = parsed(&["show", "hallway", "three"])
+            .expect_err("wrong")
+            .to_string();
+        assert!(
+            told.contains("got \"three\", expected the number of a version, or job-"),
+            "{told}"
+        );
         assert!(parsed(&["activate", "hallway", "job-2"]).is_err());
-        assert!(parsed(&["export", "hallway", "2"]).is_err(), "a file is needed");
+        assert!(
+            parsed(&["export", "hallway", "2"]).is_err(),
+            "a file is needed"
+        );
     }
 }

@@ -23,7 +23,8 @@ pub(super) fn print_json(value: &serde_json::Value) -> Result<(), Failure> {
 
 /// Returns what REST would tell.
 pub(super) fn to_json(value: impl serde::Serialize) -> serde_json::Value {
-    serde_json::to_value(value).expect("answers have text for keys and no number that JSON cannot hold")
+    serde_json::to_value(value)
+        .expect("answers have text for keys and no number that JSON cannot hold")
 }
 
 /// A table in plain text.
@@ -34,7 +35,9 @@ pub(super) struct Table {
 impl Table {
     /// Begins a table with these titles.
     pub(super) fn new(titles: &[&str]) -> Self {
-        Self { rows: vec![titles.iter().map(|title| (*title).to_owned()).collect()] }
+        Self {
+            rows: vec![titles.iter().map(|title| (*title).to_owned()).collect()],
+        }
     }
 
     /// Adds a row of as many cells.
@@ -42,10 +45,17 @@ impl Table {
         self.rows.push(cells.into_iter().collect());
     }
 
-    /// Returns the table with columns two spaces apart; numbers stand to the right, but for the first column, which names the row.
+    /// Returns the table with columns two spaces apart; numbers stand to the right, but for the
+    /// first column, which names the row.
     pub(super) fn render(&self, indent: &str) -> String {
         let columns = self.rows[0].len();
-        let width = |column: usize| self.rows.iter().map(|row| row[column].chars().count()).max().unwrap_or(0);
+        let width = |column: usize| {
+            self.rows
+                .iter()
+                .map(|row| row[column].chars().count())
+                .max()
+                .unwrap_or(0)
+        };
         let widths: Vec<usize> = (0..columns).map(width).collect();
         let numeric: Vec<bool> = (0..columns).map(|column| self.is_numeric(column)).collect();
         let cell = |(i, text): (usize, &String)| match (numeric[i], widths[i]) {
@@ -90,7 +100,11 @@ pub(super) fn figure_or_dash(number: Option<f64>) -> String {
 
 /// Returns a number with so many significant digits, whole ones always, and no zeros at the end.
 pub(super) fn significant(number: f64, digits: i32) -> String {
-    let whole = if number > 0.0 { number.log10().floor() as i32 + 1 } else { 1 };
+    let whole = if number > 0.0 {
+        number.log10().floor() as i32 + 1
+    } else {
+        1
+    };
     let unit = 10_f64.powi((digits - whole).max(0));
     ((number * unit).round() / unit).to_string()
 }
@@ -122,7 +136,10 @@ mod tests {
         let mut table = Table::new(&["name", "visits"]);
         table.row(["hallway".into(), count(7)]);
         table.row(["x".into(), count(1_234_567)]);
-        assert_eq!(table.render("  "), "  name        visits\n  hallway          7\n  x        1,234,567\n");
+        assert_eq!(
+            table.render("  "),
+            "  name        visits\n  hallway          7\n  x        1,234,567\n"
+        );
     }
 
     #[test]
@@ -131,11 +148,17 @@ mod tests {
             [0.5, 0.721_347, 12.345, 0.000_4, 0.0, 8.0].map(|n| significant(n, 3)),
             ["0.5", "0.721", "12.3", "0.0004", "0", "8"]
         );
-        assert_eq!([0.721, 1.154, 0.0123, 0.0, 0.5].map(percent), ["72 %", "115 %", "1.2 %", "0 %", "50 %"]);
+        assert_eq!(
+            [0.721, 1.154, 0.0123, 0.0, 0.5].map(percent),
+            ["72 %", "115 %", "1.2 %", "0 %", "50 %"]
+        );
     }
 
     #[test]
     fn thousands_are_apart() {
-        assert_eq!([0, 999, 1_000, 46_729].map(count), ["0", "999", "1,000", "46,729"]);
+        assert_eq!(
+            [0, 999, 1_000, 46_729].map(count),
+            ["0", "999", "1,000", "46,729"]
+        );
     }
 }

@@ -17,17 +17,23 @@ pub(super) struct Progress {
 impl Progress {
     /// Begins with that many steps to do.
     pub(super) fn new(steps: u64) -> Self {
-        Self { bar: std::io::stderr().is_terminal().then(|| bar(steps)) }
+        Self {
+            bar: std::io::stderr().is_terminal().then(|| bar(steps)),
+        }
     }
 
     /// Begins something of which only a share is known to be done.
     pub(super) fn of_share() -> Self {
-        Self { bar: std::io::stderr().is_terminal().then(share) }
+        Self {
+            bar: std::io::stderr().is_terminal().then(share),
+        }
     }
 
     /// Shows nothing, for those who tell in another way.
     pub(super) fn silent() -> Self {
-        Self { bar: Some(ProgressBar::hidden()) }
+        Self {
+            bar: Some(ProgressBar::hidden()),
+        }
     }
 
     /// Says what is being done.
@@ -85,12 +91,14 @@ fn share() -> ProgressBar {
     styled(SHARES, SHARE)
 }
 
-/// Words have a line of their own, which is cut off where the terminal ends; the bar below it fits into 60 columns with its figures.
+/// Words have a line of their own, which is cut off where the terminal ends; the bar below it fits
+/// into 60 columns with its figures.
 const STEPS: &str = "{wide_msg}\n{bar:16} {human_pos}/{human_len}  {per_sec}  {eta}";
 const SHARE: &str = "{wide_msg}\n{bar:32} {percent:>3} %  {elapsed}";
 
 fn styled(steps: u64, template: &str) -> ProgressBar {
-    let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
+    let style =
+        ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
     ProgressBar::new(steps).with_style(style)
 }
 
@@ -168,7 +176,10 @@ mod tests {
         let part = "cramped_room: sending the games of 2019";
         for width in [60, 80, 200] {
             let drawn = drawn(bar(9_999_999), width, part);
-            assert!(drawn.contains(part) && drawn.contains("0/9,999,999"), "{width}: {drawn}");
+            assert!(
+                drawn.contains(part) && drawn.contains("0/9,999,999"),
+                "{width}: {drawn}"
+            );
         }
     }
 }

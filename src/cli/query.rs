@@ -28,7 +28,8 @@ use crate::error::{Fault, Problem};
 pub(super) struct Query {
     /// Name of the environment
     environment: String,
-    /// A state by the values of its features: numbers or labels; a number is a label's index only where no label reads as a number
+    /// A state by the values of its features: numbers or labels; a number is a label's index only
+    /// where no label reads as a number
     #[arg(long, num_args = 1.., value_name = "FEATURE=VALUE", value_parser = assignment)]
     state: Vec<(String, String)>,
     /// A state by its key, such as 3.0.7
@@ -192,7 +193,10 @@ impl Query {
             keys: self.key.clone(),
             view: self.view(asked).into(),
             estimators: self.estimators.clone(),
-            significance: self.significance.map_or(proto::Permutations::Unspecified, Into::into).into(),
+            significance: self
+                .significance
+                .map_or(proto::Permutations::Unspecified, Into::into)
+                .into(),
             visits_to_decide: self.visits_to_decide,
         })
     }
@@ -200,7 +204,10 @@ impl Query {
     /// Returns the question for the graph of one state as the service takes it.
     fn graph_request(&self, schema: &Schema) -> Result<proto::GetGraphRequest, Failure> {
         use proto::get_graph_request::State;
-        let mut states: Vec<State> = values(schema, grouped(&self.state))?.into_iter().map(State::Values).collect();
+        let mut states: Vec<State> = values(schema, grouped(&self.state))?
+            .into_iter()
+            .map(State::Values)
+            .collect();
         states.extend(self.key.iter().cloned().map(State::Key));
         if states.len() > 1 {
             return Err(Failure::usage(format!(
@@ -214,7 +221,10 @@ impl Query {
             segments: self.segments.clone(),
             rule: Some(self.rule.clone().into()),
             unit: self.unit.clone().unwrap_or_default(),
-            within: self.within.map_or(proto::Within::Unspecified, Into::into).into(),
+            within: self
+                .within
+                .map_or(proto::Within::Unspecified, Into::into)
+                .into(),
         })
     }
 
@@ -227,7 +237,10 @@ impl Query {
             segments: self.segments.clone(),
             rule: Some(self.rule.clone().into()),
             unit: self.unit.clone().unwrap_or_default(),
-            within: self.within.map_or(proto::Within::Unspecified, Into::into).into(),
+            within: self
+                .within
+                .map_or(proto::Within::Unspecified, Into::into)
+                .into(),
         }
     }
 
@@ -261,7 +274,8 @@ fn assignment(text: &str) -> Result<(String, String), String> {
     Ok((feature.into(), value.into()))
 }
 
-/// Begins another state where a feature is named again: `--state x=1 y=2 --state x=3 y=4` is two, `--state x=1 --state y=2` is one.
+/// Begins another state where a feature is named again: `--state x=1 y=2 --state x=3 y=4` is two,
+/// `--state x=1 --state y=2` is one.
 fn grouped(assignments: &[(String, String)]) -> Vec<NamedValues> {
     let mut states: Vec<NamedValues> = Vec::new();
     let mut named = HashSet::new();
@@ -283,10 +297,18 @@ fn values(schema: &Schema, states: Vec<NamedValues>) -> Result<Vec<proto::StateV
     for (i, named) in states.iter().enumerate() {
         match schema.state_values(named) {
             Ok(values) => all.push(proto::StateValues { values }),
-            Err(found) => faults.extend(found.into_iter().map(|fault| fault.under(&format!("/states/{i}")))),
+            Err(found) => faults.extend(
+                found
+                    .into_iter()
+                    .map(|fault| fault.under(&format!("/states/{i}"))),
+            ),
         }
     }
-    if faults.is_empty() { Ok(all) } else { Err(Problem::invalid("question", faults)) }
+    if faults.is_empty() {
+        Ok(all)
+    } else {
+        Err(Problem::invalid("question", faults))
+    }
 }
 
 #[cfg(test)]
@@ -303,41 +325,83 @@ mod tests {
     }
 
     fn request(arguments: &[&str]) -> Result<proto::BatchGetInfluenceRequest, Problem> {
-        let world = World::new(Kitchen::named("cramped_room").expect("known"), Abstraction::Pos);
+        let world = World::new(
+            Kitchen::named("cramped_room").expect("known"),
+            Abstraction::Pos,
+        );
         let schema = Schema::try_from(&world.description()).expect("valid");
         let arguments = ["nudge", "cramped_room.pos"].iter().chain(arguments);
-        Only::try_parse_from(arguments).expect("well formed").query.request(&schema)
+        Only::try_parse_from(arguments)
+            .expect("well formed")
+            .query
+            .request(&schema)
     }
 
     #[test]
     fn labels_and_indices_become_values_in_the_order_of_the_description() {
-        let request = request(&["--state", "player_1.position=3", "player_0.position=2,1"]).expect("valid");
-        assert_eq!(request.states, [proto::StateValues { values: vec![1.0, 3.0] }]);
+        let request =
+            request(&["--state", "player_1.position=3", "player_0.position=2,1"]).expect("valid");
+        assert_eq!(
+            request.states,
+            [proto::StateValues {
+                values: vec![1.0, 3.0]
+            }]
+        );
         assert_eq!(request.view(), proto::View::Full);
     }
 
     #[test]
     fn a_state_begins_where_a_feature_is_named_again() {
         let (a, b) = ("player_0.position=0", "player_1.position=1");
-        assert_eq!(request(&["--state", a, "--state", b]).expect("one").states.len(), 1);
+        assert_eq!(
+            request(&["--state", a, "--state", b])
+                .expect("one")
+                .states
+                .len(),
+            1
+        );
         let two = request(&["--state", a, b, "--state", b, a]).expect("two");
         assert_eq!((two.states.len(), two.view()), (2, proto::View::Figures));
     }
 
     #[test]
     fn every_fault_is_told_with_its_state() {
-        let faults = request(&["--state", "player_0.position=9,9", "size=2"]).expect_err("wrong").faults;
+        let faults = request(&["--state", "player_0.position=9,9", "size=2"])
+            .expect_err("wrong")
+            .faults;
         let pointers: Vec<&str> = faults.iter().map(|fault| fault.pointer.as_str()).collect();
-        assert_eq!(pointers, ["/states/0/size", "/states/0/player_0.position", "/states/0/player_1.position"]);
+        assert_eq!(
+            pointers,
+            [
+                "/states/0/size",
+                "/states/0/player_0.position",
+                "/states/0/player_1.position"
+            ]
+        );
     }
 
     #[test]
     fn the_rule_and_the_pair_are_passed_on_as_given() {
-        let pair = ["--key", "0.1", "--ego", "player_1", "--unit", "bits", "--within", "segments"];
+        let pair = [
+            "--key", "0.1", "--ego", "player_1", "--unit", "bits", "--within", "segments",
+        ];
         let request = request(&[&pair[..], &["--rule-threshold", "0.2"]].concat());
         let scope = request.expect("valid").scope.expect("always there");
-        assert_eq!((scope.ego.as_str(), scope.other.as_str(), scope.unit.as_str()), ("player_1", "", "bits"));
+        assert_eq!(
+            (
+                scope.ego.as_str(),
+                scope.other.as_str(),
+                scope.unit.as_str()
+            ),
+            ("player_1", "", "bits")
+        );
         assert_eq!(scope.within(), proto::Within::Segments);
-        assert_eq!(scope.rule, Some(proto::Rule { threshold: Some(0.2), ..proto::Rule::default() }));
+        assert_eq!(
+            scope.rule,
+            Some(proto::Rule {
+                threshold: Some(0.2),
+                ..proto::Rule::default()
+            })
+        );
     }
 }

@@ -27,22 +27,39 @@ impl Report {
         totals.rejections.extend(part.rejections);
     }
 
-    /// Prints the figures. Transitions that were rejected, or of which nobody can tell, make the command fail, after everything else was counted.
+    /// Prints the figures. Transitions that were rejected, or of which nobody can tell, make the
+    /// command fail, after everything else was counted.
     pub(super) fn print(&self, as_json: bool) -> Result<(), Failure> {
         if as_json {
             print_json(&self.json())?
         } else {
             print(&self.table())?
         }
-        let faults: Vec<String> = self.environments.iter().flat_map(|(name, totals)| faults(name, totals)).collect();
-        if faults.is_empty() { Ok(()) } else { Err(Failure::refused_for(faults)) }
+        let faults: Vec<String> = self
+            .environments
+            .iter()
+            .flat_map(|(name, totals)| faults(name, totals))
+            .collect();
+        if faults.is_empty() {
+            Ok(())
+        } else {
+            Err(Failure::refused_for(faults))
+        }
     }
 
     /// Returns the figures as a table.
     pub(super) fn table(&self) -> String {
-        let mut table = Table::new(&["environment", "transitions", "accepted", "resumed", "rejected"]);
+        let mut table = Table::new(&[
+            "environment",
+            "transitions",
+            "accepted",
+            "resumed",
+            "rejected",
+        ]);
         let row = |name: &str, figures: [u64; 4]| {
-            std::iter::once(name.to_owned()).chain(figures.map(count)).collect::<Vec<_>>()
+            std::iter::once(name.to_owned())
+                .chain(figures.map(count))
+                .collect::<Vec<_>>()
         };
         for (name, totals) in &self.environments {
             table.row(row(name, figures(totals)));
@@ -69,7 +86,13 @@ impl Report {
 /// Says what of an environment was not counted, or may not have been: a line each.
 fn faults(environment: &str, totals: &Totals) -> Vec<String> {
     let mut faults = Vec::new();
-    if let Some(Rejected { position, field, reason, .. }) = totals.rejections.first() {
+    if let Some(Rejected {
+        position,
+        field,
+        reason,
+        ..
+    }) = totals.rejections.first()
+    {
         let batches = match totals.rejected_batches {
             0 => String::new(),
             1 => ", and of 1 batch all".to_owned(),
@@ -90,7 +113,12 @@ fn faults(environment: &str, totals: &Totals) -> Vec<String> {
 }
 
 fn figures(totals: &Totals) -> [u64; 4] {
-    [totals.sent, totals.accepted, totals.resumed, totals.rejected]
+    [
+        totals.sent,
+        totals.accepted,
+        totals.resumed,
+        totals.rejected,
+    ]
 }
 
 fn rejection(rejected: &Rejected) -> Value {

@@ -65,40 +65,49 @@ pub struct ServeSettings {
     /// Cells kept in memory.
     #[arg(long, env = "NUDGE_CACHE_CELLS", value_name = "N", default_value_t = Config::default().cache_cells)]
     pub cache_cells: usize,
-    /// How often it is looked whether priors are to be fitted to the counts again, which is when a tenth more was counted, for pairs of agents that were
-    /// asked about within the last hour; 0s for never.
+    /// How often it is looked whether priors are to be fitted to the counts again, which is when a
+    /// tenth more was counted, for pairs of agents that were asked about within the last hour; 0s
+    /// for never.
     #[arg(long, env = "NUDGE_FIT_EVERY", value_name = "TIME", value_parser = duration, default_value = "5s")]
     pub fit_every: Duration,
-    /// How often it is looked whether networks are to be trained again, which is when half as much again was counted; 0s for never.
+    /// How often it is looked whether networks are to be trained again, which is when half as much
+    /// again was counted; 0s for never.
     #[arg(long, env = "NUDGE_TRAIN_EVERY", value_name = "TIME", value_parser = duration, default_value = "0s")]
     pub train_every: Duration,
-    /// The most connections, as far as the limit on open files (ulimit -n) leaves room; the idlest one makes room for a new one.
+    /// The most connections, as far as the limit on open files (ulimit -n) leaves room; the idlest
+    /// one makes room for a new one.
     #[arg(long, env = "NUDGE_MAX_CONNECTIONS", value_name = "N", value_parser = at_least_one::<usize>, default_value_t = Config::default().max_connections)]
     pub max_connections: usize,
-    /// The age, give or take a tenth, at which a connection is asked to leave, so that clients spread over services anew; 0s for never.
+    /// The age, give or take a tenth, at which a connection is asked to leave, so that clients
+    /// spread over services anew; 0s for never.
     #[arg(long, env = "NUDGE_MAX_CONNECTION_AGE", value_name = "TIME", value_parser = duration, default_value = "1h")]
     pub max_connection_age: Duration,
-    /// The file of the keys that are let in (see `nudge key new`), read again on SIGHUP. Without one, everybody who reaches the service is let in.
+    /// The file of the keys that are let in (see `nudge key new`), read again on SIGHUP. Without
+    /// one, everybody who reaches the service is let in.
     #[arg(long, env = "NUDGE_KEYS", value_name = "FILE")]
     pub keys: Option<PathBuf>,
-    /// Let in everybody who reaches an address that is not this machine's own: only where something else keeps others away.
+    /// Let in everybody who reaches an address that is not this machine's own: only where something
+    /// else keeps others away.
     #[arg(long, env = "NUDGE_INSECURE", value_parser = clap::builder::BoolishValueParser::new())]
     pub insecure: bool,
-    /// A name by which the service may be asked for without a key, beside loopback names and the address that it listens on, such as nudge.example.org
-    /// or *.example.org; repeat it, or separate several by commas.
+    /// A name by which the service may be asked for without a key, beside loopback names and the
+    /// address that it listens on, such as nudge.example.org or *.example.org; repeat it, or
+    /// separate several by commas.
     #[arg(long, env = "NUDGE_HOSTS", value_name = "NAME", value_delimiter = ',', value_parser = host)]
     pub hosts: Vec<String>,
-    /// The certificate of the service in PEM, with those between it and its authority: every face speaks TLS (HTTP/1.1 and HTTP/2). It is read again when
-    /// it changes.
+    /// The certificate of the service in PEM, with those between it and its authority: every face
+    /// speaks TLS (HTTP/1.1 and HTTP/2). It is read again when it changes.
     #[arg(long, env = "NUDGE_TLS_CERT", value_name = "FILE")]
     pub tls_cert: Option<PathBuf>,
     /// The private key of the certificate, in PEM and not encrypted.
     #[arg(long, env = "NUDGE_TLS_KEY", value_name = "FILE")]
     pub tls_key: Option<PathBuf>,
-    /// The certificates of authorities, in PEM: every client needs a certificate of one of them (mutual TLS).
+    /// The certificates of authorities, in PEM: every client needs a certificate of one of them
+    /// (mutual TLS).
     #[arg(long, env = "NUDGE_TLS_CLIENT_CA", value_name = "FILE")]
     pub tls_client_ca: Option<PathBuf>,
-    /// An origin whose pages may call, such as https://example.org; repeat it, or separate several by commas.
+    /// An origin whose pages may call, such as https://example.org; repeat it, or separate several
+    /// by commas.
     #[arg(long, env = "NUDGE_CORS_ORIGINS", value_name = "ORIGIN", value_delimiter = ',', value_parser = origin)]
     pub cors_origins: Vec<String>,
     /// How log lines look.
@@ -161,8 +170,14 @@ impl Serve {
         }
         telemetry::log(self.settings.log.format());
         let signals = Signals::install()?;
-        let Some(service) = Service::start(&config, &signals).await? else { return Ok(()) };
-        let scheme = if config.tls_cert.is_some() { "https" } else { "http" };
+        let Some(service) = Service::start(&config, &signals).await? else {
+            return Ok(());
+        };
+        let scheme = if config.tls_cert.is_some() {
+            "https"
+        } else {
+            "http"
+        };
         output::print(&format!("listening on {scheme}://{}", service.address))?;
         tokio::select! {
             () = signals.next() => {}
@@ -183,7 +198,8 @@ pub struct Service {
 }
 
 impl Service {
-    /// Takes the port, where it says at once that it is alive, opens the database and begins to serve. `None` where a signal came first.
+    /// Takes the port, where it says at once that it is alive, opens the database and begins to
+    /// serve. `None` where a signal came first.
     pub async fn start(config: &Config, signals: &Signals) -> Result<Option<Self>, Failure> {
         let quotas = Quotas {
             cells: config.max_cells,
@@ -192,13 +208,20 @@ impl Service {
             models: config.max_models,
             environments: config.max_environments,
         };
-        let options = Options { quotas, cache_cells: config.cache_cells };
+        let options = Options {
+            quotas,
+            cache_cells: config.cache_cells,
+        };
         refuse_to_be_open(config)?;
         let keys = KeysFile::read(config.keys.as_deref())?;
         let tls = tls(config)?;
         // The port first: whoever finds it taken should not have touched the data.
-        let listener = TcpListener::bind(config.listen).await.map_err(|error| cannot_listen(config.listen, &error))?;
-        let address = listener.local_addr().map_err(|error| cannot_listen(config.listen, &error))?;
+        let listener = TcpListener::bind(config.listen)
+            .await
+            .map_err(|error| cannot_listen(config.listen, &error))?;
+        let address = listener
+            .local_addr()
+            .map_err(|error| cannot_listen(config.listen, &error))?;
         let limits = Limits {
             connections: files::leave_room_for(config.max_connections),
             age: config.max_connection_age,
@@ -206,7 +229,11 @@ impl Service {
         };
         let (stage, draining) = (Stage::default(), CancellationToken::new());
         let doors = Doors::closed(stage.clone());
-        let serving = tokio::spawn(doors.clone().serve(Socket { listener, tls }, draining.clone(), limits.clone()));
+        let serving = tokio::spawn(doors.clone().serve(
+            Socket { listener, tls },
+            draining.clone(),
+            limits.clone(),
+        ));
 
         let database = config.database();
         let store = tokio::select! {
@@ -219,7 +246,10 @@ impl Service {
             never = tell_waiting(address, &stage) => match never {},
         };
         let store = Arc::new(store.map_err(|error| Failure::usage(error.to_string()))?);
-        let upkeep = Upkeep { fit_every: config.fit_every, train_every: config.train_every };
+        let upkeep = Upkeep {
+            fit_every: config.fit_every,
+            train_every: config.train_every,
+        };
         let app = App::open_until(draining, store, upkeep);
         let settings = Settings {
             keys: keys.ring.clone(),
@@ -229,9 +259,17 @@ impl Service {
             speaks_tls: config.tls_cert.is_some(),
             limits,
         };
-        doors.open(app.clone(), &settings).await.map_err(|error| Failure::usage(error.to_string()))?;
+        doors
+            .open(app.clone(), &settings)
+            .await
+            .map_err(|error| Failure::usage(error.to_string()))?;
         tracing::info!(%address, database = %database.display(), "serving");
-        Ok(Some(Self { app, address, serving, keys }))
+        Ok(Some(Self {
+            app,
+            address,
+            serving,
+            keys,
+        }))
     }
 
     /// Reads the keys again whenever SIGHUP comes, for ever.
@@ -260,21 +298,40 @@ impl Service {
 /// Reads the files of TLS, where it is wanted.
 fn tls(config: &Config) -> Result<Option<Tls>, Failure> {
     let files = match (&config.tls_cert, &config.tls_key, &config.tls_client_ca) {
-        (Some(certificate), Some(key), authorities) => {
-            TlsFiles { certificate: certificate.clone(), key: key.clone(), client_authorities: authorities.clone() }
-        }
+        (Some(certificate), Some(key), authorities) => TlsFiles {
+            certificate: certificate.clone(),
+            key: key.clone(),
+            client_authorities: authorities.clone(),
+        },
         (None, None, None) => return Ok(None),
-        (Some(_), None, _) => return Err(lonely("--tls-cert (NUDGE_TLS_CERT)", "--tls-key (NUDGE_TLS_KEY)")),
-        (None, Some(_), _) => return Err(lonely("--tls-key (NUDGE_TLS_KEY)", "--tls-cert (NUDGE_TLS_CERT)")),
+        (Some(_), None, _) => {
+            return Err(lonely(
+                "--tls-cert (NUDGE_TLS_CERT)",
+                "--tls-key (NUDGE_TLS_KEY)",
+            ));
+        }
+        (None, Some(_), _) => {
+            return Err(lonely(
+                "--tls-key (NUDGE_TLS_KEY)",
+                "--tls-cert (NUDGE_TLS_CERT)",
+            ));
+        }
         (None, None, Some(_)) => {
-            return Err(lonely("--tls-client-ca (NUDGE_TLS_CLIENT_CA)", "--tls-cert and --tls-key"));
+            return Err(lonely(
+                "--tls-client-ca (NUDGE_TLS_CLIENT_CA)",
+                "--tls-cert and --tls-key",
+            ));
         }
     };
-    Tls::open(files).map(Some).map_err(|error| Failure::usage(error.to_string()))
+    Tls::open(files)
+        .map(Some)
+        .map_err(|error| Failure::usage(error.to_string()))
 }
 
 fn lonely(given: &str, missing: &str) -> Failure {
-    Failure::usage(format!("{given} is given without {missing}: TLS needs a certificate and its private key"))
+    Failure::usage(format!(
+        "{given} is given without {missing}: TLS needs a certificate and its private key"
+    ))
 }
 
 /// Says in the log what takes so long, less and less often.
@@ -296,7 +353,10 @@ impl Signals {
     pub fn install() -> Result<Self, Failure> {
         use tokio::signal::unix::{SignalKind, signal};
         let of = |kind| signal(kind).map_err(|error| Failure::usage(error.to_string()));
-        Ok(Self(tokio::sync::Mutex::new((of(SignalKind::interrupt())?, of(SignalKind::terminate())?))))
+        Ok(Self(tokio::sync::Mutex::new((
+            of(SignalKind::interrupt())?,
+            of(SignalKind::terminate())?,
+        ))))
     }
 
     /// Waits for the next of them.
@@ -312,16 +372,23 @@ impl Signals {
 
 /// Reads an address to listen on.
 pub(super) fn address(text: &str) -> Result<SocketAddr, String> {
-    text.parse().map_err(|_| format!("got {text:?}, expected an IP address and a port such as 127.0.0.1:8080"))
+    text.parse().map_err(|_| {
+        format!("got {text:?}, expected an IP address and a port such as 127.0.0.1:8080")
+    })
 }
 
 /// Reads a name of a host: without scheme, port or path.
 fn host(text: &str) -> Result<String, String> {
     let is_known = |byte: u8| byte.is_ascii_alphanumeric() || b"-._:[]*".contains(&byte);
-    let has_port = text.rsplit_once(':').is_some_and(|(name, port)| !name.contains(':') && port.parse::<u16>().is_ok());
+    let has_port = text
+        .rsplit_once(':')
+        .is_some_and(|(name, port)| !name.contains(':') && port.parse::<u16>().is_ok());
     let is_host = !text.is_empty() && text.bytes().all(is_known) && !has_port;
-    let expected = "expected a name without scheme and port such as nudge.example.org or *.example.org";
-    is_host.then(|| text.to_owned()).ok_or_else(|| format!("got {text:?}, {expected}"))
+    let expected =
+        "expected a name without scheme and port such as nudge.example.org or *.example.org";
+    is_host
+        .then(|| text.to_owned())
+        .ok_or_else(|| format!("got {text:?}, {expected}"))
 }
 
 /// Reads an origin: scheme, host and perhaps a port, or `*` for any.
@@ -329,14 +396,23 @@ fn origin(text: &str) -> Result<String, String> {
     let plain = text.strip_suffix('/').unwrap_or(text);
     let is_scheme = |scheme: &str| {
         scheme.starts_with(|first: char| first.is_ascii_alphabetic())
-            && scheme.bytes().all(|byte| byte.is_ascii_alphanumeric() || b"+-.".contains(&byte))
+            && scheme
+                .bytes()
+                .all(|byte| byte.is_ascii_alphanumeric() || b"+-.".contains(&byte))
     };
     let is_host = |host: &str| {
-        !host.is_empty() && host.bytes().all(|byte| byte.is_ascii_alphanumeric() || b"-._:[]".contains(&byte))
+        !host.is_empty()
+            && host
+                .bytes()
+                .all(|byte| byte.is_ascii_alphanumeric() || b"-._:[]".contains(&byte))
     };
-    let is_origin = plain.split_once("://").is_some_and(|(scheme, host)| is_scheme(scheme) && is_host(host));
+    let is_origin = plain
+        .split_once("://")
+        .is_some_and(|(scheme, host)| is_scheme(scheme) && is_host(host));
     let expected = "expected a scheme, a host and perhaps a port such as https://example.org, or *";
-    (is_origin || text == "*").then(|| plain.to_owned()).ok_or_else(|| format!("got {text:?}, {expected}"))
+    (is_origin || text == "*")
+        .then(|| plain.to_owned())
+        .ok_or_else(|| format!("got {text:?}, {expected}"))
 }
 
 /// Refuses to let in everybody who reaches this machine, unless that is wanted.
@@ -350,7 +426,11 @@ fn refuse_to_be_open(config: &Config) -> Result<(), Failure> {
         tracing::warn!(%address, "without keys everybody who reaches this address is let in (--insecure)");
         return Ok(());
     }
-    let others = if ip.is_unspecified() { "every address of this machine" } else { "an address that others reach" };
+    let others = if ip.is_unspecified() {
+        "every address of this machine"
+    } else {
+        "an address that others reach"
+    };
     Err(Failure::usage(format!(
         "{} is {others}, and without keys everybody there could read, change and delete everything: give --keys FILE (`nudge key new` makes \
          one), or listen on 127.0.0.1, or give --insecure where something else keeps others away",
@@ -361,7 +441,9 @@ fn refuse_to_be_open(config: &Config) -> Result<(), Failure> {
 /// Returns an address that a client on this machine can reach.
 pub(super) fn reachable(address: SocketAddr) -> SocketAddr {
     match address.ip() {
-        ip if ip.is_unspecified() => SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), address.port()),
+        ip if ip.is_unspecified() => {
+            SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), address.port())
+        }
         _ => address,
     }
 }
@@ -373,7 +455,9 @@ fn at_least_one<N: FromStr + Default + PartialOrd>(text: &str) -> Result<N, Stri
 
 fn cannot_listen(address: SocketAddr, error: &std::io::Error) -> Failure {
     let advice = match error.kind() {
-        std::io::ErrorKind::AddrInUse => ": stop what listens there, or choose another address with --listen",
+        std::io::ErrorKind::AddrInUse => {
+            ": stop what listens there, or choose another address with --listen"
+        }
         std::io::ErrorKind::PermissionDenied => ": choose a port above 1023 with --listen",
         _ => ": choose another address with --listen",
     };
@@ -382,14 +466,26 @@ fn cannot_listen(address: SocketAddr, error: &std::io::Error) -> Failure {
 
 /// Tells the files of TLS by their paths; what is in them is nobody's business.
 fn paths(config: &Config) -> String {
-    let paths =
-        [("tls_cert", &config.tls_cert), ("tls_key", &config.tls_key), ("tls_client_ca", &config.tls_client_ca)];
-    paths.into_iter().filter_map(|(name, path)| Some(format!("{name} = {:?}\n", path.as_ref()?))).collect()
+    let paths = [
+        ("tls_cert", &config.tls_cert),
+        ("tls_key", &config.tls_key),
+        ("tls_client_ca", &config.tls_client_ca),
+    ];
+    paths
+        .into_iter()
+        .filter_map(|(name, path)| Some(format!("{name} = {:?}\n", path.as_ref()?)))
+        .collect()
 }
 
 fn print(config: &Config, log: Log) -> Result<(), Failure> {
     let log = if log == Log::Json { "json" } else { "human" };
-    let quoted = |origins: &[String]| origins.iter().map(|origin| format!("{origin:?}")).collect::<Vec<_>>().join(", ");
+    let quoted = |origins: &[String]| {
+        origins
+            .iter()
+            .map(|origin| format!("{origin:?}"))
+            .collect::<Vec<_>>()
+            .join(", ")
+    };
     output::print(&redacted(&format!(
         "listen = \"{}\"\ndata = {:?}\nmax_cells = {}\nmax_segments = {}\nmax_producers = {}\nmax_models = {}\nmax_environments = {}\ncache_cells = {}\nfit_every = \"{}s\"\ntrain_every = \"{}s\"\n\
          max_connections = {}\nmax_connection_age = \"{}s\"\n{}insecure = {}\nhosts = [{}]\n{}cors_origins = [{}]\nlog = \"{log}\"",
@@ -405,7 +501,11 @@ fn print(config: &Config, log: Log) -> Result<(), Failure> {
         config.train_every.as_secs(),
         config.max_connections,
         config.max_connection_age.as_secs(),
-        config.keys.as_ref().map(|path| format!("keys = {path:?}\n")).unwrap_or_default(),
+        config
+            .keys
+            .as_ref()
+            .map(|path| format!("keys = {path:?}\n"))
+            .unwrap_or_default(),
         config.insecure,
         quoted(&config.hosts),
         paths(config),
@@ -428,11 +528,21 @@ mod tests {
         ] {
             assert_eq!(origin(text).as_deref(), Ok(kept), "{text}");
         }
-        for wrong in
-            ["", "example.org", "https://", "://x", "https://example.org/path", "https://*.example.org", "null", " "]
-        {
+        for wrong in [
+            "",
+            "example.org",
+            "https://",
+            "://x",
+            "https://example.org/path",
+            "https://*.example.org",
+            "null",
+            " ",
+        ] {
             let told = origin(wrong).expect_err(wrong);
-            assert!(told.starts_with(&format!("got {wrong:?}, expected a scheme, a host")), "{told}");
+            assert!(
+                told.starts_with(&format!("got {wrong:?}, expected a scheme, a host")),
+                "{told}"
+            );
         }
     }
 }

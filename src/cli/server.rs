@@ -14,13 +14,24 @@ use crate::client::{ClientTls, Connection, Options, Secret, Trust};
 #[derive(Debug, Clone, Args)]
 pub(super) struct Server {
     /// Address of the service; https://HOST:PORT for TLS
-    #[arg(long, value_name = "ADDRESS", env = "NUDGE_SERVER", default_value = "http://127.0.0.1:8080")]
+    #[arg(
+        long,
+        value_name = "ADDRESS",
+        env = "NUDGE_SERVER",
+        default_value = "http://127.0.0.1:8080"
+    )]
     server: String,
-    /// The key to ask with. Prefer the variable or the file: others on this machine see the arguments of its processes
+    /// The key to ask with. Prefer the variable or the file: others on this machine see the
+    /// arguments of its processes
     #[arg(long, value_name = "KEY", env = "NUDGE_KEY", hide_env_values = true, value_parser = given)]
     api_key: Option<Given>,
     /// A file with the key to ask with
-    #[arg(long, value_name = "FILE", env = "NUDGE_KEY_FILE", conflicts_with = "api_key")]
+    #[arg(
+        long,
+        value_name = "FILE",
+        env = "NUDGE_KEY_FILE",
+        conflicts_with = "api_key"
+    )]
     api_key_file: Option<PathBuf>,
     #[command(flatten)]
     tls: Tls,
@@ -60,8 +71,12 @@ impl Tls {
         let identity = match (&self.cert, &self.cert_key) {
             (Some(certificate), Some(key)) => Some((certificate.clone(), key.clone())),
             (None, None) => None,
-            (Some(_), None) => return Err(lonely("--cert (NUDGE_CERT)", "--cert-key (NUDGE_CERT_KEY)")),
-            (None, Some(_)) => return Err(lonely("--cert-key (NUDGE_CERT_KEY)", "--cert (NUDGE_CERT)")),
+            (Some(_), None) => {
+                return Err(lonely("--cert (NUDGE_CERT)", "--cert-key (NUDGE_CERT_KEY)"));
+            }
+            (None, Some(_)) => {
+                return Err(lonely("--cert-key (NUDGE_CERT_KEY)", "--cert (NUDGE_CERT)"));
+            }
         };
         let trust = self.ca.clone().map_or(Trust::System, Trust::Authorities);
         Ok(ClientTls { trust, identity })
@@ -69,26 +84,35 @@ impl Tls {
 }
 
 fn lonely(given: &str, missing: &str) -> Failure {
-    Failure::usage(format!("{given} is given without {missing}: a client needs a certificate and its private key"))
+    Failure::usage(format!(
+        "{given} is given without {missing}: a client needs a certificate and its private key"
+    ))
 }
 
 impl Server {
     /// Connects, or says what to do.
     pub(super) async fn connect(&self) -> Result<Connection, Failure> {
-        let options = Options { key: self.key()?, tls: self.tls.client()? };
+        let options = Options {
+            key: self.key()?,
+            tls: self.tls.client()?,
+        };
         Ok(Connection::open_with(&self.server, &options).await?)
     }
 
     fn key(&self) -> Result<Option<Secret>, Failure> {
         let key = |text: &str, from: &str| {
-            text.trim().parse().map(Some).map_err(|why| Failure::usage(format!("{from}: {why}")))
+            text.trim()
+                .parse()
+                .map(Some)
+                .map_err(|why| Failure::usage(format!("{from}: {why}")))
         };
         match (&self.api_key, &self.api_key_file) {
             (Some(Given(text)), _) => key(text, "--api-key or NUDGE_KEY"),
             (None, Some(path)) => {
                 let text = read_text(path);
-                let text =
-                    text.map_err(|why| Failure::usage(format!("cannot read the key in {}: {why}", path.display())))?;
+                let text = text.map_err(|why| {
+                    Failure::usage(format!("cannot read the key in {}: {why}", path.display()))
+                })?;
                 key(&text, &path.display().to_string())
             }
             (None, None) => Ok(None),

@@ -1,4 +1,5 @@
-//! `nudge simulate`: worlds that produce transitions, sent as a game server sends them, written to a file, or drawn.
+//! `nudge simulate`: worlds that produce transitions, sent as a game server sends them, written to
+//! a file, or drawn.
 
 mod ndjson;
 mod observed;
@@ -53,7 +54,8 @@ pub(super) struct Hallway {
     /// How fast simulated time passes
     #[arg(long, value_enum, default_value_t = Pace::Fast)]
     pace: Pace,
-    /// Write transitions to a file in place of sending them, one a line as REST takes them; - is standard output
+    /// Write transitions to a file in place of sending them, one a line as REST takes them; - is
+    /// standard output
     #[arg(long, value_name = "FILE", conflicts_with_all = ["svg", "json"])]
     out: Option<PathBuf>,
     /// Draw one trial to a file in place of sending any
@@ -91,8 +93,14 @@ impl Hallway {
     async fn send(self, hallway: World) -> Result<(), Failure> {
         let connection = self.server.connect().await?;
         let progress = Progress::new(u64::from(hallway.protocol().trials));
-        let run = Run { hallway, environment: self.environment, pace: self.pace };
-        let totals = run.send(&connection, |moment| show(&progress, moment)).await?;
+        let run = Run {
+            hallway,
+            environment: self.environment,
+            pace: self.pace,
+        };
+        let totals = run
+            .send(&connection, |moment| show(&progress, moment))
+            .await?;
         progress.part_done(&run.environment, totals.sent);
         progress.finish();
         let mut report = Report::default();
@@ -101,14 +109,22 @@ impl Hallway {
     }
 
     fn draw(&self, world: &World, file: &Path) -> Result<(), Failure> {
-        let svg = drawing::svg(world, self.trial, self.at)
-            .map_err(|fault| Failure::from(Problem::invalid("drawing", vec![options::by_flag(fault)])))?;
+        let svg = drawing::svg(world, self.trial, self.at).map_err(|fault| {
+            Failure::from(Problem::invalid("drawing", vec![options::by_flag(fault)]))
+        })?;
         std::fs::write(file, svg).map_err(|error| cannot_write(file, &error))
     }
 }
 
 fn show(progress: &Progress, moment: Moment) {
-    let Moment { trial, time, transitions } = moment;
-    progress.part(&format!("trial {trial} at {time:.0} s: {} transitions", count(transitions)));
+    let Moment {
+        trial,
+        time,
+        transitions,
+    } = moment;
+    progress.part(&format!(
+        "trial {trial} at {time:.0} s: {} transitions",
+        count(transitions)
+    ));
     progress.at(u64::from(trial) - 1);
 }

@@ -1,4 +1,5 @@
-//! `nudge train`: a network for a pair of agents, trained by the service and judged beside its baselines.
+//! `nudge train`: a network for a pair of agents, trained by the service and judged beside its
+//! baselines.
 
 use std::time::{Duration, Instant};
 
@@ -13,7 +14,8 @@ use crate::api::proto::{self, JobState};
 use crate::client::{ClientError, Connection, patiently, patiently_telling};
 use crate::domain::{ModelId, ModelKind, Weighting};
 
-/// How often the service is asked how far it is: often at first, for a short training, then less and less.
+/// How often the service is asked how far it is: often at first, for a short training, then less
+/// and less.
 const OFTEN: Duration = Duration::from_millis(100);
 const SELDOM: Duration = Duration::from_secs(1);
 
@@ -39,7 +41,8 @@ pub(super) struct Train {
     /// Agent that may be influenced; the second one unless given
     #[arg(long, value_name = "AGENT")]
     other: Option<String>,
-    /// What is predicted: joint (what both agents do) or direct (whether mutual information is above the threshold); joint unless given
+    /// What is predicted: joint (what both agents do) or direct (whether mutual information is
+    /// above the threshold); joint unless given
     #[arg(long, value_name = "KIND")]
     kind: Option<ModelKind>,
     /// Units of the hidden layer; 64 unless given
@@ -48,13 +51,15 @@ pub(super) struct Train {
     /// Networks that are trained and averaged; 3 unless given
     #[arg(long, value_name = "NUMBER")]
     members: Option<u64>,
-    /// Parts that the states are cut into; each member is stopped and judged by one that it does not learn from; 5 unless given
+    /// Parts that the states are cut into; each member is stopped and judged by one that it does
+    /// not learn from; 5 unless given
     #[arg(long, value_name = "NUMBER")]
     folds: Option<u64>,
     /// The most passes over the states; 140 unless given
     #[arg(long, value_name = "NUMBER")]
     epochs: Option<u64>,
-    /// How much a state counts: visits (as often as it was seen) or states (once); visits unless given
+    /// How much a state counts: visits (as often as it was seen) or states (once); visits unless
+    /// given
     #[arg(long, value_name = "WEIGHTING")]
     weighting: Option<Weighting>,
     /// Where all randomness comes from; 0 unless given
@@ -76,10 +81,23 @@ impl Train {
         let signals = Signals::install()?;
         let before = all(&connection, &self.environment).await?.models;
         let request = self.request();
-        let response = connection.models().train_model(request.clone()).await?.into_inner();
+        let response = connection
+            .models()
+            .train_model(request.clone())
+            .await?
+            .into_inner();
         let asked = response.job.unwrap_or_default();
-        let wanted = Wanted { ego: asked.ego, other: asked.other, kind: request.kind, seed: request.seed(), before };
-        let job = Watched { wanted: Some(wanted), ..Watched::new(&connection, &self.environment, asked.id) };
+        let wanted = Wanted {
+            ego: asked.ego,
+            other: asked.other,
+            kind: request.kind,
+            seed: request.seed(),
+            before,
+        };
+        let job = Watched {
+            wanted: Some(wanted),
+            ..Watched::new(&connection, &self.environment, asked.id)
+        };
         let version = outcome(job.end(&signals).await?)?;
         shown(&job.environment, job.model(version).await?, self.json)
     }
@@ -89,12 +107,18 @@ impl Train {
             environment: self.environment.clone(),
             ego: self.ego.clone().unwrap_or_default(),
             other: self.other.clone().unwrap_or_default(),
-            kind: self.kind.map_or(proto::ModelKind::Unspecified, Into::into).into(),
+            kind: self
+                .kind
+                .map_or(proto::ModelKind::Unspecified, Into::into)
+                .into(),
             width: self.width,
             members: self.members,
             folds: self.folds,
             epochs: self.epochs,
-            weighting: self.weighting.map_or(proto::Weighting::Unspecified, Into::into).into(),
+            weighting: self
+                .weighting
+                .map_or(proto::Weighting::Unspecified, Into::into)
+                .into(),
             seed: self.seed,
             activate: self.activate,
         }
@@ -106,7 +130,10 @@ fn outcome(job: proto::Job) -> Result<u64, Failure> {
     let name = ModelId::Job(job.id);
     match (job.state(), job.version) {
         (JobState::Done, Some(version)) => Ok(version),
-        (JobState::Cancelled, _) => Err(Failure::refused(format!("{name} was cancelled: {}", job.message))),
+        (JobState::Cancelled, _) => Err(Failure::refused(format!(
+            "{name} was cancelled: {}",
+            job.message
+        ))),
         _ => Err(Failure::refused(format!("{name} failed: {}", job.message))),
     }
 }
@@ -121,7 +148,8 @@ fn part(job: &proto::Job) -> String {
     }
 }
 
-/// What is new enough for a line in a pipe: another state, one fewer in front, another step, a tenth more.
+/// What is new enough for a line in a pipe: another state, one fewer in front, another step, a
+/// tenth more.
 #[derive(PartialEq)]
 struct Stage {
     state: i32,
@@ -134,7 +162,12 @@ impl Stage {
     fn of(job: &proto::Job) -> Self {
         // What a job that waits says is how far the one in front of it is.
         let step = Some(job.message.clone()).filter(|_| job.state() != JobState::Queued);
-        Self { state: job.state, ahead: job.ahead, step, tenths: (10.0 * job.progress) as u64 }
+        Self {
+            state: job.state,
+            ahead: job.ahead,
+            step,
+            tenths: (10.0 * job.progress) as u64,
+        }
     }
 }
 
@@ -149,30 +182,53 @@ struct Wanted {
 }
 
 impl Wanted {
-    /// Returns those versions that may have come out of the training: later ones of the same agents, kind and seed.
+    /// Returns those versions that may have come out of the training: later ones of the same
+    /// agents, kind and seed.
     fn kept_of(&self, models: &[proto::Model]) -> Vec<u64> {
-        let is_new = |model: &&proto::Model| self.before.iter().all(|before| before.version != model.version);
-        models.iter().filter(is_new).filter(|model| self.is_met_by(model)).map(|model| model.version).collect()
+        let is_new = |model: &&proto::Model| {
+            self.before
+                .iter()
+                .all(|before| before.version != model.version)
+        };
+        models
+            .iter()
+            .filter(is_new)
+            .filter(|model| self.is_met_by(model))
+            .map(|model| model.version)
+            .collect()
     }
 
     fn is_met_by(&self, model: &proto::Model) -> bool {
         let card = model.card.as_ref().filter(|card| !card.imported);
-        let Some(training) = card.and_then(|card| card.training) else { return false };
+        let Some(training) = card.and_then(|card| card.training) else {
+            return false;
+        };
         // What is not said is joint.
-        let kind = if self.kind == 0 { proto::ModelKind::Joint.into() } else { self.kind };
-        (&model.ego, &model.other, training.kind, training.seed) == (&self.ego, &self.other, kind, self.seed)
+        let kind = if self.kind == 0 {
+            proto::ModelKind::Joint.into()
+        } else {
+            self.kind
+        };
+        (&model.ego, &model.other, training.kind, training.seed)
+            == (&self.ego, &self.other, kind, self.seed)
     }
 }
 
 /// Says what became of a job that the service does not know any more, since jobs do not outlive it.
 fn lost(id: u64, environment: &str, kept: &[u64]) -> String {
     let name = ModelId::Job(id);
-    let lost = format!("{name} of `{environment}` is not known any more: the service was started anew meanwhile");
+    let lost = format!(
+        "{name} of `{environment}` is not known any more: the service was started anew meanwhile"
+    );
     match kept {
-        [] => format!("{lost}, and no version that may be of it was kept; ask for the training again"),
+        [] => {
+            format!("{lost}, and no version that may be of it was kept; ask for the training again")
+        }
         [.., last] => {
             let of = "of the same agents, kind and seed";
-            format!("{lost}; version {last}, {of}, was kept since: nudge model show {environment} {last}")
+            format!(
+                "{lost}; version {last}, {of}, was kept since: nudge model show {environment} {last}"
+            )
         }
     }
 }
@@ -187,7 +243,12 @@ pub(super) struct Watched {
 
 impl Watched {
     pub(super) fn new(connection: &Connection, environment: &str, id: u64) -> Self {
-        Self { connection: connection.clone(), environment: environment.to_owned(), id, wanted: None }
+        Self {
+            connection: connection.clone(),
+            environment: environment.to_owned(),
+            id,
+            wanted: None,
+        }
     }
 
     /// Shows how far it is until it is over, or ends it when a signal comes.
@@ -210,7 +271,10 @@ impl Watched {
             progress.part(&part(&job));
             progress.at_share(job.progress);
             let stage = Stage::of(&job);
-            if told.as_ref().is_none_or(|(last, at): &(Stage, Instant)| *last != stage || at.elapsed() >= QUIET) {
+            if told
+                .as_ref()
+                .is_none_or(|(last, at): &(Stage, Instant)| *last != stage || at.elapsed() >= QUIET)
+            {
                 progress.line(&card::job_line(&job));
                 told = Some((stage, Instant::now()));
             }
@@ -225,7 +289,10 @@ impl Watched {
     /// Ends the training; another signal says not to wait for that.
     async fn cancel(&self, signals: &Signals) -> Failure {
         let name = ModelId::Job(self.id);
-        let request = proto::CancelJobRequest { environment: self.environment.clone(), id: self.id };
+        let request = proto::CancelJobRequest {
+            environment: self.environment.clone(),
+            id: self.id,
+        };
         let mut client = self.connection.models();
         tokio::select! {
             answer = client.cancel_job(request) => match answer {
@@ -239,7 +306,10 @@ impl Watched {
     /// Asks how far it is, and says so where the service is away for a moment.
     async fn job(&self, progress: &Progress) -> Result<proto::Job, Failure> {
         let ask = || {
-            let request = proto::GetJobRequest { environment: self.environment.clone(), id: self.id };
+            let request = proto::GetJobRequest {
+                environment: self.environment.clone(),
+                id: self.id,
+            };
             let mut client = self.connection.models();
             async move { client.get_job(request).await }
         };
@@ -257,19 +327,30 @@ impl Watched {
         }
     }
 
-    /// Says why nothing more can be said of the job: of one that is not known any more, what came of it.
+    /// Says why nothing more can be said of the job: of one that is not known any more, what came
+    /// of it.
     async fn failed(&self, error: ClientError) -> Failure {
-        let is_lost = matches!(&error, ClientError::Refused(refusal) if refusal.reason == "JOB_NOT_FOUND");
-        let (true, Some(wanted)) = (is_lost, &self.wanted) else { return error.into() };
+        let is_lost =
+            matches!(&error, ClientError::Refused(refusal) if refusal.reason == "JOB_NOT_FOUND");
+        let (true, Some(wanted)) = (is_lost, &self.wanted) else {
+            return error.into();
+        };
         match all(&self.connection, &self.environment).await {
-            Ok(now) => Failure::refused(lost(self.id, &self.environment, &wanted.kept_of(&now.models))),
+            Ok(now) => Failure::refused(lost(
+                self.id,
+                &self.environment,
+                &wanted.kept_of(&now.models),
+            )),
             Err(failure) => failure,
         }
     }
 
     async fn model(&self, version: u64) -> Result<proto::Model, Failure> {
         let ask = || {
-            let request = proto::GetModelRequest { environment: self.environment.clone(), version };
+            let request = proto::GetModelRequest {
+                environment: self.environment.clone(),
+                version,
+            };
             let mut client = self.connection.models();
             async move { client.get_model(request).await }
         };
@@ -296,28 +377,58 @@ mod tests {
 
     #[test]
     fn what_is_not_given_is_left_to_the_service() {
-        let expected = proto::TrainModelRequest { environment: "hallway".into(), ..Default::default() };
+        let expected = proto::TrainModelRequest {
+            environment: "hallway".into(),
+            ..Default::default()
+        };
         assert_eq!(request(&[]).expect("well formed"), expected);
     }
 
     #[test]
     fn options_are_passed_on_as_given() {
-        let options = ["--kind", "direct", "--weighting", "states", "--width", "0", "--seed", "7", "--activate"];
+        let options = [
+            "--kind",
+            "direct",
+            "--weighting",
+            "states",
+            "--width",
+            "0",
+            "--seed",
+            "7",
+            "--activate",
+        ];
         let request = request(&options).expect("well formed");
-        assert_eq!((request.kind(), request.weighting()), (proto::ModelKind::Direct, proto::Weighting::States));
-        assert_eq!((request.width, request.seed, request.activate), (Some(0), Some(7), true));
+        assert_eq!(
+            (request.kind(), request.weighting()),
+            (proto::ModelKind::Direct, proto::Weighting::States)
+        );
+        assert_eq!(
+            (request.width, request.seed, request.activate),
+            (Some(0), Some(7), true)
+        );
     }
 
     #[test]
     fn an_unknown_kind_is_told_with_those_there_are() {
         let told = request(&["--kind", "deep"]).expect_err("wrong").to_string();
-        assert!(told.contains("got \"deep\", expected joint or direct"), "{told}");
+        assert!(
+            told.contains("got \"deep\", expected joint or direct"),
+            "{told}"
+        );
     }
 
     #[test]
     fn a_pipe_is_told_what_is_new() {
-        let waits = |ahead, message: &str| proto::Job { ahead, message: message.into(), ..job_in(JobState::Queued) };
-        let runs = |progress| proto::Job { progress, message: "learns".into(), ..job_in(JobState::Running) };
+        let waits = |ahead, message: &str| proto::Job {
+            ahead,
+            message: message.into(),
+            ..job_in(JobState::Queued)
+        };
+        let runs = |progress| proto::Job {
+            progress,
+            message: "learns".into(),
+            ..job_in(JobState::Running)
+        };
         let is_new = |one: proto::Job, next: proto::Job| Stage::of(&one) != Stage::of(&next);
         assert!(!is_new(waits(2, "34 % is done"), waits(2, "35 % is done")));
         assert!(is_new(waits(2, ""), waits(1, "")) && is_new(waits(1, ""), runs(0.0)));
@@ -334,17 +445,29 @@ mod tests {
         };
         assert_eq!(part(&runs(None)), "learns");
         assert_eq!(part(&runs(Some(140.0))), "about 2 min left: learns");
-        let waits = proto::Job { ahead: 2, message: "waits for job-1".into(), ..job_in(JobState::Queued) };
+        let waits = proto::Job {
+            ahead: 2,
+            message: "waits for job-1".into(),
+            ..job_in(JobState::Queued)
+        };
         assert_eq!(part(&waits), "2 ahead: waits for job-1");
     }
 
     fn job_in(state: JobState) -> proto::Job {
-        proto::Job { id: 3, state: state.into(), ..Default::default() }
+        proto::Job {
+            id: 3,
+            state: state.into(),
+            ..Default::default()
+        }
     }
 
     #[test]
     fn a_lost_job_is_told_with_what_was_kept_of_it() {
-        let training = proto::Training { kind: proto::ModelKind::Joint.into(), seed: 7, ..Default::default() };
+        let training = proto::Training {
+            kind: proto::ModelKind::Joint.into(),
+            seed: 7,
+            ..Default::default()
+        };
         let model = |version, ego: &str, seed, imported| proto::Model {
             version,
             ego: ego.into(),
@@ -357,14 +480,34 @@ mod tests {
             ..Default::default()
         };
         let before = vec![model(1, "robot", 7, false)];
-        let wanted = Wanted { ego: "robot".into(), other: "human".into(), kind: 0, seed: 7, before: before.clone() };
-        let others = [model(2, "robot", 8, false), model(3, "cook", 7, false), model(4, "robot", 7, true)];
-        let unreadable = proto::Model { card: None, ..model(5, "robot", 7, false) };
+        let wanted = Wanted {
+            ego: "robot".into(),
+            other: "human".into(),
+            kind: 0,
+            seed: 7,
+            before: before.clone(),
+        };
+        let others = [
+            model(2, "robot", 8, false),
+            model(3, "cook", 7, false),
+            model(4, "robot", 7, true),
+        ];
+        let unreadable = proto::Model {
+            card: None,
+            ..model(5, "robot", 7, false)
+        };
         let strange = [before, others.to_vec(), vec![unreadable]].concat();
-        assert_eq!(wanted.kept_of(&strange), [0; 0], "none of them is of this training");
+        assert_eq!(
+            wanted.kept_of(&strange),
+            [0; 0],
+            "none of them is of this training"
+        );
         let kept = wanted.kept_of(&[strange, vec![model(6, "robot", 7, false)]].concat());
         assert_eq!(kept, [6]);
-        let direct = Wanted { kind: proto::ModelKind::Direct.into(), ..wanted };
+        let direct = Wanted {
+            kind: proto::ModelKind::Direct.into(),
+            ..wanted
+        };
         assert_eq!(direct.kept_of(&[model(6, "robot", 7, false)]), [0; 0]);
         assert!(lost(3, "lane", &kept).ends_with("was kept since: nudge model show lane 6"));
         assert!(lost(3, "lane", &[]).contains("no version that may be of it was kept"));

@@ -47,7 +47,8 @@ pub enum ClientError {
     /// The service said no; the same again would be refused again.
     #[error("{0}")]
     Refused(Refusal),
-    /// The service could not be reached again in time. What was not acknowledged may have been counted: resuming says.
+    /// The service could not be reached again in time. What was not acknowledged may have been
+    /// counted: resuming says.
     #[error("gave up after {seconds} s without the service, which last said: {last}")]
     GaveUp {
         /// How long it was tried.
@@ -85,9 +86,10 @@ impl ClientError {
     pub fn kind(&self) -> ErrorKind {
         match self {
             Self::Address { .. } | Self::Invalid(_) | Self::Tls(_) => ErrorKind::Invalid,
-            Self::Unreachable { .. } | Self::Untrusted { .. } | Self::GaveUp { .. } | Self::Stopped => {
-                ErrorKind::Unavailable
-            }
+            Self::Unreachable { .. }
+            | Self::Untrusted { .. }
+            | Self::GaveUp { .. }
+            | Self::Stopped => ErrorKind::Unavailable,
             Self::NotNudge { .. } => ErrorKind::NotFound,
             Self::Refused(refusal) => refusal.kind,
             Self::Disagreement(_) => ErrorKind::Conflict,
@@ -104,15 +106,28 @@ impl From<Status> for ClientError {
 impl From<&Status> for Refusal {
     fn from(status: &Status) -> Self {
         let details = status.get_error_details();
-        let reason = details.error_info().map(|info| info.reason.clone()).unwrap_or_default();
-        let fault = |violation: &tonic_types::FieldViolation| Fault::new(&violation.field, &violation.description);
-        let faults = details.bad_request().map(|bad| bad.field_violations.iter().map(fault).collect());
+        let reason = details
+            .error_info()
+            .map(|info| info.reason.clone())
+            .unwrap_or_default();
+        let fault = |violation: &tonic_types::FieldViolation| {
+            Fault::new(&violation.field, &violation.description)
+        };
+        let faults = details
+            .bad_request()
+            .map(|bad| bad.field_violations.iter().map(fault).collect());
         let kind = kind(status.code(), &reason);
-        Self { kind, reason, message: said(status), faults: faults.unwrap_or_default() }
+        Self {
+            kind,
+            reason,
+            message: said(status),
+            faults: faults.unwrap_or_default(),
+        }
     }
 }
 
-/// Codes become kinds here, as kinds become codes in the service. Two kinds share a code, and the reason tells them apart.
+/// Codes become kinds here, as kinds become codes in the service. Two kinds share a code, and the
+/// reason tells them apart.
 fn kind(code: Code, reason: &str) -> ErrorKind {
     match code {
         Code::InvalidArgument => ErrorKind::Invalid,
@@ -129,23 +144,31 @@ fn kind(code: Code, reason: &str) -> ErrorKind {
     }
 }
 
-/// Returns whether the same may succeed on a new stream: the service is away for a moment, or the network broke.
+/// Returns whether the same may succeed on a new stream: the service is away for a moment, or the
+/// network broke.
 ///
-/// The service signs its errors with a reason, so an unsigned one with a vague code was made up by the transport.
+/// The service signs its errors with a reason, so an unsigned one with a vague code was made up by
+/// the transport.
 pub(super) fn is_transient(status: &Status) -> bool {
     let details = status.get_error_details();
     match status.code() {
         Code::Unavailable => true,
-        Code::Unknown | Code::Internal | Code::Cancelled | Code::Aborted | Code::DeadlineExceeded => {
-            details.error_info().is_none()
-        }
+        Code::Unknown
+        | Code::Internal
+        | Code::Cancelled
+        | Code::Aborted
+        | Code::DeadlineExceeded => details.error_info().is_none(),
         _ => details.retry_info().is_some(),
     }
 }
 
 /// Returns the status's message, or its code where it has none.
 pub(super) fn said(status: &Status) -> String {
-    if status.message().is_empty() { status.code().to_string() } else { status.message().to_owned() }
+    if status.message().is_empty() {
+        status.code().to_string()
+    } else {
+        status.message().to_owned()
+    }
 }
 
 #[cfg(test)]
@@ -155,17 +178,34 @@ mod tests {
     use super::*;
 
     fn signed(code: Code, reason: &str) -> Status {
-        Status::with_error_details(code, "no", ErrorDetails::with_error_info(reason, "nudge", []))
+        Status::with_error_details(
+            code,
+            "no",
+            ErrorDetails::with_error_info(reason, "nudge", []),
+        )
     }
 
     #[test]
     fn broken_networks_are_tried_again_and_refusals_are_not() {
-        for code in [Code::Unavailable, Code::Unknown, Code::Internal, Code::Cancelled] {
-            assert!(is_transient(&Status::new(code, "h2 protocol error")), "{code:?}");
+        for code in [
+            Code::Unavailable,
+            Code::Unknown,
+            Code::Internal,
+            Code::Cancelled,
+        ] {
+            assert!(
+                is_transient(&Status::new(code, "h2 protocol error")),
+                "{code:?}"
+            );
         }
         assert!(is_transient(&signed(Code::Unavailable, "DRAINING")));
         assert!(!is_transient(&signed(Code::Internal, "INTERNAL")));
-        for code in [Code::InvalidArgument, Code::NotFound, Code::FailedPrecondition, Code::ResourceExhausted] {
+        for code in [
+            Code::InvalidArgument,
+            Code::NotFound,
+            Code::FailedPrecondition,
+            Code::ResourceExhausted,
+        ] {
             assert!(!is_transient(&Status::new(code, "no")), "{code:?}");
         }
     }
@@ -173,17 +213,34 @@ mod tests {
     #[test]
     fn a_quota_that_frees_itself_is_tried_again() {
         let details = ErrorDetails::with_retry_info(Some(std::time::Duration::from_secs(1)));
-        assert!(is_transient(&Status::with_error_details(Code::ResourceExhausted, "wait", details)));
+        assert!(is_transient(&Status::with_error_details(
+            Code::ResourceExhausted,
+            "wait",
+            details
+        )));
     }
 
     #[test]
     fn a_refusal_keeps_the_words_of_the_service() {
         let mut details = ErrorDetails::with_error_info("INVALID_INPUT", "nudge", []);
         details.add_bad_request_violation("/states/0", "got 9");
-        let refusal = Refusal::from(&Status::with_error_details(Code::InvalidArgument, "invalid question", details));
-        assert_eq!((refusal.kind, refusal.reason.as_str()), (ErrorKind::Invalid, "INVALID_INPUT"));
+        let refusal = Refusal::from(&Status::with_error_details(
+            Code::InvalidArgument,
+            "invalid question",
+            details,
+        ));
+        assert_eq!(
+            (refusal.kind, refusal.reason.as_str()),
+            (ErrorKind::Invalid, "INVALID_INPUT")
+        );
         assert_eq!(refusal.faults, [Fault::new("/states/0", "got 9")]);
-        assert_eq!(Refusal::from(&signed(Code::FailedPrecondition, "OUT_OF_ORDER")).kind, ErrorKind::OutOfOrder);
-        assert_eq!(Refusal::from(&signed(Code::FailedPrecondition, "FENCED")).kind, ErrorKind::Conflict);
+        assert_eq!(
+            Refusal::from(&signed(Code::FailedPrecondition, "OUT_OF_ORDER")).kind,
+            ErrorKind::OutOfOrder
+        );
+        assert_eq!(
+            Refusal::from(&signed(Code::FailedPrecondition, "FENCED")).kind,
+            ErrorKind::Conflict
+        );
     }
 }

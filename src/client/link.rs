@@ -34,7 +34,8 @@ pub(super) struct Opened {
 
 /// Both directions of a stream.
 pub(super) struct Stream {
-    /// Not bounded by itself: it never holds more batches than the window, and they are in the outbox anyway.
+    /// Not bounded by itself: it never holds more batches than the window, and they are in the
+    /// outbox anyway.
     outgoing: UnboundedSender<proto::IngestRequest>,
     incoming: Streaming<proto::IngestResponse>,
 }
@@ -53,8 +54,12 @@ impl Link {
     /// Begins to open a stream.
     pub(super) fn open(client: IngestServiceClient<Wire>, hello: proto::Hello) -> Self {
         Self::Opening(Box::pin(async move {
-            let late = |_| Status::unavailable(format!("no welcome within {} s", WELCOME_TIMEOUT.as_secs()));
-            timeout(WELCOME_TIMEOUT, open(client, hello)).await.map_err(late)?
+            let late = |_| {
+                Status::unavailable(format!("no welcome within {} s", WELCOME_TIMEOUT.as_secs()))
+            };
+            timeout(WELCOME_TIMEOUT, open(client, hello))
+                .await
+                .map_err(late)?
         }))
     }
 
@@ -72,28 +77,45 @@ impl Link {
 }
 
 impl Stream {
-    /// Sends a batch. If the stream is broken this is not noticed here: its other direction says so.
+    /// Sends a batch. If the stream is broken this is not noticed here: its other direction says
+    /// so.
     pub(super) fn send(&self, batch: proto::Batch) {
-        let _ = self.outgoing.send(proto::IngestRequest { message: Some(Message::Batch(batch)) });
+        let _ = self.outgoing.send(proto::IngestRequest {
+            message: Some(Message::Batch(batch)),
+        });
     }
 }
 
-async fn open(mut client: IngestServiceClient<Wire>, hello: proto::Hello) -> Result<Opened, Status> {
+async fn open(
+    mut client: IngestServiceClient<Wire>,
+    hello: proto::Hello,
+) -> Result<Opened, Status> {
     let (outgoing, requests) = unbounded_channel();
-    // The hello waits in the stream before the call: a service may read it before it answers the call at all.
-    let _ = outgoing.send(proto::IngestRequest { message: Some(Message::Hello(hello)) });
-    let mut incoming = client.ingest(UnboundedReceiverStream::new(requests)).await?.into_inner();
+    // The hello waits in the stream before the call: a service may read it before it answers the
+    // call at all.
+    let _ = outgoing.send(proto::IngestRequest {
+        message: Some(Message::Hello(hello)),
+    });
+    let mut incoming = client
+        .ingest(UnboundedReceiverStream::new(requests))
+        .await?
+        .into_inner();
     let welcome = welcome(incoming.message().await?)?;
-    Ok(Opened { stream: Box::new(Stream { outgoing, incoming }), welcome })
+    Ok(Opened {
+        stream: Box::new(Stream { outgoing, incoming }),
+        welcome,
+    })
 }
 
 fn welcome(first: Option<proto::IngestResponse>) -> Result<proto::Welcome, Status> {
     use proto::ingest_response::Message;
     match first.and_then(|response| response.message) {
         Some(Message::Welcome(welcome)) => Ok(welcome),
-        Some(Message::Acknowledgement(_)) => {
-            Err(Status::failed_precondition("the service acknowledged before it welcomed"))
-        }
-        None => Err(Status::unavailable("the service ended the stream without a welcome")),
+        Some(Message::Acknowledgement(_)) => Err(Status::failed_precondition(
+            "the service acknowledged before it welcomed",
+        )),
+        None => Err(Status::unavailable(
+            "the service ended the stream without a welcome",
+        )),
     }
 }

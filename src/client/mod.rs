@@ -1,4 +1,5 @@
-//! Speaking to a service as a game server does. Nothing here knows what the transitions mean, and nothing else in this crate opens a connection.
+//! Speaking to a service as a game server does. Nothing here knows what the transitions mean, and
+//! nothing else in this crate opens a connection.
 //!
 //! # The protocol
 //!
@@ -6,8 +7,9 @@
 //!
 //! # Keys
 //!
-//! A service that lets in keys only wants one: `Connection::open_with(address, Options::default().key(key))`, which goes along with every call. Where the
-//! key's rate is used up, calls and producers wait as long as the service says, and go on.
+//! A service that lets in keys only wants one: `Connection::open_with(address,
+//! Options::default().key(key))`, which goes along with every call. Where the key's rate is used
+//! up, calls and producers wait as long as the service says, and go on.
 //!
 //! # Example
 //!

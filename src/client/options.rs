@@ -53,7 +53,9 @@ pub struct Bearer(Option<MetadataValue<Ascii>>);
 impl Interceptor for Bearer {
     fn call(&mut self, mut request: Request<()>) -> Result<Request<()>, Status> {
         if let Some(value) = &self.0 {
-            request.metadata_mut().insert("authorization", value.clone());
+            request
+                .metadata_mut()
+                .insert("authorization", value.clone());
         }
         Ok(request)
     }
@@ -70,11 +72,21 @@ mod tests {
         let mut bearer = options.bearer();
         let request = bearer.call(Request::new(())).expect("let through");
         let value = request.metadata().get("authorization").expect("there");
-        assert_eq!(value.to_str().expect("text"), format!("Bearer {}", key.reveal()));
-        for shown in [format!("{options:?}"), format!("{bearer:?}"), format!("{request:?}")] {
+        assert_eq!(
+            value.to_str().expect("text"),
+            format!("Bearer {}", key.reveal())
+        );
+        for shown in [
+            format!("{options:?}"),
+            format!("{bearer:?}"),
+            format!("{request:?}"),
+        ] {
             assert!(!shown.contains(&key.reveal()[6..20]), "{shown}");
         }
-        let none = Options::default().bearer().call(Request::new(())).expect("let through");
+        let none = Options::default()
+            .bearer()
+            .call(Request::new(()))
+            .expect("let through");
         assert!(none.metadata().get("authorization").is_none());
     }
 }

@@ -1,6 +1,8 @@
-//! The outbox: transitions become numbered batches, which are kept until the service has committed them. Arithmetic only, no I/O and no clock.
+//! The outbox: transitions become numbered batches, which are kept until the service has committed
+//! them. Arithmetic only, no I/O and no clock.
 //!
-//! Batches that wait are in order of their numbers; the first `in_flight` of them were sent on the present stream.
+//! Batches that wait are in order of their numbers; the first `in_flight` of them were sent on the
+//! present stream.
 
 use std::collections::VecDeque;
 
@@ -15,7 +17,8 @@ pub(super) struct Limits {
     pub batch_size: usize,
     /// Batches without an acknowledgement from which nothing more is taken.
     pub capacity: usize,
-    /// Whether the source makes the same batches again: then numbering starts at 1, and committed numbers are passed over.
+    /// Whether the source makes the same batches again: then numbering starts at 1, and committed
+    /// numbers are passed over.
     pub replay: bool,
 }
 
@@ -55,7 +58,8 @@ impl Outbox {
         &self.totals
     }
 
-    /// Returns whether more transitions may come. A batch is only ever begun when there is room for it.
+    /// Returns whether more transitions may come. A batch is only ever begun when there is room for
+    /// it.
     pub(super) fn has_room(&self) -> bool {
         self.waiting.len() < self.limits.capacity
     }
@@ -71,7 +75,9 @@ impl Outbox {
 
     /// Returns the last sequence up to which nothing waits.
     pub(super) fn settled(&self) -> u64 {
-        self.waiting.front().map_or(self.totals.last_sequence, |first| first.batch.sequence - 1)
+        self.waiting
+            .front()
+            .map_or(self.totals.last_sequence, |first| first.batch.sequence - 1)
     }
 
     /// Lowers the size of batches to what the service takes.
@@ -103,7 +109,8 @@ impl Outbox {
         }
     }
 
-    /// Closes the batch that is being built, if there is one. A replay passes over what is committed already.
+    /// Closes the batch that is being built, if there is one. A replay passes over what is
+    /// committed already.
     pub(super) fn cut(&mut self) {
         if !self.is_building() {
             return;
@@ -118,11 +125,20 @@ impl Outbox {
             return;
         }
         let transitions = Some(proto::batch::Transitions::Columns(columns(records)));
-        let batch = proto::Batch { sequence, segment: self.segment.clone(), transitions };
-        self.waiting.push_back(Waiting { batch, position, len });
+        let batch = proto::Batch {
+            sequence,
+            segment: self.segment.clone(),
+            transitions,
+        };
+        self.waiting.push_back(Waiting {
+            batch,
+            position,
+            len,
+        });
     }
 
-    /// Returns the next batch to send while fewer than `window` are in flight, and counts it as sent.
+    /// Returns the next batch to send while fewer than `window` are in flight, and counts it as
+    /// sent.
     pub(super) fn next_to_send(&mut self, window: usize) -> Option<proto::Batch> {
         if self.in_flight >= window {
             return None;
@@ -142,7 +158,8 @@ impl Outbox {
         self.in_flight = 0;
     }
 
-    /// Begins a stream: drops what the service has committed, and returns whether that was anything. The rest is to be sent again.
+    /// Begins a stream: drops what the service has committed, and returns whether that was
+    /// anything. The rest is to be sent again.
     pub(super) fn resume(&mut self, committed: u64) -> Result<bool, ClientError> {
         self.unsend();
         if !self.resumed_once && !self.limits.replay {
@@ -160,8 +177,10 @@ impl Outbox {
     fn check_resume_point(&self, committed: u64) -> Result<(), ClientError> {
         let last = self.totals.last_sequence;
         if committed < self.committed {
-            let message =
-                format!("the service lost batches: it acknowledged {}, now it has {committed}", self.committed);
+            let message = format!(
+                "the service lost batches: it acknowledged {}, now it has {committed}",
+                self.committed
+            );
             return Err(ClientError::Disagreement(message));
         }
         if committed > last && !self.limits.replay {
@@ -174,9 +193,15 @@ impl Outbox {
     }
 
     /// Takes an acknowledgement: receipts first, then everything else that it says is committed.
-    pub(super) fn acknowledge(&mut self, acknowledgement: proto::Acknowledgement) -> Result<(), ClientError> {
+    pub(super) fn acknowledge(
+        &mut self,
+        acknowledgement: proto::Acknowledgement,
+    ) -> Result<(), ClientError> {
         let committed = acknowledgement.committed_sequence;
-        let last_sent = self.in_flight.checked_sub(1).map_or(0, |last| self.waiting[last].batch.sequence);
+        let last_sent = self
+            .in_flight
+            .checked_sub(1)
+            .map_or(0, |last| self.waiting[last].batch.sequence);
         if committed > last_sent.max(self.committed) {
             let message = format!("the service acknowledged batch {committed}, which was not sent");
             return Err(ClientError::Disagreement(message));
@@ -189,13 +214,17 @@ impl Outbox {
         Ok(())
     }
 
-    /// Settles one batch. A receipt that came before, or that claims more than is committed, changes nothing.
+    /// Settles one batch. A receipt that came before, or that claims more than is committed,
+    /// changes nothing.
     fn receive(&mut self, receipt: proto::Receipt, committed: u64) {
         if receipt.sequence > committed {
             return;
         }
         self.drop_through(receipt.sequence.saturating_sub(1));
-        if self.waiting.front().is_some_and(|first| first.batch.sequence == receipt.sequence)
+        if self
+            .waiting
+            .front()
+            .is_some_and(|first| first.batch.sequence == receipt.sequence)
             && let Some(settled) = self.pop()
         {
             self.totals.receive(receipt, settled.position, settled.len);
@@ -203,7 +232,11 @@ impl Outbox {
     }
 
     fn drop_through(&mut self, committed: u64) {
-        while self.waiting.front().is_some_and(|first| first.batch.sequence <= committed) {
+        while self
+            .waiting
+            .front()
+            .is_some_and(|first| first.batch.sequence <= committed)
+        {
             let dropped = self.pop().map_or(0, |dropped| dropped.len);
             self.totals.resumed += dropped;
         }
@@ -217,9 +250,22 @@ impl Outbox {
 
 /// Encodes transitions as packed arrays; a column that only holds its default is left out.
 fn columns(records: Records) -> proto::Columns {
-    let Records { len, states, actions, entries, counts, .. } = records.normalised();
+    let Records {
+        len,
+        states,
+        actions,
+        entries,
+        counts,
+        ..
+    } = records.normalised();
     let entries = entries.into_iter().map(|entry| entry as i32).collect();
-    proto::Columns { count: len as u32, states, actions, entries, counts }
+    proto::Columns {
+        count: len as u32,
+        states,
+        actions,
+        entries,
+        counts,
+    }
 }
 
 #[cfg(test)]
@@ -228,29 +274,48 @@ mod tests {
     use crate::domain::Entry;
 
     fn outbox(batch_size: usize, replay: bool) -> Outbox {
-        let mut outbox = Outbox::new(Limits { batch_size, capacity: 4, replay });
+        let mut outbox = Outbox::new(Limits {
+            batch_size,
+            capacity: 4,
+            replay,
+        });
         outbox.resume(0).expect("the first stream");
         outbox
     }
 
     fn push(outbox: &mut Outbox, transitions: usize) {
         for i in 0..transitions {
-            outbox.push(Record { state: vec![i as f32], actions: vec![0.0, 1.0], entry: Entry::Entered, count: 1 });
+            outbox.push(Record {
+                state: vec![i as f32],
+                actions: vec![0.0, 1.0],
+                entry: Entry::Entered,
+                count: 1,
+            });
         }
     }
 
     fn send_all(outbox: &mut Outbox, window: usize) -> Vec<u64> {
-        std::iter::from_fn(|| outbox.next_to_send(window)).map(|batch| batch.sequence).collect()
+        std::iter::from_fn(|| outbox.next_to_send(window))
+            .map(|batch| batch.sequence)
+            .collect()
     }
 
     fn receipt(sequence: u64, accepted: u64) -> proto::Receipt {
         let status = proto::BatchStatus::Applied.into();
-        proto::Receipt { sequence, status, accepted, ..proto::Receipt::default() }
+        proto::Receipt {
+            sequence,
+            status,
+            accepted,
+            ..proto::Receipt::default()
+        }
     }
 
     fn acknowledgement(receipts: Vec<proto::Receipt>) -> proto::Acknowledgement {
         let committed_sequence = receipts.last().map_or(0, |last| last.sequence);
-        proto::Acknowledgement { committed_sequence, receipts }
+        proto::Acknowledgement {
+            committed_sequence,
+            receipts,
+        }
     }
 
     #[test]
@@ -264,10 +329,18 @@ mod tests {
         outbox.cut();
         outbox.cut();
         let batches: Vec<_> = std::iter::from_fn(|| outbox.next_to_send(9)).collect();
-        let told: Vec<_> = batches.iter().map(|batch| (batch.sequence, batch.segment.as_str())).collect();
+        let told: Vec<_> = batches
+            .iter()
+            .map(|batch| (batch.sequence, batch.segment.as_str()))
+            .collect();
         assert_eq!(told, [(1, ""), (2, ""), (3, "trial-1")]);
-        let Some(proto::batch::Transitions::Columns(columns)) = &batches[2].transitions else { panic!("columns") };
-        assert_eq!((columns.count, columns.states.len(), columns.actions.len()), (2, 2, 4));
+        let Some(proto::batch::Transitions::Columns(columns)) = &batches[2].transitions else {
+            panic!("columns")
+        };
+        assert_eq!(
+            (columns.count, columns.states.len(), columns.actions.len()),
+            (2, 2, 4)
+        );
         assert!(columns.counts.is_empty(), "once each is the default");
     }
 
@@ -277,7 +350,9 @@ mod tests {
         push(&mut outbox, 4);
         assert!(!outbox.has_room());
         assert_eq!(send_all(&mut outbox, 2), [1, 2]);
-        outbox.acknowledge(acknowledgement(vec![receipt(1, 1)])).expect("sent");
+        outbox
+            .acknowledge(acknowledgement(vec![receipt(1, 1)]))
+            .expect("sent");
         assert!(outbox.has_room());
         assert_eq!(send_all(&mut outbox, 2), [3]);
     }
@@ -287,10 +362,17 @@ mod tests {
         let mut outbox = outbox(1, false);
         push(&mut outbox, 4);
         assert_eq!(send_all(&mut outbox, 9), [1, 2, 3, 4]);
-        outbox.acknowledge(acknowledgement(vec![receipt(1, 1)])).expect("sent");
-        assert!(outbox.resume(2).expect("known"), "2 was committed, its receipt was lost");
+        outbox
+            .acknowledge(acknowledgement(vec![receipt(1, 1)]))
+            .expect("sent");
+        assert!(
+            outbox.resume(2).expect("known"),
+            "2 was committed, its receipt was lost"
+        );
         assert_eq!(send_all(&mut outbox, 9), [3, 4]);
-        outbox.acknowledge(acknowledgement(vec![receipt(3, 1), receipt(4, 1)])).expect("sent");
+        outbox
+            .acknowledge(acknowledgement(vec![receipt(3, 1), receipt(4, 1)]))
+            .expect("sent");
         let totals = outbox.totals();
         assert_eq!((totals.sent, totals.accepted, totals.resumed), (4, 3, 1));
         assert!(outbox.is_empty());
@@ -303,9 +385,13 @@ mod tests {
         push(&mut outbox, 3);
         send_all(&mut outbox, 9);
         for _ in 0..2 {
-            outbox.acknowledge(acknowledgement(vec![receipt(1, 1), receipt(2, 1)])).expect("sent");
+            outbox
+                .acknowledge(acknowledgement(vec![receipt(1, 1), receipt(2, 1)]))
+                .expect("sent");
         }
-        outbox.acknowledge(acknowledgement(vec![receipt(1, 1)])).expect("late");
+        outbox
+            .acknowledge(acknowledgement(vec![receipt(1, 1)]))
+            .expect("late");
         assert_eq!((outbox.totals().accepted, outbox.settled()), (2, 2));
     }
 
@@ -314,7 +400,10 @@ mod tests {
         let mut outbox = outbox(2, false);
         push(&mut outbox, 4);
         send_all(&mut outbox, 9);
-        let acknowledgement = proto::Acknowledgement { committed_sequence: 2, receipts: vec![receipt(2, 2)] };
+        let acknowledgement = proto::Acknowledgement {
+            committed_sequence: 2,
+            receipts: vec![receipt(2, 2)],
+        };
         outbox.acknowledge(acknowledgement).expect("sent");
         assert_eq!((outbox.totals().accepted, outbox.totals().resumed), (2, 2));
     }
@@ -324,17 +413,35 @@ mod tests {
         let mut outbox = outbox(2, false);
         push(&mut outbox, 4);
         send_all(&mut outbox, 9);
-        let rejected = vec![proto::Rejection { index: 1, field: "/state/x".into(), reason: "got 9".into() }];
-        let bad = proto::Receipt { accepted: 1, rejected_count: 1, rejected, ..receipt(2, 1) };
-        outbox.acknowledge(acknowledgement(vec![receipt(1, 2), bad])).expect("sent");
+        let rejected = vec![proto::Rejection {
+            index: 1,
+            field: "/state/x".into(),
+            reason: "got 9".into(),
+        }];
+        let bad = proto::Receipt {
+            accepted: 1,
+            rejected_count: 1,
+            rejected,
+            ..receipt(2, 1)
+        };
+        outbox
+            .acknowledge(acknowledgement(vec![receipt(1, 2), bad]))
+            .expect("sent");
         let totals = outbox.totals();
         assert_eq!((totals.accepted, totals.rejected), (3, 1));
-        assert_eq!((totals.rejections[0].position, totals.rejections[0].sequence), (3, 2));
+        assert_eq!(
+            (totals.rejections[0].position, totals.rejections[0].sequence),
+            (3, 2)
+        );
     }
 
     #[test]
     fn a_live_producer_numbers_on_behind_its_earlier_run() {
-        let mut outbox = Outbox::new(Limits { batch_size: 1, capacity: 4, replay: false });
+        let mut outbox = Outbox::new(Limits {
+            batch_size: 1,
+            capacity: 4,
+            replay: false,
+        });
         outbox.resume(57).expect("an earlier run");
         push(&mut outbox, 1);
         assert_eq!(send_all(&mut outbox, 9), [58]);
@@ -342,7 +449,11 @@ mod tests {
 
     #[test]
     fn a_replay_passes_over_what_is_committed() {
-        let mut outbox = Outbox::new(Limits { batch_size: 2, capacity: 4, replay: true });
+        let mut outbox = Outbox::new(Limits {
+            batch_size: 2,
+            capacity: 4,
+            replay: true,
+        });
         outbox.resume(2).expect("an earlier run");
         push(&mut outbox, 5);
         outbox.cut();
@@ -355,8 +466,15 @@ mod tests {
         let mut outbox = outbox(1, false);
         push(&mut outbox, 2);
         send_all(&mut outbox, 1);
-        assert!(outbox.acknowledge(acknowledgement(vec![receipt(2, 1)])).is_err(), "2 was not sent");
-        outbox.acknowledge(acknowledgement(vec![receipt(1, 1)])).expect("sent");
+        assert!(
+            outbox
+                .acknowledge(acknowledgement(vec![receipt(2, 1)]))
+                .is_err(),
+            "2 was not sent"
+        );
+        outbox
+            .acknowledge(acknowledgement(vec![receipt(1, 1)]))
+            .expect("sent");
         assert!(outbox.resume(0).is_err(), "1 was acknowledged");
         assert!(outbox.resume(3).is_err(), "3 was never cut");
     }

@@ -38,36 +38,57 @@ impl Connection {
 impl ProducerBuilder {
     /// Closes a batch at that many transitions: 1,000 unless told. The service's limit lowers it.
     pub fn batch_size(self, transitions: usize) -> Self {
-        Self { batch_size: transitions.max(1), ..self }
+        Self {
+            batch_size: transitions.max(1),
+            ..self
+        }
     }
 
     /// Closes a batch that long after its first transition: 100 ms unless told.
     pub fn max_delay(self, delay: Duration) -> Self {
-        Self { max_delay: delay, ..self }
+        Self {
+            max_delay: delay,
+            ..self
+        }
     }
 
-    /// Keeps at most that many batches without an acknowledgement; [`Producer::send`] waits while they are all there. 64 unless told.
+    /// Keeps at most that many batches without an acknowledgement; [`Producer::send`] waits while
+    /// they are all there. 64 unless told.
     pub fn outbox(self, batches: usize) -> Self {
-        Self { outbox: batches.max(1), ..self }
+        Self {
+            outbox: batches.max(1),
+            ..self
+        }
     }
 
     /// Gives up when the service was away for that long while something waited: 60 s unless told.
     pub fn retry_for(self, time: Duration) -> Self {
-        Self { retry_for: Some(time), ..self }
+        Self {
+            retry_for: Some(time),
+            ..self
+        }
     }
 
     /// Never gives up.
     pub fn retry_for_ever(self) -> Self {
-        Self { retry_for: None, ..self }
+        Self {
+            retry_for: None,
+            ..self
+        }
     }
 
     /// Declares that the source makes the same transitions again, as a file does.
     ///
-    /// Numbering starts at 1 and batches close by size, segment, cut and flush only, never by time: with the same content, batch size, segments,
-    /// cuts and flushes, batch k is always the same. Batches that the service has committed are passed over and counted as `resumed`, so an interrupted
-    /// replay goes on where it stopped and a finished one changes nothing. Choose the producer id from the content.
+    /// Numbering starts at 1 and batches close by size, segment, cut and flush only, never by time:
+    /// with the same content, batch size, segments, cuts and flushes, batch k is always the same.
+    /// Batches that the service has committed are passed over and counted as `resumed`, so an
+    /// interrupted replay goes on where it stopped and a finished one changes nothing. Choose the
+    /// producer id from the content.
     pub fn replay(self) -> Self {
-        Self { replay: true, ..self }
+        Self {
+            replay: true,
+            ..self
+        }
     }
 
     /// Asks the service for the environment, opens the stream and learns the resume point.
@@ -90,13 +111,20 @@ impl ProducerBuilder {
             is_replay: self.replay,
         };
         match resume_point.await {
-            Ok(committed) => Ok(Producer { resume_point: committed, ..producer }),
+            Ok(committed) => Ok(Producer {
+                resume_point: committed,
+                ..producer
+            }),
             Err(_) => Err(producer.failure().await),
         }
     }
 
     fn limits(&self) -> Limits {
-        Limits { batch_size: self.batch_size, capacity: self.outbox, replay: self.replay }
+        Limits {
+            batch_size: self.batch_size,
+            capacity: self.outbox,
+            replay: self.replay,
+        }
     }
 
     fn terms(&self, id: ProducerId, environment: proto::Environment, widths: Widths) -> Terms {
@@ -119,7 +147,8 @@ impl ProducerBuilder {
 
 /// Sends transitions to one environment under one id, each of which counts once.
 ///
-/// [`close`](Self::close) it: dropping it stops at once, and what was not acknowledged by then was counted or not.
+/// [`close`](Self::close) it: dropping it stops at once, and what was not acknowledged by then was
+/// counted or not.
 #[derive(Debug)]
 pub struct Producer {
     schema: Schema,
@@ -152,25 +181,35 @@ impl Producer {
         &self.schema
     }
 
-    /// Returns the last sequence that was committed when this producer was opened; 0 if there was none.
+    /// Returns the last sequence that was committed when this producer was opened; 0 if there was
+    /// none.
     pub fn resume_point(&self) -> u64 {
         self.resume_point
     }
 
-    /// Hands over a transition. Waits while the outbox is full, and fails for good once the service has refused a batch.
+    /// Hands over a transition. Waits while the outbox is full, and fails for good once the service
+    /// has refused a batch.
     ///
-    /// A transition with another number of values than the schema has is an error at once, and nothing else is harmed. Values that have no bin
-    /// are rejected by the service, and [`Totals`] tells them.
+    /// A transition with another number of values than the schema has is an error at once, and
+    /// nothing else is harmed. Values that have no bin are rejected by the service, and [`Totals`]
+    /// tells them.
     pub async fn send(&mut self, transition: Record) -> Result<(), ClientError> {
         same_width("state", transition.state.len(), self.widths.state)?;
         same_width("action", transition.actions.len(), self.widths.actions)?;
         self.command(Command::Send(transition)).await
     }
 
-    /// Labels everything from here on with a segment, or with none; another segment closes the batch.
+    /// Labels everything from here on with a segment, or with none; another segment closes the
+    /// batch.
     pub async fn segment(&mut self, segment: Option<&str>) -> Result<(), ClientError> {
-        let segment = segment.map(str::parse::<Label>).transpose().map_err(ClientError::Invalid)?;
-        self.command(Command::Segment(segment.map(|label| label.to_string()).unwrap_or_default())).await
+        let segment = segment
+            .map(str::parse::<Label>)
+            .transpose()
+            .map_err(ClientError::Invalid)?;
+        self.command(Command::Segment(
+            segment.map(|label| label.to_string()).unwrap_or_default(),
+        ))
+        .await
     }
 
     /// Closes the batch, so that it is sent without waiting for more.
@@ -178,7 +217,8 @@ impl Producer {
         self.command(Command::Cut).await
     }
 
-    /// Closes the batch, waits until everything handed over is acknowledged, and returns what became of it.
+    /// Closes the batch, waits until everything handed over is acknowledged, and returns what
+    /// became of it.
     pub async fn flush(&mut self) -> Result<Totals, ClientError> {
         let (reply, totals) = oneshot::channel();
         self.command(Command::Flush(reply)).await?;
@@ -191,7 +231,13 @@ impl Producer {
     /// Flushes, ends the stream and waits for the task.
     pub async fn close(mut self) -> Result<Totals, ClientError> {
         let totals = self.flush().await?;
-        let Self { commands, task, resume_point, is_replay, .. } = self;
+        let Self {
+            commands,
+            task,
+            resume_point,
+            is_replay,
+            ..
+        } = self;
         drop(commands);
         if let Some(task) = task {
             task.await.map_err(|_| ClientError::Stopped)??;
@@ -226,5 +272,7 @@ fn same_width(what: &str, got: usize, expected: usize) -> Result<(), ClientError
     if got == expected {
         return Ok(());
     }
-    Err(ClientError::Invalid(format!("got {got} {what} values, expected {expected}")))
+    Err(ClientError::Invalid(format!(
+        "got {got} {what} values, expected {expected}"
+    )))
 }

@@ -1,4 +1,5 @@
-//! Retries: a question is asked again while the service is away (back-off) or still makes the answer, as long apart as it wants it (`RetryInfo`).
+//! Retries: a question is asked again while the service is away (back-off) or still makes the
+//! answer, as long apart as it wants it (`RetryInfo`).
 
 use std::time::Duration;
 
@@ -19,8 +20,8 @@ const LONG_PATIENCE: Duration = Duration::from_secs(30 * 60);
 /// The longest time until the next attempt that a service may ask for.
 const LONGEST_ADVICE: Duration = Duration::from_secs(10);
 
-/// Asks until the service answers, which may be away for a moment: as patiently as a producer that sends. Where it is still making the answer, it is
-/// asked for much longer.
+/// Asks until the service answers, which may be away for a moment: as patiently as a producer that
+/// sends. Where it is still making the answer, it is asked for much longer.
 pub async fn patiently<T, F>(ask: impl FnMut() -> F) -> Result<T, ClientError>
 where
     F: Future<Output = Result<Response<T>, Status>>,
@@ -28,8 +29,12 @@ where
     patiently_telling(ask, |_| ()).await
 }
 
-/// Asks as [`patiently`], and tells before each further attempt why there was no answer: how far the service is with it.
-pub async fn patiently_telling<T, F>(mut ask: impl FnMut() -> F, mut tell: impl FnMut(&str)) -> Result<T, ClientError>
+/// Asks as [`patiently`], and tells before each further attempt why there was no answer: how far
+/// the service is with it.
+pub async fn patiently_telling<T, F>(
+    mut ask: impl FnMut() -> F,
+    mut tell: impl FnMut(&str),
+) -> Result<T, ClientError>
 where
     F: Future<Output = Result<Response<T>, Status>>,
 {
@@ -63,7 +68,8 @@ fn why(status: &Status) -> String {
     }
 }
 
-/// Returns after how long the service wants to be asked again; what it says is bounded, so that nobody waits for ever.
+/// Returns after how long the service wants to be asked again; what it says is bounded, so that
+/// nobody waits for ever.
 pub(super) fn advised(status: &Status) -> Option<Duration> {
     let advised = status.get_details_retry_info()?.retry_delay?;
     Some(advised.min(LONGEST_ADVICE))
@@ -71,7 +77,9 @@ pub(super) fn advised(status: &Status) -> Option<Duration> {
 
 /// Returns whether the service goes on making what was asked for.
 fn is_still_working(status: &Status) -> bool {
-    status.get_details_error_info().is_some_and(|info| info.reason == "STILL_WORKING")
+    status
+        .get_details_error_info()
+        .is_some_and(|info| info.reason == "STILL_WORKING")
 }
 
 #[cfg(test)]
@@ -85,10 +93,15 @@ mod tests {
     fn unavailable(reason: &str, message: &str) -> Answer {
         let mut details = tonic_types::ErrorDetails::with_error_info(reason, "nudge", []);
         details.set_retry_info(Some(Duration::from_secs(1)));
-        Err(Status::with_error_details(Code::Unavailable, message, details))
+        Err(Status::with_error_details(
+            Code::Unavailable,
+            message,
+            details,
+        ))
     }
 
-    /// Asks a service that answers by the number of the attempt, and returns what came out, what was told, and how often it was asked.
+    /// Asks a service that answers by the number of the attempt, and returns what came out, what
+    /// was told, and how often it was asked.
     async fn asked(answer: impl Fn(u64) -> Answer) -> (Result<u64, ClientError>, Vec<String>, u64) {
         let (mut times, mut told) = (0, Vec::new());
         let ask = || {
@@ -108,22 +121,47 @@ mod tests {
             _ => unavailable("STILL_WORKING", &far(times)),
         };
         assert_eq!(asked(answer).await, (Ok(7), vec![far(1), far(2)], 3));
-        assert_eq!(began.elapsed(), Duration::from_secs(2), "as long apart as the service wants it");
+        assert_eq!(
+            began.elapsed(),
+            Duration::from_secs(2),
+            "as long apart as the service wants it"
+        );
     }
 
     #[tokio::test(start_paused = true)]
     async fn it_is_not_asked_for_ever() {
         let began = Instant::now();
         let (answer, ..) = asked(|_| unavailable("STILL_WORKING", "0 of 3 states measured")).await;
-        let ClientError::Refused(refusal) = answer.expect_err("it was never answered") else { panic!("not refused") };
-        assert_eq!((refusal.reason.as_str(), refusal.message.as_str()), ("STILL_WORKING", "0 of 3 states measured"));
-        assert!((LONG_PATIENCE..LONG_PATIENCE + LONGEST_ADVICE).contains(&began.elapsed()), "{:?}", began.elapsed());
+        let ClientError::Refused(refusal) = answer.expect_err("it was never answered") else {
+            panic!("not refused")
+        };
+        assert_eq!(
+            (refusal.reason.as_str(), refusal.message.as_str()),
+            ("STILL_WORKING", "0 of 3 states measured")
+        );
+        assert!(
+            (LONG_PATIENCE..LONG_PATIENCE + LONGEST_ADVICE).contains(&began.elapsed()),
+            "{:?}",
+            began.elapsed()
+        );
 
         let began = Instant::now();
-        asked(|_| unavailable("DRAINING", "the service is stopping")).await.0.expect_err("it never came back");
-        assert!((PATIENCE..PATIENCE + LONGEST_ADVICE).contains(&began.elapsed()), "{:?}", began.elapsed());
-        let lost =
-            |times| if times == 2 { Ok(Response::new(7)) } else { Err(Status::unavailable("tcp connect error")) };
+        asked(|_| unavailable("DRAINING", "the service is stopping"))
+            .await
+            .0
+            .expect_err("it never came back");
+        assert!(
+            (PATIENCE..PATIENCE + LONGEST_ADVICE).contains(&began.elapsed()),
+            "{:?}",
+            began.elapsed()
+        );
+        let lost = |times| {
+            if times == 2 {
+                Ok(Response::new(7))
+            } else {
+                Err(Status::unavailable("tcp connect error"))
+            }
+        };
         let told = vec!["the service does not answer (tcp connect error)".to_owned()];
         assert_eq!(asked(lost).await, (Ok(7), told, 2));
         let (_, told, times) = asked(|_| Err(Status::not_found("no"))).await;

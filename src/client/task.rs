@@ -94,13 +94,18 @@ impl Task {
         }
     }
 
-    /// A batch is closed by time only if it would be sent at once: where it would wait, it may as well grow.
+    /// A batch is closed by time only if it would be sent at once: where it would wait, it may as
+    /// well grow.
     fn may_cut(&self) -> bool {
         let is_up = matches!(self.link, Link::Up(_));
-        self.terms.max_delay.is_some() && is_up && self.outbox.is_building() && self.outbox.would_send(self.window)
+        self.terms.max_delay.is_some()
+            && is_up
+            && self.outbox.is_building()
+            && self.outbox.would_send(self.window)
     }
 
-    /// Takes a command, and those that are there already: a select for each would cost more than the work.
+    /// Takes a command, and those that are there already: a select for each would cost more than
+    /// the work.
     fn on_commands(&mut self, first: Command) {
         self.on_command(first);
         while self.outbox.has_room()
@@ -117,7 +122,8 @@ impl Task {
             Command::Cut => self.outbox.cut(),
             Command::Flush(reply) => {
                 self.outbox.cut();
-                self.flushes.push((self.outbox.totals().last_sequence, reply));
+                self.flushes
+                    .push((self.outbox.totals().last_sequence, reply));
             }
         }
     }
@@ -138,10 +144,14 @@ impl Task {
 
     fn on_event(&mut self, event: Event) -> Result<(), ClientError> {
         match event {
-            Event::Due => self.link = Link::open(self.terms.client.clone(), self.terms.hello.clone()),
+            Event::Due => {
+                self.link = Link::open(self.terms.client.clone(), self.terms.hello.clone())
+            }
             Event::Opened(Ok(opened)) => self.on_welcome(opened)?,
             Event::Heard(Ok(Some(response))) => self.on_response(response)?,
-            Event::Heard(Ok(None)) => self.on_loss(Status::unavailable("the service ended the stream"))?,
+            Event::Heard(Ok(None)) => {
+                self.on_loss(Status::unavailable("the service ended the stream"))?
+            }
             Event::Opened(Err(status)) | Event::Heard(Err(status)) => self.on_loss(status)?,
         }
         Ok(())
@@ -167,7 +177,9 @@ impl Task {
         let most = most_transitions(welcome, self.terms.widths);
         match self.terms.fixed_batch_size {
             Some(size) if size > most => {
-                let message = format!("batches of {size} transitions are too large for the service: it takes {most}");
+                let message = format!(
+                    "batches of {size} transitions are too large for the service: it takes {most}"
+                );
                 Err(ClientError::Invalid(message))
             }
             Some(_) => Ok(()),
@@ -186,7 +198,9 @@ impl Task {
                 self.trouble = None;
                 Ok(())
             }
-            Some(Message::Welcome(_)) => Err(ClientError::Disagreement("the service welcomed twice".into())),
+            Some(Message::Welcome(_)) => Err(ClientError::Disagreement(
+                "the service welcomed twice".into(),
+            )),
             // A message of a later version: nothing in it can be owed an answer.
             None => Ok(()),
         }
@@ -202,12 +216,17 @@ impl Task {
         let is_awaited = self.opened.is_some() || !self.outbox.is_empty();
         let trouble = self.trouble.get_or_insert_with(|| Trouble::begin(now));
         // A rate says after how long there is some of it again.
-        let delay = trouble.failed(said(&status)).max(advised(&status).unwrap_or_default());
+        let delay = trouble
+            .failed(said(&status))
+            .max(advised(&status).unwrap_or_default());
         if let Some(limit) = self.terms.retry_for
             && is_awaited
             && trouble.lasted(now) >= limit
         {
-            return Err(ClientError::GaveUp { seconds: limit.as_secs(), last: trouble.last().into() });
+            return Err(ClientError::GaveUp {
+                seconds: limit.as_secs(),
+                last: trouble.last().into(),
+            });
         }
         self.link = Link::Down(now + delay);
         Ok(())
@@ -223,7 +242,10 @@ impl Task {
 
     fn answer_flushes(&mut self) {
         let settled = self.outbox.settled();
-        for (_, reply) in self.flushes.extract_if(.., |(target, _)| *target <= settled) {
+        for (_, reply) in self
+            .flushes
+            .extract_if(.., |(target, _)| *target <= settled)
+        {
             // Whoever asked may have stopped waiting.
             let _ = reply.send(self.outbox.totals().clone());
         }
@@ -252,9 +274,15 @@ mod tests {
             max_batch_transitions,
             ..proto::Welcome::default()
         };
-        let narrow = Widths { state: 2, actions: 2 };
+        let narrow = Widths {
+            state: 2,
+            actions: 2,
+        };
         assert_eq!(most_transitions(&welcome(4 << 20, 10_000), narrow), 10_000);
-        assert_eq!(most_transitions(&welcome(512 + 27 * 10, 10_000), narrow), 10);
+        assert_eq!(
+            most_transitions(&welcome(512 + 27 * 10, 10_000), narrow),
+            10
+        );
         assert_eq!(most_transitions(&welcome(0, 0), narrow), 1);
     }
 }

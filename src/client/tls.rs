@@ -1,7 +1,8 @@
-//! TLS towards a service: whom the client trusts, how it proves who it is, and what went wrong in words for people.
+//! TLS towards a service: whom the client trusts, how it proves who it is, and what went wrong in
+//! words for people.
 //!
-//! tonic's own TLS would do for all but two things: to trust one certificate for itself, as a probe beside the service does, and to say what to do about
-//! an error.
+//! tonic's own TLS would do for all but two things: to trust one certificate for itself, as a probe
+//! beside the service does, and to say what to do about an error.
 
 use std::error::Error;
 use std::io;
@@ -16,8 +17,8 @@ use rustls::client::danger::{HandshakeSignatureValid, ServerCertVerified, Server
 use rustls::crypto::{WebPkiSupportedAlgorithms, verify_tls12_signature, verify_tls13_signature};
 use rustls::pki_types::{CertificateDer, ServerName, UnixTime};
 use rustls::{
-    AlertDescription, CertificateError, ClientConfig, DigitallySignedStruct, InvalidMessage, RootCertStore,
-    SignatureScheme,
+    AlertDescription, CertificateError, ClientConfig, DigitallySignedStruct, InvalidMessage,
+    RootCertStore, SignatureScheme,
 };
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio_rustls::TlsConnector;
@@ -52,7 +53,8 @@ pub enum Trust {
     System,
     /// Those for its name of the authorities in a PEM file, and of no others.
     Authorities(PathBuf),
-    /// The first certificate in a PEM file, whatever name it is for: for probes on the machine of the service.
+    /// The first certificate in a PEM file, whatever name it is for: for probes on the machine of
+    /// the service.
     Exactly(PathBuf),
     /// Any: whoever answers is believed. For tests.
     Anybody,
@@ -66,25 +68,42 @@ impl ClientTls {
 
     /// Reads the files.
     fn config(&self) -> Result<ClientConfig, TlsError> {
-        let config = ClientConfig::builder_with_provider(provider()).with_safe_default_protocol_versions();
+        let config =
+            ClientConfig::builder_with_provider(provider()).with_safe_default_protocol_versions();
         // The provider speaks both versions.
         let config = config.expect("TLS 1.2 and 1.3 are there");
         let config = match &self.trust {
             Trust::System => config.with_root_certificates(system()),
-            Trust::Authorities(path) => config.with_root_certificates(Pem::read("--ca", path)?.authorities()?),
-            Trust::Exactly(path) => {
-                let pinned = Pem::read("--tls-cert", path)?.certificates()?.into_iter().next();
-                config.dangerous().with_custom_certificate_verifier(Unnamed::new(pinned))
+            Trust::Authorities(path) => {
+                config.with_root_certificates(Pem::read("--ca", path)?.authorities()?)
             }
-            Trust::Anybody => config.dangerous().with_custom_certificate_verifier(Unnamed::new(None)),
+            Trust::Exactly(path) => {
+                let pinned = Pem::read("--tls-cert", path)?
+                    .certificates()?
+                    .into_iter()
+                    .next();
+                config
+                    .dangerous()
+                    .with_custom_certificate_verifier(Unnamed::new(pinned))
+            }
+            Trust::Anybody => config
+                .dangerous()
+                .with_custom_certificate_verifier(Unnamed::new(None)),
         };
         let mut config = match &self.identity {
             None => config.with_no_client_auth(),
             Some((certificate, key)) => {
-                let (certificate, key) = (Pem::read("--cert", certificate)?, Pem::read("--cert-key", key)?);
-                let with_identity = config.with_client_auth_cert(certificate.certificates()?, key.key()?);
+                let (certificate, key) = (
+                    Pem::read("--cert", certificate)?,
+                    Pem::read("--cert-key", key)?,
+                );
+                let with_identity =
+                    config.with_client_auth_cert(certificate.certificates()?, key.key()?);
                 with_identity.map_err(|error| {
-                    key.fault(format!("does not go with the certificate of --cert {:?} ({error})", certificate.path()))
+                    key.fault(format!(
+                        "does not go with the certificate of --cert {:?} ({error})",
+                        certificate.path()
+                    ))
                 })?
             }
         };
@@ -92,19 +111,29 @@ impl ClientTls {
         Ok(config)
     }
 
-    /// Returns what connects to an address, over TLS to `https://`, and notes what services say when they end a connection.
+    /// Returns what connects to an address, over TLS to `https://`, and notes what services say
+    /// when they end a connection.
     pub(super) fn connector(
         &self,
         address: &str,
         heard: Heard,
-    ) -> Result<impl Service<Uri, Response = Io, Error = BoxError, Future: Send> + Send + 'static, TlsError> {
+    ) -> Result<
+        impl Service<Uri, Response = Io, Error = BoxError, Future: Send> + Send + 'static,
+        TlsError,
+    > {
         let is_plain = address.starts_with(PLAIN);
         // The authorities of the machine are a hundred files, which nobody reads for nothing.
-        let tls = if is_plain { None } else { Some(TlsConnector::from(Arc::new(self.config()?))) };
+        let tls = if is_plain {
+            None
+        } else {
+            Some(TlsConnector::from(Arc::new(self.config()?)))
+        };
         let mut http = HttpConnector::new();
         http.enforce_http(false);
         http.set_nodelay(true);
-        Ok(service_fn(move |uri: Uri| connect(http.clone(), tls.clone(), uri, heard.clone())))
+        Ok(service_fn(move |uri: Uri| {
+            connect(http.clone(), tls.clone(), uri, heard.clone())
+        }))
     }
 }
 
@@ -116,34 +145,56 @@ trait Wire: AsyncRead + AsyncWrite + Unpin + Send {}
 
 impl<S: AsyncRead + AsyncWrite + Unpin + Send> Wire for S {}
 
-async fn connect(http: HttpConnector, tls: Option<TlsConnector>, uri: Uri, heard: Heard) -> Result<Io, BoxError> {
+async fn connect(
+    http: HttpConnector,
+    tls: Option<TlsConnector>,
+    uri: Uri,
+    heard: Heard,
+) -> Result<Io, BoxError> {
     let Some(tls) = tls else {
         let stream = http.oneshot(uri).await?.into_inner();
         return Ok(TokioIo::new(Listening::new(stream, heard)));
     };
-    let host = uri.host().unwrap_or_default().trim_matches(['[', ']']).to_owned();
-    let name = ServerName::try_from(host.clone()).map_err(|_| Untrusted(format!("{host:?} is no name of a host")))?;
+    let host = uri
+        .host()
+        .unwrap_or_default()
+        .trim_matches(['[', ']'])
+        .to_owned();
+    let name = ServerName::try_from(host.clone())
+        .map_err(|_| Untrusted(format!("{host:?} is no name of a host")))?;
     let stream = http.oneshot(uri).await?.into_inner();
-    let stream = tls.connect(name, stream).await.map_err(|error| Untrusted(explained(&error)))?;
+    let stream = tls
+        .connect(name, stream)
+        .await
+        .map_err(|error| Untrusted(explained(&error)))?;
     if stream.get_ref().1.alpn_protocol() != Some(HTTP2) {
-        return Err(Untrusted("it does not offer HTTP/2 (ALPN h2), which gRPC needs".into()).into());
+        return Err(
+            Untrusted("it does not offer HTTP/2 (ALPN h2), which gRPC needs".into()).into(),
+        );
     }
     Ok(TokioIo::new(Listening::new(stream, heard)))
 }
 
-/// The last word of a service about TLS. In TLS 1.3 it refuses a client after the handshake, and where it speaks TLS it tells those who do not; of either,
-/// HTTP/2 may tell no more than that the connection has gone.
+/// The last word of a service about TLS. In TLS 1.3 it refuses a client after the handshake, and
+/// where it speaks TLS it tells those who do not; of either, HTTP/2 may tell no more than that the
+/// connection has gone.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Heard(Arc<Mutex<Option<String>>>);
 
 impl Heard {
     /// Returns what was said, if anything.
     pub(super) fn said(&self) -> Option<String> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        self.0
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .clone()
     }
 
     fn note(&self, error: &io::Error) {
-        if error.get_ref().is_some_and(|inner| inner.is::<rustls::Error>()) {
+        if error
+            .get_ref()
+            .is_some_and(|inner| inner.is::<rustls::Error>())
+        {
             self.set(explained(error));
         }
     }
@@ -162,12 +213,21 @@ pub(super) struct Listening {
 
 impl Listening {
     fn new(stream: impl Wire + 'static, heard: Heard) -> Self {
-        Self { stream: Box::new(stream), heard, is_fresh: true }
+        Self {
+            stream: Box::new(stream),
+            heard,
+            is_fresh: true,
+        }
     }
 
     fn note_first(&mut self, bytes: &[u8]) {
-        if std::mem::take(&mut self.is_fresh) && bytes.windows(SPEAKS_TLS.len()).any(|words| words == SPEAKS_TLS) {
-            self.heard.set("it speaks TLS: say https:// instead of http://".into());
+        if std::mem::take(&mut self.is_fresh)
+            && bytes
+                .windows(SPEAKS_TLS.len())
+                .any(|words| words == SPEAKS_TLS)
+        {
+            self.heard
+                .set("it speaks TLS: say https:// instead of http://".into());
         }
     }
 }
@@ -186,7 +246,11 @@ impl AsyncRead for Listening {
 }
 
 impl AsyncWrite for Listening {
-    fn poll_write(mut self: Pin<&mut Self>, context: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
+    fn poll_write(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        bytes: &[u8],
+    ) -> Poll<io::Result<usize>> {
         Pin::new(&mut self.stream).poll_write(context, bytes)
     }
 
@@ -207,7 +271,9 @@ pub(super) struct Untrusted(String);
 /// Returns what is wrong, where a handshake failed.
 pub(super) fn trouble(error: &(dyn Error + 'static)) -> Option<String> {
     let mut causes = std::iter::successors(Some(error), cause);
-    causes.find_map(|cause| cause.downcast_ref::<Untrusted>()).map(Untrusted::to_string)
+    causes
+        .find_map(|cause| cause.downcast_ref::<Untrusted>())
+        .map(Untrusted::to_string)
 }
 
 fn cause<'a>(error: &&'a (dyn Error + 'static)) -> Option<&'a (dyn Error + 'static)> {
@@ -251,7 +317,8 @@ fn alerted(alert: AlertDescription) -> String {
     use AlertDescription as A;
     match alert {
         A::CertificateRequired => {
-            "it wants a certificate of the client; name one with --cert and its key with --cert-key".into()
+            "it wants a certificate of the client; name one with --cert and its key with --cert-key"
+                .into()
         }
         A::BadCertificate
         | A::UnsupportedCertificate
@@ -260,19 +327,23 @@ fn alerted(alert: AlertDescription) -> String {
         | A::CertificateUnknown
         | A::UnknownCA
         | A::DecryptError
-        | A::AccessDenied => format!("it does not accept the certificate of --cert, or wants one ({alert:?})"),
+        | A::AccessDenied => {
+            format!("it does not accept the certificate of --cert, or wants one ({alert:?})")
+        }
         _ => format!("it ended the connection ({alert:?})"),
     }
 }
 
-/// Returns the authorities that this machine trusts. One that cannot be read is not trusted, and a handshake says what is missing.
+/// Returns the authorities that this machine trusts. One that cannot be read is not trusted, and a
+/// handshake says what is missing.
 fn system() -> RootCertStore {
     let mut authorities = RootCertStore::empty();
     authorities.add_parsable_certificates(rustls_native_certs::load_native_certs().certs);
     authorities
 }
 
-/// Trusts one certificate whatever its name is, or any; that the service has its private key is proved all the same.
+/// Trusts one certificate whatever its name is, or any; that the service has its private key is
+/// proved all the same.
 #[derive(Debug)]
 struct Unnamed {
     certificate: Option<CertificateDer<'static>>,
@@ -281,7 +352,10 @@ struct Unnamed {
 
 impl Unnamed {
     fn new(certificate: Option<CertificateDer<'static>>) -> Arc<Self> {
-        Arc::new(Self { certificate, algorithms: provider().signature_verification_algorithms })
+        Arc::new(Self {
+            certificate,
+            algorithms: provider().signature_verification_algorithms,
+        })
     }
 }
 
@@ -295,7 +369,9 @@ impl ServerCertVerifier for Unnamed {
         _: UnixTime,
     ) -> Result<ServerCertVerified, rustls::Error> {
         match &self.certificate {
-            Some(pinned) if pinned != certificate => Err(CertificateError::ApplicationVerificationFailure.into()),
+            Some(pinned) if pinned != certificate => {
+                Err(CertificateError::ApplicationVerificationFailure.into())
+            }
             _ => Ok(ServerCertVerified::assertion()),
         }
     }

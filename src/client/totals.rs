@@ -5,8 +5,8 @@ use crate::api::proto;
 /// How many rejected transitions are told one by one.
 const MOST_TOLD: usize = 100;
 
-/// What became of the transitions of a producer since it was opened. Once all is acknowledged, `sent = accepted + rejected + resumed +
-/// unverified`.
+/// What became of the transitions of a producer since it was opened. Once all is acknowledged,
+/// `sent = accepted + rejected + resumed + unverified`.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Totals {
     /// Transitions that were handed over and are part of a batch.
@@ -15,14 +15,16 @@ pub struct Totals {
     pub accepted: u64,
     /// Transitions whose receipt says that they were not.
     pub rejected: u64,
-    /// Transitions of batches that the service had committed before this producer got a receipt: of an earlier run, or of a stream that broke.
+    /// Transitions of batches that the service had committed before this producer got a receipt: of
+    /// an earlier run, or of a stream that broke.
     pub resumed: u64,
-    /// Transitions of batches under numbers that were used so long ago that nobody can tell whether they were counted: lost, if this producer began anew
-    /// under an id that was used before.
+    /// Transitions of batches under numbers that were used so long ago that nobody can tell whether
+    /// they were counted: lost, if this producer began anew under an id that was used before.
     pub unverified: u64,
     /// Batches of which every transition was rejected. They are part of the figures above.
     pub rejected_batches: u64,
-    /// Batches that were answered as counted before; their first receipts are part of the figures above.
+    /// Batches that were answered as counted before; their first receipts are part of the figures
+    /// above.
     pub duplicates: u64,
     /// The sequence of the last batch.
     pub last_sequence: u64,
@@ -63,11 +65,17 @@ impl Totals {
         self.rejected += receipt.rejected_count;
         let sequence = receipt.sequence;
         let room = MOST_TOLD - self.rejections.len();
-        self.rejections.extend(receipt.rejected.into_iter().take(room).map(|rejection| Rejected {
-            position: position + u64::from(rejection.index),
-            sequence,
-            field: rejection.field,
-            reason: rejection.reason,
-        }));
+        self.rejections.extend(
+            receipt
+                .rejected
+                .into_iter()
+                .take(room)
+                .map(|rejection| Rejected {
+                    position: position + u64::from(rejection.index),
+                    sequence,
+                    field: rejection.field,
+                    reason: rejection.reason,
+                }),
+        );
     }
 }

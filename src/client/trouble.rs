@@ -17,7 +17,11 @@ pub(super) struct Trouble {
 
 impl Trouble {
     pub(super) fn begin(now: Instant) -> Self {
-        Self { since: now, attempts: 0, last: String::new() }
+        Self {
+            since: now,
+            attempts: 0,
+            last: String::new(),
+        }
     }
 
     /// Restarts the clock: before `now` nothing waited, so nobody was kept waiting.
@@ -44,13 +48,15 @@ impl Trouble {
     }
 }
 
-/// Returns twice the delay of the attempt before, up to a limit, less up to half of it, so that a thousand producers do not come back at once.
+/// Returns twice the delay of the attempt before, up to a limit, less up to half of it, so that a
+/// thousand producers do not come back at once.
 fn delay(attempts: u32, spread: f64) -> Duration {
     let doubled = FIRST_DELAY.saturating_mul(2_u32.saturating_pow(attempts));
     doubled.min(LONGEST_DELAY).mul_f64(1.0 - spread / 2.0)
 }
 
-/// Returns a number from 0 to 1 that differs from producer to producer; the standard library's hasher is seeded by the system.
+/// Returns a number from 0 to 1 that differs from producer to producer; the standard library's
+/// hasher is seeded by the system.
 fn spread() -> f64 {
     RandomState::new().hash_one(0) as f64 / u64::MAX as f64
 }
@@ -61,7 +67,9 @@ mod tests {
 
     #[test]
     fn delays_double_up_to_a_limit() {
-        let delays: Vec<u128> = [0, 1, 2, 5, 6, 40].map(|attempts| delay(attempts, 0.0).as_millis()).to_vec();
+        let delays: Vec<u128> = [0, 1, 2, 5, 6, 40]
+            .map(|attempts| delay(attempts, 0.0).as_millis())
+            .to_vec();
         assert_eq!(delays, [100, 200, 400, 3_200, 5_000, 5_000]);
         assert_eq!(delay(0, 1.0).as_millis(), 50);
     }

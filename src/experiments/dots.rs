@@ -1,4 +1,5 @@
-//! A plot of dots: panels beside and below each other, in each a row a decision, in each row a dot a mark with its spread over seeds.
+//! A plot of dots: panels beside and below each other, in each a row a decision, in each row a dot
+//! a mark with its spread over seeds.
 
 use std::ops::Range;
 
@@ -73,31 +74,49 @@ impl Dots<'_> {
     /// Returns it as SVG.
     pub fn svg(&self) -> String {
         let mut svg = String::new();
-        self.draw(&SVGBackend::with_string(&mut svg, self.size).into_drawing_area()).expect("a text takes everything");
+        self.draw(&SVGBackend::with_string(&mut svg, self.size).into_drawing_area())
+            .expect("a text takes everything");
         svg
     }
 
     fn draw(&self, sheet: &Sheet<'_>) -> Drawn {
         sheet.fill(&WHITE)?;
-        sheet.draw(&Text::new(self.title.as_str(), (16, 14), ("sans-serif", 17).into_font().color(&INK)))?;
+        sheet.draw(&Text::new(
+            self.title.as_str(),
+            (16, 14),
+            ("sans-serif", 17).into_font().color(&INK),
+        ))?;
         self.legend(sheet)?;
         let below = self.panels.len().div_ceil(self.beside);
-        let areas = sheet.margin(ABOVE, 0, LEFT, 0).split_evenly((below, self.beside));
+        let areas = sheet
+            .margin(ABOVE, 0, LEFT, 0)
+            .split_evenly((below, self.beside));
         for (at, (area, panel)) in areas.iter().zip(&self.panels).enumerate() {
             let axes = self.axes(area, &panel.caption)?;
             for (row, values) in panel.rows.iter().enumerate() {
                 if at % self.beside == 0 {
                     let (_, y) = axes.backend_coord(&(self.range.start, self.height(row)));
-                    sheet.draw(&Text::new(self.rows[row], (LEFT - 4, y), words(HPos::Right)))?;
+                    sheet.draw(&Text::new(
+                        self.rows[row],
+                        (LEFT - 4, y),
+                        words(HPos::Right),
+                    ))?;
                 }
-                self.dots(sheet, values, |value, lane| axes.backend_coord(&(value, self.height(row) + lane)))?;
+                self.dots(sheet, values, |value, lane| {
+                    axes.backend_coord(&(value, self.height(row) + lane))
+                })?;
             }
         }
         sheet.present()
     }
 
     /// Draws a dot for each mark of a row, in a lane of its own.
-    fn dots(&self, sheet: &Sheet<'_>, values: &[Option<Spread>], at: impl Fn(f64, f64) -> (i32, i32)) -> Drawn {
+    fn dots(
+        &self,
+        sheet: &Sheet<'_>,
+        values: &[Option<Spread>],
+        at: impl Fn(f64, f64) -> (i32, i32),
+    ) -> Drawn {
         let middle = (self.marks.len() - 1) as f64 / 2.0;
         for (lane, ((shape, colour, _), value)) in self.marks.iter().zip(values).enumerate() {
             let Some(value) = value else { continue };
@@ -148,7 +167,11 @@ impl Dots<'_> {
             sheet.draw(&Text::new(*meaning, (x + 12, y), words(HPos::Left)))?;
             x += 52 + 6 * meaning.len() as i32;
         }
-        sheet.draw(&Text::new(format!("dashed: {}", self.dashed.1), (x, y), words(HPos::Left)))
+        sheet.draw(&Text::new(
+            format!("dashed: {}", self.dashed.1),
+            (x, y),
+            words(HPos::Left),
+        ))
     }
 }
 
@@ -170,5 +193,8 @@ fn mark(sheet: &Sheet<'_>, at: (i32, i32), shape: Shape, colour: RGBColor) -> Dr
 }
 
 fn words(side: HPos) -> TextStyle<'static> {
-    ("sans-serif", 14).into_font().color(&INK).pos(Pos::new(side, VPos::Center))
+    ("sans-serif", 14)
+        .into_font()
+        .color(&INK)
+        .pos(Pos::new(side, VPos::Center))
 }

@@ -1,4 +1,5 @@
-//! What experiments found: figures of decisions in worlds over seeds, where they have to lie, and both as JSON and CSV.
+//! What experiments found: figures of decisions in worlds over seeds, where they have to lie, and
+//! both as JSON and CSV.
 
 use serde_json::{Value, json};
 
@@ -66,11 +67,22 @@ impl<W: Cells, D: Cells, F: Cells> Findings<W, D, F> {
 }
 
 /// Returns the figures of a world over its seeds; one that is defined for no seed is left out.
-pub fn over_seeds<W: Copy, D: Copy, F: Copy>(world: W, of_seeds: &[Measured<D, F>]) -> Vec<Finding<W, D, F>> {
+pub fn over_seeds<W: Copy, D: Copy, F: Copy>(
+    world: W,
+    of_seeds: &[Measured<D, F>],
+) -> Vec<Finding<W, D, F>> {
     let measured = of_seeds.first().into_iter().flatten().enumerate();
     let finding = |(at, (decision, figure, _)): (usize, &(D, F, Option<f64>))| {
-        let values: Vec<f64> = of_seeds.iter().filter_map(|measured| measured[at].2).collect();
-        Some(Finding { world, decision: *decision, figure: *figure, spread: Spread::of(&values)? })
+        let values: Vec<f64> = of_seeds
+            .iter()
+            .filter_map(|measured| measured[at].2)
+            .collect();
+        Some(Finding {
+            world,
+            decision: *decision,
+            figure: *figure,
+            spread: Spread::of(&values)?,
+        })
     };
     measured.filter_map(finding).collect()
 }
@@ -78,8 +90,21 @@ pub fn over_seeds<W: Copy, D: Copy, F: Copy>(world: W, of_seeds: &[Measured<D, F
 impl<W: Cells, D: Cells, F: Cells> Cells for Finding<W, D, F> {
     fn cells(&self) -> Row {
         let Spread { mean, sd, seeds } = self.spread;
-        let named = [self.world.cells(), self.decision.cells(), self.figure.cells()].concat();
-        [named, vec![("mean", mean.into()), ("sd", sd.into()), ("seeds", seeds.into())]].concat()
+        let named = [
+            self.world.cells(),
+            self.decision.cells(),
+            self.figure.cells(),
+        ]
+        .concat();
+        [
+            named,
+            vec![
+                ("mean", mean.into()),
+                ("sd", sd.into()),
+                ("seeds", seeds.into()),
+            ],
+        ]
+        .concat()
     }
 }
 
@@ -120,7 +145,8 @@ pub struct Target<W, D, F> {
 impl<W, D, F> Target<W, D, F> {
     /// Returns whether it is met.
     pub fn is_met(&self) -> bool {
-        self.measured.is_some_and(|measured| self.bound.holds(measured))
+        self.measured
+            .is_some_and(|measured| self.bound.holds(measured))
     }
 }
 
@@ -130,8 +156,21 @@ impl<W: Cells, D: Cells, F: Cells> Cells for Target<W, D, F> {
             Bound::AtLeast(at) => ("at_least", at),
             Bound::AtMost(at) => ("at_most", at),
         };
-        let named = [self.world.cells(), self.decision.cells(), self.figure.cells()].concat();
-        [named, vec![(bound, at.into()), ("mean", self.measured.into()), ("met", self.is_met().into())]].concat()
+        let named = [
+            self.world.cells(),
+            self.decision.cells(),
+            self.figure.cells(),
+        ]
+        .concat();
+        [
+            named,
+            vec![
+                (bound, at.into()),
+                ("mean", self.measured.into()),
+                ("met", self.is_met().into()),
+            ],
+        ]
+        .concat()
     }
 }
 
@@ -176,7 +215,14 @@ impl<P: Plan<W, D, F>, W: Cells, D: Cells, F: Cells> Report<P, W, D, F> {
 
 /// Returns rows as JSON objects.
 pub fn objects<'a, T: Cells + 'a>(rows: impl IntoIterator<Item = &'a T>) -> Value {
-    let object = |row: &T| Value::Object(row.cells().into_iter().map(|(name, cell)| (name.to_owned(), cell)).collect());
+    let object = |row: &T| {
+        Value::Object(
+            row.cells()
+                .into_iter()
+                .map(|(name, cell)| (name.to_owned(), cell))
+                .collect(),
+        )
+    };
     rows.into_iter().map(object).collect()
 }
 
@@ -186,9 +232,13 @@ fn csv<'a, T: Cells + 'a>(rows: impl IntoIterator<Item = &'a T>) -> String {
     for (i, row) in rows.into_iter().enumerate() {
         let cells = row.cells();
         if i == 0 {
-            writer.write_record(cells.iter().map(|(name, _)| *name)).expect("memory takes everything");
+            writer
+                .write_record(cells.iter().map(|(name, _)| *name))
+                .expect("memory takes everything");
         }
-        writer.write_record(cells.iter().map(|(_, cell)| text(cell))).expect("lines are equally long");
+        writer
+            .write_record(cells.iter().map(|(_, cell)| text(cell)))
+            .expect("lines are equally long");
     }
     let bytes = writer.into_inner().expect("memory takes everything");
     String::from_utf8(bytes).expect("text was written")

@@ -1,9 +1,11 @@
-//! How good scores, decisions, estimates and intervals are where the truth is known. What is not defined is `None`, never a number.
+//! How good scores, decisions, estimates and intervals are where the truth is known. What is not
+//! defined is `None`, never a number.
 
-/// Returns the area under the ROC curve: the probability that a state with the property scores higher than one without, ties counted half.
+/// Returns the area under the ROC curve: the probability that a state with the property scores
+/// higher than one without, ties counted half.
 ///
-/// By ranks, (sum of the ranks of those with it - P (P + 1)/2) / (P Q), tied scores sharing their mean rank (Mann & Whitney 1947; Hanley & McNeil
-/// 1982). `None` unless there are both.
+/// By ranks, (sum of the ranks of those with it - P (P + 1)/2) / (P Q), tied scores sharing their
+/// mean rank (Mann & Whitney 1947; Hanley & McNeil 1982). `None` unless there are both.
 pub fn auc(scored: &[(f64, bool)]) -> Option<f64> {
     let mut scored = scored.to_vec();
     scored.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -32,15 +34,17 @@ pub struct Hits {
 impl Hits {
     /// Counts pairs of what was called and what is true.
     pub fn of(decisions: impl IntoIterator<Item = (bool, bool)>) -> Self {
-        decisions.into_iter().fold(Self::default(), |mut hits, decision| {
-            match decision {
-                (true, true) => hits.right += 1,
-                (true, false) => hits.wrong += 1,
-                (false, true) => hits.missed += 1,
-                (false, false) => {}
-            }
-            hits
-        })
+        decisions
+            .into_iter()
+            .fold(Self::default(), |mut hits, decision| {
+                match decision {
+                    (true, true) => hits.right += 1,
+                    (true, false) => hits.wrong += 1,
+                    (false, true) => hits.missed += 1,
+                    (false, false) => {}
+                }
+                hits
+            })
     }
 
     /// Returns the share of calls that are right; `None` without calls.
@@ -53,16 +57,22 @@ impl Hits {
         share(self.right as f64, (self.right + self.missed) as f64)
     }
 
-    /// Returns the harmonic mean of precision and recall, 0 without a right call; `None` where nothing is so.
+    /// Returns the harmonic mean of precision and recall, 0 without a right call; `None` where
+    /// nothing is so.
     pub fn f1(self) -> Option<f64> {
         self.recall()?;
-        share(2.0 * self.right as f64, (2 * self.right + self.wrong + self.missed) as f64)
+        share(
+            2.0 * self.right as f64,
+            (2 * self.right + self.wrong + self.missed) as f64,
+        )
     }
 }
 
 /// Returns the mean; `None` of nothing.
 pub fn mean(values: impl IntoIterator<Item = f64>) -> Option<f64> {
-    let (sum, n) = values.into_iter().fold((0.0, 0.0), |(sum, n), value| (sum + value, n + 1.0));
+    let (sum, n) = values
+        .into_iter()
+        .fold((0.0, 0.0), |(sum, n), value| (sum + value, n + 1.0));
     share(sum, n)
 }
 
@@ -73,7 +83,12 @@ pub fn frequency(those: impl IntoIterator<Item = bool>) -> Option<f64> {
 
 /// Returns the root of the mean squared difference between estimates and truths; `None` of nothing.
 pub fn rmse(pairs: impl IntoIterator<Item = (f64, f64)>) -> Option<f64> {
-    mean(pairs.into_iter().map(|(estimate, truth)| (estimate - truth).powi(2))).map(f64::sqrt)
+    mean(
+        pairs
+            .into_iter()
+            .map(|(estimate, truth)| (estimate - truth).powi(2)),
+    )
+    .map(f64::sqrt)
 }
 
 /// A figure over several seeds.
@@ -93,7 +108,11 @@ impl Spread {
         let center = mean(values.iter().copied())?;
         let squares: f64 = values.iter().map(|value| (value - center).powi(2)).sum();
         let sd = share(squares, values.len() as f64 - 1.0).map(f64::sqrt);
-        Some(Self { mean: center, sd, seeds: values.len() })
+        Some(Self {
+            mean: center,
+            sd,
+            seeds: values.len(),
+        })
     }
 }
 

@@ -22,6 +22,10 @@ impl Seeds {
 impl fmt::Display for Seeds {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { number, first } = self;
-        if *number == 1 { write!(f, "seed {first}") } else { write!(f, "{number} seeds from {first}") }
+        if *number == 1 {
+            write!(f, "seed {first}")
+        } else {
+            write!(f, "{number} seeds from {first}")
+        }
     }
 }

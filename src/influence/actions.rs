@@ -1,4 +1,5 @@
-//! What each of the ego's actions does: how often it was taken, how far it moves the other, and how the other answers it.
+//! What each of the ego's actions does: how often it was taken, how far it moves the other, and how
+//! the other answers it.
 
 use super::judge::Judge;
 use crate::domain::{ActionFigures, Interval};
@@ -6,19 +7,32 @@ use crate::evidence::ActionPosterior;
 use crate::information::Table;
 use crate::priors::{self, Draws, Tables};
 
-/// Returns the figures of every ego action, seen or not, in index order; `draws` is what the evidence rests on.
+/// Returns the figures of every ego action, seen or not, in index order; `draws` is what the
+/// evidence rests on.
 pub fn by_action(judge: Judge<'_>, tables: &Tables, draws: &Draws<'_>) -> Vec<ActionFigures> {
     let pair = &judge.scope.pair;
     let believed = judge.informed.and_then(|informed| {
-        Some(informed.in_detail()?.by_action(&informed.habits, draws.counted(), priors::ego(pair)))
+        Some(
+            informed
+                .in_detail()?
+                .by_action(&informed.habits, draws.counted(), priors::ego(pair)),
+        )
     });
     let mut believed = believed.unwrap_or_default().into_iter();
     let figures = |index: u64| figures(judge, tables, index, believed.next());
-    (0..judge.schema.agents()[pair.ego].actions()).map(figures).collect()
+    (0..judge.schema.agents()[pair.ego].actions())
+        .map(figures)
+        .collect()
 }
 
-fn figures(judge: Judge<'_>, tables: &Tables, index: u64, believed: Option<ActionPosterior>) -> ActionFigures {
-    let [ego, other] = [judge.scope.pair.ego, judge.scope.pair.other].map(|agent| &judge.schema.agents()[agent]);
+fn figures(
+    judge: Judge<'_>,
+    tables: &Tables,
+    index: u64,
+    believed: Option<ActionPosterior>,
+) -> ActionFigures {
+    let [ego, other] =
+        [judge.scope.pair.ego, judge.scope.pair.other].map(|agent| &judge.schema.agents()[agent]);
     let unit = |nats: f64| judge.scope.unit.from_nats(nats);
     let row = tables.whole.row_labels().binary_search(&index).ok();
     let seen = ActionFigures {
@@ -33,7 +47,10 @@ fn figures(judge: Judge<'_>, tables: &Tables, index: u64, believed: Option<Actio
     match believed {
         None => seen,
         Some(believed) => ActionFigures {
-            divergence: Some((unit(believed.divergence_mean), believed.divergence_interval.map(unit) as Interval)),
+            divergence: Some((
+                unit(believed.divergence_mean),
+                believed.divergence_interval.map(unit) as Interval,
+            )),
             response: Some(believed.response),
             response_intervals: believed.response_intervals,
             ..seen

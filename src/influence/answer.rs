@@ -10,7 +10,8 @@ use super::store_errors::logged;
 use super::stratified::{self, Tested};
 use super::survey::Plan;
 use crate::domain::{
-    Answer, Bin, Estimator, Figures, ModelAction, ModelFigures, Question, Schema, Scope, StateKey, Unit, View,
+    Answer, Bin, Estimator, Figures, ModelAction, ModelFigures, Question, Schema, Scope, StateKey,
+    Unit, View,
 };
 use crate::error::Problem;
 use crate::information::{self, Alphabet};
@@ -22,7 +23,8 @@ use crate::work::{Gate, Stop, Stopped};
 /// States that a network is asked about together.
 const TOGETHER: usize = 256;
 
-/// What is answered where it is asked: figures of pairs of actions, over all states; some tenths of a millisecond.
+/// What is answered where it is asked: figures of pairs of actions, over all states; some tenths of
+/// a millisecond.
 const LIGHT: u64 = 1_024;
 
 /// By how much more the figures of each of the ego's actions take.
@@ -44,21 +46,33 @@ pub struct Ground {
 /// Returns whether a question is sooner answered where it is asked than handed to another thread.
 fn is_light(schema: &Schema, question: &Question) -> bool {
     let Alphabet { rows, columns } = question.scope.pair.alphabet(schema);
-    let (states, detail) = (question.states.len() as u64, if question.view == View::Full { FULL } else { 1 });
-    let figures = states.saturating_mul(rows.saturating_mul(columns)).saturating_mul(detail);
+    let (states, detail) = (
+        question.states.len() as u64,
+        if question.view == View::Full { FULL } else { 1 },
+    );
+    let figures = states
+        .saturating_mul(rows.saturating_mul(columns))
+        .saturating_mul(detail);
     let is_slow = question.significance.is_some() || question.visits_to_decide;
     !is_slow && states <= FEW_STATES && figures <= LIGHT
 }
 
-/// Returns the answers for the states of a question. One that takes long waits for its turn before the counts are read, so that it holds next to nothing
-/// until then.
-pub async fn answers(store: &dyn Store, gate: &Gate, ground: Ground) -> Result<Vec<Answer>, Problem> {
+/// Returns the answers for the states of a question. One that takes long waits for its turn before
+/// the counts are read, so that it holds next to nothing until then.
+pub async fn answers(
+    store: &dyn Store,
+    gate: &Gate,
+    ground: Ground,
+) -> Result<Vec<Answer>, Problem> {
     let environment = &ground.plan.environment;
     let turn = match is_light(&environment.schema, &ground.question) {
         true => None,
         false => Some(gate.enter().await?),
     };
-    let counts = store.counts(environment.id, &ground.question.states).await.map_err(logged)?;
+    let counts = store
+        .counts(environment.id, &ground.question.states)
+        .await
+        .map_err(logged)?;
     let cells: usize = counts.iter().map(|state| state.counts.cells().len()).sum();
     let turn = match turn {
         None if cells <= FEW_CELLS => return Ok(ground.answers_here(&counts)),
@@ -68,7 +82,8 @@ pub async fn answers(store: &dyn Store, gate: &Gate, ground: Ground) -> Result<V
     turn.run(move |stop| ground.answers(&counts, stop)).await
 }
 
-/// Returns a warning where pooled and stratified answers disagree: by their tests, where those were asked for, else by the evidence.
+/// Returns a warning where pooled and stratified answers disagree: by their tests, where those were
+/// asked for, else by the evidence.
 fn warning(tested: Option<Tested>, judged: &Judged) -> Option<String> {
     match tested {
         Some(tested) => tested.warning(),
@@ -85,14 +100,20 @@ impl Ground {
     pub fn answers_here(&self, counts: &[StateCounts]) -> Vec<Answer> {
         let (judge, keys) = (self.judge(), &self.question.states);
         let told = keys.iter().zip(counts).zip(judge.predictions(keys));
-        told.map(|((key, counts), predicted)| self.answer(judge, key, counts, predicted)).collect()
+        told.map(|((key, counts), predicted)| self.answer(judge, key, counts, predicted))
+            .collect()
     }
 
     /// Answers by several threads.
     fn answers(&self, counts: &[StateCounts], stop: &Stop) -> Result<Vec<Answer>, Stopped> {
         let judge = self.judge();
         let mut answers = Vec::with_capacity(counts.len());
-        for (keys, counts) in self.question.states.chunks(TOGETHER).zip(counts.chunks(TOGETHER)) {
+        for (keys, counts) in self
+            .question
+            .states
+            .chunks(TOGETHER)
+            .zip(counts.chunks(TOGETHER))
+        {
             stop.check()?;
             let told = keys.par_iter().zip(counts).zip(judge.predictions(keys));
             let answer = |((key, counts), predicted)| {
@@ -105,7 +126,13 @@ impl Ground {
     }
 
     /// Returns the answer for a state with these counts.
-    fn answer(&self, judge: Judge<'_>, key: &StateKey, state: &StateCounts, predicted: Option<Prediction>) -> Answer {
+    fn answer(
+        &self,
+        judge: Judge<'_>,
+        key: &StateKey,
+        state: &StateCounts,
+        predicted: Option<Prediction>,
+    ) -> Answer {
         let cells = || state.counts.of_segments(self.plan.segments.as_deref());
         let judged = judge.judge(key, cells(), predicted);
         let visits = judged.tables.whole.total();
@@ -114,45 +141,78 @@ impl Ground {
         let draws = LazyCell::new(|| judged.tables.evidence(schema, pair, *within, cells()));
         let figures = (judge.view != View::Verdict).then(|| {
             let tested = self.question.significance.map(|how| {
-                let strata = (judged.tables.segments > 1).then(|| Tables::draws_by_segment(schema, pair, cells()));
+                let strata = (judged.tables.segments > 1)
+                    .then(|| Tables::draws_by_segment(schema, pair, cells()));
                 let pooled = judged.tables.draws(schema, pair, cells());
-                (Tested::new(&pooled, strata.as_deref(), key.seed()), how.exchange(*within))
+                (
+                    Tested::new(&pooled, strata.as_deref(), key.seed()),
+                    how.exchange(*within),
+                )
             });
-            let visits_to_decide =
-                self.question.visits_to_decide.then(|| self.visits_to_decide(judge, &draws)).flatten();
+            let visits_to_decide = self
+                .question
+                .visits_to_decide
+                .then(|| self.visits_to_decide(judge, &draws))
+                .flatten();
             Box::new(Figures {
                 bins: bins(judge.schema, key),
                 significance: tested.map(|(tested, exchange)| tested.told(exchange)),
-                warnings: warning(tested.map(|(tested, _)| tested), &judged).into_iter().collect(),
+                warnings: warning(tested.map(|(tested, _)| tested), &judged)
+                    .into_iter()
+                    .collect(),
                 visits_to_decide,
                 model: predicted.and_then(|predicted| self.model(judge, key, predicted)),
                 revision: state.revision,
                 ..self.figures(judge, &judged)
             })
         });
-        let by_action = (judge.view == View::Full).then(|| actions::by_action(judge, &judged.tables, &draws));
-        Answer { key: key.clone(), visits, verdict: judged.verdict, basis: judged.basis, figures, by_action }
+        let by_action =
+            (judge.view == View::Full).then(|| actions::by_action(judge, &judged.tables, &draws));
+        Answer {
+            key: key.clone(),
+            visits,
+            verdict: judged.verdict,
+            basis: judged.basis,
+            figures,
+            by_action,
+        }
     }
 
     /// Returns how many more visits a verdict would take, if there are not too many actions for it.
     fn visits_to_decide(&self, judge: Judge<'_>, draws: &Draws<'_>) -> Option<Option<u64>> {
         let informed = judge.informed?;
         let (prior, scope) = (informed.in_detail()?, judge.scope);
-        let visits = prior.visits_to_decide(&informed.habits, draws.counted(), priors::ego(&scope.pair), &scope.rule);
+        let visits = prior.visits_to_decide(
+            &informed.habits,
+            draws.counted(),
+            priors::ego(&scope.pair),
+            &scope.rule,
+        );
         Some(visits.filter(|_| judge.is_open()))
     }
 
     /// Returns what the network says of a state, in the question's unit.
-    fn model(&self, judge: Judge<'_>, key: &StateKey, predicted: Prediction) -> Option<ModelFigures> {
+    fn model(
+        &self,
+        judge: Judge<'_>,
+        key: &StateKey,
+        predicted: Prediction,
+    ) -> Option<ModelFigures> {
         let network = judge.network?;
         let unit = judge.scope.unit;
-        let in_unit = |action: ModelAction| ModelAction { divergence: unit.from_nats(action.divergence), ..action };
-        let by_action = (judge.view == View::Full).then(|| network.by_action(&self.plan.environment, key));
+        let in_unit = |action: ModelAction| ModelAction {
+            divergence: unit.from_nats(action.divergence),
+            ..action
+        };
+        let by_action =
+            (judge.view == View::Full).then(|| network.by_action(&self.plan.environment, key));
         Some(ModelFigures {
             version: network.version,
             kind: network.kind,
             probability: predicted.probability,
-            mutual_information: predicted.mutual_information.map(|nats| unit.from_nats(nats)),
+            mutual_information: predicted
+                .mutual_information
+                .map(|nats| unit.from_nats(nats)),
             agrees: predicted.agrees,
             out_of_range: network.out_of_range(&self.plan.environment, key),
             by_action: by_action.into_iter().flatten().map(in_unit).collect(),
@@ -163,8 +223,12 @@ impl Ground {
         let unit = judge.scope.unit;
         let (expected, method) = judged.tables.expected_if_independent();
         let alphabet = judge.scope.pair.alphabet(judge.schema);
-        let estimate =
-            |estimator: Estimator| (estimator.as_str(), estimated(estimator, &judged.tables, alphabet, unit));
+        let estimate = |estimator: Estimator| {
+            (
+                estimator.as_str(),
+                estimated(estimator, &judged.tables, alphabet, unit),
+            )
+        };
         Figures {
             bins: Vec::new(),
             entries: judged.tally.entries,
@@ -213,5 +277,9 @@ fn estimated(estimator: Estimator, tables: &Tables, alphabet: Alphabet, unit: Un
         Estimator::UniformPolicy => information::uniform_policy(table),
     });
     // A share has no unit.
-    if estimator == Estimator::Adjusted { nats } else { unit.from_nats(nats) }
+    if estimator == Estimator::Adjusted {
+        nats
+    } else {
+        unit.from_nats(nats)
+    }
 }

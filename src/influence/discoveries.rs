@@ -1,4 +1,5 @@
-//! Which states are called dependent when thousands are looked at: at a rate of false ones that the caller accepts.
+//! Which states are called dependent when thousands are looked at: at a rate of false ones that the
+//! caller accepts.
 
 use std::sync::Arc;
 
@@ -11,7 +12,8 @@ use super::survey::{Plan, Survey};
 use crate::domain::{Discoveries, Discovery, DiscoveryMethod, Exchange, StateKey};
 use crate::error::Problem;
 use crate::information::{
-    Method, Significance, Table, bayesian_fdr, benjamini_hochberg, p_value, p_value_while, smallest_p,
+    Method, Significance, Table, bayesian_fdr, benjamini_hochberg, p_value, p_value_while,
+    smallest_p,
 };
 use crate::priors::{Pages, Tables};
 use crate::store::{Scanned, Store};
@@ -20,7 +22,8 @@ use crate::work::{Gate, Progress, Stop, Stopped};
 /// Permutations of every state that can pass; those that may yet pass get more, tenfold each time.
 const FIRST: u64 = 199;
 
-/// The most permutations, in tests over the rate: a p-value that decides alone is then known to a fifth of itself.
+/// The most permutations, in tests over the rate: a p-value that decides alone is then known to a
+/// fifth of itself.
 const LAST: f64 = 20.0;
 
 /// States that are tested in one piece of work.
@@ -64,21 +67,47 @@ pub async fn find(
     match discovery.method {
         DiscoveryMethod::Bayes => {
             let survey = survey.clone();
-            gate.run(move |_| Ok(by_posterior(&survey, discovery))).await
+            gate.run(move |_| Ok(by_posterior(&survey, discovery)))
+                .await
         }
         DiscoveryMethod::Bh => by_tests(store, gate, plan, survey, discovery, progress).await,
     }
 }
 
 fn by_posterior(survey: &Survey, discovery: Discovery) -> Found {
-    let dependent: Vec<f64> =
-        survey.rows.iter().map(|row| row.evidence.map_or(0.0, |evidence| evidence.probability.dependent)).collect();
-    found(discovery, bayesian_fdr(&dependent, discovery.fdr), survey.rows.len() as u64, Vec::new())
+    let dependent: Vec<f64> = survey
+        .rows
+        .iter()
+        .map(|row| {
+            row.evidence
+                .map_or(0.0, |evidence| evidence.probability.dependent)
+        })
+        .collect();
+    found(
+        discovery,
+        bayesian_fdr(&dependent, discovery.fdr),
+        survey.rows.len() as u64,
+        Vec::new(),
+    )
 }
 
-fn found(discovery: Discovery, rows: Vec<bool>, testable: u64, p_values: Vec<Option<f64>>) -> Found {
+fn found(
+    discovery: Discovery,
+    rows: Vec<bool>,
+    testable: u64,
+    p_values: Vec<Option<f64>>,
+) -> Found {
     let states = rows.iter().filter(|row| **row).count() as u64;
-    Found { discoveries: Discoveries { discovery, states, testable }, rows, p_values, warnings: Vec::new() }
+    Found {
+        discoveries: Discoveries {
+            discovery,
+            states,
+            testable,
+        },
+        rows,
+        p_values,
+        warnings: Vec::new(),
+    }
 }
 
 /// A state whose margins allow a p-value small enough.
@@ -108,13 +137,19 @@ async fn by_tests(
     let mut pages = Pages::new(store, plan.environment.id);
     while let Some(page) = pages.next().await.map_err(logged)? {
         let mut states = page.into_iter().peekable();
-        // Tests take longer than measuring does: a part of a page is long enough for one piece of work.
+        // Tests take longer than measuring does: a part of a page is long enough for one piece of
+        // work.
         while states.peek().is_some() {
             let part: Vec<Scanned> = states.by_ref().take(TESTED_TOGETHER).collect();
             let (plan, size) = (plan.clone(), part.len() as u64);
-            for (state, disagreement) in gate.run(move |stop| tested(&plan, part, discovery.fdr, stop)).await? {
+            for (state, disagreement) in gate
+                .run(move |stop| tested(&plan, part, discovery.fdr, stop))
+                .await?
+            {
                 testable.extend(state);
-                disagreement.into_iter().for_each(|one| disagreements.add(one));
+                disagreement
+                    .into_iter()
+                    .for_each(|one| disagreements.add(one));
             }
             progress.add(size);
         }
@@ -131,11 +166,19 @@ async fn by_tests(
             p_values[row] = Some(state.p_value);
         }
     }
-    Ok(Found { warnings: disagreements.warnings(), ..found(discovery, rows, testable.len() as u64, p_values) })
+    Ok(Found {
+        warnings: disagreements.warnings(),
+        ..found(discovery, rows, testable.len() as u64, p_values)
+    })
 }
 
 /// Tests states: those that can pass, and where pooled and stratified tests disagree.
-fn tested(plan: &Plan, states: Vec<Scanned>, fdr: f64, stop: &Stop) -> Result<Vec<Tested>, Stopped> {
+fn tested(
+    plan: &Plan,
+    states: Vec<Scanned>,
+    fdr: f64,
+    stop: &Stop,
+) -> Result<Vec<Tested>, Stopped> {
     let (schema, pair) = (&plan.environment.schema, &plan.scope.pair);
     let test = |scanned: Scanned| {
         stop.check()?;
@@ -143,15 +186,25 @@ fn tested(plan: &Plan, states: Vec<Scanned>, fdr: f64, stop: &Stop) -> Result<Ve
         let tables = Tables::new(schema, pair, cells());
         let draws = |exchange| tables.exchangeable(schema, pair, exchange, cells());
         let (exchange, seed) = (plan.scope.within.exchange(), scanned.key.seed());
-        let disagreement = (tables.segments > 1)
-            .then(|| Disagreement::between(&draws(Exchange::Pooled), &draws(Exchange::WithinSegments), FIRST, seed));
-        Ok((Testable::new(scanned.key.clone(), draws(exchange).into_owned(), fdr), disagreement.flatten()))
+        let disagreement = (tables.segments > 1).then(|| {
+            Disagreement::between(
+                &draws(Exchange::Pooled),
+                &draws(Exchange::WithinSegments),
+                FIRST,
+                seed,
+            )
+        });
+        Ok((
+            Testable::new(scanned.key.clone(), draws(exchange).into_owned(), fdr),
+            disagreement.flatten(),
+        ))
     };
     states.into_par_iter().map(test).collect()
 }
 
-/// Permutes more and more the states that would pass if every p-value were as small as its permutations allow, until those have passed, cannot pass
-/// any more, or have had as many as could matter.
+/// Permutes more and more the states that would pass if every p-value were as small as its
+/// permutations allow, until those have passed, cannot pass any more, or have had as many as could
+/// matter.
 async fn refined(
     gate: &Gate,
     mut testable: Vec<Testable>,
@@ -161,8 +214,20 @@ async fn refined(
     let most = (LAST * testable.len() as f64 / fdr).ceil() as u64;
     loop {
         let judging = gate.run(move |_| {
-            let passed = benjamini_hochberg(&testable.iter().map(|state| state.p_value).collect::<Vec<_>>(), fdr);
-            let may_pass = benjamini_hochberg(&testable.iter().map(Testable::smallest_likely).collect::<Vec<_>>(), fdr);
+            let passed = benjamini_hochberg(
+                &testable
+                    .iter()
+                    .map(|state| state.p_value)
+                    .collect::<Vec<_>>(),
+                fdr,
+            );
+            let may_pass = benjamini_hochberg(
+                &testable
+                    .iter()
+                    .map(Testable::smallest_likely)
+                    .collect::<Vec<_>>(),
+                fdr,
+            );
             Ok((testable, passed, may_pass))
         });
         let (judged, passed, may_pass) = judging.await?;
@@ -177,10 +242,12 @@ async fn refined(
         }
         progress.begin("states tested more closely", open.len() as u64);
         while let Some(first) = open.first() {
-            let together = (PIECE / testable[*first].permutations).max(gate.workers() as u64) as usize;
+            let together =
+                (PIECE / testable[*first].permutations).max(gate.workers() as u64) as usize;
             let part = open.split_off(open.len().saturating_sub(together));
             let tests: Vec<Refined> = part.iter().map(|at| testable[*at].refined(most)).collect();
-            let refining = gate.run(move |stop| tests.par_iter().map(|test| test.p_value(stop)).collect());
+            let refining =
+                gate.run(move |stop| tests.par_iter().map(|test| test.p_value(stop)).collect());
             let p_values: Vec<f64> = refining.await?;
             for (at, p_value) in part.iter().zip(p_values) {
                 testable[*at].p_value = p_value;
@@ -200,7 +267,9 @@ struct Refined {
 
 impl Refined {
     fn p_value(&self, stop: &Stop) -> Result<f64, Stopped> {
-        let tested = p_value_while(&self.slices, self.permutations, self.seed, &|| stop.goes_on());
+        let tested = p_value_while(&self.slices, self.permutations, self.seed, &|| {
+            stop.goes_on()
+        });
         tested.map(|tested| tested.p_value).ok_or(Stopped)
     }
 }
@@ -210,7 +279,13 @@ impl Testable {
     fn new(key: StateKey, slices: Vec<Table>, fdr: f64) -> Option<Self> {
         (smallest_p(&slices) <= fdr).then(|| {
             let Significance { p_value, method } = p_value(&slices, FIRST, key.seed());
-            Self { key, slices: slices.into(), p_value, is_exact: method != Method::Permutation, permutations: FIRST }
+            Self {
+                key,
+                slices: slices.into(),
+                p_value,
+                is_exact: method != Method::Permutation,
+                permutations: FIRST,
+            }
         })
     }
 
@@ -228,6 +303,10 @@ impl Testable {
     }
 
     fn refined(&self, most: u64) -> Refined {
-        Refined { slices: self.slices.clone(), permutations: self.more(most), seed: self.key.seed() }
+        Refined {
+            slices: self.slices.clone(),
+            permutations: self.more(most),
+            seed: self.key.seed(),
+        }
     }
 }

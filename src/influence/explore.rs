@@ -17,11 +17,20 @@ use crate::work::{Gate, Progress, Stop, Stopped};
 /// The most states looked at.
 const CONSIDERED: usize = 500;
 
-/// Returns the undecided states of a survey that were seen at least so often, the most uncertain first.
+/// Returns the undecided states of a survey that were seen at least so often, the most uncertain
+/// first.
 fn candidates(survey: &Survey, min_visits: u64) -> Vec<StateKey> {
     let open = |row: &&Row| row.verdict == Verdict::Undecided && row.visits >= min_visits;
-    let far = |row: &Row| row.evidence.map(|evidence| (evidence.probability.above_threshold - 0.5).abs());
-    let mut rows: Vec<(&Row, f64)> = survey.rows.iter().filter(open).filter_map(|row| Some((row, far(row)?))).collect();
+    let far = |row: &Row| {
+        row.evidence
+            .map(|evidence| (evidence.probability.above_threshold - 0.5).abs())
+    };
+    let mut rows: Vec<(&Row, f64)> = survey
+        .rows
+        .iter()
+        .filter(open)
+        .filter_map(|row| Some((row, far(row)?)))
+        .collect();
     // Rows are in order of key and the sort is stable.
     rows.sort_by(|(a, far_a), (b, far_b)| far_a.total_cmp(far_b).then(b.visits.cmp(&a.visits)));
     rows.truncate(CONSIDERED);
@@ -47,7 +56,11 @@ impl Explored {
     /// Returns at most so many of the trials.
     pub fn told(&self, limit: usize) -> Exploration {
         let trials = self.trials(limit).to_vec();
-        Exploration { trials, considered: self.considered, as_of: self.survey.as_of }
+        Exploration {
+            trials,
+            considered: self.considered,
+            as_of: self.survey.as_of,
+        }
     }
 
     /// Returns the same trials as they are kept.
@@ -56,7 +69,8 @@ impl Explored {
     }
 }
 
-/// Looks for the most valuable actions in the undecided states of a survey that were seen at least so often.
+/// Looks for the most valuable actions in the undecided states of a survey that were seen at least
+/// so often.
 pub async fn explore(
     store: &dyn Store,
     gate: &Gate,
@@ -69,33 +83,57 @@ pub async fn explore(
     progress.begin("states explored", keys.len() as u64);
     let mut trials = Vec::new();
     for keys in keys.chunks(TOGETHER) {
-        let counts = store.counts(plan.environment.id, keys).await.map_err(logged)?;
+        let counts = store
+            .counts(plan.environment.id, keys)
+            .await
+            .map_err(logged)?;
         let (plan, states, size) = (plan.clone(), keys.to_vec(), keys.len() as u64);
-        trials.extend(gate.run(move |stop| explored(&plan, &states, &counts, stop)).await?);
+        trials.extend(
+            gate.run(move |stop| explored(&plan, &states, &counts, stop))
+                .await?,
+        );
         progress.add(size);
     }
     trials.sort_by(|a: &Trial, b| {
-        b.information_gain.total_cmp(&a.information_gain).then(a.key.cmp(&b.key)).then(a.index.cmp(&b.index))
+        b.information_gain
+            .total_cmp(&a.information_gain)
+            .then(a.key.cmp(&b.key))
+            .then(a.index.cmp(&b.index))
     });
     trials.truncate(MOST_TOLD);
-    Ok(Explored { trials, considered: keys.len() as u64, survey })
+    Ok(Explored {
+        trials,
+        considered: keys.len() as u64,
+        survey,
+    })
 }
 
-fn explored(plan: &Plan, keys: &[StateKey], counts: &[StateCounts], stop: &Stop) -> Result<Vec<Trial>, Stopped> {
+fn explored(
+    plan: &Plan,
+    keys: &[StateKey],
+    counts: &[StateCounts],
+    stop: &Stop,
+) -> Result<Vec<Trial>, Stopped> {
     let state = |(key, state)| stop.check().map(|()| trials(plan, key, state));
     let trials: Result<Vec<Vec<Trial>>, Stopped> = keys.par_iter().zip(counts).map(state).collect();
     Ok(trials?.into_iter().flatten().collect())
 }
 
 fn trials(plan: &Plan, key: &StateKey, state: &StateCounts) -> Vec<Trial> {
-    let Some(informed) = &plan.informed else { return Vec::new() };
-    let Some(prior) = informed.in_detail() else { return Vec::new() };
+    let Some(informed) = &plan.informed else {
+        return Vec::new();
+    };
+    let Some(prior) = informed.in_detail() else {
+        return Vec::new();
+    };
     let (schema, scope) = (&plan.environment.schema, &plan.scope);
     let cells = || state.counts.of_segments(plan.segments.as_deref());
     let tables = Tables::new(schema, &scope.pair, cells());
     let draws = tables.evidence(schema, &scope.pair, scope.within, cells());
     let threshold = scope.rule.threshold_nats();
-    let above_threshold = prior.posterior(&informed.habits, draws.counted()).above(threshold);
+    let above_threshold = prior
+        .posterior(&informed.habits, draws.counted())
+        .above(threshold);
     let trial = |(index, information_gain): (u64, f64)| Trial {
         key: key.clone(),
         bins: bins(schema, key),
@@ -107,7 +145,12 @@ fn trials(plan: &Plan, key: &StateKey, state: &StateCounts) -> Vec<Trial> {
         above_threshold,
     };
     (0..)
-        .zip(prior.information_gain(&informed.habits, draws.counted(), priors::ego(&scope.pair), threshold))
+        .zip(prior.information_gain(
+            &informed.habits,
+            draws.counted(),
+            priors::ego(&scope.pair),
+            threshold,
+        ))
         .map(trial)
         .collect()
 }

@@ -1,4 +1,5 @@
-//! The causal graph of one state: what every pair of agents is, beside all others. At lag 0 nothing has a direction: what is found is a skeleton.
+//! The causal graph of one state: what every pair of agents is, beside all others. At lag 0 nothing
+//! has a direction: what is found is a skeleton.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -11,7 +12,8 @@ use super::store_errors::logged;
 use super::{Influence, size, told};
 use crate::domain::draft::{PairDraft, QuestionDraft};
 use crate::domain::{
-    Answer, Cell, Dependence, Edge, Environment, Exchange, Graph, Pair, Question, Schema, View, Within,
+    Answer, Cell, Dependence, Edge, Environment, Exchange, Graph, Pair, Question, Schema, View,
+    Within,
 };
 use crate::error::Problem;
 use crate::evidence::Believed;
@@ -21,43 +23,77 @@ use crate::store::StateCounts;
 use crate::work::{Stop, Stopped};
 
 impl Influence {
-    /// Returns the causal graph of one state: every pair of agents with its answer, and what it is once others are held fixed.
-    pub async fn graph(&self, environment: &Arc<Environment>, draft: &QuestionDraft) -> Result<Graph, Problem> {
+    /// Returns the causal graph of one state: every pair of agents with its answer, and what it is
+    /// once others are held fixed.
+    pub async fn graph(
+        &self,
+        environment: &Arc<Environment>,
+        draft: &QuestionDraft,
+    ) -> Result<Graph, Problem> {
         let schema = &environment.schema;
-        let question = Question { view: View::Figures, ..Question::new(environment, &of_widest(schema, draft))? };
+        let question = Question {
+            view: View::Figures,
+            ..Question::new(environment, &of_widest(schema, draft))?
+        };
         let nothing = || Problem::invalid("question", Vec::new());
         let key = question.states.first().cloned().ok_or_else(nothing)?;
-        let segments = self.segments(environment, question.scope.segments.as_deref()).await?;
+        let segments = self
+            .segments(environment, question.scope.segments.as_deref())
+            .await?;
 
         let pairs = Pair::every(schema);
         size::check_graph(schema, &key, pairs.len())?;
         let started = Instant::now();
         let mut grounds = Vec::with_capacity(pairs.len());
         for pair in &pairs {
-            let question = Question { scope: question.scope.of_pair(schema, pair.clone()), ..question.clone() };
+            let question = Question {
+                scope: question.scope.of_pair(schema, pair.clone()),
+                ..question.clone()
+            };
             let plan = self.plan(environment, question.scope.clone()).await?;
             grounds.push(Ground { plan, question });
         }
 
         // Read once: all pairs, and all tests of them, are of the same counts.
         let turn = self.work.questions.enter().await?;
-        let counts = self.store.counts(environment.id, &question.states).await.map_err(logged)?;
-        let cells = counts.first().ok_or_else(nothing)?.counts.of_segments(segments.as_deref()).copied().collect();
+        let counts = self
+            .store
+            .counts(environment.id, &question.states)
+            .await
+            .map_err(logged)?;
+        let cells = counts
+            .first()
+            .ok_or_else(nothing)?
+            .counts
+            .of_segments(segments.as_deref())
+            .copied()
+            .collect();
         let tests = State {
             environment: environment.clone(),
             cells,
             within: question.scope.within,
             seed: key.seed(),
-            informed: grounds.iter().map(|ground| ground.plan.informed.clone()).collect(),
+            informed: grounds
+                .iter()
+                .map(|ground| ground.plan.informed.clone())
+                .collect(),
         };
-        let (answers, found) = turn.run(move |stop| tests.graph(&pairs, &grounds, &counts, stop)).await?;
+        let (answers, found) = turn
+            .run(move |stop| tests.graph(&pairs, &grounds, &counts, stop))
+            .await?;
         told(started, &answers);
         let edges = Pair::every(schema).into_iter().zip(answers).zip(found);
         Ok(Graph {
             bins: answer::bins(schema, &key),
             key,
-            nodes: schema.agents().iter().map(|agent| agent.name.to_string()).collect(),
-            edges: edges.map(|((pair, answer), found)| edge(&pair, answer, found)).collect(),
+            nodes: schema
+                .agents()
+                .iter()
+                .map(|agent| agent.name.to_string())
+                .collect(),
+            edges: edges
+                .map(|((pair, answer), found)| edge(&pair, answer, found))
+                .collect(),
         })
     }
 }
@@ -88,8 +124,16 @@ impl State {
         let answered = |ground: &Ground| stop.check().map(|()| ground.answers_here(counts));
         let answers: Result<Vec<Vec<Answer>>, Stopped> = grounds.par_iter().map(answered).collect();
         let answers: Vec<Answer> = answers?.into_iter().flatten().collect();
-        let margins: Vec<Margin> = pairs.iter().zip(&answers).map(|(pair, answer)| margin(pair, answer)).collect();
-        let tests = Asked { state: self, pairs: &margins, stop };
+        let margins: Vec<Margin> = pairs
+            .iter()
+            .zip(&answers)
+            .map(|(pair, answer)| margin(pair, answer))
+            .collect();
+        let tests = Asked {
+            state: self,
+            pairs: &margins,
+            stop,
+        };
         let found = skeleton::skeleton(self.environment.schema.agents().len(), &margins, &tests);
         // What was told after it was stopped is worth nothing.
         stop.check()?;
@@ -106,20 +150,33 @@ struct Asked<'a> {
 }
 
 impl Asked<'_> {
-    /// Returns whether a pair is tested within segments: the slices of a conditional test are too small to tell how habits go with segments, so that it is the
-    /// pair by itself that tells.
+    /// Returns whether a pair is tested within segments: the slices of a conditional test are too
+    /// small to tell how habits go with segments, so that it is the pair by itself that tells.
     fn exchange(&self, pair: usize) -> Exchange {
-        let is_cut =
-            self.state.within != Within::Pooled && self.pairs[pair].differ.is_some_and(|differ| differ > DIFFER);
-        if is_cut { Exchange::WithinSegments } else { Exchange::Pooled }
+        let is_cut = self.state.within != Within::Pooled
+            && self.pairs[pair]
+                .differ
+                .is_some_and(|differ| differ > DIFFER);
+        if is_cut {
+            Exchange::WithinSegments
+        } else {
+            Exchange::Pooled
+        }
     }
 
-    /// Returns the tables of a pair, one for each joint action of those held fixed, and for each segment if it is tested within them.
+    /// Returns the tables of a pair, one for each joint action of those held fixed, and for each
+    /// segment if it is tested within them.
     fn slices(&self, pair: usize, fixed: &[usize]) -> Vec<Table> {
         let (schema, cells) = (&self.state.environment.schema, self.state.cells.iter());
         let (exchange, [ego, other]) = (self.exchange(pair), self.pairs[pair].ends);
-        let pair = Pair { ego, other, given: fixed.to_vec() };
-        Tables::new(schema, &pair, cells.clone()).exchangeable(schema, &pair, exchange, cells).into_owned()
+        let pair = Pair {
+            ego,
+            other,
+            given: fixed.to_vec(),
+        };
+        Tables::new(schema, &pair, cells.clone())
+            .exchangeable(schema, &pair, exchange, cells)
+            .into_owned()
     }
 }
 
@@ -129,12 +186,18 @@ impl skeleton::Tests for Asked<'_> {
         self.stop.check().ok()?;
         let prior = &self.state.informed[pair].as_ref()?.prior;
         let slices = self.slices(pair, fixed);
-        Some(Believed::of_dependence(prior.dependent(&slices), prior.unseen().dependent(), &slices))
+        Some(Believed::of_dependence(
+            prior.dependent(&slices),
+            prior.unseen().dependent(),
+            &slices,
+        ))
     }
 
     fn p_value(&self, pair: usize, fixed: &[usize], permutations: u64) -> f64 {
         let slices = self.slices(pair, fixed);
-        let tested = information::p_value_while(&slices, permutations, self.state.seed, &|| self.stop.goes_on());
+        let tested = information::p_value_while(&slices, permutations, self.state.seed, &|| {
+            self.stop.goes_on()
+        });
         tested.map_or(1.0, |tested| tested.p_value)
     }
 }
@@ -145,17 +208,45 @@ fn margin(pair: &Pair, answer: &Answer) -> Margin {
     let dependence = evidence.map_or(Dependence::Open, |evidence| evidence.dependence);
     let strength = evidence.map_or(0.0, |evidence| evidence.posterior_mean);
     let differ = evidence.and_then(|evidence| evidence.differ);
-    Margin { ends: [pair.ego, pair.other], dependence, strength, differ }
+    Margin {
+        ends: [pair.ego, pair.other],
+        dependence,
+        strength,
+        differ,
+    }
 }
 
-fn edge(pair: &Pair, answer: Answer, Found { kind, explained_by, opened_by }: Found) -> Edge {
-    Edge { from: pair.ego, to: pair.other, answer, kind, explained_by, opened_by }
+fn edge(
+    pair: &Pair,
+    answer: Answer,
+    Found {
+        kind,
+        explained_by,
+        opened_by,
+    }: Found,
+) -> Edge {
+    Edge {
+        from: pair.ego,
+        to: pair.other,
+        answer,
+        kind,
+        explained_by,
+        opened_by,
+    }
 }
 
-/// Returns a question about all pairs for the one that can have the most: a threshold that it cannot reach is beyond every pair.
+/// Returns a question about all pairs for the one that can have the most: a threshold that it
+/// cannot reach is beyond every pair.
 fn of_widest(schema: &Schema, draft: &QuestionDraft) -> QuestionDraft {
     let Pair { ego, other, .. } = Pair::widest(schema);
     let name = |agent: usize| Some(schema.agents()[agent].name.to_string());
-    let pair = PairDraft { ego: name(ego), other: name(other), ..draft.pair.clone() };
-    QuestionDraft { pair, ..draft.clone() }
+    let pair = PairDraft {
+        ego: name(ego),
+        other: name(other),
+        ..draft.pair.clone()
+    };
+    QuestionDraft {
+        pair,
+        ..draft.clone()
+    }
 }

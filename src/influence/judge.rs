@@ -1,8 +1,8 @@
 //! One state's counts, judged: its tables, what the evidence says of them, and the verdict.
 
 use crate::domain::{
-    Basis, Cell, Dependence, Evidence, Probability, Rule, RuleKind, Schema, Scope, Segmentation, StateKey, Tally,
-    Verdict, View,
+    Basis, Cell, Dependence, Evidence, Probability, Rule, RuleKind, Schema, Scope, Segmentation,
+    StateKey, Tally, Verdict, View,
 };
 use crate::evidence::{self, Believed};
 use crate::information::plug_in;
@@ -42,17 +42,25 @@ pub struct Judged {
 impl Judged {
     /// Returns which segments the counts come from, and whether habits differ by them.
     pub fn segmentation(&self) -> Segmentation {
-        Segmentation { count: self.tables.segments, differ: self.evidence.and_then(|evidence| evidence.differ) }
+        Segmentation {
+            count: self.tables.segments,
+            differ: self.evidence.and_then(|evidence| evidence.differ),
+        }
     }
 }
 
 impl Judge<'_> {
     /// Returns what the network says of states; `None` where there is none.
     pub fn predictions(&self, keys: &[StateKey]) -> Vec<Option<Prediction>> {
-        let Some(network) = self.network else { return vec![None; keys.len()] };
+        let Some(network) = self.network else {
+            return vec![None; keys.len()];
+        };
         let threshold = self.scope.rule.threshold_nats();
-        let told =
-            if self.remembers { network.predict(keys, threshold) } else { network.predict_once(keys, threshold) };
+        let told = if self.remembers {
+            network.predict(keys, threshold)
+        } else {
+            network.predict_once(keys, threshold)
+        };
         told.into_iter().map(Some).collect()
     }
 
@@ -63,24 +71,33 @@ impl Judge<'_> {
         cells: impl Iterator<Item = &'c Cell> + Clone,
         predicted: Option<Prediction>,
     ) -> Judged {
-        let Scope { pair, rule, within, .. } = self.scope;
+        let Scope {
+            pair, rule, within, ..
+        } = self.scope;
         let tables = Tables::within(self.schema, pair, *within, cells.clone());
         let plug_in = tables.figure(plug_in);
         let tally = Tally::of(cells.clone());
         // What the network says is held against the evidence, whatever the rule and the view.
-        let is_wanted = self.view != View::Verdict || rule.kind == RuleKind::Evidence || self.network.is_some();
+        let is_wanted =
+            self.view != View::Verdict || rule.kind == RuleKind::Evidence || self.network.is_some();
         let wanted = self.informed.filter(|_| is_wanted);
         let found = wanted.map(|informed| {
             self.remembered(informed, key, tally, || {
-                self.found(informed, &tables.evidence(self.schema, pair, *within, cells))
+                self.found(
+                    informed,
+                    &tables.evidence(self.schema, pair, *within, cells),
+                )
             })
         });
         let evidence = found.map(|found| found.evidence);
         let visits = tables.whole.total();
         let decide = |kind: RuleKind| match self.is_open() {
-            true => {
-                evidence::decide(&Rule { kind, ..*rule }, visits, plug_in, found.as_ref().map(|found| &found.believed))
-            }
+            true => evidence::decide(
+                &Rule { kind, ..*rule },
+                visits,
+                plug_in,
+                found.as_ref().map(|found| &found.believed),
+            ),
             false => Verdict::Undecided,
         };
         let counted = decide(rule.kind);
@@ -89,11 +106,20 @@ impl Judge<'_> {
             _ => None,
         };
         let (verdict, basis) = told.unwrap_or((counted, evidence::basis(visits)));
-        Judged { tables, tally, plug_in, evidence, verdict, basis }
+        Judged {
+            tables,
+            tally,
+            plug_in,
+            evidence,
+            verdict,
+            basis,
+        }
     }
 
-    /// Returns the verdict of the network, if it can tell anything of this state at this threshold and does not say what the counts exclude: many visits
-    /// may be too sure of the answer to have moved a prior that was as sure, and the paper's rule may be open where the evidence has `settled` it.
+    /// Returns the verdict of the network, if it can tell anything of this state at this threshold
+    /// and does not say what the counts exclude: many visits may be too sure of the answer to have
+    /// moved a prior that was as sure, and the paper's rule may be open where the evidence has
+    /// `settled` it.
     fn asked(
         &self,
         settled: Verdict,
@@ -107,27 +133,44 @@ impl Judge<'_> {
         let threshold = self.scope.rule.threshold_nats();
         let unseen = self.informed?.unseen(threshold).above;
         let verdict = network.decide(&predicted, self.scope.rule.confidence, unseen);
-        let [lower, upper] = evidence.map_or([f64::NEG_INFINITY, f64::INFINITY], |evidence| evidence.interval);
-        let is_independent = evidence.is_some_and(|evidence| evidence.dependence == Dependence::Excluded);
+        let [lower, upper] = evidence.map_or([f64::NEG_INFINITY, f64::INFINITY], |evidence| {
+            evidence.interval
+        });
+        let is_independent =
+            evidence.is_some_and(|evidence| evidence.dependence == Dependence::Excluded);
         let is_excluded = match verdict {
-            Verdict::Influences => upper < threshold || is_independent || settled == Verdict::NoInfluence,
+            Verdict::Influences => {
+                upper < threshold || is_independent || settled == Verdict::NoInfluence
+            }
             Verdict::NoInfluence => lower > threshold || settled == Verdict::Influences,
             Verdict::Undecided => false,
         };
         (!is_excluded).then_some((verdict, Basis::Model(network.version)))
     }
 
-    /// Returns whether there is anything to decide: where one of the two agents has a single action, neither rule tells more than that.
+    /// Returns whether there is anything to decide: where one of the two agents has a single
+    /// action, neither rule tells more than that.
     pub fn is_open(&self) -> bool {
         self.scope.pair.alphabet(self.schema).largest_information() > 0.0
     }
 
-    fn remembered(&self, informed: &Informed, key: &StateKey, tally: Tally, find: impl FnOnce() -> Found) -> Found {
+    fn remembered(
+        &self,
+        informed: &Informed,
+        key: &StateKey,
+        tally: Tally,
+        find: impl FnOnce() -> Found,
+    ) -> Found {
         if !self.remembers {
             return find();
         }
         let threshold = self.scope.rule.threshold_nats();
-        let ground = Ground { tally, revision: informed.revision, threshold, within: self.scope.within };
+        let ground = Ground {
+            tally,
+            revision: informed.revision,
+            threshold,
+            within: self.scope.within,
+        };
         informed.known.get_or_find(key, ground, find)
     }
 
@@ -135,10 +178,17 @@ impl Judge<'_> {
     fn found(&self, informed: &Informed, draws: &Draws<'_>) -> Found {
         let threshold = self.scope.rule.threshold_nats();
         let posterior = informed.prior.posterior(&informed.habits, draws.counted());
-        let believed = Believed::new(posterior.beliefs(threshold), informed.unseen(threshold), &draws.slices);
+        let believed = Believed::new(
+            posterior.beliefs(threshold),
+            informed.unseen(threshold),
+            &draws.slices,
+        );
         let evidence = Evidence {
             dependence: evidence::dependence(&believed),
-            probability: Probability { dependent: believed.now.dependent, above_threshold: believed.now.above },
+            probability: Probability {
+                dependent: believed.now.dependent,
+                above_threshold: believed.now.above,
+            },
             // A negative zero would be told as "-0".
             posterior_mean: posterior.mean() + 0.0,
             interval: posterior.interval(),

@@ -9,7 +9,10 @@ use super::size;
 use super::survey::{Row, Survey};
 use crate::api::{self, proto};
 use crate::domain::draft::ListingDraft;
-use crate::domain::{Discovery, Schema, Scope, SegmentId, StateFigures, StateKey, StatePage, Unit, Verdict, page_size};
+use crate::domain::{
+    Discovery, Schema, Scope, SegmentId, StateFigures, StateKey, StatePage, Unit, Verdict,
+    page_size,
+};
 use crate::error::{Fault, Problem};
 use crate::store::ByVisits;
 
@@ -32,10 +35,17 @@ impl Listing {
     pub fn new(schema: &Schema, draft: &ListingDraft) -> Result<Self, Problem> {
         let mut faults = Vec::new();
         let mut keep = |pointer: &str, detail: String| faults.push(Fault::new(pointer, detail));
-        let order = order(draft.order_by.as_deref()).map_err(|detail| keep("/order_by", detail)).ok();
+        let order = order(draft.order_by.as_deref())
+            .map_err(|detail| keep("/order_by", detail))
+            .ok();
         let verdict = draft.verdict.as_deref().map(str::parse).transpose();
-        let verdict = verdict.map_err(|detail| keep("/verdict", detail)).unwrap_or_default();
-        let token = draft.page_token.as_deref().filter(|token| !token.is_empty());
+        let verdict = verdict
+            .map_err(|detail| keep("/verdict", detail))
+            .unwrap_or_default();
+        let token = draft
+            .page_token
+            .as_deref()
+            .filter(|token| !token.is_empty());
         let after = order.and_then(|order| {
             token
                 .map(|token| place(schema, order, token))
@@ -43,12 +53,21 @@ impl Listing {
                 .map_err(|detail| keep("/page_token", detail))
                 .ok()
         });
-        let size = page_size(draft.page_size).map_err(|problem| faults.extend(problem.faults)).ok();
-        let discovery = Discovery::new(&draft.discovery).map_err(|found| faults.extend(found)).unwrap_or_default();
+        let size = page_size(draft.page_size)
+            .map_err(|problem| faults.extend(problem.faults))
+            .ok();
+        let discovery = Discovery::new(&draft.discovery)
+            .map_err(|found| faults.extend(found))
+            .unwrap_or_default();
         match (order, after, size) {
-            (Some(order), Some(after), Some(size)) if faults.is_empty() => {
-                Ok(Self { order, min_visits: draft.min_visits, verdict, discovery, size, after })
-            }
+            (Some(order), Some(after), Some(size)) if faults.is_empty() => Ok(Self {
+                order,
+                min_visits: draft.min_visits,
+                verdict,
+                discovery,
+                size,
+                after,
+            }),
             _ => Err(Problem::invalid("listing", faults)),
         }
     }
@@ -58,45 +77,79 @@ impl Listing {
         self.order.by.needs_evidence() || self.verdict.is_some() || self.discovery.is_some()
     }
 
-    /// Returns what is asked of the store for a page by visits, with one state more than the page may have; `None` for other pages.
+    /// Returns what is asked of the store for a page by visits, with one state more than the page
+    /// may have; `None` for other pages.
     pub fn by_visits(&self, segments: Option<&[SegmentId]>) -> Option<ByVisits> {
         let is_so = self.order.by == OrderBy::Visits && !self.needs_evidence();
         is_so.then(|| ByVisits {
             segments: segments.map(<[_]>::to_vec),
             min_visits: self.min_visits,
             descending: self.order.descending,
-            after: self.after.as_ref().map(|(rank, key)| (self.order.visits(*rank), key.clone())),
+            after: self
+                .after
+                .as_ref()
+                .map(|(rank, key)| (self.order.visits(*rank), key.clone())),
             states: self.size as u32 + 1,
         })
     }
 
     /// Returns how many of the rows that the store found are the page, and its token.
     pub fn cut(&self, schema: &Schema, rows: &[Row]) -> (usize, Option<String>) {
-        let page = api::page_of(rows.iter(), self.size, 0, |row| size::most_listed(schema, &row.key));
-        let next_page_token = page.items.last().filter(|_| page.has_more).map(|row| self.token(*row));
+        let page = api::page_of(rows.iter(), self.size, 0, |row| {
+            size::most_listed(schema, &row.key)
+        });
+        let next_page_token = page
+            .items
+            .last()
+            .filter(|_| page.has_more)
+            .map(|row| self.token(*row));
         (page.items.len(), next_page_token)
     }
 
     /// Returns the page of a survey; of the discoveries only, if there are any to tell.
-    pub fn page(&self, schema: &Schema, scope: &Scope, survey: &Made<Survey>, found: Option<&Found>) -> StatePage {
+    pub fn page(
+        &self,
+        schema: &Schema,
+        scope: &Scope,
+        survey: &Made<Survey>,
+        found: Option<&Found>,
+    ) -> StatePage {
         let told = |position: usize| found.is_none_or(|found| found.rows[position]);
-        let wants =
-            |position: usize, row: &Row| told(position) && self.verdict.is_none_or(|wanted| row.verdict == wanted);
+        let wants = |position: usize, row: &Row| {
+            told(position) && self.verdict.is_none_or(|wanted| row.verdict == wanted)
+        };
         let figures = |at: usize| StateFigures {
             p_value: found.and_then(|found| found.p_values.get(at).copied().flatten()),
             ..figures(schema, scope.unit, &survey.rows[at])
         };
         let bytes = |at: usize| api::bytes(&proto::StateFigures::from(figures(at)));
-        let Chosen { positions, next_page_token } = self.chosen(&survey.rows, &survey.orders, wants, bytes);
+        let Chosen {
+            positions,
+            next_page_token,
+        } = self.chosen(&survey.rows, &survey.orders, wants, bytes);
         let states = positions.into_iter().map(figures).collect();
-        StatePage { states, next_page_token, as_of: survey.as_of, unit: scope.unit }
+        StatePage {
+            states,
+            next_page_token,
+            as_of: survey.as_of,
+            unit: scope.unit,
+        }
     }
 
     /// Returns the states of the page by ranks alone.
     pub fn keys(&self, schema: &Schema, ranks: &Ranks) -> (Vec<StateKey>, Option<String>) {
         let bytes = |at: usize| size::most_listed(schema, ranks.rows[at].key());
-        let Chosen { positions, next_page_token } = self.chosen(&ranks.rows, &ranks.orders, |_, _| true, bytes);
-        (positions.into_iter().map(|at| ranks.rows[at].key().clone()).collect(), next_page_token)
+        let Chosen {
+            positions,
+            next_page_token,
+        } = self.chosen(&ranks.rows, &ranks.orders, |_, _| true, bytes);
+        (
+            positions
+                .into_iter()
+                .map(|at| ranks.rows[at].key().clone())
+                .collect(),
+            next_page_token,
+        )
     }
 
     /// Chooses the rows of the page, by position; `bytes` are those of what will be told of each.
@@ -108,7 +161,11 @@ impl Listing {
         bytes: impl Fn(usize) -> usize,
     ) -> Chosen {
         let row = |position: u32| &rows[position as usize];
-        let passed = |position: &u32| self.after.as_ref().is_some_and(|after| self.place_of(row(*position)) <= *after);
+        let passed = |position: &u32| {
+            self.after
+                .as_ref()
+                .is_some_and(|after| self.place_of(row(*position)) <= *after)
+        };
         let positions = orders.of(rows, self.order);
         let start = positions.partition_point(passed);
         let wanted = positions[start..]
@@ -117,8 +174,15 @@ impl Listing {
             .filter(|at| row(*at).visits() >= self.min_visits && wants(*at as usize, row(*at)))
             .map(|at| at as usize);
         let page = api::page_of(wanted, self.size, 0, |at| bytes(*at));
-        let next_page_token = page.items.last().filter(|_| page.has_more).map(|at| self.token(&rows[*at]));
-        Chosen { positions: page.items, next_page_token }
+        let next_page_token = page
+            .items
+            .last()
+            .filter(|_| page.has_more)
+            .map(|at| self.token(&rows[*at]));
+        Chosen {
+            positions: page.items,
+            next_page_token,
+        }
     }
 
     fn place_of(&self, row: &impl Ranked) -> Place {
@@ -168,7 +232,9 @@ fn order(text: Option<&str>) -> Result<Order, String> {
     };
     match (by, descending) {
         (Some(by), Some(descending)) => Ok(Order { by, descending }),
-        _ => Err(format!("got {text:?}, expected visits, plug_in, posterior_mean or p_dependent, then desc or asc")),
+        _ => Err(format!(
+            "got {text:?}, expected visits, plug_in, posterior_mean or p_dependent, then desc or asc"
+        )),
     }
 }
 
@@ -191,10 +257,14 @@ fn place(schema: &Schema, order: Order, token: &str) -> Result<Place, String> {
     if parts.next() != Some(order_word(order)) {
         return Err(wrong());
     }
-    let rank = parts.next().and_then(|rank| u64::from_str_radix(rank, 16).ok());
+    let rank = parts
+        .next()
+        .and_then(|rank| u64::from_str_radix(rank, 16).ok());
     let key = parts.next().and_then(|key| schema.key_of_text(key).ok());
     // As it was written, so that no other text is taken for one.
-    rank.zip(key).filter(|(rank, key)| token_of(order, *rank, key) == token).ok_or_else(wrong)
+    rank.zip(key)
+        .filter(|(rank, key)| token_of(order, *rank, key) == token)
+        .ok_or_else(wrong)
 }
 
 fn token_of(order: Order, rank: u64, key: &StateKey) -> String {

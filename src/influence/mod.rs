@@ -1,7 +1,10 @@
-//! The question itself: in this state, does the ego's action influence the other's, how strongly, and which of its actions do it?
+//! The question itself: in this state, does the ego's action influence the other's, how strongly,
+//! and which of its actions do it?
 //!
-//! Reads counts from the store, makes tables of them, lets `information` measure and `evidence` decide. Nothing here counts, and nothing here knows
-//! a wire format but for the size that an answer may have; what is fitted to all counts of an environment is kept in the store beside them.
+//! Reads counts from the store, makes tables of them, lets `information` measure and `evidence`
+//! decide. Nothing here counts, and nothing here knows a wire format but for the size that an
+//! answer may have; what is fitted to all counts of an environment is kept in the store beside
+//! them.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -37,9 +40,9 @@ use survey::{Plan, Survey};
 
 use crate::domain::draft::{ExplorationDraft, ListingDraft, PairDraft, SummaryDraft};
 use crate::domain::{
-    Agent, Answer, Answers, Cell, Discovery, DiscoveryMethod, Environment, EnvironmentId, Exploration, FittedPrior,
-    Label, LabelledCell, Labels, Pair, Question, Schema, Scope, SegmentId, StatePage, StateView, Summary, Tally,
-    Variable, hint, page_size,
+    Agent, Answer, Answers, Cell, Discovery, DiscoveryMethod, Environment, EnvironmentId,
+    Exploration, FittedPrior, Label, LabelledCell, Labels, Pair, Question, Schema, Scope,
+    SegmentId, StatePage, StateView, Summary, Tally, Variable, hint, page_size,
 };
 use crate::error::{Fault, Problem};
 use crate::model::Networks;
@@ -72,7 +75,8 @@ pub struct Influence {
 }
 
 impl Influence {
-    /// Makes a handle on the answers from a store, the priors fitted to it and the networks that are asked where counts do not decide.
+    /// Makes a handle on the answers from a store, the priors fitted to it and the networks that
+    /// are asked where counts do not decide.
     pub fn new(store: Arc<dyn Store>, fits: Fits, networks: Networks, work: Work) -> Self {
         let stopping = || work.stopping.clone();
         Self {
@@ -90,14 +94,23 @@ impl Influence {
 
     /// Answers a question. Its answers stand on every transition acknowledged before it was asked.
     #[instrument(level = "debug", skip_all, fields(environment = %environment.name))]
-    pub async fn answer(&self, environment: &Arc<Environment>, question: Question) -> Result<Answers, Problem> {
+    pub async fn answer(
+        &self,
+        environment: &Arc<Environment>,
+        question: Question,
+    ) -> Result<Answers, Problem> {
         let started = Instant::now();
         let schema = &environment.schema;
         size::check(schema, &question)?;
         let plan = self.plan(environment, question.scope.clone()).await?;
         size::check_informed(&plan, &question)?;
         let labels = labels(schema, &question.scope.pair);
-        let answers = answer::answers(&*self.store, &self.work.questions, Ground { plan, question }).await?;
+        let answers = answer::answers(
+            &*self.store,
+            &self.work.questions,
+            Ground { plan, question },
+        )
+        .await?;
         told(started, &answers);
         Ok(Answers { labels, answers })
     }
@@ -107,9 +120,15 @@ impl Influence {
         let schema = environment.schema.clone();
         let wrong = |detail| Problem::invalid("state key", vec![Fault::new("/key", detail)]);
         let key = schema.key_of_text(key).map_err(wrong)?;
-        let counts = self.store.counts(environment.id, std::slice::from_ref(&key)).await.map_err(logged)?;
+        let counts = self
+            .store
+            .counts(environment.id, std::slice::from_ref(&key))
+            .await
+            .map_err(logged)?;
         let segments = self.store.segments(environment.id).await.map_err(logged)?;
-        let Some(state) = counts.into_iter().next() else { return Err(Problem::invalid("state key", Vec::new())) };
+        let Some(state) = counts.into_iter().next() else {
+            return Err(Problem::invalid("state key", Vec::new()));
+        };
         size::check_counts(&schema, &state.counts)?;
         let bytes = size_of_val(state.counts.cells());
         let view = move || {
@@ -117,7 +136,10 @@ impl Influence {
             StateView {
                 bins: answer::bins(&schema, &key),
                 total: Tally::of(cells.iter()),
-                cells: cells.iter().map(|cell| labelled(&schema, &segments, cell)).collect(),
+                cells: cells
+                    .iter()
+                    .map(|cell| labelled(&schema, &segments, cell))
+                    .collect(),
                 revision: state.revision,
                 key,
             }
@@ -127,7 +149,11 @@ impl Influence {
 
     /// Returns a page of states in an order.
     #[instrument(level = "debug", skip_all, fields(environment = %environment.name))]
-    pub async fn states(&self, environment: &Arc<Environment>, listing: &ListingDraft) -> Result<StatePage, Problem> {
+    pub async fn states(
+        &self,
+        environment: &Arc<Environment>,
+        listing: &ListingDraft,
+    ) -> Result<StatePage, Problem> {
         let scope = Scope::new(environment, &listing.pair)?;
         let listing = Listing::new(&environment.schema, listing)?;
         let plan = self.plan(environment, scope).await?;
@@ -153,17 +179,38 @@ impl Influence {
         self.work.passes.run(move |_| Ok(page())).await
     }
 
-    /// Returns a page in an order of visits: the store finds it in one pass, and only its own states are judged.
-    async fn by_visits(&self, plan: Plan, listing: Listing, wanted: ByVisits) -> Result<StatePage, Problem> {
+    /// Returns a page in an order of visits: the store finds it in one pass, and only its own
+    /// states are judged.
+    async fn by_visits(
+        &self,
+        plan: Plan,
+        listing: Listing,
+        wanted: ByVisits,
+    ) -> Result<StatePage, Problem> {
         let turn = self.work.questions.enter().await?;
-        let (found, as_of) = self.store.by_visits(plan.environment.id, &wanted).await.map_err(logged)?;
-        let states = found.into_iter().map(|scanned| (scanned.key, Arc::new(scanned.counts))).collect();
+        let (found, as_of) = self
+            .store
+            .by_visits(plan.environment.id, &wanted)
+            .await
+            .map_err(logged)?;
+        let states = found
+            .into_iter()
+            .map(|scanned| (scanned.key, Arc::new(scanned.counts)))
+            .collect();
         turn.run(move |stop| {
             let (schema, unit) = (&plan.environment.schema, plan.scope.unit);
             let rows = survey::measured(&plan, states, stop)?;
             let (size, next_page_token) = listing.cut(schema, &rows);
-            let states = rows[..size].iter().map(|row| listing::figures(schema, unit, row)).collect();
-            Ok(StatePage { states, next_page_token, as_of, unit })
+            let states = rows[..size]
+                .iter()
+                .map(|row| listing::figures(schema, unit, row))
+                .collect();
+            Ok(StatePage {
+                states,
+                next_page_token,
+                as_of,
+                unit,
+            })
         })
         .await
     }
@@ -172,26 +219,50 @@ impl Influence {
     async fn ranked(&self, plan: Plan, listing: Listing) -> Result<StatePage, Problem> {
         let ranks = self.ranks(&plan).await?;
         let (as_of, environment) = (ranks.as_of, plan.environment.clone());
-        let choosing = self.work.passes.run(move |_| Ok(listing.keys(&environment.schema, &ranks)));
+        let choosing = self
+            .work
+            .passes
+            .run(move |_| Ok(listing.keys(&environment.schema, &ranks)));
         let (keys, next_page_token) = choosing.await?;
 
         let turn = self.work.questions.enter().await?;
-        let counts = self.store.counts(plan.environment.id, &keys).await.map_err(logged)?;
-        let states = keys.into_iter().zip(counts).map(|(key, state)| (key, state.counts)).collect();
+        let counts = self
+            .store
+            .counts(plan.environment.id, &keys)
+            .await
+            .map_err(logged)?;
+        let states = keys
+            .into_iter()
+            .zip(counts)
+            .map(|(key, state)| (key, state.counts))
+            .collect();
         let unit = plan.scope.unit;
         let judging = turn.run(move |stop| {
             let schema = &plan.environment.schema;
             let rows = survey::measured(&plan, states, stop)?;
-            Ok(rows.iter().map(|row| listing::figures(schema, unit, row)).collect())
+            Ok(rows
+                .iter()
+                .map(|row| listing::figures(schema, unit, row))
+                .collect())
         });
-        Ok(StatePage { states: judging.await?, next_page_token, as_of, unit })
+        Ok(StatePage {
+            states: judging.await?,
+            next_page_token,
+            as_of,
+            unit,
+        })
     }
 
     /// Returns what all states say together.
     #[instrument(level = "debug", skip_all, fields(environment = %environment.name))]
-    pub async fn summary(&self, environment: &Arc<Environment>, draft: &SummaryDraft) -> Result<Summary, Problem> {
+    pub async fn summary(
+        &self,
+        environment: &Arc<Environment>,
+        draft: &SummaryDraft,
+    ) -> Result<Summary, Problem> {
         let scope = Scope::new(environment, &draft.pair)?;
-        let discovery = Discovery::new(&draft.discovery).map_err(|faults| Problem::invalid("question", faults))?;
+        let discovery = Discovery::new(&draft.discovery)
+            .map_err(|faults| Problem::invalid("question", faults))?;
         let plan = self.plan(environment, scope).await?;
         let (survey, searched) = match discovery {
             None => (self.survey(&plan).await?, None),
@@ -221,7 +292,8 @@ impl Influence {
         draft: &ExplorationDraft,
     ) -> Result<Exploration, Problem> {
         let scope = Scope::new(environment, &draft.pair)?;
-        let limit = page_size(draft.limit).map_err(|_| Problem::invalid("question", vec![limit_fault(draft.limit)]))?;
+        let limit = page_size(draft.limit)
+            .map_err(|_| Problem::invalid("question", vec![limit_fault(draft.limit)]))?;
         let plan = self.plan(environment, scope).await?;
         let (totals, min_visits) = (self.totals(&plan).await?, draft.min_visits);
         let made = |progress: Progress| {
@@ -229,27 +301,41 @@ impl Influence {
             async move {
                 let survey = this.survey_for(&progress, &plan).await?;
                 let (store, gate, as_of) = (&*this.store, &this.work.passes, survey.as_of);
-                Ok((explore::explore(store, gate, &plan, survey, min_visits, &progress).await?, as_of))
+                Ok((
+                    explore::explore(store, gate, &plan, survey, min_visits, &progress).await?,
+                    as_of,
+                ))
             }
         };
         let is_current = |explored: &Explored| plan.is_of(&explored.survey);
-        let explored = self.explored.get((plan.key(), min_visits), totals, is_current, made).await?;
-        size::check_states(&environment.schema, explored.trials(limit).iter().map(|trial| &trial.key))?;
+        let explored = self
+            .explored
+            .get((plan.key(), min_visits), totals, is_current, made)
+            .await?;
+        size::check_states(
+            &environment.schema,
+            explored.trials(limit).iter().map(|trial| &trial.key),
+        )?;
         Ok(explored.told(limit))
     }
 
-    /// Fits the prior of a pair, or of every pair, to the counts as they are now. Whoever could not wait for it is told of it when it asks again.
+    /// Fits the prior of a pair, or of every pair, to the counts as they are now. Whoever could not
+    /// wait for it is told of it when it asks again.
     #[instrument(level = "debug", skip_all, fields(environment = %environment.name))]
     pub async fn fit(
         &self,
         environment: &Arc<Environment>,
         pair: Option<&PairDraft>,
     ) -> Result<Vec<FittedPrior>, Problem> {
-        let pair = pair.map(|pair| Scope::new(environment, pair)).transpose()?.map(|scope| scope.pair.undirected());
+        let pair = pair
+            .map(|pair| Scope::new(environment, pair))
+            .transpose()?
+            .map(|scope| scope.pair.undirected());
         let fits = |progress: Progress| {
             let (this, environment, pair) = (self.clone(), environment.clone(), pair.clone());
             async move {
-                let pairs = pair.map_or_else(|| Pair::every(&environment.schema), |pair| vec![pair]);
+                let pairs =
+                    pair.map_or_else(|| Pair::every(&environment.schema), |pair| vec![pair]);
                 let mut fitted = Vec::with_capacity(pairs.len());
                 for pair in pairs {
                     fitted.extend(this.fitted(&progress, &environment, &pair).await?);
@@ -267,7 +353,9 @@ impl Influence {
         environment: &Environment,
         pair: &Pair,
     ) -> Result<Option<FittedPrior>, Problem> {
-        let Some(found) = self.fits.fit_telling(progress, environment, pair).await? else { return Ok(None) };
+        let Some(found) = self.fits.fit_telling(progress, environment, pair).await? else {
+            return Ok(None);
+        };
         let name = |agent: usize| environment.schema.agents()[agent].name.to_string();
         Ok(Some(FittedPrior {
             earlier: name(pair.ego),
@@ -283,15 +371,26 @@ impl Influence {
     async fn survey(&self, plan: &Plan) -> Result<Arc<Made<Survey>>, Problem> {
         let totals = self.totals(plan).await?;
         self.surveys
-            .get(plan.key(), totals, |survey| plan.is_of(survey), |progress| self.surveyed(plan, progress))
+            .get(
+                plan.key(),
+                totals,
+                |survey| plan.is_of(survey),
+                |progress| self.surveyed(plan, progress),
+            )
             .await
     }
 
     /// Returns the same to a job that needs it.
-    async fn survey_for(&self, other: &Progress, plan: &Plan) -> Result<Arc<Made<Survey>>, Problem> {
+    async fn survey_for(
+        &self,
+        other: &Progress,
+        plan: &Plan,
+    ) -> Result<Arc<Made<Survey>>, Problem> {
         let totals = self.totals(plan).await?;
         let make = |progress| self.surveyed(plan, progress);
-        self.surveys.get_for(other, plan.key(), totals, |survey| plan.is_of(survey), make).await
+        self.surveys
+            .get_for(other, plan.key(), totals, |survey| plan.is_of(survey), make)
+            .await
     }
 
     /// Returns the survey of a plan if there is one that nothing was counted since.
@@ -316,24 +415,39 @@ impl Influence {
             let (this, plan) = (self.clone(), plan.clone());
             async move { ranks::make(&*this.store, &this.work.passes, &plan, &progress).await }
         };
-        self.ranks.get(plan.ranks_key(), totals, |_| true, make).await
+        self.ranks
+            .get(plan.ranks_key(), totals, |_| true, make)
+            .await
     }
 
     /// Returns the discoveries by a plan, with the survey that they were looked for in.
-    async fn searched(&self, plan: &Plan, discovery: Discovery) -> Result<Arc<Made<Searched>>, Problem> {
+    async fn searched(
+        &self,
+        plan: &Plan,
+        discovery: Discovery,
+    ) -> Result<Arc<Made<Searched>>, Problem> {
         let totals = self.totals(plan).await?;
         let make = |progress: Progress| {
             let (this, plan) = (self.clone(), plan.clone());
             async move {
                 let survey = this.survey_for(&progress, &plan).await?;
-                let found =
-                    discoveries::find(&*this.store, &this.work.passes, &plan, &survey, discovery, &progress).await?;
+                let found = discoveries::find(
+                    &*this.store,
+                    &this.work.passes,
+                    &plan,
+                    &survey,
+                    discovery,
+                    &progress,
+                )
+                .await?;
                 let as_of = survey.as_of;
                 Ok((Searched { survey, found }, as_of))
             }
         };
         let key = (plan.key(), discovery.fdr.to_bits(), discovery.method);
-        self.searched.get(key, totals, |searched| plan.is_of(&searched.survey), make).await
+        self.searched
+            .get(key, totals, |searched| plan.is_of(&searched.survey), make)
+            .await
     }
 
     async fn totals(&self, plan: &Plan) -> Result<Totals, Problem> {
@@ -342,10 +456,22 @@ impl Influence {
 
     /// Finds out what questions of that scope rest on: the numbers of their segments and the fit.
     async fn plan(&self, environment: &Arc<Environment>, scope: Scope) -> Result<Plan, Problem> {
-        let segments = self.segments(environment, scope.segments.as_deref()).await?;
-        let informed = self.fits.informed(environment, &scope.pair).await.map_err(logged)?;
+        let segments = self
+            .segments(environment, scope.segments.as_deref())
+            .await?;
+        let informed = self
+            .fits
+            .informed(environment, &scope.pair)
+            .await
+            .map_err(logged)?;
         let network = self.networks.active(environment, &scope.pair).await?;
-        Ok(Plan { environment: environment.clone(), scope, segments, informed, network })
+        Ok(Plan {
+            environment: environment.clone(),
+            scope,
+            segments,
+            informed,
+            network,
+        })
     }
 
     /// Returns the numbers of the segments named, or every unknown one as a fault.
@@ -359,16 +485,28 @@ impl Influence {
         let mut faults = Vec::new();
         let mut ids = Vec::with_capacity(named.len());
         for label in named {
-            match known.iter().find(|(_, known)| known.as_ref() == Some(label)) {
+            match known
+                .iter()
+                .find(|(_, known)| known.as_ref() == Some(label))
+            {
                 Some((id, _)) => ids.push(*id),
                 None => {
-                    let known = known.iter().filter_map(|(_, label)| Some(label.as_ref()?.as_str()));
+                    let known = known
+                        .iter()
+                        .filter_map(|(_, label)| Some(label.as_ref()?.as_str()));
                     let hint = hint(label.as_str(), known);
-                    faults.push(Fault::new("/segments", format!("unknown segment {:?}{hint}", label.as_str())));
+                    faults.push(Fault::new(
+                        "/segments",
+                        format!("unknown segment {:?}{hint}", label.as_str()),
+                    ));
                 }
             }
         }
-        if faults.is_empty() { Ok(Some(ids)) } else { Err(Problem::invalid("question", faults)) }
+        if faults.is_empty() {
+            Ok(Some(ids))
+        } else {
+            Err(Problem::invalid("question", faults))
+        }
     }
 }
 
@@ -377,9 +515,13 @@ fn told(since: Instant, answers: &[Answer]) {
     telemetry::answered(since.elapsed());
     let mut verdicts: BTreeMap<_, u64> = BTreeMap::new();
     for answer in answers {
-        *verdicts.entry((answer.verdict.as_str(), answer.basis.as_str())).or_default() += 1;
+        *verdicts
+            .entry((answer.verdict.as_str(), answer.basis.as_str()))
+            .or_default() += 1;
     }
-    verdicts.into_iter().for_each(|((verdict, basis), number)| telemetry::decided(verdict, basis, number));
+    verdicts
+        .into_iter()
+        .for_each(|((verdict, basis), number)| telemetry::decided(verdict, basis, number));
 }
 
 fn limit_fault(limit: u64) -> Fault {
@@ -388,18 +530,44 @@ fn limit_fault(limit: u64) -> Fault {
 
 fn labelled(schema: &Schema, segments: &[(SegmentId, Option<Label>)], cell: &Cell) -> LabelledCell {
     let actions = schema.actions_of(cell.joint);
-    let labels = schema.agents().iter().zip(&actions).map(|(agent, index)| agent.action_label(*index)).collect();
-    let segment = segments.iter().find(|(id, _)| *id == cell.segment).and_then(|(_, label)| label.clone());
-    LabelledCell { segment, actions, labels, tally: cell.tally }
+    let labels = schema
+        .agents()
+        .iter()
+        .zip(&actions)
+        .map(|(agent, index)| agent.action_label(*index))
+        .collect();
+    let segment = segments
+        .iter()
+        .find(|(id, _)| *id == cell.segment)
+        .and_then(|(_, label)| label.clone());
+    LabelledCell {
+        segment,
+        actions,
+        labels,
+        tally: cell.tally,
+    }
 }
 
 fn labels(schema: &Schema, pair: &Pair) -> Labels {
     let variable = |agent: &usize| variable(&schema.agents()[*agent]);
-    Labels { ego: variable(&pair.ego), other: variable(&pair.other), given: pair.given.iter().map(variable).collect() }
+    Labels {
+        ego: variable(&pair.ego),
+        other: variable(&pair.other),
+        given: pair.given.iter().map(variable).collect(),
+    }
 }
 
 fn variable(agent: &Agent) -> Variable {
     let told = agent.actions() <= Variable::MOST_LABELS;
-    let actions = if told { (0..agent.actions()).map(|index| agent.action_label(index)).collect() } else { Vec::new() };
-    Variable { name: agent.name.to_string(), actions }
+    let actions = if told {
+        (0..agent.actions())
+            .map(|index| agent.action_label(index))
+            .collect()
+    } else {
+        Vec::new()
+    };
+    Variable {
+        name: agent.name.to_string(),
+        actions,
+    }
 }

@@ -49,13 +49,20 @@ pub trait Ranked {
 }
 
 impl Order {
-    /// Returns a number that orders rows as this order does. Figures are not negative, so their bits are in their order.
+    /// Returns a number that orders rows as this order does. Figures are not negative, so their
+    /// bits are in their order.
     pub fn rank(self, row: &impl Ranked) -> u64 {
         let value = match self.by {
             OrderBy::Visits => row.visits(),
             OrderBy::PlugIn => row.plug_in().to_bits(),
-            OrderBy::PosteriorMean => row.evidence().map_or(0.0, |evidence| evidence.posterior_mean).to_bits(),
-            OrderBy::Dependent => row.evidence().map_or(0.0, |evidence| evidence.probability.dependent).to_bits(),
+            OrderBy::PosteriorMean => row
+                .evidence()
+                .map_or(0.0, |evidence| evidence.posterior_mean)
+                .to_bits(),
+            OrderBy::Dependent => row
+                .evidence()
+                .map_or(0.0, |evidence| evidence.probability.dependent)
+                .to_bits(),
         };
         self.directed(value)
     }
@@ -75,7 +82,8 @@ impl Order {
 pub struct Orders([OnceLock<Vec<u32>>; 8]);
 
 impl Orders {
-    /// Returns the positions of all rows, which are always the same and in order of key, in an order.
+    /// Returns the positions of all rows, which are always the same and in order of key, in an
+    /// order.
     pub fn of(&self, rows: &[impl Ranked], order: Order) -> &[u32] {
         let slot = order.by as usize * 2 + usize::from(order.descending);
         self.0[slot].get_or_init(|| {

@@ -45,29 +45,52 @@ impl Ranked for Rank {
 }
 
 /// Passes over all states; returns their ranks, and how many transitions there were before.
-pub async fn make(store: &dyn Store, gate: &Gate, plan: &Plan, progress: &Progress) -> Result<(Ranks, u64), Problem> {
+pub async fn make(
+    store: &dyn Store,
+    gate: &Gate,
+    plan: &Plan,
+    progress: &Progress,
+) -> Result<(Ranks, u64), Problem> {
     let totals = store.totals(plan.environment.id).await.map_err(logged)?;
     progress.begin("states looked at", totals.states);
     let mut rows = Vec::new();
     let mut pages = Pages::new(store, plan.environment.id);
     while let Some(page) = pages.next().await.map_err(logged)? {
         let (plan, states) = (plan.clone(), page.len() as u64);
-        rows.extend(gate.run(move |stop| stop.check().map(|()| ranks(&plan, page))).await?);
+        rows.extend(
+            gate.run(move |stop| stop.check().map(|()| ranks(&plan, page)))
+                .await?,
+        );
         progress.add(states);
     }
     let rows = gate.run(move |_| {
         rows.sort_unstable_by(|a: &Rank, b| a.key.cmp(&b.key));
         Ok(rows)
     });
-    Ok((Ranks { rows: rows.await?, orders: Orders::default() }, totals.transitions))
+    Ok((
+        Ranks {
+            rows: rows.await?,
+            orders: Orders::default(),
+        },
+        totals.transitions,
+    ))
 }
 
 fn ranks(plan: &Plan, page: Vec<Scanned>) -> Vec<Rank> {
     let rank = |scanned: Scanned| {
         let cells = scanned.counts.of_segments(plan.segments.as_deref());
-        let tables = Tables::within(&plan.environment.schema, &plan.scope.pair, plan.scope.within, cells);
+        let tables = Tables::within(
+            &plan.environment.schema,
+            &plan.scope.pair,
+            plan.scope.within,
+            cells,
+        );
         let visits = tables.whole.total();
-        (visits > 0).then(|| Rank { key: scanned.key, visits, plug_in: tables.figure(plug_in) })
+        (visits > 0).then(|| Rank {
+            key: scanned.key,
+            visits,
+            plug_in: tables.figure(plug_in),
+        })
     };
     page.into_par_iter().filter_map(rank).collect()
 }

@@ -1,5 +1,5 @@
-//! Whether an answer can fit into a message, asked before it is made: by what is known of it beforehand, of which it has at least so many bytes. The rest is
-//! measured when it is encoded.
+//! Whether an answer can fit into a message, asked before it is made: by what is known of it
+//! beforehand, of which it has at least so many bytes. The rest is measured when it is encoded.
 
 use super::survey::Plan;
 use crate::api::{MOST_MESSAGE_BYTES, too_large};
@@ -20,49 +20,89 @@ const CELL: u64 = 8;
 pub fn check(schema: &Schema, question: &Question) -> Result<(), Problem> {
     let states: u64 = match question.view {
         View::Verdict => question.states.iter().map(key_bytes).sum(),
-        View::Figures | View::Full => question.states.iter().map(|key| state_bytes(schema, key)).sum(),
+        View::Figures | View::Full => question
+            .states
+            .iter()
+            .map(|key| state_bytes(schema, key))
+            .sum(),
     };
-    let actions = if question.view == View::Full { actions_bytes(schema, question, PROBABILITY) } else { 0 };
+    let actions = if question.view == View::Full {
+        actions_bytes(schema, question, PROBABILITY)
+    } else {
+        0
+    };
     fits(states.saturating_add(actions), question.view)
 }
 
-/// Refuses the same once it is known that there is evidence: intervals then stand beside responses, and what the network expects beside both.
+/// Refuses the same once it is known that there is evidence: intervals then stand beside responses,
+/// and what the network expects beside both.
 pub fn check_informed(plan: &Plan, question: &Question) -> Result<(), Problem> {
     if question.view != View::Full {
         return Ok(());
     }
-    let is_told = plan.informed.as_ref().is_some_and(|informed| informed.in_detail().is_some());
-    let [evidence, network] =
-        [is_told, plan.network.as_ref().is_some_and(|network| network.tells_actions())].map(u64::from);
+    let is_told = plan
+        .informed
+        .as_ref()
+        .is_some_and(|informed| informed.in_detail().is_some());
+    let [evidence, network] = [
+        is_told,
+        plan.network
+            .as_ref()
+            .is_some_and(|network| network.tells_actions()),
+    ]
+    .map(u64::from);
     let each = PROBABILITY + evidence * INTERVAL + network * PROBABILITY;
-    fits(actions_bytes(&plan.environment.schema, question, each), question.view)
+    fits(
+        actions_bytes(&plan.environment.schema, question, each),
+        question.view,
+    )
 }
 
 /// Refuses the actions to try in so many states, where a message cannot hold them.
-pub fn check_states<'a>(schema: &Schema, keys: impl Iterator<Item = &'a StateKey>) -> Result<(), Problem> {
-    fits(keys.map(|key| state_bytes(schema, key)).sum(), View::Verdict)
+pub fn check_states<'a>(
+    schema: &Schema,
+    keys: impl Iterator<Item = &'a StateKey>,
+) -> Result<(), Problem> {
+    fits(
+        keys.map(|key| state_bytes(schema, key)).sum(),
+        View::Verdict,
+    )
 }
 
 /// Refuses a graph of so many pairs, each with the bins of a state.
 pub fn check_graph(schema: &Schema, key: &StateKey, pairs: usize) -> Result<(), Problem> {
-    fits(state_bytes(schema, key).saturating_mul(pairs as u64), View::Figures)
+    fits(
+        state_bytes(schema, key).saturating_mul(pairs as u64),
+        View::Figures,
+    )
 }
 
 /// Refuses the counts of a state that a message cannot hold.
 pub fn check_counts(schema: &Schema, counts: &Counts) -> Result<(), Problem> {
     let agents = 2 * schema.agents().len() as u64;
-    fits((counts.cells().len() as u64).saturating_mul(CELL + agents), View::Full)
+    fits(
+        (counts.cells().len() as u64).saturating_mul(CELL + agents),
+        View::Full,
+    )
 }
 
 fn fits(bytes: u64, view: View) -> Result<(), Problem> {
-    if bytes <= MOST_MESSAGE_BYTES as u64 { Ok(()) } else { Err(too_large(view)) }
+    if bytes <= MOST_MESSAGE_BYTES as u64 {
+        Ok(())
+    } else {
+        Err(too_large(view))
+    }
 }
 
-/// Returns the bytes of the figures of all ego actions in all states, each with so many for each of the other's actions.
+/// Returns the bytes of the figures of all ego actions in all states, each with so many for each of
+/// the other's actions.
 fn actions_bytes(schema: &Schema, question: &Question, each: u64) -> u64 {
-    let [ego, other] = [question.scope.pair.ego, question.scope.pair.other].map(|agent| &schema.agents()[agent]);
+    let [ego, other] =
+        [question.scope.pair.ego, question.scope.pair.other].map(|agent| &schema.agents()[agent]);
     let action = other.actions().saturating_mul(each).saturating_add(ACTION);
-    action.saturating_mul(ego.actions()).saturating_mul(question.states.len() as u64)
+    action
+        .saturating_mul(ego.actions())
+        .saturating_mul(question.states.len() as u64)
 }
 
 /// Returns the bytes of a key as it is written: a digit and a dot a feature, at least.
@@ -76,7 +116,8 @@ fn key_bytes(key: &StateKey) -> u64 {
     2 * key.bins().len() as u64
 }
 
-/// Returns the bytes of a state with its bins: names, labels, and what surrounds them. Labels that are made of numbers are short, and not made for this.
+/// Returns the bytes of a state with its bins: names, labels, and what surrounds them. Labels that
+/// are made of numbers are short, and not made for this.
 fn state_bytes(schema: &Schema, key: &StateKey) -> u64 {
     /// The tags and lengths of a bin and of its two texts, and the shortest label.
     const AROUND: usize = 7;
@@ -84,7 +125,9 @@ fn state_bytes(schema: &Schema, key: &StateKey) -> u64 {
         FeatureKind::Categorical(labels) => labels[bin as usize].as_str().len() - 1,
         _ => 0,
     };
-    let bin = |(feature, bin): (&Feature, &u32)| feature.name.as_str().len() + label(&feature.kind, *bin) + AROUND;
+    let bin = |(feature, bin): (&Feature, &u32)| {
+        feature.name.as_str().len() + label(&feature.kind, *bin) + AROUND
+    };
     let bins: usize = schema.state().iter().zip(key.bins()).map(bin).sum();
     key_bytes(key) + bins as u64
 }

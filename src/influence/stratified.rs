@@ -1,4 +1,5 @@
-//! Pooled and stratified tests of independence, and what it means where they disagree (Simpson's paradox).
+//! Pooled and stratified tests of independence, and what it means where they disagree (Simpson's
+//! paradox).
 
 use crate::domain::{Evidence, Exchange, Significance};
 use crate::information::{self, Table, smallest_p};
@@ -30,7 +31,10 @@ impl Tested {
         let pooled = test(draws, seed);
         let stratified = strata.map(|strata| {
             let stratified = test(strata, seed);
-            (stratified, Disagreement::of(pooled.p_value, stratified.p_value, smallest_p(strata)))
+            (
+                stratified,
+                Disagreement::of(pooled.p_value, stratified.p_value, smallest_p(strata)),
+            )
         });
         Self { pooled, stratified }
     }
@@ -47,16 +51,23 @@ impl Tested {
     pub fn warning(&self) -> Option<String> {
         let (stratified, disagreement) = self.stratified?;
         let [pooled, stratified] = [self.pooled, stratified].map(|test| told(test.p_value));
-        Some(format!("pooled p {pooled}, but within segments p {stratified}: {}", disagreement?.meaning()))
+        Some(format!(
+            "pooled p {pooled}, but within segments p {stratified}: {}",
+            disagreement?.meaning()
+        ))
     }
 }
 
 fn test(slices: &[Table], seed: u64) -> Significance {
     let test = information::p_value(slices, PERMUTATIONS, seed);
-    Significance { p_value: test.p_value, method: test.method.as_str() }
+    Significance {
+        p_value: test.p_value,
+        method: test.method.as_str(),
+    }
 }
 
-/// A pooled and a stratified test of one state disagree: which of the two finds dependence where the other finds none.
+/// A pooled and a stratified test of one state disagree: which of the two finds dependence where
+/// the other finds none.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Disagreement {
     /// The pooled one.
@@ -70,27 +81,43 @@ pub enum Disagreement {
 impl Disagreement {
     const ALL: [Self; 3] = [Self::Pooled, Self::Untestable, Self::Stratified];
 
-    /// Tests a state of several segments both ways, by so many permutations; `None` where the tests do not disagree.
-    pub fn between(pooled: &[Table], strata: &[Table], permutations: u64, seed: u64) -> Option<Self> {
+    /// Tests a state of several segments both ways, by so many permutations; `None` where the tests
+    /// do not disagree.
+    pub fn between(
+        pooled: &[Table],
+        strata: &[Table],
+        permutations: u64,
+        seed: u64,
+    ) -> Option<Self> {
         let p_value = |slices| information::p_value(slices, permutations, seed).p_value;
         // Where no test within segments could find anything, none need be made.
         let smallest = smallest_p(strata);
-        let stratified = if smallest > MISSED { smallest } else { p_value(strata) };
+        let stratified = if smallest > MISSED {
+            smallest
+        } else {
+            p_value(strata)
+        };
         Self::of(p_value(pooled), stratified, smallest)
     }
 
-    /// Compares the p-values of two tests; `smallest` is the smallest that the stratified one could have.
+    /// Compares the p-values of two tests; `smallest` is the smallest that the stratified one could
+    /// have.
     fn of(pooled: f64, stratified: f64, smallest: f64) -> Option<Self> {
         if stratified <= FOUND && pooled > MISSED {
             Some(Self::Stratified)
         } else if pooled <= FOUND && stratified > MISSED {
-            Some(if smallest > MISSED { Self::Untestable } else { Self::Pooled })
+            Some(if smallest > MISSED {
+                Self::Untestable
+            } else {
+                Self::Pooled
+            })
         } else {
             None
         }
     }
 
-    /// Compares what the evidence says of a state with what it would say of the pooled table; `None` too where there is nothing to compare.
+    /// Compares what the evidence says of a state with what it would say of the pooled table;
+    /// `None` too where there is nothing to compare.
     pub fn of_evidence(evidence: &Evidence) -> Option<Self> {
         let (pooled, told) = (evidence.pooled?, evidence.probability.dependent);
         if pooled >= PROBABLE && told <= IMPROBABLE {
@@ -113,27 +140,38 @@ impl Disagreement {
 }
 
 fn told(p_value: f64) -> String {
-    if p_value < 1e-4 { "< 0.0001".into() } else { format!("= {p_value:.4}") }
+    if p_value < 1e-4 {
+        "< 0.0001".into()
+    } else {
+        format!("= {p_value:.4}")
+    }
 }
 
 /// Returns a warning where the evidence says of a state what it would not of the pooled table.
 pub fn warning(evidence: &Evidence) -> Option<String> {
     let meaning = Disagreement::of_evidence(evidence)?.meaning();
     let (pooled, told) = (evidence.pooled?, evidence.probability.dependent);
-    Some(format!("pooled P(dependent) {pooled:.4}, but {told:.4} where segments are told apart: {meaning}"))
+    Some(format!(
+        "pooled P(dependent) {pooled:.4}, but {told:.4} where segments are told apart: {meaning}"
+    ))
 }
 
 /// Returns a warning of each kind for the states of an environment.
 pub fn warnings<'a>(states: impl Iterator<Item = &'a Evidence> + Clone) -> Vec<String> {
     let kind = |kind: Disagreement| {
-        let of_kind = states.clone().filter(|evidence| Disagreement::of_evidence(evidence) == Some(kind));
+        let of_kind = states
+            .clone()
+            .filter(|evidence| Disagreement::of_evidence(evidence) == Some(kind));
         let (states, meaning) = (of_kind.count(), kind.meaning());
         let plural = if states == 1 { "" } else { "s" };
         let (pooled, told) = match kind {
             Disagreement::Stratified => (format!("<= {IMPROBABLE}"), format!(">= {PROBABLE}")),
-            Disagreement::Pooled | Disagreement::Untestable => (format!(">= {PROBABLE}"), format!("<= {IMPROBABLE}")),
+            Disagreement::Pooled | Disagreement::Untestable => {
+                (format!(">= {PROBABLE}"), format!("<= {IMPROBABLE}"))
+            }
         };
-        let said = format!("pooled P(dependent) {pooled}, but {told} where segments are told apart");
+        let said =
+            format!("pooled P(dependent) {pooled}, but {told} where segments are told apart");
         (states > 0).then(|| format!("in {states} state{plural} {said}: {meaning}"))
     };
     Disagreement::ALL.into_iter().filter_map(kind).collect()
@@ -151,8 +189,13 @@ impl Disagreements {
 
     /// Returns a sentence for each kind that there is.
     pub fn warnings(&self) -> Vec<String> {
-        let counted = Disagreement::ALL.into_iter().zip(self.0).filter(|(_, states)| *states > 0);
-        counted.map(|(disagreement, states)| sentence(disagreement, states)).collect()
+        let counted = Disagreement::ALL
+            .into_iter()
+            .zip(self.0)
+            .filter(|(_, states)| *states > 0);
+        counted
+            .map(|(disagreement, states)| sentence(disagreement, states))
+            .collect()
     }
 }
 
@@ -161,10 +204,15 @@ fn sentence(disagreement: Disagreement, states: u64) -> String {
         Disagreement::Pooled | Disagreement::Untestable => {
             format!("pooled p <= {FOUND}, but within segments p > {MISSED}")
         }
-        Disagreement::Stratified => format!("within segments p <= {FOUND}, but pooled p > {MISSED}"),
+        Disagreement::Stratified => {
+            format!("within segments p <= {FOUND}, but pooled p > {MISSED}")
+        }
     };
     let plural = if states == 1 { "" } else { "s" };
-    format!("in {states} state{plural} {tests}: {}", disagreement.meaning())
+    format!(
+        "in {states} state{plural} {tests}: {}",
+        disagreement.meaning()
+    )
 }
 
 #[cfg(test)]
@@ -183,9 +231,15 @@ mod tests {
 
     #[test]
     fn segments_with_opposite_habits_depend_only_when_pooled() {
-        let tested = tested([[82, 18], [18, 82]], &[[[81, 9], [9, 1]], [[1, 9], [9, 81]]]);
+        let tested = tested(
+            [[82, 18], [18, 82]],
+            &[[[81, 9], [9, 1]], [[1, 9], [9, 81]]],
+        );
         assert!(tested.told(Exchange::Pooled).p_value < 1e-4, "{tested:?}");
-        assert!(tested.told(Exchange::WithinSegments).p_value > 1.0 - 1e-9, "{tested:?}");
+        assert!(
+            tested.told(Exchange::WithinSegments).p_value > 1.0 - 1e-9,
+            "{tested:?}"
+        );
         let expected = "pooled p < 0.0001, but within segments p = 1.0000: \
                         what looks like dependence may be segments whose habits differ";
         assert_eq!(tested.warning().as_deref(), Some(expected));
@@ -193,7 +247,10 @@ mod tests {
 
     #[test]
     fn segments_that_depend_in_opposite_ways_depend_only_within() {
-        let tested = tested([[20, 20], [20, 20]], &[[[20, 0], [0, 20]], [[0, 20], [20, 0]]]);
+        let tested = tested(
+            [[20, 20], [20, 20]],
+            &[[[20, 0], [0, 20]], [[0, 20], [20, 0]]],
+        );
         let expected = "pooled p = 1.0000, but within segments p < 0.0001: \
                         segments depend in different ways, which pooling hides";
         assert_eq!(tested.warning().as_deref(), Some(expected));
@@ -202,22 +259,48 @@ mod tests {
     #[test]
     fn a_draw_a_segment_tells_nothing() {
         let draws = [[[1, 0], [0, 0]], [[0, 0], [0, 1]]].repeat(10);
-        let told = tested([[10, 0], [0, 10]], &draws).warning().expect("they disagree");
-        assert!(told.ends_with("each has too few draws to tell dependence from habits that differ"), "{told}");
+        let told = tested([[10, 0], [0, 10]], &draws)
+            .warning()
+            .expect("they disagree");
+        assert!(
+            told.ends_with("each has too few draws to tell dependence from habits that differ"),
+            "{told}"
+        );
     }
 
     #[test]
     fn tests_that_agree_need_no_word() {
-        assert_eq!(tested([[40, 0], [0, 40]], &[[[20, 0], [0, 20]], [[20, 0], [0, 20]]]).warning(), None);
-        assert_eq!(tested([[20, 20], [20, 20]], &[[[10, 10], [10, 10]], [[10, 10], [10, 10]]]).warning(), None);
+        assert_eq!(
+            tested(
+                [[40, 0], [0, 40]],
+                &[[[20, 0], [0, 20]], [[20, 0], [0, 20]]]
+            )
+            .warning(),
+            None
+        );
+        assert_eq!(
+            tested(
+                [[20, 20], [20, 20]],
+                &[[[10, 10], [10, 10]], [[10, 10], [10, 10]]]
+            )
+            .warning(),
+            None
+        );
         let alone = Tested::new(&[table([[40, 0], [0, 40]])], None, 1);
-        assert_eq!(alone.told(Exchange::Pooled), alone.told(Exchange::WithinSegments));
+        assert_eq!(
+            alone.told(Exchange::Pooled),
+            alone.told(Exchange::WithinSegments)
+        );
     }
 
     #[test]
     fn an_environment_is_told_how_many_states_disagree() {
         let mut disagreements = Disagreements::default();
-        for one in [Disagreement::Pooled, Disagreement::Stratified, Disagreement::Pooled] {
+        for one in [
+            Disagreement::Pooled,
+            Disagreement::Stratified,
+            Disagreement::Pooled,
+        ] {
             disagreements.add(one);
         }
         let expected = [

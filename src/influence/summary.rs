@@ -4,10 +4,14 @@ use super::discoveries::Found;
 use super::shared::Made;
 use super::stratified;
 use super::survey::Survey;
-use crate::domain::{Dependence, HistogramBin, Label, Schema, Scope, Segmentation, Summary, Verdict};
+use crate::domain::{
+    Dependence, HistogramBin, Label, Schema, Scope, Segmentation, Summary, Verdict,
+};
 
 /// The lower bounds of the histogram's bins, in the summary's unit.
-const BOUNDS: [f64; 12] = [0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.75, 1.0, 1.5, 2.0];
+const BOUNDS: [f64; 12] = [
+    0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.75, 1.0, 1.5, 2.0,
+];
 
 /// Sums up a survey.
 pub fn summary(
@@ -17,10 +21,21 @@ pub fn summary(
     survey: &Made<Survey>,
     found: Option<&Found>,
 ) -> Summary {
-    let visits = |least: u64| -> u64 { survey.rows.iter().map(|row| row.visits).filter(|n| *n >= least).sum() };
+    let visits = |least: u64| -> u64 {
+        survey
+            .rows
+            .iter()
+            .map(|row| row.visits)
+            .filter(|n| *n >= least)
+            .sum()
+    };
     let transitions = visits(0);
     let enough = visits(scope.rule.min_visits);
-    let share = if transitions == 0 { 0.0 } else { enough as f64 / transitions as f64 };
+    let share = if transitions == 0 {
+        0.0
+    } else {
+        enough as f64 / transitions as f64
+    };
     Summary {
         transitions,
         states: survey.rows.len() as u64,
@@ -35,7 +50,13 @@ pub fn summary(
         threshold: scope.rule.in_unit(scope.unit).threshold,
         threshold_nats: scope.rule.threshold_nats(),
         threshold_share: scope.share(schema),
-        dependence: tally(&Dependence::ALL, survey.rows.iter().filter_map(|row| Some(row.evidence?.dependence))),
+        dependence: tally(
+            &Dependence::ALL,
+            survey
+                .rows
+                .iter()
+                .filter_map(|row| Some(row.evidence?.dependence)),
+        ),
         fit: survey.fit,
         dependent_share: survey.dependent_share,
         discoveries: found.map(|found| found.discoveries),
@@ -43,7 +64,8 @@ pub fn summary(
     }
 }
 
-/// Returns where pooled and stratified answers disagree: by their tests, where those were made, else by the evidence.
+/// Returns where pooled and stratified answers disagree: by their tests, where those were made,
+/// else by the evidence.
 fn warnings(survey: &Survey, found: Option<&Found>) -> Vec<String> {
     match found {
         Some(found) if !found.warnings.is_empty() => found.warnings.clone(),
@@ -51,18 +73,29 @@ fn warnings(survey: &Survey, found: Option<&Found>) -> Vec<String> {
     }
 }
 
-/// Returns which segments the counts come from, and the mean over the states whose evidence tells whether habits differ there.
+/// Returns which segments the counts come from, and the mean over the states whose evidence tells
+/// whether habits differ there.
 fn segmentation(survey: &Survey) -> Segmentation {
-    let told: Vec<f64> = survey.rows.iter().filter_map(|row| row.evidence?.differ).collect();
+    let told: Vec<f64> = survey
+        .rows
+        .iter()
+        .filter_map(|row| row.evidence?.differ)
+        .collect();
     let differ = (!told.is_empty()).then(|| told.iter().sum::<f64>() / told.len() as f64);
-    Segmentation { count: survey.segments, differ }
+    Segmentation {
+        count: survey.segments,
+        differ,
+    }
 }
 
 /// Returns how often each of three words was said.
 fn tally<T: PartialEq>(words: &[T; 3], said: impl Iterator<Item = T>) -> [u64; 3] {
     let mut counted = [0; 3];
     for word in said {
-        counted[words.iter().position(|one| *one == word).expect("all are listed")] += 1;
+        counted[words
+            .iter()
+            .position(|one| *one == word)
+            .expect("all are listed")] += 1;
     }
     counted
 }

@@ -1,4 +1,5 @@
-//! One pass over every state of an environment for one pair: where influence is highest, and what all states say together.
+//! One pass over every state of an environment for one pair: where influence is highest, and what
+//! all states say together.
 
 use std::collections::HashSet;
 use std::sync::Arc;
@@ -9,8 +10,8 @@ use super::judge::Judge;
 use super::order::{Orders, Ranked};
 use super::store_errors::logged;
 use crate::domain::{
-    Basis, Counts, Environment, EnvironmentId, Evidence, FitId, Pair, Rule, RuleKind, Scope, SegmentId, StateKey,
-    Verdict, View, Within,
+    Basis, Counts, Environment, EnvironmentId, Evidence, FitId, Pair, Rule, RuleKind, Scope,
+    SegmentId, StateKey, Verdict, View, Within,
 };
 use crate::error::Problem;
 use crate::model::{Network, Prediction};
@@ -72,13 +73,24 @@ impl Ranked for Row {
 }
 
 /// What a survey is of: its rule by what decides, bit by bit.
-pub type Key = (EnvironmentId, Pair, Option<Vec<SegmentId>>, Within, (RuleKind, u64, u64, u64));
+pub type Key = (
+    EnvironmentId,
+    Pair,
+    Option<Vec<SegmentId>>,
+    Within,
+    (RuleKind, u64, u64, u64),
+);
 
 /// The same without the rule.
 pub type RanksKey = (EnvironmentId, Pair, Option<Vec<SegmentId>>, Within);
 
 fn of_rule(rule: &Rule) -> (RuleKind, u64, u64, u64) {
-    (rule.kind, rule.threshold_nats().to_bits(), rule.min_visits, rule.confidence.to_bits())
+    (
+        rule.kind,
+        rule.threshold_nats().to_bits(),
+        rule.min_visits,
+        rule.confidence.to_bits(),
+    )
 }
 
 /// What a survey is made of.
@@ -99,8 +111,16 @@ pub struct Plan {
 impl Plan {
     /// Returns what a survey by this plan is of.
     pub fn key(&self) -> Key {
-        let Scope { pair, within, rule, .. } = &self.scope;
-        (self.environment.id, pair.clone(), self.segments.clone(), *within, of_rule(rule))
+        let Scope {
+            pair, within, rule, ..
+        } = &self.scope;
+        (
+            self.environment.id,
+            pair.clone(),
+            self.segments.clone(),
+            *within,
+            of_rule(rule),
+        )
     }
 
     /// Returns what ranks that need no evidence are of: no rule decides them.
@@ -123,17 +143,26 @@ impl Plan {
 
     /// Returns whether a survey was made by the same fit and the same network.
     pub fn is_of(&self, survey: &Survey) -> bool {
-        survey.fit == self.fit() && survey.network == self.network.as_ref().map(|network| network.version)
+        survey.fit == self.fit()
+            && survey.network == self.network.as_ref().map(|network| network.version)
     }
 
     /// Returns which fit it is.
     pub fn fit(&self) -> FitId {
-        self.informed.as_ref().map(|informed| informed.id).unwrap_or_default()
+        self.informed
+            .as_ref()
+            .map(|informed| informed.id)
+            .unwrap_or_default()
     }
 }
 
 /// Passes over all states; returns the survey, and how many transitions there were before.
-pub async fn make(store: &dyn Store, gate: &Gate, plan: &Plan, progress: &Progress) -> Result<(Survey, u64), Problem> {
+pub async fn make(
+    store: &dyn Store,
+    gate: &Gate,
+    plan: &Plan,
+    progress: &Progress,
+) -> Result<(Survey, u64), Problem> {
     let totals = store.totals(plan.environment.id).await.map_err(logged)?;
     progress.begin("states measured", totals.states);
     let mut rows = Vec::new();
@@ -143,7 +172,10 @@ pub async fn make(store: &dyn Store, gate: &Gate, plan: &Plan, progress: &Progre
         let (plan, states) = (plan.clone(), page.len() as u64);
         let measuring = gate.run(move |stop| {
             let named = named(&plan, &page);
-            let states = page.into_iter().map(|scanned| (scanned.key, Arc::new(scanned.counts))).collect();
+            let states = page
+                .into_iter()
+                .map(|scanned| (scanned.key, Arc::new(scanned.counts)))
+                .collect();
             Ok((named, measured(&plan, states, stop)?))
         });
         let (named, measured) = measuring.await?;
@@ -160,7 +192,10 @@ pub async fn make(store: &dyn Store, gate: &Gate, plan: &Plan, progress: &Progre
         segments: segments.len() as u64,
         fit: plan.fit(),
         network: plan.network.as_ref().map(|network| network.version),
-        dependent_share: plan.informed.as_ref().map(|informed| informed.fit.parameters.dependent),
+        dependent_share: plan
+            .informed
+            .as_ref()
+            .map(|informed| informed.fit.parameters.dependent),
         orders: Orders::default(),
     };
     Ok((survey, totals.transitions))
@@ -168,19 +203,32 @@ pub async fn make(store: &dyn Store, gate: &Gate, plan: &Plan, progress: &Progre
 
 /// Returns the segments that have visits in the states of a page, of those asked for.
 fn named(plan: &Plan, page: &[Scanned]) -> HashSet<SegmentId> {
-    let cells = page.iter().flat_map(|scanned| scanned.counts.of_segments(plan.segments.as_deref()));
+    let cells = page
+        .iter()
+        .flat_map(|scanned| scanned.counts.of_segments(plan.segments.as_deref()));
     cells.map(|cell| cell.segment).collect()
 }
 
 /// Measures states; those not seen in the segments asked for are left out.
-pub fn measured(plan: &Plan, states: Vec<(StateKey, Arc<Counts>)>, stop: &Stop) -> Result<Vec<Row>, Stopped> {
+pub fn measured(
+    plan: &Plan,
+    states: Vec<(StateKey, Arc<Counts>)>,
+    stop: &Stop,
+) -> Result<Vec<Row>, Stopped> {
     // So many are looked at once that nothing is worth remembering.
-    let judge = Judge { remembers: false, ..plan.judge(View::Figures) };
+    let judge = Judge {
+        remembers: false,
+        ..plan.judge(View::Figures)
+    };
     let keys: Vec<StateKey> = states.iter().map(|(key, _)| key.clone()).collect();
     let predictions = judge.predictions(&keys);
     let row = |((key, counts), predicted): ((StateKey, Arc<Counts>), Option<Prediction>)| {
         stop.check()?;
-        let judged = judge.judge(&key, counts.of_segments(plan.segments.as_deref()), predicted);
+        let judged = judge.judge(
+            &key,
+            counts.of_segments(plan.segments.as_deref()),
+            predicted,
+        );
         let visits = judged.tables.whole.total();
         Ok((visits > 0).then(|| Row {
             key,
@@ -192,6 +240,7 @@ pub fn measured(plan: &Plan, states: Vec<(StateKey, Arc<Counts>)>, stop: &Stop) 
             basis: judged.basis,
         }))
     };
-    let rows: Result<Vec<Option<Row>>, Stopped> = states.into_par_iter().zip(predictions).map(row).collect();
+    let rows: Result<Vec<Option<Row>>, Stopped> =
+        states.into_par_iter().zip(predictions).map(row).collect();
     Ok(rows?.into_iter().flatten().collect())
 }

@@ -1,4 +1,5 @@
-//! The one task that commits. It takes everything that waits, commits it together, and only then answers.
+//! The one task that commits. It takes everything that waits, commits it together, and only then
+//! answers.
 //!
 //! No client can cancel it, and it never talks to anything but the store.
 
@@ -17,10 +18,12 @@ use crate::telemetry::{self, Seldom};
 /// The most transitions of one commit.
 pub const MOST_COMMIT_TRANSITIONS: usize = 256_000;
 
-/// The most states of one commit, counting those of each batch: what a commit keeps in memory grows with them.
+/// The most states of one commit, counting those of each batch: what a commit keeps in memory grows
+/// with them.
 const MOST_COMMIT_STATES: usize = 50_000;
 
-/// A database that fails is asked again and again by every producer: their lines of the log are few.
+/// A database that fails is asked again and again by every producer: their lines of the log are
+/// few.
 static FAILURES: Seldom = Seldom::every(Duration::from_secs(5));
 static UNREAD: Seldom = Seldom::every(Duration::from_secs(5));
 
@@ -58,7 +61,10 @@ pub struct Resume {
 
 /// Commits until it is told to stop or nobody can ask any more.
 pub async fn run(store: Arc<dyn Store>, counted: Counted, mut queue: mpsc::Receiver<Work>) {
-    let mut group = Group { counted, ..Group::default() };
+    let mut group = Group {
+        counted,
+        ..Group::default()
+    };
     while let Some(first) = queue.recv().await {
         let mut next = Some(first);
         while let Some(work) = next {
@@ -72,7 +78,11 @@ pub async fn run(store: Arc<dyn Store>, counted: Counted, mut queue: mpsc::Recei
                     queue.close();
                 }
             }
-            next = if group.is_full() { None } else { queue.try_recv().ok() };
+            next = if group.is_full() {
+                None
+            } else {
+                queue.try_recv().ok()
+            };
         }
         group.commit(&*store).await;
     }
@@ -83,14 +93,18 @@ pub async fn run(store: Arc<dyn Store>, counted: Counted, mut queue: mpsc::Recei
 struct Group {
     counted: Counted,
     batches: Vec<Numbered>,
-    replies: Vec<(oneshot::Sender<Result<Acknowledged, Problem>>, OwnedSemaphorePermit)>,
+    replies: Vec<(
+        oneshot::Sender<Result<Acknowledged, Problem>>,
+        OwnedSemaphorePermit,
+    )>,
     transitions: usize,
     states: usize,
 }
 
 impl Group {
     fn add(&mut self, pending: Pending) {
-        // A stream that was fenced while its batch waited must not count: its successor was, or will be, told a resume point without it.
+        // A stream that was fenced while its batch waited must not count: its successor was, or
+        // will be, told a resume point without it.
         if let Some(Err(problem)) = pending.lease.as_ref().map(|lease| lease.check()) {
             telemetry::refused(problem.reason);
             let _ = pending.reply.send(Err(problem));
@@ -117,9 +131,11 @@ impl Group {
         let replies = std::mem::take(&mut self.replies);
         (self.transitions, self.states) = (0, 0);
         let answers = match result {
-            Ok(outcomes) => {
-                outcomes.into_iter().zip(&batches).map(|(outcome, batch)| self.told(batch, outcome)).collect()
-            }
+            Ok(outcomes) => outcomes
+                .into_iter()
+                .zip(&batches)
+                .map(|(outcome, batch)| self.told(batch, outcome))
+                .collect(),
             Err(error) => failed(error, batches.len()),
         };
         for ((reply, room), answer) in replies.into_iter().zip(answers) {
@@ -135,7 +151,8 @@ impl Group {
     fn told(&self, batch: &Numbered, outcome: Outcome) -> Result<Acknowledged, Problem> {
         match outcome {
             Outcome::Acknowledged(told) => {
-                self.counted.note(batch.environment, &told, SystemTime::now());
+                self.counted
+                    .note(batch.environment, &told, SystemTime::now());
                 Ok(told)
             }
             Outcome::Refused(refusal) => Err(refused(batch, refusal)),
@@ -164,14 +181,19 @@ fn failed(error: StoreError, batches: usize) -> Vec<Result<Acknowledged, Problem
 /// Refuses whoever speaks for a producer that belongs to another key's name.
 pub fn foreign(producer: &ProducerId) -> Problem {
     telemetry::denied("producer");
-    let message = format!("producer `{producer}` belongs to another key; send under another producer id");
+    let message =
+        format!("producer `{producer}` belongs to another key; send under another producer id");
     Problem::new(ErrorKind::Forbidden, "PRODUCER_FORBIDDEN", message).with("producer", producer)
 }
 
 fn refused(batch: &Numbered, refusal: Refusal) -> Problem {
     let sequence = batch.sequence;
     match refusal {
-        Refusal::Gone => Problem::new(ErrorKind::NotFound, "ENVIRONMENT_NOT_FOUND", "the environment was deleted"),
+        Refusal::Gone => Problem::new(
+            ErrorKind::NotFound,
+            "ENVIRONMENT_NOT_FOUND",
+            "the environment was deleted",
+        ),
         Refusal::ReadOnly => Problem::new(
             ErrorKind::Conflict,
             "ENVIRONMENT_READ_ONLY",
@@ -179,11 +201,18 @@ fn refused(batch: &Numbered, refusal: Refusal) -> Problem {
         ),
         Refusal::Foreign => foreign(&batch.producer),
         Refusal::OutOfOrder { expected } => {
-            let message = format!("got sequence {sequence} of producer `{}`, expected {expected}", batch.producer);
-            Problem::new(ErrorKind::OutOfOrder, "OUT_OF_ORDER", message).with("expected_sequence", expected)
+            let message = format!(
+                "got sequence {sequence} of producer `{}`, expected {expected}",
+                batch.producer
+            );
+            Problem::new(ErrorKind::OutOfOrder, "OUT_OF_ORDER", message)
+                .with("expected_sequence", expected)
         }
         Refusal::Reused => {
-            let message = format!("sequence {sequence} of producer `{}` was used with another content", batch.producer);
+            let message = format!(
+                "sequence {sequence} of producer `{}` was used with another content",
+                batch.producer
+            );
             Problem::new(ErrorKind::Conflict, "SEQUENCE_REUSED", message).with("sequence", sequence)
         }
         Refusal::Quota { what, limit } => {

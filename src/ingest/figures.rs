@@ -1,4 +1,5 @@
-//! What became of the batches of each environment since the start, for operators. An environment that is gone takes its figures along.
+//! What became of the batches of each environment since the start, for operators. An environment
+//! that is gone takes its figures along.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -33,7 +34,9 @@ impl Counted {
         let figures = all.entry(environment).or_default();
         figures.last = Some(now);
         match told {
-            Acknowledged::Applied(receipt) | Acknowledged::Rejected(receipt) => figures.add(receipt),
+            Acknowledged::Applied(receipt) | Acknowledged::Rejected(receipt) => {
+                figures.add(receipt)
+            }
             Acknowledged::Duplicate(_) | Acknowledged::Untold => figures.duplicates += 1,
             Acknowledged::Unverified => figures.unverified += 1,
         }
@@ -43,7 +46,10 @@ impl Counted {
     pub fn of(&self, environments: &[EnvironmentId]) -> Vec<Figures> {
         let mut all = self.lock();
         all.retain(|id, _| environments.contains(id));
-        environments.iter().map(|id| all.get(id).cloned().unwrap_or_default()).collect()
+        environments
+            .iter()
+            .map(|id| all.get(id).cloned().unwrap_or_default())
+            .collect()
     }
 
     fn lock(&self) -> MutexGuard<'_, HashMap<EnvironmentId, Figures>> {
@@ -67,8 +73,16 @@ fn part_at_fault(pointer: &str) -> usize {
 }
 
 fn position(part: &str) -> usize {
-    let other = || PARTS.iter().position(|known| *known == "other").expect("it is one of them");
-    PARTS.iter().position(|known| *known == part).unwrap_or_else(other)
+    let other = || {
+        PARTS
+            .iter()
+            .position(|known| *known == "other")
+            .expect("it is one of them")
+    };
+    PARTS
+        .iter()
+        .position(|known| *known == part)
+        .unwrap_or_else(other)
 }
 
 #[cfg(test)]
@@ -79,9 +93,17 @@ mod tests {
     #[test]
     fn figures_are_of_environments_that_exist() {
         let (counted, now) = (Counted::default(), SystemTime::UNIX_EPOCH);
-        let rejected = |field: &str| Rejection { index: 0, field: field.into(), reason: "no".into() };
+        let rejected = |field: &str| Rejection {
+            index: 0,
+            field: field.into(),
+            reason: "no".into(),
+        };
         let rejected = vec![rejected("/state/x"), rejected("/invented"), rejected("")];
-        let told = Acknowledged::Applied(Receipt { accepted: 5, rejected_count: 7, rejected });
+        let told = Acknowledged::Applied(Receipt {
+            accepted: 5,
+            rejected_count: 7,
+            rejected,
+        });
         counted.note(EnvironmentId(1), &told, now);
         counted.note(EnvironmentId(2), &Acknowledged::Untold, now);
         counted.note(EnvironmentId(2), &Acknowledged::Unverified, now);
@@ -89,10 +111,17 @@ mod tests {
         let [first, second, third] = [1, 2, 3].map(EnvironmentId);
         let all = counted.of(&[first, second, third]);
         assert_eq!((all[0].accepted, all[0].rejected), (5, [1, 0, 0, 0, 2, 4]));
-        assert_eq!((all[1].duplicates, all[1].unverified, all[1].last), (1, 1, Some(now)));
+        assert_eq!(
+            (all[1].duplicates, all[1].unverified, all[1].last),
+            (1, 1, Some(now))
+        );
         assert_eq!(all[2], Figures::default());
 
         counted.of(&[second]);
-        assert_eq!(counted.of(&[first, second])[0], Figures::default(), "it was gone");
+        assert_eq!(
+            counted.of(&[first, second])[0],
+            Figures::default(),
+            "it was gone"
+        );
     }
 }

@@ -4,9 +4,10 @@
 //! Batch --validate--> Numbered --queue (bounded)--> committer --store.commit--> Acknowledged
 //! ```
 //!
-//! The queue is bounded by transitions (back-pressure), in fair shares: single calls have a share that streams cannot take. A stream waits for room,
-//! which stops the reading of its socket; a single call waits for a moment, and is then refused.
-//! There is no wall clock in the protocol: order comes from sequence numbers, and the truth about them from the store.
+//! The queue is bounded by transitions (back-pressure), in fair shares: single calls have a share
+//! that streams cannot take. A stream waits for room, which stops the reading of its socket; a
+//! single call waits for a moment, and is then refused. There is no wall clock in the protocol:
+//! order comes from sequence numbers, and the truth about them from the store.
 
 use std::sync::Arc;
 
@@ -27,7 +28,9 @@ use room::Room;
 use streams::{Lease, Registration, Streams};
 pub use validate::validate;
 
-use crate::domain::{Acknowledged, Batch, Environment, EnvironmentId, Principal, ProducerId, Sequence};
+use crate::domain::{
+    Acknowledged, Batch, Environment, EnvironmentId, Principal, ProducerId, Sequence,
+};
 use crate::error::{ErrorKind, Problem};
 use crate::store::{Numbered, Store};
 use crate::telemetry;
@@ -58,16 +61,32 @@ impl Ingest {
         let (committer, counted) = (TaskTracker::new(), Counted::default());
         committer.spawn(committer::run(store.clone(), counted.clone(), work));
         committer.close();
-        let (room, streams, principal) = (Room::default(), Streams::default(), Arc::new(Principal::anonymous()));
-        Self { queue, room, streams, counted, committer, store, principal }
+        let (room, streams, principal) = (
+            Room::default(),
+            Streams::default(),
+            Arc::new(Principal::anonymous()),
+        );
+        Self {
+            queue,
+            room,
+            streams,
+            counted,
+            committer,
+            store,
+            principal,
+        }
     }
 
     /// Returns a handle that speaks for a principal: producers belong to its name.
     pub fn asked_by(&self, principal: Arc<Principal>) -> Self {
-        Self { principal, ..self.clone() }
+        Self {
+            principal,
+            ..self.clone()
+        }
     }
 
-    /// Counts one batch and returns after it is on stable storage; refuses soon, retryably, when too much waits.
+    /// Counts one batch and returns after it is on stable storage; refuses soon, retryably, when
+    /// too much waits.
     #[instrument(level = "debug", skip_all, fields(environment = %environment.name, sequence = batch.sequence.get()))]
     pub async fn write(
         &self,
@@ -75,32 +94,70 @@ impl Ingest {
         producer: ProducerId,
         batch: Batch,
     ) -> Result<Acknowledged, Problem> {
-        let room = self.room.for_call(size_of(&batch)).await.inspect_err(refused)?;
-        self.enqueue(environment, producer, batch, None, room).await?.acknowledged().await.map(|(_, told)| told)
+        let room = self
+            .room
+            .for_call(size_of(&batch))
+            .await
+            .inspect_err(refused)?;
+        self.enqueue(environment, producer, batch, None, room)
+            .await?
+            .acknowledged()
+            .await
+            .map(|(_, told)| told)
     }
 
-    /// Opens a stream of a producer: fences its older one, and asks for the resume point behind everything queued before.
-    pub async fn open(&self, environment: Arc<Environment>, producer: ProducerId) -> Result<Session, Problem> {
+    /// Opens a stream of a producer: fences its older one, and asks for the resume point behind
+    /// everything queued before.
+    pub async fn open(
+        &self,
+        environment: Arc<Environment>,
+        producer: ProducerId,
+    ) -> Result<Session, Problem> {
         self.claim(&environment, &producer).await?;
         let owner = self.principal.name().cloned();
-        let registration =
-            self.streams.open(environment.id, producer.clone(), owner).ok_or_else(|| foreign(&producer))?;
+        let registration = self
+            .streams
+            .open(environment.id, producer.clone(), owner)
+            .ok_or_else(|| foreign(&producer))?;
         let committed = self.committed(&environment, &producer).await?;
-        Ok(Session { ingest: self.clone(), environment, producer, registration, committed })
+        Ok(Session {
+            ingest: self.clone(),
+            environment,
+            producer,
+            registration,
+            committed,
+        })
     }
 
     /// Refuses a producer that belongs to another key's name, before its stream is fenced.
     async fn claim(&self, environment: &Environment, producer: &ProducerId) -> Result<(), Problem> {
-        let Some(name) = self.principal.name() else { return Ok(()) };
+        let Some(name) = self.principal.name() else {
+            return Ok(());
+        };
         let owner = self.store.owner(environment.id, producer).await?;
-        if owner.is_none_or(|owner| owner == *name) { Ok(()) } else { Err(foreign(producer)) }
+        if owner.is_none_or(|owner| owner == *name) {
+            Ok(())
+        } else {
+            Err(foreign(producer))
+        }
     }
 
     /// Returns the last committed sequence of a producer, after everything queued before.
-    pub async fn committed(&self, environment: &Environment, producer: &ProducerId) -> Result<Sequence, Problem> {
+    pub async fn committed(
+        &self,
+        environment: &Environment,
+        producer: &ProducerId,
+    ) -> Result<Sequence, Problem> {
         let (reply, answer) = oneshot::channel();
-        let resume = Resume { environment: environment.id, producer: producer.clone(), reply };
-        self.queue.send(Work::Resume(resume)).await.map_err(|_| stopped())?;
+        let resume = Resume {
+            environment: environment.id,
+            producer: producer.clone(),
+            reply,
+        };
+        self.queue
+            .send(Work::Resume(resume))
+            .await
+            .map_err(|_| stopped())?;
         answer.await.map_err(|_| stopped())?
     }
 
@@ -114,7 +171,8 @@ impl Ingest {
         self.room.taken()
     }
 
-    /// Returns what became of the batches of these environments since the start; those of all others are forgotten.
+    /// Returns what became of the batches of these environments since the start; those of all
+    /// others are forgotten.
     pub fn figures(&self, environments: &[EnvironmentId]) -> Vec<Figures> {
         self.counted.of(environments)
     }
@@ -124,7 +182,8 @@ impl Ingest {
         !self.queue.is_closed()
     }
 
-    /// Commits and answers everything queued before, then stops. What is sent later is refused, retryably.
+    /// Commits and answers everything queued before, then stops. What is sent later is refused,
+    /// retryably.
     pub async fn close(&self) {
         // An error means that the committer is stopping already.
         let _ = self.queue.send(Work::Stop).await;
@@ -142,17 +201,39 @@ impl Ingest {
         let sequence = batch.sequence;
         let (schema, environment) = (environment.schema.clone(), environment.id);
         let owner = self.principal.name().cloned();
-        let bytes = size_of_val(&batch.records.states[..]) + size_of_val(&batch.records.actions[..]);
+        let bytes =
+            size_of_val(&batch.records.states[..]) + size_of_val(&batch.records.actions[..]);
         let numbered = aside(bytes, move || {
             let segment = batch.segment.as_ref();
-            let (digest, worded) = (batch.records.digest(segment), batch.records.worded(segment).map(Box::new));
+            let (digest, worded) = (
+                batch.records.digest(segment),
+                batch.records.worded(segment).map(Box::new),
+            );
             let (increment, receipt) = validate(&schema, batch.segment, &batch.records);
-            Numbered { environment, producer, owner, sequence, digest, worded, increment, receipt }
+            Numbered {
+                environment,
+                producer,
+                owner,
+                sequence,
+                digest,
+                worded,
+                increment,
+                receipt,
+            }
         });
         let batch = numbered.await.inspect_err(refused)?;
         let (reply, answer) = oneshot::channel();
-        let pending = Pending { batch, lease, room, reply };
-        self.queue.send(Work::Batch(pending)).await.map_err(|_| stopped()).inspect_err(refused)?;
+        let pending = Pending {
+            batch,
+            lease,
+            room,
+            reply,
+        };
+        self.queue
+            .send(Work::Batch(pending))
+            .await
+            .map_err(|_| stopped())
+            .inspect_err(refused)?;
         Ok(Ticket { sequence, answer })
     }
 }
@@ -180,9 +261,16 @@ impl Session {
     /// Queues a batch, waiting for room; the ticket is answered after its commit.
     pub async fn submit(&self, batch: Batch) -> Result<Ticket, Problem> {
         self.registration.lease().check().inspect_err(refused)?;
-        let room = self.ingest.room.for_stream(size_of(&batch)).await.inspect_err(refused)?;
+        let room = self
+            .ingest
+            .room
+            .for_stream(size_of(&batch))
+            .await
+            .inspect_err(refused)?;
         let lease = Some(self.registration.lease().clone());
-        self.ingest.enqueue(&self.environment, self.producer.clone(), batch, lease, room).await
+        self.ingest
+            .enqueue(&self.environment, self.producer.clone(), batch, lease, room)
+            .await
     }
 
     /// Waits until the stream is fenced or its environment is deleted, and returns which.
@@ -216,5 +304,9 @@ fn refused(problem: &Problem) {
 }
 
 fn stopped() -> Problem {
-    Problem::new(ErrorKind::Unavailable, "STOPPING", "the service is stopping; resume and send it again")
+    Problem::new(
+        ErrorKind::Unavailable,
+        "STOPPING",
+        "the service is stopping; resume and send it again",
+    )
 }

@@ -1,7 +1,9 @@
-//! Room in the queue, in transitions: admission control, with fair shares for streams and for single calls.
+//! Room in the queue, in transitions: admission control, with fair shares for streams and for
+//! single calls.
 //!
-//! Streams wait in line for as long as it takes, so a share that both could take would never be free when a single call looks. Single calls have a share
-//! of their own beside it. The sum of both bounds what waits in memory.
+//! Streams wait in line for as long as it takes, so a share that both could take would never be
+//! free when a single call looks. Single calls have a share of their own beside it. The sum of both
+//! bounds what waits in memory.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -14,7 +16,8 @@ use crate::error::{ErrorKind, Problem};
 /// The share of streams: one commit at work, and the beginning of the next.
 const STREAMS: usize = MOST_COMMIT_TRANSITIONS + MOST_COMMIT_TRANSITIONS / 4;
 
-/// The share of single calls: a fourth of a commit, which is six of the largest batches or very many small ones.
+/// The share of single calls: a fourth of a commit, which is six of the largest batches or very
+/// many small ones.
 const CALLS: usize = MOST_COMMIT_TRANSITIONS / 4;
 
 /// How long a single call waits for room: some commits, and shorter than anybody's patience.
@@ -29,23 +32,35 @@ pub struct Room {
 
 impl Default for Room {
     fn default() -> Self {
-        Self { streams: Arc::new(Semaphore::new(STREAMS)), calls: Arc::new(Semaphore::new(CALLS)) }
+        Self {
+            streams: Arc::new(Semaphore::new(STREAMS)),
+            calls: Arc::new(Semaphore::new(CALLS)),
+        }
     }
 }
 
 impl Room {
     /// Takes room for a batch of a stream, first come, first served.
     pub async fn for_stream(&self, transitions: u32) -> Result<OwnedSemaphorePermit, Problem> {
-        self.streams.clone().acquire_many_owned(transitions).await.map_err(|_| overloaded())
+        self.streams
+            .clone()
+            .acquire_many_owned(transitions)
+            .await
+            .map_err(|_| overloaded())
     }
 
-    /// Takes room for a single call: what streams leave, else its share, first come, first served. Refuses after a moment, retryably.
+    /// Takes room for a single call: what streams leave, else its share, first come, first served.
+    /// Refuses after a moment, retryably.
     pub async fn for_call(&self, transitions: u32) -> Result<OwnedSemaphorePermit, Problem> {
         if let Ok(room) = self.streams.clone().try_acquire_many_owned(transitions) {
             return Ok(room);
         }
         let room = self.calls.clone().acquire_many_owned(transitions);
-        tokio::time::timeout(PATIENCE, room).await.ok().and_then(Result::ok).ok_or_else(overloaded)
+        tokio::time::timeout(PATIENCE, room)
+            .await
+            .ok()
+            .and_then(Result::ok)
+            .ok_or_else(overloaded)
     }
 
     /// Returns how many transitions wait for their commit.
@@ -78,10 +93,16 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn a_single_call_waits_its_turn_for_a_moment() {
         let room = Room::default();
-        let _streams = room.for_call(STREAMS as u32).await.expect("left by streams");
+        let _streams = room
+            .for_call(STREAMS as u32)
+            .await
+            .expect("left by streams");
         let all = room.for_call(CALLS as u32).await.expect("free");
         assert_eq!(room.taken(), STREAMS + CALLS);
-        assert_eq!(room.for_call(1).await.expect_err("full").kind, ErrorKind::Overloaded);
+        assert_eq!(
+            room.for_call(1).await.expect_err("full").kind,
+            ErrorKind::Overloaded
+        );
         let mut large = Box::pin(room.for_call(10_000));
         let mut small = Box::pin(room.for_call(1));
         assert!(futures::poll!(&mut large).is_pending() && futures::poll!(&mut small).is_pending());

@@ -1,4 +1,5 @@
-//! Which stream speaks for a producer. A later stream fences the earlier one, and an environment that goes takes its streams with it.
+//! Which stream speaks for a producer. A later stream fences the earlier one, and an environment
+//! that goes takes its streams with it.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
@@ -36,26 +37,43 @@ pub struct Registration {
 }
 
 impl Streams {
-    /// Gives a new stream its lease; the lease of the producer's earlier stream is over before this returns. `None` where that one is of another key's
-    /// name, which goes on: nothing of either may be stored yet.
-    pub fn open(&self, environment: EnvironmentId, producer: ProducerId, owner: Option<Name>) -> Option<Registration> {
+    /// Gives a new stream its lease; the lease of the producer's earlier stream is over before this
+    /// returns. `None` where that one is of another key's name, which goes on: nothing of either
+    /// may be stored yet.
+    pub fn open(
+        &self,
+        environment: EnvironmentId,
+        producer: ProducerId,
+        owner: Option<Name>,
+    ) -> Option<Registration> {
         let key = (environment, producer);
         let mut live = self.lock();
-        let is_anothers = |live: &Arc<Lease>| owner.is_some() && live.owner.is_some() && live.owner != owner;
+        let is_anothers =
+            |live: &Arc<Lease>| owner.is_some() && live.owner.is_some() && live.owner != owner;
         if live.get(&key).is_some_and(is_anothers) {
             return None;
         }
-        let lease = Arc::new(Lease { owner, ..Lease::default() });
+        let lease = Arc::new(Lease {
+            owner,
+            ..Lease::default()
+        });
         if let Some(earlier) = live.insert(key.clone(), lease.clone()) {
             earlier.end(End::Fenced);
         }
         drop(live);
-        Some(Registration { streams: self.clone(), key, lease })
+        Some(Registration {
+            streams: self.clone(),
+            key,
+            lease,
+        })
     }
 
     /// Ends every stream into an environment that was deleted.
     pub fn end_all(&self, environment: EnvironmentId) {
-        self.lock().iter().filter(|(key, _)| key.0 == environment).for_each(|(_, lease)| lease.end(End::Deleted));
+        self.lock()
+            .iter()
+            .filter(|(key, _)| key.0 == environment)
+            .for_each(|(_, lease)| lease.end(End::Deleted));
     }
 
     fn lock(&self) -> MutexGuard<'_, HashMap<Key, Arc<Lease>>> {
@@ -66,7 +84,11 @@ impl Streams {
 impl Lease {
     /// Returns why the lease is over, if it is.
     pub fn check(&self) -> Result<(), Problem> {
-        if self.over.is_cancelled() { Err(self.problem()) } else { Ok(()) }
+        if self.over.is_cancelled() {
+            Err(self.problem())
+        } else {
+            Ok(())
+        }
     }
 
     /// Waits until the lease is over and returns why.
@@ -88,7 +110,11 @@ impl Lease {
                 "ENVIRONMENT_NOT_FOUND",
                 "the environment was deleted while this stream was open",
             ),
-            _ => Problem::new(ErrorKind::Conflict, "FENCED", "a later stream of the same producer has taken over"),
+            _ => Problem::new(
+                ErrorKind::Conflict,
+                "FENCED",
+                "a later stream of the same producer has taken over",
+            ),
         }
     }
 }
@@ -103,7 +129,10 @@ impl Registration {
 impl Drop for Registration {
     fn drop(&mut self) {
         let mut live = self.streams.lock();
-        if live.get(&self.key).is_some_and(|lease| Arc::ptr_eq(lease, &self.lease)) {
+        if live
+            .get(&self.key)
+            .is_some_and(|lease| Arc::ptr_eq(lease, &self.lease))
+        {
             live.remove(&self.key);
         }
     }
@@ -120,20 +149,33 @@ mod tests {
     #[test]
     fn a_later_stream_fences_only_its_own_producer() {
         let streams = Streams::default();
-        let open = |environment| streams.open(EnvironmentId(environment), producer("p"), None).expect("nobody's");
+        let open = |environment| {
+            streams
+                .open(EnvironmentId(environment), producer("p"), None)
+                .expect("nobody's")
+        };
         let [first, elsewhere, second] = [1, 2, 1].map(open);
         assert_eq!(first.lease().check().expect_err("fenced").reason, "FENCED");
         assert!(second.lease().check().is_ok() && elsewhere.lease().check().is_ok());
         drop(first);
         let third = open(1);
-        assert!(second.lease().check().is_err(), "the fenced stream's end must not unregister the second");
+        assert!(
+            second.lease().check().is_err(),
+            "the fenced stream's end must not unregister the second"
+        );
         assert!(third.lease().check().is_ok());
     }
 
     #[test]
     fn a_key_does_not_fence_the_stream_of_another_name() {
         let streams = Streams::default();
-        let open = |owner: &str| streams.open(EnvironmentId(1), producer("p"), Some(owner.parse().expect("a name")));
+        let open = |owner: &str| {
+            streams.open(
+                EnvironmentId(1),
+                producer("p"),
+                Some(owner.parse().expect("a name")),
+            )
+        };
         let first = open("a").expect("nobody's");
         assert!(open("b").is_none() && first.lease().check().is_ok());
         let second = open("a").expect("its own");
@@ -145,10 +187,17 @@ mod tests {
     #[test]
     fn an_environment_takes_its_streams_with_it() {
         let streams = Streams::default();
-        let open = |environment| streams.open(EnvironmentId(environment), producer("p"), None).expect("nobody's");
+        let open = |environment| {
+            streams
+                .open(EnvironmentId(environment), producer("p"), None)
+                .expect("nobody's")
+        };
         let [gone, stays] = [1, 2].map(open);
         streams.end_all(EnvironmentId(1));
-        assert_eq!(gone.lease().check().expect_err("deleted").kind, ErrorKind::NotFound);
+        assert_eq!(
+            gone.lease().check().expect_err("deleted").kind,
+            ErrorKind::NotFound
+        );
         assert!(stays.lease().check().is_ok());
     }
 }

@@ -1,7 +1,9 @@
-//! What was seen in states that share the most telling features: the baseline that needs no network.
+//! What was seen in states that share the most telling features: the baseline that needs no
+//! network.
 //!
-//! Features are left out one by one, each time the one without which the rest tells most: by the evidence sum ln DM(n_i.; k g) of the tables of all states
-//! that agree in the rest, each row with its own response. A state is then told by the first of these coarser tables with enough draws.
+//! Features are left out one by one, each time the one without which the rest tells most: by the
+//! evidence sum ln DM(n_i.; k g) of the tables of all states that agree in the rest, each row with
+//! its own response. A state is then told by the first of these coarser tables with enough draws.
 
 use foldhash::{HashMap, HashMapExt};
 
@@ -44,32 +46,55 @@ impl BackOff {
             // In order of key, so that the same states give the same sum.
             let mut each: Vec<_> = pooled(examples, features).into_iter().collect();
             each.sort_unstable_by(|a, b| a.0.cmp(&b.0));
-            each.iter().map(|(_, table)| rows_evidence(table, CONCENTRATION, |_, j| base[j])).sum::<f64>()
+            each.iter()
+                .map(|(_, table)| rows_evidence(table, CONCENTRATION, |_, j| base[j]))
+                .sum::<f64>()
         };
         let mut features = considered(&examples, |feature| worth(few(&examples, 1), &[feature]));
         let few = few(&examples, features.len());
         let mut levels = Vec::new();
         while !features.is_empty() {
-            let without = |left: usize| features.iter().copied().filter(|feature| *feature != left).collect::<Vec<_>>();
-            let worths: Vec<f64> = features.iter().map(|left| worth(few, &without(*left))).collect();
-            let least = (0..worths.len()).max_by(|a, b| worths[*a].total_cmp(&worths[*b])).expect("there is a feature");
+            let without = |left: usize| {
+                features
+                    .iter()
+                    .copied()
+                    .filter(|feature| *feature != left)
+                    .collect::<Vec<_>>()
+            };
+            let worths: Vec<f64> = features
+                .iter()
+                .map(|left| worth(few, &without(*left)))
+                .collect();
+            let least = (0..worths.len())
+                .max_by(|a, b| worths[*a].total_cmp(&worths[*b]))
+                .expect("there is a feature");
             features.remove(least);
             let mut tables = pooled(&examples, &features);
             // The last level is for those who find no better one.
             tables.retain(|_, table| table.total() >= ENOUGH || features.is_empty());
-            levels.push(Level { tables, features: features.clone() });
+            levels.push(Level {
+                tables,
+                features: features.clone(),
+            });
         }
         Self { levels, base }
     }
 
-    /// Returns the finest table with enough draws that a state belongs to; the one of all states if none has.
+    /// Returns the finest table with enough draws that a state belongs to; the one of all states if
+    /// none has.
     pub fn table(&self, key: &StateKey) -> Option<&Table> {
-        let tables = || self.levels.iter().filter_map(|level| level.tables.get(&part(key, &level.features)));
-        tables().find(|table| table.total() >= ENOUGH).or_else(|| tables().next_back())
+        let tables = || {
+            self.levels
+                .iter()
+                .filter_map(|level| level.tables.get(&part(key, &level.features)))
+        };
+        tables()
+            .find(|table| table.total() >= ENOUGH)
+            .or_else(|| tables().next_back())
     }
 
-    /// Returns the mean log-likelihood that a table gives to the other's actions in a state, summed over its draws: its rows, drawn to what the other
-    /// does on the whole.
+    /// Returns the mean log-likelihood that a table gives to the other's actions in a state, summed
+    /// over its draws: its rows, drawn to what the other does on the whole.
     pub fn log_likelihood(&self, table: Option<&Table>, example: &Example) -> f64 {
         let columns = self.base.len();
         let mut rows: HashMap<usize, (f64, Vec<f64>)> = HashMap::new();
@@ -82,19 +107,35 @@ impl BackOff {
             Some((sum, row)) => (row[j] + CONCENTRATION * self.base[j]) / (sum + CONCENTRATION),
             None => self.base[j],
         };
-        cells(&example.table).map(|(i, j, n)| n * share(i, j).ln()).sum()
+        cells(&example.table)
+            .map(|(i, j, n)| n * share(i, j).ln())
+            .sum()
     }
 }
 
-/// Returns the features that differ between states, in order; of very many, those of the largest worth.
+/// Returns the features that differ between states, in order; of very many, those of the largest
+/// worth.
 fn considered(examples: &[&Example], worth: impl Fn(usize) -> f64) -> Vec<usize> {
-    let Some(first) = examples.first() else { return Vec::new() };
-    let differs = |feature: &usize| examples.iter().any(|one| one.key.bins()[*feature] != first.key.bins()[*feature]);
+    let Some(first) = examples.first() else {
+        return Vec::new();
+    };
+    let differs = |feature: &usize| {
+        examples
+            .iter()
+            .any(|one| one.key.bins()[*feature] != first.key.bins()[*feature])
+    };
     let mut features: Vec<usize> = (0..first.key.bins().len()).filter(differs).collect();
     if features.len() > MOST_FEATURES {
-        let mut ranked: Vec<(f64, usize)> = features.iter().map(|feature| (worth(*feature), *feature)).collect();
+        let mut ranked: Vec<(f64, usize)> = features
+            .iter()
+            .map(|feature| (worth(*feature), *feature))
+            .collect();
         ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
-        features = ranked.into_iter().take(MOST_FEATURES).map(|(_, feature)| feature).collect();
+        features = ranked
+            .into_iter()
+            .take(MOST_FEATURES)
+            .map(|(_, feature)| feature)
+            .collect();
         features.sort_unstable();
     }
     features
@@ -109,11 +150,20 @@ fn few<'a, 'e>(examples: &'a [&'e Example], features: usize) -> &'a [&'e Example
 fn pooled(examples: &[&Example], features: &[usize]) -> HashMap<Vec<u32>, Table> {
     let mut counts: HashMap<Vec<u32>, Vec<(u64, u64, u64)>> = HashMap::new();
     for example in examples {
-        counts.entry(part(&example.key, features)).or_default().extend(triples(&example.table));
+        counts
+            .entry(part(&example.key, features))
+            .or_default()
+            .extend(triples(&example.table));
     }
-    counts.into_iter().map(|(key, counts)| (key, Table::from_counts(counts))).collect()
+    counts
+        .into_iter()
+        .map(|(key, counts)| (key, Table::from_counts(counts)))
+        .collect()
 }
 
 fn part(key: &StateKey, features: &[usize]) -> Vec<u32> {
-    features.iter().map(|feature| key.bins()[*feature]).collect()
+    features
+        .iter()
+        .map(|feature| key.bins()[*feature])
+        .collect()
 }

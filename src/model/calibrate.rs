@@ -1,28 +1,41 @@
-//! From a network's mutual information to a probability: P(MI > t) = logistic(a + b ln(MI + 0.005)), fitted to what held-out counts say.
+//! From a network's mutual information to a probability: P(MI > t) = logistic(a + b
+//! ln(MI + 0.005)), fitted to what held-out counts say.
 //!
-//! The truth of a held-out state is unknown; its factor F = P(counts | MI > t) / P(counts | MI <= t) is what its counts say of it. The likelihood of all
-//! of them, sum ln(1 - P + P F), is made as large as possible by EM, with b >= 0 and a weak prior on it.
+//! The truth of a held-out state is unknown; its factor
+//! F = P(counts | MI > t) / P(counts | MI <= t) is what its counts say of it. The likelihood of all
+//! of them, sum ln(1 - P + P F), is made as large as possible by EM, with b >= 0 and a weak prior
+//! on it.
 
 use super::network::logistic;
 use crate::domain::Calibration;
 
-/// The prior of the slope, in units of the spread of ln MI: a normal distribution of variance 1 / this.
+/// The prior of the slope, in units of the spread of ln MI: a normal distribution of variance
+/// 1 / this.
 const RIDGE: f64 = 1.0;
-/// The prior of the intercept: one state more, of usual ln MI, that is above t with this probability. Without it, where no state is above t, certainty grows
-/// without bound.
+/// The prior of the intercept: one state more, of usual ln MI, that is above t with this
+/// probability. Without it, where no state is above t, certainty grows without bound.
 const PRIOR: f64 = 0.1;
 /// Rounds of EM, of Newton's steps in each, and the gain below which it is done.
 const ROUNDS: usize = 200;
 const STEPS: usize = 3;
 const DONE: f64 = 1e-6;
 
-/// Fits a calibration to states by their ln MI and their factors. Without states, or without any difference between them, nothing is called.
+/// Fits a calibration to states by their ln MI and their factors. Without states, or without any
+/// difference between them, nothing is called.
 pub fn calibrated(states: &[(f64, f64)]) -> Calibration {
     let n = states.len().max(1) as f64;
     let mean = states.iter().map(|(x, _)| x).sum::<f64>() / n;
-    let spread = (states.iter().map(|(x, _)| (x - mean).powi(2)).sum::<f64>() / n).sqrt().max(1e-9);
-    let scaled: Vec<(f64, f64)> = states.iter().map(|(x, factor)| ((x - mean) / spread, *factor)).collect();
-    let mut line = Line { intercept: -1.5, slope: 1.0 };
+    let spread = (states.iter().map(|(x, _)| (x - mean).powi(2)).sum::<f64>() / n)
+        .sqrt()
+        .max(1e-9);
+    let scaled: Vec<(f64, f64)> = states
+        .iter()
+        .map(|(x, factor)| ((x - mean) / spread, *factor))
+        .collect();
+    let mut line = Line {
+        intercept: -1.5,
+        slope: 1.0,
+    };
     let mut last = f64::NEG_INFINITY;
     for _ in 0..ROUNDS {
         line = line.improved(&scaled);
@@ -33,7 +46,10 @@ pub fn calibrated(states: &[(f64, f64)]) -> Calibration {
         last = now;
     }
     let slope = line.slope / spread;
-    Calibration { intercept: line.intercept - slope * mean, slope }
+    Calibration {
+        intercept: line.intercept - slope * mean,
+        slope,
+    }
 }
 
 #[derive(Clone, Copy)]
@@ -81,9 +97,14 @@ impl Line {
             bb += curvature * z * z;
         }
         let determinant = aa * bb - ab * ab;
-        let intercept = self.intercept + ((bb * by_intercept - ab * by_slope) / determinant).clamp(-1.0, 1.0);
-        let slope = self.slope + ((aa * by_slope - ab * by_intercept) / determinant).clamp(-1.0, 1.0);
-        Self { intercept: intercept.clamp(-30.0, 30.0), slope: slope.max(0.0) }
+        let intercept =
+            self.intercept + ((bb * by_intercept - ab * by_slope) / determinant).clamp(-1.0, 1.0);
+        let slope =
+            self.slope + ((aa * by_slope - ab * by_intercept) / determinant).clamp(-1.0, 1.0);
+        Self {
+            intercept: intercept.clamp(-30.0, 30.0),
+            slope: slope.max(0.0),
+        }
     }
 }
 
@@ -105,7 +126,10 @@ mod tests {
     fn probabilities_are_as_frequent_as_they_say() {
         let states = settled();
         let Calibration { intercept, slope } = calibrated(&states);
-        let expected: f64 = states.iter().map(|(x, _)| logistic(intercept + slope * x)).sum();
+        let expected: f64 = states
+            .iter()
+            .map(|(x, _)| logistic(intercept + slope * x))
+            .sum();
         let above = states.iter().filter(|(_, factor)| *factor > 1.0).count() as f64;
         assert!((expected - above).abs() < 1.0, "{expected} {above}");
         assert!(

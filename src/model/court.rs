@@ -1,4 +1,5 @@
-//! Who says what of the states that a network did not learn from: the network, its shuffled twin, and what needs no network.
+//! Who says what of the states that a network did not learn from: the network, its shuffled twin,
+//! and what needs no network.
 
 use ndarray::Array2;
 
@@ -13,13 +14,15 @@ use super::worth::Worth;
 use crate::domain::{Baseline, Calibration, ModelKind, Score, Training, Weighting};
 use crate::evidence::{Expected, factors};
 
-/// Draws of a state from which its evidence is a truth to be calibrated and judged by: of rarely seen states it says little but what all states have on
-/// average, and whoever says the same of every state would win.
+/// Draws of a state from which its evidence is a truth to be calibrated and judged by: of rarely
+/// seen states it says little but what all states have on average, and whoever says the same of
+/// every state would win.
 const ENOUGH: u64 = 8;
 
 /// What was said of one judged state by those who did not learn from it.
 pub struct Said {
-    /// Mutual information in nats by each judging member, or its ln odds where it predicts nothing else.
+    /// Mutual information in nats by each judging member, or its ln odds where it predicts nothing
+    /// else.
     numbers: Vec<f64>,
     /// What both agents do, by a joint network.
     joint: Option<Joint>,
@@ -36,13 +39,28 @@ pub struct Court<'a> {
 
 impl<'a> Court<'a> {
     /// Opens a court on states, each with the members that judge it.
-    pub fn new(dataset: &'a Dataset, training: Training, states: Vec<(usize, std::ops::Range<usize>)>) -> Self {
-        let most = states.iter().map(|(at, _)| dataset.examples[*at].table.total()).max().unwrap_or(0);
-        Self { dataset, training, enough: if most < ENOUGH { 0 } else { ENOUGH }, states }
+    pub fn new(
+        dataset: &'a Dataset,
+        training: Training,
+        states: Vec<(usize, std::ops::Range<usize>)>,
+    ) -> Self {
+        let most = states
+            .iter()
+            .map(|(at, _)| dataset.examples[*at].table.total())
+            .max()
+            .unwrap_or(0);
+        Self {
+            dataset,
+            training,
+            enough: if most < ENOUGH { 0 } else { ENOUGH },
+            states,
+        }
     }
 
     fn examples(&self) -> impl Iterator<Item = &'a Example> {
-        self.states.iter().map(|(at, _)| &self.dataset.examples[*at])
+        self.states
+            .iter()
+            .map(|(at, _)| &self.dataset.examples[*at])
     }
 
     fn weight(&self, example: &Example) -> f64 {
@@ -54,11 +72,20 @@ impl<'a> Court<'a> {
 
     /// Lets every state be told by the members that judge it.
     pub fn told(&self, ensemble: &Ensemble) -> Vec<Said> {
-        let mut said: Vec<Said> = self.states.iter().map(|_| Said { numbers: Vec::new(), joint: None }).collect();
+        let mut said: Vec<Said> = self
+            .states
+            .iter()
+            .map(|_| Said {
+                numbers: Vec::new(),
+                joint: None,
+            })
+            .collect();
         for (member, network) in ensemble.members.iter().enumerate() {
             let of = |at: &usize| self.states[*at].1.contains(&member);
             let judged: Vec<usize> = (0..self.states.len()).filter(of).collect();
-            let keys = judged.iter().map(|at| &self.dataset.examples[self.states[*at].0].key);
+            let keys = judged
+                .iter()
+                .map(|at| &self.dataset.examples[self.states[*at].0].key);
             self.hear(network, &ensemble.encoder.encode(keys), judged, &mut said);
         }
         said
@@ -84,33 +111,58 @@ impl<'a> Court<'a> {
         }
     }
 
-    /// Fits a joint network's calibration, to the states with enough draws and to no others; a direct one needs none.
+    /// Fits a joint network's calibration, to the states with enough draws and to no others; a
+    /// direct one needs none.
     pub fn calibration(&self, said: &[Said]) -> Calibration {
         if self.training.kind == ModelKind::Direct {
-            return Calibration { intercept: 0.0, slope: 1.0 };
+            return Calibration {
+                intercept: 0.0,
+                slope: 1.0,
+            };
         }
-        let often = self.examples().zip(said).filter(|(example, _)| example.table.total() >= ENOUGH);
+        let often = self
+            .examples()
+            .zip(said)
+            .filter(|(example, _)| example.table.total() >= ENOUGH);
         let (numbers, states): (Vec<f64>, Vec<Expected<'_>>) = often
             .filter_map(|(example, said)| {
                 let Joint { ego, response, .. } = said.joint.as_ref()?;
                 let response = response.as_slice().expect("it is made row by row");
-                Some((ln_information(mean(&said.numbers)), Expected { table: &example.table, ego, response }))
+                Some((
+                    ln_information(mean(&said.numbers)),
+                    Expected {
+                        table: &example.table,
+                        ego,
+                        response,
+                    },
+                ))
             })
             .unzip();
         let base = self.dataset.base(&self.dataset.examples);
-        let factors = factors(&states, self.dataset.alphabet, &base, self.dataset.threshold);
+        let factors = factors(
+            &states,
+            self.dataset.alphabet,
+            &base,
+            self.dataset.threshold,
+        );
         calibrated(&numbers.into_iter().zip(factors).collect::<Vec<_>>())
     }
 
-    /// Returns what a network says of a state on average: of all that were told, each once, however rarely it was seen.
+    /// Returns what a network says of a state on average: of all that were told, each once, however
+    /// rarely it was seen.
     pub fn base_rate(&self, said: &[Said], calibration: Calibration) -> Option<f64> {
-        let told: Vec<f64> = said.iter().map(|said| self.predicted(said, calibration)).collect();
+        let told: Vec<f64> = said
+            .iter()
+            .map(|said| self.predicted(said, calibration))
+            .collect();
         (!told.is_empty()).then(|| mean(&told))
     }
 
     /// Returns predictions beside the evidence of the states with enough draws.
     pub fn judged(&self, said: &[Said], calibration: Calibration) -> Vec<Judged> {
-        let judge = |(example, said): (&Example, &Said)| self.judge(example, self.predicted(said, calibration));
+        let judge = |(example, said): (&Example, &Said)| {
+            self.judge(example, self.predicted(said, calibration))
+        };
         self.examples().zip(said).filter_map(judge).collect()
     }
 
@@ -125,7 +177,11 @@ impl<'a> Court<'a> {
 
     /// Puts a prediction beside the evidence of a state, if that has enough draws.
     fn judge(&self, example: &Example, predicted: f64) -> Option<Judged> {
-        let judged = Judged { predicted, evidence: example.above, weight: self.weight(example) };
+        let judged = Judged {
+            predicted,
+            evidence: example.above,
+            weight: self.weight(example),
+        };
         (example.table.total() >= self.enough).then_some(judged)
     }
 
@@ -144,20 +200,33 @@ impl<'a> Court<'a> {
         (draws > 0).then(|| sum / draws as f64)
     }
 
-    /// Returns whether a network has found something: a joint one, if its dependence is worth more than chance; a direct one, if its squared error is
-    /// below that of the average, and of its shuffled twin where it has one, by more than chance.
+    /// Returns whether a network has found something: a joint one, if its dependence is worth more
+    /// than chance; a direct one, if its squared error is below that of the average, and of its
+    /// shuffled twin where it has one, by more than chance.
     pub fn has_found_something(&self, network: &[Said], twin: Option<&[Said]>) -> bool {
         if self.training.kind == ModelKind::Joint {
             let mut worth = Worth::default();
             for (example, said) in self.examples().zip(network) {
-                said.joint.iter().for_each(|joint| worth.add(&example.table, joint));
+                said.joint
+                    .iter()
+                    .for_each(|joint| worth.add(&example.table, joint));
             }
             return worth.is_more_than_chance();
         }
         let average = self.average(&(0..self.dataset.examples.len()).collect::<Vec<_>>());
-        let told = |said: &Said| mean(&said.numbers.iter().copied().map(logistic).collect::<Vec<_>>());
+        let told = |said: &Said| {
+            mean(
+                &said
+                    .numbers
+                    .iter()
+                    .copied()
+                    .map(logistic)
+                    .collect::<Vec<_>>(),
+            )
+        };
         self.errs_less(network.iter().map(told), network.iter().map(|_| average))
-            && twin.is_none_or(|twin| self.errs_less(network.iter().map(told), twin.iter().map(told)))
+            && twin
+                .is_none_or(|twin| self.errs_less(network.iter().map(told), twin.iter().map(told)))
     }
 
     /// Returns whether the squared errors of one are below those of another by more than chance.
@@ -166,7 +235,13 @@ impl<'a> Court<'a> {
             let error = |q: f64| example.above * (1.0 - q).powi(2) + (1.0 - example.above) * q * q;
             self.weight(example) * (error(other) - error(one))
         };
-        is_above_zero(&self.examples().zip(one.zip(other)).map(difference).collect::<Vec<_>>())
+        is_above_zero(
+            &self
+                .examples()
+                .zip(one.zip(other))
+                .map(difference)
+                .collect::<Vec<_>>(),
+        )
     }
 
     /// Scores what needs no network; each learns from the parts that a state is not in.
@@ -185,7 +260,9 @@ impl<'a> Court<'a> {
             if here.is_empty() {
                 continue;
             }
-            let learned: Vec<usize> = (0..self.dataset.examples.len()).filter(|at| fold(*at) != part).collect();
+            let learned: Vec<usize> = (0..self.dataset.examples.len())
+                .filter(|at| fold(*at) != part)
+                .collect();
             let average = self.average(&learned);
             let back_off = BackOff::new(self.dataset, &learned);
             for example in here {
@@ -202,7 +279,10 @@ impl<'a> Court<'a> {
         let [average, back_off] = sums.map(|sum| self.per_draw(sum).filter(|_| joint));
         let [all, majority, coarser] = &judged;
         // The average of the other parts is low where that of the own is high: that is no ranking.
-        let unranked = |name: &str| Score { auroc: None, ..score(name, majority, average) };
+        let unranked = |name: &str| Score {
+            auroc: None,
+            ..score(name, majority, average)
+        };
         vec![
             score(Baseline::AllPositive.as_str(), all, None),
             unranked(Baseline::Majority.as_str()),
@@ -215,7 +295,10 @@ impl<'a> Court<'a> {
     fn average(&self, learned: &[usize]) -> f64 {
         let examples = || learned.iter().map(|at| &self.dataset.examples[*at]);
         let total: f64 = examples().map(|example| self.weight(example)).sum();
-        examples().map(|example| self.weight(example) * example.above).sum::<f64>() / total.max(f64::MIN_POSITIVE)
+        examples()
+            .map(|example| self.weight(example) * example.above)
+            .sum::<f64>()
+            / total.max(f64::MIN_POSITIVE)
     }
 }
 
@@ -223,7 +306,11 @@ impl<'a> Court<'a> {
 fn is_above_zero(differences: &[f64]) -> bool {
     let n = differences.len() as f64;
     let mean = mean(differences);
-    let variance = differences.iter().map(|difference| (difference - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
+    let variance = differences
+        .iter()
+        .map(|difference| (difference - mean).powi(2))
+        .sum::<f64>()
+        / (n - 1.0).max(1.0);
     mean > 3.0 * (variance / n.max(1.0)).sqrt()
 }
 

@@ -1,4 +1,5 @@
-//! What a network learns from and is judged by: for each state its table of independent draws, and what the evidence says of it.
+//! What a network learns from and is judged by: for each state its table of independent draws, and
+//! what the evidence says of it.
 
 use std::sync::Arc;
 
@@ -48,15 +49,22 @@ pub struct Example {
 }
 
 impl Dataset {
-    /// Reads the states of an environment as they are now, and asks the evidence about them; `None` where the alphabets are too large for it.
+    /// Reads the states of an environment as they are now, and asks the evidence about them; `None`
+    /// where the alphabets are too large for it.
     pub async fn read(
         store: &dyn Store,
         fits: &Fits,
         environment: &Environment,
         pair: &Pair,
     ) -> Result<Option<Self>, Problem> {
-        let Some(fitted) = fits.fit(environment, pair).await? else { return Ok(None) };
-        let revision = store.totals(environment.id).await.map_err(logged)?.transitions;
+        let Some(fitted) = fits.fit(environment, pair).await? else {
+            return Ok(None);
+        };
+        let revision = store
+            .totals(environment.id)
+            .await
+            .map_err(logged)?
+            .transitions;
         let dataset = Self {
             schema_hash: environment.schema.hash().to_string(),
             alphabet: pair.alphabet(&environment.schema),
@@ -69,28 +77,50 @@ impl Dataset {
         let mut sample = Sample::default();
         let mut pages = Pages::new(store, environment.id);
         while let Some(page) = pages.next().await.map_err(logged)? {
-            let wanted = page.into_iter().filter(|scanned| sample.wants(&scanned.key));
+            let wanted = page
+                .into_iter()
+                .filter(|scanned| sample.wants(&scanned.key));
             let drawn = wanted.map(|scanned| {
                 let cells = scanned.counts.cells().iter();
                 let tables = Tables::new(&environment.schema, pair, cells.clone());
-                let draws = tables.evidence(&environment.schema, pair, Within::Auto, cells).into_owned();
+                let draws = tables
+                    .evidence(&environment.schema, pair, Within::Auto, cells)
+                    .into_owned();
                 (scanned.key, draws)
             });
-            // Page by page, since a state may have hundreds of parts: what is kept of it is one table.
+            // Page by page, since a state may have hundreds of parts: what is kept of it is one
+            // table.
             let (drawn, weighing) = (drawn.collect(), dataset.clone());
             let weighed = beside(move || in_spare_time(|| weighing.weighed(drawn))).await?;
-            weighed.into_iter().for_each(|example| sample.add(example.key.clone(), example, 1));
+            weighed
+                .into_iter()
+                .for_each(|example| sample.add(example.key.clone(), example, 1));
         }
-        let examples = sample.sorted().into_iter().map(|(_, example)| example).collect();
-        Ok(Some(Self { examples, ..dataset }))
+        let examples = sample
+            .sorted()
+            .into_iter()
+            .map(|(_, example)| example)
+            .collect();
+        Ok(Some(Self {
+            examples,
+            ..dataset
+        }))
     }
 
     /// Asks the evidence about states, whose draws have the prior's rows.
     fn weighed(&self, states: Vec<(StateKey, Draws<'static>)>) -> Vec<Example> {
         let example = |(key, draws): (StateKey, Draws<'static>)| {
             let table = draws.slices.first()?;
-            let table = if self.ego == Ego::Rows { table.clone() } else { table.transposed() };
-            (table.total() > 0).then(|| Example { above: self.given(draws.counted()), key, table })
+            let table = if self.ego == Ego::Rows {
+                table.clone()
+            } else {
+                table.transposed()
+            };
+            (table.total() > 0).then(|| Example {
+                above: self.given(draws.counted()),
+                key,
+                table,
+            })
         };
         states.into_par_iter().filter_map(example).collect()
     }
@@ -98,27 +128,41 @@ impl Dataset {
     /// Returns the overall distribution of the other's actions in some states.
     pub fn base<'a>(&self, examples: impl IntoIterator<Item = &'a Example>) -> Base {
         let mut counts = vec![0; self.alphabet.columns as usize];
-        examples.into_iter().flat_map(|example| triples(&example.table)).for_each(|(_, j, n)| counts[j as usize] += n);
+        examples
+            .into_iter()
+            .flat_map(|example| triples(&example.table))
+            .for_each(|(_, j, n)| counts[j as usize] += n);
         Base::new(&counts)
     }
 
     /// Returns P(MI > threshold) given a table whose rows are the ego's actions.
     pub fn above(&self, table: &Table) -> f64 {
         let above = |draws: &Table| self.given(std::slice::from_ref(draws).into());
-        if self.ego == Ego::Rows { above(table) } else { above(&table.transposed()) }
+        if self.ego == Ego::Rows {
+            above(table)
+        } else {
+            above(&table.transposed())
+        }
     }
 
     /// Returns the same of a state's draws, whose rows are the prior's.
     fn given(&self, counted: Counted<'_>) -> f64 {
         let prior = &self.fitted.prior;
-        prior.posterior(prior.habits(), counted).above(self.threshold)
+        prior
+            .posterior(prior.habits(), counted)
+            .above(self.threshold)
     }
 
-    /// Returns the same with the other's actions shuffled within each state: every habit stays, and nothing depends on anything.
+    /// Returns the same with the other's actions shuffled within each state: every habit stays, and
+    /// nothing depends on anything.
     pub fn shuffled(&self, seed: u64) -> Self {
         let shuffle = |Example { key, table, .. }: &Example| {
             let table = shuffled(table, &mut random(key, seed));
-            Example { above: self.above(&table), key: key.clone(), table }
+            Example {
+                above: self.above(&table),
+                key: key.clone(),
+                table,
+            }
         };
         Self {
             examples: self.examples.par_iter().map(shuffle).collect(),
@@ -128,14 +172,18 @@ impl Dataset {
         }
     }
 
-    /// Returns which of the parts a state belongs to: by its key and the seed alone, so that all visits of a state are in one.
+    /// Returns which of the parts a state belongs to: by its key and the seed alone, so that all
+    /// visits of a state are in one.
     pub fn fold(key: &StateKey, folds: usize, seed: u64) -> usize {
         random(key, !seed).random_range(0..folds)
     }
 
     /// Returns how often the states were drawn.
     pub fn draws(&self) -> u64 {
-        self.examples.iter().map(|example| example.table.total()).sum()
+        self.examples
+            .iter()
+            .map(|example| example.table.total())
+            .sum()
     }
 
     /// Returns which fit of the prior it is.
@@ -156,21 +204,31 @@ pub fn cells(table: &Table) -> impl Iterator<Item = (usize, usize, f64)> {
 /// Returns the cells of a table as it is built of.
 pub fn triples(table: &Table) -> impl Iterator<Item = (u64, u64, u64)> {
     let label = |labels: &[u64], at: u32| labels[at as usize];
-    table
-        .cells()
-        .iter()
-        .map(move |cell| (label(table.row_labels(), cell.row), label(table.column_labels(), cell.column), cell.n))
+    table.cells().iter().map(move |cell| {
+        (
+            label(table.row_labels(), cell.row),
+            label(table.column_labels(), cell.column),
+            cell.n,
+        )
+    })
 }
 
-/// Draws of a state that are shuffled one by one; more are scaled down first: a table of so many draws tells nothing new.
+/// Draws of a state that are shuffled one by one; more are scaled down first: a table of so many
+/// draws tells nothing new.
 const MOST_SHUFFLED: u64 = 1 << 16;
 
 fn shuffled(table: &Table, random: &mut Pcg64) -> Table {
     let share = table.total().div_ceil(MOST_SHUFFLED).max(1);
-    let each = |(row, column, n): (u64, u64, u64)| std::iter::repeat_n((row, column), n.div_ceil(share) as usize);
+    let each = |(row, column, n): (u64, u64, u64)| {
+        std::iter::repeat_n((row, column), n.div_ceil(share) as usize)
+    };
     let (rows, mut columns): (Vec<u64>, Vec<u64>) = triples(table).flat_map(each).unzip();
     columns.shuffle(random);
-    Table::from_counts(rows.into_iter().zip(columns).map(|(row, column)| (row, column, share)))
+    Table::from_counts(
+        rows.into_iter()
+            .zip(columns)
+            .map(|(row, column)| (row, column, share)),
+    )
 }
 
 #[cfg(test)]
@@ -181,7 +239,10 @@ mod tests {
     fn shuffling_keeps_every_habit() {
         let table = Table::from_counts([(0, 0, 30), (1, 1, 20), (2, 0, 10)]);
         let shuffled = shuffled(&table, &mut Pcg64::seed_from_u64(1));
-        assert_eq!((shuffled.rows(), shuffled.columns()), (table.rows(), table.columns()));
+        assert_eq!(
+            (shuffled.rows(), shuffled.columns()),
+            (table.rows(), table.columns())
+        );
         assert_ne!(shuffled, table);
     }
 
@@ -189,6 +250,9 @@ mod tests {
     fn folds_are_of_about_the_same_size() {
         let mut sizes = [0; 5];
         (0..5_000).for_each(|bin| sizes[Dataset::fold(&StateKey::new(&[bin]), 5, 7)] += 1);
-        assert!(sizes.iter().all(|size| (900..1_100).contains(size)), "{sizes:?}");
+        assert!(
+            sizes.iter().all(|size| (900..1_100).contains(size)),
+            "{sizes:?}"
+        );
     }
 }

@@ -1,4 +1,5 @@
-//! A network as a file: safetensors, with the names and the layout that PyTorch's `state_dict` gives a list of modules.
+//! A network as a file: safetensors, with the names and the layout that PyTorch's `state_dict`
+//! gives a list of modules.
 //!
 //! | tensor | shape |
 //! |---|---|
@@ -8,12 +9,15 @@
 //! | `members.0.interaction.weight`, `.bias` | `[R K, width]`, `[R K]` (joint; row i K + j is D_ij) |
 //! | `members.0.influence.weight`, `.bias` | `[1, width]`, `[1]` (direct) |
 //!
-//! What the numbers cannot say stands in the file's metadata, text by text: `format` (`nudge/1`), `kind`, `ego`, `other`, `schema_hash`, `threshold`
-//! (nats), `scales` (JSON: for each feature `null`, or the mean and the deviation that its value is standardised by), `card` (the form of `text`; absent,
-//! empty or `{}` in files of other tools), and, absent from files of earlier builds and of other tools, `seen` (JSON: for each feature the bins that the
-//! states of the training had, as runs `[first, last]` in order).
+//! What the numbers cannot say stands in the file's metadata, text by text: `format` (`nudge/1`),
+//! `kind`, `ego`, `other`, `schema_hash`, `threshold` (nats), `scales` (JSON: for each feature
+//! `null`, or the mean and the deviation that its value is standardised by), `card` (the form of
+//! `text`; absent, empty or `{}` in files of other tools), and, absent from files of earlier builds
+//! and of other tools, `seen` (JSON: for each feature the bins that the states of the training had,
+//! as runs `[first, last]` in order).
 //!
-//! The card belongs to what the network says: a probability is made by its calibration. A file that is imported brings it along.
+//! The card belongs to what the network says: a probability is made by its calibration. A file that
+//! is imported brings it along.
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::fmt::Display;
@@ -65,8 +69,12 @@ pub struct Content {
 /// Writes a file; the card is JSON.
 pub fn write(environment: &Environment, content: &Content, card: &str) -> Vec<u8> {
     let agent = |at: usize| environment.schema.agents()[at].name.to_string();
-    let scales: Vec<Option<ScaleText>> =
-        content.encoder.scales().into_iter().map(|scale| scale.map(of_scale)).collect();
+    let scales: Vec<Option<ScaleText>> = content
+        .encoder
+        .scales()
+        .into_iter()
+        .map(|scale| scale.map(of_scale))
+        .collect();
     let scales = serde_json::to_string(&scales).expect("numbers are finite");
     let metadata = [
         ("format", FORMAT.to_owned()),
@@ -80,27 +88,39 @@ pub fn write(environment: &Environment, content: &Content, card: &str) -> Vec<u8
     ];
     let mut metadata = BTreeMap::from(metadata);
     if let Some(seen) = &content.seen {
-        metadata.insert(SEEN, serde_json::to_string(seen.runs()).expect("lists of numbers"));
+        metadata.insert(
+            SEEN,
+            serde_json::to_string(seen.runs()).expect("lists of numbers"),
+        );
     }
-    let tensors: Vec<Tensor> =
-        (0..).zip(&content.members).flat_map(|(at, member)| tensors(at, content.kind, member)).collect();
+    let tensors: Vec<Tensor> = (0..)
+        .zip(&content.members)
+        .flat_map(|(at, member)| tensors(at, content.kind, member))
+        .collect();
     let views = tensors.iter().map(|tensor| {
-        let view =
-            TensorView::new(Dtype::F32, tensor.shape.clone(), &tensor.bytes).expect("as many bytes as the shape says");
+        let view = TensorView::new(Dtype::F32, tensor.shape.clone(), &tensor.bytes)
+            .expect("as many bytes as the shape says");
         (tensor.name.as_str(), view)
     });
     let file = serialize(views, None).expect("names differ, and sizes fit");
     with_metadata(&file, &metadata)
 }
 
-/// Puts metadata at the head of a file that has none, in the order of their names: the library's own differ in order from run to run.
+/// Puts metadata at the head of a file that has none, in the order of their names: the library's
+/// own differ in order from run to run.
 fn with_metadata(file: &[u8], metadata: &BTreeMap<&str, String>) -> Vec<u8> {
-    let (size, rest) = file.split_first_chunk::<SIZE>().expect("a file begins with the size of its header");
+    let (size, rest) = file
+        .split_first_chunk::<SIZE>()
+        .expect("a file begins with the size of its header");
     let (header, numbers) = rest.split_at(u64::from_le_bytes(*size) as usize);
     let tensors = header.strip_prefix(b"{").expect("a header is an object");
 
     let metadata = serde_json::to_string(metadata).expect("texts can always be written");
-    let mut header = [format!("{{\"__metadata__\":{metadata},").as_bytes(), tensors].concat();
+    let mut header = [
+        format!("{{\"__metadata__\":{metadata},").as_bytes(),
+        tensors,
+    ]
+    .concat();
     header.resize(header.len().next_multiple_of(SIZE), b' ');
     [&(header.len() as u64).to_le_bytes(), &header[..], numbers].concat()
 }
@@ -131,15 +151,35 @@ struct Tensor {
 
 fn tensors(at: usize, kind: ModelKind, member: &Member) -> Vec<Tensor> {
     // The alphabet only says how large the heads are, which they know themselves.
-    let names = heads(kind, crate::information::Alphabet { rows: 0, columns: 0 }).into_iter().map(|(name, _)| name);
-    let layers = std::iter::once("trunk").chain(names).zip(std::iter::once(&member.trunk).chain(&member.heads));
+    let names = heads(
+        kind,
+        crate::information::Alphabet {
+            rows: 0,
+            columns: 0,
+        },
+    )
+    .into_iter()
+    .map(|(name, _)| name);
+    let layers = std::iter::once("trunk")
+        .chain(names)
+        .zip(std::iter::once(&member.trunk).chain(&member.heads));
     let both = |(name, layer): (&str, &Layer)| {
-        let bytes = |numbers: &mut dyn Iterator<Item = &f32>| numbers.flat_map(|number| number.to_le_bytes()).collect();
+        let bytes = |numbers: &mut dyn Iterator<Item = &f32>| {
+            numbers.flat_map(|number| number.to_le_bytes()).collect()
+        };
         let (inputs, outputs) = layer.shape();
         let name = |part: &str| format!("members.{at}.{name}.{part}");
         [
-            Tensor { name: name("weight"), shape: vec![outputs, inputs], bytes: bytes(&mut layer.weight.iter()) },
-            Tensor { name: name("bias"), shape: vec![outputs], bytes: bytes(&mut layer.bias.iter()) },
+            Tensor {
+                name: name("weight"),
+                shape: vec![outputs, inputs],
+                bytes: bytes(&mut layer.weight.iter()),
+            },
+            Tensor {
+                name: name("bias"),
+                shape: vec![outputs],
+                bytes: bytes(&mut layer.bias.iter()),
+            },
         ]
     };
     layers.flat_map(both).collect()
@@ -151,48 +191,100 @@ pub fn read(environment: &Environment, bytes: &[u8]) -> Result<Content, Problem>
 }
 
 /// Reads a file that is brought from elsewhere, with the card that an export writes into it.
-pub fn imported(environment: &Environment, bytes: &[u8]) -> Result<(Content, Option<Card>), Problem> {
+pub fn imported(
+    environment: &Environment,
+    bytes: &[u8],
+) -> Result<(Content, Option<Card>), Problem> {
     let content = read(environment, bytes)?;
     let (_, header) = SafeTensors::read_metadata(bytes).expect("it was read before");
-    let told = header.metadata().as_ref().and_then(|metadata| metadata.get(CARD));
-    let card = told.filter(|text| !matches!(text.trim(), "" | "{}")).map(|text| card_of(&content, text));
-    let card = card.transpose().map_err(|detail| Problem::invalid("network", vec![fault(CARD, detail)]))?;
+    let told = header
+        .metadata()
+        .as_ref()
+        .and_then(|metadata| metadata.get(CARD));
+    let card = told
+        .filter(|text| !matches!(text.trim(), "" | "{}"))
+        .map(|text| card_of(&content, text));
+    let card = card
+        .transpose()
+        .map_err(|detail| Problem::invalid("network", vec![fault(CARD, detail)]))?;
     Ok((content, card))
 }
 
 /// Reads a card, which has to be that of its network. The text is not repeated: it is long.
 fn card_of(content: &Content, text: &str) -> Result<Card, String> {
-    const WITHOUT: &str = "take it as an export wrote it, or leave it out to have the network calibrated here";
+    const WITHOUT: &str =
+        "take it as an export wrote it, or leave it out to have the network calibrated here";
     let card = text::card(text).map_err(|why| format!("cannot be read: {why}; {WITHOUT}"))?;
-    let width = content.members.first().map_or(0, |member| member.trunk.shape().1);
+    let width = content
+        .members
+        .first()
+        .map_or(0, |member| member.trunk.shape().1);
     let network = (content.kind.as_str(), content.members.len(), width);
-    let told = (card.training.kind.as_str(), card.training.members, card.training.width);
+    let told = (
+        card.training.kind.as_str(),
+        card.training.members,
+        card.training.width,
+    );
     if told != network {
-        return Err(format!("is of a network {told:?}, expected {network:?} (kind, members, width); {WITHOUT}"));
+        return Err(format!(
+            "is of a network {told:?}, expected {network:?} (kind, members, width); {WITHOUT}"
+        ));
     }
-    let fewest = if card.is_split_known() { card.training.members } else { 0 }.max(Training::FEWEST_FOLDS);
+    let fewest = if card.is_split_known() {
+        card.training.members
+    } else {
+        0
+    }
+    .max(Training::FEWEST_FOLDS);
     if !(fewest..=Training::MOST_FOLDS).contains(&card.training.folds) {
         let (folds, most) = (card.training.folds, Training::MOST_FOLDS);
-        return Err(format!("got {folds} folds, expected {fewest} to {most}; {WITHOUT}"));
+        return Err(format!(
+            "got {folds} folds, expected {fewest} to {most}; {WITHOUT}"
+        ));
     }
     if !is_same_threshold(card.threshold, content.threshold) {
         let (told, expected) = (card.threshold, content.threshold);
-        return Err(format!("is of a threshold of {told} nats, expected {expected}; {WITHOUT}"));
+        return Err(format!(
+            "is of a threshold of {told} nats, expected {expected}; {WITHOUT}"
+        ));
     }
     Ok(card)
 }
 
 fn parse(environment: &Environment, bytes: &[u8]) -> Result<Content, Vec<Fault>> {
-    let unreadable = |error: &dyn Display| vec![Fault::new("", format!("is no safetensors file: {error}"))];
+    let unreadable =
+        |error: &dyn Display| vec![Fault::new("", format!("is no safetensors file: {error}"))];
     if bytes.len() > MOST_BYTES {
-        return Err(vec![Fault::new("", format!("got {} bytes, expected at most {MOST_BYTES}", bytes.len()))]);
+        return Err(vec![Fault::new(
+            "",
+            format!("got {} bytes, expected at most {MOST_BYTES}", bytes.len()),
+        )]);
     }
     let (_, header) = SafeTensors::read_metadata(bytes).map_err(|error| unreadable(&error))?;
     let tensors = SafeTensors::deserialize(bytes).map_err(|error| unreadable(&error))?;
     let metadata = Metadata(header.metadata().clone().unwrap_or_default());
-    let Told { kind, pair, threshold, encoder, seen } = metadata.checked(environment)?;
-    let shapes = Shapes { tensors: &tensors, kind, pair: &pair, inputs: encoder.width(), environment };
-    Ok(Content { members: shapes.members()?, kind, pair, threshold, encoder, seen })
+    let Told {
+        kind,
+        pair,
+        threshold,
+        encoder,
+        seen,
+    } = metadata.checked(environment)?;
+    let shapes = Shapes {
+        tensors: &tensors,
+        kind,
+        pair: &pair,
+        inputs: encoder.width(),
+        environment,
+    };
+    Ok(Content {
+        members: shapes.members()?,
+        kind,
+        pair,
+        threshold,
+        encoder,
+        seen,
+    })
 }
 
 /// What a file says beside its numbers.
@@ -224,12 +316,20 @@ impl Metadata {
         };
         let pair = agent("ego").zip(agent("other"));
         if pair.is_some_and(|(ego, other)| ego == other) {
-            faults.push(fault("other", "is the ego too; expected another agent".into()));
+            faults.push(fault(
+                "other",
+                "is the ego too; expected another agent".into(),
+            ));
         }
-        let threshold = self.text("threshold", &mut faults).and_then(|text| text.parse::<f64>().ok());
+        let threshold = self
+            .text("threshold", &mut faults)
+            .and_then(|text| text.parse::<f64>().ok());
         let threshold = threshold.filter(|nats| nats.is_finite() && *nats >= 0.0);
         if threshold.is_none() {
-            faults.push(fault("threshold", "expected a number of nats, at least 0".into()));
+            faults.push(fault(
+                "threshold",
+                "expected a number of nats, at least 0".into(),
+            ));
         }
         let scales = self.text("scales", &mut faults).and_then(scales);
         let encoder = scales.and_then(|scales| Encoder::with_scales(schema, scales));
@@ -239,8 +339,20 @@ impl Metadata {
         }
         let seen = self.seen(schema, &mut faults);
         match (kind, pair, threshold, encoder) {
-            (Some(kind), Some((ego, other)), Some(threshold), Some(encoder)) if faults.is_empty() => {
-                Ok(Told { kind, pair: Pair { ego, other, given: Vec::new() }, threshold, encoder, seen })
+            (Some(kind), Some((ego, other)), Some(threshold), Some(encoder))
+                if faults.is_empty() =>
+            {
+                Ok(Told {
+                    kind,
+                    pair: Pair {
+                        ego,
+                        other,
+                        given: Vec::new(),
+                    },
+                    threshold,
+                    encoder,
+                    seen,
+                })
             }
             _ => Err(faults),
         }
@@ -274,7 +386,9 @@ impl Metadata {
 
     fn parsed<T: FromStr<Err = String>>(&self, name: &str, faults: &mut Vec<Fault>) -> Option<T> {
         let text = self.text(name, faults)?;
-        text.parse().map_err(|detail| faults.push(fault(name, detail))).ok()
+        text.parse()
+            .map_err(|detail| faults.push(fault(name, detail)))
+            .ok()
     }
 }
 
@@ -294,8 +408,13 @@ struct Shapes<'a> {
 impl Shapes<'_> {
     fn members(&self) -> Result<Vec<Member>, Vec<Fault>> {
         let most = crate::domain::Training::MOST_MEMBERS;
-        let members =
-            (0..=most).take_while(|at| self.tensors.tensor(&format!("members.{at}.trunk.weight")).is_ok()).count();
+        let members = (0..=most)
+            .take_while(|at| {
+                self.tensors
+                    .tensor(&format!("members.{at}.trunk.weight"))
+                    .is_ok()
+            })
+            .count();
         if !(1..=most).contains(&members) {
             return Err(vec![Fault::new(
                 "/members.0.trunk.weight",
@@ -303,11 +422,23 @@ impl Shapes<'_> {
             )]);
         }
         let mut faults = Vec::new();
-        let found: Vec<Member> = (0..members).filter_map(|at| self.member(at, &mut faults)).collect();
+        let found: Vec<Member> = (0..members)
+            .filter_map(|at| self.member(at, &mut faults))
+            .collect();
         let expected = self.expected(members);
-        let named = self.tensors.names().into_iter().filter(|name| !expected.contains(*name));
-        faults.extend(named.map(|name| Fault::new(format!("/{name}"), "is no tensor of such a network")));
-        if faults.is_empty() { Ok(found) } else { Err(faults) }
+        let named = self
+            .tensors
+            .names()
+            .into_iter()
+            .filter(|name| !expected.contains(*name));
+        faults.extend(
+            named.map(|name| Fault::new(format!("/{name}"), "is no tensor of such a network")),
+        );
+        if faults.is_empty() {
+            Ok(found)
+        } else {
+            Err(faults)
+        }
     }
 
     fn heads(&self) -> Vec<(&'static str, usize)> {
@@ -316,15 +447,26 @@ impl Shapes<'_> {
 
     /// Returns the names of all tensors of so many members.
     fn expected(&self, members: usize) -> HashSet<String> {
-        let layers: Vec<&str> =
-            std::iter::once("trunk").chain(self.heads().into_iter().map(|(head, _)| head)).collect();
-        let of_layer = |at: usize, layer: &str| ["weight", "bias"].map(|part| format!("members.{at}.{layer}.{part}"));
-        (0..members).flat_map(|at| layers.iter().flat_map(move |layer| of_layer(at, layer))).collect()
+        let layers: Vec<&str> = std::iter::once("trunk")
+            .chain(self.heads().into_iter().map(|(head, _)| head))
+            .collect();
+        let of_layer = |at: usize, layer: &str| {
+            ["weight", "bias"].map(|part| format!("members.{at}.{layer}.{part}"))
+        };
+        (0..members)
+            .flat_map(|at| layers.iter().flat_map(move |layer| of_layer(at, layer)))
+            .collect()
     }
 
     fn member(&self, at: usize, faults: &mut Vec<Fault>) -> Option<Member> {
-        let width =
-            self.tensors.tensor(&format!("members.{at}.trunk.weight")).ok()?.shape().first().copied().unwrap_or(0);
+        let width = self
+            .tensors
+            .tensor(&format!("members.{at}.trunk.weight"))
+            .ok()?
+            .shape()
+            .first()
+            .copied()
+            .unwrap_or(0);
         if !(1..=Training::MOST_WIDTH).contains(&width) {
             let expected = Training::MOST_WIDTH;
             faults.push(Fault::new(
@@ -334,31 +476,65 @@ impl Shapes<'_> {
             return None;
         }
         let trunk = self.layer(at, "trunk", [width, self.inputs], faults);
-        let heads: Vec<Option<Layer>> =
-            self.heads().into_iter().map(|(name, outputs)| self.layer(at, name, [outputs, width], faults)).collect();
-        Some(Member { trunk: trunk?, heads: heads.into_iter().collect::<Option<_>>()? })
+        let heads: Vec<Option<Layer>> = self
+            .heads()
+            .into_iter()
+            .map(|(name, outputs)| self.layer(at, name, [outputs, width], faults))
+            .collect();
+        Some(Member {
+            trunk: trunk?,
+            heads: heads.into_iter().collect::<Option<_>>()?,
+        })
     }
 
-    fn layer(&self, at: usize, name: &str, [outputs, inputs]: [usize; 2], faults: &mut Vec<Fault>) -> Option<Layer> {
+    fn layer(
+        &self,
+        at: usize,
+        name: &str,
+        [outputs, inputs]: [usize; 2],
+        faults: &mut Vec<Fault>,
+    ) -> Option<Layer> {
         let mut numbers = |part: &str, shape: &[usize]| {
             let name = format!("members.{at}.{name}.{part}");
-            self.numbers(&name, shape).map_err(|detail| faults.push(Fault::new(format!("/{name}"), detail))).ok()
+            self.numbers(&name, shape)
+                .map_err(|detail| faults.push(Fault::new(format!("/{name}"), detail)))
+                .ok()
         };
         let weight = numbers("weight", &[outputs, inputs]);
         let bias = numbers("bias", &[outputs]);
         let weight = Array2::from_shape_vec((outputs, inputs), weight?).ok()?;
-        Some(Layer { weight, bias: Array1::from_vec(bias?) })
+        Some(Layer {
+            weight,
+            bias: Array1::from_vec(bias?),
+        })
     }
 
     fn numbers(&self, name: &str, shape: &[usize]) -> Result<Vec<f32>, String> {
-        let tensor = self.tensors.tensor(name).map_err(|_| "is missing".to_owned())?;
+        let tensor = self
+            .tensors
+            .tensor(name)
+            .map_err(|_| "is missing".to_owned())?;
         if tensor.dtype() != Dtype::F32 || tensor.shape() != shape {
-            return Err(format!("got {:?} {:?}, expected F32 {shape:?}", tensor.dtype(), tensor.shape()));
+            return Err(format!(
+                "got {:?} {:?}, expected F32 {shape:?}",
+                tensor.dtype(),
+                tensor.shape()
+            ));
         }
-        let numbers: Vec<f32> =
-            tensor.data().as_chunks::<4>().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect();
-        match numbers.iter().find(|number| number.is_nan() || number.abs() > LARGEST) {
-            Some(number) => Err(format!("has the number {number}, expected none beyond {LARGEST}")),
+        let numbers: Vec<f32> = tensor
+            .data()
+            .as_chunks::<4>()
+            .0
+            .iter()
+            .map(|bytes| f32::from_le_bytes(*bytes))
+            .collect();
+        match numbers
+            .iter()
+            .find(|number| number.is_nan() || number.abs() > LARGEST)
+        {
+            Some(number) => Err(format!(
+                "has the number {number}, expected none beyond {LARGEST}"
+            )),
             None => Ok(numbers),
         }
     }

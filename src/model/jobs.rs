@@ -1,4 +1,5 @@
-//! Trainings that were asked for: one at a time, in the order of asking, each told about while it goes on and ended when somebody says so.
+//! Trainings that were asked for: one at a time, in the order of asking, each told about while it
+//! goes on and ended when somebody says so.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
@@ -24,7 +25,8 @@ pub struct Jobs {
     changed: Arc<Notify>,
 }
 
-/// The share from which the time that is left is told: before it, one step more or less makes it another.
+/// The share from which the time that is left is told: before it, one step more or less makes it
+/// another.
 const TELLING: f64 = 0.05;
 
 struct Entry {
@@ -32,18 +34,26 @@ struct Entry {
     /// The environment's name.
     name: String,
     job: Job,
-    /// When it had done something for the first time, and which share that was: until then it reads and fits, at another pace.
+    /// When it had done something for the first time, and which share that was: until then it reads
+    /// and fits, at another pace.
     began: Option<(Instant, f64)>,
     end: CancellationToken,
 }
 
 impl Entry {
-    /// Returns the job with what is known only beside the others: those before it that are not over yet.
+    /// Returns the job with what is known only beside the others: those before it that are not over
+    /// yet.
     fn told(&self, before: &[Entry]) -> Job {
         let job = self.job.clone();
         match job.state {
-            JobState::Queued => waiting(job, before.iter().filter(|entry| !entry.job.state.is_over())),
-            JobState::Running => Job { seconds_left: self.seconds_left(), ..job },
+            JobState::Queued => waiting(
+                job,
+                before.iter().filter(|entry| !entry.job.state.is_over()),
+            ),
+            JobState::Running => Job {
+                seconds_left: self.seconds_left(),
+                ..job
+            },
             _ => job,
         }
     }
@@ -59,7 +69,9 @@ impl Entry {
 
 /// Returns a job that waits, with what it waits for.
 fn waiting<'e>(job: Job, mut before: impl Iterator<Item = &'e Entry>) -> Job {
-    let Some(first) = before.next() else { return job };
+    let Some(first) = before.next() else {
+        return job;
+    };
     let (id, name) = (first.job.id, &first.name);
     let far = match first.job.state {
         JobState::Running if first.job.progress >= 0.01 => {
@@ -68,35 +80,84 @@ fn waiting<'e>(job: Job, mut before: impl Iterator<Item = &'e Entry>) -> Job {
         _ => String::new(),
     };
     let more = before.count() as u64;
-    let others = if more == 0 { String::new() } else { format!(", and for {more} more") };
-    Job { ahead: 1 + more, message: format!("waits for job-{id} of `{name}`{far}{others}"), ..job }
+    let others = if more == 0 {
+        String::new()
+    } else {
+        format!(", and for {more} more")
+    };
+    Job {
+        ahead: 1 + more,
+        message: format!("waits for job-{id} of `{name}`{far}{others}"),
+        ..job
+    }
 }
 
 impl Jobs {
-    /// Makes an empty list of a service that starts at that time: its milliseconds since 1970 number the first job. Jobs do not outlive the service, and
-    /// whoever still waits for one of an earlier start must not find another's under its number.
+    /// Makes an empty list of a service that starts at that time: its milliseconds since 1970
+    /// number the first job. Jobs do not outlive the service, and whoever still waits for one of an
+    /// earlier start must not find another's under its number.
     pub fn since(start: SystemTime) -> Self {
-        let first = start.duration_since(UNIX_EPOCH).map_or(0, |since| since.as_millis() as u64);
-        Self { first: first.max(1), entries: Arc::default(), changed: Arc::default() }
+        let first = start
+            .duration_since(UNIX_EPOCH)
+            .map_or(0, |since| since.as_millis() as u64);
+        Self {
+            first: first.max(1),
+            entries: Arc::default(),
+            changed: Arc::default(),
+        }
     }
 
-    /// Adds a job that waits, or refuses where too many do; returns it with what tells that it is to end.
-    pub fn add(&self, environment: &Environment, pair: &Pair, end: CancellationToken) -> Result<Job, Problem> {
+    /// Adds a job that waits, or refuses where too many do; returns it with what tells that it is
+    /// to end.
+    pub fn add(
+        &self,
+        environment: &Environment,
+        pair: &Pair,
+        end: CancellationToken,
+    ) -> Result<Job, Problem> {
         let mut entries = self.lock();
-        let waiting = entries.iter().filter(|entry| !entry.job.state.is_over()).count();
+        let waiting = entries
+            .iter()
+            .filter(|entry| !entry.job.state.is_over())
+            .count();
         if waiting >= MOST_WAITING {
-            let message = format!("{waiting} trainings wait already; ask again when one is over, or end one");
-            return Err(Problem::new(ErrorKind::Overloaded, "TOO_MANY_TRAININGS", message));
+            let message =
+                format!("{waiting} trainings wait already; ask again when one is over, or end one");
+            return Err(Problem::new(
+                ErrorKind::Overloaded,
+                "TOO_MANY_TRAININGS",
+                message,
+            ));
         }
         let id = entries.last().map_or(self.first, |entry| entry.job.id + 1);
-        let [ego, other] = [pair.ego, pair.other].map(|agent| environment.schema.agents()[agent].name.to_string());
+        let [ego, other] =
+            [pair.ego, pair.other].map(|agent| environment.schema.agents()[agent].name.to_string());
         let (state, message) = (JobState::Queued, "waits for its turn".to_owned());
-        let job = Job { id, ego, other, state, progress: 0.0, message, version: None, ahead: 0, seconds_left: None };
-        let entry = Entry { environment: environment.id, name: environment.name.to_string(), job, began: None, end };
+        let job = Job {
+            id,
+            ego,
+            other,
+            state,
+            progress: 0.0,
+            message,
+            version: None,
+            ahead: 0,
+            seconds_left: None,
+        };
+        let entry = Entry {
+            environment: environment.id,
+            name: environment.name.to_string(),
+            job,
+            began: None,
+            end,
+        };
         let told = entry.told(&entries);
         entries.push(entry);
-        let over: Vec<u64> =
-            entries.iter().filter(|entry| entry.job.state.is_over()).map(|entry| entry.job.id).collect();
+        let over: Vec<u64> = entries
+            .iter()
+            .filter(|entry| entry.job.state.is_over())
+            .map(|entry| entry.job.id)
+            .collect();
         if over.len() > REMEMBERED {
             entries.retain(|entry| entry.job.id != over[0]);
         }
@@ -106,13 +167,19 @@ impl Jobs {
     /// Returns the jobs of an environment, in order of number.
     pub fn of(&self, environment: EnvironmentId) -> Vec<Job> {
         let entries = self.lock();
-        let own = entries.iter().enumerate().filter(|(_, entry)| entry.environment == environment);
+        let own = entries
+            .iter()
+            .enumerate()
+            .filter(|(_, entry)| entry.environment == environment);
         own.map(|(at, entry)| entry.told(&entries[..at])).collect()
     }
 
     /// Returns how many jobs there are in a state, over all environments.
     pub fn number(&self, state: JobState) -> usize {
-        self.lock().iter().filter(|entry| entry.job.state == state).count()
+        self.lock()
+            .iter()
+            .filter(|entry| entry.job.state == state)
+            .count()
     }
 
     /// Returns one job.
@@ -123,7 +190,9 @@ impl Jobs {
 
     /// Returns whether a pair of agents waits for a training or has one.
     pub fn is_busy(&self, environment: EnvironmentId, ego: &str, other: &str) -> bool {
-        self.of(environment).iter().any(|job| !job.state.is_over() && job.ego == ego && job.other == other)
+        self.of(environment)
+            .iter()
+            .any(|job| !job.state.is_over() && job.ego == ego && job.other == other)
     }
 
     /// Returns a job once it is over.
@@ -141,7 +210,9 @@ impl Jobs {
     /// Tells a job to end, unless it is over.
     pub fn end(&self, environment: EnvironmentId, id: u64) -> Result<(), Problem> {
         let entries = self.lock();
-        let found = entries.iter().find(|entry| entry.environment == environment && entry.job.id == id);
+        let found = entries
+            .iter()
+            .find(|entry| entry.environment == environment && entry.job.id == id);
         let entry = found.ok_or_else(|| unknown(id, &entries, environment))?;
         if entry.job.state.is_over() {
             let message = format!("job-{id} is over already: {}", entry.job.state.as_str());
@@ -153,7 +224,10 @@ impl Jobs {
 
     /// Tells every job of an environment to end.
     pub fn end_all(&self, environment: EnvironmentId) {
-        self.lock().iter().filter(|entry| entry.environment == environment).for_each(|entry| entry.end.cancel());
+        self.lock()
+            .iter()
+            .filter(|entry| entry.environment == environment)
+            .for_each(|entry| entry.end.cancel());
     }
 
     /// Changes what is told of a job.
@@ -161,7 +235,9 @@ impl Jobs {
         if let Some(entry) = self.lock().iter_mut().find(|entry| entry.job.id == id) {
             change(&mut entry.job);
             if entry.job.state == JobState::Running && entry.job.progress > 0.0 {
-                entry.began.get_or_insert_with(|| (Instant::now(), entry.job.progress));
+                entry
+                    .began
+                    .get_or_insert_with(|| (Instant::now(), entry.job.progress));
             }
         }
         self.changed.notify_waiters();
@@ -176,14 +252,24 @@ impl Jobs {
 const TOLD: usize = 8;
 
 fn unknown(id: u64, jobs: &[Entry], environment: EnvironmentId) -> Problem {
-    let own = jobs.iter().rev().filter(|entry| entry.environment == environment);
-    let names: Vec<String> = own.take(TOLD).map(|entry| format!("`job-{}`", entry.job.id)).collect();
+    let own = jobs
+        .iter()
+        .rev()
+        .filter(|entry| entry.environment == environment);
+    let names: Vec<String> = own
+        .take(TOLD)
+        .map(|entry| format!("`job-{}`", entry.job.id))
+        .collect();
     // None of them is "meant": their numbers are alike.
     let known = match names.is_empty() {
         true => "none was asked for since the service started".to_owned(),
         false => format!("known: {}", names.join(", ")),
     };
-    Problem::new(ErrorKind::NotFound, "JOB_NOT_FOUND", format!("unknown job `job-{id}`; {known}"))
+    Problem::new(
+        ErrorKind::NotFound,
+        "JOB_NOT_FOUND",
+        format!("unknown job `job-{id}`; {known}"),
+    )
 }
 
 #[cfg(test)]
@@ -194,8 +280,24 @@ mod tests {
 
     fn entry(id: u64, state: JobState, progress: f64, began: Option<(Instant, f64)>) -> Entry {
         let (ego, other, message) = ("robot".into(), "human".into(), "learns".into());
-        let job = Job { id, ego, other, state, progress, message, version: None, ahead: 0, seconds_left: None };
-        Entry { environment: EnvironmentId(1), name: "world".into(), job, began, end: CancellationToken::new() }
+        let job = Job {
+            id,
+            ego,
+            other,
+            state,
+            progress,
+            message,
+            version: None,
+            ahead: 0,
+            seconds_left: None,
+        };
+        Entry {
+            environment: EnvironmentId(1),
+            name: "world".into(),
+            job,
+            began,
+            end: CancellationToken::new(),
+        }
     }
 
     #[test]
@@ -204,46 +306,97 @@ mod tests {
         let running = entry(2, JobState::Running, 0.236, Some((Instant::now(), 0.02)));
         let [third, fourth] = [3, 4].map(|id| entry(id, JobState::Queued, 0.0, None));
         let told = |before: &[&Entry], entry: &Entry| {
-            let before: Vec<Entry> =
-                before.iter().map(|one| self::entry(one.job.id, one.job.state, one.job.progress, None)).collect();
+            let before: Vec<Entry> = before
+                .iter()
+                .map(|one| self::entry(one.job.id, one.job.state, one.job.progress, None))
+                .collect();
             let Job { ahead, message, .. } = entry.told(&before);
             (ahead, message)
         };
-        assert_eq!(told(&[&over], &third), (0, "learns".into()), "nothing goes before, its own words stay");
+        assert_eq!(
+            told(&[&over], &third),
+            (0, "learns".into()),
+            "nothing goes before, its own words stay"
+        );
         let first = "waits for job-2 of `world`, of which 24 % is done";
         assert_eq!(told(&[&over, &running], &third), (1, first.to_owned()));
-        assert_eq!(told(&[&over, &running, &third], &fourth), (2, format!("{first}, and for 1 more")));
-        assert_eq!(told(&[&third], &fourth), (1, "waits for job-3 of `world`".into()));
+        assert_eq!(
+            told(&[&over, &running, &third], &fourth),
+            (2, format!("{first}, and for 1 more"))
+        );
+        assert_eq!(
+            told(&[&third], &fourth),
+            (1, "waits for job-3 of `world`".into())
+        );
     }
 
     #[test]
     fn numbers_of_two_starts_differ() {
         let at = |milliseconds| Jobs::since(UNIX_EPOCH + Duration::from_millis(milliseconds)).first;
-        assert_eq!([at(1_796_000_000_000), at(1_796_000_000_001)], [1_796_000_000_000, 1_796_000_000_001]);
-        assert_eq!(Jobs::since(UNIX_EPOCH - Duration::from_secs(1)).first, 1, "a clock that is not set");
+        assert_eq!(
+            [at(1_796_000_000_000), at(1_796_000_000_001)],
+            [1_796_000_000_000, 1_796_000_000_001]
+        );
+        assert_eq!(
+            Jobs::since(UNIX_EPOCH - Duration::from_secs(1)).first,
+            1,
+            "a clock that is not set"
+        );
     }
 
     #[test]
     fn an_unknown_job_is_told_with_those_there_are() {
         let told = |jobs: &[Entry]| unknown(7, jobs, EnvironmentId(1)).message;
-        assert_eq!(told(&[]), "unknown job `job-7`; none was asked for since the service started");
-        let (one, other) = (entry(71, JobState::Done, 1.0, None), entry(80, JobState::Done, 1.0, None));
-        assert_eq!(told(&[one, other]), "unknown job `job-7`; known: `job-80`, `job-71`");
-        let strange = Entry { environment: EnvironmentId(2), ..entry(71, JobState::Done, 1.0, None) };
-        assert_eq!(told(&[strange]), "unknown job `job-7`; none was asked for since the service started");
+        assert_eq!(
+            told(&[]),
+            "unknown job `job-7`; none was asked for since the service started"
+        );
+        let (one, other) = (
+            entry(71, JobState::Done, 1.0, None),
+            entry(80, JobState::Done, 1.0, None),
+        );
+        assert_eq!(
+            told(&[one, other]),
+            "unknown job `job-7`; known: `job-80`, `job-71`"
+        );
+        let strange = Entry {
+            environment: EnvironmentId(2),
+            ..entry(71, JobState::Done, 1.0, None)
+        };
+        assert_eq!(
+            told(&[strange]),
+            "unknown job `job-7`; none was asked for since the service started"
+        );
     }
 
     #[test]
     fn the_time_left_goes_by_the_time_spent() {
-        let minute_ago = Instant::now().checked_sub(Duration::from_secs(60)).expect("the machine runs for longer");
+        let minute_ago = Instant::now()
+            .checked_sub(Duration::from_secs(60))
+            .expect("the machine runs for longer");
         let left = |state, progress, began: Option<Instant>| {
-            entry(1, state, progress, began.map(|at| (at, 0.02))).told(&[]).seconds_left
+            entry(1, state, progress, began.map(|at| (at, 0.02)))
+                .told(&[])
+                .seconds_left
         };
-        let seconds = left(JobState::Running, 0.26, Some(minute_ago)).expect("a quarter is done since");
-        assert!((185.0..186.0).contains(&seconds), "60 s * .74 / .24, and a moment: {seconds}");
-        assert_eq!(left(JobState::Running, 0.06, Some(minute_ago)), None, "too early to tell");
+        let seconds =
+            left(JobState::Running, 0.26, Some(minute_ago)).expect("a quarter is done since");
+        assert!(
+            (185.0..186.0).contains(&seconds),
+            "60 s * .74 / .24, and a moment: {seconds}"
+        );
+        assert_eq!(
+            left(JobState::Running, 0.06, Some(minute_ago)),
+            None,
+            "too early to tell"
+        );
         assert_eq!(left(JobState::Running, 0.5, None), None);
         assert_eq!(left(JobState::Done, 1.0, Some(minute_ago)), None);
-        assert!(left(JobState::Running, 1.0, Some(minute_ago)).expect("known").abs() < 1e-9);
+        assert!(
+            left(JobState::Running, 1.0, Some(minute_ago))
+                .expect("known")
+                .abs()
+                < 1e-9
+        );
     }
 }

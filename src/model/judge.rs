@@ -1,4 +1,5 @@
-//! What a network says of itself: judged by the evidence on states that it has not learned from, beside what it has to beat.
+//! What a network says of itself: judged by the evidence on states that it has not learned from,
+//! beside what it has to beat.
 
 use super::court::Court;
 use super::dataset::{Dataset, Example};
@@ -6,12 +7,14 @@ use super::score::{Judged, reliability, score};
 use super::training::Ensemble;
 use crate::domain::{Baseline, Calibration, Card, Score, Training, is_same_threshold};
 
-/// The most numbers that are kept in judging: inputs, or probabilities of pairs of actions, over all states.
+/// The most numbers that are kept in judging: inputs, or probabilities of pairs of actions, over
+/// all states.
 const MOST_NUMBERS: usize = 8 << 20;
 
 /// Where an ensemble comes from.
 pub enum Origin<'a> {
-    /// It was trained here, as was its shuffled twin: on counts in which nothing depends on anything.
+    /// It was trained here, as was its shuffled twin: on counts in which nothing depends on
+    /// anything.
     Trained(&'a Ensemble),
     /// It was brought here, by a file of other tools or of a build that kept no card.
     Foreign,
@@ -27,17 +30,20 @@ impl Origin<'_> {
         }
     }
 
-    /// Returns what a network says of itself wherever it is brought, unless it has to be made for another threshold.
+    /// Returns what a network says of itself wherever it is brought, unless it has to be made for
+    /// another threshold.
     fn kept(&self, threshold: f64) -> Option<Kept> {
         match self {
-            Self::Exported(card) if is_same_threshold(card.threshold, threshold) => Some(Kept::of(card)),
+            Self::Exported(card) if is_same_threshold(card.threshold, threshold) => {
+                Some(Kept::of(card))
+            }
             _ => None,
         }
     }
 }
 
-/// What its answers rest on beside its weights. It was found on states that the network had not learned from; on those here, which it may know by heart,
-/// its calibration would be too sure.
+/// What its answers rest on beside its weights. It was found on states that the network had not
+/// learned from; on those here, which it may know by heart, its calibration would be too sure.
 struct Kept {
     threshold: f64,
     calibration: Calibration,
@@ -49,9 +55,24 @@ struct Kept {
 
 impl Kept {
     fn of(card: &Card) -> Self {
-        let Card { threshold, calibration, base_rate, .. } = *card;
-        let shuffled = card.baselines.iter().find(|score| score.name == Baseline::Shuffled.as_str()).cloned();
-        Self { threshold, calibration, base_rate, found_something: card.found_something(), shuffled }
+        let Card {
+            threshold,
+            calibration,
+            base_rate,
+            ..
+        } = *card;
+        let shuffled = card
+            .baselines
+            .iter()
+            .find(|score| score.name == Baseline::Shuffled.as_str())
+            .cloned();
+        Self {
+            threshold,
+            calibration,
+            base_rate,
+            found_something: card.found_something(),
+            shuffled,
+        }
     }
 }
 
@@ -64,7 +85,8 @@ enum Split<'a> {
 }
 
 impl<'a> Split<'a> {
-    /// Parts are cut by key: of a network that Nudge trained, wherever that was, it is known which states each member did not learn from.
+    /// Parts are cut by key: of a network that Nudge trained, wherever that was, it is known which
+    /// states each member did not learn from.
     fn of(origin: &Origin<'_>, training: &'a Training) -> Self {
         match origin {
             Origin::Trained(_) => Self::HeldOut(training),
@@ -73,8 +95,13 @@ impl<'a> Split<'a> {
         }
     }
 
-    /// Returns the states that are judged, each with the members that judge it: by position. Of very many, every second, third, ...
-    fn states(&self, dataset: &Dataset, ensemble: &Ensemble) -> Vec<(usize, std::ops::Range<usize>)> {
+    /// Returns the states that are judged, each with the members that judge it: by position. Of
+    /// very many, every second, third, ...
+    fn states(
+        &self,
+        dataset: &Dataset,
+        ensemble: &Ensemble,
+    ) -> Vec<(usize, std::ops::Range<usize>)> {
         let members = ensemble.members.len();
         let judges = |example: &Example| match self {
             Self::Unknown => 0..members,
@@ -83,7 +110,11 @@ impl<'a> Split<'a> {
                 fold..fold + 1
             }
         };
-        let all = dataset.examples.iter().enumerate().map(|(at, example)| (at, judges(example)));
+        let all = dataset
+            .examples
+            .iter()
+            .enumerate()
+            .map(|(at, example)| (at, judges(example)));
         let judged: Vec<_> = all.filter(|(_, judges)| judges.end <= members).collect();
         let cells = (dataset.alphabet.rows * dataset.alphabet.columns) as usize;
         let numbers = judged.len() * cells.max(ensemble.encoder.width());
@@ -105,25 +136,39 @@ impl<'a> Split<'a> {
 }
 
 /// Judges an ensemble by the counts here. What an exported one says of a state stays what it was.
-pub fn card(dataset: &Dataset, training: Training, ensemble: &Ensemble, origin: &Origin<'_>) -> Card {
+pub fn card(
+    dataset: &Dataset,
+    training: Training,
+    ensemble: &Ensemble,
+    origin: &Origin<'_>,
+) -> Card {
     let split = Split::of(origin, &training);
     let court = Court::new(dataset, training, split.states(dataset, ensemble));
     let network = court.told(ensemble);
     let kept = origin.kept(dataset.threshold);
-    let calibration = kept.as_ref().map_or_else(|| court.calibration(&network), |kept| kept.calibration);
+    let calibration = kept
+        .as_ref()
+        .map_or_else(|| court.calibration(&network), |kept| kept.calibration);
     let judged = court.judged(&network, calibration);
     let own = score("network", &judged, court.log_likelihood(&network));
     let mut baselines = court.simple_baselines();
     let twin = origin.twin().map(|twin| court.told(twin));
     let shuffled = twin.as_ref().map(|twin| {
         let judged = court.judged(twin, court.calibration(twin));
-        score(Baseline::Shuffled.as_str(), &judged, court.log_likelihood(twin))
+        score(
+            Baseline::Shuffled.as_str(),
+            &judged,
+            court.log_likelihood(twin),
+        )
     });
     let beats_shuffled = match &kept {
         Some(kept) => kept.found_something,
         None => {
             let found = court.has_found_something(&network, twin.as_deref());
-            found && shuffled.as_ref().is_none_or(|shuffled| is_better(&own, shuffled))
+            found
+                && shuffled
+                    .as_ref()
+                    .is_none_or(|shuffled| is_better(&own, shuffled))
         }
     };
     let not_better_than = not_better_than(&own, &baselines, beats_shuffled);
@@ -132,7 +177,9 @@ pub fn card(dataset: &Dataset, training: Training, ensemble: &Ensemble, origin: 
         training,
         imported: !matches!(origin, Origin::Trained(_)),
         schema_hash: dataset.schema_hash.clone(),
-        threshold: kept.as_ref().map_or(dataset.threshold, |kept| kept.threshold),
+        threshold: kept
+            .as_ref()
+            .map_or(dataset.threshold, |kept| kept.threshold),
         revision: dataset.revision,
         fit: dataset.fit(),
         states: dataset.examples.len() as u64,
@@ -144,7 +191,10 @@ pub fn card(dataset: &Dataset, training: Training, ensemble: &Ensemble, origin: 
         judged_states: judged.len() as u64,
         positive_share: positive_share(&judged),
         calibration,
-        base_rate: kept.map_or_else(|| court.base_rate(&network, calibration), |kept| kept.base_rate),
+        base_rate: kept.map_or_else(
+            || court.base_rate(&network, calibration),
+            |kept| kept.base_rate,
+        ),
         not_better_than,
         score: own,
         baselines,
@@ -152,21 +202,29 @@ pub fn card(dataset: &Dataset, training: Training, ensemble: &Ensemble, origin: 
     }
 }
 
-/// Returns the names of the baselines that a network does not beat, its shuffled twin the last of them.
+/// Returns the names of the baselines that a network does not beat, its shuffled twin the last of
+/// them.
 fn not_better_than(network: &Score, baselines: &[Score], beats_shuffled: bool) -> Vec<String> {
-    let unbeaten =
-        baselines.iter().filter(|baseline| !is_better(network, baseline)).map(|baseline| baseline.name.clone());
+    let unbeaten = baselines
+        .iter()
+        .filter(|baseline| !is_better(network, baseline))
+        .map(|baseline| baseline.name.clone());
     let shuffled = (!beats_shuffled).then(|| Baseline::Shuffled.as_str().to_owned());
     unbeaten.chain(shuffled).collect()
 }
 
-/// Returns whether a network is better than a baseline: by the likelihood of what the other did, where both tell it, else by the squared error of the
-/// probabilities. The former is measured on the counts themselves, the latter on what the evidence makes of them. Knowing habits is not enough: the
-/// average must be beaten by both. And who calls nothing rightly, where it predicts nothing but influence, beats nobody.
+/// Returns whether a network is better than a baseline: by the likelihood of what the other did,
+/// where both tell it, else by the squared error of the probabilities. The former is measured on
+/// the counts themselves, the latter on what the evidence makes of them. Knowing habits is not
+/// enough: the average must be beaten by both. And who calls nothing rightly, where it predicts
+/// nothing but influence, beats nobody.
 fn is_better(network: &Score, baseline: &Score) -> bool {
-    let errs_less = network.brier < baseline.brier && (network.log_likelihood.is_some() || network.f1 > 0.0);
+    let errs_less =
+        network.brier < baseline.brier && (network.log_likelihood.is_some() || network.f1 > 0.0);
     match (network.log_likelihood, baseline.log_likelihood) {
-        (Some(own), Some(other)) if baseline.name == Baseline::Majority.as_str() => own > other && errs_less,
+        (Some(own), Some(other)) if baseline.name == Baseline::Majority.as_str() => {
+            own > other && errs_less
+        }
         (Some(own), Some(other)) => own > other,
         _ => errs_less,
     }
@@ -174,5 +232,9 @@ fn is_better(network: &Score, baseline: &Score) -> bool {
 
 fn positive_share(judged: &[Judged]) -> f64 {
     let total: f64 = judged.iter().map(|one| one.weight).sum();
-    judged.iter().map(|one| one.weight * one.evidence).sum::<f64>() / total.max(f64::MIN_POSITIVE)
+    judged
+        .iter()
+        .map(|one| one.weight * one.evidence)
+        .sum::<f64>()
+        / total.max(f64::MIN_POSITIVE)
 }

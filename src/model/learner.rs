@@ -1,7 +1,8 @@
-//! The training library's side: one network, its gradients and its steps. Nothing outside this file knows the library.
+//! The training library's side: one network, its gradients and its steps. Nothing outside this file
+//! knows the library.
 //!
-//! All work is done on the calling thread, so that the same seed gives the same bits and those who ask questions keep the other cores; all randomness
-//! is our own.
+//! All work is done on the calling thread, so that the same seed gives the same bits and those who
+//! ask questions keep the other cores; all randomness is our own.
 
 use candle_core::{D, DType, Device, Result, Tensor, Var};
 use candle_nn::ops::log_softmax;
@@ -38,9 +39,11 @@ pub struct Shape {
 pub struct Batch {
     /// `[states, inputs]`.
     pub inputs: Array2<f32>,
-    /// For a joint network `[states, ego x other]`, how often each pair of actions was drawn; for a direct one `[states, 1]`, P(MI > threshold).
+    /// For a joint network `[states, ego x other]`, how often each pair of actions was drawn; for a
+    /// direct one `[states, 1]`, P(MI > threshold).
     pub targets: Array2<f32>,
-    /// How much each state counts: its draws in a joint network's targets are counted already, and this is 1.
+    /// How much each state counts: its draws in a joint network's targets are counted already, and
+    /// this is 1.
     pub weights: Vec<f32>,
 }
 
@@ -60,8 +63,9 @@ pub struct Learner {
 }
 
 impl Learner {
-    /// Makes a network that knows nothing yet: in it no action depends on any other. In each step this share of its hidden units is left out: without
-    /// that and the decay, chance is learned by heart, and is dependence then.
+    /// Makes a network that knows nothing yet: in it no action depends on any other. In each step
+    /// this share of its hidden units is left out: without that and the decay, chance is learned by
+    /// heart, and is dependence then.
     pub fn new(shape: Shape, dropout: f32, seed: u64) -> Result<Self> {
         let mut random = Pcg64::seed_from_u64(seed);
         let mut layers = vec![layer(shape.width, shape.inputs, &mut random)?];
@@ -72,7 +76,14 @@ impl Learner {
             });
         }
         let optimiser = |vars: Vec<Var>, weight_decay| {
-            AdamW::new(vars, ParamsAdamW { lr: LEARNING_RATE, weight_decay, ..ParamsAdamW::default() })
+            AdamW::new(
+                vars,
+                ParamsAdamW {
+                    lr: LEARNING_RATE,
+                    weight_decay,
+                    ..ParamsAdamW::default()
+                },
+            )
         };
         let (weights, biases) = layers.iter().cloned().unzip();
         Ok(Self {
@@ -90,7 +101,8 @@ impl Learner {
         })
     }
 
-    /// Learns from a batch, and returns its loss: a number that is not finite says that learning has failed.
+    /// Learns from a batch, and returns its loss: a number that is not finite says that learning
+    /// has failed.
     pub fn step(&mut self, batch: &Batch) -> Result<f32> {
         let outputs = self.outputs(&tensor(&batch.inputs)?)?;
         let loss = loss(&self.shape, &outputs, batch)?;
@@ -104,27 +116,46 @@ impl Learner {
 
     /// Returns the network as it is now.
     pub fn member(&self) -> Result<Member> {
-        let mut layers = self.average.iter().map(|(weight, bias)| to_layer(weight, bias));
-        let trunk = layers.next().unwrap_or_else(|| candle_core::bail!("a network has a hidden layer"))?;
-        Ok(Member { trunk, heads: layers.collect::<Result<_>>()? })
+        let mut layers = self
+            .average
+            .iter()
+            .map(|(weight, bias)| to_layer(weight, bias));
+        let trunk = layers
+            .next()
+            .unwrap_or_else(|| candle_core::bail!("a network has a hidden layer"))?;
+        Ok(Member {
+            trunk,
+            heads: layers.collect::<Result<_>>()?,
+        })
     }
 
     #[cfg(test)]
-    /// Returns the outputs of every head by the training library's own arithmetic, for comparison with what is served.
+    /// Returns the outputs of every head by the training library's own arithmetic, for comparison
+    /// with what is served.
     pub fn forward(&self, inputs: &Array2<f32>) -> Result<Vec<Array2<f32>>> {
-        let through =
-            |inputs: &Tensor, (weight, bias): &(Tensor, Tensor)| inputs.matmul(&weight.t()?)?.broadcast_add(bias);
+        let through = |inputs: &Tensor, (weight, bias): &(Tensor, Tensor)| {
+            inputs.matmul(&weight.t()?)?.broadcast_add(bias)
+        };
         let hidden = through(&tensor(inputs)?, &self.average[0])?.relu()?;
-        self.average[1..].iter().map(|head| to_array(&through(&hidden, head)?)).collect()
+        self.average[1..]
+            .iter()
+            .map(|head| to_array(&through(&hidden, head)?))
+            .collect()
     }
 
     /// Returns the outputs of every head without some hidden units, for which the others stand in.
     fn outputs(&mut self, inputs: &Tensor) -> Result<Vec<Tensor>> {
-        let through = |inputs: &Tensor, (weight, bias): &(Var, Var)| inputs.matmul(&weight.t()?)?.broadcast_add(bias);
+        let through = |inputs: &Tensor, (weight, bias): &(Var, Var)| {
+            inputs.matmul(&weight.t()?)?.broadcast_add(bias)
+        };
         let hidden = through(inputs, &self.layers[0])?.relu()?;
-        let mask = Array2::from_shape_simple_fn(hidden.dims2()?, || kept(&mut self.random, self.dropout));
+        let mask =
+            Array2::from_shape_simple_fn(hidden.dims2()?, || kept(&mut self.random, self.dropout));
         let hidden = (hidden * tensor(&mask)?)?;
-        self.layers[1..].iter().map(|head| through(&hidden, head)).collect()
+        self.layers[1..]
+            .iter()
+            .map(|head| through(&hidden, head))
+            .collect()
     }
 
     /// Lets the average follow the weights: quickly at first, for early steps are soon out of date.
@@ -132,7 +163,8 @@ impl Learner {
         let steps = f64::from(self.steps);
         let stays = AVERAGE.min(steps / (steps + 10.0));
         let mixed = |old: &Tensor, new: &Var| {
-            (old.affine(stays, 0.0)? + new.as_detached_tensor().affine(1.0 - stays, 0.0)?)?.contiguous()
+            (old.affine(stays, 0.0)? + new.as_detached_tensor().affine(1.0 - stays, 0.0)?)?
+                .contiguous()
         };
         for ((weight, bias), (new_weight, new_bias)) in self.average.iter_mut().zip(&self.layers) {
             *weight = mixed(weight, new_weight)?;
@@ -142,9 +174,14 @@ impl Learner {
     }
 }
 
-/// Returns what a hidden unit is multiplied by in a step: 0, or what makes up for those that are left out.
+/// Returns what a hidden unit is multiplied by in a step: 0, or what makes up for those that are
+/// left out.
 fn kept(random: &mut Pcg64, dropped: f32) -> f32 {
-    if random.random::<f32>() < dropped { 0.0 } else { 1.0 / (1.0 - dropped) }
+    if random.random::<f32>() < dropped {
+        0.0
+    } else {
+        1.0 / (1.0 - dropped)
+    }
 }
 
 /// Returns the mean loss of a batch, in nats a draw or a state.
@@ -160,31 +197,43 @@ fn loss(shape: &Shape, outputs: &[Tensor], batch: &Batch) -> Result<Tensor> {
 }
 
 /// -sum n_ij [ln p(i) + ln p(j | i)] / N.
-fn joint_loss(alphabet: Alphabet, [ego, other, interaction]: [&Tensor; 3], draws: &Tensor) -> Result<Tensor> {
+fn joint_loss(
+    alphabet: Alphabet,
+    [ego, other, interaction]: [&Tensor; 3],
+    draws: &Tensor,
+) -> Result<Tensor> {
     let [rows, columns] = [alphabet.rows, alphabet.columns].map(|letters| letters as usize);
     let states = draws.dim(0)?;
     let draws = draws.reshape((states, rows, columns))?;
-    let responses =
-        interaction.reshape((states, rows, columns))?.broadcast_add(&other.reshape((states, 1, columns))?)?;
+    let responses = interaction
+        .reshape((states, rows, columns))?
+        .broadcast_add(&other.reshape((states, 1, columns))?)?;
     let of_other = (log_softmax(&responses, D::Minus1)? * &draws)?.sum_all()?;
     let of_ego = (log_softmax(ego, D::Minus1)? * draws.sum(D::Minus1)?)?.sum_all()?;
     let total = f64::from(draws.sum_all()?.to_scalar::<f32>()?);
     (of_other + of_ego)?.affine(-1.0 / total, 0.0)
 }
 
-/// Cross-entropy of logistic(z) against p, weighted: max(z, 0) - p z + ln(1 + e^-|z|), which overflows nowhere.
+/// Cross-entropy of logistic(z) against p, weighted: max(z, 0) - p z + ln(1 + e^-|z|), which
+/// overflows nowhere.
 fn direct_loss(z: &Tensor, p: &Tensor, weights: &[f32]) -> Result<Tensor> {
     let total: f32 = weights.iter().sum();
     let weights = Tensor::from_slice(weights, (weights.len(), 1), &Device::Cpu)?;
     let each = ((z.relu()? - (z * p)?)? + (z.abs()?.neg()?.exp()? + 1.0)?.log()?)?;
-    (each * weights)?.sum_all()?.affine(1.0 / f64::from(total), 0.0)
+    (each * weights)?
+        .sum_all()?
+        .affine(1.0 / f64::from(total), 0.0)
 }
 
-/// Returns a layer before it has learned: weights uniform within 1 / sqrt(inputs), and nothing added.
+/// Returns a layer before it has learned: weights uniform within 1 / sqrt(inputs), and nothing
+/// added.
 fn layer(outputs: usize, inputs: usize, random: &mut Pcg64) -> Result<(Var, Var)> {
     let bound = 1.0 / (inputs.max(1) as f32).sqrt();
     let weight = Array2::from_shape_fn((outputs, inputs), |_| random.random_range(-bound..bound));
-    Ok((Var::from_tensor(&tensor(&weight)?)?, Var::zeros(outputs, DType::F32, &Device::Cpu)?))
+    Ok((
+        Var::from_tensor(&tensor(&weight)?)?,
+        Var::zeros(outputs, DType::F32, &Device::Cpu)?,
+    ))
 }
 
 fn zero(outputs: usize, inputs: usize) -> Result<(Var, Var)> {
@@ -203,7 +252,10 @@ fn to_array(tensor: &Tensor) -> Result<Array2<f32>> {
 }
 
 fn to_layer(weight: &Tensor, bias: &Tensor) -> Result<Layer> {
-    Ok(Layer { weight: to_array(weight)?, bias: Array1::from_vec(bias.to_vec1()?) })
+    Ok(Layer {
+        weight: to_array(weight)?,
+        bias: Array1::from_vec(bias.to_vec1()?),
+    })
 }
 
 #[cfg(test)]
@@ -214,11 +266,26 @@ mod tests {
     const PRECISION: f32 = 1e-5;
 
     fn learner(kind: ModelKind, targets: usize) -> (Learner, Batch) {
-        let shape = Shape { kind, alphabet: Alphabet { rows: 3, columns: 4 }, width: 16, inputs: 5 };
+        let shape = Shape {
+            kind,
+            alphabet: Alphabet {
+                rows: 3,
+                columns: 4,
+            },
+            width: 16,
+            inputs: 5,
+        };
         let mut random = Pcg64::seed_from_u64(5);
         let inputs = Array2::from_shape_simple_fn((40, 5), || random.random_range(-2.0..2.0));
         let targets = Array2::from_shape_simple_fn((40, targets), || random.random_range(0.0..1.0));
-        (Learner::new(shape, 0.5, 3).expect("a network"), Batch { inputs, targets, weights: vec![1.0; 40] })
+        (
+            Learner::new(shape, 0.5, 3).expect("a network"),
+            Batch {
+                inputs,
+                targets,
+                weights: vec![1.0; 40],
+            },
+        )
     }
 
     #[test]
@@ -227,8 +294,13 @@ mod tests {
             let (mut learner, batch) = learner(kind, targets);
             (0..20).for_each(|_| assert!(learner.step(&batch).expect("learned").is_finite()));
             let served = learner.member().expect("weights").outputs(&batch.inputs);
-            for (served, own) in served.iter().zip(learner.forward(&batch.inputs).expect("outputs")) {
-                let difference = (served - &own).iter().fold(0.0, |most: f32, d| most.max(d.abs()));
+            for (served, own) in served
+                .iter()
+                .zip(learner.forward(&batch.inputs).expect("outputs"))
+            {
+                let difference = (served - &own)
+                    .iter()
+                    .fold(0.0, |most: f32, d| most.max(d.abs()));
                 assert!(difference < PRECISION, "{kind:?}: {difference}");
             }
         }
@@ -245,7 +317,9 @@ mod tests {
     fn the_loss_falls_and_the_same_seed_gives_the_same_bits() {
         let losses = |kind, targets| {
             let (mut learner, batch) = learner(kind, targets);
-            (0..200).map(|_| learner.step(&batch).expect("learned")).collect::<Vec<f32>>()
+            (0..200)
+                .map(|_| learner.step(&batch).expect("learned"))
+                .collect::<Vec<f32>>()
         };
         for (kind, targets) in [(ModelKind::Joint, 12), (ModelKind::Direct, 1)] {
             let first = losses(kind, targets);
@@ -257,9 +331,13 @@ mod tests {
 
     #[test]
     fn extreme_odds_have_a_finite_loss() {
-        let z = Tensor::from_slice(&[-1e30_f32, 1e30, 0.0], (3, 1), &Device::Cpu).expect("a tensor");
+        let z =
+            Tensor::from_slice(&[-1e30_f32, 1e30, 0.0], (3, 1), &Device::Cpu).expect("a tensor");
         let p = Tensor::from_slice(&[0.0_f32, 1.0, 0.5], (3, 1), &Device::Cpu).expect("a tensor");
-        let loss = direct_loss(&z, &p, &[1.0; 3]).expect("a loss").to_scalar::<f32>().expect("a number");
+        let loss = direct_loss(&z, &p, &[1.0; 3])
+            .expect("a loss")
+            .to_scalar::<f32>()
+            .expect("a number");
         assert!((loss - 2_f32.ln() / 3.0).abs() < 1e-6, "{loss}");
     }
 }

@@ -1,6 +1,8 @@
-//! One network as it is served: its weights, and what they make of a state. A hidden layer of rectified linear units, and one head or three.
+//! One network as it is served: its weights, and what they make of a state. A hidden layer of
+//! rectified linear units, and one head or three.
 //!
-//! * joint: e, o and D are linear in the hidden layer; p(ego's action | s) = softmax(e), p(other's action | s, ego's action i) = softmax(o + D_i).
+//! * joint: e, o and D are linear in the hidden layer; p(ego's action | s) = softmax(e), p(other's
+//!   action | s, ego's action i) = softmax(o + D_i).
 //! * direct: P(MI > threshold | s) = logistic(z), z linear in the hidden layer.
 
 use ndarray::{Array1, Array2, ArrayView1, Axis};
@@ -31,7 +33,11 @@ pub struct Member {
 pub fn heads(kind: ModelKind, alphabet: Alphabet) -> Vec<(&'static str, usize)> {
     let [rows, columns] = [alphabet.rows, alphabet.columns].map(|letters| letters as usize);
     match kind {
-        ModelKind::Joint => vec![("ego", rows), ("other", columns), ("interaction", rows * columns)],
+        ModelKind::Joint => vec![
+            ("ego", rows),
+            ("other", columns),
+            ("interaction", rows * columns),
+        ],
         ModelKind::Direct => vec![("influence", 1)],
     }
 }
@@ -58,14 +64,19 @@ impl Member {
 
     /// Returns what a joint network says of states.
     pub fn joint(&self, inputs: &Array2<f32>) -> Vec<Joint> {
-        let [ego, other, interaction] = &self.outputs(inputs)[..] else { return Vec::new() };
+        let [ego, other, interaction] = &self.outputs(inputs)[..] else {
+            return Vec::new();
+        };
         let state = |at: usize| Joint::new(ego.row(at), other.row(at), interaction.row(at));
         (0..inputs.nrows()).map(state).collect()
     }
 
-    /// Makes a joint network one in which no action depends on any other. What the rows of D have in common is habit, and goes to o.
+    /// Makes a joint network one in which no action depends on any other. What the rows of D have
+    /// in common is habit, and goes to o.
     pub fn forget_interaction(&mut self) {
-        let [ego, other, interaction] = &mut self.heads[..] else { return };
+        let [ego, other, interaction] = &mut self.heads[..] else {
+            return;
+        };
         let (rows, columns) = (ego.bias.len(), other.bias.len());
         for at in 0..rows * columns {
             let mut habit = other.weight.row_mut(at % columns);
@@ -76,19 +87,30 @@ impl Member {
         interaction.bias.fill(0.0);
     }
 
-    /// Returns mutual information of states in nats, as a joint network has it: [`Joint::mutual_information`] of each, in fewer steps.
+    /// Returns mutual information of states in nats, as a joint network has it:
+    /// [`Joint::mutual_information`] of each, in fewer steps.
     ///
-    /// With logits l_ij and s_i = sum_j e^l_ij, I = H(q) + sum_i p_i [sum_j l_ij e^l_ij / s_i - ln s_i]: one exponential a cell.
+    /// With logits l_ij and s_i = sum_j e^l_ij, I = H(q) + sum_i p_i [sum_j l_ij e^l_ij / s_i - ln
+    /// s_i]: one exponential a cell.
     pub fn information(&self, inputs: &Array2<f32>) -> Vec<f64> {
-        let [ego, other, interaction] = &self.outputs(inputs)[..] else { return Vec::new() };
+        let [ego, other, interaction] = &self.outputs(inputs)[..] else {
+            return Vec::new();
+        };
         let mut marginal = vec![0.0; other.ncols()];
-        let rows = ego.rows().into_iter().zip(other.rows()).zip(interaction.rows());
-        rows.map(|((ego, other), interaction)| information(ego, other, interaction, &mut marginal)).collect()
+        let rows = ego
+            .rows()
+            .into_iter()
+            .zip(other.rows())
+            .zip(interaction.rows());
+        rows.map(|((ego, other), interaction)| information(ego, other, interaction, &mut marginal))
+            .collect()
     }
 
     /// Returns ln odds of MI > threshold of states, as a direct network has them.
     pub fn ln_odds(&self, inputs: &Array2<f32>) -> Vec<f64> {
-        self.outputs(inputs).first().map_or_else(Vec::new, |odds| odds.iter().map(|z| f64::from(*z)).collect())
+        self.outputs(inputs).first().map_or_else(Vec::new, |odds| {
+            odds.iter().map(|z| f64::from(*z)).collect()
+        })
     }
 }
 
@@ -104,32 +126,57 @@ pub struct Joint {
 }
 
 impl Joint {
-    fn new(ego: ArrayView1<'_, f32>, other: ArrayView1<'_, f32>, interaction: ArrayView1<'_, f32>) -> Self {
+    fn new(
+        ego: ArrayView1<'_, f32>,
+        other: ArrayView1<'_, f32>,
+        interaction: ArrayView1<'_, f32>,
+    ) -> Self {
         let columns = other.len();
         let ego = softmax(ego.iter().map(|x| f64::from(*x)));
-        let row =
-            |i: usize| softmax((0..columns).map(|j| f64::from(other[j]) + f64::from(interaction[i * columns + j])));
+        let row = |i: usize| {
+            softmax(
+                (0..columns).map(|j| f64::from(other[j]) + f64::from(interaction[i * columns + j])),
+            )
+        };
         let rows: Vec<f64> = (0..ego.len()).flat_map(row).collect();
-        let response = Array2::from_shape_vec((ego.len(), columns), rows).expect("a row an action of the ego");
+        let response =
+            Array2::from_shape_vec((ego.len(), columns), rows).expect("a row an action of the ego");
         Self::of(ego, response)
     }
 
     /// Joins the ego's policy with the responses to it.
     pub fn of(ego: Vec<f64>, response: Array2<f64>) -> Self {
-        let other = response.columns().into_iter().map(|column| column.iter().zip(&ego).map(|(r, p)| r * p).sum());
-        Self { other: other.collect(), ego, response }
+        let other = response
+            .columns()
+            .into_iter()
+            .map(|column| column.iter().zip(&ego).map(|(r, p)| r * p).sum());
+        Self {
+            other: other.collect(),
+            ego,
+            response,
+        }
     }
 
     /// Returns the mean of this and another, in which the other has this share.
     pub fn mixed_with(&self, other: &Self, share: f64) -> Self {
         let mixed = |a: &f64, b: &f64| (1.0 - share) * a + share * b;
-        let ego = self.ego.iter().zip(&other.ego).map(|(a, b)| mixed(a, b)).collect();
-        Self::of(ego, &self.response * (1.0 - share) + &other.response * share)
+        let ego = self
+            .ego
+            .iter()
+            .zip(&other.ego)
+            .map(|(a, b)| mixed(a, b))
+            .collect();
+        Self::of(
+            ego,
+            &self.response * (1.0 - share) + &other.response * share,
+        )
     }
 
     /// Returns sum n_ij ln p(j | i) of counts: how well it tells what the other does.
     pub fn log_likelihood(&self, table: &Table) -> f64 {
-        cells(table).map(|(i, j, n)| n * self.response[[i, j]].ln()).sum()
+        cells(table)
+            .map(|(i, j, n)| n * self.response[[i, j]].ln())
+            .sum()
     }
 
     /// Returns sum n_ij [ln p(j | i) - ln p(j)] of counts: what dependence is worth to them.
@@ -145,13 +192,21 @@ impl Joint {
     /// Returns KL(p(other | the ego's action) from p(other)), in nats, at least 0.
     pub fn divergence(&self, action: usize) -> f64 {
         let row = self.response.index_axis(Axis(0), action);
-        let terms = row.iter().zip(&self.other).filter(|(p, q)| **p > 0.0 && **q > 0.0).map(|(p, q)| p * (p / q).ln());
+        let terms = row
+            .iter()
+            .zip(&self.other)
+            .filter(|(p, q)| **p > 0.0 && **q > 0.0)
+            .map(|(p, q)| p * (p / q).ln());
         terms.sum::<f64>().max(0.0)
     }
 
     /// Returns mutual information in nats, at least 0: the mean of the divergences.
     pub fn mutual_information(&self) -> f64 {
-        self.ego.iter().enumerate().map(|(action, p)| p * self.divergence(action)).sum()
+        self.ego
+            .iter()
+            .enumerate()
+            .map(|(action, p)| p * self.divergence(action))
+            .sum()
     }
 }
 
@@ -180,12 +235,23 @@ fn information(
             weighted += shifted * *cell;
         }
         negative_entropy += p * (weighted / sum - sum.ln());
-        marginal.iter_mut().zip(&row).for_each(|(q, cell)| *q += p * cell / sum);
+        marginal
+            .iter_mut()
+            .zip(&row)
+            .for_each(|(q, cell)| *q += p * cell / sum);
     }
-    let entropy: f64 = marginal.iter().filter(|q| **q > 0.0).map(|q| -q * q.ln()).sum();
+    let entropy: f64 = marginal
+        .iter()
+        .filter(|q| **q > 0.0)
+        .map(|q| -q * q.ln())
+        .sum();
     let information = entropy + negative_entropy;
     // Of independent actions nothing is left but what rounding makes of it.
-    if information < ROUNDING { 0.0 } else { information }
+    if information < ROUNDING {
+        0.0
+    } else {
+        information
+    }
 }
 
 fn softmax(logits: impl Iterator<Item = f64> + Clone) -> Vec<f64> {
@@ -212,10 +278,15 @@ mod tests {
 
     #[test]
     fn without_interaction_nothing_depends() {
-        let layer =
-            |out: usize, value: f32| Layer { weight: Array2::from_elem((out, 2), value), bias: Array1::zeros(out) };
+        let layer = |out: usize, value: f32| Layer {
+            weight: Array2::from_elem((out, 2), value),
+            bias: Array1::zeros(out),
+        };
         let heads = vec![layer(2, 0.3), layer(3, -0.4), layer(6, 0.0)];
-        let member = Member { trunk: layer(2, 1.0), heads };
+        let member = Member {
+            trunk: layer(2, 1.0),
+            heads,
+        };
         let joint = &member.joint(&array![[1.0, 0.5]])[0];
         assert!(joint.mutual_information() < 1e-15, "{joint:?}");
         assert!((joint.other.iter().sum::<f64>() - 1.0).abs() < 1e-12);
@@ -224,30 +295,57 @@ mod tests {
     #[test]
     fn fewer_steps_give_the_same_information() {
         let layer = |out: usize, scale: f32| Layer {
-            weight: Array2::from_shape_fn((out, 2), |(o, i)| scale * ((3 * o + 5 * i) as f32).sin()),
+            weight: Array2::from_shape_fn((out, 2), |(o, i)| {
+                scale * ((3 * o + 5 * i) as f32).sin()
+            }),
             bias: Array1::from_shape_fn(out, |o| (o as f32).cos()),
         };
-        let member = Member { trunk: layer(2, 1.0), heads: vec![layer(2, 1.0), layer(3, 2.0), layer(6, 40.0)] };
+        let member = Member {
+            trunk: layer(2, 1.0),
+            heads: vec![layer(2, 1.0), layer(3, 2.0), layer(6, 40.0)],
+        };
         let inputs = array![[1.0, 0.5], [-2.0, 3.0], [0.0, 0.0], [30.0, -7.0]];
-        for (joint, quick) in member.joint(&inputs).iter().zip(member.information(&inputs)) {
-            assert!((joint.mutual_information() - quick).abs() < 1e-12, "{joint:?} {quick}");
+        for (joint, quick) in member
+            .joint(&inputs)
+            .iter()
+            .zip(member.information(&inputs))
+        {
+            assert!(
+                (joint.mutual_information() - quick).abs() < 1e-12,
+                "{joint:?} {quick}"
+            );
         }
     }
 
     #[test]
     fn habits_are_not_forgotten_with_the_interaction() {
-        let layer =
-            |out: usize, value: f32| Layer { weight: Array2::from_elem((out, 2), value), bias: Array1::zeros(out) };
+        let layer = |out: usize, value: f32| Layer {
+            weight: Array2::from_elem((out, 2), value),
+            bias: Array1::zeros(out),
+        };
         // D says the same after each of the ego's actions: 1, 2, 3.
         let same = Array1::from_vec(vec![1.0, 2.0, 3.0, 1.0, 2.0, 3.0]);
-        let interaction = Layer { weight: Array2::zeros((6, 2)), bias: same };
-        let mut member = Member { trunk: layer(2, 1.0), heads: vec![layer(2, 0.3), layer(3, 0.1), interaction] };
+        let interaction = Layer {
+            weight: Array2::zeros((6, 2)),
+            bias: same,
+        };
+        let mut member = Member {
+            trunk: layer(2, 1.0),
+            heads: vec![layer(2, 0.3), layer(3, 0.1), interaction],
+        };
         let inputs = array![[1.0, 0.5]];
         let before = member.joint(&inputs);
         member.forget_interaction();
         let after = member.joint(&inputs);
-        let close = before[0].response.iter().zip(&after[0].response).all(|(a, b)| (a - b).abs() < 1e-6);
-        assert!(close && after[0].mutual_information() < 1e-12, "{before:?} {after:?}");
+        let close = before[0]
+            .response
+            .iter()
+            .zip(&after[0].response)
+            .all(|(a, b)| (a - b).abs() < 1e-6);
+        assert!(
+            close && after[0].mutual_information() < 1e-12,
+            "{before:?} {after:?}"
+        );
     }
 
     #[test]

@@ -1,5 +1,5 @@
-//! What to expect where little or nothing was counted: networks trained from the counts, judged by the counts of states that they did not learn from,
-//! kept and served.
+//! What to expect where little or nothing was counted: networks trained from the counts, judged by
+//! the counts of states that they did not learn from, kept and served.
 //!
 //! ```text
 //! train    store.scan -> dataset (tables, evidence) -> training (learner) -> ensemble -> judge -> card -> registry
@@ -16,7 +16,8 @@
 //! | `seen` | the bins that a network was trained on, outside which it gives no verdict |
 //! | `jobs`, `upkeep`, `spare_time` | trainings that were asked for, or are due by themselves, and the thread that does them |
 //!
-//! Absent on purpose: nothing here decides a verdict by counts, and no wire format is known here but that of a file of weights.
+//! Absent on purpose: nothing here decides a verdict by counts, and no wire format is known here
+//! but that of a file of weights.
 
 mod back_off;
 mod calibrate;
@@ -58,8 +59,8 @@ use self::store_errors::logged;
 use self::training::{Ensemble, TrainingError};
 use crate::domain::draft::TrainingDraft;
 use crate::domain::{
-    Card, Environment, EnvironmentId, Job, JobState, Model, ModelId, ModelKind, Models, Pair, Training,
-    is_same_threshold, page_size,
+    Card, Environment, EnvironmentId, Job, JobState, Model, ModelId, ModelKind, Models, Pair,
+    Training, is_same_threshold, page_size,
 };
 use crate::error::{ErrorKind, Fault, Problem};
 use crate::evidence::MOST_CELLS;
@@ -101,23 +102,41 @@ impl Networks {
 
     /// Asks for a training, which begins when those asked for before are over.
     #[instrument(level = "debug", skip_all, fields(environment = %environment.name))]
-    pub async fn train(&self, environment: &Arc<Environment>, draft: &TrainingDraft) -> Result<Job, Problem> {
+    pub async fn train(
+        &self,
+        environment: &Arc<Environment>,
+        draft: &TrainingDraft,
+    ) -> Result<Job, Problem> {
         let (pair, training) = Training::new(&environment.schema, draft)?;
         check_size(environment, &pair, &training)?;
         self.registry.check_room(environment).await?;
         let end = self.ending.child_token();
         let job = self.jobs.add(environment, &pair, end.clone())?;
-        let order =
-            Order { job: job.id, environment: environment.clone(), pair, training, activate: draft.activate, end };
+        let order = Order {
+            job: job.id,
+            environment: environment.clone(),
+            pair,
+            training,
+            activate: draft.activate,
+            end,
+        };
         tracing::info!(environment = %environment.name, job = job.id, ego = job.ego, other = job.other, "a training was asked for");
-        self.running.spawn(self.clone().carry_out(order).in_current_span());
+        self.running
+            .spawn(self.clone().carry_out(order).in_current_span());
         Ok(job)
     }
 
     /// Returns every version, and the jobs asked for since the service started.
     pub async fn list(&self, environment: &Environment) -> Result<Models, Problem> {
-        let (models, jobs) = (self.registry.list(environment).await?, self.jobs.of(environment.id));
-        Ok(Models { models, jobs, next_page_token: None })
+        let (models, jobs) = (
+            self.registry.list(environment).await?,
+            self.jobs.of(environment.id),
+        );
+        Ok(Models {
+            models,
+            jobs,
+            next_page_token: None,
+        })
     }
 
     /// Returns a page of versions, with the jobs on the first; a size of 0 takes the largest.
@@ -129,10 +148,25 @@ impl Networks {
     ) -> Result<Models, Problem> {
         let size = page_size(if asked == 0 { 1_000 } else { asked })?;
         let after = page_token.map(place).transpose()?;
-        let page = self.registry.page(environment, after.unwrap_or(0), size).await?;
-        let last = page.items.last().filter(|_| page.has_more).map(|model| model.version.to_string());
-        let jobs = if after.is_none() { self.jobs.of(environment.id) } else { Vec::new() };
-        Ok(Models { models: page.items, jobs, next_page_token: last })
+        let page = self
+            .registry
+            .page(environment, after.unwrap_or(0), size)
+            .await?;
+        let last = page
+            .items
+            .last()
+            .filter(|_| page.has_more)
+            .map(|model| model.version.to_string());
+        let jobs = if after.is_none() {
+            self.jobs.of(environment.id)
+        } else {
+            Vec::new()
+        };
+        Ok(Models {
+            models: page.items,
+            jobs,
+            next_page_token: last,
+        })
     }
 
     /// Returns one version.
@@ -155,17 +189,27 @@ impl Networks {
         self.jobs.finished(environment.id, id).await
     }
 
-    /// Makes a version the one that answers for its pair. Refused where it cannot answer by the environment's rule.
+    /// Makes a version the one that answers for its pair. Refused where it cannot answer by the
+    /// environment's rule.
     #[instrument(level = "debug", skip_all, fields(environment = %environment.name))]
-    pub async fn activate(&self, environment: &Environment, version: u64) -> Result<Model, Problem> {
+    pub async fn activate(
+        &self,
+        environment: &Environment,
+        version: u64,
+    ) -> Result<Model, Problem> {
         let model = self.registry.activate(environment, version).await?;
         tracing::info!(environment = %environment.name, version, "a network was made active");
         Ok(model)
     }
 
-    /// Takes a version back: the one that was active before answers again, or none. Returns that one.
+    /// Takes a version back: the one that was active before answers again, or none. Returns that
+    /// one.
     #[instrument(level = "debug", skip_all, fields(environment = %environment.name))]
-    pub async fn roll_back(&self, environment: &Environment, version: u64) -> Result<Option<Model>, Problem> {
+    pub async fn roll_back(
+        &self,
+        environment: &Environment,
+        version: u64,
+    ) -> Result<Option<Model>, Problem> {
         let instead = self.registry.roll_back(environment, version).await?;
         let active = instead.as_ref().map(|model| model.version);
         tracing::info!(environment = %environment.name, version, active, "a network was taken back");
@@ -189,48 +233,81 @@ impl Networks {
     }
 
     /// Returns a version as a safetensors file: its weights in PyTorch's layout, with its card.
-    pub async fn export(&self, environment: &Environment, version: u64) -> Result<Vec<u8>, Problem> {
+    pub async fn export(
+        &self,
+        environment: &Environment,
+        version: u64,
+    ) -> Result<Vec<u8>, Problem> {
         self.registry.export(environment, version).await
     }
 
-    /// Keeps a network that was trained elsewhere: a safetensors file as [`export`](Self::export) writes it. It is judged by the counts here, and
-    /// not made active. With the card of an export it says of every state what it said before; without one, or for a rule with another threshold, it
-    /// is calibrated here.
+    /// Keeps a network that was trained elsewhere: a safetensors file as [`export`](Self::export)
+    /// writes it. It is judged by the counts here, and not made active. With the card of an export
+    /// it says of every state what it said before; without one, or for a rule with another
+    /// threshold, it is calibrated here.
     #[instrument(level = "debug", skip_all, fields(environment = %environment.name))]
-    pub async fn import(&self, environment: &Arc<Environment>, file: Vec<u8>) -> Result<Model, Problem> {
+    pub async fn import(
+        &self,
+        environment: &Arc<Environment>,
+        file: Vec<u8>,
+    ) -> Result<Model, Problem> {
         let read = {
             let environment = environment.clone();
             tokio::task::spawn_blocking(move || file::imported(&environment, &file)).await
         };
         let (mut content, exported) = read.map_err(|error| internal(&error))??;
         self.registry.check_room(environment).await?;
-        let width = content.members.first().map_or(0, |member| member.trunk.shape().1);
+        let width = content
+            .members
+            .first()
+            .map_or(0, |member| member.trunk.shape().1);
         let members = content.members.len();
-        let foreign = Training { kind: content.kind, width, members, epochs: 0, ..Training::default() };
+        let foreign = Training {
+            kind: content.kind,
+            width,
+            members,
+            epochs: 0,
+            ..Training::default()
+        };
         let training = exported.as_ref().map_or(foreign, |card| card.training);
         check_size(environment, &content.pair, &training)?;
         let turn = self.turn.clone().lock_owned().await;
         let dataset = self.dataset(environment, &content.pair).await?;
-        if content.kind == ModelKind::Joint && !is_same_threshold(content.threshold, dataset.threshold) {
+        if content.kind == ModelKind::Joint
+            && !is_same_threshold(content.threshold, dataset.threshold)
+        {
             // It is calibrated here, for the rule as it is.
             content.threshold = dataset.threshold;
         }
         if !is_same_threshold(content.threshold, dataset.threshold) {
-            let detail = format!("got {}, expected that of the rule, {} nats", content.threshold, dataset.threshold);
-            return Err(Problem::invalid("network", vec![Fault::new("/metadata/threshold", detail)]));
+            let detail = format!(
+                "got {}, expected that of the rule, {} nats",
+                content.threshold, dataset.threshold
+            );
+            return Err(Problem::invalid(
+                "network",
+                vec![Fault::new("/metadata/threshold", detail)],
+            ));
         }
         training::check(&dataset, &training).map_err(|error| no_network(&error))?;
         if content.seen.is_none() {
-            // Who does not say what it was trained on is believed where something is counted, as it is where it comes from.
+            // Who does not say what it was trained on is believed where something is counted, as it
+            // is where it comes from.
             content.seen = Some(self.registry.counted(environment).await?);
         }
         let judged = tokio::task::spawn_blocking(move || {
             // The next has its turn when this one is judged, even if nobody waits for it any more.
             let _turn = turn;
             let (encoder, members) = (content.encoder.clone(), content.members.clone());
-            let (epochs, dropout) =
-                exported.as_ref().map_or_else(Default::default, |card| (card.epochs.clone(), card.dropout));
-            let ensemble = Ensemble { encoder, members, epochs, dropout };
+            let (epochs, dropout) = exported
+                .as_ref()
+                .map_or_else(Default::default, |card| (card.epochs.clone(), card.dropout));
+            let ensemble = Ensemble {
+                encoder,
+                members,
+                epochs,
+                dropout,
+            };
             let origin = exported.as_ref().map_or(Origin::Foreign, Origin::Exported);
             let card = in_spare_time(|| judge::card(&dataset, training, &ensemble, &origin));
             (content, card)
@@ -238,7 +315,10 @@ impl Networks {
         let (content, card) = judged.await.map_err(|error| internal(&error))?;
         if !(card.calibration.intercept.is_finite() && card.calibration.slope.is_finite()) {
             let detail = "its outputs are no numbers on the states here";
-            return Err(Problem::invalid("network", vec![Fault::new("/members", detail)]));
+            return Err(Problem::invalid(
+                "network",
+                vec![Fault::new("/members", detail)],
+            ));
         }
         let version = self.registry.keep(environment, &content, &card).await?;
         tracing::info!(environment = %environment.name, version, "a network was imported");
@@ -246,12 +326,25 @@ impl Networks {
     }
 
     /// Returns the network that answers for a pair; none where other agents are held fixed.
-    pub async fn active(&self, environment: &Environment, pair: &Pair) -> Result<Option<Arc<Network>>, Problem> {
-        if pair.given.is_empty() { self.registry.active(environment, pair).await } else { Ok(None) }
+    pub async fn active(
+        &self,
+        environment: &Environment,
+        pair: &Pair,
+    ) -> Result<Option<Arc<Network>>, Problem> {
+        if pair.given.is_empty() {
+            self.registry.active(environment, pair).await
+        } else {
+            Ok(None)
+        }
     }
 
-    /// Returns the active network of a pair, for callers who want it and nothing else: an error where it cannot be read.
-    pub async fn served(&self, environment: &Environment, pair: &Pair) -> Result<Option<Arc<Network>>, Problem> {
+    /// Returns the active network of a pair, for callers who want it and nothing else: an error
+    /// where it cannot be read.
+    pub async fn served(
+        &self,
+        environment: &Environment,
+        pair: &Pair,
+    ) -> Result<Option<Arc<Network>>, Problem> {
         self.registry.served(environment, pair).await
     }
 
@@ -266,7 +359,11 @@ impl Networks {
     }
 
     /// Returns a version ready to answer, active or not.
-    pub async fn network(&self, environment: &Environment, version: u64) -> Result<Arc<Network>, Problem> {
+    pub async fn network(
+        &self,
+        environment: &Environment,
+        version: u64,
+    ) -> Result<Arc<Network>, Problem> {
         self.registry.network(environment, version).await
     }
 
@@ -288,10 +385,18 @@ impl Networks {
     }
 
     /// Reads what a network of a pair would learn from, as it is counted now.
-    pub async fn dataset(&self, environment: &Environment, pair: &Pair) -> Result<Dataset, Problem> {
+    pub async fn dataset(
+        &self,
+        environment: &Environment,
+        pair: &Pair,
+    ) -> Result<Dataset, Problem> {
         let read = Dataset::read(&*self.store, &self.fits, environment, pair).await?;
         read.ok_or_else(|| {
-            Problem::new(ErrorKind::TooLarge, "TOO_MANY_ACTIONS", "the agents have too many actions for evidence")
+            Problem::new(
+                ErrorKind::TooLarge,
+                "TOO_MANY_ACTIONS",
+                "the agents have too many actions for evidence",
+            )
         })
     }
 
@@ -305,17 +410,30 @@ impl Networks {
         };
         let (state, message, version) = match result {
             Ok(model) => (JobState::Done, outcome(&model), Some(model.version)),
-            // A stop of the service ends the fit that a training begins with before it tells the training.
-            Err(problem) if order.end.is_cancelled() || problem.reason == STOPPING => {
-                (JobState::Cancelled, "cancelled; no network is made".to_owned(), None)
-            }
+            // A stop of the service ends the fit that a training begins with before it tells the
+            // training.
+            Err(problem) if order.end.is_cancelled() || problem.reason == STOPPING => (
+                JobState::Cancelled,
+                "cancelled; no network is made".to_owned(),
+                None,
+            ),
             Err(problem) => (JobState::Failed, problem.message, None),
         };
         telemetry::trained(state.as_str(), started.elapsed());
         tracing::info!(environment = %order.environment.name, job = order.job, state = state.as_str(), message, version, "a training is over");
         self.jobs.update(order.job, |job| {
-            let progress = if state == JobState::Done { 1.0 } else { job.progress };
-            *job = Job { state, message, version, progress, ..job.clone() };
+            let progress = if state == JobState::Done {
+                1.0
+            } else {
+                job.progress
+            };
+            *job = Job {
+                state,
+                message,
+                version,
+                progress,
+                ..job.clone()
+            };
         });
     }
 
@@ -324,13 +442,23 @@ impl Networks {
         // It may have waited for long: the rule is that of now.
         let environment = &self.current(&order.environment)?;
         self.tell(order, 0.0, "reads the states and fits the prior");
-        let dataset = order.end.run_until_cancelled(self.dataset(environment, pair)).await;
+        let dataset = order
+            .end
+            .run_until_cancelled(self.dataset(environment, pair))
+            .await;
         let dataset = dataset.unwrap_or_else(|| Err(no_network(&TrainingError::Cancelled)))?;
-        let seen = Seen::of(&environment.schema, training::learned(&dataset, training).map(|example| &example.key));
+        let seen = Seen::of(
+            &environment.schema,
+            training::learned(&dataset, training).map(|example| &example.key),
+        );
         let (networks, order_there) = (self.clone(), order.clone());
-        let trained =
-            tokio::task::spawn_blocking(move || in_spare_time(|| networks.trained(&order_there, &dataset))).await;
-        let (ensemble, card) = trained.map_err(|error| internal(&error))?.map_err(|error| no_network(&error))?;
+        let trained = tokio::task::spawn_blocking(move || {
+            in_spare_time(|| networks.trained(&order_there, &dataset))
+        })
+        .await;
+        let (ensemble, card) = trained
+            .map_err(|error| internal(&error))?
+            .map_err(|error| no_network(&error))?;
         let content = file::Content {
             kind: training.kind,
             pair: pair.clone(),
@@ -353,7 +481,10 @@ impl Networks {
 
     /// Returns an environment as it is now.
     fn current(&self, environment: &Environment) -> Result<Arc<Environment>, Problem> {
-        let found = self.store.environment(environment.name.as_str()).filter(|found| found.id == environment.id);
+        let found = self
+            .store
+            .environment(environment.name.as_str())
+            .filter(|found| found.id == environment.id);
         found.ok_or_else(|| crate::store::StoreError::UnknownEnvironment.into())
     }
 
@@ -362,18 +493,29 @@ impl Networks {
         /// Of the whole, what each of the two takes; the rest is for judging.
         const SHARE: f64 = 0.48;
         let training = &order.training;
-        let seen = dataset.examples.iter().map(|example| (&example.key, example.table.total() as f64));
+        let seen = dataset
+            .examples
+            .iter()
+            .map(|example| (&example.key, example.table.total() as f64));
         let encoder = Encoder::fitted(&order.environment.schema, seen);
         let train = |dataset: &Dataset, from: f64, what: &str| {
             let mut watch = |done: f64| {
                 self.tell(order, from + SHARE * done, what);
-                if order.end.is_cancelled() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+                if order.end.is_cancelled() {
+                    ControlFlow::Break(())
+                } else {
+                    ControlFlow::Continue(())
+                }
             };
             training::train(dataset, &encoder, training, &mut watch)
         };
         let ensemble = train(dataset, 0.02, "learns from the counts")?;
         let shuffled = dataset.shuffled(training.seed);
-        let twin = train(&shuffled, 0.02 + SHARE, "learns from shuffled counts, for comparison")?;
+        let twin = train(
+            &shuffled,
+            0.02 + SHARE,
+            "learns from shuffled counts, for comparison",
+        )?;
         if order.end.is_cancelled() {
             return Err(TrainingError::Cancelled);
         }
@@ -384,7 +526,12 @@ impl Networks {
 
     fn tell(&self, order: &Order, progress: f64, message: &str) {
         self.jobs.update(order.job, |job| {
-            *job = Job { state: JobState::Running, progress, message: message.to_owned(), ..job.clone() };
+            *job = Job {
+                state: JobState::Running,
+                progress,
+                message: message.to_owned(),
+                ..job.clone()
+            };
         });
     }
 }
@@ -402,30 +549,61 @@ struct Order {
 
 /// Reads a page's token: the version that it comes after.
 fn place(token: &str) -> Result<u64, Problem> {
-    let version = token.parse().ok().filter(|version: &u64| version.to_string() == token);
-    let fault = || Fault::new("/page_token", format!("got {token:?}, expected the `next_page_token` of a page"));
+    let version = token
+        .parse()
+        .ok()
+        .filter(|version: &u64| version.to_string() == token);
+    let fault = || {
+        Fault::new(
+            "/page_token",
+            format!("got {token:?}, expected the `next_page_token` of a page"),
+        )
+    };
     version.ok_or_else(|| Problem::invalid("page", vec![fault()]))
 }
 
 fn outcome(model: &Model) -> String {
-    let unbeaten = model.card.as_ref().map_or(&[][..], |card| &card.not_better_than);
+    let unbeaten = model
+        .card
+        .as_ref()
+        .map_or(&[][..], |card| &card.not_better_than);
     let worse = unbeaten.join(", ");
     match (model.active, worse.is_empty()) {
         (true, true) => format!("version {} is active", model.version),
         (true, false) => {
-            format!("version {} is active as was asked for, though it is not better than {worse}", model.version)
+            format!(
+                "version {} is active as was asked for, though it is not better than {worse}",
+                model.version
+            )
         }
-        (false, false) => format!("version {} is kept, not active: it is not better than {worse}", model.version),
-        (false, true) => format!("version {} is kept, not active: the rule has changed meanwhile", model.version),
+        (false, false) => format!(
+            "version {} is kept, not active: it is not better than {worse}",
+            model.version
+        ),
+        (false, true) => format!(
+            "version {} is kept, not active: the rule has changed meanwhile",
+            model.version
+        ),
     }
 }
 
 /// Says what is too large for a network.
 fn check_size(environment: &Environment, pair: &Pair, training: &Training) -> Result<(), Problem> {
-    let (inputs, cells) = (encoder::width(&environment.schema), pair.alphabet(&environment.schema));
-    let too_large = |message: String| Err(Problem::new(ErrorKind::TooLarge, "NETWORK_TOO_LARGE", message));
+    let (inputs, cells) = (
+        encoder::width(&environment.schema),
+        pair.alphabet(&environment.schema),
+    );
+    let too_large = |message: String| {
+        Err(Problem::new(
+            ErrorKind::TooLarge,
+            "NETWORK_TOO_LARGE",
+            message,
+        ))
+    };
     if inputs > MOST_INPUTS {
-        return too_large(format!("a state is {inputs} numbers, more than the {MOST_INPUTS} that a network takes"));
+        return too_large(format!(
+            "a state is {inputs} numbers, more than the {MOST_INPUTS} that a network takes"
+        ));
     }
     if cells.rows.saturating_mul(cells.columns) > MOST_CELLS {
         return too_large(format!(
@@ -433,11 +611,16 @@ fn check_size(environment: &Environment, pair: &Pair, training: &Training) -> Re
             cells.rows, cells.columns
         ));
     }
-    let outputs: usize = member::heads(training.kind, cells).iter().map(|(_, outputs)| outputs).sum();
+    let outputs: usize = member::heads(training.kind, cells)
+        .iter()
+        .map(|(_, outputs)| outputs)
+        .sum();
     let numbers = training.members * (training.width * (inputs + outputs + 1) + outputs);
     // A part of the file is for names and the card.
     if numbers * size_of::<f32>() > file::MOST_BYTES - (1 << 20) {
-        return too_large(format!("it would have {numbers} weights; take fewer members or a smaller width"));
+        return too_large(format!(
+            "it would have {numbers} weights; take fewer members or a smaller width"
+        ));
     }
     Ok(())
 }
@@ -454,5 +637,9 @@ fn no_network(error: &TrainingError) -> Problem {
 
 fn internal(error: &dyn std::fmt::Display) -> Problem {
     tracing::error!(%error, "a training ended unexpectedly");
-    Problem::new(ErrorKind::Internal, "INTERNAL", "the training ended unexpectedly; the cause is in the service's log")
+    Problem::new(
+        ErrorKind::Internal,
+        "INTERNAL",
+        "the training ended unexpectedly; the cause is in the service's log",
+    )
 }

@@ -11,13 +11,15 @@ use super::member::{Joint, Member};
 use super::seen::Seen;
 use super::told::Told;
 use crate::domain::{
-    Calibration, Card, Environment, EnvironmentId, ModelAction, ModelKind, Pair, StateKey, Verdict, is_same_threshold,
+    Calibration, Card, Environment, EnvironmentId, ModelAction, ModelKind, Pair, StateKey, Verdict,
+    is_same_threshold,
 };
 
 /// Added to mutual information before its logarithm is taken: what is below is as good as nothing.
 const NEGLIGIBLE: f64 = 0.005;
 
-/// How far what a network says of a state must lie from what it says of any, in odds, for a verdict to be about that state.
+/// How far what a network says of a state must lie from what it says of any, in odds, for a verdict
+/// to be about that state.
 const MOVED: f64 = 3.0;
 
 /// A version ready to answer: shared by any number of threads.
@@ -45,7 +47,8 @@ pub struct Network {
 /// What a network says of one state.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Prediction {
-    /// P(MI > threshold), the mean of its members; `None` at another threshold than the network's own.
+    /// P(MI > threshold), the mean of its members; `None` at another threshold than the network's
+    /// own.
     pub probability: Option<f64>,
     /// Mutual information in nats, the mean of its members; `None` for a direct network.
     pub mutual_information: Option<f64>,
@@ -58,7 +61,14 @@ pub struct Prediction {
 impl Network {
     /// Makes a version ready.
     pub fn new(environment: EnvironmentId, version: u64, content: Content, card: &Card) -> Self {
-        let Content { kind, pair, threshold, encoder, members, seen } = content;
+        let Content {
+            kind,
+            pair,
+            threshold,
+            encoder,
+            members,
+            seen,
+        } = content;
         Self {
             environment,
             version,
@@ -80,20 +90,35 @@ impl Network {
         (self.environment, self.version) == (environment, version)
     }
 
-    /// Predicts for states, which are of the network's schema, at a threshold in nats, and remembers what it said.
+    /// Predicts for states, which are of the network's schema, at a threshold in nats, and
+    /// remembers what it said.
     pub fn predict(&self, states: &[StateKey], threshold: f64) -> Vec<Prediction> {
-        self.predictions(states, self.told.of(states, |unknown| self.tell(unknown)), threshold)
+        self.predictions(
+            states,
+            self.told.of(states, |unknown| self.tell(unknown)),
+            threshold,
+        )
     }
 
     /// Predicts for states that nobody will ask for again soon.
     pub fn predict_once(&self, states: &[StateKey], threshold: f64) -> Vec<Prediction> {
-        self.predictions(states, self.tell(&states.iter().collect::<Vec<_>>()), threshold)
+        self.predictions(
+            states,
+            self.tell(&states.iter().collect::<Vec<_>>()),
+            threshold,
+        )
     }
 
-    fn predictions(&self, states: &[StateKey], told: Vec<Arc<[f64]>>, threshold: f64) -> Vec<Prediction> {
+    fn predictions(
+        &self,
+        states: &[StateKey],
+        told: Vec<Arc<[f64]>>,
+        threshold: f64,
+    ) -> Vec<Prediction> {
         let can_tell = is_same_threshold(threshold, self.threshold);
         let prediction = |(state, numbers): (&StateKey, Arc<[f64]>)| {
-            let (mean, agrees) = mean_and_agreement(numbers.iter().map(|number| self.probability(*number)));
+            let (mean, agrees) =
+                mean_and_agreement(numbers.iter().map(|number| self.probability(*number)));
             Prediction {
                 probability: can_tell.then_some(mean),
                 mutual_information: self.mutual_information(&numbers),
@@ -123,10 +148,20 @@ impl Network {
         const SHARE: usize = 128;
         let share = |states: &[&StateKey]| {
             let inputs = self.encoder.encode(states.iter().copied());
-            let members: Vec<Vec<f64>> = self.members.iter().map(|member| self.numbers(member, &inputs)).collect();
-            (0..states.len()).map(|state| members.iter().map(|member| member[state]).collect()).collect::<Vec<_>>()
+            let members: Vec<Vec<f64>> = self
+                .members
+                .iter()
+                .map(|member| self.numbers(member, &inputs))
+                .collect();
+            (0..states.len())
+                .map(|state| members.iter().map(|member| member[state]).collect())
+                .collect::<Vec<_>>()
         };
-        if states.len() <= SHARE { share(states) } else { states.par_chunks(SHARE).flat_map_iter(share).collect() }
+        if states.len() <= SHARE {
+            share(states)
+        } else {
+            states.par_chunks(SHARE).flat_map_iter(share).collect()
+        }
     }
 
     fn numbers(&self, member: &Member, inputs: &Array2<f32>) -> Vec<f64> {
@@ -138,28 +173,45 @@ impl Network {
 
     /// Returns ln min(R, K): no mutual information is larger.
     fn largest(&self) -> f64 {
-        let actions = |head: usize| self.members.first().map_or(1, |member| member.heads[head].shape().1);
+        let actions = |head: usize| {
+            self.members
+                .first()
+                .map_or(1, |member| member.heads[head].shape().1)
+        };
         (actions(0).min(actions(1)) as f64).ln()
     }
 
     /// Returns the names of the features whose bin in a state was not seen in training.
     pub fn out_of_range(&self, environment: &Environment, state: &StateKey) -> Vec<String> {
-        self.seen.outside(state).map(|feature| environment.schema.state()[feature].name.to_string()).collect()
+        self.seen
+            .outside(state)
+            .map(|feature| environment.schema.state()[feature].name.to_string())
+            .collect()
     }
 
-    /// Returns whether a prediction can decide anything: not at another threshold than the network's own, not where a bin of the state was not seen in
-    /// training, and not where it has found nothing in the counts that it learned from.
+    /// Returns whether a prediction can decide anything: not at another threshold than the
+    /// network's own, not where a bin of the state was not seen in training, and not where it has
+    /// found nothing in the counts that it learned from.
     pub fn can_decide(&self, prediction: &Prediction) -> bool {
         self.found_something && prediction.in_range && prediction.probability.is_some()
     }
 
-    /// Decides by a prediction: at the same confidence as for counts, only where the members agree, and only by what is said of this very state. Its odds
-    /// must be at least three times, or at most a third, of those of a state about which nothing is known: both of those by the environment's fit,
-    /// `unseen`, and of those that the network itself gives on average. Else one that says the same of every state would decide them all, and one that
-    /// says too much of all would gain by the difference.
+    /// Decides by a prediction: at the same confidence as for counts, only where the members agree,
+    /// and only by what is said of this very state. Its odds must be at least three times, or at
+    /// most a third, of those of a state about which nothing is known: both of those by the
+    /// environment's fit, `unseen`, and of those that the network itself gives on average. Else one
+    /// that says the same of every state would decide them all, and one that says too much of all
+    /// would gain by the difference.
     pub fn decide(&self, prediction: &Prediction, confidence: f64, unseen: f64) -> Verdict {
-        match prediction.probability.filter(|_| self.can_decide(prediction) && prediction.agrees) {
-            Some(probability) => verdict(probability, confidence, [unseen, self.base_rate.unwrap_or(unseen)]),
+        match prediction
+            .probability
+            .filter(|_| self.can_decide(prediction) && prediction.agrees)
+        {
+            Some(probability) => verdict(
+                probability,
+                confidence,
+                [unseen, self.base_rate.unwrap_or(unseen)],
+            ),
             None => Verdict::Undecided,
         }
     }
@@ -169,22 +221,33 @@ impl Network {
         self.kind == ModelKind::Joint
     }
 
-    /// Predicts what each of the ego's actions does in a state; empty for a direct network. Divergences are in nats.
+    /// Predicts what each of the ego's actions does in a state; empty for a direct network.
+    /// Divergences are in nats.
     pub fn by_action(&self, environment: &Environment, state: &StateKey) -> Vec<ModelAction> {
         let inputs = self.encoder.encode(std::iter::once(state));
         let members: Vec<Joint> = match self.kind {
-            ModelKind::Joint => self.members.iter().filter_map(|member| member.joint(&inputs).pop()).collect(),
+            ModelKind::Joint => self
+                .members
+                .iter()
+                .filter_map(|member| member.joint(&inputs).pop())
+                .collect(),
             ModelKind::Direct => Vec::new(),
         };
-        let Some(first) = members.first() else { return Vec::new() };
+        let Some(first) = members.first() else {
+            return Vec::new();
+        };
         let ego = &environment.schema.agents()[self.pair.ego];
-        let mean = |figure: &dyn Fn(&Joint) -> f64| members.iter().map(figure).sum::<f64>() / members.len() as f64;
+        let mean = |figure: &dyn Fn(&Joint) -> f64| {
+            members.iter().map(figure).sum::<f64>() / members.len() as f64
+        };
         let action = |index: usize| ModelAction {
             index: index as u64,
             action: ego.action_label(index as u64),
             probability: mean(&|joint| joint.ego[index]),
             divergence: mean(&|joint| joint.divergence(index)),
-            response: (0..first.other.len()).map(|other| mean(&|joint| joint.response[[index, other]])).collect(),
+            response: (0..first.other.len())
+                .map(|other| mean(&|joint| joint.response[[index, other]]))
+                .collect(),
         };
         (0..first.ego.len()).map(action).collect()
     }
@@ -193,7 +256,9 @@ impl Network {
 /// Returns the mean of probabilities, and whether all are on the same side of one half.
 fn mean_and_agreement(probabilities: impl ExactSizeIterator<Item = f64>) -> (f64, bool) {
     let members = probabilities.len();
-    let (sum, above) = probabilities.fold((0.0, 0), |(sum, above), p| (sum + p, above + usize::from(p >= 0.5)));
+    let (sum, above) = probabilities.fold((0.0, 0), |(sum, above), p| {
+        (sum + p, above + usize::from(p >= 0.5))
+    });
     (sum / members as f64, above == 0 || above == members)
 }
 
@@ -212,14 +277,16 @@ fn verdict(probability: f64, confidence: f64, bases: [f64; 2]) -> Verdict {
     let complement = 1.0 - probability;
     if probability >= confidence && bases.into_iter().all(|base| is_moved(base, probability)) {
         Verdict::Influences
-    } else if complement >= confidence && bases.into_iter().all(|base| is_moved(probability, base)) {
+    } else if complement >= confidence && bases.into_iter().all(|base| is_moved(probability, base))
+    {
         Verdict::NoInfluence
     } else {
         Verdict::Undecided
     }
 }
 
-/// Returns whether the odds of the larger probability are at least three times those of the smaller.
+/// Returns whether the odds of the larger probability are at least three times those of the
+/// smaller.
 fn is_moved(smaller: f64, larger: f64) -> bool {
     smaller < larger && larger * (1.0 - smaller) >= MOVED * smaller * (1.0 - larger)
 }
@@ -236,7 +303,11 @@ mod tests {
     #[test]
     fn who_says_the_same_of_every_state_decides_none() {
         for p in [0.0, 0.05, 0.8, 0.95, 1.0] {
-            assert_eq!(verdict(p, 0.8, [0.3, p]), Verdict::Undecided, "{p} of every state");
+            assert_eq!(
+                verdict(p, 0.8, [0.3, p]),
+                Verdict::Undecided,
+                "{p} of every state"
+            );
         }
         // Odds of 4 are three times those of 4/7, and less than those of .6.
         assert_eq!(verdict(0.8, 0.8, [0.02, 4.0 / 7.0]), Verdict::Influences);

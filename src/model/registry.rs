@@ -1,10 +1,13 @@
-//! Which versions there are, and which answers for each pair: kept by the store, remembered ready to answer.
+//! Which versions there are, and which answers for each pair: kept by the store, remembered ready
+//! to answer.
 //!
-//! A version that this build cannot read stays listed, with the reason. That it cannot be read is remembered, for a version never changes; that the
-//! store could not be read is not, for that passes.
+//! A version that this build cannot read stays listed, with the reason. That it cannot be read is
+//! remembered, for a version never changes; that the store could not be read is not, for that
+//! passes.
 //!
-//! Who asks for the active network reads a map that is replaced as a whole, so a switch disturbs nobody: each request has either the one or the other.
-//! Loading and switching take turns, so that what is remembered is never older than what the store says.
+//! Who asks for the active network reads a map that is replaced as a whole, so a switch disturbs
+//! nobody: each request has either the one or the other. Loading and switching take turns, so that
+//! what is remembered is never older than what the store says.
 
 use std::sync::Arc;
 
@@ -67,10 +70,17 @@ impl Registry {
     /// Makes a handle on the versions of a store.
     pub fn new(store: Arc<dyn Store>) -> Self {
         let ready = Arc::new(Ready::new(LruCache::new(READY)));
-        Self { store, active: Arc::default(), ready, looked_at: Arc::default(), turn: Arc::default() }
+        Self {
+            store,
+            active: Arc::default(),
+            ready,
+            looked_at: Arc::default(),
+            turn: Arc::default(),
+        }
     }
 
-    /// Returns every version, in order. One that cannot be read says why; the first time, so does the log.
+    /// Returns every version, in order. One that cannot be read says why; the first time, so does
+    /// the log.
     pub async fn list(&self, environment: &Environment) -> Result<Vec<Model>, Problem> {
         let records = self.store.models(environment.id).await.map_err(logged)?;
         let mut models = Vec::with_capacity(records.len());
@@ -81,8 +91,14 @@ impl Registry {
         Ok(models)
     }
 
-    /// Returns the versions above one, in order, as many as a page of that size may have and fit into a message; and whether there are more.
-    pub async fn page(&self, environment: &Environment, after: u64, size: usize) -> Result<Page<Model>, Problem> {
+    /// Returns the versions above one, in order, as many as a page of that size may have and fit
+    /// into a message; and whether there are more.
+    pub async fn page(
+        &self,
+        environment: &Environment,
+        after: u64,
+        size: usize,
+    ) -> Result<Page<Model>, Problem> {
         let mut records = self.store.models(environment.id).await.map_err(logged)?;
         records.retain(|record| record.version > after);
         // One more tells that there is another page. Those beyond need not be looked at.
@@ -92,63 +108,126 @@ impl Registry {
             let card = self.card(environment, &record).await?;
             models.push(model(environment, &record, card));
         }
-        Ok(api::page(models, size, 0, |model| proto::Model::from(model.clone())))
+        Ok(api::page(models, size, 0, |model| {
+            proto::Model::from(model.clone())
+        }))
     }
 
     /// Returns one version.
     pub async fn get(&self, environment: &Environment, version: u64) -> Result<Model, Problem> {
         let models = self.list(environment).await?;
-        let found = models.iter().find(|model| model.version == version).cloned();
+        let found = models
+            .iter()
+            .find(|model| model.version == version)
+            .cloned();
         found.ok_or_else(|| unknown(version, models.iter().map(|model| model.version)))
     }
 
     /// Returns one version as it is kept.
-    async fn record(&self, environment: &Environment, version: u64) -> Result<(ModelRecord, Vec<u8>), Problem> {
-        if let Some(found) = self.store.model(environment.id, version).await.map_err(logged)? {
+    async fn record(
+        &self,
+        environment: &Environment,
+        version: u64,
+    ) -> Result<(ModelRecord, Vec<u8>), Problem> {
+        if let Some(found) = self
+            .store
+            .model(environment.id, version)
+            .await
+            .map_err(logged)?
+        {
             return Ok(found);
         }
         let known = self.store.models(environment.id).await.map_err(logged)?;
-        Err(unknown(version, known.into_iter().map(|record| record.version)))
+        Err(unknown(
+            version,
+            known.into_iter().map(|record| record.version),
+        ))
     }
 
     /// Refuses where an environment has as many versions as it may have.
     pub async fn check_room(&self, environment: &Environment) -> Result<(), Problem> {
         let limit = self.store.quotas().models;
-        let versions = self.store.models(environment.id).await.map_err(logged)?.len();
-        if (versions as u64) < limit { Ok(()) } else { Err(StoreError::too_many_models(limit).into()) }
+        let versions = self
+            .store
+            .models(environment.id)
+            .await
+            .map_err(logged)?
+            .len();
+        if (versions as u64) < limit {
+            Ok(())
+        } else {
+            Err(StoreError::too_many_models(limit).into())
+        }
     }
 
     /// Keeps a network with its card.
-    pub async fn keep(&self, environment: &Environment, content: &file::Content, card: &Card) -> Result<u64, Problem> {
+    pub async fn keep(
+        &self,
+        environment: &Environment,
+        content: &file::Content,
+        card: &Card,
+    ) -> Result<u64, Problem> {
         let text = text::of_card(card);
         let weights = file::write(environment, content, &text);
         if weights.len() > file::MOST_BYTES {
-            let message =
-                format!("the network takes {} bytes, more than {}; make it narrower", weights.len(), file::MOST_BYTES);
-            return Err(Problem::new(ErrorKind::TooLarge, "NETWORK_TOO_LARGE", message));
+            let message = format!(
+                "the network takes {} bytes, more than {}; make it narrower",
+                weights.len(),
+                file::MOST_BYTES
+            );
+            return Err(Problem::new(
+                ErrorKind::TooLarge,
+                "NETWORK_TOO_LARGE",
+                message,
+            ));
         }
-        // JSON has no word for infinity, and a file no weights beyond a limit: nothing is kept that could not be read again.
+        // JSON has no word for infinity, and a file no weights beyond a limit: nothing is kept that
+        // could not be read again.
         let pair = (content.pair.ego, content.pair.other);
         if let Err(why) = parse(environment, pair, &text, &weights) {
             let message = format!("no network is made: {why}");
-            return Err(Problem::new(ErrorKind::Conflict, "TRAINING_DIVERGED", message));
+            return Err(Problem::new(
+                ErrorKind::Conflict,
+                "TRAINING_DIVERGED",
+                message,
+            ));
         }
 
         let Pair { ego, other, .. } = content.pair;
-        let model = NewModel { ego, other, kind: content.kind.as_str().to_owned(), card: text, weights };
-        let version = self.store.keep_model(environment.id, &model).await.map_err(logged)?;
+        let model = NewModel {
+            ego,
+            other,
+            kind: content.kind.as_str().to_owned(),
+            card: text,
+            weights,
+        };
+        let version = self
+            .store
+            .keep_model(environment.id, &model)
+            .await
+            .map_err(logged)?;
         self.note(environment, version, None);
         Ok(version)
     }
 
     /// Makes a version the one that answers for its pair.
-    pub async fn activate(&self, environment: &Environment, version: u64) -> Result<Model, Problem> {
+    pub async fn activate(
+        &self,
+        environment: &Environment,
+        version: u64,
+    ) -> Result<Model, Problem> {
         let model = self.get(environment, version).await?;
         let card = model.card.map_err(|why| unreadable(version, &why))?;
         if model.stale {
-            let [ego, other] =
-                [&model.ego, &model.other].map(|agent| environment.schema.agent(agent).unwrap_or_default());
-            let rule = environment.rule_of(&Pair { ego, other, given: Vec::new() }).threshold_nats();
+            let [ego, other] = [&model.ego, &model.other]
+                .map(|agent| environment.schema.agent(agent).unwrap_or_default());
+            let rule = environment
+                .rule_of(&Pair {
+                    ego,
+                    other,
+                    given: Vec::new(),
+                })
+                .threshold_nats();
             let message = format!(
                 "version {version} answers at a threshold of {} nats only, and the rule's is {rule}: train another",
                 card.threshold
@@ -157,22 +236,37 @@ impl Registry {
         }
         {
             let _switch = self.switch(environment).await;
-            self.store.activate_model(environment.id, version).await.map_err(logged)?;
+            self.store
+                .activate_model(environment.id, version)
+                .await
+                .map_err(logged)?;
         }
         self.get(environment, version).await
     }
 
     /// Takes a version back, and returns the one that answers for its pair instead.
-    pub async fn roll_back(&self, environment: &Environment, version: u64) -> Result<Option<Model>, Problem> {
+    pub async fn roll_back(
+        &self,
+        environment: &Environment,
+        version: u64,
+    ) -> Result<Option<Model>, Problem> {
         let switch = self.switch(environment).await;
         let model = self.get(environment, version).await?;
         if !model.active {
             let message = format!("version {version} is not active");
-            return Err(Problem::new(ErrorKind::Conflict, "MODEL_NOT_ACTIVE", message));
+            return Err(Problem::new(
+                ErrorKind::Conflict,
+                "MODEL_NOT_ACTIVE",
+                message,
+            ));
         }
-        self.store.deactivate_model(environment.id, version).await.map_err(logged)?;
+        self.store
+            .deactivate_model(environment.id, version)
+            .await
+            .map_err(logged)?;
         drop(switch);
-        let same_pair = |one: &Model| one.active && one.ego == model.ego && one.other == model.other;
+        let same_pair =
+            |one: &Model| one.active && one.ego == model.ego && one.other == model.other;
         Ok(self.list(environment).await?.into_iter().find(same_pair))
     }
 
@@ -180,18 +274,26 @@ impl Registry {
     pub async fn delete(&self, environment: &Environment, version: u64) -> Result<(), Problem> {
         let _switch = self.switch(environment).await;
         if self.get(environment, version).await?.active {
-            let message =
-                format!("version {version} is active: activate another, or take it back, before you delete it");
+            let message = format!(
+                "version {version} is active: activate another, or take it back, before you delete it"
+            );
             return Err(Problem::new(ErrorKind::Conflict, "MODEL_ACTIVE", message));
         }
-        self.store.delete_model(environment.id, version).await.map_err(logged)?;
+        self.store
+            .delete_model(environment.id, version)
+            .await
+            .map_err(logged)?;
         self.ready().pop(&(environment.id, version));
         self.looked_at().remove(&(environment.id, version));
         Ok(())
     }
 
     /// Returns a version as a file.
-    pub async fn export(&self, environment: &Environment, version: u64) -> Result<Vec<u8>, Problem> {
+    pub async fn export(
+        &self,
+        environment: &Environment,
+        version: u64,
+    ) -> Result<Vec<u8>, Problem> {
         let (_, weights) = self.record(environment, version).await?;
         if weights.is_empty() {
             return Err(unreadable(version, WITHOUT_WEIGHTS));
@@ -200,29 +302,60 @@ impl Registry {
     }
 
     /// Returns a version ready to answer.
-    pub async fn network(&self, environment: &Environment, version: u64) -> Result<Arc<Network>, Problem> {
+    pub async fn network(
+        &self,
+        environment: &Environment,
+        version: u64,
+    ) -> Result<Arc<Network>, Problem> {
         let active = self.active.load();
-        let mut ready = active.values().flatten().filter_map(|(_, loaded)| loaded.as_ref().ok());
+        let mut ready = active
+            .values()
+            .flatten()
+            .filter_map(|(_, loaded)| loaded.as_ref().ok());
         if let Some(network) = ready.find(|network| network.is_of(environment.id, version)) {
             return Ok(network.clone());
         }
         let _turn = self.turn.lock().await;
-        self.load(environment, version).await?.map_err(|why| unreadable(version, &why))
+        self.load(environment, version)
+            .await?
+            .map_err(|why| unreadable(version, &why))
     }
 
-    /// Returns the network that answers for a pair; none where the active version cannot be read, for then counts answer alone.
-    pub async fn active(&self, environment: &Environment, pair: &Pair) -> Result<Option<Arc<Network>>, Problem> {
-        Ok(self.standing(environment, pair).await?.and_then(|(_, loaded)| loaded.ok()))
+    /// Returns the network that answers for a pair; none where the active version cannot be read,
+    /// for then counts answer alone.
+    pub async fn active(
+        &self,
+        environment: &Environment,
+        pair: &Pair,
+    ) -> Result<Option<Arc<Network>>, Problem> {
+        Ok(self
+            .standing(environment, pair)
+            .await?
+            .and_then(|(_, loaded)| loaded.ok()))
     }
 
-    /// Returns the network that is active for a pair; an error where it cannot be read, for callers who want it and nothing else.
-    pub async fn served(&self, environment: &Environment, pair: &Pair) -> Result<Option<Arc<Network>>, Problem> {
-        let network = |(version, loaded): (u64, Loaded)| loaded.map_err(|why| unreadable(version, &why));
-        self.standing(environment, pair).await?.map(network).transpose()
+    /// Returns the network that is active for a pair; an error where it cannot be read, for callers
+    /// who want it and nothing else.
+    pub async fn served(
+        &self,
+        environment: &Environment,
+        pair: &Pair,
+    ) -> Result<Option<Arc<Network>>, Problem> {
+        let network =
+            |(version, loaded): (u64, Loaded)| loaded.map_err(|why| unreadable(version, &why));
+        self.standing(environment, pair)
+            .await?
+            .map(network)
+            .transpose()
     }
 
-    /// Returns the active version of a pair. Only what the store has said is remembered: if it could not be read, it is asked again next time.
-    async fn standing(&self, environment: &Environment, pair: &Pair) -> Result<Option<(u64, Loaded)>, Problem> {
+    /// Returns the active version of a pair. Only what the store has said is remembered: if it
+    /// could not be read, it is asked again next time.
+    async fn standing(
+        &self,
+        environment: &Environment,
+        pair: &Pair,
+    ) -> Result<Option<(u64, Loaded)>, Problem> {
         let place = (environment.id, pair.ego, pair.other);
         if let Some(known) = self.active.load().get(&place) {
             return Ok(known.clone());
@@ -232,16 +365,22 @@ impl Registry {
             return Ok(known.clone());
         }
         let records = self.store.models(environment.id).await.map_err(logged)?;
-        let record = records.into_iter().find(|one| one.active && (one.ego, one.other) == (pair.ego, pair.other));
+        let record = records
+            .into_iter()
+            .find(|one| one.active && (one.ego, one.other) == (pair.ego, pair.other));
         let standing = match record {
-            Some(record) => Some((record.version, self.load(environment, record.version).await?)),
+            Some(record) => Some((
+                record.version,
+                self.load(environment, record.version).await?,
+            )),
             None => None,
         };
         self.remember(place, standing.clone());
         Ok(standing)
     }
 
-    /// Returns a version that is ready, or makes it so. Only called by who has the turn: else one that is deleted meanwhile would stay.
+    /// Returns a version that is ready, or makes it so. Only called by who has the turn: else one
+    /// that is deleted meanwhile would stay.
     async fn load(&self, environment: &Environment, version: u64) -> Result<Loaded, Problem> {
         let key = (environment.id, version);
         if let Some(network) = self.ready().get(&key) {
@@ -249,7 +388,12 @@ impl Registry {
         }
         let (record, weights) = self.record(environment, version).await?;
 
-        let parsed = parse(environment, (record.ego, record.other), &record.card, &weights);
+        let parsed = parse(
+            environment,
+            (record.ego, record.other),
+            &record.card,
+            &weights,
+        );
         self.note(environment, version, parsed.as_ref().err().cloned());
         let (mut content, card) = match parsed {
             Ok(read) => read,
@@ -263,16 +407,27 @@ impl Registry {
         Ok(Ok(network))
     }
 
-    /// Returns the card of a version, or why the version cannot be read: its card, or its weights, which are looked at once.
-    async fn card(&self, environment: &Environment, record: &ModelRecord) -> Result<Result<Card, String>, Problem> {
+    /// Returns the card of a version, or why the version cannot be read: its card, or its weights,
+    /// which are looked at once.
+    async fn card(
+        &self,
+        environment: &Environment,
+        record: &ModelRecord,
+    ) -> Result<Result<Card, String>, Problem> {
         let key = (environment.id, record.version);
         let noted = self.looked_at().get(&key).cloned();
         if let Some(why) = noted {
             return Ok(why.map_or_else(|| card(environment, record), Err));
         }
-        let found = self.store.model(environment.id, record.version).await.map_err(logged)?;
+        let found = self
+            .store
+            .model(environment.id, record.version)
+            .await
+            .map_err(logged)?;
         // One that is deleted meanwhile is listed as it was.
-        let Some((_, weights)) = found else { return Ok(card(environment, record)) };
+        let Some((_, weights)) = found else {
+            return Ok(card(environment, record));
+        };
         let pair = (record.ego, record.other);
         let parsed = parse(environment, pair, &record.card, &weights).map(|(_, card)| card);
         self.note(environment, record.version, parsed.as_ref().err().cloned());
@@ -281,37 +436,52 @@ impl Registry {
 
     /// Notes that a version was looked at, and says in the log if it cannot be read.
     fn note(&self, environment: &Environment, version: u64, why: Option<String>) {
-        let before = self.looked_at().insert((environment.id, version), why.clone());
+        let before = self
+            .looked_at()
+            .insert((environment.id, version), why.clone());
         if let (None, Some(why)) = (before, why) {
             tracing::warn!(environment = %environment.name, version, why, "a network cannot be read: it answers nothing");
         }
     }
 
-    fn looked_at(&self) -> std::sync::MutexGuard<'_, HashMap<(EnvironmentId, u64), Option<String>>> {
-        self.looked_at.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+    fn looked_at(
+        &self,
+    ) -> std::sync::MutexGuard<'_, HashMap<(EnvironmentId, u64), Option<String>>> {
+        self.looked_at
+            .lock()
+            .unwrap_or_else(std::sync::PoisonError::into_inner)
     }
 
-    /// Returns the bins of the states that are counted now: what a version of an earlier build, which does not say what it was trained on, is believed in.
-    /// Of very many states the later ones count as not seen, which costs verdicts and no more.
+    /// Returns the bins of the states that are counted now: what a version of an earlier build,
+    /// which does not say what it was trained on, is believed in. Of very many states the later
+    /// ones count as not seen, which costs verdicts and no more.
     pub async fn counted(&self, environment: &Environment) -> Result<Seen, Problem> {
         /// Pages that are read: a million states, in some seconds, once for each such version.
         const MOST_PAGES: usize = 1_000;
         let mut seeing = Seeing::new(&environment.schema);
         let mut pages = Pages::new(&*self.store, environment.id);
         for _ in 0..MOST_PAGES {
-            let Some(page) = pages.next().await.map_err(logged)? else { break };
+            let Some(page) = pages.next().await.map_err(logged)? else {
+                break;
+            };
             page.iter().for_each(|scanned| seeing.add(&scanned.key));
         }
         Ok(seeing.seen())
     }
 
     fn ready(&self) -> std::sync::MutexGuard<'_, LruCache<(EnvironmentId, u64), Arc<Network>>> {
-        self.ready.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
+        self.ready
+            .lock()
+            .unwrap_or_else(std::sync::PoisonError::into_inner)
     }
 
     /// Takes the turn to change what is active in an environment.
     async fn switch(&self, environment: &Environment) -> Switch<'_> {
-        Switch { _turn: self.turn.lock().await, registry: self, environment: environment.id }
+        Switch {
+            _turn: self.turn.lock().await,
+            registry: self,
+            environment: environment.id,
+        }
     }
 
     /// Only called by who has the turn, as is `forget`.
@@ -333,7 +503,8 @@ impl Registry {
     }
 }
 
-/// The turn to change what is active. However it ends, also when its caller is gone before the store has answered, what was remembered is forgotten.
+/// The turn to change what is active. However it ends, also when its caller is gone before the
+/// store has answered, what was remembered is forgotten.
 struct Switch<'a> {
     _turn: tokio::sync::MutexGuard<'a, ()>,
     registry: &'a Registry,
@@ -348,11 +519,20 @@ impl Drop for Switch<'_> {
 
 /// Returns a version as it is listed.
 fn model(environment: &Environment, record: &ModelRecord, card: Result<Card, String>) -> Model {
-    let agent =
-        |at: usize| environment.schema.agents().get(at).map_or(format!("#{at}"), |agent| agent.name.to_string());
+    let agent = |at: usize| {
+        environment
+            .schema
+            .agents()
+            .get(at)
+            .map_or(format!("#{at}"), |agent| agent.name.to_string())
+    };
     // Only asked of one that can be read: of any other the pair may be none of this environment.
     let is_stale = |card: &Card| {
-        let pair = Pair { ego: record.ego, other: record.other, given: Vec::new() };
+        let pair = Pair {
+            ego: record.ego,
+            other: record.other,
+            given: Vec::new(),
+        };
         !is_same_threshold(card.threshold, environment.rule_of(&pair).threshold_nats())
     };
     Model {
@@ -377,10 +557,13 @@ fn parse(
     if weights.is_empty() {
         return Err(WITHOUT_WEIGHTS.to_owned());
     }
-    let content = file::read(environment, weights).map_err(|problem| format!("its weights: {problem}"))?;
+    let content =
+        file::read(environment, weights).map_err(|problem| format!("its weights: {problem}"))?;
     let trained = (content.pair.ego, content.pair.other);
     if trained != pair {
-        return Err(format!("its agents: got positions {pair:?}, expected those of its weights, {trained:?}"));
+        return Err(format!(
+            "its agents: got positions {pair:?}, expected those of its weights, {trained:?}"
+        ));
     }
     Ok((content, card))
 }
@@ -398,8 +581,14 @@ fn read_card(text: &str) -> Result<Card, String> {
 /// Says which position is none of an agent.
 fn check_pair(environment: &Environment, (ego, other): (usize, usize)) -> Result<(), String> {
     let agents = environment.schema.agents().len();
-    match [("ego", ego), ("other", other)].into_iter().find(|(_, at)| *at >= agents) {
-        Some((what, at)) => Err(format!("its {what}: got position {at}, expected 0 to {}", agents - 1)),
+    match [("ego", ego), ("other", other)]
+        .into_iter()
+        .find(|(_, at)| *at >= agents)
+    {
+        Some((what, at)) => Err(format!(
+            "its {what}: got position {at}, expected 0 to {}",
+            agents - 1
+        )),
         None => Ok(()),
     }
 }
@@ -412,13 +601,25 @@ fn unknown(version: u64, known: impl Iterator<Item = u64>) -> Problem {
     let known = match &known[..] {
         [] => "there is none".into(),
         [first, .., last] if known.len() > FEW => format!("its versions go from {first} to {last}"),
-        few => format!("known: {}", few.iter().map(u64::to_string).collect::<Vec<_>>().join(", ")),
+        few => format!(
+            "known: {}",
+            few.iter()
+                .map(u64::to_string)
+                .collect::<Vec<_>>()
+                .join(", ")
+        ),
     };
-    Problem::new(ErrorKind::NotFound, UNKNOWN, format!("{}; {known}", StoreError::UnknownModel(version)))
+    Problem::new(
+        ErrorKind::NotFound,
+        UNKNOWN,
+        format!("{}; {known}", StoreError::UnknownModel(version)),
+    )
 }
 
 fn unreadable(version: u64, why: &str) -> Problem {
-    let message = format!("version {version} cannot be read: {why}; use the build that wrote it, or train another");
+    let message = format!(
+        "version {version} cannot be read: {why}; use the build that wrote it, or train another"
+    );
     Problem::new(ErrorKind::Conflict, UNREADABLE, message)
 }
 
@@ -431,6 +632,9 @@ mod tests {
         let said = |known: std::ops::Range<u64>| unknown(99, known).message;
         assert_eq!(said(0..0), "unknown model version 99; there is none");
         assert_eq!(said(1..4), "unknown model version 99; known: 1, 2, 3");
-        assert_eq!(said(3..40), "unknown model version 99; its versions go from 3 to 39");
+        assert_eq!(
+            said(3..40),
+            "unknown model version 99; its versions go from 3 to 39"
+        );
     }
 }

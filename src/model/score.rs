@@ -1,7 +1,9 @@
-//! How well probabilities of influence agree with the evidence of states that they were not made from.
+//! How well probabilities of influence agree with the evidence of states that they were not made
+//! from.
 //!
-//! The truth of a state is not known, only its probability y given its counts: a state counts as positive by y and as negative by 1 - y, times its
-//! weight. All figures are what they would be on average if truths were drawn from the evidence.
+//! The truth of a state is not known, only its probability y given its counts: a state counts as
+//! positive by y and as negative by 1 - y, times its weight. All figures are what they would be on
+//! average if truths were drawn from the evidence.
 
 use crate::domain::{Reliability, Score};
 
@@ -32,11 +34,20 @@ impl Judged {
 /// Scores predictions.
 pub fn score(name: &str, judged: &[Judged], log_likelihood: Option<f64>) -> Score {
     let sum = |figure: &dyn Fn(&Judged) -> f64| judged.iter().map(figure).sum::<f64>();
-    let called = |of: &dyn Fn(&Judged) -> f64| sum(&|one| if one.predicted >= CALLED { of(one) } else { 0.0 });
+    let called = |of: &dyn Fn(&Judged) -> f64| {
+        sum(&|one| {
+            if one.predicted >= CALLED {
+                of(one)
+            } else {
+                0.0
+            }
+        })
+    };
     let (hits, calls) = (called(&Judged::positive), called(&|one| one.weight));
     let (positives, total) = (sum(&Judged::positive), sum(&|one| one.weight));
-    let squared =
-        |one: &Judged| one.positive() * (1.0 - one.predicted).powi(2) + one.negative() * one.predicted.powi(2);
+    let squared = |one: &Judged| {
+        one.positive() * (1.0 - one.predicted).powi(2) + one.negative() * one.predicted.powi(2)
+    };
     Score {
         name: name.to_owned(),
         log_likelihood,
@@ -48,8 +59,8 @@ pub fn score(name: &str, judged: &[Judged], log_likelihood: Option<f64>) -> Scor
     }
 }
 
-/// Returns the probability that a positive state is ranked above a negative one, equal ranks counting one half; `None` where all are equal, or there
-/// are only positive or only negative ones.
+/// Returns the probability that a positive state is ranked above a negative one, equal ranks
+/// counting one half; `None` where all are equal, or there are only positive or only negative ones.
 pub fn auroc(judged: &[Judged]) -> Option<f64> {
     let mut ranked = judged.to_vec();
     ranked.sort_by(|a, b| a.predicted.total_cmp(&b.predicted));
@@ -62,7 +73,10 @@ pub fn auroc(judged: &[Judged]) -> Option<f64> {
         let positive: f64 = group.iter().map(Judged::positive).sum();
         let negative: f64 = group.iter().map(Judged::negative).sum();
         // A state is not ranked against itself.
-        let own: f64 = group.iter().map(|one| one.positive() * one.negative()).sum();
+        let own: f64 = group
+            .iter()
+            .map(|one| one.positive() * one.negative())
+            .sum();
         pairs += positive * (below + 0.5 * negative) - 0.5 * own;
         below += negative;
         positives += positive;
@@ -80,7 +94,11 @@ pub fn reliability(judged: &[Judged]) -> Vec<Reliability> {
         (weight > 0.0).then(|| Reliability {
             from: at as f64 / 10.0,
             states: inside.len() as u64,
-            predicted: inside.iter().map(|one| one.weight * one.predicted).sum::<f64>() / weight,
+            predicted: inside
+                .iter()
+                .map(|one| one.weight * one.predicted)
+                .sum::<f64>()
+                / weight,
             observed: inside.iter().map(|one| one.positive()).sum::<f64>() / weight,
         })
     };
@@ -97,29 +115,51 @@ mod tests {
 
     fn judged(of: &[(f64, f64)]) -> Vec<Judged> {
         of.iter()
-            .map(|(predicted, evidence)| Judged { predicted: *predicted, evidence: *evidence, weight: 1.0 })
+            .map(|(predicted, evidence)| Judged {
+                predicted: *predicted,
+                evidence: *evidence,
+                weight: 1.0,
+            })
             .collect()
     }
 
     #[test]
     fn certain_truths_give_the_usual_figures() {
-        let score = score("x", &judged(&[(0.9, 1.0), (0.6, 0.0), (0.4, 1.0), (0.1, 0.0)]), None);
-        assert_eq!((score.precision, score.recall, score.f1, score.auroc), (Some(0.5), Some(0.5), 0.5, Some(0.75)));
+        let score = score(
+            "x",
+            &judged(&[(0.9, 1.0), (0.6, 0.0), (0.4, 1.0), (0.1, 0.0)]),
+            None,
+        );
+        assert_eq!(
+            (score.precision, score.recall, score.f1, score.auroc),
+            (Some(0.5), Some(0.5), 0.5, Some(0.75))
+        );
         assert!((score.brier - (0.01 + 0.36 + 0.36 + 0.01) / 4.0).abs() < 1e-15);
     }
 
     #[test]
     fn what_calls_nothing_has_no_precision() {
         let score = score("x", &judged(&[(0.2, 0.5), (0.2, 0.1)]), None);
-        assert_eq!((score.precision, score.recall, score.f1, score.auroc), (None, Some(0.0), 0.0, None));
+        assert_eq!(
+            (score.precision, score.recall, score.f1, score.auroc),
+            (None, Some(0.0), 0.0, None)
+        );
     }
 
     #[test]
     fn weights_count_like_copies() {
         let once = judged(&[(0.9, 0.7), (0.3, 0.2), (0.3, 0.2)]);
-        let weighted = [once[0], Judged { weight: 2.0, ..once[1] }];
+        let weighted = [
+            once[0],
+            Judged {
+                weight: 2.0,
+                ..once[1]
+            },
+        ];
         let [once, weighted] = [score("x", &once, None), score("x", &weighted, None)];
-        assert!((once.f1 - weighted.f1).abs() < 1e-12 && (once.brier - weighted.brier).abs() < 1e-12);
+        assert!(
+            (once.f1 - weighted.f1).abs() < 1e-12 && (once.brier - weighted.brier).abs() < 1e-12
+        );
     }
 
     #[test]
@@ -131,7 +171,13 @@ mod tests {
     #[test]
     fn reliability_is_told_in_tenths() {
         let curve = reliability(&judged(&[(0.95, 0.9), (1.0, 1.0), (0.0, 0.1)]));
-        assert_eq!(curve.iter().map(|bin| (bin.from, bin.states)).collect::<Vec<_>>(), [(0.0, 1), (0.9, 2)]);
+        assert_eq!(
+            curve
+                .iter()
+                .map(|bin| (bin.from, bin.states))
+                .collect::<Vec<_>>(),
+            [(0.0, 1), (0.9, 2)]
+        );
         assert!((curve[1].observed - 0.95).abs() < 1e-15);
     }
 }

@@ -1,19 +1,22 @@
-//! The support of a training: which bins of each feature its states had. Beyond it a network extrapolates, and gives no verdict.
+//! The support of a training: which bins of each feature its states had. Beyond it a network
+//! extrapolates, and gives no verdict.
 //!
-//! Kept with the weights as runs of bins, `[first, last]`, feature by feature. They are about bins one by one: two bins that were each seen, though
-//! never together, are within.
+//! Kept with the weights as runs of bins, `[first, last]`, feature by feature. They are about bins
+//! one by one: two bins that were each seen, though never together, are within.
 
 use std::collections::BTreeSet;
 
 use crate::domain::{Schema, StateKey};
 
-/// Runs that are kept of all features together: some hundred kilobytes of text. Of more, the narrowest gaps are closed.
+/// Runs that are kept of all features together: some hundred kilobytes of text. Of more, the
+/// narrowest gaps are closed.
 const MOST_RUNS: usize = 1 << 14;
 
 /// Bins one after the other: the first and the last.
 pub type Run = [u32; 2];
 
-/// Which bins of each feature were seen, in runs. Of no feature any, unless it was made by [`Seeing`] or read.
+/// Which bins of each feature were seen, in runs. Of no feature any, unless it was made by
+/// [`Seeing`] or read.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Seen(Vec<Vec<Run>>);
 
@@ -33,7 +36,12 @@ impl Seen {
     /// Returns the features of which a state has a bin that was not seen, by position.
     pub fn outside<'s>(&'s self, state: &'s StateKey) -> impl Iterator<Item = usize> + 's {
         let is_seen = |at: usize, bin: u32| self.0.get(at).is_some_and(|runs| is_in(runs, bin));
-        state.bins().iter().enumerate().filter(move |(at, bin)| !is_seen(*at, **bin)).map(|(at, _)| at)
+        state
+            .bins()
+            .iter()
+            .enumerate()
+            .filter(move |(at, bin)| !is_seen(*at, **bin))
+            .map(|(at, _)| at)
     }
 
     /// Returns the runs of each feature, in order.
@@ -41,14 +49,22 @@ impl Seen {
         &self.0
     }
 
-    /// Takes runs back; `None` unless there are some for each feature of a schema, in order and within its bins.
+    /// Takes runs back; `None` unless there are some for each feature of a schema, in order and
+    /// within its bins.
     pub fn of_runs(schema: &Schema, runs: Vec<Vec<Run>>) -> Option<Self> {
         let features = schema.state();
         let fits = |(runs, bins): (&Vec<Run>, u32)| {
             let ordered = runs.windows(2).all(|pair| pair[0][1] < pair[1][0]);
-            ordered && runs.iter().all(|[first, last]| first <= last && *last < bins)
+            ordered
+                && runs
+                    .iter()
+                    .all(|[first, last]| first <= last && *last < bins)
         };
-        let fit = runs.len() == features.len() && runs.iter().zip(features.iter().map(|one| one.kind.bins())).all(fits);
+        let fit = runs.len() == features.len()
+            && runs
+                .iter()
+                .zip(features.iter().map(|one| one.kind.bins()))
+                .all(fits);
         fit.then_some(Self(runs))
     }
 }
@@ -78,7 +94,12 @@ impl Seeing {
     /// Returns what was seen.
     pub fn seen(self) -> Seen {
         let most = (MOST_RUNS / self.0.len().max(1)).max(1);
-        Seen(self.0.into_iter().map(|bins| few(runs(&bins), most)).collect())
+        Seen(
+            self.0
+                .into_iter()
+                .map(|bins| few(runs(&bins), most))
+                .collect(),
+        )
     }
 }
 

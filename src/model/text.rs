@@ -1,4 +1,5 @@
-//! How a card is kept: JSON of our own, beside its weights and in their file, where people and other tools read it too.
+//! How a card is kept: JSON of our own, beside its weights and in their file, where people and
+//! other tools read it too.
 
 use serde::{Deserialize, Serialize};
 
@@ -80,7 +81,12 @@ struct ReliabilityText {
 
 /// Writes a card.
 pub fn of_card(card: &Card) -> String {
-    let Card { training, fit, calibration, .. } = card;
+    let Card {
+        training,
+        fit,
+        calibration,
+        ..
+    } = card;
     form::write(
         FORM,
         &CardText {
@@ -89,7 +95,10 @@ pub fn of_card(card: &Card) -> String {
             schema_hash: card.schema_hash.clone(),
             threshold: card.threshold,
             revision: card.revision,
-            fit: FitText { version: fit.version, revision: fit.revision },
+            fit: FitText {
+                version: fit.version,
+                revision: fit.revision,
+            },
             states: card.states,
             visits: card.visits,
             inputs: card.inputs,
@@ -98,7 +107,10 @@ pub fn of_card(card: &Card) -> String {
             dropout: Some(card.dropout),
             judged_states: card.judged_states,
             positive_share: card.positive_share,
-            calibration: CalibrationText { intercept: calibration.intercept, slope: calibration.slope },
+            calibration: CalibrationText {
+                intercept: calibration.intercept,
+                slope: calibration.slope,
+            },
             base_rate: card.base_rate,
             score: of_score(&card.score),
             baselines: card.baselines.iter().map(of_score).collect(),
@@ -112,19 +124,29 @@ pub fn of_card(card: &Card) -> String {
 pub fn card(text: &str) -> Result<Card, Unreadable> {
     match form::version(text)? {
         1 => first(form::read(text)?),
-        found => Err(Unreadable::Newer { found, newest: FORM }),
+        found => Err(Unreadable::Newer {
+            found,
+            newest: FORM,
+        }),
     }
 }
 
 fn first(text: CardText) -> Result<Card, Unreadable> {
-    let untold = if text.imported { 0.0 } else { DROPOUT_BEFORE_IT_WAS_TOLD };
+    let untold = if text.imported {
+        0.0
+    } else {
+        DROPOUT_BEFORE_IT_WAS_TOLD
+    };
     Ok(Card {
         training: training(text.training)?,
         imported: text.imported,
         schema_hash: text.schema_hash,
         threshold: text.threshold,
         revision: text.revision,
-        fit: FitId { version: text.fit.version, revision: text.fit.revision },
+        fit: FitId {
+            version: text.fit.version,
+            revision: text.fit.revision,
+        },
         states: text.states,
         visits: text.visits,
         inputs: text.inputs,
@@ -133,7 +155,10 @@ fn first(text: CardText) -> Result<Card, Unreadable> {
         dropout: text.dropout.unwrap_or(untold),
         judged_states: text.judged_states,
         positive_share: text.positive_share,
-        calibration: Calibration { intercept: text.calibration.intercept, slope: text.calibration.slope },
+        calibration: Calibration {
+            intercept: text.calibration.intercept,
+            slope: text.calibration.slope,
+        },
         base_rate: text.base_rate.map(share).transpose()?,
         score: score(text.score),
         baselines: text.baselines.into_iter().map(score).collect(),
@@ -146,42 +171,131 @@ fn first(text: CardText) -> Result<Card, Unreadable> {
 fn share(base_rate: f64) -> Result<f64, Unreadable> {
     match (0.0..=1.0).contains(&base_rate) {
         true => Ok(base_rate),
-        false => Err(Unreadable::spoiled(format!("base_rate {base_rate}, expected 0 to 1"))),
+        false => Err(Unreadable::spoiled(format!(
+            "base_rate {base_rate}, expected 0 to 1"
+        ))),
     }
 }
 
 fn of_training(training: &Training) -> TrainingText {
-    let Training { kind, width, members, folds, epochs, weighting, seed } = *training;
+    let Training {
+        kind,
+        width,
+        members,
+        folds,
+        epochs,
+        weighting,
+        seed,
+    } = *training;
     let (kind, weighting) = (kind.as_str().to_owned(), weighting.as_str().to_owned());
-    TrainingText { kind, width, members, folds, epochs, weighting, seed }
+    TrainingText {
+        kind,
+        width,
+        members,
+        folds,
+        epochs,
+        weighting,
+        seed,
+    }
 }
 
 fn training(text: TrainingText) -> Result<Training, Unreadable> {
-    let TrainingText { kind, width, members, folds, epochs, weighting, seed } = text;
-    let kind: ModelKind = kind.parse().map_err(|error: String| Unreadable::spoiled(format!("kind: {error}")))?;
-    let weighting: Weighting =
-        weighting.parse().map_err(|error: String| Unreadable::spoiled(format!("weighting: {error}")))?;
-    Ok(Training { kind, width, members, folds, epochs, weighting, seed })
+    let TrainingText {
+        kind,
+        width,
+        members,
+        folds,
+        epochs,
+        weighting,
+        seed,
+    } = text;
+    let kind: ModelKind = kind
+        .parse()
+        .map_err(|error: String| Unreadable::spoiled(format!("kind: {error}")))?;
+    let weighting: Weighting = weighting
+        .parse()
+        .map_err(|error: String| Unreadable::spoiled(format!("weighting: {error}")))?;
+    Ok(Training {
+        kind,
+        width,
+        members,
+        folds,
+        epochs,
+        weighting,
+        seed,
+    })
 }
 
 fn of_score(score: &Score) -> ScoreText {
-    let Score { name, log_likelihood, auroc, precision, recall, f1, brier } = score.clone();
-    ScoreText { name, log_likelihood, auroc, precision, recall, f1, brier }
+    let Score {
+        name,
+        log_likelihood,
+        auroc,
+        precision,
+        recall,
+        f1,
+        brier,
+    } = score.clone();
+    ScoreText {
+        name,
+        log_likelihood,
+        auroc,
+        precision,
+        recall,
+        f1,
+        brier,
+    }
 }
 
 fn score(text: ScoreText) -> Score {
-    let ScoreText { name, log_likelihood, auroc, precision, recall, f1, brier } = text;
-    Score { name, log_likelihood, auroc, precision, recall, f1, brier }
+    let ScoreText {
+        name,
+        log_likelihood,
+        auroc,
+        precision,
+        recall,
+        f1,
+        brier,
+    } = text;
+    Score {
+        name,
+        log_likelihood,
+        auroc,
+        precision,
+        recall,
+        f1,
+        brier,
+    }
 }
 
 fn of_tenth(tenth: &Reliability) -> ReliabilityText {
-    let Reliability { from, states, predicted, observed } = *tenth;
-    ReliabilityText { from, states, predicted, observed }
+    let Reliability {
+        from,
+        states,
+        predicted,
+        observed,
+    } = *tenth;
+    ReliabilityText {
+        from,
+        states,
+        predicted,
+        observed,
+    }
 }
 
 fn tenth(text: ReliabilityText) -> Reliability {
-    let ReliabilityText { from, states, predicted, observed } = text;
-    Reliability { from, states, predicted, observed }
+    let ReliabilityText {
+        from,
+        states,
+        predicted,
+        observed,
+    } = text;
+    Reliability {
+        from,
+        states,
+        predicted,
+        observed,
+    }
 }
 
 #[cfg(test)]
@@ -200,17 +314,38 @@ mod tests {
     #[test]
     fn the_first_card_is_read_with_what_it_has() {
         let read = card(FIRST).expect("a card");
-        assert_eq!((read.dropout, read.training.seed, read.training.kind), (0.5, u64::MAX, ModelKind::Direct));
+        assert_eq!(
+            (read.dropout, read.training.seed, read.training.kind),
+            (0.5, u64::MAX, ModelKind::Direct)
+        );
         assert_eq!(read.base_rate, None);
-        assert_eq!((read.fit.version, read.epochs.as_slice(), read.baselines.len()), (2, &[41, 38][..], 1));
-        let imported = card(&FIRST.replace("\"imported\":false", "\"imported\":true")).expect("a card");
+        assert_eq!(
+            (
+                read.fit.version,
+                read.epochs.as_slice(),
+                read.baselines.len()
+            ),
+            (2, &[41, 38][..], 1)
+        );
+        let imported =
+            card(&FIRST.replace("\"imported\":false", "\"imported\":true")).expect("a card");
         assert_eq!(imported.dropout, 0.0, "nobody left anything out here");
     }
 
     #[test]
     fn a_card_reads_back_exactly_and_says_its_version() {
-        let told = Card { dropout: 0.2, base_rate: Some(0.1 + 0.2), ..card(FIRST).expect("a card") };
-        for written in [Card { base_rate: None, ..told.clone() }, told] {
+        let told = Card {
+            dropout: 0.2,
+            base_rate: Some(0.1 + 0.2),
+            ..card(FIRST).expect("a card")
+        };
+        for written in [
+            Card {
+                base_rate: None,
+                ..told.clone()
+            },
+            told,
+        ] {
             let text = of_card(&written);
             assert!(text.starts_with(r#"{"form":1,"training":{"#), "{text}");
             assert_eq!(card(&text), Ok(written));
@@ -224,18 +359,35 @@ mod tests {
             why(&FIRST.replacen('{', "{\"form\":9,", 1)),
             "it has form 9 of a newer build, and this one reads up to 1"
         );
-        assert!(why("{}").contains("missing field `training`"), "{}", why("{}"));
-        assert!(why(&FIRST.replace("direct", "deep")).contains("got \"deep\", expected joint or direct"));
+        assert!(
+            why("{}").contains("missing field `training`"),
+            "{}",
+            why("{}")
+        );
+        assert!(
+            why(&FIRST.replace("direct", "deep"))
+                .contains("got \"deep\", expected joint or direct")
+        );
         for wrong in ["-0.1", "1.5"] {
             let spoiled = FIRST.replace("\"score\"", &format!("\"base_rate\":{wrong},\"score\""));
-            assert!(why(&spoiled).contains("expected 0 to 1"), "{}", why(&spoiled));
+            assert!(
+                why(&spoiled).contains("expected 0 to 1"),
+                "{}",
+                why(&spoiled)
+            );
         }
         assert!(why("").contains("EOF"), "{}", why(""));
     }
 
     #[test]
     fn no_card_is_written_that_would_not_be_read() {
-        let written = Card { positive_share: f64::NAN, ..card(FIRST).expect("a card") };
-        assert!(card(&of_card(&written)).is_err(), "JSON has no word for it, so a keeper has to look");
+        let written = Card {
+            positive_share: f64::NAN,
+            ..card(FIRST).expect("a card")
+        };
+        assert!(
+            card(&of_card(&written)).is_err(),
+            "JSON has no word for it, so a keeper has to look"
+        );
     }
 }

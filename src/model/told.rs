@@ -1,4 +1,5 @@
-//! What a network has told of states: a state has few bins and its network never changes, so that games ask for the same again and again.
+//! What a network has told of states: a state has few bins and its network never changes, so that
+//! games ask for the same again and again.
 
 use std::sync::{Arc, PoisonError, RwLock};
 
@@ -6,7 +7,8 @@ use foldhash::HashMap;
 
 use crate::domain::StateKey;
 
-/// Numbers that are remembered: the bins of states and what was said of them. When there are more, all are forgotten.
+/// Numbers that are remembered: the bins of states and what was said of them. When there are more,
+/// all are forgotten.
 const MOST: usize = 1 << 20;
 
 /// What each member said of states.
@@ -15,30 +17,52 @@ pub struct Told(RwLock<HashMap<StateKey, Arc<[f64]>>>);
 
 impl Told {
     /// Returns what is remembered of states, in their order, and lets `tell` say the rest.
-    pub fn of(&self, states: &[StateKey], tell: impl FnOnce(&[&StateKey]) -> Vec<Arc<[f64]>>) -> Vec<Arc<[f64]>> {
+    pub fn of(
+        &self,
+        states: &[StateKey],
+        tell: impl FnOnce(&[&StateKey]) -> Vec<Arc<[f64]>>,
+    ) -> Vec<Arc<[f64]>> {
         let known: Vec<Option<Arc<[f64]>>> = {
             let told = self.0.read().unwrap_or_else(PoisonError::into_inner);
-            states.iter().map(|state| told.get(state).cloned()).collect()
+            states
+                .iter()
+                .map(|state| told.get(state).cloned())
+                .collect()
         };
-        let unknown: Vec<&StateKey> =
-            states.iter().zip(&known).filter(|(_, known)| known.is_none()).map(|(state, _)| state).collect();
+        let unknown: Vec<&StateKey> = states
+            .iter()
+            .zip(&known)
+            .filter(|(_, known)| known.is_none())
+            .map(|(state, _)| state)
+            .collect();
         if unknown.is_empty() {
             return known.into_iter().flatten().collect();
         }
         let told = tell(&unknown);
         self.remember(&unknown, &told);
         let mut told = told.into_iter();
-        known.into_iter().filter_map(|known| known.or_else(|| told.next())).collect()
+        known
+            .into_iter()
+            .filter_map(|known| known.or_else(|| told.next()))
+            .collect()
     }
 
     fn remember(&self, states: &[&StateKey], numbers: &[Arc<[f64]>]) {
         let mut told = self.0.write().unwrap_or_else(PoisonError::into_inner);
-        let each = states.first().map_or(1, |state| state.bins().len()) + numbers.first().map_or(0, |said| said.len());
+        let each = states.first().map_or(1, |state| state.bins().len())
+            + numbers.first().map_or(0, |said| said.len());
         let most = MOST / each;
         if told.len() + states.len() > most {
             told.clear();
         }
-        told.extend(states.iter().copied().cloned().zip(numbers.iter().cloned()).take(most));
+        told.extend(
+            states
+                .iter()
+                .copied()
+                .cloned()
+                .zip(numbers.iter().cloned())
+                .take(most),
+        );
     }
 }
 
@@ -51,7 +75,10 @@ mod tests {
     }
 
     fn tell(states: &[&StateKey]) -> Vec<Arc<[f64]>> {
-        states.iter().map(|state| [f64::from(state.bins()[0])].into()).collect()
+        states
+            .iter()
+            .map(|state| [f64::from(state.bins()[0])].into())
+            .collect()
     }
 
     #[test]
@@ -59,10 +86,19 @@ mod tests {
         let told = Told::default();
         told.of(&keys(&[3, 1]), tell);
         let answers = told.of(&keys(&[1, 2, 3, 2]), |unknown| {
-            assert_eq!(unknown.iter().map(|state| state.bins()[0]).collect::<Vec<_>>(), [2, 2]);
+            assert_eq!(
+                unknown
+                    .iter()
+                    .map(|state| state.bins()[0])
+                    .collect::<Vec<_>>(),
+                [2, 2]
+            );
             tell(unknown)
         });
-        assert_eq!(answers.iter().map(|numbers| numbers[0]).collect::<Vec<_>>(), [1.0, 2.0, 3.0, 2.0]);
+        assert_eq!(
+            answers.iter().map(|numbers| numbers[0]).collect::<Vec<_>>(),
+            [1.0, 2.0, 3.0, 2.0]
+        );
     }
 
     #[test]
@@ -70,7 +106,9 @@ mod tests {
         let told = Told::default();
         let most = MOST / 2;
         (0..3).for_each(|round| {
-            let bins: Vec<u32> = (0..most as u32).map(|bin| bin + round * most as u32).collect();
+            let bins: Vec<u32> = (0..most as u32)
+                .map(|bin| bin + round * most as u32)
+                .collect();
             told.of(&keys(&bins), tell);
         });
         assert!(told.0.read().expect("no panic").len() <= most);

@@ -1,8 +1,11 @@
-//! From a dataset to an ensemble: each member learns from all states but those of its own part, and is stopped by that part.
+//! From a dataset to an ensemble: each member learns from all states but those of its own part, and
+//! is stopped by that part.
 //!
-//! **When to stop.** A joint network is stopped where the held-out gain sum n_ij [ln p(j | i, s) - ln p(j | s)] / N is largest: what its dependence is
-//! worth on states that it has not seen. By total likelihood it would be stopped by how well it knows habits, at which time its dependence is either
-//! too small or noise; on worlds without any influence such networks call some states. A direct network is stopped by its held-out loss.
+//! **When to stop.** A joint network is stopped where the held-out gain sum n_ij [ln p(j | i,
+//! s) - ln p(j | s)] / N is largest: what its dependence is worth on states that it has not seen.
+//! By total likelihood it would be stopped by how well it knows habits, at which time its
+//! dependence is either too small or noise; on worlds without any influence such networks call some
+//! states. A direct network is stopped by its held-out loss.
 
 use std::ops::ControlFlow;
 
@@ -73,15 +76,26 @@ pub fn check(dataset: &Dataset, training: &Training) -> Result<(), TrainingError
     if states < fewest || draws < FEWEST_DRAWS {
         let found = format!("{states} states with {draws} independent draws");
         let expected = format!("at least {fewest} states and {FEWEST_DRAWS} draws");
-        return Err(TrainingError::TooFew(format!("got {found}, expected {expected}")));
+        return Err(TrainingError::TooFew(format!(
+            "got {found}, expected {expected}"
+        )));
     }
     Ok(())
 }
 
-/// Returns the states that any member learns from: all, but that a single member has its own part held out.
+/// Returns the states that any member learns from: all, but that a single member has its own part
+/// held out.
 pub fn learned<'d>(dataset: &'d Dataset, training: &Training) -> impl Iterator<Item = &'d Example> {
-    let Training { members, folds, seed, .. } = *training;
-    dataset.examples.iter().filter(move |one| members > 1 || Dataset::fold(&one.key, folds, seed) != 0)
+    let Training {
+        members,
+        folds,
+        seed,
+        ..
+    } = *training;
+    dataset
+        .examples
+        .iter()
+        .filter(move |one| members > 1 || Dataset::fold(&one.key, folds, seed) != 0)
 }
 
 /// Trains an ensemble on a dataset.
@@ -92,10 +106,16 @@ pub fn train(
     watch: Watch<'_>,
 ) -> Result<Ensemble, TrainingError> {
     check(dataset, training)?;
-    let class = Class { dataset, encoder, training };
+    let class = Class {
+        dataset,
+        encoder,
+        training,
+    };
     let parts = DROPOUTS.len() + training.members - 1;
     let mut train = |part: usize, member: usize, dropout: f32| {
-        class.member(member, dropout, &mut |done: f64| watch((part as f64 + done) / parts as f64))
+        class.member(member, dropout, &mut |done: f64| {
+            watch((part as f64 + done) / parts as f64)
+        })
     };
     let mut first = train(0, 0, DROPOUTS[0])?;
     let mut dropout = DROPOUTS[0];
@@ -111,7 +131,12 @@ pub fn train(
     }
     let epochs = trained.iter().map(|trained| trained.epochs).collect();
     let members = trained.into_iter().map(|trained| trained.member).collect();
-    Ok(Ensemble { encoder: encoder.clone(), members, epochs, dropout: shortest(dropout) })
+    Ok(Ensemble {
+        encoder: encoder.clone(),
+        members,
+        epochs,
+        dropout: shortest(dropout),
+    })
 }
 
 /// A member as it was when it did best.
@@ -119,7 +144,8 @@ struct Trained {
     member: Member,
     /// Epochs until then.
     epochs: u64,
-    /// How well it tells its held-out part: the log-likelihood of what the other did there, or less its loss.
+    /// How well it tells its held-out part: the log-likelihood of what the other did there, or less
+    /// its loss.
     fit: f64,
 }
 
@@ -132,15 +158,33 @@ struct Class<'a> {
 
 impl Class<'_> {
     /// Trains one member.
-    fn member(&self, member: usize, dropout: f32, watch: Watch<'_>) -> Result<Trained, TrainingError> {
-        let Training { seed, folds, epochs, .. } = *self.training;
-        let held_out = |at: &usize| Dataset::fold(&self.dataset.examples[*at].key, folds, seed) == member;
-        let (held_out, mut learned): (Vec<usize>, Vec<usize>) = (0..self.dataset.examples.len()).partition(held_out);
+    fn member(
+        &self,
+        member: usize,
+        dropout: f32,
+        watch: Watch<'_>,
+    ) -> Result<Trained, TrainingError> {
+        let Training {
+            seed,
+            folds,
+            epochs,
+            ..
+        } = *self.training;
+        let held_out =
+            |at: &usize| Dataset::fold(&self.dataset.examples[*at].key, folds, seed) == member;
+        let (held_out, mut learned): (Vec<usize>, Vec<usize>) =
+            (0..self.dataset.examples.len()).partition(held_out);
         if held_out.is_empty() || learned.is_empty() {
-            return Err(TrainingError::TooFew("a part of the states is empty; fewer folds make larger ones".into()));
+            return Err(TrainingError::TooFew(
+                "a part of the states is empty; fewer folds make larger ones".into(),
+            ));
         }
         let mut random = Pcg64::seed_from_u64(seed.wrapping_mul(31).wrapping_add(member as u64));
-        let mut learner = Learner::new(self.shape(), dropout, seed.wrapping_add(1_000 * (member as u64 + 1)))?;
+        let mut learner = Learner::new(
+            self.shape(),
+            dropout,
+            seed.wrapping_add(1_000 * (member as u64 + 1)),
+        )?;
         let mut best: Option<(f64, Member, usize)> = None;
         for epoch in 1..=epochs {
             let mut goes_on = || watch((epoch - 1) as f64 / epochs as f64).is_continue();
@@ -158,23 +202,36 @@ impl Class<'_> {
                 Some((most, _, _)) if worth <= *most => {}
                 _ => best = Some((worth, now, epoch)),
             }
-            if best.as_ref().is_some_and(|(_, _, at)| epoch - at >= PATIENCE) {
+            if best
+                .as_ref()
+                .is_some_and(|(_, _, at)| epoch - at >= PATIENCE)
+            {
                 break;
             }
         }
         let (_, member, epoch) = best.ok_or(TrainingError::Diverged(epochs))?;
-        let fit = held_out.chunks(LOOKED_AT).map(|part| self.fit_of_part(&member, part)).sum();
-        Ok(Trained { member: self.proven(member, &held_out), epochs: epoch as u64, fit })
+        let fit = held_out
+            .chunks(LOOKED_AT)
+            .map(|part| self.fit_of_part(&member, part))
+            .sum();
+        Ok(Trained {
+            member: self.proven(member, &held_out),
+            epochs: epoch as u64,
+            fit,
+        })
     }
 
-    /// Returns a joint network without its interaction, unless what it has learned of dependence is worth something on states that it has not seen:
-    /// chance that was learned by heart must not be served.
+    /// Returns a joint network without its interaction, unless what it has learned of dependence is
+    /// worth something on states that it has not seen: chance that was learned by heart must not be
+    /// served.
     fn proven(&self, mut member: Member, states: &[usize]) -> Member {
         if self.training.kind == ModelKind::Joint {
             let mut worth = Worth::default();
             for part in states.chunks(LOOKED_AT) {
                 let joints = member.joint(&self.inputs(part));
-                self.examples(part).zip(&joints).for_each(|(example, joint)| worth.add(&example.table, joint));
+                self.examples(part)
+                    .zip(&joints)
+                    .for_each(|(example, joint)| worth.add(&example.table, joint));
             }
             if !worth.is_more_than_chance() {
                 member.forget_interaction();
@@ -185,7 +242,12 @@ impl Class<'_> {
 
     fn shape(&self) -> Shape {
         let Training { kind, width, .. } = *self.training;
-        Shape { kind, alphabet: self.dataset.alphabet, width, inputs: self.encoder.width() }
+        Shape {
+            kind,
+            alphabet: self.dataset.alphabet,
+            width,
+            inputs: self.encoder.width(),
+        }
     }
 
     fn epoch(
@@ -208,24 +270,36 @@ impl Class<'_> {
     }
 
     fn batch(&self, states: &[usize]) -> Batch {
-        let weights = self.examples(states).map(|example| self.weight(example)).collect();
+        let weights = self
+            .examples(states)
+            .map(|example| self.weight(example))
+            .collect();
         let targets = match self.training.kind {
             ModelKind::Joint => draws(self.dataset, states),
             ModelKind::Direct => {
-                let above: Vec<f32> = self.examples(states).map(|example| example.above as f32).collect();
+                let above: Vec<f32> = self
+                    .examples(states)
+                    .map(|example| example.above as f32)
+                    .collect();
                 Array2::from_shape_vec((states.len(), 1), above).expect("one a state")
             }
         };
-        Batch { inputs: self.inputs(states), targets, weights }
+        Batch {
+            inputs: self.inputs(states),
+            targets,
+            weights,
+        }
     }
 
     fn examples<'s>(&'s self, states: &'s [usize]) -> impl ExactSizeIterator<Item = &'s Example> {
         states.iter().map(|at| &self.dataset.examples[*at])
     }
 
-    /// Returns the inputs of states: `[states, inputs]`. They are made for each use, since those of all states would fill the memory.
+    /// Returns the inputs of states: `[states, inputs]`. They are made for each use, since those of
+    /// all states would fill the memory.
     fn inputs(&self, states: &[usize]) -> Array2<f32> {
-        self.encoder.encode(self.examples(states).map(|example| &example.key))
+        self.encoder
+            .encode(self.examples(states).map(|example| &example.key))
     }
 
     fn weight(&self, example: &Example) -> f32 {
@@ -237,14 +311,20 @@ impl Class<'_> {
 
     /// Returns what a network is worth on states that it has not learned from: the more the better.
     fn worth(&self, member: &Member, states: &[usize]) -> f64 {
-        states.chunks(LOOKED_AT).map(|part| self.worth_of_part(member, part)).sum()
+        states
+            .chunks(LOOKED_AT)
+            .map(|part| self.worth_of_part(member, part))
+            .sum()
     }
 
     fn fit_of_part(&self, member: &Member, states: &[usize]) -> f64 {
         match self.training.kind {
             ModelKind::Joint => {
-                let told = self.examples(states).zip(member.joint(&self.inputs(states)));
-                told.map(|(example, joint)| joint.log_likelihood(&example.table)).sum()
+                let told = self
+                    .examples(states)
+                    .zip(member.joint(&self.inputs(states)));
+                told.map(|(example, joint)| joint.log_likelihood(&example.table))
+                    .sum()
             }
             ModelKind::Direct => self.worth_of_part(member, states),
         }
@@ -253,12 +333,14 @@ impl Class<'_> {
     fn worth_of_part(&self, member: &Member, states: &[usize]) -> f64 {
         let (examples, inputs) = (self.examples(states), self.inputs(states));
         match self.training.kind {
-            ModelKind::Joint => {
-                examples.zip(member.joint(&inputs)).map(|(example, joint)| joint.gain(&example.table)).sum()
-            }
+            ModelKind::Joint => examples
+                .zip(member.joint(&inputs))
+                .map(|(example, joint)| joint.gain(&example.table))
+                .sum(),
             ModelKind::Direct => {
-                let loss =
-                    |(example, z): (&Example, f64)| f64::from(self.weight(example)) * cross_entropy(example.above, z);
+                let loss = |(example, z): (&Example, f64)| {
+                    f64::from(self.weight(example)) * cross_entropy(example.above, z)
+                };
                 -examples.zip(member.ln_odds(&inputs)).map(loss).sum::<f64>()
             }
         }

@@ -1,4 +1,5 @@
-//! Trains again what counts have outgrown, or what another rule has made stale, for services that were asked to.
+//! Trains again what counts have outgrown, or what another rule has made stale, for services that
+//! were asked to.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -25,8 +26,10 @@ struct Tried {
 }
 
 impl Networks {
-    /// Looks every so often, for ever, whether counts have grown enough for another training, or the rule has another threshold than the last one was for:
-    /// of every pair that has a version, as it was trained then, and of the first two agents. A version that beats its baselines becomes active.
+    /// Looks every so often, for ever, whether counts have grown enough for another training, or
+    /// the rule has another threshold than the last one was for: of every pair that has a version,
+    /// as it was trained then, and of the first two agents. A version that beats its baselines
+    /// becomes active.
     pub async fn keep_up(self, every: Duration) {
         let mut tried: BTreeMap<Place, Tried> = BTreeMap::new();
         loop {
@@ -44,26 +47,43 @@ impl Networks {
         environment: &Arc<Environment>,
         tried: &mut BTreeMap<Place, Tried>,
     ) -> Result<(), crate::error::Problem> {
-        let counted = self.store.totals(environment.id).await.map_err(super::logged)?.transitions;
+        let counted = self
+            .store
+            .totals(environment.id)
+            .await
+            .map_err(super::logged)?
+            .transitions;
         let models = self.registry.list(environment).await?;
         for pair in pairs(environment, &models) {
             let threshold = environment.rule_of(&pair).threshold_nats();
-            let [ego, other] = [pair.ego, pair.other].map(|at| environment.schema.agents()[at].name.to_string());
-            let of_pair = models.iter().rev().filter(|model| model.ego == ego && model.other == other);
+            let [ego, other] =
+                [pair.ego, pair.other].map(|at| environment.schema.agents()[at].name.to_string());
+            let of_pair = models
+                .iter()
+                .rev()
+                .filter(|model| model.ego == ego && model.other == other);
             // One that cannot be read is made again as if there were none.
-            let mut readable = of_pair.filter_map(|model| Some((model.card.as_ref().ok()?, model.stale)));
+            let mut readable =
+                of_pair.filter_map(|model| Some((model.card.as_ref().ok()?, model.stale)));
             let last = readable.find(|(card, _)| !card.imported);
             let place = (environment.id, ego.clone(), other.clone());
             let before = tried.get(&place).copied();
-            let revision = last.map_or(0, |(card, _)| card.revision).max(before.map_or(0, |tried| tried.counted));
+            let revision = last
+                .map_or(0, |(card, _)| card.revision)
+                .max(before.map_or(0, |tried| tried.counted));
             let has_grown = counted as f64 >= revision as f64 * (1.0 + GROWTH);
             // Once for each threshold: a training may fail.
-            let was_tried = before.is_some_and(|tried| is_same_threshold(tried.threshold, threshold));
+            let was_tried =
+                before.is_some_and(|tried| is_same_threshold(tried.threshold, threshold));
             let is_stale = last.is_some_and(|(_, is_stale)| is_stale) && !was_tried;
-            if counted < FEWEST || !(has_grown || is_stale) || self.jobs.is_busy(environment.id, &ego, &other) {
+            if counted < FEWEST
+                || !(has_grown || is_stale)
+                || self.jobs.is_busy(environment.id, &ego, &other)
+            {
                 continue;
             }
-            self.train(environment, &again(ego, other, last.map(|(card, _)| card))).await?;
+            self.train(environment, &again(ego, other, last.map(|(card, _)| card)))
+                .await?;
             tried.insert(place, Tried { counted, threshold });
         }
         Ok(())
@@ -72,7 +92,11 @@ impl Networks {
 
 /// Returns the first two agents, and every pair that has a version.
 fn pairs(environment: &Environment, models: &[Model]) -> Vec<Pair> {
-    let pair = |ego, other| Pair { ego, other, given: Vec::new() };
+    let pair = |ego, other| Pair {
+        ego,
+        other,
+        given: Vec::new(),
+    };
     let mut pairs = vec![pair(0, 1)];
     for model in models {
         let agents = [&model.ego, &model.other].map(|agent| environment.schema.agent(agent));
@@ -87,8 +111,15 @@ fn pairs(environment: &Environment, models: &[Model]) -> Vec<Pair> {
 
 /// Asks for a training like the last one.
 fn again(ego: String, other: String, last: Option<&Card>) -> TrainingDraft {
-    let Training { kind, width, members, folds, epochs, weighting, seed } =
-        last.map_or_else(Training::default, |card| card.training);
+    let Training {
+        kind,
+        width,
+        members,
+        folds,
+        epochs,
+        weighting,
+        seed,
+    } = last.map_or_else(Training::default, |card| card.training);
     TrainingDraft {
         ego: Some(ego),
         other: Some(other),

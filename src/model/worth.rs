@@ -1,14 +1,18 @@
-//! What a joint network's dependence is worth to counts that it has not learned from, beside what it would be worth if there were none.
+//! What a joint network's dependence is worth to counts that it has not learned from, beside what
+//! it would be worth if there were none.
 //!
-//! The gain of a state is T = sum n_ij s_ij, s_ij = ln p(j | i) - ln p(j). If nothing depends on anything, every order of the other's actions within a
-//! state is as likely as every other. Over all orders, with a_i = sum_j c_j s_ij / N, b_j = sum_i r_i s_ij / N and m = sum_i r_i a_i / N,
-//! E T = N m and Var T = sum_ij r_i c_j (s_ij - a_i - b_j + m)^2 / (N - 1) (Hoeffding 1951, "A combinatorial central limit theorem").
+//! The gain of a state is T = sum n_ij s_ij, s_ij = ln p(j | i) - ln p(j). If nothing depends on
+//! anything, every order of the other's actions within a state is as likely as every other. Over
+//! all orders, with a_i = sum_j c_j s_ij / N, b_j = sum_i r_i s_ij / N and m = sum_i r_i a_i / N, E
+//! T = N m and Var T = sum_ij r_i c_j (s_ij - a_i - b_j + m)^2 / (N - 1) (Hoeffding 1951, "A
+//! combinatorial central limit theorem").
 
 use super::member::Joint;
 use crate::information::Table;
 
-/// Standard deviations by which a gain must exceed what orders by chance would give. More than usual, since a network is stopped where its gain is largest
-/// of many looks: of 30 that were trained on worlds without influence, three were ahead by more than 3.
+/// Standard deviations by which a gain must exceed what orders by chance would give. More than
+/// usual, since a network is stopped where its gain is largest of many looks: of 30 that were
+/// trained on worlds without influence, three were ahead by more than 3.
 const AHEAD: f64 = 4.0;
 
 /// The gains of states, beside what chance would make of them.
@@ -45,14 +49,26 @@ impl Chance {
         let total = table.total() as f64;
         if table.is_line() {
             // There is one order only.
-            return Self { mean: joint.gain(table), variance: 0.0 };
+            return Self {
+                mean: joint.gain(table),
+                variance: 0.0,
+            };
         }
         let sums = |sums: &[u64]| sums.iter().map(|n| *n as f64 / total).collect::<Vec<f64>>();
         let (rows, columns) = (sums(table.rows()), sums(table.columns()));
         let label = |labels: &[u64], at: usize| labels[at] as usize;
-        let s = |i: usize, j: usize| joint.ln_ratio(label(table.row_labels(), i), label(table.column_labels(), j));
-        let a: Vec<f64> = (0..rows.len()).map(|i| columns.iter().enumerate().map(|(j, c)| c * s(i, j)).sum()).collect();
-        let b: Vec<f64> = (0..columns.len()).map(|j| rows.iter().enumerate().map(|(i, r)| r * s(i, j)).sum()).collect();
+        let s = |i: usize, j: usize| {
+            joint.ln_ratio(
+                label(table.row_labels(), i),
+                label(table.column_labels(), j),
+            )
+        };
+        let a: Vec<f64> = (0..rows.len())
+            .map(|i| columns.iter().enumerate().map(|(j, c)| c * s(i, j)).sum())
+            .collect();
+        let b: Vec<f64> = (0..columns.len())
+            .map(|j| rows.iter().enumerate().map(|(i, r)| r * s(i, j)).sum())
+            .collect();
         let m: f64 = rows.iter().zip(&a).map(|(r, a)| r * a).sum();
         let mut squares = 0.0;
         for (i, r) in rows.iter().enumerate() {
@@ -60,7 +76,10 @@ impl Chance {
                 squares += r * c * (s(i, j) - a[i] - b[j] + m).powi(2);
             }
         }
-        Self { mean: total * m, variance: squares * total * total / (total - 1.0) }
+        Self {
+            mean: total * m,
+            variance: squares * total * total / (total - 1.0),
+        }
     }
 }
 
@@ -76,11 +95,21 @@ mod tests {
 
     #[test]
     fn chance_is_the_mean_over_all_orders() {
-        // Three draws of (0, 0, 1) and (0, 1, 1): three orders, of which the gains can be written down.
+        // Three draws of (0, 0, 1) and (0, 1, 1): three orders, of which the gains can be written
+        // down.
         let table = Table::from_counts([(0, 0, 1), (0, 1, 1), (1, 1, 1)]);
         let joint = copies();
-        let gain = |cells: [(usize, usize); 3]| cells.iter().map(|(i, j)| joint.ln_ratio(*i, *j)).sum::<f64>();
-        let orders = [gain([(0, 0), (0, 1), (1, 1)]), gain([(0, 1), (0, 0), (1, 1)]), gain([(0, 1), (0, 1), (1, 0)])];
+        let gain = |cells: [(usize, usize); 3]| {
+            cells
+                .iter()
+                .map(|(i, j)| joint.ln_ratio(*i, *j))
+                .sum::<f64>()
+        };
+        let orders = [
+            gain([(0, 0), (0, 1), (1, 1)]),
+            gain([(0, 1), (0, 0), (1, 1)]),
+            gain([(0, 1), (0, 1), (1, 0)]),
+        ];
         let mean = orders.iter().sum::<f64>() / 3.0;
         let variance = orders.iter().map(|gain| (gain - mean).powi(2)).sum::<f64>() / 3.0;
         let chance = Chance::of(&table, &joint);

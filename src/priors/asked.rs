@@ -1,4 +1,5 @@
-//! Which priors were asked for lately: only those are kept up in the background. Nothing here looks at a clock.
+//! Which priors were asked for lately: only those are kept up in the background. Nothing here looks
+//! at a clock.
 
 use std::collections::HashMap;
 use std::sync::{Mutex, PoisonError};
@@ -16,10 +17,14 @@ pub struct Asked(Mutex<HashMap<(EnvironmentId, Pair), Instant>>);
 impl Asked {
     /// Remembers that a prior was asked for.
     pub fn note(&self, key: (EnvironmentId, Pair), now: Instant) {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).insert(key, now);
+        self.0
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .insert(key, now);
     }
 
-    /// Returns the pairs of an environment that were asked for within the last hour, plain ones first, in order.
+    /// Returns the pairs of an environment that were asked for within the last hour, plain ones
+    /// first, in order.
     pub fn lately(&self, environment: EnvironmentId, now: Instant) -> Vec<Pair> {
         let mut asked = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         asked.retain(|_, at| now.saturating_duration_since(*at) <= LATELY);
@@ -44,7 +49,11 @@ mod tests {
     const THERE: EnvironmentId = EnvironmentId(2);
 
     fn pair(ego: usize, other: usize, given: &[usize]) -> Pair {
-        Pair { ego, other, given: given.to_vec() }
+        Pair {
+            ego,
+            other,
+            given: given.to_vec(),
+        }
     }
 
     #[test]
@@ -53,10 +62,22 @@ mod tests {
         asked.note((HERE, pair(0, 1, &[2])), start);
         asked.note((HERE, pair(0, 1, &[])), start + Duration::from_secs(1));
         asked.note((THERE, pair(1, 2, &[])), start);
-        assert_eq!(asked.lately(HERE, start + LATELY), [pair(0, 1, &[]), pair(0, 1, &[2])]);
-        assert_eq!(asked.lately(HERE, start + LATELY + Duration::from_secs(1)), [pair(0, 1, &[])]);
-        assert_eq!(asked.lately(HERE, start + LATELY + Duration::from_secs(2)), []);
-        assert!(asked.lately(THERE, start).is_empty(), "it was forgotten with the others");
+        assert_eq!(
+            asked.lately(HERE, start + LATELY),
+            [pair(0, 1, &[]), pair(0, 1, &[2])]
+        );
+        assert_eq!(
+            asked.lately(HERE, start + LATELY + Duration::from_secs(1)),
+            [pair(0, 1, &[])]
+        );
+        assert_eq!(
+            asked.lately(HERE, start + LATELY + Duration::from_secs(2)),
+            []
+        );
+        assert!(
+            asked.lately(THERE, start).is_empty(),
+            "it was forgotten with the others"
+        );
     }
 
     #[test]
@@ -64,6 +85,9 @@ mod tests {
         let (asked, start) = (Asked::default(), Instant::now());
         asked.note((HERE, pair(0, 1, &[])), start);
         asked.note((HERE, pair(0, 1, &[])), start + LATELY);
-        assert_eq!(asked.lately(HERE, start + LATELY + LATELY), [pair(0, 1, &[])]);
+        assert_eq!(
+            asked.lately(HERE, start + LATELY + LATELY),
+            [pair(0, 1, &[])]
+        );
     }
 }

@@ -1,4 +1,5 @@
-//! What was found about single states by one fit, for those who ask again before anything more was counted there.
+//! What was found about single states by one fit, for those who ask again before anything more was
+//! counted there.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -8,7 +9,8 @@ use crate::domain::{Evidence, StateKey, Tally, Within};
 use crate::evidence::Believed;
 
 /// States remembered: as many as one question may have.
-const KEPT: std::num::NonZeroUsize = std::num::NonZeroUsize::new(crate::domain::MOST_STATES).expect("not zero");
+const KEPT: std::num::NonZeroUsize =
+    std::num::NonZeroUsize::new(crate::domain::MOST_STATES).expect("not zero");
 
 /// The evidence on the states that were asked about last.
 pub struct Known(Mutex<LruCache<StateKey, Entry>>);
@@ -22,7 +24,8 @@ pub struct Found {
     pub believed: Believed,
 }
 
-/// What evidence rests on. Counts only grow, so that the same sum stands for the same counts: of the state, and of the environment, whose habits count.
+/// What evidence rests on. Counts only grow, so that the same sum stands for the same counts: of
+/// the state, and of the environment, whose habits count.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Ground {
     /// The sum of the state's counts.
@@ -49,8 +52,17 @@ impl Default for Known {
 
 impl Known {
     /// Returns what was found about a state on the same ground, or finds and remembers it.
-    pub fn get_or_find(&self, key: &StateKey, ground: Ground, find: impl FnOnce() -> Found) -> Found {
-        let known = self.lock().get(key).filter(|entry| entry.ground == ground).map(|entry| entry.found);
+    pub fn get_or_find(
+        &self,
+        key: &StateKey,
+        ground: Ground,
+        find: impl FnOnce() -> Found,
+    ) -> Found {
+        let known = self
+            .lock()
+            .get(key)
+            .filter(|entry| entry.ground == ground)
+            .map(|entry| entry.found);
         known.unwrap_or_else(|| {
             let found = find();
             self.lock().put(key.clone(), Entry { ground, found });

@@ -1,7 +1,9 @@
-//! The priors that evidence stands on: fitted to all states of an environment, one for each pair of agents, in the background and on request.
+//! The priors that evidence stands on: fitted to all states of an environment, one for each pair of
+//! agents, in the background and on request.
 //!
-//! A fit is made of the counts as they are when it begins, and answers name it. It is not made anew with each commit: by then a tenth more must have
-//! been counted, and somebody must have asked for it within the last hour.
+//! A fit is made of the counts as they are when it begins, and answers name it. It is not made anew
+//! with each commit: by then a tenth more must have been counted, and somebody must have asked for
+//! it within the last hour.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -40,14 +42,16 @@ const KEPT: std::num::NonZeroUsize = std::num::NonZeroUsize::new(256).expect("no
 /// How much must have been counted since the last fit, as a share of what it was made from.
 const GROWTH: f64 = 0.1;
 
-/// The rest after a fit, as a multiple of the time it took: fitting takes a twentieth of one core at most.
+/// The rest after a fit, as a multiple of the time it took: fitting takes a twentieth of one core
+/// at most.
 const REST: u32 = 20;
 
 /// A fit with what is computed from it.
 pub struct Fitted {
     /// Its version and revision.
     pub id: FitId,
-    /// The last version that was given to the pair, also to a fit that cannot be read any more: answers have named it, so it is not used again.
+    /// The last version that was given to the pair, also to a fit that cannot be read any more:
+    /// answers have named it, so it is not used again.
     last_version: u64,
     /// When it was made; `None` where that was before the start.
     made: Option<Instant>,
@@ -57,7 +61,8 @@ pub struct Fitted {
     pub prior: Prior,
     /// What was found about single states.
     pub known: Known,
-    /// The last threshold asked for, and what is believed of it without counts: nearly all questions have the same.
+    /// The last threshold asked for, and what is believed of it without counts: nearly all
+    /// questions have the same.
     unseen: Mutex<Option<(f64, Beliefs)>>,
 }
 
@@ -90,7 +95,8 @@ impl Fitted {
         }
     }
 
-    /// Returns the prior for figures that look at every pair of actions many times; `None` where there are too many pairs for them.
+    /// Returns the prior for figures that look at every pair of actions many times; `None` where
+    /// there are too many pairs for them.
     pub fn in_detail(&self) -> Option<&Prior> {
         let Alphabet { rows, columns } = self.fit.alphabet;
         (rows * columns <= evidence::MOST_CELLS).then_some(&self.prior)
@@ -99,7 +105,11 @@ impl Fitted {
 
 /// Returns where the ego of a pair stands in the tables of its draws.
 pub fn ego(pair: &Pair) -> Ego {
-    if pair.ego < pair.other { Ego::Rows } else { Ego::Columns }
+    if pair.ego < pair.other {
+        Ego::Rows
+    } else {
+        Ego::Columns
+    }
 }
 
 type Key = (EnvironmentId, Pair);
@@ -117,47 +127,84 @@ pub struct Fits {
 impl Fits {
     /// Keeps the fits of a store, made on a thread of their own.
     pub fn new(store: Arc<dyn Store>) -> Self {
-        Self::made_in(Gate::new("fit", 1, Gate::ENDLESS, CancellationToken::new()), store)
+        Self::made_in(
+            Gate::new("fit", 1, Gate::ENDLESS, CancellationToken::new()),
+            store,
+        )
     }
 
     /// Keeps the fits of a store, made behind a gate.
     pub fn made_in(gate: Gate, store: Arc<dyn Store>) -> Self {
         let kept = Arc::new(Mutex::new(LruCache::new(KEPT)));
-        Self { store, kept, asked: Arc::default(), making: Arc::default(), gate }
+        Self {
+            store,
+            kept,
+            asked: Arc::default(),
+            making: Arc::default(),
+            gate,
+        }
     }
 
-    /// Returns the last fit of a pair, or the prior that nothing was fitted to; `None` where the alphabets are too large for evidence.
-    pub async fn get(&self, environment: &Environment, pair: &Pair) -> Result<Option<Arc<Fitted>>, StoreError> {
+    /// Returns the last fit of a pair, or the prior that nothing was fitted to; `None` where the
+    /// alphabets are too large for evidence.
+    pub async fn get(
+        &self,
+        environment: &Environment,
+        pair: &Pair,
+    ) -> Result<Option<Arc<Fitted>>, StoreError> {
         let pair = pair.undirected();
-        let Some(alphabet) = alphabet(&environment.schema, &pair) else { return Ok(None) };
+        let Some(alphabet) = alphabet(&environment.schema, &pair) else {
+            return Ok(None);
+        };
         let key = (environment.id, pair);
         if let Some(fitted) = self.lock().get(&key) {
             return Ok(Some(fitted.clone()));
         }
         let records = self.store.fits(environment.id).await?;
-        let record = records.into_iter().find(|record| record.pair == text::of_pair(&key.1));
+        let record = records
+            .into_iter()
+            .find(|record| record.pair == text::of_pair(&key.1));
         let last_version = record.as_ref().map_or(0, |record| record.id.version);
 
-        // One that cannot be read was told at the start, and is made again. Until then answers say that nothing was fitted.
-        let stored = record.and_then(|record| Some((record.id, text::fit(&record.body, alphabet).ok()?)));
+        // One that cannot be read was told at the start, and is made again. Until then answers say
+        // that nothing was fitted.
+        let stored =
+            record.and_then(|record| Some((record.id, text::fit(&record.body, alphabet).ok()?)));
         let (id, fit) = stored.unwrap_or_else(|| (FitId::default(), Fit::cold(alphabet)));
         Ok(Some(self.keep(key, id, last_version, None, fit)))
     }
 
-    /// Returns the last fit of a pair with the habits of the environment by now; `None` where the alphabets are too large for evidence. Whoever asks has it
-    /// kept up for an hour.
-    pub async fn informed(&self, environment: &Environment, pair: &Pair) -> Result<Option<Informed>, StoreError> {
-        self.asked.note((environment.id, pair.undirected()), Instant::now());
-        let Some(fitted) = self.get(environment, pair).await? else { return Ok(None) };
+    /// Returns the last fit of a pair with the habits of the environment by now; `None` where the
+    /// alphabets are too large for evidence. Whoever asks has it kept up for an hour.
+    pub async fn informed(
+        &self,
+        environment: &Environment,
+        pair: &Pair,
+    ) -> Result<Option<Informed>, StoreError> {
+        self.asked
+            .note((environment.id, pair.undirected()), Instant::now());
+        let Some(fitted) = self.get(environment, pair).await? else {
+            return Ok(None);
+        };
         let totals = self.store.actions(environment).await?;
         let Pair { ego, other, .. } = pair.undirected();
         let habits = Arc::new(Habits::new(&totals.draws(ego), &totals.draws(other)));
-        Ok(Some(Informed { fitted, habits, revision: totals.revision }))
+        Ok(Some(Informed {
+            fitted,
+            habits,
+            revision: totals.revision,
+        }))
     }
 
-    /// Fits a pair to the counts as they are now; `None` where the alphabets are too large for evidence. Whoever asks has it kept up for an hour.
-    pub async fn fit(&self, environment: &Environment, pair: &Pair) -> Result<Option<Arc<Fitted>>, Problem> {
-        self.fit_telling(&Progress::default(), environment, pair).await
+    /// Fits a pair to the counts as they are now; `None` where the alphabets are too large for
+    /// evidence. Whoever asks has it kept up for an hour.
+    pub async fn fit(
+        &self,
+        environment: &Environment,
+        pair: &Pair,
+    ) -> Result<Option<Arc<Fitted>>, Problem> {
+        self.fit_telling(&Progress::default(), environment, pair)
+            .await
     }
 
     /// Fits a pair and tells how far it is.
@@ -167,7 +214,8 @@ impl Fits {
         environment: &Environment,
         pair: &Pair,
     ) -> Result<Option<Arc<Fitted>>, Problem> {
-        self.asked.note((environment.id, pair.undirected()), Instant::now());
+        self.asked
+            .note((environment.id, pair.undirected()), Instant::now());
         self.make(progress, environment, pair).await
     }
 
@@ -178,13 +226,22 @@ impl Fits {
         pair: &Pair,
     ) -> Result<Option<Arc<Fitted>>, Problem> {
         let pair = pair.undirected();
-        let Some(alphabet) = alphabet(&environment.schema, &pair) else { return Ok(None) };
+        let Some(alphabet) = alphabet(&environment.schema, &pair) else {
+            return Ok(None);
+        };
         let _turn = self.making.lock().await;
-        let last = self.get(environment, &pair).await.map_err(logged)?.map_or(0, |fitted| fitted.last_version);
+        let last = self
+            .get(environment, &pair)
+            .await
+            .map_err(logged)?
+            .map_or(0, |fitted| fitted.last_version);
         if last >= i64::MAX.unsigned_abs() {
             return Err(logged(StoreError::VersionsUsedUp("fit")));
         }
-        let (version, totals) = (last + 1, self.store.totals(environment.id).await.map_err(logged)?);
+        let (version, totals) = (
+            last + 1,
+            self.store.totals(environment.id).await.map_err(logged)?,
+        );
         progress.begin("states read", totals.states);
         let (uses, states) = self.states(progress, environment, &pair, alphabet).await?;
 
@@ -200,31 +257,59 @@ impl Fits {
             fitter.fit_while(&|| stop.goes_on()).ok_or(Stopped)
         });
         let fit = fitting.await?;
-        let id = FitId { version, revision: totals.transitions };
-        let record = FitRecord { pair: text::of_pair(&pair), id, body: text::of_fit(&fit) };
-        self.store.keep_fit(environment.id, &record).await.map_err(logged)?;
+        let id = FitId {
+            version,
+            revision: totals.transitions,
+        };
+        let record = FitRecord {
+            pair: text::of_pair(&pair),
+            id,
+            body: text::of_fit(&fit),
+        };
+        self.store
+            .keep_fit(environment.id, &record)
+            .await
+            .map_err(logged)?;
         tracing::debug!(environment = %environment.name, pair = record.pair, version, states = fit.states, "fitted");
-        Ok(Some(self.keep((environment.id, pair), id, version, Some(Instant::now()), fit)))
+        Ok(Some(self.keep(
+            (environment.id, pair),
+            id,
+            version,
+            Some(Instant::now()),
+            fit,
+        )))
     }
 
-    /// Returns the oldest fit of an environment that was asked for within the hour before `now`: the revision that it stands on, and when it was made if
-    /// that was since the start. `None` where nothing was fitted yet.
-    pub fn oldest(&self, environment: EnvironmentId, now: Instant) -> Option<(u64, Option<Instant>)> {
+    /// Returns the oldest fit of an environment that was asked for within the hour before `now`:
+    /// the revision that it stands on, and when it was made if that was since the start. `None`
+    /// where nothing was fitted yet.
+    pub fn oldest(
+        &self,
+        environment: EnvironmentId,
+        now: Instant,
+    ) -> Option<(u64, Option<Instant>)> {
         let pairs = self.asked.lately(environment, now);
         let kept = self.lock();
-        let fitted = pairs.into_iter().filter_map(|pair| kept.peek(&(environment, pair)));
-        let oldest = fitted.filter(|fitted| fitted.id.version > 0).min_by_key(|fitted| fitted.id.revision)?;
+        let fitted = pairs
+            .into_iter()
+            .filter_map(|pair| kept.peek(&(environment, pair)));
+        let oldest = fitted
+            .filter(|fitted| fitted.id.version > 0)
+            .min_by_key(|fitted| fitted.id.revision)?;
         Some((oldest.id.revision, oldest.made))
     }
 
-    /// Says in the log which fits cannot be read, and why. [`Fits::keep_up`] and [`Fits::fit`] make others.
+    /// Says in the log which fits cannot be read, and why. [`Fits::keep_up`] and [`Fits::fit`] make
+    /// others.
     pub async fn tell_unreadable(&self) {
         for environment in self.store.environments() {
             match self.store.fits(environment.id).await {
                 Ok(records) => records.iter().for_each(|record| tell(&environment, record)),
                 // Somebody may have removed it meanwhile.
                 Err(StoreError::UnknownEnvironment) => {}
-                Err(error) => tracing::warn!(%error, environment = %environment.name, "the fits could not be read"),
+                Err(error) => {
+                    tracing::warn!(%error, environment = %environment.name, "the fits could not be read")
+                }
             }
         }
     }
@@ -236,7 +321,11 @@ impl Fits {
             let records = self.store.fits(environment.id).await.unwrap_or_default();
             let unread = |record: FitRecord| {
                 let why = unreadable(&environment.schema, &record)?;
-                Some(UnreadableFit { environment: environment.name.to_string(), pair: record.pair, why })
+                Some(UnreadableFit {
+                    environment: environment.name.to_string(),
+                    pair: record.pair,
+                    why,
+                })
             };
             found.extend(records.into_iter().filter_map(unread));
         }
@@ -261,23 +350,31 @@ impl Fits {
                     Ok(false) => {}
                     // Somebody may have removed it meanwhile.
                     Err(problem) if problem.kind == ErrorKind::NotFound => {}
-                    Err(problem) => tracing::warn!(%problem, environment = %environment.name, "a prior was not fitted"),
+                    Err(problem) => {
+                        tracing::warn!(%problem, environment = %environment.name, "a prior was not fitted")
+                    }
                 }
             }
         }
     }
 
     async fn fit_if_due(&self, environment: &Environment, pair: &Pair) -> Result<bool, Problem> {
-        let Some(fitted) = self.get(environment, pair).await? else { return Ok(false) };
+        let Some(fitted) = self.get(environment, pair).await? else {
+            return Ok(false);
+        };
         let counted = self.store.totals(environment.id).await?.transitions;
         let due = fitted.id.revision as f64 * (1.0 + GROWTH);
         if counted == fitted.id.revision || (counted as f64) < due {
             return Ok(false);
         }
-        Ok(self.make(&Progress::default(), environment, pair).await?.is_some())
+        Ok(self
+            .make(&Progress::default(), environment, pair)
+            .await?
+            .is_some())
     }
 
-    /// Returns how all states use the actions of both agents, and the draws of the states that can tell dependence from independence, in order of key.
+    /// Returns how all states use the actions of both agents, and the draws of the states that can
+    /// tell dependence from independence, in order of key.
     async fn states(
         &self,
         progress: &Progress,
@@ -309,9 +406,24 @@ impl Fits {
         Ok((read.uses, read.sample.sorted()))
     }
 
-    fn keep(&self, key: Key, id: FitId, last_version: u64, made: Option<Instant>, fit: Fit) -> Arc<Fitted> {
+    fn keep(
+        &self,
+        key: Key,
+        id: FitId,
+        last_version: u64,
+        made: Option<Instant>,
+        fit: Fit,
+    ) -> Arc<Fitted> {
         let (prior, known, unseen) = (Prior::new(&fit), Known::default(), Mutex::default());
-        let fitted = Arc::new(Fitted { id, last_version, made, prior, fit, known, unseen });
+        let fitted = Arc::new(Fitted {
+            id,
+            last_version,
+            made,
+            prior,
+            fit,
+            known,
+            unseen,
+        });
         let mut kept = self.lock();
         match kept.get(&key) {
             // Read from the store by one while another made the next.
@@ -373,7 +485,9 @@ impl UnreadableFit {
 
 /// Says in the log why a fit cannot be read, if it cannot.
 fn tell(environment: &Environment, record: &FitRecord) {
-    let Some(why) = unreadable(&environment.schema, record) else { return };
+    let Some(why) = unreadable(&environment.schema, record) else {
+        return;
+    };
     let (environment, pair, version) = (&environment.name, &record.pair, record.id.version);
     match why {
         // Nothing is wrong: another can be made from the same counts.
@@ -389,8 +503,16 @@ fn tell(environment: &Environment, record: &FitRecord) {
 /// Returns why a fit cannot be read, if it cannot.
 fn unreadable(schema: &Schema, record: &FitRecord) -> Option<Unreadable> {
     let agents = 0..schema.agents().len();
-    let known = |pair: &Pair| [pair.ego, pair.other].iter().chain(&pair.given).all(|agent| agents.contains(agent));
-    match text::pair(&record.pair).filter(known).and_then(|pair| alphabet(schema, &pair)) {
+    let known = |pair: &Pair| {
+        [pair.ego, pair.other]
+            .iter()
+            .chain(&pair.given)
+            .all(|agent| agents.contains(agent))
+    };
+    match text::pair(&record.pair)
+        .filter(known)
+        .and_then(|pair| alphabet(schema, &pair))
+    {
         Some(alphabet) => text::fit(&record.body, alphabet).err(),
         None => Some(Unreadable::spoiled("nothing is fitted to this pair")),
     }

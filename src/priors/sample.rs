@@ -2,14 +2,15 @@
 
 use crate::domain::StateKey;
 
-/// The most tables that a fit is made from, one a state and one for each of its parts by segment: what it finds has some sixty numbers. Of more, a part of the
-/// states is taken by their keys.
+/// The most tables that a fit is made from, one a state and one for each of its parts by segment:
+/// what it finds has some sixty numbers. Of more, a part of the states is taken by their keys.
 const MOST_TABLES: usize = 50_000;
 
 /// So few states all stay, however many tables they have.
 const FEWEST_STATES: usize = 100;
 
-/// States, thinned by half whenever they become too many: which ones stay depends on their keys alone.
+/// States, thinned by half whenever they become too many: which ones stay depends on their keys
+/// alone.
 pub struct Sample<T> {
     halvings: u32,
     tables: usize,
@@ -19,7 +20,11 @@ pub struct Sample<T> {
 
 impl<T> Default for Sample<T> {
     fn default() -> Self {
-        Self { halvings: 0, tables: 0, states: Vec::new() }
+        Self {
+            halvings: 0,
+            tables: 0,
+            states: Vec::new(),
+        }
     }
 }
 
@@ -34,7 +39,10 @@ impl<T> Sample<T> {
         while self.tables > MOST_TABLES && self.states.len() > FEWEST_STATES {
             self.halvings += 1;
             let states = std::mem::take(&mut self.states);
-            self.states = states.into_iter().filter(|(key, ..)| self.wants(key)).collect();
+            self.states = states
+                .into_iter()
+                .filter(|(key, ..)| self.wants(key))
+                .collect();
             self.tables = self.states.iter().map(|(.., tables)| tables).sum();
         }
     }
@@ -42,7 +50,10 @@ impl<T> Sample<T> {
     /// Returns the states that stayed, in order of key.
     pub fn sorted(mut self) -> Vec<(StateKey, T)> {
         self.states.sort_unstable_by(|a, b| a.0.cmp(&b.0));
-        self.states.into_iter().map(|(key, kept, _)| (key, kept)).collect()
+        self.states
+            .into_iter()
+            .map(|(key, kept, _)| (key, kept))
+            .collect()
     }
 
     /// Returns whether it is the turn of a state.
@@ -65,7 +76,11 @@ mod tests {
     fn which_states_stay_does_not_depend_on_their_order() {
         const MANY: u32 = 3 * MOST_TABLES as u32;
         let kept = sampled(0..MANY);
-        assert!((MOST_TABLES / 3..=MOST_TABLES).contains(&kept.len()), "{}", kept.len());
+        assert!(
+            (MOST_TABLES / 3..=MOST_TABLES).contains(&kept.len()),
+            "{}",
+            kept.len()
+        );
         assert_eq!(kept, sampled((0..MANY).rev()));
     }
 

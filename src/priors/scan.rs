@@ -16,7 +16,11 @@ pub struct Pages<'a> {
 impl<'a> Pages<'a> {
     /// Begins before the first.
     pub fn new(store: &'a dyn Store, id: EnvironmentId) -> Self {
-        Self { store, id, cursor: Cursor::default() }
+        Self {
+            store,
+            id,
+            cursor: Cursor::default(),
+        }
     }
 
     /// Returns the next page; `None` at the end.
@@ -24,7 +28,9 @@ impl<'a> Pages<'a> {
         // Between pages others have their turn.
         tokio::task::yield_now().await;
         let page = self.store.scan(self.id, self.cursor, STEP).await?;
-        let Some(last) = page.last() else { return Ok(None) };
+        let Some(last) = page.last() else {
+            return Ok(None);
+        };
         self.cursor = last.cursor;
         Ok(Some(page))
     }

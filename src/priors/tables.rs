@@ -1,4 +1,5 @@
-//! From a state's cells to contingency tables: whole, and one for each joint action of the agents held fixed.
+//! From a state's cells to contingency tables: whole, and one for each joint action of the agents
+//! held fixed.
 
 use std::borrow::Cow;
 
@@ -14,7 +15,8 @@ pub struct Tables {
     pub segments: u64,
     /// One for each joint action of the agents held fixed, in their order; empty where none is.
     slices: Vec<Table>,
-    /// The same cut further by segment, where figures are means over segments and there are several; else empty.
+    /// The same cut further by segment, where figures are means over segments and there are
+    /// several; else empty.
     strata: Vec<Table>,
 }
 
@@ -23,14 +25,18 @@ pub struct Tables {
 pub struct Draws<'a> {
     /// A table for each joint action of the agents held fixed.
     pub slices: Cow<'a, [Table]>,
-    /// The parts by segment of those slices that can tell dependence from independence; none where there is one segment, or segments are of no concern.
+    /// The parts by segment of those slices that can tell dependence from independence; none where
+    /// there is one segment, or segments are of no concern.
     parts: Vec<Table>,
 }
 
 impl Draws<'_> {
     /// Returns them as the evidence takes them.
     pub fn counted(&self) -> evidence::Counted<'_> {
-        evidence::Counted { slices: &self.slices, parts: &self.parts }
+        evidence::Counted {
+            slices: &self.slices,
+            parts: &self.parts,
+        }
     }
 
     /// Returns how many tables they are.
@@ -40,13 +46,20 @@ impl Draws<'_> {
 
     /// Returns the same for those who keep them.
     pub fn into_owned(self) -> Draws<'static> {
-        Draws { slices: self.slices.into_owned().into(), parts: self.parts }
+        Draws {
+            slices: self.slices.into_owned().into(),
+            parts: self.parts,
+        }
     }
 }
 
 impl Tables {
     /// Builds the tables of these cells; figures are of the pooled ones.
-    pub fn new<'a>(schema: &Schema, pair: &Pair, cells: impl Iterator<Item = &'a Cell> + Clone) -> Self {
+    pub fn new<'a>(
+        schema: &Schema,
+        pair: &Pair,
+        cells: impl Iterator<Item = &'a Cell> + Clone,
+    ) -> Self {
         Self::within(schema, pair, Within::default(), cells)
     }
 
@@ -57,17 +70,28 @@ impl Tables {
         within: Within,
         cells: impl Iterator<Item = &'a Cell> + Clone,
     ) -> Self {
-        let whole = Table::from_counts(cells.clone().map(|cell| counted(schema, pair, cell, visits)));
-        let sliced = (!pair.given.is_empty()).then(|| slices(schema, pair, cells.clone(), visits, no_more));
+        let whole = Table::from_counts(
+            cells
+                .clone()
+                .map(|cell| counted(schema, pair, cell, visits)),
+        );
+        let sliced =
+            (!pair.given.is_empty()).then(|| slices(schema, pair, cells.clone(), visits, no_more));
         let segments = segments(cells.clone().map(|cell| cell.segment));
         // Within the only segment everything is what it is pooled.
         let is_cut = within == Within::Segments && segments > 1;
         let strata = is_cut.then(|| slices(schema, pair, cells, visits, by_segment));
-        Self { whole, segments, slices: sliced.unwrap_or_default(), strata: strata.unwrap_or_default() }
+        Self {
+            whole,
+            segments,
+            slices: sliced.unwrap_or_default(),
+            strata: strata.unwrap_or_default(),
+        }
     }
 
-    /// Returns what the evidence rests on: the tables of what counts as independent draws, rows for the earlier agent, a slice for each joint action
-    /// of the agents held fixed. These are entries where every transition carried the flag, else visits.
+    /// Returns what the evidence rests on: the tables of what counts as independent draws, rows for
+    /// the earlier agent, a slice for each joint action of the agents held fixed. These are entries
+    /// where every transition carried the flag, else visits.
     pub fn draws<'a>(
         &self,
         schema: &Schema,
@@ -102,12 +126,15 @@ impl Tables {
         cells: impl Iterator<Item = &'a Cell> + Clone,
     ) -> Cow<'_, [Table]> {
         match exchange {
-            Exchange::WithinSegments if self.segments > 1 => Self::draws_by_segment(schema, pair, cells).into(),
+            Exchange::WithinSegments if self.segments > 1 => {
+                Self::draws_by_segment(schema, pair, cells).into()
+            }
             Exchange::WithinSegments | Exchange::Pooled => self.draws(schema, pair, cells),
         }
     }
 
-    /// Returns what the evidence rests on: the pooled draws, with their parts by segment unless they are to be pooled.
+    /// Returns what the evidence rests on: the pooled draws, with their parts by segment unless
+    /// they are to be pooled.
     pub fn evidence<'a>(
         &self,
         schema: &Schema,
@@ -116,28 +143,47 @@ impl Tables {
         cells: impl Iterator<Item = &'a Cell> + Clone,
     ) -> Draws<'_> {
         let slices = self.draws(schema, pair, cells.clone());
-        let is_cut = within != Within::Pooled && self.segments > 1 && slices.iter().any(|slice| !slice.is_line());
-        let parts = if is_cut { telling(&slices, Self::draws_cut(schema, pair, cells)) } else { Vec::new() };
+        let is_cut = within != Within::Pooled
+            && self.segments > 1
+            && slices.iter().any(|slice| !slice.is_line());
+        let parts = if is_cut {
+            telling(&slices, Self::draws_cut(schema, pair, cells))
+        } else {
+            Vec::new()
+        };
         Draws { slices, parts }
     }
 
     /// Returns the draws cut by segment, slice by slice, but for segments without any.
-    fn draws_cut<'a>(schema: &Schema, pair: &Pair, cells: impl Iterator<Item = &'a Cell> + Clone) -> Vec<Vec<Table>> {
+    fn draws_cut<'a>(
+        schema: &Schema,
+        pair: &Pair,
+        cells: impl Iterator<Item = &'a Cell> + Clone,
+    ) -> Vec<Vec<Table>> {
         let drawn = drawn(Independence::from(Tally::of(cells.clone())));
         let cut = strata(schema, &pair.undirected(), cells, drawn, by_segment);
         let by_slice = cut.chunk_by(|((a, _), _), ((b, _), _)| a == b);
         let parts = |slice: &[(Stratum, Table)]| {
-            slice.iter().map(|(_, part)| part.clone()).filter(|part| part.total() > 0).collect()
+            slice
+                .iter()
+                .map(|(_, part)| part.clone())
+                .filter(|part| part.total() > 0)
+                .collect()
         };
         by_slice.map(parts).collect()
     }
 
     /// Returns the tables that figures are a mean over; none where they are of the whole.
     fn averaged(&self) -> &[Table] {
-        if self.strata.is_empty() { &self.slices } else { &self.strata }
+        if self.strata.is_empty() {
+            &self.slices
+        } else {
+            &self.strata
+        }
     }
 
-    /// Returns a figure of the table, or its mean over the slices where agents are held fixed, or over segments where it is within them.
+    /// Returns a figure of the table, or its mean over the slices where agents are held fixed, or
+    /// over segments where it is within them.
     pub fn figure(&self, figure: impl Fn(&Table) -> f64) -> f64 {
         match self.averaged() {
             [] => figure(&self.whole),
@@ -145,7 +191,8 @@ impl Tables {
         }
     }
 
-    /// Returns the mean of plug-in mutual information under independence, in nats, and how it was computed.
+    /// Returns the mean of plug-in mutual information under independence, in nats, and how it was
+    /// computed.
     pub fn expected_if_independent(&self) -> (f64, ExpectedMethod) {
         let averaged = self.averaged();
         if averaged.is_empty() {
@@ -162,8 +209,9 @@ impl Tables {
         (mean, method)
     }
 
-    /// Returns the plug-in divergence of the ego's action at a row of the whole table, in nats: its mean over the slices or segments, weighted by how often the
-    /// action was seen in each, so that plug-in mutual information is its mean over the ego's actions.
+    /// Returns the plug-in divergence of the ego's action at a row of the whole table, in nats: its
+    /// mean over the slices or segments, weighted by how often the action was seen in each, so that
+    /// plug-in mutual information is its mean over the ego's actions.
     pub fn divergence(&self, row: usize) -> f64 {
         let averaged = self.averaged();
         if averaged.is_empty() {
@@ -198,11 +246,20 @@ fn segments(mut named: impl Iterator<Item = SegmentId>) -> u64 {
     1 + others.len() as u64
 }
 
-/// Returns the parts of those slices that can tell dependence from independence; none where each has a single one.
+/// Returns the parts of those slices that can tell dependence from independence; none where each
+/// has a single one.
 fn telling(slices: &[Table], parts: Vec<Vec<Table>>) -> Vec<Table> {
-    let telling = slices.iter().zip(parts).filter(|(slice, _)| !slice.is_line()).map(|(_, parts)| parts);
+    let telling = slices
+        .iter()
+        .zip(parts)
+        .filter(|(slice, _)| !slice.is_line())
+        .map(|(_, parts)| parts);
     let telling: Vec<Vec<Table>> = telling.collect();
-    if telling.iter().all(|parts| parts.len() < 2) { Vec::new() } else { telling.concat() }
+    if telling.iter().all(|parts| parts.len() < 2) {
+        Vec::new()
+    } else {
+        telling.concat()
+    }
 }
 
 fn drawn(independence: Independence) -> impl Fn(&Cell) -> u64 + Copy {
@@ -212,7 +269,8 @@ fn drawn(independence: Independence) -> impl Fn(&Cell) -> u64 + Copy {
     }
 }
 
-/// Returns a table for each joint action of the agents held fixed and each value of `further`, in their order.
+/// Returns a table for each joint action of the agents held fixed and each value of `further`, in
+/// their order.
 fn slices<'a>(
     schema: &Schema,
     pair: &Pair,
@@ -220,7 +278,10 @@ fn slices<'a>(
     count: impl Fn(&Cell) -> u64 + Copy,
     further: impl Fn(&Cell) -> Option<SegmentId>,
 ) -> Vec<Table> {
-    strata(schema, pair, cells, count, further).into_iter().map(|(_, table)| table).collect()
+    strata(schema, pair, cells, count, further)
+        .into_iter()
+        .map(|(_, table)| table)
+        .collect()
 }
 
 /// Returns the same with what each is of.
@@ -231,17 +292,31 @@ fn strata<'a>(
     count: impl Fn(&Cell) -> u64 + Copy,
     further: impl Fn(&Cell) -> Option<SegmentId>,
 ) -> Vec<(Stratum, Table)> {
-    let of = |cell: &Cell| ((fixed(schema, pair, cell), further(cell)), counted(schema, pair, cell, count));
+    let of = |cell: &Cell| {
+        (
+            (fixed(schema, pair, cell), further(cell)),
+            counted(schema, pair, cell, count),
+        )
+    };
     let mut counted: Vec<(Stratum, Counted)> = cells.map(of).collect();
     counted.sort_by_key(|(stratum, _)| *stratum);
     let strata = counted.chunk_by(|(a, _), (b, _)| a == b);
-    strata.map(|of| (of[0].0, Table::from_counts(of.iter().map(|(_, counted)| *counted)))).collect()
+    strata
+        .map(|of| {
+            (
+                of[0].0,
+                Table::from_counts(of.iter().map(|(_, counted)| *counted)),
+            )
+        })
+        .collect()
 }
 
 /// Returns the joint action of the agents held fixed, which is in the order of their actions.
 fn fixed(schema: &Schema, pair: &Pair, cell: &Cell) -> u64 {
     let agents = pair.given.iter();
-    agents.fold(0, |joint, agent| joint * schema.agents()[*agent].actions() + schema.action_of(cell.joint, *agent))
+    agents.fold(0, |joint, agent| {
+        joint * schema.agents()[*agent].actions() + schema.action_of(cell.joint, *agent)
+    })
 }
 
 fn by_segment(cell: &Cell) -> Option<SegmentId> {
@@ -253,7 +328,11 @@ fn no_more(_: &Cell) -> Option<SegmentId> {
 }
 
 fn counted(schema: &Schema, pair: &Pair, cell: &Cell, count: impl Fn(&Cell) -> u64) -> Counted {
-    (schema.action_of(cell.joint, pair.ego), schema.action_of(cell.joint, pair.other), count(cell))
+    (
+        schema.action_of(cell.joint, pair.ego),
+        schema.action_of(cell.joint, pair.other),
+        count(cell),
+    )
 }
 
 #[cfg(test)]
@@ -264,37 +343,62 @@ mod tests {
 
     /// Returns a schema of agents with so many actions each.
     fn schema(actions: &[i64]) -> Schema {
-        let feature =
-            |name: &str, max| FeatureDraft { name: name.into(), unit: None, kinds: vec![KindDraft::Integer(0, max)] };
+        let feature = |name: &str, max| FeatureDraft {
+            name: name.into(),
+            unit: None,
+            kinds: vec![KindDraft::Integer(0, max)],
+        };
         let agent = |(at, actions): (usize, &i64)| AgentDraft {
             name: format!("agent{at}"),
             action: vec![feature("move", actions - 1)],
         };
         let agents = actions.iter().enumerate().map(agent).collect();
-        Schema::try_from(&SchemaDraft { state: vec![feature("place", 9)], agents }).expect("valid")
+        Schema::try_from(&SchemaDraft {
+            state: vec![feature("place", 9)],
+            agents,
+        })
+        .expect("valid")
     }
 
     fn pair(ego: usize, other: usize, given: &[usize]) -> Pair {
-        Pair { ego, other, given: given.to_vec() }
+        Pair {
+            ego,
+            other,
+            given: given.to_vec(),
+        }
     }
 
     fn cell(joint: u64, segment: i64, n: u64, entries: impl Into<Option<u64>>) -> Cell {
-        Cell { joint, segment: SegmentId(segment), tally: Tally { n, entries: entries.into() } }
+        Cell {
+            joint,
+            segment: SegmentId(segment),
+            tally: Tally {
+                n,
+                entries: entries.into(),
+            },
+        }
     }
 
     /// Returns what is told of each cell of a table: its labels and its count.
     fn counts(table: &Table) -> Vec<Counted> {
         let labels = |cell: &information::Occupied| {
-            (table.row_labels()[cell.row as usize], table.column_labels()[cell.column as usize], cell.n)
+            (
+                table.row_labels()[cell.row as usize],
+                table.column_labels()[cell.column as usize],
+                cell.n,
+            )
         };
         table.cells().iter().map(labels).collect()
     }
 
-    /// Two segments of two agents with two actions, opposite in their habits, each exactly independent.
+    /// Two segments of two agents with two actions, opposite in their habits, each exactly
+    /// independent.
     fn opposite() -> Vec<Cell> {
         let n = [[81, 1], [9, 9], [9, 9], [1, 81]];
-        let cells =
-            n.into_iter().zip(0..).flat_map(|(n, joint)| [cell(joint, 3, n[0], None), cell(joint, 7, n[1], None)]);
+        let cells = n
+            .into_iter()
+            .zip(0..)
+            .flat_map(|(n, joint)| [cell(joint, 3, n[0], None), cell(joint, 7, n[1], None)]);
         cells.collect()
     }
 
@@ -302,17 +406,30 @@ mod tests {
     fn draws_are_cut_by_segment_in_their_order() {
         let (schema, cells) = (schema(&[2, 2]), opposite());
         let cuts = Tables::draws_cut(&schema, &pair(0, 1, &[]), cells.iter());
-        let [parts] = &cuts[..] else { panic!("nobody is held fixed: {cuts:?}") };
-        let [first, second] = &parts[..] else { panic!("two segments: {parts:?}") };
+        let [parts] = &cuts[..] else {
+            panic!("nobody is held fixed: {cuts:?}")
+        };
+        let [first, second] = &parts[..] else {
+            panic!("two segments: {parts:?}")
+        };
         assert_eq!(counts(first), [(0, 0, 81), (0, 1, 9), (1, 0, 9), (1, 1, 1)]);
-        assert_eq!(counts(second), [(0, 0, 1), (0, 1, 9), (1, 0, 9), (1, 1, 81)]);
+        assert_eq!(
+            counts(second),
+            [(0, 0, 1), (0, 1, 9), (1, 0, 9), (1, 1, 81)]
+        );
     }
 
     #[test]
     fn each_slice_is_cut_by_itself() {
         let schema = schema(&[2, 3, 2]);
         // Agent 2 is held fixed; it did nothing but 1 in segment 5.
-        let cells = [cell(0, 1, 4, 2), cell(1, 1, 3, 1), cell(1, 5, 2, 2), cell(9, 5, 6, 0), cell(11, 1, 5, 5)];
+        let cells = [
+            cell(0, 1, 4, 2),
+            cell(1, 1, 3, 1),
+            cell(1, 5, 2, 2),
+            cell(9, 5, 6, 0),
+            cell(11, 1, 5, 5),
+        ];
         for pair in [pair(0, 1, &[2]), pair(1, 0, &[2])] {
             let tables = Tables::new(&schema, &pair, cells.iter());
             let cuts = Tables::draws_cut(&schema, &pair, cells.iter());
@@ -322,7 +439,10 @@ mod tests {
                 *tables.draws(&schema, &pair, cells.iter()),
                 "as without cutting: entries, earlier agent in rows"
             );
-            let parts: Vec<Vec<u64>> = cuts.iter().map(|parts| parts.iter().map(Table::total).collect()).collect();
+            let parts: Vec<Vec<u64>> = cuts
+                .iter()
+                .map(|parts| parts.iter().map(Table::total).collect())
+                .collect();
             // Without an entry (joint action 9) there is nothing to add.
             assert_eq!(parts, [vec![2], vec![6, 2]]);
             let by_segment = Tables::draws_by_segment(&schema, &pair, cells.iter());
@@ -337,12 +457,28 @@ mod tests {
         cells.retain(|cell| cell.segment == SegmentId(7));
         let tables = Tables::within(&schema, &pair, Within::Segments, cells.iter());
         assert_eq!(tables.segments, 1);
-        assert_eq!(Tables::draws_cut(&schema, &pair, cells.iter()), [[tables.whole.clone()]]);
+        assert_eq!(
+            Tables::draws_cut(&schema, &pair, cells.iter()),
+            [[tables.whole.clone()]]
+        );
         let pooled = Tables::new(&schema, &pair, cells.iter());
-        assert_eq!(tables.figure(information::plug_in).to_bits(), pooled.figure(information::plug_in).to_bits());
-        assert_eq!(tables.expected_if_independent(), pooled.expected_if_independent());
-        let exchangeable = |exchange| tables.exchangeable(&schema, &pair, exchange, cells.iter()).into_owned();
-        assert_eq!(exchangeable(Exchange::WithinSegments), exchangeable(Exchange::Pooled));
+        assert_eq!(
+            tables.figure(information::plug_in).to_bits(),
+            pooled.figure(information::plug_in).to_bits()
+        );
+        assert_eq!(
+            tables.expected_if_independent(),
+            pooled.expected_if_independent()
+        );
+        let exchangeable = |exchange| {
+            tables
+                .exchangeable(&schema, &pair, exchange, cells.iter())
+                .into_owned()
+        };
+        assert_eq!(
+            exchangeable(Exchange::WithinSegments),
+            exchangeable(Exchange::Pooled)
+        );
         for within in Within::ALL {
             let draws = tables.evidence(&schema, &pair, within, cells.iter());
             assert_eq!(
@@ -357,7 +493,10 @@ mod tests {
     fn nothing_seen_is_nothing_to_cut() {
         let (schema, pair) = (schema(&[1, 2]), pair(0, 1, &[]));
         let tables = Tables::within(&schema, &pair, Within::Segments, [].iter());
-        assert_eq!((tables.segments, tables.figure(information::plug_in)), (0, 0.0));
+        assert_eq!(
+            (tables.segments, tables.figure(information::plug_in)),
+            (0, 0.0)
+        );
         assert!(Tables::draws_cut(&schema, &pair, [].iter()).is_empty());
         // Seen, but not entered.
         let stays = [cell(0, 1, 4, 0), cell(1, 2, 4, 0)];
@@ -368,22 +507,44 @@ mod tests {
     #[test]
     fn figures_within_segments_are_means_by_visits() {
         let (schema, pair) = (schema(&[2, 2]), pair(0, 1, &[]));
-        // Beside the two independent segments a third that depends: a hundred visits each, of three hundred.
+        // Beside the two independent segments a third that depends: a hundred visits each, of three
+        // hundred.
         let mut cells = opposite();
         cells.extend([cell(0, 9, 50, None), cell(3, 9, 50, None)]);
         let told = |within| Tables::within(&schema, &pair, within, cells.iter());
         let [auto, segments, pooled] = Within::ALL.map(told);
         assert_eq!(auto.segments, 3);
         assert!((segments.figure(information::plug_in) - 2_f64.ln() / 3.0).abs() < 1e-12);
-        assert_eq!(auto.figure(information::plug_in), information::plug_in(&pooled.whole));
-        assert_eq!(auto.expected_if_independent(), pooled.expected_if_independent());
-        assert!(segments.expected_if_independent().0 > 2.0 * pooled.expected_if_independent().0, "three tables");
-        assert_eq!(segments.draws(&schema, &pair, cells.iter()), pooled.draws(&schema, &pair, cells.iter()));
-        let mean: f64 = (0..2).map(|row| segments.divergence(row) * segments.whole.rows()[row] as f64 / 300.0).sum();
-        assert!((mean - segments.figure(information::plug_in)).abs() < 1e-12, "the mean of the ego's actions");
+        assert_eq!(
+            auto.figure(information::plug_in),
+            information::plug_in(&pooled.whole)
+        );
+        assert_eq!(
+            auto.expected_if_independent(),
+            pooled.expected_if_independent()
+        );
+        assert!(
+            segments.expected_if_independent().0 > 2.0 * pooled.expected_if_independent().0,
+            "three tables"
+        );
+        assert_eq!(
+            segments.draws(&schema, &pair, cells.iter()),
+            pooled.draws(&schema, &pair, cells.iter())
+        );
+        let mean: f64 = (0..2)
+            .map(|row| segments.divergence(row) * segments.whole.rows()[row] as f64 / 300.0)
+            .sum();
+        assert!(
+            (mean - segments.figure(information::plug_in)).abs() < 1e-12,
+            "the mean of the ego's actions"
+        );
         let draws = |within| auto.evidence(&schema, &pair, within, cells.iter());
-        let sizes = Within::ALL.map(|within| (draws(within).slices.len(), draws(within).parts.len()));
+        let sizes =
+            Within::ALL.map(|within| (draws(within).slices.len(), draws(within).parts.len()));
         assert_eq!(sizes, [(1, 3), (1, 3), (1, 0)]);
-        assert_eq!(*draws(Within::Auto).slices, *pooled.draws(&schema, &pair, cells.iter()));
+        assert_eq!(
+            *draws(Within::Auto).slices,
+            *pooled.draws(&schema, &pair, cells.iter())
+        );
     }
 }

@@ -7,8 +7,9 @@ use crate::evidence::{Base, Fit, Parameters, SideParameters};
 use crate::information::Alphabet;
 use crate::store::form::{self, Unreadable};
 
-/// The version of the form that is written. The first one read tables in one way only: nothing of it says what the other way would. The second one weighed
-/// other slabs, and those on a state's own marginal by less evidence than there is.
+/// The version of the form that is written. The first one read tables in one way only: nothing of
+/// it says what the other way would. The second one weighed other slabs, and those on a state's own
+/// marginal by less evidence than there is.
 const FORM: u32 = 3;
 
 #[derive(Serialize, Deserialize)]
@@ -32,13 +33,21 @@ struct SideText {
 /// Returns what a pair is called: the positions of its agents, then those held fixed: `0,2|1`.
 pub fn of_pair(pair: &Pair) -> String {
     let given: Vec<String> = pair.given.iter().map(ToString::to_string).collect();
-    let fixed = if given.is_empty() { String::new() } else { format!("|{}", given.join(",")) };
+    let fixed = if given.is_empty() {
+        String::new()
+    } else {
+        format!("|{}", given.join(","))
+    };
     format!("{},{}{fixed}", pair.ego, pair.other)
 }
 
 /// Reads a pair back; `None` where nothing is called so.
 pub fn pair(text: &str) -> Option<Pair> {
-    let positions = |text: &str| text.split(',').map(|position| position.parse().ok()).collect::<Option<Vec<usize>>>();
+    let positions = |text: &str| {
+        text.split(',')
+            .map(|position| position.parse().ok())
+            .collect::<Option<Vec<usize>>>()
+    };
     let (agents, given) = match text.split_once('|') {
         Some((agents, given)) => (agents, positions(given)?),
         None => (text, Vec::new()),
@@ -51,30 +60,58 @@ pub fn pair(text: &str) -> Option<Pair> {
 
 /// Writes a fit.
 pub fn of_fit(fit: &Fit) -> String {
-    let Parameters { dependent, sides, families } = fit.parameters.clone();
+    let Parameters {
+        dependent,
+        sides,
+        families,
+    } = fit.parameters.clone();
     let bases = fit.bases.clone().map(|base| base.counts().to_vec());
-    let side = |SideParameters { nulls, slabs, habit, habit_in_segments, segments }| SideText {
+    let side = |SideParameters {
+                    nulls,
+                    slabs,
+                    habit,
+                    habit_in_segments,
+                    segments,
+                }| SideText {
         nulls,
         slabs,
         habit,
         habit_in_segments,
         segments,
     };
-    form::write(FORM, &FitText { bases, dependent, sides: sides.map(side), families, states: fit.states })
+    form::write(
+        FORM,
+        &FitText {
+            bases,
+            dependent,
+            sides: sides.map(side),
+            families,
+            states: fit.states,
+        },
+    )
 }
 
-/// Reads a fit of these alphabets back. One that cannot be read is made again; a version whose content says too little for that is
-/// [`Unreadable::Older`].
+/// Reads a fit of these alphabets back. One that cannot be read is made again; a version whose
+/// content says too little for that is [`Unreadable::Older`].
 pub fn fit(text: &str, alphabet: Alphabet) -> Result<Fit, Unreadable> {
     match form::version(text)? {
         older @ 1..FORM => Err(Unreadable::Older(older)),
         FORM => newest(form::read(text)?, alphabet),
-        found => Err(Unreadable::Newer { found, newest: FORM }),
+        found => Err(Unreadable::Newer {
+            found,
+            newest: FORM,
+        }),
     }
 }
 
 fn newest(text: FitText, alphabet: Alphabet) -> Result<Fit, Unreadable> {
-    let FitText { bases, dependent, sides, families, states } = text;
+    let FitText {
+        bases,
+        dependent,
+        sides,
+        families,
+        states,
+    } = text;
     let found = bases.each_ref().map(|base| base.len() as u64);
     if found != [alphabet.rows, alphabet.columns] {
         return Err(Unreadable::spoiled(format!(
@@ -83,47 +120,83 @@ fn newest(text: FitText, alphabet: Alphabet) -> Result<Fit, Unreadable> {
         )));
     }
     if !is_inside(dependent) {
-        return Err(Unreadable::spoiled(format!("dependent {dependent}, expected above 0 and below 1")));
+        return Err(Unreadable::spoiled(format!(
+            "dependent {dependent}, expected above 0 and below 1"
+        )));
     }
     check(&sides)?;
     if !are_weights(&families) {
-        return Err(Unreadable::spoiled(format!("families {families:?}, expected above 0 and summing to 1")));
+        return Err(Unreadable::spoiled(format!(
+            "families {families:?}, expected above 0 and summing to 1"
+        )));
     }
-    let side = |SideText { nulls, slabs, habit, habit_in_segments, segments }| SideParameters {
+    let side = |SideText {
+                    nulls,
+                    slabs,
+                    habit,
+                    habit_in_segments,
+                    segments,
+                }| SideParameters {
         nulls,
         slabs,
         habit,
         habit_in_segments,
         segments,
     };
-    let parameters = Parameters { dependent, sides: sides.map(side), families };
-    Ok(Fit { alphabet, bases: bases.map(|counts| Base::new(&counts)), parameters, states })
+    let parameters = Parameters {
+        dependent,
+        sides: sides.map(side),
+        families,
+    };
+    Ok(Fit {
+        alphabet,
+        bases: bases.map(|counts| Base::new(&counts)),
+        parameters,
+        states,
+    })
 }
 
 fn check(sides: &[SideText; 2]) -> Result<(), Unreadable> {
     let cold = &Parameters::cold().sides[0];
-    for SideText { nulls, slabs, habit, habit_in_segments, segments } in sides {
+    for SideText {
+        nulls,
+        slabs,
+        habit,
+        habit_in_segments,
+        segments,
+    } in sides
+    {
         let found = [nulls.len(), slabs.len(), segments.len()];
         let expected = [cold.nulls.len(), cold.slabs.len(), cold.segments.len()];
         if found != expected {
             let what = "nulls, slabs and kinds of habits";
-            return Err(Unreadable::spoiled(format!("it has {found:?} {what}, expected {expected:?}")));
+            return Err(Unreadable::spoiled(format!(
+                "it has {found:?} {what}, expected {expected:?}"
+            )));
         }
         if !are_weights(segments) {
-            return Err(Unreadable::spoiled(format!("segments {segments:?}, expected above 0 and summing to 1")));
+            return Err(Unreadable::spoiled(format!(
+                "segments {segments:?}, expected above 0 and summing to 1"
+            )));
         }
         if !are_weights(nulls) {
-            return Err(Unreadable::spoiled(format!("nulls {nulls:?}, expected above 0 and summing to 1")));
+            return Err(Unreadable::spoiled(format!(
+                "nulls {nulls:?}, expected above 0 and summing to 1"
+            )));
         }
         for (name, habit) in [("habit", habit), ("habit_in_segments", habit_in_segments)] {
             if habit.is_some_and(|habit| habit <= 0.0) {
-                return Err(Unreadable::spoiled(format!("{name} {habit:?}, expected above 0")));
+                return Err(Unreadable::spoiled(format!(
+                    "{name} {habit:?}, expected above 0"
+                )));
             }
         }
     }
     let slabs: Vec<f64> = sides.iter().flat_map(|side| side.slabs.clone()).collect();
     if !are_weights(&slabs) {
-        return Err(Unreadable::spoiled(format!("slabs {slabs:?}, expected above 0 and summing to 1")));
+        return Err(Unreadable::spoiled(format!(
+            "slabs {slabs:?}, expected above 0 and summing to 1"
+        )));
     }
     Ok(())
 }
@@ -136,20 +209,32 @@ fn is_inside(share: f64) -> bool {
 fn are_weights(weights: &[f64]) -> bool {
     /// What rounding may leave of a sum.
     const ROUNDING: f64 = 1e-9;
-    weights.iter().all(|weight| is_inside(*weight)) && (weights.iter().sum::<f64>() - 1.0).abs() <= ROUNDING
+    weights.iter().all(|weight| is_inside(*weight))
+        && (weights.iter().sum::<f64>() - 1.0).abs() <= ROUNDING
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    const ALPHABET: Alphabet = Alphabet { rows: 2, columns: 3 };
+    const ALPHABET: Alphabet = Alphabet {
+        rows: 2,
+        columns: 3,
+    };
 
     fn made() -> Fit {
-        let mut parameters = Parameters { dependent: 0.1 + 0.2, ..Parameters::cold() };
+        let mut parameters = Parameters {
+            dependent: 0.1 + 0.2,
+            ..Parameters::cold()
+        };
         parameters.sides[1].habit = Some(2.0 / 3.0);
         let bases = [Base::new(&[5, 6]), Base::new(&[3, 0, u64::from(u32::MAX)])];
-        Fit { alphabet: ALPHABET, bases, parameters, states: 7 }
+        Fit {
+            alphabet: ALPHABET,
+            bases,
+            parameters,
+            states: 7,
+        }
     }
 
     #[test]
@@ -167,7 +252,9 @@ mod tests {
     fn a_fit_reads_back_to_the_same_bits() {
         let text = of_fit(&made());
         assert!(
-            text.starts_with(r#"{"form":3,"bases":[[5,6],[3,0,4294967295]],"dependent":0.30000000000000004,"#),
+            text.starts_with(
+                r#"{"form":3,"bases":[[5,6],[3,0,4294967295]],"dependent":0.30000000000000004,"#
+            ),
             "{text}"
         );
         assert_eq!(fit(&text, ALPHABET).expect("a fit"), made());
@@ -175,12 +262,23 @@ mod tests {
 
     #[test]
     fn what_was_fitted_to_something_else_says_so() {
-        let why = |text: &str, columns| fit(text, Alphabet { rows: 2, columns }).expect_err("not its fit").to_string();
+        let why = |text: &str, columns| {
+            fit(text, Alphabet { rows: 2, columns })
+                .expect_err("not its fit")
+                .to_string()
+        };
         let text = of_fit(&made());
-        assert!(why(&text, 4).starts_with("it is not as it was written: it has [2, 3] actions"), "{}", why(&text, 4));
+        assert!(
+            why(&text, 4).starts_with("it is not as it was written: it has [2, 3] actions"),
+            "{}",
+            why(&text, 4)
+        );
         assert!(why(r#"{"form":3}"#, 3).contains("missing field `bases`"));
         assert!(why(&text.replacen("3", "4", 1), 3).contains("form 4 of a newer build"));
-        assert_eq!(fit(&text.replacen("3", "2", 1), ALPHABET), Err(Unreadable::Older(2)));
+        assert_eq!(
+            fit(&text.replacen("3", "2", 1), ALPHABET),
+            Err(Unreadable::Older(2))
+        );
         // As builds before this one wrote it, with a version and without.
         for first in [
             r#"{"form":1,"base":[3,0,9]}"#,
@@ -195,21 +293,35 @@ mod tests {
         let why = |change: &dyn Fn(&mut Parameters)| {
             let mut wrong = made();
             change(&mut wrong.parameters);
-            fit(&of_fit(&wrong), ALPHABET).expect_err("no fit").to_string()
+            fit(&of_fit(&wrong), ALPHABET)
+                .expect_err("no fit")
+                .to_string()
         };
         for wrong in [-0.1, 0.0, 1.0, 1.5, f64::MAX] {
             let told = why(&|parameters| parameters.dependent = wrong);
-            assert!(told.starts_with("it is not as it was written: dependent "), "{wrong}: {told}");
+            assert!(
+                told.starts_with("it is not as it was written: dependent "),
+                "{wrong}: {told}"
+            );
             let told = why(&|parameters| parameters.sides[0].nulls[0] = wrong);
-            assert!(told.starts_with("it is not as it was written: nulls ["), "{wrong}: {told}");
+            assert!(
+                told.starts_with("it is not as it was written: nulls ["),
+                "{wrong}: {told}"
+            );
             let told = why(&|parameters| parameters.sides[1].slabs[1] = wrong);
-            assert!(told.starts_with("it is not as it was written: slabs ["), "{wrong}: {told}");
+            assert!(
+                told.starts_with("it is not as it was written: slabs ["),
+                "{wrong}: {told}"
+            );
         }
         let told = why(&|parameters| parameters.sides[0].habit = Some(-1.0));
         assert!(told.contains("habit Some(-1.0)"), "{told}");
         for wrong in [f64::NAN, f64::INFINITY] {
             let told = why(&|parameters| parameters.dependent = wrong);
-            assert!(told.contains("invalid type: null"), "what JSON has for it: {told}");
+            assert!(
+                told.contains("invalid type: null"),
+                "what JSON has for it: {told}"
+            );
         }
         let told = why(&|parameters| parameters.sides[0].slabs[0] *= 2.0);
         assert!(told.contains("slabs ["), "they sum to more than 1: {told}");

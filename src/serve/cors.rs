@@ -4,7 +4,8 @@ use axum::Router;
 use http::{HeaderName, HeaderValue, Method, header};
 use tower_http::cors::{AllowOrigin, CorsLayer};
 
-/// What the two faces send beside what every request may have, and what a page may read of the answers.
+/// What the two faces send beside what every request may have, and what a page may read of the
+/// answers.
 const SENT: [HeaderName; 8] = [
     header::AUTHORIZATION,
     header::CONTENT_TYPE,
@@ -34,12 +35,22 @@ pub fn allow(router: Router, origins: &[String]) -> Router {
         true => AllowOrigin::any(),
         false => AllowOrigin::list(origins.iter().filter_map(|origin| value(origin))),
     };
-    let methods = [Method::GET, Method::PUT, Method::POST, Method::PATCH, Method::DELETE];
-    let cors = CorsLayer::new().allow_origin(allowed).allow_methods(methods);
+    let methods = [
+        Method::GET,
+        Method::PUT,
+        Method::POST,
+        Method::PATCH,
+        Method::DELETE,
+    ];
+    let cors = CorsLayer::new()
+        .allow_origin(allowed)
+        .allow_methods(methods);
     router.layer(cors.allow_headers(SENT).expose_headers(READ))
 }
 
 fn value(origin: &str) -> Option<HeaderValue> {
     let value = HeaderValue::from_str(origin);
-    value.inspect_err(|_| tracing::warn!(origin, "an origin that cannot be a header is not allowed")).ok()
+    value
+        .inspect_err(|_| tracing::warn!(origin, "an origin that cannot be a header is not allowed"))
+        .ok()
 }

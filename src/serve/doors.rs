@@ -1,4 +1,5 @@
-//! The socket before and after the database is open: until then it says that the service is alive, not ready, and why.
+//! The socket before and after the database is open: until then it says that the service is alive,
+//! not ready, and why.
 
 use std::convert::Infallible;
 use std::sync::{Arc, OnceLock};
@@ -34,11 +35,18 @@ impl Doors {
     pub fn closed(stage: Stage) -> Self {
         // Before the first request, so that the first of each kind is seen as a change.
         telemetry::begin();
-        Self { stage, open: Arc::default() }
+        Self {
+            stage,
+            open: Arc::default(),
+        }
     }
 
     /// Lets everybody in to an app.
-    pub async fn open(&self, app: App, settings: &Settings) -> Result<(), tonic_reflection::server::Error> {
+    pub async fn open(
+        &self,
+        app: App,
+        settings: &Settings,
+    ) -> Result<(), tonic_reflection::server::Error> {
         let router = routes::router(app, settings).await?;
         // A service is opened once.
         let _ = self.open.set(router);
@@ -46,7 +54,12 @@ impl Doors {
     }
 
     /// Serves connections until it drains and they have ended.
-    pub async fn serve(self, socket: impl Into<Socket>, draining: CancellationToken, limits: Limits) {
+    pub async fn serve(
+        self,
+        socket: impl Into<Socket>,
+        draining: CancellationToken,
+        limits: Limits,
+    ) {
         let router = Router::new().fallback(enter).with_state(self);
         listen::accept(socket, router, draining, limits).await;
     }
@@ -55,7 +68,13 @@ impl Doors {
         requests::note_closed(request);
         let path = request.uri().path();
         let stage = self.stage.told();
-        let problem = || Problem::new(ErrorKind::Unavailable, "NOT_READY", format!("not ready: database: {stage}"));
+        let problem = || {
+            Problem::new(
+                ErrorKind::Unavailable,
+                "NOT_READY",
+                format!("not ready: database: {stage}"),
+            )
+        };
         match path {
             "/livez" => operations::ALIVE.into_response(),
             "/v2/health/live" => axum::Json(json!({ "live": true })).into_response(),
@@ -64,8 +83,14 @@ impl Doors {
                 let body = json!({ "ready": false, "checks": checks, "background": "idle" });
                 (StatusCode::SERVICE_UNAVAILABLE, axum::Json(body)).into_response()
             }
-            "/readyz" => (StatusCode::SERVICE_UNAVAILABLE, format!("not ready: {stage}\n")).into_response(),
-            _ if is_grpc(request.headers()) => status::grpc(problem()).into_http::<axum::body::Body>(),
+            "/readyz" => (
+                StatusCode::SERVICE_UNAVAILABLE,
+                format!("not ready: {stage}\n"),
+            )
+                .into_response(),
+            _ if is_grpc(request.headers()) => {
+                status::grpc(problem()).into_http::<axum::body::Body>()
+            }
             _ if path.starts_with("/v2") => Failure::from(problem()).tell_text(path),
             _ => Failure::from(problem()).tell(path),
         }
@@ -73,6 +98,12 @@ impl Doors {
 }
 
 async fn enter(State(doors): State<Doors>, request: Request) -> Response {
-    let Some(router) = doors.open.get() else { return doors.refuse(&request) };
-    router.clone().oneshot(request).await.unwrap_or_else(|never: Infallible| match never {})
+    let Some(router) = doors.open.get() else {
+        return doors.refuse(&request);
+    };
+    router
+        .clone()
+        .oneshot(request)
+        .await
+        .unwrap_or_else(|never: Infallible| match never {})
 }

@@ -14,8 +14,14 @@ use super::connections::limits::Limits;
 use super::tls::Socket;
 use crate::telemetry;
 
-/// Serves connections until the service drains, and returns when the last one ended or had its time.
-pub async fn accept(socket: impl Into<Socket>, router: Router, draining: CancellationToken, limits: Limits) {
+/// Serves connections until the service drains, and returns when the last one ended or had its
+/// time.
+pub async fn accept(
+    socket: impl Into<Socket>,
+    router: Router,
+    draining: CancellationToken,
+    limits: Limits,
+) {
     let Socket { listener, tls } = socket.into();
     let (over, longest) = (CancellationToken::new(), limits.drain);
     let host = Host::new(router, limits, tls.clone(), draining.clone(), over.clone());
@@ -29,8 +35,15 @@ pub async fn accept(socket: impl Into<Socket>, router: Router, draining: Cancell
     draining.run_until_cancelled(receiving).await;
     drop(listener);
     connections.close();
-    if tokio::time::timeout(longest, connections.wait()).await.is_err() {
-        tracing::warn!(waited_ms = longest.as_millis(), cut = connections.len(), "connections did not end in time");
+    if tokio::time::timeout(longest, connections.wait())
+        .await
+        .is_err()
+    {
+        tracing::warn!(
+            waited_ms = longest.as_millis(),
+            cut = connections.len(),
+            "connections did not end in time"
+        );
         over.cancel();
         connections.wait().await;
     }

@@ -1,6 +1,8 @@
-//! Everything on a listening socket: REST, gRPC, gRPC-Web, the inference protocol and operations on one port.
+//! Everything on a listening socket: REST, gRPC, gRPC-Web, the inference protocol and operations on
+//! one port.
 //!
-//! Handlers decode, ask a room of [`App`], and encode. An `if` about the problem rather than the protocol belongs further in.
+//! Handlers decode, ask a room of [`App`], and encode. An `if` about the problem rather than the
+//! protocol belongs further in.
 
 use self::tls::Socket;
 use crate::app::App;

@@ -34,25 +34,41 @@ async fn livez(uri: Uri) -> Response {
 
 /// Returns the refusal of a parameter that is none of these, if there is one.
 fn refusal(uri: &Uri, known: &[&str]) -> Option<Response> {
-    let names = uri.query().unwrap_or_default().split('&').filter_map(|part| part.split('=').next());
+    let names = uri
+        .query()
+        .unwrap_or_default()
+        .split('&')
+        .filter_map(|part| part.split('=').next());
     let unknown = |name: &&str| !name.is_empty() && !known.contains(name);
     let fault = |name: &str| {
         let none = "; there is none on this path".to_owned();
-        let hint = if known.is_empty() { none } else { hint(name, known.iter().copied()) };
+        let hint = if known.is_empty() {
+            none
+        } else {
+            hint(name, known.iter().copied())
+        };
         Fault::new(pointer(name), format!("unknown parameter{hint}"))
     };
     let faults: Vec<Fault> = names.filter(unknown).map(fault).collect();
     (!faults.is_empty()).then(|| Failure::from(Problem::invalid("query", faults)).tell(uri.path()))
 }
 
-/// Tells whether operators ask under that path: whether the service lives, can work, and how it fares.
+/// Tells whether operators ask under that path: whether the service lives, can work, and how it
+/// fares.
 pub fn is_asked(path: &str) -> bool {
-    const PATHS: [&str; 6] =
-        ["/livez", "/readyz", "/metrics", "/v2/health/live", "/v2/health/ready", "/grpc.health.v1.Health/Check"];
+    const PATHS: [&str; 6] = [
+        "/livez",
+        "/readyz",
+        "/metrics",
+        "/v2/health/live",
+        "/v2/health/ready",
+        "/grpc.health.v1.Health/Check",
+    ];
     PATHS.contains(&path)
 }
 
-/// Tells whether machines ask, which know addresses and no names: kubelets, load balancers, Prometheus. What they are told is for anybody, but for metrics.
+/// Tells whether machines ask, which know addresses and no names: kubelets, load balancers,
+/// Prometheus. What they are told is for anybody, but for metrics.
 pub fn is_asked_by_machines(request: &Request) -> bool {
     const OTHERS: [&str; 3] = [
         "/grpc.health.v1.Health/Watch",
@@ -67,8 +83,17 @@ type Check = (&'static str, Result<(), String>);
 
 /// Says whether the service can take and answer, or why not.
 pub async fn ready(app: &App) -> Result<(), Problem> {
-    let failed = checks(app).await.into_iter().find_map(|(name, check)| check.err().map(|why| (name, why)));
-    let problem = |(name, why)| Problem::new(ErrorKind::Unavailable, "NOT_READY", format!("not ready: {name}: {why}"));
+    let failed = checks(app)
+        .await
+        .into_iter()
+        .find_map(|(name, check)| check.err().map(|why| (name, why)));
+    let problem = |(name, why)| {
+        Problem::new(
+            ErrorKind::Unavailable,
+            "NOT_READY",
+            format!("not ready: {name}: {why}"),
+        )
+    };
     failed.map_or(Ok(()), |failed| Err(problem(failed)))
 }
 
@@ -76,12 +101,24 @@ async fn checks(app: &App) -> [Check; 3] {
     let database = app.store.ready().await.map_err(|cause| cause.to_string());
     [
         ("database", database),
-        ("committer", app.ingest.is_running().then_some(()).ok_or_else(|| "stopped".into())),
-        ("draining", (!app.draining.is_cancelled()).then_some(()).ok_or_else(|| "the service is stopping".into())),
+        (
+            "committer",
+            app.ingest
+                .is_running()
+                .then_some(())
+                .ok_or_else(|| "stopped".into()),
+        ),
+        (
+            "draining",
+            (!app.draining.is_cancelled())
+                .then_some(())
+                .ok_or_else(|| "the service is stopping".into()),
+        ),
     ]
 }
 
-/// 200 where the service can take and answer, else 503; `?verbose` tells each check, and which environments are damaged and take nothing.
+/// 200 where the service can take and answer, else 503; `?verbose` tells each check, and which
+/// environments are damaged and take nothing.
 async fn readyz(State(app): State<App>, uri: Uri) -> Response {
     if let Some(refusal) = refusal(&uri, &["verbose"]) {
         return refusal;
@@ -89,30 +126,47 @@ async fn readyz(State(app): State<App>, uri: Uri) -> Response {
     app.prove().await;
     let checks = checks(&app).await;
     let ready = checks.iter().all(|(_, check)| check.is_ok());
-    let status = if ready { StatusCode::OK } else { StatusCode::SERVICE_UNAVAILABLE };
+    let status = if ready {
+        StatusCode::OK
+    } else {
+        StatusCode::SERVICE_UNAVAILABLE
+    };
     if !is_verbose(uri.query()) {
         return (status, if ready { "ready\n" } else { "not ready\n" }).into_response();
     }
-    let told = |(name, check): Check| (name.to_owned(), check.err().unwrap_or_else(|| passed(name).into()).into());
+    let told = |(name, check): Check| {
+        (
+            name.to_owned(),
+            check.err().unwrap_or_else(|| passed(name).into()).into(),
+        )
+    };
     let checks: serde_json::Map<String, serde_json::Value> = checks.into_iter().map(told).collect();
     let background = app.in_the_background();
-    let mut told = serde_json::json!({ "ready": ready, "checks": checks, "background": background });
+    let mut told =
+        serde_json::json!({ "ready": ready, "checks": checks, "background": background });
     let damaged = app.store.read_only();
     if !damaged.is_empty() {
-        let environments = damaged.into_iter().map(|(name, why)| (name.to_string(), why.into()));
+        let environments = damaged
+            .into_iter()
+            .map(|(name, why)| (name.to_string(), why.into()));
         told["read_only"] = serde_json::Value::Object(environments.collect());
     }
     (status, Json(told)).into_response()
 }
 
-/// Returns what is said of a check that passed: of one that is named after its trouble, that there is none.
+/// Returns what is said of a check that passed: of one that is named after its trouble, that there
+/// is none.
 fn passed(check: &str) -> &'static str {
     if check == "draining" { "no" } else { "ok" }
 }
 
 /// Returns whether a query string asks for each check.
 pub fn is_verbose(query: Option<&str>) -> bool {
-    query.is_some_and(|query| query.split('&').any(|part| part == "verbose" || part.starts_with("verbose=")))
+    query.is_some_and(|query| {
+        query
+            .split('&')
+            .any(|part| part == "verbose" || part.starts_with("verbose="))
+    })
 }
 
 /// The metrics in Prometheus' text format.
@@ -120,7 +174,15 @@ async fn metrics(State(app): State<App>, uri: Uri) -> Response {
     if let Some(refusal) = refusal(&uri, &[]) {
         return refusal;
     }
-    let checks = checks(&app).await.iter().map(|(check, outcome)| (*check, outcome.is_ok())).collect();
+    let checks = checks(&app)
+        .await
+        .iter()
+        .map(|(check, outcome)| (*check, outcome.is_ok()))
+        .collect();
     let standing = figures::standing(&app, checks).await;
-    ([("content-type", "text/plain; version=0.0.4; charset=utf-8")], telemetry::render(&standing)).into_response()
+    (
+        [("content-type", "text/plain; version=0.0.4; charset=utf-8")],
+        telemetry::render(&standing),
+    )
+        .into_response()
 }

@@ -1,8 +1,9 @@
-//! Access log and request metrics: every request once, with the code that its caller saw, whoever answered it: a handler, a limit, a timeout, a panic,
-//! or nobody, because the caller left first.
+//! Access log and request metrics: every request once, with the code that its caller saw, whoever
+//! answered it: a handler, a limit, a timeout, a panic, or nobody, because the caller left first.
 //!
-//! A request is begun where a connection hands it over, before anything can refuse it, and is over with the last byte of its answer. What is found out on
-//! the way, its route and its gRPC code, is noted in its extensions.
+//! A request is begun where a connection hands it over, before anything can refuse it, and is over
+//! with the last byte of its answer. What is found out on the way, its route and its gRPC code, is
+//! noted in its extensions.
 
 use std::net::IpAddr;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -24,7 +25,8 @@ use crate::access::{has_key, redacted};
 use crate::api;
 use crate::telemetry;
 
-/// By which a request is found in the logs of both sides: the caller's own, or one that is given here.
+/// By which a request is found in the logs of both sides: the caller's own, or one that is given
+/// here.
 pub const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 
 /// The longest id of a caller's that is kept, and the longest name of a client that is logged.
@@ -61,7 +63,12 @@ impl Call {
     pub fn begin(parts: &mut Parts, peer: Option<IpAddr>) -> Self {
         let noted = Arc::new(Noted::default());
         parts.extensions.insert(noted.clone());
-        let id = parts.headers.get(REQUEST_ID).filter(|id| is_kept(id)).cloned().unwrap_or_else(numbered);
+        let id = parts
+            .headers
+            .get(REQUEST_ID)
+            .filter(|id| is_kept(id))
+            .cloned()
+            .unwrap_or_else(numbered);
         Self {
             noted,
             is_grpc: is_grpc(&parts.headers),
@@ -103,9 +110,18 @@ impl Call {
     fn code(&self) -> String {
         let panicked = std::thread::panicking().then_some(StatusCode::INTERNAL_SERVER_ERROR);
         let has_left = self.noted.has_left.load(Ordering::Relaxed);
-        let status = self.status.filter(|_| self.is_told && !has_left).or(panicked);
+        let status = self
+            .status
+            .filter(|_| self.is_told && !has_left)
+            .or(panicked);
         if self.is_grpc {
-            let code = self.noted.code.get().copied().filter(|_| !has_left).or_else(|| status.map(code_of));
+            let code = self
+                .noted
+                .code
+                .get()
+                .copied()
+                .filter(|_| !has_left)
+                .or_else(|| status.map(code_of));
             return word(code.unwrap_or(Code::Cancelled)).to_owned();
         }
         // As nginx and others write it when the caller left.
@@ -118,24 +134,37 @@ impl Drop for Call {
         let (face, code) = (if self.is_grpc { "grpc" } else { "rest" }, self.code());
         let route = self.noted.route.get().map_or(OTHER, String::as_str);
         let took = self.began.elapsed();
-        telemetry::request(face, route, &code, (!STREAMS.contains(&route)).then_some(took));
+        telemetry::request(
+            face,
+            route,
+            &code,
+            (!STREAMS.contains(&route)).then_some(took),
+        );
         let _in = self.span.enter();
-        tracing::debug!(face, route, code, duration_ms = took.as_secs_f64() * 1e3, "a request is over");
+        tracing::debug!(
+            face,
+            route,
+            code,
+            duration_ms = took.as_secs_f64() * 1e3,
+            "a request is over"
+        );
     }
 }
 
 /// Notes the route of a request: one of few, unlike its path and its method.
 pub async fn note_route(request: Request, next: Next) -> Response {
-    if let (Some(noted), Some(path)) =
-        (request.extensions().get::<Arc<Noted>>(), request.extensions().get::<MatchedPath>())
-    {
+    if let (Some(noted), Some(path)) = (
+        request.extensions().get::<Arc<Noted>>(),
+        request.extensions().get::<MatchedPath>(),
+    ) {
         // It is routed once.
         let _ = noted.route.set(route(&request, path.as_str()));
     }
     next.run(request).await
 }
 
-/// Notes the route of a request that comes before there are any: that of a probe, or of a method of gRPC.
+/// Notes the route of a request that comes before there are any: that of a probe, or of a method of
+/// gRPC.
 pub fn note_closed(request: &Request) {
     let path = request.uri().path();
     let is_probe = is_grpc(request.headers()) || operations::is_asked(path);
@@ -147,7 +176,9 @@ pub fn note_closed(request: &Request) {
 
 /// Notes the gRPC code of an answer, which comes with its headers or after its messages.
 pub async fn note_code(request: Request, next: Next) -> Response {
-    let Some(noted) = request.extensions().get::<Arc<Noted>>().cloned() else { return next.run(request).await };
+    let Some(noted) = request.extensions().get::<Arc<Noted>>().cloned() else {
+        return next.run(request).await;
+    };
     let response = next.run(request).await;
     if noted.read(response.headers()) {
         return response;
@@ -178,22 +209,37 @@ impl Noted {
 
     /// Takes note of a code if there is one, and tells whether there was.
     fn read(&self, headers: &HeaderMap) -> bool {
-        let Some(code) = headers.get("grpc-status") else { return false };
+        let Some(code) = headers.get("grpc-status") else {
+            return false;
+        };
         self.code.set(Code::from_bytes(code.as_bytes())).is_ok()
     }
 }
 
-/// Lets every route be told before the first request, so that the first failure is seen as a change.
+/// Lets every route be told before the first request, so that the first failure is seen as a
+/// change.
 pub fn expect(documented: impl IntoIterator<Item = String>) {
-    let rest = documented.into_iter().chain(["GET /livez", "GET /readyz", "GET /metrics"].map(str::to_owned));
+    let rest = documented
+        .into_iter()
+        .chain(["GET /livez", "GET /readyz", "GET /metrics"].map(str::to_owned));
     for route in rest.chain([OTHER.to_owned()]) {
         telemetry::expect_requests("rest", &route, &["200", "499", "500", "503"]);
     }
-    for method in METHODS.iter().filter_map(|path| path.rsplit('/').next()).chain([OTHER]) {
+    for method in METHODS
+        .iter()
+        .filter_map(|path| path.rsplit('/').next())
+        .chain([OTHER])
+    {
         telemetry::expect_requests(
             "grpc",
             method,
-            &["OK", "CANCELLED", "INTERNAL", "UNAVAILABLE", "DEADLINE_EXCEEDED"],
+            &[
+                "OK",
+                "CANCELLED",
+                "INTERNAL",
+                "UNAVAILABLE",
+                "DEADLINE_EXCEEDED",
+            ],
         );
     }
 }
@@ -206,12 +252,22 @@ static METHODS: LazyLock<Vec<String>> = LazyLock::new(|| {
         "/grpc.reflection.v1.ServerReflection/ServerReflectionInfo",
         "/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo",
     ];
-    api::grpc_methods().into_iter().chain(OTHERS.map(str::to_owned)).collect()
+    api::grpc_methods()
+        .into_iter()
+        .chain(OTHERS.map(str::to_owned))
+        .collect()
 });
 
 fn route(request: &Request, path: &str) -> String {
-    const KNOWN: [Method; 7] =
-        [Method::GET, Method::HEAD, Method::POST, Method::PUT, Method::PATCH, Method::DELETE, Method::OPTIONS];
+    const KNOWN: [Method; 7] = [
+        Method::GET,
+        Method::HEAD,
+        Method::POST,
+        Method::PUT,
+        Method::PATCH,
+        Method::DELETE,
+        Method::OPTIONS,
+    ];
     let asked = request.uri().path();
     match request.method() {
         _ if is_grpc(request.headers()) => {
@@ -226,7 +282,9 @@ fn route(request: &Request, path: &str) -> String {
 
 /// Tells whether a request speaks gRPC, or gRPC-Web.
 pub fn is_grpc(headers: &HeaderMap) -> bool {
-    let media = headers.get(header::CONTENT_TYPE).and_then(|media| media.as_bytes().strip_prefix(b"application/grpc"));
+    let media = headers
+        .get(header::CONTENT_TYPE)
+        .and_then(|media| media.as_bytes().strip_prefix(b"application/grpc"));
     media.is_some_and(|rest| rest.first().is_none_or(|next| b"+;- ".contains(next)))
 }
 
@@ -237,15 +295,20 @@ fn is_kept(id: &HeaderValue) -> bool {
 
 /// Numbers requests under a random beginning, which is cheaper than a random number for each.
 fn numbered() -> HeaderValue {
-    static RUN: LazyLock<String> = LazyLock::new(|| uuid::Uuid::new_v4().simple().to_string()[..16].to_owned());
+    static RUN: LazyLock<String> =
+        LazyLock::new(|| uuid::Uuid::new_v4().simple().to_string()[..16].to_owned());
     static NEXT: AtomicU64 = AtomicU64::new(0);
     let number = NEXT.fetch_add(1, Ordering::Relaxed);
-    HeaderValue::try_from(format!("{}-{number:x}", *RUN)).unwrap_or(HeaderValue::from_static("unnumbered"))
+    HeaderValue::try_from(format!("{}-{number:x}", *RUN))
+        .unwrap_or(HeaderValue::from_static("unnumbered"))
 }
 
 /// Says of everything that is logged for a request who asked, and from where.
 fn span(id: &HeaderValue, parts: &Parts, peer: Option<IpAddr>) -> Span {
-    let client = parts.headers.get(header::USER_AGENT).and_then(|client| client.to_str().ok());
+    let client = parts
+        .headers
+        .get(header::USER_AGENT)
+        .and_then(|client| client.to_str().ok());
     let client = client.map(|client| redacted(&client[..client.len().min(LONGEST)]));
     tracing::info_span!(
         "request",
@@ -326,23 +389,39 @@ mod tests {
     #[tokio::test]
     async fn a_call_of_grpc_has_the_code_that_its_client_reads() {
         let asked = async |path: &str| {
-            let (mut call, request) = begun(Request::get(path).header(header::CONTENT_TYPE, "application/grpc"));
+            let (mut call, request) =
+                begun(Request::get(path).header(header::CONTENT_TYPE, "application/grpc"));
             let response = call.answered(grpc().oneshot(request).await.expect("infallible"));
             assert!(!response.headers()[REQUEST_ID].is_empty());
             (call.noted.route.get().cloned(), call.code())
         };
-        assert_eq!(asked("/nudge.v1.IngestService/Write").await, (Some("Write".into()), "NOT_FOUND".into()));
-        assert_eq!(asked("/nudge.v1.EnvironmentService/GetEnvironment").await.1, "INTERNAL", "it panicked");
-        assert_eq!(asked("/nudge.v1.EnvironmentService/Invented").await.0, Some("other".into()));
+        assert_eq!(
+            asked("/nudge.v1.IngestService/Write").await,
+            (Some("Write".into()), "NOT_FOUND".into())
+        );
+        assert_eq!(
+            asked("/nudge.v1.EnvironmentService/GetEnvironment").await.1,
+            "INTERNAL",
+            "it panicked"
+        );
+        assert_eq!(
+            asked("/nudge.v1.EnvironmentService/Invented").await.0,
+            Some("other".into())
+        );
     }
 
     #[test]
     fn a_refusal_before_grpc_has_its_code() {
-        let (mut call, request) =
-            begun(Request::post("/grpc.health.v1.Health/Check").header(header::CONTENT_TYPE, "application/grpc"));
+        let (mut call, request) = begun(
+            Request::post("/grpc.health.v1.Health/Check")
+                .header(header::CONTENT_TYPE, "application/grpc"),
+        );
         note_closed(&request);
         drop(call.answered(tonic::Status::unavailable("not ready").into_http::<Body>()));
-        assert_eq!((call.noted.route.get().cloned(), call.code()), (Some("Check".into()), "UNAVAILABLE".into()));
+        assert_eq!(
+            (call.noted.route.get().cloned(), call.code()),
+            (Some("Check".into()), "UNAVAILABLE".into())
+        );
     }
 
     #[test]
@@ -363,17 +442,32 @@ mod tests {
         assert_eq!(begun(grpc()).0.code(), "CANCELLED");
         let told = |request, status, is_read| {
             let (mut call, _) = begun(request);
-            let response = Response::builder().status(status).body(()).expect("an answer");
+            let response = Response::builder()
+                .status(status)
+                .body(())
+                .expect("an answer");
             drop(call.answered(response));
             if is_read {
                 call.told();
             }
             call.code()
         };
-        assert_eq!(told(Request::get("/x"), 200, false), "499", "it left before the end");
+        assert_eq!(
+            told(Request::get("/x"), 200, false),
+            "499",
+            "it left before the end"
+        );
         assert_eq!(told(Request::get("/x"), 503, true), "503");
-        assert_eq!(told(Request::head("/x"), 200, false), "200", "there is nothing to read");
-        assert_eq!(told(grpc(), 404, true), "UNIMPLEMENTED", "as a client takes it");
+        assert_eq!(
+            told(Request::head("/x"), 200, false),
+            "200",
+            "there is nothing to read"
+        );
+        assert_eq!(
+            told(grpc(), 404, true),
+            "UNIMPLEMENTED",
+            "as a client takes it"
+        );
         for (request, code) in [(Request::post("/x"), "499"), (grpc(), "CANCELLED")] {
             let (mut call, _) = begun(request);
             call.noted().left();
@@ -385,7 +479,10 @@ mod tests {
 
     #[test]
     fn every_method_of_grpc_is_known() {
-        for method in ["/nudge.v1.IngestService/Ingest", "/inference.GRPCInferenceService/ModelInfer"] {
+        for method in [
+            "/nudge.v1.IngestService/Ingest",
+            "/inference.GRPCInferenceService/ModelInfer",
+        ] {
             assert!(METHODS.iter().any(|known| known == method), "{method}");
         }
     }

@@ -30,34 +30,47 @@ pub fn codes(kind: ErrorKind) -> (StatusCode, Code) {
         ErrorKind::OutOfOrder => (StatusCode::CONFLICT, Code::FailedPrecondition),
         ErrorKind::TooLarge => (StatusCode::PAYLOAD_TOO_LARGE, Code::OutOfRange),
         ErrorKind::Quota => (StatusCode::TOO_MANY_REQUESTS, Code::ResourceExhausted),
-        ErrorKind::Overloaded | ErrorKind::Unavailable => (StatusCode::SERVICE_UNAVAILABLE, Code::Unavailable),
+        ErrorKind::Overloaded | ErrorKind::Unavailable => {
+            (StatusCode::SERVICE_UNAVAILABLE, Code::Unavailable)
+        }
         ErrorKind::Deadline => (StatusCode::SERVICE_UNAVAILABLE, Code::DeadlineExceeded),
         ErrorKind::Internal => (StatusCode::INTERNAL_SERVER_ERROR, Code::Internal),
     }
 }
 
-/// The most faults that gRPC tells one by one. They travel in headers, of which clients take 8 KiB; REST tells all of them.
+/// The most faults that gRPC tells one by one. They travel in headers, of which clients take 8 KiB;
+/// REST tells all of them.
 const MOST_TOLD: usize = 10;
 
-/// The most bytes of a message in a gRPC status, which is told twice: percent-encoded, where a byte may become three, and in the details.
+/// The most bytes of a message in a gRPC status, which is told twice: percent-encoded, where a byte
+/// may become three, and in the details.
 const MOST_MESSAGE: usize = 800;
 
-/// The most bytes of a text in the details, and of all faults together; in base64 they are a third more.
+/// The most bytes of a text in the details, and of all faults together; in base64 they are a third
+/// more.
 const MOST_TEXT: usize = 250;
 const MOST_FAULTS: usize = 2_000;
 
-/// Tells a problem as a gRPC status with `google.rpc` details: the reason always, field violations for input, when to retry where it helps.
+/// Tells a problem as a gRPC status with `google.rpc` details: the reason always, field violations
+/// for input, when to retry where it helps.
 ///
-/// Of many faults the first are told, and `more_faults` beside the reason says how many there are besides.
+/// Of many faults the first are told, and `more_faults` beside the reason says how many there are
+/// besides.
 pub fn grpc(problem: Problem) -> Status {
     let (_, code) = codes(problem.kind);
     let told = told(&problem.faults);
     let more = problem.faults.len() - told.len();
     let more = (more > 0).then(|| ("more_faults".to_owned(), more.to_string()));
-    let given = problem.details.iter().map(|(name, value)| ((*name).to_owned(), cut(value, MOST_TEXT)));
+    let given = problem
+        .details
+        .iter()
+        .map(|(name, value)| ((*name).to_owned(), cut(value, MOST_TEXT)));
 
-    let mut details =
-        ErrorDetails::with_error_info(problem.reason, DOMAIN, given.chain(more).collect::<HashMap<_, _>>());
+    let mut details = ErrorDetails::with_error_info(
+        problem.reason,
+        DOMAIN,
+        given.chain(more).collect::<HashMap<_, _>>(),
+    );
     for (pointer, detail) in told {
         details.add_bad_request_violation(pointer, detail);
     }
@@ -70,8 +83,12 @@ pub fn grpc(problem: Problem) -> Status {
 /// Returns the pointers and details of the first faults, as many as fit into headers.
 fn told(faults: &[Fault]) -> Vec<(String, String)> {
     let mut left = MOST_FAULTS;
-    let first =
-        faults.iter().take(MOST_TOLD).map(|fault| (cut(&fault.pointer, MOST_TEXT), cut(&fault.detail, MOST_TEXT)));
+    let first = faults.iter().take(MOST_TOLD).map(|fault| {
+        (
+            cut(&fault.pointer, MOST_TEXT),
+            cut(&fault.detail, MOST_TEXT),
+        )
+    });
     let fits = |(pointer, detail): &(String, String)| {
         let rest = left.checked_sub(pointer.len() + detail.len());
         left = rest.unwrap_or_default();
@@ -86,20 +103,30 @@ fn cut(text: &str, most: usize) -> String {
     if text.len() <= most {
         return text.to_owned();
     }
-    format!("{}{MORE}", &text[..text.floor_char_boundary(most - MORE.len())])
+    format!(
+        "{}{MORE}",
+        &text[..text.floor_char_boundary(most - MORE.len())]
+    )
 }
 
-/// Gives a status that the gRPC machinery made by itself what ours have: a reason, and a code that says whose fault it is.
+/// Gives a status that the gRPC machinery made by itself what ours have: a reason, and a code that
+/// says whose fault it is.
 pub fn of_grpc(status: &Status) -> Status {
     let message = status.message();
     let (code, reason, message) = match status.code() {
         Code::Unimplemented if message.is_empty() => return unknown_call(),
         Code::Unimplemented => (Code::Unimplemented, UNSUPPORTED, message),
-        Code::OutOfRange if message.contains("encoded message length") && !message.contains("decoded") => {
+        Code::OutOfRange
+            if message.contains("encoded message length") && !message.contains("decoded") =>
+        {
             (Code::OutOfRange, "ANSWER_TOO_LARGE", message)
         }
-        Code::OutOfRange | Code::ResourceExhausted => (Code::OutOfRange, "MESSAGE_TOO_LARGE", message),
-        Code::Internal if !message.starts_with("Error encoding") => (Code::InvalidArgument, "UNDECODABLE", message),
+        Code::OutOfRange | Code::ResourceExhausted => {
+            (Code::OutOfRange, "MESSAGE_TOO_LARGE", message)
+        }
+        Code::Internal if !message.starts_with("Error encoding") => {
+            (Code::InvalidArgument, "UNDECODABLE", message)
+        }
         Code::Internal => (Code::Internal, "INTERNAL", message),
         Code::NotFound => (Code::NotFound, "NOT_FOUND", message),
         Code::Cancelled => (Code::Cancelled, "CANCELLED", message),
@@ -111,7 +138,8 @@ pub fn of_grpc(status: &Status) -> Status {
 
 /// Says that there is no such service or method.
 pub fn unknown_call() -> Status {
-    let message = "nothing is served under this path: see which services and methods there are by reflection";
+    let message =
+        "nothing is served under this path: see which services and methods there are by reflection";
     signed(Code::Unimplemented, PATH_NOT_FOUND, message)
 }
 
@@ -140,7 +168,11 @@ pub fn too_late(asked: Asked, allowed: Duration) -> Problem {
     };
     let message = format!("no answer within {} seconds: {help}", allowed.as_secs_f64());
     let problem = Problem::new(ErrorKind::Deadline, "TIMEOUT", message);
-    if asked == Asked::Batch { problem.retry_after(RETRY_BATCH) } else { problem }
+    if asked == Asked::Batch {
+        problem.retry_after(RETRY_BATCH)
+    } else {
+        problem
+    }
 }
 
 /// After how long a batch that was not answered is sent again.
@@ -153,11 +185,15 @@ const TOO_LARGE: &str = "BODY_TOO_LARGE";
 
 /// Makes the problem of a body that has more than so many bytes.
 pub fn body_too_large(most: usize) -> Problem {
-    let message = format!("the body is larger than {} MiB; send less at a time", most >> 20);
+    let message = format!(
+        "the body is larger than {} MiB; send less at a time",
+        most >> 20
+    );
     Problem::new(ErrorKind::TooLarge, TOO_LARGE, message).with("limit_bytes", most)
 }
 
-/// A problem under its HTTP status. As a response it is only a note, which [`Failure::tell`] turns into a body once the request's path is known.
+/// A problem under its HTTP status. As a response it is only a note, which [`Failure::tell`] turns
+/// into a body once the request's path is known.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Failure {
     status: StatusCode,
@@ -166,7 +202,10 @@ pub struct Failure {
 
 impl From<Problem> for Failure {
     fn from(problem: Problem) -> Self {
-        Self { status: codes(problem.kind).0, problem }
+        Self {
+            status: codes(problem.kind).0,
+            problem,
+        }
     }
 }
 
@@ -174,23 +213,46 @@ impl Failure {
     /// Makes the failure of a request that no room of ours refused, but the HTTP machinery did.
     pub fn of_http(status: StatusCode) -> Self {
         let (kind, reason, message) = match status {
-            StatusCode::NOT_FOUND => (ErrorKind::NotFound, PATH_NOT_FOUND, "nothing is served under this path"),
-            StatusCode::METHOD_NOT_ALLOWED => {
-                (ErrorKind::Invalid, "METHOD_NOT_ALLOWED", "this path does not take this method")
-            }
-            StatusCode::PAYLOAD_TOO_LARGE => {
-                (ErrorKind::TooLarge, TOO_LARGE, "the body is larger than 16 MiB; send less at a time")
-            }
-            StatusCode::UNSUPPORTED_MEDIA_TYPE => {
-                (ErrorKind::Invalid, UNSUPPORTED, "the body is of a type or an encoding that this path does not take")
-            }
-            StatusCode::SERVICE_UNAVAILABLE => (ErrorKind::Unavailable, "UNAVAILABLE", "the service cannot answer now"),
-            status if status.is_server_error() => {
-                (ErrorKind::Internal, "INTERNAL", "the service failed; the cause is in its log")
-            }
-            _ => (ErrorKind::Invalid, "BAD_REQUEST", "the request could not be read"),
+            StatusCode::NOT_FOUND => (
+                ErrorKind::NotFound,
+                PATH_NOT_FOUND,
+                "nothing is served under this path",
+            ),
+            StatusCode::METHOD_NOT_ALLOWED => (
+                ErrorKind::Invalid,
+                "METHOD_NOT_ALLOWED",
+                "this path does not take this method",
+            ),
+            StatusCode::PAYLOAD_TOO_LARGE => (
+                ErrorKind::TooLarge,
+                TOO_LARGE,
+                "the body is larger than 16 MiB; send less at a time",
+            ),
+            StatusCode::UNSUPPORTED_MEDIA_TYPE => (
+                ErrorKind::Invalid,
+                UNSUPPORTED,
+                "the body is of a type or an encoding that this path does not take",
+            ),
+            StatusCode::SERVICE_UNAVAILABLE => (
+                ErrorKind::Unavailable,
+                "UNAVAILABLE",
+                "the service cannot answer now",
+            ),
+            status if status.is_server_error() => (
+                ErrorKind::Internal,
+                "INTERNAL",
+                "the service failed; the cause is in its log",
+            ),
+            _ => (
+                ErrorKind::Invalid,
+                "BAD_REQUEST",
+                "the request could not be read",
+            ),
         };
-        Self { status, problem: Problem::new(kind, reason, message) }
+        Self {
+            status,
+            problem: Problem::new(kind, reason, message),
+        }
     }
 
     /// Makes the failure of a path that is not served, with what may have been meant.
@@ -208,7 +270,8 @@ impl Failure {
     /// Makes the failure of a body in an encoding that is not read.
     pub fn of_encoding(found: &str) -> Self {
         let mut failure = Self::of_http(StatusCode::UNSUPPORTED_MEDIA_TYPE);
-        failure.problem.message = format!("got content encoding {found:?}, expected gzip, deflate or identity");
+        failure.problem.message =
+            format!("got content encoding {found:?}, expected gzip, deflate or identity");
         failure
     }
 
@@ -223,10 +286,14 @@ impl Failure {
     pub fn of_accept(found: &str, expected: &str) -> Self {
         let message = format!("got accept {found:?}, expected {expected}");
         let problem = Problem::new(ErrorKind::Invalid, "NOT_ACCEPTABLE", message);
-        Self { status: StatusCode::NOT_ACCEPTABLE, problem }
+        Self {
+            status: StatusCode::NOT_ACCEPTABLE,
+            problem,
+        }
     }
 
-    /// Tells the failure of the request of that path as `application/problem+json`, and when to retry where it helps.
+    /// Tells the failure of the request of that path as `application/problem+json`, and when to
+    /// retry where it helps.
     pub fn tell(&self, instance: &str) -> Response {
         let body = json::Problem::new(&self.problem, self.status.as_u16(), instance);
         self.response("application/problem+json", axum::Json(body))
@@ -234,16 +301,24 @@ impl Failure {
 
     /// Tells the failure as `{"error": text}`, as the Open Inference Protocol wants it.
     pub fn tell_text(&self, _: &str) -> Response {
-        self.response("application/json", axum::Json(serde_json::json!({ "error": self.problem.message })))
+        self.response(
+            "application/json",
+            axum::Json(serde_json::json!({ "error": self.problem.message })),
+        )
     }
 
     fn response(&self, content_type: &'static str, body: impl IntoResponse) -> Response {
-        let mut response = (self.status, [(header::CONTENT_TYPE, content_type)], body).into_response();
+        let mut response =
+            (self.status, [(header::CONTENT_TYPE, content_type)], body).into_response();
         if self.status == StatusCode::UNAUTHORIZED {
-            response.headers_mut().insert(header::WWW_AUTHENTICATE, CHALLENGE);
+            response
+                .headers_mut()
+                .insert(header::WWW_AUTHENTICATE, CHALLENGE);
         }
         if let Some(wait) = self.problem.retry_after {
-            response.headers_mut().insert(header::RETRY_AFTER, wait.as_secs().into());
+            response
+                .headers_mut()
+                .insert(header::RETRY_AFTER, wait.as_secs().into());
         }
         response
     }
@@ -261,11 +336,18 @@ mod tests {
 
     #[test]
     fn a_retry_is_advised_where_it_helps() {
-        let overloaded = Failure::from(Problem::new(ErrorKind::Overloaded, "OVERLOADED", "too much waits"));
+        let overloaded = Failure::from(Problem::new(
+            ErrorKind::Overloaded,
+            "OVERLOADED",
+            "too much waits",
+        ));
         let response = overloaded.tell("/v1/x");
         assert_eq!(response.status(), StatusCode::SERVICE_UNAVAILABLE);
         assert_eq!(response.headers()[header::RETRY_AFTER], "1");
-        assert_eq!(response.headers()[header::CONTENT_TYPE], "application/problem+json");
+        assert_eq!(
+            response.headers()[header::CONTENT_TYPE],
+            "application/problem+json"
+        );
         let invalid = Failure::from(Problem::invalid("question", Vec::new())).tell("/v1/x");
         assert!(!invalid.headers().contains_key(header::RETRY_AFTER));
     }
@@ -273,26 +355,54 @@ mod tests {
     /// Bytes of the headers of a status, as HTTP/2 counts them.
     fn header_bytes(status: Status) -> usize {
         let headers = status.into_http::<()>().into_parts().0.headers;
-        headers.iter().map(|(name, value)| name.as_str().len() + value.len() + 32).sum()
+        headers
+            .iter()
+            .map(|(name, value)| name.as_str().len() + value.len() + 32)
+            .sum()
     }
 
     #[test]
     fn the_first_faults_and_the_number_of_the_rest_fit_into_headers() {
         let most = 8 << 10;
-        for (text, number) in [("x", 3), ("x", 10), ("x", 11), ("x", 100_000), ("\u{1f980}", 100), ("", 1)] {
+        for (text, number) in [
+            ("x", 3),
+            ("x", 10),
+            ("x", 11),
+            ("x", 100_000),
+            ("\u{1f980}", 100),
+            ("", 1),
+        ] {
             for times in [1, 40, 100_000] {
-                let fault = |i: usize| Fault::new(format!("/states/{i}/{}", text.repeat(times)), text.repeat(times));
+                let fault = |i: usize| {
+                    Fault::new(
+                        format!("/states/{i}/{}", text.repeat(times)),
+                        text.repeat(times),
+                    )
+                };
                 let faults: Vec<Fault> = (0..number).map(fault).collect();
-                let problem = Problem::invalid("question", faults).with("schema_hash", "f".repeat(10 * times));
+                let problem = Problem::invalid("question", faults)
+                    .with("schema_hash", "f".repeat(10 * times));
                 let status = grpc(problem);
-                let told = status.get_details_bad_request().expect("violations").field_violations.len();
+                let told = status
+                    .get_details_bad_request()
+                    .expect("violations")
+                    .field_violations
+                    .len();
                 let metadata = status.get_details_error_info().expect("a reason").metadata;
-                let more = metadata.get("more_faults").map_or(0, |more| more.parse().expect("a number"));
+                let more = metadata
+                    .get("more_faults")
+                    .map_or(0, |more| more.parse().expect("a number"));
                 assert!((1..=10).contains(&told), "{told} of {number} x {times}");
                 assert_eq!(told + more, number, "{number} x {times}");
-                assert!(times > 1 || told == number.min(10), "short ones are all told: {told} of {number}");
+                assert!(
+                    times > 1 || told == number.min(10),
+                    "short ones are all told: {told} of {number}"
+                );
                 let bytes = header_bytes(status);
-                assert!(bytes < most, "{bytes} bytes for {number} x {times} {text:?}");
+                assert!(
+                    bytes < most,
+                    "{bytes} bytes for {number} x {times} {text:?}"
+                );
             }
         }
     }
@@ -300,14 +410,46 @@ mod tests {
     #[test]
     fn the_machinery_of_grpc_gets_a_reason_for_everything_that_it_says() {
         let cases = [
-            (Status::unimplemented(""), Code::Unimplemented, "PATH_NOT_FOUND"),
-            (Status::unimplemented("Content is compressed with `zstd`"), Code::Unimplemented, "UNSUPPORTED_MEDIA_TYPE"),
-            (Status::internal("failed to decode Protobuf message"), Code::InvalidArgument, "UNDECODABLE"),
-            (Status::out_of_range("decoded message length too large"), Code::OutOfRange, "MESSAGE_TOO_LARGE"),
-            (Status::resource_exhausted("Error decompressing: size limit"), Code::OutOfRange, "MESSAGE_TOO_LARGE"),
-            (Status::out_of_range("Error, encoded message length too large"), Code::OutOfRange, "ANSWER_TOO_LARGE"),
-            (Status::internal("Error encoding: x"), Code::Internal, "INTERNAL"),
-            (Status::not_found("service not registered"), Code::NotFound, "NOT_FOUND"),
+            (
+                Status::unimplemented(""),
+                Code::Unimplemented,
+                "PATH_NOT_FOUND",
+            ),
+            (
+                Status::unimplemented("Content is compressed with `zstd`"),
+                Code::Unimplemented,
+                "UNSUPPORTED_MEDIA_TYPE",
+            ),
+            (
+                Status::internal("failed to decode Protobuf message"),
+                Code::InvalidArgument,
+                "UNDECODABLE",
+            ),
+            (
+                Status::out_of_range("decoded message length too large"),
+                Code::OutOfRange,
+                "MESSAGE_TOO_LARGE",
+            ),
+            (
+                Status::resource_exhausted("Error decompressing: size limit"),
+                Code::OutOfRange,
+                "MESSAGE_TOO_LARGE",
+            ),
+            (
+                Status::out_of_range("Error, encoded message length too large"),
+                Code::OutOfRange,
+                "ANSWER_TOO_LARGE",
+            ),
+            (
+                Status::internal("Error encoding: x"),
+                Code::Internal,
+                "INTERNAL",
+            ),
+            (
+                Status::not_found("service not registered"),
+                Code::NotFound,
+                "NOT_FOUND",
+            ),
             (Status::aborted("x"), Code::Aborted, "UNKNOWN"),
         ];
         for (made, code, reason) in cases {

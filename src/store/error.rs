@@ -71,7 +71,10 @@ pub struct Cause {
 impl Cause {
     /// Makes a cause.
     pub fn new(trouble: Trouble, said: impl Into<String>) -> Self {
-        Self { trouble, said: said.into() }
+        Self {
+            trouble,
+            said: said.into(),
+        }
     }
 }
 
@@ -109,7 +112,9 @@ pub enum StoreError {
     #[error("the database cannot be read: {0}")]
     Unreadable(String),
     /// Another process has the database.
-    #[error("{0} is in use by another nudge: stop that one, or give this one another --data directory")]
+    #[error(
+        "{0} is in use by another nudge: stop that one, or give this one another --data directory"
+    )]
     InUse(String),
     /// The file cannot be opened as one of our databases.
     #[error("cannot open {path}: {why}")]
@@ -129,7 +134,9 @@ pub enum StoreError {
     #[error("no version is left for another {0}: delete the environment and make it again")]
     VersionsUsedUp(&'static str),
     /// There are as many as there may be.
-    #[error("{limit} {what} are the most there may be here, and there are as many: delete one, or raise {flag}")]
+    #[error(
+        "{limit} {what} are the most there may be here, and there are as many: delete one, or raise {flag}"
+    )]
     Quota {
         /// `environments` or `models`.
         what: &'static str,
@@ -146,12 +153,20 @@ pub enum StoreError {
 impl StoreError {
     /// Says that there are as many environments as there may be.
     pub fn too_many_environments(limit: u64) -> Self {
-        Self::Quota { what: "environments", limit, flag: "--max-environments" }
+        Self::Quota {
+            what: "environments",
+            limit,
+            flag: "--max-environments",
+        }
     }
 
     /// Says that an environment has as many models as it may have.
     pub fn too_many_models(limit: u64) -> Self {
-        Self::Quota { what: "models", limit, flag: "--max-models" }
+        Self::Quota {
+            what: "models",
+            limit,
+            flag: "--max-models",
+        }
     }
 
     /// Returns what a caller can do about it.
@@ -168,14 +183,18 @@ impl StoreError {
 }
 
 impl StoreError {
-    /// Tells the error to somebody who sent a batch, without what the database said, which belongs in the log.
+    /// Tells the error to somebody who sent a batch, without what the database said, which belongs
+    /// in the log.
     pub fn of_batch(self) -> Problem {
         match &self {
             Self::Aborted(cause) => of_cause(
                 &self,
                 "STORE_UNAVAILABLE",
                 cause,
-                format!("nothing was counted: {}; send it again", cause.trouble.in_words()),
+                format!(
+                    "nothing was counted: {}; send it again",
+                    cause.trouble.in_words()
+                ),
             ),
             Self::OutcomeUnknown(cause) => of_cause(
                 &self,
@@ -236,15 +255,27 @@ mod tests {
     fn a_batch_is_told_what_is_certain_and_a_change_is_no_batch() {
         let full = || Cause::new(Trouble::DiskFull, "code 13");
         let certain = StoreError::Aborted(full()).of_batch();
-        assert_eq!(certain.message, "nothing was counted: the disk is full; send it again");
-        assert_eq!((certain.reason, certain.details), ("STORE_UNAVAILABLE", vec![("cause", "disk_full".to_owned())]));
+        assert_eq!(
+            certain.message,
+            "nothing was counted: the disk is full; send it again"
+        );
+        assert_eq!(
+            (certain.reason, certain.details),
+            ("STORE_UNAVAILABLE", vec![("cause", "disk_full".to_owned())])
+        );
         let uncertain = StoreError::OutcomeUnknown(Cause::new(Trouble::InputOutput, "code 1034"));
         let told = "the batch may have been counted: the disk failed to read or to write; resume and send it again, it counts once";
         assert_eq!(uncertain.clone().of_batch().message, told);
         for error in [StoreError::Aborted(full()), uncertain] {
             let problem = Problem::from(error);
-            assert!(!problem.message.contains("batch") && !problem.message.contains("count"), "{problem}");
-            assert!(!problem.message.contains("code "), "what the database says is for the log: {problem}");
+            assert!(
+                !problem.message.contains("batch") && !problem.message.contains("count"),
+                "{problem}"
+            );
+            assert!(
+                !problem.message.contains("code "),
+                "what the database says is for the log: {problem}"
+            );
             assert!(problem.kind.is_retryable());
         }
     }

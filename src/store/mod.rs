@@ -1,7 +1,8 @@
-//! What was counted and what was made of it, durably: the [`Store`] trait with its promise, SQLite behind it, a bounded cache of counts, and the
-//! versions of what is kept as text ([`form`]).
+//! What was counted and what was made of it, durably: the [`Store`] trait with its promise, SQLite
+//! behind it, a bounded cache of counts, and the versions of what is kept as text ([`form`]).
 //!
-//! Absent on purpose: nothing here validates (it takes [`Increment`]s), waits in a queue, or knows a wire format.
+//! Absent on purpose: nothing here validates (it takes [`Increment`]s), waits in a queue, or knows
+//! a wire format.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -9,8 +10,9 @@ use std::time::Duration;
 use async_trait::async_trait;
 
 use crate::domain::{
-    Acknowledged, ActionTotals, Counts, Digest, Environment, EnvironmentId, FitId, Increment, Label, Name, ProducerId,
-    Receipt, Schema, SegmentId, Sequence, StateKey, UnreadableEnvironment, Worded, WrittenRule,
+    Acknowledged, ActionTotals, Counts, Digest, Environment, EnvironmentId, FitId, Increment,
+    Label, Name, ProducerId, Receipt, Schema, SegmentId, Sequence, StateKey, UnreadableEnvironment,
+    Worded, WrittenRule,
 };
 
 mod error;
@@ -24,8 +26,10 @@ pub use stage::Stage;
 
 /// Keeps environments and counts each batch exactly once.
 ///
-/// **The promise.** When [`Store::commit`] returns `Ok`, every batch it calls `Applied` or `Rejected` is on stable storage with its counts, its receipt and its
-/// number, all in one transaction; what follows holds for ever, through kill -9 and power loss on a disk that honours flush:
+/// **The promise.** When [`Store::commit`] returns `Ok`, every batch it calls `Applied` or
+/// `Rejected` is on stable storage with its counts, its receipt and its number, all in one
+/// transaction; what follows holds for ever, through kill -9 and power loss on a disk that honours
+/// flush:
 ///
 /// | a batch's number is | its content is | outcome |
 /// |---|---|---|
@@ -38,10 +42,12 @@ pub use stage::Stage;
 /// | any | of an environment that is gone | `Refused(Gone)` |
 /// | last + 1 | would pass a quota, or 2^63 - 1 transitions | `Refused(Quota)`, `Refused(Overflow)`; the number is not used |
 ///
-/// One refused batch changes nothing for the others of its commit; a later batch of the same producer is then `OutOfOrder`.
+/// One refused batch changes nothing for the others of its commit; a later batch of the same
+/// producer is then `OutOfOrder`.
 ///
-/// When `commit` returns an error, no batch of it may be acknowledged: [`StoreError::Aborted`] says that none was counted,
-/// [`StoreError::OutcomeUnknown`] that each may have been. In both cases the next [`Store::watermark`] tells which.
+/// When `commit` returns an error, no batch of it may be acknowledged: [`StoreError::Aborted`] says
+/// that none was counted, [`StoreError::OutcomeUnknown`] that each may have been. In both cases the
+/// next [`Store::watermark`] tells which.
 ///
 /// A read that starts after `commit` returned sees what it counted.
 #[async_trait]
@@ -52,53 +58,95 @@ pub trait Store: Send + Sync {
     /// Returns the environment of that name. From memory.
     fn environment(&self, name: &str) -> Option<Arc<Environment>>;
 
-    /// Returns every environment that cannot be read, in order of name. Their names are taken, and they can be deleted. From memory.
+    /// Returns every environment that cannot be read, in order of name. Their names are taken, and
+    /// they can be deleted. From memory.
     fn unreadable(&self) -> Vec<Arc<UnreadableEnvironment>>;
 
-    /// Makes an environment with a new uid; `AlreadyExists` where the name is taken, `Quota` where there are as many as there may be.
-    async fn create(&self, name: &Name, schema: &Schema, rule: WrittenRule) -> Result<Arc<Environment>, StoreError>;
+    /// Makes an environment with a new uid; `AlreadyExists` where the name is taken, `Quota` where
+    /// there are as many as there may be.
+    async fn create(
+        &self,
+        name: &Name,
+        schema: &Schema,
+        rule: WrittenRule,
+    ) -> Result<Arc<Environment>, StoreError>;
 
     /// Replaces the rule of an environment.
-    async fn set_rule(&self, id: EnvironmentId, rule: WrittenRule) -> Result<Arc<Environment>, StoreError>;
+    async fn set_rule(
+        &self,
+        id: EnvironmentId,
+        rule: WrittenRule,
+    ) -> Result<Arc<Environment>, StoreError>;
 
-    /// Removes an environment with its counts, receipts, watermarks and models: when this returns, no commit finds it, every read of it fails with
-    /// `UnknownEnvironment`, one that began before too, and its name is free. Its rows are left for [`Store::sweep`].
+    /// Removes an environment with its counts, receipts, watermarks and models: when this returns,
+    /// no commit finds it, every read of it fails with `UnknownEnvironment`, one that began before
+    /// too, and its name is free. Its rows are left for [`Store::sweep`].
     async fn delete(&self, id: EnvironmentId) -> Result<(), StoreError>;
 
-    /// Waits until a deleted environment has left rows, and removes some of them: so few that a commit hardly waits. To be called again and again, by
-    /// one at a time. Interrupted anywhere, by an error, by being dropped or by kill -9, the next call goes on, after a restart too.
+    /// Waits until a deleted environment has left rows, and removes some of them: so few that a
+    /// commit hardly waits. To be called again and again, by one at a time. Interrupted anywhere,
+    /// by an error, by being dropped or by kill -9, the next call goes on, after a restart too.
     async fn sweep(&self) -> Result<(), StoreError>;
 
     /// Returns what deleted environments have left. From memory.
     fn leftovers(&self) -> Leftovers;
 
     /// Returns the last committed sequence of a producer, as the next commit would find it.
-    async fn watermark(&self, id: EnvironmentId, producer: &ProducerId) -> Result<Sequence, StoreError>;
+    async fn watermark(
+        &self,
+        id: EnvironmentId,
+        producer: &ProducerId,
+    ) -> Result<Sequence, StoreError>;
 
-    /// Returns whose a producer is: the name of the key that first sent a batch of it that was counted. `None` where there is none.
-    async fn owner(&self, id: EnvironmentId, producer: &ProducerId) -> Result<Option<Name>, StoreError>;
+    /// Returns whose a producer is: the name of the key that first sent a batch of it that was
+    /// counted. `None` where there is none.
+    async fn owner(
+        &self,
+        id: EnvironmentId,
+        producer: &ProducerId,
+    ) -> Result<Option<Name>, StoreError>;
 
     /// Commits batches in their order, in one transaction, and returns an outcome each.
     async fn commit(&self, batches: &[Numbered]) -> Result<Vec<Outcome>, StoreError>;
 
     /// Returns the counts of states, in the order asked; a state never seen has none.
-    async fn counts(&self, id: EnvironmentId, keys: &[StateKey]) -> Result<Vec<StateCounts>, StoreError>;
+    async fn counts(
+        &self,
+        id: EnvironmentId,
+        keys: &[StateKey],
+    ) -> Result<Vec<StateCounts>, StoreError>;
 
-    /// Returns the next states after a cursor, in an order of the store's own, without filling the cache. Empty at the end.
-    async fn scan(&self, id: EnvironmentId, after: Cursor, states: u32) -> Result<Vec<Scanned>, StoreError>;
+    /// Returns the next states after a cursor, in an order of the store's own, without filling the
+    /// cache. Empty at the end.
+    async fn scan(
+        &self,
+        id: EnvironmentId,
+        after: Cursor,
+        states: u32,
+    ) -> Result<Vec<Scanned>, StoreError>;
 
-    /// Returns the first states in an order of their visits, with all their cells, and how many transitions the environment had: all of one moment, and
-    /// without filling the cache. Looks at every cell of the environment.
-    async fn by_visits(&self, id: EnvironmentId, wanted: &ByVisits) -> Result<(Vec<Scanned>, u64), StoreError>;
+    /// Returns the first states in an order of their visits, with all their cells, and how many
+    /// transitions the environment had: all of one moment, and without filling the cache. Looks at
+    /// every cell of the environment.
+    async fn by_visits(
+        &self,
+        id: EnvironmentId,
+        wanted: &ByVisits,
+    ) -> Result<(Vec<Scanned>, u64), StoreError>;
 
-    /// Returns the segments of an environment in order of label; transitions without a segment have the label `None`.
-    async fn segments(&self, id: EnvironmentId) -> Result<Vec<(SegmentId, Option<Label>)>, StoreError>;
+    /// Returns the segments of an environment in order of label; transitions without a segment have
+    /// the label `None`.
+    async fn segments(
+        &self,
+        id: EnvironmentId,
+    ) -> Result<Vec<(SegmentId, Option<Label>)>, StoreError>;
 
     /// Returns the totals of an environment.
     async fn totals(&self, id: EnvironmentId) -> Result<Totals, StoreError>;
 
-    /// Returns how often each agent took each of its actions, over all states and segments, at one revision. A call that starts after `commit`
-    /// returned sees what it counted. From memory, but for the first call, which reads every state once; no commit waits for it.
+    /// Returns how often each agent took each of its actions, over all states and segments, at one
+    /// revision. A call that starts after `commit` returned sees what it counted. From memory, but
+    /// for the first call, which reads every state once; no commit waits for it.
     async fn actions(&self, environment: &Environment) -> Result<Arc<ActionTotals>, StoreError>;
 
     /// Returns the fits of an environment, in order of pair.
@@ -113,35 +161,46 @@ pub trait Store: Send + Sync {
     /// Returns the models of an environment, in order of version, without their weights.
     async fn models(&self, id: EnvironmentId) -> Result<Vec<ModelRecord>, StoreError>;
 
-    /// Returns a model with its weights, which are empty where they are missing; `None` where there is no such version.
-    async fn model(&self, id: EnvironmentId, version: u64) -> Result<Option<(ModelRecord, Vec<u8>)>, StoreError>;
+    /// Returns a model with its weights, which are empty where they are missing; `None` where there
+    /// is no such version.
+    async fn model(
+        &self,
+        id: EnvironmentId,
+        version: u64,
+    ) -> Result<Option<(ModelRecord, Vec<u8>)>, StoreError>;
 
-    /// Keeps a model and returns its version: 1, 2, 3, ... in each environment, never used again, even after it is deleted. It is not active yet.
-    /// `Quota` where there are as many as there may be.
+    /// Keeps a model and returns its version: 1, 2, 3, ... in each environment, never used again,
+    /// even after it is deleted. It is not active yet. `Quota` where there are as many as there may
+    /// be.
     async fn keep_model(&self, id: EnvironmentId, model: &NewModel) -> Result<u64, StoreError>;
 
     /// Makes a version the active one of its pair; `UnknownModel` where there is no such version.
     async fn activate_model(&self, id: EnvironmentId, version: u64) -> Result<(), StoreError>;
 
-    /// Rolls a version back, so that it is as if never activated: if it was active, the one of its pair activated before it is active again, or none.
-    /// `UnknownModel` where there is no such version.
+    /// Rolls a version back, so that it is as if never activated: if it was active, the one of its
+    /// pair activated before it is active again, or none. `UnknownModel` where there is no such
+    /// version.
     async fn deactivate_model(&self, id: EnvironmentId, version: u64) -> Result<(), StoreError>;
 
-    /// Deletes a version; if it was active, the one of its pair activated before it is active again, or none. `UnknownModel` where there is no
-    /// such version.
+    /// Deletes a version; if it was active, the one of its pair activated before it is active
+    /// again, or none. `UnknownModel` where there is no such version.
     async fn delete_model(&self, id: EnvironmentId, version: u64) -> Result<(), StoreError>;
 
-    /// Compares the totals of every environment with the sums of its cells. Where they differ or cannot be read, the environment becomes read-only.
+    /// Compares the totals of every environment with the sums of its cells. Where they differ or
+    /// cannot be read, the environment becomes read-only.
     async fn audit(&self) -> Result<Vec<Audit>, StoreError>;
 
-    /// Returns the environments that take no batches because they are damaged, in order of name, with what is wrong with each. Damage that any call meets
-    /// makes its environment one of them, until the process ends. From memory.
+    /// Returns the environments that take no batches because they are damaged, in order of name,
+    /// with what is wrong with each. Damage that any call meets makes its environment one of them,
+    /// until the process ends. From memory.
     fn read_only(&self) -> Vec<(Name, String)>;
 
-    /// Returns whether a commit would succeed: `Ok`, or why not, by the last commit or proof. From memory.
+    /// Returns whether a commit would succeed: `Ok`, or why not, by the last commit or proof. From
+    /// memory.
     async fn ready(&self) -> Result<(), Cause>;
 
-    /// Proves by a small write that changes nothing that a commit would succeed, unless a write ended within the time given. To be called again and again.
+    /// Proves by a small write that changes nothing that a commit would succeed, unless a write
+    /// ended within the time given. To be called again and again.
     async fn prove(&self, oldest: Duration) -> Result<(), StoreError>;
 
     /// Returns the size of the database on disk in bytes, journal included.
@@ -150,7 +209,8 @@ pub trait Store: Send + Sync {
     /// Returns what is free on the disk of the database, in bytes, and the size of the disk.
     async fn disk(&self) -> Result<[u64; 2], StoreError>;
 
-    /// Returns what each environment holds, all at one moment, in order of id. Of one that was deleted something may be left.
+    /// Returns what each environment holds, all at one moment, in order of id. Of one that was
+    /// deleted something may be left.
     async fn held(&self) -> Result<Vec<(EnvironmentId, Held)>, StoreError>;
 
     /// Moves the journal into the database and closes it. No call may follow.
@@ -192,7 +252,8 @@ pub enum Outcome {
 pub enum Refusal {
     /// The environment was deleted.
     Gone,
-    /// The environment is damaged: its totals do not match its cells, or something of it cannot be read.
+    /// The environment is damaged: its totals do not match its cells, or something of it cannot be
+    /// read.
     ReadOnly,
     /// The producer belongs to another key's name.
     Foreign,
@@ -231,7 +292,13 @@ pub struct Quotas {
 
 impl Default for Quotas {
     fn default() -> Self {
-        Self { cells: 5_000_000, segments: 4_096, producers: 10_000, models: 256, environments: 1_000 }
+        Self {
+            cells: 5_000_000,
+            segments: 4_096,
+            producers: 10_000,
+            models: 256,
+            environments: 1_000,
+        }
     }
 }
 
@@ -285,7 +352,8 @@ pub struct FitRecord {
     pub body: String,
 }
 
-/// A trained network of one pair of agents, without its weights. What it says is for those who made it.
+/// A trained network of one pair of agents, without its weights. What it says is for those who made
+/// it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ModelRecord {
     /// Its number in its environment.
@@ -296,7 +364,8 @@ pub struct ModelRecord {
     pub other: usize,
     /// `direct` or `joint`.
     pub kind: String,
-    /// When it was last activated, in the order of its environment's activations; `None` if never, or rolled back.
+    /// When it was last activated, in the order of its environment's activations; `None` if never,
+    /// or rolled back.
     pub activated: Option<u64>,
     /// Whether it is the active one of its pair: the last activated.
     pub active: bool,
@@ -322,7 +391,8 @@ pub struct NewModel {
 /// How much an environment holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Totals {
-    /// Transitions: the sum of all visits. Grows with every commit that counts something, so it is the revision too.
+    /// Transitions: the sum of all visits. Grows with every commit that counts something, so it is
+    /// the revision too.
     pub transitions: u64,
     /// Distinct states.
     pub states: u64,
@@ -382,7 +452,11 @@ impl Audit {
                 let told = |[transitions, states, cells]: [u64; 3]| {
                     format!("{transitions} transitions, {states} states, {cells} cells")
                 };
-                Some(format!("its totals do not match its cells: kept {}, found {}", told(self.kept), told(self.found)))
+                Some(format!(
+                    "its totals do not match its cells: kept {}, found {}",
+                    told(self.kept),
+                    told(self.found)
+                ))
             }
         }
     }

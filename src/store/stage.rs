@@ -9,7 +9,10 @@ pub struct Stage(Arc<Mutex<String>>);
 impl Stage {
     /// Returns what is done now: "opening the database".
     pub fn told(&self) -> String {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        self.0
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .clone()
     }
 
     /// Says what is done from now on.

@@ -2,13 +2,17 @@
 
 use super::metric::Metric;
 
-/// What an answer takes, in seconds: from a look at the cache to the longest that a call is allowed.
+/// What an answer takes, in seconds: from a look at the cache to the longest that a call is
+/// allowed.
 const ANSWERS: &[f64] = &[
-    0.0001, 0.00025, 0.0005, 0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 5.0, 10.0, 30.0, 120.0,
+    0.0001, 0.00025, 0.0005, 0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5,
+    5.0, 10.0, 30.0, 120.0,
 ];
 
 /// What a training takes, in seconds: from a toy to a night.
-const NIGHT: &[f64] = &[1.0, 5.0, 15.0, 30.0, 60.0, 120.0, 300.0, 600.0, 1_800.0, 3_600.0, 14_400.0];
+const NIGHT: &[f64] = &[
+    1.0, 5.0, 15.0, 30.0, 60.0, 120.0, 300.0, 600.0, 1_800.0, 3_600.0, 14_400.0,
+];
 
 /// The transitions of a commit.
 const SIZES: &[f64] = &[1.0, 10.0, 100.0, 1_000.0, 10_000.0, 100_000.0, 256_000.0];
@@ -31,23 +35,31 @@ metrics! {
     /// 1 where the service is ready by this check of /readyz, else 0
     READY: gauge("nudge_ready", &["check"]);
 
-    /// Requests that ended, by face, route or method, and the code that the caller saw: an HTTP status, or a gRPC code; 499 or CANCELLED where it left first. What is on no list is `other`
+    /// Requests that ended, by face, route or method, and the code that the caller saw: an HTTP
+    /// status, or a gRPC code; 499 or CANCELLED where it left first. What is on no list is `other`
     REQUESTS: counter("nudge_requests_total", &["face", "route", "code"]);
-    /// Time from a request to the end of its answer, by face and route or method; streams, which end when their client likes, are not in it
+    /// Time from a request to the end of its answer, by face and route or method; streams, which
+    /// end when their client likes, are not in it
     REQUEST_SECONDS: histogram("nudge_request_duration_seconds", ANSWERS, &["face", "route"]);
-    /// Requests refused before anybody looked at them, by reason: connections or the memory of unfinished messages were used up
+    /// Requests refused before anybody looked at them, by reason: connections or the memory of
+    /// unfinished messages were used up
     SHED: counter("nudge_requests_shed_total", &["reason"]);
-    /// Requests refused because of who asks, by reason: `unauthenticated` (no key, or none that is let in), `scope`, `environment` or `producer` (not of this key), `host`, `origin` or `media` (what a browser could be made to send), `rate`
+    /// Requests refused because of who asks, by reason: `unauthenticated` (no key, or none that is
+    /// let in), `scope`, `environment` or `producer` (not of this key), `host`, `origin` or `media`
+    /// (what a browser could be made to send), `rate`
     DENIED: counter("nudge_requests_denied_total", &["reason"]);
     /// Open connections
     CONNECTIONS: gauge("nudge_connections", &[]);
-    /// Connections ended by the service before it stops, by reason; `malformed`, `head_too_large` and `http2` for what is no request
+    /// Connections ended by the service before it stops, by reason; `malformed`, `head_too_large`
+    /// and `http2` for what is no request
     CONNECTIONS_ENDED: counter("nudge_connections_ended_total", &["reason"]);
-    /// TLS handshakes that failed, by reason: `plain_text` where the client spoke none, `closed` where it left first
+    /// TLS handshakes that failed, by reason: `plain_text` where the client spoke none, `closed`
+    /// where it left first
     HANDSHAKES_FAILED: counter("nudge_tls_handshakes_failed_total", &["reason"]);
     /// Until when the certificate is valid, in seconds since 1970; absent without TLS
     CERTIFICATE_EXPIRES: gauge("nudge_tls_certificate_expires_timestamp_seconds", &[]);
-    /// Times that the files of TLS changed, by outcome: `failed` where they could not be used and those before stay
+    /// Times that the files of TLS changed, by outcome: `failed` where they could not be used and
+    /// those before stay
     CERTIFICATE_RELOADS: counter("nudge_tls_reloads_total", &["outcome"]);
     /// Open ingest streams
     STREAMS: gauge("nudge_streams", &[]);
@@ -58,9 +70,11 @@ metrics! {
     REJECTED: counter("nudge_transitions_rejected_total", &["environment", "reason"]);
     /// Batches acknowledged again without being counted again, by environment
     DUPLICATES: counter("nudge_batches_duplicate_total", &["environment"]);
-    /// Batches under numbers used so long ago that nobody can tell whether they were counted, by environment
+    /// Batches under numbers used so long ago that nobody can tell whether they were counted, by
+    /// environment
     UNVERIFIED: counter("nudge_batches_unverified_total", &["environment"]);
-    /// When a batch of the environment was last acknowledged, in seconds since 1970; absent before the first since the start
+    /// When a batch of the environment was last acknowledged, in seconds since 1970; absent before
+    /// the first since the start
     LAST_BATCH: gauge("nudge_last_batch_timestamp_seconds", &["environment"]);
     /// Batches refused as a whole, by reason
     REFUSED: counter("nudge_batches_refused_total", &["reason"]);
@@ -79,7 +93,8 @@ metrics! {
     STATES: gauge("nudge_states", &["environment"]);
     /// Cells (state, segment, joint action), by environment
     CELLS: gauge("nudge_cells", &["environment"]);
-    /// What is used of a quota, from 0 to 1, by environment; that of `environments` is of the whole service
+    /// What is used of a quota, from 0 to 1, by environment; that of `environments` is of the whole
+    /// service
     QUOTA: gauge("nudge_quota_used_ratio", &["environment", "quota"]);
     /// Environments
     ENVIRONMENTS: gauge("nudge_environments", &[]);
@@ -102,9 +117,11 @@ metrics! {
     WORKING: gauge("nudge_work_turns", &["lane"]);
     /// What waits for its turn, by lane
     WAITING: gauge("nudge_work_waiting_turns", &["lane"]);
-    /// Transitions counted since the oldest fit of the priors asked for within the last hour, by environment
+    /// Transitions counted since the oldest fit of the priors asked for within the last hour, by
+    /// environment
     FIT_BEHIND: gauge("nudge_fit_behind_transitions", &["environment"]);
-    /// Seconds since the oldest fit of the priors asked for within the last hour, by environment; absent where it was made before the start
+    /// Seconds since the oldest fit of the priors asked for within the last hour, by environment;
+    /// absent where it was made before the start
     FIT_AGE: gauge("nudge_fit_age_seconds", &["environment"]);
 
     /// Versions of networks, by environment

@@ -15,10 +15,14 @@ pub struct Seldom {
 impl Seldom {
     /// Lets one in at most that often.
     pub const fn every(every: Duration) -> Self {
-        Self { every, state: Mutex::new((None, 0)) }
+        Self {
+            every,
+            state: Mutex::new((None, 0)),
+        }
     }
 
-    /// Returns how many were left out before this line, or `None` where it is to be left out itself.
+    /// Returns how many were left out before this line, or `None` where it is to be left out
+    /// itself.
     pub fn admits(&self, now: Instant) -> Option<u64> {
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         let (last, left_out) = &mut *state;
@@ -43,10 +47,15 @@ pub enum LogFormat {
 /// Sends logs to standard error; `RUST_LOG` says which, by default what an operator should know.
 pub fn log(format: LogFormat) {
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new("info"));
-    let lines = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).with_target(false);
+    let lines = tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(std::io::stderr)
+        .with_target(false);
     // A second call finds the first one's subscriber, which stays.
     let _ = match format {
-        LogFormat::Human => lines.with_ansi(std::io::IsTerminal::is_terminal(&std::io::stderr())).try_init(),
+        LogFormat::Human => lines
+            .with_ansi(std::io::IsTerminal::is_terminal(&std::io::stderr()))
+            .try_init(),
         LogFormat::Json => lines.json().flatten_event(true).try_init(),
     };
 }
@@ -59,6 +68,9 @@ mod tests {
     fn the_first_line_is_let_in_and_then_one_in_a_while() {
         let (seldom, start) = (Seldom::every(Duration::from_secs(5)), Instant::now());
         let at = |millis| seldom.admits(start + Duration::from_millis(millis));
-        assert_eq!([0, 1, 4_999, 5_000, 5_001, 60_000].map(at), [Some(0), None, None, Some(2), None, Some(1)]);
+        assert_eq!(
+            [0, 1, 4_999, 5_000, 5_001, 60_000].map(at),
+            [Some(0), None, None, Some(2), None, Some(1)]
+        );
     }
 }

@@ -1,7 +1,9 @@
-//! Metrics in the exposition format of Prometheus: counters, gauges and histograms with few labels, each declared once.
+//! Metrics in the exposition format of Prometheus: counters, gauges and histograms with few labels,
+//! each declared once.
 //!
-//! A series that this process counts is kept here, for ever: only for labels whose values are few. What is true of something that may go, an environment,
-//! is told anew on the [`Page`] of each scrape, and is gone with it.
+//! A series that this process counts is kept here, for ever: only for labels whose values are few.
+//! What is true of something that may go, an environment, is told anew on the [`Page`] of each
+//! scrape, and is gone with it.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -37,7 +39,11 @@ type Labels = Vec<String>;
 #[derive(Debug, Clone)]
 enum Value {
     Number(f64),
-    Distribution { up_to: Vec<u64>, count: u64, sum: f64 },
+    Distribution {
+        up_to: Vec<u64>,
+        count: u64,
+        sum: f64,
+    },
 }
 
 impl Kind {
@@ -53,12 +59,20 @@ impl Kind {
 
 impl Metric {
     /// Declares a counter.
-    pub const fn counter(name: &'static str, labels: &'static [&'static str], help: &'static str) -> Self {
+    pub const fn counter(
+        name: &'static str,
+        labels: &'static [&'static str],
+        help: &'static str,
+    ) -> Self {
         Self::new(Kind::Counter, name, labels, help)
     }
 
     /// Declares a gauge.
-    pub const fn gauge(name: &'static str, labels: &'static [&'static str], help: &'static str) -> Self {
+    pub const fn gauge(
+        name: &'static str,
+        labels: &'static [&'static str],
+        help: &'static str,
+    ) -> Self {
         Self::new(Kind::Gauge, name, labels, help)
     }
 
@@ -72,8 +86,19 @@ impl Metric {
         Self::new(Kind::Histogram(bounds), name, labels, help)
     }
 
-    const fn new(kind: Kind, name: &'static str, labels: &'static [&'static str], help: &'static str) -> Self {
-        Self { name, kind, labels, help, series: Mutex::new(BTreeMap::new()) }
+    const fn new(
+        kind: Kind,
+        name: &'static str,
+        labels: &'static [&'static str],
+        help: &'static str,
+    ) -> Self {
+        Self {
+            name,
+            kind,
+            labels,
+            help,
+            series: Mutex::new(BTreeMap::new()),
+        }
     }
 
     /// Lets a series be told before anything happened, so that the first time is seen as a change.
@@ -96,9 +121,13 @@ impl Metric {
 
     /// Notes one value of a histogram.
     pub(super) fn observe(&self, labels: &[&str], observed: f64) {
-        let Kind::Histogram(bounds) = self.kind else { return };
+        let Kind::Histogram(bounds) = self.kind else {
+            return;
+        };
         self.with(labels, |value| {
-            let Value::Distribution { up_to, count, sum } = value else { return };
+            let Value::Distribution { up_to, count, sum } = value else {
+                return;
+            };
             if let Some(at) = bounds.iter().position(|bound| observed <= *bound) {
                 up_to[at] += 1;
             }
@@ -116,7 +145,11 @@ impl Metric {
     fn nothing(&self) -> Value {
         match self.kind {
             Kind::Counter | Kind::Gauge => Value::Number(0.0),
-            Kind::Histogram(bounds) => Value::Distribution { up_to: vec![0; bounds.len()], count: 0, sum: 0.0 },
+            Kind::Histogram(bounds) => Value::Distribution {
+                up_to: vec![0; bounds.len()],
+                count: 0,
+                sum: 0.0,
+            },
         }
     }
 
@@ -126,9 +159,15 @@ impl Metric {
 
     /// Writes the metric with its kept series and those of a page.
     fn render(&self, page: &Page, text: &mut String) {
-        let Self { name, kind, help, .. } = self;
+        let Self {
+            name, kind, help, ..
+        } = self;
         // Writing to a string does not fail.
-        let _ = writeln!(text, "# HELP {name} {help}\n# TYPE {name} {}", kind.as_str());
+        let _ = writeln!(
+            text,
+            "# HELP {name} {help}\n# TYPE {name} {}",
+            kind.as_str()
+        );
         for (labels, value) in &*self.kept() {
             self.render_series(labels, value, text);
         }
@@ -138,15 +177,34 @@ impl Metric {
     }
 
     fn render_series(&self, labels: &[String], value: &Value, text: &mut String) {
-        let labels = self.labels.iter().copied().zip(labels.iter().map(String::as_str)).collect::<Vec<_>>();
+        let labels = self
+            .labels
+            .iter()
+            .copied()
+            .zip(labels.iter().map(String::as_str))
+            .collect::<Vec<_>>();
         match (value, self.kind) {
             (Value::Distribution { up_to, count, sum }, Kind::Histogram(bounds)) => {
                 let mut below = 0;
                 for (bound, number) in bounds.iter().zip(up_to) {
                     below += number;
-                    line(text, self.name, "_bucket", &labels, Some(&bound.to_string()), below as f64);
+                    line(
+                        text,
+                        self.name,
+                        "_bucket",
+                        &labels,
+                        Some(&bound.to_string()),
+                        below as f64,
+                    );
                 }
-                line(text, self.name, "_bucket", &labels, Some("+Inf"), *count as f64);
+                line(
+                    text,
+                    self.name,
+                    "_bucket",
+                    &labels,
+                    Some("+Inf"),
+                    *count as f64,
+                );
                 line(text, self.name, "_sum", &labels, None, *sum);
                 line(text, self.name, "_count", &labels, None, *count as f64);
             }
@@ -156,16 +214,39 @@ impl Metric {
     }
 }
 
-fn line(text: &mut String, name: &str, suffix: &str, labels: &[(&str, &str)], bound: Option<&str>, number: f64) {
-    let all = labels.iter().copied().chain(bound.map(|bound| ("le", bound)));
+fn line(
+    text: &mut String,
+    name: &str,
+    suffix: &str,
+    labels: &[(&str, &str)],
+    bound: Option<&str>,
+    number: f64,
+) {
+    let all = labels
+        .iter()
+        .copied()
+        .chain(bound.map(|bound| ("le", bound)));
     // An empty label is none.
-    let told: Vec<String> = all.filter(|(_, value)| !value.is_empty()).map(|(name, value)| told(name, value)).collect();
-    let labels = if told.is_empty() { String::new() } else { format!("{{{}}}", told.join(",")) };
+    let told: Vec<String> = all
+        .filter(|(_, value)| !value.is_empty())
+        .map(|(name, value)| told(name, value))
+        .collect();
+    let labels = if told.is_empty() {
+        String::new()
+    } else {
+        format!("{{{}}}", told.join(","))
+    };
     let _ = writeln!(text, "{name}{suffix}{labels} {number}");
 }
 
 fn told(name: &str, value: &str) -> String {
-    format!("{name}=\"{}\"", value.replace('\\', r"\\").replace('"', "\\\"").replace('\n', r"\n"))
+    format!(
+        "{name}=\"{}\"",
+        value
+            .replace('\\', r"\\")
+            .replace('"', "\\\"")
+            .replace('\n', r"\n")
+    )
 }
 
 /// What is told at one scrape and not kept.
@@ -177,13 +258,18 @@ impl Page {
     pub fn tell(&mut self, metric: &Metric, labels: &[&str], number: f64) {
         debug_assert_eq!(labels.len(), metric.labels.len(), "{}", metric.name);
         let labels = labels.iter().map(|label| (*label).to_owned()).collect();
-        self.0.entry(metric.name).or_default().push((labels, number));
+        self.0
+            .entry(metric.name)
+            .or_default()
+            .push((labels, number));
     }
 
     /// Returns these metrics in the exposition format.
     pub(super) fn render(&self, metrics: &[&Metric]) -> String {
         let mut text = String::new();
-        metrics.iter().for_each(|metric| metric.render(self, &mut text));
+        metrics
+            .iter()
+            .for_each(|metric| metric.render(self, &mut text));
         text
     }
 }
@@ -201,7 +287,9 @@ mod tests {
         ASKED.add(&["a \"b\"\\c\nd"], 2.0);
         ASKED.add(&["a \"b\"\\c\nd"], 1.0);
         SIZE.set(&[""], 7.0);
-        [0.5, 0.6, 3.0].into_iter().for_each(|took| TOOK.observe(&["x"], took));
+        [0.5, 0.6, 3.0]
+            .into_iter()
+            .for_each(|took| TOOK.observe(&["x"], took));
         let mut page = Page::default();
         page.tell(&SIZE, &["lane"], 1e12);
         let expected = r#"# HELP asked_total Questions
@@ -221,6 +309,9 @@ took_seconds_sum{by="x"} 4.1
 took_seconds_count{by="x"} 3
 "#;
         assert_eq!(page.render(&[&ASKED, &SIZE, &TOOK]), expected);
-        assert!(!Page::default().render(&[&SIZE]).contains("lane"), "what is told at one scrape is gone with it");
+        assert!(
+            !Page::default().render(&[&SIZE]).contains("lane"),
+            "what is told at one scrape is gone with it"
+        );
     }
 }

@@ -21,11 +21,12 @@ pub use log::{LogFormat, Seldom, log};
 pub use metric::{Kind, Metric, Page};
 
 use list::{
-    ACCEPTED, BUILD, CACHE, CELLS, CERTIFICATE_EXPIRES, CERTIFICATE_RELOADS, COMMIT_SECONDS, COMMIT_TRANSITIONS,
-    COMMITS, CONNECTIONS, CONNECTIONS_ENDED, DATABASE, DENIED, DISK, DISK_FREE, DUPLICATES, ENVIRONMENTS, FIT_AGE,
-    FIT_BEHIND, HANDSHAKES_FAILED, INFERENCE_SECONDS, INFERENCES, INFERRED_STATES, JOBS, KEPT, LAST_BATCH, MODELS,
-    MODELS_ACTIVE, QUERY_SECONDS, QUEUED, QUOTA, READ_ONLY, READY, REFUSED, REJECTED, REQUEST_SECONDS, REQUESTS, SHED,
-    STATES, STREAMS, TRAINING_SECONDS, TRAININGS, UNVERIFIED, VERDICTS, WAITING, WORKING,
+    ACCEPTED, BUILD, CACHE, CELLS, CERTIFICATE_EXPIRES, CERTIFICATE_RELOADS, COMMIT_SECONDS,
+    COMMIT_TRANSITIONS, COMMITS, CONNECTIONS, CONNECTIONS_ENDED, DATABASE, DENIED, DISK, DISK_FREE,
+    DUPLICATES, ENVIRONMENTS, FIT_AGE, FIT_BEHIND, HANDSHAKES_FAILED, INFERENCE_SECONDS,
+    INFERENCES, INFERRED_STATES, JOBS, KEPT, LAST_BATCH, MODELS, MODELS_ACTIVE, QUERY_SECONDS,
+    QUEUED, QUOTA, READ_ONLY, READY, REFUSED, REJECTED, REQUEST_SECONDS, REQUESTS, SHED, STATES,
+    STREAMS, TRAINING_SECONDS, TRAININGS, UNVERIFIED, VERDICTS, WAITING, WORKING,
 };
 
 /// The parts of a record that may be at fault, as labels.
@@ -47,8 +48,23 @@ pub fn begin() {
     .into_iter()
     .for_each(|metric| metric.begin(&[]));
     let words: [(&Metric, &[&str]); 9] = [
-        (&DENIED, &["unauthenticated", "scope", "environment", "producer", "host", "origin", "media", "rate"]),
-        (&SHED, &["TOO_MANY_CONNECTIONS", "TOO_MANY_UNFINISHED_BYTES"]),
+        (
+            &DENIED,
+            &[
+                "unauthenticated",
+                "scope",
+                "environment",
+                "producer",
+                "host",
+                "origin",
+                "media",
+                "rate",
+            ],
+        ),
+        (
+            &SHED,
+            &["TOO_MANY_CONNECTIONS", "TOO_MANY_UNFINISHED_BYTES"],
+        ),
         (
             &CONNECTIONS_ENDED,
             &[
@@ -65,7 +81,16 @@ pub fn begin() {
                 "silent",
             ],
         ),
-        (&REFUSED, &["OVERLOADED", "QUOTA_EXCEEDED", "OUT_OF_ORDER", "STORE_UNAVAILABLE", "OUTCOME_UNKNOWN"]),
+        (
+            &REFUSED,
+            &[
+                "OVERLOADED",
+                "QUOTA_EXCEEDED",
+                "OUT_OF_ORDER",
+                "STORE_UNAVAILABLE",
+                "OUTCOME_UNKNOWN",
+            ],
+        ),
         (&COMMITS, &["committed", "failed"]),
         (&CACHE, &["hit", "miss"]),
         (&TRAININGS, &["done", "failed", "cancelled"]),
@@ -76,7 +101,9 @@ pub fn begin() {
         words.iter().for_each(|word| metric.begin(&[word]));
     }
     for verdict in ["influences", "no_influence", "undecided"] {
-        ["counts", "model", "prior"].iter().for_each(|basis| VERDICTS.begin(&[verdict, basis]));
+        ["counts", "model", "prior"]
+            .iter()
+            .for_each(|basis| VERDICTS.begin(&[verdict, basis]));
     }
 }
 
@@ -123,8 +150,12 @@ pub fn begin_tls() {
         "refused_by_client",
         "protocol",
     ];
-    reasons.iter().for_each(|reason| HANDSHAKES_FAILED.begin(&[reason]));
-    ["done", "failed"].iter().for_each(|outcome| CERTIFICATE_RELOADS.begin(&[outcome]));
+    reasons
+        .iter()
+        .for_each(|reason| HANDSHAKES_FAILED.begin(&[reason]));
+    ["done", "failed"]
+        .iter()
+        .for_each(|outcome| CERTIFICATE_RELOADS.begin(&[outcome]));
 }
 
 /// Records that a client and the service did not agree on TLS, by reason.
@@ -176,7 +207,8 @@ pub fn trained(outcome: &'static str, took: Duration) {
     TRAINING_SECONDS.observe(&[outcome], took.as_secs_f64());
 }
 
-/// Records a request for predictions: `OK` or why it was refused, one of few words, and for how many states.
+/// Records a request for predictions: `OK` or why it was refused, one of few words, and for how
+/// many states.
 pub fn inferred(took: Duration, code: &'static str, states: u64) {
     INFERENCE_SECONDS.observe(&[], took.as_secs_f64());
     INFERENCES.add(&[code], 1.0);
@@ -185,10 +217,13 @@ pub fn inferred(took: Duration, code: &'static str, states: u64) {
 
 /// Lets a route be told before anybody asks for it, with the codes that alerts look at.
 pub fn expect_requests(face: &'static str, route: &str, codes: &[&str]) {
-    codes.iter().for_each(|code| REQUESTS.begin(&[face, route, code]));
+    codes
+        .iter()
+        .for_each(|code| REQUESTS.begin(&[face, route, code]));
 }
 
-/// Records a request with the code that its caller saw; without a time where it took as long as its caller liked.
+/// Records a request with the code that its caller saw; without a time where it took as long as its
+/// caller liked.
 pub fn request(face: &'static str, route: &str, code: &str, took: Option<Duration>) {
     REQUESTS.add(&[face, route, code], 1.0);
     if let Some(took) = took {
@@ -257,7 +292,10 @@ pub fn render(standing: &Standing) -> String {
     let mut page = Page::default();
     process::tell(&mut page);
     tell(&mut page, standing);
-    standing.environments.iter().for_each(|environment| tell_environment(&mut page, environment));
+    standing
+        .environments
+        .iter()
+        .for_each(|environment| tell_environment(&mut page, environment));
     page.render(ALL)
 }
 
@@ -275,7 +313,14 @@ fn tell(page: &mut Page, standing: &Standing) {
     page.tell(&QUEUED, &[], standing.queued as f64);
     page.tell(&READ_ONLY, &[], standing.read_only as f64);
     page.tell(&ENVIRONMENTS, &[], standing.environments.len() as f64);
-    page.tell(&QUOTA, &["", "environments"], share(standing.environments.len() as u64, standing.most_environments));
+    page.tell(
+        &QUOTA,
+        &["", "environments"],
+        share(
+            standing.environments.len() as u64,
+            standing.most_environments,
+        ),
+    );
     if let Some(bytes) = standing.database {
         page.tell(&DATABASE, &[], bytes as f64);
     }
@@ -297,7 +342,9 @@ fn tell_environment(page: &mut Page, told: &OfEnvironment) {
         (&MODELS, told.models),
         (&MODELS_ACTIVE, told.active),
     ];
-    numbers.into_iter().for_each(|(metric, number)| page.tell(metric, &[name], number as f64));
+    numbers
+        .into_iter()
+        .for_each(|(metric, number)| page.tell(metric, &[name], number as f64));
     for (part, rejected) in PARTS.iter().zip(told.rejected) {
         page.tell(&REJECTED, &[name, part], rejected as f64);
     }
@@ -318,5 +365,9 @@ fn tell_environment(page: &mut Page, told: &OfEnvironment) {
 
 /// What is used of a quota; all of one that allows nothing.
 fn share(used: u64, most: u64) -> f64 {
-    if most == 0 { 1.0 } else { used as f64 / most as f64 }
+    if most == 0 {
+        1.0
+    } else {
+        used as f64 / most as f64
+    }
 }

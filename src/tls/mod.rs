@@ -1,7 +1,8 @@
-//! What TLS needs on either side of a connection: X.509 certificates and private keys in PEM files, and the cryptography provider.
+//! What TLS needs on either side of a connection: X.509 certificates and private keys in PEM files,
+//! and the cryptography provider.
 //!
-//! Nothing here opens a connection. An error names the flag, the path and what was expected, never a content: files are mixed up, and one of them is
-//! a secret.
+//! Nothing here opens a connection. An error names the flag, the path and what was expected, never
+//! a content: files are mixed up, and one of them is a secret.
 
 mod pem;
 mod validity;

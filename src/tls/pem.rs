@@ -1,4 +1,5 @@
-//! PEM files (RFC 7468), read once and then parsed, so that what was compared with an earlier reading is what is used.
+//! PEM files (RFC 7468), read once and then parsed, so that what was compared with an earlier
+//! reading is what is used.
 
 use std::path::{Path, PathBuf};
 
@@ -28,15 +29,28 @@ pub struct Pem {
 impl Pem {
     /// Reads the file that a flag names.
     pub fn read(flag: &'static str, path: &Path) -> Result<Self, TlsError> {
-        let failed = |why: String| TlsError { flag, path: path.into(), why };
-        let unreadable = |error: std::io::Error| failed(format!("cannot be read ({error}), expected a PEM file"));
+        let failed = |why: String| TlsError {
+            flag,
+            path: path.into(),
+            why,
+        };
+        let unreadable = |error: std::io::Error| {
+            failed(format!("cannot be read ({error}), expected a PEM file"))
+        };
         let about = std::fs::metadata(path).map_err(unreadable)?;
         // A pipe or a device would be waited for.
         if !about.is_file() || about.len() > MOST_BYTES {
-            return Err(failed(format!("expected a PEM file of at most {} KiB", MOST_BYTES >> 10)));
+            return Err(failed(format!(
+                "expected a PEM file of at most {} KiB",
+                MOST_BYTES >> 10
+            )));
         }
         let bytes = std::fs::read(path).map_err(unreadable)?;
-        Ok(Self { flag, path: path.into(), bytes })
+        Ok(Self {
+            flag,
+            path: path.into(),
+            bytes,
+        })
     }
 
     /// Returns where it was read.
@@ -51,16 +65,27 @@ impl Pem {
 
     /// Returns an error about the file.
     pub fn fault(&self, why: impl Into<String>) -> TlsError {
-        TlsError { flag: self.flag, path: self.path.clone(), why: why.into() }
+        TlsError {
+            flag: self.flag,
+            path: self.path.clone(),
+            why: why.into(),
+        }
     }
 
     /// Returns the certificates, the first of which is the owner's.
     pub fn certificates(&self) -> Result<Vec<CertificateDer<'static>>, TlsError> {
         let read: Result<Vec<_>, _> = CertificateDer::pem_slice_iter(&self.bytes).collect();
-        let certificates =
-            read.map_err(|error| self.fault(format!("is damaged ({}), expected PEM certificates", damage(&error))))?;
+        let certificates = read.map_err(|error| {
+            self.fault(format!(
+                "is damaged ({}), expected PEM certificates",
+                damage(&error)
+            ))
+        })?;
         match certificates.is_empty() {
-            true => Err(self.fault(format!("expected PEM certificates (BEGIN CERTIFICATE), found {}", self.found()))),
+            true => Err(self.fault(format!(
+                "expected PEM certificates (BEGIN CERTIFICATE), found {}",
+                self.found()
+            ))),
             false => Ok(certificates),
         }
     }
@@ -73,10 +98,14 @@ impl Pem {
             return Err(self.fault(why));
         }
         PrivateKeyDer::from_pem_slice(&self.bytes).map_err(|error| match error {
-            pem::Error::NoItemsFound => {
-                self.fault(format!("expected a PEM private key (BEGIN PRIVATE KEY), found {}", self.found()))
-            }
-            error => self.fault(format!("is damaged ({}), expected a PEM private key", damage(&error))),
+            pem::Error::NoItemsFound => self.fault(format!(
+                "expected a PEM private key (BEGIN PRIVATE KEY), found {}",
+                self.found()
+            )),
+            error => self.fault(format!(
+                "is damaged ({}), expected a PEM private key",
+                damage(&error)
+            )),
         })
     }
 
@@ -85,14 +114,18 @@ impl Pem {
         let mut authorities = RootCertStore::empty();
         for certificate in self.certificates()? {
             let added = authorities.add(certificate);
-            added.map_err(|error| self.fault(format!("holds no certificate of an authority ({error})")))?;
+            added.map_err(|error| {
+                self.fault(format!("holds no certificate of an authority ({error})"))
+            })?;
         }
         Ok(authorities)
     }
 
     fn is_encrypted(&self) -> bool {
         self.labels().any(|label| label == "ENCRYPTED PRIVATE KEY")
-            || self.lines().any(|line| line.starts_with("Proc-Type:") && line.ends_with("ENCRYPTED"))
+            || self
+                .lines()
+                .any(|line| line.starts_with("Proc-Type:") && line.ends_with("ENCRYPTED"))
     }
 
     /// Tells what else the file holds; labels of PEM are no secret where they are of a known kind.
@@ -109,11 +142,15 @@ impl Pem {
     }
 
     fn labels(&self) -> impl Iterator<Item = &str> {
-        self.lines().filter_map(|line| line.strip_prefix("-----BEGIN ")?.strip_suffix("-----"))
+        self.lines()
+            .filter_map(|line| line.strip_prefix("-----BEGIN ")?.strip_suffix("-----"))
     }
 
     fn lines(&self) -> impl Iterator<Item = &str> {
-        self.bytes.split(|byte| *byte == b'\n').filter_map(|line| std::str::from_utf8(line).ok()).map(str::trim)
+        self.bytes
+            .split(|byte| *byte == b'\n')
+            .filter_map(|line| std::str::from_utf8(line).ok())
+            .map(str::trim)
     }
 }
 
@@ -132,7 +169,11 @@ mod tests {
     use super::*;
 
     fn pem(text: &str) -> Pem {
-        Pem { flag: "--tls-key", path: "k.pem".into(), bytes: text.into() }
+        Pem {
+            flag: "--tls-key",
+            path: "k.pem".into(),
+            bytes: text.into(),
+        }
     }
 
     fn block(label: &str, inside: &str) -> String {
@@ -141,33 +182,64 @@ mod tests {
 
     #[test]
     fn what_cannot_be_used_is_told_by_flag_path_and_expectation() {
-        let legacy = block("RSA PRIVATE KEY", "Proc-Type: 4,ENCRYPTED\nDEK-Info: AES-128-CBC,00\n\nAAAA");
+        let legacy = block(
+            "RSA PRIVATE KEY",
+            "Proc-Type: 4,ENCRYPTED\nDEK-Info: AES-128-CBC,00\n\nAAAA",
+        );
         let cases = [
-            (String::new(), "expected a PEM private key (BEGIN PRIVATE KEY), found an empty file"),
+            (
+                String::new(),
+                "expected a PEM private key (BEGIN PRIVATE KEY), found an empty file",
+            ),
             ("secret".into(), "found no PEM"),
             (block("CERTIFICATE", "AAAA"), "found a certificate"),
-            (block("CERTIFICATE REQUEST", "AAAA"), "found a certificate request"),
+            (
+                block("CERTIFICATE REQUEST", "AAAA"),
+                "found a certificate request",
+            ),
             (block("DH PARAMETERS", "AAAA"), "found PEM of another kind"),
-            (block("ENCRYPTED PRIVATE KEY", "AAAA"), "the key is encrypted"),
+            (
+                block("ENCRYPTED PRIVATE KEY", "AAAA"),
+                "the key is encrypted",
+            ),
             (legacy, "the key is encrypted"),
             ("-----BEGIN PRIVATE KEY-----\nsecret".into(), "is damaged"),
             (block("PRIVATE KEY", "?secret?"), "is damaged"),
         ];
         for (text, why) in cases {
             let error = pem(&text).key().expect_err("no key").to_string();
-            assert!(error.starts_with("--tls-key \"k.pem\": ") && error.contains(why), "{error}");
+            assert!(
+                error.starts_with("--tls-key \"k.pem\": ") && error.contains(why),
+                "{error}"
+            );
             assert!(!error.contains("secret") && !error.contains('['), "{error}");
         }
-        let error = pem(&block("PRIVATE KEY", "AAAA")).certificates().expect_err("no certificate").to_string();
-        assert!(error.ends_with("expected PEM certificates (BEGIN CERTIFICATE), found a private key"), "{error}");
-        assert!(pem(&block("CERTIFICATE", "AAAA")).authorities().is_err(), "no DER in it");
+        let error = pem(&block("PRIVATE KEY", "AAAA"))
+            .certificates()
+            .expect_err("no certificate")
+            .to_string();
+        assert!(
+            error.ends_with("expected PEM certificates (BEGIN CERTIFICATE), found a private key"),
+            "{error}"
+        );
+        assert!(
+            pem(&block("CERTIFICATE", "AAAA")).authorities().is_err(),
+            "no DER in it"
+        );
     }
 
     #[test]
     fn only_small_files_are_read() {
         for path in ["/no/such/file", "/dev/zero", "/"] {
-            let error = Pem::read("--ca", Path::new(path)).err().expect("refused").to_string();
-            assert!(error.starts_with(&format!("--ca {path:?}: ")) && error.contains("expected a PEM file"), "{error}");
+            let error = Pem::read("--ca", Path::new(path))
+                .err()
+                .expect("refused")
+                .to_string();
+            assert!(
+                error.starts_with(&format!("--ca {path:?}: "))
+                    && error.contains("expected a PEM file"),
+                "{error}"
+            );
         }
     }
 }

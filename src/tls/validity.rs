@@ -1,4 +1,5 @@
-//! From when to when an X.509 certificate is valid, read from its DER: the path to `tbsCertificate.validity` and no further (RFC 5280, section 4.1).
+//! From when to when an X.509 certificate is valid, read from its DER: the path to
+//! `tbsCertificate.validity` and no further (RFC 5280, section 4.1).
 
 /// The tags on the path.
 const SEQUENCE: u8 = 0x30;
@@ -23,7 +24,8 @@ impl Validity {
         let fields = expect(VERSION, fields).map_or(fields, |(_, rest)| rest);
 
         // The serial number, the algorithm of the signature, and the issuer.
-        let fields = (0..3).try_fold(fields, |fields, _| element(fields).map(|(_, _, rest)| rest))?;
+        let fields =
+            (0..3).try_fold(fields, |fields, _| element(fields).map(|(_, _, rest)| rest))?;
         let (validity, _) = expect(SEQUENCE, fields)?;
         let (begins, rest) = time(validity)?;
         let (ends, _) = time(rest)?;
@@ -32,7 +34,9 @@ impl Validity {
 }
 
 fn expect(tag: u8, bytes: &[u8]) -> Option<(&[u8], &[u8])> {
-    element(bytes).filter(|(found, ..)| *found == tag).map(|(_, content, rest)| (content, rest))
+    element(bytes)
+        .filter(|(found, ..)| *found == tag)
+        .map(|(_, content, rest)| (content, rest))
 }
 
 /// Splits the first element of DER: its tag, its content, and what follows it.
@@ -44,7 +48,12 @@ fn element(bytes: &[u8]) -> Option<(u8, &[u8], &[u8])> {
         // The number of bytes that hold the length.
         0x81..=0x84 => {
             let (length, rest) = bytes.split_at_checked(usize::from(first & 0x7f))?;
-            (length.iter().fold(0, |sum, byte| sum << 8 | usize::from(*byte)), rest)
+            (
+                length
+                    .iter()
+                    .fold(0, |sum, byte| sum << 8 | usize::from(*byte)),
+                rest,
+            )
         }
         _ => return None,
     };
@@ -60,7 +69,14 @@ fn time(bytes: &[u8]) -> Option<(i64, &[u8])> {
         UTC_TIME => {
             let (year, digits) = digits.split_at_checked(2)?;
             let year: i64 = year.parse().ok()?;
-            (if year < 50 { 2_000 + year } else { 1_900 + year }, digits)
+            (
+                if year < 50 {
+                    2_000 + year
+                } else {
+                    1_900 + year
+                },
+                digits,
+            )
         }
         GENERALIZED_TIME => {
             let (year, digits) = digits.split_at_checked(4)?;
@@ -74,7 +90,8 @@ fn time(bytes: &[u8]) -> Option<(i64, &[u8])> {
     Some((days(year, month, day) * 86_400 + seconds, rest))
 }
 
-/// Returns the days since 1970 of a date of the Gregorian calendar. The year begins in March, so that the day which comes and goes is its last.
+/// Returns the days since 1970 of a date of the Gregorian calendar. The year begins in March, so
+/// that the day which comes and goes is its last.
 fn days(year: i64, month: i64, day: i64) -> i64 {
     let year = if month < 3 { year - 1 } else { year };
     let of_year = (153 * ((month + 9) % 12) + 2) / 5 + day - 1;
@@ -91,16 +108,32 @@ mod tests {
         let mut params = CertificateParams::new(vec!["nudge.test".into()]).expect("a name");
         params.not_before = date_time_ymd(begins.0, begins.1, begins.2);
         params.not_after = date_time_ymd(ends.0, ends.1, ends.2);
-        params.self_signed(&KeyPair::generate().expect("a key")).expect("signed").der().to_vec()
+        params
+            .self_signed(&KeyPair::generate().expect("a key"))
+            .expect("signed")
+            .der()
+            .to_vec()
     }
 
     #[test]
     fn both_ends_are_read_in_either_form() {
         // Seconds by `date -u -d 2026-11-30 +%s`; from 2050 on, years have four digits.
         let der = certificate((2024, 2, 29), (2026, 11, 30));
-        assert_eq!(Validity::of(&der), Some(Validity { begins: 1_709_164_800, ends: 1_795_996_800 }));
+        assert_eq!(
+            Validity::of(&der),
+            Some(Validity {
+                begins: 1_709_164_800,
+                ends: 1_795_996_800
+            })
+        );
         let der = certificate((1970, 1, 1), (2100, 3, 1));
-        assert_eq!(Validity::of(&der), Some(Validity { begins: 0, ends: 4_107_542_400 }));
+        assert_eq!(
+            Validity::of(&der),
+            Some(Validity {
+                begins: 0,
+                ends: 4_107_542_400
+            })
+        );
     }
 
     #[test]
@@ -110,7 +143,13 @@ mod tests {
             // The path ends before the certificate does, but lengths are of the whole.
             assert_eq!(Validity::of(&der[..end]), None, "{end}");
         }
-        for bytes in [&b""[..], b"\x30", b"\x30\x85\0\0\0\0\0", b"\x30\x84\xff\xff\xff\xff", &[0x30; 64]] {
+        for bytes in [
+            &b""[..],
+            b"\x30",
+            b"\x30\x85\0\0\0\0\0",
+            b"\x30\x84\xff\xff\xff\xff",
+            &[0x30; 64],
+        ] {
             assert_eq!(Validity::of(bytes), None, "{bytes:?}");
         }
     }

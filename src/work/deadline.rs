@@ -1,5 +1,6 @@
-//! Deadlines: until when a caller waits for an answer. The faces set one around each call; whoever makes something that goes on without the caller looks
-//! at it, to tell how far it is while somebody still listens. It is bound to the task of the call: what is spawned has none.
+//! Deadlines: until when a caller waits for an answer. The faces set one around each call; whoever
+//! makes something that goes on without the caller looks at it, to tell how far it is while
+//! somebody still listens. It is bound to the task of the call: what is spawned has none.
 
 use std::time::Duration;
 
@@ -17,15 +18,22 @@ const MARGIN: Duration = Duration::from_secs(5);
 pub struct Deadline {
     /// When the caller goes away.
     pub at: Instant,
-    /// When a result that is not made yet is given up: five seconds before, but never before half the time is over.
+    /// When a result that is not made yet is given up: five seconds before, but never before half
+    /// the time is over.
     pub patience: Instant,
 }
 
 impl Deadline {
     /// Returns the deadline of a caller that waits so long from now.
     pub fn after(allowed: Duration) -> Self {
-        let (now, patience) = (Instant::now(), allowed.saturating_sub(MARGIN).max(allowed / 2));
-        Self { at: now + allowed, patience: now + patience }
+        let (now, patience) = (
+            Instant::now(),
+            allowed.saturating_sub(MARGIN).max(allowed / 2),
+        );
+        Self {
+            at: now + allowed,
+            patience: now + patience,
+        }
     }
 
     /// Returns the deadline of the call that is being answered; `None` where nobody has set one.
@@ -34,13 +42,15 @@ impl Deadline {
     }
 }
 
-/// Answers a call under a deadline; `None` where it passed first, so that a call which is late already does not begin. What the call began is dropped
-/// with it.
+/// Answers a call under a deadline; `None` where it passed first, so that a call which is late
+/// already does not begin. What the call began is dropped with it.
 pub async fn within<F: Future>(deadline: Deadline, call: F) -> Option<F::Output> {
     if deadline.at <= Instant::now() {
         return None;
     }
-    tokio::time::timeout_at(deadline.at, DEADLINE.scope(deadline, call)).await.ok()
+    tokio::time::timeout_at(deadline.at, DEADLINE.scope(deadline, call))
+        .await
+        .ok()
 }
 
 #[cfg(test)]
@@ -61,15 +71,28 @@ mod tests {
     async fn a_call_knows_its_deadline_and_ends_with_it() {
         let deadline = Deadline::after(Duration::from_secs(30));
         assert_eq!(Deadline::current(), None);
-        assert_eq!(within(deadline, async { Deadline::current() }).await, Some(Some(deadline)));
+        assert_eq!(
+            within(deadline, async { Deadline::current() }).await,
+            Some(Some(deadline))
+        );
         assert_eq!(within(deadline, std::future::pending::<()>()).await, None);
         assert_eq!(Instant::now(), deadline.at);
-        assert_eq!(within(deadline, async { panic!("it is late already") }).await, None::<()>);
+        assert_eq!(
+            within(deadline, async { panic!("it is late already") }).await,
+            None::<()>
+        );
     }
 
     #[tokio::test]
     async fn what_is_spawned_has_none() {
-        let spawned = async { tokio::spawn(async { Deadline::current() }).await.expect("it ends") };
-        assert_eq!(within(Deadline::after(Duration::from_secs(30)), spawned).await, Some(None));
+        let spawned = async {
+            tokio::spawn(async { Deadline::current() })
+                .await
+                .expect("it ends")
+        };
+        assert_eq!(
+            within(Deadline::after(Duration::from_secs(30)), spawned).await,
+            Some(None)
+        );
     }
 }

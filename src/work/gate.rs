@@ -1,4 +1,5 @@
-//! Admission control: so many workers, so many that may wait for one, and a refusal for everybody else.
+//! Admission control: so many workers, so many that may wait for one, and a refusal for everybody
+//! else.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
@@ -18,8 +19,8 @@ pub const STOPPING: &str = "STOPPING";
 
 /// A bounded number of workers behind a bounded queue. Cloning shares them.
 ///
-/// Its threads give way to those that serve connections and commit. They are the gate's own: what computes in parallel within a turn shares them, and a
-/// process that ends does not wait for them.
+/// Its threads give way to those that serve connections and commit. They are the gate's own: what
+/// computes in parallel within a turn shares them, and a process that ends does not wait for them.
 #[derive(Clone)]
 pub struct Gate(Arc<Inner>);
 
@@ -47,8 +48,14 @@ impl Gate {
     /// Waiting without a bound, for those whose number is bounded before.
     pub const ENDLESS: usize = Semaphore::MAX_PERMITS >> 1;
 
-    /// Opens a gate with so many workers and so many places to wait. What it lets in is stopped when `stopping` is cancelled.
-    pub fn new(name: &'static str, workers: usize, waiting: usize, stopping: CancellationToken) -> Self {
+    /// Opens a gate with so many workers and so many places to wait. What it lets in is stopped
+    /// when `stopping` is cancelled.
+    pub fn new(
+        name: &'static str,
+        workers: usize,
+        waiting: usize,
+        stopping: CancellationToken,
+    ) -> Self {
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(workers)
             .thread_name(move |at| format!("{name}-{at}"))
@@ -57,16 +64,36 @@ impl Gate {
         let all = workers + waiting;
         let most = workers;
         let [places, workers] = [all, workers].map(|permits| Arc::new(Semaphore::new(permits)));
-        Self(Arc::new(Inner { places, all, workers, most, pool: pool.ok(), stopping }))
+        Self(Arc::new(Inner {
+            places,
+            all,
+            workers,
+            most,
+            pool: pool.ok(),
+            stopping,
+        }))
     }
 
     /// Waits for a worker; refuses at once where too many wait already.
     pub async fn enter(&self) -> Result<Turn, Problem> {
-        let Inner { places, workers, stopping, .. } = &*self.0;
-        let place = places.clone().try_acquire_owned().map_err(|_| overloaded())?;
-        let worker = stopping.run_until_cancelled(workers.clone().acquire_owned()).await;
+        let Inner {
+            places,
+            workers,
+            stopping,
+            ..
+        } = &*self.0;
+        let place = places
+            .clone()
+            .try_acquire_owned()
+            .map_err(|_| overloaded())?;
+        let worker = stopping
+            .run_until_cancelled(workers.clone().acquire_owned())
+            .await;
         let worker = worker.and_then(Result::ok).ok_or_else(stopped)?;
-        Ok(Turn { gate: self.clone(), held: [place, worker] })
+        Ok(Turn {
+            gate: self.clone(),
+            held: [place, worker],
+        })
     }
 
     /// Waits for a worker and does the work; see [`Turn::run`].
@@ -79,7 +106,10 @@ impl Gate {
 
     /// Returns how many work at once.
     pub fn workers(&self) -> usize {
-        self.0.pool.as_ref().map_or(1, rayon::ThreadPool::current_num_threads)
+        self.0
+            .pool
+            .as_ref()
+            .map_or(1, rayon::ThreadPool::current_num_threads)
     }
 
     /// Returns how many work or wait for their turn.
@@ -95,8 +125,9 @@ impl Gate {
 }
 
 impl Turn {
-    /// Does the work on a thread of the gate. It is told to stop when this future is dropped, and when the service stops. Its place is free again when it
-    /// has ended, not before: what was told to stop may take a moment to notice.
+    /// Does the work on a thread of the gate. It is told to stop when this future is dropped, and
+    /// when the service stops. Its place is free again when it has ended, not before: what was told
+    /// to stop may take a moment to notice.
     pub async fn run<T: Send + 'static>(
         self,
         work: impl FnOnce(&Stop) -> Result<T, Stopped> + Send + 'static,
@@ -107,7 +138,9 @@ impl Turn {
         let (tell, told) = oneshot::channel();
         let stop_there = stop.0.clone();
         let work = move || {
-            let done = catch_unwind(AssertUnwindSafe(|| stop_there.check().and_then(|()| work(&stop_there))));
+            let done = catch_unwind(AssertUnwindSafe(|| {
+                stop_there.check().and_then(|()| work(&stop_there))
+            }));
             drop(held);
             // Nobody may be left to be told.
             let _ = tell.send(done.map_err(drop));
@@ -121,9 +154,11 @@ impl Turn {
             None | Some(Ok(Ok(Err(Stopped)))) => Err(stopped()),
             Some(Ok(Ok(Ok(done)))) => Ok(done),
             // The panic itself is in the log.
-            Some(Ok(Err(())) | Err(_)) => {
-                Err(Problem::new(ErrorKind::Internal, "INTERNAL", "the service failed; the cause is in its log"))
-            }
+            Some(Ok(Err(())) | Err(_)) => Err(Problem::new(
+                ErrorKind::Internal,
+                "INTERNAL",
+                "the service failed; the cause is in its log",
+            )),
         }
     }
 }
@@ -144,19 +179,28 @@ fn overloaded() -> Problem {
 
 /// Says that the service stops.
 pub(super) fn stopped() -> Problem {
-    Problem::new(ErrorKind::Unavailable, STOPPING, "the service is stopping; ask again when it is back")
+    Problem::new(
+        ErrorKind::Unavailable,
+        STOPPING,
+        "the service is stopping; ask again when it is back",
+    )
 }
 
-/// Lowers the priority of a thread below that of those which serve connections and commit. Where the system does not know how, it stays.
+/// Lowers the priority of a thread below that of those which serve connections and commit. Where
+/// the system does not know how, it stays.
 fn give_way() {
     #[cfg(target_os = "linux")]
     {
-        use thread_priority::{NormalThreadSchedulePolicy, ThreadPriority, ThreadSchedulePolicy, unix};
+        use thread_priority::{
+            NormalThreadSchedulePolicy, ThreadPriority, ThreadSchedulePolicy, unix,
+        };
         /// Of 0 to 99: about nice 9, an eighth of what the others get where all are busy.
         const LOWER: u8 = 25;
         let ordinary = ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Other);
         let lower = LOWER.try_into().map(ThreadPriority::Crossplatform);
-        let _ = lower.map(|lower| unix::set_thread_priority_and_policy(unix::thread_native_id(), lower, ordinary));
+        let _ = lower.map(|lower| {
+            unix::set_thread_priority_and_policy(unix::thread_native_id(), lower, ordinary)
+        });
     }
 }
 
@@ -168,7 +212,10 @@ mod tests {
 
     fn gate(workers: usize, waiting: usize) -> (Gate, CancellationToken) {
         let stopping = CancellationToken::new();
-        (Gate::new("test", workers, waiting, stopping.clone()), stopping)
+        (
+            Gate::new("test", workers, waiting, stopping.clone()),
+            stopping,
+        )
     }
 
     /// Work that says when it begins, and goes on until it is told to stop.
@@ -207,7 +254,9 @@ mod tests {
     #[tokio::test]
     async fn work_is_done_on_a_thread_of_the_gate() {
         let (gate, _stopping) = gate(1, 0);
-        let name = gate.run(|_| Ok(std::thread::current().name().map(ToOwned::to_owned))).await;
+        let name = gate
+            .run(|_| Ok(std::thread::current().name().map(ToOwned::to_owned)))
+            .await;
         assert_eq!(name, Ok(Some("test-0".to_owned())));
     }
 
@@ -217,9 +266,16 @@ mod tests {
         let [working, waiting] = full(&gate).await;
 
         let refused = gate.run(|_| Ok(())).await.expect_err("full");
-        assert_eq!((refused.kind, refused.retry_after), (ErrorKind::Overloaded, Some(RETRY_AFTER)));
+        assert_eq!(
+            (refused.kind, refused.retry_after),
+            (ErrorKind::Overloaded, Some(RETRY_AFTER))
+        );
         working.abort();
-        assert_eq!(waiting.await.expect("it ends"), Ok(()), "the next has its turn");
+        assert_eq!(
+            waiting.await.expect("it ends"),
+            Ok(()),
+            "the next has its turn"
+        );
         until(|| gate.busy() == 0).await;
     }
 
@@ -244,16 +300,25 @@ mod tests {
         let [working, waiting] = full(&gate).await;
         stopping.cancel();
         for stopped in [working, waiting] {
-            assert_eq!(stopped.await.expect("it ends").expect_err("stopped").reason, "STOPPING");
+            assert_eq!(
+                stopped.await.expect("it ends").expect_err("stopped").reason,
+                "STOPPING"
+            );
         }
         until(|| gate.busy() == 0).await;
-        assert_eq!(gate.run(|_| Ok(())).await.expect_err("it is over").reason, "STOPPING");
+        assert_eq!(
+            gate.run(|_| Ok(())).await.expect_err("it is over").reason,
+            "STOPPING"
+        );
     }
 
     #[tokio::test]
     async fn a_panic_is_told_and_its_place_is_free() {
         let (gate, _stopping) = gate(1, 0);
-        let refused = gate.run(|_| -> Result<(), Stopped> { panic!("on purpose") }).await.expect_err("it panicked");
+        let refused = gate
+            .run(|_| -> Result<(), Stopped> { panic!("on purpose") })
+            .await
+            .expect_err("it panicked");
         assert_eq!(refused.kind, ErrorKind::Internal);
         assert_eq!(gate.run(|_| Ok(7)).await, Ok(7));
     }

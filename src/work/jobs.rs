@@ -1,4 +1,5 @@
-//! Shared results, by what they are made from: who asks for one that is being made waits for the same, and it goes on when who asked has left.
+//! Shared results, by what they are made from: who asks for one that is being made waits for the
+//! same, and it goes on when who asked has left.
 
 use std::collections::HashMap;
 use std::hash::Hash;
@@ -17,8 +18,8 @@ use crate::error::{ErrorKind, Problem};
 /// A job that nobody has asked about for so long is given up.
 const ABANDONED: Duration = Duration::from_secs(2 * 60);
 
-/// Jobs of one kind that go on although nobody waits for them. When another is asked for, those go that were longest left alone: who asks for many and leaves
-/// keeps nobody waiting.
+/// Jobs of one kind that go on although nobody waits for them. When another is asked for, those go
+/// that were longest left alone: who asks for many and leaves keeps nobody waiting.
 const MOST_UNASKED: usize = 4;
 
 /// Jobs of one kind that may go on at once.
@@ -92,14 +93,21 @@ struct Waiting<T> {
 impl<T> Waiting<T> {
     fn new(entry: &Arc<Entry<T>>, who: Who) -> Self {
         entry.asked().waiting += 1;
-        Self { entry: entry.clone(), who }
+        Self {
+            entry: entry.clone(),
+            who,
+        }
     }
 }
 
 impl<T: Clone> Waiting<T> {
     async fn outcome(&self) -> Result<T, Problem> {
         let mut outcome = self.entry.outcome.subscribe();
-        let made = outcome.wait_for(Option::is_some).await.ok().and_then(|outcome| outcome.clone());
+        let made = outcome
+            .wait_for(Option::is_some)
+            .await
+            .ok()
+            .and_then(|outcome| outcome.clone());
         made.unwrap_or_else(|| Err(stopped()))
     }
 }
@@ -121,14 +129,19 @@ where
     K: Clone + Eq + Hash + Send + Sync + 'static,
     T: Clone + Send + Sync + 'static,
 {
-    /// Makes results of a kind, `what` in words, until `stopping` is cancelled. One that nobody was told is kept for so long: whoever asked and left finds
-    /// it when it comes back.
+    /// Makes results of a kind, `what` in words, until `stopping` is cancelled. One that nobody was
+    /// told is kept for so long: whoever asked and left finds it when it comes back.
     pub fn new(what: &'static str, kept: Duration, stopping: CancellationToken) -> Self {
-        Self(Arc::new(Inner { what, kept, entries: Mutex::default(), stopping }))
+        Self(Arc::new(Inner {
+            what,
+            kept,
+            entries: Mutex::default(),
+            stopping,
+        }))
     }
 
-    /// Returns what a job of this key makes: of the one that goes on, or of one that begins now. Where the caller's patience ends before, it is told how far
-    /// the job is, which goes on.
+    /// Returns what a job of this key makes: of the one that goes on, or of one that begins now.
+    /// Where the caller's patience ends before, it is told how far the job is, which goes on.
     pub async fn ask<F>(&self, key: K, make: impl FnOnce(Progress) -> F) -> Result<T, Problem>
     where
         F: Future<Output = Result<T, Problem>> + Send + 'static,
@@ -143,8 +156,14 @@ where
         }
     }
 
-    /// Returns the same to another job, which waits for as long as it takes and tells how far this one is.
-    pub async fn ask_for<F>(&self, other: &Progress, key: K, make: impl FnOnce(Progress) -> F) -> Result<T, Problem>
+    /// Returns the same to another job, which waits for as long as it takes and tells how far this
+    /// one is.
+    pub async fn ask_for<F>(
+        &self,
+        other: &Progress,
+        key: K,
+        make: impl FnOnce(Progress) -> F,
+    ) -> Result<T, Problem>
     where
         F: Future<Output = Result<T, Problem>> + Send + 'static,
     {
@@ -162,13 +181,21 @@ where
         drop(self.join(key, Who::Caller, make));
     }
 
-    fn join<F>(&self, key: K, who: Who, make: impl FnOnce(Progress) -> F) -> Result<Waiting<T>, Problem>
+    fn join<F>(
+        &self,
+        key: K,
+        who: Who,
+        make: impl FnOnce(Progress) -> F,
+    ) -> Result<Waiting<T>, Problem>
     where
         F: Future<Output = Result<T, Problem>> + Send + 'static,
     {
         let mut entries = self.entries();
         // One that was given up is begun anew.
-        if let Some(entry) = entries.get(&key).filter(|entry| !entry.given_up.is_cancelled()) {
+        if let Some(entry) = entries
+            .get(&key)
+            .filter(|entry| !entry.given_up.is_cancelled())
+        {
             let waiting = Waiting::new(entry, who);
             if entry.is_over() {
                 // It is told now, and is not kept for another.
@@ -180,7 +207,10 @@ where
         if entries.values().filter(|entry| entry.goes_on()).count() >= MOST {
             return Err(self.overloaded());
         }
-        let asked = Mutex::new(Asked { waiting: 0, last: Instant::now() });
+        let asked = Mutex::new(Asked {
+            waiting: 0,
+            last: Instant::now(),
+        });
         let entry = Arc::new(Entry {
             progress: Progress::default(),
             outcome: watch::Sender::new(None),
@@ -198,12 +228,23 @@ where
     }
 
     /// Makes a result and tells it to everybody who waits.
-    async fn carry_out(self, key: K, entry: Arc<Entry<T>>, made: impl Future<Output = Result<T, Problem>> + Send) {
+    async fn carry_out(
+        self,
+        key: K,
+        entry: Arc<Entry<T>>,
+        made: impl Future<Output = Result<T, Problem>> + Send,
+    ) {
         // Whatever happens, nobody may find a job that has ended without an outcome.
-        let mut ending = Ending { jobs: self, key, entry, is_kept: false };
+        let mut ending = Ending {
+            jobs: self,
+            key,
+            entry,
+            is_kept: false,
+        };
         let Ending { jobs, entry, .. } = &ending;
         let outcome = tokio::select! {
-            // The stop first: what is made may fail of it too, as by a closed database, and would say so in the log.
+            // The stop first: what is made may fail of it too, as by a closed database, and would
+            // say so in the log.
             biased;
             () = jobs.0.stopping.cancelled() => Err(stopped()),
             made = made => made,
@@ -213,30 +254,49 @@ where
         ending.is_kept = ending.told(outcome);
         if ending.is_kept {
             let Ending { jobs, .. } = &ending;
-            jobs.0.stopping.run_until_cancelled(tokio::time::sleep(jobs.0.kept)).await;
+            jobs.0
+                .stopping
+                .run_until_cancelled(tokio::time::sleep(jobs.0.kept))
+                .await;
             ending.is_kept = false;
         }
     }
 
     fn entries(&self) -> MutexGuard<'_, HashMap<K, Arc<Entry<T>>>> {
-        self.0.entries.lock().unwrap_or_else(PoisonError::into_inner)
+        self.0
+            .entries
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
     }
 
     fn goes_on(&self, progress: &Progress) -> Problem {
         let (done, total, step) = progress.told();
-        let far = if total == 0 { "it has just begun".to_owned() } else { format!("{done} of {total} {step}") };
-        let message = format!("{} is still being made: {far}; it goes on, ask again", self.0.what);
+        let far = if total == 0 {
+            "it has just begun".to_owned()
+        } else {
+            format!("{done} of {total} {step}")
+        };
+        let message = format!(
+            "{} is still being made: {far}; it goes on, ask again",
+            self.0.what
+        );
         let problem = Problem::new(ErrorKind::Unavailable, "STILL_WORKING", message);
         problem.with("done", done).with("total", total)
     }
 
     fn overloaded(&self) -> Problem {
-        let message = format!("{MOST} others like {} are being made already; ask again in a moment", self.0.what);
+        let message = format!(
+            "{MOST} others like {} are being made already; ask again in a moment",
+            self.0.what
+        );
         Problem::new(ErrorKind::Overloaded, "OVERLOADED", message)
     }
 
     fn given_up(&self) -> Problem {
-        let message = format!("{} was given up: nobody asked about it for long; ask again", self.0.what);
+        let message = format!(
+            "{} was given up: nobody asked about it for long; ask again",
+            self.0.what
+        );
         Problem::new(ErrorKind::Unavailable, "ABANDONED", message)
     }
 }
@@ -246,7 +306,10 @@ fn make_room<K, T>(entries: &HashMap<K, Arc<Entry<T>>>) {
     let is_unasked = |entry: &&Arc<Entry<T>>| entry.goes_on() && entry.asked().waiting == 0;
     let mut unasked: Vec<&Arc<Entry<T>>> = entries.values().filter(is_unasked).collect();
     unasked.sort_by_key(|entry| std::cmp::Reverse(entry.asked().last));
-    unasked.into_iter().skip(MOST_UNASKED).for_each(|entry| entry.given_up.cancel());
+    unasked
+        .into_iter()
+        .skip(MOST_UNASKED)
+        .for_each(|entry| entry.given_up.cancel());
 }
 
 /// Waits until nobody has waited for a job, or asked about it, for long.
@@ -276,8 +339,14 @@ impl<K: Eq + Hash, T> Ending<K, T> {
     /// Tells what came out, and returns whether it is kept, since nobody waited for it.
     fn told(&self, outcome: Result<T, Problem>) -> bool {
         // Whoever asks meanwhile finds it going on, or over, but never neither.
-        let mut entries = self.jobs.0.entries.lock().unwrap_or_else(PoisonError::into_inner);
-        let is_kept = outcome.is_ok() && self.entry.asked().waiting == 0 && !self.jobs.0.kept.is_zero();
+        let mut entries = self
+            .jobs
+            .0
+            .entries
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
+        let is_kept =
+            outcome.is_ok() && self.entry.asked().waiting == 0 && !self.jobs.0.kept.is_zero();
         self.entry.outcome.send_replace(Some(outcome));
         if !is_kept {
             self.remove(&mut entries);
@@ -286,7 +355,10 @@ impl<K: Eq + Hash, T> Ending<K, T> {
     }
 
     fn remove(&self, entries: &mut HashMap<K, Arc<Entry<T>>>) {
-        if entries.get(&self.key).is_some_and(|entry| Arc::ptr_eq(entry, &self.entry)) {
+        if entries
+            .get(&self.key)
+            .is_some_and(|entry| Arc::ptr_eq(entry, &self.entry))
+        {
             entries.remove(&self.key);
         }
     }
@@ -294,7 +366,14 @@ impl<K: Eq + Hash, T> Ending<K, T> {
 
 impl<K: Eq + Hash, T> Drop for Ending<K, T> {
     fn drop(&mut self) {
-        self.remove(&mut self.jobs.0.entries.lock().unwrap_or_else(PoisonError::into_inner));
+        self.remove(
+            &mut self
+                .jobs
+                .0
+                .entries
+                .lock()
+                .unwrap_or_else(PoisonError::into_inner),
+        );
         if !self.entry.is_over() {
             // It panicked, or the runtime ends.
             self.entry.outcome.send_replace(Some(Err(Problem::new(

@@ -1,4 +1,5 @@
-//! Bounded work: everything that computes for long has a place here, can be cancelled, and lets those go first who send and ask for little.
+//! Bounded work: everything that computes for long has a place here, can be cancelled, and lets
+//! those go first who send and ask for little.
 //!
 //! | room | for |
 //! |---|---|
@@ -29,7 +30,8 @@ pub use stop::{Stop, Stopped};
 /// Questions that may wait for a worker. What they hold meanwhile is no more than themselves.
 const MOST_WAITING: usize = 128;
 
-/// The lanes of everything that computes for long: none of them makes another wait. Cloning is cheap.
+/// The lanes of everything that computes for long: none of them makes another wait. Cloning is
+/// cheap.
 #[derive(Clone)]
 pub struct Work {
     /// Questions that somebody waits for.

@@ -29,7 +29,8 @@ impl Default for Step {
 }
 
 impl Progress {
-    /// Begins a step of so many parts; `step` says in words what is done to them, "states measured".
+    /// Begins a step of so many parts; `step` says in words what is done to them, "states
+    /// measured".
     pub fn begin(&self, step: &'static str, total: u64) {
         *self.step() = Step::Own(step);
         self.0.done.store(0, Ordering::Relaxed);
@@ -46,13 +47,15 @@ impl Progress {
         *self.step() = Step::Of(other);
     }
 
-    /// Returns what is done, of how many, and in words; what grows meanwhile does not pass its total.
+    /// Returns what is done, of how many, and in words; what grows meanwhile does not pass its
+    /// total.
     pub(super) fn told(&self) -> (u64, u64, &'static str) {
         let step = self.step().clone();
         match step {
             Step::Of(other) => other.told(),
             Step::Own(step) => {
-                let [done, total] = [&self.0.done, &self.0.total].map(|figure| figure.load(Ordering::Relaxed));
+                let [done, total] =
+                    [&self.0.done, &self.0.total].map(|figure| figure.load(Ordering::Relaxed));
                 (done.min(total), total, step)
             }
         }

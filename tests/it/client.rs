@@ -1,4 +1,5 @@
-//! Producers against a service that breaks streams, acknowledges late and says things twice: nothing is lost and nothing is doubled.
+//! Producers against a service that breaks streams, acknowledges late and says things twice:
+//! nothing is lost and nothing is doubled.
 
 use std::time::Duration;
 
@@ -20,14 +21,28 @@ const LONG: Duration = Duration::from_secs(60);
 
 /// One whole number, which the tests use to tell transitions apart.
 fn counter() -> SchemaDraft {
-    let feature =
-        |name: &str, max| FeatureDraft { name: name.into(), unit: None, kinds: vec![KindDraft::Integer(0, max)] };
-    let agent = |name: &str| AgentDraft { name: name.into(), action: vec![feature("move", 1)] };
-    SchemaDraft { state: vec![feature("x", 1 << 24)], agents: vec![agent("a"), agent("b")] }
+    let feature = |name: &str, max| FeatureDraft {
+        name: name.into(),
+        unit: None,
+        kinds: vec![KindDraft::Integer(0, max)],
+    };
+    let agent = |name: &str| AgentDraft {
+        name: name.into(),
+        action: vec![feature("move", 1)],
+    };
+    SchemaDraft {
+        state: vec![feature("x", 1 << 24)],
+        agents: vec![agent("a"), agent("b")],
+    }
 }
 
 fn transition(x: f32) -> Record {
-    Record { state: vec![x], actions: vec![0.0, 1.0], entry: Entry::Entered, count: 1 }
+    Record {
+        state: vec![x],
+        actions: vec![0.0, 1.0],
+        entry: Entry::Entered,
+        count: 1,
+    }
 }
 
 async fn start(mood: Mood, seed: u64) -> (Fake, ProducerBuilder) {
@@ -38,7 +53,10 @@ async fn start(mood: Mood, seed: u64) -> (Fake, ProducerBuilder) {
 }
 
 async fn builder(address: &str) -> ProducerBuilder {
-    Connection::open(address).await.expect("it listens").producer("counter", "game-7")
+    Connection::open(address)
+        .await
+        .expect("it listens")
+        .producer("counter", "game-7")
 }
 
 async fn send(producer: &mut Producer, range: std::ops::Range<u32>) -> Result<(), ClientError> {
@@ -50,12 +68,19 @@ async fn send(producer: &mut Producer, range: std::ops::Range<u32>) -> Result<()
 
 fn assert_counted_once(fake: &Fake, transitions: u32) {
     let expected: Vec<f32> = (0..transitions).map(|x| x as f32).collect();
-    assert!(fake.memory().values == expected, "lost, doubled or out of order");
+    assert!(
+        fake.memory().values == expected,
+        "lost, doubled or out of order"
+    );
 }
 
 fn assert_all_accounted_for(totals: &Totals, transitions: u32) {
     assert_eq!(totals.sent, u64::from(transitions));
-    assert_eq!(totals.sent, totals.accepted + totals.rejected + totals.resumed + totals.unverified, "{totals:?}");
+    assert_eq!(
+        totals.sent,
+        totals.accepted + totals.rejected + totals.resumed + totals.unverified,
+        "{totals:?}"
+    );
 }
 
 #[tokio::test]
@@ -78,7 +103,12 @@ async fn broken_streams_lose_and_double_nothing() {
 
 async fn a_storm(seed: u64) {
     let (fake, builder) = start(WILD, seed).await;
-    let mut producer = builder.batch_size(20).outbox(12).open().await.expect("known");
+    let mut producer = builder
+        .batch_size(20)
+        .outbox(12)
+        .open()
+        .await
+        .expect("known");
     send(&mut producer, 0..1_000).await.expect("taken");
     producer.flush().await.expect("acknowledged");
     send(&mut producer, 1_000..2_000).await.expect("taken");
@@ -87,7 +117,12 @@ async fn a_storm(seed: u64) {
     assert_all_accounted_for(&totals, 2_000);
     let memory = fake.memory();
     assert!(memory.hellos.len() > 1, "streams were broken");
-    assert!(memory.hellos.iter().all(|hello| hello.environment_uid == "uid-counter"));
+    assert!(
+        memory
+            .hellos
+            .iter()
+            .all(|hello| hello.environment_uid == "uid-counter")
+    );
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -103,12 +138,19 @@ async fn cut_connections_lose_and_double_nothing() {
         }
     };
     let mut producer = loop {
-        if let Ok(producer) = connection.producer("counter", "game-7").batch_size(50).open().await {
+        if let Ok(producer) = connection
+            .producer("counter", "game-7")
+            .batch_size(50)
+            .open()
+            .await
+        {
             break producer;
         }
     };
     for part in 0..20 {
-        send(&mut producer, part * 500..(part + 1) * 500).await.expect("taken");
+        send(&mut producer, part * 500..(part + 1) * 500)
+            .await
+            .expect("taken");
         tokio::time::sleep(Duration::from_millis(10)).await;
     }
     let totals = producer.close().await.expect("acknowledged");
@@ -120,22 +162,43 @@ async fn cut_connections_lose_and_double_nothing() {
 #[tokio::test]
 async fn time_closes_a_batch_too() {
     let (fake, builder) = start(CALM, 0).await;
-    let mut producer = builder.max_delay(Duration::from_millis(20)).open().await.expect("known");
+    let mut producer = builder
+        .max_delay(Duration::from_millis(20))
+        .open()
+        .await
+        .expect("known");
     send(&mut producer, 0..3).await.expect("taken");
     let counted = async {
         while fake.memory().values.len() < 3 {
             tokio::time::sleep(Duration::from_millis(5)).await;
         }
     };
-    tokio::time::timeout(LONG, counted).await.expect("without a flush");
+    tokio::time::timeout(LONG, counted)
+        .await
+        .expect("without a flush");
 }
 
 #[tokio::test]
 async fn a_full_outbox_holds_the_sender_back() {
-    let (fake, builder) = start(Mood { silent: true, window: 2, ..CALM }, 0).await;
-    let mut producer = builder.batch_size(10).outbox(3).open().await.expect("known");
+    let (fake, builder) = start(
+        Mood {
+            silent: true,
+            window: 2,
+            ..CALM
+        },
+        0,
+    )
+    .await;
+    let mut producer = builder
+        .batch_size(10)
+        .outbox(3)
+        .open()
+        .await
+        .expect("known");
     let sending = send(&mut producer, 0..100_000);
-    tokio::time::timeout(Duration::from_millis(300), sending).await.expect_err("nothing is acknowledged");
+    tokio::time::timeout(Duration::from_millis(300), sending)
+        .await
+        .expect_err("nothing is acknowledged");
     assert_eq!(fake.memory().batches.len(), 2, "the window");
 }
 
@@ -143,14 +206,33 @@ async fn a_full_outbox_holds_the_sender_back() {
 async fn segments_close_batches() {
     let (fake, builder) = start(CALM, 0).await;
     let mut producer = builder.replay().open().await.expect("known");
-    for (segment, range) in [(None, 0..2), (Some("trial-1"), 2..5), (Some("trial-2"), 5..6)] {
+    for (segment, range) in [
+        (None, 0..2),
+        (Some("trial-1"), 2..5),
+        (Some("trial-2"), 5..6),
+    ] {
         producer.segment(segment).await.expect("a label");
         send(&mut producer, range).await.expect("taken");
     }
-    assert!(matches!(producer.segment(Some("a\nb")).await, Err(ClientError::Invalid(_))));
+    assert!(matches!(
+        producer.segment(Some("a\nb")).await,
+        Err(ClientError::Invalid(_))
+    ));
     producer.close().await.expect("acknowledged");
-    let batches: Vec<_> = fake.memory().batches.iter().map(|(_, _, segment, len)| (segment.clone(), *len)).collect();
-    assert_eq!(batches, [(String::new(), 2), ("trial-1".into(), 3), ("trial-2".into(), 1)]);
+    let batches: Vec<_> = fake
+        .memory()
+        .batches
+        .iter()
+        .map(|(_, _, segment, len)| (segment.clone(), *len))
+        .collect();
+    assert_eq!(
+        batches,
+        [
+            (String::new(), 2),
+            ("trial-1".into(), 3),
+            ("trial-2".into(), 1)
+        ]
+    );
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -189,7 +271,13 @@ async fn another_source_under_the_same_id_is_noticed() {
 async fn a_live_producer_that_restarts_numbers_on() {
     let (fake, builder) = start(CALM, 0).await;
     for (range, resume_point) in [(0..25, 0), (25..60, 3)] {
-        let mut producer = builder.clone().batch_size(10).max_delay(LONG).open().await.expect("known");
+        let mut producer = builder
+            .clone()
+            .batch_size(10)
+            .max_delay(LONG)
+            .open()
+            .await
+            .expect("known");
         assert_eq!(producer.resume_point(), resume_point);
         send(&mut producer, range).await.expect("taken");
         producer.close().await.expect("acknowledged");
@@ -201,10 +289,16 @@ async fn a_live_producer_that_restarts_numbers_on() {
 async fn a_refusal_reaches_the_sender_in_the_words_of_the_service() {
     let refusals = [
         (Status::invalid_argument("undecodable"), ErrorKind::Invalid),
-        (Status::not_found("unknown environment `counter`"), ErrorKind::NotFound),
+        (
+            Status::not_found("unknown environment `counter`"),
+            ErrorKind::NotFound,
+        ),
         (Status::failed_precondition("fenced"), ErrorKind::Conflict),
         (Status::resource_exhausted("quota"), ErrorKind::Quota),
-        (Status::already_exists("another schema"), ErrorKind::AlreadyExists),
+        (
+            Status::already_exists("another schema"),
+            ErrorKind::AlreadyExists,
+        ),
         (Status::out_of_range("too large"), ErrorKind::TooLarge),
     ];
     for (status, kind) in refusals {
@@ -217,8 +311,15 @@ async fn a_refusal_reaches_the_sender_in_the_words_of_the_service() {
             Ok(()) => producer.flush().await.expect_err("refused"),
             Err(error) => error,
         };
-        assert_eq!((error.kind(), error.to_string()), (kind, status.message().to_owned()));
-        assert_eq!(producer.send(transition(0.0)).await, Err(error), "and again");
+        assert_eq!(
+            (error.kind(), error.to_string()),
+            (kind, status.message().to_owned())
+        );
+        assert_eq!(
+            producer.send(transition(0.0)).await,
+            Err(error),
+            "and again"
+        );
         assert_counted_once(&fake, 20);
     }
 }
@@ -232,20 +333,34 @@ async fn rejected_transitions_are_told_by_position() {
     }
     let totals = producer.close().await.expect("acknowledged");
     assert_eq!((totals.accepted, totals.rejected), (4, 1));
-    assert_eq!((totals.rejections[0].position, totals.rejections[0].field.as_str()), (3, "/state/x"));
+    assert_eq!(
+        (
+            totals.rejections[0].position,
+            totals.rejections[0].field.as_str()
+        ),
+        (3, "/state/x")
+    );
     assert_counted_once(&fake, 4);
 }
 
 #[tokio::test]
 async fn batches_of_which_nothing_counts_are_told_apart() {
-    for (status, expected) in [(BatchStatus::Rejected, [0, 5, 3, 0]), (BatchStatus::Unverified, [0, 0, 0, 5])] {
+    for (status, expected) in [
+        (BatchStatus::Rejected, [0, 5, 3, 0]),
+        (BatchStatus::Unverified, [0, 0, 0, 5]),
+    ] {
         let (fake, builder) = start(CALM, 0).await;
         fake.memory().instead = Some(status);
         let mut producer = builder.batch_size(2).open().await.expect("known");
         send(&mut producer, 0..5).await.expect("taken");
         let totals = producer.close().await.expect("acknowledged");
         assert_all_accounted_for(&totals, 5);
-        let told = [totals.accepted, totals.rejected, totals.rejected_batches, totals.unverified];
+        let told = [
+            totals.accepted,
+            totals.rejected,
+            totals.rejected_batches,
+            totals.unverified,
+        ];
         assert_eq!(told, expected, "{status:?}");
         assert_eq!(totals.duplicates, 0);
     }
@@ -256,7 +371,10 @@ async fn a_transition_of_another_shape_harms_nothing_else() {
     let (fake, builder) = start(CALM, 0).await;
     let mut producer = builder.open().await.expect("known");
     producer.send(transition(0.0)).await.expect("taken");
-    let wrong = Record { state: vec![1.0, 2.0], ..transition(0.0) };
+    let wrong = Record {
+        state: vec![1.0, 2.0],
+        ..transition(0.0)
+    };
     let error = producer.send(wrong).await.expect_err("two values");
     assert_eq!(error.to_string(), "got 2 state values, expected 1");
     producer.send(transition(1.0)).await.expect("taken");
@@ -266,8 +384,20 @@ async fn a_transition_of_another_shape_harms_nothing_else() {
 
 #[tokio::test]
 async fn a_smaller_limit_of_the_service_is_heeded() {
-    let (fake, builder) = start(Mood { max_batch_transitions: 7, ..CALM }, 0).await;
-    let error = builder.clone().replay().open().await.expect_err("batches of a replay do not depend on the service");
+    let (fake, builder) = start(
+        Mood {
+            max_batch_transitions: 7,
+            ..CALM
+        },
+        0,
+    )
+    .await;
+    let error = builder
+        .clone()
+        .replay()
+        .open()
+        .await
+        .expect_err("batches of a replay do not depend on the service");
     assert_eq!(error.kind(), ErrorKind::Invalid);
     let mut producer = builder.open().await.expect("known");
     send(&mut producer, 0..20).await.expect("taken");
@@ -280,7 +410,12 @@ async fn a_smaller_limit_of_the_service_is_heeded() {
 async fn a_service_that_stays_away_is_given_up() {
     let (fake, _) = start(CALM, 0).await;
     let proxy = Proxy::start(fake.address, None, 0).await;
-    let mut producer = builder(&proxy.address).await.retry_for(Duration::from_millis(200)).open().await.expect("known");
+    let mut producer = builder(&proxy.address)
+        .await
+        .retry_for(Duration::from_millis(200))
+        .open()
+        .await
+        .expect("known");
     proxy.set_up(false);
     send(&mut producer, 0..10).await.expect("taken");
     let error = producer.flush().await.expect_err("nobody there");
@@ -292,7 +427,13 @@ async fn a_service_that_stays_away_is_given_up() {
 async fn a_service_that_comes_back_gets_what_waited() {
     let (fake, _) = start(CALM, 0).await;
     let proxy = Proxy::start(fake.address, None, 0).await;
-    let mut producer = builder(&proxy.address).await.retry_for_ever().batch_size(10).open().await.expect("known");
+    let mut producer = builder(&proxy.address)
+        .await
+        .retry_for_ever()
+        .batch_size(10)
+        .open()
+        .await
+        .expect("known");
     send(&mut producer, 0..55).await.expect("taken");
     proxy.set_up(false);
     send(&mut producer, 55..155).await.expect("there is room");
@@ -307,30 +448,61 @@ async fn an_idle_producer_outlives_a_long_absence() {
     let (fake, _) = start(CALM, 0).await;
     let proxy = Proxy::start(fake.address, None, 0).await;
     let builder = builder(&proxy.address).await;
-    let mut producer = builder.retry_for(Duration::from_millis(700)).open().await.expect("known");
+    let mut producer = builder
+        .retry_for(Duration::from_millis(700))
+        .open()
+        .await
+        .expect("known");
     proxy.set_up(false);
     tokio::time::sleep(Duration::from_millis(1_000)).await;
     send(&mut producer, 0..10).await.expect("taken");
     proxy.set_up(true);
-    producer.close().await.expect("the clock ran only while something waited");
+    producer
+        .close()
+        .await
+        .expect("the clock ran only while something waited");
     assert_counted_once(&fake, 10);
 }
 
 #[tokio::test]
 async fn an_unknown_environment_is_told_at_once() {
     let fake = Fake::start(CALM, 0).await;
-    let error = builder(&fake.address.to_string()).await.open().await.expect_err("not described");
-    assert_eq!((error.kind(), error.to_string()), (ErrorKind::NotFound, "unknown environment `counter`".into()));
+    let error = builder(&fake.address.to_string())
+        .await
+        .open()
+        .await
+        .expect_err("not described");
+    assert_eq!(
+        (error.kind(), error.to_string()),
+        (ErrorKind::NotFound, "unknown environment `counter`".into())
+    );
 }
 
 #[tokio::test]
 async fn a_bad_address_says_what_is_wrong() {
-    let free = TcpListener::bind("127.0.0.1:0").await.expect("a port").local_addr().expect("bound");
-    let error = Connection::open(&free.to_string()).await.expect_err("nobody listens");
+    let free = TcpListener::bind("127.0.0.1:0")
+        .await
+        .expect("a port")
+        .local_addr()
+        .expect("bound");
+    let error = Connection::open(&free.to_string())
+        .await
+        .expect_err("nobody listens");
     assert!(matches!(error, ClientError::Unreachable { .. }), "{error}");
-    assert!(error.to_string().starts_with(&format!("nobody listens at http://{free} (")), "{error}");
-    assert!(matches!(Connection::open("ftp://localhost").await, Err(ClientError::Address { .. })));
-    assert!(matches!(Connection::open("not an address").await, Err(ClientError::Address { .. })));
+    assert!(
+        error
+            .to_string()
+            .starts_with(&format!("nobody listens at http://{free} (")),
+        "{error}"
+    );
+    assert!(matches!(
+        Connection::open("ftp://localhost").await,
+        Err(ClientError::Address { .. })
+    ));
+    assert!(matches!(
+        Connection::open("not an address").await,
+        Err(ClientError::Address { .. })
+    ));
 }
 
 #[tokio::test]
@@ -346,6 +518,8 @@ async fn what_listens_may_be_no_nudge() {
     let (_, health) = tonic_health::server::health_reporter();
     let server = tonic::transport::Server::builder().add_service(health);
     tokio::spawn(server.serve_with_incoming(TcpListenerStream::new(other)));
-    let error = Connection::open(&address).await.expect_err("another service");
+    let error = Connection::open(&address)
+        .await
+        .expect_err("another service");
     assert!(error.to_string().contains("is no Nudge"), "{error}");
 }

@@ -18,10 +18,16 @@ async fn lane_with_play() -> TestApp {
     let mut transitions = Vec::new();
     for i in 0..40 {
         let robot = (i % 2) as f32;
-        transitions.push(row([0.1, 0.0], [robot, if i % 8 == 0 { 2.0 } else { robot }]));
+        transitions.push(row(
+            [0.1, 0.0],
+            [robot, if i % 8 == 0 { 2.0 } else { robot }],
+        ));
     }
     transitions.push(row([2.0, 1.0], [0.0, 1.0]));
-    let batch = proto::Batch { segment: "trial-1".into(), ..rows(1, transitions) };
+    let batch = proto::Batch {
+        segment: "trial-1".into(),
+        ..rows(1, transitions)
+    };
     let write = proto::WriteRequest {
         environment: "lane".into(),
         producer: "p".into(),
@@ -33,49 +39,89 @@ async fn lane_with_play() -> TestApp {
 }
 
 fn scope() -> proto::Scope {
-    proto::Scope { environment: "lane".into(), ..Default::default() }
+    proto::Scope {
+        environment: "lane".into(),
+        ..Default::default()
+    }
 }
 
 fn by_keys(keys: &[&str]) -> proto::BatchGetInfluenceRequest {
     let keys = keys.iter().map(ToString::to_string).collect();
-    proto::BatchGetInfluenceRequest { scope: Some(scope()), keys, ..Default::default() }
+    proto::BatchGetInfluenceRequest {
+        scope: Some(scope()),
+        keys,
+        ..Default::default()
+    }
 }
 
 fn by_values(states: &[[f32; 2]]) -> proto::BatchGetInfluenceRequest {
-    let states = states.iter().map(|values| proto::StateValues { values: values.to_vec() }).collect();
-    proto::BatchGetInfluenceRequest { scope: Some(scope()), states, ..Default::default() }
+    let states = states
+        .iter()
+        .map(|values| proto::StateValues {
+            values: values.to_vec(),
+        })
+        .collect();
+    proto::BatchGetInfluenceRequest {
+        scope: Some(scope()),
+        states,
+        ..Default::default()
+    }
 }
 
 /// The same question in the words of each face.
 fn questions() -> Vec<(Value, proto::BatchGetInfluenceRequest)> {
-    let scoped = |scope: proto::Scope, request: proto::BatchGetInfluenceRequest| proto::BatchGetInfluenceRequest {
-        scope: Some(scope),
-        ..request
+    let scoped = |scope: proto::Scope, request: proto::BatchGetInfluenceRequest| {
+        proto::BatchGetInfluenceRequest {
+            scope: Some(scope),
+            ..request
+        }
     };
-    let rule = proto::Rule { threshold: Some(0.2), min_visits: Some(1), ..Default::default() };
+    let rule = proto::Rule {
+        threshold: Some(0.2),
+        min_visits: Some(1),
+        ..Default::default()
+    };
     let full = proto::View::Full.into();
     vec![
         (json!({"keys": ["0.0"]}), by_keys(&["0.0"])),
-        (json!({"keys": ["0.0", "3.1", "1.1"]}), by_keys(&["0.0", "3.1", "1.1"])),
+        (
+            json!({"keys": ["0.0", "3.1", "1.1"]}),
+            by_keys(&["0.0", "3.1", "1.1"]),
+        ),
         (
             json!({"states": [{"distance": 0.1, "held": "nothing"}, {"held": 1, "distance": 2}], "view": "full"}),
-            proto::BatchGetInfluenceRequest { view: full, ..by_values(&[[0.1, 0.0], [2.0, 1.0]]) },
+            proto::BatchGetInfluenceRequest {
+                view: full,
+                ..by_values(&[[0.1, 0.0], [2.0, 1.0]])
+            },
         ),
         (
             json!({"keys": ["0.0"], "view": "verdict"}),
-            proto::BatchGetInfluenceRequest { view: proto::View::Verdict.into(), ..by_keys(&["0.0"]) },
+            proto::BatchGetInfluenceRequest {
+                view: proto::View::Verdict.into(),
+                ..by_keys(&["0.0"])
+            },
         ),
         (
             json!({"keys": ["0.0"], "ego": "human", "other": "robot", "unit": "bits"}),
             scoped(
-                proto::Scope { ego: "human".into(), other: "robot".into(), unit: "bits".into(), ..scope() },
+                proto::Scope {
+                    ego: "human".into(),
+                    other: "robot".into(),
+                    unit: "bits".into(),
+                    ..scope()
+                },
                 by_keys(&["0.0"]),
             ),
         ),
         (
             json!({"keys": ["0.0", "3.1"], "rule": {"threshold": 0.2, "min_visits": 1}, "segments": ["trial-1"]}),
             scoped(
-                proto::Scope { rule: Some(rule), segments: vec!["trial-1".into()], ..scope() },
+                proto::Scope {
+                    rule: Some(rule),
+                    segments: vec!["trial-1".into()],
+                    ..scope()
+                },
                 by_keys(&["0.0", "3.1"]),
             ),
         ),
@@ -85,7 +131,10 @@ fn questions() -> Vec<(Value, proto::BatchGetInfluenceRequest)> {
                 estimators: vec!["miller_madow".into(), "excess".into()],
                 ..scoped(
                     proto::Scope {
-                        rule: Some(proto::Rule { kind: Some("evidence".into()), ..Default::default() }),
+                        rule: Some(proto::Rule {
+                            kind: Some("evidence".into()),
+                            ..Default::default()
+                        }),
                         ..scope()
                     },
                     by_keys(&["0.0"]),
@@ -102,7 +151,11 @@ async fn the_same_question_gets_the_same_answer() {
     for (body, request) in questions() {
         let (status, over_rest) = app.rest("POST", INFLUENCE, Some(&body)).await;
         assert_eq!(status, 200, "{body}: {over_rest}");
-        let over_grpc = client.batch_get_influence(request).await.expect("valid").into_inner();
+        let over_grpc = client
+            .batch_get_influence(request)
+            .await
+            .expect("valid")
+            .into_inner();
         let over_grpc = serde_json::to_value(dto::Answers::from(over_grpc)).expect("JSON");
         assert_eq!(over_rest, over_grpc, "{body}");
     }
@@ -111,7 +164,13 @@ async fn the_same_question_gets_the_same_answer() {
 #[tokio::test]
 async fn one_state_in_a_query_string_is_the_same_question() {
     let app = lane_with_play().await;
-    let (_, posted) = app.rest("POST", INFLUENCE, Some(&json!({"keys": ["0.0"], "unit": "bits"}))).await;
+    let (_, posted) = app
+        .rest(
+            "POST",
+            INFLUENCE,
+            Some(&json!({"keys": ["0.0"], "unit": "bits"})),
+        )
+        .await;
     for query in [
         "key=0.0&unit=bits",
         "state.distance=0.1&state.held=nothing&unit=bits",
@@ -123,9 +182,21 @@ async fn one_state_in_a_query_string_is_the_same_question() {
 }
 
 /// The same fault in the words of each face, and its reason.
-fn faults() -> Vec<(Value, proto::BatchGetInfluenceRequest, &'static str, &'static [&'static str])> {
-    let scoped = |scope: proto::Scope| proto::BatchGetInfluenceRequest { scope: Some(scope), ..by_keys(&["0.0"]) };
-    let rule = proto::Rule { kind: Some("papper".into()), threshold: Some(-1.0), ..Default::default() };
+fn faults() -> Vec<(
+    Value,
+    proto::BatchGetInfluenceRequest,
+    &'static str,
+    &'static [&'static str],
+)> {
+    let scoped = |scope: proto::Scope| proto::BatchGetInfluenceRequest {
+        scope: Some(scope),
+        ..by_keys(&["0.0"])
+    };
+    let rule = proto::Rule {
+        kind: Some("papper".into()),
+        threshold: Some(-1.0),
+        ..Default::default()
+    };
     vec![
         (
             json!({"states": [{"distance": 0.1, "held": 0}, {"distance": 0.1, "held": 7}]}),
@@ -133,41 +204,71 @@ fn faults() -> Vec<(Value, proto::BatchGetInfluenceRequest, &'static str, &'stat
             "INVALID_INPUT",
             &["/states/1/held"],
         ),
-        (json!({"keys": ["9.0", "0"]}), by_keys(&["9.0", "0"]), "INVALID_INPUT", &["/keys/0", "/keys/1"]),
-        (json!({"keys": []}), by_keys(&[]), "INVALID_INPUT", &["/states"]),
+        (
+            json!({"keys": ["9.0", "0"]}),
+            by_keys(&["9.0", "0"]),
+            "INVALID_INPUT",
+            &["/keys/0", "/keys/1"],
+        ),
+        (
+            json!({"keys": []}),
+            by_keys(&[]),
+            "INVALID_INPUT",
+            &["/states"],
+        ),
         (
             json!({"keys": ["0.0"], "ego": "robbot", "unit": "hartleys"}),
-            scoped(proto::Scope { ego: "robbot".into(), unit: "hartleys".into(), ..scope() }),
+            scoped(proto::Scope {
+                ego: "robbot".into(),
+                unit: "hartleys".into(),
+                ..scope()
+            }),
             "INVALID_INPUT",
             &["/ego", "/unit"],
         ),
         (
             json!({"keys": ["0.0"], "ego": "robot", "other": "robot"}),
-            scoped(proto::Scope { ego: "robot".into(), other: "robot".into(), ..scope() }),
+            scoped(proto::Scope {
+                ego: "robot".into(),
+                other: "robot".into(),
+                ..scope()
+            }),
             "INVALID_INPUT",
             &["/other"],
         ),
         (
             json!({"keys": ["0.0"], "given": ["human"]}),
-            scoped(proto::Scope { given: vec!["human".into()], ..scope() }),
+            scoped(proto::Scope {
+                given: vec!["human".into()],
+                ..scope()
+            }),
             "INVALID_INPUT",
             &["/given/0"],
         ),
         (
             json!({"keys": ["0.0"], "rule": {"kind": "papper", "threshold": -1}}),
-            scoped(proto::Scope { rule: Some(rule), ..scope() }),
+            scoped(proto::Scope {
+                rule: Some(rule),
+                ..scope()
+            }),
             "INVALID_INPUT",
             &["/rule/kind", "/rule/threshold"],
         ),
         (
             json!({"keys": ["0.0"], "segments": ["trial-9"]}),
-            scoped(proto::Scope { segments: vec!["trial-9".into()], ..scope() }),
+            scoped(proto::Scope {
+                segments: vec!["trial-9".into()],
+                ..scope()
+            }),
             "INVALID_INPUT",
             &["/segments"],
         ),
         (
             json!({"keys": ["0.0"], "estimators": ["nsv"]}),
-            proto::BatchGetInfluenceRequest { estimators: vec!["nsv".into()], ..by_keys(&["0.0"]) },
+            proto::BatchGetInfluenceRequest {
+                estimators: vec!["nsv".into()],
+                ..by_keys(&["0.0"])
+            },
             "INVALID_INPUT",
             &["/estimators/0"],
         ),
@@ -176,12 +277,21 @@ fn faults() -> Vec<(Value, proto::BatchGetInfluenceRequest, &'static str, &'stat
 
 fn pointers(problem: &Value) -> Vec<String> {
     let errors = problem["errors"].as_array().cloned().unwrap_or_default();
-    errors.iter().filter_map(|error| error["pointer"].as_str().map(str::to_owned)).collect()
+    errors
+        .iter()
+        .filter_map(|error| error["pointer"].as_str().map(str::to_owned))
+        .collect()
 }
 
 fn violations(status: &Status) -> Vec<String> {
-    let violations = status.get_details_bad_request().map(|details| details.field_violations).unwrap_or_default();
-    violations.into_iter().map(|violation| violation.field).collect()
+    let violations = status
+        .get_details_bad_request()
+        .map(|details| details.field_violations)
+        .unwrap_or_default();
+    violations
+        .into_iter()
+        .map(|violation| violation.field)
+        .collect()
 }
 
 #[tokio::test]
@@ -190,10 +300,21 @@ async fn the_same_fault_gets_the_same_reason() {
     let mut client = app.influence().await;
     for (body, request, word, fields) in faults() {
         let (status, problem) = app.rest("POST", INFLUENCE, Some(&body)).await;
-        assert_eq!((status, &problem["reason"]), (400, &json!(word)), "{body}: {problem}");
+        assert_eq!(
+            (status, &problem["reason"]),
+            (400, &json!(word)),
+            "{body}: {problem}"
+        );
         assert_eq!(pointers(&problem), fields, "{body}");
-        let refused = client.batch_get_influence(request).await.expect_err("wrong");
-        assert_eq!((refused.code(), reason(&refused)), (Code::InvalidArgument, word.into()), "{body}");
+        let refused = client
+            .batch_get_influence(request)
+            .await
+            .expect_err("wrong");
+        assert_eq!(
+            (refused.code(), reason(&refused)),
+            (Code::InvalidArgument, word.into()),
+            "{body}"
+        );
         assert_eq!(violations(&refused), fields, "{body}");
         assert_eq!(problem["detail"], json!(refused.message()), "{body}");
     }
@@ -203,27 +324,61 @@ async fn the_same_fault_gets_the_same_reason() {
 async fn kinds_of_error_have_their_codes_on_both_faces() {
     let app = lane_with_play().await;
     let unknown = proto::BatchGetInfluenceRequest {
-        scope: Some(proto::Scope { environment: "lame".into(), ..Default::default() }),
+        scope: Some(proto::Scope {
+            environment: "lame".into(),
+            ..Default::default()
+        }),
         ..by_keys(&["0.0"])
     };
-    let refused = app.influence().await.batch_get_influence(unknown).await.expect_err("unknown");
-    let (status, problem) = app.rest("POST", "/v1/environments/lame/influence", Some(&json!({"keys": ["0.0"]}))).await;
+    let refused = app
+        .influence()
+        .await
+        .batch_get_influence(unknown)
+        .await
+        .expect_err("unknown");
+    let (status, problem) = app
+        .rest(
+            "POST",
+            "/v1/environments/lame/influence",
+            Some(&json!({"keys": ["0.0"]})),
+        )
+        .await;
     assert_eq!((refused.code(), status), (Code::NotFound, 404));
     assert_eq!(problem["reason"], json!(reason(&refused)));
 
     let mut other = lane_json();
     other["state"][0]["continuous"]["edges"] = json!([0.5]);
     let (status, problem) = app.rest("PUT", "/v1/environments/lane", Some(&other)).await;
-    assert_eq!((status, &problem["reason"]), (409, &json!("SCHEMA_CONFLICT")));
+    assert_eq!(
+        (status, &problem["reason"]),
+        (409, &json!("SCHEMA_CONFLICT"))
+    );
     let mut schema = crate::support::lane_schema();
     schema.state.pop();
-    let request = proto::ApplyEnvironmentRequest { name: "lane".into(), schema: Some(schema), rule: None };
-    let refused = app.environments().await.apply_environment(request).await.expect_err("another schema");
-    assert_eq!((refused.code(), reason(&refused)), (Code::AlreadyExists, "SCHEMA_CONFLICT".into()));
+    let request = proto::ApplyEnvironmentRequest {
+        name: "lane".into(),
+        schema: Some(schema),
+        rule: None,
+    };
+    let refused = app
+        .environments()
+        .await
+        .apply_environment(request)
+        .await
+        .expect_err("another schema");
+    assert_eq!(
+        (refused.code(), reason(&refused)),
+        (Code::AlreadyExists, "SCHEMA_CONFLICT".into())
+    );
 
     let gap = json!({"producer": "p", "sequence": 9, "transitions": []});
-    let (status, problem) = app.rest("POST", "/v1/environments/lane/transitions", Some(&gap)).await;
-    assert_eq!((status, &problem["reason"], &problem["expected_sequence"]), (409, &json!("OUT_OF_ORDER"), &json!(2)));
+    let (status, problem) = app
+        .rest("POST", "/v1/environments/lane/transitions", Some(&gap))
+        .await;
+    assert_eq!(
+        (status, &problem["reason"], &problem["expected_sequence"]),
+        (409, &json!("OUT_OF_ORDER"), &json!(2))
+    );
 }
 
 #[tokio::test]
@@ -235,26 +390,59 @@ async fn descriptions_are_faulted_alike() {
                   {"name": "c", "circular": {"bins": 8, "values": "turns"}}],
         "agents": [{"name": "a", "action": [{"name": "go", "categorical": {"labels": []}}]}]
     });
-    let feature = |name: &str, kind| proto::Feature { name: name.into(), unit: String::new(), kind: Some(kind) };
+    let feature = |name: &str, kind| proto::Feature {
+        name: name.into(),
+        unit: String::new(),
+        kind: Some(kind),
+    };
     use proto::feature::Kind;
     let schema = proto::Schema {
         state: vec![
             feature("../x", Kind::Integer(proto::Integer { min: 3, max: 1 })),
-            feature("a", Kind::Continuous(proto::Continuous { edges: vec![1.0, 1.0] })),
+            feature(
+                "a",
+                Kind::Continuous(proto::Continuous {
+                    edges: vec![1.0, 1.0],
+                }),
+            ),
             proto::Feature {
                 unit: "turns".into(),
-                ..feature("b", Kind::Circular(proto::Circular { bins: 8, values: String::new() }))
+                ..feature(
+                    "b",
+                    Kind::Circular(proto::Circular {
+                        bins: 8,
+                        values: String::new(),
+                    }),
+                )
             },
-            feature("c", Kind::Circular(proto::Circular { bins: 8, values: "turns".into() })),
+            feature(
+                "c",
+                Kind::Circular(proto::Circular {
+                    bins: 8,
+                    values: "turns".into(),
+                }),
+            ),
         ],
         agents: vec![proto::Agent {
             name: "a".into(),
-            action: vec![feature("go", Kind::Categorical(proto::Categorical { labels: vec![] }))],
+            action: vec![feature(
+                "go",
+                Kind::Categorical(proto::Categorical { labels: vec![] }),
+            )],
         }],
     };
     let (status, problem) = app.rest("PUT", "/v1/environments/x", Some(&body)).await;
-    let request = proto::ApplyEnvironmentRequest { name: "x".into(), schema: Some(schema), rule: None };
-    let refused = app.environments().await.apply_environment(request).await.expect_err("wrong");
+    let request = proto::ApplyEnvironmentRequest {
+        name: "x".into(),
+        schema: Some(schema),
+        rule: None,
+    };
+    let refused = app
+        .environments()
+        .await
+        .apply_environment(request)
+        .await
+        .expect_err("wrong");
     assert_eq!((status, refused.code()), (400, Code::InvalidArgument));
     assert_eq!(pointers(&problem), violations(&refused));
     assert_eq!(pointers(&problem).len(), 8, "{problem}");
@@ -265,52 +453,122 @@ async fn answers_that_do_not_fit_are_refused_with_the_smaller_view() {
     let app = TestApp::start().await;
     let wide = |name: &str| json!({"name": name, "action": [{"name": "to", "integer": {"min": 0, "max": 4095}}]});
     let body = json!({"state": [{"name": "x", "circular": {"bins": 4}}], "agents": [wide("a"), wide("b")]});
-    assert_eq!(app.rest("PUT", "/v1/environments/wide", Some(&body)).await.0, 201);
+    assert_eq!(
+        app.rest("PUT", "/v1/environments/wide", Some(&body))
+            .await
+            .0,
+        201
+    );
     let path = "/v1/environments/wide/influence";
     let (status, problem) = app.rest("POST", path, Some(&json!({"keys": ["0"]}))).await;
-    assert_eq!((status, &problem["reason"]), (413, &json!("ANSWER_TOO_LARGE")));
-    assert!(problem["detail"].as_str().is_some_and(|text| text.contains("4194304") && text.contains("figures")));
-    let scope = proto::Scope { environment: "wide".into(), ..Default::default() };
-    let request = proto::BatchGetInfluenceRequest { scope: Some(scope), keys: vec!["0".into()], ..Default::default() };
-    let refused = app.influence().await.batch_get_influence(request).await.expect_err("too large");
-    assert_eq!((refused.code(), reason(&refused)), (Code::OutOfRange, "ANSWER_TOO_LARGE".into()));
-    assert_eq!(app.rest("POST", path, Some(&json!({"keys": ["0"], "view": "figures"}))).await.0, 200);
+    assert_eq!(
+        (status, &problem["reason"]),
+        (413, &json!("ANSWER_TOO_LARGE"))
+    );
+    assert!(
+        problem["detail"]
+            .as_str()
+            .is_some_and(|text| text.contains("4194304") && text.contains("figures"))
+    );
+    let scope = proto::Scope {
+        environment: "wide".into(),
+        ..Default::default()
+    };
+    let request = proto::BatchGetInfluenceRequest {
+        scope: Some(scope),
+        keys: vec!["0".into()],
+        ..Default::default()
+    };
+    let refused = app
+        .influence()
+        .await
+        .batch_get_influence(request)
+        .await
+        .expect_err("too large");
+    assert_eq!(
+        (refused.code(), reason(&refused)),
+        (Code::OutOfRange, "ANSWER_TOO_LARGE".into())
+    );
+    assert_eq!(
+        app.rest(
+            "POST",
+            path,
+            Some(&json!({"keys": ["0"], "view": "figures"}))
+        )
+        .await
+        .0,
+        200
+    );
 }
 
 #[tokio::test]
 async fn states_and_summary_agree() {
     let app = lane_with_play().await;
     let mut client = app.influence().await;
-    for (order, first) in [("visits desc", "0.0"), ("visits asc", "3.1"), ("plug_in desc", "0.0"), ("plug_in", "0.0")] {
-        let path = format!("/v1/environments/lane/states?page_size=1&order_by={}", order.replace(' ', "%20"));
+    for (order, first) in [
+        ("visits desc", "0.0"),
+        ("visits asc", "3.1"),
+        ("plug_in desc", "0.0"),
+        ("plug_in", "0.0"),
+    ] {
+        let path = format!(
+            "/v1/environments/lane/states?page_size=1&order_by={}",
+            order.replace(' ', "%20")
+        );
         let (status, page) = app.rest("GET", &path, None).await;
-        assert_eq!((status, &page["states"][0]["state"]["key"]), (200, &json!(first)), "{order}: {page}");
+        assert_eq!(
+            (status, &page["states"][0]["state"]["key"]),
+            (200, &json!(first)),
+            "{order}: {page}"
+        );
         let request = proto::ListStatesRequest {
             scope: Some(scope()),
             order_by: order.into(),
             page_size: 1,
-            page_token: page["next_page_token"].as_str().expect("a second page").into(),
+            page_token: page["next_page_token"]
+                .as_str()
+                .expect("a second page")
+                .into(),
             ..Default::default()
         };
-        let rest = client.list_states(request).await.expect("valid").into_inner();
+        let rest = client
+            .list_states(request)
+            .await
+            .expect("valid")
+            .into_inner();
         assert_eq!((rest.states.len(), rest.next_page_token.as_str()), (1, ""));
         assert_ne!(rest.states[0].state.as_ref().expect("present").key, first);
     }
-    let (_, over_rest) = app.rest("GET", "/v1/environments/lane/summary?unit=bits", None).await;
-    let request =
-        proto::SummarizeRequest { scope: Some(proto::Scope { unit: "bits".into(), ..scope() }), ..Default::default() };
+    let (_, over_rest) = app
+        .rest("GET", "/v1/environments/lane/summary?unit=bits", None)
+        .await;
+    let request = proto::SummarizeRequest {
+        scope: Some(proto::Scope {
+            unit: "bits".into(),
+            ..scope()
+        }),
+        ..Default::default()
+    };
     let over_grpc = client.summarize(request).await.expect("valid").into_inner();
-    assert_eq!(over_rest, serde_json::to_value(dto::Summary::from(over_grpc)).expect("JSON"));
-    assert_eq!((&over_rest["transitions"], &over_rest["states"]), (&json!(41), &json!(2)));
+    assert_eq!(
+        over_rest,
+        serde_json::to_value(dto::Summary::from(over_grpc)).expect("JSON")
+    );
+    assert_eq!(
+        (&over_rest["transitions"], &over_rest["states"]),
+        (&json!(41), &json!(2))
+    );
 }
 
 #[tokio::test]
 async fn a_third_agent_held_fixed_reveals_what_it_hid() {
     let app = TestApp::start().await;
     let agent = |name: &str| json!({"name": name, "action": [{"name": "go", "integer": {"min": 0, "max": 1}}]});
-    let body =
-        json!({"state": [{"name": "x", "circular": {"bins": 4}}], "agents": [agent("a"), agent("b"), agent("c")]});
-    assert_eq!(app.rest("PUT", "/v1/environments/xor", Some(&body)).await.0, 201);
+    let body = json!({"state": [{"name": "x", "circular": {"bins": 4}}], "agents": [agent("a"), agent("b"), agent("c")]});
+    assert_eq!(
+        app.rest("PUT", "/v1/environments/xor", Some(&body)).await.0,
+        201
+    );
     // b is the exclusive or of a and c: alone, a says nothing about it.
     let played = [(0, 0, 0), (0, 1, 1), (1, 1, 0), (1, 0, 1)];
     let played: Vec<Value> = played
@@ -318,18 +576,32 @@ async fn a_third_agent_held_fixed_reveals_what_it_hid() {
         .map(|(a, b, c)| json!({"state": {"x": 0}, "actions": {"a": a, "b": b, "c": c}, "count": 25}))
         .collect();
     let body = json!({"producer": "p", "sequence": 1, "transitions": played});
-    assert_eq!(app.rest("POST", "/v1/environments/xor/transitions", Some(&body)).await.0, 200);
+    assert_eq!(
+        app.rest("POST", "/v1/environments/xor/transitions", Some(&body))
+            .await
+            .0,
+        200
+    );
     let plug_in = async |query: &str| {
-        let (status, answer) = app.rest("GET", &format!("/v1/environments/xor/influence?key=0&{query}"), None).await;
+        let (status, answer) = app
+            .rest(
+                "GET",
+                &format!("/v1/environments/xor/influence?key=0&{query}"),
+                None,
+            )
+            .await;
         assert_eq!(status, 200, "{answer}");
-        answer["answers"][0]["mutual_information"]["plug_in"].as_f64().expect("a figure")
+        answer["answers"][0]["mutual_information"]["plug_in"]
+            .as_f64()
+            .expect("a figure")
     };
     assert_eq!(plug_in("unit=bits").await, 0.0);
     assert!((plug_in("unit=bits&given=c").await - 1.0).abs() < 1e-12);
     assert!((plug_in("ego=c&other=b&given=a").await - 2_f64.ln()).abs() < 1e-12);
 }
 
-/// Every whole number that the body of a request has, with one that is right: by the schema of the document, and where it stands.
+/// Every whole number that the body of a request has, with one that is right: by the schema of the
+/// document, and where it stands.
 const WHOLE: [(&str, &str); 9] = [
     ("Circular.bins", "8"),
     ("Integer.max", "3"),
@@ -350,18 +622,25 @@ fn schemas_of_bodies(document: &Value) -> BTreeSet<String> {
     let names = |value: &Value| {
         let text = value.to_string();
         let parts = text.split("\"#/components/schemas/").skip(1);
-        parts.filter_map(|part| part.split('"').next().map(str::to_owned)).collect::<Vec<_>>()
+        parts
+            .filter_map(|part| part.split('"').next().map(str::to_owned))
+            .collect::<Vec<_>>()
     };
     let operations = document["paths"]
         .as_object()
         .expect("paths")
         .values()
         .flat_map(|path| path.as_object().expect("operations").values());
-    let mut waiting: Vec<String> = operations.flat_map(|operation| names(&operation["requestBody"])).collect();
+    let mut waiting: Vec<String> = operations
+        .flat_map(|operation| names(&operation["requestBody"]))
+        .collect();
     let mut found = BTreeSet::new();
     while let Some(name) = waiting.pop() {
-        waiting
-            .extend(names(&document["components"]["schemas"][&name]).into_iter().filter(|name| !found.contains(name)));
+        waiting.extend(
+            names(&document["components"]["schemas"][&name])
+                .into_iter()
+                .filter(|name| !found.contains(name)),
+        );
         found.insert(name);
     }
     found
@@ -373,17 +652,29 @@ async fn a_whole_number_is_one_however_it_is_written() {
     let (_, document) = app.rest("GET", "/openapi.json", None).await;
     let mut members = BTreeSet::new();
     for name in schemas_of_bodies(&document) {
-        let Some(properties) = document["components"]["schemas"][&name]["properties"].as_object() else { continue };
+        let Some(properties) = document["components"]["schemas"][&name]["properties"].as_object()
+        else {
+            continue;
+        };
         let is_whole = |schema: &Value| {
             schema["type"] == "integer"
-                || schema["type"].as_array().is_some_and(|types| types.contains(&json!("integer")))
+                || schema["type"]
+                    .as_array()
+                    .is_some_and(|types| types.contains(&json!("integer")))
         };
         members.extend(
-            properties.iter().filter(|(_, schema)| is_whole(schema)).map(|(member, _)| format!("{name}.{member}")),
+            properties
+                .iter()
+                .filter(|(_, schema)| is_whole(schema))
+                .map(|(member, _)| format!("{name}.{member}")),
         );
     }
-    let listed: BTreeSet<String> =
-        WHOLE.iter().map(|(member, _)| *member).chain(WHOLE_OF_BATCHES).map(str::to_owned).collect();
+    let listed: BTreeSet<String> = WHOLE
+        .iter()
+        .map(|(member, _)| *member)
+        .chain(WHOLE_OF_BATCHES)
+        .map(str::to_owned)
+        .collect();
     assert_eq!(members, listed, "this test tries each");
 
     let description = r#"{"state": [{"name": "a", "circular": {"bins": Circular.bins}}, {"name": "b", "integer": {"min": Integer.min, "max": Integer.max}}],
@@ -393,14 +684,26 @@ async fn a_whole_number_is_one_however_it_is_written() {
         "seed": TrainingRequest.seed, "width": TrainingRequest.width}"#;
     let written = |text: &str, odd: &str, ending: &str| {
         let fill = |text: String, (member, number): &(&str, &str)| {
-            text.replace(member, &format!("{number}{}", if *member == odd { ending } else { "" }))
+            text.replace(
+                member,
+                &format!("{number}{}", if *member == odd { ending } else { "" }),
+            )
         };
         WHOLE.iter().fold(text.to_owned(), fill)
     };
     let ask = async |method: &str, path: &str, body: String| {
-        let request = reqwest::Client::new().request(method.parse().expect("a method"), app.url(path));
-        let response = request.header("content-type", "application/json").body(body).send().await.expect("answered");
-        (response.status().as_u16(), response.text().await.expect("text"))
+        let request =
+            reqwest::Client::new().request(method.parse().expect("a method"), app.url(path));
+        let response = request
+            .header("content-type", "application/json")
+            .body(body)
+            .send()
+            .await
+            .expect("answered");
+        (
+            response.status().as_u16(),
+            response.text().await.expect("text"),
+        )
     };
     for (member, _) in WHOLE {
         let (_, name) = member.split_once('.').expect("a member");
@@ -410,14 +713,21 @@ async fn a_whole_number_is_one_however_it_is_written() {
         };
         for ending in [".0", "e0", ".000"] {
             let (status, told) = ask(method, path, written(body, member, ending)).await;
-            // An environment that nobody played in has nothing to learn from, which a training says for itself.
-            assert!([200, 201, 202].contains(&status), "{member}{ending}: {told}");
+            // An environment that nobody played in has nothing to learn from, which a training says
+            // for itself.
+            assert!(
+                [200, 201, 202].contains(&status),
+                "{member}{ending}: {told}"
+            );
         }
         let (status, told) = ask(method, path, written(body, member, ".5")).await;
         let problem: Value = serde_json::from_str(&told).expect("a problem");
         assert_eq!(status, 400, "{member}: {told}");
         let pointer = problem["errors"][0]["pointer"].as_str().expect("a pointer");
-        assert!(pointer.ends_with(&format!("/{name}")) && told.contains("expected a whole number"), "{told}");
+        assert!(
+            pointer.ends_with(&format!("/{name}")) && told.contains("expected a whole number"),
+            "{told}"
+        );
     }
 
     let batch = |sequence: &str, count: &str| {
@@ -427,11 +737,25 @@ async fn a_whole_number_is_one_however_it_is_written() {
     };
     let path = "/v1/environments/whole/transitions";
     let (status, told) = ask("POST", path, batch("1.0", "2.0")).await;
-    assert_eq!((status, told.contains(r#""accepted":1"#)), (200, true), "{told}");
-    let (_, summary) = app.rest("GET", "/v1/environments/whole/summary", None).await;
+    assert_eq!(
+        (status, told.contains(r#""accepted":1"#)),
+        (200, true),
+        "{told}"
+    );
+    let (_, summary) = app
+        .rest("GET", "/v1/environments/whole/summary", None)
+        .await;
     assert_eq!(summary["transitions"], 2);
     let (status, told) = ask("POST", path, batch("2.5", "1")).await;
-    assert!(status == 400 && told.contains("/sequence") && told.contains("2.5`, expected a whole number"), "{told}");
+    assert!(
+        status == 400
+            && told.contains("/sequence")
+            && told.contains("2.5`, expected a whole number"),
+        "{told}"
+    );
     let (status, told) = ask("POST", path, batch("2", "1.5")).await;
-    assert!(status == 200 && told.contains("/count") && told.contains("1.5, expected a whole number"), "{told}");
+    assert!(
+        status == 200 && told.contains("/count") && told.contains("1.5, expected a whole number"),
+        "{told}"
+    );
 }

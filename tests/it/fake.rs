@@ -1,6 +1,8 @@
-//! A service in a few lines that keeps the ingest protocol and misbehaves in every way that it allows.
+//! A service in a few lines that keeps the ingest protocol and misbehaves in every way that it
+//! allows.
 //!
-//! It counts nothing: it remembers the first state value of every transition it committed, in order, so that a test sees what was lost or doubled.
+//! It counts nothing: it remembers the first state value of every transition it committed, in
+//! order, so that a test sees what was lost or doubled.
 
 use std::collections::HashMap;
 use std::net::SocketAddr;
@@ -49,7 +51,13 @@ pub const CALM: Mood = Mood {
     silent: false,
 };
 
-pub const WILD: Mood = Mood { lose_batch: 0.03, lose_receipt: 0.03, late: 0.3, repeat: 0.2, ..CALM };
+pub const WILD: Mood = Mood {
+    lose_batch: 0.03,
+    lose_receipt: 0.03,
+    late: 0.3,
+    repeat: 0.2,
+    ..CALM
+};
 
 /// What it remembers.
 #[derive(Default)]
@@ -83,7 +91,12 @@ impl Fake {
     pub async fn start(mood: Mood, seed: u64) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
         let address = listener.local_addr().expect("bound");
-        let fake = Self { address, memory: Arc::default(), mood, seed };
+        let fake = Self {
+            address,
+            memory: Arc::default(),
+            mood,
+            seed,
+        };
         let serve = tonic::transport::Server::builder()
             .add_service(IngestServiceServer::new(fake.clone()))
             .add_service(EnvironmentServiceServer::new(fake.clone()))
@@ -115,7 +128,10 @@ impl Fake {
     fn welcome(&self, hello: proto::Hello) -> Result<(proto::Welcome, u64), Status> {
         let mut memory = self.memory();
         let Some(environment) = memory.environments.get(&hello.environment).cloned() else {
-            return Err(Status::not_found(format!("unknown environment `{}`", hello.environment)));
+            return Err(Status::not_found(format!(
+                "unknown environment `{}`",
+                hello.environment
+            )));
         };
         let key = (hello.environment.clone(), hello.producer.clone());
         let committed_sequence = memory.watermarks.get(&key).copied().unwrap_or_default();
@@ -133,10 +149,17 @@ impl Fake {
     }
 
     /// Commits one batch of a stream that is still the newest.
-    fn commit(&self, stream: u64, hello: &proto::Hello, batch: proto::Batch) -> Result<proto::Receipt, Status> {
+    fn commit(
+        &self,
+        stream: u64,
+        hello: &proto::Hello,
+        batch: proto::Batch,
+    ) -> Result<proto::Receipt, Status> {
         let mut memory = self.memory();
         if stream != memory.streams {
-            return Err(Status::failed_precondition("a later stream of this producer took over"));
+            return Err(Status::failed_precondition(
+                "a later stream of this producer took over",
+            ));
         }
         if let Some((sequence, status)) = &memory.refuse
             && *sequence == batch.sequence
@@ -146,21 +169,33 @@ impl Fake {
         let Some(proto::batch::Transitions::Columns(columns)) = batch.transitions else {
             return Err(Status::invalid_argument("expected columns"));
         };
-        let watermark = memory.watermarks.entry((hello.environment.clone(), hello.producer.clone())).or_default();
+        let watermark = memory
+            .watermarks
+            .entry((hello.environment.clone(), hello.producer.clone()))
+            .or_default();
         let next = *watermark + 1;
         if batch.sequence > next {
-            return Err(Status::failed_precondition(format!("got {}, expected {next}", batch.sequence)));
+            return Err(Status::failed_precondition(format!(
+                "got {}, expected {next}",
+                batch.sequence
+            )));
         }
         let is_new = batch.sequence == next;
         let width = columns.states.len() / columns.count as usize;
         let firsts: Vec<f32> = columns.states.chunks(width).map(|state| state[0]).collect();
         if is_new {
             *watermark = next;
-            memory.batches.push((hello.environment.clone(), next, batch.segment, firsts.len()));
-            memory.values.extend(firsts.iter().filter(|value| **value >= 0.0));
+            memory
+                .batches
+                .push((hello.environment.clone(), next, batch.segment, firsts.len()));
+            memory
+                .values
+                .extend(firsts.iter().filter(|value| **value >= 0.0));
         }
         let receipt = receipt(batch.sequence, is_new, &firsts);
-        Ok(memory.instead.map_or(receipt.clone(), |status| instead(receipt, status)))
+        Ok(memory
+            .instead
+            .map_or(receipt.clone(), |status| instead(receipt, status)))
     }
 }
 
@@ -168,14 +203,32 @@ impl Fake {
 fn instead(receipt: proto::Receipt, status: proto::BatchStatus) -> proto::Receipt {
     let unverified = status == proto::BatchStatus::Unverified;
     let rejected_count = if unverified { 0 } else { receipt.accepted };
-    let rejection = |index| proto::Rejection { index, field: "/state/x".into(), reason: "got 9".into() };
-    let rejected = (0..rejected_count as u32).take(100).map(rejection).collect();
-    proto::Receipt { status: status.into(), accepted: 0, rejected_count, rejected, unverified, ..receipt }
+    let rejection = |index| proto::Rejection {
+        index,
+        field: "/state/x".into(),
+        reason: "got 9".into(),
+    };
+    let rejected = (0..rejected_count as u32)
+        .take(100)
+        .map(rejection)
+        .collect();
+    proto::Receipt {
+        status: status.into(),
+        accepted: 0,
+        rejected_count,
+        rejected,
+        unverified,
+        ..receipt
+    }
 }
 
 /// Rejects what is negative.
 fn receipt(sequence: u64, is_new: bool, firsts: &[f32]) -> proto::Receipt {
-    let status = if is_new { proto::BatchStatus::Applied } else { proto::BatchStatus::Duplicate };
+    let status = if is_new {
+        proto::BatchStatus::Applied
+    } else {
+        proto::BatchStatus::Duplicate
+    };
     let bad = firsts.iter().enumerate().filter(|(_, value)| **value < 0.0);
     let rejected: Vec<_> = bad
         .map(|(index, value)| proto::Rejection {
@@ -186,7 +239,14 @@ fn receipt(sequence: u64, is_new: bool, firsts: &[f32]) -> proto::Receipt {
         .collect();
     let rejected_count = rejected.len() as u64;
     let accepted = firsts.len() as u64 - rejected_count;
-    proto::Receipt { sequence, status: status.into(), accepted, rejected_count, rejected, unverified: false }
+    proto::Receipt {
+        sequence,
+        status: status.into(),
+        accepted,
+        rejected_count,
+        rejected,
+        unverified: false,
+    }
 }
 
 /// One stream of one producer.
@@ -212,7 +272,9 @@ impl Conversation {
                 Ok(Ok(Some(request))) => request,
                 Ok(_) => return,
             };
-            let Some(In::Batch(batch)) = request.message else { return };
+            let Some(In::Batch(batch)) = request.message else {
+                return;
+            };
             if !self.take(batch).await {
                 return;
             }
@@ -245,19 +307,36 @@ impl Conversation {
     /// Breaks the stream, with an error or without one.
     async fn stumble(&mut self) -> bool {
         if self.rng.random_bool(0.5) {
-            let _ = self.answers.send(Err(Status::unavailable("draining"))).await;
+            let _ = self
+                .answers
+                .send(Err(Status::unavailable("draining")))
+                .await;
         }
         false
     }
 
     async fn acknowledge(&mut self) {
-        let Some(last) = self.held.last().filter(|_| !self.fake.mood.silent) else { return };
+        let Some(last) = self.held.last().filter(|_| !self.fake.mood.silent) else {
+            return;
+        };
         let committed_sequence = last.sequence;
         let receipts = std::mem::take(&mut self.held);
-        let message = Some(Out::Acknowledgement(proto::Acknowledgement { committed_sequence, receipts }));
-        let times = if self.rng.random_bool(self.fake.mood.repeat) { 2 } else { 1 };
+        let message = Some(Out::Acknowledgement(proto::Acknowledgement {
+            committed_sequence,
+            receipts,
+        }));
+        let times = if self.rng.random_bool(self.fake.mood.repeat) {
+            2
+        } else {
+            1
+        };
         for _ in 0..times {
-            let _ = self.answers.send(Ok(proto::IngestResponse { message: message.clone() })).await;
+            let _ = self
+                .answers
+                .send(Ok(proto::IngestResponse {
+                    message: message.clone(),
+                }))
+                .await;
         }
     }
 }
@@ -271,7 +350,11 @@ impl IngestService for Fake {
         request: Request<Streaming<proto::IngestRequest>>,
     ) -> Result<Response<Self::IngestStream>, Status> {
         let mut requests = request.into_inner();
-        let Some(In::Hello(hello)) = requests.message().await?.and_then(|request| request.message) else {
+        let Some(In::Hello(hello)) = requests
+            .message()
+            .await?
+            .and_then(|request| request.message)
+        else {
             return Err(Status::invalid_argument("expected a hello"));
         };
         let (welcome, stream) = self.welcome(hello.clone())?;
@@ -279,12 +362,23 @@ impl IngestService for Fake {
         let message = Some(Out::Welcome(welcome));
         let _ = answers.send(Ok(proto::IngestResponse { message })).await;
         let rng = StdRng::seed_from_u64(self.seed.wrapping_mul(1_000) + stream);
-        let conversation = Conversation { fake: self.clone(), stream, hello, requests, answers, held: Vec::new(), rng };
+        let conversation = Conversation {
+            fake: self.clone(),
+            stream,
+            hello,
+            requests,
+            answers,
+            held: Vec::new(),
+            rng,
+        };
         tokio::spawn(conversation.run());
         Ok(Response::new(ReceiverStream::new(receiver)))
     }
 
-    async fn write(&self, _: Request<proto::WriteRequest>) -> Result<Response<proto::WriteResponse>, Status> {
+    async fn write(
+        &self,
+        _: Request<proto::WriteRequest>,
+    ) -> Result<Response<proto::WriteResponse>, Status> {
         Err(Status::unimplemented("not here"))
     }
 
@@ -304,8 +398,12 @@ impl EnvironmentService for Fake {
     ) -> Result<Response<proto::ApplyEnvironmentResponse>, Status> {
         let request = request.into_inner();
         let created = !self.memory().environments.contains_key(&request.name);
-        let environment = Some(self.describe(&request.name, request.schema.unwrap_or_default().into()));
-        Ok(Response::new(proto::ApplyEnvironmentResponse { environment, created }))
+        let environment =
+            Some(self.describe(&request.name, request.schema.unwrap_or_default().into()));
+        Ok(Response::new(proto::ApplyEnvironmentResponse {
+            environment,
+            created,
+        }))
     }
 
     async fn get_environment(
@@ -325,7 +423,10 @@ impl EnvironmentService for Fake {
     ) -> Result<Response<proto::ListEnvironmentsResponse>, Status> {
         let mut environments: Vec<_> = self.memory().environments.values().cloned().collect();
         environments.sort_by(|a, b| a.name.cmp(&b.name));
-        Ok(Response::new(proto::ListEnvironmentsResponse { environments, ..Default::default() }))
+        Ok(Response::new(proto::ListEnvironmentsResponse {
+            environments,
+            ..Default::default()
+        }))
     }
 
     async fn update_rule(
@@ -341,7 +442,9 @@ impl EnvironmentService for Fake {
     ) -> Result<Response<proto::DeleteEnvironmentResponse>, Status> {
         let name = request.into_inner().name;
         let mut memory = self.memory();
-        memory.watermarks.retain(|(environment, _), _| *environment != name);
+        memory
+            .watermarks
+            .retain(|(environment, _), _| *environment != name);
         match memory.environments.remove(&name) {
             Some(_) => Ok(Response::new(proto::DeleteEnvironmentResponse {})),
             None => Err(Status::not_found(format!("unknown environment `{name}`"))),
@@ -352,7 +455,10 @@ impl EnvironmentService for Fake {
 impl Fake {
     /// Answers a question with nothing, unless it is not yet to be answered.
     fn answered<T: Default>(&self) -> Result<Response<T>, Status> {
-        self.memory().not_yet.pop().map_or_else(|| Ok(Response::new(T::default())), Err)
+        self.memory()
+            .not_yet
+            .pop()
+            .map_or_else(|| Ok(Response::new(T::default())), Err)
     }
 }
 
@@ -365,7 +471,10 @@ impl InfluenceService for Fake {
         self.answered()
     }
 
-    async fn get_graph(&self, _: Request<proto::GetGraphRequest>) -> Result<Response<proto::GetGraphResponse>, Status> {
+    async fn get_graph(
+        &self,
+        _: Request<proto::GetGraphRequest>,
+    ) -> Result<Response<proto::GetGraphResponse>, Status> {
         self.answered()
     }
 
@@ -376,7 +485,10 @@ impl InfluenceService for Fake {
         Err(Status::unimplemented("not here"))
     }
 
-    async fn get_state(&self, _: Request<proto::GetStateRequest>) -> Result<Response<proto::GetStateResponse>, Status> {
+    async fn get_state(
+        &self,
+        _: Request<proto::GetStateRequest>,
+    ) -> Result<Response<proto::GetStateResponse>, Status> {
         Err(Status::unimplemented("not here"))
     }
 
@@ -394,11 +506,17 @@ impl InfluenceService for Fake {
         Err(Status::unimplemented("not here"))
     }
 
-    async fn explore(&self, _: Request<proto::ExploreRequest>) -> Result<Response<proto::ExploreResponse>, Status> {
+    async fn explore(
+        &self,
+        _: Request<proto::ExploreRequest>,
+    ) -> Result<Response<proto::ExploreResponse>, Status> {
         Err(Status::unimplemented("not here"))
     }
 
-    async fn fit_prior(&self, _: Request<proto::FitPriorRequest>) -> Result<Response<proto::FitPriorResponse>, Status> {
+    async fn fit_prior(
+        &self,
+        _: Request<proto::FitPriorRequest>,
+    ) -> Result<Response<proto::FitPriorResponse>, Status> {
         Err(Status::unimplemented("not here"))
     }
 }

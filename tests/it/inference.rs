@@ -1,4 +1,5 @@
-//! The Open Inference Protocol over REST and gRPC: what clients of inference servers ask, answered by a small network trained here.
+//! The Open Inference Protocol over REST and gRPC: what clients of inference servers ask, answered
+//! by a small network trained here.
 
 use std::collections::HashMap;
 use std::io::Write;
@@ -8,11 +9,16 @@ use std::time::Duration;
 use flate2::Compression;
 use flate2::write::{GzEncoder, ZlibEncoder};
 use nudge::api::inference_proto::grpc_inference_service_client::GrpcInferenceServiceClient;
-use nudge::api::inference_proto::infer_parameter::ParameterChoice::{self, DoubleParam, Int64Param, StringParam};
-use nudge::api::inference_proto::model_infer_request::{InferInputTensor, InferRequestedOutputTensor};
+use nudge::api::inference_proto::infer_parameter::ParameterChoice::{
+    self, DoubleParam, Int64Param, StringParam,
+};
+use nudge::api::inference_proto::model_infer_request::{
+    InferInputTensor, InferRequestedOutputTensor,
+};
 use nudge::api::inference_proto::{
-    InferParameter, InferTensorContents, ModelInferRequest, ModelInferResponse, ModelMetadataRequest,
-    ModelReadyRequest, ServerLiveRequest, ServerMetadataRequest, ServerReadyRequest,
+    InferParameter, InferTensorContents, ModelInferRequest, ModelInferResponse,
+    ModelMetadataRequest, ModelReadyRequest, ServerLiveRequest, ServerMetadataRequest,
+    ServerReadyRequest,
 };
 use nudge::domain::draft::TrainingDraft;
 use nudge::domain::{Environment, JobState};
@@ -33,7 +39,8 @@ const PLACES: u64 = 40;
 /// Places below this are those where the human answers the robot.
 const DEPENDENT: u64 = 20;
 
-/// A world of three agents. Where the place says so the human mostly does what the robot does; the light and the dog never matter.
+/// A world of three agents. Where the place says so the human mostly does what the robot does; the
+/// light and the dog never matter.
 async fn world() -> TestApp {
     let app = TestApp::start().await;
     let agent = |name: &str| json!({"name": name, "action": [{"name": "move", "integer": {"min": 0, "max": 2}}]});
@@ -46,8 +53,14 @@ async fn world() -> TestApp {
     });
     assert_eq!(app.rest("PUT", WORLD, Some(&description)).await.0, 201);
     let body = json!({"producer": "p", "sequence": 1, "transitions": transitions()});
-    let (status, receipt) = app.rest("POST", &format!("{WORLD}/transitions"), Some(&body)).await;
-    assert_eq!((status, &receipt["rejected_count"]), (200, &json!(0)), "{receipt}");
+    let (status, receipt) = app
+        .rest("POST", &format!("{WORLD}/transitions"), Some(&body))
+        .await;
+    assert_eq!(
+        (status, &receipt["rejected_count"]),
+        (200, &json!(0)),
+        "{receipt}"
+    );
     app
 }
 
@@ -57,7 +70,11 @@ fn transitions() -> Vec<Value> {
         let place = i % PLACES;
         let robot = random.random_range(0..3);
         let copies = place < DEPENDENT && random.random_bool(0.9);
-        let human = if copies { robot } else { random.random_range(0..3) };
+        let human = if copies {
+            robot
+        } else {
+            random.random_range(0..3)
+        };
         let actions = json!({"robot": robot, "human": human, "dog": random.random_range(0..3)});
         json!({"state": {"place": place, "light": i / PLACES % 2}, "actions": actions})
     };
@@ -81,7 +98,12 @@ async fn train(app: &TestApp, other: &str, kind: &str) -> u64 {
         activate: true,
         ..TrainingDraft::default()
     };
-    let mut job = app.app.networks.train(&environment, &draft).await.expect("a valid training");
+    let mut job = app
+        .app
+        .networks
+        .train(&environment, &draft)
+        .await
+        .expect("a valid training");
     while !job.state.is_over() {
         tokio::time::sleep(Duration::from_millis(20)).await;
         job = app.app.networks.job(&environment, job.id).expect("known");
@@ -100,15 +122,23 @@ async fn trained() -> (TestApp, u64) {
 /// Every state, again and again.
 fn rows(number: usize) -> Vec<f32> {
     let places = PLACES as usize;
-    (0..number).flat_map(|i| [(i % places) as f32, (i / places % 2) as f32]).collect()
+    (0..number)
+        .flat_map(|i| [(i % places) as f32, (i / places % 2) as f32])
+        .collect()
 }
 
 fn bytes(values: &[f32]) -> Vec<u8> {
-    values.iter().flat_map(|value| value.to_le_bytes()).collect()
+    values
+        .iter()
+        .flat_map(|value| value.to_le_bytes())
+        .collect()
 }
 
 fn values(bytes: &[u8]) -> Vec<f32> {
-    bytes.chunks_exact(4).map(|value| f32::from_le_bytes(value.try_into().expect("four bytes"))).collect()
+    bytes
+        .chunks_exact(4)
+        .map(|value| f32::from_le_bytes(value.try_into().expect("four bytes")))
+        .collect()
 }
 
 /// The figures of an answer, in the order of its outputs.
@@ -117,15 +147,33 @@ type Figures = Vec<(String, Vec<f32>)>;
 /// What the network itself says of these rows.
 async fn expected(app: &TestApp, version: u64, rows: &[f32]) -> Figures {
     let environment = environment(app);
-    let network = app.app.networks.network(&environment, version).await.expect("kept");
-    let keys: Vec<_> = rows.chunks(2).map(|row| environment.schema.key_of_values(row).expect("valid")).collect();
+    let network = app
+        .app
+        .networks
+        .network(&environment, version)
+        .await
+        .expect("kept");
+    let keys: Vec<_> = rows
+        .chunks(2)
+        .map(|row| environment.schema.key_of_values(row).expect("valid"))
+        .collect();
     let predictions = network.predict(&keys, network.threshold);
     let figure = |name: &str, value: &dyn Fn(&nudge::model::Prediction) -> Option<f64>| {
-        let told: Option<Vec<f32>> = predictions.iter().map(|one| value(one).map(|value| value as f32)).collect();
+        let told: Option<Vec<f32>> = predictions
+            .iter()
+            .map(|one| value(one).map(|value| value as f32))
+            .collect();
         told.map(|told| (name.to_owned(), told))
     };
-    let probability = figure("influence_probability", &|one| one.probability).expect("told at its own threshold");
-    [Some(probability), figure("mutual_information", &|one| one.mutual_information)].into_iter().flatten().collect()
+    let probability =
+        figure("influence_probability", &|one| one.probability).expect("told at its own threshold");
+    [
+        Some(probability),
+        figure("mutual_information", &|one| one.mutual_information),
+    ]
+    .into_iter()
+    .flatten()
+    .collect()
 }
 
 fn document(rows: &[f32]) -> Value {
@@ -136,13 +184,24 @@ fn document(rows: &[f32]) -> Value {
 /// Posts without a content type, as Triton's client does.
 async fn post(app: &TestApp, path: &str, headers: &[(&str, &str)], body: Vec<u8>) -> Response {
     let request = reqwest::Client::new().post(app.url(path)).body(body);
-    let request = headers.iter().fold(request, |request, (name, value)| request.header(*name, *value));
+    let request = headers.iter().fold(request, |request, (name, value)| {
+        request.header(*name, *value)
+    });
     request.send().await.expect("answered")
 }
 
 async fn infer(app: &TestApp, model: &str, document: &Value) -> (u16, Value) {
-    let response = post(app, &format!("/v2/models/{model}/infer"), &[], document.to_string().into()).await;
-    (response.status().as_u16(), response.json().await.expect("JSON"))
+    let response = post(
+        app,
+        &format!("/v2/models/{model}/infer"),
+        &[],
+        document.to_string().into(),
+    )
+    .await;
+    (
+        response.status().as_u16(),
+        response.json().await.expect("JSON"),
+    )
 }
 
 fn of_json(answer: &Value) -> Figures {
@@ -151,7 +210,12 @@ fn of_json(answer: &Value) -> Figures {
         assert_eq!(output["shape"], json!([data.len()]));
         (output["name"].as_str().expect("a name").to_owned(), data)
     };
-    answer["outputs"].as_array().expect("outputs").iter().map(output).collect()
+    answer["outputs"]
+        .as_array()
+        .expect("outputs")
+        .iter()
+        .map(output)
+        .collect()
 }
 
 /// Sends and wants binary tensors.
@@ -159,26 +223,51 @@ async fn infer_binary(app: &TestApp, rows: &[f32]) -> Figures {
     let mut document = document(rows);
     let input = document["inputs"][0].as_object_mut().expect("an input");
     input.remove("data");
-    input.insert("parameters".into(), json!({"binary_data_size": rows.len() * 4}));
+    input.insert(
+        "parameters".into(),
+        json!({"binary_data_size": rows.len() * 4}),
+    );
     document["parameters"] = json!({"binary_data_output": true});
     let head = document.to_string();
     let body = [head.as_bytes(), &bytes(rows)].concat();
-    let response =
-        post(app, &format!("/v2/models/{MODEL}/infer"), &[(HEADER_LENGTH, &head.len().to_string())], body).await;
+    let response = post(
+        app,
+        &format!("/v2/models/{MODEL}/infer"),
+        &[(HEADER_LENGTH, &head.len().to_string())],
+        body,
+    )
+    .await;
     assert_eq!(response.status(), 200);
-    assert_eq!(response.headers()["content-type"], "application/octet-stream");
-    let length: usize = response.headers()[HEADER_LENGTH].to_str().expect("text").parse().expect("a number");
+    assert_eq!(
+        response.headers()["content-type"],
+        "application/octet-stream"
+    );
+    let length: usize = response.headers()[HEADER_LENGTH]
+        .to_str()
+        .expect("text")
+        .parse()
+        .expect("a number");
     let body = response.bytes().await.expect("a body");
     let (head, mut tail) = body.split_at(length);
     let head: Value = serde_json::from_slice(head).expect("JSON");
     assert_eq!(head["id"], "mine");
     let mut output = |output: &Value| {
-        let size = output["parameters"]["binary_data_size"].as_u64().expect("a size") as usize;
+        let size = output["parameters"]["binary_data_size"]
+            .as_u64()
+            .expect("a size") as usize;
         let (data, rest) = tail.split_at(size);
         tail = rest;
-        (output["name"].as_str().expect("a name").to_owned(), values(data))
+        (
+            output["name"].as_str().expect("a name").to_owned(),
+            values(data),
+        )
     };
-    let figures = head["outputs"].as_array().expect("outputs").iter().map(&mut output).collect();
+    let figures = head["outputs"]
+        .as_array()
+        .expect("outputs")
+        .iter()
+        .map(&mut output)
+        .collect();
     assert!(tail.is_empty());
     figures
 }
@@ -206,18 +295,27 @@ fn message(rows: &[f32]) -> ModelInferRequest {
 fn typed(rows: &[f32]) -> ModelInferRequest {
     let mut message = message(rows);
     message.raw_input_contents.clear();
-    message.inputs[0].contents = Some(InferTensorContents { fp32_contents: rows.to_vec(), ..Default::default() });
+    message.inputs[0].contents = Some(InferTensorContents {
+        fp32_contents: rows.to_vec(),
+        ..Default::default()
+    });
     message
 }
 
 async fn call(app: &TestApp, message: ModelInferRequest) -> Result<ModelInferResponse, Status> {
-    client(app).await.model_infer(message).await.map(tonic::Response::into_inner)
+    client(app)
+        .await
+        .model_infer(message)
+        .await
+        .map(tonic::Response::into_inner)
 }
 
 fn of_message(answer: &ModelInferResponse) -> Figures {
     assert_eq!(answer.outputs.len(), answer.raw_output_contents.len());
     let outputs = answer.outputs.iter().zip(&answer.raw_output_contents);
-    outputs.map(|(output, raw)| (output.name.clone(), values(raw))).collect()
+    outputs
+        .map(|(output, raw)| (output.name.clone(), values(raw)))
+        .collect()
 }
 
 #[tokio::test]
@@ -226,13 +324,40 @@ async fn the_server_says_what_it_is_and_that_it_can_work() {
     let server = json!({"name": "nudge", "version": env!("CARGO_PKG_VERSION"), "extensions": ["binary_tensor_data"]});
     assert_eq!(app.rest("GET", "/v2", None).await, (200, server.clone()));
     assert_eq!(app.rest("GET", "/v2/", None).await, (200, server));
-    assert_eq!(app.rest("GET", "/v2/health/live", None).await, (200, json!({"live": true})));
-    assert_eq!(app.rest("GET", "/v2/health/ready", None).await, (200, json!({"ready": true})));
+    assert_eq!(
+        app.rest("GET", "/v2/health/live", None).await,
+        (200, json!({"live": true}))
+    );
+    assert_eq!(
+        app.rest("GET", "/v2/health/ready", None).await,
+        (200, json!({"ready": true}))
+    );
     let mut client = client(&app).await;
-    assert!(client.server_live(ServerLiveRequest {}).await.expect("answered").into_inner().live);
-    assert!(client.server_ready(ServerReadyRequest {}).await.expect("answered").into_inner().ready);
-    let told = client.server_metadata(ServerMetadataRequest {}).await.expect("answered").into_inner();
-    assert_eq!((told.name.as_str(), told.extensions), ("nudge", vec!["binary_tensor_data".to_owned()]));
+    assert!(
+        client
+            .server_live(ServerLiveRequest {})
+            .await
+            .expect("answered")
+            .into_inner()
+            .live
+    );
+    assert!(
+        client
+            .server_ready(ServerReadyRequest {})
+            .await
+            .expect("answered")
+            .into_inner()
+            .ready
+    );
+    let told = client
+        .server_metadata(ServerMetadataRequest {})
+        .await
+        .expect("answered")
+        .into_inner();
+    assert_eq!(
+        (told.name.as_str(), told.extensions),
+        ("nudge", vec!["binary_tensor_data".to_owned()])
+    );
 }
 
 #[tokio::test]
@@ -255,10 +380,15 @@ async fn every_error_below_v2_is_a_text() {
         ("POST", "/v2/models/nowhere/versions/1/infer", 400),
     ];
     for (method, path, expected) in cases {
-        let request = reqwest::Client::new().request(method.parse().expect("a method"), app.url(path));
+        let request =
+            reqwest::Client::new().request(method.parse().expect("a method"), app.url(path));
         let response = request.send().await.expect("answered");
         assert_eq!(response.status().as_u16(), expected, "{method} {path}");
-        assert_eq!(response.headers()["content-type"], "application/json", "{method} {path}");
+        assert_eq!(
+            response.headers()["content-type"],
+            "application/json",
+            "{method} {path}"
+        );
         let body: Value = response.json().await.expect("JSON");
         let members: Vec<_> = body.as_object().expect("an object").keys().collect();
         assert_eq!(members, ["error"], "{method} {path}");
@@ -274,11 +404,18 @@ async fn a_compressed_body_is_read_within_the_limit() {
     gzip.write_all(plain.as_bytes()).expect("memory");
     let mut deflate = ZlibEncoder::new(Vec::new(), Compression::fast());
     deflate.write_all(plain.as_bytes()).expect("memory");
-    let status =
-        async |encoding, body| post(&app, path, &[("content-encoding", encoding)], body).await.status().as_u16();
+    let status = async |encoding, body| {
+        post(&app, path, &[("content-encoding", encoding)], body)
+            .await
+            .status()
+            .as_u16()
+    };
     // It was read where what is unknown is the model.
     assert_eq!(status("gzip", gzip.finish().expect("memory")).await, 404);
-    assert_eq!(status("deflate", deflate.finish().expect("memory")).await, 404);
+    assert_eq!(
+        status("deflate", deflate.finish().expect("memory")).await,
+        404
+    );
     assert_eq!(status("gzip", plain.clone().into()).await, 400);
     assert_eq!(status("br", plain.into()).await, 415);
     let mut bomb = GzEncoder::new(Vec::new(), Compression::best());
@@ -294,7 +431,10 @@ async fn every_form_tells_what_the_network_says() {
         let expected = expected(&app, version, &rows).await;
         let (status, answer) = infer(&app, MODEL, &document(&rows)).await;
         assert_eq!(status, 200, "{answer}");
-        assert_eq!((&answer["id"], &answer["model_name"]), (&json!("mine"), &json!(MODEL)));
+        assert_eq!(
+            (&answer["id"], &answer["model_name"]),
+            (&json!("mine"), &json!(MODEL))
+        );
         assert_eq!(answer["model_version"], version.to_string());
         assert_eq!(of_json(&answer), expected);
         let mut nested = document(&rows);
@@ -303,8 +443,17 @@ async fn every_form_tells_what_the_network_says() {
         assert_eq!(infer_binary(&app, &rows).await, expected);
         for message in [message(&rows), typed(&rows)] {
             let answer = call(&app, message).await.expect("valid");
-            assert_eq!((answer.id.as_str(), answer.model_version), ("mine", version.to_string()));
-            assert_eq!(of_message(&ModelInferResponse { model_version: String::new(), ..answer }), expected);
+            assert_eq!(
+                (answer.id.as_str(), answer.model_version),
+                ("mine", version.to_string())
+            );
+            assert_eq!(
+                of_message(&ModelInferResponse {
+                    model_version: String::new(),
+                    ..answer
+                }),
+                expected
+            );
         }
     }
 }
@@ -321,19 +470,51 @@ async fn a_model_says_what_it_takes_and_answers() {
             {"name": "mutual_information", "datatype": "FP32", "shape": [-1]},
         ],
     });
-    assert_eq!(app.rest("GET", &format!("/v2/models/{MODEL}"), None).await, (200, metadata.clone()));
+    assert_eq!(
+        app.rest("GET", &format!("/v2/models/{MODEL}"), None).await,
+        (200, metadata.clone())
+    );
     assert_eq!(app.rest("GET", &versioned, None).await, (200, metadata));
     // The environment alone means its first two agents.
-    assert_eq!(app.rest("GET", "/v2/models/world", None).await.1["name"], "world");
-    for path in [&format!("/v2/models/{MODEL}/ready"), &format!("{versioned}/ready")] {
-        assert_eq!(app.rest("GET", path, None).await, (200, json!({"name": MODEL, "ready": true})));
+    assert_eq!(
+        app.rest("GET", "/v2/models/world", None).await.1["name"],
+        "world"
+    );
+    for path in [
+        &format!("/v2/models/{MODEL}/ready"),
+        &format!("{versioned}/ready"),
+    ] {
+        assert_eq!(
+            app.rest("GET", path, None).await,
+            (200, json!({"name": MODEL, "ready": true}))
+        );
     }
     let mut client = client(&app).await;
-    let ready = ModelReadyRequest { name: MODEL.into(), version: version.to_string() };
-    assert!(client.model_ready(ready).await.expect("known").into_inner().ready);
-    let metadata = ModelMetadataRequest { name: "world".into(), version: String::new() };
-    let told = client.model_metadata(metadata).await.expect("known").into_inner();
-    assert_eq!((told.versions, told.inputs[0].shape.as_slice()), (vec![version.to_string()], &[-1, 2][..]));
+    let ready = ModelReadyRequest {
+        name: MODEL.into(),
+        version: version.to_string(),
+    };
+    assert!(
+        client
+            .model_ready(ready)
+            .await
+            .expect("known")
+            .into_inner()
+            .ready
+    );
+    let metadata = ModelMetadataRequest {
+        name: "world".into(),
+        version: String::new(),
+    };
+    let told = client
+        .model_metadata(metadata)
+        .await
+        .expect("known")
+        .into_inner();
+    assert_eq!(
+        (told.versions, told.inputs[0].shape.as_slice()),
+        (vec![version.to_string()], &[-1, 2][..])
+    );
     assert_eq!(told.outputs.len(), 2);
 }
 
@@ -345,30 +526,76 @@ async fn any_version_of_a_pair_can_be_asked_by_its_number() {
     let rows = rows(3);
     for version in [first, direct] {
         let expected = expected(&app, version, &rows).await;
-        let (status, answer) = infer(&app, &format!("{MODEL}/versions/{version}"), &document(&rows)).await;
-        assert_eq!((status, &answer["model_version"]), (200, &json!(version.to_string())), "{answer}");
+        let (status, answer) = infer(
+            &app,
+            &format!("{MODEL}/versions/{version}"),
+            &document(&rows),
+        )
+        .await;
+        assert_eq!(
+            (status, &answer["model_version"]),
+            (200, &json!(version.to_string())),
+            "{answer}"
+        );
         assert_eq!(of_json(&answer), expected);
-        let message = ModelInferRequest { model_version: version.to_string(), ..message(&rows) };
-        assert_eq!(of_message(&call(&app, message).await.expect("kept")), expected);
+        let message = ModelInferRequest {
+            model_version: version.to_string(),
+            ..message(&rows)
+        };
+        assert_eq!(
+            of_message(&call(&app, message).await.expect("kept")),
+            expected
+        );
     }
     // A direct network knows only the probability.
-    let (_, metadata) = app.rest("GET", &format!("/v2/models/{MODEL}/versions/{direct}"), None).await;
-    assert_eq!(metadata["versions"], json!([first.to_string(), direct.to_string()]));
+    let (_, metadata) = app
+        .rest(
+            "GET",
+            &format!("/v2/models/{MODEL}/versions/{direct}"),
+            None,
+        )
+        .await;
+    assert_eq!(
+        metadata["versions"],
+        json!([first.to_string(), direct.to_string()])
+    );
     assert_eq!(metadata["outputs"].as_array().map(Vec::len), Some(1));
     // A version of another pair is none of this model's.
     for version in [of_dog, 999] {
-        let (code, told) = infer(&app, &format!("{MODEL}/versions/{version}"), &document(&rows)).await;
-        let known =
-            if version == of_dog { format!("{first}, {direct}") } else { format!("{first}, {direct}, {of_dog}") };
+        let (code, told) = infer(
+            &app,
+            &format!("{MODEL}/versions/{version}"),
+            &document(&rows),
+        )
+        .await;
+        let known = if version == of_dog {
+            format!("{first}, {direct}")
+        } else {
+            format!("{first}, {direct}, {of_dog}")
+        };
         assert_eq!(code, 404);
-        assert!(told["error"].as_str().is_some_and(|told| told.ends_with(&format!("; known: {known}"))), "{told}");
-        let message = ModelInferRequest { model_version: version.to_string(), ..message(&rows) };
+        assert!(
+            told["error"]
+                .as_str()
+                .is_some_and(|told| told.ends_with(&format!("; known: {known}"))),
+            "{told}"
+        );
+        let message = ModelInferRequest {
+            model_version: version.to_string(),
+            ..message(&rows)
+        };
         let status = call(&app, message).await.expect_err("not of this pair");
-        assert_eq!((status.code(), reason(&status).as_str()), (Code::NotFound, "MODEL_NOT_FOUND"));
+        assert_eq!(
+            (status.code(), reason(&status).as_str()),
+            (Code::NotFound, "MODEL_NOT_FOUND")
+        );
         assert_eq!(status.message(), told["error"]);
     }
     // Nobody trained this one.
-    assert_eq!(infer(&app, "world~dog~human", &document(&rows)).await.0, 404);
+    assert_eq!(
+        infer(&app, "world~dog~human", &document(&rows)).await.0,
+        404
+    );
 }
 
 #[tokio::test]
@@ -381,9 +608,18 @@ async fn outputs_come_as_asked() {
     let mut asked = document(&rows);
     asked["outputs"] = names.iter().map(|name| json!({ "name": name })).collect();
     assert_eq!(of_json(&infer(&app, MODEL, &asked).await.1), swapped);
-    let output = |name: &str| InferRequestedOutputTensor { name: name.into(), ..Default::default() };
-    let message = ModelInferRequest { outputs: names.iter().map(|name| output(name)).collect(), ..message(&rows) };
-    assert_eq!(of_message(&call(&app, message).await.expect("valid")), swapped);
+    let output = |name: &str| InferRequestedOutputTensor {
+        name: name.into(),
+        ..Default::default()
+    };
+    let message = ModelInferRequest {
+        outputs: names.iter().map(|name| output(name)).collect(),
+        ..message(&rows)
+    };
+    assert_eq!(
+        of_message(&call(&app, message).await.expect("valid")),
+        swapped
+    );
 }
 
 #[tokio::test]
@@ -395,26 +631,53 @@ async fn both_faces_refuse_the_same() {
         change(&mut message);
         message
     };
-    let output = InferRequestedOutputTensor { name: "speed".into(), ..Default::default() };
+    let output = InferRequestedOutputTensor {
+        name: "speed".into(),
+        ..Default::default()
+    };
     let elsewhere = output_with("shared_memory_region", StringParam("mine".into()));
     let cases = [
-        ("/inputs/0/shape", with(&|message| message.inputs[0].shape = vec![4, 1])),
-        ("/inputs/0/datatype", with(&|message| message.inputs[0].datatype = "FP64".into())),
-        ("/inputs/0/name", with(&|message| message.inputs[0].name = "x".into())),
-        ("/inputs/0/data", with(&|message| message.inputs[0].shape = vec![3, 2])),
+        (
+            "/inputs/0/shape",
+            with(&|message| message.inputs[0].shape = vec![4, 1]),
+        ),
+        (
+            "/inputs/0/datatype",
+            with(&|message| message.inputs[0].datatype = "FP64".into()),
+        ),
+        (
+            "/inputs/0/name",
+            with(&|message| message.inputs[0].name = "x".into()),
+        ),
+        (
+            "/inputs/0/data",
+            with(&|message| message.inputs[0].shape = vec![3, 2]),
+        ),
         (
             "/inputs/0/data/1/place: got NaN",
-            with(&|message| message.raw_input_contents[0][8..12].copy_from_slice(&f32::NAN.to_le_bytes())),
+            with(&|message| {
+                message.raw_input_contents[0][8..12].copy_from_slice(&f32::NAN.to_le_bytes())
+            }),
         ),
         (
             "/inputs/0/data/0/light: got 2",
-            with(&|message| message.raw_input_contents[0][4..8].copy_from_slice(&2f32.to_le_bytes())),
+            with(&|message| {
+                message.raw_input_contents[0][4..8].copy_from_slice(&2f32.to_le_bytes())
+            }),
         ),
-        ("/outputs/0/name", with(&|message| message.outputs = vec![output.clone()])),
-        ("/outputs/0/parameters/shared_memory_region", with(&|message| message.outputs = vec![elsewhere.clone()])),
+        (
+            "/outputs/0/name",
+            with(&|message| message.outputs = vec![output.clone()]),
+        ),
+        (
+            "/outputs/0/parameters/shared_memory_region",
+            with(&|message| message.outputs = vec![elsewhere.clone()]),
+        ),
         (
             "/outputs/0/parameters/shared_memory_byte_size",
-            with(&|message| message.outputs = vec![output_with("shared_memory_byte_size", Int64Param(8))]),
+            with(&|message| {
+                message.outputs = vec![output_with("shared_memory_byte_size", Int64Param(8))]
+            }),
         ),
         (
             "/outputs/0/parameters/classification",
@@ -426,39 +689,67 @@ async fn both_faces_refuse_the_same() {
         ),
         (
             "/outputs/0/parameters/classification",
-            with(&|message| message.outputs = vec![output_with("classification", DoubleParam(0.5))]),
+            with(&|message| {
+                message.outputs = vec![output_with("classification", DoubleParam(0.5))]
+            }),
         ),
         (
             "/parameters/classification",
             with(&|message| message.parameters = parameter("classification", Int64Param(3))),
         ),
-        ("/parameters/class_count", with(&|message| message.parameters = parameter("class_count", Int64Param(3)))),
+        (
+            "/parameters/class_count",
+            with(&|message| message.parameters = parameter("class_count", Int64Param(3))),
+        ),
         (
             "/parameters/shared_memory_region",
-            with(&|message| message.parameters = parameter("shared_memory_region", StringParam("mine".into()))),
+            with(&|message| {
+                message.parameters = parameter("shared_memory_region", StringParam("mine".into()))
+            }),
         ),
         (
             "/inputs/0/parameters/shared_memory_region",
             with(&|message| {
-                message.inputs[0].parameters = parameter("shared_memory_region", StringParam("mine".into()));
+                message.inputs[0].parameters =
+                    parameter("shared_memory_region", StringParam("mine".into()));
             }),
         ),
     ];
     for (fault, message) in cases {
         let status = call(&app, message.clone()).await.expect_err(fault);
-        assert_eq!((status.code(), reason(&status).as_str()), (Code::InvalidArgument, "INVALID_INPUT"), "{fault}");
-        assert!(status.message().contains(fault), "{fault} in {}", status.message());
+        assert_eq!(
+            (status.code(), reason(&status).as_str()),
+            (Code::InvalidArgument, "INVALID_INPUT"),
+            "{fault}"
+        );
+        assert!(
+            status.message().contains(fault),
+            "{fault} in {}",
+            status.message()
+        );
         let (code, answer) = binary(&app, &message).await;
-        assert_eq!((code, &answer), (400, &json!({"error": status.message()})), "{fault}");
+        assert_eq!(
+            (code, &answer),
+            (400, &json!({"error": status.message()})),
+            "{fault}"
+        );
     }
 }
 
 fn parameter(name: &str, choice: ParameterChoice) -> HashMap<String, InferParameter> {
-    HashMap::from([(name.to_owned(), InferParameter { parameter_choice: Some(choice) })])
+    HashMap::from([(
+        name.to_owned(),
+        InferParameter {
+            parameter_choice: Some(choice),
+        },
+    )])
 }
 
 fn output_with(name: &str, choice: ParameterChoice) -> InferRequestedOutputTensor {
-    InferRequestedOutputTensor { name: "influence_probability".into(), parameters: parameter(name, choice) }
+    InferRequestedOutputTensor {
+        name: "influence_probability".into(),
+        parameters: parameter(name, choice),
+    }
 }
 
 /// Returns parameters as REST has them.
@@ -490,7 +781,16 @@ async fn parameters_that_say_nothing_are_no_fault() {
     for nothing in [Int64Param(0), DoubleParam(0.0)] {
         let outputs = vec![output_with("classification", nothing.clone())];
         let parameters = parameter("class_count", nothing);
-        call(&app, ModelInferRequest { outputs, parameters, ..message(&rows) }).await.expect("0 classes are none");
+        call(
+            &app,
+            ModelInferRequest {
+                outputs,
+                parameters,
+                ..message(&rows)
+            },
+        )
+        .await
+        .expect("0 classes are none");
     }
 }
 
@@ -509,19 +809,36 @@ async fn an_unknown_model_is_not_ready() {
         ("", String::new(), false),
     ];
     for (name, version, expected) in cases {
-        let request = ModelReadyRequest { name: name.into(), version: version.clone() };
-        let ready = client.model_ready(request).await.expect("answered").into_inner().ready;
+        let request = ModelReadyRequest {
+            name: name.into(),
+            version: version.clone(),
+        };
+        let ready = client
+            .model_ready(request)
+            .await
+            .expect("answered")
+            .into_inner()
+            .ready;
         assert_eq!(ready, expected, "{name} {version}");
     }
-    let wrong = ModelReadyRequest { name: MODEL.into(), version: "latest".into() };
-    assert_eq!(client.model_ready(wrong).await.expect_err("no version").code(), Code::InvalidArgument);
+    let wrong = ModelReadyRequest {
+        name: MODEL.into(),
+        version: "latest".into(),
+    };
+    assert_eq!(
+        client
+            .model_ready(wrong)
+            .await
+            .expect_err("no version")
+            .code(),
+        Code::InvalidArgument
+    );
 }
 
 /// Sends the same over REST, as binary tensors.
 async fn binary(app: &TestApp, message: &ModelInferRequest) -> (u16, Value) {
     let (input, raw) = (&message.inputs[0], &message.raw_input_contents[0]);
-    let wanted =
-        |output: &InferRequestedOutputTensor| json!({"name": output.name, "parameters": as_json(&output.parameters)});
+    let wanted = |output: &InferRequestedOutputTensor| json!({"name": output.name, "parameters": as_json(&output.parameters)});
     let outputs: Vec<Value> = message.outputs.iter().map(wanted).collect();
     let mut parameters = as_json(&input.parameters);
     parameters["binary_data_size"] = raw.len().into();
@@ -535,7 +852,10 @@ async fn binary(app: &TestApp, message: &ModelInferRequest) -> (u16, Value) {
     let body = [head.as_bytes(), raw].concat();
     let headers = [(HEADER_LENGTH, &*head.len().to_string())];
     let response = post(app, &format!("/v2/models/{MODEL}/infer"), &headers, body).await;
-    (response.status().as_u16(), response.json().await.expect("JSON"))
+    (
+        response.status().as_u16(),
+        response.json().await.expect("JSON"),
+    )
 }
 
 #[tokio::test]

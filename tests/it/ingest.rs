@@ -12,14 +12,25 @@ fn one(sequence: u64) -> proto::Batch {
     rows(sequence, vec![row(NEAR, [0.0, 2.0])])
 }
 
-async fn write(app: &TestApp, producer: &str, batch: proto::Batch) -> Result<proto::Receipt, tonic::Status> {
+async fn write(
+    app: &TestApp,
+    producer: &str,
+    batch: proto::Batch,
+) -> Result<proto::Receipt, tonic::Status> {
     let request = proto::WriteRequest {
         environment: "lane".into(),
         producer: producer.into(),
         batch: Some(batch),
         ..Default::default()
     };
-    Ok(app.ingest().await.write(request).await?.into_inner().receipt.expect("a receipt"))
+    Ok(app
+        .ingest()
+        .await
+        .write(request)
+        .await?
+        .into_inner()
+        .receipt
+        .expect("a receipt"))
 }
 
 async fn visits(app: &TestApp) -> u64 {
@@ -30,18 +41,32 @@ async fn visits(app: &TestApp) -> u64 {
 async fn a_stream_counts_and_acknowledges_in_order() {
     let app = TestApp::start().await;
     let environment = app.lane().await;
-    let (welcome, stream) = RawStream::open(app.ingest().await, hello("p")).await.expect("welcome");
-    assert_eq!((welcome.committed_sequence, &welcome.environment_uid), (0, &environment.uid));
+    let (welcome, stream) = RawStream::open(app.ingest().await, hello("p"))
+        .await
+        .expect("welcome");
+    assert_eq!(
+        (welcome.committed_sequence, &welcome.environment_uid),
+        (0, &environment.uid)
+    );
     assert_eq!(welcome.schema_hash, environment.schema_hash);
     for sequence in 1..=50 {
         stream.send(one(sequence)).await.expect("open");
     }
     let (receipts, end) = stream.finish().await;
     assert_eq!(end.code(), Code::Ok);
-    assert_eq!(receipts.iter().map(|r| r.sequence).collect::<Vec<_>>(), (1..=50).collect::<Vec<_>>());
-    assert!(receipts.iter().all(|r| r.status() == BatchStatus::Applied && r.accepted == 1));
+    assert_eq!(
+        receipts.iter().map(|r| r.sequence).collect::<Vec<_>>(),
+        (1..=50).collect::<Vec<_>>()
+    );
+    assert!(
+        receipts
+            .iter()
+            .all(|r| r.status() == BatchStatus::Applied && r.accepted == 1)
+    );
     assert_eq!(visits(&app).await, 50);
-    let (welcome, _) = RawStream::open(app.ingest().await, hello("p")).await.expect("welcome");
+    let (welcome, _) = RawStream::open(app.ingest().await, hello("p"))
+        .await
+        .expect("welcome");
     assert_eq!(welcome.committed_sequence, 50);
 }
 
@@ -58,17 +83,41 @@ async fn rows_and_columns_and_json_are_one_content() {
     };
     let mut by_rows = vec![row([0.1, 0.0], [0.0, 2.0]), row([0.7, 1.0], [1.0, 0.0])];
     (by_rows[0].entry, by_rows[1].entry, by_rows[1].count) = (2, 1, Some(3));
-    let batch = proto::Batch { transitions: Some(proto::batch::Transitions::Columns(columns)), ..rows(1, vec![]) };
-    assert_eq!(write(&app, "p", batch).await.expect("valid").status(), BatchStatus::Applied);
-    assert_eq!(write(&app, "p", rows(1, by_rows)).await.expect("the same").status(), BatchStatus::Duplicate);
+    let batch = proto::Batch {
+        transitions: Some(proto::batch::Transitions::Columns(columns)),
+        ..rows(1, vec![])
+    };
+    assert_eq!(
+        write(&app, "p", batch).await.expect("valid").status(),
+        BatchStatus::Applied
+    );
+    assert_eq!(
+        write(&app, "p", rows(1, by_rows))
+            .await
+            .expect("the same")
+            .status(),
+        BatchStatus::Duplicate
+    );
     let body = json!({"producer": "p", "sequence": 1, "transitions": [
         {"state": {"held": "nothing", "distance": 0.1}, "actions": {"human": "stay", "robot": {"move": "go"}}, "entry": true},
         {"state": {"distance": 0.7, "held": 1}, "actions": {"robot": "stop", "human": "left"}, "entry": false, "count": 3},
     ]});
-    let (status, receipt) = app.rest("POST", "/v1/environments/lane/transitions", Some(&body)).await;
-    assert_eq!((status, &receipt["status"]), (200, &json!("duplicate")), "{receipt}");
-    assert_eq!(app.cells("0.0").await, [(vec![0, 2], String::new(), 1, Some(1))]);
-    assert_eq!(app.cells("2.1").await, [(vec![1, 0], String::new(), 3, Some(0))]);
+    let (status, receipt) = app
+        .rest("POST", "/v1/environments/lane/transitions", Some(&body))
+        .await;
+    assert_eq!(
+        (status, &receipt["status"]),
+        (200, &json!("duplicate")),
+        "{receipt}"
+    );
+    assert_eq!(
+        app.cells("0.0").await,
+        [(vec![0, 2], String::new(), 1, Some(1))]
+    );
+    assert_eq!(
+        app.cells("2.1").await,
+        [(vec![1, 0], String::new(), 3, Some(0))]
+    );
 }
 
 #[tokio::test]
@@ -77,17 +126,32 @@ async fn numbers_decide() {
     app.lane().await;
     write(&app, "p", one(1)).await.expect("first");
     let gap = write(&app, "p", one(3)).await.expect_err("a gap");
-    assert_eq!((gap.code(), reason(&gap)), (Code::FailedPrecondition, "OUT_OF_ORDER".into()));
+    assert_eq!(
+        (gap.code(), reason(&gap)),
+        (Code::FailedPrecondition, "OUT_OF_ORDER".into())
+    );
     assert!(gap.message().contains("expected 2"), "{}", gap.message());
-    let reused = write(&app, "p", rows(1, vec![row([0.2, 0.0], [0.0, 2.0])])).await.expect_err("another content");
-    assert_eq!((reused.code(), reason(&reused)), (Code::FailedPrecondition, "SEQUENCE_REUSED".into()));
+    let reused = write(&app, "p", rows(1, vec![row([0.2, 0.0], [0.0, 2.0])]))
+        .await
+        .expect_err("another content");
+    assert_eq!(
+        (reused.code(), reason(&reused)),
+        (Code::FailedPrecondition, "SEQUENCE_REUSED".into())
+    );
     for wrong in [0, u64::MAX, 1 << 63] {
-        let refused = write(&app, "p", one(wrong)).await.expect_err("not a number of a batch");
+        let refused = write(&app, "p", one(wrong))
+            .await
+            .expect_err("not a number of a batch");
         assert_eq!(refused.code(), Code::InvalidArgument, "{wrong}");
     }
-    let far = write(&app, "p", one(i64::MAX as u64)).await.expect_err("far future");
+    let far = write(&app, "p", one(i64::MAX as u64))
+        .await
+        .expect_err("far future");
     assert_eq!(reason(&far), "OUT_OF_ORDER");
-    assert_eq!(write(&app, "p", one(2)).await.expect("next").status(), BatchStatus::Applied);
+    assert_eq!(
+        write(&app, "p", one(2)).await.expect("next").status(),
+        BatchStatus::Applied
+    );
     assert_eq!(visits(&app).await, 2);
 }
 
@@ -95,7 +159,12 @@ async fn numbers_decide() {
 async fn a_duplicate_is_acknowledged_however_late() {
     let app = TestApp::start().await;
     app.lane().await;
-    let bad = || rows(1, vec![row([f32::NAN, 0.0], [0.0, 0.0]), row(NEAR, [0.0, 2.0])]);
+    let bad = || {
+        rows(
+            1,
+            vec![row([f32::NAN, 0.0], [0.0, 0.0]), row(NEAR, [0.0, 2.0])],
+        )
+    };
     let first = write(&app, "p", bad()).await.expect("one is good");
     for sequence in 2..=5 {
         write(&app, "p", one(sequence)).await.expect("next");
@@ -103,7 +172,10 @@ async fn a_duplicate_is_acknowledged_however_late() {
     let app = app.restart().await;
     let again = write(&app, "p", bad()).await.expect("a duplicate");
     assert_eq!(again.status(), BatchStatus::Duplicate);
-    assert_eq!((again.accepted, again.rejected_count, &again.rejected), (1, 1, &first.rejected));
+    assert_eq!(
+        (again.accepted, again.rejected_count, &again.rejected),
+        (1, 1, &first.rejected)
+    );
     assert_eq!(visits(&app).await, 5);
 }
 
@@ -111,13 +183,20 @@ async fn a_duplicate_is_acknowledged_however_late() {
 async fn a_later_stream_fences_the_older_one() {
     let app = TestApp::start().await;
     app.lane().await;
-    let (_, mut older) = RawStream::open(app.ingest().await, hello("p")).await.expect("welcome");
+    let (_, mut older) = RawStream::open(app.ingest().await, hello("p"))
+        .await
+        .expect("welcome");
     older.send(one(1)).await.expect("open");
     older.acknowledged().await.expect("committed");
-    let (welcome, newer) = RawStream::open(app.ingest().await, hello("p")).await.expect("welcome");
+    let (welcome, newer) = RawStream::open(app.ingest().await, hello("p"))
+        .await
+        .expect("welcome");
     assert_eq!(welcome.committed_sequence, 1);
     let fenced = older.acknowledged().await.expect_err("fenced");
-    assert_eq!((fenced.code(), reason(&fenced)), (Code::FailedPrecondition, "FENCED".into()));
+    assert_eq!(
+        (fenced.code(), reason(&fenced)),
+        (Code::FailedPrecondition, "FENCED".into())
+    );
     newer.send(one(2)).await.expect("open");
     let (receipts, end) = newer.finish().await;
     assert_eq!((receipts.len(), end.code()), (1, Code::Ok));
@@ -128,19 +207,38 @@ async fn a_later_stream_fences_the_older_one() {
 async fn an_environment_made_again_refuses_late_resends() {
     let app = TestApp::start().await;
     let old = app.lane().await;
-    let (_, mut stream) = RawStream::open(app.ingest().await, hello("p")).await.expect("welcome");
+    let (_, mut stream) = RawStream::open(app.ingest().await, hello("p"))
+        .await
+        .expect("welcome");
     stream.send(one(1)).await.expect("open");
     stream.acknowledged().await.expect("committed");
-    let delete = proto::DeleteEnvironmentRequest { name: "lane".into() };
-    app.environments().await.delete_environment(delete).await.expect("there");
+    let delete = proto::DeleteEnvironmentRequest {
+        name: "lane".into(),
+    };
+    app.environments()
+        .await
+        .delete_environment(delete)
+        .await
+        .expect("there");
     let ended = stream.acknowledged().await.expect_err("deleted");
     assert_eq!(ended.code(), Code::NotFound);
     let new = app.lane().await;
     assert_ne!(old.uid, new.uid);
-    let late = proto::Hello { environment_uid: old.uid, ..hello("p") };
-    let refused = RawStream::open(app.ingest().await, late).await.err().expect("another environment");
-    assert_eq!((refused.code(), reason(&refused)), (Code::FailedPrecondition, "ENVIRONMENT_REPLACED".into()));
-    let (welcome, _) = RawStream::open(app.ingest().await, hello("p")).await.expect("welcome");
+    let late = proto::Hello {
+        environment_uid: old.uid,
+        ..hello("p")
+    };
+    let refused = RawStream::open(app.ingest().await, late)
+        .await
+        .err()
+        .expect("another environment");
+    assert_eq!(
+        (refused.code(), reason(&refused)),
+        (Code::FailedPrecondition, "ENVIRONMENT_REPLACED".into())
+    );
+    let (welcome, _) = RawStream::open(app.ingest().await, hello("p"))
+        .await
+        .expect("welcome");
     assert_eq!(welcome.committed_sequence, 0);
     assert_eq!(visits(&app).await, 0);
 }
@@ -149,7 +247,9 @@ async fn an_environment_made_again_refuses_late_resends() {
 async fn a_producer_that_goes_on_learns_that_its_environment_is_gone() {
     let app = TestApp::start().await;
     app.lane().await;
-    let (_, stream) = RawStream::open(app.ingest().await, hello("p")).await.expect("welcome");
+    let (_, stream) = RawStream::open(app.ingest().await, hello("p"))
+        .await
+        .expect("welcome");
     let sending = tokio::spawn(async move {
         let mut sequence = 1;
         while stream.send(one(sequence)).await.is_ok() && sequence < 20_000 {
@@ -158,12 +258,22 @@ async fn a_producer_that_goes_on_learns_that_its_environment_is_gone() {
         stream.finish().await
     });
     while visits(&app).await == 0 {}
-    let delete = proto::DeleteEnvironmentRequest { name: "lane".into() };
-    app.environments().await.delete_environment(delete).await.expect("there");
+    let delete = proto::DeleteEnvironmentRequest {
+        name: "lane".into(),
+    };
+    app.environments()
+        .await
+        .delete_environment(delete)
+        .await
+        .expect("there");
     app.lane().await;
     let (_, end) = sending.await.expect("ends");
     assert_eq!(end.code(), Code::NotFound, "{end}");
-    assert_eq!(visits(&app).await, 0, "nothing of the old environment is in the new one");
+    assert_eq!(
+        visits(&app).await,
+        0,
+        "nothing of the old environment is in the new one"
+    );
 }
 
 #[tokio::test]
@@ -180,19 +290,61 @@ async fn bad_records_are_told_and_the_rest_is_counted() {
         (row([0.1, 16_777_217.0], [0.0, 0.0]), "/state/held"),
         (row([0.1, 0.0], [2.0, 0.0]), "/actions/robot/move"),
         (row([0.1, 0.0], [0.0, 3.0]), "/actions/human/move"),
-        (proto::Transition { state: vec![0.1, 0.0, 0.0], ..row(NEAR, [0.0, 0.0]) }, "/state"),
-        (proto::Transition { state: vec![], ..row(NEAR, [0.0, 0.0]) }, "/state"),
-        (proto::Transition { actions: vec![0.0], ..row(NEAR, [0.0, 0.0]) }, "/actions"),
-        (proto::Transition { count: Some(0), ..row(NEAR, [0.0, 0.0]) }, "/count"),
-        (proto::Transition { count: Some(u64::MAX), ..row(NEAR, [0.0, 0.0]) }, "/count"),
-        (proto::Transition { entry: 7, ..row(NEAR, [0.0, 0.0]) }, "/entry"),
+        (
+            proto::Transition {
+                state: vec![0.1, 0.0, 0.0],
+                ..row(NEAR, [0.0, 0.0])
+            },
+            "/state",
+        ),
+        (
+            proto::Transition {
+                state: vec![],
+                ..row(NEAR, [0.0, 0.0])
+            },
+            "/state",
+        ),
+        (
+            proto::Transition {
+                actions: vec![0.0],
+                ..row(NEAR, [0.0, 0.0])
+            },
+            "/actions",
+        ),
+        (
+            proto::Transition {
+                count: Some(0),
+                ..row(NEAR, [0.0, 0.0])
+            },
+            "/count",
+        ),
+        (
+            proto::Transition {
+                count: Some(u64::MAX),
+                ..row(NEAR, [0.0, 0.0])
+            },
+            "/count",
+        ),
+        (
+            proto::Transition {
+                entry: 7,
+                ..row(NEAR, [0.0, 0.0])
+            },
+            "/entry",
+        ),
     ];
     let bad = cases.len() as u64;
     let (mut transitions, fields): (Vec<_>, Vec<_>) = cases.into_iter().unzip();
     transitions.push(row([-0.0, 0.0], [-0.0, 2.0]));
-    let receipt = write(&app, "p", rows(1, transitions)).await.expect("one is good");
+    let receipt = write(&app, "p", rows(1, transitions))
+        .await
+        .expect("one is good");
     assert_eq!((receipt.accepted, receipt.rejected_count), (1, bad));
-    let told: Vec<_> = receipt.rejected.iter().map(|r| (r.index as usize, r.field.as_str())).collect();
+    let told: Vec<_> = receipt
+        .rejected
+        .iter()
+        .map(|r| (r.index as usize, r.field.as_str()))
+        .collect();
     assert_eq!(told, fields.into_iter().enumerate().collect::<Vec<_>>());
     assert_eq!(visits(&app).await, 1);
 }
@@ -202,14 +354,22 @@ async fn values_on_edges_land_above_them_on_every_face() {
     let app = TestApp::start().await;
     app.lane().await;
     let values = [0.5, 0.7, 1.0, 0.699_999, 0.0];
-    let transitions = values.iter().map(|value| row([*value, 0.0], [0.0, 0.0])).collect();
+    let transitions = values
+        .iter()
+        .map(|value| row([*value, 0.0], [0.0, 0.0]))
+        .collect();
     write(&app, "p", rows(1, transitions)).await.expect("valid");
     let written = ["0.5", "0.7", "1", "0.699999", "-0.0"];
     let keys = ["1.0", "2.0", "3.0", "1.0", "0.0"];
     for (value, key) in written.into_iter().zip(keys) {
-        let path = format!("/v1/environments/lane/influence?state.distance={value}&state.held=nothing");
+        let path =
+            format!("/v1/environments/lane/influence?state.distance={value}&state.held=nothing");
         let (status, answer) = app.rest("GET", &path, None).await;
-        assert_eq!((status, &answer["answers"][0]["state"]["key"]), (200, &json!(key)), "{value}: {answer}");
+        assert_eq!(
+            (status, &answer["answers"][0]["state"]["key"]),
+            (200, &json!(key)),
+            "{value}: {answer}"
+        );
         assert!(answer["answers"][0]["visits"].as_u64() > Some(0), "{value}");
     }
 }
@@ -220,40 +380,88 @@ async fn empty_and_all_bad_batches_use_their_numbers() {
     app.lane().await;
     let empty = write(&app, "p", rows(1, vec![])).await.expect("empty");
     assert_eq!((empty.accepted, empty.rejected_count), (0, 0));
-    let all_bad = write(&app, "p", rows(2, vec![row([f32::NAN, 0.0], [0.0, 0.0])])).await.expect("all bad");
+    let all_bad = write(&app, "p", rows(2, vec![row([f32::NAN, 0.0], [0.0, 0.0])]))
+        .await
+        .expect("all bad");
     assert_eq!((all_bad.accepted, all_bad.rejected_count), (0, 1));
     assert_eq!(write(&app, "p", one(3)).await.expect("next").accepted, 1);
     let app = app.restart().await;
-    assert_eq!(write(&app, "p", rows(1, vec![])).await.expect("late").status(), BatchStatus::Duplicate);
+    assert_eq!(
+        write(&app, "p", rows(1, vec![]))
+            .await
+            .expect("late")
+            .status(),
+        BatchStatus::Duplicate
+    );
 }
 
 #[tokio::test]
 async fn whole_batch_faults_do_not_use_the_number() {
     let app = TestApp::start().await;
     app.lane().await;
-    let columns = proto::Columns { count: 2, states: vec![0.1; 3], actions: vec![0.0; 4], ..Default::default() };
-    let torn = proto::Batch { transitions: Some(proto::batch::Transitions::Columns(columns)), ..rows(1, vec![]) };
-    let refused = write(&app, "p", torn).await.expect_err("columns that do not fit");
+    let columns = proto::Columns {
+        count: 2,
+        states: vec![0.1; 3],
+        actions: vec![0.0; 4],
+        ..Default::default()
+    };
+    let torn = proto::Batch {
+        transitions: Some(proto::batch::Transitions::Columns(columns)),
+        ..rows(1, vec![])
+    };
+    let refused = write(&app, "p", torn)
+        .await
+        .expect_err("columns that do not fit");
     assert_eq!(refused.code(), Code::InvalidArgument);
-    assert!(refused.message().contains("/columns/states"), "{}", refused.message());
-    let segment = proto::Batch { segment: "\u{200f}x".into(), ..one(1) };
-    assert_eq!(write(&app, "p", segment).await.expect_err("not printable").code(), Code::InvalidArgument);
+    assert!(
+        refused.message().contains("/columns/states"),
+        "{}",
+        refused.message()
+    );
+    let segment = proto::Batch {
+        segment: "\u{200f}x".into(),
+        ..one(1)
+    };
+    assert_eq!(
+        write(&app, "p", segment)
+            .await
+            .expect_err("not printable")
+            .code(),
+        Code::InvalidArgument
+    );
     let large = rows(1, vec![row(NEAR, [0.0, 0.0]); 10_001]);
-    assert_eq!(write(&app, "p", large).await.expect_err("too large").code(), Code::OutOfRange);
-    assert_eq!(write(&app, "../p", one(1)).await.expect_err("a path").code(), Code::InvalidArgument);
-    assert_eq!(write(&app, "p", one(1)).await.expect("unused").status(), BatchStatus::Applied);
+    assert_eq!(
+        write(&app, "p", large).await.expect_err("too large").code(),
+        Code::OutOfRange
+    );
+    assert_eq!(
+        write(&app, "../p", one(1))
+            .await
+            .expect_err("a path")
+            .code(),
+        Code::InvalidArgument
+    );
+    assert_eq!(
+        write(&app, "p", one(1)).await.expect("unused").status(),
+        BatchStatus::Applied
+    );
 }
 
 #[tokio::test]
 async fn a_refused_batch_ends_the_stream_after_the_receipts_before_it() {
     let app = TestApp::start().await;
     app.lane().await;
-    let (_, stream) = RawStream::open(app.ingest().await, hello("p")).await.expect("welcome");
+    let (_, stream) = RawStream::open(app.ingest().await, hello("p"))
+        .await
+        .expect("welcome");
     for sequence in [1, 2, 4] {
         stream.send(one(sequence)).await.expect("open");
     }
     let (receipts, end) = stream.finish().await;
-    assert_eq!(receipts.iter().map(|r| r.sequence).collect::<Vec<_>>(), [1, 2]);
+    assert_eq!(
+        receipts.iter().map(|r| r.sequence).collect::<Vec<_>>(),
+        [1, 2]
+    );
     assert_eq!(reason(&end), "OUT_OF_ORDER");
 }
 
@@ -262,12 +470,36 @@ async fn a_stream_begins_with_a_hello_of_the_same_schema() {
     let app = TestApp::start().await;
     app.lane().await;
     let cases = [
-        (proto::Hello { environment: "lame".into(), ..hello("p") }, Code::NotFound, "ENVIRONMENT_NOT_FOUND"),
-        (proto::Hello { producer: "a b".into(), ..hello("p") }, Code::InvalidArgument, "INVALID_INPUT"),
-        (proto::Hello { schema_hash: vec![7; 32], ..hello("p") }, Code::FailedPrecondition, "SCHEMA_CONFLICT"),
+        (
+            proto::Hello {
+                environment: "lame".into(),
+                ..hello("p")
+            },
+            Code::NotFound,
+            "ENVIRONMENT_NOT_FOUND",
+        ),
+        (
+            proto::Hello {
+                producer: "a b".into(),
+                ..hello("p")
+            },
+            Code::InvalidArgument,
+            "INVALID_INPUT",
+        ),
+        (
+            proto::Hello {
+                schema_hash: vec![7; 32],
+                ..hello("p")
+            },
+            Code::FailedPrecondition,
+            "SCHEMA_CONFLICT",
+        ),
     ];
     for (hello, code, word) in cases {
-        let refused = RawStream::open(app.ingest().await, hello).await.err().expect("refused");
+        let refused = RawStream::open(app.ingest().await, hello)
+            .await
+            .err()
+            .expect("refused");
         assert_eq!((refused.code(), reason(&refused)), (code, word.into()));
     }
 }
@@ -276,13 +508,22 @@ async fn a_stream_begins_with_a_hello_of_the_same_schema() {
 async fn a_graceful_stop_ends_streams_after_their_last_receipt() {
     let app = TestApp::start().await;
     app.lane().await;
-    let (_, stream) = RawStream::open(app.ingest().await, hello("p")).await.expect("welcome");
+    let (_, stream) = RawStream::open(app.ingest().await, hello("p"))
+        .await
+        .expect("welcome");
     let (requests, mut responses) = stream.split();
     for sequence in 1..=20 {
         let message = Some(proto::ingest_request::Message::Batch(one(sequence)));
-        requests.send(proto::IngestRequest { message }).await.expect("open");
+        requests
+            .send(proto::IngestRequest { message })
+            .await
+            .expect("open");
     }
-    let first = responses.message().await.expect("acknowledged").expect("open");
+    let first = responses
+        .message()
+        .await
+        .expect("acknowledged")
+        .expect("open");
     let directory = app.directory.clone();
     let stopping = tokio::spawn(app.stop());
     let mut last = first;
@@ -293,11 +534,20 @@ async fn a_graceful_stop_ends_streams_after_their_last_receipt() {
             Err(status) => break status,
         }
     };
-    assert_eq!((end.code(), reason(&end)), (Code::Unavailable, "STOPPING".into()));
+    assert_eq!(
+        (end.code(), reason(&end)),
+        (Code::Unavailable, "STOPPING".into())
+    );
     stopping.await.expect("stops");
-    let Some(proto::ingest_response::Message::Acknowledgement(told)) = last.message else { panic!("{last:?}") };
+    let Some(proto::ingest_response::Message::Acknowledgement(told)) = last.message else {
+        panic!("{last:?}")
+    };
     let app = TestApp::on(directory).await;
-    assert_eq!(visits(&app).await, told.committed_sequence, "what was taken was told");
+    assert_eq!(
+        visits(&app).await,
+        told.committed_sequence,
+        "what was taken was told"
+    );
 }
 
 #[tokio::test]
@@ -305,17 +555,25 @@ async fn segments_are_counted_apart() {
     let app = TestApp::start().await;
     app.lane().await;
     for (sequence, segment) in [(1, "trial-1"), (2, "trial-2"), (3, "trial-2")] {
-        let batch = proto::Batch { segment: segment.into(), ..one(sequence) };
+        let batch = proto::Batch {
+            segment: segment.into(),
+            ..one(sequence)
+        };
         write(&app, "p", batch).await.expect("valid");
     }
     let visits = async |segments: &[&str]| {
         let body = json!({"keys": ["0.0"], "segments": segments, "view": "verdict"});
-        let (status, answer) = app.rest("POST", "/v1/environments/lane/influence", Some(&body)).await;
+        let (status, answer) = app
+            .rest("POST", "/v1/environments/lane/influence", Some(&body))
+            .await;
         (status, answer["answers"][0]["visits"].as_u64())
     };
     assert_eq!(visits(&[]).await, (200, Some(3)));
     assert_eq!(visits(&["trial-2"]).await, (200, Some(2)));
-    assert_eq!(visits(&["trial-2", "trial-1", "trial-1"]).await, (200, Some(3)));
+    assert_eq!(
+        visits(&["trial-2", "trial-1", "trial-1"]).await,
+        (200, Some(3))
+    );
     assert_eq!(visits(&["trial-3"]).await.0, 400);
 }
 
@@ -323,6 +581,12 @@ async fn segments_are_counted_apart() {
 async fn the_description_made_over_rest_is_the_one_of_grpc() {
     let app = TestApp::start().await;
     let environment = app.lane().await;
-    let (status, same) = app.rest("PUT", "/v1/environments/lane", Some(&lane_json())).await;
-    assert_eq!((status, &same["uid"]), (200, &json!(environment.uid)), "{same}");
+    let (status, same) = app
+        .rest("PUT", "/v1/environments/lane", Some(&lane_json()))
+        .await;
+    assert_eq!(
+        (status, &same["uid"]),
+        (200, &json!(environment.uid)),
+        "{same}"
+    );
 }

@@ -1,7 +1,9 @@
-//! Kill -9 of the real binary, at random times, under a stream load: nothing that was acknowledged is lost, nothing is counted twice.
+//! Kill -9 of the real binary, at random times, under a stream load: nothing that was acknowledged
+//! is lost, nothing is counted twice.
 //!
-//! `NUDGE_KILLS=2000 cargo test kill` kills more often. The control forgets its producer id at every reconnect, as if there were no watermark, and
-//! must show doubles: a test that cannot see them would prove nothing. `faults/deaths.rs` kills where it hurts: at each step to the disk of a
+//! `NUDGE_KILLS=2000 cargo test kill` kills more often. The control forgets its producer id at
+//! every reconnect, as if there were no watermark, and must show doubles: a test that cannot see
+//! them would prove nothing. `faults/deaths.rs` kills where it hurts: at each step to the disk of a
 //! migration and of a deletion.
 
 use std::net::SocketAddr;
@@ -19,7 +21,9 @@ use crate::support::channel;
 use crate::support::load::{Cells, Load, Shape, Voice, expected, make_lane};
 
 fn kills() -> u64 {
-    let told = std::env::var("NUDGE_KILLS").ok().and_then(|kills| kills.parse().ok());
+    let told = std::env::var("NUDGE_KILLS")
+        .ok()
+        .and_then(|kills| kills.parse().ok());
     told.unwrap_or(faults::scaled(60, 2_000))
 }
 
@@ -39,7 +43,8 @@ async fn run(voice: Voice, kills: u64) -> Aftermath {
     let load = Load::start(address, Shape::SMALL, &[voice; 4]);
     let mut random = StdRng::seed_from_u64(7);
     for _ in 0..kills {
-        // A kill counts only under load: wait until something was acknowledged, then for a random moment of the work.
+        // A kill counts only under load: wait until something was acknowledged, then for a random
+        // moment of the work.
         load.progress(1).await;
         tokio::time::sleep(Duration::from_micros(random.random_range(0..30_000))).await;
         server.kill();
@@ -52,13 +57,24 @@ async fn run(voice: Voice, kills: u64) -> Aftermath {
 }
 
 async fn counted(address: SocketAddr) -> Cells {
-    let mut client = InfluenceServiceClient::new(channel(address).await.expect("the server listens"));
+    let mut client =
+        InfluenceServiceClient::new(channel(address).await.expect("the server listens"));
     let mut counted = Cells::new();
     for key in (0..4).flat_map(|distance| (0..2).map(move |held| format!("{distance}.{held}"))) {
-        let request = proto::GetStateRequest { environment: "lane".into(), key: key.clone() };
-        let state = client.get_state(request).await.expect("a valid key").into_inner();
+        let request = proto::GetStateRequest {
+            environment: "lane".into(),
+            key: key.clone(),
+        };
+        let state = client
+            .get_state(request)
+            .await
+            .expect("a valid key")
+            .into_inner();
         for cell in state.cells {
-            counted.insert((key.clone(), cell.segment, cell.actions[0], cell.actions[1]), cell.n);
+            counted.insert(
+                (key.clone(), cell.segment, cell.actions[0], cell.actions[1]),
+                cell.n,
+            );
         }
     }
     counted
@@ -69,16 +85,26 @@ async fn nothing_is_lost_or_doubled_by_kills() {
     let kills = kills();
     let aftermath = run(Voice::Stream, kills).await;
     let transitions: u64 = aftermath.expected.values().sum();
-    assert!(transitions > kills * Shape::SMALL.rows as u64, "there was a load: {transitions} transitions");
+    assert!(
+        transitions > kills * Shape::SMALL.rows as u64,
+        "there was a load: {transitions} transitions"
+    );
     assert_eq!(aftermath.counted, aftermath.expected);
     println!("{kills} kills, {transitions} transitions, 0 lost, 0 double");
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn without_the_watermark_kills_show_doubles() {
-    // More kills than the run needs: one double is enough, and each kill under load makes one likely.
+    // More kills than the run needs: one double is enough, and each kill under load makes one
+    // likely.
     let aftermath = run(Voice::Forgetful, 40).await;
-    let (counted, expected): (u64, u64) = (aftermath.counted.values().sum(), aftermath.expected.values().sum());
-    assert!(counted > expected, "the control must double: {counted} counted, {expected} sent");
+    let (counted, expected): (u64, u64) = (
+        aftermath.counted.values().sum(),
+        aftermath.expected.values().sum(),
+    );
+    assert!(
+        counted > expected,
+        "the control must double: {counted} counted, {expected} sent"
+    );
     println!("control: {} doubled", counted - expected);
 }

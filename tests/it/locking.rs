@@ -13,7 +13,16 @@ use crate::server::Server;
 /// Starts the real binary where it must not start, and returns its one line.
 async fn refused(data: &Path) -> String {
     let mut command = Command::new("timeout");
-    command.args(["20", env!("CARGO_BIN_EXE_nudge"), "serve", "--listen", "127.0.0.1:0", "--data"]).arg(data);
+    command
+        .args([
+            "20",
+            env!("CARGO_BIN_EXE_nudge"),
+            "serve",
+            "--listen",
+            "127.0.0.1:0",
+            "--data",
+        ])
+        .arg(data);
     let (code, stdout, stderr) = told(&output(command).await);
     assert_eq!((code, stdout.as_str()), (2, ""), "{stderr}");
     stderr
@@ -39,7 +48,10 @@ async fn a_second_service_is_refused_under_every_name_and_without_the_lock_file(
         }
         for name in ["first", "soft", "hard", "through"] {
             let stderr = refused(&all.path().join(name)).await;
-            assert!(stderr.contains("is in use by another nudge"), "{name}: {stderr}");
+            assert!(
+                stderr.contains("is in use by another nudge"),
+                "{name}: {stderr}"
+            );
         }
     }
     // Who only reads is not in the way, and is not kept away.
@@ -47,7 +59,8 @@ async fn a_second_service_is_refused_under_every_name_and_without_the_lock_file(
     let (code, _, stderr) = told(&output(nudge("", &["check", "--data", &data])).await);
     assert_eq!(code, 0, "{stderr}");
 
-    // It is let go when the process ends, however it ends, and a service opened by a link keeps everybody else away too.
+    // It is let go when the process ends, however it ends, and a service opened by a link keeps
+    // everybody else away too.
     server.kill();
     let server = Server::start(&soft, "127.0.0.1:0");
     assert!(refused(&first).await.contains("is in use"));
@@ -61,11 +74,18 @@ async fn a_build_that_locks_a_file_beside_the_database_is_refused_and_refuses() 
     let path = directory.path().join("nudge.db.lock");
     let old = std::fs::File::create(&path).expect("made");
     old.try_lock().expect("free");
-    assert!(refused(directory.path()).await.contains("is in use by another nudge"));
+    assert!(
+        refused(directory.path())
+            .await
+            .contains("is in use by another nudge")
+    );
     drop(old);
     let server = Server::start(directory.path(), "127.0.0.1:0");
     let old = std::fs::File::open(&path).expect("there");
-    assert!(matches!(old.try_lock(), Err(std::fs::TryLockError::WouldBlock)));
+    assert!(matches!(
+        old.try_lock(),
+        Err(std::fs::TryLockError::WouldBlock)
+    ));
     server.kill();
 }
 
@@ -73,7 +93,11 @@ async fn a_build_that_locks_a_file_beside_the_database_is_refused_and_refuses() 
 fn locks(path: &Path) -> (usize, usize) {
     let inode = format!(":{} ", std::fs::metadata(path).expect("there").ino());
     let all = std::fs::read_to_string("/proc/locks").expect("locks are told");
-    let of = |kind: &str| all.lines().filter(|line| line.contains(kind) && line.contains(&inode)).count();
+    let of = |kind: &str| {
+        all.lines()
+            .filter(|line| line.contains(kind) && line.contains(&inode))
+            .count()
+    };
     (of("FLOCK"), of("POSIX"))
 }
 
@@ -81,9 +105,14 @@ fn locks(path: &Path) -> (usize, usize) {
 async fn sqlites_locks_stay_when_a_second_store_is_refused() {
     let directory = TempDir::new().expect("a directory");
     let path = directory.path().join("nudge.db");
-    let store = SqliteStore::open(&path, Options::default()).await.expect("a database");
+    let store = SqliteStore::open(&path, Options::default())
+        .await
+        .expect("a database");
     let held = locks(&path);
-    assert!(held.0 == 1 && held.1 > 0, "one of ours, and SQLite's: {held:?}");
+    assert!(
+        held.0 == 1 && held.1 > 0,
+        "one of ours, and SQLite's: {held:?}"
+    );
     let link = directory.path().join("link.db");
     symlink(&path, &link).expect("a link");
     for name in [&path, &link] {
@@ -94,6 +123,14 @@ async fn sqlites_locks_stay_when_a_second_store_is_refused() {
     store.close().await;
     assert_eq!(locks(&path), (0, 0));
     // Dropped without being closed, it is free all the same.
-    drop(SqliteStore::open(&path, Options::default()).await.expect("a database"));
-    SqliteStore::open(&link, Options::default()).await.expect("a database").close().await;
+    drop(
+        SqliteStore::open(&path, Options::default())
+            .await
+            .expect("a database"),
+    );
+    SqliteStore::open(&link, Options::default())
+        .await
+        .expect("a database")
+        .close()
+        .await;
 }

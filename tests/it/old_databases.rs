@@ -10,13 +10,19 @@ use crate::support::fixtures::{BEFORE_VERSIONS, Fixture};
 
 const ENVIRONMENTS: &str = "/v1/environments";
 
-/// Says where a new answer does not have what an old one had: fields are added, never renamed, and values stay.
+/// Says where a new answer does not have what an old one had: fields are added, never renamed, and
+/// values stay.
 fn lost(old: &Value, new: &Value, at: &str) -> Vec<String> {
     match (old, new) {
         (Value::Object(old), Value::Object(new)) => {
             let missing = Value::Null;
-            let member =
-                |(name, old): (&String, _)| lost(old, new.get(name).unwrap_or(&missing), &format!("{at}/{name}"));
+            let member = |(name, old): (&String, _)| {
+                lost(
+                    old,
+                    new.get(name).unwrap_or(&missing),
+                    &format!("{at}/{name}"),
+                )
+            };
             old.iter().flat_map(member).collect()
         }
         (Value::Array(old), Value::Array(new)) if old.len() == new.len() => (0..)
@@ -31,14 +37,20 @@ fn lost(old: &Value, new: &Value, at: &str) -> Vec<String> {
 
 /// 5 and 5.0 are one number.
 fn same(old: &Value, new: &Value) -> bool {
-    old == new || (old.is_f64() || new.is_f64()) && old.as_f64().is_some() && old.as_f64() == new.as_f64()
+    old == new
+        || (old.is_f64() || new.is_f64()) && old.as_f64().is_some() && old.as_f64() == new.as_f64()
 }
 
 /// Opens a database, and asks what was asked of the build that left it.
 async fn opened(fixture: &Fixture) -> TestApp {
     let app = TestApp::on(fixture.directory.clone()).await;
     let (status, ready) = app.rest("GET", "/readyz?verbose", None).await;
-    assert_eq!((status, &ready["ready"]), (200, &json!(true)), "{}: {ready}", fixture.name);
+    assert_eq!(
+        (status, &ready["ready"]),
+        (200, &json!(true)),
+        "{}: {ready}",
+        fixture.name
+    );
     app
 }
 
@@ -50,7 +62,10 @@ async fn get(app: &TestApp, path: &str) -> Value {
 fn fixtures() -> Vec<Fixture> {
     let fixtures = Fixture::all();
     for name in ["schema-1-af3f5d0", "schema-2-a8de69e", BEFORE_VERSIONS] {
-        assert!(fixtures.iter().any(|fixture| fixture.name == name), "{name} is missing");
+        assert!(
+            fixtures.iter().any(|fixture| fixture.name == name),
+            "{name} is missing"
+        );
     }
     fixtures
 }
@@ -61,7 +76,8 @@ async fn a_check_passes_them() {
     for fixture in fixtures() {
         for _ in 0..2 {
             let data = fixture.directory.path().to_str().expect("text").to_owned();
-            let (code, stdout, stderr) = told(&output(nudge("", &["check", "--data", &data])).await);
+            let (code, stdout, stderr) =
+                told(&output(nudge("", &["check", "--data", &data])).await);
             assert_eq!(code, 0, "{}: {stdout}{stderr}", fixture.name);
             opened(&fixture).await.stop().await;
         }
@@ -72,15 +88,28 @@ async fn a_check_passes_them() {
 async fn environments_counts_and_watermarks_are_what_they_were() {
     for fixture in fixtures() {
         let app = opened(&fixture).await;
-        let exact = |path: &str| !path.contains("/influence") && !path.ends_with("/fit") && !path.ends_with("/models");
+        let exact = |path: &str| {
+            !path.contains("/influence") && !path.ends_with("/fit") && !path.ends_with("/models")
+        };
         let mut asked = 0;
         for (path, old) in fixture.got().filter(|(path, _)| exact(path)) {
-            assert_eq!(lost(old, &get(&app, path).await, ""), [""; 0], "{}: {path}", fixture.name);
+            assert_eq!(
+                lost(old, &get(&app, path).await, ""),
+                [""; 0],
+                "{}: {path}",
+                fixture.name
+            );
             asked += 1;
         }
         assert!(asked >= 11, "{}: {asked}", fixture.name);
         let list = get(&app, "").await;
-        assert_eq!((list["environments"].as_array().map(Vec::len), list.get("unreadable")), (Some(3), None));
+        assert_eq!(
+            (
+                list["environments"].as_array().map(Vec::len),
+                list.get("unreadable")
+            ),
+            (Some(3), None)
+        );
         app.stop().await;
     }
 }
@@ -89,21 +118,49 @@ async fn environments_counts_and_watermarks_are_what_they_were() {
 async fn batches_that_are_sent_again_get_their_first_receipt_and_count_nothing() {
     for fixture in fixtures() {
         let app = opened(&fixture).await;
-        let totals = async || app.app.store.totals(app.app.environments.find("corner").expect("there").id).await;
+        let totals = async || {
+            app.app
+                .store
+                .totals(app.app.environments.find("corner").expect("there").id)
+                .await
+        };
         let before = totals().await.expect("totals");
         for (path, body, answer) in fixture.posted() {
-            let (status, again) = app.rest("POST", &format!("{ENVIRONMENTS}{path}"), Some(body)).await;
+            let (status, again) = app
+                .rest("POST", &format!("{ENVIRONMENTS}{path}"), Some(body))
+                .await;
             let mut expected = answer.clone();
             expected["status"] = json!("duplicate");
-            assert_eq!((status, lost(&expected, &again, "")), (200, vec![]), "{}: {path}", fixture.name);
+            assert_eq!(
+                (status, lost(&expected, &again, "")),
+                (200, vec![]),
+                "{}: {path}",
+                fixture.name
+            );
         }
         assert_eq!(totals().await.expect("totals"), before, "{}", fixture.name);
-        assert_eq!((before.transitions, before.segments, before.producers), (868, 2, 2), "{}", fixture.name);
+        assert_eq!(
+            (before.transitions, before.segments, before.producers),
+            (868, 2, 2),
+            "{}",
+            fixture.name
+        );
 
         let one = json!({"place": 0});
         let next = json!({"producer": "p", "sequence": 2, "transitions": [{"state": one, "actions": {"a": 0, "b": 0, "c": 0}}]});
-        let (status, receipt) = app.rest("POST", &format!("{ENVIRONMENTS}/trio/transitions"), Some(&next)).await;
-        assert_eq!((status, &receipt["status"]), (200, &json!("applied")), "{}: it goes on", fixture.name);
+        let (status, receipt) = app
+            .rest(
+                "POST",
+                &format!("{ENVIRONMENTS}/trio/transitions"),
+                Some(&next),
+            )
+            .await;
+        assert_eq!(
+            (status, &receipt["status"]),
+            (200, &json!("applied")),
+            "{}: it goes on",
+            fixture.name
+        );
         app.stop().await;
     }
 }
@@ -113,18 +170,33 @@ async fn questions_are_answered_from_the_same_counts() {
     const FIGURES: [&str; 3] = ["/answers/0/state", "/answers/0/visits", "/answers/0/unit"];
     for fixture in fixtures() {
         let app = opened(&fixture).await;
-        for (path, old) in fixture.got().filter(|(path, _)| path.contains("/influence")) {
+        for (path, old) in fixture
+            .got()
+            .filter(|(path, _)| path.contains("/influence"))
+        {
             let new = get(&app, path).await;
             for pointer in ["/labels"].iter().chain(&FIGURES) {
                 let [old, new] = [old, &new].map(|answer| answer.pointer(pointer).expect("told"));
                 assert_eq!(lost(old, new, pointer), [""; 0], "{}: {path}", fixture.name);
             }
-            let plug_in =
-                |answer: &Value| answer.pointer("/answers/0/mutual_information/plug_in").and_then(Value::as_f64);
+            let plug_in = |answer: &Value| {
+                answer
+                    .pointer("/answers/0/mutual_information/plug_in")
+                    .and_then(Value::as_f64)
+            };
             let difference = plug_in(old).expect("a number") - plug_in(&new).expect("a number");
-            assert!(difference.abs() < 1e-9, "{}: {path}: {difference}", fixture.name);
+            assert!(
+                difference.abs() < 1e-9,
+                "{}: {path}: {difference}",
+                fixture.name
+            );
             let version = |answer: &Value| answer.pointer("/answers/0/model/version").cloned();
-            assert_eq!(version(&new), version(old), "{}: {path}: the same network answers", fixture.name);
+            assert_eq!(
+                version(&new),
+                version(old),
+                "{}: {path}: the same network answers",
+                fixture.name
+            );
         }
         app.stop().await;
     }
@@ -138,13 +210,38 @@ async fn fits_are_read_or_made_again_under_the_next_version() {
         let (store, fits) = (app.app.store.clone(), Fits::new(app.app.store.clone()));
         for (name, given) in [("corner", vec![]), ("trio", vec![2])] {
             let environment = store.environment(name).expect("there");
-            let Some(record) = store.fits(environment.id).await.expect("read").pop() else { continue };
-            let pair = Pair { ego: 0, other: 1, given };
-            let fitted = fits.get(&environment, &pair).await.expect("read").expect("not too large");
-            // A form that is not used any more is as if nothing was fitted, and no answer names its version.
-            assert!(fitted.id == record.id || fitted.id.version == 0, "{}: {name}: {:?}", fixture.name, fitted.id);
-            let next = fits.fit(&environment, &pair).await.expect("fitted").expect("not too large");
-            assert_eq!(next.id.version, record.id.version + 1, "{}: {name}: never used twice", fixture.name);
+            let Some(record) = store.fits(environment.id).await.expect("read").pop() else {
+                continue;
+            };
+            let pair = Pair {
+                ego: 0,
+                other: 1,
+                given,
+            };
+            let fitted = fits
+                .get(&environment, &pair)
+                .await
+                .expect("read")
+                .expect("not too large");
+            // A form that is not used any more is as if nothing was fitted, and no answer names its
+            // version.
+            assert!(
+                fitted.id == record.id || fitted.id.version == 0,
+                "{}: {name}: {:?}",
+                fixture.name,
+                fitted.id
+            );
+            let next = fits
+                .fit(&environment, &pair)
+                .await
+                .expect("fitted")
+                .expect("not too large");
+            assert_eq!(
+                next.id.version,
+                record.id.version + 1,
+                "{}: {name}: never used twice",
+                fixture.name
+            );
             stored += 1;
         }
         app.stop().await;
@@ -156,21 +253,49 @@ async fn fits_are_read_or_made_again_under_the_next_version() {
 async fn networks_are_listed_with_their_cards_and_the_active_one_answers() {
     let mut networks = 0;
     for fixture in fixtures() {
-        let Some((_, old)) = fixture.got().find(|(path, _)| *path == "/corner/models") else { continue };
+        let Some((_, old)) = fixture.got().find(|(path, _)| *path == "/corner/models") else {
+            continue;
+        };
         let app = opened(&fixture).await;
         let new = get(&app, "/corner/models").await;
-        assert_eq!(lost(&old["models"], &new["models"], "/models"), [""; 0], "{}", fixture.name);
+        assert_eq!(
+            lost(&old["models"], &new["models"], "/models"),
+            [""; 0],
+            "{}",
+            fixture.name
+        );
         let models = new["models"].as_array().expect("a list");
-        assert!(models.iter().all(|model| model.get("unreadable").is_none()), "{new}");
+        assert!(
+            models.iter().all(|model| model.get("unreadable").is_none()),
+            "{new}"
+        );
         networks += models.len();
 
         let (status, model) = app.rest("GET", "/v2/models/corner", None).await;
-        assert_eq!((status, &model["versions"]), (200, &json!(["1", "2", "3"])), "{}: {model}", fixture.name);
-        let file =
-            app.app.networks.export(&app.app.environments.find("corner").expect("there"), 1).await.expect("kept");
+        assert_eq!(
+            (status, &model["versions"]),
+            (200, &json!(["1", "2", "3"])),
+            "{}: {model}",
+            fixture.name
+        );
+        let file = app
+            .app
+            .networks
+            .export(&app.app.environments.find("corner").expect("there"), 1)
+            .await
+            .expect("kept");
         let environment = app.app.environments.find("corner").expect("there");
-        let imported = app.app.networks.import(&environment, file).await.expect("it comes back");
-        assert_eq!(imported.version, 5, "{}: the fourth was deleted, and its number is not used again", fixture.name);
+        let imported = app
+            .app
+            .networks
+            .import(&environment, file)
+            .await
+            .expect("it comes back");
+        assert_eq!(
+            imported.version, 5,
+            "{}: the fourth was deleted, and its number is not used again",
+            fixture.name
+        );
         app.stop().await;
     }
     assert!(networks >= 3, "{networks}");

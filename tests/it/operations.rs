@@ -1,4 +1,5 @@
-//! What operators and foreign clients meet: probes, metrics, reflection, gRPC-Web, unknown paths, the OpenAPI document.
+//! What operators and foreign clients meet: probes, metrics, reflection, gRPC-Web, unknown paths,
+//! the OpenAPI document.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -18,7 +19,13 @@ async fn probes_tell_alive_ready_and_draining() {
     let app = TestApp::start().await;
     assert_eq!(app.rest("GET", "/livez", None).await.0, 200);
     let (status, checks) = app.rest("GET", "/readyz?verbose", None).await;
-    assert_eq!((status, &checks["checks"]), (200, &json!({"database": "ok", "committer": "ok", "draining": "no"})));
+    assert_eq!(
+        (status, &checks["checks"]),
+        (
+            200,
+            &json!({"database": "ok", "committer": "ok", "draining": "no"})
+        )
+    );
 }
 
 #[tokio::test]
@@ -27,7 +34,12 @@ async fn metrics_count_what_happens() {
     app.lane().await;
     let body = json!({"producer": "metrics", "sequence": 1, "transitions": [
         {"state": {"distance": 1, "held": 0}, "actions": {"robot": 0, "human": 0}}, {"state": {}, "actions": {}}]});
-    assert_eq!(app.rest("POST", "/v1/environments/lane/transitions", Some(&body)).await.0, 200);
+    assert_eq!(
+        app.rest("POST", "/v1/environments/lane/transitions", Some(&body))
+            .await
+            .0,
+        200
+    );
     let (status, text) = app.rest("GET", "/metrics", None).await;
     let text = text.as_str().unwrap_or_default();
     assert_eq!(status, 200);
@@ -59,11 +71,20 @@ async fn every_error_of_rest_is_a_problem() {
         ("PUT", "/v1/environments/lane", 415),
     ];
     for (method, path, expected) in cases {
-        let request = reqwest::Client::new().request(method.parse().expect("a method"), app.url(path));
+        let request =
+            reqwest::Client::new().request(method.parse().expect("a method"), app.url(path));
         let response = request.send().await.expect("answered");
         assert_eq!(response.status().as_u16(), expected, "{method} {path}");
-        let kind = response.headers().get("content-type").and_then(|kind| kind.to_str().ok()).map(str::to_owned);
-        assert_eq!(kind.as_deref(), Some("application/problem+json"), "{method} {path}");
+        let kind = response
+            .headers()
+            .get("content-type")
+            .and_then(|kind| kind.to_str().ok())
+            .map(str::to_owned);
+        assert_eq!(
+            kind.as_deref(),
+            Some("application/problem+json"),
+            "{method} {path}"
+        );
         let body: serde_json::Value = response.json().await.expect("JSON");
         assert_eq!(body["status"], json!(expected));
     }
@@ -85,25 +106,51 @@ async fn what_nobody_knows_is_refused_before_anything_is_done() {
         ("GET", format!("{lane}/models/1"), "foo", none, None),
         ("DELETE", format!("{lane}/models/1"), "foo", none, None),
         ("PUT", format!("{lane}/models/1/active"), "foo", none, None),
-        ("GET", "/readyz".to_owned(), "verbos", "unknown parameter; did you mean `verbose`?", None),
+        (
+            "GET",
+            "/readyz".to_owned(),
+            "verbos",
+            "unknown parameter; did you mean `verbose`?",
+            None,
+        ),
         ("GET", "/livez".to_owned(), "verbose", none, None),
         ("GET", "/metrics".to_owned(), "foo", none, None),
     ];
     for (method, path, name, detail, body) in cases {
         let (status, told) = app.rest(method, &format!("{path}?{name}=1"), body).await;
         let fault = json!([{"pointer": format!("/{name}"), "detail": detail}]);
-        assert_eq!((status, &told["errors"]), (400, &fault), "{method} {path}: {told}");
+        assert_eq!(
+            (status, &told["errors"]),
+            (400, &fault),
+            "{method} {path}: {told}"
+        );
     }
     let (_, kept) = app.rest("GET", lane, None).await;
-    assert_ne!(kept["rule"]["min_visits"], 3, "it was not changed, nor deleted");
+    assert_ne!(
+        kept["rule"]["min_visits"], 3,
+        "it was not changed, nor deleted"
+    );
     assert_eq!(app.rest("GET", "/readyz?verbose=", None).await.0, 200);
-    assert_eq!(app.rest("GET", "/v2/health/live?foo=1", None).await.0, 200, "the inference protocol ignores it");
+    assert_eq!(
+        app.rest("GET", "/v2/health/live?foo=1", None).await.0,
+        200,
+        "the inference protocol ignores it"
+    );
 
     let batch = json!({"producer": "p", "sequence": 1, "transitions": []});
-    let (status, told) = app.rest("POST", &format!("{lane}/transitions?producer=p"), Some(&batch)).await;
+    let (status, told) = app
+        .rest(
+            "POST",
+            &format!("{lane}/transitions?producer=p"),
+            Some(&batch),
+        )
+        .await;
     let detail = told["errors"][0]["detail"].as_str().unwrap_or_default();
     assert_eq!(status, 400);
-    assert!(detail.starts_with("belongs to a body of `application/x-ndjson`"), "{told}");
+    assert!(
+        detail.starts_with("belongs to a body of `application/x-ndjson`"),
+        "{told}"
+    );
     app.stop().await;
 }
 
@@ -111,14 +158,21 @@ async fn what_nobody_knows_is_refused_before_anything_is_done() {
 async fn a_mistyped_path_is_told_what_may_be_meant() {
     let app = TestApp::start().await;
     for (path, member, meant) in [
-        ("/v1/environments/lane/sumary", "detail", "/v1/environments/lane/summary"),
+        (
+            "/v1/environments/lane/sumary",
+            "detail",
+            "/v1/environments/lane/summary",
+        ),
         ("/ready", "detail", "/readyz"),
         ("/v2/models/lane/infr", "error", "/v2/models/lane/infer"),
     ] {
         let (status, told) = app.rest("GET", path, None).await;
         assert_eq!(
             (status, &told[member]),
-            (404, &format!("nothing is served under this path; did you mean `{meant}`?").into())
+            (
+                404,
+                &format!("nothing is served under this path; did you mean `{meant}`?").into()
+            )
         );
     }
     app.stop().await;
@@ -128,18 +182,46 @@ async fn a_mistyped_path_is_told_what_may_be_meant() {
 async fn every_refusal_has_a_body() {
     let app = TestApp::start().await;
     for path in ["/livez", "/readyz", "/metrics"] {
-        let response = reqwest::Client::new().post(app.url(path)).send().await.expect("answered");
+        let response = reqwest::Client::new()
+            .post(app.url(path))
+            .send()
+            .await
+            .expect("answered");
         let allowed = response.headers().get("allow").cloned();
-        assert_eq!((response.status().as_u16(), allowed), (405, Some("GET,HEAD".parse().expect("text"))), "{path}");
-        assert_eq!(response.headers()["content-type"], "application/problem+json", "{path}");
+        assert_eq!(
+            (response.status().as_u16(), allowed),
+            (405, Some("GET,HEAD".parse().expect("text"))),
+            "{path}"
+        );
+        assert_eq!(
+            response.headers()["content-type"],
+            "application/problem+json",
+            "{path}"
+        );
         let told: Value = response.json().await.expect("JSON");
-        assert_eq!((&told["reason"], &told["instance"]), (&json!("METHOD_NOT_ALLOWED"), &json!(path)));
+        assert_eq!(
+            (&told["reason"], &told["instance"]),
+            (&json!("METHOD_NOT_ALLOWED"), &json!(path))
+        );
     }
-    let call = reqwest::Client::new().post(app.url("/nudge.v1.EnvironmentService/ListEnvironments"));
-    let response = call.header("content-type", "application/grpc").body(vec![0; 5]).send().await.expect("answered");
-    assert_eq!((response.status().as_u16(), response.version()), (400, reqwest::Version::HTTP_11));
+    let call =
+        reqwest::Client::new().post(app.url("/nudge.v1.EnvironmentService/ListEnvironments"));
+    let response = call
+        .header("content-type", "application/grpc")
+        .body(vec![0; 5])
+        .send()
+        .await
+        .expect("answered");
+    assert_eq!(
+        (response.status().as_u16(), response.version()),
+        (400, reqwest::Version::HTTP_11)
+    );
     let told: Value = response.json().await.expect("JSON");
-    assert!(told["errors"][0]["detail"].as_str().is_some_and(|told| told.starts_with("got HTTP/1.1, expected HTTP/2")));
+    assert!(
+        told["errors"][0]["detail"]
+            .as_str()
+            .is_some_and(|told| told.starts_with("got HTTP/1.1, expected HTTP/2"))
+    );
     app.stop().await;
 }
 
@@ -147,8 +229,18 @@ async fn every_refusal_has_a_body() {
 async fn the_openapi_document_names_every_path() {
     let app = TestApp::start().await;
     let (status, document) = app.rest("GET", "/openapi.json", None).await;
-    assert_eq!((status, document["openapi"].as_str().map(|version| &version[..3])), (200, Some("3.1")));
-    let paths: Vec<&String> = document["paths"].as_object().expect("paths").keys().collect();
+    assert_eq!(
+        (
+            status,
+            document["openapi"].as_str().map(|version| &version[..3])
+        ),
+        (200, Some("3.1"))
+    );
+    let paths: Vec<&String> = document["paths"]
+        .as_object()
+        .expect("paths")
+        .keys()
+        .collect();
     for path in [
         "/v1/environments",
         "/v1/environments/{environment}",
@@ -159,7 +251,10 @@ async fn the_openapi_document_names_every_path() {
         "/v1/environments/{environment}/states/{key}",
         "/v1/environments/{environment}/summary",
     ] {
-        assert!(paths.iter().any(|known| *known == path), "{path} in {paths:?}");
+        assert!(
+            paths.iter().any(|known| *known == path),
+            "{path} in {paths:?}"
+        );
     }
     assert_eq!(app.rest("GET", "/docs/", None).await.0, 200);
 }
@@ -176,7 +271,13 @@ async fn grpc_tells_its_health_and_itself() {
         "nudge.v1.ModelService",
         "inference.GRPCInferenceService",
     ] {
-        let answer = health.check(HealthCheckRequest { service: service.into() }).await.expect("known").into_inner();
+        let answer = health
+            .check(HealthCheckRequest {
+                service: service.into(),
+            })
+            .await
+            .expect("known")
+            .into_inner();
         assert_eq!(answer.status, 1, "{service} serves");
     }
     let request = ServerReflectionRequest {
@@ -188,10 +289,24 @@ async fn grpc_tells_its_health_and_itself() {
         .await
         .expect("reflection")
         .into_inner();
-    let answer = answers.next().await.expect("an answer").expect("an answer").message_response;
-    let Some(MessageResponse::ListServicesResponse(listed)) = answer else { panic!("{answer:?}") };
-    let names: Vec<String> = listed.service.into_iter().map(|service| service.name).collect();
-    assert!(names.contains(&"nudge.v1.IngestService".to_owned()), "{names:?}");
+    let answer = answers
+        .next()
+        .await
+        .expect("an answer")
+        .expect("an answer")
+        .message_response;
+    let Some(MessageResponse::ListServicesResponse(listed)) = answer else {
+        panic!("{answer:?}")
+    };
+    let names: Vec<String> = listed
+        .service
+        .into_iter()
+        .map(|service| service.name)
+        .collect();
+    assert!(
+        names.contains(&"nudge.v1.IngestService".to_owned()),
+        "{names:?}"
+    );
 }
 
 #[tokio::test]
@@ -206,17 +321,25 @@ async fn grpc_web_is_spoken_over_http_1() {
         .await
         .expect("answered");
     assert_eq!(response.status().as_u16(), 200);
-    let kind = response.headers()["content-type"].to_str().expect("text").to_owned();
+    let kind = response.headers()["content-type"]
+        .to_str()
+        .expect("text")
+        .to_owned();
     assert!(kind.starts_with("application/grpc-web"), "{kind}");
     let body = response.bytes().await.expect("a body");
-    assert!(String::from_utf8_lossy(&body).contains("grpc-status:0"), "{body:?}");
+    assert!(
+        String::from_utf8_lossy(&body).contains("grpc-status:0"),
+        "{body:?}"
+    );
 }
 
 #[tokio::test]
 async fn browsers_get_a_page_and_others_json() {
     let app = TestApp::start().await;
     let get = async |path: &str, accept: &str| {
-        let request = reqwest::Client::new().get(app.url(path)).header("accept", accept);
+        let request = reqwest::Client::new()
+            .get(app.url(path))
+            .header("accept", accept);
         request.send().await.expect("answered")
     };
 
@@ -225,7 +348,12 @@ async fn browsers_get_a_page_and_others_json() {
         (page.status().as_u16(), &page.headers()["content-type"]),
         (200, &"text/html; charset=utf-8".parse().expect("a value"))
     );
-    assert!(page.headers().get_all("vary").iter().any(|vary| vary == "accept"));
+    assert!(
+        page.headers()
+            .get_all("vary")
+            .iter()
+            .any(|vary| vary == "accept")
+    );
     let text = page.text().await.expect("text");
     for part in [
         env!("CARGO_PKG_VERSION"),
@@ -240,20 +368,44 @@ async fn browsers_get_a_page_and_others_json() {
 
     // Everything that either names is there.
     let told: Value = get("/", "*/*").await.json().await.expect("JSON");
-    assert_eq!((&told["name"], &told["version"]), (&"nudge".into(), &env!("CARGO_PKG_VERSION").into()));
-    let named = told.as_object().expect("an object").values().filter_map(|value| value.as_str()).map(str::to_owned);
-    let linked = text.split("href=\"").skip(1).filter_map(|rest| rest.split('"').next()).map(str::to_owned);
+    assert_eq!(
+        (&told["name"], &told["version"]),
+        (&"nudge".into(), &env!("CARGO_PKG_VERSION").into())
+    );
+    let named = told
+        .as_object()
+        .expect("an object")
+        .values()
+        .filter_map(|value| value.as_str())
+        .map(str::to_owned);
+    let linked = text
+        .split("href=\"")
+        .skip(1)
+        .filter_map(|rest| rest.split('"').next())
+        .map(str::to_owned);
     for path in named.filter(|path| path.starts_with('/')).chain(linked) {
         assert_eq!(get(&path, "*/*").await.status().as_u16(), 200, "{path}");
     }
-    assert_eq!(app.rest("POST", "/", None).await.1["reason"], "METHOD_NOT_ALLOWED");
+    assert_eq!(
+        app.rest("POST", "/", None).await.1["reason"],
+        "METHOD_NOT_ALLOWED"
+    );
 
-    for path in ["/", "/docs", "/docs/", "/docs/swagger-ui.css", "/openapi.json"] {
+    for path in [
+        "/",
+        "/docs",
+        "/docs/",
+        "/docs/swagger-ui.css",
+        "/openapi.json",
+    ] {
         let headers = get(path, "text/html").await.headers().clone();
         assert_eq!(headers["x-content-type-options"], "nosniff", "{path}");
         assert_eq!(headers["x-frame-options"], "DENY", "{path}");
         let policy = headers["content-security-policy"].to_str().expect("text");
-        assert!(policy.contains("default-src 'self'") && policy.contains("frame-ancestors 'none'"), "{path}: {policy}");
+        assert!(
+            policy.contains("default-src 'self'") && policy.contains("frame-ancestors 'none'"),
+            "{path}: {policy}"
+        );
     }
 }
 
@@ -263,19 +415,33 @@ async fn documented(app: &TestApp) -> Vec<(String, String, BTreeSet<String>)> {
     let paths = document["paths"].as_object().expect("paths").clone();
     let operations = paths.into_iter().flat_map(|(path, operations)| {
         let operations = operations.as_object().expect("operations").clone();
-        operations.into_iter().map(move |(method, operation)| (path.clone(), method.to_uppercase(), operation))
+        operations
+            .into_iter()
+            .map(move |(method, operation)| (path.clone(), method.to_uppercase(), operation))
     });
     let names = |operation: &Value| {
-        let parameters = operation["parameters"].as_array().cloned().unwrap_or_default();
-        let queries = parameters.into_iter().filter(|parameter| parameter["in"] == "query");
-        queries.map(|parameter| parameter["name"].as_str().expect("a name").to_owned()).collect()
+        let parameters = operation["parameters"]
+            .as_array()
+            .cloned()
+            .unwrap_or_default();
+        let queries = parameters
+            .into_iter()
+            .filter(|parameter| parameter["in"] == "query");
+        queries
+            .map(|parameter| parameter["name"].as_str().expect("a name").to_owned())
+            .collect()
     };
-    operations.map(|(path, method, operation)| (path, method, names(&operation))).collect()
+    operations
+        .map(|(path, method, operation)| (path, method, names(&operation)))
+        .collect()
 }
 
 /// A path as somebody asks for it.
 fn filled(path: &str) -> String {
-    let path = path.replace("{environment}", "lane").replace("{producer}", "p").replace("{key}", "0.0");
+    let path = path
+        .replace("{environment}", "lane")
+        .replace("{producer}", "p")
+        .replace("{key}", "0.0");
     path.replace("{model}", "1")
 }
 
@@ -289,16 +455,26 @@ async fn what_is_served_is_what_is_documented() {
 
     // Every path of the routes is documented, and the other way round.
     let source = include_str!("../../src/serve/rest/mod.rs");
-    let served: BTreeSet<&str> = source.split(".route(\"").skip(1).filter_map(|rest| rest.split('"').next()).collect();
+    let served: BTreeSet<&str> = source
+        .split(".route(\"")
+        .skip(1)
+        .filter_map(|rest| rest.split('"').next())
+        .collect();
     assert_eq!(served, methods.keys().map(String::as_str).collect());
 
-    // A path takes the methods that are documented, and no other. What is read with GET is read with HEAD too.
+    // A path takes the methods that are documented, and no other. What is read with GET is read
+    // with HEAD too.
     for (path, documented) in methods {
-        let request = reqwest::Client::new().request(reqwest::Method::TRACE, app.url(&filled(&path)));
+        let request =
+            reqwest::Client::new().request(reqwest::Method::TRACE, app.url(&filled(&path)));
         let response = request.send().await.expect("answered");
         assert_eq!(response.status().as_u16(), 405, "{path}");
         let allowed = response.headers()["allow"].to_str().expect("text");
-        let allowed: BTreeSet<String> = allowed.split(',').filter(|method| *method != "HEAD").map(Into::into).collect();
+        let allowed: BTreeSet<String> = allowed
+            .split(',')
+            .filter(|method| *method != "HEAD")
+            .map(Into::into)
+            .collect();
         assert_eq!(allowed, documented, "{path}");
     }
 }
@@ -308,22 +484,43 @@ async fn parameters_are_taken_where_they_are_documented_and_nowhere_else() {
     let app = TestApp::start().await;
     app.lane().await;
     let operations = documented(&app).await;
-    let known: BTreeSet<String> = operations.iter().flat_map(|(_, _, names)| names.clone()).collect();
+    let known: BTreeSet<String> = operations
+        .iter()
+        .flat_map(|(_, _, names)| names.clone())
+        .collect();
     assert!(known.len() > 20, "{known:?}");
     for (path, method, names) in operations.iter().filter(|(_, _, names)| !names.is_empty()) {
         for name in known.iter().map(String::as_str).chain(["nothing"]) {
             let is_documented = names.contains(name);
-            let name = if name == "state" { "state.distance" } else { name };
-            let request = reqwest::Client::new()
-                .request(method.parse().expect("a method"), app.url(&format!("{}?{name}=%3F", filled(path))));
+            let name = if name == "state" {
+                "state.distance"
+            } else {
+                name
+            };
+            let request = reqwest::Client::new().request(
+                method.parse().expect("a method"),
+                app.url(&format!("{}?{name}=%3F", filled(path))),
+            );
             // With lines, whose parameters stand in the query.
             let request = if path.ends_with("/transitions") {
-                request.header("content-type", "application/x-ndjson").body("")
+                request
+                    .header("content-type", "application/x-ndjson")
+                    .body("")
             } else {
                 request
             };
-            let told = request.send().await.expect("answered").text().await.expect("text");
-            assert_eq!(!told.contains("unknown parameter"), is_documented, "{method} {path}?{name}: {told}");
+            let told = request
+                .send()
+                .await
+                .expect("answered")
+                .text()
+                .await
+                .expect("text");
+            assert_eq!(
+                !told.contains("unknown parameter"),
+                is_documented,
+                "{method} {path}?{name}: {told}"
+            );
         }
     }
 }

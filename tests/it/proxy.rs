@@ -18,13 +18,24 @@ pub struct Proxy {
 }
 
 impl Proxy {
-    /// Forwards until it is told otherwise, and cuts every connection after a random time where `cut_after` says how long at most.
+    /// Forwards until it is told otherwise, and cuts every connection after a random time where
+    /// `cut_after` says how long at most.
     pub async fn start(upstream: SocketAddr, cut_after: Option<Duration>, seed: u64) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
         let address = listener.local_addr().expect("bound").to_string();
         let (is_up, told) = watch::channel(true);
-        let task = tokio::spawn(accept(listener, upstream, told, cut_after, StdRng::seed_from_u64(seed)));
-        Self { address, is_up, task }
+        let task = tokio::spawn(accept(
+            listener,
+            upstream,
+            told,
+            cut_after,
+            StdRng::seed_from_u64(seed),
+        ));
+        Self {
+            address,
+            is_up,
+            task,
+        }
     }
 
     /// Cuts every connection and refuses new ones, or lets them through again.
@@ -60,7 +71,9 @@ async fn forward(
     mut is_up: watch::Receiver<bool>,
     life: Option<Duration>,
 ) {
-    let Ok(mut server) = TcpStream::connect(upstream).await else { return };
+    let Ok(mut server) = TcpStream::connect(upstream).await else {
+        return;
+    };
     tokio::select! {
         _ = copy_bidirectional(&mut client, &mut server) => {}
         _ = is_up.wait_for(|up| !up) => {}

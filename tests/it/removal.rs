@@ -1,4 +1,5 @@
-//! Deleting a large environment: accepted at once, finished behind the answers, through failures, kill -9 and restarts.
+//! Deleting a large environment: accepted at once, finished behind the answers, through failures,
+//! kill -9 and restarts.
 
 use std::net::SocketAddr;
 use std::path::Path;
@@ -18,9 +19,14 @@ use crate::support::faulty::{Failure, Faulty};
 use crate::support::{RawStream, TestApp, hello, lane_json, open, reason, row, rows};
 
 async fn background(address: SocketAddr) -> String {
-    let answer = reqwest::get(format!("http://{address}/readyz?verbose")).await.expect("answered");
+    let answer = reqwest::get(format!("http://{address}/readyz?verbose"))
+        .await
+        .expect("answered");
     assert_eq!(answer.status(), 200);
-    answer.json::<Value>().await.expect("JSON")["background"].as_str().expect("words").to_owned()
+    answer.json::<Value>().await.expect("JSON")["background"]
+        .as_str()
+        .expect("words")
+        .to_owned()
 }
 
 /// Waits until the background says something that passes.
@@ -36,61 +42,113 @@ async fn until(address: SocketAddr, passes: impl Fn(&str) -> bool) -> String {
 
 /// Returns the states that are left, where an environment is being removed.
 fn left(told: &str) -> Option<u64> {
-    let states = told.strip_prefix("removing 1 environment, ")?.split(" state").next()?;
+    let states = told
+        .strip_prefix("removing 1 environment, ")?
+        .split(" state")
+        .next()?;
     states.replace(',', "").parse().ok()
 }
 
 async fn execute(path: &Path, sql: &'static str) {
-    let mut connection = SqliteConnectOptions::new().filename(path).connect().await.expect("a connection");
-    sqlx::raw_sql(sql).execute(&mut connection).await.expect("a statement that works");
+    let mut connection = SqliteConnectOptions::new()
+        .filename(path)
+        .connect()
+        .await
+        .expect("a connection");
+    sqlx::raw_sql(sql)
+        .execute(&mut connection)
+        .await
+        .expect("a statement that works");
     connection.close().await.expect("closed");
 }
 
 async fn count(path: &Path, sql: &'static str) -> i64 {
-    let mut connection = SqliteConnectOptions::new().filename(path).connect().await.expect("a connection");
-    sqlx::query_scalar(sql).fetch_one(&mut connection).await.expect("a number")
+    let mut connection = SqliteConnectOptions::new()
+        .filename(path)
+        .connect()
+        .await
+        .expect("a connection");
+    sqlx::query_scalar(sql)
+        .fetch_one(&mut connection)
+        .await
+        .expect("a number")
 }
 
 #[tokio::test]
 async fn a_deletion_is_accepted_at_once_and_goes_on_until_it_can() {
     let directory = Arc::new(TempDir::new().expect("a temporary directory"));
-    let faulty = Faulty::new(open(directory.path(), Options::default()).await, Failure::Sweep);
+    let faulty = Faulty::new(
+        open(directory.path(), Options::default()).await,
+        Failure::Sweep,
+    );
     faulty.arm();
     let app = TestApp::with(directory.clone(), faulty.clone()).await;
     app.lane().await;
-    let (_, mut stream) = RawStream::open(app.ingest().await, hello("p")).await.expect("welcome");
-    stream.send(rows(1, vec![row([0.1, 0.0], [0.0, 2.0])])).await.expect("open");
+    let (_, mut stream) = RawStream::open(app.ingest().await, hello("p"))
+        .await
+        .expect("welcome");
+    stream
+        .send(rows(1, vec![row([0.1, 0.0], [0.0, 2.0])]))
+        .await
+        .expect("open");
     stream.acknowledged().await.expect("committed");
     until(app.address, |told| told == "idle").await;
 
     let (status, _) = app.rest("DELETE", "/v1/environments/lane", None).await;
     assert_eq!(status, 204);
     let ended = stream.acknowledged().await.expect_err("deleted");
-    assert_eq!((ended.code(), reason(&ended)), (Code::NotFound, "ENVIRONMENT_NOT_FOUND".into()));
+    assert_eq!(
+        (ended.code(), reason(&ended)),
+        (Code::NotFound, "ENVIRONMENT_NOT_FOUND".into())
+    );
     assert_eq!(app.rest("GET", "/v1/environments/lane", None).await.0, 404);
-    assert_eq!(app.rest("DELETE", "/v1/environments/lane", None).await.0, 404);
-    assert_eq!(background(app.address).await, "removing 1 environment, 1 state left");
+    assert_eq!(
+        app.rest("DELETE", "/v1/environments/lane", None).await.0,
+        404
+    );
+    assert_eq!(
+        background(app.address).await,
+        "removing 1 environment, 1 state left"
+    );
 
-    // Nothing of it can be removed yet, and nobody else waits: its name begins anew, and another one goes.
-    for removing in ["removing 2 environments, 2 states left", "removing 3 environments, 3 states left"] {
-        assert_eq!(app.rest("PUT", "/v1/environments/lane", Some(&lane_json())).await.0, 201);
+    // Nothing of it can be removed yet, and nobody else waits: its name begins anew, and another
+    // one goes.
+    for removing in [
+        "removing 2 environments, 2 states left",
+        "removing 3 environments, 3 states left",
+    ] {
+        assert_eq!(
+            app.rest("PUT", "/v1/environments/lane", Some(&lane_json()))
+                .await
+                .0,
+            201
+        );
         let body = json!({"producer": "p", "sequence": 1, "transitions": [
             {"state": {"distance": 1, "held": 0}, "actions": {"robot": 0, "human": 0}}]});
-        let (status, receipt) = app.rest("POST", "/v1/environments/lane/transitions", Some(&body)).await;
-        assert_eq!((status, &receipt["status"]), (200, &json!("applied")), "{receipt}");
-        assert_eq!(app.rest("DELETE", "/v1/environments/lane", None).await.0, 204);
+        let (status, receipt) = app
+            .rest("POST", "/v1/environments/lane/transitions", Some(&body))
+            .await;
+        assert_eq!(
+            (status, &receipt["status"]),
+            (200, &json!("applied")),
+            "{receipt}"
+        );
+        assert_eq!(
+            app.rest("DELETE", "/v1/environments/lane", None).await.0,
+            204
+        );
         assert_eq!(background(app.address).await, removing);
     }
 
     faulty.disarm();
     until(app.address, |told| told == "idle").await;
     app.stop().await;
-    let rows =
-        "select (select count(*) from environments) + (select count(*) from states) + (select count(*) from cells)";
+    let rows = "select (select count(*) from environments) + (select count(*) from states) + (select count(*) from cells)";
     assert_eq!(count(&directory.path().join("nudge.db"), rows).await, 0);
 }
 
-/// An environment `old` that was deleted, with 40,000 states of two cells; what is half way cannot be removed, so that nothing ends by itself.
+/// An environment `old` that was deleted, with 40,000 states of two cells; what is half way cannot
+/// be removed, so that nothing ends by itself.
 const HALF_SWEPT: &str = "
     insert into environments (uid, name, schema, schema_hash, rule) select 'old', null, schema, schema_hash, rule from environments;
     insert into states (id, environment, key)
@@ -107,9 +165,17 @@ fn count_one(sequence: u64) -> Value {
 
 async fn post(address: SocketAddr, sequence: u64) {
     let url = format!("http://{address}/v1/environments/lane/transitions");
-    let answer = reqwest::Client::new().post(url).json(&count_one(sequence)).send().await.expect("answered");
+    let answer = reqwest::Client::new()
+        .post(url)
+        .json(&count_one(sequence))
+        .send()
+        .await
+        .expect("answered");
     assert_eq!(answer.status(), 200);
-    assert_eq!(answer.json::<Value>().await.expect("JSON")["status"], "applied");
+    assert_eq!(
+        answer.json::<Value>().await.expect("JSON")["status"],
+        "applied"
+    );
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -117,20 +183,33 @@ async fn a_removal_goes_on_after_kills_and_restarts_behind_the_answers() {
     let directory = TempDir::new().expect("a temporary directory");
     let database = directory.path().join("nudge.db");
     let server = Server::start(directory.path(), "127.0.0.1:0");
-    let put = reqwest::Client::new().put(format!("http://{}/v1/environments/lane", server.address)).json(&lane_json());
+    let put = reqwest::Client::new()
+        .put(format!("http://{}/v1/environments/lane", server.address))
+        .json(&lane_json());
     assert_eq!(put.send().await.expect("answered").status(), 201);
     server.kill();
     execute(&database, HALF_SWEPT).await;
 
-    // Killed as soon as some of it is removed, then while the rest cannot be, then told to stop: each start serves at once.
+    // Killed as soon as some of it is removed, then while the rest cannot be, then told to stop:
+    // each start serves at once.
     let states = "select count(*) from states where environment = (select id from environments where uid = 'old')";
     let mut before = 40_000;
     for (sequence, round) in (1..).zip(["begun", "half way", "stopped"]) {
         let server = Server::start(directory.path(), "127.0.0.1:0");
         post(server.address, sequence).await;
         let told = match round {
-            "begun" => until(server.address, |told| left(told).is_some_and(|left| left < 40_000)).await,
-            _ => until(server.address, |told| left(told).is_some_and(|left| (20_001..=before).contains(&left))).await,
+            "begun" => {
+                until(server.address, |told| {
+                    left(told).is_some_and(|left| left < 40_000)
+                })
+                .await
+            }
+            _ => {
+                until(server.address, |told| {
+                    left(told).is_some_and(|left| (20_001..=before).contains(&left))
+                })
+                .await
+            }
         };
         assert!(told.starts_with("removing 1 environment, "), "{told}");
         if round == "stopped" {
@@ -148,8 +227,22 @@ async fn a_removal_goes_on_after_kills_and_restarts_behind_the_answers() {
     post(server.address, 4).await;
     server.kill();
     assert_eq!(count(&database, "select count(*) from states").await, 1);
-    assert_eq!(count(&database, "select (select count(*) from cells) + (select count(*) from environments)").await, 2);
-    let check = Command::new(env!("CARGO_BIN_EXE_nudge")).args(["check", "--data"]).arg(directory.path()).output();
+    assert_eq!(
+        count(
+            &database,
+            "select (select count(*) from cells) + (select count(*) from environments)"
+        )
+        .await,
+        2
+    );
+    let check = Command::new(env!("CARGO_BIN_EXE_nudge"))
+        .args(["check", "--data"])
+        .arg(directory.path())
+        .output();
     let check = check.expect("it starts");
-    assert!(check.status.success(), "{}", String::from_utf8_lossy(&check.stdout));
+    assert!(
+        check.status.success(),
+        "{}",
+        String::from_utf8_lossy(&check.stdout)
+    );
 }

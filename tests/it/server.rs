@@ -15,13 +15,18 @@ pub struct Server {
 impl Server {
     /// Starts it and returns once it says where it listens.
     pub fn start(data: &Path, listen: &str) -> Self {
-        Self::run(&mut Self::command(data, listen)).unwrap_or_else(|status| panic!("it ended with {status}"))
+        Self::run(&mut Self::command(data, listen))
+            .unwrap_or_else(|status| panic!("it ended with {status}"))
     }
 
     /// Returns what starts it, for those who have something to add.
     pub fn command(data: &Path, listen: &str) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_nudge"));
-        command.args(["serve", "--listen", listen, "--data"]).arg(data).stdout(Stdio::piped()).stderr(Stdio::null());
+        command
+            .args(["serve", "--listen", listen, "--data"])
+            .arg(data)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null());
         command
     }
 
@@ -29,12 +34,21 @@ impl Server {
     pub fn run(command: &mut Command) -> Result<Self, ExitStatus> {
         let mut child = command.spawn().expect("the binary starts");
         let mut line = String::new();
-        BufReader::new(child.stdout.take().expect("piped")).read_line(&mut line).expect("a line");
+        BufReader::new(child.stdout.take().expect("piped"))
+            .read_line(&mut line)
+            .expect("a line");
         if line.is_empty() {
             return Err(child.wait().expect("its output ended, and so does it"));
         }
-        let address = line.trim().rsplit("://").next().and_then(|address| address.parse().ok());
-        Ok(Self { child, address: address.unwrap_or_else(|| panic!("no address in {line:?}")) })
+        let address = line
+            .trim()
+            .rsplit("://")
+            .next()
+            .and_then(|address| address.parse().ok());
+        Ok(Self {
+            child,
+            address: address.unwrap_or_else(|| panic!("no address in {line:?}")),
+        })
     }
 
     /// Returns the number of its process.
@@ -44,7 +58,9 @@ impl Server {
 
     /// Asks it to stop, as an operator does.
     pub fn ask_to_stop(&self) {
-        let asked = Command::new("kill").args(["-TERM", &self.pid().to_string()]).status();
+        let asked = Command::new("kill")
+            .args(["-TERM", &self.pid().to_string()])
+            .status();
         assert!(asked.expect("kill is there").success());
     }
 
@@ -77,7 +93,8 @@ impl Server {
     }
 }
 
-/// A test that fails leaves no service behind, which would keep whatever it inherited: files, locks, the port.
+/// A test that fails leaves no service behind, which would keep whatever it inherited: files,
+/// locks, the port.
 impl Drop for Server {
     fn drop(&mut self) {
         let _ = self.child.kill();

@@ -1,10 +1,13 @@
-//! What only the SQLite store can show: its lock, files that are not its own, damage, and numbers that no test can count up to.
+//! What only the SQLite store can show: its lock, files that are not its own, damage, and numbers
+//! that no test can count up to.
 
 use std::path::Path;
 use std::sync::Arc;
 
 use nudge::domain::{EnvironmentId, WrittenRule};
-use nudge::store::{NewModel, Numbered, Options, Outcome, Quotas, Refusal, SqliteStore, Store, StoreError};
+use nudge::store::{
+    NewModel, Numbered, Options, Outcome, Quotas, Refusal, SqliteStore, Store, StoreError,
+};
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
 use sqlx::{ConnectOptions, Connection};
 
@@ -24,20 +27,41 @@ async fn refused(path: &Path) -> String {
 
 /// Returns a connection that knows nothing of the store's rules.
 async fn raw(path: &Path) -> SqliteConnection {
-    SqliteConnectOptions::new().filename(path).foreign_keys(false).connect().await.expect("a connection")
+    SqliteConnectOptions::new()
+        .filename(path)
+        .foreign_keys(false)
+        .connect()
+        .await
+        .expect("a connection")
 }
 
 async fn execute(path: &Path, sql: &'static str) {
     let mut connection = raw(path).await;
-    sqlx::query(sql).execute(&mut connection).await.expect("a statement that works");
+    sqlx::query(sql)
+        .execute(&mut connection)
+        .await
+        .expect("a statement that works");
     connection.close().await.expect("closed");
 }
 
 async fn with_some_counts(store: &Arc<dyn Store>) -> (EnvironmentId, Numbered) {
-    let id =
-        store.create(&"hallway".parse().expect("a name"), &schema(), WrittenRule::default()).await.expect("made").id;
-    let first = batch(id, "game", 1).cell(1, 1, tally(2, 1)).cell(1, 2, tally(3, 1)).done();
-    store.commit(std::slice::from_ref(&first)).await.expect("a commit");
+    let id = store
+        .create(
+            &"hallway".parse().expect("a name"),
+            &schema(),
+            WrittenRule::default(),
+        )
+        .await
+        .expect("made")
+        .id;
+    let first = batch(id, "game", 1)
+        .cell(1, 1, tally(2, 1))
+        .cell(1, 2, tally(3, 1))
+        .done();
+    store
+        .commit(std::slice::from_ref(&first))
+        .await
+        .expect("a commit");
     (id, first)
 }
 
@@ -45,8 +69,12 @@ async fn with_some_counts(store: &Arc<dyn Store>) -> (EnvironmentId, Numbered) {
 async fn a_second_store_on_the_same_file_is_refused() {
     let file = SqliteFile::new();
     let store = open(&file).await;
-    let second = SqliteStore::open(&file.path(), Options::default()).await.err();
-    let Some(StoreError::InUse(path)) = second else { panic!("{second:?}") };
+    let second = SqliteStore::open(&file.path(), Options::default())
+        .await
+        .err();
+    let Some(StoreError::InUse(path)) = second else {
+        panic!("{second:?}")
+    };
     assert!(path.ends_with("nudge.db"));
     assert!(!StoreError::InUse(path).to_string().contains('\n'));
     drop(store);
@@ -60,8 +88,16 @@ async fn what_is_not_our_database_is_refused_with_advice() {
     let file = SqliteFile::new();
     let path = file.path();
     std::fs::create_dir_all(path.parent().expect("a directory")).expect("made");
-    std::fs::write(&path, "to be, or not to be: that is the question ".repeat(100)).expect("written");
-    assert!(refused(&path).await.contains("not a database; move it away"));
+    std::fs::write(
+        &path,
+        "to be, or not to be: that is the question ".repeat(100),
+    )
+    .expect("written");
+    assert!(
+        refused(&path)
+            .await
+            .contains("not a database; move it away")
+    );
 
     std::fs::remove_file(&path).expect("removed");
     execute_making(&path, "create table poems (line text)").await;
@@ -69,16 +105,29 @@ async fn what_is_not_our_database_is_refused_with_advice() {
 
     let directory = path.with_file_name("directory.db");
     std::fs::create_dir(&directory).expect("made");
-    assert!(refused(&directory).await.contains("give this user the right"));
+    assert!(
+        refused(&directory)
+            .await
+            .contains("give this user the right")
+    );
 
     let below_a_file = path.join("nudge.db");
-    assert!(refused(&below_a_file).await.contains("cannot make its directory"));
+    assert!(
+        refused(&below_a_file)
+            .await
+            .contains("cannot make its directory")
+    );
 }
 
 async fn execute_making(path: &Path, sql: &'static str) {
-    let options = SqliteConnectOptions::new().filename(path).create_if_missing(true);
+    let options = SqliteConnectOptions::new()
+        .filename(path)
+        .create_if_missing(true);
     let mut connection = options.connect().await.expect("a connection");
-    sqlx::query(sql).execute(&mut connection).await.expect("a statement that works");
+    sqlx::query(sql)
+        .execute(&mut connection)
+        .await
+        .expect("a statement that works");
     connection.close().await.expect("closed");
 }
 
@@ -86,13 +135,26 @@ async fn execute_making(path: &Path, sql: &'static str) {
 async fn a_database_of_a_newer_version_is_refused() {
     let file = SqliteFile::new();
     open(&file).await.close().await;
-    let newer = "insert into _sqlx_migrations (version, description, success, checksum, execution_time)
+    let newer =
+        "insert into _sqlx_migrations (version, description, success, checksum, execution_time)
                  values (9999, 'of the future', true, x'00', 0)";
     execute(&file.path(), newer).await;
-    assert!(refused(&file.path()).await.contains("made by a newer nudge"));
-    execute(&file.path(), "delete from _sqlx_migrations where version = 9999").await;
+    assert!(
+        refused(&file.path())
+            .await
+            .contains("made by a newer nudge")
+    );
+    execute(
+        &file.path(),
+        "delete from _sqlx_migrations where version = 9999",
+    )
+    .await;
     execute(&file.path(), "update _sqlx_migrations set checksum = x'00'").await;
-    assert!(refused(&file.path()).await.contains("its record of migration 1 is not as it was written"));
+    assert!(
+        refused(&file.path())
+            .await
+            .contains("its record of migration 1 is not as it was written")
+    );
 }
 
 #[tokio::test]
@@ -100,19 +162,46 @@ async fn damage_is_found_and_makes_the_environment_read_only() {
     let file = SqliteFile::new();
     let store = open(&file).await;
     let (id, first) = with_some_counts(&store).await;
-    let healthy =
-        store.create(&"healthy".parse().expect("a name"), &schema(), WrittenRule::default()).await.expect("made").id;
-    assert!(store.audit().await.expect("an audit").iter().all(|audit| audit.is_sound()));
+    let healthy = store
+        .create(
+            &"healthy".parse().expect("a name"),
+            &schema(),
+            WrittenRule::default(),
+        )
+        .await
+        .expect("made")
+        .id;
+    assert!(
+        store
+            .audit()
+            .await
+            .expect("an audit")
+            .iter()
+            .all(|audit| audit.is_sound())
+    );
 
     execute(&file.path(), "update cells set n = n + 4 where joint = 2").await;
     let audits = store.audit().await.expect("an audit");
     assert_eq!((audits[0].kept, audits[0].found), ([5, 1, 2], [9, 1, 2]));
     let next = batch(id, "game", 2).done();
     let elsewhere = batch(healthy, "game", 1).cell(1, 1, tally(1, 1)).done();
-    let outcomes = store.commit(&[next, first, elsewhere.clone()]).await.expect("a commit");
+    let outcomes = store
+        .commit(&[next, first, elsewhere.clone()])
+        .await
+        .expect("a commit");
     let read_only = Outcome::Refused(Refusal::ReadOnly);
-    assert_eq!(outcomes, [read_only.clone(), read_only, applied(&elsewhere)]);
-    assert_eq!(store.counts(id, &[state(1)]).await.expect("still readable").len(), 1);
+    assert_eq!(
+        outcomes,
+        [read_only.clone(), read_only, applied(&elsewhere)]
+    );
+    assert_eq!(
+        store
+            .counts(id, &[state(1)])
+            .await
+            .expect("still readable")
+            .len(),
+        1
+    );
 }
 
 #[tokio::test]
@@ -127,7 +216,11 @@ async fn damage_beyond_any_number_is_still_told() {
     store.close().await;
     let store = open(&file).await;
     let environment = store.environment("hallway").expect("made");
-    let why = store.actions(&environment).await.expect_err("no sum").to_string();
+    let why = store
+        .actions(&environment)
+        .await
+        .expect_err("no sum")
+        .to_string();
     assert!(why.contains("run `nudge check`"), "{why}");
     execute(&file.path(), "delete from cells").await;
     assert_eq!(store.audit().await.expect("an audit")[0].found, [0, 1, 0]);
@@ -138,20 +231,47 @@ async fn a_producer_can_reach_the_largest_sequence() {
     let file = SqliteFile::new();
     let store = open(&file).await;
     let (id, _) = with_some_counts(&store).await;
-    execute(&file.path(), "update producers set sequence = 9223372036854775806").await;
-    let last = batch(id, "game", u64::MAX >> 1).cell(1, 1, tally(1, 1)).done();
+    execute(
+        &file.path(),
+        "update producers set sequence = 9223372036854775806",
+    )
+    .await;
+    let last = batch(id, "game", u64::MAX >> 1)
+        .cell(1, 1, tally(1, 1))
+        .done();
     assert_eq!(
-        store.commit(&[last.clone(), last.clone()]).await.expect("a commit"),
+        store
+            .commit(&[last.clone(), last.clone()])
+            .await
+            .expect("a commit"),
         [applied(&last), duplicate(&last)]
     );
-    assert_eq!(store.commit(std::slice::from_ref(&last)).await.expect("a commit"), [duplicate(&last)]);
+    assert_eq!(
+        store
+            .commit(std::slice::from_ref(&last))
+            .await
+            .expect("a commit"),
+        [duplicate(&last)]
+    );
     let first = batch(id, "game", 1).done();
-    assert_eq!(store.commit(&[first]).await.expect("a commit"), [unverified()]);
-    assert_eq!(store.watermark(id, &last.producer).await.expect("a watermark"), last.sequence);
+    assert_eq!(
+        store.commit(&[first]).await.expect("a commit"),
+        [unverified()]
+    );
+    assert_eq!(
+        store
+            .watermark(id, &last.producer)
+            .await
+            .expect("a watermark"),
+        last.sequence
+    );
 }
 
 async fn count(path: &Path, sql: &'static str) -> i64 {
-    sqlx::query_scalar(sql).fetch_one(&mut raw(path).await).await.expect("a number")
+    sqlx::query_scalar(sql)
+        .fetch_one(&mut raw(path).await)
+        .await
+        .expect("a number")
 }
 
 #[tokio::test]
@@ -159,12 +279,20 @@ async fn receipts_do_not_pile_up() {
     let file = SqliteFile::new();
     let store = open(&file).await;
     let (id, _) = with_some_counts(&store).await;
-    let batches: Vec<Numbered> = (2..=1_500).map(|sequence| batch(id, "game", sequence).done()).collect();
+    let batches: Vec<Numbered> = (2..=1_500)
+        .map(|sequence| batch(id, "game", sequence).done())
+        .collect();
     for chunk in batches.chunks(700) {
         store.commit(chunk).await.expect("a commit");
     }
-    assert_eq!(count(&file.path(), "select count(*) from batches").await, 1_024);
-    assert_eq!(count(&file.path(), "select min(sequence) from batches").await, 1_500 - 1_023);
+    assert_eq!(
+        count(&file.path(), "select count(*) from batches").await,
+        1_024
+    );
+    assert_eq!(
+        count(&file.path(), "select min(sequence) from batches").await,
+        1_500 - 1_023
+    );
 }
 
 #[tokio::test]
@@ -172,7 +300,13 @@ async fn an_interrupted_removal_goes_on_when_the_store_is_opened() {
     let file = SqliteFile::new();
     let store = open(&file).await;
     let (id, _) = with_some_counts(&store).await;
-    let model = NewModel { ego: 0, other: 1, kind: "joint".into(), card: String::new(), weights: vec![7; 9_000] };
+    let model = NewModel {
+        ego: 0,
+        other: 1,
+        kind: "joint".into(),
+        card: String::new(),
+        weights: vec![7; 9_000],
+    };
     for _ in 0..12 {
         store.keep_model(id, &model).await.expect("kept");
     }
@@ -181,7 +315,10 @@ async fn an_interrupted_removal_goes_on_when_the_store_is_opened() {
     execute(&file.path(), "delete from totals").await;
     let store = open(&file).await;
     assert!(store.environments().is_empty());
-    assert!(count(&file.path(), ROWS).await > 12, "opening does not wait for a removal");
+    assert!(
+        count(&file.path(), ROWS).await > 12,
+        "opening does not wait for a removal"
+    );
     sweep(&store).await;
     assert_eq!(count(&file.path(), ROWS).await, 0);
     let (new, _) = with_some_counts(&store).await;
@@ -207,10 +344,17 @@ async fn no_step_of_a_removal_has_many_rows() {
     let file = SqliteFile::new();
     let store = open(&file).await;
     let (id, _) = with_some_counts(&store).await;
-    let wide = (0..9_000).fold(batch(id, "game", 2), |sending, joint| sending.cell(1, joint, tally(1, 1)));
+    let wide = (0..9_000).fold(batch(id, "game", 2), |sending, joint| {
+        sending.cell(1, joint, tally(1, 1))
+    });
     store.commit(&[wide.done()]).await.expect("a commit");
     let many: Vec<Numbered> = (3..=3_000)
-        .map(|sequence| batch(id, "game", sequence).cell(2, 1, tally(1, 1)).segment(&format!("s{sequence}")).done())
+        .map(|sequence| {
+            batch(id, "game", sequence)
+                .cell(2, 1, tally(1, 1))
+                .segment(&format!("s{sequence}"))
+                .done()
+        })
         .collect();
     store.commit(&many).await.expect("a commit");
     store.delete(id).await.expect("removed");
@@ -220,7 +364,10 @@ async fn no_step_of_a_removal_has_many_rows() {
     while store.leftovers().environments > 0 {
         store.sweep().await.expect("a step");
         let after = count(&file.path(), ROWS).await;
-        assert!((1..=1_024).contains(&(before - after)), "{before} - {after}");
+        assert!(
+            (1..=1_024).contains(&(before - after)),
+            "{before} - {after}"
+        );
         before = after;
     }
     assert_eq!(before, 0);
@@ -244,25 +391,51 @@ async fn a_removal_that_fails_keeps_no_other_from_its_end() {
         failed += u32::from(store.sweep().await.is_err());
     }
     assert!(failed > 0 && store.sweep().await.is_err());
-    assert_eq!(count(&file.path(), "select count(*) from environments where id = 1").await, 1);
-    assert_eq!(count(&file.path(), ROWS).await, 1 + 1 + 2 + 1 + 1 + 1, "what the failed one has is all there");
+    assert_eq!(
+        count(
+            &file.path(),
+            "select count(*) from environments where id = 1"
+        )
+        .await,
+        1
+    );
+    assert_eq!(
+        count(&file.path(), ROWS).await,
+        1 + 1 + 2 + 1 + 1 + 1,
+        "what the failed one has is all there"
+    );
     let (other, first) = with_some_counts(&store).await;
-    assert_eq!(store.totals(other).await.expect("unharmed").transitions, first.increment.transitions);
+    assert_eq!(
+        store.totals(other).await.expect("unharmed").transitions,
+        first.increment.transitions
+    );
 
     execute(&file.path(), "drop trigger fault").await;
     sweep(&store).await;
-    assert_eq!(count(&file.path(), "select count(*) from environments").await, 1);
+    assert_eq!(
+        count(&file.path(), "select count(*) from environments").await,
+        1
+    );
 }
 
 #[tokio::test]
 async fn commits_go_on_while_an_environment_is_removed() {
     let file = SqliteFile::new();
     let store = open(&file).await;
-    let large =
-        store.create(&"large".parse().expect("a name"), &schema(), WrittenRule::default()).await.expect("made").id;
+    let large = store
+        .create(
+            &"large".parse().expect("a name"),
+            &schema(),
+            WrittenRule::default(),
+        )
+        .await
+        .expect("made")
+        .id;
     for sequence in 1..=5 {
         let states = (0..2_000).map(|at| sequence as u32 * 2_000 + at);
-        let sending = states.fold(batch(large, "game", sequence), |sending, place| sending.cell(place, 1, tally(1, 1)));
+        let sending = states.fold(batch(large, "game", sequence), |sending, place| {
+            sending.cell(place, 1, tally(1, 1))
+        });
         store.commit(&[sending.done()]).await.expect("a commit");
     }
     let (small, _) = with_some_counts(&store).await;
@@ -275,16 +448,32 @@ async fn commits_go_on_while_an_environment_is_removed() {
     let mut sequence = 1;
     while !removal.is_finished() {
         sequence += 1;
-        let next = batch(small, "game", sequence).cell(7, sequence, tally(1, 1)).done();
-        assert_eq!(store.commit(std::slice::from_ref(&next)).await.expect("a commit"), [applied(&next)]);
+        let next = batch(small, "game", sequence)
+            .cell(7, sequence, tally(1, 1))
+            .done();
+        assert_eq!(
+            store
+                .commit(std::slice::from_ref(&next))
+                .await
+                .expect("a commit"),
+            [applied(&next)]
+        );
     }
     removal.await.expect("no panic");
     assert!(sequence > 10, "{sequence} commits came between the steps");
-    assert!(store.audit().await.expect("an audit").iter().all(|audit| audit.is_sound()));
+    assert!(
+        store
+            .audit()
+            .await
+            .expect("an audit")
+            .iter()
+            .all(|audit| audit.is_sound())
+    );
     assert_eq!(count(&file.path(), "select count(*) from states").await, 2);
 }
 
-/// The store's promise when the future of a commit is dropped at any moment: it happened or it did not, and everything agrees which.
+/// The store's promise when the future of a commit is dropped at any moment: it happened or it did
+/// not, and everything agrees which.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_commit_that_is_cancelled_happened_or_not() {
     let file = SqliteFile::new();
@@ -293,31 +482,58 @@ async fn a_commit_that_is_cancelled_happened_or_not() {
     let environment = store.environment("hallway").expect("made");
     let (mut happened, mut cancelled) = (0, 0);
     for round in 0..300_u64 {
-        let last = store.watermark(id, &first.producer).await.expect("a watermark").get();
+        let last = store
+            .watermark(id, &first.producer)
+            .await
+            .expect("a watermark")
+            .get();
         let next = batch(id, "game", last + 1).cell(5, 5, tally(1, 1)).done();
         let patience = std::time::Duration::from_micros(round * 7 % 900);
-        let answer = tokio::time::timeout(patience, store.commit(std::slice::from_ref(&next))).await;
+        let answer =
+            tokio::time::timeout(patience, store.commit(std::slice::from_ref(&next))).await;
         cancelled += u64::from(answer.is_err());
         // Read before the next transaction settles it, and after.
         let early = visits(&store, id, 5).await;
         if round % 2 == 1 {
             let [first, second] = [0; 2].map(|_| store.actions(&environment));
-            let (first, second) = (first.await.expect("actions"), second.await.expect("actions"));
+            let (first, second) = (
+                first.await.expect("actions"),
+                second.await.expect("actions"),
+            );
             assert!(Arc::ptr_eq(&first, &second), "read from the cells twice");
         }
-        let committed = store.watermark(id, &first.producer).await.expect("a watermark").get() - 1;
+        let committed = store
+            .watermark(id, &first.producer)
+            .await
+            .expect("a watermark")
+            .get()
+            - 1;
         let late = visits(&store, id, 5).await;
-        assert!(early <= late && late == committed, "{early} {late} {committed}");
-        assert!(answer.is_err() || committed == last, "acknowledged and lost");
+        assert!(
+            early <= late && late == committed,
+            "{early} {late} {committed}"
+        );
+        assert!(
+            answer.is_err() || committed == last,
+            "acknowledged and lost"
+        );
         let actions = store.actions(&environment).await.expect("actions");
         assert_eq!(actions.revision, 5 + committed, "five were counted before");
         happened = committed;
     }
-    assert!(cancelled > 0 && happened > 0, "{cancelled} cancelled, {happened} happened");
+    assert!(
+        cancelled > 0 && happened > 0,
+        "{cancelled} cancelled, {happened} happened"
+    );
     assert!(store.audit().await.expect("an audit")[0].is_sound());
 }
 
 async fn visits(store: &Arc<dyn Store>, id: EnvironmentId, place: u32) -> u64 {
     let counts = store.counts(id, &[state(place)]).await.expect("counts");
-    counts[0].counts.cells().iter().map(|cell| cell.tally.n).sum()
+    counts[0]
+        .counts
+        .cells()
+        .iter()
+        .map(|cell| cell.tally.n)
+        .sum()
 }

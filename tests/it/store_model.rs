@@ -1,6 +1,8 @@
-//! The store against a model in memory: random commits, resends, restarts, environments that end and begin again, reads warm and cold.
+//! The store against a model in memory: random commits, resends, restarts, environments that end
+//! and begin again, reads warm and cold.
 //!
-//! The model knows nothing of merging, caching or SQL: it keeps every batch it accepted and adds up what is asked.
+//! The model knows nothing of merging, caching or SQL: it keeps every batch it accepted and adds up
+//! what is asked.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -20,7 +22,13 @@ const NAMES: [&str; 2] = ["hallway", "kitchen"];
 const PRODUCERS: [&str; 3] = ["a", "b", "c"];
 const SEGMENTS: [&str; 3] = ["", "train", "test"];
 /// Small enough that a run meets each of them.
-const QUOTAS: Quotas = Quotas { cells: 14, segments: 2, producers: 2, models: 256, environments: 1_000 };
+const QUOTAS: Quotas = Quotas {
+    cells: 14,
+    segments: 2,
+    producers: 2,
+    models: 256,
+    environments: 1_000,
+};
 
 #[derive(Debug, Clone)]
 enum Step {
@@ -45,8 +53,22 @@ fn sends() -> impl Strategy<Value = Send> {
     let tally = (1_u64..4, prop::option::weighted(0.8, 0_u64..2));
     let cells = prop::collection::btree_map((0..PLACES, 0_u64..3), tally, 0..5);
     let off = prop_oneof![8 => Just(0_i64), 3 => -4_i64..0, 1 => 1_i64..4];
-    (0..NAMES.len(), 0..PRODUCERS.len(), off, prop::bool::weighted(0.1), 0..SEGMENTS.len(), cells)
-        .prop_map(|(name, producer, off, reuse, segment, cells)| Send { name, producer, off, reuse, segment, cells })
+    (
+        0..NAMES.len(),
+        0..PRODUCERS.len(),
+        off,
+        prop::bool::weighted(0.1),
+        0..SEGMENTS.len(),
+        cells,
+    )
+        .prop_map(|(name, producer, off, reuse, segment, cells)| Send {
+            name,
+            producer,
+            off,
+            reuse,
+            segment,
+            cells,
+        })
 }
 
 fn steps() -> impl Strategy<Value = Vec<Step>> {
@@ -81,7 +103,9 @@ impl World {
 
     fn actions(&self) -> ActionTotals {
         let mut actions = ActionTotals::new(&schema());
-        self.cells().into_iter().for_each(|((_, _, joint), tally)| actions.add(joint, tally));
+        self.cells()
+            .into_iter()
+            .for_each(|((_, _, joint), tally)| actions.add(joint, tally));
         actions
     }
 
@@ -93,27 +117,41 @@ impl World {
             sequence if sequence == last + 1 => self.count(batch),
             sequence => {
                 let first = &known.expect("it has a last one")[sequence as usize - 1];
-                if first.digest == batch.digest { duplicate(first) } else { Outcome::Refused(Refusal::Reused) }
+                if first.digest == batch.digest {
+                    duplicate(first)
+                } else {
+                    Outcome::Refused(Refusal::Reused)
+                }
             }
         }
     }
 
     fn count(&mut self, batch: &Numbered) -> Outcome {
-        if !self.accepted.contains_key(batch.producer.as_str()) && self.accepted.len() as u64 >= QUOTAS.producers {
+        if !self.accepted.contains_key(batch.producer.as_str())
+            && self.accepted.len() as u64 >= QUOTAS.producers
+        {
             return over_quota("producers", QUOTAS.producers);
         }
         let before = self.cells();
         let segments: BTreeSet<&String> = before.keys().map(|(_, segment, _)| segment).collect();
         let added = named(batch);
-        let is_new_segment = added.first().is_some_and(|((_, segment, _), _)| !segments.contains(segment));
+        let is_new_segment = added
+            .first()
+            .is_some_and(|((_, segment, _), _)| !segments.contains(segment));
         if is_new_segment && segments.len() as u64 >= QUOTAS.segments {
             return over_quota("segments", QUOTAS.segments);
         }
-        let fresh = added.iter().filter(|(name, _)| !before.contains_key(name)).count();
+        let fresh = added
+            .iter()
+            .filter(|(name, _)| !before.contains_key(name))
+            .count();
         if (before.len() + fresh) as u64 > QUOTAS.cells {
             return over_quota("cells", QUOTAS.cells);
         }
-        self.accepted.entry(batch.producer.to_string()).or_default().push(batch.clone());
+        self.accepted
+            .entry(batch.producer.to_string())
+            .or_default()
+            .push(batch.clone());
         applied(batch)
     }
 
@@ -121,18 +159,32 @@ impl World {
         let cells = self.cells();
         Totals {
             transitions: cells.values().map(|tally| tally.n).sum(),
-            states: cells.keys().map(|(place, _, _)| place).collect::<BTreeSet<_>>().len() as u64,
+            states: cells
+                .keys()
+                .map(|(place, _, _)| place)
+                .collect::<BTreeSet<_>>()
+                .len() as u64,
             cells: cells.len() as u64,
-            segments: cells.keys().map(|(_, segment, _)| segment).collect::<BTreeSet<_>>().len() as u64,
+            segments: cells
+                .keys()
+                .map(|(_, segment, _)| segment)
+                .collect::<BTreeSet<_>>()
+                .len() as u64,
             producers: self.accepted.len() as u64,
         }
     }
 }
 
 fn named(batch: &Numbered) -> Vec<(CellName, Tally)> {
-    let segment = batch.increment.segment.as_ref().map_or(String::new(), ToString::to_string);
+    let segment = batch
+        .increment
+        .segment
+        .as_ref()
+        .map_or(String::new(), ToString::to_string);
     let place = |state: u32| batch.increment.states[state as usize].bins()[0];
-    let name = |(state, joint, tally): &(u32, u64, Tally)| ((place(*state), segment.clone(), *joint), *tally);
+    let name = |(state, joint, tally): &(u32, u64, Tally)| {
+        ((place(*state), segment.clone(), *joint), *tally)
+    };
     batch.increment.cells.iter().map(name).collect()
 }
 
@@ -151,7 +203,12 @@ impl Pair {
         let mut file = SqliteFile::new();
         file.cache_cells = cache_cells;
         let store = file.open(QUOTAS).await;
-        let mut pair = Self { file, open: Some(store), worlds: Default::default(), sent: 0 };
+        let mut pair = Self {
+            file,
+            open: Some(store),
+            worlds: Default::default(),
+            sent: 0,
+        };
         for name in 0..NAMES.len() {
             pair.make(name).await;
         }
@@ -159,8 +216,18 @@ impl Pair {
     }
 
     async fn make(&mut self, name: usize) {
-        let made = self.store().create(&NAMES[name].parse().expect("a name"), &schema(), WrittenRule::default()).await;
-        self.worlds[name] = World { id: Some(made.expect("made").id), ..World::default() };
+        let made = self
+            .store()
+            .create(
+                &NAMES[name].parse().expect("a name"),
+                &schema(),
+                WrittenRule::default(),
+            )
+            .await;
+        self.worlds[name] = World {
+            id: Some(made.expect("made").id),
+            ..World::default()
+        };
     }
 
     fn store(&self) -> &dyn Store {
@@ -198,18 +265,30 @@ impl Pair {
             expected.push(self.worlds[send.name].decide(&batch));
             batches.push(batch);
         }
-        assert_eq!(self.store().commit(&batches).await.expect("a commit"), expected);
+        assert_eq!(
+            self.store().commit(&batches).await.expect("a commit"),
+            expected
+        );
     }
 
     fn batch(&mut self, send: &Send) -> Numbered {
-        let known = self.worlds[send.name].accepted.get(PRODUCERS[send.producer]);
+        let known = self.worlds[send.name]
+            .accepted
+            .get(PRODUCERS[send.producer]);
         let last = known.map_or(0, Vec::len) as i64;
         let sequence = (last + 1 + send.off).max(1);
-        if let Some(first) = known.and_then(|known| known.get(sequence as usize - 1)).filter(|_| !send.reuse) {
+        if let Some(first) = known
+            .and_then(|known| known.get(sequence as usize - 1))
+            .filter(|_| !send.reuse)
+        {
             return first.clone();
         }
         self.sent += 1;
-        let mut sending = batch(self.id(send.name), PRODUCERS[send.producer], sequence as u64);
+        let mut sending = batch(
+            self.id(send.name),
+            PRODUCERS[send.producer],
+            sequence as u64,
+        );
         for ((place, joint), (n, entries)) in &send.cells {
             let entries = entries.map(|entries| entries.min(*n));
             sending = sending.cell(*place, *joint, Tally { n: *n, entries });
@@ -226,40 +305,82 @@ impl Pair {
         for (name, world) in self.worlds.iter().enumerate() {
             let labels = self.labels(name).await;
             let keys: Vec<_> = places.iter().map(|place| state(*place)).collect();
-            let found = self.store().counts(self.id(name), &keys).await.expect("counts");
+            let found = self
+                .store()
+                .counts(self.id(name), &keys)
+                .await
+                .expect("counts");
             let cells = world.cells();
             for (place, found) in places.iter().zip(found) {
                 let told = found.counts.cells().iter();
-                let told = told.map(|cell| ((*place, labels[&cell.segment.0].clone(), cell.joint), cell.tally));
+                let told = told.map(|cell| {
+                    (
+                        (*place, labels[&cell.segment.0].clone(), cell.joint),
+                        cell.tally,
+                    )
+                });
                 let expected = cells.iter().filter(|((of, _, _), _)| of == place);
-                assert_eq!(told.collect::<BTreeMap<_, _>>(), expected.map(|(n, t)| (n.clone(), *t)).collect());
+                assert_eq!(
+                    told.collect::<BTreeMap<_, _>>(),
+                    expected.map(|(n, t)| (n.clone(), *t)).collect()
+                );
                 assert_eq!(found.revision, world.totals().transitions);
             }
             let environment = self.store().environment(NAMES[name]).expect("made");
-            assert_eq!(*self.store().actions(&environment).await.expect("actions"), world.actions());
+            assert_eq!(
+                *self.store().actions(&environment).await.expect("actions"),
+                world.actions()
+            );
         }
     }
 
     async fn labels(&self, name: usize) -> BTreeMap<i64, String> {
-        let segments = self.store().segments(self.id(name)).await.expect("segments");
-        segments.into_iter().map(|(id, label)| (id.0, label.map_or(String::new(), |l| l.to_string()))).collect()
+        let segments = self
+            .store()
+            .segments(self.id(name))
+            .await
+            .expect("segments");
+        segments
+            .into_iter()
+            .map(|(id, label)| (id.0, label.map_or(String::new(), |l| l.to_string())))
+            .collect()
     }
 
     async fn compare_all(&self) {
         self.compare_states(&(0..PLACES).collect::<Vec<_>>()).await;
         for (name, world) in self.worlds.iter().enumerate() {
             let id = self.id(name);
-            assert_eq!(self.store().totals(id).await.expect("totals"), world.totals());
+            assert_eq!(
+                self.store().totals(id).await.expect("totals"),
+                world.totals()
+            );
             for producer in PRODUCERS {
                 let last = world.accepted.get(producer).map_or(0, Vec::len) as u64;
-                let found = self.store().watermark(id, &producer.parse().expect("a producer")).await;
+                let found = self
+                    .store()
+                    .watermark(id, &producer.parse().expect("a producer"))
+                    .await;
                 assert_eq!(found.expect("a watermark").get(), last);
             }
-            let scanned = self.store().scan(id, Cursor::default(), 100).await.expect("a page");
+            let scanned = self
+                .store()
+                .scan(id, Cursor::default(), 100)
+                .await
+                .expect("a page");
             let cells: usize = scanned.iter().map(|state| state.counts.cells().len()).sum();
-            assert_eq!((scanned.len() as u64, cells), (world.totals().states, world.cells().len()));
+            assert_eq!(
+                (scanned.len() as u64, cells),
+                (world.totals().states, world.cells().len())
+            );
         }
-        assert!(self.store().audit().await.expect("an audit").iter().all(|audit| audit.is_sound()));
+        assert!(
+            self.store()
+                .audit()
+                .await
+                .expect("an audit")
+                .iter()
+                .all(|audit| audit.is_sound())
+        );
     }
 }
 
@@ -307,13 +428,26 @@ impl Traffic {
                         tokio::task::yield_now().await;
                     }
                 };
-                tokio::time::timeout(LONG, all).await.expect("all readers read");
+                tokio::time::timeout(LONG, all)
+                    .await
+                    .expect("all readers read");
             }
             let places = (0..PLACES).filter(|place| (sequence >> place) & 1 == 1);
             let one = |sending: Sending, place| sending.cell(place, sequence % 3, tally(1, 1));
-            let next = places.clone().fold(batch(self.id, "game", sequence), one).done();
-            places.clone().for_each(|place| add(&self.sent[place as usize]));
-            assert_eq!(self.store.commit(std::slice::from_ref(&next)).await.expect("a commit"), [applied(&next)]);
+            let next = places
+                .clone()
+                .fold(batch(self.id, "game", sequence), one)
+                .done();
+            places
+                .clone()
+                .for_each(|place| add(&self.sent[place as usize]));
+            assert_eq!(
+                self.store
+                    .commit(std::slice::from_ref(&next))
+                    .await
+                    .expect("a commit"),
+                [applied(&next)]
+            );
             places.for_each(|place| add(&self.acknowledged[place as usize]));
         }
         self.over.store(true, Ordering::SeqCst);
@@ -324,13 +458,31 @@ impl Traffic {
         let keys: Vec<_> = places.iter().map(|place| state(*place)).collect();
         let mut seen = vec![(0, 0); places.len()];
         while !self.over.load(Ordering::SeqCst) {
-            let before: Vec<u64> = places.iter().map(|place| load(&self.acknowledged[*place as usize])).collect();
+            let before: Vec<u64> = places
+                .iter()
+                .map(|place| load(&self.acknowledged[*place as usize]))
+                .collect();
             let found = self.store.counts(self.id, &keys).await.expect("counts");
             for (at, found) in found.iter().enumerate() {
-                let visits = found.counts.cells().iter().map(|cell| cell.tally.n).sum::<u64>();
-                assert!(visits >= before[at], "an acknowledged batch is missing: {visits} of {}", before[at]);
-                assert!(visits <= load(&self.sent[places[at] as usize]), "more than was sent");
-                assert!((visits, found.revision) >= seen[at] && found.revision >= seen[at].1, "back in time");
+                let visits = found
+                    .counts
+                    .cells()
+                    .iter()
+                    .map(|cell| cell.tally.n)
+                    .sum::<u64>();
+                assert!(
+                    visits >= before[at],
+                    "an acknowledged batch is missing: {visits} of {}",
+                    before[at]
+                );
+                assert!(
+                    visits <= load(&self.sent[places[at] as usize]),
+                    "more than was sent"
+                );
+                assert!(
+                    (visits, found.revision) >= seen[at] && found.revision >= seen[at].1,
+                    "back in time"
+                );
                 seen[at] = (visits, found.revision);
             }
             add(&self.reads[reader]);
@@ -353,8 +505,15 @@ async fn readers_beside_a_writer(cache_cells: usize) {
     let mut file = SqliteFile::new();
     file.cache_cells = cache_cells;
     let store = file.open(Quotas::default()).await;
-    let id =
-        store.create(&"hallway".parse().expect("a name"), &schema(), WrittenRule::default()).await.expect("made").id;
+    let id = store
+        .create(
+            &"hallway".parse().expect("a name"),
+            &schema(),
+            WrittenRule::default(),
+        )
+        .await
+        .expect("made")
+        .id;
     let over = AtomicBool::new(false);
     let traffic = Arc::new(Traffic {
         store,
@@ -400,9 +559,16 @@ async fn ask(
     while seen < last {
         let before = load(&acknowledged);
         let actions = store.actions(&environment).await.expect("actions");
-        assert!(actions.revision >= before.max(seen), "an acknowledged batch is missing, or back in time");
+        assert!(
+            actions.revision >= before.max(seen),
+            "an acknowledged batch is missing, or back in time"
+        );
         for agent in [0, 1] {
-            assert_eq!(actions.draws(agent).iter().sum::<u64>(), actions.revision, "missed or doubled");
+            assert_eq!(
+                actions.draws(agent).iter().sum::<u64>(),
+                actions.revision,
+                "missed or doubled"
+            );
         }
         seen = actions.revision;
         let _ = first.take().map(|first| first.send(()));
@@ -410,16 +576,25 @@ async fn ask(
     }
 }
 
-/// Each round opens the store anew, so that its first questions read every state while commits go on.
+/// Each round opens the store anew, so that its first questions read every state while commits go
+/// on.
 #[tokio::test(flavor = "multi_thread", worker_threads = 3)]
 async fn actions_are_read_while_commits_go_on() {
     const STATES: u32 = 4_000;
     const COMMITS: u64 = 60;
     let file = SqliteFile::new();
     let store = file.open(Quotas::default()).await;
-    let made = store.create(&"hallway".parse().expect("a name"), &schema(), WrittenRule::default()).await;
+    let made = store
+        .create(
+            &"hallway".parse().expect("a name"),
+            &schema(),
+            WrittenRule::default(),
+        )
+        .await;
     let id = made.expect("made").id;
-    let first = (0..STATES).fold(batch(id, "base", 1), |sending, place| sending.cell(place, 5, tally(1, 1)));
+    let first = (0..STATES).fold(batch(id, "base", 1), |sending, place| {
+        sending.cell(place, 5, tally(1, 1))
+    });
     store.commit(&[first.done()]).await.expect("a commit");
     store.close().await;
     drop(store);
@@ -434,26 +609,44 @@ async fn actions_are_read_while_commits_go_on() {
             .into_iter()
             .map(|first| {
                 let (store, environment) = (Arc::clone(&store), Arc::clone(&environment));
-                tokio::spawn(ask(store, environment, Arc::clone(&acknowledged), counted + COMMITS, first))
+                tokio::spawn(ask(
+                    store,
+                    environment,
+                    Arc::clone(&acknowledged),
+                    counted + COMMITS,
+                    first,
+                ))
             })
             .collect();
         let mut answered = Some(answered);
         for sequence in round * COMMITS + 1..=(round + 1) * COMMITS {
             if sequence == (round + 1) * COMMITS {
-                // Everybody has had an answer before the last commit, however busy the machine is, and has another one after it.
+                // Everybody has had an answer before the last commit, however busy the machine is,
+                // and has another one after it.
                 for answered in answered.take().into_iter().flatten() {
                     answered.await.expect("no assertion failed");
                 }
             }
-            let next = batch(id, "game", sequence).cell(sequence as u32 % 7, sequence % 1_500, tally(1, 1)).done();
-            assert_eq!(store.commit(std::slice::from_ref(&next)).await.expect("a commit"), [applied(&next)]);
+            let next = batch(id, "game", sequence)
+                .cell(sequence as u32 % 7, sequence % 1_500, tally(1, 1))
+                .done();
+            assert_eq!(
+                store
+                    .commit(std::slice::from_ref(&next))
+                    .await
+                    .expect("a commit"),
+                [applied(&next)]
+            );
             add(&acknowledged);
         }
         for asking in asking {
             asking.await.expect("no assertion failed");
         }
         let expected = actions_by_scan(&*store, &environment).await;
-        assert_eq!(*store.actions(&environment).await.expect("actions"), expected);
+        assert_eq!(
+            *store.actions(&environment).await.expect("actions"),
+            expected
+        );
         store.close().await;
     }
 }

@@ -1,4 +1,5 @@
-//! A store that commits and then reports failure: nothing may be acknowledged, and resuming finds that it was counted once.
+//! A store that commits and then reports failure: nothing may be acknowledged, and resuming finds
+//! that it was counted once.
 
 use std::sync::Arc;
 
@@ -17,30 +18,49 @@ async fn resumes_after(failure: Failure, committed: u64) {
     let app = TestApp::with(directory, faulty.clone()).await;
     app.lane().await;
     let one = |sequence| rows(sequence, vec![row([0.1, 0.0], [0.0, 2.0])]);
-    let (_, mut stream) = RawStream::open(app.ingest().await, hello("p")).await.expect("welcome");
+    let (_, mut stream) = RawStream::open(app.ingest().await, hello("p"))
+        .await
+        .expect("welcome");
     stream.send(one(1)).await.expect("open");
     stream.acknowledged().await.expect("committed");
     faulty.arm();
     stream.send(one(2)).await.expect("open");
-    let end = stream.acknowledged().await.expect_err("it must not be acknowledged");
+    let end = stream
+        .acknowledged()
+        .await
+        .expect_err("it must not be acknowledged");
     assert_eq!(end.code(), Code::Unavailable, "{end}");
     assert!(["OUTCOME_UNKNOWN", "STORE_UNAVAILABLE"].contains(&reason(&end).as_str()));
-    let (welcome, stream) = RawStream::open(app.ingest().await, hello("p")).await.expect("welcome");
+    let (welcome, stream) = RawStream::open(app.ingest().await, hello("p"))
+        .await
+        .expect("welcome");
     assert_eq!(welcome.committed_sequence, committed);
     for sequence in committed + 1..=3 {
         stream.send(one(sequence)).await.expect("open");
     }
     let (receipts, _) = stream.finish().await;
     assert_eq!(receipts.len() as u64, 3 - committed);
-    assert_eq!(app.cells("0.0").await, [(vec![0, 2], String::new(), 3, None)]);
+    assert_eq!(
+        app.cells("0.0").await,
+        [(vec![0, 2], String::new(), 3, None)]
+    );
     let resent = proto::WriteRequest {
         environment: "lane".into(),
         producer: "p".into(),
         batch: Some(one(2)),
         ..Default::default()
     };
-    let resent = app.ingest().await.write(resent).await.expect("a duplicate").into_inner();
-    assert_eq!(resent.receipt.expect("present").status(), proto::BatchStatus::Duplicate);
+    let resent = app
+        .ingest()
+        .await
+        .write(resent)
+        .await
+        .expect("a duplicate")
+        .into_inner();
+    assert_eq!(
+        resent.receipt.expect("present").status(),
+        proto::BatchStatus::Duplicate
+    );
     assert_eq!(app.cells("0.0").await[0].2, 3);
 }
 

@@ -1,7 +1,7 @@
 //! What can go wrong, in words that belong to no face: a kind, a reason and the faults of an input.
 //!
-//! Every module keeps its own small error enum and describes it as a [`Problem`]. HTTP and gRPC codes are not here: the serving layer maps a kind to
-//! both of them, once.
+//! Every module keeps its own small error enum and describes it as a [`Problem`]. HTTP and gRPC
+//! codes are not here: the serving layer maps a kind to both of them, once.
 
 use std::fmt;
 use std::time::Duration;
@@ -56,18 +56,28 @@ pub struct Fault {
 impl Fault {
     /// Makes a fault at `pointer`.
     pub fn new(pointer: impl Into<String>, detail: impl Into<String>) -> Self {
-        Self { pointer: pointer.into(), detail: detail.into() }
+        Self {
+            pointer: pointer.into(),
+            detail: detail.into(),
+        }
     }
 
     /// Returns this fault seen from a value that holds the faulty one under `prefix`.
     pub fn under(self, prefix: &str) -> Self {
-        Self { pointer: format!("{prefix}{}", self.pointer), detail: self.detail }
+        Self {
+            pointer: format!("{prefix}{}", self.pointer),
+            detail: self.detail,
+        }
     }
 }
 
 impl fmt::Display for Fault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if self.pointer.is_empty() { f.write_str(&self.detail) } else { write!(f, "{}: {}", self.pointer, self.detail) }
+        if self.pointer.is_empty() {
+            f.write_str(&self.detail)
+        } else {
+            write!(f, "{}: {}", self.pointer, self.detail)
+        }
     }
 }
 
@@ -100,7 +110,14 @@ impl Problem {
     /// Makes a problem without faults or details.
     pub fn new(kind: ErrorKind, reason: &'static str, message: impl Into<String>) -> Self {
         let retry_after = kind.is_retryable().then_some(RETRY_AFTER);
-        Self { kind, reason, message: message.into(), faults: Vec::new(), details: Vec::new(), retry_after }
+        Self {
+            kind,
+            reason,
+            message: message.into(),
+            faults: Vec::new(),
+            details: Vec::new(),
+            retry_after,
+        }
     }
 
     /// Makes the problem of an input with these faults; the message tells the first ones.
@@ -108,9 +125,16 @@ impl Problem {
         const TOLD: usize = 3;
         let told: Vec<String> = faults.iter().take(TOLD).map(Fault::to_string).collect();
         let rest = faults.len().saturating_sub(TOLD);
-        let more = if rest > 0 { format!("; and {rest} more") } else { String::new() };
+        let more = if rest > 0 {
+            format!("; and {rest} more")
+        } else {
+            String::new()
+        };
         let message = format!("invalid {what}: {}{more}", told.join("; "));
-        Self { faults, ..Self::new(ErrorKind::Invalid, "INVALID_INPUT", message) }
+        Self {
+            faults,
+            ..Self::new(ErrorKind::Invalid, "INVALID_INPUT", message)
+        }
     }
 
     /// Returns this problem with one more detail.
@@ -121,7 +145,10 @@ impl Problem {
 
     /// Returns this problem of a request that may be sent again after so long.
     pub fn retry_after(self, wait: Duration) -> Self {
-        Self { retry_after: Some(wait), ..self }
+        Self {
+            retry_after: Some(wait),
+            ..self
+        }
     }
 }
 

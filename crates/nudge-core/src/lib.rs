@@ -1,12 +1,15 @@
-//! The mathematics and the words of Nudge: what counts of two agents' joint actions say about the influence of one on the other. No I/O, no clock, no threads
-//! of its own.
+//! The mathematics and the words of Nudge: what counts of two agents' joint actions say about the
+//! influence of one on the other. No I/O, no clock, no threads of its own.
 //!
 //! # The map, in reading order
 //!
-//! * [`information`]: the mathematics of contingency tables: mutual information, its estimators, and what chance alone would show.
+//! * [`information`]: the mathematics of contingency tables: mutual information, its estimators,
+//!   and what chance alone would show.
 //! * [`error`]: kinds of error, and the faults of an input.
-//! * [`domain`]: environments, features, states, transitions, counts, questions, answers. Types that cannot be wrong.
-//! * [`evidence`]: what counts can support: the prior fitted to all states (empirical Bayes), the posterior of one, the verdict.
+//! * [`domain`]: environments, features, states, transitions, counts, questions, answers. Types
+//!   that cannot be wrong.
+//! * [`evidence`]: what counts can support: the prior fitted to all states (empirical Bayes), the
+//!   posterior of one, the verdict.
 //!
 //! # A table, and what it says
 //!

@@ -2,7 +2,8 @@
 //!
 //! # The map, in reading order
 //!
-//! * [`simulation`]: a hallway whose pedestrians walk by the social force model, and tables in which influence is planted.
+//! * [`simulation`]: a hallway whose pedestrians walk by the social force model, and tables in
+//!   which influence is planted.
 //! * [`recordings`]: games of people, read as transitions.
 //!
 //! # States whose truth is known

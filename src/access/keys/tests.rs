@@ -30,7 +30,11 @@ fn a_line_is_a_key_and_several_may_have_a_name() {
     assert_eq!(one.name(), two.name());
     assert!(one.principal().may_see("hallway") && !one.principal().may_see("kitchen"));
     assert!(
-        two.principal().is_everywhere() && two.principal().authorize([KeyScope::Read].into_iter().collect()).is_err()
+        two.principal().is_everywhere()
+            && two
+                .principal()
+                .authorize([KeyScope::Read].into_iter().collect())
+                .is_err()
     );
     assert!(keys.find(digest("three")).is_none(), "a comment is no key");
     assert!((0..9).all(|_| two.take().is_ok()), "it has no rate");
@@ -46,7 +50,10 @@ fn every_fault_names_its_line_its_field_its_value_and_what_was_expected() {
     let told = faults(&text);
     for (begins, says) in [
         ("line 1: name: got \"Game\", expected", "a-z"),
-        ("line 3: digest: got 3 characters (not shown), expected", "64"),
+        (
+            "line 3: digest: got 3 characters (not shown), expected",
+            "64",
+        ),
         ("line 3: scopes: got \"reed\", expected", "ingest"),
         ("line 3: rate: got \"fast\", expected", "50/s"),
         ("line 4: digest: missing, expected", "DIGEST"),
@@ -57,13 +64,18 @@ fn every_fault_names_its_line_its_field_its_value_and_what_was_expected() {
         ("line 7: environments: got \"A*\", expected", "`*`"),
     ] {
         assert!(
-            told.iter().any(|told| told.starts_with(begins) && told.contains(says)),
+            told.iter()
+                .any(|told| told.starts_with(begins) && told.contains(says)),
             "{begins} in\n{}",
             told.join("\n")
         );
     }
     assert_eq!(told.len(), 10);
-    assert_eq!(faults(&format!("a {one} read\nb {one} read")).len(), 1, "one key for two");
+    assert_eq!(
+        faults(&format!("a {one} read\nb {one} read")).len(),
+        1,
+        "one key for two"
+    );
 }
 
 #[test]
@@ -84,9 +96,14 @@ fn a_key_that_stands_where_its_digest_should_is_not_told() {
 
 #[test]
 fn rates_go_on_over_a_reload_unless_they_change() {
-    let keys = |rate: &str| Keys::parse(&format!("a {} read rate={rate}", digest("a"))).expect("right");
+    let keys =
+        |rate: &str| Keys::parse(&format!("a {} read rate={rate}", digest("a"))).expect("right");
     let before = keys("1/h");
-    before.find(digest("a")).expect("there").take().expect("the first");
+    before
+        .find(digest("a"))
+        .expect("there")
+        .take()
+        .expect("the first");
     let same = keys("1/h").going_on_from(&before);
     assert!(same.find(digest("a")).expect("there").take().is_err());
     let other = keys("2/h").going_on_from(&before);
@@ -97,14 +114,26 @@ fn line() -> impl Strategy<Value = String> {
     let scopes = prop::sample::subsequence(vec!["read", "ingest", "train", "admin"], 1..=4);
     let patterns = prop::option::of(prop::collection::vec("[a-z0-9.*_-]{1,12}", 1..4));
     let rate = prop::option::of((1_u32.., "[smh]"));
-    ("[a-z0-9][a-z0-9._-]{0,62}", any::<[u8; 32]>(), scopes, patterns, rate).prop_map(
-        |(name, key, scopes, patterns, rate)| {
-            let patterns =
-                patterns.map_or_else(String::new, |patterns| format!(" environments={}", patterns.join(",")));
-            let rate = rate.map_or_else(String::new, |(number, unit)| format!(" rate={number}/{unit}"));
-            format!("{name} {} {}{patterns}{rate}", KeyDigest::of(&key), scopes.join(","))
-        },
+    (
+        "[a-z0-9][a-z0-9._-]{0,62}",
+        any::<[u8; 32]>(),
+        scopes,
+        patterns,
+        rate,
     )
+        .prop_map(|(name, key, scopes, patterns, rate)| {
+            let patterns = patterns.map_or_else(String::new, |patterns| {
+                format!(" environments={}", patterns.join(","))
+            });
+            let rate = rate.map_or_else(String::new, |(number, unit)| {
+                format!(" rate={number}/{unit}")
+            });
+            format!(
+                "{name} {} {}{patterns}{rate}",
+                KeyDigest::of(&key),
+                scopes.join(",")
+            )
+        })
 }
 
 proptest! {
@@ -115,13 +144,17 @@ proptest! {
     }
 }
 
-/// Throws at the parsers whatever is near to what they take: for a moment, or as long as `NUDGE_FUZZ_SECONDS` says.
+/// Throws at the parsers whatever is near to what they take: for a moment, or as long as
+/// `NUDGE_FUZZ_SECONDS` says.
 #[test]
 fn parsers_survive_anything() {
     use proptest::strategy::ValueTree;
     use proptest::test_runner::TestRunner;
 
-    let seconds = std::env::var("NUDGE_FUZZ_SECONDS").ok().and_then(|text| text.parse().ok()).unwrap_or(1);
+    let seconds = std::env::var("NUDGE_FUZZ_SECONDS")
+        .ok()
+        .and_then(|text| text.parse().ok())
+        .unwrap_or(1);
     let until = Instant::now() + Duration::from_secs(seconds);
     let mut runner = TestRunner::default();
     let noise = "([ -~]|\\PC|[ \t\r\n#=,*/]|nudge_){0,80}";
@@ -143,13 +176,21 @@ fn parsers_survive_anything() {
         let text = file.new_tree(&mut runner).expect("a text").current();
         match Keys::parse(&text) {
             Ok(keys) => read += keys.len(),
-            Err(faults) => assert!(!faults.is_empty() && faults.iter().all(|fault| fault.starts_with("line "))),
+            Err(faults) => {
+                assert!(!faults.is_empty() && faults.iter().all(|fault| fault.starts_with("line ")))
+            }
         }
-        let headers = prop::collection::vec(&header, 0..3).new_tree(&mut runner).expect("headers").current();
+        let headers = prop::collection::vec(&header, 0..3)
+            .new_tree(&mut runner)
+            .expect("headers")
+            .current();
         if let Ok(Some(key)) = bearer(headers.iter().map(Vec::as_slice)) {
             assert!(!key.is_empty() && key.is_ascii() && headers.len() == 1);
             found += 1;
         }
     }
-    assert!(read > 0 && found > 0, "right ones were among them: {read} lines, {found} headers");
+    assert!(
+        read > 0 && found > 0,
+        "right ones were among them: {read} lines, {found} headers"
+    );
 }

@@ -2,27 +2,36 @@
 
 use crate::api::proto;
 use crate::domain::{
-    ActionFigures, Answer, Answers, Basis, Bin, Dependence, Evidence, Figures, FitId, Interval, Labels, ModelAction,
-    ModelFigures, Probability, Segmentation, StateKey, Variable, Verdict,
+    ActionFigures, Answer, Answers, Basis, Bin, Dependence, Evidence, Figures, FitId, Interval,
+    Labels, ModelAction, ModelFigures, Probability, Segmentation, StateKey, Variable, Verdict,
 };
 
 impl From<Answers> for proto::BatchGetInfluenceResponse {
     fn from(answers: Answers) -> Self {
         let labels = Some(answers.labels.into());
-        Self { labels, answers: answers.answers.into_iter().map(Into::into).collect() }
+        Self {
+            labels,
+            answers: answers.answers.into_iter().map(Into::into).collect(),
+        }
     }
 }
 
 impl From<Answers> for proto::GetInfluenceResponse {
     fn from(answers: Answers) -> Self {
         let labels = Some(answers.labels.into());
-        Self { labels, answer: answers.answers.into_iter().next().map(Into::into) }
+        Self {
+            labels,
+            answer: answers.answers.into_iter().next().map(Into::into),
+        }
     }
 }
 
 impl From<Labels> for proto::Labels {
     fn from(labels: Labels) -> Self {
-        let variable = |variable: Variable| proto::Variable { name: variable.name, actions: variable.actions };
+        let variable = |variable: Variable| proto::Variable {
+            name: variable.name,
+            actions: variable.actions,
+        };
         Self {
             ego: Some(variable(labels.ego)),
             other: Some(variable(labels.other)),
@@ -41,7 +50,12 @@ impl From<Answer> for proto::Answer {
             basis_version: version(answer.basis),
             ..Self::default()
         };
-        let by_action = answer.by_action.into_iter().flatten().map(Into::into).collect();
+        let by_action = answer
+            .by_action
+            .into_iter()
+            .flatten()
+            .map(Into::into)
+            .collect();
         match answer.figures {
             None => base,
             Some(figures) => with_figures(Self { by_action, ..base }, &answer.key, *figures),
@@ -54,12 +68,18 @@ fn with_figures(base: proto::Answer, key: &StateKey, figures: Figures) -> proto:
         plug_in: figures.plug_in,
         expected_if_independent: figures.expected_if_independent,
         expected_method: figures.expected_method.into(),
-        estimates: figures.estimates.into_iter().map(|(name, value)| (name.into(), value)).collect(),
+        estimates: figures
+            .estimates
+            .into_iter()
+            .map(|(name, value)| (name.into(), value))
+            .collect(),
         posterior_mean: figures.evidence.map(|evidence| evidence.posterior_mean),
         interval: figures.evidence.map(|evidence| interval(evidence.interval)),
     };
-    let significance =
-        figures.significance.map(|test| proto::Significance { p_value: test.p_value, method: test.method.into() });
+    let significance = figures.significance.map(|test| proto::Significance {
+        p_value: test.p_value,
+        method: test.method.into(),
+    });
     proto::Answer {
         state: Some(state(key, figures.bins)),
         entries: figures.entries,
@@ -77,7 +97,9 @@ fn with_figures(base: proto::Answer, key: &StateKey, figures: Figures) -> proto:
         segmentation: Some(figures.segmentation.into()),
         significance,
         warnings: figures.warnings,
-        visits_to_decide: figures.visits_to_decide.map(|visits| proto::VisitsToDecide { visits }),
+        visits_to_decide: figures
+            .visits_to_decide
+            .map(|visits| proto::VisitsToDecide { visits }),
         fit: Some(figures.fit.into()),
         model: figures.model.map(Into::into),
         ..base
@@ -104,13 +126,21 @@ pub(super) fn dependence(evidence: Option<Evidence>) -> i32 {
         Dependence::Excluded => proto::Dependence::Excluded,
         Dependence::Open => proto::Dependence::Open,
     };
-    evidence.map_or(proto::Dependence::Unspecified, number).into()
+    evidence
+        .map_or(proto::Dependence::Unspecified, number)
+        .into()
 }
 
 impl From<Probability> for proto::Probability {
     fn from(probability: Probability) -> Self {
-        let Probability { dependent, above_threshold } = probability;
-        Self { dependent, above_threshold }
+        let Probability {
+            dependent,
+            above_threshold,
+        } = probability;
+        Self {
+            dependent,
+            above_threshold,
+        }
     }
 }
 
@@ -123,14 +153,24 @@ impl From<Segmentation> for proto::Segmentation {
 
 impl From<FitId> for proto::Fit {
     fn from(fit: FitId) -> Self {
-        Self { version: fit.version, revision: fit.revision }
+        Self {
+            version: fit.version,
+            revision: fit.revision,
+        }
     }
 }
 
 /// Encodes a state.
 pub(super) fn state(key: &StateKey, bins: Vec<Bin>) -> proto::State {
-    let bin = |bin: Bin| proto::Bin { feature: bin.feature, bin: bin.bin, label: bin.label };
-    proto::State { key: key.to_string(), bins: bins.into_iter().map(bin).collect() }
+    let bin = |bin: Bin| proto::Bin {
+        feature: bin.feature,
+        bin: bin.bin,
+        label: bin.label,
+    };
+    proto::State {
+        key: key.to_string(),
+        bins: bins.into_iter().map(bin).collect(),
+    }
 }
 
 impl From<ActionFigures> for proto::ActionFigures {
@@ -143,24 +183,56 @@ impl From<ActionFigures> for proto::ActionFigures {
             divergence: figures.divergence.map(|(mean, _)| mean),
             divergence_interval: figures.divergence.map(|(_, ends)| interval(ends)),
             response: figures.response.unwrap_or_default(),
-            response_intervals: figures.response_intervals.into_iter().map(interval).collect(),
+            response_intervals: figures
+                .response_intervals
+                .into_iter()
+                .map(interval)
+                .collect(),
         }
     }
 }
 
 impl From<ModelFigures> for proto::ModelFigures {
     fn from(figures: ModelFigures) -> Self {
-        let ModelFigures { version, kind, probability, mutual_information, agrees, out_of_range, by_action } = figures;
+        let ModelFigures {
+            version,
+            kind,
+            probability,
+            mutual_information,
+            agrees,
+            out_of_range,
+            by_action,
+        } = figures;
         let kind = proto::ModelKind::from(kind).into();
         let by_action = by_action.into_iter().map(Into::into).collect();
-        Self { version, kind, probability, mutual_information, agrees, out_of_range, by_action }
+        Self {
+            version,
+            kind,
+            probability,
+            mutual_information,
+            agrees,
+            out_of_range,
+            by_action,
+        }
     }
 }
 
 impl From<ModelAction> for proto::ModelAction {
     fn from(figures: ModelAction) -> Self {
-        let ModelAction { index, action, probability, divergence, response } = figures;
-        Self { action, index, probability, divergence, response }
+        let ModelAction {
+            index,
+            action,
+            probability,
+            divergence,
+            response,
+        } = figures;
+        Self {
+            action,
+            index,
+            probability,
+            divergence,
+            response,
+        }
     }
 }
 

@@ -7,17 +7,31 @@ use crate::domain::{Environment, EnvironmentPage, Threshold, UnreadableEnvironme
 
 impl From<proto::Schema> for SchemaDraft {
     fn from(schema: proto::Schema) -> Self {
-        let features = |features: Vec<proto::Feature>| features.into_iter().map(FeatureDraft::from).collect();
-        let agent = |agent: proto::Agent| AgentDraft { name: agent.name, action: features(agent.action) };
-        Self { state: features(schema.state), agents: schema.agents.into_iter().map(agent).collect() }
+        let features =
+            |features: Vec<proto::Feature>| features.into_iter().map(FeatureDraft::from).collect();
+        let agent = |agent: proto::Agent| AgentDraft {
+            name: agent.name,
+            action: features(agent.action),
+        };
+        Self {
+            state: features(schema.state),
+            agents: schema.agents.into_iter().map(agent).collect(),
+        }
     }
 }
 
 impl From<SchemaDraft> for proto::Schema {
     fn from(draft: SchemaDraft) -> Self {
-        let features = |features: Vec<FeatureDraft>| features.into_iter().map(proto::Feature::from).collect();
-        let agent = |agent: AgentDraft| proto::Agent { name: agent.name, action: features(agent.action) };
-        Self { state: features(draft.state), agents: draft.agents.into_iter().map(agent).collect() }
+        let features =
+            |features: Vec<FeatureDraft>| features.into_iter().map(proto::Feature::from).collect();
+        let agent = |agent: AgentDraft| proto::Agent {
+            name: agent.name,
+            action: features(agent.action),
+        };
+        Self {
+            state: features(draft.state),
+            agents: draft.agents.into_iter().map(agent).collect(),
+        }
     }
 }
 
@@ -26,11 +40,19 @@ impl From<proto::Feature> for FeatureDraft {
         use proto::feature::Kind;
         let kind = |kind| match kind {
             Kind::Continuous(continuous) => KindDraft::Continuous(continuous.edges),
-            Kind::Circular(circular) => KindDraft::Circular(i64::from(circular.bins), given(circular.values)),
-            Kind::Integer(integer) => KindDraft::Integer(i64::from(integer.min), i64::from(integer.max)),
+            Kind::Circular(circular) => {
+                KindDraft::Circular(i64::from(circular.bins), given(circular.values))
+            }
+            Kind::Integer(integer) => {
+                KindDraft::Integer(i64::from(integer.min), i64::from(integer.max))
+            }
             Kind::Categorical(categorical) => KindDraft::Categorical(categorical.labels),
         };
-        Self { name: feature.name, unit: given(feature.unit), kinds: feature.kind.into_iter().map(kind).collect() }
+        Self {
+            name: feature.name,
+            unit: given(feature.unit),
+            kinds: feature.kind.into_iter().map(kind).collect(),
+        }
     }
 }
 
@@ -45,27 +67,66 @@ impl From<FeatureDraft> for proto::Feature {
                 bins: u32::try_from(bins).unwrap_or(0),
                 values: values.unwrap_or_default(),
             }),
-            KindDraft::Integer(min, max) => Kind::Integer(proto::Integer { min: narrow(min), max: narrow(max) }),
+            KindDraft::Integer(min, max) => Kind::Integer(proto::Integer {
+                min: narrow(min),
+                max: narrow(max),
+            }),
             KindDraft::Categorical(labels) => Kind::Categorical(proto::Categorical { labels }),
         };
         let kind = draft.kinds.into_iter().next().map(kind);
-        Self { name: draft.name, unit: draft.unit.unwrap_or_default(), kind }
+        Self {
+            name: draft.name,
+            unit: draft.unit.unwrap_or_default(),
+            kind,
+        }
     }
 }
 
 impl From<proto::Rule> for RuleDraft {
     fn from(rule: proto::Rule) -> Self {
-        let proto::Rule { kind, threshold, share, unit, min_visits, confidence, estimators } = rule;
+        let proto::Rule {
+            kind,
+            threshold,
+            share,
+            unit,
+            min_visits,
+            confidence,
+            estimators,
+        } = rule;
         let estimators = estimators.map(|estimators| estimators.names);
-        Self { kind, threshold, share, unit, min_visits, confidence, estimators }
+        Self {
+            kind,
+            threshold,
+            share,
+            unit,
+            min_visits,
+            confidence,
+            estimators,
+        }
     }
 }
 
 impl From<RuleDraft> for proto::Rule {
     fn from(draft: RuleDraft) -> Self {
-        let RuleDraft { kind, threshold, share, unit, min_visits, confidence, estimators } = draft;
+        let RuleDraft {
+            kind,
+            threshold,
+            share,
+            unit,
+            min_visits,
+            confidence,
+            estimators,
+        } = draft;
         let estimators = estimators.map(|names| proto::EstimatorList { names });
-        Self { kind, threshold, share, unit, min_visits, confidence, estimators }
+        Self {
+            kind,
+            threshold,
+            share,
+            unit,
+            min_visits,
+            confidence,
+            estimators,
+        }
     }
 }
 
@@ -83,7 +144,11 @@ impl From<WrittenRule> for proto::Rule {
             min_visits: Some(rule.min_visits),
             confidence: Some(rule.confidence),
             estimators: Some(proto::EstimatorList {
-                names: rule.estimators.iter().map(|estimator| estimator.as_str().into()).collect(),
+                names: rule
+                    .estimators
+                    .iter()
+                    .map(|estimator| estimator.as_str().into())
+                    .collect(),
             }),
         }
     }
@@ -104,9 +169,17 @@ impl From<&Environment> for proto::Environment {
 impl From<EnvironmentPage> for proto::ListEnvironmentsResponse {
     fn from(page: EnvironmentPage) -> Self {
         Self {
-            environments: page.environments.iter().map(|environment| (&**environment).into()).collect(),
+            environments: page
+                .environments
+                .iter()
+                .map(|environment| (&**environment).into())
+                .collect(),
             next_page_token: page.next_page_token.unwrap_or_default(),
-            unreadable: page.unreadable.iter().map(|environment| (&**environment).into()).collect(),
+            unreadable: page
+                .unreadable
+                .iter()
+                .map(|environment| (&**environment).into())
+                .collect(),
         }
     }
 }
@@ -114,6 +187,10 @@ impl From<EnvironmentPage> for proto::ListEnvironmentsResponse {
 impl From<&UnreadableEnvironment> for proto::UnreadableEnvironment {
     fn from(environment: &UnreadableEnvironment) -> Self {
         let UnreadableEnvironment { uid, name, why, .. } = environment;
-        Self { name: name.clone(), uid: uid.to_string(), unreadable: why.clone() }
+        Self {
+            name: name.clone(),
+            uid: uid.to_string(),
+            unreadable: why.clone(),
+        }
     }
 }

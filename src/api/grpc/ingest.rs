@@ -2,11 +2,13 @@
 
 use crate::api::{self, MOST_BATCH_TRANSITIONS, proto};
 use crate::domain::{
-    Acknowledged, Batch, Entry, Label, ProducerId, Record, Records, Rejection, Schema, Sequence, Widths,
+    Acknowledged, Batch, Entry, Label, ProducerId, Record, Records, Rejection, Schema, Sequence,
+    Widths,
 };
 use crate::error::{ErrorKind, Fault, Problem};
 
-/// Decodes a batch. Its own faults fail it as a whole; those of single records keep their place in it.
+/// Decodes a batch. Its own faults fail it as a whole; those of single records keep their place in
+/// it.
 pub fn batch(schema: &Schema, batch: proto::Batch) -> Result<Batch, Problem> {
     use proto::batch::Transitions;
     let sequence = sequence(batch.sequence)?;
@@ -23,38 +25,58 @@ pub fn batch(schema: &Schema, batch: proto::Batch) -> Result<Batch, Problem> {
             records(widths, columns).map_err(|faults| Problem::invalid("batch", faults))?
         }
     };
-    Ok(Batch { sequence, segment, records })
+    Ok(Batch {
+        sequence,
+        segment,
+        records,
+    })
 }
 
 /// Decodes a producer's id.
 pub fn producer(text: &str) -> Result<ProducerId, Problem> {
-    text.parse().map_err(|detail: String| Problem::invalid("producer", vec![Fault::new("/producer", detail)]))
+    text.parse().map_err(|detail: String| {
+        Problem::invalid("producer", vec![Fault::new("/producer", detail)])
+    })
 }
 
 /// Decodes the number of a batch.
 pub fn sequence(number: u64) -> Result<Sequence, Problem> {
-    Sequence::new(number).map_err(|detail| Problem::invalid("batch", vec![Fault::new("/sequence", detail)]))
+    Sequence::new(number)
+        .map_err(|detail| Problem::invalid("batch", vec![Fault::new("/sequence", detail)]))
 }
 
 pub(in crate::api) fn segment(text: &str) -> Result<Option<Label>, Problem> {
     if text.is_empty() {
         return Ok(None);
     }
-    text.parse().map(Some).map_err(|detail: String| Problem::invalid("batch", vec![Fault::new("/segment", detail)]))
+    text.parse()
+        .map(Some)
+        .map_err(|detail: String| Problem::invalid("batch", vec![Fault::new("/segment", detail)]))
 }
 
 pub(in crate::api) fn within_limit(transitions: usize) -> Result<(), Problem> {
     if transitions <= MOST_BATCH_TRANSITIONS {
         return Ok(());
     }
-    let message = format!("got {transitions} transitions in a batch, expected at most {MOST_BATCH_TRANSITIONS}");
-    Err(Problem::new(ErrorKind::TooLarge, "BATCH_TOO_LARGE", message))
+    let message = format!(
+        "got {transitions} transitions in a batch, expected at most {MOST_BATCH_TRANSITIONS}"
+    );
+    Err(Problem::new(
+        ErrorKind::TooLarge,
+        "BATCH_TOO_LARGE",
+        message,
+    ))
 }
 
 fn record(transition: proto::Transition) -> Result<Record, (String, String)> {
     let entry = entry(transition.entry).map_err(|reason| ("/entry".to_owned(), reason))?;
     let count = transition.count.unwrap_or(1);
-    Ok(Record { state: transition.state, actions: transition.actions, entry, count })
+    Ok(Record {
+        state: transition.state,
+        actions: transition.actions,
+        entry,
+        count,
+    })
 }
 
 fn entry(number: i32) -> Result<Entry, String> {
@@ -76,8 +98,15 @@ fn records(widths: Widths, columns: proto::Columns) -> Result<Records, Vec<Fault
         }
     };
     check("/columns/states", columns.states.len(), len * widths.state);
-    check("/columns/actions", columns.actions.len(), len * widths.actions);
-    for (pointer, got) in [("/columns/entries", columns.entries.len()), ("/columns/counts", columns.counts.len())] {
+    check(
+        "/columns/actions",
+        columns.actions.len(),
+        len * widths.actions,
+    );
+    for (pointer, got) in [
+        ("/columns/entries", columns.entries.len()),
+        ("/columns/counts", columns.counts.len()),
+    ] {
         check(pointer, got, if got == 0 { 0 } else { len });
     }
     if !faults.is_empty() {
@@ -86,13 +115,30 @@ fn records(widths: Widths, columns: proto::Columns) -> Result<Records, Vec<Fault
     let mut undecodable = Vec::new();
     let decode = |(index, number): (usize, &i32)| {
         entry(*number).unwrap_or_else(|reason| {
-            undecodable.push(Rejection { index: index as u32, field: "/entry".into(), reason });
+            undecodable.push(Rejection {
+                index: index as u32,
+                field: "/entry".into(),
+                reason,
+            });
             Entry::Unknown
         })
     };
     let entries = columns.entries.iter().enumerate().map(decode).collect();
-    let proto::Columns { states, actions, counts, .. } = columns;
-    Ok(Records { len, states, actions, entries, counts, undecodable }.normalised())
+    let proto::Columns {
+        states,
+        actions,
+        counts,
+        ..
+    } = columns;
+    Ok(Records {
+        len,
+        states,
+        actions,
+        entries,
+        counts,
+        undecodable,
+    }
+    .normalised())
 }
 
 /// Encodes what a producer is told about a batch.
@@ -117,27 +163,48 @@ pub fn receipt(sequence: Sequence, told: Acknowledged) -> proto::Receipt {
     }
 }
 
-/// Encodes acknowledgements, which are in order, after everything up to a number was acknowledged: as many together as fit into a message, for the receipt of
-/// a batch of rejections has dozens of kilobytes. The number of each message covers all receipts before it.
-pub fn acknowledgements(told: Vec<(Sequence, Acknowledged)>, committed: Sequence) -> Vec<proto::IngestResponse> {
-    let receipts = told.into_iter().map(|(sequence, told)| receipt(sequence, told));
+/// Encodes acknowledgements, which are in order, after everything up to a number was acknowledged:
+/// as many together as fit into a message, for the receipt of a batch of rejections has dozens of
+/// kilobytes. The number of each message covers all receipts before it.
+pub fn acknowledgements(
+    told: Vec<(Sequence, Acknowledged)>,
+    committed: Sequence,
+) -> Vec<proto::IngestResponse> {
+    let receipts = told
+        .into_iter()
+        .map(|(sequence, told)| receipt(sequence, told));
     let acknowledged = |committed: &mut u64, receipts: Vec<proto::Receipt>| {
-        *committed = receipts.last().map_or(*committed, |last| last.sequence.max(*committed));
-        Some(proto::Acknowledgement { committed_sequence: *committed, receipts })
+        *committed = receipts
+            .last()
+            .map_or(*committed, |last| last.sequence.max(*committed));
+        Some(proto::Acknowledgement {
+            committed_sequence: *committed,
+            receipts,
+        })
     };
-    let messages = api::parts(receipts).into_iter().scan(committed.get(), acknowledged);
-    messages.map(|one| proto::ingest_response::Message::Acknowledgement(one).into()).collect()
+    let messages = api::parts(receipts)
+        .into_iter()
+        .scan(committed.get(), acknowledged);
+    messages
+        .map(|one| proto::ingest_response::Message::Acknowledgement(one).into())
+        .collect()
 }
 
 impl From<proto::ingest_response::Message> for proto::IngestResponse {
     fn from(message: proto::ingest_response::Message) -> Self {
-        Self { message: Some(message) }
+        Self {
+            message: Some(message),
+        }
     }
 }
 
 impl From<Rejection> for proto::Rejection {
     fn from(rejection: Rejection) -> Self {
-        Self { index: rejection.index, field: rejection.field, reason: rejection.reason }
+        Self {
+            index: rejection.index,
+            field: rejection.field,
+            reason: rejection.reason,
+        }
     }
 }
 
@@ -150,9 +217,19 @@ mod tests {
     #[test]
     fn acknowledgements_of_many_rejections_fit_into_messages() {
         let number = |n: u64| Sequence::new(n).expect("a number");
-        let rejection = |index| Rejection { index, field: "/state/0".into(), reason: "x".repeat(300) };
-        let receipt = Receipt { accepted: 0, rejected_count: 100, rejected: (0..100).map(rejection).collect() };
-        let told = (6..=325).map(|n| (number(n), Acknowledged::Rejected(receipt.clone()))).collect();
+        let rejection = |index| Rejection {
+            index,
+            field: "/state/0".into(),
+            reason: "x".repeat(300),
+        };
+        let receipt = Receipt {
+            accepted: 0,
+            rejected_count: 100,
+            rejected: (0..100).map(rejection).collect(),
+        };
+        let told = (6..=325)
+            .map(|n| (number(n), Acknowledged::Rejected(receipt.clone())))
+            .collect();
 
         let messages = acknowledgements(told, number(5));
 
@@ -161,9 +238,18 @@ mod tests {
             other => panic!("{other:?}"),
         };
         let told: Vec<proto::Acknowledgement> = messages.iter().map(of).collect();
-        assert!(messages.len() > 1 && messages.iter().all(|message| api::bytes(message) <= MOST_MESSAGE_BYTES));
-        assert!(told.iter().all(|one| one.receipts.last().map(|last| last.sequence) == Some(one.committed_sequence)));
-        let sequences = told.iter().flat_map(|one| one.receipts.iter().map(|receipt| receipt.sequence));
+        assert!(
+            messages.len() > 1
+                && messages
+                    .iter()
+                    .all(|message| api::bytes(message) <= MOST_MESSAGE_BYTES)
+        );
+        assert!(told.iter().all(
+            |one| one.receipts.last().map(|last| last.sequence) == Some(one.committed_sequence)
+        ));
+        let sequences = told
+            .iter()
+            .flat_map(|one| one.receipts.iter().map(|receipt| receipt.sequence));
         assert!(sequences.eq(6..=325), "each once, in order");
         assert!(acknowledgements(Vec::new(), number(5)).is_empty());
     }

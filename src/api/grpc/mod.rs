@@ -11,7 +11,9 @@ mod question;
 pub use ingest::{acknowledgements, batch, producer, receipt, sequence};
 pub(in crate::api) use ingest::{segment, within_limit};
 pub use model::training;
-pub use question::{batch_question, exploration, fit, graph, list_states, question, scope, summary};
+pub use question::{
+    batch_question, exploration, fit, graph, list_states, question, scope, summary,
+};
 
 /// Returns the text, or `None` where proto says "absent" by an empty one.
 fn given(text: String) -> Option<String> {

@@ -3,11 +3,12 @@
 use crate::api::proto;
 use crate::domain::draft::TrainingDraft;
 use crate::domain::{
-    Calibration, Card, Job, JobState, Model, ModelKind, Models, Reliability, Score, Training, Weighting,
+    Calibration, Card, Job, JobState, Model, ModelKind, Models, Reliability, Score, Training,
+    Weighting,
 };
 
-/// Decodes a request for a training. A number that its enum does not know becomes a word that the domain does not know, so that it is told with the
-/// other faults.
+/// Decodes a request for a training. A number that its enum does not know becomes a word that the
+/// domain does not know, so that it is told with the other faults.
 pub fn training(request: proto::TrainModelRequest) -> (String, TrainingDraft) {
     let draft = TrainingDraft {
         kind: match proto::ModelKind::try_from(request.kind) {
@@ -46,20 +47,55 @@ impl From<Models> for proto::ListModelsResponse {
 
 impl From<Model> for proto::Model {
     fn from(model: Model) -> Self {
-        let Model { version, ego, other, active, stale, card } = model;
+        let Model {
+            version,
+            ego,
+            other,
+            active,
+            stale,
+            card,
+        } = model;
         let (card, unreadable) = match card {
             Ok(card) => (Some(card.into()), None),
             Err(why) => (None, Some(why)),
         };
-        Self { version, ego, other, active, stale, card, unreadable }
+        Self {
+            version,
+            ego,
+            other,
+            active,
+            stale,
+            card,
+            unreadable,
+        }
     }
 }
 
 impl From<Job> for proto::Job {
     fn from(job: Job) -> Self {
-        let Job { id, ego, other, state, progress, message, version, ahead, seconds_left } = job;
+        let Job {
+            id,
+            ego,
+            other,
+            state,
+            progress,
+            message,
+            version,
+            ahead,
+            seconds_left,
+        } = job;
         let state = proto::JobState::from(state).into();
-        Self { id, ego, other, state, progress, message, version, ahead, seconds_left }
+        Self {
+            id,
+            ego,
+            other,
+            state,
+            progress,
+            message,
+            version,
+            ahead,
+            seconds_left,
+        }
     }
 }
 
@@ -137,15 +173,41 @@ impl From<Training> for proto::Training {
 
 impl From<Score> for proto::Score {
     fn from(score: Score) -> Self {
-        let Score { name, log_likelihood, auroc, precision, recall, f1, brier } = score;
-        Self { name, log_likelihood, auroc, precision, recall, f1, brier }
+        let Score {
+            name,
+            log_likelihood,
+            auroc,
+            precision,
+            recall,
+            f1,
+            brier,
+        } = score;
+        Self {
+            name,
+            log_likelihood,
+            auroc,
+            precision,
+            recall,
+            f1,
+            brier,
+        }
     }
 }
 
 impl From<Reliability> for proto::Reliability {
     fn from(tenth: Reliability) -> Self {
-        let Reliability { from, states, predicted, observed } = tenth;
-        Self { from, states, predicted, observed }
+        let Reliability {
+            from,
+            states,
+            predicted,
+            observed,
+        } = tenth;
+        Self {
+            from,
+            states,
+            predicted,
+            observed,
+        }
     }
 }
 
@@ -155,13 +217,27 @@ mod tests {
 
     #[test]
     fn what_is_absent_stays_absent() {
-        let request = proto::TrainModelRequest { environment: "hallway".into(), ..Default::default() };
-        assert_eq!(training(request), ("hallway".into(), TrainingDraft::default()));
+        let request = proto::TrainModelRequest {
+            environment: "hallway".into(),
+            ..Default::default()
+        };
+        assert_eq!(
+            training(request),
+            ("hallway".into(), TrainingDraft::default())
+        );
     }
 
     #[test]
     fn numbers_that_no_enum_knows_are_left_to_the_domain() {
-        let draft = training(proto::TrainModelRequest { kind: 7, weighting: -1, ..Default::default() }).1;
-        assert_eq!((draft.kind.as_deref(), draft.weighting.as_deref()), (Some("7"), Some("-1")));
+        let draft = training(proto::TrainModelRequest {
+            kind: 7,
+            weighting: -1,
+            ..Default::default()
+        })
+        .1;
+        assert_eq!(
+            (draft.kind.as_deref(), draft.weighting.as_deref()),
+            (Some("7"), Some("-1"))
+        );
     }
 }

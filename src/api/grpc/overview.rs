@@ -3,14 +3,17 @@
 use super::answer::{dependence, state, version};
 use crate::api::proto;
 use crate::domain::{
-    Discoveries, DiscoveryMethod, Exploration, FittedPrior, HistogramBin, LabelledCell, StateFigures, StatePage,
-    StateView, Summary, Trial, Unit,
+    Discoveries, DiscoveryMethod, Exploration, FittedPrior, HistogramBin, LabelledCell,
+    StateFigures, StatePage, StateView, Summary, Trial, Unit,
 };
 
 impl From<StateView> for proto::GetStateResponse {
     fn from(view: StateView) -> Self {
         let cell = |cell: LabelledCell| proto::Cell {
-            segment: cell.segment.map(|label| label.to_string()).unwrap_or_default(),
+            segment: cell
+                .segment
+                .map(|label| label.to_string())
+                .unwrap_or_default(),
             actions: cell.actions,
             labels: cell.labels,
             n: cell.tally.n,
@@ -72,7 +75,11 @@ impl From<Summary> for proto::SummarizeResponse {
             segments: summary.segments.iter().map(ToString::to_string).collect(),
             min_visits: summary.min_visits,
             share_of_visits_with_enough_data: summary.share_of_visits_with_enough_data,
-            verdicts: Some(proto::VerdictCounts { influences, no_influence, undecided }),
+            verdicts: Some(proto::VerdictCounts {
+                influences,
+                no_influence,
+                undecided,
+            }),
             histogram: summary.histogram.into_iter().map(bin).collect(),
             as_of: summary.as_of,
             unit: summary.unit.as_str().into(),
@@ -82,7 +89,11 @@ impl From<Summary> for proto::SummarizeResponse {
                 bits: Unit::Bits.from_nats(summary.threshold_nats),
                 share: summary.threshold_share,
             }),
-            dependence: Some(proto::DependenceCounts { established, excluded, open }),
+            dependence: Some(proto::DependenceCounts {
+                established,
+                excluded,
+                open,
+            }),
             fit: Some(summary.fit.into()),
             dependent_share: summary.dependent_share,
             discoveries: summary.discoveries.map(Into::into),
@@ -98,7 +109,12 @@ impl From<Discoveries> for proto::Discoveries {
             DiscoveryMethod::Bayes => proto::DiscoveryMethod::Bayes,
             DiscoveryMethod::Bh => proto::DiscoveryMethod::Bh,
         };
-        Self { fdr: found.discovery.fdr, method: method.into(), states: found.states, testable: found.testable }
+        Self {
+            fdr: found.discovery.fdr,
+            method: method.into(),
+            states: found.states,
+            testable: found.testable,
+        }
     }
 }
 
@@ -131,6 +147,8 @@ impl From<Vec<FittedPrior>> for proto::FitPriorResponse {
             states: prior.states,
             dependent_share: prior.dependent_share,
         };
-        Self { fits: fits.into_iter().map(fitted).collect() }
+        Self {
+            fits: fits.into_iter().map(fitted).collect(),
+        }
     }
 }

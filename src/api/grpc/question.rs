@@ -4,7 +4,8 @@ use super::given;
 use crate::api::proto;
 use crate::domain::Verdict;
 use crate::domain::draft::{
-    DiscoveryDraft, ExplorationDraft, ListingDraft, PairDraft, QuestionDraft, StatesDraft, SummaryDraft,
+    DiscoveryDraft, ExplorationDraft, ListingDraft, PairDraft, QuestionDraft, StatesDraft,
+    SummaryDraft,
 };
 use crate::error::{Fault, Problem};
 
@@ -34,11 +35,23 @@ pub fn question(request: proto::GetInfluenceRequest) -> Result<(String, Question
     };
     let (view, significance) = (view(request.view)?, permutations(request.significance)?);
     let (estimators, visits_to_decide) = (request.estimators, request.visits_to_decide);
-    Ok((environment, QuestionDraft { pair, states, estimators, view, significance, visits_to_decide }))
+    Ok((
+        environment,
+        QuestionDraft {
+            pair,
+            states,
+            estimators,
+            view,
+            significance,
+            visits_to_decide,
+        },
+    ))
 }
 
 /// Decodes a question about several states.
-pub fn batch_question(request: proto::BatchGetInfluenceRequest) -> Result<(String, QuestionDraft), Problem> {
+pub fn batch_question(
+    request: proto::BatchGetInfluenceRequest,
+) -> Result<(String, QuestionDraft), Problem> {
     let (environment, pair) = scope(request.scope)?;
     let states = match (request.states, request.keys) {
         (states, keys) if keys.is_empty() => {
@@ -54,7 +67,17 @@ pub fn batch_question(request: proto::BatchGetInfluenceRequest) -> Result<(Strin
     };
     let (view, significance) = (view(request.view)?, permutations(request.significance)?);
     let (estimators, visits_to_decide) = (request.estimators, request.visits_to_decide);
-    Ok((environment, QuestionDraft { pair, states, estimators, view, significance, visits_to_decide }))
+    Ok((
+        environment,
+        QuestionDraft {
+            pair,
+            states,
+            estimators,
+            view,
+            significance,
+            visits_to_decide,
+        },
+    ))
 }
 
 /// Decodes a question for a page of states.
@@ -105,13 +128,24 @@ pub fn graph(request: proto::GetGraphRequest) -> Result<(String, QuestionDraft),
         Some(State::Key(key)) => StatesDraft::Keys(vec![key]),
         None => StatesDraft::default(),
     };
-    Ok((request.environment, QuestionDraft { pair, states, ..QuestionDraft::default() }))
+    Ok((
+        request.environment,
+        QuestionDraft {
+            pair,
+            states,
+            ..QuestionDraft::default()
+        },
+    ))
 }
 
 /// Decodes a question for what to try next.
 pub fn exploration(request: proto::ExploreRequest) -> Result<(String, ExplorationDraft), Problem> {
     let (environment, pair) = scope(request.scope)?;
-    let draft = ExplorationDraft { pair, min_visits: request.min_visits, limit: u64::from(request.limit) };
+    let draft = ExplorationDraft {
+        pair,
+        min_visits: request.min_visits,
+        limit: u64::from(request.limit),
+    };
     Ok((environment, draft))
 }
 
@@ -123,7 +157,10 @@ pub fn fit(request: proto::FitPriorRequest) -> (String, Option<PairDraft>) {
         given: request.given,
         ..PairDraft::default()
     };
-    (request.environment, Some(pair).filter(|pair| *pair != PairDraft::default()))
+    (
+        request.environment,
+        Some(pair).filter(|pair| *pair != PairDraft::default()),
+    )
 }
 
 fn within(number: i32) -> Result<Option<String>, Problem> {
@@ -148,13 +185,26 @@ fn permutations(number: i32) -> Result<Option<String>, Problem> {
 
 /// Decodes a question for what all states say together, and the environment's name.
 pub fn summary(request: proto::SummarizeRequest) -> Result<(String, SummaryDraft), Problem> {
-    let proto::SummarizeRequest { scope: asked, discovery: wanted, omit_segments } = request;
+    let proto::SummarizeRequest {
+        scope: asked,
+        discovery: wanted,
+        omit_segments,
+    } = request;
     let (environment, pair) = scope(asked)?;
-    Ok((environment, SummaryDraft { pair, discovery: discovery(wanted)?, omit_segments }))
+    Ok((
+        environment,
+        SummaryDraft {
+            pair,
+            discovery: discovery(wanted)?,
+            omit_segments,
+        },
+    ))
 }
 
 fn discovery(discovery: Option<proto::Discovery>) -> Result<DiscoveryDraft, Problem> {
-    let Some(proto::Discovery { fdr, method }) = discovery else { return Ok(DiscoveryDraft::default()) };
+    let Some(proto::Discovery { fdr, method }) = discovery else {
+        return Ok(DiscoveryDraft::default());
+    };
     let method = match proto::DiscoveryMethod::try_from(method) {
         Ok(proto::DiscoveryMethod::Unspecified) => None,
         Ok(proto::DiscoveryMethod::Bayes) => Some("bayes".into()),
@@ -165,5 +215,11 @@ fn discovery(discovery: Option<proto::Discovery>) -> Result<DiscoveryDraft, Prob
 }
 
 fn unknown(pointer: &str, number: i32) -> Problem {
-    Problem::invalid("question", vec![Fault::new(pointer, format!("got {number}, expected a number of the enum"))])
+    Problem::invalid(
+        "question",
+        vec![Fault::new(
+            pointer,
+            format!("got {number}, expected a number of the enum"),
+        )],
+    )
 }

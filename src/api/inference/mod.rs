@@ -1,4 +1,5 @@
-//! The Open Inference Protocol on the wire: one request and one answer behind its JSON, its binary tensors and its proto messages.
+//! The Open Inference Protocol on the wire: one request and one answer behind its JSON, its binary
+//! tensors and its proto messages.
 //!
 //! Which networks there are and what they say is not known here, nor is HTTP.
 
@@ -75,11 +76,13 @@ pub struct Metadata {
     pub figures: &'static [Figure],
 }
 
-/// Returns the fault of a tensor, or of the request where it is empty, one of whose parameters says that its values are elsewhere, or something else. Ignored, its sender would read what
-/// nobody wrote there. Other parameters that are not known are ignored, as the protocol wants it.
+/// Returns the fault of a tensor, or of the request where it is empty, one of whose parameters says
+/// that its values are elsewhere, or something else. Ignored, its sender would read what nobody
+/// wrote there. Other parameters that are not known are ignored, as the protocol wants it.
 fn unsupported(tensor: &str, has: impl Fn(&str) -> bool) -> Option<Fault> {
     const SHARED: &str = "shared memory is not supported, expected values in the message itself";
-    const CLASSES: &str = "classes (class_count) are not supported: no output has any; expected none";
+    const CLASSES: &str =
+        "classes (class_count) are not supported: no output has any; expected none";
     const PARAMETERS: [(&str, &str); 5] = [
         ("shared_memory_region", SHARED),
         ("shared_memory_byte_size", SHARED),
@@ -109,7 +112,12 @@ impl Request {
             let detail = format!("got {} tensors, expected one, {INPUT}", self.inputs.len());
             return Err(wrong(vec![Fault::new("/inputs", detail)]));
         };
-        let under = |faults: Vec<Fault>| faults.into_iter().map(|fault| fault.under("/inputs/0")).collect();
+        let under = |faults: Vec<Fault>| {
+            faults
+                .into_iter()
+                .map(|fault| fault.under("/inputs/0"))
+                .collect()
+        };
         tensor.states(schema).map_err(|faults| wrong(under(faults)))
     }
 
@@ -129,8 +137,17 @@ impl Request {
             }
             found
         };
-        let figures = self.outputs.iter().enumerate().filter_map(&mut figure).collect();
-        if faults.is_empty() { Ok(figures) } else { Err(Problem::invalid("inference request", faults)) }
+        let figures = self
+            .outputs
+            .iter()
+            .enumerate()
+            .filter_map(&mut figure)
+            .collect();
+        if faults.is_empty() {
+            Ok(figures)
+        } else {
+            Err(Problem::invalid("inference request", faults))
+        }
     }
 }
 
@@ -155,7 +172,10 @@ impl Figure {
 impl Output {
     /// Returns the values as little-endian bytes.
     pub fn bytes(&self) -> Vec<u8> {
-        self.values.iter().flat_map(|value| value.to_le_bytes()).collect()
+        self.values
+            .iter()
+            .flat_map(|value| value.to_le_bytes())
+            .collect()
     }
 }
 

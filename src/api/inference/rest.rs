@@ -84,57 +84,106 @@ struct WantedParameters {
     others: HashMap<String, Value>,
 }
 
-/// Returns the request in a body, and the form of its answer. Members that are not known are ignored, as the protocol wants it.
+/// Returns the request in a body, and the form of its answer. Members that are not known are
+/// ignored, as the protocol wants it.
 pub fn request(body: &Bytes, header_length: Option<&str>) -> Result<(Request, Form), Problem> {
     let fault = |fault| Problem::invalid(WHAT, vec![fault]);
     let (head, tail) = split(body, header_length).map_err(fault)?;
-    let Document { id, parameters, inputs, outputs } = json::decode(WHAT, &head)?;
+    let Document {
+        id,
+        parameters,
+        inputs,
+        outputs,
+    } = json::decode(WHAT, &head)?;
     let outputs = outputs.unwrap_or_default();
     let others = parameters.as_ref().map(|parameters| &parameters.others);
     supported(others, &inputs, &outputs).map_err(fault)?;
     let form = Form {
-        all: parameters.and_then(|parameters| parameters.binary_data_output).unwrap_or_default(),
+        all: parameters
+            .and_then(|parameters| parameters.binary_data_output)
+            .unwrap_or_default(),
         outputs: outputs.iter().map(Wanted::is_binary).collect(),
     };
     let inputs = tensors(inputs, tail).map_err(fault)?;
     let outputs = outputs.into_iter().map(|output| output.name).collect();
-    Ok((Request { id, inputs, outputs }, form))
+    Ok((
+        Request {
+            id,
+            inputs,
+            outputs,
+        },
+        form,
+    ))
 }
 
 /// Returns the JSON and what comes after it.
 fn split(body: &Bytes, header_length: Option<&str>) -> Result<(Bytes, Bytes), Fault> {
-    let Some(text) = header_length else { return Ok((body.clone(), Bytes::new())) };
+    let Some(text) = header_length else {
+        return Ok((body.clone(), Bytes::new()));
+    };
     match text.trim().parse::<usize>() {
         Ok(length) if length <= body.len() => Ok((body.slice(..length), body.slice(length..))),
         _ => {
-            let detail = format!("got {HEADER_LENGTH} {text:?}, expected 0 to {}, the bytes of the body", body.len());
+            let detail = format!(
+                "got {HEADER_LENGTH} {text:?}, expected 0 to {}, the bytes of the body",
+                body.len()
+            );
             Err(Fault::new("", detail))
         }
     }
 }
 
-/// Checks that the values of every tensor are in the body, and are told as they are, by its own parameters and the request's.
-fn supported(request: Option<&HashMap<String, Value>>, inputs: &[Input], outputs: &[Wanted]) -> Result<(), Fault> {
-    let inputs = inputs.iter().map(|input| input.parameters.as_ref().map(|parameters| &parameters.others));
-    let outputs = outputs.iter().map(|output| output.parameters.as_ref().map(|parameters| &parameters.others));
-    let inputs = inputs.enumerate().map(|(i, parameters)| (format!("/inputs/{i}"), parameters));
-    let outputs = outputs.enumerate().map(|(i, parameters)| (format!("/outputs/{i}"), parameters));
+/// Checks that the values of every tensor are in the body, and are told as they are, by its own
+/// parameters and the request's.
+fn supported(
+    request: Option<&HashMap<String, Value>>,
+    inputs: &[Input],
+    outputs: &[Wanted],
+) -> Result<(), Fault> {
+    let inputs = inputs.iter().map(|input| {
+        input
+            .parameters
+            .as_ref()
+            .map(|parameters| &parameters.others)
+    });
+    let outputs = outputs.iter().map(|output| {
+        output
+            .parameters
+            .as_ref()
+            .map(|parameters| &parameters.others)
+    });
+    let inputs = inputs
+        .enumerate()
+        .map(|(i, parameters)| (format!("/inputs/{i}"), parameters));
+    let outputs = outputs
+        .enumerate()
+        .map(|(i, parameters)| (format!("/outputs/{i}"), parameters));
     let fault = |(tensor, parameters): (String, Option<&HashMap<String, Value>>)| {
-        unsupported(&tensor, |name| parameters.is_some_and(|parameters| is_set(parameters, name)))
+        unsupported(&tensor, |name| {
+            parameters.is_some_and(|parameters| is_set(parameters, name))
+        })
     };
-    std::iter::once((String::new(), request)).chain(inputs).chain(outputs).find_map(fault).map_or(Ok(()), Err)
+    std::iter::once((String::new(), request))
+        .chain(inputs)
+        .chain(outputs)
+        .find_map(fault)
+        .map_or(Ok(()), Err)
 }
 
 /// Tells whether a parameter says something: 0 says nothing.
 fn is_set(parameters: &HashMap<String, Value>, name: &str) -> bool {
-    parameters.get(name).is_some_and(|value| !value.is_null() && value.as_f64() != Some(0.0))
+    parameters
+        .get(name)
+        .is_some_and(|value| !value.is_null() && value.as_f64() != Some(0.0))
 }
 
 /// Gives each input its values: those in its JSON, or its share of the bytes after the JSON.
 fn tensors(inputs: Vec<Input>, mut tail: Bytes) -> Result<Vec<Tensor>, Fault> {
     let mut tensors = Vec::with_capacity(inputs.len());
     for (i, input) in inputs.into_iter().enumerate() {
-        let size = input.parameters.and_then(|parameters| parameters.binary_data_size);
+        let size = input
+            .parameters
+            .and_then(|parameters| parameters.binary_data_size);
         let values = match (input.data, size) {
             (Some(_), Some(_)) => {
                 let detail = "got values here and binary_data_size, expected one of the two";
@@ -143,19 +192,42 @@ fn tensors(inputs: Vec<Input>, mut tail: Bytes) -> Result<Vec<Tensor>, Fault> {
             (Some(data), None) => data.into(),
             (None, Some(size)) if size <= tail.len() => Values::Raw(tail.split_to(size)),
             (None, Some(size)) => {
-                let detail = format!("got {size}, but {} bytes are left after the JSON", tail.len());
-                return Err(Fault::new(format!("/inputs/{i}/parameters/binary_data_size"), detail));
+                let detail = format!(
+                    "got {size}, but {} bytes are left after the JSON",
+                    tail.len()
+                );
+                return Err(Fault::new(
+                    format!("/inputs/{i}/parameters/binary_data_size"),
+                    detail,
+                ));
             }
-            (None, None) => Values::Unreadable(Fault::new("/data", "missing, and so is parameters.binary_data_size")),
+            (None, None) => Values::Unreadable(Fault::new(
+                "/data",
+                "missing, and so is parameters.binary_data_size",
+            )),
         };
-        tensors.push(Tensor { name: input.name, datatype: input.datatype, shape: input.shape, values });
+        tensors.push(Tensor {
+            name: input.name,
+            datatype: input.datatype,
+            shape: input.shape,
+            values,
+        });
     }
-    if tail.is_empty() { Ok(tensors) } else { Err(Fault::new("", format!("{} bytes follow the tensors", tail.len()))) }
+    if tail.is_empty() {
+        Ok(tensors)
+    } else {
+        Err(Fault::new(
+            "",
+            format!("{} bytes follow the tensors", tail.len()),
+        ))
+    }
 }
 
 impl Wanted {
     fn is_binary(&self) -> Option<bool> {
-        self.parameters.as_ref().and_then(|parameters| parameters.binary_data)
+        self.parameters
+            .as_ref()
+            .and_then(|parameters| parameters.binary_data)
     }
 }
 
@@ -206,13 +278,20 @@ impl Encoded {
         let mut body = serde_json::to_vec(&head).expect("numbers and text become JSON");
         let header_length = (!tail.is_empty()).then_some(body.len());
         body.append(&mut tail);
-        Self { header_length, body }
+        Self {
+            header_length,
+            body,
+        }
     }
 }
 
 impl Form {
     fn wants_bytes(&self, output: usize) -> bool {
-        self.outputs.get(output).copied().flatten().unwrap_or(self.all)
+        self.outputs
+            .get(output)
+            .copied()
+            .flatten()
+            .unwrap_or(self.all)
     }
 }
 
@@ -221,7 +300,11 @@ fn document(output: &Output, binary_data_size: Option<usize>) -> OutputDocument<
         name: output.figure.as_str(),
         datatype: DATATYPE,
         shape: [output.values.len()],
-        parameters: OutputParameters { threshold_nats: output.threshold, unit: output.unit, binary_data_size },
+        parameters: OutputParameters {
+            threshold_nats: output.threshold,
+            unit: output.unit,
+            binary_data_size,
+        },
         data: binary_data_size.is_none().then_some(&output.values),
     }
 }
@@ -236,8 +319,16 @@ pub struct Server {
 
 impl From<ServerMetadataResponse> for Server {
     fn from(server: ServerMetadataResponse) -> Self {
-        let ServerMetadataResponse { name, version, extensions } = server;
-        Self { name, version, extensions }
+        let ServerMetadataResponse {
+            name,
+            version,
+            extensions,
+        } = server;
+        Self {
+            name,
+            version,
+            extensions,
+        }
     }
 }
 
@@ -273,7 +364,15 @@ impl From<ModelMetadataResponse> for Model {
 
 impl From<TensorMetadata> for Port {
     fn from(tensor: TensorMetadata) -> Self {
-        let TensorMetadata { name, datatype, shape } = tensor;
-        Self { name, datatype, shape }
+        let TensorMetadata {
+            name,
+            datatype,
+            shape,
+        } = tensor;
+        Self {
+            name,
+            datatype,
+            shape,
+        }
     }
 }

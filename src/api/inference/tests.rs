@@ -1,25 +1,46 @@
-//! Both forms of a request decode to the same, every fault has its place, and both forms of an answer say the same.
+//! Both forms of a request decode to the same, every fault has its place, and both forms of an
+//! answer say the same.
 
 use bytes::Bytes;
 use serde_json::{Value, json};
 
 use super::*;
-use crate::api::inference_proto::model_infer_request::{InferInputTensor, InferRequestedOutputTensor};
-use crate::api::inference_proto::{InferTensorContents, ModelInferRequest, ModelInferResponse, ModelMetadataResponse};
+use crate::api::inference_proto::model_infer_request::{
+    InferInputTensor, InferRequestedOutputTensor,
+};
+use crate::api::inference_proto::{
+    InferTensorContents, ModelInferRequest, ModelInferResponse, ModelMetadataResponse,
+};
 use crate::domain::SchemaDraft;
 use crate::domain::draft::{AgentDraft, FeatureDraft, KindDraft};
 
 /// `distance` with edges 0.5 and 1, `lane` 0 to 3; two agents.
 fn schema() -> Schema {
-    let feature = |name: &str, kind| FeatureDraft { name: name.into(), unit: None, kinds: vec![kind] };
-    let agent = |name: &str| AgentDraft { name: name.into(), action: vec![feature("move", KindDraft::Integer(0, 1))] };
-    let state =
-        vec![feature("distance", KindDraft::Continuous(vec![0.5, 1.0])), feature("lane", KindDraft::Integer(0, 3))];
-    Schema::try_from(&SchemaDraft { state, agents: vec![agent("robot"), agent("human")] }).expect("valid")
+    let feature = |name: &str, kind| FeatureDraft {
+        name: name.into(),
+        unit: None,
+        kinds: vec![kind],
+    };
+    let agent = |name: &str| AgentDraft {
+        name: name.into(),
+        action: vec![feature("move", KindDraft::Integer(0, 1))],
+    };
+    let state = vec![
+        feature("distance", KindDraft::Continuous(vec![0.5, 1.0])),
+        feature("lane", KindDraft::Integer(0, 3)),
+    ];
+    Schema::try_from(&SchemaDraft {
+        state,
+        agents: vec![agent("robot"), agent("human")],
+    })
+    .expect("valid")
 }
 
 fn bytes(values: &[f32]) -> Vec<u8> {
-    values.iter().flat_map(|value| value.to_le_bytes()).collect()
+    values
+        .iter()
+        .flat_map(|value| value.to_le_bytes())
+        .collect()
 }
 
 /// A request whose only input has this datatype, shape and data.
@@ -43,7 +64,12 @@ fn binary(size: usize) -> Value {
 }
 
 fn keys(request: &Request) -> Vec<String> {
-    request.states(&schema()).expect("valid").iter().map(ToString::to_string).collect()
+    request
+        .states(&schema())
+        .expect("valid")
+        .iter()
+        .map(ToString::to_string)
+        .collect()
 }
 
 /// The place and the text of the first fault.
@@ -61,7 +87,11 @@ fn flat_nested_and_binary_values_are_the_same_states() {
     let expected = ["1.3", "0.0"];
     let flat = of_json(&document("FP32", &[2, 2], json!([0.7, 3, 0.1, 0]))).expect("valid");
     let nested = of_json(&document("FP32", &[2, 2], json!([[0.7, 3], [0.1, 0]]))).expect("valid");
-    let (raw, _) = of_bytes(&json!({"inputs": [binary(16)]}), &bytes(&[0.7, 3.0, 0.1, 0.0])).expect("valid");
+    let (raw, _) = of_bytes(
+        &json!({"inputs": [binary(16)]}),
+        &bytes(&[0.7, 3.0, 0.1, 0.0]),
+    )
+    .expect("valid");
     assert_eq!([keys(&flat), keys(&nested), keys(&raw)], [expected; 3]);
 }
 
@@ -75,29 +105,66 @@ fn a_message_is_read_from_either_of_its_contents() {
         ..Default::default()
     };
     let values = vec![0.7, 3.0, 0.1, 0.0];
-    let fp32 = InferTensorContents { fp32_contents: values.clone(), ..Default::default() };
-    let typed = ModelInferRequest { id: "7".into(), inputs: vec![input(Some(fp32.clone()))], ..Default::default() };
+    let fp32 = InferTensorContents {
+        fp32_contents: values.clone(),
+        ..Default::default()
+    };
+    let typed = ModelInferRequest {
+        id: "7".into(),
+        inputs: vec![input(Some(fp32.clone()))],
+        ..Default::default()
+    };
     let raw = ModelInferRequest {
         inputs: vec![input(None)],
-        outputs: vec![InferRequestedOutputTensor { name: "mutual_information".into(), ..Default::default() }],
+        outputs: vec![InferRequestedOutputTensor {
+            name: "mutual_information".into(),
+            ..Default::default()
+        }],
         raw_input_contents: vec![bytes(&values)],
         ..Default::default()
     };
     let read = grpc::request(typed.clone()).expect("valid");
-    assert_eq!((keys(&read), read.id.as_deref()), (vec!["1.3".to_owned(), "0.0".to_owned()], Some("7")));
+    assert_eq!(
+        (keys(&read), read.id.as_deref()),
+        (vec!["1.3".to_owned(), "0.0".to_owned()], Some("7"))
+    );
     let read = grpc::request(raw.clone()).expect("valid");
-    assert_eq!((keys(&read), read.id), (vec!["1.3".to_owned(), "0.0".to_owned()], None));
+    assert_eq!(
+        (keys(&read), read.id),
+        (vec!["1.3".to_owned(), "0.0".to_owned()], None)
+    );
     assert_eq!(read.outputs, ["mutual_information"]);
 
-    let both = ModelInferRequest { raw_input_contents: vec![bytes(&values)], ..typed.clone() };
+    let both = ModelInferRequest {
+        raw_input_contents: vec![bytes(&values)],
+        ..typed.clone()
+    };
     assert_eq!(fault(grpc::request(both)).0, "/inputs/0/contents");
-    let two = ModelInferRequest { raw_input_contents: vec![Vec::new(); 2], ..raw.clone() };
+    let two = ModelInferRequest {
+        raw_input_contents: vec![Vec::new(); 2],
+        ..raw.clone()
+    };
     assert_eq!(fault(grpc::request(two)).0, "/raw_input_contents");
-    let none = ModelInferRequest { raw_input_contents: Vec::new(), ..raw };
-    assert_eq!(fault(grpc::request(none).expect("read").states(&schema())).0, "/inputs/0/contents");
-    let fp64 = InferTensorContents { fp64_contents: vec![0.0; 4], ..Default::default() };
-    let other_list = ModelInferRequest { inputs: vec![input(Some(fp64))], ..typed };
-    assert_eq!(fault(grpc::request(other_list).expect("read").states(&schema())).0, "/inputs/0/contents");
+    let none = ModelInferRequest {
+        raw_input_contents: Vec::new(),
+        ..raw
+    };
+    assert_eq!(
+        fault(grpc::request(none).expect("read").states(&schema())).0,
+        "/inputs/0/contents"
+    );
+    let fp64 = InferTensorContents {
+        fp64_contents: vec![0.0; 4],
+        ..Default::default()
+    };
+    let other_list = ModelInferRequest {
+        inputs: vec![input(Some(fp64))],
+        ..typed
+    };
+    assert_eq!(
+        fault(grpc::request(other_list).expect("read").states(&schema())).0,
+        "/inputs/0/contents"
+    );
 }
 
 #[test]
@@ -109,16 +176,28 @@ fn unknown_members_are_ignored() {
     request["outputs"] = Value::Null;
     request["speed"] = json!({"high": []});
     let request = of_json(&request).expect("valid");
-    assert_eq!((request.id.as_deref(), request.outputs.len()), (Some("mine"), 0));
+    assert_eq!(
+        (request.id.as_deref(), request.outputs.len()),
+        (Some("mine"), 0)
+    );
 }
 
 #[test]
 fn a_type_other_than_fp32_is_named() {
-    for (datatype, data) in
-        [("FP64", json!([0, 0])), ("INT64", json!([0, 0])), ("BYTES", json!(["a", "b"])), ("", json!([]))]
-    {
+    for (datatype, data) in [
+        ("FP64", json!([0, 0])),
+        ("INT64", json!([0, 0])),
+        ("BYTES", json!(["a", "b"])),
+        ("", json!([])),
+    ] {
         let (pointer, detail) = states_fault(&document(datatype, &[1, 2], data));
-        assert_eq!((pointer.as_str(), detail), ("/inputs/0/datatype", format!("got {datatype:?}, expected FP32")));
+        assert_eq!(
+            (pointer.as_str(), detail),
+            (
+                "/inputs/0/datatype",
+                format!("got {datatype:?}, expected FP32")
+            )
+        );
     }
 }
 
@@ -127,26 +206,42 @@ fn a_shape_is_rows_by_features() {
     for shape in [&[][..], &[2], &[1, 3], &[1, -1], &[1, 1, 2], &[2, 1]] {
         let (pointer, detail) = states_fault(&document("FP32", shape, json!([0, 0])));
         assert_eq!(pointer, "/inputs/0/shape");
-        assert!(detail.ends_with("expected [rows, 2]: distance, lane"), "{detail}");
+        assert!(
+            detail.ends_with("expected [rows, 2]: distance, lane"),
+            "{detail}"
+        );
     }
     for rows in [0, -1, i64::MIN, i64::MAX, MOST_ROWS as i64 + 1] {
-        assert_eq!(states_fault(&document("FP32", &[rows, 2], json!([0, 0]))).0, "/inputs/0/shape/0", "{rows}");
+        assert_eq!(
+            states_fault(&document("FP32", &[rows, 2], json!([0, 0]))).0,
+            "/inputs/0/shape/0",
+            "{rows}"
+        );
     }
 }
 
 #[test]
 fn values_are_as_many_as_the_shape_says() {
     let told = |shape: &[i64], data| states_fault(&document("FP32", shape, data));
-    let few = ("/inputs/0/data".to_owned(), "got 3 values, expected 2 x 2 = 4".to_owned());
+    let few = (
+        "/inputs/0/data".to_owned(),
+        "got 3 values, expected 2 x 2 = 4".to_owned(),
+    );
     assert_eq!(told(&[2, 2], json!([0, 0, 0])), few);
     // As many as expected, but not in rows of two.
     assert_eq!(told(&[2, 2], json!([[0, 0, 0, 0]])).0, "/inputs/0/data/0");
-    assert_eq!(told(&[2, 2], json!([[0, 0], [0], [0]])).0, "/inputs/0/data/1");
+    assert_eq!(
+        told(&[2, 2], json!([[0, 0], [0], [0]])).0,
+        "/inputs/0/data/1"
+    );
     assert_eq!(told(&[2, 2], json!([[0, 0], 0, 0])).0, "/inputs/0/data/1");
     assert_eq!(told(&[2, 2], json!([0, 0, [0, 0]])).0, "/inputs/0/data/2");
     let (request, _) = of_bytes(&json!({"inputs": [binary(12)]}), &[0; 12]).expect("read");
     let (pointer, detail) = fault(request.states(&schema()));
-    assert_eq!((pointer.as_str(), detail.as_str()), ("/inputs/0/data", "got 12 bytes, expected 2 x 2 x 4 = 16"));
+    assert_eq!(
+        (pointer.as_str(), detail.as_str()),
+        ("/inputs/0/data", "got 12 bytes, expected 2 x 2 x 4 = 16")
+    );
 }
 
 #[test]
@@ -159,10 +254,15 @@ fn what_is_no_number_is_told_with_its_place() {
         (json!([[[0, 0]]]), "/0/0", "got a list"),
     ] {
         let (pointer, detail) = states_fault(&document("FP32", &[1, 2], data));
-        assert_eq!((pointer, &detail[..told.len()]), (format!("/inputs/0/data{place}"), told));
+        assert_eq!(
+            (pointer, &detail[..told.len()]),
+            (format!("/inputs/0/data{place}"), told)
+        );
     }
     // Python writes NaN into JSON, which has no such number.
-    let body = document("FP32", &[1, 2], json!([0, 0])).to_string().replace("[0,0]", "[0,NaN]");
+    let body = document("FP32", &[1, 2], json!([0, 0]))
+        .to_string()
+        .replace("[0,0]", "[0,NaN]");
     assert!(rest::request(&Bytes::from(body), None).is_err());
 }
 
@@ -172,9 +272,20 @@ fn a_value_without_a_bin_names_row_feature_and_value() {
     let (request, _) = of_bytes(&json!({"inputs": [binary(16)]}), &nan).expect("read");
     let faults = request.states(&schema()).expect_err("wrong").faults;
     let places: Vec<&str> = faults.iter().map(|fault| fault.pointer.as_str()).collect();
-    assert_eq!(places, ["/inputs/0/data/1/distance", "/inputs/0/data/1/lane"]);
-    assert!(faults[0].detail.starts_with("got NaN"), "{}", faults[0].detail);
-    assert!(faults[1].detail.starts_with("got 9"), "{}", faults[1].detail);
+    assert_eq!(
+        places,
+        ["/inputs/0/data/1/distance", "/inputs/0/data/1/lane"]
+    );
+    assert!(
+        faults[0].detail.starts_with("got NaN"),
+        "{}",
+        faults[0].detail
+    );
+    assert!(
+        faults[1].detail.starts_with("got 9"),
+        "{}",
+        faults[1].detail
+    );
     let infinite = states_fault(&document("FP32", &[1, 2], json!([1e39, 0])));
     assert!(infinite.1.starts_with("got inf"), "{infinite:?}");
 }
@@ -187,7 +298,10 @@ fn only_the_first_faults_are_told_and_the_others_counted() {
         .expect_err("wrong")
         .faults;
     assert_eq!(faults.len(), 11);
-    assert_eq!(faults[10], Fault::new("/inputs/0/data", "990 more values are wrong"));
+    assert_eq!(
+        faults[10],
+        Fault::new("/inputs/0/data", "990 more values are wrong")
+    );
 }
 
 #[test]
@@ -196,8 +310,14 @@ fn the_only_input_is_the_state() {
     let state = json!({"name": "state", "datatype": "FP32", "shape": [1, 2], "data": [0, 0]});
     assert_eq!(told(json!([])), "/inputs");
     assert_eq!(told(json!([state, state])), "/inputs");
-    assert_eq!(told(json!([state, {"name": "x", "datatype": "FP32", "shape": [1], "data": [0]}])), "/inputs/1/name");
-    assert_eq!(told(json!([{"name": "state", "datatype": "FP32", "shape": [1, 2]}])), "/inputs/0/data");
+    assert_eq!(
+        told(json!([state, {"name": "x", "datatype": "FP32", "shape": [1], "data": [0]}])),
+        "/inputs/1/name"
+    );
+    assert_eq!(
+        told(json!([{"name": "state", "datatype": "FP32", "shape": [1, 2]}])),
+        "/inputs/0/data"
+    );
     assert_eq!(fault(of_json(&json!({}))).0, "/inputs");
 }
 
@@ -205,20 +325,37 @@ fn the_only_input_is_the_state() {
 fn the_header_says_where_the_tensors_begin() {
     let document = json!({"inputs": [binary(16)]});
     let length = document.to_string().len();
-    assert_eq!(fault(of_bytes(&document, &[0; 15])).0, "/inputs/0/parameters/binary_data_size");
-    assert_eq!(fault(of_bytes(&document, &[0; 17])), (String::new(), "1 bytes follow the tensors".to_owned()));
+    assert_eq!(
+        fault(of_bytes(&document, &[0; 15])).0,
+        "/inputs/0/parameters/binary_data_size"
+    );
+    assert_eq!(
+        fault(of_bytes(&document, &[0; 17])),
+        (String::new(), "1 bytes follow the tensors".to_owned())
+    );
     // Without the header all of it is JSON.
-    assert_eq!(fault(of_json(&document)).0, "/inputs/0/parameters/binary_data_size");
+    assert_eq!(
+        fault(of_json(&document)).0,
+        "/inputs/0/parameters/binary_data_size"
+    );
     let body = Bytes::from([document.to_string().as_bytes(), &[0; 16]].concat());
     for header in ["", "-1", "x", "1e3", &(length + 17).to_string()] {
-        assert!(fault(rest::request(&body, Some(header))).1.contains(rest::HEADER_LENGTH), "{header}");
+        assert!(
+            fault(rest::request(&body, Some(header)))
+                .1
+                .contains(rest::HEADER_LENGTH),
+            "{header}"
+        );
     }
     assert!(rest::request(&body, Some("3")).is_err());
     assert!(rest::request(&body, None).is_err());
     assert!(rest::request(&body, Some(&format!(" {length} "))).is_ok());
     let mut both = binary(16);
     both["data"] = json!([0, 0, 0, 0]);
-    assert_eq!(fault(of_bytes(&json!({"inputs": [both]}), &[0; 16])).0, "/inputs/0/data");
+    assert_eq!(
+        fault(of_bytes(&json!({"inputs": [both]}), &[0; 16])).0,
+        "/inputs/0/data"
+    );
 }
 
 #[test]
@@ -229,27 +366,54 @@ fn outputs_are_as_asked() {
         of_json(&request).expect("valid")
     };
     let (probability, information) = (Figure::InfluenceProbability, Figure::MutualInformation);
-    assert_eq!(ask(&[]).figures(ModelKind::Joint), Ok(vec![probability, information]));
+    assert_eq!(
+        ask(&[]).figures(ModelKind::Joint),
+        Ok(vec![probability, information])
+    );
     assert_eq!(ask(&[]).figures(ModelKind::Direct), Ok(vec![probability]));
     let swapped = ask(&["mutual_information", "influence_probability"]);
-    assert_eq!(swapped.figures(ModelKind::Joint), Ok(vec![information, probability]));
+    assert_eq!(
+        swapped.figures(ModelKind::Joint),
+        Ok(vec![information, probability])
+    );
     let (pointer, detail) = fault(swapped.figures(ModelKind::Direct));
     assert_eq!(
         (pointer.as_str(), detail.as_str()),
-        ("/outputs/0/name", "got \"mutual_information\", expected influence_probability")
+        (
+            "/outputs/0/name",
+            "got \"mutual_information\", expected influence_probability"
+        )
     );
-    assert_eq!(fault(ask(&["influence_probability", "x"]).figures(ModelKind::Joint)).0, "/outputs/1/name");
+    assert_eq!(
+        fault(ask(&["influence_probability", "x"]).figures(ModelKind::Joint)).0,
+        "/outputs/1/name"
+    );
 }
 
 fn answer() -> Answer {
-    let output = |figure, threshold, unit, values| Output { figure, threshold, unit, values };
+    let output = |figure, threshold, unit, values| Output {
+        figure,
+        threshold,
+        unit,
+        values,
+    };
     Answer {
         model: "lane~robot~human".into(),
         version: 3,
         id: Some("mine".into()),
         outputs: vec![
-            output(Figure::InfluenceProbability, Some(0.1), None, vec![0.1, 1.0]),
-            output(Figure::MutualInformation, None, Some("nats"), vec![0.25, 0.5]),
+            output(
+                Figure::InfluenceProbability,
+                Some(0.1),
+                None,
+                vec![0.1, 1.0],
+            ),
+            output(
+                Figure::MutualInformation,
+                None,
+                Some("nats"),
+                vec![0.25, 0.5],
+            ),
         ],
     }
 }
@@ -259,7 +423,9 @@ fn form(parameters: Value, outputs: Value) -> rest::Form {
     let mut request = document("FP32", &[1, 2], json!([0, 0]));
     request["parameters"] = parameters;
     request["outputs"] = outputs;
-    rest::request(&Bytes::from(request.to_string()), None).expect("valid").1
+    rest::request(&Bytes::from(request.to_string()), None)
+        .expect("valid")
+        .1
 }
 
 #[test]
@@ -287,33 +453,71 @@ fn each_output_says_whether_it_is_wanted_as_bytes() {
         {"name": "influence_probability", "parameters": {"binary_data": false}},
         {"name": "mutual_information"},
     ]);
-    let encoded = rest::Encoded::new(&answer(), &form(json!({"binary_data_output": true}), outputs));
+    let encoded = rest::Encoded::new(
+        &answer(),
+        &form(json!({"binary_data_output": true}), outputs),
+    );
     let length = encoded.header_length.expect("a header");
     let told: Value = serde_json::from_slice(&encoded.body[..length]).expect("JSON");
     assert_eq!(told["outputs"][0]["data"], json!([0.1, 1.0]));
-    assert_eq!(told["outputs"][1]["parameters"], json!({"unit": "nats", "binary_data_size": 8}));
+    assert_eq!(
+        told["outputs"][1]["parameters"],
+        json!({"unit": "nats", "binary_data_size": 8})
+    );
     assert_eq!(told["outputs"][1].get("data"), None);
     assert_eq!(encoded.body[length..], bytes(&[0.25, 0.5]));
 
-    let both = rest::Encoded::new(&answer(), &form(json!({"binary_data_output": true}), Value::Null));
-    assert_eq!(both.body[both.header_length.expect("a header")..], bytes(&[0.1, 1.0, 0.25, 0.5]));
+    let both = rest::Encoded::new(
+        &answer(),
+        &form(json!({"binary_data_output": true}), Value::Null),
+    );
+    assert_eq!(
+        both.body[both.header_length.expect("a header")..],
+        bytes(&[0.1, 1.0, 0.25, 0.5])
+    );
 }
 
 #[test]
 fn a_message_tells_the_same_as_bytes() {
     let message = ModelInferResponse::from(answer());
-    assert_eq!((message.model_version.as_str(), message.id.as_str()), ("3", "mine"));
-    assert_eq!(message.raw_output_contents, [bytes(&[0.1, 1.0]), bytes(&[0.25, 0.5])]);
-    let told: Vec<_> = message.outputs.iter().map(|output| (output.name.as_str(), &output.shape[..])).collect();
-    assert_eq!(told, [("influence_probability", &[2][..]), ("mutual_information", &[2][..])]);
-    assert!(message.outputs.iter().all(|output| output.contents.is_none() && output.parameters.len() == 1));
+    assert_eq!(
+        (message.model_version.as_str(), message.id.as_str()),
+        ("3", "mine")
+    );
+    assert_eq!(
+        message.raw_output_contents,
+        [bytes(&[0.1, 1.0]), bytes(&[0.25, 0.5])]
+    );
+    let told: Vec<_> = message
+        .outputs
+        .iter()
+        .map(|output| (output.name.as_str(), &output.shape[..]))
+        .collect();
+    assert_eq!(
+        told,
+        [
+            ("influence_probability", &[2][..]),
+            ("mutual_information", &[2][..])
+        ]
+    );
+    assert!(
+        message
+            .outputs
+            .iter()
+            .all(|output| output.contents.is_none() && output.parameters.len() == 1)
+    );
 }
 
 #[test]
 fn metadata_is_the_same_in_both_forms() {
-    let metadata =
-        Metadata { model: "lane".into(), versions: vec![1, 4], features: 2, figures: Figure::of(ModelKind::Joint) };
-    let told = serde_json::to_value(rest::Model::from(ModelMetadataResponse::from(metadata))).expect("JSON");
+    let metadata = Metadata {
+        model: "lane".into(),
+        versions: vec![1, 4],
+        features: 2,
+        figures: Figure::of(ModelKind::Joint),
+    };
+    let told = serde_json::to_value(rest::Model::from(ModelMetadataResponse::from(metadata)))
+        .expect("JSON");
     assert_eq!(
         told,
         json!({

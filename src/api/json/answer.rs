@@ -6,7 +6,9 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::evidence::{dependence, interval};
-use super::{Fit, Labels, ModelFigures, Probability, Segmentation, Significance, State, present, words};
+use super::{
+    Fit, Labels, ModelFigures, Probability, Segmentation, Significance, State, present, words,
+};
 use crate::api::proto;
 
 /// The answers to one question, with what indices in them stand for.
@@ -20,7 +22,8 @@ pub struct Answers {
 
 /// The answer for one state. Fields from `unit` on are absent in the view `verdict`.
 ///
-/// Every information figure is in `unit`. At lag 0 it states dependence given the state; that it runs from ego to other is the caller's assumption.
+/// Every information figure is in `unit`. At lag 0 it states dependence given the state; that it
+/// runs from ego to other is the caller's assumption.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, ToSchema)]
 pub struct Answer {
     /// The state.
@@ -42,8 +45,8 @@ pub struct Answer {
     /// The threshold used, in that unit.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub threshold: Option<f64>,
-    /// The same as a share of ln min(R, K), the most that two agents with R and K actions can have; absent where that is 0: then every verdict is
-    /// `undecided`.
+    /// The same as a share of ln min(R, K), the most that two agents with R and K actions can have;
+    /// absent where that is 0: then every verdict is `undecided`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub share: Option<f64>,
     /// The kind of rule that decided, `evidence` or `paper`.
@@ -53,12 +56,14 @@ pub struct Answer {
     /// Mutual information of ego action and other action in this state.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mutual_information: Option<MutualInformation>,
-    /// What the evidence rests on: `entries`, or `assumed` where visits are taken for independent draws.
+    /// What the evidence rests on: `entries`, or `assumed` where visits are taken for independent
+    /// draws.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<words::Independence>)]
     pub independence: Option<String>,
-    /// Whether there is any dependence at all, however weak: `established`, `excluded` or `open`; absent where the alphabets are too large for
-    /// evidence, as are `probability` and the posterior mean.
+    /// Whether there is any dependence at all, however weak: `established`, `excluded` or `open`;
+    /// absent where the alphabets are too large for evidence, as are `probability` and the
+    /// posterior mean.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(example = "open", value_type = Option<words::Dependence>)]
     pub dependence: Option<&'static str>,
@@ -71,12 +76,12 @@ pub struct Answer {
     /// The test of independence, where it was asked for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub significance: Option<Significance>,
-    /// What the reader should know before believing the figures, a sentence each: where pooled and stratified tests of independence disagree. Absent
-    /// where there is nothing to warn of.
+    /// What the reader should know before believing the figures, a sentence each: where pooled and
+    /// stratified tests of independence disagree. Absent where there is nothing to warn of.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<String>,
-    /// Where it was asked for: the smallest of 1, 2, 5, ..., 10,000 further visits after which 4 of 5 possible futures have a verdict; null where
-    /// none does.
+    /// Where it was asked for: the smallest of 1, 2, 5, ..., 10,000 further visits after which 4 of
+    /// 5 possible futures have a verdict; null where none does.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub visits_to_decide: Option<Option<u64>>,
     /// One an ego action, in index order; view `full` only.
@@ -102,7 +107,8 @@ pub struct Answer {
 /// What a verdict rests on.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, ToSchema)]
 pub struct Basis {
-    /// `counts`, `model` (a network's prediction) or `prior` (nothing seen, and no model is active).
+    /// `counts`, `model` (a network's prediction) or `prior` (nothing seen, and no model is
+    /// active).
     #[schema(example = "counts", value_type = words::BasisKind)]
     pub kind: &'static str,
     /// The visits it rests on, where it is `counts`.
@@ -116,7 +122,8 @@ pub struct Basis {
 /// Mutual information of ego action and other action in a state, in the answer's unit.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct MutualInformation {
-    /// Plug-in, at least 0; 0 at no visits. At few visits most of it is bias: compare `expected_if_independent`.
+    /// Plug-in, at least 0; 0 at no visits. At few visits most of it is bias: compare
+    /// `expected_if_independent`.
     #[schema(minimum = 0)]
     pub plug_in: f64,
     /// The mean of plug-in under independence at these margins.
@@ -143,7 +150,8 @@ pub struct ActionFigures {
     pub index: u64,
     /// How often it was seen in this state.
     pub visits: u64,
-    /// KL(p(other given this action) from p(other)), its mean given the counts, in the answer's unit: rank actions by it.
+    /// KL(p(other given this action) from p(other)), its mean given the counts, in the answer's
+    /// unit: rank actions by it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub divergence: Option<f64>,
     /// Where that divergence lies with a probability of 90 %: the lower and the upper end.
@@ -151,8 +159,8 @@ pub struct ActionFigures {
     pub interval: Option<[f64; 2]>,
     /// The same by relative frequencies; null when unvisited. Favours the rarest action.
     pub plug_in_divergence: Option<f64>,
-    /// Probability of each of the other's actions after it given the counts, in index order. Without evidence the relative frequency, null when
-    /// unvisited.
+    /// Probability of each of the other's actions after it given the counts, in index order.
+    /// Without evidence the relative frequency, null when unvisited.
     pub response: Option<Vec<f64>>,
     /// Where each of these probabilities lies with a probability of 90 %.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -172,10 +180,19 @@ pub fn verdict(number: i32) -> &'static str {
 
 /// Decodes what a verdict on a state with these visits rests on.
 pub(super) fn basis(number: i32, version: Option<u64>, visits: u64) -> Basis {
-    let of = |kind| Basis { kind, ..Basis::default() };
+    let of = |kind| Basis {
+        kind,
+        ..Basis::default()
+    };
     match proto::Basis::try_from(number) {
-        Ok(proto::Basis::Counts) => Basis { visits: Some(visits), ..of("counts") },
-        Ok(proto::Basis::Model) => Basis { version, ..of("model") },
+        Ok(proto::Basis::Counts) => Basis {
+            visits: Some(visits),
+            ..of("counts")
+        },
+        Ok(proto::Basis::Model) => Basis {
+            version,
+            ..of("model")
+        },
         Ok(proto::Basis::Prior) => of("prior"),
         Ok(proto::Basis::Unspecified) | Err(_) => of("unknown"),
     }
@@ -184,14 +201,20 @@ pub(super) fn basis(number: i32, version: Option<u64>, visits: u64) -> Basis {
 impl From<proto::BatchGetInfluenceResponse> for Answers {
     fn from(response: proto::BatchGetInfluenceResponse) -> Self {
         let labels = response.labels.map(Into::into).unwrap_or_default();
-        Self { labels, answers: response.answers.into_iter().map(Into::into).collect() }
+        Self {
+            labels,
+            answers: response.answers.into_iter().map(Into::into).collect(),
+        }
     }
 }
 
 impl From<proto::GetInfluenceResponse> for Answers {
     fn from(response: proto::GetInfluenceResponse) -> Self {
         let labels = response.labels.map(Into::into).unwrap_or_default();
-        Self { labels, answers: response.answer.into_iter().map(Into::into).collect() }
+        Self {
+            labels,
+            answers: response.answer.into_iter().map(Into::into).collect(),
+        }
     }
 }
 
@@ -199,8 +222,12 @@ impl From<proto::Answer> for Answer {
     fn from(answer: proto::Answer) -> Self {
         let basis = basis(answer.basis, answer.basis_version, answer.visits);
         let by_action: Vec<ActionFigures> = answer.by_action.into_iter().map(Into::into).collect();
-        // In the view `verdict` nothing is said of a network; otherwise it is said that there is none.
-        let model = answer.mutual_information.is_some().then(|| answer.model.map(Into::into));
+        // In the view `verdict` nothing is said of a network; otherwise it is said that there is
+        // none.
+        let model = answer
+            .mutual_information
+            .is_some()
+            .then(|| answer.model.map(Into::into));
         Self {
             state: answer.state.map(Into::into).unwrap_or_default(),
             visits: answer.visits,
@@ -253,7 +280,11 @@ impl From<proto::ActionFigures> for ActionFigures {
             interval: figures.divergence_interval.map(interval),
             plug_in_divergence: figures.plug_in_divergence,
             response: Some(figures.response).filter(|response| !response.is_empty()),
-            response_intervals: figures.response_intervals.into_iter().map(interval).collect(),
+            response_intervals: figures
+                .response_intervals
+                .into_iter()
+                .map(interval)
+                .collect(),
         }
     }
 }
@@ -265,7 +296,10 @@ mod tests {
 
     fn verdict_only() -> proto::Answer {
         proto::Answer {
-            state: Some(proto::State { key: "3.0".into(), bins: Vec::new() }),
+            state: Some(proto::State {
+                key: "3.0".into(),
+                bins: Vec::new(),
+            }),
             visits: 12,
             verdict: proto::Verdict::NoInfluence.into(),
             basis: proto::Basis::Counts.into(),
@@ -274,9 +308,16 @@ mod tests {
     }
 
     fn with_figures() -> proto::Answer {
-        let bin = |feature: &str, bin, label: &str| proto::Bin { feature: feature.into(), bin, label: label.into() };
+        let bin = |feature: &str, bin, label: &str| proto::Bin {
+            feature: feature.into(),
+            bin,
+            label: label.into(),
+        };
         proto::Answer {
-            state: Some(proto::State { key: "3.0".into(), bins: vec![bin("z", 3, "[2, 3)"), bin("a", 0, "left")] }),
+            state: Some(proto::State {
+                key: "3.0".into(),
+                bins: vec![bin("z", 3, "[2, 3)"), bin("a", 0, "left")],
+            }),
             entries: Some(7),
             unit: "nats".into(),
             threshold: Some(0.5),
@@ -288,15 +329,27 @@ mod tests {
                 expected_method: "hypergeometric".into(),
                 estimates: [("excess".to_owned(), 0.125)].into(),
                 posterior_mean: Some(0.1),
-                interval: Some(proto::Interval { lower: 0.0, upper: 0.4 }),
+                interval: Some(proto::Interval {
+                    lower: 0.0,
+                    upper: 0.4,
+                }),
             }),
             independence: "entries".into(),
             dependence: proto::Dependence::Open.into(),
-            probability: Some(proto::Probability { dependent: 0.3, above_threshold: 0.1 }),
-            segmentation: Some(proto::Segmentation { count: 3, differ: None }),
+            probability: Some(proto::Probability {
+                dependent: 0.3,
+                above_threshold: 0.1,
+            }),
+            segmentation: Some(proto::Segmentation {
+                count: 3,
+                differ: None,
+            }),
             warnings: vec!["beware".into()],
             visits_to_decide: Some(proto::VisitsToDecide { visits: None }),
-            fit: Some(proto::Fit { version: 2, revision: 90 }),
+            fit: Some(proto::Fit {
+                version: 2,
+                revision: 90,
+            }),
             lag: Some(0),
             directed: Some(false),
             revision: Some(99),
@@ -313,8 +366,14 @@ mod tests {
             response,
             ..proto::ActionFigures::default()
         };
-        let by_action = vec![figures(0, 12, Some(0.0), vec![0.5, 0.5]), figures(1, 0, None, Vec::new())];
-        proto::Answer { by_action, ..with_figures() }
+        let by_action = vec![
+            figures(0, 12, Some(0.0), vec![0.5, 0.5]),
+            figures(1, 0, None, Vec::new()),
+        ];
+        proto::Answer {
+            by_action,
+            ..with_figures()
+        }
     }
 
     fn told(answer: proto::Answer) -> String {
@@ -323,8 +382,7 @@ mod tests {
 
     #[test]
     fn the_verdict_view_is_short() {
-        let expected =
-            r#"{"state":{"key":"3.0"},"visits":12,"verdict":"no_influence","basis":{"kind":"counts","visits":12}}"#;
+        let expected = r#"{"state":{"key":"3.0"},"visits":12,"verdict":"no_influence","basis":{"kind":"counts","visits":12}}"#;
         assert_eq!(told(verdict_only()), expected);
     }
 
@@ -355,17 +413,31 @@ mod tests {
 
     #[test]
     fn a_prior_has_no_visits_and_a_model_has_a_version() {
-        let told = |answer: proto::Answer| serde_json::to_value(Answer::from(answer)).expect("JSON");
-        let prior = proto::Answer { basis: proto::Basis::Prior.into(), ..verdict_only() };
+        let told =
+            |answer: proto::Answer| serde_json::to_value(Answer::from(answer)).expect("JSON");
+        let prior = proto::Answer {
+            basis: proto::Basis::Prior.into(),
+            ..verdict_only()
+        };
         assert_eq!(told(prior)["basis"], json!({"kind": "prior"}));
-        let model = proto::Answer { basis: proto::Basis::Model.into(), basis_version: Some(3), ..verdict_only() };
+        let model = proto::Answer {
+            basis: proto::Basis::Model.into(),
+            basis_version: Some(3),
+            ..verdict_only()
+        };
         assert_eq!(told(model)["basis"], json!({"kind": "model", "version": 3}));
     }
 
     #[test]
     fn a_network_has_its_place_beside_the_counts() {
-        let model = Some(proto::ModelFigures { version: 3, ..proto::ModelFigures::default() });
-        let answer = Answer::from(proto::Answer { model, ..with_figures() });
+        let model = Some(proto::ModelFigures {
+            version: 3,
+            ..proto::ModelFigures::default()
+        });
+        let answer = Answer::from(proto::Answer {
+            model,
+            ..with_figures()
+        });
         assert_eq!(answer.model.flatten().expect("told").version, 3);
         assert_eq!(Answer::from(verdict_only()).model, None);
     }

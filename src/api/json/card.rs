@@ -12,7 +12,8 @@ use crate::api::proto;
 pub struct Card {
     /// How it was trained.
     pub training: Training,
-    /// Whether it was brought here by a file. Without `epochs` another tool trained it, and nobody knows which states it has seen.
+    /// Whether it was brought here by a file. Without `epochs` another tool trained it, and nobody
+    /// knows which states it has seen.
     pub imported: bool,
     /// The schema it belongs to, in hexadecimal digits.
     pub schema_hash: String,
@@ -32,26 +33,31 @@ pub struct Card {
     pub split: String,
     /// Passes over the states after which each member was best.
     pub epochs: Vec<u64>,
-    /// The share of hidden units that was left out in each step: of two, the one that did better on states that were not learned from.
+    /// The share of hidden units that was left out in each step: of two, the one that did better on
+    /// states that were not learned from.
     pub dropout: f64,
     /// States that it was judged by.
     pub judged_states: u64,
-    /// How much of them has influence by the evidence: the sum of their probabilities, by weight, as a share.
+    /// How much of them has influence by the evidence: the sum of their probabilities, by weight,
+    /// as a share.
     pub positive_share: f64,
     /// From its mutual information to a probability.
     pub calibration: Calibration,
-    /// What it says of a state on average: the mean of its probabilities over the states that it was judged on, each once. A verdict of it needs odds that
-    /// are three times these, or a third. Absent from cards of earlier builds.
+    /// What it says of a state on average: the mean of its probabilities over the states that it
+    /// was judged on, each once. A verdict of it needs odds that are three times these, or a third.
+    /// Absent from cards of earlier builds.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub base_rate: Option<f64>,
     /// How it did.
     pub score: Score,
-    /// How others did on the same states: `all_positive`, `majority`, `look_up`, `back_off` and `shuffled`; of an import,
-    /// `shuffled` is as it was where the network was trained.
+    /// How others did on the same states: `all_positive`, `majority`, `look_up`, `back_off` and
+    /// `shuffled`; of an import, `shuffled` is as it was where the network was trained.
     pub baselines: Vec<Score>,
-    /// Predicted probabilities beside what the evidence says, in tenths; tenths without a state are left out.
+    /// Predicted probabilities beside what the evidence says, in tenths; tenths without a state are
+    /// left out.
     pub reliability: Vec<Reliability>,
-    /// Names of the baselines that it does not beat; it is made active by itself where there is none.
+    /// Names of the baselines that it does not beat; it is made active by itself where there is
+    /// none.
     pub not_better_than: Vec<String>,
 }
 
@@ -65,7 +71,8 @@ pub struct Training {
     pub width: u64,
     /// Networks that were trained and averaged.
     pub members: u64,
-    /// Parts that the states were cut into; each member was stopped and judged by one that it did not learn from.
+    /// Parts that the states were cut into; each member was stopped and judged by one that it did
+    /// not learn from.
     pub folds: u64,
     /// The most passes over the states.
     pub epochs: u64,
@@ -76,7 +83,8 @@ pub struct Training {
     pub seed: u64,
 }
 
-/// P(MI > threshold) is the logistic function of intercept + slope ln(MI), MI being the network's in nats.
+/// P(MI > threshold) is the logistic function of intercept + slope ln(MI), MI being the network's
+/// in nats.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, ToSchema)]
 pub struct Calibration {
     /// Added to the rest.
@@ -93,11 +101,13 @@ pub struct Score {
     /// Whose they are: `network`, or a baseline's name.
     #[schema(example = "network")]
     pub name: String,
-    /// Mean log-likelihood of the other's action given the ego's, in nats a visit; null for what predicts no actions.
+    /// Mean log-likelihood of the other's action given the ego's, in nats a visit; null for what
+    /// predicts no actions.
     pub log_likelihood: Option<f64>,
     /// Area under the ROC curve; null where all have the same probability.
     pub auroc: Option<f64>,
-    /// Share of influence in what is called at a probability of one half; null where nothing is called.
+    /// Share of influence in what is called at a probability of one half; null where nothing is
+    /// called.
     pub precision: Option<f64>,
     /// Share called of what has influence; null where nothing has.
     pub recall: Option<f64>,
@@ -156,7 +166,10 @@ impl From<proto::Card> for Card {
             dropout: card.dropout,
             judged_states: card.judged_states,
             positive_share: card.positive_share,
-            calibration: Calibration { intercept: calibration.intercept, slope: calibration.slope },
+            calibration: Calibration {
+                intercept: calibration.intercept,
+                slope: calibration.slope,
+            },
             base_rate: card.base_rate,
             score: card.score.map(Into::into).unwrap_or_default(),
             baselines: card.baselines.into_iter().map(Into::into).collect(),
@@ -168,22 +181,63 @@ impl From<proto::Card> for Card {
 
 impl From<proto::Training> for Training {
     fn from(training: proto::Training) -> Self {
-        let proto::Training { width, members, folds, epochs, seed, .. } = training;
+        let proto::Training {
+            width,
+            members,
+            folds,
+            epochs,
+            seed,
+            ..
+        } = training;
         let (kind, weighting) = (model_kind(training.kind), weighting(training.weighting));
-        Self { kind, width, members, folds, epochs, weighting, seed }
+        Self {
+            kind,
+            width,
+            members,
+            folds,
+            epochs,
+            weighting,
+            seed,
+        }
     }
 }
 
 impl From<proto::Score> for Score {
     fn from(score: proto::Score) -> Self {
-        let proto::Score { name, log_likelihood, auroc, precision, recall, f1, brier } = score;
-        Self { name, log_likelihood, auroc, precision, recall, f1, brier }
+        let proto::Score {
+            name,
+            log_likelihood,
+            auroc,
+            precision,
+            recall,
+            f1,
+            brier,
+        } = score;
+        Self {
+            name,
+            log_likelihood,
+            auroc,
+            precision,
+            recall,
+            f1,
+            brier,
+        }
     }
 }
 
 impl From<proto::Reliability> for Reliability {
     fn from(tenth: proto::Reliability) -> Self {
-        let proto::Reliability { from, states, predicted, observed } = tenth;
-        Self { from, states, predicted, observed }
+        let proto::Reliability {
+            from,
+            states,
+            predicted,
+            observed,
+        } = tenth;
+        Self {
+            from,
+            states,
+            predicted,
+            observed,
+        }
     }
 }

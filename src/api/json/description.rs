@@ -5,10 +5,13 @@ use utoipa::ToSchema;
 
 use super::whole::whole;
 use super::{Rule, decode, words};
-use crate::domain::draft::{AgentDraft, DescriptionDraft, FeatureDraft, KindDraft, RuleDraft, SchemaDraft};
+use crate::domain::draft::{
+    AgentDraft, DescriptionDraft, FeatureDraft, KindDraft, RuleDraft, SchemaDraft,
+};
 use crate::error::{Fault, Problem};
 
-/// What an environment is: its state, its agents and its decision rule. What a service tells of an environment is such a description too.
+/// What an environment is: its state, its agents and its decision rule. What a service tells of an
+/// environment is such a description too.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, expecting = "an object of state, agents and rule")]
 pub struct Description {
@@ -30,7 +33,8 @@ pub struct Description {
     #[serde(default)]
     #[schema(required, min_items = 2, max_items = 8)]
     pub agents: Vec<Agent>,
-    /// The rule. Present, it sets the rule of an environment that exists; absent, it keeps it, or takes the default for a new one.
+    /// The rule. Present, it sets the rule of an environment that exists; absent, it keeps it, or
+    /// takes the default for a new one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rule: Option<Rule>,
 }
@@ -49,7 +53,8 @@ pub struct Agent {
     pub action: Vec<Feature>,
 }
 
-/// One named coordinate of a state or of an action, with exactly one of `continuous`, `circular`, `integer` and `categorical`.
+/// One named coordinate of a state or of an action, with exactly one of `continuous`, `circular`,
+/// `integer` and `categorical`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(
     deny_unknown_fields,
@@ -58,10 +63,15 @@ pub struct Agent {
 pub struct Feature {
     /// Matches `[a-z0-9][a-z0-9._-]{0,62}`; unique.
     #[serde(default)]
-    #[schema(required, example = "distance", pattern = "^[a-z0-9][a-z0-9._-]{0,62}$")]
+    #[schema(
+        required,
+        example = "distance",
+        pattern = "^[a-z0-9][a-z0-9._-]{0,62}$"
+    )]
     pub name: String,
-    /// The unit of its values, for people. That of a circular feature says how angles are measured: `deg`, `degrees` and `°` degrees; `rad`, `radians`
-    /// and none radians; others are refused, unless `circular.values` says it.
+    /// The unit of its values, for people. That of a circular feature says how angles are measured:
+    /// `deg`, `degrees` and `°` degrees; `rad`, `radians` and none radians; others are refused,
+    /// unless `circular.values` says it.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(example = "m")]
     pub unit: Option<String>,
@@ -96,8 +106,9 @@ pub struct Circular {
     #[serde(deserialize_with = "whole")]
     #[schema(example = 8, minimum = 1, maximum = 65_536)]
     pub bins: i64,
-    /// What values are measured in, `radians` or `degrees`; absent for what the feature's unit says. Environments that were made before units were
-    /// read have `radians` beside a unit that says otherwise.
+    /// What values are measured in, `radians` or `degrees`; absent for what the feature's unit
+    /// says. Environments that were made before units were read have `radians` beside a unit that
+    /// says otherwise.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(example = "degrees", value_type = Option<words::AngleUnit>)]
     pub values: Option<String>,
@@ -117,8 +128,8 @@ pub struct Integer {
     pub max: i64,
 }
 
-/// A bin for every label. A value is a label, or its index from 0 where no label reads as a number; where one does, a number is the label that reads
-/// as it, and other numbers are refused.
+/// A bin for every label. A value is a label, or its index from 0 where no label reads as a number;
+/// where one does, a number is the label that reads as it, and other numbers are refused.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, expecting = "an object of labels")]
 pub struct Categorical {
@@ -139,15 +150,26 @@ impl Description {
     pub fn of(schema: SchemaDraft, rule: Option<RuleDraft>) -> Self {
         let state = schema.state.into_iter().map(Into::into).collect();
         let agents = schema.agents.into_iter().map(Into::into).collect();
-        Self { state, agents, rule: rule.map(Into::into), ..Self::default() }
+        Self {
+            state,
+            agents,
+            rule: rule.map(Into::into),
+            ..Self::default()
+        }
     }
 
-    /// Returns this description for an environment of that name, unless it says that it has another.
+    /// Returns this description for an environment of that name, unless it says that it has
+    /// another.
     pub fn of_name(self, name: &str) -> Result<DescriptionDraft, Problem> {
         match &self.name {
             Some(said) if said != name => {
-                let detail = format!("got {said:?}, expected {name:?}, as the request says: leave it out of a copy");
-                Err(Problem::invalid("environment", vec![Fault::new("/name", detail)]))
+                let detail = format!(
+                    "got {said:?}, expected {name:?}, as the request says: leave it out of a copy"
+                );
+                Err(Problem::invalid(
+                    "environment",
+                    vec![Fault::new("/name", detail)],
+                ))
             }
             _ => Ok(self.into()),
         }
@@ -159,44 +181,73 @@ impl From<Description> for DescriptionDraft {
         let state = description.state.into_iter().map(Into::into).collect();
         let agents = description.agents.into_iter().map(Into::into).collect();
         let (schema_hash, rule) = (description.schema_hash, description.rule.map(Into::into));
-        Self { schema: SchemaDraft { state, agents }, schema_hash, rule }
+        Self {
+            schema: SchemaDraft { state, agents },
+            schema_hash,
+            rule,
+        }
     }
 }
 
 impl From<Agent> for AgentDraft {
     fn from(agent: Agent) -> Self {
-        Self { name: agent.name, action: agent.action.into_iter().map(Into::into).collect() }
+        Self {
+            name: agent.name,
+            action: agent.action.into_iter().map(Into::into).collect(),
+        }
     }
 }
 
 impl From<AgentDraft> for Agent {
     fn from(draft: AgentDraft) -> Self {
-        Self { name: draft.name, action: draft.action.into_iter().map(Into::into).collect() }
+        Self {
+            name: draft.name,
+            action: draft.action.into_iter().map(Into::into).collect(),
+        }
     }
 }
 
 impl From<Feature> for FeatureDraft {
     fn from(feature: Feature) -> Self {
-        let Feature { name, unit, continuous, circular, integer, categorical } = feature;
+        let Feature {
+            name,
+            unit,
+            continuous,
+            circular,
+            integer,
+            categorical,
+        } = feature;
         let kinds = [
             continuous.map(|continuous| KindDraft::Continuous(continuous.edges)),
             circular.map(|circular| KindDraft::Circular(circular.bins, circular.values)),
             integer.map(|integer| KindDraft::Integer(integer.min, integer.max)),
             categorical.map(|categorical| KindDraft::Categorical(categorical.labels)),
         ];
-        Self { name, unit, kinds: kinds.into_iter().flatten().collect() }
+        Self {
+            name,
+            unit,
+            kinds: kinds.into_iter().flatten().collect(),
+        }
     }
 }
 
 impl From<FeatureDraft> for Feature {
     fn from(draft: FeatureDraft) -> Self {
-        let mut feature = Self { name: draft.name, unit: draft.unit, ..Self::default() };
+        let mut feature = Self {
+            name: draft.name,
+            unit: draft.unit,
+            ..Self::default()
+        };
         for kind in draft.kinds {
             match kind {
                 KindDraft::Continuous(edges) => feature.continuous = Some(Continuous { edges }),
-                KindDraft::Circular(bins, values) => feature.circular = Some(Circular { bins, values }),
+                KindDraft::Circular(bins, values) => {
+                    feature.circular = Some(Circular { bins, values })
+                }
                 KindDraft::Integer(min, max) => feature.integer = Some(Integer { min, max }),
-                KindDraft::Categorical(labels) => feature.categorical = Some(Categorical { labels }),
+                KindDraft::Categorical(labels) => {
+                    feature.categorical = Some(Categorical { labels })
+                }
             }
         }
         feature
@@ -224,24 +275,29 @@ mod tests {
     fn a_description_goes_through_the_domain_and_comes_back() {
         let (draft, rule) = description_of_text(HALLWAY).expect("valid");
         let schema = Schema::try_from(&draft).expect("valid");
-        let rule = WrittenRule::default().merged(&rule.expect("given")).expect("valid");
+        let rule = WrittenRule::default()
+            .merged(&rule.expect("given"))
+            .expect("valid");
         let again = Description::of(schema.draft(), Some(proto::Rule::from(rule).into()));
         let written = serde_json::to_value(again).expect("JSON");
         let given: serde_json::Value = serde_json::from_str(HALLWAY).expect("JSON");
         // 1 and 1.0 are the same edge, so the edges are compared as numbers.
         assert_eq!(written["state"][0]["continuous"]["edges"][1], 0.7);
-        let rest = |value: &serde_json::Value| value["state"].as_array().expect("a list")[1..].to_vec();
+        let rest =
+            |value: &serde_json::Value| value["state"].as_array().expect("a list")[1..].to_vec();
         assert_eq!(rest(&written), rest(&given));
         assert_eq!(written["rule"], given["rule"]);
         let text = serde_json::to_string(&written).expect("JSON");
         let (same, _) = description_of_text(&text).expect("valid");
-        assert_eq!(Schema::try_from(&same).expect("valid").hash(), schema.hash());
+        assert_eq!(
+            Schema::try_from(&same).expect("valid").hash(),
+            schema.hash()
+        );
     }
 
     #[test]
     fn the_domain_says_that_one_kind_is_expected() {
-        let text =
-            r#"{"state": [{"name": "a", "circular": {"bins": 1}, "integer": {"min": 0, "max": 1}}, {"name": "b"}]}"#;
+        let text = r#"{"state": [{"name": "a", "circular": {"bins": 1}, "integer": {"min": 0, "max": 1}}, {"name": "b"}]}"#;
         let (draft, _) = description_of_text(text).expect("JSON");
         let faults = Schema::try_from(&draft).expect_err("wrong");
         let pointers: Vec<&str> = faults.iter().map(|fault| fault.pointer.as_str()).collect();

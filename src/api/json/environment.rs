@@ -32,12 +32,14 @@ pub struct EnvironmentPage {
     pub environments: Vec<Environment>,
     /// Asks for the next page; null on the last.
     pub next_page_token: Option<String>,
-    /// Those whose stored description or rule this build cannot read, in order of name; all of them on the first page. Absent where there is none.
+    /// Those whose stored description or rule this build cannot read, in order of name; all of them
+    /// on the first page. Absent where there is none.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub unreadable: Vec<UnreadableEnvironment>,
 }
 
-/// An environment that cannot be read. Every call on it but DELETE is refused with 409 and the reason ENVIRONMENT_UNREADABLE.
+/// An environment that cannot be read. Every call on it but DELETE is refused with 409 and the
+/// reason ENVIRONMENT_UNREADABLE.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct UnreadableEnvironment {
     /// The name that people use.
@@ -55,7 +57,11 @@ impl From<proto::Environment> for Environment {
         Self {
             name: environment.name,
             uid: environment.uid,
-            schema_hash: environment.schema_hash.iter().map(|byte| format!("{byte:02x}")).collect(),
+            schema_hash: environment
+                .schema_hash
+                .iter()
+                .map(|byte| format!("{byte:02x}"))
+                .collect(),
             state: description.state,
             agents: description.agents,
             rule: environment.rule.unwrap_or_default().into(),
@@ -75,7 +81,15 @@ impl From<proto::ListEnvironmentsResponse> for EnvironmentPage {
 
 impl From<proto::UnreadableEnvironment> for UnreadableEnvironment {
     fn from(environment: proto::UnreadableEnvironment) -> Self {
-        let proto::UnreadableEnvironment { name, uid, unreadable } = environment;
-        Self { name, uid, unreadable }
+        let proto::UnreadableEnvironment {
+            name,
+            uid,
+            unreadable,
+        } = environment;
+        Self {
+            name,
+            uid,
+            unreadable,
+        }
     }
 }

@@ -87,8 +87,14 @@ pub fn dependence(number: i32) -> Option<&'static str> {
 
 impl From<proto::Probability> for Probability {
     fn from(probability: proto::Probability) -> Self {
-        let proto::Probability { dependent, above_threshold } = probability;
-        Self { dependent, above_threshold }
+        let proto::Probability {
+            dependent,
+            above_threshold,
+        } = probability;
+        Self {
+            dependent,
+            above_threshold,
+        }
     }
 }
 
@@ -123,6 +129,8 @@ impl From<proto::FitPriorResponse> for Fits {
             states: prior.states,
             dependent_share: prior.dependent_share,
         };
-        Self { fits: response.fits.into_iter().map(fitted).collect() }
+        Self {
+            fits: response.fits.into_iter().map(fitted).collect(),
+        }
     }
 }

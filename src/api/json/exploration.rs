@@ -30,7 +30,8 @@ pub struct Trial {
     pub index: u64,
     /// How often it was taken in this state.
     pub action_visits: u64,
-    /// By how much one more visit with this action is expected to lower the entropy of "MI is above the threshold", in nats.
+    /// By how much one more visit with this action is expected to lower the entropy of "MI is above
+    /// the threshold", in nats.
     pub information_gain: f64,
     /// P(MI > threshold) as it is.
     pub above_threshold: f64,

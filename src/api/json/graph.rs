@@ -28,13 +28,16 @@ pub struct Edge {
     pub lag: u32,
     /// Whether the edge has a direction: false at lag 0.
     pub directed: bool,
-    /// What the pair is, beside all other agents: `direct` (dependent, and no three others or fewer explain it), `explained` (dependent by itself, but not
-    /// with some others' actions held fixed), `open` (not decided, or dependent only with others' actions held fixed) or `absent`.
+    /// What the pair is, beside all other agents: `direct` (dependent, and no three others or fewer
+    /// explain it), `explained` (dependent by itself, but not with some others' actions held
+    /// fixed), `open` (not decided, or dependent only with others' actions held fixed) or `absent`.
     #[schema(value_type = words::EdgeKind)]
     pub kind: String,
-    /// The agents that explain it, where it is `explained`: with their actions held fixed no dependence is left.
+    /// The agents that explain it, where it is `explained`: with their actions held fixed no
+    /// dependence is left.
     pub explained_by: Vec<String>,
-    /// The agents that open it, where there are such; then it is `open`: with their actions held fixed there is dependence that is not seen without.
+    /// The agents that open it, where there are such; then it is `open`: with their actions held
+    /// fixed there is dependence that is not seen without.
     pub opened_by: Vec<String>,
     /// What that means, in a sentence.
     pub note: String,

@@ -66,13 +66,27 @@ impl From<proto::Labels> for Labels {
 
 impl From<proto::Variable> for Variable {
     fn from(variable: proto::Variable) -> Self {
-        Self { name: variable.name, actions: variable.actions }
+        Self {
+            name: variable.name,
+            actions: variable.actions,
+        }
     }
 }
 
 impl From<proto::State> for State {
     fn from(state: proto::State) -> Self {
-        let bin = |bin: proto::Bin| (bin.feature, Bin { bin: bin.bin, label: bin.label });
-        Self { key: state.key, bins: state.bins.into_iter().map(bin).collect() }
+        let bin = |bin: proto::Bin| {
+            (
+                bin.feature,
+                Bin {
+                    bin: bin.bin,
+                    label: bin.label,
+                },
+            )
+        };
+        Self {
+            key: state.key,
+            bins: state.bins.into_iter().map(bin).collect(),
+        }
     }
 }

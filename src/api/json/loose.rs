@@ -1,4 +1,5 @@
-//! Any JSON value, kept in the order and with the doubles in which it was written, so that the domain can say what is wrong with it.
+//! Any JSON value, kept in the order and with the doubles in which it was written, so that the
+//! domain can say what is wrong with it.
 
 use std::fmt;
 use std::marker::PhantomData;
@@ -14,7 +15,8 @@ const LONGEST_TOLD: usize = 64;
 /// Above it, f64 does not tell neighbouring whole numbers apart.
 const EXACT: u64 = 1 << 53;
 
-/// Objects within objects whose members are told apart: a transition, its actions, an action of several features.
+/// Objects within objects whose members are told apart: a transition, its actions, an action of
+/// several features.
 const MEMBERS_WITHIN: usize = 3;
 
 /// A JSON value.
@@ -33,7 +35,8 @@ pub(super) enum Loose {
 }
 
 impl Loose {
-    /// Reads any JSON value. A number that no double holds is one too, so that it can be told whose value it is.
+    /// Reads any JSON value. A number that no double holds is one too, so that it can be told whose
+    /// value it is.
     pub(super) fn read(text: &[u8]) -> serde_json::Result<Self> {
         serde_json::from_slice(text).or_else(|error| {
             // Reading it in parts costs time, which only documents with such a number should pay.
@@ -44,19 +47,26 @@ impl Loose {
         })
     }
 
-    /// Reads a value whose objects are of interest down to a depth; below, they are as good as empty.
+    /// Reads a value whose objects are of interest down to a depth; below, they are as good as
+    /// empty.
     fn in_parts(raw: &RawValue, depth: usize) -> serde_json::Result<Self> {
         match raw.get().as_bytes() {
             [b'{', ..] if depth == 0 => Ok(Self::Object(Vec::new())),
             [b'{', ..] => {
                 let Members(members) = serde_json::from_str::<Members<&RawValue>>(raw.get())?;
                 let part = |(name, value)| Ok((name, Self::in_parts(value, depth - 1)?));
-                Ok(Self::Object(members.into_iter().map(part).collect::<serde_json::Result<_>>()?))
+                Ok(Self::Object(
+                    members
+                        .into_iter()
+                        .map(part)
+                        .collect::<serde_json::Result<_>>()?,
+                ))
             }
-            [b'[', ..] => Ok(Self::List(serde_json::from_str::<Vec<&RawValue>>(raw.get())?.len())),
-            [b'-' | b'0'..=b'9', ..] => {
-                Ok(serde_json::from_str(raw.get()).unwrap_or_else(|_| Self::Large(raw.get().to_owned())))
-            }
+            [b'[', ..] => Ok(Self::List(
+                serde_json::from_str::<Vec<&RawValue>>(raw.get())?.len(),
+            )),
+            [b'-' | b'0'..=b'9', ..] => Ok(serde_json::from_str(raw.get())
+                .unwrap_or_else(|_| Self::Large(raw.get().to_owned()))),
             _ => serde_json::from_str(raw.get()),
         }
     }
@@ -86,7 +96,10 @@ impl Loose {
 
 /// Returns members as values of features.
 pub(super) fn named(members: Vec<(String, Loose)>) -> NamedValues {
-    members.into_iter().map(|(name, value)| (name, value.into_value())).collect()
+    members
+        .into_iter()
+        .map(|(name, value)| (name, value.into_value()))
+        .collect()
 }
 
 impl fmt::Display for Loose {
@@ -194,7 +207,9 @@ impl<'de, T: Deserialize<'de>> Visitor<'de> for AnyMembers<T> {
     }
 }
 
-fn members<'de, A: MapAccess<'de>, T: Deserialize<'de>>(mut map: A) -> Result<Vec<(String, T)>, A::Error> {
+fn members<'de, A: MapAccess<'de>, T: Deserialize<'de>>(
+    mut map: A,
+) -> Result<Vec<(String, T)>, A::Error> {
     let mut members = Vec::with_capacity(map.size_hint().unwrap_or(8));
     while let Some(member) = map.next_entry()? {
         members.push(member);
@@ -212,7 +227,9 @@ mod tests {
 
     #[test]
     fn doubles_and_order_are_kept() {
-        let Loose::Object(members) = loose(r#"{"b": 1, "a": "x", "b": null}"#) else { panic!("an object") };
+        let Loose::Object(members) = loose(r#"{"b": 1, "a": "x", "b": null}"#) else {
+            panic!("an object")
+        };
         let names: Vec<&str> = members.iter().map(|(name, _)| name.as_str()).collect();
         assert_eq!(names, ["b", "a", "b"]);
     }
@@ -234,9 +251,18 @@ mod tests {
     fn numbers_and_labels_are_values() {
         assert_eq!(loose("-3").into_value(), ValueDraft::Number(-3.0));
         assert_eq!(loose("true").into_value(), ValueDraft::Truth(true));
-        assert_eq!(loose("9007199254740992").into_value(), ValueDraft::Number(9_007_199_254_740_992.0));
-        assert_eq!(loose("9007199254740993").into_value(), ValueDraft::Digits("9007199254740993".into()));
-        assert_eq!(loose("-9007199254740993").into_value(), ValueDraft::Digits("-9007199254740993".into()));
+        assert_eq!(
+            loose("9007199254740992").into_value(),
+            ValueDraft::Number(9_007_199_254_740_992.0)
+        );
+        assert_eq!(
+            loose("9007199254740993").into_value(),
+            ValueDraft::Digits("9007199254740993".into())
+        );
+        assert_eq!(
+            loose("-9007199254740993").into_value(),
+            ValueDraft::Digits("-9007199254740993".into())
+        );
         assert_eq!(loose("0.7").into_value(), ValueDraft::Number(0.7));
         assert_eq!(loose("\"左\"").into_value(), ValueDraft::Text("左".into()));
         assert_eq!(loose("18446744073709551615"), Loose::Whole(u64::MAX));

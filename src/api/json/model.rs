@@ -13,7 +13,10 @@ use crate::error::{Fault, Problem};
 
 /// How a network is to be trained. What is absent has its default.
 #[derive(Debug, Clone, Default, PartialEq, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields, expecting = "an object of ego, other, kind and more")]
+#[serde(
+    deny_unknown_fields,
+    expecting = "an object of ego, other, kind and more"
+)]
 pub struct TrainingRequest {
     /// The agent whose influence is learned; absent for the first.
     #[schema(example = "robot")]
@@ -21,8 +24,9 @@ pub struct TrainingRequest {
     /// The agent that may be influenced; absent for the second.
     #[schema(example = "human")]
     pub other: Option<String>,
-    /// `joint` (the default): what both agents do, from which mutual information and responses come; or `direct`, the paper's classifier: whether
-    /// mutual information is above one threshold, and nothing else.
+    /// `joint` (the default): what both agents do, from which mutual information and responses
+    /// come; or `direct`, the paper's classifier: whether mutual information is above one
+    /// threshold, and nothing else.
     #[schema(example = "joint", value_type = Option<words::ModelKind>)]
     pub kind: Option<String>,
     /// Units of the hidden layer; 64 by default.
@@ -33,7 +37,8 @@ pub struct TrainingRequest {
     #[serde(default, deserialize_with = "perhaps_whole")]
     #[schema(example = 3, minimum = 1, maximum = 16)]
     pub members: Option<u64>,
-    /// Parts that the states are cut into; each member is stopped and judged by one that it does not learn from. 5 by default.
+    /// Parts that the states are cut into; each member is stopped and judged by one that it does
+    /// not learn from. 5 by default.
     #[serde(default, deserialize_with = "perhaps_whole")]
     #[schema(example = 5, minimum = 2, maximum = 20)]
     pub folds: Option<u64>,
@@ -55,14 +60,37 @@ pub struct TrainingRequest {
 
 impl From<TrainingRequest> for TrainingDraft {
     fn from(request: TrainingRequest) -> Self {
-        let TrainingRequest { ego, other, kind, width, members, folds, epochs, weighting, seed, activate } = request;
-        Self { ego, other, kind, width, members, folds, epochs, weighting, seed, activate }
+        let TrainingRequest {
+            ego,
+            other,
+            kind,
+            width,
+            members,
+            folds,
+            epochs,
+            weighting,
+            seed,
+            activate,
+        } = request;
+        Self {
+            ego,
+            other,
+            kind,
+            width,
+            members,
+            folds,
+            epochs,
+            weighting,
+            seed,
+            activate,
+        }
     }
 }
 
 /// Reads the name of a version or a job from a path.
 pub fn model_id(text: &str) -> Result<ModelId, Problem> {
-    text.parse().map_err(|detail: String| Problem::invalid("model", vec![Fault::new("/model", detail)]))
+    text.parse()
+        .map_err(|detail: String| Problem::invalid("model", vec![Fault::new("/model", detail)]))
 }
 
 /// Reads the number of a version from a path.
@@ -71,7 +99,10 @@ pub fn model_version(text: &str) -> Result<u64, Problem> {
         ModelId::Version(version) => Ok(version),
         ModelId::Job(_) => {
             let detail = format!("got {text:?}, expected the number of a version");
-            Err(Problem::invalid("model", vec![Fault::new("/model", detail)]))
+            Err(Problem::invalid(
+                "model",
+                vec![Fault::new("/model", detail)],
+            ))
         }
     }
 }
@@ -115,12 +146,13 @@ pub struct Model {
     pub other: String,
     /// Whether it answers where counts do not decide.
     pub active: bool,
-    /// Whether it cannot answer by the environment's rule any more: its threshold is not the rule's.
+    /// Whether it cannot answer by the environment's rule any more: its threshold is not the
+    /// rule's.
     pub stale: bool,
     /// What it says of itself; null where it cannot be read.
     pub card: Option<Card>,
-    /// In a sentence: why this build cannot read it; absent where it can. It answers nothing then, and cannot be made active; it can be exported,
-    /// taken back and deleted.
+    /// In a sentence: why this build cannot read it; absent where it can. It answers nothing then,
+    /// and cannot be made active; it can be exported, taken back and deleted.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unreadable: Option<String>,
 }
@@ -135,7 +167,8 @@ pub struct Job {
     pub ego: String,
     /// The agent that may be influenced.
     pub other: String,
-    /// `queued` (others are trained first), `running`, `done` (there is a version), `failed` (the message says why) or `cancelled`.
+    /// `queued` (others are trained first), `running`, `done` (there is a version), `failed` (the
+    /// message says why) or `cancelled`.
     #[schema(example = "running", value_type = words::JobState)]
     pub state: &'static str,
     /// The share that is done, 0 to 1.
@@ -148,7 +181,8 @@ pub struct Job {
     pub version: Option<u64>,
     /// Trainings that go before it, of whatever environment; 0 once it has begun.
     pub ahead: u64,
-    /// In how many seconds it will be done, at its pace so far; absent before that can be told, and when it is over.
+    /// In how many seconds it will be done, at its pace so far; absent before that can be told, and
+    /// when it is over.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(minimum = 0)]
     pub seconds_left: Option<f64>,
@@ -178,22 +212,60 @@ impl From<proto::ListModelsResponse> for Models {
 
 impl From<proto::Model> for Model {
     fn from(model: proto::Model) -> Self {
-        let proto::Model { version, ego, other, active, stale, card, unreadable } = model;
-        Self { version, ego, other, active, stale, card: card.map(Into::into), unreadable }
+        let proto::Model {
+            version,
+            ego,
+            other,
+            active,
+            stale,
+            card,
+            unreadable,
+        } = model;
+        Self {
+            version,
+            ego,
+            other,
+            active,
+            stale,
+            card: card.map(Into::into),
+            unreadable,
+        }
     }
 }
 
 impl From<proto::RollBackModelResponse> for RolledBack {
     fn from(response: proto::RollBackModelResponse) -> Self {
-        Self { active: response.active.map(Into::into) }
+        Self {
+            active: response.active.map(Into::into),
+        }
     }
 }
 
 impl From<proto::Job> for Job {
     fn from(job: proto::Job) -> Self {
-        let proto::Job { id, ego, other, state, progress, message, version, ahead, seconds_left } = job;
+        let proto::Job {
+            id,
+            ego,
+            other,
+            state,
+            progress,
+            message,
+            version,
+            ahead,
+            seconds_left,
+        } = job;
         let (id, state) = (ModelId::Job(id).to_string(), job_state(state));
-        Self { id, ego, other, state, progress, message, version, ahead, seconds_left }
+        Self {
+            id,
+            ego,
+            other,
+            state,
+            progress,
+            message,
+            version,
+            ahead,
+            seconds_left,
+        }
     }
 }
 
@@ -254,26 +326,45 @@ mod tests {
 
     #[test]
     fn paths_name_versions_and_jobs() {
-        assert_eq!((model_id("3"), model_id("job-12")), (Ok(ModelId::Version(3)), Ok(ModelId::Job(12))));
+        assert_eq!(
+            (model_id("3"), model_id("job-12")),
+            (Ok(ModelId::Version(3)), Ok(ModelId::Job(12)))
+        );
         assert_eq!(model_version("3"), Ok(3));
         for wrong in ["job-3", "three", "03", "", "-1"] {
-            assert_eq!(model_version(wrong).expect_err(wrong).faults[0].pointer, "/model");
+            assert_eq!(
+                model_version(wrong).expect_err(wrong).faults[0].pointer,
+                "/model"
+            );
         }
         assert!(model_id("job-x").is_err());
     }
 
     fn score(name: &str, log_likelihood: Option<f64>) -> domain::Score {
-        domain::Score { name: name.into(), log_likelihood, f1: 0.5, brier: 0.125, ..domain::Score::default() }
+        domain::Score {
+            name: name.into(),
+            log_likelihood,
+            f1: 0.5,
+            brier: 0.125,
+            ..domain::Score::default()
+        }
     }
 
     fn model() -> domain::Model {
         let card = domain::Card {
-            training: domain::Training { kind: domain::ModelKind::Direct, seed: u64::MAX, ..Default::default() },
+            training: domain::Training {
+                kind: domain::ModelKind::Direct,
+                seed: u64::MAX,
+                ..Default::default()
+            },
             imported: true,
             schema_hash: "ab12".into(),
             threshold: 0.5,
             revision: 900,
-            fit: domain::FitId { version: 2, revision: 850 },
+            fit: domain::FitId {
+                version: 2,
+                revision: 850,
+            },
             states: 60,
             visits: 900,
             inputs: 7,
@@ -283,7 +374,10 @@ mod tests {
             judged_states: 12,
             positive_share: 0.25,
             base_rate: Some(0.2),
-            calibration: domain::Calibration { intercept: 1.5, slope: 0.75 },
+            calibration: domain::Calibration {
+                intercept: 1.5,
+                slope: 0.75,
+            },
             score: domain::Score {
                 auroc: Some(0.9),
                 precision: Some(0.8),
@@ -291,11 +385,23 @@ mod tests {
                 ..score("network", Some(-1.25))
             },
             baselines: vec![score("all_positive", None), score("majority", Some(-1.5))],
-            reliability: vec![domain::Reliability { from: 0.1, states: 4, predicted: 0.15, observed: 0.2 }],
+            reliability: vec![domain::Reliability {
+                from: 0.1,
+                states: 4,
+                predicted: 0.15,
+                observed: 0.2,
+            }],
             not_better_than: vec!["majority".into()],
         };
         let (ego, other, card) = ("robot".into(), "human".into(), Ok(card));
-        domain::Model { version: 3, ego, other, active: false, stale: true, card }
+        domain::Model {
+            version: 3,
+            ego,
+            other,
+            active: false,
+            stale: true,
+            card,
+        }
     }
 
     fn told(model: domain::Model) -> serde_json::Value {
@@ -325,16 +431,20 @@ mod tests {
             "reliability": [{"from": 0.1, "states": 4, "predicted": 0.15, "observed": 0.2}],
             "not_better_than": ["majority"],
         });
-        let expected =
-            json!({"version": 3, "ego": "robot", "other": "human", "active": false, "stale": true, "card": card});
+        let expected = json!({"version": 3, "ego": "robot", "other": "human", "active": false, "stale": true, "card": card});
         assert_eq!(told(model()), expected);
     }
 
     #[test]
     fn cards_of_earlier_builds_lack_a_base_rate() {
         let mut expected = told(model());
-        expected["card"].as_object_mut().map(|card| card.remove("base_rate"));
-        let card = model().card.map(|card| domain::Card { base_rate: None, ..card });
+        expected["card"]
+            .as_object_mut()
+            .map(|card| card.remove("base_rate"));
+        let card = model().card.map(|card| domain::Card {
+            base_rate: None,
+            ..card
+        });
         assert_eq!(told(domain::Model { card, ..model() }), expected);
     }
 
@@ -343,7 +453,13 @@ mod tests {
         let expected = json!({
             "version": 3, "ego": "robot", "other": "human", "active": false, "stale": true, "card": null, "unreadable": "why",
         });
-        assert_eq!(told(domain::Model { card: Err("why".into()), ..model() }), expected);
+        assert_eq!(
+            told(domain::Model {
+                card: Err("why".into()),
+                ..model()
+            }),
+            expected
+        );
     }
 
     #[test]
@@ -359,23 +475,42 @@ mod tests {
             ahead: 0,
             seconds_left: None,
         };
-        let told = |job: domain::Job| serde_json::to_value(Job::from(proto::Job::from(job))).expect("JSON");
+        let told = |job: domain::Job| {
+            serde_json::to_value(Job::from(proto::Job::from(job))).expect("JSON")
+        };
         let running = json!({
             "id": "job-3", "ego": "robot", "other": "human", "state": "running", "progress": 0.25, "message": "training",
             "ahead": 0,
         });
         assert_eq!(told(job.clone()), running);
-        let waits = told(domain::Job { ahead: 2, seconds_left: Some(1.5), ..job.clone() });
-        assert_eq!((&waits["ahead"], &waits["seconds_left"]), (&json!(2), &json!(1.5)));
-        let done = told(domain::Job { state: domain::JobState::Done, version: Some(7), ..job });
-        assert_eq!((&done["state"], &done["version"]), (&json!("done"), &json!(7)));
+        let waits = told(domain::Job {
+            ahead: 2,
+            seconds_left: Some(1.5),
+            ..job.clone()
+        });
+        assert_eq!(
+            (&waits["ahead"], &waits["seconds_left"]),
+            (&json!(2), &json!(1.5))
+        );
+        let done = told(domain::Job {
+            state: domain::JobState::Done,
+            version: Some(7),
+            ..job
+        });
+        assert_eq!(
+            (&done["state"], &done["version"]),
+            (&json!("done"), &json!(7))
+        );
     }
 
     #[test]
     fn words_are_those_of_the_domain() {
         use domain::JobState::*;
         for state in [Queued, Running, Done, Failed, Cancelled] {
-            assert_eq!(job_state(proto::JobState::from(state).into()), state.as_str());
+            assert_eq!(
+                job_state(proto::JobState::from(state).into()),
+                state.as_str()
+            );
         }
         for one in [domain::ModelKind::Joint, domain::ModelKind::Direct] {
             assert_eq!(model_kind(proto::ModelKind::from(one).into()), one.as_str());

@@ -66,7 +66,8 @@ pub struct StateFigures {
     pub plug_in: f64,
     /// Its mean under independence, in the page's unit.
     pub expected_if_independent: f64,
-    /// The mean of mutual information given the counts, in the page's unit; absent where the alphabets are too large for evidence.
+    /// The mean of mutual information given the counts, in the page's unit; absent where the
+    /// alphabets are too large for evidence.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub posterior_mean: Option<f64>,
     /// `influences`, `no_influence` or `undecided`.
@@ -99,7 +100,8 @@ pub struct Summary {
     pub segmentation: Segmentation,
     /// Visits from which the rule calls data enough.
     pub min_visits: u64,
-    /// Share of visits, 0 to 1, that fell in states with at least that many; 0 where nothing was seen.
+    /// Share of visits, 0 to 1, that fell in states with at least that many; 0 where nothing was
+    /// seen.
     #[schema(minimum = 0, maximum = 1)]
     pub share_of_visits_with_enough_data: f64,
     /// States by verdict.
@@ -125,8 +127,9 @@ pub struct Summary {
     /// The discoveries, where a rate was given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub discoveries: Option<Discoveries>,
-    /// What the reader should know before believing the figures, a sentence each: where pooled and stratified tests of independence disagree, if
-    /// discoveries by `bh` were asked for. Absent where there is nothing to warn of.
+    /// What the reader should know before believing the figures, a sentence each: where pooled and
+    /// stratified tests of independence disagree, if discoveries by `bh` were asked for. Absent
+    /// where there is nothing to warn of.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<String>,
 }
@@ -138,7 +141,8 @@ pub struct Thresholds {
     pub nats: f64,
     /// In bits.
     pub bits: f64,
-    /// As a share of ln min(R, K), the most that two agents with R and K actions can have; null where that is 0: then every verdict is `undecided`.
+    /// As a share of ln min(R, K), the most that two agents with R and K actions can have; null
+    /// where that is 0: then every verdict is `undecided`.
     pub share: Option<f64>,
 }
 
@@ -170,7 +174,8 @@ pub struct Discoveries {
     pub method: &'static str,
     /// How many they are.
     pub states: u64,
-    /// States among which they were looked for: with `bh` those whose smallest possible p-value can pass.
+    /// States among which they were looked for: with `bh` those whose smallest possible p-value can
+    /// pass.
     pub testable: u64,
 }
 
@@ -214,8 +219,20 @@ impl From<proto::GetStateResponse> for Counts {
 
 impl From<proto::Cell> for Cell {
     fn from(cell: proto::Cell) -> Self {
-        let proto::Cell { segment, actions, labels, n, entries } = cell;
-        Self { segment: present(segment), actions, labels, n, entries }
+        let proto::Cell {
+            segment,
+            actions,
+            labels,
+            n,
+            entries,
+        } = cell;
+        Self {
+            segment: present(segment),
+            actions,
+            labels,
+            n,
+            entries,
+        }
     }
 }
 
@@ -287,13 +304,30 @@ impl From<proto::Discoveries> for Discoveries {
             proto::DiscoveryMethod::Bh => "bh",
             proto::DiscoveryMethod::Bayes | proto::DiscoveryMethod::Unspecified => "bayes",
         };
-        Self { fdr: found.fdr, method, states: found.states, testable: found.testable }
+        Self {
+            fdr: found.fdr,
+            method,
+            states: found.states,
+            testable: found.testable,
+        }
     }
 }
 
 impl From<proto::HistogramBin> for HistogramBin {
     fn from(bin: proto::HistogramBin) -> Self {
-        let proto::HistogramBin { from, to, plug_in, expected_if_independent, posterior_mean } = bin;
-        Self { from, to, plug_in, expected_if_independent, posterior_mean }
+        let proto::HistogramBin {
+            from,
+            to,
+            plug_in,
+            expected_if_independent,
+            posterior_mean,
+        } = bin;
+        Self {
+            from,
+            to,
+            plug_in,
+            expected_if_independent,
+            posterior_mean,
+        }
     }
 }

@@ -15,13 +15,15 @@ pub struct ModelFigures {
     /// What it predicts: `joint` or `direct`.
     #[schema(example = "joint", value_type = words::ModelKind)]
     pub kind: &'static str,
-    /// P(MI > threshold), the mean of its members; null at another threshold than the one that it was trained for.
+    /// P(MI > threshold), the mean of its members; null at another threshold than the one that it
+    /// was trained for.
     pub probability: Option<f64>,
     /// Mutual information in the answer's unit, the mean of its members; null for a direct network.
     pub mutual_information: Option<f64>,
     /// Whether its members say the same at their own threshold, each on its own side of one half.
     pub agrees: bool,
-    /// Names of the features whose bin in this state no state of its training had: where there is one, it gives no verdict. Absent where there is none.
+    /// Names of the features whose bin in this state no state of its training had: where there is
+    /// one, it gives no verdict. Absent where there is none.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub out_of_range: Vec<String>,
     /// One an ego action, in index order; a joint network in the view `full` only.
@@ -60,8 +62,20 @@ impl From<proto::ModelFigures> for ModelFigures {
 
 impl From<proto::ModelAction> for ModelAction {
     fn from(figures: proto::ModelAction) -> Self {
-        let proto::ModelAction { action, index, probability, divergence, response } = figures;
-        Self { action, index, probability, divergence, response }
+        let proto::ModelAction {
+            action,
+            index,
+            probability,
+            divergence,
+            response,
+        } = figures;
+        Self {
+            action,
+            index,
+            probability,
+            divergence,
+            response,
+        }
     }
 }
 
@@ -81,9 +95,10 @@ mod tests {
             out_of_range: Vec::new(),
             by_action: Vec::new(),
         };
-        let told = |figures: proto::ModelFigures| serde_json::to_value(ModelFigures::from(figures)).expect("JSON");
-        let expected =
-            json!({"version": 3, "kind": "joint", "probability": 0.75, "mutual_information": 0.5, "agrees": true});
+        let told = |figures: proto::ModelFigures| {
+            serde_json::to_value(ModelFigures::from(figures)).expect("JSON")
+        };
+        let expected = json!({"version": 3, "kind": "joint", "probability": 0.75, "mutual_information": 0.5, "agrees": true});
         assert_eq!(told(network.clone()), expected);
         let direct = proto::ModelFigures {
             kind: proto::ModelKind::Direct.into(),
@@ -91,8 +106,7 @@ mod tests {
             mutual_information: None,
             ..network.clone()
         };
-        let expected =
-            json!({"version": 3, "kind": "direct", "probability": null, "mutual_information": null, "agrees": true});
+        let expected = json!({"version": 3, "kind": "direct", "probability": null, "mutual_information": null, "agrees": true});
         assert_eq!(told(direct), expected);
         let action = proto::ModelAction {
             action: "go".into(),
@@ -101,9 +115,15 @@ mod tests {
             divergence: 0.125,
             response: vec![0.5, 0.5],
         };
-        let outside = told(proto::ModelFigures { out_of_range: vec!["lane".into()], ..network.clone() });
+        let outside = told(proto::ModelFigures {
+            out_of_range: vec!["lane".into()],
+            ..network.clone()
+        });
         assert_eq!(outside["out_of_range"], json!(["lane"]));
-        let full = told(proto::ModelFigures { by_action: vec![action], ..network });
+        let full = told(proto::ModelFigures {
+            by_action: vec![action],
+            ..network
+        });
         let expected = json!([
             {"action": "go", "index": 1, "probability": 0.25, "divergence": 0.125, "response": [0.5, 0.5]},
         ]);

@@ -6,7 +6,8 @@ use utoipa::ToSchema;
 
 use crate::error;
 
-/// What went wrong, by RFC 9457. Further members, such as `expected_sequence`, depend on the reason.
+/// What went wrong, by RFC 9457. Further members, such as `expected_sequence`, depend on the
+/// reason.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct Problem {
     /// Identifies the reason: `urn:nudge:problem:` and the reason.
@@ -48,7 +49,10 @@ pub struct Fault {
 impl Problem {
     /// Tells a problem under an HTTP status about the request of that path.
     pub fn new(problem: &error::Problem, status: u16, instance: &str) -> Self {
-        let fault = |fault: &error::Fault| Fault { pointer: fault.pointer.clone(), detail: fault.detail.clone() };
+        let fault = |fault: &error::Fault| Fault {
+            pointer: fault.pointer.clone(),
+            detail: fault.detail.clone(),
+        };
         Self {
             kind: format!("urn:nudge:problem:{}", problem.reason),
             title: in_words(problem.reason),
@@ -57,7 +61,11 @@ impl Problem {
             instance: instance.to_owned(),
             reason: problem.reason.to_owned(),
             errors: problem.faults.iter().map(fault).collect(),
-            details: problem.details.iter().map(|(name, text)| ((*name).to_owned(), value(text))).collect(),
+            details: problem
+                .details
+                .iter()
+                .map(|(name, text)| ((*name).to_owned(), value(text)))
+                .collect(),
         }
     }
 }
@@ -84,9 +92,13 @@ mod tests {
 
     #[test]
     fn details_are_members_and_numbers_are_numbers() {
-        let problem = error::Problem::new(ErrorKind::OutOfOrder, "SEQUENCE_GAP", "got sequence 9, expected 4")
-            .with("expected_sequence", 4)
-            .with("schema_hash", "00ff");
+        let problem = error::Problem::new(
+            ErrorKind::OutOfOrder,
+            "SEQUENCE_GAP",
+            "got sequence 9, expected 4",
+        )
+        .with("expected_sequence", 4)
+        .with("schema_hash", "00ff");
         let told = serde_json::to_value(Problem::new(&problem, 409, "/v1/x")).expect("JSON");
         assert_eq!(
             told,
@@ -106,8 +118,12 @@ mod tests {
 
     #[test]
     fn faults_are_told_with_their_place() {
-        let problem = error::Problem::invalid("question", vec![error::Fault::new("/ego", "unknown agent")]);
+        let problem =
+            error::Problem::invalid("question", vec![error::Fault::new("/ego", "unknown agent")]);
         let told = serde_json::to_value(Problem::new(&problem, 400, "/")).expect("JSON");
-        assert_eq!(told["errors"], json!([{"pointer": "/ego", "detail": "unknown agent"}]));
+        assert_eq!(
+            told["errors"],
+            json!([{"pointer": "/ego", "detail": "unknown agent"}])
+        );
     }
 }

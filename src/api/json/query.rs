@@ -1,9 +1,11 @@
-//! Questions as a query string asks them. Nothing in a query string has a type, so numbers and labels are told apart by the features they are for.
+//! Questions as a query string asks them. Nothing in a query string has a type, so numbers and
+//! labels are told apart by the features they are for.
 
 use super::{Head, Parameters};
 use crate::domain::RuleDraft;
 use crate::domain::draft::{
-    DiscoveryDraft, ExplorationDraft, ListingDraft, PairDraft, QuestionDraft, StatesDraft, SummaryDraft,
+    DiscoveryDraft, ExplorationDraft, ListingDraft, PairDraft, QuestionDraft, StatesDraft,
+    SummaryDraft,
 };
 use crate::error::Problem;
 
@@ -33,7 +35,10 @@ impl Parameters {
     }
 
     fn discovery(&mut self) -> DiscoveryDraft {
-        DiscoveryDraft { fdr: self.number("fdr", "a number"), method: self.text("method") }
+        DiscoveryDraft {
+            fdr: self.number("fdr", "a number"),
+            method: self.text("method"),
+        }
     }
 
     fn state(&mut self) -> StatesDraft {
@@ -58,7 +63,9 @@ pub fn question_of_query(mut query: Parameters) -> Result<QuestionDraft, Problem
         estimators: query.list("estimators"),
         view: query.text("view"),
         significance: query.text("significance"),
-        visits_to_decide: query.number("visits_to_decide", "true or false").unwrap_or(false),
+        visits_to_decide: query
+            .number("visits_to_decide", "true or false")
+            .unwrap_or(false),
     };
     query.finish(draft)
 }
@@ -82,7 +89,9 @@ pub fn summary(mut query: Parameters) -> Result<SummaryDraft, Problem> {
     let draft = SummaryDraft {
         pair: query.pair(),
         discovery: query.discovery(),
-        omit_segments: query.number("omit_segments", "true or false").unwrap_or(false),
+        omit_segments: query
+            .number("omit_segments", "true or false")
+            .unwrap_or(false),
     };
     query.finish(draft)
 }
@@ -96,7 +105,11 @@ pub fn graph(mut query: Parameters) -> Result<QuestionDraft, Problem> {
         unit: query.text("unit"),
         ..PairDraft::default()
     };
-    let draft = QuestionDraft { pair, states: query.state(), ..QuestionDraft::default() };
+    let draft = QuestionDraft {
+        pair,
+        states: query.state(),
+        ..QuestionDraft::default()
+    };
     query.finish(draft)
 }
 
@@ -123,14 +136,20 @@ pub fn exploration(mut query: Parameters) -> Result<ExplorationDraft, Problem> {
 
 /// Reads which page is asked for: its size, 0 for the default, and its token.
 pub fn page(mut query: Parameters) -> Result<(u64, Option<String>), Problem> {
-    let page = (query.whole("page_size").unwrap_or(0), query.text("page_token"));
+    let page = (
+        query.whole("page_size").unwrap_or(0),
+        query.text("page_token"),
+    );
     query.finish(page)
 }
 
-/// Refuses what stands beside the lines of a batch where the batch is a document, in which it has its place.
+/// Refuses what stands beside the lines of a batch where the batch is a document, in which it has
+/// its place.
 pub fn no_head(mut query: Parameters) -> Result<(), Problem> {
     let why = "belongs to a body of `application/x-ndjson`; in `application/json` it is a member of the document";
-    ["producer", "sequence", "segment", "environment_uid"].into_iter().for_each(|name| query.misplaced(name, why));
+    ["producer", "sequence", "segment", "environment_uid"]
+        .into_iter()
+        .for_each(|name| query.misplaced(name, why));
     query.finish(())
 }
 
@@ -141,7 +160,12 @@ pub fn head_of_query(mut query: Parameters) -> Result<Head, Problem> {
     let sequence = query.whole("sequence");
     let sequence = query.required("sequence", sequence).unwrap_or_default();
     let (environment_uid, segment) = (query.text("environment_uid"), query.text("segment"));
-    query.finish(Head { producer, environment_uid, sequence, segment })
+    query.finish(Head {
+        producer,
+        environment_uid,
+        sequence,
+        segment,
+    })
 }
 
 #[cfg(test)]
@@ -150,11 +174,20 @@ mod tests {
     use crate::domain::draft::ValueDraft;
 
     fn parameters(pairs: &[(&str, &str)]) -> Parameters {
-        Parameters::new(pairs.iter().map(|(name, value)| ((*name).to_owned(), (*value).to_owned())).collect())
+        Parameters::new(
+            pairs
+                .iter()
+                .map(|(name, value)| ((*name).to_owned(), (*value).to_owned()))
+                .collect(),
+        )
     }
 
     fn pointers(problem: Problem) -> Vec<String> {
-        problem.faults.into_iter().map(|fault| fault.pointer).collect()
+        problem
+            .faults
+            .into_iter()
+            .map(|fault| fault.pointer)
+            .collect()
     }
 
     #[test]
@@ -175,14 +208,29 @@ mod tests {
             ("state.held", "左"),
         ]);
         let draft = question_of_query(query).expect("valid");
-        assert_eq!((draft.pair.ego.as_deref(), draft.pair.other), (Some("robot"), None));
+        assert_eq!(
+            (draft.pair.ego.as_deref(), draft.pair.other),
+            (Some("robot"), None)
+        );
         assert_eq!(draft.pair.given, ["cook", "waiter", "guest"]);
-        assert_eq!((draft.pair.segments, draft.pair.within.as_deref()), (vec!["train".into()], Some("segments")));
-        assert_eq!((draft.pair.rule.share, draft.pair.rule.min_visits), (Some(0.25), Some(3)));
-        assert_eq!((draft.pair.unit.as_deref(), draft.view.as_deref()), (Some("bits"), Some("figures")));
+        assert_eq!(
+            (draft.pair.segments, draft.pair.within.as_deref()),
+            (vec!["train".into()], Some("segments"))
+        );
+        assert_eq!(
+            (draft.pair.rule.share, draft.pair.rule.min_visits),
+            (Some(0.25), Some(3))
+        );
+        assert_eq!(
+            (draft.pair.unit.as_deref(), draft.view.as_deref()),
+            (Some("bits"), Some("figures"))
+        );
         assert_eq!(draft.estimators, ["excess", "miller_madow"]);
         let value = |name: &str, text: &str| (name.to_owned(), ValueDraft::Text(text.into()));
-        assert_eq!(draft.states, StatesDraft::Named(vec![vec![value("distance", "1.2"), value("held", "左")]]));
+        assert_eq!(
+            draft.states,
+            StatesDraft::Named(vec![vec![value("distance", "1.2"), value("held", "左")]])
+        );
     }
 
     #[test]
@@ -197,8 +245,18 @@ mod tests {
             ("state.x", "1"),
             ("a/b", ""),
         ]);
-        let expected = ["/rule.threshold", "/rule.min_visits", "/unit", "/key", "/egg", "/a~1b"];
-        assert_eq!(pointers(question_of_query(query).expect_err("wrong")), expected);
+        let expected = [
+            "/rule.threshold",
+            "/rule.min_visits",
+            "/unit",
+            "/key",
+            "/egg",
+            "/a~1b",
+        ];
+        assert_eq!(
+            pointers(question_of_query(query).expect_err("wrong")),
+            expected
+        );
     }
 
     #[test]
@@ -209,44 +267,102 @@ mod tests {
 
     #[test]
     fn pages_are_asked_for() {
-        let query = parameters(&[("order_by", "visits desc"), ("min_visits", "8"), ("page_size", "5")]);
+        let query = parameters(&[
+            ("order_by", "visits desc"),
+            ("min_visits", "8"),
+            ("page_size", "5"),
+        ]);
         let draft = listing(query).expect("valid");
-        assert_eq!((draft.order_by.as_deref(), draft.min_visits, draft.page_size), (Some("visits desc"), 8, 5));
-        assert_eq!(page(parameters(&[("page_token", "x")])).expect("valid"), (0, Some("x".into())));
-        assert_eq!(pointers(page(parameters(&[("page_size", "many")])).expect_err("wrong")), ["/page_size"]);
+        assert_eq!(
+            (draft.order_by.as_deref(), draft.min_visits, draft.page_size),
+            (Some("visits desc"), 8, 5)
+        );
+        assert_eq!(
+            page(parameters(&[("page_token", "x")])).expect("valid"),
+            (0, Some("x".into()))
+        );
+        assert_eq!(
+            pointers(page(parameters(&[("page_size", "many")])).expect_err("wrong")),
+            ["/page_size"]
+        );
     }
 
     #[test]
     fn what_was_meant_is_told() {
-        let detail = |problem: Problem| problem.faults.into_iter().map(|fault| fault.detail).collect::<Vec<_>>();
-        let unknown =
-            |pair| detail(question_of_query(parameters(&[("key", "0"), pair])).expect_err("unknown")).remove(0);
-        for (mistyped, meant) in [("stat.q", "state.q"), ("sate.distance", "state.distance"), ("vieww", "view")] {
-            assert_eq!(unknown((mistyped, "1")), format!("unknown parameter; did you mean `{meant}`?"));
+        let detail = |problem: Problem| {
+            problem
+                .faults
+                .into_iter()
+                .map(|fault| fault.detail)
+                .collect::<Vec<_>>()
+        };
+        let unknown = |pair| {
+            detail(question_of_query(parameters(&[("key", "0"), pair])).expect_err("unknown"))
+                .remove(0)
+        };
+        for (mistyped, meant) in [
+            ("stat.q", "state.q"),
+            ("sate.distance", "state.distance"),
+            ("vieww", "view"),
+        ] {
+            assert_eq!(
+                unknown((mistyped, "1")),
+                format!("unknown parameter; did you mean `{meant}`?")
+            );
         }
         assert_eq!(
             detail(parameters(&[("foo", "1")]).finish(()).expect_err("unknown")),
             ["unknown parameter; there is none on this path"]
         );
         let lines = detail(
-            head_of_query(parameters(&[("producr", "a"), ("producer", "a"), ("sequence", "1")])).expect_err("unknown"),
+            head_of_query(parameters(&[
+                ("producr", "a"),
+                ("producer", "a"),
+                ("sequence", "1"),
+            ]))
+            .expect_err("unknown"),
         );
         assert_eq!(lines, ["unknown parameter; did you mean `producer`?"]);
         let document = detail(
-            no_head(parameters(&[("producr", "a"), ("sequence", ""), ("segment", "s")])).expect_err("misplaced"),
+            no_head(parameters(&[
+                ("producr", "a"),
+                ("sequence", ""),
+                ("segment", "s"),
+            ]))
+            .expect_err("misplaced"),
         );
         assert_eq!(document[2], "unknown parameter; did you mean `producer`?");
-        assert!(document[..2].iter().all(|detail| detail.starts_with("belongs to a body of `application/x-ndjson`")));
+        assert!(
+            document[..2]
+                .iter()
+                .all(|detail| detail.starts_with("belongs to a body of `application/x-ndjson`"))
+        );
     }
 
     #[test]
     fn lines_need_a_producer_and_a_sequence() {
-        assert_eq!(pointers(head_of_query(parameters(&[])).expect_err("wrong")), ["/producer", "/sequence"]);
+        assert_eq!(
+            pointers(head_of_query(parameters(&[])).expect_err("wrong")),
+            ["/producer", "/sequence"]
+        );
         let query = parameters(&[("producer", "a"), ("sequence", "one")]);
-        assert_eq!(pointers(head_of_query(query).expect_err("wrong")), ["/sequence"]);
-        let query = parameters(&[("producer", "a"), ("sequence", "1"), ("segment", "x"), ("environment_uid", "u")]);
+        assert_eq!(
+            pointers(head_of_query(query).expect_err("wrong")),
+            ["/sequence"]
+        );
+        let query = parameters(&[
+            ("producer", "a"),
+            ("sequence", "1"),
+            ("segment", "x"),
+            ("environment_uid", "u"),
+        ]);
         let (environment_uid, segment) = (Some("u".into()), Some("x".into()));
-        let expected = Head { producer: "a".into(), environment_uid, sequence: 1, segment };
+        let expected = Head {
+            producer: "a".into(),
+            environment_uid,
+            sequence: 1,
+            segment,
+        };
         assert_eq!(head_of_query(query).expect("valid"), expected);
     }
 }

@@ -14,7 +14,10 @@ use crate::error::{Fault, Problem};
 
 /// A question about influence in up to 10,000 states: `states` or `keys`, not both.
 #[derive(Debug, Clone, Default, PartialEq, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields, expecting = "an object of states or keys, ego, other and more")]
+#[serde(
+    deny_unknown_fields,
+    expecting = "an object of states or keys, ego, other and more"
+)]
 pub struct Question {
     /// The agent whose influence is asked about; absent for the first.
     #[schema(example = "robot")]
@@ -30,8 +33,8 @@ pub struct Question {
     #[serde(default, deserialize_with = "or_default")]
     #[schema(nullable)]
     pub segments: Vec<String>,
-    /// What is compared within each segment alone: `auto` (the default) tests of independence only, `segments` the plug-in and its mean under
-    /// independence too, `pooled` nothing.
+    /// What is compared within each segment alone: `auto` (the default) tests of independence only,
+    /// `segments` the plug-in and its mean under independence too, `pooled` nothing.
     #[schema(example = "auto", value_type = Option<words::Within>)]
     pub within: Option<String>,
     /// The parts of the rule that differ from the environment's.
@@ -39,12 +42,14 @@ pub struct Question {
     /// The unit of the answer's figures, `nats` or `bits`; absent for the rule's.
     #[schema(value_type = Option<words::Unit>)]
     pub unit: Option<String>,
-    /// Further estimators of mutual information, instead of the environment's: `excess`, `miller_madow`, `chao_shen`, `james_stein`,
-    /// `grassberger_2003`, `nsb`, `dirichlet`, `adjusted`, `uniform_policy`.
+    /// Further estimators of mutual information, instead of the environment's: `excess`,
+    /// `miller_madow`, `chao_shen`, `james_stein`, `grassberger_2003`, `nsb`, `dirichlet`,
+    /// `adjusted`, `uniform_policy`.
     #[serde(default, deserialize_with = "or_default")]
     #[schema(nullable, value_type = Vec<words::Estimator>)]
     pub estimators: Vec<String>,
-    /// Wants the test of independence: `auto` to follow `within`, or `pooled`, or `within_segments` to permute within each segment only.
+    /// Wants the test of independence: `auto` to follow `within`, or `pooled`, or `within_segments`
+    /// to permute within each segment only.
     #[schema(value_type = Option<words::Permutations>)]
     pub significance: Option<String>,
     /// Wants to know how many more visits a verdict would take.
@@ -91,12 +96,18 @@ impl TryFrom<Question> for QuestionDraft {
     }
 }
 
-fn states(states: Option<Vec<NamedState>>, keys: Option<Vec<String>>) -> Result<StatesDraft, Problem> {
+fn states(
+    states: Option<Vec<NamedState>>,
+    keys: Option<Vec<String>>,
+) -> Result<StatesDraft, Problem> {
     match (states, keys) {
-        (Some(_), Some(_)) => {
-            Err(Problem::invalid("question", vec![Fault::new("/keys", "got states too, expected one of them")]))
-        }
-        (Some(states), None) => Ok(StatesDraft::Named(states.into_iter().map(|state| state.0).collect())),
+        (Some(_), Some(_)) => Err(Problem::invalid(
+            "question",
+            vec![Fault::new("/keys", "got states too, expected one of them")],
+        )),
+        (Some(states), None) => Ok(StatesDraft::Named(
+            states.into_iter().map(|state| state.0).collect(),
+        )),
         (None, Some(keys)) => Ok(StatesDraft::Keys(keys)),
         // The domain says how many states are expected.
         (None, None) => Ok(StatesDraft::default()),
@@ -154,7 +165,10 @@ mod tests {
             given: vec!["c".into()],
             segments: vec!["train".into()],
             within: Some("pooled".into()),
-            rule: RuleDraft { threshold: Some(1.0), ..RuleDraft::default() },
+            rule: RuleDraft {
+                threshold: Some(1.0),
+                ..RuleDraft::default()
+            },
             unit: Some("bits".into()),
         };
         let expected = QuestionDraft {
@@ -170,9 +184,21 @@ mod tests {
 
     #[test]
     fn states_and_keys_exclude_each_other() {
-        assert_eq!(draft(r#"{"states": [], "keys": []}"#).expect_err("both").faults[0].pointer, "/keys");
-        assert_eq!(draft("{}").expect("for the domain to refuse").states, StatesDraft::default());
-        assert_eq!(draft(r#"{"keys": ["1.2"]}"#).expect("valid").states, StatesDraft::Keys(vec!["1.2".into()]));
+        assert_eq!(
+            draft(r#"{"states": [], "keys": []}"#)
+                .expect_err("both")
+                .faults[0]
+                .pointer,
+            "/keys"
+        );
+        assert_eq!(
+            draft("{}").expect("for the domain to refuse").states,
+            StatesDraft::default()
+        );
+        assert_eq!(
+            draft(r#"{"keys": ["1.2"]}"#).expect("valid").states,
+            StatesDraft::Keys(vec!["1.2".into()])
+        );
     }
 
     #[test]
@@ -180,7 +206,10 @@ mod tests {
         let pointer = |text: &str| draft(text).expect_err("wrong").faults.remove(0).pointer;
         assert_eq!(pointer(r#"{"states": [{}, 3]}"#), "/states/1");
         assert_eq!(pointer(r#"{"stats": []}"#), "/stats");
-        assert_eq!(pointer(r#"{"rule": {"min_visits": -1}}"#), "/rule/min_visits");
+        assert_eq!(
+            pointer(r#"{"rule": {"min_visits": -1}}"#),
+            "/rule/min_visits"
+        );
         assert_eq!(pointer(r#"{"keys": ["1", 2]}"#), "/keys/1");
     }
 }

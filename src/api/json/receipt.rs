@@ -11,9 +11,11 @@ use crate::api::proto;
 pub struct Receipt {
     /// The batch.
     pub sequence: u64,
-    /// `applied` (counted now), `rejected` (every record was: nothing is counted, the number is used), `duplicate` (counted before; this is the first
-    /// receipt) or `unverified` (its number was used so long ago that neither content nor receipt is kept: counted before if the producer numbers as it
-    /// should, and lost if it began again at 1; such a producer takes a new id).
+    /// `applied` (counted now), `rejected` (every record was: nothing is counted, the number is
+    /// used), `duplicate` (counted before; this is the first receipt) or `unverified` (its number
+    /// was used so long ago that neither content nor receipt is kept: counted before if the
+    /// producer numbers as it should, and lost if it began again at 1; such a producer takes a new
+    /// id).
     #[schema(example = "applied", value_type = words::BatchStatus)]
     pub status: &'static str,
     /// Records that were counted.
@@ -23,7 +25,8 @@ pub struct Receipt {
     /// The first 100 of those.
     #[schema(max_items = 100)]
     pub rejected: Vec<Rejection>,
-    /// True where the figures above are not known, and 0: for `unverified` always, for `duplicate` where the first receipt cannot be read. Else absent.
+    /// True where the figures above are not known, and 0: for `unverified` always, for `duplicate`
+    /// where the first receipt cannot be read. Else absent.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     #[schema(required = false)]
     pub unverified: bool,
@@ -72,15 +75,29 @@ impl From<proto::Receipt> for Receipt {
 
 impl From<proto::Rejection> for Rejection {
     fn from(rejection: proto::Rejection) -> Self {
-        let proto::Rejection { index, field, reason } = rejection;
-        Self { index, field, reason }
+        let proto::Rejection {
+            index,
+            field,
+            reason,
+        } = rejection;
+        Self {
+            index,
+            field,
+            reason,
+        }
     }
 }
 
 impl From<proto::GetProducerResponse> for Producer {
     fn from(response: proto::GetProducerResponse) -> Self {
-        let proto::GetProducerResponse { committed_sequence, environment_uid } = response;
-        Self { committed_sequence, environment_uid }
+        let proto::GetProducerResponse {
+            committed_sequence,
+            environment_uid,
+        } = response;
+        Self {
+            committed_sequence,
+            environment_uid,
+        }
     }
 }
 
@@ -91,11 +108,18 @@ mod tests {
 
     #[test]
     fn unverified_is_told_only_when_so() {
-        let receipt = proto::Receipt { sequence: 3, status: proto::BatchStatus::Applied.into(), ..Default::default() };
+        let receipt = proto::Receipt {
+            sequence: 3,
+            status: proto::BatchStatus::Applied.into(),
+            ..Default::default()
+        };
         let mut told = Receipt::from(receipt);
         let expected = json!({"sequence": 3, "status": "applied", "accepted": 0, "rejected_count": 0, "rejected": []});
         assert_eq!(serde_json::to_value(&told).expect("JSON"), expected);
         told.unverified = true;
-        assert_eq!(serde_json::to_value(&told).expect("JSON")["unverified"], true);
+        assert_eq!(
+            serde_json::to_value(&told).expect("JSON")["unverified"],
+            true
+        );
     }
 }

@@ -1,4 +1,5 @@
-//! Words: the texts that a member may have, for the OpenAPI document. Each list is made of the domain's own words.
+//! Words: the texts that a member may have, for the OpenAPI document. Each list is made of the
+//! domain's own words.
 
 use std::borrow::Cow;
 
@@ -87,6 +88,10 @@ mod tests {
 
     #[test]
     fn every_exchange_is_read() {
-        assert!(PERMUTATIONS.iter().all(|word| word.parse::<domain::Permutations>().is_ok()));
+        assert!(
+            PERMUTATIONS
+                .iter()
+                .all(|word| word.parse::<domain::Permutations>().is_ok())
+        );
     }
 }

@@ -43,8 +43,14 @@ impl Found {
         if self.summaries.is_empty() {
             return Ok(());
         }
-        let mut summaries =
-            Table::new(&["environment", "transitions", "states", "influence", "some dependence", "discoveries at 5 %"]);
+        let mut summaries = Table::new(&[
+            "environment",
+            "transitions",
+            "states",
+            "influence",
+            "some dependence",
+            "discoveries at 5 %",
+        ]);
         let mut states = Table::new(&[
             "environment",
             "state",
@@ -57,7 +63,9 @@ impl Found {
             "verdict",
             "paper's rule",
         ]);
-        self.summaries.iter().for_each(|row| summaries.row(row.clone()));
+        self.summaries
+            .iter()
+            .for_each(|row| summaries.row(row.clone()));
         self.states.iter().for_each(|row| states.row(row.clone()));
         print(&format!("\n{}", summaries.render("")))?;
         print(&format!(
@@ -82,12 +90,22 @@ pub(super) struct Seen {
 pub(super) async fn look(connection: &Connection, environment: &str) -> Result<Seen, Failure> {
     settle(connection, environment).await?;
     let summary = summary_row(environment, &summary(connection, environment).await?);
-    let mut seen = Seen { best: Best::default(), summary, states: Vec::new() };
+    let mut seen = Seen {
+        best: Best::default(),
+        summary,
+        states: Vec::new(),
+    };
     for state in most_dependent(connection, environment).await? {
         let key = state.state.clone().unwrap_or_default().key;
-        let dependent = state.probability.map_or(0.0, |probability| probability.dependent);
+        let dependent = state
+            .probability
+            .map_or(0.0, |probability| probability.dependent);
         if dependent > seen.best.dependent {
-            seen.best = Best { environment: environment.to_owned(), key: key.clone(), dependent };
+            seen.best = Best {
+                environment: environment.to_owned(),
+                key: key.clone(),
+                dependent,
+            };
         }
         let paper = by_paper(connection, environment, &key).await?;
         seen.states.push(state_row(environment, key, &state, paper));
@@ -97,25 +115,49 @@ pub(super) async fn look(connection: &Connection, environment: &str) -> Result<S
 
 /// Trains a network for an environment, and prints whether it is worth asking.
 pub(super) async fn train(connection: &Connection, environment: &str) -> Result<(), Failure> {
-    print(&format!("\nmeanwhile a network is trained for {environment}, to answer where counts do not decide ..."))?;
-    let request = proto::TrainModelRequest { environment: environment.into(), ..Default::default() };
-    let job = connection.models().train_model(request).await?.into_inner().job.unwrap_or_default();
+    print(&format!(
+        "\nmeanwhile a network is trained for {environment}, to answer where counts do not decide ..."
+    ))?;
+    let request = proto::TrainModelRequest {
+        environment: environment.into(),
+        ..Default::default()
+    };
+    let job = connection
+        .models()
+        .train_model(request)
+        .await?
+        .into_inner()
+        .job
+        .unwrap_or_default();
     let progress = Progress::of_share();
-    let job = Watched::new(connection, environment, job.id).over(&progress).await;
+    let job = Watched::new(connection, environment, job.id)
+        .over(&progress)
+        .await;
     progress.finish();
     let job = job?;
-    print(&format!("{}: `nudge model show {environment} {}` tells how it was judged", job.message, job.version()))
+    print(&format!(
+        "{}: `nudge model show {environment} {}` tells how it was judged",
+        job.message,
+        job.version()
+    ))
 }
 
-/// Fits the prior of an environment, and waits until what is told of all its states stands on that fit and on everything counted.
+/// Fits the prior of an environment, and waits until what is told of all its states stands on that
+/// fit and on everything counted.
 async fn settle(connection: &Connection, environment: &str) -> Result<(), Failure> {
-    let fit = proto::FitPriorRequest { environment: environment.into(), ..Default::default() };
+    let fit = proto::FitPriorRequest {
+        environment: environment.into(),
+        ..Default::default()
+    };
     let ask = || {
         let (mut client, fit) = (connection.influence(), fit.clone());
         async move { client.fit_prior(fit).await }
     };
     let fits = patiently(ask).await?.fits;
-    let made = fits.first().and_then(|fitted| fitted.fit).unwrap_or_default();
+    let made = fits
+        .first()
+        .and_then(|fitted| fitted.fit)
+        .unwrap_or_default();
     loop {
         let told = summary(connection, environment).await?;
         if told.as_of >= made.revision && told.fit.unwrap_or_default().version >= made.version {
@@ -125,10 +167,19 @@ async fn settle(connection: &Connection, environment: &str) -> Result<(), Failur
     }
 }
 
-async fn summary(connection: &Connection, environment: &str) -> Result<proto::SummarizeResponse, Failure> {
-    let discovery = proto::Discovery { fdr: Some(0.05), ..Default::default() };
-    let request =
-        proto::SummarizeRequest { scope: Some(scope(environment)), discovery: Some(discovery), omit_segments: true };
+async fn summary(
+    connection: &Connection,
+    environment: &str,
+) -> Result<proto::SummarizeResponse, Failure> {
+    let discovery = proto::Discovery {
+        fdr: Some(0.05),
+        ..Default::default()
+    };
+    let request = proto::SummarizeRequest {
+        scope: Some(scope(environment)),
+        discovery: Some(discovery),
+        omit_segments: true,
+    };
     let ask = || {
         let (mut client, request) = (connection.influence(), request.clone());
         async move { client.summarize(request).await }
@@ -136,7 +187,10 @@ async fn summary(connection: &Connection, environment: &str) -> Result<proto::Su
     Ok(patiently(ask).await?)
 }
 
-async fn most_dependent(connection: &Connection, environment: &str) -> Result<Vec<proto::StateFigures>, Failure> {
+async fn most_dependent(
+    connection: &Connection,
+    environment: &str,
+) -> Result<Vec<proto::StateFigures>, Failure> {
     let request = proto::ListStatesRequest {
         scope: Some(scope(environment)),
         order_by: "p_dependent desc".into(),
@@ -151,20 +205,39 @@ async fn most_dependent(connection: &Connection, environment: &str) -> Result<Ve
 }
 
 /// Returns what the paper's rule says of a state.
-async fn by_paper(connection: &Connection, environment: &str, key: &str) -> Result<&'static str, Failure> {
-    let rule = proto::Rule { kind: Some("paper".into()), ..Default::default() };
+async fn by_paper(
+    connection: &Connection,
+    environment: &str,
+    key: &str,
+) -> Result<&'static str, Failure> {
+    let rule = proto::Rule {
+        kind: Some("paper".into()),
+        ..Default::default()
+    };
     let request = proto::GetInfluenceRequest {
-        scope: Some(proto::Scope { rule: Some(rule), ..scope(environment) }),
+        scope: Some(proto::Scope {
+            rule: Some(rule),
+            ..scope(environment)
+        }),
         state: Some(proto::get_influence_request::State::Key(key.into())),
         view: proto::View::Verdict.into(),
         ..Default::default()
     };
-    let answer = connection.influence().get_influence(request).await?.into_inner().answer.unwrap_or_default();
+    let answer = connection
+        .influence()
+        .get_influence(request)
+        .await?
+        .into_inner()
+        .answer
+        .unwrap_or_default();
     Ok(verdict(answer.verdict))
 }
 
 fn scope(environment: &str) -> proto::Scope {
-    proto::Scope { environment: environment.into(), ..Default::default() }
+    proto::Scope {
+        environment: environment.into(),
+        ..Default::default()
+    }
 }
 
 fn summary_row(environment: &str, summary: &proto::SummarizeResponse) -> [String; 6] {
@@ -173,12 +246,25 @@ fn summary_row(environment: &str, summary: &proto::SummarizeResponse) -> [String
         count(summary.transitions),
         count(summary.states),
         count(summary.verdicts.map_or(0, |verdicts| verdicts.influences)),
-        count(summary.dependence.map_or(0, |dependence| dependence.established)),
-        count(summary.discoveries.map_or(0, |discoveries| discoveries.states)),
+        count(
+            summary
+                .dependence
+                .map_or(0, |dependence| dependence.established),
+        ),
+        count(
+            summary
+                .discoveries
+                .map_or(0, |discoveries| discoveries.states),
+        ),
     ]
 }
 
-fn state_row(environment: &str, key: String, state: &proto::StateFigures, paper: &str) -> [String; 10] {
+fn state_row(
+    environment: &str,
+    key: String,
+    state: &proto::StateFigures,
+    paper: &str,
+) -> [String; 10] {
     [
         environment.to_owned(),
         key,
@@ -186,7 +272,9 @@ fn state_row(environment: &str, key: String, state: &proto::StateFigures, paper:
         figure(state.plug_in),
         figure(state.expected_if_independent),
         state.posterior_mean.map_or("-".into(), figure),
-        state.probability.map_or("-".into(), |probability| figure(probability.dependent)),
+        state
+            .probability
+            .map_or("-".into(), |probability| figure(probability.dependent)),
         dependence(state.dependence).unwrap_or("-").to_owned(),
         verdict(state.verdict).to_owned(),
         paper.to_owned(),

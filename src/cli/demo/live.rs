@@ -1,4 +1,5 @@
-//! What the service counts and finds, told again and again while it is played into: redrawn in place on a terminal, plain lines in a pipe.
+//! What the service counts and finds, told again and again while it is played into: redrawn in
+//! place on a terminal, plain lines in a pipe.
 
 use std::collections::HashMap;
 use std::convert::Infallible;
@@ -41,12 +42,23 @@ struct Line {
 
 impl Live {
     /// Looks at these environments for the first time, and says nothing yet.
-    pub(super) async fn begin(connection: &Connection, environments: Vec<String>) -> Result<Self, Failure> {
+    pub(super) async fn begin(
+        connection: &Connection,
+        environments: Vec<String>,
+    ) -> Result<Self, Failure> {
         let bar = std::io::stdout().is_terminal().then(|| {
             let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stdout());
-            bar.with_style(ProgressStyle::with_template("{msg}").unwrap_or_else(|_| ProgressStyle::default_bar()))
+            bar.with_style(
+                ProgressStyle::with_template("{msg}")
+                    .unwrap_or_else(|_| ProgressStyle::default_bar()),
+            )
         });
-        let mut live = Self { connection: connection.clone(), environments, seen: HashMap::new(), bar };
+        let mut live = Self {
+            connection: connection.clone(),
+            environments,
+            seen: HashMap::new(),
+            bar,
+        };
         live.look().await?;
         Ok(live)
     }
@@ -85,8 +97,15 @@ impl Live {
     async fn look(&mut self) -> Result<Vec<Line>, Failure> {
         let mut lines = Vec::new();
         for environment in &self.environments {
-            let scope = proto::Scope { environment: environment.clone(), ..Default::default() };
-            let request = proto::SummarizeRequest { scope: Some(scope), omit_segments: true, ..Default::default() };
+            let scope = proto::Scope {
+                environment: environment.clone(),
+                ..Default::default()
+            };
+            let request = proto::SummarizeRequest {
+                scope: Some(scope),
+                omit_segments: true,
+                ..Default::default()
+            };
             let ask = || {
                 let (mut client, request) = (self.connection.influence(), request.clone());
                 async move { client.summarize(request).await }
@@ -94,24 +113,45 @@ impl Live {
             let summary = match patiently(ask).await {
                 Ok(summary) => summary,
                 // It is made when its first player comes.
-                Err(error) if error.kind() == ErrorKind::NotFound => proto::SummarizeResponse::default(),
+                Err(error) if error.kind() == ErrorKind::NotFound => {
+                    proto::SummarizeResponse::default()
+                }
                 Err(error) => return Err(error.into()),
             };
-            let now = Seen { at: Instant::now(), transitions: summary.transitions };
+            let now = Seen {
+                at: Instant::now(),
+                transitions: summary.transitions,
+            };
             let before = self.seen.insert(environment.clone(), now);
             let per_second = before.map_or(0.0, |before| {
-                summary.transitions.saturating_sub(before.transitions) as f64 / before.at.elapsed().as_secs_f64()
+                summary.transitions.saturating_sub(before.transitions) as f64
+                    / before.at.elapsed().as_secs_f64()
             });
-            lines.push(Line { environment: environment.clone(), per_second, summary });
+            lines.push(Line {
+                environment: environment.clone(),
+                per_second,
+                summary,
+            });
         }
         Ok(lines)
     }
 }
 
 fn table(lines: &[Line]) -> String {
-    let mut table = Table::new(&["environment", "transitions", "a second", "states", "influence", "some dependence"]);
+    let mut table = Table::new(&[
+        "environment",
+        "transitions",
+        "a second",
+        "states",
+        "influence",
+        "some dependence",
+    ]);
     for line in lines {
-        let Line { environment, per_second, summary } = line;
+        let Line {
+            environment,
+            per_second,
+            summary,
+        } = line;
         table.row([
             environment.clone(),
             count(summary.transitions),
@@ -125,7 +165,11 @@ fn table(lines: &[Line]) -> String {
 }
 
 fn plain(line: &Line) -> String {
-    let Line { environment, per_second, summary } = line;
+    let Line {
+        environment,
+        per_second,
+        summary,
+    } = line;
     format!(
         "{environment}: {} transitions, {} a second, {} states, influence in {}, some dependence in {}\n",
         count(summary.transitions),
@@ -137,14 +181,27 @@ fn plain(line: &Line) -> String {
 }
 
 fn influences(summary: &proto::SummarizeResponse) -> String {
-    found(summary, summary.verdicts.map_or(0, |verdicts| verdicts.influences))
+    found(
+        summary,
+        summary.verdicts.map_or(0, |verdicts| verdicts.influences),
+    )
 }
 
 fn established(summary: &proto::SummarizeResponse) -> String {
-    found(summary, summary.dependence.map_or(0, |dependence| dependence.established))
+    found(
+        summary,
+        summary
+            .dependence
+            .map_or(0, |dependence| dependence.established),
+    )
 }
 
-/// Returns how many states were found, once a prior was fitted: before that, it is too early to tell.
+/// Returns how many states were found, once a prior was fitted: before that, it is too early to
+/// tell.
 fn found(summary: &proto::SummarizeResponse, states: u64) -> String {
-    if summary.fit.unwrap_or_default().version == 0 { "-".into() } else { count(states) }
+    if summary.fit.unwrap_or_default().version == 0 {
+        "-".into()
+    } else {
+        count(states)
+    }
 }

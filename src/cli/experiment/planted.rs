@@ -1,4 +1,5 @@
-//! `nudge experiment planted`: every decision beside every other, in worlds whose influence was planted.
+//! `nudge experiment planted`: every decision beside every other, in worlds whose influence was
+//! planted.
 
 mod figures;
 mod hard;
@@ -15,13 +16,16 @@ use crate::cli::Failure;
 use crate::cli::output::{print, print_json};
 use crate::cli::progress::Progress;
 use crate::experiments::kitchens::{self as in_kitchens, Layout};
-use crate::experiments::planted::{self as of_tables, World, hard as in_hard_worlds, segments as in_segments};
+use crate::experiments::planted::{
+    self as of_tables, World, hard as in_hard_worlds, segments as in_segments,
+};
 use crate::experiments::seeds::Seeds;
 use crate::simulation::planted::segments as drawn;
 
 /// Compare ways to decide where the true influence is known
 #[derive(Debug, Args)]
-#[command(long_about = "Compare ways to decide where the true influence is known.\n\n\
+#[command(
+    long_about = "Compare ways to decide where the true influence is known.\n\n\
     tables: worlds are drawn by three generators, in which 30 % of the states have influence; visits are as uneven as in play, half of the states have 12 \
     or fewer. The plug-in (the paper's figure), the paper's rule, the plug-in less its mean under independence, NSB, a permutation test and the \
     default rule (spike and slab) are asked of a service that counted them. Beside them stand the same worlds with the other's actions shuffled, where \
@@ -42,7 +46,8 @@ use crate::simulation::planted::segments as drawn;
     Example:\n  nudge experiment planted --seeds 3 --states 500 --out ./results\n  \
     nudge experiment planted --part kitchens --layout counter_circuit --seeds 1\n  \
     nudge experiment planted --part hard --world copy --world weak25 --seeds 3\n  \
-    nudge experiment planted --part segments --world opposite")]
+    nudge experiment planted --part segments --world opposite"
+)]
 pub(in crate::cli) struct Planted {
     /// Run one part only [default: all of them]
     #[arg(long, value_name = "PART")]
@@ -53,8 +58,8 @@ pub(in crate::cli) struct Planted {
     /// The first seed; the others follow it
     #[arg(long, value_name = "NUMBER", default_value_t = of_tables::Options::default().seeds.first)]
     seed: u32,
-    /// States of the worlds of tables on which decisions are compared [default: 2500], the most of a hard world [default: 150 to 1500],
-    /// and those of a world of segments [default: 200]
+    /// States of the worlds of tables on which decisions are compared [default: 2500], the most of
+    /// a hard world [default: 150 to 1500], and those of a world of segments [default: 200]
     #[arg(long, value_name = "NUMBER", value_parser = clap::value_parser!(u32).range(1..=50_000))]
     states: Option<u32>,
     /// A world of hard or of segments of this name only; may be given again [default: all of them]
@@ -148,17 +153,40 @@ impl Planted {
         }
         match &parts[..] {
             [part] if self.json => print_json(&part.json),
-            _ if self.json => print_json(&parts.into_iter().map(|part| (part.part, part.json)).collect::<Value>()),
-            _ => print(&parts.iter().map(|part| part.text.as_str()).collect::<Vec<_>>().join("\n")),
+            _ if self.json => print_json(
+                &parts
+                    .into_iter()
+                    .map(|part| (part.part, part.json))
+                    .collect::<Value>(),
+            ),
+            _ => print(
+                &parts
+                    .iter()
+                    .map(|part| part.text.as_str())
+                    .collect::<Vec<_>>()
+                    .join("\n"),
+            ),
         }
     }
 
     /// Refuses a world of a part that is not run.
     fn check_worlds(&self) -> Result<(), Failure> {
-        let idle = self.worlds.iter().find(|world| !self.is_wanted(world.part()));
+        let idle = self
+            .worlds
+            .iter()
+            .find(|world| !self.is_wanted(world.part()));
         idle.map_or(Ok(()), |world| {
-            let (name, part) = (world.name(), if world.part() == Part::Hard { "hard" } else { "segments" });
-            Err(Failure::usage(format!("--world {name} is a world of --part {part}, which is not run")))
+            let (name, part) = (
+                world.name(),
+                if world.part() == Part::Hard {
+                    "hard"
+                } else {
+                    "segments"
+                },
+            );
+            Err(Failure::usage(format!(
+                "--world {name} is a world of --part {part}, which is not run"
+            )))
         })
     }
 
@@ -168,7 +196,8 @@ impl Planted {
             seeds: self.seeds(usual.seeds),
             states: self.states.map_or(usual.states, |states| states as usize),
         };
-        let progress = Progress::new(options.worlds().len() as u64 * u64::from(options.seeds.number));
+        let progress =
+            Progress::new(options.worlds().len() as u64 * u64::from(options.seeds.number));
         progress.part("planted influence");
         let report = of_tables::run(&options, || progress.step()).await?;
         progress.finish();
@@ -186,8 +215,14 @@ impl Planted {
     async fn kitchens(&self) -> Result<Told, Failure> {
         let usual = in_kitchens::Options::default();
         let layouts = self.layout.map_or(usual.layouts, |layout| vec![layout]);
-        let options = in_kitchens::Options { seeds: self.seeds(usual.seeds), layouts, epochs: self.epochs, ..usual };
-        let progress = Progress::new(options.worlds().len() as u64 * u64::from(options.seeds.number));
+        let options = in_kitchens::Options {
+            seeds: self.seeds(usual.seeds),
+            layouts,
+            epochs: self.epochs,
+            ..usual
+        };
+        let progress =
+            Progress::new(options.worlds().len() as u64 * u64::from(options.seeds.number));
         progress.part("planted influence in kitchens");
         let report = in_kitchens::run(&options, || progress.step()).await?;
         progress.finish();
@@ -210,7 +245,8 @@ impl Planted {
             states: self.states.map(|states| states as usize),
             worlds: usual.worlds.into_iter().filter(wanted).collect(),
         };
-        let progress = Progress::new(options.worlds().len() as u64 * u64::from(options.seeds.number));
+        let progress =
+            Progress::new(options.worlds().len() as u64 * u64::from(options.seeds.number));
         progress.part("planted influence in hard worlds");
         let report = in_hard_worlds::run(&options, || progress.step()).await?;
         progress.finish();
@@ -233,7 +269,8 @@ impl Planted {
             states: self.states.map_or(usual.states, |states| states as usize),
             worlds: usual.worlds.into_iter().filter(wanted).collect(),
         };
-        let progress = Progress::new(options.worlds().len() as u64 * u64::from(options.seeds.number));
+        let progress =
+            Progress::new(options.worlds().len() as u64 * u64::from(options.seeds.number));
         progress.part("planted influence in segments");
         let report = in_segments::run(&options, || progress.step());
         progress.finish();
@@ -253,14 +290,22 @@ impl Planted {
         self.part.is_none_or(|only| only == part)
     }
 
-    /// Returns whether a world is wanted: by its name, or with all the others of its part, of which none was named.
+    /// Returns whether a world is wanted: by its name, or with all the others of its part, of which
+    /// none was named.
     fn names(&self, world: Named) -> bool {
-        let mut of_part = self.worlds.iter().filter(|named| named.part() == world.part()).peekable();
+        let mut of_part = self
+            .worlds
+            .iter()
+            .filter(|named| named.part() == world.part())
+            .peekable();
         of_part.peek().is_none() || of_part.any(|named| *named == world)
     }
 
     fn seeds(&self, usual: Seeds) -> Seeds {
-        Seeds { number: self.seeds.unwrap_or(usual.number), first: self.seed }
+        Seeds {
+            number: self.seeds.unwrap_or(usual.number),
+            first: self.seed,
+        }
     }
 
     /// Writes what a part found, as soon as it is found.
@@ -268,7 +313,11 @@ impl Planted {
         if let Some(directory) = &self.out {
             let name = part.name;
             write(directory, &format!("{name}.csv"), &part.csv)?;
-            write(directory, &format!("{name}.json"), &format!("{:#}\n", part.json))?;
+            write(
+                directory,
+                &format!("{name}.json"),
+                &format!("{:#}\n", part.json),
+            )?;
             write(directory, &format!("{name}.svg"), &part.svg)?;
         }
         Ok(part)
@@ -278,7 +327,12 @@ impl Planted {
 /// Returns the world of a name.
 fn named(text: &str) -> Result<Named, String> {
     let all = Named::all();
-    let expected = || all.iter().map(|world| world.name()).collect::<Vec<_>>().join(", ");
+    let expected = || {
+        all.iter()
+            .map(|world| world.name())
+            .collect::<Vec<_>>()
+            .join(", ")
+    };
     all.iter()
         .find(|world| world.name() == text)
         .copied()

@@ -16,7 +16,8 @@ use crate::simulation::hallway::Hallway;
 
 /// Writes every transition of a hallway to a file, or to standard output if it is called `-`.
 pub(super) fn write(hallway: &Hallway, file: &Path) -> Result<(), Failure> {
-    let schema = Schema::try_from(&description()?).map_err(|faults| Problem::invalid("environment", faults))?;
+    let schema = Schema::try_from(&description()?)
+        .map_err(|faults| Problem::invalid("environment", faults))?;
     let failed = |error| cannot_write(file, &error);
     let out: Box<dyn Write> = if file == Path::new("-") {
         Box::new(io::stdout().lock())
@@ -44,10 +45,15 @@ fn line(schema: &Schema, transition: &Record) -> String {
     let state = schema.state().iter().zip(&transition.state);
     let mut actions: BTreeMap<&str, BTreeMap<&str, f32>> = BTreeMap::new();
     for ((agent, feature), value) in schema.action_features().zip(&transition.actions) {
-        actions.entry(agent.name.as_str()).or_default().insert(feature.name.as_str(), *value);
+        actions
+            .entry(agent.name.as_str())
+            .or_default()
+            .insert(feature.name.as_str(), *value);
     }
     let line = Line {
-        state: state.map(|(feature, value)| (feature.name.as_str(), *value)).collect(),
+        state: state
+            .map(|(feature, value)| (feature.name.as_str(), *value))
+            .collect(),
         actions,
         entry: transition.entry == Entry::Entered,
     };

@@ -1,4 +1,5 @@
-//! What is handed over of a hallway, in whichever way: what its environment is, and what is observed in a trial.
+//! What is handed over of a hallway, in whichever way: what its environment is, and what is
+//! observed in a trial.
 
 use crate::api::json::description_of_text;
 use crate::cli::Failure;
@@ -13,7 +14,13 @@ pub(super) fn description() -> Result<SchemaDraft, Failure> {
 }
 
 /// Begins to observe a trial.
-pub(super) fn observed(hallway: &Hallway, number: u32, schema: &Schema) -> Result<Observations, Failure> {
-    let trial = hallway.trial(number).map_err(|fault| Problem::invalid("hallway", vec![fault]))?;
+pub(super) fn observed(
+    hallway: &Hallway,
+    number: u32,
+    schema: &Schema,
+) -> Result<Observations, Failure> {
+    let trial = hallway
+        .trial(number)
+        .map_err(|fault| Problem::invalid("hallway", vec![fault]))?;
     Ok(Observations::of(trial, schema))
 }

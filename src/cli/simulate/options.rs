@@ -11,7 +11,8 @@ use crate::simulation::hallway::{Hallway, Protocol, Scenario};
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Protocol")]
 pub(super) struct Options {
-    /// Who walks where: counter-flow, or crossing, where one walks across a flow through a doorway in the middle of both walls
+    /// Who walks where: counter-flow, or crossing, where one walks across a flow through a doorway
+    /// in the middle of both walls
     #[arg(long, default_value_t)]
     scenario: Scenario,
     /// Length and width of the hallway in metres
@@ -116,8 +117,9 @@ struct Model {
 impl Options {
     /// Checks the protocol; every fault is told by its flag.
     pub(super) fn hallway(&self) -> Result<Hallway, Failure> {
-        Hallway::try_from(self.protocol())
-            .map_err(|faults| Problem::invalid("hallway", faults.into_iter().map(by_flag).collect()).into())
+        Hallway::try_from(self.protocol()).map_err(|faults| {
+            Problem::invalid("hallway", faults.into_iter().map(by_flag).collect()).into()
+        })
     }
 
     fn protocol(&self) -> Protocol {

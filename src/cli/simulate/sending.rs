@@ -1,4 +1,5 @@
-//! Sending a simulated hallway to a service, so that every transition counts once however often it is done.
+//! Sending a simulated hallway to a service, so that every transition counts once however often it
+//! is done.
 
 use std::time::Duration;
 
@@ -11,7 +12,8 @@ use crate::client::{Connection, Producer, Totals};
 use crate::simulation::hallway::{Hallway, Protocol};
 use crate::simulation::observation::{Observation, Observations};
 
-/// What is part of every producer id: another way to cut the same trials into batches must take another.
+/// What is part of every producer id: another way to cut the same trials into batches must take
+/// another.
 const WAY: &str = "hallway.1";
 
 /// Transitions of a batch at most; see [`WAY`].
@@ -49,17 +51,22 @@ pub(in crate::cli) struct Moment {
 }
 
 impl Run {
-    /// Sends what the service has not committed yet, a segment a trial, and says every simulated second how far it is.
+    /// Sends what the service has not committed yet, a segment a trial, and says every simulated
+    /// second how far it is.
     ///
-    /// A batch closes with its second, its trial or when it is full, whatever the pace: so a run may be interrupted and go on at another pace. More
-    /// trials of the same hallway go on behind the ones that were sent.
+    /// A batch closes with its second, its trial or when it is full, whatever the pace: so a run
+    /// may be interrupted and go on at another pace. More trials of the same hallway go on behind
+    /// the ones that were sent.
     pub(in crate::cli) async fn send(
         &self,
         connection: &Connection,
         mut progress: impl FnMut(Moment),
     ) -> Result<Totals, Failure> {
         connection.apply(&self.environment, &description()?).await?;
-        let producer = connection.producer(&self.environment, &self.producer()).batch_size(BATCH_SIZE).replay();
+        let producer = connection
+            .producer(&self.environment, &self.producer())
+            .batch_size(BATCH_SIZE)
+            .replay();
         let mut stream = Stream::begin(producer.open().await?, self);
         for number in 1..=self.hallway.protocol().trials {
             let observations = observed(&self.hallway, number, stream.producer.schema())?;
@@ -68,10 +75,15 @@ impl Run {
         stream.end().await
     }
 
-    /// Returns the name of the producer: a digest of every parameter but the number of trials, which does not change a trial.
+    /// Returns the name of the producer: a digest of every parameter but the number of trials,
+    /// which does not change a trial.
     fn producer(&self) -> String {
-        let protocol = Protocol { trials: 0, ..self.hallway.protocol().clone() };
-        // The derived text has every field by name, and each number as the shortest text that reads back as the same.
+        let protocol = Protocol {
+            trials: 0,
+            ..self.hallway.protocol().clone()
+        };
+        // The derived text has every field by name, and each number as the shortest text that reads
+        // back as the same.
         let digest = blake3::hash(format!("{protocol:?}").as_bytes()).to_hex();
         format!("{WAY}:{}", &digest[..32])
     }
@@ -112,24 +124,41 @@ impl Stream {
         mut observations: Observations,
         progress: &mut impl FnMut(Moment),
     ) -> Result<(), Failure> {
-        self.producer.segment(Some(&format!("seed-{}.trial-{number}", self.seed))).await?;
+        self.producer
+            .segment(Some(&format!("seed-{}.trial-{number}", self.seed)))
+            .await?;
         let mut passed = Duration::ZERO;
         loop {
             // Other tasks of this thread go elsewhere while a large crowd walks.
-            let second = || observations.by_ref().take(self.records_per_second).collect::<Vec<_>>();
+            let second = || {
+                observations
+                    .by_ref()
+                    .take(self.records_per_second)
+                    .collect::<Vec<_>>()
+            };
             let second = tokio::task::block_in_place(second);
             if second.is_empty() {
                 return Ok(());
             }
             let lasts = self.record_interval * second.len() as u32;
             passed += lasts;
-            self.second(lasts, second.into_iter().flatten().collect()).await?;
-            progress(Moment { trial: number, time: passed.as_secs_f64(), transitions: self.transitions });
+            self.second(lasts, second.into_iter().flatten().collect())
+                .await?;
+            progress(Moment {
+                trial: number,
+                time: passed.as_secs_f64(),
+                transitions: self.transitions,
+            });
         }
     }
 
-    /// Sends a second when it is over. What the service holds already is passed over without waiting.
-    async fn second(&mut self, lasts: Duration, observations: Vec<Observation>) -> Result<(), Failure> {
+    /// Sends a second when it is over. What the service holds already is passed over without
+    /// waiting.
+    async fn second(
+        &mut self,
+        lasts: Duration,
+        observations: Vec<Observation>,
+    ) -> Result<(), Failure> {
         self.transitions += observations.len() as u64;
         self.batches += observations.len().div_ceil(BATCH_SIZE) as u64;
         if self.pace == Pace::RealTime && self.batches > self.producer.resume_point() {
@@ -144,7 +173,8 @@ impl Stream {
 
     async fn end(mut self) -> Result<Totals, Failure> {
         let totals = self.producer.flush().await?;
-        // After a run of more trials the service holds more than this one sent, which closing would call a contradiction.
+        // After a run of more trials the service holds more than this one sent, which closing would
+        // call a contradiction.
         if self.producer.resume_point() <= totals.last_sequence {
             self.producer.close().await?;
         }

@@ -23,8 +23,15 @@ pub enum Decision {
 
 impl Decision {
     /// Every decision, in the order in which they are told.
-    pub const ALL: [Self; 7] =
-        [Self::Joint, Self::Direct, Self::LookUp, Self::BackOff, Self::AllPositive, Self::Shuffled, Self::Oracle];
+    pub const ALL: [Self; 7] = [
+        Self::Joint,
+        Self::Direct,
+        Self::LookUp,
+        Self::BackOff,
+        Self::AllPositive,
+        Self::Shuffled,
+        Self::Oracle,
+    ];
 
     /// Returns its name.
     pub fn as_str(self) -> &'static str {
@@ -58,7 +65,10 @@ impl Said {
             p if 1.0 - p >= confidence => Verdict::NoInfluence,
             _ => Verdict::Undecided,
         };
-        Self { probability, verdict }
+        Self {
+            probability,
+            verdict,
+        }
     }
 
     /// Says for certain.
@@ -73,6 +83,9 @@ impl Said {
             Some(model) => model.probability?,
             None => figures.evidence?.probability.above_threshold,
         };
-        Some(Self { probability, verdict: answer.verdict })
+        Some(Self {
+            probability,
+            verdict: answer.verdict,
+        })
     }
 }

@@ -34,7 +34,14 @@ const CALLED: f64 = 0.5;
 
 impl Figure {
     /// Every figure, in the order in which they are told.
-    pub const ALL: [Self; 6] = [Self::Auroc, Self::F1, Self::F1AtVerdict, Self::Undecided, Self::Brier, Self::Called];
+    pub const ALL: [Self; 6] = [
+        Self::Auroc,
+        Self::F1,
+        Self::F1AtVerdict,
+        Self::Undecided,
+        Self::Brier,
+        Self::Called,
+    ];
 
     /// Returns its name.
     pub fn as_str(self) -> &'static str {
@@ -50,16 +57,25 @@ impl Figure {
 
     fn of(self, truths: &[Truth], said: &[Said]) -> Option<f64> {
         let states = || truths.iter().zip(said);
-        let steps = || states().flat_map(|(truth, said)| repeat_n((said, truth.is_strong), truth.steps));
+        let steps =
+            || states().flat_map(|(truth, said)| repeat_n((said, truth.is_strong), truth.steps));
         let called = |said: &Said| said.probability >= CALLED;
         match self {
-            Self::Auroc => auc(&steps().map(|(said, strong)| (said.probability, strong)).collect::<Vec<_>>()),
+            Self::Auroc => auc(&steps()
+                .map(|(said, strong)| (said.probability, strong))
+                .collect::<Vec<_>>()),
             Self::F1 => Hits::of(steps().map(|(said, strong)| (called(said), strong))).f1(),
-            Self::F1AtVerdict => {
-                Hits::of(steps().map(|(said, strong)| (said.verdict == Verdict::Influences, strong))).f1()
+            Self::F1AtVerdict => Hits::of(
+                steps().map(|(said, strong)| (said.verdict == Verdict::Influences, strong)),
+            )
+            .f1(),
+            Self::Undecided => {
+                frequency(steps().map(|(said, _)| said.verdict == Verdict::Undecided))
             }
-            Self::Undecided => frequency(steps().map(|(said, _)| said.verdict == Verdict::Undecided)),
-            Self::Brier => mean(steps().map(|(said, strong)| (said.probability - f64::from(u8::from(strong))).powi(2))),
+            Self::Brier => mean(
+                steps()
+                    .map(|(said, strong)| (said.probability - f64::from(u8::from(strong))).powi(2)),
+            ),
             Self::Called => Some(said.iter().filter(|said| called(said)).count() as f64),
         }
     }
@@ -80,14 +96,26 @@ mod tests {
     #[test]
     fn a_state_counts_as_often_as_the_games_are_in_it() {
         let truth = |steps, is_strong| Truth { steps, is_strong };
-        let truths = [truth(3, true), truth(1, true), truth(4, false), truth(2, false)];
+        let truths = [
+            truth(3, true),
+            truth(1, true),
+            truth(4, false),
+            truth(2, false),
+        ];
         let said = [0.9, 0.4, 0.6, 0.1].map(Said::by);
         let figure = |figure: Figure| figure.of(&truths, &said).expect("defined");
-        // Of 24 pairs of steps one in four is in the wrong order for the step at .4 alone: 3 x 6 + 1 x 2 are in the right one.
+        // Of 24 pairs of steps one in four is in the wrong order for the step at .4 alone:
+        // 3 x 6 + 1 x 2 are in the right one.
         assert_eq!(figure(Figure::Auroc), 20.0 / 24.0);
         assert_eq!(figure(Figure::F1), 2.0 * 3.0 / (2.0 * 3.0 + 4.0 + 1.0));
         assert_eq!(figure(Figure::F1AtVerdict), 2.0 * 3.0 / (2.0 * 3.0 + 1.0));
-        assert_eq!((figure(Figure::Undecided), figure(Figure::Called)), (0.5, 2.0));
-        assert!((figure(Figure::Brier) - (3.0 * 0.01 + 0.36 + 4.0 * 0.36 + 2.0 * 0.01) / 10.0).abs() < 1e-12);
+        assert_eq!(
+            (figure(Figure::Undecided), figure(Figure::Called)),
+            (0.5, 2.0)
+        );
+        assert!(
+            (figure(Figure::Brier) - (3.0 * 0.01 + 0.36 + 4.0 * 0.36 + 2.0 * 0.01) / 10.0).abs()
+                < 1e-12
+        );
     }
 }

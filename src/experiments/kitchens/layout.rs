@@ -7,7 +7,8 @@ use crate::recordings::overcooked::Abstraction;
 /// A layout.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Layout {
-    /// Two rooms with two pots between them: the players pass each other rarely. Seen with the pots.
+    /// Two rooms with two pots between them: the players pass each other rarely. Seen with the
+    /// pots.
     AsymmetricAdvantages,
     /// A ring around a counter: the players meet all the time.
     CounterCircuit,
@@ -40,6 +41,9 @@ impl FromStr for Layout {
     fn from_str(text: &str) -> Result<Self, String> {
         let names = Self::ALL.map(Self::as_str);
         let wrong = || format!("got {text:?}, expected one of {}", names.join(", "));
-        Self::ALL.into_iter().find(|layout| layout.as_str() == text).ok_or_else(wrong)
+        Self::ALL
+            .into_iter()
+            .find(|layout| layout.as_str() == text)
+            .ok_or_else(wrong)
     }
 }

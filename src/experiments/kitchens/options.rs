@@ -24,14 +24,18 @@ pub struct Options {
     pub manners: Vec<Manner>,
     /// The most passes of a network over the states.
     pub epochs: u32,
-    /// The most steps of the training games that are counted, from the first; all of them if absent.
+    /// The most steps of the training games that are counted, from the first; all of them if
+    /// absent.
     pub steps: Option<usize>,
 }
 
 impl Default for Options {
     fn default() -> Self {
         Self {
-            seeds: Seeds { number: 5, first: 1 },
+            seeds: Seeds {
+                number: 5,
+                first: 1,
+            },
             layouts: Layout::ALL.to_vec(),
             manners: Manner::ALL.to_vec(),
             epochs: Training::default().epochs as u32,
@@ -43,7 +47,12 @@ impl Default for Options {
 impl Options {
     /// Returns the worlds that are drawn, for every seed: layout after layout.
     pub fn worlds(&self) -> Vec<World> {
-        let of = |layout: Layout| self.manners.iter().map(move |manner| World { layout, manner: *manner });
+        let of = |layout: Layout| {
+            self.manners.iter().map(move |manner| World {
+                layout,
+                manner: *manner,
+            })
+        };
         self.layouts.iter().copied().flat_map(of).collect()
     }
 }

@@ -7,8 +7,14 @@ use crate::experiments::dots::{BLUE, Dots, Mark, Panel, Shape, VERMILION};
 const FIGURES: [Figure; 2] = [Figure::Auroc, Figure::F1];
 
 /// What stands for each of them.
-const MARKS: [Mark<'_>; 2] =
-    [(Shape::Disc, BLUE, "area under the ROC curve"), (Shape::Triangle, VERMILION, "F1 of what is called at P >= 0.5")];
+const MARKS: [Mark<'_>; 2] = [
+    (Shape::Disc, BLUE, "area under the ROC curve"),
+    (
+        Shape::Triangle,
+        VERMILION,
+        "F1 of what is called at P >= 0.5",
+    ),
+];
 
 /// The height of a row of panels, in pixels.
 const HEIGHT: u32 = 300;
@@ -17,22 +23,37 @@ const HEIGHT: u32 = 300;
 pub fn plot(report: &Report) -> String {
     let layouts = report.options.layouts.len() as u32;
     Dots {
-        title: format!("Influence in states that were never counted, mean and sd over {}", report.options.seeds),
+        title: format!(
+            "Influence in states that were never counted, mean and sd over {}",
+            report.options.seeds
+        ),
         size: (1_140, 74 + HEIGHT * layouts),
         rows: &Decision::ALL.map(Decision::as_str),
         marks: &MARKS,
         dashed: (0.5, "chance, for the area"),
         range: 0.0..1.0,
         beside: report.options.manners.len(),
-        panels: report.worlds.iter().map(|(world, _)| panel(report, world)).collect(),
+        panels: report
+            .worlds
+            .iter()
+            .map(|(world, _)| panel(report, world))
+            .collect(),
     }
     .svg()
 }
 
 fn panel(report: &Report, world: &World) -> Panel {
-    let row = |decision| FIGURES.map(|figure| report.findings.find(world, decision, figure)).to_vec();
+    let row = |decision| {
+        FIGURES
+            .map(|figure| report.findings.find(world, decision, figure))
+            .to_vec()
+    };
     Panel {
-        caption: format!("{}: {}", world.layout.as_str(), world.manner.as_str().replace('_', " ")),
+        caption: format!(
+            "{}: {}",
+            world.layout.as_str(),
+            world.manner.as_str().replace('_', " ")
+        ),
         rows: Decision::ALL.map(row).to_vec(),
     }
 }

@@ -1,4 +1,5 @@
-//! What a player does where they stand: fitted to what people did, then made varied enough for its influence to show.
+//! What a player does where they stand: fitted to what people did, then made varied enough for its
+//! influence to show.
 
 use std::collections::HashMap;
 
@@ -33,12 +34,20 @@ impl Habits {
             overall[index(action)] += 1.0;
         }
         let total: f64 = overall.iter().sum();
-        Self { by_position, overall: overall.map(|count| count / total) }
+        Self {
+            by_position,
+            overall: overall.map(|count| count / total),
+        }
     }
 
-    /// Returns what the player does: (count + 6 g) / (n + 6) with the whole layout's shares g, mixed with 5 % uniform, stay cut to .3.
+    /// Returns what the player does: (count + 6 g) / (n + 6) with the whole layout's shares g,
+    /// mixed with 5 % uniform, stay cut to .3.
     pub fn policy(&self, player: &Player) -> Policy {
-        let counts = self.by_position.get(&(player.x, player.y)).copied().unwrap_or_default();
+        let counts = self
+            .by_position
+            .get(&(player.x, player.y))
+            .copied()
+            .unwrap_or_default();
         let total = counts.iter().sum::<f64>() + PRIOR;
         let fitted = |action: usize| (counts[action] + PRIOR * self.overall[action]) / total;
         let mixed = |action: usize| (1.0 - UNIFORM) * fitted(action) + UNIFORM / ACTIONS as f64;

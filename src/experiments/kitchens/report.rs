@@ -23,10 +23,18 @@ pub struct Facts {
 impl Facts {
     pub(super) fn of(scene: &Scene) -> Self {
         let steps = |only_strong: bool| {
-            let wanted = scene.unseen.iter().filter(|(state, _)| !only_strong || scene.states[*state].is_strong());
+            let wanted = scene
+                .unseen
+                .iter()
+                .filter(|(state, _)| !only_strong || scene.states[*state].is_strong());
             wanted.map(|(_, steps)| steps).sum()
         };
-        Self { counted: scene.train.len(), unseen: scene.unseen.len(), steps: steps(false), strong: steps(true) }
+        Self {
+            counted: scene.train.len(),
+            unseen: scene.unseen.len(),
+            steps: steps(false),
+            strong: steps(true),
+        }
     }
 
     /// Returns the share of time steps in states with influence.
@@ -54,7 +62,13 @@ impl Report {
 
     /// Returns everything as JSON.
     pub fn json(&self) -> Value {
-        let Options { seeds, layouts, manners, epochs, steps } = &self.options;
+        let Options {
+            seeds,
+            layouts,
+            manners,
+            epochs,
+            steps,
+        } = &self.options;
         let layouts: Vec<&str> = layouts.iter().copied().map(Layout::as_str).collect();
         let manners: Vec<&str> = manners.iter().copied().map(Manner::as_str).collect();
         json!({
@@ -84,10 +98,28 @@ impl Cells for World {
 
 impl Cells for (World, Facts) {
     fn cells(&self) -> Row {
-        let (world, Facts { counted, unseen, steps, strong }) = self;
-        let facts =
-            [("counted", counted), ("unseen_states", unseen), ("test_steps", steps), ("steps_with_influence", strong)];
-        [world.cells(), facts.map(|(name, number)| (name, (*number).into())).to_vec()].concat()
+        let (
+            world,
+            Facts {
+                counted,
+                unseen,
+                steps,
+                strong,
+            },
+        ) = self;
+        let facts = [
+            ("counted", counted),
+            ("unseen_states", unseen),
+            ("test_steps", steps),
+            ("steps_with_influence", strong),
+        ];
+        [
+            world.cells(),
+            facts
+                .map(|(name, number)| (name, (*number).into()))
+                .to_vec(),
+        ]
+        .concat()
     }
 }
 

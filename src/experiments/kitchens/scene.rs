@@ -1,4 +1,5 @@
-//! A world with everything that is true of it: real visits, and what both players do in each state by design.
+//! A world with everything that is true of it: real visits, and what both players do in each state
+//! by design.
 
 use std::collections::BTreeMap;
 
@@ -38,21 +39,40 @@ pub struct Scene {
     pub states: Vec<State>,
     /// The states of the training games, step after step, as far as they are counted.
     pub train: Vec<usize>,
-    /// The states that only the test games have, each with its time steps there: what is asked about.
+    /// The states that only the test games have, each with its time steps there: what is asked
+    /// about.
     pub unseen: Vec<(usize, usize)>,
 }
 
 impl Scene {
-    /// Makes the scene of visits of which so many steps are counted. What is unseen does not depend on that.
+    /// Makes the scene of visits of which so many steps are counted. What is unseen does not depend
+    /// on that.
     pub fn of(visits: &Visits, manner: Manner, steps: Option<usize>) -> Self {
-        let states = visits.situations.iter().map(|situation| state(situation, visits, manner)).collect();
+        let states = visits
+            .situations
+            .iter()
+            .map(|situation| state(situation, visits, manner))
+            .collect();
         let mut unseen: BTreeMap<usize, usize> = BTreeMap::new();
-        visits.test.iter().for_each(|state| *unseen.entry(*state).or_default() += 1);
+        visits
+            .test
+            .iter()
+            .for_each(|state| *unseen.entry(*state).or_default() += 1);
         for state in &visits.train {
             unseen.remove(state);
         }
-        let train = visits.train.iter().copied().take(steps.unwrap_or(usize::MAX)).collect();
-        Self { schema: visits.schema.clone(), states, train, unseen: unseen.into_iter().collect() }
+        let train = visits
+            .train
+            .iter()
+            .copied()
+            .take(steps.unwrap_or(usize::MAX))
+            .collect();
+        Self {
+            schema: visits.schema.clone(),
+            states,
+            train,
+            unseen: unseen.into_iter().collect(),
+        }
     }
 
     /// Draws the actions of every step of the training games.
@@ -66,22 +86,30 @@ impl Scene {
         self.train.iter().map(&mut step).collect()
     }
 
-    /// Returns the same with the other's actions shuffled within each state: every habit stays, and nothing depends on anything.
+    /// Returns the same with the other's actions shuffled within each state: every habit stays, and
+    /// nothing depends on anything.
     pub fn shuffled(&self, drawn: &[Actions], seed: u64) -> Vec<Actions> {
         let mut random = Pcg64::seed_from_u64(!seed);
         let mut steps: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
-        self.train.iter().enumerate().for_each(|(step, state)| steps.entry(*state).or_default().push(step));
+        self.train
+            .iter()
+            .enumerate()
+            .for_each(|(step, state)| steps.entry(*state).or_default().push(step));
         let mut shuffled = drawn.to_vec();
         for steps in steps.into_values() {
             let mut others: Vec<usize> = steps.iter().map(|step| drawn[*step][1]).collect();
             others.shuffle(&mut random);
-            steps.into_iter().zip(others).for_each(|(step, other)| shuffled[step][1] = other);
+            steps
+                .into_iter()
+                .zip(others)
+                .for_each(|(step, other)| shuffled[step][1] = other);
         }
         shuffled
     }
 
-    /// Returns the steps of the training games with these actions. They have no entry flags: actions are drawn anew in each step, so that every step
-    /// is a draw of its own, however long a stay lasts.
+    /// Returns the steps of the training games with these actions. They have no entry flags:
+    /// actions are drawn anew in each step, so that every step is a draw of its own, however long a
+    /// stay lasts.
     pub fn records(&self, actions: &[Actions]) -> Vec<Record> {
         let record = |(state, actions): (&usize, &Actions)| Record {
             state: self.states[*state].values.clone(),
@@ -94,7 +122,10 @@ impl Scene {
 
     /// Returns the values of the unseen states.
     pub fn asked(&self) -> Vec<Vec<f32>> {
-        self.unseen.iter().map(|(state, _)| self.states[*state].values.clone()).collect()
+        self.unseen
+            .iter()
+            .map(|(state, _)| self.states[*state].values.clone())
+            .collect()
     }
 }
 
@@ -109,9 +140,19 @@ fn state(situation: &Situation, visits: &Visits, manner: Manner) -> State {
     let Situation { values, players } = situation;
     let [ego, other] = [0, 1].map(|player| visits.habits[player].policy(&players[player]));
     let responses = manner.responses(players, &other);
-    let joint: Vec<Vec<f64>> = ego.iter().zip(responses).map(|(p, row)| row.map(|q| p * q).to_vec()).collect();
+    let joint: Vec<Vec<f64>> = ego
+        .iter()
+        .zip(responses)
+        .map(|(p, row)| row.map(|q| p * q).to_vec())
+        .collect();
     let is_answered = manner.is_answered(players);
-    State { values: values.clone(), ego, responses, is_answered, information: information(&joint) }
+    State {
+        values: values.clone(),
+        ego,
+        responses,
+        is_answered,
+        information: information(&joint),
+    }
 }
 
 fn pick(policy: &Policy, random: &mut Pcg64) -> usize {

@@ -1,4 +1,5 @@
-//! One seed of a world: counted by a service, learned from, and asked about; and once more with shuffled actions, everything from scratch.
+//! One seed of a world: counted by a service, learned from, and asked about; and once more with
+//! shuffled actions, everything from scratch.
 
 use super::Decision;
 use super::decision::Said;
@@ -29,17 +30,37 @@ pub struct Trial {
 /// Runs a seed of a world.
 pub async fn trial(scene: &Scene, seed: u64, epochs: u32) -> Result<Trial, Problem> {
     let drawn = scene.draw(seed);
-    let truth = |(state, steps): &(usize, usize)| Truth { steps: *steps, is_strong: scene.states[*state].is_strong() };
+    let truth = |(state, steps): &(usize, usize)| Truth {
+        steps: *steps,
+        is_strong: scene.states[*state].is_strong(),
+    };
     let mut said = learned(scene, &drawn, seed, epochs).await?;
     said.extend([
-        (Decision::AllPositive, vec![Said::certainly(true); scene.unseen.len()]),
-        (Decision::Shuffled, shuffled(scene, &drawn, seed, epochs).await?),
-        (Decision::Oracle, scene.unseen.iter().map(|(at, _)| Said::certainly(scene.states[*at].is_answered)).collect()),
+        (
+            Decision::AllPositive,
+            vec![Said::certainly(true); scene.unseen.len()],
+        ),
+        (
+            Decision::Shuffled,
+            shuffled(scene, &drawn, seed, epochs).await?,
+        ),
+        (
+            Decision::Oracle,
+            scene
+                .unseen
+                .iter()
+                .map(|(at, _)| Said::certainly(scene.states[*at].is_answered))
+                .collect(),
+        ),
     ]);
-    Ok(Trial { truths: scene.unseen.iter().map(truth).collect(), said })
+    Ok(Trial {
+        truths: scene.unseen.iter().map(truth).collect(),
+        said,
+    })
 }
 
-/// Counts the steps, and asks before there is a network, then each of the networks, then the coarser tables.
+/// Counts the steps, and asks before there is a network, then each of the networks, then the
+/// coarser tables.
 async fn learned(
     scene: &Scene,
     drawn: &[Actions],
@@ -60,7 +81,12 @@ async fn learned(
     ])
 }
 
-async fn shuffled(scene: &Scene, drawn: &[Actions], seed: u64, epochs: u32) -> Result<Vec<Said>, Problem> {
+async fn shuffled(
+    scene: &Scene,
+    drawn: &[Actions],
+    seed: u64,
+    epochs: u32,
+) -> Result<Vec<Said>, Problem> {
     let service = counted(scene, &scene.shuffled(drawn, seed)).await?;
     let said = told(&service, scene, ModelKind::Joint, seed, epochs).await?;
     service.close().await?;
@@ -75,7 +101,13 @@ async fn counted(scene: &Scene, actions: &[Actions]) -> Result<Service, Problem>
 }
 
 /// Trains a network, makes it active whatever it says of itself, and asks it.
-async fn told(service: &Service, scene: &Scene, kind: ModelKind, seed: u64, epochs: u32) -> Result<Vec<Said>, Problem> {
+async fn told(
+    service: &Service,
+    scene: &Scene,
+    kind: ModelKind,
+    seed: u64,
+    epochs: u32,
+) -> Result<Vec<Said>, Problem> {
     let draft = TrainingDraft {
         kind: Some(kind.as_str().into()),
         epochs: Some(epochs.into()),
@@ -88,10 +120,19 @@ async fn told(service: &Service, scene: &Scene, kind: ModelKind, seed: u64, epoc
 }
 
 async fn asked(service: &Service, scene: &Scene) -> Result<Vec<Said>, Problem> {
-    let question = QuestionDraft { view: Some(View::Figures.as_str().into()), ..QuestionDraft::default() };
+    let question = QuestionDraft {
+        view: Some(View::Figures.as_str().into()),
+        ..QuestionDraft::default()
+    };
     let answers = service.ask(&scene.asked(), &question).await?;
     let said: Option<Vec<Said>> = answers.iter().map(Said::of).collect();
-    said.ok_or_else(|| Problem::new(ErrorKind::Internal, "INTERNAL", "an answer has no probability"))
+    said.ok_or_else(|| {
+        Problem::new(
+            ErrorKind::Internal,
+            "INTERNAL",
+            "an answer has no probability",
+        )
+    })
 }
 
 async fn backed_off(service: &Service, scene: &Scene) -> Result<Vec<Said>, Problem> {
@@ -99,7 +140,10 @@ async fn backed_off(service: &Service, scene: &Scene) -> Result<Vec<Said>, Probl
     let every: Vec<usize> = (0..dataset.examples.len()).collect();
     let back_off = BackOff::new(&dataset, &every);
     let said = |state: &Vec<f32>| {
-        let table = back_off.table(&service.key(state)?).cloned().unwrap_or_default();
+        let table = back_off
+            .table(&service.key(state)?)
+            .cloned()
+            .unwrap_or_default();
         Ok(Said::by(dataset.above(&table)))
     };
     scene.asked().iter().map(said).collect()

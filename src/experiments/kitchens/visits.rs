@@ -1,4 +1,5 @@
-//! What is real: the states that people were in, in which order, and what they did where they stood.
+//! What is real: the states that people were in, in which order, and what they did where they
+//! stood.
 
 use std::collections::HashMap;
 
@@ -37,17 +38,37 @@ impl Visits {
         let world = World::new(kitchen, layout.abstraction());
         let [train, test] = embedded().map(|(_, games)| steps(games, layout));
         let habits = [0, 1].map(|player| {
-            Habits::of(train.iter().chain(&test).map(|step| (step.players[player], step.actions[player])))
+            Habits::of(
+                train
+                    .iter()
+                    .chain(&test)
+                    .map(|step| (step.players[player], step.actions[player])),
+            )
         });
-        let mut seen = Seen { world: &world, places: HashMap::new(), situations: Vec::new() };
-        let [train, test] = [train, test].map(|steps| steps.iter().map(|step| seen.place(step)).collect());
-        Self { schema: world.description(), situations: seen.situations, train, test, habits }
+        let mut seen = Seen {
+            world: &world,
+            places: HashMap::new(),
+            situations: Vec::new(),
+        };
+        let [train, test] =
+            [train, test].map(|steps| steps.iter().map(|step| seen.place(step)).collect());
+        Self {
+            schema: world.description(),
+            situations: seen.situations,
+            train,
+            test,
+            habits,
+        }
     }
 }
 
 fn steps(games: &[u8], layout: Layout) -> Vec<Step> {
     let games: Vec<Game> = read(games).expect("it comes with the program, and a test reads it");
-    games.into_iter().filter(|game| game.layout == layout.as_str()).flat_map(|game| game.steps).collect()
+    games
+        .into_iter()
+        .filter(|game| game.layout == layout.as_str())
+        .flat_map(|game| game.steps)
+        .collect()
 }
 
 /// The states seen so far, each with its place among them.
@@ -62,7 +83,10 @@ impl Seen<'_> {
         let (values, _) = self.world.values(step);
         let labels = values.iter().map(|value| *value as u32).collect();
         *self.places.entry(labels).or_insert_with(|| {
-            self.situations.push(Situation { values, players: step.players });
+            self.situations.push(Situation {
+                values,
+                players: step.players,
+            });
             self.situations.len() - 1
         })
     }

@@ -10,24 +10,60 @@ const ROUNDING: f64 = 1e-12;
 
 #[test]
 fn auc_counts_pairs_in_order_and_ties_half() {
-    assert_eq!(auc(&[(0.1, false), (0.4, true), (0.35, false), (0.8, true)]), Some(1.0));
+    assert_eq!(
+        auc(&[(0.1, false), (0.4, true), (0.35, false), (0.8, true)]),
+        Some(1.0)
+    );
     // scikit-learn 1.7, roc_auc_score([0, 0, 1, 1], [0.1, 0.4, 0.35, 0.8])
-    assert_eq!(auc(&[(0.1, false), (0.4, false), (0.35, true), (0.8, true)]), Some(0.75));
+    assert_eq!(
+        auc(&[(0.1, false), (0.4, false), (0.35, true), (0.8, true)]),
+        Some(0.75)
+    );
     // Of four pairs one is in order and two are tied.
-    assert_eq!(auc(&[(1.0, true), (2.0, true), (1.0, false), (2.0, false)]), Some(0.5));
+    assert_eq!(
+        auc(&[(1.0, true), (2.0, true), (1.0, false), (2.0, false)]),
+        Some(0.5)
+    );
     assert_eq!(auc(&[(1.0, true), (2.0, true)]), None);
     assert_eq!(auc(&[]), None);
 }
 
 #[test]
 fn hits_are_shares_of_what_was_called_and_of_what_is_so() {
-    let hits = Hits::of([(true, true), (true, true), (true, false), (false, true), (false, false), (true, true)]);
-    assert_eq!(hits, Hits { right: 3, wrong: 1, missed: 1 });
-    assert_eq!((hits.precision(), hits.recall(), hits.f1()), (Some(0.75), Some(0.75), Some(0.75)));
+    let hits = Hits::of([
+        (true, true),
+        (true, true),
+        (true, false),
+        (false, true),
+        (false, false),
+        (true, true),
+    ]);
+    assert_eq!(
+        hits,
+        Hits {
+            right: 3,
+            wrong: 1,
+            missed: 1
+        }
+    );
+    assert_eq!(
+        (hits.precision(), hits.recall(), hits.f1()),
+        (Some(0.75), Some(0.75), Some(0.75))
+    );
     let silent = Hits::of([(false, true)]);
-    assert_eq!((silent.precision(), silent.recall(), silent.f1()), (None, Some(0.0), Some(0.0)));
+    assert_eq!(
+        (silent.precision(), silent.recall(), silent.f1()),
+        (None, Some(0.0), Some(0.0))
+    );
     let nothing_there = Hits::of([(true, false)]);
-    assert_eq!((nothing_there.precision(), nothing_there.recall(), nothing_there.f1()), (Some(0.0), None, None));
+    assert_eq!(
+        (
+            nothing_there.precision(),
+            nothing_there.recall(),
+            nothing_there.f1()
+        ),
+        (Some(0.0), None, None)
+    );
 }
 
 #[test]
@@ -35,13 +71,23 @@ fn a_spread_is_over_seeds() {
     let spread = Spread::of(&[1.0, 2.0, 3.0, 6.0]).expect("four");
     assert_eq!((spread.mean, spread.seeds), (3.0, 4));
     assert!((spread.sd.expect("more than one") - (14.0_f64 / 3.0).sqrt()).abs() < ROUNDING);
-    assert_eq!(Spread::of(&[2.5]), Some(Spread { mean: 2.5, sd: None, seeds: 1 }));
+    assert_eq!(
+        Spread::of(&[2.5]),
+        Some(Spread {
+            mean: 2.5,
+            sd: None,
+            seeds: 1
+        })
+    );
     assert_eq!(Spread::of(&[]), None);
 }
 
 #[test]
 fn errors_are_squared_before_they_are_averaged() {
-    assert_eq!(rmse([(1.0, 4.0), (2.0, -3.0), (0.0, 0.0)]), Some((34.0_f64 / 3.0).sqrt()));
+    assert_eq!(
+        rmse([(1.0, 4.0), (2.0, -3.0), (0.0, 0.0)]),
+        Some((34.0_f64 / 3.0).sqrt())
+    );
     assert_eq!(rmse([]), None);
     assert_eq!(frequency([true, false, false, true]), Some(0.5));
 }

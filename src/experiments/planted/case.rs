@@ -40,6 +40,9 @@ impl Case {
     /// Returns an estimate of mutual information in nats, where it was asked for.
     pub fn estimate(&self, estimator: Estimator) -> Option<f64> {
         let estimates = &self.figures()?.estimates;
-        estimates.iter().find(|(name, _)| *name == estimator.as_str()).map(|(_, estimate)| *estimate)
+        estimates
+            .iter()
+            .find(|(name, _)| *name == estimator.as_str())
+            .map(|(_, estimate)| *estimate)
     }
 }

@@ -16,14 +16,21 @@ pub enum Decision {
     Nsb,
     /// The p-value of a permutation test of independence.
     Permutation,
-    /// The default rule: independence weighed against dependence, by a prior fitted over all states.
+    /// The default rule: independence weighed against dependence, by a prior fitted over all
+    /// states.
     SpikeAndSlab,
 }
 
 impl Decision {
     /// Every decision, in the order in which they are told.
-    pub const ALL: [Self; 6] =
-        [Self::PlugIn, Self::PapersFilter, Self::Excess, Self::Nsb, Self::Permutation, Self::SpikeAndSlab];
+    pub const ALL: [Self; 6] = [
+        Self::PlugIn,
+        Self::PapersFilter,
+        Self::Excess,
+        Self::Nsb,
+        Self::Permutation,
+        Self::SpikeAndSlab,
+    ];
 
     /// Those that end in a verdict.
     pub const WITH_VERDICT: [Self; 2] = [Self::PapersFilter, Self::SpikeAndSlab];
@@ -49,19 +56,24 @@ impl Decision {
             Self::Excess => case.estimate(Estimator::Excess),
             Self::Nsb => case.estimate(Estimator::Nsb),
             Self::Permutation => case.p_value().map(|p| -p),
-            Self::SpikeAndSlab => case.evidence().map(|evidence| evidence.probability.dependent),
+            Self::SpikeAndSlab => case
+                .evidence()
+                .map(|evidence| evidence.probability.dependent),
         }
     }
 
     /// Returns what it ranks states by when asked for strong influence.
     pub(super) fn score_strong(self, case: &Case) -> Option<f64> {
         match self {
-            Self::SpikeAndSlab => case.evidence().map(|evidence| evidence.probability.above_threshold),
+            Self::SpikeAndSlab => case
+                .evidence()
+                .map(|evidence| evidence.probability.above_threshold),
             _ => self.score(case),
         }
     }
 
-    /// Returns its estimate of mutual information, in nats. Some may be negative, which everybody who knows what they estimate reads as none.
+    /// Returns its estimate of mutual information, in nats. Some may be negative, which everybody
+    /// who knows what they estimate reads as none.
     pub(super) fn estimate(self, case: &Case) -> Option<f64> {
         match self {
             Self::PlugIn | Self::Excess | Self::Nsb => self.score(case).map(|score| score.max(0.0)),
@@ -74,7 +86,9 @@ impl Decision {
     pub(super) fn calls(self, case: &Case) -> Option<bool> {
         match self {
             Self::PapersFilter => Some(case.paper == Verdict::Influences),
-            Self::SpikeAndSlab => case.evidence().map(|evidence| evidence.probability.above_threshold > 0.5),
+            Self::SpikeAndSlab => case
+                .evidence()
+                .map(|evidence| evidence.probability.above_threshold > 0.5),
             _ => self.estimate(case).map(is_strong),
         }
     }

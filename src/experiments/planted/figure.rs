@@ -6,10 +6,12 @@ use crate::domain::{Dependence, Rule, Verdict};
 use crate::experiments::findings;
 use crate::experiments::measures::{Hits, auc, frequency, mean, rmse};
 
-/// By what a decision is judged. Where it speaks of influence, it is mutual information above half a nat.
+/// By what a decision is judged. Where it speaks of influence, it is mutual information above half
+/// a nat.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Figure {
-    /// How well its score tells states where influence was planted from others: area under the ROC curve.
+    /// How well its score tells states where influence was planted from others: area under the ROC
+    /// curve.
     AucPlanted,
     /// The same for states in which more than half a nat was planted.
     AucStrong,
@@ -43,7 +45,8 @@ pub enum Figure {
     ExcludedIfDependent,
     /// The share of independent states whose dependence is established.
     EstablishedIfIndependent,
-    /// At the verdict: the share of states that are decided, of those seen 10,000 times and not near the threshold.
+    /// At the verdict: the share of states that are decided, of those seen 10,000 times and not
+    /// near the threshold.
     DecidedByMany,
     /// At the verdict: the share of these that are decided wrongly.
     WrongByMany,
@@ -128,66 +131,122 @@ impl Figure {
 
     /// Measures a decision; `None` where this says nothing of it.
     fn of(self, decision: Decision, cases: &[Case]) -> Option<f64> {
-        let verdicts = || each(cases, |case| Some((decision.verdict(case)?, is_strong(case.information))));
-        let called = || Some(verdicts()?.into_iter().map(|(verdict, strong)| (verdict == Verdict::Influences, strong)));
-        let evidence = || each(cases, Case::evidence).filter(|_| decision == Decision::SpikeAndSlab);
+        let verdicts = || {
+            each(cases, |case| {
+                Some((decision.verdict(case)?, is_strong(case.information)))
+            })
+        };
+        let called = || {
+            Some(
+                verdicts()?
+                    .into_iter()
+                    .map(|(verdict, strong)| (verdict == Verdict::Influences, strong)),
+            )
+        };
+        let evidence =
+            || each(cases, Case::evidence).filter(|_| decision == Decision::SpikeAndSlab);
         let covered = |wanted: fn(&Case) -> bool| {
-            let holds = |(case, [lower, upper]): (&Case, [f64; 2])| (lower..=upper).contains(&case.information);
-            let intervals = cases.iter().zip(evidence()?.into_iter().map(|evidence| evidence.interval));
+            let holds = |(case, [lower, upper]): (&Case, [f64; 2])| {
+                (lower..=upper).contains(&case.information)
+            };
+            let intervals = cases
+                .iter()
+                .zip(evidence()?.into_iter().map(|evidence| evidence.interval));
             frequency(intervals.filter(|(case, _)| wanted(case)).map(holds))
         };
         let established = || {
-            let established = evidence()?.into_iter().map(|told| told.dependence == Dependence::Established);
+            let established = evidence()?
+                .into_iter()
+                .map(|told| told.dependence == Dependence::Established);
             Some(established.zip(cases.iter().map(Case::is_dependent)))
         };
         let told = |dependence: Dependence, wanted: fn(&Case) -> bool| {
-            let told = cases.iter().zip(evidence()?).filter(|(case, _)| wanted(case));
+            let told = cases
+                .iter()
+                .zip(evidence()?)
+                .filter(|(case, _)| wanted(case));
             frequency(told.map(|(_, evidence)| evidence.dependence == dependence))
         };
         let judged = |wanted: fn(&Case) -> bool, so: fn(Verdict, bool) -> bool| {
-            let judged = cases.iter().zip(verdicts()?).filter(|(case, _)| wanted(case));
+            let judged = cases
+                .iter()
+                .zip(verdicts()?)
+                .filter(|(case, _)| wanted(case));
             frequency(judged.map(|(_, (verdict, strong))| so(verdict, strong)))
         };
         match self {
-            Self::AucPlanted => auc(&each(cases, |case| Some((decision.score(case)?, case.planted)))?),
-            Self::AucStrong => {
-                auc(&each(cases, |case| Some((decision.score_strong(case)?, is_strong(case.planted_information))))?)
-            }
-            Self::F1 => Hits::of(each(cases, |case| Some((decision.calls(case)?, is_strong(case.information))))?).f1(),
-            Self::Rmse => rmse(each(cases, |case| Some((decision.estimate(case)?, case.information)))?),
+            Self::AucPlanted => auc(&each(cases, |case| {
+                Some((decision.score(case)?, case.planted))
+            })?),
+            Self::AucStrong => auc(&each(cases, |case| {
+                Some((
+                    decision.score_strong(case)?,
+                    is_strong(case.planted_information),
+                ))
+            })?),
+            Self::F1 => Hits::of(each(cases, |case| {
+                Some((decision.calls(case)?, is_strong(case.information)))
+            })?)
+            .f1(),
+            Self::Rmse => rmse(each(cases, |case| {
+                Some((decision.estimate(case)?, case.information))
+            })?),
             Self::Coverage => covered(|_| true),
             Self::CoverageDependent => covered(Case::is_dependent),
             Self::Precision => Hits::of(called()?).precision(),
             Self::Recall => Hits::of(called()?).recall(),
-            Self::Undecided => frequency(verdicts()?.into_iter().map(|(verdict, _)| verdict == Verdict::Undecided)),
+            Self::Undecided => frequency(
+                verdicts()?
+                    .into_iter()
+                    .map(|(verdict, _)| verdict == Verdict::Undecided),
+            ),
             Self::Called => frequency(called()?.map(|(called, _)| called)),
             Self::FalselyCalled => frequency(called()?.map(|(called, strong)| called && !strong)),
-            Self::MeanProbability => mean(evidence()?.into_iter().map(|evidence| evidence.probability.dependent)),
+            Self::MeanProbability => mean(
+                evidence()?
+                    .into_iter()
+                    .map(|evidence| evidence.probability.dependent),
+            ),
             Self::Established => frequency(established()?.map(|(established, _)| established)),
-            Self::FalselyEstablished => frequency(established()?.map(|(established, so)| established && !so)),
+            Self::FalselyEstablished => {
+                frequency(established()?.map(|(established, so)| established && !so))
+            }
             Self::FalseAlarms => {
                 let independent = cases.iter().filter(|case| !case.is_dependent());
                 let p_values = independent.map(Case::p_value).collect::<Option<Vec<f64>>>();
-                frequency(p_values.filter(|_| decision == Decision::Permutation)?.into_iter().map(|p| p <= LEVEL))
+                frequency(
+                    p_values
+                        .filter(|_| decision == Decision::Permutation)?
+                        .into_iter()
+                        .map(|p| p <= LEVEL),
+                )
             }
             Self::ExcludedIfDependent => told(Dependence::Excluded, Case::is_dependent),
-            Self::EstablishedIfIndependent => told(Dependence::Established, |case| !case.is_dependent()),
+            Self::EstablishedIfIndependent => {
+                told(Dependence::Established, |case| !case.is_dependent())
+            }
             Self::DecidedByMany => judged(is_settled, |verdict, _| verdict != Verdict::Undecided),
             Self::WrongByMany => judged(is_settled, is_wrong),
-            Self::UndecidedByFew => {
-                judged(|case| case.answer.visits <= FEW, |verdict, _| verdict == Verdict::Undecided)
-            }
+            Self::UndecidedByFew => judged(
+                |case| case.answer.visits <= FEW,
+                |verdict, _| verdict == Verdict::Undecided,
+            ),
         }
     }
 }
 
 /// Measures decisions by figures.
 pub fn measure(decisions: &[Decision], figures: &[Figure], cases: &[Case]) -> Measured {
-    let pairs = decisions.iter().flat_map(|decision| figures.iter().map(|figure| (*decision, *figure)));
-    pairs.map(|(decision, figure)| (decision, figure, figure.of(decision, cases))).collect()
+    let pairs = decisions
+        .iter()
+        .flat_map(|decision| figures.iter().map(|figure| (*decision, *figure)));
+    pairs
+        .map(|(decision, figure)| (decision, figure, figure.of(decision, cases)))
+        .collect()
 }
 
-/// Returns whether a state was seen so often, with mutual information so far from the threshold, that its verdict is settled.
+/// Returns whether a state was seen so often, with mutual information so far from the threshold,
+/// that its verdict is settled.
 fn is_settled(case: &Case) -> bool {
     case.answer.visits >= MANY && (case.information - Rule::default().threshold_nats()).abs() > NEAR
 }

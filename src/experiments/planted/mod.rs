@@ -1,8 +1,11 @@
-//! Planted influence: worlds in which it is known which states have influence and how much, and what each way of deciding makes of them.
+//! Planted influence: worlds in which it is known which states have influence and how much, and
+//! what each way of deciding makes of them.
 //!
-//! Three generators of states, each beside two arms that take something away: where the other's actions are shuffled nothing is left to find, and
-//! where a state without influence has the margins of one with influence, margins give nothing away. Then worlds of other sizes, with influence
-//! nowhere, in some states and everywhere. And hard worlds, which the evidence was not built on: other alphabets, other habits, other volumes.
+//! Three generators of states, each beside two arms that take something away: where the other's
+//! actions are shuffled nothing is left to find, and where a state without influence has the
+//! margins of one with influence, margins give nothing away. Then worlds of other sizes, with
+//! influence nowhere, in some states and everywhere. And hard worlds, which the evidence was not
+//! built on: other alphabets, other habits, other volumes.
 
 mod case;
 mod decision;
@@ -37,8 +40,18 @@ const AT_ONCE: usize = 2;
 /// Runs the experiment; `done` is called after each world of each seed.
 pub async fn run(options: &Options, done: impl FnMut()) -> Result<Report, Problem> {
     let decisions = |world: &World| options.decisions(world);
-    let findings = measured(&options.worlds(), options.seeds, decisions, &Figure::USUAL, done).await?;
-    Ok(Report { options: *options, findings })
+    let findings = measured(
+        &options.worlds(),
+        options.seeds,
+        decisions,
+        &Figure::USUAL,
+        done,
+    )
+    .await?;
+    Ok(Report {
+        options: *options,
+        findings,
+    })
 }
 
 /// Measures the decisions that are made in each world, for every seed.
@@ -49,15 +62,26 @@ async fn measured(
     figures: &[Figure],
     mut done: impl FnMut(),
 ) -> Result<Findings, Problem> {
-    let runs = worlds.iter().flat_map(|world| seeds.iter().map(|seed| (*world, seed)));
+    let runs = worlds
+        .iter()
+        .flat_map(|world| seeds.iter().map(|seed| (*world, seed)));
     let run = async |(world, seed): (World, u64)| -> Result<Measured, Problem> {
         let decisions = decisions(&world);
-        Ok(figure::measure(decisions, figures, &world.cases(seed, decisions).await?))
+        Ok(figure::measure(
+            decisions,
+            figures,
+            &world.cases(seed, decisions).await?,
+        ))
     };
-    let measured = stream::iter(runs).map(run).buffered(AT_ONCE).inspect_ok(|_| done());
+    let measured = stream::iter(runs)
+        .map(run)
+        .buffered(AT_ONCE)
+        .inspect_ok(|_| done());
     let measured: Vec<Measured> = measured.try_collect().await?;
 
     let worlds = worlds.iter().zip(measured.chunks(seeds.number as usize));
-    let findings = worlds.flat_map(|(world, of_seeds)| findings::over_seeds(*world, of_seeds)).collect();
+    let findings = worlds
+        .flat_map(|(world, of_seeds)| findings::over_seeds(*world, of_seeds))
+        .collect();
     Ok(findings::Findings(findings))
 }

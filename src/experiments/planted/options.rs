@@ -24,38 +24,67 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self { seeds: Seeds { number: 10, first: 1 }, states: 2_500 }
+        Self {
+            seeds: Seeds {
+                number: 10,
+                first: 1,
+            },
+            states: 2_500,
+        }
     }
 }
 
 impl Options {
     /// Returns the sizes of worlds, ascending.
     pub fn sizes(&self) -> Vec<usize> {
-        FEWER_STATES.into_iter().filter(|fewer| *fewer < self.states).chain([self.states]).collect()
+        FEWER_STATES
+            .into_iter()
+            .filter(|fewer| *fewer < self.states)
+            .chain([self.states])
+            .collect()
     }
 
     /// Returns the world of a generator and an arm on which all decisions are compared.
     pub fn compared(&self, generator: Generator, arm: Arm) -> World {
-        World { generator, arm, states: self.states, dependent: USUAL_SHARE }
+        World {
+            generator,
+            arm,
+            states: self.states,
+            dependent: USUAL_SHARE,
+        }
     }
 
-    /// Returns the worlds that are drawn, for every seed: those on which all decisions are compared, then those of other sizes and shares.
+    /// Returns the worlds that are drawn, for every seed: those on which all decisions are
+    /// compared, then those of other sizes and shares.
     pub fn worlds(&self) -> Vec<World> {
-        let compared = Generator::USUAL
-            .into_iter()
-            .flat_map(|generator| [Arm::Plain, Arm::LeakFree, Arm::Shuffled].map(|arm| self.compared(generator, arm)));
+        let compared = Generator::USUAL.into_iter().flat_map(|generator| {
+            [Arm::Plain, Arm::LeakFree, Arm::Shuffled].map(|arm| self.compared(generator, arm))
+        });
         let varied = Generator::USUAL.into_iter().flat_map(|generator| {
-            let varied = self.sizes().into_iter().flat_map(|states| SHARES.map(|dependent| (states, dependent)));
-            varied.map(move |(states, dependent)| World { generator, arm: Arm::Plain, states, dependent })
+            let varied = self
+                .sizes()
+                .into_iter()
+                .flat_map(|states| SHARES.map(|dependent| (states, dependent)));
+            varied.map(move |(states, dependent)| World {
+                generator,
+                arm: Arm::Plain,
+                states,
+                dependent,
+            })
         });
         let compared: Vec<World> = compared.collect();
         let varied: Vec<World> = varied.filter(|world| !compared.contains(world)).collect();
         [compared, varied].concat()
     }
 
-    /// Returns the decisions that are made in a world: all of them where they are compared, else only those that end in a verdict.
+    /// Returns the decisions that are made in a world: all of them where they are compared, else
+    /// only those that end in a verdict.
     pub(super) fn decisions(&self, world: &World) -> &'static [Decision] {
         let is_compared = *world == self.compared(world.generator, world.arm);
-        if is_compared { &Decision::ALL } else { &Decision::WITH_VERDICT }
+        if is_compared {
+            &Decision::ALL
+        } else {
+            &Decision::WITH_VERDICT
+        }
     }
 }

@@ -1,4 +1,5 @@
-//! The plot: how well each decision tells states with influence from others, beside the arms in which there is less to go by, or nothing.
+//! The plot: how well each decision tells states with influence from others, beside the arms in
+//! which there is less to go by, or nothing.
 
 use std::ops::Range;
 
@@ -8,8 +9,13 @@ use crate::experiments::findings::Finding;
 use crate::simulation::planted::{Arm, Generator};
 
 /// Decisions with a score, from the top.
-const ROWS: [Decision; 5] =
-    [Decision::PlugIn, Decision::Excess, Decision::Nsb, Decision::Permutation, Decision::SpikeAndSlab];
+const ROWS: [Decision; 5] = [
+    Decision::PlugIn,
+    Decision::Excess,
+    Decision::Nsb,
+    Decision::Permutation,
+    Decision::SpikeAndSlab,
+];
 
 /// The arms of a row, from the top.
 const ARMS: [Arm; 3] = [Arm::Plain, Arm::LeakFree, Arm::Shuffled];
@@ -18,39 +24,65 @@ const ARMS: [Arm; 3] = [Arm::Plain, Arm::LeakFree, Arm::Shuffled];
 const MARKS: [Mark<'_>; 3] = [
     (Shape::Disc, BLUE, "as drawn"),
     (Shape::Triangle, VERMILION, "margins give nothing away"),
-    (Shape::Ring, GREY, "the other's actions shuffled: nothing to find"),
+    (
+        Shape::Ring,
+        GREY,
+        "the other's actions shuffled: nothing to find",
+    ),
 ];
 
 /// Draws the report as SVG.
 pub fn plot(report: &Report) -> String {
     let seeds = report.options.seeds;
     Dots {
-        title: format!("Which states have influence? Area under the ROC curve, mean and sd over {seeds}"),
+        title: format!(
+            "Which states have influence? Area under the ROC curve, mean and sd over {seeds}"
+        ),
         size: (1_140, 430),
         rows: &ROWS.map(Decision::as_str),
         marks: &MARKS,
         dashed: (0.5, "chance"),
         range: areas(report),
         beside: Generator::USUAL.len(),
-        panels: Generator::USUAL.map(|generator| panel(report, generator)).into(),
+        panels: Generator::USUAL
+            .map(|generator| panel(report, generator))
+            .into(),
     }
     .svg()
 }
 
 fn panel(report: &Report, generator: Generator) -> Panel {
     let letters = generator.alphabet().rows;
-    let area =
-        |decision, arm| report.findings.find(&report.options.compared(generator, arm), decision, Figure::AucPlanted);
+    let area = |decision, arm| {
+        report.findings.find(
+            &report.options.compared(generator, arm),
+            decision,
+            Figure::AucPlanted,
+        )
+    };
     Panel {
-        caption: format!("{}: {letters} x {letters} actions", generator_name(generator)),
-        rows: ROWS.map(|decision| ARMS.map(|arm| area(decision, arm)).to_vec()).to_vec(),
+        caption: format!(
+            "{}: {letters} x {letters} actions",
+            generator_name(generator)
+        ),
+        rows: ROWS
+            .map(|decision| ARMS.map(|arm| area(decision, arm)).to_vec())
+            .to_vec(),
     }
 }
 
 /// Returns what is shown: chance, 1, and a little below the lowest of all.
 fn areas(report: &Report) -> Range<f64> {
-    let compared = |finding: &&Finding<World, Decision, Figure>| finding.world.states == report.options.states;
-    let areas = report.findings.0.iter().filter(compared).filter(|finding| finding.figure == Figure::AucPlanted);
-    let lowest = areas.map(|finding| within_sd(finding.spread)[0]).fold(0.5, f64::min);
+    let compared =
+        |finding: &&Finding<World, Decision, Figure>| finding.world.states == report.options.states;
+    let areas = report
+        .findings
+        .0
+        .iter()
+        .filter(compared)
+        .filter(|finding| finding.figure == Figure::AucPlanted);
+    let lowest = areas
+        .map(|finding| within_sd(finding.spread)[0])
+        .fold(0.5, f64::min);
     lowest - 0.03..1.0
 }

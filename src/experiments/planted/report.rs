@@ -14,7 +14,10 @@ impl Plan<World, Decision, Figure> for Options {
     const EXPERIMENT: &'static str = "planted";
 
     fn parameters(&self) -> Value {
-        let Options { seeds: Seeds { number, first }, states } = self;
+        let Options {
+            seeds: Seeds { number, first },
+            states,
+        } = self;
         json!({"seeds": number, "first_seed": first, "states": states})
     }
 

@@ -18,35 +18,90 @@ pub(super) const CALLS: f64 = 20.0;
 
 type Bounds = (Decision, Figure, fn(f64) -> Bound, [f64; 3]);
 
-/// For G1, G2 and G3: 2,500 states of which 30 % have influence, seen between once and 500 times; means over ten seeds and more.
+/// For G1, G2 and G3: 2,500 states of which 30 % have influence, seen between once and 500 times;
+/// means over ten seeds and more.
 const TARGETS: [Bounds; 7] = [
-    (Decision::SpikeAndSlab, Figure::AucPlanted, Bound::AtLeast, [0.84, 0.91, 0.88]),
-    (Decision::SpikeAndSlab, Figure::F1, Bound::AtLeast, [0.43, 0.63, 0.50]),
-    (Decision::SpikeAndSlab, Figure::Rmse, Bound::AtMost, [0.139, 0.196, 0.154]),
-    (Decision::SpikeAndSlab, Figure::Coverage, Bound::AtLeast, [0.90; 3]),
-    (Decision::SpikeAndSlab, Figure::CoverageDependent, Bound::AtLeast, [0.90; 3]),
-    (Decision::SpikeAndSlab, Figure::Precision, Bound::AtLeast, [RIGHT; 3]),
-    (Decision::Permutation, Figure::FalseAlarms, Bound::AtMost, [0.052; 3]),
+    (
+        Decision::SpikeAndSlab,
+        Figure::AucPlanted,
+        Bound::AtLeast,
+        [0.84, 0.91, 0.88],
+    ),
+    (
+        Decision::SpikeAndSlab,
+        Figure::F1,
+        Bound::AtLeast,
+        [0.43, 0.63, 0.50],
+    ),
+    (
+        Decision::SpikeAndSlab,
+        Figure::Rmse,
+        Bound::AtMost,
+        [0.139, 0.196, 0.154],
+    ),
+    (
+        Decision::SpikeAndSlab,
+        Figure::Coverage,
+        Bound::AtLeast,
+        [0.90; 3],
+    ),
+    (
+        Decision::SpikeAndSlab,
+        Figure::CoverageDependent,
+        Bound::AtLeast,
+        [0.90; 3],
+    ),
+    (
+        Decision::SpikeAndSlab,
+        Figure::Precision,
+        Bound::AtLeast,
+        [RIGHT; 3],
+    ),
+    (
+        Decision::Permutation,
+        Figure::FalseAlarms,
+        Bound::AtMost,
+        [0.052; 3],
+    ),
 ];
 
-/// Returns every target beside what was measured; that of precision only where enough is called to tell.
+/// Returns every target beside what was measured; that of precision only where enough is called to
+/// tell.
 pub(super) fn targets(options: &Options, findings: &Findings) -> Vec<Target> {
     let of = |(decision, figure, bound, bounds): Bounds| {
-        Generator::USUAL.into_iter().zip(bounds).filter_map(move |(generator, at)| {
-            let world = options.compared(generator, Arm::Plain);
-            let measured = findings.find(&world, decision, figure).map(|spread| spread.mean);
-            let told = is_told(findings, &world, decision, figure);
-            told.then_some(Target { world, decision, figure, bound: bound(at), measured })
-        })
+        Generator::USUAL
+            .into_iter()
+            .zip(bounds)
+            .filter_map(move |(generator, at)| {
+                let world = options.compared(generator, Arm::Plain);
+                let measured = findings
+                    .find(&world, decision, figure)
+                    .map(|spread| spread.mean);
+                let told = is_told(findings, &world, decision, figure);
+                told.then_some(Target {
+                    world,
+                    decision,
+                    figure,
+                    bound: bound(at),
+                    measured,
+                })
+            })
     };
     TARGETS.into_iter().flat_map(of).collect()
 }
 
 /// Returns whether a figure says something: precision only where enough was called over all seeds.
-pub(super) fn is_told(findings: &Findings, world: &World, decision: Decision, figure: Figure) -> bool {
+pub(super) fn is_told(
+    findings: &Findings,
+    world: &World,
+    decision: Decision,
+    figure: Figure,
+) -> bool {
     if figure != Figure::Precision {
         return true;
     }
     let called = findings.find(world, decision, Figure::Called);
-    called.is_some_and(|share| (share.mean * world.states as f64 * share.seeds as f64).round() >= CALLS)
+    called.is_some_and(|share| {
+        (share.mean * world.states as f64 * share.seeds as f64).round() >= CALLS
+    })
 }

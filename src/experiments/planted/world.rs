@@ -2,7 +2,9 @@
 
 use super::case::Case;
 use super::decision::Decision;
-use crate::domain::draft::{AgentDraft, FeatureDraft, KindDraft, PairDraft, QuestionDraft, RuleDraft, SchemaDraft};
+use crate::domain::draft::{
+    AgentDraft, FeatureDraft, KindDraft, PairDraft, QuestionDraft, RuleDraft, SchemaDraft,
+};
 use crate::domain::{Answer, Entry, Estimator, Label, Record, RuleKind, View};
 use crate::error::Problem;
 use crate::experiments::service::Service;
@@ -58,7 +60,15 @@ impl World {
     /// Draws the world, sends it to a service and asks about every state.
     pub async fn cases(&self, seed: u64, decisions: &[Decision]) -> Result<Vec<Case>, Problem> {
         let dependent = f64::from(self.dependent) / 100.0;
-        let drawn = planted(self.generator, &Options { states: self.states, dependent, arm: self.arm, seed });
+        let drawn = planted(
+            self.generator,
+            &Options {
+                states: self.states,
+                dependent,
+                arm: self.arm,
+                seed,
+            },
+        );
         let mut service = Service::open(&self.schema()).await?;
         for (segment, records) in sent(&drawn) {
             service.count(segment.as_ref(), &records).await?;
@@ -71,36 +81,70 @@ impl World {
         let case = |((state, answer), paper): ((Planted, Answer), Answer)| Case {
             planted: state.dependent,
             planted_information: state.information,
-            information: if self.arm == Arm::Shuffled { 0.0 } else { state.information },
+            information: if self.arm == Arm::Shuffled {
+                0.0
+            } else {
+                state.information
+            },
             answer,
             paper: paper.verdict,
         };
-        Ok(drawn.into_iter().zip(answers).zip(papers).map(case).collect())
+        Ok(drawn
+            .into_iter()
+            .zip(answers)
+            .zip(papers)
+            .map(case)
+            .collect())
     }
 
     /// Describes the environment: the state is a number, and each agent has one action.
     fn schema(&self) -> SchemaDraft {
         let integer = |name: &str, values: u64| {
             let kinds = vec![KindDraft::Integer(0, values as i64 - 1)];
-            FeatureDraft { name: name.into(), unit: None, kinds }
+            FeatureDraft {
+                name: name.into(),
+                unit: None,
+                kinds,
+            }
         };
-        let agent = |name: &str, actions| AgentDraft { name: name.into(), action: vec![integer("action", actions)] };
+        let agent = |name: &str, actions| AgentDraft {
+            name: name.into(),
+            action: vec![integer("action", actions)],
+        };
         let alphabet = self.generator.alphabet();
         SchemaDraft {
             state: vec![integer("state", self.states as u64)],
-            agents: vec![agent("ego", alphabet.rows), agent("other", alphabet.columns)],
+            agents: vec![
+                agent("ego", alphabet.rows),
+                agent("other", alphabet.columns),
+            ],
         }
     }
 }
 
-/// Returns what is sent: segment after segment where visits were drawn in segments, else everything under none.
+/// Returns what is sent: segment after segment where visits were drawn in segments, else everything
+/// under none.
 fn sent(drawn: &[Planted]) -> Vec<(Option<Label>, Vec<Record>)> {
     let segments = drawn.first().map_or(0, |state| state.segments.len());
     if segments == 0 {
-        return vec![(None, drawn.iter().enumerate().flat_map(|(i, state)| records(i, &state.table)).collect())];
+        return vec![(
+            None,
+            drawn
+                .iter()
+                .enumerate()
+                .flat_map(|(i, state)| records(i, &state.table))
+                .collect(),
+        )];
     }
-    let of = |at: usize| drawn.iter().enumerate().flat_map(move |(i, state)| records(i, &state.segments[at]));
-    (0..segments).map(|at| (Some(segment(at)), of(at).collect())).collect()
+    let of = |at: usize| {
+        drawn
+            .iter()
+            .enumerate()
+            .flat_map(move |(i, state)| records(i, &state.segments[at]))
+    };
+    (0..segments)
+        .map(|at| (Some(segment(at)), of(at).collect()))
+        .collect()
 }
 
 fn segment(at: usize) -> Label {
@@ -110,19 +154,34 @@ fn segment(at: usize) -> Label {
 /// Returns the records of a state. Every visit was drawn by itself, so each is an entry.
 fn records(state: usize, table: &Table) -> impl Iterator<Item = Record> {
     table.cells().iter().map(move |cell| {
-        let [ego, other] = [table.row_labels()[cell.row as usize], table.column_labels()[cell.column as usize]];
+        let [ego, other] = [
+            table.row_labels()[cell.row as usize],
+            table.column_labels()[cell.column as usize],
+        ];
         let actions = [ego, other].map(|action| action as f32).to_vec();
-        Record { state: vec![state as f32], actions, entry: Entry::Entered, count: cell.n }
+        Record {
+            state: vec![state as f32],
+            actions,
+            entry: Entry::Entered,
+            count: cell.n,
+        }
     })
 }
 
 /// Asks what the decisions rest on.
 fn question(decisions: &[Decision]) -> QuestionDraft {
     let wanted = |decision| decisions.contains(&decision);
-    let estimators = [(Decision::Excess, Estimator::Excess), (Decision::Nsb, Estimator::Nsb)];
-    let estimators = estimators.into_iter().filter(|(decision, _)| wanted(*decision));
+    let estimators = [
+        (Decision::Excess, Estimator::Excess),
+        (Decision::Nsb, Estimator::Nsb),
+    ];
+    let estimators = estimators
+        .into_iter()
+        .filter(|(decision, _)| wanted(*decision));
     QuestionDraft {
-        estimators: estimators.map(|(_, estimator)| estimator.as_str().into()).collect(),
+        estimators: estimators
+            .map(|(_, estimator)| estimator.as_str().into())
+            .collect(),
         view: Some(View::Figures.as_str().into()),
         significance: wanted(Decision::Permutation).then(|| "pooled".into()),
         ..QuestionDraft::default()
@@ -130,9 +189,19 @@ fn question(decisions: &[Decision]) -> QuestionDraft {
 }
 
 fn by_the_paper() -> QuestionDraft {
-    let rule = RuleDraft { kind: Some(RuleKind::Paper.as_str().into()), ..RuleDraft::default() };
-    let pair = PairDraft { rule, ..PairDraft::default() };
-    QuestionDraft { pair, view: Some(View::Verdict.as_str().into()), ..QuestionDraft::default() }
+    let rule = RuleDraft {
+        kind: Some(RuleKind::Paper.as_str().into()),
+        ..RuleDraft::default()
+    };
+    let pair = PairDraft {
+        rule,
+        ..PairDraft::default()
+    };
+    QuestionDraft {
+        pair,
+        view: Some(View::Verdict.as_str().into()),
+        ..QuestionDraft::default()
+    }
 }
 
 #[cfg(test)]
@@ -141,12 +210,27 @@ mod tests {
 
     #[test]
     fn visits_that_were_drawn_in_segments_are_sent_in_segments() {
-        let drawn = planted(Generator::Segments, &Options { states: 2, ..Options::default() });
+        let drawn = planted(
+            Generator::Segments,
+            &Options {
+                states: 2,
+                ..Options::default()
+            },
+        );
         let sent = sent(&drawn);
-        let names: Vec<String> = sent.iter().flat_map(|(label, _)| label.as_ref().map(Label::to_string)).collect();
-        assert_eq!((names[0].as_str(), names[7].as_str(), names.len()), ("segment-0", "segment-7", 8));
+        let names: Vec<String> = sent
+            .iter()
+            .flat_map(|(label, _)| label.as_ref().map(Label::to_string))
+            .collect();
+        assert_eq!(
+            (names[0].as_str(), names[7].as_str(), names.len()),
+            ("segment-0", "segment-7", 8)
+        );
         for (_, records) in &sent {
-            assert_eq!(records.iter().map(|record| record.count).sum::<u64>(), 2 * 40);
+            assert_eq!(
+                records.iter().map(|record| record.count).sum::<u64>(),
+                2 * 40
+            );
         }
     }
 }

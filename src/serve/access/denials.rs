@@ -24,5 +24,9 @@ pub(super) fn told(text: &[u8]) -> String {
     const MOST: usize = 100;
     let text = String::from_utf8_lossy(text);
     let told: String = text.chars().take(MOST).collect();
-    if told.len() < text.len() { format!("{told}...") } else { told }
+    if told.len() < text.len() {
+        format!("{told}...")
+    } else {
+        told
+    }
 }

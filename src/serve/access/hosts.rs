@@ -1,4 +1,5 @@
-//! Hosts: by which names the service may be asked for. A page whose name is made to mean this machine (DNS rebinding) comes with a name of its own.
+//! Hosts: by which names the service may be asked for. A page whose name is made to mean this
+//! machine (DNS rebinding) comes with a name of its own.
 
 use std::net::IpAddr;
 
@@ -19,7 +20,10 @@ pub struct Hosts {
 impl Hosts {
     /// Makes the names of a service that listens there and has these besides.
     pub fn new(listen: Option<IpAddr>, names: &[String]) -> Self {
-        Self { listen, names: names.iter().map(|name| plain(name)).collect() }
+        Self {
+            listen,
+            names: names.iter().map(|name| plain(name)).collect(),
+        }
     }
 
     /// Refuses a request for another host. One that names none is from no browser.
@@ -41,39 +45,59 @@ impl Hosts {
         let host = plain(host);
         let name = host.trim_start_matches('[').trim_end_matches(']');
         match name.parse::<IpAddr>() {
-            Ok(address) => self.is_address(address) || self.names.iter().any(|known| known == name || *known == host),
+            Ok(address) => {
+                self.is_address(address)
+                    || self
+                        .names
+                        .iter()
+                        .any(|known| known == name || *known == host)
+            }
             Err(_) => name == "localhost" || name.ends_with(".localhost") || self.is_named(name),
         }
     }
 
-    /// A service that listens on every address of its machine may be asked for by any: a page that comes by an address has no name that could be made to
-    /// mean another.
+    /// A service that listens on every address of its machine may be asked for by any: a page that
+    /// comes by an address has no name that could be made to mean another.
     fn is_address(&self, address: IpAddr) -> bool {
-        let is_listened_on =
-            |listen: IpAddr| listen.is_unspecified() || listen.to_canonical() == address.to_canonical();
+        let is_listened_on = |listen: IpAddr| {
+            listen.is_unspecified() || listen.to_canonical() == address.to_canonical()
+        };
         address.to_canonical().is_loopback() || self.listen.is_some_and(is_listened_on)
     }
 
     fn is_named(&self, name: &str) -> bool {
         let is_below = |known: &str, top: &str| {
-            name.strip_suffix(top).is_some_and(|below| below.ends_with('.') && below.len() > 1 && !known.is_empty())
+            name.strip_suffix(top)
+                .is_some_and(|below| below.ends_with('.') && below.len() > 1 && !known.is_empty())
         };
-        self.names.iter().any(|known| match known.strip_prefix("*.") {
-            Some(top) => is_below(known, top),
-            None => known == "*" || known == name,
-        })
+        self.names
+            .iter()
+            .any(|known| match known.strip_prefix("*.") {
+                Some(top) => is_below(known, top),
+                None => known == "*" || known == name,
+            })
     }
 }
 
-/// Returns every host that a request asks for: the authority of its URI, which HTTP/2 has, and its header.
+/// Returns every host that a request asks for: the authority of its URI, which HTTP/2 has, and its
+/// header.
 pub fn asked_for(request: &Request) -> Vec<Result<Authority, String>> {
     let read = |bytes: &[u8]| {
         let authority = Authority::try_from(bytes).ok();
         // A user before the name is of another place, and hides the name from whoever reads.
-        authority.filter(|authority| !authority.as_str().contains('@')).ok_or_else(|| told(bytes))
+        authority
+            .filter(|authority| !authority.as_str().contains('@'))
+            .ok_or_else(|| told(bytes))
     };
-    let in_uri = request.uri().authority().map(|authority| read(authority.as_str().as_bytes()));
-    let headers = request.headers().get_all(header::HOST).iter().map(|host| read(host.as_bytes()));
+    let in_uri = request
+        .uri()
+        .authority()
+        .map(|authority| read(authority.as_str().as_bytes()));
+    let headers = request
+        .headers()
+        .get_all(header::HOST)
+        .iter()
+        .map(|host| read(host.as_bytes()));
     in_uri.into_iter().chain(headers).collect()
 }
 
@@ -83,7 +107,9 @@ fn plain(name: &str) -> String {
 }
 
 fn refused(host: &Result<Authority, String>) -> Problem {
-    let host = host.as_ref().map_or_else(String::clone, |host| told(host.as_str().as_bytes()));
+    let host = host
+        .as_ref()
+        .map_or_else(String::clone, |host| told(host.as_str().as_bytes()));
     let message = format!(
         "host {host:?} is no name of this service: expected a loopback name, the address that it listens on, or one that --hosts names"
     );
@@ -97,7 +123,10 @@ mod tests {
     use super::*;
 
     fn admits(hosts: &Hosts, host: &str) -> bool {
-        let request = Request::get("/").header(header::HOST, host).body(Body::empty()).expect("a request");
+        let request = Request::get("/")
+            .header(header::HOST, host)
+            .body(Body::empty())
+            .expect("a request");
         hosts.admit(&request).is_ok()
     }
 
@@ -145,20 +174,29 @@ mod tests {
     fn every_host_of_a_request_is_looked_at() {
         let hosts = Hosts::new(None, &[]);
         let both = |uri: &str, host: &str| {
-            let request = Request::get(uri).header(header::HOST, "localhost").header(header::HOST, host);
-            hosts.admit(&request.body(Body::empty()).expect("a request")).is_ok()
+            let request = Request::get(uri)
+                .header(header::HOST, "localhost")
+                .header(header::HOST, host);
+            hosts
+                .admit(&request.body(Body::empty()).expect("a request"))
+                .is_ok()
         };
         assert!(both("/", "localhost") && both("http://127.0.0.1/", "localhost"));
         assert!(!both("http://user@localhost/", "localhost") && !both("/", "user@localhost"));
         assert!(!both("/", "evil.example") && !both("http://evil.example/", "localhost"));
-        assert!(hosts.admit(&Request::new(Body::empty())).is_ok(), "no browser leaves it out");
+        assert!(
+            hosts.admit(&Request::new(Body::empty())).is_ok(),
+            "no browser leaves it out"
+        );
     }
 
     #[test]
     fn who_listens_everywhere_is_asked_for_by_any_address() {
         let hosts = Hosts::new("0.0.0.0".parse().ok(), &[]);
         assert!(
-            admits(&hosts, "192.168.1.5:8080") && admits(&hosts, "[2001:db8::1]") && !admits(&hosts, "evil.example")
+            admits(&hosts, "192.168.1.5:8080")
+                && admits(&hosts, "[2001:db8::1]")
+                && !admits(&hosts, "evil.example")
         );
     }
 }

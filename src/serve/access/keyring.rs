@@ -1,4 +1,5 @@
-//! The keys that are let in now, which a reload replaces while requests are under way, and who asks with one of them.
+//! The keys that are let in now, which a reload replaces while requests are under way, and who asks
+//! with one of them.
 
 use std::fmt;
 use std::sync::Arc;
@@ -29,10 +30,14 @@ struct Ring {
 impl Keyring {
     /// Makes a keyring of these.
     pub fn new(keys: Keys) -> Self {
-        Self(Arc::new(Ring { keys: ArcSwap::from_pointee(keys), changed: watch::Sender::new(()) }))
+        Self(Arc::new(Ring {
+            keys: ArcSwap::from_pointee(keys),
+            changed: watch::Sender::new(()),
+        }))
     }
 
-    /// Lets in these instead: at once, and whoever is in by a key that is none of them any more is out.
+    /// Lets in these instead: at once, and whoever is in by a key that is none of them any more is
+    /// out.
     pub fn replace(&self, keys: Keys) {
         let keys = keys.going_on_from(&self.0.keys.load());
         self.0.keys.store(Arc::new(keys));
@@ -49,7 +54,11 @@ impl Keyring {
             let key = ring.find(digest).filter(|key| key.name() == name.as_ref());
             key.map_or_else(|| nobody.clone(), |key| key.principal().clone())
         });
-        Some(Caller { asker, key: Some((self.clone(), digest)), wanted })
+        Some(Caller {
+            asker,
+            key: Some((self.clone(), digest)),
+            wanted,
+        })
     }
 
     fn find(&self, digest: KeyDigest) -> Option<Key> {
@@ -63,7 +72,8 @@ impl fmt::Debug for Keyring {
     }
 }
 
-/// Who sent a request: what handlers know of them, and what goes on asking whether they are still let in.
+/// Who sent a request: what handlers know of them, and what goes on asking whether they are still
+/// let in.
 #[derive(Debug, Clone)]
 pub struct Caller {
     asker: Asker,
@@ -75,14 +85,22 @@ pub struct Caller {
 /// Whoever was not let in by the layer may do nothing.
 impl Default for Caller {
     fn default() -> Self {
-        Self { asker: Asker::always(Principal::nobody()), key: None, wanted: Wanted::Unlisted }
+        Self {
+            asker: Asker::always(Principal::nobody()),
+            key: None,
+            wanted: Wanted::Unlisted,
+        }
     }
 }
 
 impl Caller {
     /// Makes the one who asks where nobody needs a key.
     pub fn anonymous() -> Self {
-        Self { asker: Asker::always(Principal::anonymous()), key: None, wanted: Wanted::Unlisted }
+        Self {
+            asker: Asker::always(Principal::anonymous()),
+            key: None,
+            wanted: Wanted::Unlisted,
+        }
     }
 
     /// Returns who was let in.
@@ -105,7 +123,8 @@ impl Caller {
         self.taken().map_err(|wait| self.too_often(wait))
     }
 
-    /// Takes one of the key's rate for a part of a stream, waiting for it where it comes soon: the stream is then not read on, which slows its sender.
+    /// Takes one of the key's rate for a part of a stream, waiting for it where it comes soon: the
+    /// stream is then not read on, which slows its sender.
     pub async fn turn(&self) -> Result<(), Problem> {
         loop {
             match self.taken() {
@@ -119,9 +138,12 @@ impl Caller {
         }
     }
 
-    /// Waits until the key is withdrawn, or is not for what was asked any more, and returns which. For ever where there is none.
+    /// Waits until the key is withdrawn, or is not for what was asked any more, and returns which.
+    /// For ever where there is none.
     pub async fn withdrawn(&self) -> Problem {
-        let Some((ring, digest)) = &self.key else { return std::future::pending().await };
+        let Some((ring, digest)) = &self.key else {
+            return std::future::pending().await;
+        };
         let mut changed = ring.0.changed.subscribe();
         loop {
             // A change after this is seen by the wait.
@@ -139,21 +161,34 @@ impl Caller {
     /// Refuses where the key now says something else than when the request was let in.
     fn stands(&self, key: Option<Key>) -> Result<(), Problem> {
         let key = key.filter(|key| key.name() == self.principal().name());
-        let key = key.ok_or_else(|| unauthenticated("the key was withdrawn before this was over"))?;
+        let key =
+            key.ok_or_else(|| unauthenticated("the key was withdrawn before this was over"))?;
         self.wanted.authorize(key.principal())?;
-        self.asker.environment().map_or(Ok(()), |environment| key.principal().admit_to(environment))
+        self.asker
+            .environment()
+            .map_or(Ok(()), |environment| key.principal().admit_to(environment))
     }
 
     fn taken(&self) -> Result<(), Duration> {
-        let key = self.key.as_ref().and_then(|(ring, digest)| ring.find(*digest));
+        let key = self
+            .key
+            .as_ref()
+            .and_then(|(ring, digest)| ring.find(*digest));
         key.map_or(Ok(()), |key| key.take())
     }
 
     fn too_often(&self, wait: Duration) -> Problem {
-        let who = self.principal().name().map(|name| format!(" `{name}`")).unwrap_or_default();
+        let who = self
+            .principal()
+            .name()
+            .map(|name| format!(" `{name}`"))
+            .unwrap_or_default();
         // Told in whole seconds, and never too early.
         let wait = Duration::from_secs(wait.as_secs() + 1);
-        let message = format!("key{who} asks more often than its rate; ask again in {} s", wait.as_secs());
+        let message = format!(
+            "key{who} asks more often than its rate; ask again in {} s",
+            wait.as_secs()
+        );
         Problem::new(ErrorKind::Quota, "RATE_EXCEEDED", message).retry_after(wait)
     }
 }

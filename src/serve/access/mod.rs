@@ -1,4 +1,5 @@
-//! Authentication, authorization and what browsers may be made to send: one layer before every face.
+//! Authentication, authorization and what browsers may be made to send: one layer before every
+//! face.
 //!
 //! | room | for |
 //! |---|---|
@@ -8,8 +9,9 @@
 //! | `origins` | whose pages may change something (cross-site request forgery) |
 //! | `denials` | how who is not let in is told, and counted |
 //!
-//! A request is looked at before its body is read, and as long as it is under way: a key that is withdrawn while a body trickles in, or while an answer is
-//! made, ends it. Which environment it is about, only its body may say: that is asked where the environment is found.
+//! A request is looked at before its body is read, and as long as it is under way: a key that is
+//! withdrawn while a body trickles in, or while an answer is made, ends it. Which environment it is
+//! about, only its body may say: that is asked where the environment is found.
 
 mod denials;
 mod hosts;
@@ -54,7 +56,11 @@ impl Guard {
     pub fn new(settings: &Settings) -> Self {
         let hosts = Hosts::new(settings.listen, &settings.hosts);
         let origins = Origins::new(&settings.cors_origins, settings.speaks_tls, &settings.hosts);
-        Self(Arc::new(Rules { keys: settings.keys.clone(), hosts, origins }))
+        Self(Arc::new(Rules {
+            keys: settings.keys.clone(),
+            hosts,
+            origins,
+        }))
     }
 }
 
@@ -66,7 +72,11 @@ pub async fn admit(State(guard): State<Guard>, mut request: Request, next: Next)
                 Span::current().record("principal", name.as_str());
             }
             request.extensions_mut().insert(caller.clone());
-            if caller.has_key() { while_it_stands(&caller, request, next).await } else { next.run(request).await }
+            if caller.has_key() {
+                while_it_stands(&caller, request, next).await
+            } else {
+                next.run(request).await
+            }
         }
         Err(refusal) => {
             let form = Form::of(&request);
@@ -76,7 +86,8 @@ pub async fn admit(State(guard): State<Guard>, mut request: Request, next: Next)
     }
 }
 
-/// Answers a request unless its key is withdrawn before: what it began is dropped, as where its time is over.
+/// Answers a request unless its key is withdrawn before: what it began is dropped, as where its
+/// time is over.
 async fn while_it_stands(caller: &Caller, request: Request, next: Next) -> Response {
     let form = Form::of(&request);
     tokio::select! {
@@ -95,8 +106,14 @@ struct Form {
 
 impl Form {
     fn of(request: &Request) -> Self {
-        let media = request.headers().get(header::CONTENT_TYPE).filter(|_| is_grpc(request.headers()));
-        Self { path: request.uri().path().to_owned(), grpc: media.cloned() }
+        let media = request
+            .headers()
+            .get(header::CONTENT_TYPE)
+            .filter(|_| is_grpc(request.headers()));
+        Self {
+            path: request.uri().path().to_owned(),
+            grpc: media.cloned(),
+        }
     }
 }
 
@@ -130,7 +147,9 @@ impl Rules {
             }
             (_, Ok(Some(caller))) => caller,
             (_, Ok(None)) => {
-                return Err(unauthenticated("this wants a key: send `authorization: Bearer KEY`").into());
+                return Err(
+                    unauthenticated("this wants a key: send `authorization: Bearer KEY`").into(),
+                );
             }
             (_, Err(problem)) => return Err(problem.into()),
         };
@@ -142,16 +161,26 @@ impl Rules {
 
     /// Finds out who asks; nobody where there is no key.
     fn authenticate(&self, request: &Request, wanted: Wanted) -> Result<Option<Caller>, Problem> {
-        let Some(keys) = &self.keys else { return Ok(Some(Caller::anonymous())) };
-        let headers = request.headers().get_all(header::AUTHORIZATION).iter().map(|value| value.as_bytes());
-        let Some(key) = bearer(headers).map_err(|why| unauthenticated(why.to_string()))? else { return Ok(None) };
-        let caller = keys.caller(key, wanted).ok_or_else(|| unauthenticated("the key is not one that is let in"))?;
+        let Some(keys) = &self.keys else {
+            return Ok(Some(Caller::anonymous()));
+        };
+        let headers = request
+            .headers()
+            .get_all(header::AUTHORIZATION)
+            .iter()
+            .map(|value| value.as_bytes());
+        let Some(key) = bearer(headers).map_err(|why| unauthenticated(why.to_string()))? else {
+            return Ok(None);
+        };
+        let caller = keys
+            .caller(key, wanted)
+            .ok_or_else(|| unauthenticated("the key is not one that is let in"))?;
         Ok(Some(caller))
     }
 }
 
-/// Refuses what does not say that it is gRPC where gRPC is served: pages can make a browser send every other type, and every other method that has no body,
-/// without asking.
+/// Refuses what does not say that it is gRPC where gRPC is served: pages can make a browser send
+/// every other type, and every other method that has no body, without asking.
 fn is_what_its_path_takes(request: &Request) -> Result<(), Refusal> {
     let is_preflight = request.method() == Method::OPTIONS;
     // Whoever asks for what is not served is told so.
@@ -160,16 +189,26 @@ fn is_what_its_path_takes(request: &Request) -> Result<(), Refusal> {
         return Ok(());
     }
     if request.method() != Method::POST {
-        return Err(Refusal::Protocol(Failure::of_http(StatusCode::METHOD_NOT_ALLOWED)));
+        return Err(Refusal::Protocol(Failure::of_http(
+            StatusCode::METHOD_NOT_ALLOWED,
+        )));
     }
     if is_protobuf(request.headers()) {
         return Ok(());
     }
-    let found = request.headers().get(header::CONTENT_TYPE).and_then(|media| media.to_str().ok()).unwrap_or_default();
-    Err(Refusal::Protocol(Failure::of_media_type(found, "application/grpc, or application/grpc-web")))
+    let found = request
+        .headers()
+        .get(header::CONTENT_TYPE)
+        .and_then(|media| media.to_str().ok())
+        .unwrap_or_default();
+    Err(Refusal::Protocol(Failure::of_media_type(
+        found,
+        "application/grpc, or application/grpc-web",
+    )))
 }
 
-/// Returns whether a call is of gRPC or gRPC-Web, and its messages of the one encoding that is read: `application/grpc+json` would be read as another.
+/// Returns whether a call is of gRPC or gRPC-Web, and its messages of the one encoding that is
+/// read: `application/grpc+json` would be read as another.
 fn is_protobuf(headers: &HeaderMap) -> bool {
     const TYPES: [&str; 6] = [
         "application/grpc",
@@ -179,7 +218,10 @@ fn is_protobuf(headers: &HeaderMap) -> bool {
         "application/grpc-web-text",
         "application/grpc-web-text+proto",
     ];
-    let media = headers.get(header::CONTENT_TYPE).and_then(|media| media.to_str().ok()).unwrap_or_default();
+    let media = headers
+        .get(header::CONTENT_TYPE)
+        .and_then(|media| media.to_str().ok())
+        .unwrap_or_default();
     TYPES.contains(&media.split(';').next().unwrap_or_default().trim())
 }
 
@@ -189,7 +231,11 @@ impl Refusal {
             Self::Protocol(_) => telemetry::denied("media"),
             Self::Problem(problem) => {
                 telemetry::denied(word(problem.reason));
-                tracing::debug!(reason = problem.reason, path = redacted(path), "a request was not let in");
+                tracing::debug!(
+                    reason = problem.reason,
+                    path = redacted(path),
+                    "a request was not let in"
+                );
             }
         }
     }
@@ -199,13 +245,17 @@ impl Refusal {
             (Self::Protocol(failure), _) => {
                 let mut response = failure.tell(path);
                 if response.status() == StatusCode::METHOD_NOT_ALLOWED {
-                    response.headers_mut().insert(header::ALLOW, HeaderValue::from_static("POST"));
+                    response
+                        .headers_mut()
+                        .insert(header::ALLOW, HeaderValue::from_static("POST"));
                 }
                 response
             }
             (Self::Problem(problem), Some(media)) => {
                 let mut response = status::grpc(problem).into_http::<Body>();
-                response.headers_mut().insert(header::CONTENT_TYPE, media.clone());
+                response
+                    .headers_mut()
+                    .insert(header::CONTENT_TYPE, media.clone());
                 response.into_response()
             }
             (Self::Problem(problem), None) if path == "/v2" || path.starts_with("/v2/") => {

@@ -1,6 +1,8 @@
-//! What each endpoint wants of whoever asks: one table for REST and the inference protocol, one for gRPC. `docs/access.md` tells it.
+//! What each endpoint wants of whoever asks: one table for REST and the inference protocol, one for
+//! gRPC. `docs/access.md` tells it.
 //!
-//! What is not listed wants a key, whatever for: an endpoint that somebody forgets here is closed, and a test says so.
+//! What is not listed wants a key, whatever for: an endpoint that somebody forgets here is closed,
+//! and a test says so.
 
 use axum::extract::{MatchedPath, Request};
 use http::Method;
@@ -51,7 +53,10 @@ const REST: &[(&str, Wanted)] = &[
     ("PATCH /v1/environments/{environment}", ADMIN),
     ("DELETE /v1/environments/{environment}", ADMIN),
     ("POST /v1/environments/{environment}/transitions", INGEST),
-    ("GET /v1/environments/{environment}/producers/{producer}", PROGRESS),
+    (
+        "GET /v1/environments/{environment}/producers/{producer}",
+        PROGRESS,
+    ),
     ("GET /v1/environments/{environment}/influence", READ),
     ("POST /v1/environments/{environment}/influence", READ),
     ("GET /v1/environments/{environment}/states", READ),
@@ -65,10 +70,22 @@ const REST: &[(&str, Wanted)] = &[
     ("POST /v1/environments/{environment}/models/import", TRAIN),
     ("GET /v1/environments/{environment}/models/{model}", MODELS),
     // Of a version. A job is ended by whoever may begin one.
-    ("DELETE /v1/environments/{environment}/models/{model}", ADMIN),
-    ("PUT /v1/environments/{environment}/models/{model}/active", TRAIN),
-    ("DELETE /v1/environments/{environment}/models/{model}/active", TRAIN),
-    ("GET /v1/environments/{environment}/models/{model}/weights", MODELS),
+    (
+        "DELETE /v1/environments/{environment}/models/{model}",
+        ADMIN,
+    ),
+    (
+        "PUT /v1/environments/{environment}/models/{model}/active",
+        TRAIN,
+    ),
+    (
+        "DELETE /v1/environments/{environment}/models/{model}/active",
+        TRAIN,
+    ),
+    (
+        "GET /v1/environments/{environment}/models/{model}/weights",
+        MODELS,
+    ),
     ("GET /v2", READ),
     ("GET /v2/", READ),
     ("GET /v2/health/live", Nothing),
@@ -86,8 +103,14 @@ const GRPC: &[(&str, Wanted)] = &[
     ("/grpc.health.v1.Health/Check", Nothing),
     ("/grpc.health.v1.Health/List", Nothing),
     ("/grpc.health.v1.Health/Watch", Nothing),
-    ("/grpc.reflection.v1.ServerReflection/ServerReflectionInfo", Nothing),
-    ("/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo", Nothing),
+    (
+        "/grpc.reflection.v1.ServerReflection/ServerReflectionInfo",
+        Nothing,
+    ),
+    (
+        "/grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo",
+        Nothing,
+    ),
     ("/nudge.v1.EnvironmentService/ListEnvironments", ANY),
     ("/nudge.v1.EnvironmentService/GetEnvironment", ANY),
     ("/nudge.v1.EnvironmentService/ApplyEnvironment", ADMIN),
@@ -132,9 +155,13 @@ impl Wanted {
         if method == Method::OPTIONS {
             return Nothing;
         }
-        let Some(path) = request.extensions().get::<MatchedPath>() else { return Self::Unlisted };
+        let Some(path) = request.extensions().get::<MatchedPath>() else {
+            return Self::Unlisted;
+        };
         match found(REST, &route(method, path.as_str())) {
-            Nothing if path.as_str() == "/readyz" && operations::is_verbose(uri.query()) => Everywhere,
+            Nothing if path.as_str() == "/readyz" && operations::is_verbose(uri.query()) => {
+                Everywhere
+            }
             ADMIN if path.as_str().ends_with("/models/{model}") && names_a_job(uri.path()) => TRAIN,
             wanted => wanted,
         }
@@ -169,22 +196,35 @@ impl Wanted {
 
 /// Returns whether a path is one of a service of gRPC.
 pub fn is_grpc_path(path: &str) -> bool {
-    ["/nudge.v1.", "/inference.", "/grpc."].iter().any(|package| path.starts_with(package))
+    ["/nudge.v1.", "/inference.", "/grpc."]
+        .iter()
+        .any(|package| path.starts_with(package))
 }
 
 fn found(list: &[(&str, Wanted)], asked: &str) -> Wanted {
-    list.iter().find(|(listed, _)| *listed == asked).map_or(Wanted::Unlisted, |(_, wanted)| *wanted)
+    list.iter()
+        .find(|(listed, _)| *listed == asked)
+        .map_or(Wanted::Unlisted, |(_, wanted)| *wanted)
 }
 
 fn route(method: &Method, path: &str) -> String {
-    let method = if method == Method::HEAD { &Method::GET } else { method };
+    let method = if method == Method::HEAD {
+        &Method::GET
+    } else {
+        method
+    };
     format!("{method} {path}")
 }
 
 /// Whatever is written in another way, `%33` for one, is taken for a version, which wants more.
 fn names_a_job(path: &str) -> bool {
-    let number = path.rsplit('/').next().and_then(|last| last.strip_prefix("job-"));
-    number.is_some_and(|number| !number.is_empty() && number.bytes().all(|byte| byte.is_ascii_digit()))
+    let number = path
+        .rsplit('/')
+        .next()
+        .and_then(|last| last.strip_prefix("job-"));
+    number.is_some_and(|number| {
+        !number.is_empty() && number.bytes().all(|byte| byte.is_ascii_digit())
+    })
 }
 
 #[cfg(test)]
@@ -197,13 +237,26 @@ mod tests {
 
     #[test]
     fn every_endpoint_is_listed_once_and_no_other() {
-        let listed: BTreeSet<&str> = GRPC.iter().chain(REST).map(|(endpoint, _)| *endpoint).collect();
+        let listed: BTreeSet<&str> = GRPC
+            .iter()
+            .chain(REST)
+            .map(|(endpoint, _)| *endpoint)
+            .collect();
         assert_eq!(listed.len(), GRPC.len() + REST.len());
         for endpoint in api::grpc_methods().into_iter().chain(rest::documented()) {
-            assert!(listed.contains(endpoint.as_str()), "{endpoint} is on no list: say what it wants");
+            assert!(
+                listed.contains(endpoint.as_str()),
+                "{endpoint} is on no list: say what it wants"
+            );
         }
-        let known: BTreeSet<String> = api::grpc_methods().into_iter().chain(rest::documented()).collect();
-        for gone in listed.iter().filter(|listed| listed.starts_with("/nudge") || listed.contains(" /v1/")) {
+        let known: BTreeSet<String> = api::grpc_methods()
+            .into_iter()
+            .chain(rest::documented())
+            .collect();
+        for gone in listed
+            .iter()
+            .filter(|listed| listed.starts_with("/nudge") || listed.contains(" /v1/"))
+        {
             assert!(known.contains(*gone), "{gone} is listed and not served");
         }
     }
@@ -211,14 +264,22 @@ mod tests {
     #[test]
     fn only_what_is_surely_a_job_is_taken_for_one() {
         assert!(names_a_job("/v1/environments/lane/models/job-12"));
-        for other in ["3", "%33", "+3", "job-", "job-1x", "job-+1", "JOB-1", "job%2D1", ""] {
-            assert!(!names_a_job(&format!("/v1/environments/lane/models/{other}")), "{other}");
+        for other in [
+            "3", "%33", "+3", "job-", "job-1x", "job-+1", "JOB-1", "job%2D1", "",
+        ] {
+            assert!(
+                !names_a_job(&format!("/v1/environments/lane/models/{other}")),
+                "{other}"
+            );
         }
     }
 
     #[test]
     fn the_page_tells_what_each_endpoint_wants() {
-        const MARKS: [&str; 2] = ["<!-- the table: made of src/serve/access/wanted.rs -->\n", "<!-- its end -->"];
+        const MARKS: [&str; 2] = [
+            "<!-- the table: made of src/serve/access/wanted.rs -->\n",
+            "<!-- its end -->",
+        ];
         let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/access.md");
         let text = std::fs::read_to_string(&path).expect("the page");
         let (before, rest) = text.split_once(MARKS[0]).expect("the begin of the table");
@@ -228,12 +289,20 @@ mod tests {
             let told = match wanted {
                 Nothing => "nothing".to_owned(),
                 Everywhere => "`read`, for every environment".to_owned(),
-                _ => format!("`{}`", wanted.scopes().unwrap_or_default().to_string().replace(',', "`, `")),
+                _ => format!(
+                    "`{}`",
+                    wanted
+                        .scopes()
+                        .unwrap_or_default()
+                        .to_string()
+                        .replace(',', "`, `")
+                ),
             };
             made += &format!("| `{endpoint}` | {told} |\n");
         }
         if std::env::var_os("NUDGE_WRITE_DOCS").is_some() {
-            std::fs::write(&path, [before, MARKS[0], &made, MARKS[1], after].concat()).expect("written");
+            std::fs::write(&path, [before, MARKS[0], &made, MARKS[1], after].concat())
+                .expect("written");
             return;
         }
         assert_eq!(table, made, "run this test with NUDGE_WRITE_DOCS=1");
@@ -242,8 +311,12 @@ mod tests {
     #[test]
     fn what_changes_something_wants_a_scope_that_reading_is_not() {
         for (endpoint, wanted) in REST {
-            let asks = endpoint.starts_with("GET") || endpoint.ends_with("/influence") || endpoint.ends_with("/infer");
-            let reads = wanted.scopes().is_none_or(|scopes| scopes.meets(Scopes::of(&[KeyScope::Read])));
+            let asks = endpoint.starts_with("GET")
+                || endpoint.ends_with("/influence")
+                || endpoint.ends_with("/infer");
+            let reads = wanted
+                .scopes()
+                .is_none_or(|scopes| scopes.meets(Scopes::of(&[KeyScope::Read])));
             assert_eq!(asks, reads, "{endpoint}");
         }
     }

@@ -1,7 +1,8 @@
 //! Admission of connections: a bounded number, and who makes room for whom when there are as many.
 //!
-//! A new connection takes the place of one that waited longest without a request. Where all have requests it is a guest, of whom there are few:
-//! operators are answered even then, and everybody else is told that there are too many.
+//! A new connection takes the place of one that waited longest without a request. Where all have
+//! requests it is a guest, of whom there are few: operators are answered even then, and everybody
+//! else is told that there are too many.
 
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -69,23 +70,36 @@ impl Crowd {
             };
             if let Some(permit) = permit {
                 let number = self.numbered.fetch_add(1, Ordering::Relaxed);
-                return Some(Place { crowd: self.clone(), number, standing, _permit: permit });
+                return Some(Place {
+                    crowd: self.clone(),
+                    number,
+                    standing,
+                    _permit: permit,
+                });
             }
         }
         None
     }
 
-    /// Ends the connections of that standing that waited longest without a request, a few at a time; tells whether there were any.
+    /// Ends the connections of that standing that waited longest without a request, a few at a
+    /// time; tells whether there were any.
     pub fn evict(&self, standing: Standing) -> bool {
         let present = self.lock();
-        let peers = present.values().filter(|present| present.standing == standing);
-        let mut waiting: Vec<_> =
-            peers.filter_map(|peer| Some((peer.vitals.waits_since()?, peer.vitals.as_ref()))).collect();
+        let peers = present
+            .values()
+            .filter(|present| present.standing == standing);
+        let mut waiting: Vec<_> = peers
+            .filter_map(|peer| Some((peer.vitals.waits_since()?, peer.vitals.as_ref())))
+            .collect();
         waiting.sort_unstable_by_key(|(since, _)| *since);
 
         // To look at everybody for each new connection would be a lever in a stranger's hand.
         let several = 1 + present.len() / EVICTED_OF;
-        let evicted = waiting.iter().take(several).filter(|(_, vitals)| vitals.evict()).count();
+        let evicted = waiting
+            .iter()
+            .take(several)
+            .filter(|(_, vitals)| vitals.evict())
+            .count();
         (0..evicted).for_each(|_| telemetry::connection_ended("evicted"));
         evicted > 0
     }
@@ -116,7 +130,13 @@ impl Place {
     /// Lets the connection be seen, so that it can make room for others.
     pub fn take(&self, vitals: Arc<Vitals>) {
         let mut present = self.crowd.lock();
-        present.insert(self.number, Present { vitals, standing: self.standing });
+        present.insert(
+            self.number,
+            Present {
+                vitals,
+                standing: self.standing,
+            },
+        );
         telemetry::connections(present.len());
     }
 }
@@ -140,12 +160,21 @@ mod tests {
     use super::*;
 
     fn crowd() -> (Arc<Limits>, Arc<Crowd>) {
-        let limits = Arc::new(Limits { connections: 2, guests: 1, ..Limits::default() });
+        let limits = Arc::new(Limits {
+            connections: 2,
+            guests: 1,
+            ..Limits::default()
+        });
         (limits.clone(), Crowd::new(&limits))
     }
 
     fn enter(place: &Place, limits: &Arc<Limits>) -> Arc<Vitals> {
-        let vitals = Vitals::new(limits.clone(), None, CancellationToken::new(), CancellationToken::new());
+        let vitals = Vitals::new(
+            limits.clone(),
+            None,
+            CancellationToken::new(),
+            CancellationToken::new(),
+        );
         place.take(vitals.clone());
         vitals
     }
@@ -159,17 +188,28 @@ mod tests {
         let second = crowd.admit().await.expect("free");
         let young = enter(&second, &limits);
         let mut third = Box::pin(crowd.admit());
-        assert!(futures::poll!(&mut third).is_pending(), "the evicted one is not gone yet");
+        assert!(
+            futures::poll!(&mut third).is_pending(),
+            "the evicted one is not gone yet"
+        );
         assert!(old.over.is_cancelled() && !young.over.is_cancelled());
         drop(first);
-        assert_eq!(third.await.expect("its place").standing(), Standing::Resident);
+        assert_eq!(
+            third.await.expect("its place").standing(),
+            Standing::Resident
+        );
     }
 
     #[tokio::test(start_paused = true)]
     async fn where_everybody_is_busy_there_are_guests() {
         let (limits, crowd) = crowd();
-        let places = [crowd.admit().await.expect("free"), crowd.admit().await.expect("free")];
-        let _requests = places.each_ref().map(|place| enter(place, &limits).begin(Version::HTTP_2));
+        let places = [
+            crowd.admit().await.expect("free"),
+            crowd.admit().await.expect("free"),
+        ];
+        let _requests = places
+            .each_ref()
+            .map(|place| enter(place, &limits).begin(Version::HTTP_2));
         let guest = crowd.admit().await.expect("a guest");
         assert_eq!(guest.standing(), Standing::Guest);
         let _busy = enter(&guest, &limits).begin(Version::HTTP_11);

@@ -1,4 +1,5 @@
-//! Protocol errors: what hyper answered itself, or could not answer, because it was no request. Nothing that is counted elsewhere has come of it.
+//! Protocol errors: what hyper answered itself, or could not answer, because it was no request.
+//! Nothing that is counted elsewhere has come of it.
 
 use std::error::Error;
 
@@ -8,7 +9,9 @@ use crate::telemetry;
 pub fn record(ended: Result<(), Box<dyn Error + Send + Sync>>) {
     let Err(error) = ended else { return };
     tracing::debug!(%error, "a connection ended with an error");
-    let Some(error) = error.downcast_ref::<hyper::Error>() else { return };
+    let Some(error) = error.downcast_ref::<hyper::Error>() else {
+        return;
+    };
     if let Some(fault) = Fault::of(error) {
         telemetry::connection_ended(fault.word());
         if let Some(status) = fault.status(error) {
@@ -33,13 +36,20 @@ enum Fault {
 impl Fault {
     /// Returns what was wrong, unless the client only left.
     fn of(error: &hyper::Error) -> Option<Self> {
-        let has_left = error.is_incomplete_message() || error.is_closed() || error.is_canceled() || error.is_shutdown();
-        let is_lost = error.source().is_some_and(|source| source.is::<std::io::Error>());
+        let has_left = error.is_incomplete_message()
+            || error.is_closed()
+            || error.is_canceled()
+            || error.is_shutdown();
+        let is_lost = error
+            .source()
+            .is_some_and(|source| source.is::<std::io::Error>());
         match error {
             error if error.is_parse_too_large() => Some(Self::HeadTooLarge),
             error if error.is_parse() => Some(Self::Malformed),
             error if error.is_timeout() => Some(Self::Silent),
-            error if has_left || is_lost || error.is_user() || error.is_body_write_aborted() => None,
+            error if has_left || is_lost || error.is_user() || error.is_body_write_aborted() => {
+                None
+            }
             _ => Some(Self::Http2),
         }
     }

@@ -2,13 +2,15 @@
 
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 
-/// Files that are not connections: the database, its journal and readers, what SQLite sorts in, the log, the listener and the guests.
+/// Files that are not connections: the database, its journal and readers, what SQLite sorts in, the
+/// log, the listener and the guests.
 const KEPT: u64 = 96;
 
 /// The fewest connections, however few files there are.
 const LEAST: usize = 8;
 
-/// Raises the limit on open files as far as it goes, and returns how many of so many connections it leaves room for.
+/// Raises the limit on open files as far as it goes, and returns how many of so many connections it
+/// leaves room for.
 pub fn leave_room_for(connections: usize) -> usize {
     let files = raise();
     let room = room(files);
@@ -24,7 +26,9 @@ pub fn leave_room_for(connections: usize) -> usize {
 }
 
 fn room(files: u64) -> usize {
-    usize::try_from(files.saturating_sub(KEPT)).unwrap_or(usize::MAX).max(LEAST)
+    usize::try_from(files.saturating_sub(KEPT))
+        .unwrap_or(usize::MAX)
+        .max(LEAST)
 }
 
 /// Raises the soft limit to the hard one, where that is allowed, and returns what is in force.
@@ -32,7 +36,13 @@ fn raise() -> u64 {
     let Rlimit { current, maximum } = getrlimit(Resource::Nofile);
     if current != maximum {
         // A refusal leaves it as it was.
-        let _ = setrlimit(Resource::Nofile, Rlimit { current: maximum, maximum });
+        let _ = setrlimit(
+            Resource::Nofile,
+            Rlimit {
+                current: maximum,
+                maximum,
+            },
+        );
     }
     getrlimit(Resource::Nofile).current.unwrap_or(u64::MAX)
 }

@@ -1,4 +1,5 @@
-//! The framing of gRPC messages (a flag, four bytes of length, the message), followed as bytes pass by: how much of the message at hand is there?
+//! The framing of gRPC messages (a flag, four bytes of length, the message), followed as bytes pass
+//! by: how much of the message at hand is there?
 
 /// The prefix of a message: a flag and its length.
 const PREFIX: usize = 5;
@@ -17,7 +18,11 @@ impl Framing {
     /// Takes note of the next bytes.
     pub fn feed(&mut self, mut bytes: &[u8]) {
         while !bytes.is_empty() {
-            let taken = if self.arrived < PREFIX { self.feed_prefix(bytes) } else { self.feed_message(bytes) };
+            let taken = if self.arrived < PREFIX {
+                self.feed_prefix(bytes)
+            } else {
+                self.feed_message(bytes)
+            };
             bytes = &bytes[taken..];
             if self.arrived >= PREFIX && self.arrived == self.size {
                 *self = Self::default();
@@ -63,8 +68,16 @@ mod tests {
             for part in bytes.chunks(cut) {
                 framing.feed(part);
                 passed += part.len();
-                let begun = ends.iter().rev().find(|end| **end <= passed).expect("0 is among them");
-                assert_eq!(framing.unfinished(), passed - begun, "{cut} at a time, {passed} passed");
+                let begun = ends
+                    .iter()
+                    .rev()
+                    .find(|end| **end <= passed)
+                    .expect("0 is among them");
+                assert_eq!(
+                    framing.unfinished(),
+                    passed - begun,
+                    "{cut} at a time, {passed} passed"
+                );
             }
         }
     }

@@ -1,15 +1,19 @@
-//! Limits on connections: how many there are, how long each may take over what, and how many bytes their unfinished messages hold.
+//! Limits on connections: how many there are, how long each may take over what, and how many bytes
+//! their unfinished messages hold.
 
 use std::time::Duration;
 
 /// What connections may take of the service.
 #[derive(Debug, Clone)]
 pub struct Limits {
-    /// The most connections. When there are as many, the one that waited longest without a request makes room for a new one.
+    /// The most connections. When there are as many, the one that waited longest without a request
+    /// makes room for a new one.
     pub connections: usize,
-    /// The most connections beyond these, which may ask what operators ask and nothing else: taken when nobody can make room.
+    /// The most connections beyond these, which may ask what operators ask and nothing else: taken
+    /// when nobody can make room.
     pub guests: usize,
-    /// From the accept, or from the first byte of a later request, to the end of a request's headers.
+    /// From the accept, or from the first byte of a later request, to the end of a request's
+    /// headers.
     pub head: Duration,
     /// How long a connection stays open without a request.
     pub idle: Duration,
@@ -17,7 +21,8 @@ pub struct Limits {
     pub stalled: Duration,
     /// From the beginning of a message to its end.
     pub message: Duration,
-    /// How long what is left of a refused body is read and dropped, so that its sender comes to read the refusal.
+    /// How long what is left of a refused body is read and dropped, so that its sender comes to
+    /// read the refusal.
     pub unwanted: Duration,
     /// The age at which a connection is asked to leave, give or take a tenth; never if it is zero.
     pub age: Duration,

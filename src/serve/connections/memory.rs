@@ -1,6 +1,8 @@
-//! Bytes of messages that are not finished or not answered yet: one budget for all connections, from which each message takes as it grows.
+//! Bytes of messages that are not finished or not answered yet: one budget for all connections,
+//! from which each message takes as it grows.
 //!
-//! Nothing waits for bytes. Messages that wait for each other's memory would all wait for ever; one that is refused gives back what it holds at once.
+//! Nothing waits for bytes. Messages that wait for each other's memory would all wait for ever; one
+//! that is refused gives back what it holds at once.
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -8,7 +10,8 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use crate::error::{ErrorKind, Problem};
 use crate::telemetry;
 
-/// A message up to this size may take the last quarter of the budget: large ones do not shut small ones out.
+/// A message up to this size may take the last quarter of the budget: large ones do not shut small
+/// ones out.
 const SMALL: usize = 64 << 10;
 
 /// What all unfinished messages may hold together.
@@ -21,7 +24,10 @@ pub struct Budget {
 impl Budget {
     /// Makes a budget of so many bytes.
     pub fn new(most: usize) -> Arc<Self> {
-        Arc::new(Self { most, held: AtomicUsize::new(0) })
+        Arc::new(Self {
+            most,
+            held: AtomicUsize::new(0),
+        })
     }
 
     /// Returns how many bytes are held.
@@ -31,7 +37,9 @@ impl Budget {
 
     fn take(&self, bytes: usize, most: usize) -> bool {
         let more = |held: usize| held.checked_add(bytes).filter(|held| *held <= most);
-        self.held.fetch_update(Ordering::Relaxed, Ordering::Relaxed, more).is_ok()
+        self.held
+            .fetch_update(Ordering::Relaxed, Ordering::Relaxed, more)
+            .is_ok()
     }
 }
 
@@ -45,7 +53,10 @@ pub struct Charge {
 impl Charge {
     /// Makes the charge of a message that holds nothing yet.
     pub fn new(budget: Arc<Budget>) -> Self {
-        Self { budget, held: Mutex::new(0) }
+        Self {
+            budget,
+            held: Mutex::new(0),
+        }
     }
 
     /// Takes so many bytes more, or refuses, retryably.
@@ -71,14 +82,20 @@ impl Charge {
             return Err(full());
         }
         if wanted < *held {
-            self.budget.held.fetch_sub(*held - wanted, Ordering::Relaxed);
+            self.budget
+                .held
+                .fetch_sub(*held - wanted, Ordering::Relaxed);
         }
         *held = wanted;
         Ok(())
     }
 
     fn most(&self, wanted: usize) -> usize {
-        if wanted <= SMALL { self.budget.most } else { self.budget.most / 4 * 3 }
+        if wanted <= SMALL {
+            self.budget.most
+        } else {
+            self.budget.most / 4 * 3
+        }
     }
 
     fn lock(&self) -> MutexGuard<'_, usize> {
@@ -93,7 +110,8 @@ impl Drop for Charge {
 }
 
 fn full() -> Problem {
-    let message = "messages that are not finished hold all the memory that there is for them; send it again";
+    let message =
+        "messages that are not finished hold all the memory that there is for them; send it again";
     Problem::new(ErrorKind::Overloaded, "TOO_MANY_UNFINISHED_BYTES", message)
 }
 
@@ -106,7 +124,10 @@ mod tests {
         let budget = Budget::new(400 << 10);
         let (first, second) = (Charge::new(budget.clone()), Charge::new(budget.clone()));
         assert!(first.grow(200 << 10).is_ok() && second.hold(100 << 10).is_ok());
-        assert_eq!(second.grow(1).expect_err("three quarters are taken").kind, ErrorKind::Overloaded);
+        assert_eq!(
+            second.grow(1).expect_err("three quarters are taken").kind,
+            ErrorKind::Overloaded
+        );
         assert_eq!(budget.held(), 300 << 10, "a refusal takes nothing");
         assert!(second.hold(50 << 10).is_ok());
         assert_eq!(budget.held(), 250 << 10);

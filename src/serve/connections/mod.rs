@@ -6,8 +6,9 @@
 //!                             +---- vitals -----+      received, sent: the bodies
 //! ```
 //!
-//! hyper waits for ever for a first byte, for the rest of a preface, for a body and for a reader. Here the service and the bodies note what happens in the
-//! `vitals` of their connection, and its task looks at them now and then. There is nothing about any path here but which ones stream.
+//! hyper waits for ever for a first byte, for the rest of a preface, for a body and for a reader.
+//! Here the service and the bodies note what happens in the `vitals` of their connection, and its
+//! task looks at them now and then. There is nothing about any path here but which ones stream.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -44,7 +45,8 @@ mod vitals;
 
 pub use leaving::Leaving;
 
-/// How often a silent HTTP/2 connection is asked for a sign of life, and how long it may take to give it.
+/// How often a silent HTTP/2 connection is asked for a sign of life, and how long it may take to
+/// give it.
 const KEEP_ALIVE: (Duration, Duration) = (Duration::from_secs(20), Duration::from_secs(10));
 
 /// Requests at a time on one HTTP/2 connection.
@@ -53,8 +55,8 @@ const MOST_STREAMS: u32 = 200;
 /// The headers of a request, all together.
 const MOST_HEADER_BYTES: u32 = 16 << 10;
 
-/// What a client may send ahead of being read, on one HTTP/2 stream and on all of a connection: more than a network holds in flight, and what a connection
-/// that is not read may cost.
+/// What a client may send ahead of being read, on one HTTP/2 stream and on all of a connection:
+/// more than a network holds in flight, and what a connection that is not read may cost.
 const WINDOWS: (u32, u32) = (256 << 10, 512 << 10);
 
 /// What HTTP/1 reads and writes ahead.
@@ -82,7 +84,16 @@ impl Host {
         over: CancellationToken,
     ) -> Arc<Self> {
         let (crowd, budget) = (Crowd::new(&limits), Budget::new(limits.unfinished_bytes));
-        Arc::new(Self { router, limits: Arc::new(limits), tls, crowd, budget, builder: builder(), draining, over })
+        Arc::new(Self {
+            router,
+            limits: Arc::new(limits),
+            tls,
+            crowd,
+            budget,
+            builder: builder(),
+            draining,
+            over,
+        })
     }
 
     /// Returns who is here.
@@ -93,12 +104,27 @@ impl Host {
     /// Serves a connection until it ends.
     pub async fn serve(self: Arc<Self>, stream: TcpStream, place: Place) {
         let age = age(self.limits.age, place.number());
-        let vitals = Vitals::new(self.limits.clone(), age, self.draining.child_token(), self.over.child_token());
+        let vitals = Vitals::new(
+            self.limits.clone(),
+            age,
+            self.draining.child_token(),
+            self.over.child_token(),
+        );
         place.take(vitals.clone());
         let (standing, budget) = (place.standing(), self.budget.clone());
         let peer = stream.peer_addr().ok().map(|address| address.ip());
-        let service = Watched { router: self.router.clone(), vitals: vitals.clone(), standing, budget, peer };
-        let Some(tls) = &self.tls else { return self.attend(stream, service, &vitals, CancellationToken::new()).await };
+        let service = Watched {
+            router: self.router.clone(),
+            vitals: vitals.clone(),
+            standing,
+            budget,
+            peer,
+        };
+        let Some(tls) = &self.tls else {
+            return self
+                .attend(stream, service, &vitals, CancellationToken::new())
+                .await;
+        };
         let secured = tokio::select! {
             biased;
             secured = tls.secure(stream) => secured,
@@ -114,14 +140,21 @@ impl Host {
         }
     }
 
-    /// Speaks HTTP until the connection ends. Where what it was let in by is outdated, it is asked to leave.
-    async fn attend<S>(&self, stream: S, service: Watched, vitals: &Arc<Vitals>, outdated: CancellationToken)
-    where
+    /// Speaks HTTP until the connection ends. Where what it was let in by is outdated, it is asked
+    /// to leave.
+    async fn attend<S>(
+        &self,
+        stream: S,
+        service: Watched,
+        vitals: &Arc<Vitals>,
+        outdated: CancellationToken,
+    ) where
         S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
     {
         let heard = vitals.clone();
         let stream = InspectReader::new(stream, move |bytes: &[u8]| heard.heard(bytes));
-        let mut connection = std::pin::pin!(self.builder.serve_connection(TokioIo::new(stream), service));
+        let mut connection =
+            std::pin::pin!(self.builder.serve_connection(TokioIo::new(stream), service));
         let mut look = std::pin::pin!(sleep_until(Instant::now()));
         let mut is_leaving = false;
         loop {
@@ -148,7 +181,8 @@ impl Host {
     }
 }
 
-/// Waits until a connection has to end that has not come to its first request, and tells whether it took too long: else it makes room, or the service stops.
+/// Waits until a connection has to end that has not come to its first request, and tells whether it
+/// took too long: else it makes room, or the service stops.
 async fn given_up(vitals: &Vitals) -> bool {
     loop {
         match vitals.fate(Instant::now()) {
@@ -167,7 +201,11 @@ async fn given_up(vitals: &Vitals) -> bool {
 
 fn builder() -> Builder<TokioExecutor> {
     let mut builder = Builder::new(TokioExecutor::new());
-    builder.http1().timer(TokioTimer::new()).header_read_timeout(None).max_buf_size(MOST_BUFFERED_BYTES);
+    builder
+        .http1()
+        .timer(TokioTimer::new())
+        .header_read_timeout(None)
+        .max_buf_size(MOST_BUFFERED_BYTES);
     let (interval, timeout) = KEEP_ALIVE;
     let (stream, connection) = WINDOWS;
     builder
@@ -183,7 +221,8 @@ fn builder() -> Builder<TokioExecutor> {
     builder
 }
 
-/// Returns the age at which a connection is to leave, spread over a fifth so that those which came together do not leave together.
+/// Returns the age at which a connection is to leave, spread over a fifth so that those which came
+/// together do not leave together.
 fn age(age: Duration, number: u64) -> Option<Duration> {
     /// Successive multiples of it fill the unit interval evenly.
     const GOLDEN: f64 = 0.618_033_988_749_894_9;
@@ -205,10 +244,16 @@ mod tests {
     #[test]
     fn connections_do_not_leave_together() {
         let hour = Duration::from_secs(3_600);
-        let mut ages: Vec<u64> = (0..100).filter_map(|number| age(hour, number)).map(|age| age.as_secs()).collect();
+        let mut ages: Vec<u64> = (0..100)
+            .filter_map(|number| age(hour, number))
+            .map(|age| age.as_secs())
+            .collect();
         ages.sort_unstable();
         assert!(ages[0] >= 3_240 && ages[99] <= 3_960);
-        assert!(ages.windows(2).all(|pair| pair[1] - pair[0] < 20), "{ages:?}");
+        assert!(
+            ages.windows(2).all(|pair| pair[1] - pair[0] < 20),
+            "{ages:?}"
+        );
         assert_eq!(age(Duration::ZERO, 1), None);
         for number in 0..100 {
             let age = age(Duration::MAX, number).expect("some");

@@ -1,6 +1,8 @@
-//! The body of a request on its way in: it arrives in time, takes its bytes from the budget, and is read to its end even where nobody wants the rest.
+//! The body of a request on its way in: it arrives in time, takes its bytes from the budget, and is
+//! read to its end even where nobody wants the rest.
 //!
-//! The deadlines run only while a body is waited for, so a sender is not blamed for our own slowness (back-pressure).
+//! The deadlines run only while a body is waited for, so a sender is not blamed for our own
+//! slowness (back-pressure).
 
 use std::error::Error;
 use std::io;
@@ -37,8 +39,9 @@ pub enum Form {
 pub struct Manner {
     /// How it is made up.
     pub form: Form,
-    /// Whether refusals are told as statuses of gRPC, whose clients know that an answer may overtake what they send. Many clients of HTTP, of either
-    /// version, lose such an answer: for them what nobody wants is read, too.
+    /// Whether refusals are told as statuses of gRPC, whose clients know that an answer may
+    /// overtake what they send. Many clients of HTTP, of either version, lose such an answer: for
+    /// them what nobody wants is read, too.
     pub is_grpc: bool,
     /// Whether its sender waits for a sign before it sends anything.
     pub is_announced: bool,
@@ -115,7 +118,9 @@ impl Received {
 
     /// Waits until the next byte is overdue.
     fn poll_overdue(&mut self, context: &mut Context<'_>) -> Poll<()> {
-        let Some(due) = self.due() else { return Poll::Pending };
+        let Some(due) = self.due() else {
+            return Poll::Pending;
+        };
         let timer = self.timer.get_or_insert_with(|| Box::pin(sleep_until(due)));
         loop {
             std::task::ready!(timer.as_mut().poll(context));
@@ -131,7 +136,11 @@ impl Received {
     fn refuse(&mut self, problem: Problem) -> BoxError {
         self.has_ended = true;
         self.charge.release();
-        if self.manner.is_grpc { status::grpc(problem).into() } else { problem.into() }
+        if self.manner.is_grpc {
+            status::grpc(problem).into()
+        } else {
+            problem.into()
+        }
     }
 }
 
@@ -139,14 +148,23 @@ impl Body for Received {
     type Data = Bytes;
     type Error = BoxError;
 
-    fn poll_frame(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Option<Result<Frame<Bytes>, BoxError>>> {
+    fn poll_frame(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+    ) -> Poll<Option<Result<Frame<Bytes>, BoxError>>> {
         let me = &mut *self;
         me.was_asked_for = true;
-        let Some(body) = me.body.as_mut().filter(|_| !me.has_ended) else { return Poll::Ready(None) };
+        let Some(body) = me.body.as_mut().filter(|_| !me.has_ended) else {
+            return Poll::Ready(None);
+        };
         match Pin::new(body).poll_frame(context) {
             Poll::Ready(Some(Ok(frame))) => {
                 let arrived = frame.data_ref().map_or(Ok(()), |data| me.arrived(data));
-                Poll::Ready(Some(arrived.map(|()| frame).map_err(|problem| me.refuse(problem))))
+                Poll::Ready(Some(
+                    arrived
+                        .map(|()| frame)
+                        .map_err(|problem| me.refuse(problem)),
+                ))
             }
             Poll::Ready(end) => {
                 me.has_ended = true;
@@ -158,7 +176,9 @@ impl Body for Received {
                 };
                 Poll::Ready(end.map(|end| end.map_err(failed)))
             }
-            Poll::Pending => me.poll_overdue(context).map(|()| Some(Err(me.refuse(stalled())))),
+            Poll::Pending => me
+                .poll_overdue(context)
+                .map(|()| Some(Err(me.refuse(stalled())))),
         }
     }
 
@@ -167,7 +187,9 @@ impl Body for Received {
     }
 
     fn size_hint(&self) -> SizeHint {
-        self.body.as_ref().map_or_else(|| SizeHint::with_exact(0), Body::size_hint)
+        self.body
+            .as_ref()
+            .map_or_else(|| SizeHint::with_exact(0), Body::size_hint)
     }
 }
 
@@ -186,19 +208,24 @@ impl Drop for Received {
     }
 }
 
-/// Reads and drops what is left of a body, up to a bound. The request lasts as long, so that its connection is not taken to be idle.
+/// Reads and drops what is left of a body, up to a bound. The request lasts as long, so that its
+/// connection is not taken to be idle.
 async fn drain(mut body: Incoming, request: Arc<InProgress>) {
     let rest = async { while let Some(Ok(_)) = body.frame().await {} };
     let most: Duration = request.vitals().limits().unwanted;
     let _ = tokio::time::timeout(most, rest).await;
 }
 
-/// Tells whether a body ended early because nobody sends it any more, and not because of what was sent.
+/// Tells whether a body ended early because nobody sends it any more, and not because of what was
+/// sent.
 fn has_left(error: &hyper::Error) -> bool {
     let mut cause = error.source();
     while let Some(found) = cause {
         if let Some(io) = found.downcast_ref::<io::Error>() {
-            return !matches!(io.kind(), io::ErrorKind::InvalidInput | io::ErrorKind::InvalidData);
+            return !matches!(
+                io.kind(),
+                io::ErrorKind::InvalidInput | io::ErrorKind::InvalidData
+            );
         }
         cause = found.source();
     }
@@ -206,5 +233,9 @@ fn has_left(error: &hyper::Error) -> bool {
 }
 
 fn stalled() -> Problem {
-    Problem::new(ErrorKind::Unavailable, "BODY_STALLED", "the body did not arrive in time; send it again")
+    Problem::new(
+        ErrorKind::Unavailable,
+        "BODY_STALLED",
+        "the body did not arrive in time; send it again",
+    )
 }

@@ -1,4 +1,5 @@
-//! The body of an answer on its way out, in pieces: that the next one is asked for is the sign that somebody reads.
+//! The body of an answer on its way out, in pieces: that the next one is asked for is the sign that
+//! somebody reads.
 
 use std::pin::Pin;
 use std::sync::Arc;
@@ -11,7 +12,8 @@ use http_body::{Body as _, Frame, SizeHint};
 use super::vitals::InProgress;
 use crate::serve::requests::Call;
 
-/// The largest piece: small enough that a slow reader asks for the next in time, large enough to cost nothing.
+/// The largest piece: small enough that a slow reader asks for the next in time, large enough to
+/// cost nothing.
 const PIECE: usize = 64 << 10;
 
 /// An answer that is being sent.
@@ -26,7 +28,12 @@ pub struct Sent {
 impl Sent {
     /// Makes the answer to a request of that body.
     pub fn new(body: Body, request: Arc<InProgress>, call: Call) -> Self {
-        Self { body, rest: Bytes::new(), request, call }
+        Self {
+            body,
+            rest: Bytes::new(),
+            request,
+            call,
+        }
     }
 
     fn piece(&mut self) -> Frame<Bytes> {

@@ -1,4 +1,5 @@
-//! The vital signs of one connection: what it does, since when, and from that when and how it is to end.
+//! The vital signs of one connection: what it does, since when, and from that when and how it is to
+//! end.
 //!
 //! Looked at now and then by the task of the connection, so nothing is timed for each request.
 
@@ -85,7 +86,8 @@ impl Cause {
 }
 
 impl Vitals {
-    /// Makes those of a connection that was accepted just now, and leaves at that age if there is one.
+    /// Makes those of a connection that was accepted just now, and leaves at that age if there is
+    /// one.
     pub fn new(
         limits: Arc<Limits>,
         age: Option<Duration>,
@@ -104,7 +106,12 @@ impl Vitals {
             unread_since: HashMap::new(),
             numbered: 0,
         };
-        Arc::new(Self { limits, state: Mutex::new(state), leaving, over })
+        Arc::new(Self {
+            limits,
+            state: Mutex::new(state),
+            leaving,
+            over,
+        })
     }
 
     /// Returns the limits that the connection lives by.
@@ -130,7 +137,10 @@ impl Vitals {
         state.head_since = None;
         state.requests += 1;
         state.numbered += 1;
-        InProgress { vitals: self.clone(), number: state.numbered }
+        InProgress {
+            vitals: self.clone(),
+            number: state.numbered,
+        }
     }
 
     /// Notes that the connection was asked to leave.
@@ -170,7 +180,13 @@ impl Vitals {
             return Fate::Leaves(cause);
         }
         // What begins before the next look may be due before what is known now.
-        let soon = now + self.limits.head.min(self.limits.idle).min(self.limits.stalled) / 2;
+        let soon = now
+            + self
+                .limits
+                .head
+                .min(self.limits.idle)
+                .min(self.limits.stalled)
+                / 2;
         let due = [ends, leaves].into_iter().flatten().map(|(due, _)| due);
         let expires = state.expires.filter(|expires| *expires > now);
         Fate::Lives(due.chain(expires).fold(soon, Instant::min))
@@ -183,20 +199,27 @@ impl Vitals {
 
 impl State {
     fn ends(&self, limits: &Limits) -> Option<(Instant, Cause)> {
-        let unread = self.unread_since.values().min().map(|since| (*since + limits.stalled, Cause::Unread));
+        let unread = self
+            .unread_since
+            .values()
+            .min()
+            .map(|since| (*since + limits.stalled, Cause::Unread));
         let head = match (self.requests, self.version) {
             (0, None) if !self.is_greeted => Some((self.since + limits.head, Cause::Head)),
             // Frames of HTTP/2 that belong to no request (pings, settings) are no beginning of one.
-            (0, Some(version)) if version < Version::HTTP_2 => {
-                self.head_since.map(|since| (since + limits.head, Cause::Head))
-            }
+            (0, Some(version)) if version < Version::HTTP_2 => self
+                .head_since
+                .map(|since| (since + limits.head, Cause::Head)),
             _ => None,
         };
         let grace = self.leaving_since.map(|since| match self.requests {
             0 => (since.max(self.since) + GOODBYE, Cause::Grace),
             _ => (since + limits.grace, Cause::Grace),
         });
-        [unread, head, grace].into_iter().flatten().min_by_key(|(due, _)| *due)
+        [unread, head, grace]
+            .into_iter()
+            .flatten()
+            .min_by_key(|(due, _)| *due)
     }
 
     fn leaves(&self, limits: &Limits) -> Option<(Instant, Cause)> {
@@ -205,11 +228,16 @@ impl State {
         }
         if self.version.is_none() {
             // A client that connects ahead of its first request hears of it and connects again.
-            return self.is_greeted.then_some((self.since + limits.head, Cause::Head));
+            return self
+                .is_greeted
+                .then_some((self.since + limits.head, Cause::Head));
         }
         let idle = (self.requests == 0).then(|| (self.since + limits.idle, Cause::Idle));
         let age = self.expires.map(|expires| (expires, Cause::Age));
-        [idle, age].into_iter().flatten().min_by_key(|(due, _)| *due)
+        [idle, age]
+            .into_iter()
+            .flatten()
+            .min_by_key(|(due, _)| *due)
     }
 }
 
@@ -227,7 +255,10 @@ impl InProgress {
 
     /// Notes that a part of the answer was handed over, and more waits to be asked for.
     pub fn handed_over(&self) {
-        self.vitals.lock().unread_since.insert(self.number, Instant::now());
+        self.vitals
+            .lock()
+            .unread_since
+            .insert(self.number, Instant::now());
     }
 
     /// Notes that more of the answer was asked for, or that there is no more.
@@ -260,10 +291,16 @@ mod tests {
 
     fn vitals(age: Option<u64>) -> Arc<Vitals> {
         let token = CancellationToken::new;
-        Vitals::new(Arc::new(Limits::default()), age.map(seconds), token(), token())
+        Vitals::new(
+            Arc::new(Limits::default()),
+            age.map(seconds),
+            token(),
+            token(),
+        )
     }
 
-    /// Looks at a connection as often as its task does, for so long at most, and returns what becomes of it and after how many seconds.
+    /// Looks at a connection as often as its task does, for so long at most, and returns what
+    /// becomes of it and after how many seconds.
     async fn watch(vitals: &Vitals, most: u64) -> Option<(Fate, u64)> {
         let began = Instant::now();
         while began.elapsed() <= seconds(most) {
@@ -277,12 +314,18 @@ mod tests {
 
     #[tokio::test(start_paused = true)]
     async fn headers_arrive_in_time_from_the_accept_on() {
-        assert_eq!(watch(&vitals(None), 60).await, Some((Fate::Ends(Cause::Head), 10)));
+        assert_eq!(
+            watch(&vitals(None), 60).await,
+            Some((Fate::Ends(Cause::Head), 10))
+        );
         let dripping = vitals(None);
         dripping.heard(b"G");
         advance(seconds(9)).await;
         dripping.heard(b"G");
-        assert_eq!(watch(&dripping, 60).await, Some((Fate::Ends(Cause::Head), 1)));
+        assert_eq!(
+            watch(&dripping, 60).await,
+            Some((Fate::Ends(Cause::Head), 1))
+        );
     }
 
     #[tokio::test(start_paused = true)]
@@ -290,9 +333,15 @@ mod tests {
         let vitals = vitals(None);
         vitals.heard(PREFACE);
         vitals.heard(b"settings");
-        assert_eq!(watch(&vitals, 60).await, Some((Fate::Leaves(Cause::Head), 10)));
+        assert_eq!(
+            watch(&vitals, 60).await,
+            Some((Fate::Leaves(Cause::Head), 10))
+        );
         vitals.leaves();
-        assert_eq!(watch(&vitals, 60).await, Some((Fate::Ends(Cause::Grace), 2)));
+        assert_eq!(
+            watch(&vitals, 60).await,
+            Some((Fate::Ends(Cause::Grace), 2))
+        );
     }
 
     #[tokio::test(start_paused = true)]
@@ -300,7 +349,11 @@ mod tests {
         for version in [Version::HTTP_11, Version::HTTP_2] {
             let vitals = vitals(None);
             drop(vitals.begin(version));
-            assert_eq!(watch(&vitals, 60).await, Some((Fate::Leaves(Cause::Idle), 30)), "{version:?}");
+            assert_eq!(
+                watch(&vitals, 60).await,
+                Some((Fate::Leaves(Cause::Idle), 30)),
+                "{version:?}"
+            );
         }
     }
 
@@ -321,7 +374,10 @@ mod tests {
         drop(vitals.begin(Version::HTTP_2));
         advance(seconds(20)).await;
         vitals.heard(b"G");
-        assert_eq!(watch(&vitals, 60).await, Some((Fate::Leaves(Cause::Idle), 10)));
+        assert_eq!(
+            watch(&vitals, 60).await,
+            Some((Fate::Leaves(Cause::Idle), 10))
+        );
     }
 
     #[tokio::test(start_paused = true)]
@@ -331,7 +387,10 @@ mod tests {
         drop(first);
         assert_eq!(watch(&vitals, 7_200).await, None);
         drop(second);
-        assert_eq!(watch(&vitals, 60).await, Some((Fate::Leaves(Cause::Idle), 30)));
+        assert_eq!(
+            watch(&vitals, 60).await,
+            Some((Fate::Leaves(Cause::Idle), 30))
+        );
     }
 
     #[tokio::test(start_paused = true)]
@@ -344,7 +403,10 @@ mod tests {
         read.asked();
         unread.asked();
         unread.handed_over();
-        assert_eq!(watch(&vitals, 60).await, Some((Fate::Ends(Cause::Unread), 20)));
+        assert_eq!(
+            watch(&vitals, 60).await,
+            Some((Fate::Ends(Cause::Unread), 20))
+        );
         unread.asked();
         assert_eq!(watch(&vitals, 60).await, None);
     }
@@ -353,17 +415,27 @@ mod tests {
     async fn age_asks_connections_to_leave_and_grace_ends_them() {
         let young = vitals(Some(1));
         let in_a_second = Instant::now() + seconds(1);
-        assert_eq!(young.fate(Instant::now()), Fate::Lives(in_a_second), "before its version is known, too");
+        assert_eq!(
+            young.fate(Instant::now()),
+            Fate::Lives(in_a_second),
+            "before its version is known, too"
+        );
         let old = vitals(Some(100));
         let request = old.begin(Version::HTTP_2);
-        assert_eq!(watch(&old, 600).await, Some((Fate::Leaves(Cause::Age), 100)));
+        assert_eq!(
+            watch(&old, 600).await,
+            Some((Fate::Leaves(Cause::Age), 100))
+        );
         old.leaves();
         assert_eq!(watch(&old, 600).await, Some((Fate::Ends(Cause::Grace), 30)));
         drop(request);
         assert_eq!(watch(&old, 600).await, Some((Fate::Ends(Cause::Grace), 2)));
         let plain = vitals(Some(100));
         let _request = plain.begin(Version::HTTP_11);
-        assert_eq!(watch(&plain, 600).await, Some((Fate::Leaves(Cause::Age), 100)));
+        assert_eq!(
+            watch(&plain, 600).await,
+            Some((Fate::Leaves(Cause::Age), 100))
+        );
     }
 
     #[tokio::test(start_paused = true)]

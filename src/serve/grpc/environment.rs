@@ -5,9 +5,9 @@ use tonic::{Request, Response, Status};
 use super::{Face, call};
 use crate::api::proto::environment_service_server::EnvironmentService;
 use crate::api::proto::{
-    ApplyEnvironmentRequest, ApplyEnvironmentResponse, DeleteEnvironmentRequest, DeleteEnvironmentResponse,
-    Environment, GetEnvironmentRequest, GetEnvironmentResponse, ListEnvironmentsRequest, ListEnvironmentsResponse,
-    UpdateRuleRequest, UpdateRuleResponse,
+    ApplyEnvironmentRequest, ApplyEnvironmentResponse, DeleteEnvironmentRequest,
+    DeleteEnvironmentResponse, Environment, GetEnvironmentRequest, GetEnvironmentResponse,
+    ListEnvironmentsRequest, ListEnvironmentsResponse, UpdateRuleRequest, UpdateRuleResponse,
 };
 use crate::domain::draft::DescriptionDraft;
 use crate::work::beside;
@@ -20,7 +20,8 @@ fn sendable(environment: &domain::Environment) -> Environment {
     sendable
 }
 
-/// Leaves out a description that is larger than a message, as one may be that was made before descriptions had a limit.
+/// Leaves out a description that is larger than a message, as one may be that was made before
+/// descriptions had a limit.
 fn lighten(environment: &mut Environment) {
     if !api::fits_on_a_page(environment) {
         environment.schema = None;
@@ -37,10 +38,17 @@ impl EnvironmentService for Face {
         call("ApplyEnvironment", async {
             let ApplyEnvironmentRequest { name, schema, rule } = request.into_inner();
             let schema = beside(move || schema.unwrap_or_default().into()).await?;
-            let description = DescriptionDraft { schema, schema_hash: None, rule: rule.map(Into::into) };
+            let description = DescriptionDraft {
+                schema,
+                schema_hash: None,
+                rule: rule.map(Into::into),
+            };
             let (environment, created) = face.app.environments.apply(&name, description).await?;
             let environment = beside(move || sendable(&environment)).await?;
-            Ok(ApplyEnvironmentResponse { environment: Some(environment), created })
+            Ok(ApplyEnvironmentResponse {
+                environment: Some(environment),
+                created,
+            })
         })
         .await
     }
@@ -52,7 +60,9 @@ impl EnvironmentService for Face {
         let face = self.asked(&request);
         call("GetEnvironment", async {
             let environment = face.app.environments.find(&request.into_inner().name)?;
-            Ok(GetEnvironmentResponse { environment: Some(beside(move || sendable(&environment)).await?) })
+            Ok(GetEnvironmentResponse {
+                environment: Some(beside(move || sendable(&environment)).await?),
+            })
         })
         .await
     }
@@ -63,7 +73,10 @@ impl EnvironmentService for Face {
     ) -> Result<Response<ListEnvironmentsResponse>, Status> {
         let face = self.asked(&request);
         call("ListEnvironments", async {
-            let ListEnvironmentsRequest { page_size, page_token } = request.into_inner();
+            let ListEnvironmentsRequest {
+                page_size,
+                page_token,
+            } = request.into_inner();
             let token = Some(page_token.as_str()).filter(|token| !token.is_empty());
             let page = face.app.environments.list(u64::from(page_size), token)?;
             beside(move || {
@@ -76,12 +89,21 @@ impl EnvironmentService for Face {
         .await
     }
 
-    async fn update_rule(&self, request: Request<UpdateRuleRequest>) -> Result<Response<UpdateRuleResponse>, Status> {
+    async fn update_rule(
+        &self,
+        request: Request<UpdateRuleRequest>,
+    ) -> Result<Response<UpdateRuleResponse>, Status> {
         let face = self.asked(&request);
         call("UpdateRule", async {
             let UpdateRuleRequest { name, rule } = request.into_inner();
-            let environment = face.app.environments.update_rule(&name, &rule.unwrap_or_default().into()).await?;
-            Ok(UpdateRuleResponse { environment: Some(beside(move || sendable(&environment)).await?) })
+            let environment = face
+                .app
+                .environments
+                .update_rule(&name, &rule.unwrap_or_default().into())
+                .await?;
+            Ok(UpdateRuleResponse {
+                environment: Some(beside(move || sendable(&environment)).await?),
+            })
         })
         .await
     }
@@ -92,7 +114,10 @@ impl EnvironmentService for Face {
     ) -> Result<Response<DeleteEnvironmentResponse>, Status> {
         let face = self.asked(&request);
         call("DeleteEnvironment", async {
-            face.app.environments.delete(&request.into_inner().name).await?;
+            face.app
+                .environments
+                .delete(&request.into_inner().name)
+                .await?;
             Ok(DeleteEnvironmentResponse {})
         })
         .await

@@ -5,9 +5,10 @@ use tonic::{Request, Response, Status};
 use super::{Face, call};
 use crate::api::proto::influence_service_server::InfluenceService;
 use crate::api::proto::{
-    BatchGetInfluenceRequest, BatchGetInfluenceResponse, ExploreRequest, ExploreResponse, FitPriorRequest,
-    FitPriorResponse, GetGraphRequest, GetGraphResponse, GetInfluenceRequest, GetInfluenceResponse, GetStateRequest,
-    GetStateResponse, ListStatesRequest, ListStatesResponse, SummarizeRequest, SummarizeResponse,
+    BatchGetInfluenceRequest, BatchGetInfluenceResponse, ExploreRequest, ExploreResponse,
+    FitPriorRequest, FitPriorResponse, GetGraphRequest, GetGraphResponse, GetInfluenceRequest,
+    GetInfluenceResponse, GetStateRequest, GetStateResponse, ListStatesRequest, ListStatesResponse,
+    SummarizeRequest, SummarizeResponse,
 };
 use crate::api::{fitting, grpc};
 use crate::domain::draft::QuestionDraft;
@@ -17,12 +18,22 @@ use crate::serve::costs::STATE_BYTES;
 use crate::work::aside;
 
 impl Face {
-    async fn answer(&self, environment: &str, draft: QuestionDraft) -> Result<(Answers, View), Problem> {
+    async fn answer(
+        &self,
+        environment: &str,
+        draft: QuestionDraft,
+    ) -> Result<(Answers, View), Problem> {
         let environment = self.app.environments.find(environment)?;
         let asked = environment.clone();
-        let question = aside(draft.states.len() * STATE_BYTES, move || Question::new(&asked, &draft)).await??;
+        let question = aside(draft.states.len() * STATE_BYTES, move || {
+            Question::new(&asked, &draft)
+        })
+        .await??;
         let view = question.view;
-        Ok((self.app.influence.answer(&environment, question).await?, view))
+        Ok((
+            self.app.influence.answer(&environment, question).await?,
+            view,
+        ))
     }
 }
 
@@ -49,71 +60,114 @@ impl InfluenceService for Face {
         call("BatchGetInfluence", async {
             let (environment, draft) = grpc::batch_question(request.into_inner())?;
             let (answers, view) = face.answer(&environment, draft).await?;
-            aside(answers.answers.len() * STATE_BYTES, move || fitting(answers.into(), view)).await?
+            aside(answers.answers.len() * STATE_BYTES, move || {
+                fitting(answers.into(), view)
+            })
+            .await?
         })
         .await
     }
 
-    async fn get_state(&self, request: Request<GetStateRequest>) -> Result<Response<GetStateResponse>, Status> {
+    async fn get_state(
+        &self,
+        request: Request<GetStateRequest>,
+    ) -> Result<Response<GetStateResponse>, Status> {
         let face = self.asked(&request);
         call("GetState", async {
             let GetStateRequest { environment, key } = request.into_inner();
             let environment = face.app.environments.find(&environment)?;
             let view = face.app.influence.state(&environment, &key).await?;
-            aside(view.cells.len() * STATE_BYTES, move || fitting(view.into(), View::Full)).await?
+            aside(view.cells.len() * STATE_BYTES, move || {
+                fitting(view.into(), View::Full)
+            })
+            .await?
         })
         .await
     }
 
-    async fn list_states(&self, request: Request<ListStatesRequest>) -> Result<Response<ListStatesResponse>, Status> {
+    async fn list_states(
+        &self,
+        request: Request<ListStatesRequest>,
+    ) -> Result<Response<ListStatesResponse>, Status> {
         let face = self.asked(&request);
         call("ListStates", async {
             let (environment, listing) = grpc::list_states(request.into_inner())?;
             let environment = face.app.environments.find(&environment)?;
             let page = face.app.influence.states(&environment, &listing).await?;
-            aside(page.states.len() * STATE_BYTES, move || fitting(page.into(), View::Verdict)).await?
+            aside(page.states.len() * STATE_BYTES, move || {
+                fitting(page.into(), View::Verdict)
+            })
+            .await?
         })
         .await
     }
 
-    async fn summarize(&self, request: Request<SummarizeRequest>) -> Result<Response<SummarizeResponse>, Status> {
+    async fn summarize(
+        &self,
+        request: Request<SummarizeRequest>,
+    ) -> Result<Response<SummarizeResponse>, Status> {
         let face = self.asked(&request);
         call("Summarize", async {
             let (environment, draft) = grpc::summary(request.into_inner())?;
             let environment = face.app.environments.find(&environment)?;
-            Ok(face.app.influence.summary(&environment, &draft).await?.into())
+            Ok(face
+                .app
+                .influence
+                .summary(&environment, &draft)
+                .await?
+                .into())
         })
         .await
     }
 
-    async fn get_graph(&self, request: Request<GetGraphRequest>) -> Result<Response<GetGraphResponse>, Status> {
+    async fn get_graph(
+        &self,
+        request: Request<GetGraphRequest>,
+    ) -> Result<Response<GetGraphResponse>, Status> {
         let face = self.asked(&request);
         call("GetGraph", async {
             let (environment, draft) = grpc::graph(request.into_inner())?;
             let environment = face.app.environments.find(&environment)?;
             let graph = face.app.influence.graph(&environment, &draft).await?;
-            aside(graph.edges.len() * STATE_BYTES, move || fitting(graph.into(), View::Figures)).await?
+            aside(graph.edges.len() * STATE_BYTES, move || {
+                fitting(graph.into(), View::Figures)
+            })
+            .await?
         })
         .await
     }
 
-    async fn explore(&self, request: Request<ExploreRequest>) -> Result<Response<ExploreResponse>, Status> {
+    async fn explore(
+        &self,
+        request: Request<ExploreRequest>,
+    ) -> Result<Response<ExploreResponse>, Status> {
         let face = self.asked(&request);
         call("Explore", async {
             let (environment, draft) = grpc::exploration(request.into_inner())?;
             let environment = face.app.environments.find(&environment)?;
             let exploration = face.app.influence.explore(&environment, &draft).await?;
-            aside(exploration.trials.len() * STATE_BYTES, move || fitting(exploration.into(), View::Verdict)).await?
+            aside(exploration.trials.len() * STATE_BYTES, move || {
+                fitting(exploration.into(), View::Verdict)
+            })
+            .await?
         })
         .await
     }
 
-    async fn fit_prior(&self, request: Request<FitPriorRequest>) -> Result<Response<FitPriorResponse>, Status> {
+    async fn fit_prior(
+        &self,
+        request: Request<FitPriorRequest>,
+    ) -> Result<Response<FitPriorResponse>, Status> {
         let face = self.asked(&request);
         call("FitPrior", async {
             let (environment, pair) = grpc::fit(request.into_inner());
             let environment = face.app.environments.find(&environment)?;
-            Ok(face.app.influence.fit(&environment, pair.as_ref()).await?.into())
+            Ok(face
+                .app
+                .influence
+                .fit(&environment, pair.as_ref())
+                .await?
+                .into())
         })
         .await
     }

@@ -1,7 +1,8 @@
 //! `IngestService`: one producer's stream, from its hello to its last receipt.
 //!
-//! Reading and acknowledging run side by side. Whatever ends the reading (the client is done, the service drains, a fault), every batch that was
-//! taken is acknowledged before the stream's own end is told.
+//! Reading and acknowledging run side by side. Whatever ends the reading (the client is done, the
+//! service drains, a fault), every batch that was taken is acknowledged before the stream's own end
+//! is told.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -17,8 +18,8 @@ use super::{Face, call};
 use crate::api::proto::ingest_request::Message;
 use crate::api::proto::ingest_service_server::IngestService;
 use crate::api::proto::{
-    GetProducerRequest, GetProducerResponse, Hello, IngestRequest, IngestResponse, Welcome, WriteRequest,
-    WriteResponse, ingest_response,
+    GetProducerRequest, GetProducerResponse, Hello, IngestRequest, IngestResponse, Welcome,
+    WriteRequest, WriteResponse, ingest_response,
 };
 use crate::api::{MOST_BATCH_TRANSITIONS, MOST_MESSAGE_BYTES, grpc};
 use crate::domain::{Batch, Environment, ProducerId, Sequence};
@@ -40,22 +41,34 @@ type Outbound = mpsc::Sender<Result<IngestResponse, Status>>;
 impl IngestService for Face {
     type IngestStream = ReceiverStream<Result<IngestResponse, Status>>;
 
-    async fn ingest(&self, request: Request<Streaming<IngestRequest>>) -> Result<Response<Self::IngestStream>, Status> {
+    async fn ingest(
+        &self,
+        request: Request<Streaming<IngestRequest>>,
+    ) -> Result<Response<Self::IngestStream>, Status> {
         let face = self.asked(&request);
         let (out, responses) = mpsc::channel(OUTBOUND);
         let leaving = request.extensions().get().cloned();
         let leaving = leaving.unwrap_or_else(|| Leaving(face.app.draining.clone()));
-        tokio::spawn(face.stream(request.into_inner(), leaving, out).in_current_span());
+        tokio::spawn(
+            face.stream(request.into_inner(), leaving, out)
+                .in_current_span(),
+        );
         Ok(Response::new(ReceiverStream::new(responses)))
     }
 
-    async fn write(&self, request: Request<WriteRequest>) -> Result<Response<WriteResponse>, Status> {
+    async fn write(
+        &self,
+        request: Request<WriteRequest>,
+    ) -> Result<Response<WriteResponse>, Status> {
         let face = self.asked(&request);
         call("Write", async {
-            let (environment, producer, batch) = face.decode(request.into_inner()).inspect_err(refused)?;
+            let (environment, producer, batch) =
+                face.decode(request.into_inner()).inspect_err(refused)?;
             let sequence = batch.sequence;
             let told = face.app.ingest.write(&environment, producer, batch).await?;
-            Ok(WriteResponse { receipt: Some(grpc::receipt(sequence, told)) })
+            Ok(WriteResponse {
+                receipt: Some(grpc::receipt(sequence, told)),
+            })
         })
         .await
     }
@@ -66,9 +79,16 @@ impl IngestService for Face {
     ) -> Result<Response<GetProducerResponse>, Status> {
         let face = self.asked(&request);
         call("GetProducer", async {
-            let GetProducerRequest { environment, producer } = request.into_inner();
+            let GetProducerRequest {
+                environment,
+                producer,
+            } = request.into_inner();
             let environment = face.app.environments.find(&environment)?;
-            let committed = face.app.ingest.committed(&environment, &grpc::producer(&producer)?).await?;
+            let committed = face
+                .app
+                .ingest
+                .committed(&environment, &grpc::producer(&producer)?)
+                .await?;
             Ok(GetProducerResponse {
                 committed_sequence: committed.get(),
                 environment_uid: environment.uid.to_string(),
@@ -79,9 +99,20 @@ impl IngestService for Face {
 }
 
 impl Face {
-    fn decode(&self, request: WriteRequest) -> Result<(Arc<Environment>, ProducerId, Batch), Problem> {
-        let WriteRequest { environment, environment_uid, producer, batch } = request;
-        let environment = self.app.environments.find_known(&environment, &environment_uid)?;
+    fn decode(
+        &self,
+        request: WriteRequest,
+    ) -> Result<(Arc<Environment>, ProducerId, Batch), Problem> {
+        let WriteRequest {
+            environment,
+            environment_uid,
+            producer,
+            batch,
+        } = request;
+        let environment = self
+            .app
+            .environments
+            .find_known(&environment, &environment_uid)?;
         let producer = grpc::producer(&producer)?;
         let batch = grpc::batch(&environment.schema, batch.unwrap_or_default())?;
         Ok((environment, producer, batch))
@@ -119,25 +150,43 @@ impl Face {
             () = leaving.0.cancelled() => return Err(self.parting().into()),
             first = tokio::time::timeout(HELLO, inbound.message()) => first,
         };
-        let first = first.map_err(|_| protocol("no hello within 10 seconds"))?.map_err(End::from_read)?;
-        let Some(IngestRequest { message: Some(Message::Hello(hello)) }) = first else {
+        let first = first
+            .map_err(|_| protocol("no hello within 10 seconds"))?
+            .map_err(End::from_read)?;
+        let Some(IngestRequest {
+            message: Some(Message::Hello(hello)),
+        }) = first
+        else {
             return Err(protocol("a stream begins with a hello").into());
         };
         let (environment, producer) = self.introduce(hello)?;
         let session = self.app.ingest.open(environment, producer).await?;
         let welcome = ingest_response::Message::Welcome(welcome(&session));
-        out.send(Ok(IngestResponse { message: Some(welcome) })).await.map_err(|_| End::Gone)?;
+        out.send(Ok(IngestResponse {
+            message: Some(welcome),
+        }))
+        .await
+        .map_err(|_| End::Gone)?;
         Ok(session)
     }
 
     /// Checks who says hello, to which environment, with which description of it in mind.
     fn introduce(&self, hello: Hello) -> Result<(Arc<Environment>, ProducerId), Problem> {
-        let environment = self.app.environments.find_known(&hello.environment, &hello.environment_uid)?;
+        let environment = self
+            .app
+            .environments
+            .find_known(&hello.environment, &hello.environment_uid)?;
         let producer = grpc::producer(&hello.producer)?;
         let hash = environment.schema.hash();
         if !hello.schema_hash.is_empty() && hello.schema_hash != hash.0 {
-            let message = format!("environment `{}` has another schema than the stream was made for", environment.name);
-            return Err(Problem::new(ErrorKind::Conflict, "SCHEMA_CONFLICT", message).with("schema_hash", hash));
+            let message = format!(
+                "environment `{}` has another schema than the stream was made for",
+                environment.name
+            );
+            return Err(
+                Problem::new(ErrorKind::Conflict, "SCHEMA_CONFLICT", message)
+                    .with("schema_hash", hash),
+            );
         }
         Ok((environment, producer))
     }
@@ -152,7 +201,8 @@ impl Face {
         // Rendezvous only: tickets wait in the acknowledging half, which bounds them by the window.
         let (tickets, taken) = mpsc::channel(1);
         let reading = self.read(session, inbound, leaving, tickets);
-        // Wherever the reading waits, for a batch, for room or for the rate, a key that is withdrawn ends it at once.
+        // Wherever the reading waits, for a batch, for room or for the rate, a key that is
+        // withdrawn ends it at once.
         let mut reading = std::pin::pin!(async {
             tokio::select! {
                 biased;
@@ -178,7 +228,8 @@ impl Face {
         }
     }
 
-    /// Takes batches until the client is done or something ends the stream. Giving up the tickets' sender is what lets the acknowledging half end.
+    /// Takes batches until the client is done or something ends the stream. Giving up the tickets'
+    /// sender is what lets the acknowledging half end.
     async fn read(
         &self,
         session: &Session,
@@ -195,12 +246,15 @@ impl Face {
             };
             let batch = match message {
                 None => return Ok(()),
-                Some(IngestRequest { message: Some(Message::Batch(batch)) }) => batch,
+                Some(IngestRequest {
+                    message: Some(Message::Batch(batch)),
+                }) => batch,
                 Some(_) => return Err(protocol("expected a batch").into()),
             };
             let batch = grpc::batch(&session.environment().schema, batch).inspect_err(refused)?;
             self.caller.turn().await?;
-            // A batch that still waits for room when the stream is to end was not taken: its client sends it again.
+            // A batch that still waits for room when the stream is to end was not taken: its client
+            // sends it again.
             let ticket = tokio::select! {
                 biased;
                 () = leaving.0.cancelled() => return Err(self.parting().into()),
@@ -212,8 +266,14 @@ impl Face {
 }
 
 /// Tells receipts in order, as many together as one commit made ready.
-async fn acknowledge(resumed: Sequence, taken: mpsc::Receiver<Ticket>, out: &Outbound) -> Result<(), End> {
-    let answers = ReceiverStream::new(taken).map(Ticket::acknowledged).buffered(WINDOW);
+async fn acknowledge(
+    resumed: Sequence,
+    taken: mpsc::Receiver<Ticket>,
+    out: &Outbound,
+) -> Result<(), End> {
+    let answers = ReceiverStream::new(taken)
+        .map(Ticket::acknowledged)
+        .buffered(WINDOW);
     let mut ready = std::pin::pin!(answers.ready_chunks(WINDOW));
     let mut committed = resumed;
     while let Some(answers) = ready.next().await {
@@ -264,14 +324,16 @@ impl End {
         }
     }
 
-    /// A message that is too large or cannot be decoded is the client's to mend; any other failure to read is a lost connection.
+    /// A message that is too large or cannot be decoded is the client's to mend; any other failure
+    /// to read is a lost connection.
     fn from_read(status: Status) -> Self {
         match status.code() {
             // Signed by us: the message did not arrive in time, or was one too many.
             _ if status.get_details_error_info().is_some() => Self::Told(status),
             // As it was sent, or unpacked.
             Code::OutOfRange | Code::ResourceExhausted => {
-                let message = format!("a message is larger than the limit of {MOST_MESSAGE_BYTES} bytes");
+                let message =
+                    format!("a message is larger than the limit of {MOST_MESSAGE_BYTES} bytes");
                 Problem::new(ErrorKind::TooLarge, "MESSAGE_TOO_LARGE", message)
                     .with("limit_bytes", MOST_MESSAGE_BYTES)
                     .into()
@@ -309,5 +371,9 @@ fn protocol(message: &str) -> Problem {
 }
 
 fn draining() -> Problem {
-    Problem::new(ErrorKind::Unavailable, "STOPPING", "the service is stopping; reconnect and resume")
+    Problem::new(
+        ErrorKind::Unavailable,
+        "STOPPING",
+        "the service is stopping; reconnect and resume",
+    )
 }

@@ -36,7 +36,8 @@ mod timely;
 pub use reasons::give as give_reasons;
 pub use timely::in_time;
 
-/// The largest message with a network that is read at all: one above the limit is refused with the way to send it.
+/// The largest message with a network that is read at all: one above the limit is refused with the
+/// way to send it.
 const MOST_REFUSED_BYTES: usize = 16 << 20;
 
 /// One face of the service; every gRPC service is implemented on it.
@@ -49,8 +50,15 @@ struct Face {
 impl Face {
     /// Returns the face as it is for whoever sent a request.
     fn asked<T>(&self, request: &tonic::Request<T>) -> Self {
-        let caller = request.extensions().get::<Caller>().cloned().unwrap_or_default();
-        Self { app: self.app.asked_by(caller.asker()), caller }
+        let caller = request
+            .extensions()
+            .get::<Caller>()
+            .cloned()
+            .unwrap_or_default();
+        Self {
+            app: self.app.asked_by(caller.asker()),
+            caller,
+        }
     }
 }
 
@@ -61,12 +69,15 @@ pub async fn routes(app: App) -> Result<Routes, tonic_reflection::server::Error>
             limited!($server, MOST_MESSAGE_BYTES)
         };
         ($server:ident, $most_decoded:expr) => {
-            $server::new(Face { app: app.clone(), caller: Caller::default() })
-                .max_decoding_message_size($most_decoded)
-                .max_encoding_message_size(MOST_MESSAGE_BYTES)
-                // Unpacked within the same limit. Answers are small, and sooner sent than packed.
-                .accept_compressed(Gzip)
-                .accept_compressed(Deflate)
+            $server::new(Face {
+                app: app.clone(),
+                caller: Caller::default(),
+            })
+            .max_decoding_message_size($most_decoded)
+            .max_encoding_message_size(MOST_MESSAGE_BYTES)
+            // Unpacked within the same limit. Answers are small, and sooner sent than packed.
+            .accept_compressed(Gzip)
+            .accept_compressed(Deflate)
         };
     }
     let (health, checked) = tonic_health::server::health_reporter();
@@ -74,7 +85,9 @@ pub async fn routes(app: App) -> Result<Routes, tonic_reflection::server::Error>
     health.set_serving::<IngestServiceServer<Face>>().await;
     health.set_serving::<InfluenceServiceServer<Face>>().await;
     health.set_serving::<ModelServiceServer<Face>>().await;
-    health.set_serving::<GrpcInferenceServiceServer<Face>>().await;
+    health
+        .set_serving::<GrpcInferenceServiceServer<Face>>()
+        .await;
     tokio::spawn(follow(app.clone(), health));
     let descriptors = || {
         tonic_reflection::server::Builder::configure()
@@ -89,12 +102,23 @@ pub async fn routes(app: App) -> Result<Routes, tonic_reflection::server::Error>
         .add_service(limited!(ModelServiceServer, MOST_REFUSED_BYTES))
         .add_service(limited!(GrpcInferenceServiceServer))
         .add_service(checked.accept_compressed(Gzip).accept_compressed(Deflate))
-        .add_service(descriptors().build_v1()?.accept_compressed(Gzip).accept_compressed(Deflate))
-        .add_service(descriptors().build_v1alpha()?.accept_compressed(Gzip).accept_compressed(Deflate));
+        .add_service(
+            descriptors()
+                .build_v1()?
+                .accept_compressed(Gzip)
+                .accept_compressed(Deflate),
+        )
+        .add_service(
+            descriptors()
+                .build_v1alpha()?
+                .accept_compressed(Gzip)
+                .accept_compressed(Deflate),
+        );
     Ok(routes.routes())
 }
 
-/// Lets health follow readiness: while nothing can be counted, the service as a whole and what takes batches do not serve. Ends with the service.
+/// Lets health follow readiness: while nothing can be counted, the service as a whole and what
+/// takes batches do not serve. Ends with the service.
 async fn follow(app: App, health: tonic_health::server::HealthReporter) {
     const OFTEN: Duration = Duration::from_secs(1);
     const WRITING: [&str; 2] = ["", "nudge.v1.IngestService"];
@@ -104,7 +128,12 @@ async fn follow(app: App, health: tonic_health::server::HealthReporter) {
         "nudge.v1.ModelService",
         "inference.GRPCInferenceService",
     ];
-    while app.draining.run_until_cancelled(tokio::time::sleep(OFTEN)).await.is_some() {
+    while app
+        .draining
+        .run_until_cancelled(tokio::time::sleep(OFTEN))
+        .await
+        .is_some()
+    {
         let status = match operations::ready(&app).await {
             Ok(()) => tonic_health::ServingStatus::Serving,
             Err(_) => tonic_health::ServingStatus::NotServing,
@@ -114,14 +143,21 @@ async fn follow(app: App, health: tonic_health::server::HealthReporter) {
         }
     }
     for name in WRITING.into_iter().chain(ASKING) {
-        health.set_service_status(name, tonic_health::ServingStatus::NotServing).await;
+        health
+            .set_service_status(name, tonic_health::ServingStatus::NotServing)
+            .await;
     }
 }
 
-/// Refuses gRPC over HTTP/1.1 in words, which has no trailers that its clients read; gRPC-Web needs none.
+/// Refuses gRPC over HTTP/1.1 in words, which has no trailers that its clients read; gRPC-Web needs
+/// none.
 pub async fn over_http_2(request: Request<Body>, next: Next) -> axum::response::Response {
-    let media = request.headers().get(header::CONTENT_TYPE).map_or(&b""[..], |media| media.as_bytes());
-    let is_grpc = requests::is_grpc(request.headers()) && !media.starts_with(b"application/grpc-web");
+    let media = request
+        .headers()
+        .get(header::CONTENT_TYPE)
+        .map_or(&b""[..], |media| media.as_bytes());
+    let is_grpc =
+        requests::is_grpc(request.headers()) && !media.starts_with(b"application/grpc-web");
     if !is_grpc || request.version() >= Version::HTTP_2 {
         return next.run(request).await;
     }
@@ -141,6 +177,10 @@ async fn call<T>(
 /// Answers for a method that panicked, and writes the cause to the log.
 pub fn of_panic(cause: Box<dyn Any + Send>) -> axum::response::Response {
     log_panic(&*cause);
-    status::grpc(Problem::new(ErrorKind::Internal, "INTERNAL", "the service failed; the cause is in its log"))
-        .into_http()
+    status::grpc(Problem::new(
+        ErrorKind::Internal,
+        "INTERNAL",
+        "the service failed; the cause is in its log",
+    ))
+    .into_http()
 }

@@ -1,4 +1,5 @@
-//! Reasons of errors: a status that the gRPC machinery made by itself gets the details that ours have.
+//! Reasons of errors: a status that the gRPC machinery made by itself gets the details that ours
+//! have.
 
 use axum::body::Body;
 use axum::extract::Request;
@@ -27,7 +28,13 @@ pub async fn give(request: Request, next: Next) -> Response {
 
 fn complete(headers: &mut HeaderMap) {
     let status = Status::from_header_map(headers);
-    let Some(bare) = status.filter(|status| status.code() != Code::Ok && status.details().is_empty()) else { return };
+    let Some(bare) =
+        status.filter(|status| status.code() != Code::Ok && status.details().is_empty())
+    else {
+        return;
+    };
     // Others stay, such as which encodings are taken.
-    status::of_grpc(&bare).add_header(headers).expect("its message is percent-encoded and its details are base64");
+    status::of_grpc(&bare)
+        .add_header(headers)
+        .expect("its message is percent-encoded and its details are base64");
 }

@@ -55,26 +55,34 @@ fn asked(method: &str) -> Asked {
     }
 }
 
-/// Returns how long a call may take. What is no timeout is refused: to take it for none would let a caller who is in a hurry wait.
+/// Returns how long a call may take. What is no timeout is refused: to take it for none would let a
+/// caller who is in a hurry wait.
 fn allowed(headers: &HeaderMap) -> Result<Duration, Problem> {
     let mut said = headers.get_all("grpc-timeout").iter();
-    let Some(first) = said.next() else { return Ok(ALLOWED) };
+    let Some(first) = said.next() else {
+        return Ok(ALLOWED);
+    };
     let wrong = |got: String| {
         let expected = "expected one to eight digits and a unit of H, M, S, m, u or n";
-        Problem::invalid("call", vec![Fault::new("grpc-timeout", format!("got {got}, {expected}"))])
+        Problem::invalid(
+            "call",
+            vec![Fault::new("grpc-timeout", format!("got {got}, {expected}"))],
+        )
     };
     if said.next().is_some() {
         return Err(wrong("several".to_owned()));
     }
     let read = first.to_str().ok().and_then(timeout);
     let text = || String::from_utf8_lossy(first.as_bytes()).into_owned();
-    read.map(|said| said.min(MOST)).ok_or_else(|| wrong(format!("{:?}", text())))
+    read.map(|said| said.min(MOST))
+        .ok_or_else(|| wrong(format!("{:?}", text())))
 }
 
 /// Reads a timeout as gRPC writes it: at most eight digits and a unit.
 fn timeout(text: &str) -> Option<Duration> {
     let (digits, unit) = text.split_at_checked(text.len().checked_sub(1)?)?;
-    let is_number = (1..=8).contains(&digits.len()) && digits.bytes().all(|byte| byte.is_ascii_digit());
+    let is_number =
+        (1..=8).contains(&digits.len()) && digits.bytes().all(|byte| byte.is_ascii_digit());
     let number: u64 = digits.parse().ok().filter(|_| is_number)?;
     Some(match unit {
         "H" => Duration::from_secs(number * 60 * 60),
@@ -96,9 +104,27 @@ mod tests {
     fn timeouts_are_read_as_grpc_writes_them() {
         let units = ["3H", "3M", "3S", "3m", "3u", "3n", "00000003S"];
         let seconds = [10_800.0, 180.0, 3.0, 0.003, 0.000_003, 0.000_000_003, 3.0];
-        assert_eq!(units.map(|text| timeout(text).expect(text).as_secs_f64()), seconds);
-        assert_eq!(timeout("99999999H"), Some(Duration::from_secs(99_999_999 * 3_600)));
-        for wrong in ["", "S", "3", "3s", "+3S", "-3S", "3.5S", " 3S", "123456789S", "3\u{b5}", "\u{b5}"] {
+        assert_eq!(
+            units.map(|text| timeout(text).expect(text).as_secs_f64()),
+            seconds
+        );
+        assert_eq!(
+            timeout("99999999H"),
+            Some(Duration::from_secs(99_999_999 * 3_600))
+        );
+        for wrong in [
+            "",
+            "S",
+            "3",
+            "3s",
+            "+3S",
+            "-3S",
+            "3.5S",
+            " 3S",
+            "123456789S",
+            "3\u{b5}",
+            "\u{b5}",
+        ] {
             assert_eq!(timeout(wrong), None, "{wrong:?}");
         }
     }
@@ -106,10 +132,16 @@ mod tests {
     #[test]
     fn a_caller_may_wait_shorter_or_longer_but_not_for_ever() {
         let said = |text: &str| {
-            allowed(&HeaderMap::from_iter([("grpc-timeout".parse().expect("a name"), text.parse().expect("a value"))]))
+            allowed(&HeaderMap::from_iter([(
+                "grpc-timeout".parse().expect("a name"),
+                text.parse().expect("a value"),
+            )]))
         };
         let [zero, second, minutes] = [0, 1, 120].map(Duration::from_secs);
-        assert_eq!(["0n", "00000000H", "1S", "2M", "99999999H"].map(said), [zero, zero, second, minutes, MOST].map(Ok));
+        assert_eq!(
+            ["0n", "00000000H", "1S", "2M", "99999999H"].map(said),
+            [zero, zero, second, minutes, MOST].map(Ok)
+        );
         assert_eq!(allowed(&HeaderMap::new()), Ok(ALLOWED));
     }
 
@@ -118,13 +150,29 @@ mod tests {
         let headers = |values: &[&[u8]]| {
             let mut headers = HeaderMap::new();
             for value in values {
-                headers.append("grpc-timeout", http::HeaderValue::from_bytes(value).expect("a value"));
+                headers.append(
+                    "grpc-timeout",
+                    http::HeaderValue::from_bytes(value).expect("a value"),
+                );
             }
             headers
         };
-        for wrong in [&b"soon"[..], b"", b"S", b"1", b"-1S", b"1.5S", b"1s", b"123456789S", b"\xff"] {
+        for wrong in [
+            &b"soon"[..],
+            b"",
+            b"S",
+            b"1",
+            b"-1S",
+            b"1.5S",
+            b"1s",
+            b"123456789S",
+            b"\xff",
+        ] {
             let problem = allowed(&headers(&[wrong])).expect_err("no timeout");
-            assert_eq!((problem.kind, problem.faults[0].pointer.as_str()), (ErrorKind::Invalid, "grpc-timeout"));
+            assert_eq!(
+                (problem.kind, problem.faults[0].pointer.as_str()),
+                (ErrorKind::Invalid, "grpc-timeout")
+            );
         }
         let problem = allowed(&headers(&[b"1S", b"2S"])).expect_err("two timeouts");
         let expected = "got several, expected one to eight digits and a unit of H, M, S, m, u or n";

@@ -1,4 +1,5 @@
-//! What the protocol asks of this service, without its wire: which network a model's name and version mean, what it takes, and what it predicts.
+//! What the protocol asks of this service, without its wire: which network a model's name and
+//! version mean, what it takes, and what it predicts.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -12,7 +13,8 @@ use crate::model::{Network, Prediction};
 use crate::telemetry;
 use crate::work::{Gate, Stop};
 
-/// Requests of fewer values are sooner answered than handed to another thread; some hundreds of rows.
+/// Requests of fewer values are sooner answered than handed to another thread; some hundreds of
+/// rows.
 const MOST_INLINE_VALUES: usize = 2_048;
 
 /// Versions that are told where one is of another model: the last ones.
@@ -40,9 +42,22 @@ pub struct Served {
 /// Predicts for the states of a request.
 pub async fn infer(app: &App, name: ModelName<'_>, request: Request) -> Result<Answer, Problem> {
     let started = Instant::now();
-    let answer = async { Served::find(app, name).await?.infer(&app.work.questions, request).await }.await;
-    let states = answer.as_ref().map_or(0, |answer| answer.outputs.first().map_or(0, |output| output.values.len()));
-    let code = answer.as_ref().map_or_else(|problem| problem.reason, |_| "OK");
+    let answer = async {
+        Served::find(app, name)
+            .await?
+            .infer(&app.work.questions, request)
+            .await
+    }
+    .await;
+    let states = answer.as_ref().map_or(0, |answer| {
+        answer
+            .outputs
+            .first()
+            .map_or(0, |output| output.values.len())
+    });
+    let code = answer
+        .as_ref()
+        .map_or_else(|problem| problem.reason, |_| "OK");
     telemetry::inferred(started.elapsed(), code, states as u64);
     answer
 }
@@ -63,15 +78,34 @@ impl Served {
         let (environment, pair) = pair(app, model)?;
         let network = match number(version)? {
             Some(version) => app.networks.network(&environment, version).await?,
-            None => app.networks.served(&environment, &pair).await?.ok_or_else(|| none_active(model))?,
+            None => app
+                .networks
+                .served(&environment, &pair)
+                .await?
+                .ok_or_else(|| none_active(model))?,
         };
-        let found = Self { model: model.into(), environment, network };
+        let found = Self {
+            model: model.into(),
+            environment,
+            network,
+        };
         if found.network.pair != pair {
             let known = found.versions(app, &pair).await?;
-            let known: Vec<String> = known.iter().rev().take(TOLD).rev().map(u64::to_string).collect();
-            let known =
-                if known.is_empty() { "there is none".to_owned() } else { format!("known: {}", known.join(", ")) };
-            return Err(not_found(format!("version {version} is not one of model `{model}`; {known}")));
+            let known: Vec<String> = known
+                .iter()
+                .rev()
+                .take(TOLD)
+                .rev()
+                .map(u64::to_string)
+                .collect();
+            let known = if known.is_empty() {
+                "there is none".to_owned()
+            } else {
+                format!("known: {}", known.join(", "))
+            };
+            return Err(not_found(format!(
+                "version {version} is not one of model `{model}`; {known}"
+            )));
         }
         Ok(found)
     }
@@ -91,8 +125,13 @@ impl Served {
         let agents = self.environment.schema.agents();
         let [ego, other] = [pair.ego, pair.other].map(|agent| agents[agent].name.as_str());
         let models = app.networks.list(&self.environment).await?.models;
-        let is_served = |model: &&Model| model.ego == ego && model.other == other && model.card.is_ok();
-        Ok(models.iter().filter(is_served).map(|model| model.version).collect())
+        let is_served =
+            |model: &&Model| model.ego == ego && model.other == other && model.card.is_ok();
+        Ok(models
+            .iter()
+            .filter(is_served)
+            .map(|model| model.version)
+            .collect())
     }
 
     /// Predicts for the states of a request.
@@ -136,26 +175,52 @@ fn output(figure: Figure, threshold: f64, predictions: &[Prediction]) -> Result<
         Figure::InfluenceProbability => prediction.probability,
         Figure::MutualInformation => prediction.mutual_information,
     };
-    let values: Option<Vec<f32>> = predictions.iter().map(|one| value(one).map(|value| value as f32)).collect();
+    let values: Option<Vec<f32>> = predictions
+        .iter()
+        .map(|one| value(one).map(|value| value as f32))
+        .collect();
     let (threshold, unit) = match figure {
         Figure::InfluenceProbability => (Some(threshold), None),
         Figure::MutualInformation => (None, Some("nats")),
     };
     // A network tells every figure of its kind at its own threshold.
-    let values = values.ok_or_else(|| internal(format!("the network does not tell {}", figure.as_str())))?;
-    Ok(Output { figure, threshold, unit, values })
+    let values =
+        values.ok_or_else(|| internal(format!("the network does not tell {}", figure.as_str())))?;
+    Ok(Output {
+        figure,
+        threshold,
+        unit,
+        values,
+    })
 }
 
 /// Returns the environment and the agents that a model's name means.
 fn pair(app: &App, model: &str) -> Result<(Arc<Environment>, Pair), Problem> {
     let unknown = |why: &str| not_found(format!("unknown model `{model}`: {why}"));
-    let (environment, agents) = parts(model)
-        .ok_or_else(|| unknown("expected {environment}~{ego}~{other}, or {environment} for its first two agents"))?;
+    let (environment, agents) = parts(model).ok_or_else(|| {
+        unknown("expected {environment}~{ego}~{other}, or {environment} for its first two agents")
+    })?;
     let environment = app.environments.find(environment)?;
-    let [ego, other] = agents.map_or([None, None], |agents| agents.map(|agent| Some(agent.to_owned())));
-    let pair = Pair::named(&environment.schema, &PairDraft { ego, other, ..PairDraft::default() });
-    let pair =
-        pair.map_err(|faults| unknown(&faults.into_iter().map(|fault| fault.detail).collect::<Vec<_>>().join("; ")))?;
+    let [ego, other] = agents.map_or([None, None], |agents| {
+        agents.map(|agent| Some(agent.to_owned()))
+    });
+    let pair = Pair::named(
+        &environment.schema,
+        &PairDraft {
+            ego,
+            other,
+            ..PairDraft::default()
+        },
+    );
+    let pair = pair.map_err(|faults| {
+        unknown(
+            &faults
+                .into_iter()
+                .map(|fault| fault.detail)
+                .collect::<Vec<_>>()
+                .join("; "),
+        )
+    })?;
     Ok((environment, pair))
 }
 
@@ -174,9 +239,19 @@ fn number(version: &str) -> Result<Option<u64>, Problem> {
     if version.is_empty() {
         return Ok(None);
     }
-    let number = version.parse().ok().filter(|number: &u64| number.to_string() == version);
-    let fault = || Fault::new("/version", format!("got {version:?}, expected a number, or nothing for the active one"));
-    number.map(Some).ok_or_else(|| Problem::invalid("model version", vec![fault()]))
+    let number = version
+        .parse()
+        .ok()
+        .filter(|number: &u64| number.to_string() == version);
+    let fault = || {
+        Fault::new(
+            "/version",
+            format!("got {version:?}, expected a number, or nothing for the active one"),
+        )
+    };
+    number
+        .map(Some)
+        .ok_or_else(|| Problem::invalid("model version", vec![fault()]))
 }
 
 fn none_active(model: &str) -> Problem {
@@ -200,7 +275,10 @@ mod tests {
     #[test]
     fn a_name_is_an_environment_or_an_environment_and_two_agents() {
         assert_eq!(parts("hallway"), Some(("hallway", None)));
-        assert_eq!(parts("a.b-c~robot~human"), Some(("a.b-c", Some(["robot", "human"]))));
+        assert_eq!(
+            parts("a.b-c~robot~human"),
+            Some(("a.b-c", Some(["robot", "human"])))
+        );
         for wrong in ["a~b", "a~b~c~d", "~", "~~~"] {
             assert_eq!(parts(wrong), None, "{wrong}");
         }
@@ -217,13 +295,26 @@ mod tests {
 
     #[test]
     fn figures_say_their_unit_or_their_threshold() {
-        let prediction =
-            Prediction { probability: Some(0.25), mutual_information: Some(0.5), agrees: true, in_range: true };
+        let prediction = Prediction {
+            probability: Some(0.25),
+            mutual_information: Some(0.5),
+            agrees: true,
+            in_range: true,
+        };
         let probability = output(Figure::InfluenceProbability, 0.1, &[prediction]).expect("told");
-        assert_eq!((probability.values, probability.threshold, probability.unit), (vec![0.25], Some(0.1), None));
+        assert_eq!(
+            (probability.values, probability.threshold, probability.unit),
+            (vec![0.25], Some(0.1), None)
+        );
         let information = output(Figure::MutualInformation, 0.1, &[prediction]).expect("told");
-        assert_eq!((information.values, information.threshold, information.unit), (vec![0.5], None, Some("nats")));
-        let direct = Prediction { mutual_information: None, ..prediction };
+        assert_eq!(
+            (information.values, information.threshold, information.unit),
+            (vec![0.5], None, Some("nats"))
+        );
+        let direct = Prediction {
+            mutual_information: None,
+            ..prediction
+        };
         assert!(output(Figure::MutualInformation, 0.1, &[direct]).is_err());
     }
 }

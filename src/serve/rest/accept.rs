@@ -1,4 +1,5 @@
-//! Which of several media types a caller prefers, by its `Accept` header (RFC 9110, 12.5.1), and that an answer is sent however its bytes are wanted.
+//! Which of several media types a caller prefers, by its `Accept` header (RFC 9110, 12.5.1), and
+//! that an answer is sent however its bytes are wanted.
 
 use axum::extract::Request;
 use http::{HeaderMap, HeaderValue, header};
@@ -8,10 +9,15 @@ use crate::serve::status::Failure;
 /// Letters of a header that an error repeats.
 const TOLD: usize = 100;
 
-/// Returns the position of the type that is preferred. Where several are as welcome, the first one is taken, or a later one that is named while the first
-/// is only not excluded. Without the header all are.
+/// Returns the position of the type that is preferred. Where several are as welcome, the first one
+/// is taken, or a later one that is named while the first is only not excluded. Without the header
+/// all are.
 pub fn preferred(headers: &HeaderMap, offered: &[&str]) -> Result<usize, Failure> {
-    let accepted: Vec<&str> = headers.get_all(header::ACCEPT).iter().filter_map(|value| value.to_str().ok()).collect();
+    let accepted: Vec<&str> = headers
+        .get_all(header::ACCEPT)
+        .iter()
+        .filter_map(|value| value.to_str().ok())
+        .collect();
     let accepted = accepted.join(",");
     if accepted.trim().is_empty() {
         return Ok(0);
@@ -25,15 +31,27 @@ pub fn preferred(headers: &HeaderMap, offered: &[&str]) -> Result<usize, Failure
             (best, taken) = (welcome, Some(at));
         }
     }
-    taken.ok_or_else(|| Failure::of_accept(&accepted.chars().take(TOLD).collect::<String>(), &offered.join(" or ")))
+    taken.ok_or_else(|| {
+        Failure::of_accept(
+            &accepted.chars().take(TOLD).collect::<String>(),
+            &offered.join(" or "),
+        )
+    })
 }
 
-/// Lets every answer be sent as it is, where no other way is welcome: a server may ignore that nothing is (RFC 9110, 12.5.3), and what was done by the
-/// time must not be answered as if it were refused.
+/// Lets every answer be sent as it is, where no other way is welcome: a server may ignore that
+/// nothing is (RFC 9110, 12.5.3), and what was done by the time must not be answered as if it were
+/// refused.
 pub async fn any_encoding(mut request: Request) -> Request {
     let headers = request.headers_mut();
-    let asked = headers.get_all(header::ACCEPT_ENCODING).iter().filter_map(|value| value.to_str().ok());
-    let left: Vec<&str> = asked.flat_map(|list| list.split(',')).filter(|coding| !excludes_identity(coding)).collect();
+    let asked = headers
+        .get_all(header::ACCEPT_ENCODING)
+        .iter()
+        .filter_map(|value| value.to_str().ok());
+    let left: Vec<&str> = asked
+        .flat_map(|list| list.split(','))
+        .filter(|coding| !excludes_identity(coding))
+        .collect();
     match HeaderValue::from_str(&left.join(",")) {
         Ok(left) if !left.is_empty() => {
             headers.insert(header::ACCEPT_ENCODING, left);
@@ -47,7 +65,10 @@ pub async fn any_encoding(mut request: Request) -> Request {
 
 fn excludes_identity(coding: &str) -> bool {
     let (name, weight) = coding.split_once(';').unwrap_or((coding, ""));
-    let weight = weight.trim().strip_prefix("q=").or_else(|| weight.trim().strip_prefix("Q="));
+    let weight = weight
+        .trim()
+        .strip_prefix("q=")
+        .or_else(|| weight.trim().strip_prefix("Q="));
     let is_excluded = weight.and_then(|weight| weight.parse::<f32>().ok()) == Some(0.0);
     is_excluded && ["identity", "*"].contains(&name.trim().to_ascii_lowercase().as_str())
 }
@@ -67,12 +88,20 @@ impl Welcome {
         let ranges = accepted.split(',').filter_map(|range| {
             let mut parts = range.split(';').map(str::trim);
             let exactness = exactness(&parts.next()?.to_ascii_lowercase(), media)?;
-            let weight = parts.find_map(|part| part.strip_prefix("q=").or_else(|| part.strip_prefix("Q=")));
+            let weight =
+                parts.find_map(|part| part.strip_prefix("q=").or_else(|| part.strip_prefix("Q=")));
             // Whoever writes no number means to be answered.
-            let quality = weight.and_then(|weight| weight.parse::<f32>().ok()).unwrap_or(1.0);
-            Some(Self { quality: (quality.clamp(0.0, 1.0) * 1_000.0) as u32, exactness })
+            let quality = weight
+                .and_then(|weight| weight.parse::<f32>().ok())
+                .unwrap_or(1.0);
+            Some(Self {
+                quality: (quality.clamp(0.0, 1.0) * 1_000.0) as u32,
+                exactness,
+            })
         });
-        ranges.max_by_key(|welcome| welcome.exactness).unwrap_or_default()
+        ranges
+            .max_by_key(|welcome| welcome.exactness)
+            .unwrap_or_default()
     }
 
     fn is_named(self) -> bool {
@@ -116,7 +145,10 @@ mod tests {
             (&["text/vnd.graphviz, */*"], Some(1)),
             (&["text/vnd.graphviz", "application/json"], Some(1)),
             (&["application/json, text/vnd.graphviz;q=0.5"], Some(0)),
-            (&["application/json;q=0.1, text/vnd.graphviz;q=0.5"], Some(1)),
+            (
+                &["application/json;q=0.1, text/vnd.graphviz;q=0.5"],
+                Some(1),
+            ),
             (&["*/*, application/json;q=0"], Some(1)),
             (&["text/html, application/xhtml+xml, */*;q=0.8"], Some(0)),
             (&["image/svg+xml"], None),

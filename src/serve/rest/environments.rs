@@ -14,8 +14,8 @@ use crate::serve::status::Failure;
 
 /// Creates an environment, or confirms that it exists with this very description.
 ///
-/// A rule that is present sets the rule of an environment that exists; absent, it keeps it. Another schema under the name is refused with 409. What
-/// `GET` answers comes back in as it is.
+/// A rule that is present sets the rule of an environment that exists; absent, it keeps it. Another
+/// schema under the name is refused with 409. What `GET` answers comes back in as it is.
 #[utoipa::path(
     put,
     path = "/v1/environments/{environment}",
@@ -33,8 +33,15 @@ pub async fn apply_environment(
     Path(name): Path<String>,
     Json(description): Json<json::Description>,
 ) -> Result<Response, Failure> {
-    let (environment, created) = app.environments.apply(&name, description.of_name(&name)?).await?;
-    let status = if created { StatusCode::CREATED } else { StatusCode::OK };
+    let (environment, created) = app
+        .environments
+        .apply(&name, description.of_name(&name)?)
+        .await?;
+    let status = if created {
+        StatusCode::CREATED
+    } else {
+        StatusCode::OK
+    };
     Ok((status, shown(environment).await?).into_response())
 }
 
@@ -46,7 +53,10 @@ pub async fn apply_environment(
     params(("environment" = String, Path, description = "The environment's name")),
     responses((status = 200, description = "The environment", body = json::Environment), Refusals)
 )]
-pub async fn get_environment(Plain(app): Plain, Path(name): Path<String>) -> Result<Response, Failure> {
+pub async fn get_environment(
+    Plain(app): Plain,
+    Path(name): Path<String>,
+) -> Result<Response, Failure> {
     shown(app.environments.find(&name)?).await
 }
 
@@ -61,11 +71,19 @@ pub async fn get_environment(Plain(app): Plain, Path(name): Path<String>) -> Res
     ),
     responses((status = 200, description = "A page of environments", body = json::EnvironmentPage), Refusals)
 )]
-pub async fn list_environments(Asked(app): Asked, Query(query): Query) -> Result<Response, Failure> {
+pub async fn list_environments(
+    Asked(app): Asked,
+    Query(query): Query,
+) -> Result<Response, Failure> {
     let (page_size, page_token) = json::page(query)?;
     let page = app.environments.list(page_size, page_token.as_deref())?;
     // A description may be large, and nobody has measured it.
-    told(usize::MAX, move || Ok(json::EnvironmentPage::from(proto::ListEnvironmentsResponse::from(page)))).await
+    told(usize::MAX, move || {
+        Ok(json::EnvironmentPage::from(
+            proto::ListEnvironmentsResponse::from(page),
+        ))
+    })
+    .await
 }
 
 /// Changes the parts of the rule that are given and keeps the rest.
@@ -82,13 +100,17 @@ pub async fn update_rule(
     Path(name): Path<String>,
     Json(change): Json<json::RuleChange>,
 ) -> Result<Response, Failure> {
-    let environment = app.environments.update_rule(&name, &change.rule.into()).await?;
+    let environment = app
+        .environments
+        .update_rule(&name, &change.rule.into())
+        .await?;
     shown(environment).await
 }
 
 /// Removes an environment with its counts and watermarks, for ever, and ends its streams.
 ///
-/// Accepted at once: its name is free, and what it leaves in the database goes in the background, of which `/readyz?verbose` tells.
+/// Accepted at once: its name is free, and what it leaves in the database goes in the background,
+/// of which `/readyz?verbose` tells.
 #[utoipa::path(
     delete,
     path = "/v1/environments/{environment}",
@@ -96,11 +118,19 @@ pub async fn update_rule(
     params(("environment" = String, Path, description = "The environment's name")),
     responses((status = 204, description = "The environment is gone"), Refusals)
 )]
-pub async fn delete_environment(Plain(app): Plain, Path(name): Path<String>) -> Result<StatusCode, Failure> {
+pub async fn delete_environment(
+    Plain(app): Plain,
+    Path(name): Path<String>,
+) -> Result<StatusCode, Failure> {
     app.environments.delete(&name).await?;
     Ok(StatusCode::NO_CONTENT)
 }
 
 async fn shown(environment: Arc<Environment>) -> Result<Response, Failure> {
-    told(usize::MAX, move || Ok(json::Environment::from(proto::Environment::from(&*environment)))).await
+    told(usize::MAX, move || {
+        Ok(json::Environment::from(proto::Environment::from(
+            &*environment,
+        )))
+    })
+    .await
 }

@@ -29,7 +29,11 @@ impl FromRequestParts<App> for Asked {
     type Rejection = Infallible;
 
     async fn from_request_parts(parts: &mut Parts, app: &App) -> Result<Self, Infallible> {
-        let caller = parts.extensions.get::<Caller>().cloned().unwrap_or_default();
+        let caller = parts
+            .extensions
+            .get::<Caller>()
+            .cloned()
+            .unwrap_or_default();
         Ok(Self(app.asked_by(caller.asker())))
     }
 }
@@ -96,7 +100,9 @@ impl<T: DeserializeOwned + Send, S: Send + Sync> FromRequestParts<S> for Path<T>
     async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Failure> {
         match extract::Path::from_request_parts(parts, state).await {
             Ok(extract::Path(path)) => Ok(Self(path)),
-            Err(rejection) => Err(Problem::invalid("path", vec![Fault::new("", rejection.body_text())]).into()),
+            Err(rejection) => {
+                Err(Problem::invalid("path", vec![Fault::new("", rejection.body_text())]).into())
+            }
         }
     }
 }
@@ -107,7 +113,9 @@ impl<S: Send + Sync> FromRequestParts<S> for Query {
     async fn from_request_parts(parts: &mut Parts, _: &S) -> Result<Self, Failure> {
         match extract::Query::try_from_uri(&parts.uri) {
             Ok(extract::Query(pairs)) => Ok(Self(Parameters::new(pairs))),
-            Err(rejection) => Err(Problem::invalid("query", vec![Fault::new("", rejection.body_text())]).into()),
+            Err(rejection) => {
+                Err(Problem::invalid("query", vec![Fault::new("", rejection.body_text())]).into())
+            }
         }
     }
 }
@@ -125,7 +133,9 @@ impl<T: DeserializeOwned + Send + 'static> Json<T> {
         match document.media {
             Media::Json => {
                 let bytes = document.bytes;
-                Ok(Self(aside(bytes.len(), move || json::decode("body", &bytes)).await??))
+                Ok(Self(
+                    aside(bytes.len(), move || json::decode("body", &bytes)).await??,
+                ))
             }
             Media::Lines => Err(Failure::of_media_type(LINES[0], JSON)),
         }
@@ -137,11 +147,16 @@ impl<S: Send + Sync> FromRequest<S> for Document {
 
     async fn from_request(request: Request, _: &S) -> Result<Self, Failure> {
         let media = media(request.headers())?;
-        Ok(Self { media, bytes: body(request).await? })
+        Ok(Self {
+            media,
+            bytes: body(request).await?,
+        })
     }
 }
 
-impl<T: DeserializeOwned + Default + Send + 'static, S: Send + Sync> FromRequest<S> for OptionalJson<T> {
+impl<T: DeserializeOwned + Default + Send + 'static, S: Send + Sync> FromRequest<S>
+    for OptionalJson<T>
+{
     type Rejection = Failure;
 
     async fn from_request(request: Request, _: &S) -> Result<Self, Failure> {
@@ -150,8 +165,13 @@ impl<T: DeserializeOwned + Default + Send + 'static, S: Send + Sync> FromRequest
         match bytes.is_empty() {
             true => Ok(Self(T::default())),
             false => {
-                let document = Document { media: media(&headers)?, bytes };
-                Json::from_document(document).await.map(|Json(value)| Self(value))
+                let document = Document {
+                    media: media(&headers)?,
+                    bytes,
+                };
+                Json::from_document(document)
+                    .await
+                    .map(|Json(value)| Self(value))
             }
         }
     }
@@ -176,26 +196,39 @@ impl<S: Send + Sync> FromRequest<S> for Octets {
     }
 }
 
-/// Collects a body, and unpacks it if it is packed. Its bytes are bounded, and charged as they come.
+/// Collects a body, and unpacks it if it is packed. Its bytes are bounded, and charged as they
+/// come.
 async fn body(request: Request) -> Result<Bytes, Failure> {
     let packing = Packing::of(request.headers())?;
-    let MostBytes(most) = request.extensions().get().copied().unwrap_or(MostBytes(MOST_BODY_BYTES));
+    let MostBytes(most) = request
+        .extensions()
+        .get()
+        .copied()
+        .unwrap_or(MostBytes(MOST_BODY_BYTES));
     let charge: Option<Arc<Charge>> = request.extensions().get().cloned();
     let sent = collected(request.into_body(), most, charge.as_deref()).await?;
     match packing {
         // Who has nothing to send may say that it is packed.
-        Some(packing) if !sent.is_empty() => beside(move || packing.unpack(&sent, most, charge.as_deref())).await?,
+        Some(packing) if !sent.is_empty() => {
+            beside(move || packing.unpack(&sent, most, charge.as_deref())).await?
+        }
         _ => Ok(sent),
     }
 }
 
-async fn collected(mut body: axum::body::Body, most: usize, charge: Option<&Charge>) -> Result<Bytes, Failure> {
+async fn collected(
+    mut body: axum::body::Body,
+    most: usize,
+    charge: Option<&Charge>,
+) -> Result<Bytes, Failure> {
     if body.size_hint().lower() > most as u64 {
         return Err(Failure::of_size(most));
     }
     let (mut only, mut joined) = (Bytes::new(), BytesMut::new());
     while let Some(frame) = body.frame().await {
-        let Ok(data) = frame.map_err(|error| unreadable(&error))?.into_data() else { continue };
+        let Ok(data) = frame.map_err(|error| unreadable(&error))?.into_data() else {
+            continue;
+        };
         if let Some(charge) = charge {
             charge.grow(data.len())?;
         }
@@ -211,7 +244,11 @@ async fn collected(mut body: axum::body::Body, most: usize, charge: Option<&Char
             joined.extend_from_slice(&data);
         }
     }
-    Ok(if joined.is_empty() { only } else { joined.freeze() })
+    Ok(if joined.is_empty() {
+        only
+    } else {
+        joined.freeze()
+    })
 }
 
 /// Tells why a body cannot be read: what our own layers say of it, or what is wrong with its bytes.
@@ -227,16 +264,25 @@ fn unreadable(error: &axum::Error) -> Failure {
         match cause.source() {
             Some(deeper) => cause = deeper,
             None => {
-                return Problem::invalid("body", vec![Fault::new("", format!("it cannot be read: {cause}"))]).into();
+                return Problem::invalid(
+                    "body",
+                    vec![Fault::new("", format!("it cannot be read: {cause}"))],
+                )
+                .into();
             }
         }
     }
 }
 
 const JSON: &str = "application/json";
-const LINES: [&str; 3] = ["application/x-ndjson", "application/ndjson", "application/jsonl"];
+const LINES: [&str; 3] = [
+    "application/x-ndjson",
+    "application/ndjson",
+    "application/jsonl",
+];
 
-/// A body without a type is refused too: a browser sends such a body to another site without asking that site first.
+/// A body without a type is refused too: a browser sends such a body to another site without asking
+/// that site first.
 fn media(headers: &HeaderMap) -> Result<Media, Failure> {
     let (found, essence) = content_type(headers);
     let structured = essence.starts_with("application/") && essence.ends_with("+json");
@@ -244,14 +290,28 @@ fn media(headers: &HeaderMap) -> Result<Media, Failure> {
         JSON => Ok(Media::Json),
         _ if structured => Ok(Media::Json),
         lines if LINES.contains(&lines) => Ok(Media::Lines),
-        _ => Err(Failure::of_media_type(found, "application/json, or application/x-ndjson for transitions")),
+        _ => Err(Failure::of_media_type(
+            found,
+            "application/json, or application/x-ndjson for transitions",
+        )),
     }
 }
 
 /// Returns the type as it was given, and without its parameters.
 fn content_type(headers: &HeaderMap) -> (&str, String) {
-    let found = headers.get(header::CONTENT_TYPE).and_then(|value| value.to_str().ok()).unwrap_or_default();
-    (found, found.split(';').next().unwrap_or_default().trim().to_ascii_lowercase())
+    let found = headers
+        .get(header::CONTENT_TYPE)
+        .and_then(|value| value.to_str().ok())
+        .unwrap_or_default();
+    (
+        found,
+        found
+            .split(';')
+            .next()
+            .unwrap_or_default()
+            .trim()
+            .to_ascii_lowercase(),
+    )
 }
 
 #[cfg(test)]
@@ -270,7 +330,14 @@ mod tests {
         assert_eq!(of("Application/JSON; charset=utf-8"), Some(Media::Json));
         assert_eq!(of("application/merge-patch+json"), Some(Media::Json));
         assert_eq!(of("application/x-ndjson"), Some(Media::Lines));
-        for other in ["text/plain", "application/x-www-form-urlencoded", "application/jsonp", "", "json", ";"] {
+        for other in [
+            "text/plain",
+            "application/x-www-form-urlencoded",
+            "application/jsonp",
+            "",
+            "json",
+            ";",
+        ] {
             assert_eq!(of(other), None, "{other}");
         }
         assert!(media(&HeaderMap::new()).is_err());

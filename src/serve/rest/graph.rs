@@ -18,11 +18,14 @@ use crate::work::aside;
 const JSON: &str = "application/json";
 const DOT: &str = "text/vnd.graphviz";
 
-/// Returns the causal graph of a state: agents as nodes, every pair with its answer and with what it is beside all other agents.
+/// Returns the causal graph of a state: agents as nodes, every pair with its answer and with what
+/// it is beside all other agents.
 ///
-/// A pair is `direct` where its dependence is established and no three other agents or fewer, their actions held fixed, explain it; else `explained`, `open`
-/// or `absent`. With `Accept: text/vnd.graphviz` it is told in DOT: direct edges are solid lines, explained ones dotted, open ones dashed, and none has an
-/// arrowhead, since within one tick dependence has no direction. Pictures are drawn by Graphviz: `dot -Tsvg`; who accepts neither is answered 406.
+/// A pair is `direct` where its dependence is established and no three other agents or fewer, their
+/// actions held fixed, explain it; else `explained`, `open` or `absent`. With `Accept:
+/// text/vnd.graphviz` it is told in DOT: direct edges are solid lines, explained ones dotted, open
+/// ones dashed, and none has an arrowhead, since within one tick dependence has no direction.
+/// Pictures are drawn by Graphviz: `dot -Tsvg`; who accepts neither is answered 406.
 #[utoipa::path(
     get,
     path = "/v1/environments/{environment}/graph",
@@ -45,9 +48,16 @@ pub async fn get_graph(
     let environment = app.environments.find(&name)?;
     let graph = app.influence.graph(&environment, &draft).await?;
     let bytes = graph.edges.len() * STATE_BYTES;
-    let graph = aside(bytes, move || fitting(proto::GetGraphResponse::from(graph), View::Figures)).await??;
+    let graph = aside(bytes, move || {
+        fitting(proto::GetGraphResponse::from(graph), View::Figures)
+    })
+    .await??;
     if is_dot {
-        return Ok(([(header::CONTENT_TYPE, DOT), (header::VARY, "accept")], graph.dot).into_response());
+        return Ok((
+            [(header::CONTENT_TYPE, DOT), (header::VARY, "accept")],
+            graph.dot,
+        )
+            .into_response());
     }
     let told = told(bytes, move || Ok(json::Graph::from(graph))).await?;
     Ok(([(header::VARY, "accept")], told).into_response())

@@ -18,8 +18,8 @@ type Answered = Result<Response, Failure>;
 
 /// Returns the answers for up to 10,000 states, in order.
 ///
-/// A state that is not valid fails the call, and every fault is listed by pointer (`/states/17/distance`); a valid state that was never seen is an
-/// answer with 0 visits.
+/// A state that is not valid fails the call, and every fault is listed by pointer
+/// (`/states/17/distance`); a valid state that was never seen is an answer with 0 visits.
 #[utoipa::path(
     post,
     path = "/v1/environments/{environment}/influence",
@@ -49,14 +49,21 @@ pub async fn batch_get_influence(
     ),
     responses((status = 200, description = "The answer, as a list of one", body = json::Answers), Refusals)
 )]
-pub async fn get_influence(Asked(app): Asked, Path(name): Path<String>, Query(query): Query) -> Answered {
+pub async fn get_influence(
+    Asked(app): Asked,
+    Path(name): Path<String>,
+    Query(query): Query,
+) -> Answered {
     answer(&app, &name, json::question_of_query(query)?).await
 }
 
 async fn answer(app: &App, name: &str, draft: QuestionDraft) -> Answered {
     let environment = app.environments.find(name)?;
     let asked = environment.clone();
-    let question = aside(draft.states.len() * STATE_BYTES, move || Question::new(&asked, &draft)).await??;
+    let question = aside(draft.states.len() * STATE_BYTES, move || {
+        Question::new(&asked, &draft)
+    })
+    .await??;
     let view = question.view;
     let answers = app.influence.answer(&environment, question).await?;
     told(answers.answers.len() * STATE_BYTES, move || {

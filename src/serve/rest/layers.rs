@@ -1,4 +1,5 @@
-//! What is done for every request: limits, compression, and errors in the form of their face. Its id, its trace and its figures are in `serve::requests`.
+//! What is done for every request: limits, compression, and errors in the form of their face. Its
+//! id, its trace and its figures are in `serve::requests`.
 //!
 //! On the REST routes only: a timeout or a body limit would end the streams of the gRPC face.
 
@@ -24,13 +25,18 @@ pub const MOST_BODY_BYTES: usize = 16 << 20;
 /// An answer for one state is smaller, and sooner sent than compressed.
 const LEAST_COMPRESSED_BYTES: u64 = 1_024;
 
-/// Puts the layers around the routes and the fallback of a router, whose errors are told in that form.
+/// Puts the layers around the routes and the fallback of a router, whose errors are told in that
+/// form.
 pub fn around(router: Router, form: problems::Form) -> Router {
     let compressible = SizeAbove::new(LEAST_COMPRESSED_BYTES).and(NotForContentType::IMAGES);
     // The first is outermost.
     let layers = ServiceBuilder::new()
         .layer(middleware::map_request(accept::any_encoding))
-        .layer(CompressionLayer::new().quality(CompressionLevel::Fastest).compress_when(compressible))
+        .layer(
+            CompressionLayer::new()
+                .quality(CompressionLevel::Fastest)
+                .compress_when(compressible),
+        )
         .layer(middleware::from_fn_with_state(form, problems::tell))
         .layer(CatchPanicLayer::custom(problems::of_panic))
         .layer(middleware::from_fn(in_time))

@@ -12,9 +12,11 @@ use crate::error::{Fault, Problem};
 use crate::serve::costs::STATE_BYTES;
 use crate::serve::status::Failure;
 
-/// Returns where one more visit is worth most: states, and the ego's actions in them. What to try next to learn one's influence.
+/// Returns where one more visit is worth most: states, and the ego's actions in them. What to try
+/// next to learn one's influence.
 ///
-/// Where that takes longer than its caller waits, 503 tells how far it is; it goes on, so that whoever asks again finds it further on.
+/// Where that takes longer than its caller waits, 503 tells how far it is; it goes on, so that
+/// whoever asks again finds it further on.
 #[utoipa::path(
     get,
     path = "/v1/environments/{environment}/explore",
@@ -27,19 +29,26 @@ use crate::serve::status::Failure;
     ),
     responses((status = 200, description = "What to try, the most valuable first", body = json::Exploration), Refusals)
 )]
-pub async fn explore(Asked(app): Asked, Path(name): Path<String>, Query(query): Query) -> Result<Response, Failure> {
+pub async fn explore(
+    Asked(app): Asked,
+    Path(name): Path<String>,
+    Query(query): Query,
+) -> Result<Response, Failure> {
     let draft = json::exploration(query)?;
     let environment = app.environments.find(&name)?;
     let exploration = app.influence.explore(&environment, &draft).await?;
     told(exploration.trials.len() * STATE_BYTES, move || {
-        fitting(proto::ExploreResponse::from(exploration), View::Verdict).map(json::Exploration::from)
+        fitting(proto::ExploreResponse::from(exploration), View::Verdict)
+            .map(json::Exploration::from)
     })
     .await
 }
 
-/// Fits the prior of the evidence to all states, now, and answers when it is done. It is done by itself as counts grow.
+/// Fits the prior of the evidence to all states, now, and answers when it is done. It is done by
+/// itself as counts grow.
 ///
-/// Where that takes longer than its caller waits, 503 tells how far it is; it goes on, so that whoever asks again finds it further on.
+/// Where that takes longer than its caller waits, 503 tells how far it is; it goes on, so that
+/// whoever asks again finds it further on.
 #[utoipa::path(
     post,
     path = "/v1/environments/{environment}/fit",

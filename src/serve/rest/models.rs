@@ -58,9 +58,11 @@ impl IdPath {
     }
 }
 
-/// Trains a network for a pair of agents, after those that were asked for before; answers at once with its job.
+/// Trains a network for a pair of agents, after those that were asked for before; answers at once
+/// with its job.
 ///
-/// `Location` is where the job tells how far it is. A version comes out, which is made active by itself where it beats every baseline.
+/// `Location` is where the job tells how far it is. A version comes out, which is made active by
+/// itself where it beats every baseline.
 #[utoipa::path(
     post,
     path = "/v1/environments/{environment}/models",
@@ -85,10 +87,16 @@ pub async fn train_model(
     let environment = app.environments.find(&name)?;
     let job = app.networks.train(&environment, &request.into()).await?;
     let location = format!("/v1/environments/{name}/models/{}", ModelId::Job(job.id));
-    Ok((StatusCode::ACCEPTED, [(header::LOCATION, location)], axum::Json(job_shown(job))).into_response())
+    Ok((
+        StatusCode::ACCEPTED,
+        [(header::LOCATION, location)],
+        axum::Json(job_shown(job)),
+    )
+        .into_response())
 }
 
-/// Returns the versions, a page at a time, and the jobs that were asked for since the service started.
+/// Returns the versions, a page at a time, and the jobs that were asked for since the service
+/// started.
 #[utoipa::path(
     get,
     path = "/v1/environments/{environment}/models",
@@ -107,7 +115,10 @@ pub async fn list_models(
 ) -> Result<axum::Json<json::Models>, Failure> {
     let (page_size, page_token) = json::page(query)?;
     let environment = app.environments.find(&name)?;
-    let page = app.networks.page(&environment, page_size, page_token.as_deref()).await?;
+    let page = app
+        .networks
+        .page(&environment, page_size, page_token.as_deref())
+        .await?;
     Ok(axum::Json(proto::ListModelsResponse::from(page).into()))
 }
 
@@ -119,10 +130,15 @@ pub async fn list_models(
     params(IdPath),
     responses((status = 200, description = "The version or the job", body = json::ModelOrJob), Refusals)
 )]
-pub async fn get_model(Plain(app): Plain, Path(path): Path<IdPath>) -> Result<axum::Json<ModelOrJob>, Failure> {
+pub async fn get_model(
+    Plain(app): Plain,
+    Path(path): Path<IdPath>,
+) -> Result<axum::Json<ModelOrJob>, Failure> {
     let (environment, id) = path.find(&app)?;
     Ok(axum::Json(match id {
-        ModelId::Version(version) => ModelOrJob::Model(Box::new(shown(app.networks.get(&environment, version).await?))),
+        ModelId::Version(version) => ModelOrJob::Model(Box::new(shown(
+            app.networks.get(&environment, version).await?,
+        ))),
         ModelId::Job(id) => ModelOrJob::Job(job_shown(app.networks.job(&environment, id)?)),
     }))
 }
@@ -135,7 +151,10 @@ pub async fn get_model(Plain(app): Plain, Path(path): Path<IdPath>) -> Result<ax
     params(IdPath),
     responses((status = 204, description = "The version is gone, or the job ends"), Refusals)
 )]
-pub async fn delete_model(Plain(app): Plain, Path(path): Path<IdPath>) -> Result<StatusCode, Failure> {
+pub async fn delete_model(
+    Plain(app): Plain,
+    Path(path): Path<IdPath>,
+) -> Result<StatusCode, Failure> {
     let (environment, id) = path.find(&app)?;
     app.networks.delete(&environment, id).await?;
     Ok(StatusCode::NO_CONTENT)
@@ -154,7 +173,9 @@ pub async fn activate_model(
     Path(path): Path<VersionPath>,
 ) -> Result<axum::Json<json::Model>, Failure> {
     let (environment, version) = path.find(&app)?;
-    Ok(axum::Json(shown(app.networks.activate(&environment, version).await?)))
+    Ok(axum::Json(shown(
+        app.networks.activate(&environment, version).await?,
+    )))
 }
 
 /// Takes a version back: the one of its pair that was active before answers again, or none.
@@ -170,7 +191,11 @@ pub async fn roll_back_model(
     Path(path): Path<VersionPath>,
 ) -> Result<axum::Json<json::RolledBack>, Failure> {
     let (environment, version) = path.find(&app)?;
-    let active = app.networks.roll_back(&environment, version).await?.map(Into::into);
+    let active = app
+        .networks
+        .roll_back(&environment, version)
+        .await?
+        .map(Into::into);
     Ok(axum::Json(proto::RollBackModelResponse { active }.into()))
 }
 
@@ -185,16 +210,26 @@ pub async fn roll_back_model(
         Refusals
     )
 )]
-pub async fn export_model(Plain(app): Plain, Path(path): Path<VersionPath>) -> Result<Response, Failure> {
+pub async fn export_model(
+    Plain(app): Plain,
+    Path(path): Path<VersionPath>,
+) -> Result<Response, Failure> {
     let (environment, version) = path.find(&app)?;
     let file = app.networks.export(&environment, version).await?;
     // A name of an environment needs no quoting.
-    let disposition = format!("attachment; filename=\"{}-{version}.safetensors\"", path.environment);
-    let headers = [(header::CONTENT_TYPE, OCTETS.to_owned()), (header::CONTENT_DISPOSITION, disposition)];
+    let disposition = format!(
+        "attachment; filename=\"{}-{version}.safetensors\"",
+        path.environment
+    );
+    let headers = [
+        (header::CONTENT_TYPE, OCTETS.to_owned()),
+        (header::CONTENT_DISPOSITION, disposition),
+    ];
     Ok((headers, file).into_response())
 }
 
-/// Keeps a network that was trained elsewhere: a safetensors file as it is returned by `weights`, of at most 16 MiB.
+/// Keeps a network that was trained elsewhere: a safetensors file as it is returned by `weights`,
+/// of at most 16 MiB.
 ///
 /// It is judged by the counts here, and not made active.
 #[utoipa::path(
@@ -205,11 +240,20 @@ pub async fn export_model(Plain(app): Plain, Path(path): Path<VersionPath>) -> R
     request_body(content = Safetensors, description = "The file", content_type = "application/octet-stream"),
     responses((status = 201, description = "The version that was made of it", body = json::Model), Refusals)
 )]
-pub async fn import_model(Plain(app): Plain, Path(name): Path<String>, File(file): File) -> Result<Response, Failure> {
+pub async fn import_model(
+    Plain(app): Plain,
+    Path(name): Path<String>,
+    File(file): File,
+) -> Result<Response, Failure> {
     let environment = app.environments.find(&name)?;
     let model = app.networks.import(&environment, file.into()).await?;
     let location = format!("/v1/environments/{name}/models/{}", model.version);
-    Ok((StatusCode::CREATED, [(header::LOCATION, location)], axum::Json(shown(model))).into_response())
+    Ok((
+        StatusCode::CREATED,
+        [(header::LOCATION, location)],
+        axum::Json(shown(model)),
+    )
+        .into_response())
 }
 
 fn shown(model: Model) -> json::Model {

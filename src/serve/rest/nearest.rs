@@ -5,13 +5,17 @@ use crate::domain::{is_near, meant};
 /// Longer paths are not compared.
 const MOST_BYTES: usize = 512;
 
-/// Returns what is added to "nothing is served under this path": the served paths near it, of these templates.
+/// Returns what is added to "nothing is served under this path": the served paths near it, of these
+/// templates.
 pub fn hint(path: &str, served: &[String]) -> String {
     if path.len() > MOST_BYTES {
         return String::new();
     }
     let asked: Vec<&str> = path.trim_end_matches('/').split('/').collect();
-    let mut near: Vec<String> = served.iter().filter_map(|template| filled(template, &asked)).collect();
+    let mut near: Vec<String> = served
+        .iter()
+        .filter_map(|template| filled(template, &asked))
+        .collect();
     near.sort();
     near.dedup();
     meant(&near.iter().map(String::as_str).collect::<Vec<_>>())
@@ -52,18 +56,42 @@ mod tests {
         ];
         let served = served.map(str::to_owned);
         for (path, meant) in [
-            ("/v1/environments/lane/sumary", "/v1/environments/lane/summary"),
-            ("/v1/environment/lane/Summary", "/v1/environments/lane/summary"),
+            (
+                "/v1/environments/lane/sumary",
+                "/v1/environments/lane/summary",
+            ),
+            (
+                "/v1/environment/lane/Summary",
+                "/v1/environments/lane/summary",
+            ),
             ("/v1/enviroments", "/v1/environments"),
             ("/v1/environments/", "/v1/environments"),
-            ("/v1/environments/lane/state", "/v1/environments/lane/states"),
-            ("/v1/environments/lane/model/3", "/v1/environments/lane/models/3"),
+            (
+                "/v1/environments/lane/state",
+                "/v1/environments/lane/states",
+            ),
+            (
+                "/v1/environments/lane/model/3",
+                "/v1/environments/lane/models/3",
+            ),
             ("/ready", "/readyz"),
         ] {
-            assert_eq!(hint(path, &served), format!("; did you mean `{meant}`?"), "{path}");
+            assert_eq!(
+                hint(path, &served),
+                format!("; did you mean `{meant}`?"),
+                "{path}"
+            );
         }
         let long = format!("/v1/environments/{}/sumary", "x".repeat(600));
-        for strange in ["/", "", "//", "/wp-admin", "/v3/nothing", "/v1/environments/lane/kitchen", &long] {
+        for strange in [
+            "/",
+            "",
+            "//",
+            "/wp-admin",
+            "/v3/nothing",
+            "/v1/environments/lane/kitchen",
+            &long,
+        ] {
             assert_eq!(hint(strange, &served), "", "{strange}");
         }
     }

@@ -18,14 +18,25 @@ pub fn document() -> Value {
     let paths = document["paths"].as_object_mut().expect("paths").iter_mut();
     let operations = paths.flat_map(|(path, operations)| {
         let operations = operations.as_object_mut().expect("operations").iter_mut();
-        operations.map(move |(method, operation)| (format!("{} {path}", method.to_uppercase()), operation))
+        operations.map(move |(method, operation)| {
+            (format!("{} {path}", method.to_uppercase()), operation)
+        })
     });
     for (route, operation) in operations {
         operation["security"] = security(&route);
-        operation["parameters"].as_array_mut().into_iter().flatten().for_each(refine);
-        if let Some(contents) = operation.pointer_mut("/requestBody/content").and_then(Value::as_object_mut) {
+        operation["parameters"]
+            .as_array_mut()
+            .into_iter()
+            .flatten()
+            .for_each(refine);
+        if let Some(contents) = operation
+            .pointer_mut("/requestBody/content")
+            .and_then(Value::as_object_mut)
+        {
             // A body may be absent, which is not null.
-            contents.values_mut().for_each(|content| present(&mut content["schema"]));
+            contents
+                .values_mut()
+                .for_each(|content| present(&mut content["schema"]));
         }
     }
     one_kind_each(&mut document["components"]["schemas"]);
@@ -38,8 +49,13 @@ const SCHEME: &str = "key";
 
 /// Says which scopes an operation wants: one of them, each an alternative of its own.
 fn security(route: &str) -> Value {
-    let scopes = Wanted::of_route(route).and_then(Wanted::scopes).unwrap_or_default();
-    scopes.iter().map(|scope| serde_json::json!({ SCHEME: [scope.as_str()] })).collect()
+    let scopes = Wanted::of_route(route)
+        .and_then(Wanted::scopes)
+        .unwrap_or_default();
+    scopes
+        .iter()
+        .map(|scope| serde_json::json!({ SCHEME: [scope.as_str()] }))
+        .collect()
 }
 
 /// Says of features that they have exactly one kind: a schema a kind, of which `Feature` is one.
@@ -58,7 +74,9 @@ fn one_kind_each(schemas: &mut Value) {
     for (kind, name) in KINDS {
         let mut feature = any.clone();
         let properties = feature["properties"].as_object_mut().expect("properties");
-        properties.retain(|property, _| property == kind || KINDS.iter().all(|(other, _)| property != other));
+        properties.retain(|property, _| {
+            property == kind || KINDS.iter().all(|(other, _)| property != other)
+        });
         present(&mut properties[kind]);
         feature["required"] = serde_json::json!(["name", kind]);
         feature["description"] = format!("One named coordinate that is {kind}.").into();
@@ -66,7 +84,8 @@ fn one_kind_each(schemas: &mut Value) {
     }
 }
 
-/// Says of a parameter what is so of all: nothing is null in a path or a query, where an empty value counts as absent; and what names look like.
+/// Says of a parameter what is so of all: nothing is null in a path or a query, where an empty
+/// value counts as absent; and what names look like.
 fn refine(parameter: &mut Value) {
     const NAME: &str = "^[a-z0-9][a-z0-9._-]{0,62}$";
     const STATE: &str = r"^state\.[a-z0-9][a-z0-9._-]{0,62}$";
@@ -89,16 +108,26 @@ fn refine(parameter: &mut Value) {
 /// Leaves null out of what a schema allows.
 fn present(schema: &mut Value) {
     if let Some(types) = schema.get("type").and_then(Value::as_array) {
-        schema["type"] = types.iter().find(|kind| *kind != "null").cloned().expect("a type");
+        schema["type"] = types
+            .iter()
+            .find(|kind| *kind != "null")
+            .cloned()
+            .expect("a type");
     }
     let choices = schema.get("oneOf").and_then(Value::as_array);
-    let choice = choices.and_then(|choices| choices.iter().find(|choice| choice.get("$ref").is_some()).cloned());
+    let choice = choices.and_then(|choices| {
+        choices
+            .iter()
+            .find(|choice| choice.get("$ref").is_some())
+            .cloned()
+    });
     if let Some(choice) = choice {
         *schema = choice;
     }
 }
 
-/// Bounds whole numbers by what holds them: the description of a `u64` would otherwise say that it is signed.
+/// Bounds whole numbers by what holds them: the description of a `u64` would otherwise say that it
+/// is signed.
 fn bound(value: &mut Value) {
     match value {
         Value::Array(values) => values.iter_mut().for_each(bound),
@@ -108,7 +137,10 @@ fn bound(value: &mut Value) {
                 Some("int32") => Some(("uint32", u32::MAX.into())),
                 _ => None,
             };
-            let is_unsigned = members.get("minimum").and_then(Value::as_i64).is_some_and(|least| least >= 0);
+            let is_unsigned = members
+                .get("minimum")
+                .and_then(Value::as_i64)
+                .is_some_and(|least| least >= 0);
             if let Some((format, most)) = whole.filter(|_| is_unsigned) {
                 members.insert("format".to_owned(), format.into());
                 members.entry("maximum").or_insert(most.into());
@@ -173,16 +205,26 @@ mod tests {
     #[test]
     fn every_route_is_described_with_its_problems() {
         let document = document();
-        assert!(document["openapi"].as_str().expect("a version").starts_with("3.1"));
+        assert!(
+            document["openapi"]
+                .as_str()
+                .expect("a version")
+                .starts_with("3.1")
+        );
         assert_eq!(document["info"]["version"], env!("CARGO_PKG_VERSION"));
         assert_eq!(document["info"]["license"]["identifier"], "MIT");
         let paths = document["paths"].as_object().expect("paths");
-        let operations: Vec<_> =
-            paths.values().flat_map(|path| path.as_object().expect("operations").values()).collect();
+        let operations: Vec<_> = paths
+            .values()
+            .flat_map(|path| path.as_object().expect("operations").values())
+            .collect();
         assert_eq!(operations.len(), 23);
         for operation in operations {
-            for status in ["400", "401", "403", "404", "405", "409", "413", "415", "429", "500", "503"] {
-                let refused = &operation["responses"][status]["content"]["application/problem+json"]["schema"]["$ref"];
+            for status in [
+                "400", "401", "403", "404", "405", "409", "413", "415", "429", "500", "503",
+            ] {
+                let refused = &operation["responses"][status]["content"]["application/problem+json"]
+                    ["schema"]["$ref"];
                 assert_eq!(refused, "#/components/schemas/Problem", "{status}");
             }
         }
@@ -195,7 +237,10 @@ mod tests {
         let text = document.to_string();
         for reference in text.split("\"#/components/schemas/").skip(1) {
             let name = reference.split('"').next().expect("a name");
-            assert!(document["components"]["schemas"].get(name).is_some(), "{name}");
+            assert!(
+                document["components"]["schemas"].get(name).is_some(),
+                "{name}"
+            );
         }
     }
 
@@ -203,20 +248,39 @@ mod tests {
     fn a_feature_has_exactly_one_kind() {
         let document = document();
         let schemas = &document["components"]["schemas"];
-        let names = ["ContinuousFeature", "CircularFeature", "IntegerFeature", "CategoricalFeature"];
-        let choices = schemas["Feature"]["oneOf"].as_array().expect("choices").iter();
+        let names = [
+            "ContinuousFeature",
+            "CircularFeature",
+            "IntegerFeature",
+            "CategoricalFeature",
+        ];
+        let choices = schemas["Feature"]["oneOf"]
+            .as_array()
+            .expect("choices")
+            .iter();
         assert!(
-            choices
-                .map(|choice| choice["$ref"].as_str())
-                .eq(names.map(|name| Some(format!("#/components/schemas/{name}"))).iter().map(Option::as_deref))
+            choices.map(|choice| choice["$ref"].as_str()).eq(names
+                .map(|name| Some(format!("#/components/schemas/{name}")))
+                .iter()
+                .map(Option::as_deref))
         );
         for name in names {
             let kind = name.strip_suffix("Feature").expect("a kind");
             let member = kind.to_lowercase();
-            assert_eq!(schemas[name]["required"], serde_json::json!(["name", member]));
+            assert_eq!(
+                schemas[name]["required"],
+                serde_json::json!(["name", member])
+            );
             let properties = schemas[name]["properties"].as_object().expect("properties");
-            assert_eq!(properties.keys().count(), 3, "name, unit and its kind: {properties:?}");
-            assert_eq!(properties[&member]["$ref"], format!("#/components/schemas/{kind}"));
+            assert_eq!(
+                properties.keys().count(),
+                3,
+                "name, unit and its kind: {properties:?}"
+            );
+            assert_eq!(
+                properties[&member]["$ref"],
+                format!("#/components/schemas/{kind}")
+            );
             assert_eq!(schemas[name]["additionalProperties"], false, "{name}");
         }
     }
@@ -225,11 +289,25 @@ mod tests {
     fn every_body_that_is_taken_knows_all_its_members() {
         let document = document();
         let mut seen: Vec<String> = Vec::new();
-        let mut left: Vec<Value> = document["paths"].as_object().expect("paths").values().cloned().collect();
-        left = left.iter().flat_map(|path| path.as_object().expect("operations").values()).cloned().collect();
-        left = left.iter().map(|operation| operation["requestBody"].clone()).collect();
+        let mut left: Vec<Value> = document["paths"]
+            .as_object()
+            .expect("paths")
+            .values()
+            .cloned()
+            .collect();
+        left = left
+            .iter()
+            .flat_map(|path| path.as_object().expect("operations").values())
+            .cloned()
+            .collect();
+        left = left
+            .iter()
+            .map(|operation| operation["requestBody"].clone())
+            .collect();
         while let Some(value) = left.pop() {
-            let reference = value["$ref"].as_str().and_then(|to| to.strip_prefix("#/components/schemas/"));
+            let reference = value["$ref"]
+                .as_str()
+                .and_then(|to| to.strip_prefix("#/components/schemas/"));
             if let Some(name) = reference.filter(|name| !seen.iter().any(|seen| seen == name)) {
                 seen.push(name.to_owned());
                 left.push(document["components"]["schemas"][name].clone());
@@ -237,41 +315,98 @@ mod tests {
             if value["properties"].is_object() {
                 assert_eq!(value["additionalProperties"], false, "{value}");
             }
-            left.extend(value.as_object().into_iter().flat_map(|members| members.values()).cloned());
+            left.extend(
+                value
+                    .as_object()
+                    .into_iter()
+                    .flat_map(|members| members.values())
+                    .cloned(),
+            );
             left.extend(value.as_array().into_iter().flatten().cloned());
         }
-        for expected in
-            ["Transition", "Transitions", "Question", "Rule", "RuleChange", "TrainingRequest", "Description"]
-        {
-            assert!(seen.iter().any(|seen| seen == expected), "{expected} is not among {seen:?}");
+        for expected in [
+            "Transition",
+            "Transitions",
+            "Question",
+            "Rule",
+            "RuleChange",
+            "TrainingRequest",
+            "Description",
+        ] {
+            assert!(
+                seen.iter().any(|seen| seen == expected),
+                "{expected} is not among {seen:?}"
+            );
         }
     }
 
-    const SEGMENT: &str = "/paths/~1v1~1environments~1{environment}~1transitions/post/parameters/3/schema";
+    const SEGMENT: &str =
+        "/paths/~1v1~1environments~1{environment}~1transitions/post/parameters/3/schema";
 
     #[test]
     fn words_and_bounds_and_patterns_are_told() {
         let document = document();
-        let at = |pointer: &str| document.pointer(pointer).unwrap_or_else(|| panic!("{pointer}")).clone();
-        assert_eq!(at("/components/schemas/Unit/enum"), serde_json::json!(["nats", "bits"]));
-        assert_eq!(at("/components/schemas/Rule/properties/unit/oneOf/0/$ref"), "#/components/schemas/Unit");
-        assert_eq!(at("/components/schemas/Receipt/properties/accepted/maximum"), u64::MAX);
-        assert_eq!(at("/components/schemas/Receipt/properties/accepted/format"), "uint64");
-        assert_eq!(at("/components/schemas/Integer/properties/min/minimum"), -16_777_216);
-        assert_eq!(at("/components/schemas/IntegerFeature/properties/name/pattern"), "^[a-z0-9][a-z0-9._-]{0,62}$");
+        let at = |pointer: &str| {
+            document
+                .pointer(pointer)
+                .unwrap_or_else(|| panic!("{pointer}"))
+                .clone()
+        };
+        assert_eq!(
+            at("/components/schemas/Unit/enum"),
+            serde_json::json!(["nats", "bits"])
+        );
+        assert_eq!(
+            at("/components/schemas/Rule/properties/unit/oneOf/0/$ref"),
+            "#/components/schemas/Unit"
+        );
+        assert_eq!(
+            at("/components/schemas/Receipt/properties/accepted/maximum"),
+            u64::MAX
+        );
+        assert_eq!(
+            at("/components/schemas/Receipt/properties/accepted/format"),
+            "uint64"
+        );
+        assert_eq!(
+            at("/components/schemas/Integer/properties/min/minimum"),
+            -16_777_216
+        );
+        assert_eq!(
+            at("/components/schemas/IntegerFeature/properties/name/pattern"),
+            "^[a-z0-9][a-z0-9._-]{0,62}$"
+        );
 
-        assert_eq!(at("/components/schemas/Transition/properties/count/maximum"), i64::MAX);
-        assert_eq!(at("/components/schemas/Transition/additionalProperties"), false);
-        for segment in [at("/components/schemas/Transitions/properties/segment"), at(SEGMENT)] {
-            assert_eq!((&segment["minLength"], &segment["maxLength"]), (&Value::Null, &64.into()), "empty is none");
+        assert_eq!(
+            at("/components/schemas/Transition/properties/count/maximum"),
+            i64::MAX
+        );
+        assert_eq!(
+            at("/components/schemas/Transition/additionalProperties"),
+            false
+        );
+        for segment in [
+            at("/components/schemas/Transitions/properties/segment"),
+            at(SEGMENT),
+        ] {
+            assert_eq!(
+                (&segment["minLength"], &segment["maxLength"]),
+                (&Value::Null, &64.into()),
+                "empty is none"
+            );
         }
         let epochs = at("/components/schemas/TrainingRequest/properties/epochs/description");
         let default = format!("{} by default", crate::domain::Training::default().epochs);
-        assert!(epochs.as_str().expect("text").contains(&default), "{epochs}");
+        assert!(
+            epochs.as_str().expect("text").contains(&default),
+            "{epochs}"
+        );
 
         let paths = document["paths"].as_object().expect("paths").values();
         let operations = paths.flat_map(|path| path.as_object().expect("operations").values());
-        let parameters = operations.flat_map(|operation| operation["parameters"].as_array().expect("some")).cloned();
+        let parameters = operations
+            .flat_map(|operation| operation["parameters"].as_array().expect("some"))
+            .cloned();
         for parameter in parameters.filter(|parameter| parameter["in"] == "path") {
             assert!(parameter["schema"]["pattern"].is_string(), "{parameter}");
         }

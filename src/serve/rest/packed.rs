@@ -1,4 +1,5 @@
-//! Bodies that were packed by their senders (`Content-Encoding`): read to the last byte, or refused.
+//! Bodies that were packed by their senders (`Content-Encoding`): read to the last byte, or
+//! refused.
 
 use std::io::{self, Read};
 
@@ -25,7 +26,10 @@ pub enum Packing {
 impl Packing {
     /// Returns how the body of these headers is packed, if it is.
     pub fn of(headers: &HeaderMap) -> Result<Option<Self>, Failure> {
-        let mut found = headers.get_all(header::CONTENT_ENCODING).iter().map(|value| value.to_str().unwrap_or("?"));
+        let mut found = headers
+            .get_all(header::CONTENT_ENCODING)
+            .iter()
+            .map(|value| value.to_str().unwrap_or("?"));
         let (first, second) = (found.next().unwrap_or_default(), found.next());
         match (first.trim().to_ascii_lowercase().as_str(), second) {
             ("" | "identity", None) => Ok(None),
@@ -35,14 +39,24 @@ impl Packing {
         }
     }
 
-    /// Unpacks a body, up to so many bytes, which are charged as they come: a few that were sent may unpack to very many.
-    pub fn unpack(self, packed: &[u8], most: usize, charge: Option<&Charge>) -> Result<Bytes, Failure> {
+    /// Unpacks a body, up to so many bytes, which are charged as they come: a few that were sent
+    /// may unpack to very many.
+    pub fn unpack(
+        self,
+        packed: &[u8],
+        most: usize,
+        charge: Option<&Charge>,
+    ) -> Result<Bytes, Failure> {
         let mut rest = packed;
         let unpacked = match self {
             Self::Gzip => read(MultiGzDecoder::new(&mut rest), most, charge),
             Self::Deflate => read(ZlibDecoder::new(&mut rest), most, charge),
         }?;
-        if rest.is_empty() { Ok(unpacked) } else { Err(unreadable("there are bytes behind its end")) }
+        if rest.is_empty() {
+            Ok(unpacked)
+        } else {
+            Err(unreadable("there are bytes behind its end"))
+        }
     }
 }
 
@@ -51,7 +65,9 @@ fn read(mut reader: impl Read, most: usize, charge: Option<&Charge>) -> Result<B
     loop {
         let before = unpacked.len();
         let mut piece = (&mut reader).take(PIECE as u64);
-        piece.read_to_end(&mut unpacked).map_err(|error: io::Error| unreadable(&error.to_string()))?;
+        piece
+            .read_to_end(&mut unpacked)
+            .map_err(|error: io::Error| unreadable(&error.to_string()))?;
         let more = unpacked.len() - before;
         if more == 0 {
             return Ok(unpacked.into());
@@ -66,7 +82,11 @@ fn read(mut reader: impl Read, most: usize, charge: Option<&Charge>) -> Result<B
 }
 
 fn unreadable(why: &str) -> Failure {
-    Problem::invalid("body", vec![Fault::new("", format!("it cannot be read: {why}"))]).into()
+    Problem::invalid(
+        "body",
+        vec![Fault::new("", format!("it cannot be read: {why}"))],
+    )
+    .into()
 }
 
 #[cfg(test)]
@@ -96,25 +116,46 @@ mod tests {
 
     #[test]
     fn every_member_is_read() {
-        let members = [gzip(b"one\n"), gzip(b""), gzip(&vec![b'x'; 200_000]), gzip(b"\nlast\n")];
+        let members = [
+            gzip(b"one\n"),
+            gzip(b""),
+            gzip(&vec![b'x'; 200_000]),
+            gzip(b"\nlast\n"),
+        ];
         let expected = [b"one\n", &vec![b'x'; 200_000][..], b"\nlast\n"].concat();
         assert_eq!(unpacked(Packing::Gzip, &members.concat()), Some(expected));
-        assert_eq!(unpacked(Packing::Deflate, &deflate(b"one")), Some(b"one".to_vec()));
+        assert_eq!(
+            unpacked(Packing::Deflate, &deflate(b"one")),
+            Some(b"one".to_vec())
+        );
     }
 
     #[test]
     fn what_is_not_read_to_its_last_byte_is_refused() {
         let (gzipped, deflated) = (gzip(b"one\n"), deflate(b"one\n"));
         let with = |packed: &[u8], more: &[u8]| [packed, more].concat();
-        for torn in
-            [&gzipped[..gzipped.len() - 1], &with(&gzipped, b"more"), &with(&gzipped, &gzipped[..12]), b"{}", b""]
-        {
+        for torn in [
+            &gzipped[..gzipped.len() - 1],
+            &with(&gzipped, b"more"),
+            &with(&gzipped, &gzipped[..12]),
+            b"{}",
+            b"",
+        ] {
             assert_eq!(unpacked(Packing::Gzip, torn), None, "{torn:?}");
         }
-        for torn in [&deflated[..deflated.len() - 1], &with(&deflated, b"more"), &with(&deflated, &deflated), b"{}"] {
+        for torn in [
+            &deflated[..deflated.len() - 1],
+            &with(&deflated, b"more"),
+            &with(&deflated, &deflated),
+            b"{}",
+        ] {
             assert_eq!(unpacked(Packing::Deflate, torn), None, "{torn:?}");
         }
-        assert_eq!(unpacked(Packing::Gzip, &gzip(&vec![0; (1 << 20) + 1])), None, "a bomb");
+        assert_eq!(
+            unpacked(Packing::Gzip, &gzip(&vec![0; (1 << 20) + 1])),
+            None,
+            "a bomb"
+        );
     }
 
     #[test]
@@ -129,6 +170,9 @@ mod tests {
         assert_eq!(of(&["GZIP"]), Some(Some(Packing::Gzip)));
         assert_eq!(of(&["Deflate"]), Some(Some(Packing::Deflate)));
         assert_eq!([of(&[]), of(&["identity"])], [Some(None); 2]);
-        assert_eq!([of(&["br"]), of(&["gzip, gzip"]), of(&["gzip", "gzip"])], [None; 3]);
+        assert_eq!(
+            [of(&["br"]), of(&["gzip, gzip"]), of(&["gzip", "gzip"])],
+            [None; 3]
+        );
     }
 }

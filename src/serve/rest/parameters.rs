@@ -1,4 +1,5 @@
-//! The parameters of query strings, as the OpenAPI document describes them. They are read elsewhere: `api::json::Parameters`.
+//! The parameters of query strings, as the OpenAPI document describes them. They are read
+//! elsewhere: `api::json::Parameters`.
 
 use std::collections::BTreeMap;
 
@@ -17,10 +18,11 @@ pub struct PairParameters {
     other: Option<String>,
     /// Agents whose actions are held fixed, repeated or joined by commas.
     given: Option<Vec<String>>,
-    /// The segments to count, repeated or joined by commas; all by default. A segment whose label holds a comma can be asked for in a body only.
+    /// The segments to count, repeated or joined by commas; all by default. A segment whose label
+    /// holds a comma can be asked for in a body only.
     segments: Option<Vec<String>>,
-    /// What is compared within each segment alone: `auto` (the default) tests of independence only, `segments` the plug-in and its mean under
-    /// independence too, `pooled` nothing.
+    /// What is compared within each segment alone: `auto` (the default) tests of independence only,
+    /// `segments` the plug-in and its mean under independence too, `pooled` nothing.
     #[param(example = "auto")]
     within: Option<json::Within>,
     /// The unit of the figures, `nats` or `bits`; the rule's by default.
@@ -35,10 +37,12 @@ pub struct RuleParameters {
     /// `evidence` or `paper`; the environment's by default.
     #[param(rename = "rule.kind")]
     rule_kind: Option<json::RuleKind>,
-    /// Mutual information above which there is influence, in `rule.unit`, else in the unit of the environment's rule.
+    /// Mutual information above which there is influence, in `rule.unit`, else in the unit of the
+    /// environment's rule.
     #[param(rename = "rule.threshold", minimum = 0)]
     rule_threshold: Option<f64>,
-    /// The threshold as a share of the most that the pair can have, at least 0 and below 1. Instead of `rule.threshold`.
+    /// The threshold as a share of the most that the pair can have, at least 0 and below 1. Instead
+    /// of `rule.threshold`.
     #[param(rename = "rule.share", minimum = 0, exclusive_maximum = 1)]
     rule_share: Option<f64>,
     /// `nats` or `bits`. Given without a threshold, it converts the threshold.
@@ -48,7 +52,11 @@ pub struct RuleParameters {
     #[param(rename = "rule.min_visits", maximum = 9_223_372_036_854_775_807_i64)]
     rule_min_visits: Option<u64>,
     /// Probability from which the evidence rule decides, above 0.5 and below 1.
-    #[param(rename = "rule.confidence", exclusive_minimum = 0.5, exclusive_maximum = 1)]
+    #[param(
+        rename = "rule.confidence",
+        exclusive_minimum = 0.5,
+        exclusive_maximum = 1
+    )]
     rule_confidence: Option<f64>,
 }
 
@@ -57,18 +65,21 @@ pub struct RuleParameters {
 #[into_params(parameter_in = Query)]
 #[allow(dead_code)]
 pub struct StateParameters {
-    /// The state by values: a parameter `state.NAME` a feature, its number in the feature's unit or its label. Instead of `key`.
+    /// The state by values: a parameter `state.NAME` a feature, its number in the feature's unit or
+    /// its label. Instead of `key`.
     #[param(style = Form, explode, value_type = BTreeMap<String, String>, example = json!({"state.distance": "1.2", "state.held": "onion"}), required = false)]
     state: Option<BTreeMap<String, String>>,
     /// The state by key: bin numbers joined by dots. Instead of values.
     #[param(example = "3.0.7", pattern = r"^[0-9]+(\.[0-9]+)*$")]
     key: Option<String>,
-    /// Further estimators of mutual information, repeated or joined by commas, instead of the environment's: `excess`, `miller_madow`,
-    /// `chao_shen`, `james_stein`, `grassberger_2003`, `nsb`, `dirichlet`, `adjusted`, `uniform_policy`.
+    /// Further estimators of mutual information, repeated or joined by commas, instead of the
+    /// environment's: `excess`, `miller_madow`, `chao_shen`, `james_stein`, `grassberger_2003`,
+    /// `nsb`, `dirichlet`, `adjusted`, `uniform_policy`.
     estimators: Option<Vec<json::Estimator>>,
     /// `verdict`, `figures` or `full` (the default).
     view: Option<json::View>,
-    /// Wants the test of independence: `auto` to follow `within`, or `pooled`, or `within_segments` to permute within each segment only.
+    /// Wants the test of independence: `auto` to follow `within`, or `pooled`, or `within_segments`
+    /// to permute within each segment only.
     significance: Option<json::Permutations>,
     /// Wants to know how many more visits a verdict would take.
     visits_to_decide: Option<bool>,
@@ -79,8 +90,12 @@ pub struct StateParameters {
 #[into_params(parameter_in = Query)]
 #[allow(dead_code)]
 pub struct ListingParameters {
-    /// `visits` (the default), `plug_in`, `posterior_mean` or `p_dependent`, then `desc` (the default) or `asc`.
-    #[param(example = "visits desc", pattern = "^(visits|plug_in|posterior_mean|p_dependent)( (asc|desc))?$")]
+    /// `visits` (the default), `plug_in`, `posterior_mean` or `p_dependent`, then `desc` (the
+    /// default) or `asc`.
+    #[param(
+        example = "visits desc",
+        pattern = "^(visits|plug_in|posterior_mean|p_dependent)( (asc|desc))?$"
+    )]
     order_by: Option<String>,
     /// Leaves out states with fewer visits.
     min_visits: Option<u64>,
@@ -98,10 +113,12 @@ pub struct ListingParameters {
 #[into_params(parameter_in = Query)]
 #[allow(dead_code)]
 pub struct DiscoveryParameters {
-    /// The false discovery rate that is accepted, above 0 and below 1: pages then hold discoveries only, and the summary counts them.
+    /// The false discovery rate that is accepted, above 0 and below 1: pages then hold discoveries
+    /// only, and the summary counts them.
     #[param(example = 0.05, exclusive_minimum = 0, exclusive_maximum = 1)]
     fdr: Option<f64>,
-    /// `bayes` (the default), by the probability of dependence, or `bh`, Benjamini and Hochberg's procedure on tests of independence.
+    /// `bayes` (the default), by the probability of dependence, or `bh`, Benjamini and Hochberg's
+    /// procedure on tests of independence.
     method: Option<json::DiscoveryMethod>,
 }
 
@@ -110,7 +127,8 @@ pub struct DiscoveryParameters {
 #[into_params(parameter_in = Query)]
 #[allow(dead_code)]
 pub struct SummaryParameters {
-    /// Whether the names of the segments are left out, of which there may be thousands; false by default.
+    /// Whether the names of the segments are left out, of which there may be thousands; false by
+    /// default.
     #[param(example = true)]
     omit_segments: Option<bool>,
 }
@@ -128,8 +146,8 @@ pub struct GraphParameters {
     key: Option<String>,
     /// The segments to count, repeated or joined by commas; all by default.
     segments: Option<Vec<String>>,
-    /// What is compared within each segment alone: `auto` (the default) tests of independence only, `segments` the plug-in and its mean under
-    /// independence too, `pooled` nothing.
+    /// What is compared within each segment alone: `auto` (the default) tests of independence only,
+    /// `segments` the plug-in and its mean under independence too, `pooled` nothing.
     #[param(example = "auto")]
     within: Option<json::Within>,
     /// The unit of the figures, `nats` or `bits`; the rule's by default.

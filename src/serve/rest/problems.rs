@@ -17,8 +17,8 @@ use crate::serve::status::{self, Failure};
 /// How a face tells a failure of the request of that path.
 pub type Form = fn(&Failure, &str) -> Response;
 
-/// Returns what answers for every path that is not served, callers of gRPC as they expect it. Of those that are served, as templates, it tells which may
-/// have been meant.
+/// Returns what answers for every path that is not served, callers of gRPC as they expect it. Of
+/// those that are served, as templates, it tells which may have been meant.
 pub fn unknown_path(served: impl IntoIterator<Item = String>) -> MethodRouter {
     let served: Arc<[String]> = served.into_iter().collect();
     any(move |request: Request| unknown(request, served))
@@ -30,7 +30,11 @@ async fn unknown(request: Request, served: Arc<[String]>) -> Response {
         Some(media) => {
             let refused = status::unknown_call();
             requests::note(&request, refused.code());
-            ([(header::CONTENT_TYPE, media.clone())], refused.into_http::<Body>()).into_response()
+            (
+                [(header::CONTENT_TYPE, media.clone())],
+                refused.into_http::<Body>(),
+            )
+                .into_response()
         }
         None => Failure::of_path(&nearest::hint(request.uri().path(), &served)).into_response(),
     }
@@ -44,8 +48,14 @@ pub fn of_panic(cause: Box<dyn Any + Send>) -> Response {
 
 /// Writes to the log why a handler panicked.
 pub fn log_panic(cause: &(dyn Any + Send)) {
-    let text = cause.downcast_ref::<String>().map(String::as_str).or(cause.downcast_ref::<&str>().copied());
-    tracing::error!(cause = text.unwrap_or("unknown"), "a request handler panicked");
+    let text = cause
+        .downcast_ref::<String>()
+        .map(String::as_str)
+        .or(cause.downcast_ref::<&str>().copied());
+    tracing::error!(
+        cause = text.unwrap_or("unknown"),
+        "a request handler panicked"
+    );
 }
 
 /// Gives every error answer the body that its face tells.
@@ -61,10 +71,17 @@ pub async fn tell(State(form): State<Form>, request: Request, next: Next) -> Res
 
 fn told(response: Response, form: Form, path: &str) -> Response {
     let (mut parts, _) = response.into_parts();
-    let failure = parts.extensions.remove::<Failure>().unwrap_or_else(|| Failure::of_http(parts.status));
+    let failure = parts
+        .extensions
+        .remove::<Failure>()
+        .unwrap_or_else(|| Failure::of_http(parts.status));
     let mut told = form(&failure, path);
     // Keeps headers such as Allow, and drops those that described the old body.
-    for name in [header::CONTENT_TYPE, header::CONTENT_LENGTH, header::CONTENT_ENCODING] {
+    for name in [
+        header::CONTENT_TYPE,
+        header::CONTENT_LENGTH,
+        header::CONTENT_ENCODING,
+    ] {
         parts.headers.remove(name);
     }
     told.headers_mut().extend(parts.headers);

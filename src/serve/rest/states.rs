@@ -16,7 +16,8 @@ const CELL_BYTES: usize = 128;
 
 /// Returns states by visits or by figures, a page at a time: where is influence highest?
 ///
-/// Where that takes longer than its caller waits, 503 tells how far it is; it goes on, so that whoever asks again finds it further on.
+/// Where that takes longer than its caller waits, 503 tells how far it is; it goes on, so that
+/// whoever asks again finds it further on.
 #[utoipa::path(
     get,
     path = "/v1/environments/{environment}/states",
@@ -55,7 +56,10 @@ pub async fn list_states(
     ),
     responses((status = 200, description = "The counts", body = json::Counts), Refusals)
 )]
-pub async fn get_state(Plain(app): Plain, Path((name, key)): Path<(String, String)>) -> Result<Response, Failure> {
+pub async fn get_state(
+    Plain(app): Plain,
+    Path((name, key)): Path<(String, String)>,
+) -> Result<Response, Failure> {
     let environment = app.environments.find(&name)?;
     let view = app.influence.state(&environment, &key).await?;
     told(view.cells.len() * CELL_BYTES, move || {

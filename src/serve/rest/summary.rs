@@ -6,9 +6,11 @@ use super::refusals::Refusals;
 use crate::api::{json, proto};
 use crate::serve::status::Failure;
 
-/// Returns what all states say together: how much was seen, where data suffice, and how mutual information is distributed.
+/// Returns what all states say together: how much was seen, where data suffice, and how mutual
+/// information is distributed.
 ///
-/// Where that takes longer than its caller waits, 503 tells how far it is; it goes on, so that whoever asks again finds it further on.
+/// Where that takes longer than its caller waits, 503 tells how far it is; it goes on, so that
+/// whoever asks again finds it further on.
 #[utoipa::path(
     get,
     path = "/v1/environments/{environment}/summary",

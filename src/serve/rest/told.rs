@@ -20,5 +20,9 @@ pub async fn told<T: Serialize>(
 
 fn unencodable(error: &serde_json::Error) -> Problem {
     tracing::error!(%error, "an answer could not be encoded");
-    Problem::new(ErrorKind::Internal, "INTERNAL", "the service failed; the cause is in its log")
+    Problem::new(
+        ErrorKind::Internal,
+        "INTERNAL",
+        "the service failed; the cause is in its log",
+    )
 }

@@ -14,11 +14,13 @@ use crate::serve::status::Failure;
 use crate::telemetry;
 use crate::work::aside;
 
-/// Counts one batch of transitions, once however often it is sent, and answers after it is on stable storage.
+/// Counts one batch of transitions, once however often it is sent, and answers after it is on
+/// stable storage.
 ///
-/// A transition that cannot be counted is rejected on its own, and the receipt says why: read its `status`, for a batch of which nothing was counted is
-/// answered by 200 too, because its number is used. As `application/x-ndjson` the body is a transition a line,
-/// and producer, sequence, segment and environment_uid are query parameters.
+/// A transition that cannot be counted is rejected on its own, and the receipt says why: read its
+/// `status`, for a batch of which nothing was counted is answered by 200 too, because its number is
+/// used. As `application/x-ndjson` the body is a transition a line, and producer, sequence, segment
+/// and environment_uid are query parameters.
 #[utoipa::path(
     post,
     path = "/v1/environments/{environment}/transitions",
@@ -40,8 +42,12 @@ pub async fn write_transitions(
     document: Document,
 ) -> Result<axum::Json<json::Receipt>, Failure> {
     let decoding = decoded(&app, &name, query, document).await;
-    let (environment, Incoming { producer, batch, .. }) =
-        decoding.inspect_err(|problem| telemetry::refused(problem.reason))?;
+    let (
+        environment,
+        Incoming {
+            producer, batch, ..
+        },
+    ) = decoding.inspect_err(|problem| telemetry::refused(problem.reason))?;
     let sequence = batch.sequence;
     let told = app.ingest.write(&environment, producer, batch).await?;
     Ok(axum::Json(grpc::receipt(sequence, told).into()))
@@ -63,9 +69,18 @@ pub async fn get_producer(
     Path((name, producer)): Path<(String, String)>,
 ) -> Result<axum::Json<json::Producer>, Failure> {
     let environment = app.environments.find(&name)?;
-    let committed = app.ingest.committed(&environment, &grpc::producer(&producer)?).await?;
+    let committed = app
+        .ingest
+        .committed(&environment, &grpc::producer(&producer)?)
+        .await?;
     let environment_uid = environment.uid.to_string();
-    Ok(axum::Json(proto::GetProducerResponse { committed_sequence: committed.get(), environment_uid }.into()))
+    Ok(axum::Json(
+        proto::GetProducerResponse {
+            committed_sequence: committed.get(),
+            environment_uid,
+        }
+        .into(),
+    ))
 }
 
 /// Finds out for whom a batch is and what is in it, before ingestion sees it.
@@ -78,14 +93,23 @@ async fn decoded(
     let environment = app.environments.find(name)?;
     let schema = environment.schema.clone();
     let Query(query) = query;
-    let incoming = aside(document.bytes.len(), move || decode(&schema, query, &document)).await??;
+    let incoming = aside(document.bytes.len(), move || {
+        decode(&schema, query, &document)
+    })
+    .await??;
     is_known_as(&environment, &incoming.environment_uid)?;
     Ok((environment, incoming))
 }
 
-fn decode(schema: &Schema, query: json::Parameters, document: &Document) -> Result<Incoming, Problem> {
+fn decode(
+    schema: &Schema,
+    query: json::Parameters,
+    document: &Document,
+) -> Result<Incoming, Problem> {
     match document.media {
-        Media::Json => json::no_head(query).and_then(|()| json::batch_of_json(schema, &document.bytes)),
+        Media::Json => {
+            json::no_head(query).and_then(|()| json::batch_of_json(schema, &document.bytes))
+        }
         Media::Lines => json::batch_of_lines(schema, json::head_of_query(query)?, &document.bytes),
     }
 }

@@ -1,4 +1,5 @@
-//! The files of TLS, and what they make together: a chain of certificates with the key that fits it, and the authorities of clients.
+//! The files of TLS, and what they make together: a chain of certificates with the key that fits
+//! it, and the authorities of clients.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -20,7 +21,8 @@ pub struct TlsFiles {
     pub certificate: PathBuf,
     /// Its private key.
     pub key: PathBuf,
-    /// The certificates of authorities, one of which every client has a certificate of; without them clients need none.
+    /// The certificates of authorities, one of which every client has a certificate of; without
+    /// them clients need none.
     pub client_authorities: Option<PathBuf>,
 }
 
@@ -45,15 +47,26 @@ impl Contents {
         Ok(Self {
             certificate: Pem::read("--tls-cert", &files.certificate)?,
             key: Pem::read("--tls-key", &files.key)?,
-            client_authorities: authorities.map(|path| Pem::read("--tls-client-ca", path)).transpose()?,
+            client_authorities: authorities
+                .map(|path| Pem::read("--tls-client-ca", path))
+                .transpose()?,
         })
     }
 
     /// Returns a digest of everything, by which a change is known.
     pub(super) fn digest(&self) -> blake3::Hash {
         let mut hasher = blake3::Hasher::new();
-        for pem in [Some(&self.certificate), Some(&self.key), self.client_authorities.as_ref()].into_iter().flatten() {
-            hasher.update(&(pem.bytes().len() as u64).to_le_bytes()).update(pem.bytes());
+        for pem in [
+            Some(&self.certificate),
+            Some(&self.key),
+            self.client_authorities.as_ref(),
+        ]
+        .into_iter()
+        .flatten()
+        {
+            hasher
+                .update(&(pem.bytes().len() as u64).to_le_bytes())
+                .update(pem.bytes());
         }
         hasher.finalize()
     }
@@ -61,22 +74,35 @@ impl Contents {
     pub(super) fn certified(&self) -> Result<Certified, TlsError> {
         let chain = self.certificate.certificates()?;
         let validity = Validity::of(&chain[0]);
-        let validity = validity.ok_or_else(|| self.certificate.fault("is damaged, expected a certificate of X.509"))?;
-        let config = ServerConfig::builder_with_provider(provider()).with_safe_default_protocol_versions();
+        let validity = validity.ok_or_else(|| {
+            self.certificate
+                .fault("is damaged, expected a certificate of X.509")
+        })?;
+        let config =
+            ServerConfig::builder_with_provider(provider()).with_safe_default_protocol_versions();
         let config = config.map_err(|error| self.certificate.fault(error.to_string()))?;
 
         let config = match &self.client_authorities {
             None => config.with_no_client_auth(),
             Some(pem) => {
                 let authorities = Arc::new(pem.authorities()?);
-                let verifier = WebPkiClientVerifier::builder_with_provider(authorities, provider()).build();
-                config.with_client_cert_verifier(verifier.map_err(|error| pem.fault(error.to_string()))?)
+                let verifier =
+                    WebPkiClientVerifier::builder_with_provider(authorities, provider()).build();
+                config.with_client_cert_verifier(
+                    verifier.map_err(|error| pem.fault(error.to_string()))?,
+                )
             }
         };
-        let mut config = config.with_single_cert(chain, self.key.key()?).map_err(|error| self.told(&error))?;
+        let mut config = config
+            .with_single_cert(chain, self.key.key()?)
+            .map_err(|error| self.told(&error))?;
         config.alpn_protocols = PROTOCOLS.map(<[u8]>::to_vec).into();
         let authorities = blake3::hash(self.client_authorities.as_ref().map_or(&[], Pem::bytes));
-        Ok(Certified { config: Arc::new(config), authorities, validity })
+        Ok(Certified {
+            config: Arc::new(config),
+            authorities,
+            validity,
+        })
     }
 
     fn told(&self, error: &rustls::Error) -> TlsError {
@@ -94,13 +120,19 @@ impl Contents {
 }
 
 impl Certified {
-    /// Tells in the metrics, and where something is odd in the log, how long the certificate is valid.
+    /// Tells in the metrics, and where something is odd in the log, how long the certificate is
+    /// valid.
     pub(super) fn tell(&self) {
-        let now = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs() as i64);
+        let now = SystemTime::now()
+            .duration_since(UNIX_EPOCH)
+            .map_or(0, |since| since.as_secs() as i64);
         let Validity { begins, ends } = self.validity;
         telemetry::certificate_expires(ends);
         if ends < now {
-            tracing::warn!(expired_days_ago = (now - ends) / 86_400, "the certificate has expired: clients refuse it");
+            tracing::warn!(
+                expired_days_ago = (now - ends) / 86_400,
+                "the certificate has expired: clients refuse it"
+            );
         } else if now < begins {
             tracing::warn!(
                 valid_in_days = (begins - now) / 86_400,

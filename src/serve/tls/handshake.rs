@@ -19,9 +19,13 @@ const HANDSHAKE: u8 = 0x16;
 static FAILURES: Seldom = Seldom::every(Duration::from_secs(5));
 
 impl Tls {
-    /// Agrees with a client on a secret; none where that failed, which is told. Whoever drops this half-way calls [`too_late`]. The token is cancelled when
-    /// the authorities change by which the client was let in.
-    pub async fn secure(&self, stream: TcpStream) -> Option<(TlsStream<TcpStream>, CancellationToken)> {
+    /// Agrees with a client on a secret; none where that failed, which is told. Whoever drops this
+    /// half-way calls [`too_late`]. The token is cancelled when the authorities change by which the
+    /// client was let in.
+    pub async fn secure(
+        &self,
+        stream: TcpStream,
+    ) -> Option<(TlsStream<TcpStream>, CancellationToken)> {
         let peer = stream.peer_addr().ok().map(|address| address.ip());
         let mut first = [0];
         match stream.peek(&mut first).await {
@@ -64,13 +68,22 @@ fn failed(reason: &'static str, error: &str, peer: Option<IpAddr>) {
         return;
     }
     if let Some(left_out) = FAILURES.admits(Instant::now()) {
-        tracing::warn!(reason, error, peer = peer.map(tracing::field::display), left_out, "a TLS handshake failed");
+        tracing::warn!(
+            reason,
+            error,
+            peer = peer.map(tracing::field::display),
+            left_out,
+            "a TLS handshake failed"
+        );
     }
 }
 
 /// Returns the word for metrics.
 fn reason(error: &std::io::Error) -> &'static str {
-    match error.get_ref().and_then(|inner| inner.downcast_ref::<Error>()) {
+    match error
+        .get_ref()
+        .and_then(|inner| inner.downcast_ref::<Error>())
+    {
         Some(Error::NoCertificatesPresented) => "no_client_certificate",
         Some(Error::InvalidCertificate(_)) => "bad_client_certificate",
         Some(Error::AlertReceived(_)) => "refused_by_client",

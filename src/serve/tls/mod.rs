@@ -1,4 +1,5 @@
-//! TLS and mutual TLS of the listening socket, by rustls: HTTP/1.1 and HTTP/2 by ALPN, with certificates that are read again when their files change.
+//! TLS and mutual TLS of the listening socket, by rustls: HTTP/1.1 and HTTP/2 by ALPN, with
+//! certificates that are read again when their files change.
 //!
 //! ```text
 //! files --load--> Certified --swap--> the next handshake      (connections that are open keep what they began with, unless the authorities of clients
@@ -6,7 +7,8 @@
 //!   ^ watch, every second and at SIGHUP
 //! ```
 //!
-//! A handshake runs in the task of its connection, and within the time that the headers of a first request have.
+//! A handshake runs in the task of its connection, and within the time that the headers of a first
+//! request have.
 
 mod files;
 mod handshake;
@@ -32,7 +34,8 @@ use crate::tls::TlsError;
 pub struct Tls {
     files: Arc<TlsFiles>,
     current: Arc<ArcSwap<Current>>,
-    /// The digest of what the files held when they were last looked at, which is not what is used where that was bad.
+    /// The digest of what the files held when they were last looked at, which is not what is used
+    /// where that was bad.
     first: blake3::Hash,
 }
 
@@ -44,7 +47,11 @@ impl Tls {
         certified.tell();
         telemetry::begin_tls();
         let current = Arc::new(ArcSwap::from_pointee(Current::of(certified)));
-        Ok(Self { files: Arc::new(files), current, first: contents.digest() })
+        Ok(Self {
+            files: Arc::new(files),
+            current,
+            first: contents.digest(),
+        })
     }
 }
 
@@ -59,7 +66,11 @@ pub(super) struct Current {
 
 impl Current {
     fn of(certified: Certified) -> Self {
-        Self { config: certified.config, authorities: certified.authorities, outdated: CancellationToken::new() }
+        Self {
+            config: certified.config,
+            authorities: certified.authorities,
+            outdated: CancellationToken::new(),
+        }
     }
 }
 
@@ -73,6 +84,9 @@ pub struct Socket {
 
 impl From<TcpListener> for Socket {
     fn from(listener: TcpListener) -> Self {
-        Self { listener, tls: None }
+        Self {
+            listener,
+            tls: None,
+        }
     }
 }

@@ -1,4 +1,5 @@
-//! The answer to clients that speak plain text where TLS is wanted, in their own protocol, so that their users read what is wrong.
+//! The answer to clients that speak plain text where TLS is wanted, in their own protocol, so that
+//! their users read what is wrong.
 
 use std::time::Duration;
 
@@ -12,7 +13,8 @@ use crate::error::{ErrorKind, Problem};
 /// How HTTP/2 begins, as far as no method of HTTP/1 does.
 const PREFACE: &[u8] = b"PRI";
 
-/// Empty settings of HTTP/2 and a GOAWAY with the error INADEQUATE_SECURITY, whose last 20 bytes are words for whoever debugs it (RFC 9113, section 6.8).
+/// Empty settings of HTTP/2 and a GOAWAY with the error INADEQUATE_SECURITY, whose last 20 bytes
+/// are words for whoever debugs it (RFC 9113, section 6.8).
 const GOAWAY: &[u8] = b"\0\0\0\x04\0\0\0\0\0\
     \0\0\x1c\x07\0\0\0\0\0\0\0\0\0\0\0\0\x0cthis port speaks TLS";
 
@@ -23,20 +25,29 @@ const UNWANTED: (u64, Duration) = (64 << 10, Duration::from_millis(500));
 pub(super) async fn refuse(mut stream: TcpStream) {
     let mut first = [0; PREFACE.len()];
     let is_http2 = matches!(stream.peek(&mut first).await, Ok(read) if &first[..read] == PREFACE);
-    let answer = if is_http2 { GOAWAY.to_vec() } else { bad_request().into_bytes() };
+    let answer = if is_http2 {
+        GOAWAY.to_vec()
+    } else {
+        bad_request().into_bytes()
+    };
     // Whoever has gone does not read it.
     if stream.write_all(&answer).await.is_ok() {
         linger(stream).await;
     }
 }
 
-/// Ends a connection so that the last word arrives: where bytes are left unread, the other side loses it.
+/// Ends a connection so that the last word arrives: where bytes are left unread, the other side
+/// loses it.
 pub(super) async fn linger(mut stream: TcpStream) {
     if stream.shutdown().await.is_err() {
         return;
     }
     let (most, longest) = UNWANTED;
-    let _ = timeout(longest, tokio::io::copy(&mut stream.take(most), &mut tokio::io::sink())).await;
+    let _ = timeout(
+        longest,
+        tokio::io::copy(&mut stream.take(most), &mut tokio::io::sink()),
+    )
+    .await;
 }
 
 /// Returns the answer of HTTP/1.

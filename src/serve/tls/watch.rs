@@ -1,7 +1,9 @@
-//! Certificates that are renewed while the service runs: the files are read every second, and at SIGHUP.
+//! Certificates that are renewed while the service runs: the files are read every second, and at
+//! SIGHUP.
 //!
-//! Contents are compared, not times of change: Kubernetes swaps a symbolic link, and others write in place. A pair that does not fit, as it is between two
-//! writes, is told and changes nothing; the next change is tried again.
+//! Contents are compared, not times of change: Kubernetes swaps a symbolic link, and others write
+//! in place. A pair that does not fit, as it is between two writes, is told and changes nothing;
+//! the next change is tried again.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -33,8 +35,13 @@ impl Tls {
             let files = self.files.clone();
             let reading = tokio::task::spawn_blocking(move || Contents::read(&files));
             // It does not panic, and nothing cancels it.
-            let Ok(contents) = reading.await else { continue };
-            let now = contents.as_ref().map(Contents::digest).map_err(Clone::clone);
+            let Ok(contents) = reading.await else {
+                continue;
+            };
+            let now = contents
+                .as_ref()
+                .map(Contents::digest)
+                .map_err(Clone::clone);
             if is_asked || now != seen {
                 self.reload(contents.and_then(|contents| contents.certified()));
                 seen = now;
@@ -48,7 +55,9 @@ impl Tls {
                 certified.tell();
                 self.use_from_now_on(Current::of(certified));
                 telemetry::certificate_reloaded(true);
-                tracing::info!("the certificate was read again, and is used from the next connection on");
+                tracing::info!(
+                    "the certificate was read again, and is used from the next connection on"
+                );
             }
             Err(error) => {
                 telemetry::certificate_reloaded(false);
@@ -59,7 +68,8 @@ impl Tls {
 }
 
 impl Tls {
-    /// Uses this for the next handshake. Who was let in by other authorities is asked to leave; by the same, stays.
+    /// Uses this for the next handshake. Who was let in by other authorities is asked to leave; by
+    /// the same, stays.
     fn use_from_now_on(&self, mut next: Current) {
         let before = self.current.load_full();
         if before.authorities == next.authorities {
@@ -70,7 +80,9 @@ impl Tls {
         // First the new ones: whoever leaves comes again at once.
         self.current.store(Arc::new(next));
         before.outdated.cancel();
-        tracing::info!("the authorities of clients have changed: connections that are open are asked to leave");
+        tracing::info!(
+            "the authorities of clients have changed: connections that are open are asked to leave"
+        );
     }
 }
 

@@ -1,15 +1,19 @@
-//! Materialised marginal counts: how often each action was taken in an environment. Kept from an environment's beginning, or read from the cells
-//! when somebody first asks, then brought up to date by every commit; never on disk.
+//! Materialised marginal counts: how often each action was taken in an environment. Kept from an
+//! environment's beginning, or read from the cells when somebody first asks, then brought up to
+//! date by every commit; never on disk.
 //!
-//! Commits go on while the cells are read, and each must be counted once: by the read or on top of it. **Revisions** settle it, as in the cache:
+//! Commits go on while the cells are read, and each must be counted once: by the read or on top of
+//! it. **Revisions** settle it, as in the cache:
 //!
-//! * A load is announced before its snapshot is taken. So a commit that the snapshot lacks is told to [`ActionsMemory::apply`] after the
-//!   announcement, and kept.
-//! * The load's one statement reads the revision of its snapshot first. From then on only commits above it are kept, as their sum. At the end that is
-//!   added to what was read.
-//! * Totals and sum know their revision, so a commit that was seen in the database before memory was told of it is not added again.
+//! * A load is announced before its snapshot is taken. So a commit that the snapshot lacks is told
+//!   to [`ActionsMemory::apply`] after the announcement, and kept.
+//! * The load's one statement reads the revision of its snapshot first. From then on only commits
+//!   above it are kept, as their sum. At the end that is added to what was read.
+//! * Totals and sum know their revision, so a commit that was seen in the database before memory
+//!   was told of it is not added again.
 //!
-//! When nobody knows whether a COMMIT took effect, everything is dropped, the load under way too: it still answers who asked, and is not kept.
+//! When nobody knows whether a COMMIT took effect, everything is dropped, the load under way too:
+//! it still answers who asked, and is not kept.
 
 use std::num::NonZeroUsize;
 use std::sync::{Arc, Mutex, MutexGuard};
@@ -26,13 +30,15 @@ use super::walk::{Walk, own_states};
 use crate::domain::{ActionTotals, Cell, Environment, EnvironmentId, Schema, Tally};
 use crate::store::StoreError;
 
-/// Environments whose totals are kept: each is at most 100 KB an agent, and few agents can be so large.
+/// Environments whose totals are kept: each is at most 100 KB an agent, and few agents can be so
+/// large.
 const KEPT: NonZeroUsize = NonZeroUsize::new(256).expect("not zero");
 
 /// The totals of every environment that was asked for.
 pub(super) struct ActionsMemory {
     inner: Mutex<Inner>,
-    /// One load at a time: each keeps a reader for as long as it takes to read every cell, and there are few.
+    /// One load at a time: each keeps a reader for as long as it takes to read every cell, and
+    /// there are few.
     turn: tokio::sync::Mutex<()>,
 }
 
@@ -56,7 +62,8 @@ struct Load<'a> {
     _turn: tokio::sync::MutexGuard<'a, ()>,
 }
 
-/// Returns the totals of an environment at its newest revision. Where nothing is kept until it is settled what was committed, `settling` is awaited first.
+/// Returns the totals of an environment at its newest revision. Where nothing is kept until it is
+/// settled what was committed, `settling` is awaited first.
 pub(super) async fn actions(
     readers: &SqlitePool,
     memory: &ActionsMemory,
@@ -71,17 +78,30 @@ pub(super) async fn actions(
         return Ok(kept);
     }
 
-    // Nothing is kept until a transaction has settled what was committed, and each question would read every cell. Whether one can begin is not
-    // the reader's concern.
+    // Nothing is kept until a transaction has settled what was committed, and each question would
+    // read every cell. Whether one can begin is not the reader's concern.
     if memory.is_suspended() {
         settling.await.ok();
     }
     let mut reader = readers.acquire().await.map_err(unreadable)?;
-    match load(&mut reader, memory.announce(turn, environment.id), environment, Walk::All).await {
+    match load(
+        &mut reader,
+        memory.announce(turn, environment.id),
+        environment,
+        Walk::All,
+    )
+    .await
+    {
         // It may be another environment's.
         Err(StoreError::Damaged(_)) => {
             let turn = memory.turn.lock().await;
-            load(&mut reader, memory.announce(turn, environment.id), environment, Walk::Own).await
+            load(
+                &mut reader,
+                memory.announce(turn, environment.id),
+                environment,
+                Walk::Own,
+            )
+            .await
         }
         loaded => loaded,
     }
@@ -93,8 +113,9 @@ async fn load(
     environment: &Environment,
     walk: Walk,
 ) -> Result<Arc<ActionTotals>, StoreError> {
-    // Not `group by joint`: that sorts all cells in memory. Cells come packed, those of sixteen states together, because a row each would cost the
-    // driver ten times as much. States are walked by id, in whose order their cells lie.
+    // Not `group by joint`: that sorts all cells in memory. Cells come packed, those of sixteen
+    // states together, because a row each would cost the driver ten times as much. States are
+    // walked by id, in whose order their cells lie.
     let all = concat!(
         "with recursive blocks (first) as (
              select 1 union all select first + 16 from blocks where first + 16 <= (select max(id) from states)
@@ -113,7 +134,11 @@ async fn load(
     let text = if walk == Walk::All { all } else { own };
     let mut rows = sqlx::query(text).bind(environment.id.0).fetch(reader);
     let mut next = rows.try_next().await.map_err(unreadable)?;
-    let revision = next.as_ref().map(|row| whole(row, 0)).transpose().map_err(unreadable)?;
+    let revision = next
+        .as_ref()
+        .map(|row| whole(row, 0))
+        .transpose()
+        .map_err(unreadable)?;
     let revision = revision.ok_or(StoreError::UnknownEnvironment)?;
     load.snapshot_taken(&environment.schema, revision);
 
@@ -131,7 +156,10 @@ async fn load(
 /// Adds cells. Damaged ones could overflow a sum, which no sound ones do.
 fn add(totals: &mut ActionTotals, cells: &[Cell]) -> Result<(), StoreError> {
     for cell in cells {
-        let sum = totals.revision.checked_add(cell.tally.n).filter(|sum| *sum <= i64::MAX as u64);
+        let sum = totals
+            .revision
+            .checked_add(cell.tally.n)
+            .filter(|sum| *sum <= i64::MAX as u64);
         sum.ok_or_else(|| spoiled("the sum of an environment's visits"))?;
         totals.add(cell.joint, cell.tally);
     }
@@ -142,22 +170,38 @@ impl Default for ActionsMemory {
     /// Keeps nothing until [`ActionsMemory::resume`].
     fn default() -> Self {
         let kept = LruCache::with_hasher(KEPT, foldhash::fast::RandomState::default());
-        let inner = Inner { kept, loading: None, suspended: true };
-        Self { inner: Mutex::new(inner), turn: tokio::sync::Mutex::default() }
+        let inner = Inner {
+            kept,
+            loading: None,
+            suspended: true,
+        };
+        Self {
+            inner: Mutex::new(inner),
+            turn: tokio::sync::Mutex::default(),
+        }
     }
 }
 
 impl ActionsMemory {
-    /// Keeps the totals of an environment that was made now, so that its cells need never be read for them; as long as that takes no other's place.
+    /// Keeps the totals of an environment that was made now, so that its cells need never be read
+    /// for them; as long as that takes no other's place.
     pub(super) fn begin(&self, environment: &Environment) {
         let mut inner = self.inner();
         if !inner.suspended && inner.kept.len() < KEPT.get() {
-            inner.kept.put(environment.id, Arc::new(ActionTotals::new(&environment.schema)));
+            inner.kept.put(
+                environment.id,
+                Arc::new(ActionTotals::new(&environment.schema)),
+            );
         }
     }
 
     /// Counts the joint actions of a commit, after COMMIT and before it returns.
-    pub(super) fn apply(&self, environment: EnvironmentId, revision: u64, cells: impl Iterator<Item = (u64, Tally)>) {
+    pub(super) fn apply(
+        &self,
+        environment: EnvironmentId,
+        revision: u64,
+        cells: impl Iterator<Item = (u64, Tally)>,
+    ) {
         let mut inner = self.inner();
         if let Some(totals) = inner.kept.peek_mut(&environment) {
             Arc::make_mut(totals).apply(revision, cells);
@@ -181,7 +225,8 @@ impl ActionsMemory {
         inner.suspended = true;
     }
 
-    /// Keeps again what is loaded from now on. A load that began before may lack what has just been settled, and was not announced.
+    /// Keeps again what is loaded from now on. A load that began before may lack what has just been
+    /// settled, and was not announced.
     pub(super) fn resume(&self) {
         self.inner().suspended = false;
     }
@@ -195,14 +240,23 @@ impl ActionsMemory {
     }
 
     /// Begins a load. Its snapshot must be taken afterwards.
-    fn announce<'a>(&'a self, turn: tokio::sync::MutexGuard<'a, ()>, environment: EnvironmentId) -> Load<'a> {
+    fn announce<'a>(
+        &'a self,
+        turn: tokio::sync::MutexGuard<'a, ()>,
+        environment: EnvironmentId,
+    ) -> Load<'a> {
         let mut inner = self.inner();
         inner.loading = (!inner.suspended).then(|| (environment, Later::Listed(Vec::new())));
-        Load { memory: self, _turn: turn }
+        Load {
+            memory: self,
+            _turn: turn,
+        }
     }
 
     fn inner(&self) -> MutexGuard<'_, Inner> {
-        self.inner.lock().expect("nothing panics while it holds the totals")
+        self.inner
+            .lock()
+            .expect("nothing panics while it holds the totals")
     }
 }
 
@@ -210,11 +264,15 @@ impl Load<'_> {
     /// Says at which revision the snapshot is.
     fn snapshot_taken(&self, schema: &Schema, revision: u64) {
         let mut inner = self.memory.inner();
-        let Some((_, later)) = &mut inner.loading else { return };
+        let Some((_, later)) = &mut inner.loading else {
+            return;
+        };
         let mut sum = ActionTotals::new(schema);
         sum.revision = revision;
         if let Later::Listed(commits) = later {
-            commits.drain(..).for_each(|(revision, cells)| sum.apply(revision, cells.into_iter()));
+            commits
+                .drain(..)
+                .for_each(|(revision, cells)| sum.apply(revision, cells.into_iter()));
         }
         *later = Later::Summed(sum);
     }
@@ -222,7 +280,9 @@ impl Load<'_> {
     /// Keeps what was read together with what was committed meanwhile, if nothing came in between.
     fn finish(self, mut totals: ActionTotals) -> Arc<ActionTotals> {
         let mut inner = self.memory.inner();
-        let Some((environment, Later::Summed(later))) = inner.loading.take() else { return Arc::new(totals) };
+        let Some((environment, Later::Summed(later))) = inner.loading.take() else {
+            return Arc::new(totals);
+        };
         totals.append(&later);
         let totals = Arc::new(totals);
         inner.kept.put(environment, Arc::clone(&totals));
@@ -238,7 +298,10 @@ impl Drop for Load<'_> {
 
 impl Inner {
     fn loading_of(&mut self, environment: EnvironmentId) -> Option<&mut Later> {
-        self.loading.as_mut().filter(|(of, _)| *of == environment).map(|(_, later)| later)
+        self.loading
+            .as_mut()
+            .filter(|(of, _)| *of == environment)
+            .map(|(_, later)| later)
     }
 }
 

@@ -1,5 +1,6 @@
-//! Compares the totals that every commit kept with what the cells add up to, and reads every row that a commit may meet. SQLite's own check passes a
-//! flipped bit in a count, and a cell of an action or a segment that its environment does not have.
+//! Compares the totals that every commit kept with what the cells add up to, and reads every row
+//! that a commit may meet. SQLite's own check passes a flipped bit in a count, and a cell of an
+//! action or a segment that its environment does not have.
 
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, SqlitePool};
@@ -10,11 +11,16 @@ use crate::domain::Environment;
 use crate::store::{Audit, Cause, StoreError, Trouble};
 
 /// Audits every environment, and makes those read-only that do not add up or cannot be read.
-pub(super) async fn audit(readers: &SqlitePool, directory: &Directory) -> Result<Vec<Audit>, StoreError> {
+pub(super) async fn audit(
+    readers: &SqlitePool,
+    directory: &Directory,
+) -> Result<Vec<Audit>, StoreError> {
     let mut audits = Vec::new();
     for environment in directory.all() {
         // One that was deleted meanwhile has nothing to compare.
-        let Some(audit) = audit_patiently(readers, &environment).await? else { continue };
+        let Some(audit) = audit_patiently(readers, &environment).await? else {
+            continue;
+        };
         if let Some(why) = audit.fault() {
             directory.make_read_only(environment.id, &why);
         }
@@ -23,20 +29,35 @@ pub(super) async fn audit(readers: &SqlitePool, directory: &Directory) -> Result
     Ok(audits)
 }
 
-/// Damage is the environment's; a machine that fails to read it twice is as good as damage. Other errors are no environment's.
-async fn audit_patiently(readers: &SqlitePool, environment: &Environment) -> Result<Option<Audit>, StoreError> {
+/// Damage is the environment's; a machine that fails to read it twice is as good as damage. Other
+/// errors are no environment's.
+async fn audit_patiently(
+    readers: &SqlitePool,
+    environment: &Environment,
+) -> Result<Option<Audit>, StoreError> {
     let mut audited = audit_one(readers, environment, Bound::None).await;
-    if audited.as_ref().is_err_and(|cause| cause.trouble == Trouble::InputOutput) {
+    if audited
+        .as_ref()
+        .is_err_and(|cause| cause.trouble == Trouble::InputOutput)
+    {
         audited = audit_one(readers, environment, Bound::None).await;
     }
     // What was damaged may be where the next environment begins.
-    if audited.as_ref().is_err_and(|cause| cause.trouble == Trouble::Damaged) {
+    if audited
+        .as_ref()
+        .is_err_and(|cause| cause.trouble == Trouble::Damaged)
+    {
         audited = audit_one(readers, environment, Bound::Kept).await;
     }
     match audited {
         Err(cause) if [Trouble::Damaged, Trouble::InputOutput].contains(&cause.trouble) => {
             let environment = environment.name.clone();
-            Ok(Some(Audit { environment, kept: [0; 3], found: [0; 3], unreadable: Some(cause.said) }))
+            Ok(Some(Audit {
+                environment,
+                kept: [0; 3],
+                found: [0; 3],
+                unreadable: Some(cause.said),
+            }))
         }
         audited => audited.map_err(unreadable),
     }
@@ -47,13 +68,20 @@ async fn audit_patiently(readers: &SqlitePool, environment: &Environment) -> Res
 enum Bound {
     /// To where they end, which is seen only by looking at what comes next.
     None,
-    /// As many as the totals say there are. Were there more, the sums would have to be right without them.
+    /// As many as the totals say there are. Were there more, the sums would have to be right
+    /// without them.
     Kept,
 }
 
-/// One statement, so that totals and cells are of the same moment. Visits are summed in two halves: a damaged one could overflow the sum. States are
-/// found by their index, and each is looked up in its table too, which nothing else would read. Their cells are read in the order in which they lie.
-async fn audit_one(readers: &SqlitePool, environment: &Environment, bound: Bound) -> Result<Option<Audit>, Cause> {
+/// One statement, so that totals and cells are of the same moment. Visits are summed in two halves:
+/// a damaged one could overflow the sum. States are found by their index, and each is looked up in
+/// its table too, which nothing else would read. Their cells are read in the order in which they
+/// lie.
+async fn audit_one(
+    readers: &SqlitePool,
+    environment: &Environment,
+    bound: Bound,
+) -> Result<Option<Audit>, Cause> {
     read_producers(readers, environment).await?;
     let row = sqlx::query(
         "select totals.transitions, totals.states, totals.cells, found.high, found.low,
@@ -94,9 +122,15 @@ async fn audit_one(readers: &SqlitePool, environment: &Environment, bound: Bound
         let found = [transitions, number(5)?, number(6)?];
         let environment = environment.name.clone();
         let strays = number(7)?;
-        let told_strays = format!("{strays} of its cells are of an action or a segment that it does not have");
+        let told_strays =
+            format!("{strays} of its cells are of an action or a segment that it does not have");
         let unreadable = (strays > 0 && kept == found).then_some(told_strays);
-        Ok::<_, sqlx::Error>(Audit { environment, kept: told(kept), found: told(found), unreadable })
+        Ok::<_, sqlx::Error>(Audit {
+            environment,
+            kept: told(kept),
+            found: told(found),
+            unreadable,
+        })
     };
     Ok(row.map(read).transpose()?)
 }
@@ -108,7 +142,10 @@ async fn read_producers(readers: &SqlitePool, environment: &Environment) -> Resu
          from producers cross join producers as stored not indexed on stored.id = producers.id
          left join batches on batches.producer = producers.id
          where producers.environment = ?1";
-    sqlx::query(text).bind(environment.id.0).fetch_one(readers).await?;
+    sqlx::query(text)
+        .bind(environment.id.0)
+        .fetch_one(readers)
+        .await?;
     Ok(())
 }
 

@@ -1,19 +1,26 @@
-//! A bounded cache of the counts of states. It never serves counts that lack an acknowledged batch, nor some that go back in time.
+//! A bounded cache of the counts of states. It never serves counts that lack an acknowledged batch,
+//! nor some that go back in time.
 //!
-//! The only danger is a race between a reader that loads a state and a commit that changes it. A **revision** settles it: an environment's number of
-//! transitions, which grows with every commit that counts something. A reader's one statement reads the revision with the cells, so what it loads
-//! carries its place in time. Commits come one at a time: the next one begins after this cache was told of the last.
+//! The only danger is a race between a reader that loads a state and a commit that changes it. A
+//! **revision** settles it: an environment's number of transitions, which grows with every commit
+//! that counts something. A reader's one statement reads the revision with the cells, so what it
+//! loads carries its place in time. Commits come one at a time: the next one begins after this
+//! cache was told of the last.
 //!
-//! * After COMMIT, and before the commit returns, [`CountsCache::apply`] sets `applied` to the new revision and adds the commit's delta to those
-//!   cached states whose revision is lower. Since a cached state is never older than `applied` was when it came in (next rule), it lacks this one
-//!   commit and no other; and a state that was loaded after COMMIT and before `apply` has the delta already, and is left alone.
-//! * A reader's load comes in only where its revision is at least `floor`, the larger of `applied` and the highest revision that was loaded. Below
-//!   `applied`, the delta which it lacks has passed and would be lost. Below what another reader has loaded, a state that the other saw already
+//! * After COMMIT, and before the commit returns, [`CountsCache::apply`] sets `applied` to the new
+//!   revision and adds the commit's delta to those cached states whose revision is lower. Since a
+//!   cached state is never older than `applied` was when it came in (next rule), it lacks this one
+//!   commit and no other; and a state that was loaded after COMMIT and before `apply` has the delta
+//!   already, and is left alone.
+//! * A reader's load comes in only where its revision is at least `floor`, the larger of `applied`
+//!   and the highest revision that was loaded. Below `applied`, the delta which it lacks has passed
+//!   and would be lost. Below what another reader has loaded, a state that the other saw already
 //!   could go back in time. So a load never replaces a younger one either.
-//! * So a cached state is that of the last applied commit or a later one, and an acknowledged commit has been applied: reads see it.
+//! * So a cached state is that of the last applied commit or a later one, and an acknowledged
+//!   commit has been applied: reads see it.
 //!
-//! When nobody knows whether a COMMIT took effect, the cache is emptied and stays unused until that is settled; loads which began before carry an
-//! older **epoch** and are not taken in.
+//! When nobody knows whether a COMMIT took effect, the cache is emptied and stays unused until that
+//! is settled; loads which began before carry an older **epoch** and are not taken in.
 
 use std::sync::{Arc, Mutex, MutexGuard};
 
@@ -23,7 +30,8 @@ use super::map::Map;
 use crate::domain::{Cell, Counts, EnvironmentId, StateKey};
 use crate::store::StateCounts;
 
-/// What a cached state weighs beside its cells, in cells of 40 bytes: its key, its place in the list and the map, and three allocations.
+/// What a cached state weighs beside its cells, in cells of 40 bytes: its key, its place in the
+/// list and the map, and three allocations.
 const STATE_WEIGHT: usize = 6;
 
 /// The cache.
@@ -59,17 +67,36 @@ impl CountsCache {
     /// Makes a cache that holds about as much memory as this many cells.
     pub(super) fn new(cells: usize) -> Self {
         let entries = LruCache::unbounded_with_hasher(foldhash::fast::RandomState::default());
-        let inner = Inner { entries, weight: 0, revisions: Map::default(), epoch: Epoch(0), suspended: true };
-        Self { capacity: cells, inner: Mutex::new(inner) }
+        let inner = Inner {
+            entries,
+            weight: 0,
+            revisions: Map::default(),
+            epoch: Epoch(0),
+            suspended: true,
+        };
+        Self {
+            capacity: cells,
+            inner: Mutex::new(inner),
+        }
     }
 
     /// Returns what is cached of each state, and the epoch to give back with what the caller loads.
-    pub(super) fn get(&self, environment: EnvironmentId, keys: &[StateKey]) -> (Vec<Option<StateCounts>>, Epoch) {
+    pub(super) fn get(
+        &self,
+        environment: EnvironmentId,
+        keys: &[StateKey],
+    ) -> (Vec<Option<StateCounts>>, Epoch) {
         let mut inner = self.inner();
-        let applied = inner.revisions.get(&environment).map_or(0, |revisions| revisions.applied);
+        let applied = inner
+            .revisions
+            .get(&environment)
+            .map_or(0, |revisions| revisions.applied);
         let found = keys.iter().map(|key| {
             let entry = inner.entries.get(&(environment, key.clone()))?;
-            Some(StateCounts { counts: Arc::clone(&entry.counts), revision: entry.revision.max(applied) })
+            Some(StateCounts {
+                counts: Arc::clone(&entry.counts),
+                revision: entry.revision.max(applied),
+            })
         });
         let found = found.collect();
         (found, inner.epoch)
@@ -102,7 +129,10 @@ impl CountsCache {
     ) {
         let mut inner = self.inner();
         let revisions = inner.revisions.entry(environment).or_default();
-        *revisions = Revisions { applied: revision, floor: revision.max(revisions.floor) };
+        *revisions = Revisions {
+            applied: revision,
+            floor: revision.max(revisions.floor),
+        };
         if inner.entries.is_empty() {
             return;
         }
@@ -115,7 +145,12 @@ impl CountsCache {
     /// Drops the states of an environment that is gone.
     pub(super) fn forget(&self, environment: EnvironmentId) {
         let mut inner = self.inner();
-        let gone = inner.entries.iter().map(|(key, _)| key).filter(|(of, _)| *of == environment).cloned();
+        let gone = inner
+            .entries
+            .iter()
+            .map(|(key, _)| key)
+            .filter(|(of, _)| *of == environment)
+            .cloned();
         for key in gone.collect::<Vec<_>>() {
             inner.remove(&key);
         }
@@ -142,7 +177,9 @@ impl CountsCache {
     }
 
     fn inner(&self) -> MutexGuard<'_, Inner> {
-        self.inner.lock().expect("nothing panics while it holds the cache")
+        self.inner
+            .lock()
+            .expect("nothing panics while it holds the cache")
     }
 }
 
@@ -161,13 +198,24 @@ impl Inner {
         self.weight -= replaced.map_or(0, |entry| weight(&entry));
     }
 
-    fn add(&mut self, key: (EnvironmentId, StateKey), revision: u64, cells: impl IntoIterator<Item = Cell>) {
-        let Some(entry) = self.entries.peek_mut(&key).filter(|entry| entry.revision < revision) else {
+    fn add(
+        &mut self,
+        key: (EnvironmentId, StateKey),
+        revision: u64,
+        cells: impl IntoIterator<Item = Cell>,
+    ) {
+        let Some(entry) = self
+            .entries
+            .peek_mut(&key)
+            .filter(|entry| entry.revision < revision)
+        else {
             return;
         };
         let before = weight(entry);
         let counts = Arc::make_mut(&mut entry.counts);
-        cells.into_iter().for_each(|cell| counts.add(cell.joint, cell.segment, cell.tally));
+        cells
+            .into_iter()
+            .for_each(|cell| counts.add(cell.joint, cell.segment, cell.tally));
         entry.revision = revision;
         let after = weight(entry);
         self.weight = self.weight + after - before;
@@ -180,7 +228,9 @@ impl Inner {
 
     fn shrink(&mut self, capacity: usize) {
         while self.weight > capacity {
-            let Some((_, entry)) = self.entries.pop_lru() else { return };
+            let Some((_, entry)) = self.entries.pop_lru() else {
+                return;
+            };
             self.weight -= weight(&entry);
         }
     }

@@ -5,10 +5,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use sqlx::sqlite::SqliteConnection;
 
-/// Steps of SQLite's machine after which a reader looks whether the store closes: some milliseconds.
+/// Steps of SQLite's machine after which a reader looks whether the store closes: some
+/// milliseconds.
 const INTERRUPT_STEPS: i32 = 100_000;
 
-/// Ends the reads that go on when a store closes: one may look at every cell, and nobody waits for its answer any more.
+/// Ends the reads that go on when a store closes: one may look at every cell, and nobody waits for
+/// its answer any more.
 #[derive(Clone, Default)]
 pub(super) struct Closing(Arc<AtomicBool>);
 
@@ -21,7 +23,10 @@ impl Closing {
     /// Lets a connection be interrupted.
     pub(super) async fn watch(self, connection: &mut SqliteConnection) -> Result<(), sqlx::Error> {
         let goes_on = move || !self.0.load(Ordering::Relaxed);
-        connection.lock_handle().await?.set_progress_handler(INTERRUPT_STEPS, goes_on);
+        connection
+            .lock_handle()
+            .await?
+            .set_progress_handler(INTERRUPT_STEPS, goes_on);
         Ok(())
     }
 }

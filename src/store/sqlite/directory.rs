@@ -30,17 +30,31 @@ impl Directory {
 
     /// Returns the environment of that id.
     pub(super) fn of_id(&self, id: EnvironmentId) -> Option<Arc<Environment>> {
-        self.read(|environments| environments.values().find(|environment| environment.id == id).cloned())
+        self.read(|environments| {
+            environments
+                .values()
+                .find(|environment| environment.id == id)
+                .cloned()
+        })
     }
 
     /// Returns whether there is an environment of that id, readable or not.
     pub(super) fn has(&self, id: EnvironmentId) -> bool {
-        self.of_id(id).is_some() || self.unreadable().iter().any(|environment| environment.id == id)
+        self.of_id(id).is_some()
+            || self
+                .unreadable()
+                .iter()
+                .any(|environment| environment.id == id)
     }
 
     /// Returns every environment that cannot be read, in order of name.
     pub(super) fn unreadable(&self) -> Vec<Arc<UnreadableEnvironment>> {
-        self.unreadable.read().unwrap_or_else(PoisonError::into_inner).values().cloned().collect()
+        self.unreadable
+            .read()
+            .unwrap_or_else(PoisonError::into_inner)
+            .values()
+            .cloned()
+            .collect()
     }
 
     /// Adds an environment, or replaces it.
@@ -51,33 +65,56 @@ impl Directory {
     /// Removes an environment.
     pub(super) fn remove(&self, id: EnvironmentId) {
         self.write(|environments| environments.retain(|_, environment| environment.id != id));
-        self.unreadable.write().unwrap_or_else(PoisonError::into_inner).retain(|_, unread| unread.id != id);
-        self.read_only.write().unwrap_or_else(PoisonError::into_inner).remove(&id);
+        self.unreadable
+            .write()
+            .unwrap_or_else(PoisonError::into_inner)
+            .retain(|_, unread| unread.id != id);
+        self.read_only
+            .write()
+            .unwrap_or_else(PoisonError::into_inner)
+            .remove(&id);
     }
 
-    /// Replaces all environments by what the database holds, and says in the log which of them cannot be read.
+    /// Replaces all environments by what the database holds, and says in the log which of them
+    /// cannot be read.
     pub(super) fn replace(&self, all: Vec<Loaded>) {
         let (mut read, mut unread) = (BTreeMap::new(), BTreeMap::new());
         for loaded in all {
             match loaded {
-                Ok(environment) => drop(read.insert(environment.name.clone(), Arc::new(environment))),
-                Err(environment) => drop(unread.insert(environment.name.clone(), Arc::new(environment))),
+                Ok(environment) => {
+                    drop(read.insert(environment.name.clone(), Arc::new(environment)))
+                }
+                Err(environment) => {
+                    drop(unread.insert(environment.name.clone(), Arc::new(environment)))
+                }
             }
         }
         self.write(|environments| *environments = read);
 
-        let mut present = self.unreadable.write().unwrap_or_else(PoisonError::into_inner);
+        let mut present = self
+            .unreadable
+            .write()
+            .unwrap_or_else(PoisonError::into_inner);
         // The database is read again after a failed transaction: what was told stays told.
-        for (environment, unread) in unread.iter().filter(|(name, _)| !present.contains_key(*name)) {
+        for (environment, unread) in unread
+            .iter()
+            .filter(|(name, _)| !present.contains_key(*name))
+        {
             tracing::warn!(environment, uid = %unread.uid, why = unread.why, "an environment cannot be read: it can only be deleted");
         }
         *present = unread;
     }
 
-    /// Lets an environment that is damaged take no more batches, until the process ends, and says so in the log. Returns whether it took some before.
+    /// Lets an environment that is damaged take no more batches, until the process ends, and says
+    /// so in the log. Returns whether it took some before.
     pub(super) fn make_read_only(&self, id: EnvironmentId, why: &str) -> bool {
-        let Some(environment) = self.of_id(id) else { return false };
-        let mut read_only = self.read_only.write().unwrap_or_else(PoisonError::into_inner);
+        let Some(environment) = self.of_id(id) else {
+            return false;
+        };
+        let mut read_only = self
+            .read_only
+            .write()
+            .unwrap_or_else(PoisonError::into_inner);
         // What was found first is told: what comes of it later says less.
         let is_new = !read_only.contains_key(&id);
         if is_new {
@@ -94,22 +131,43 @@ impl Directory {
 
     /// Returns whether an environment takes no more batches.
     pub(super) fn is_read_only(&self, id: EnvironmentId) -> bool {
-        self.read_only.read().unwrap_or_else(PoisonError::into_inner).contains_key(&id)
+        self.read_only
+            .read()
+            .unwrap_or_else(PoisonError::into_inner)
+            .contains_key(&id)
     }
 
-    /// Returns the environments that take no more batches, in order of name, with what is wrong with each.
+    /// Returns the environments that take no more batches, in order of name, with what is wrong
+    /// with each.
     pub(super) fn read_only(&self) -> Vec<(Name, String)> {
-        let read_only = self.read_only.read().unwrap_or_else(PoisonError::into_inner);
-        let told =
-            |environment: Arc<Environment>| Some((environment.name.clone(), read_only.get(&environment.id)?.clone()));
+        let read_only = self
+            .read_only
+            .read()
+            .unwrap_or_else(PoisonError::into_inner);
+        let told = |environment: Arc<Environment>| {
+            Some((
+                environment.name.clone(),
+                read_only.get(&environment.id)?.clone(),
+            ))
+        };
         self.all().into_iter().filter_map(told).collect()
     }
 
     fn read<R>(&self, look: impl FnOnce(&BTreeMap<Name, Arc<Environment>>) -> R) -> R {
-        look(&self.environments.read().unwrap_or_else(PoisonError::into_inner))
+        look(
+            &self
+                .environments
+                .read()
+                .unwrap_or_else(PoisonError::into_inner),
+        )
     }
 
     fn write<R>(&self, change: impl FnOnce(&mut BTreeMap<Name, Arc<Environment>>) -> R) -> R {
-        change(&mut self.environments.write().unwrap_or_else(PoisonError::into_inner))
+        change(
+            &mut self
+                .environments
+                .write()
+                .unwrap_or_else(PoisonError::into_inner),
+        )
     }
 }

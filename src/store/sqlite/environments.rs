@@ -30,8 +30,16 @@ pub(super) async fn create(
         transaction.end().await?;
         return Err(StoreError::too_many_environments(quotas.environments));
     }
-    let id = insert(transaction.connection(), &uid, name, schema, rule).await.map_err(aborted)?;
-    let made = Arc::new(Environment { id, uid, name: name.clone(), schema: schema.clone(), rule });
+    let id = insert(transaction.connection(), &uid, name, schema, rule)
+        .await
+        .map_err(aborted)?;
+    let made = Arc::new(Environment {
+        id,
+        uid,
+        name: name.clone(),
+        schema: schema.clone(),
+        rule,
+    });
     let remember = |memory: &Memory, _: &mut Known| {
         memory.directory.put(Arc::clone(&made));
         memory.actions.begin(&made);
@@ -58,8 +66,13 @@ pub(super) async fn set_rule(
         .execute(transaction.connection())
         .await
         .map_err(aborted)?;
-    let changed = Arc::new(Environment { rule, ..Environment::clone(&present) });
-    transaction.commit(|memory, _| memory.directory.put(Arc::clone(&changed))).await?;
+    let changed = Arc::new(Environment {
+        rule,
+        ..Environment::clone(&present)
+    });
+    transaction
+        .commit(|memory, _| memory.directory.put(Arc::clone(&changed)))
+        .await?;
     Ok(changed)
 }
 
@@ -74,7 +87,10 @@ async fn is_taken(connection: &mut SqliteConnection, name: &Name) -> Result<bool
 /// Returns how many there are, readable or not; those that are being removed are gone.
 async fn count(connection: &mut SqliteConnection) -> Result<u64, sqlx::Error> {
     let text = "select count(*) from environments where name is not null";
-    sqlx::query_scalar(text).fetch_one(connection).await.map(i64::unsigned_abs)
+    sqlx::query_scalar(text)
+        .fetch_one(connection)
+        .await
+        .map(i64::unsigned_abs)
 }
 
 async fn insert(
@@ -84,7 +100,8 @@ async fn insert(
     schema: &Schema,
     rule: WrittenRule,
 ) -> Result<EnvironmentId, sqlx::Error> {
-    let text = "insert into environments (uid, name, schema, schema_hash, rule) values (?, ?, ?, ?, ?)";
+    let text =
+        "insert into environments (uid, name, schema, schema_hash, rule) values (?, ?, ?, ?, ?)";
     let done = sqlx::query(text)
         .bind(&uid.0)
         .bind(name.as_str())
@@ -94,6 +111,9 @@ async fn insert(
         .execute(&mut *connection)
         .await?;
     let id = done.last_insert_rowid();
-    sqlx::query("insert into totals (environment) values (?)").bind(id).execute(connection).await?;
+    sqlx::query("insert into totals (environment) values (?)")
+        .bind(id)
+        .execute(connection)
+        .await?;
     Ok(EnvironmentId(id))
 }

@@ -26,24 +26,34 @@ pub(super) fn damaged(what: &str) -> String {
 
 /// Says of a database that a later build made it.
 pub(super) fn made_by_newer(path: &Path) -> StoreError {
-    unopenable(path, "it was made by a newer nudge; use that version, or choose another --data directory")
+    unopenable(
+        path,
+        "it was made by a newer nudge; use that version, or choose another --data directory",
+    )
 }
 
 /// An error before COMMIT: the connection is dropped with it, which rolls back.
 pub(super) fn aborted(error: impl Into<Cause>) -> StoreError {
     match error.into() {
-        Cause { trouble: Trouble::Damaged, said } => StoreError::Damaged(said),
+        Cause {
+            trouble: Trouble::Damaged,
+            said,
+        } => StoreError::Damaged(said),
         cause => StoreError::Aborted(cause),
     }
 }
 
 /// An error of COMMIT itself, after which a part of the journal may or may not be on the disk.
 ///
-/// A full disk is certain: the last page of a transaction makes it whole, and SQLite reports `SQLITE_FULL` only where a page could not be written. What
-/// comes after that page (fsync, the index of the journal) has other codes.
+/// A full disk is certain: the last page of a transaction makes it whole, and SQLite reports
+/// `SQLITE_FULL` only where a page could not be written. What comes after that page (fsync, the
+/// index of the journal) has other codes.
 pub(super) fn uncommitted(error: sqlx::Error) -> StoreError {
     match error.into() {
-        cause @ Cause { trouble: Trouble::DiskFull, .. } => StoreError::Aborted(cause),
+        cause @ Cause {
+            trouble: Trouble::DiskFull,
+            ..
+        } => StoreError::Aborted(cause),
         cause => StoreError::OutcomeUnknown(cause),
     }
 }
@@ -51,15 +61,23 @@ pub(super) fn uncommitted(error: sqlx::Error) -> StoreError {
 /// An error of a read.
 pub(super) fn unreadable(error: impl Into<Cause>) -> StoreError {
     match error.into() {
-        Cause { trouble: Trouble::Damaged, said } => StoreError::Damaged(said),
-        Cause { trouble: Trouble::Other, said } => StoreError::Unreadable(said),
+        Cause {
+            trouble: Trouble::Damaged,
+            said,
+        } => StoreError::Damaged(said),
+        Cause {
+            trouble: Trouble::Other,
+            said,
+        } => StoreError::Unreadable(said),
         cause => StoreError::Unreadable(cause.to_string()),
     }
 }
 
 /// What is stored is not what we stored.
 pub(super) fn spoiled(what: &str) -> StoreError {
-    StoreError::Damaged(format!("{what} is not as it was written; run `nudge check`, and restore a backup"))
+    StoreError::Damaged(format!(
+        "{what} is not as it was written; run `nudge check`, and restore a backup"
+    ))
 }
 
 impl From<sqlx::Error> for Cause {
@@ -76,9 +94,13 @@ impl From<std::io::Error> for Cause {
 
 fn trouble(error: &sqlx::Error) -> Trouble {
     match (error, primary_code(error)) {
-        // Nobody but us writes, by rules that no input can break, and a value of another type was not written by us.
+        // Nobody but us writes, by rules that no input can break, and a value of another type was
+        // not written by us.
         (_, Some(CORRUPT | NOT_A_DATABASE | CONSTRAINT))
-        | (sqlx::Error::ColumnDecode { .. } | sqlx::Error::Decode(_) | sqlx::Error::RowNotFound, _) => Trouble::Damaged,
+        | (
+            sqlx::Error::ColumnDecode { .. } | sqlx::Error::Decode(_) | sqlx::Error::RowNotFound,
+            _,
+        ) => Trouble::Damaged,
         (_, Some(FULL)) => Trouble::DiskFull,
         (_, Some(READ_ONLY)) => Trouble::ReadOnly,
         (_, Some(INPUT_OUTPUT)) => Trouble::InputOutput,
@@ -91,7 +113,9 @@ fn trouble(error: &sqlx::Error) -> Trouble {
 /// Returns what keeps a file from being written.
 pub(super) fn trouble_of(kind: ErrorKind) -> Trouble {
     match kind {
-        ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::FileTooLarge => Trouble::DiskFull,
+        ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::FileTooLarge => {
+            Trouble::DiskFull
+        }
         ErrorKind::ReadOnlyFilesystem | ErrorKind::PermissionDenied => Trouble::ReadOnly,
         ErrorKind::NotFound => Trouble::Moved,
         _ => Trouble::InputOutput,
@@ -100,7 +124,10 @@ pub(super) fn trouble_of(kind: ErrorKind) -> Trouble {
 
 /// A database that cannot be opened, with what to do about it.
 pub(super) fn unopenable(path: &Path, why: impl fmt::Display) -> StoreError {
-    StoreError::Unopenable { path: path.display().to_string(), why: why.to_string() }
+    StoreError::Unopenable {
+        path: path.display().to_string(),
+        why: why.to_string(),
+    }
 }
 
 /// Returns whether an error says that pages of a database of ours are damaged.
@@ -116,9 +143,10 @@ pub(super) fn opening(path: &Path, error: &sqlx::Error) -> StoreError {
             "it is not a database; move it away, or choose another --data directory; if it was one, its first page is damaged: restore a backup",
         ),
         Some(CORRUPT) => unopenable(path, damaged(&error.to_string())),
-        Some(READ_ONLY | CANNOT_OPEN) => {
-            unopenable(path, "it cannot be written; give this user the right to write the file and its directory")
-        }
+        Some(READ_ONLY | CANNOT_OPEN) => unopenable(
+            path,
+            "it cannot be written; give this user the right to write the file and its directory",
+        ),
         _ => unopenable(path, error),
     }
 }
@@ -126,7 +154,9 @@ pub(super) fn opening(path: &Path, error: &sqlx::Error) -> StoreError {
 /// An error while bringing the tables up to date.
 pub(super) fn migrating(path: &Path, error: &MigrateError) -> StoreError {
     match error {
-        MigrateError::Execute(error) | MigrateError::ExecuteMigration(error, _) => opening(path, error),
+        MigrateError::Execute(error) | MigrateError::ExecuteMigration(error, _) => {
+            opening(path, error)
+        }
         MigrateError::VersionMissing(_) => made_by_newer(path),
         other => unopenable(path, other),
     }

@@ -10,20 +10,30 @@ use crate::domain::{EnvironmentId, FitId};
 use crate::store::{FitRecord, StoreError};
 
 /// Returns the fits of an environment, in order of pair.
-pub(super) async fn fits(readers: &SqlitePool, id: EnvironmentId) -> Result<Vec<FitRecord>, StoreError> {
-    let rows = sqlx::query("select pair, version, revision, body from fits where environment = ? order by pair")
-        .bind(id.0)
-        .fetch_all(readers)
-        .await
-        .map_err(unreadable)?;
-    rows.iter().map(|row| read(row).map_err(unreadable)).collect()
+pub(super) async fn fits(
+    readers: &SqlitePool,
+    id: EnvironmentId,
+) -> Result<Vec<FitRecord>, StoreError> {
+    let rows = sqlx::query(
+        "select pair, version, revision, body from fits where environment = ? order by pair",
+    )
+    .bind(id.0)
+    .fetch_all(readers)
+    .await
+    .map_err(unreadable)?;
+    rows.iter()
+        .map(|row| read(row).map_err(unreadable))
+        .collect()
 }
 
 fn read(row: &SqliteRow) -> Result<FitRecord, sqlx::Error> {
     let whole = |name| row.try_get::<i64, _>(name).map(i64::unsigned_abs);
     Ok(FitRecord {
         pair: row.try_get("pair")?,
-        id: FitId { version: whole("version")?, revision: whole("revision")? },
+        id: FitId {
+            version: whole("version")?,
+            revision: whole("revision")?,
+        },
         body: row.try_get("body")?,
     })
 }

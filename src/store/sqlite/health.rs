@@ -1,5 +1,5 @@
-//! Readiness: whether a commit would succeed, by what became of the last writes. A failed one says no at once, and only one that reached the disk says
-//! yes again.
+//! Readiness: whether a commit would succeed, by what became of the last writes. A failed one says
+//! no at once, and only one that reached the disk says yes again.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -34,8 +34,15 @@ struct State {
 impl Health {
     /// Begins without any proof.
     pub(super) fn new() -> Self {
-        let state = State { failing: None, last: None, waiting: None };
-        Self { state: Mutex::new(state), told: Seldom::every(TOLD_EVERY) }
+        let state = State {
+            failing: None,
+            last: None,
+            waiting: None,
+        };
+        Self {
+            state: Mutex::new(state),
+            told: Seldom::every(TOLD_EVERY),
+        }
     }
 
     /// Notes that a write reached the disk.
@@ -65,8 +72,12 @@ impl Health {
     /// Notes what an error says of the next write.
     pub(super) fn heed(&self, error: &StoreError) {
         match error {
-            StoreError::Aborted(cause) | StoreError::OutcomeUnknown(cause) => self.failed(cause, Instant::now()),
-            StoreError::Damaged(said) => self.failed(&Cause::new(Trouble::Damaged, said.as_str()), Instant::now()),
+            StoreError::Aborted(cause) | StoreError::OutcomeUnknown(cause) => {
+                self.failed(cause, Instant::now())
+            }
+            StoreError::Damaged(said) => {
+                self.failed(&Cause::new(Trouble::Damaged, said.as_str()), Instant::now())
+            }
             _ => {}
         }
     }
@@ -81,8 +92,14 @@ impl Health {
     /// Returns whether a proof is due where one so old is enough, and begins to wait for it if so.
     pub(super) fn wants_proof(&self, oldest: Duration, now: Instant) -> bool {
         let mut state = self.state();
-        let enough = if state.failing.is_some() { oldest.min(RETRY) } else { oldest };
-        let is_due = state.last.is_none_or(|last| now.duration_since(last) >= enough);
+        let enough = if state.failing.is_some() {
+            oldest.min(RETRY)
+        } else {
+            oldest
+        };
+        let is_due = state
+            .last
+            .is_none_or(|last| now.duration_since(last) >= enough);
         if is_due {
             state.waiting.get_or_insert(now);
         }
@@ -91,7 +108,10 @@ impl Health {
 
     /// Returns what is wrong with the writes, if they fail.
     pub(super) fn trouble(&self) -> Option<Trouble> {
-        self.state().failing.as_ref().map(|(cause, _)| cause.trouble)
+        self.state()
+            .failing
+            .as_ref()
+            .map(|(cause, _)| cause.trouble)
     }
 
     /// Returns whether a commit would succeed, or why not.
@@ -101,9 +121,10 @@ impl Health {
             return Err(cause.clone());
         }
         match state.waiting.map(|since| now.duration_since(since)) {
-            Some(waited) if waited > PATIENCE => {
-                Err(Cause::new(Trouble::Stuck, format!("no write has ended for {} s", waited.as_secs())))
-            }
+            Some(waited) if waited > PATIENCE => Err(Cause::new(
+                Trouble::Stuck,
+                format!("no write has ended for {} s", waited.as_secs()),
+            )),
             _ => Ok(()),
         }
     }
@@ -139,7 +160,10 @@ mod tests {
         let after = |seconds| start + Duration::from_secs(seconds);
         assert!(health.wants_proof(PROOF, start), "nothing was proven yet");
         health.succeeded(start);
-        assert!(!health.wants_proof(PROOF, after(2)), "somebody committed meanwhile");
+        assert!(
+            !health.wants_proof(PROOF, after(2)),
+            "somebody committed meanwhile"
+        );
         assert!(health.wants_proof(PROOF, after(3)));
         health.failed(&full(), after(3));
         assert!(!health.wants_proof(PROOF, after(3)));
@@ -160,7 +184,10 @@ mod tests {
         assert!(health.wants_proof(PROOF, after(3)));
         assert!(health.wants_proof(PROOF, after(4)), "nothing has ended yet");
         assert_eq!(health.ready(after(13)), Ok(()));
-        assert_eq!(health.ready(after(14)).map_err(|cause| cause.trouble), Err(Trouble::Stuck));
+        assert_eq!(
+            health.ready(after(14)).map_err(|cause| cause.trouble),
+            Err(Trouble::Stuck)
+        );
         health.succeeded(after(15));
         assert_eq!(health.ready(after(15)), Ok(()));
     }

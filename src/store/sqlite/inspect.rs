@@ -1,4 +1,5 @@
-//! Looking at a database without changing it and without its lock: beside a service that has it open, or at a copy.
+//! Looking at a database without changing it and without its lock: beside a service that has it
+//! open, or at a copy.
 
 use std::path::Path;
 use std::sync::{Arc, Mutex};
@@ -24,37 +25,74 @@ const MOST_TOLD: usize = 100;
 pub(super) async fn inspect(path: &Path, options: Options) -> Result<SqliteStore, StoreError> {
     let file = Identity::of(path)?;
     let closing = Closing::default();
-    let readers = readers(&file, &closing).await.map_err(|error| unseen(path, error))?;
+    let readers = readers(&file, &closing)
+        .await
+        .map_err(|error| unseen(path, error))?;
     let memory = Arc::new(Memory::new(options.cache_cells));
-    let mut reader = readers.acquire().await.map_err(|error| unseen(path, error))?;
-    match tables::look(&mut reader).await.map_err(|error| unseen(path, error))? {
+    let mut reader = readers
+        .acquire()
+        .await
+        .map_err(|error| unseen(path, error))?;
+    match tables::look(&mut reader)
+        .await
+        .map_err(|error| unseen(path, error))?
+    {
         Tables::None | Tables::Foreign | Tables::Ours(0) => {
-            return Err(unopenable(path, "it is no database of nudge; name its directory with --data"));
+            return Err(unopenable(
+                path,
+                "it is no database of nudge; name its directory with --data",
+            ));
         }
         Tables::Newer => return Err(made_by_newer(path)),
         Tables::Damaged(what) => return Err(StoreError::Damaged(what)),
-        Tables::Ours(_) => memory.directory.replace(load::environments(&mut reader).await?),
+        Tables::Ours(_) => memory
+            .directory
+            .replace(load::environments(&mut reader).await?),
     }
     drop(reader);
 
     let writer = Writer::new(writing(path), file, Arc::clone(&memory));
     writer.close().await.map_err(aborted)?;
     let (path, quotas, lock) = (path.to_owned(), options.quotas, Mutex::new(None));
-    Ok(SqliteStore { path, quotas, memory, writer, readers, closing, lock })
+    Ok(SqliteStore {
+        path,
+        quotas,
+        memory,
+        writer,
+        readers,
+        closing,
+        lock,
+    })
 }
 
 /// An error while looking: damage is what was looked for, and everything else keeps from looking.
 fn unseen(path: &Path, error: sqlx::Error) -> StoreError {
-    if is_damage(&error) { unreadable(error) } else { opening(path, &error) }
+    if is_damage(&error) {
+        unreadable(error)
+    } else {
+        opening(path, &error)
+    }
 }
 
-/// Returns what SQLite's own check finds: pages, indices, types and constraints, of every table. Empty where all is well.
+/// Returns what SQLite's own check finds: pages, indices, types and constraints, of every table.
+/// Empty where all is well.
 pub(super) async fn integrity(readers: &SqlitePool) -> Result<Vec<String>, StoreError> {
-    let rows = sqlx::query("pragma integrity_check(100)").fetch_all(readers).await;
-    let lines = rows.and_then(|rows| rows.iter().map(|row| row.try_get::<String, _>(0)).collect::<Result<Vec<_>, _>>());
+    let rows = sqlx::query("pragma integrity_check(100)")
+        .fetch_all(readers)
+        .await;
+    let lines = rows.and_then(|rows| {
+        rows.iter()
+            .map(|row| row.try_get::<String, _>(0))
+            .collect::<Result<Vec<_>, _>>()
+    });
     match lines.map_err(unreadable) {
         Ok(lines) if lines == ["ok"] => Ok(Vec::new()),
-        Ok(lines) => Ok(lines.iter().flat_map(|line| line.lines()).take(MOST_TOLD).map(str::to_owned).collect()),
+        Ok(lines) => Ok(lines
+            .iter()
+            .flat_map(|line| line.lines())
+            .take(MOST_TOLD)
+            .map(str::to_owned)
+            .collect()),
         Err(StoreError::Damaged(why)) => Ok(vec![why]),
         Err(error) => Err(error),
     }
@@ -62,6 +100,11 @@ pub(super) async fn integrity(readers: &SqlitePool) -> Result<Vec<String>, Store
 
 /// Returns whether a database has a table.
 pub(super) async fn has_table(readers: &SqlitePool, name: &str) -> Result<bool, StoreError> {
-    let found = sqlx::query("select 1 from sqlite_schema where type = 'table' and name = ?").bind(name);
-    Ok(found.fetch_optional(readers).await.map_err(unreadable)?.is_some())
+    let found =
+        sqlx::query("select 1 from sqlite_schema where type = 'table' and name = ?").bind(name);
+    Ok(found
+        .fetch_optional(readers)
+        .await
+        .map_err(unreadable)?
+        .is_some())
 }

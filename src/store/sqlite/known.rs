@@ -1,5 +1,5 @@
-//! States and cells that are known to exist, so that writing to hot ones needs no look-up. It belongs to the writer, and a transaction that fails
-//! empties it.
+//! States and cells that are known to exist, so that writing to hot ones needs no look-up. It
+//! belongs to the writer, and a transaction that fails empties it.
 
 use super::recent::Recent;
 use crate::domain::{EnvironmentId, StateKey};
@@ -18,7 +18,10 @@ pub(super) struct Known {
 
 impl Default for Known {
     fn default() -> Self {
-        Self { states: Recent::new(GENERATION), cells: Recent::new(GENERATION) }
+        Self {
+            states: Recent::new(GENERATION),
+            cells: Recent::new(GENERATION),
+        }
     }
 }
 
@@ -43,7 +46,8 @@ impl Known {
         self.cells.insert(cell, ());
     }
 
-    /// Forgets the states of an environment. Its cells may stay: states that come after may get the same ids, but never its segments' ids.
+    /// Forgets the states of an environment. Its cells may stay: states that come after may get the
+    /// same ids, but never its segments' ids.
     pub(super) fn forget(&mut self, environment: EnvironmentId) {
         self.states.retain(|(of, _)| *of != environment);
     }

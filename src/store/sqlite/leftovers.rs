@@ -1,4 +1,5 @@
-//! What deleted environments have left: which wait for their rows to be removed, and how many rows go at a time.
+//! What deleted environments have left: which wait for their rows to be removed, and how many rows
+//! go at a time.
 
 use std::collections::VecDeque;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -26,13 +27,20 @@ pub(super) struct Removal {
 impl Removal {
     /// Makes one of which nothing is counted yet.
     pub(super) fn new(id: i64, uid: String) -> Self {
-        Self { id, uid, states: None, begun: false, failed: false }
+        Self {
+            id,
+            uid,
+            states: None,
+            begun: false,
+            failed: false,
+        }
     }
 }
 
 /// Returns the environments that are gone and have rows left.
 pub(super) async fn gone(connection: &mut SqliteConnection) -> Result<Vec<Removal>, sqlx::Error> {
-    let rows = sqlx::query("select id, uid from environments where name is null order by id").fetch_all(connection);
+    let rows = sqlx::query("select id, uid from environments where name is null order by id")
+        .fetch_all(connection);
     let read = |row: &SqliteRow| Ok(Removal::new(row.try_get("id")?, row.try_get("uid")?));
     rows.await?.iter().map(read).collect()
 }
@@ -54,14 +62,23 @@ impl Removals {
     /// Returns what is left.
     pub(super) fn left(&self) -> Leftovers {
         let inner = self.inner();
-        let states = inner.queue.iter().filter_map(|removal| removal.states).sum();
-        Leftovers { environments: inner.queue.len() as u64, states }
+        let states = inner
+            .queue
+            .iter()
+            .filter_map(|removal| removal.states)
+            .sum();
+        Leftovers {
+            environments: inner.queue.len() as u64,
+            states,
+        }
     }
 
     /// Replaces all by what the database holds.
     pub(super) fn replace(&self, gone: Vec<Removal>) {
         let mut inner = self.inner();
-        inner.queue.retain(|known| gone.iter().any(|removal| removal.id == known.id));
+        inner
+            .queue
+            .retain(|known| gone.iter().any(|removal| removal.id == known.id));
         let unknown = |removal: &Removal| inner.queue.iter().all(|known| known.id != removal.id);
         let new: Vec<Removal> = gone.into_iter().filter(unknown).collect();
         inner.queue.extend(new);
@@ -92,21 +109,36 @@ impl Removals {
 
     /// Returns those of which the log was not told.
     pub(super) fn unbegun(&self) -> Vec<Removal> {
-        self.inner().queue.iter().filter(|removal| !removal.begun).cloned().collect()
+        self.inner()
+            .queue
+            .iter()
+            .filter(|removal| !removal.begun)
+            .cloned()
+            .collect()
     }
 
     /// Notes that the log was told of one, and its states.
     pub(super) fn begun(&self, counted: Removal) {
-        self.change(counted.id, |removal| *removal = Removal { begun: true, ..counted });
+        self.change(counted.id, |removal| {
+            *removal = Removal {
+                begun: true,
+                ..counted
+            }
+        });
     }
 
     /// Notes what a step removed.
     pub(super) fn swept(&self, id: i64, step: &Step) {
         self.inner().pace.after(step.took);
         self.change(id, |removal| {
-            removal.states = removal.states.map(|states| states.saturating_sub(step.states));
+            removal.states = removal
+                .states
+                .map(|states| states.saturating_sub(step.states));
             if std::mem::take(&mut removal.failed) {
-                tracing::info!(uid = removal.uid, "what a deleted environment has left can be removed again");
+                tracing::info!(
+                    uid = removal.uid,
+                    "what a deleted environment has left can be removed again"
+                );
             }
         });
         if !step.is_last {
@@ -115,7 +147,10 @@ impl Removals {
         let mut inner = self.inner();
         let at = inner.queue.iter().position(|removal| removal.id == id);
         if let Some(removal) = at.and_then(|at| inner.queue.remove(at)) {
-            tracing::info!(uid = removal.uid, "nothing is left of a deleted environment");
+            tracing::info!(
+                uid = removal.uid,
+                "nothing is left of a deleted environment"
+            );
         }
     }
 
@@ -133,7 +168,12 @@ impl Removals {
     }
 
     fn change(&self, id: i64, change: impl FnOnce(&mut Removal)) {
-        if let Some(removal) = self.inner().queue.iter_mut().find(|removal| removal.id == id) {
+        if let Some(removal) = self
+            .inner()
+            .queue
+            .iter_mut()
+            .find(|removal| removal.id == id)
+        {
             change(removal);
         }
     }
@@ -187,18 +227,28 @@ mod tests {
     use crate::store::sqlite::error::aborted;
 
     fn removal(id: i64, states: Option<u64>) -> Removal {
-        Removal { states, ..Removal::new(id, format!("uid-{id}")) }
+        Removal {
+            states,
+            ..Removal::new(id, format!("uid-{id}"))
+        }
     }
 
     fn ids(removals: &Removals) -> Vec<i64> {
-        removals.inner().queue.iter().map(|removal| removal.id).collect()
+        removals
+            .inner()
+            .queue
+            .iter()
+            .map(|removal| removal.id)
+            .collect()
     }
 
     #[test]
     fn steps_become_smaller_while_they_take_long_and_larger_while_they_do_not() {
         let mut pace = Pace::default();
         let mut rows = |milliseconds: &[u64]| {
-            milliseconds.iter().for_each(|took| pace.after(Duration::from_millis(*took)));
+            milliseconds
+                .iter()
+                .for_each(|took| pace.after(Duration::from_millis(*took)));
             pace.rows
         };
         assert_eq!(rows(&[7]), 128);
@@ -213,24 +263,67 @@ mod tests {
         let removals = Removals::default();
         removals.add(removal(3, Some(10)));
         removals.add(removal(5, Some(7)));
-        removals.swept(3, &Step { states: 4, took: Duration::ZERO, is_last: false });
-        assert_eq!(removals.left(), Leftovers { environments: 2, states: 13 });
+        removals.swept(
+            3,
+            &Step {
+                states: 4,
+                took: Duration::ZERO,
+                is_last: false,
+            },
+        );
+        assert_eq!(
+            removals.left(),
+            Leftovers {
+                environments: 2,
+                states: 13
+            }
+        );
 
         // A new connection says which are there: one more, whose states nobody has counted.
         removals.replace(vec![removal(3, None), removal(5, None), removal(8, None)]);
-        assert_eq!(removals.left(), Leftovers { environments: 3, states: 13 });
+        assert_eq!(
+            removals.left(),
+            Leftovers {
+                environments: 3,
+                states: 13
+            }
+        );
         removals.begun(removal(8, Some(100)));
-        assert_eq!(removals.left(), Leftovers { environments: 3, states: 113 });
+        assert_eq!(
+            removals.left(),
+            Leftovers {
+                environments: 3,
+                states: 113
+            }
+        );
         removals.replace(vec![removal(5, None)]);
-        assert_eq!((removals.left(), ids(&removals)), (Leftovers { environments: 1, states: 7 }, vec![5]));
-        removals.swept(5, &Step { states: 9, took: Duration::ZERO, is_last: true });
+        assert_eq!(
+            (removals.left(), ids(&removals)),
+            (
+                Leftovers {
+                    environments: 1,
+                    states: 7
+                },
+                vec![5]
+            )
+        );
+        removals.swept(
+            5,
+            &Step {
+                states: 9,
+                took: Duration::ZERO,
+                is_last: true,
+            },
+        );
         assert_eq!(removals.left(), Leftovers::default());
     }
 
     #[test]
     fn one_that_fails_lets_the_others_go_first() {
         let removals = Removals::default();
-        [1, 2, 3].into_iter().for_each(|id| removals.add(removal(id, None)));
+        [1, 2, 3]
+            .into_iter()
+            .for_each(|id| removals.add(removal(id, None)));
         let error = aborted("disk I/O error");
         removals.failed(1, &error);
         assert_eq!(ids(&removals), [2, 3, 1]);

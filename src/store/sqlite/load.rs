@@ -6,11 +6,15 @@ use sqlx::sqlite::{SqliteConnection, SqliteRow};
 use super::directory::Loaded;
 use super::error::unreadable;
 use super::text;
-use crate::domain::{Environment, EnvironmentId, Name, Schema, Uid, UnreadableEnvironment, WrittenRule};
+use crate::domain::{
+    Environment, EnvironmentId, Name, Schema, Uid, UnreadableEnvironment, WrittenRule,
+};
 use crate::store::StoreError;
 
 /// Reads every environment. One that cannot be read does not keep the others away.
-pub(super) async fn environments(connection: &mut SqliteConnection) -> Result<Vec<Loaded>, StoreError> {
+pub(super) async fn environments(
+    connection: &mut SqliteConnection,
+) -> Result<Vec<Loaded>, StoreError> {
     match all(connection).await.map_err(unreadable) {
         Err(StoreError::Damaged(_)) => one_by_one(connection).await,
         all => all,
@@ -18,26 +22,38 @@ pub(super) async fn environments(connection: &mut SqliteConnection) -> Result<Ve
 }
 
 async fn all(connection: &mut SqliteConnection) -> Result<Vec<Loaded>, sqlx::Error> {
-    let rows = sqlx::query("select id, uid, name, schema, schema_hash, rule from environments where name is not null")
-        .fetch_all(connection)
-        .await?;
-    rows.iter().map(|row| read(row, row.try_get("id")?, row.try_get("name")?)).collect()
+    let rows = sqlx::query(
+        "select id, uid, name, schema, schema_hash, rule from environments where name is not null",
+    )
+    .fetch_all(connection)
+    .await?;
+    rows.iter()
+        .map(|row| read(row, row.try_get("id")?, row.try_get("name")?))
+        .collect()
 }
 
 /// Reads what a damaged table still has. Names and ids come from the index of names alone.
 async fn one_by_one(connection: &mut SqliteConnection) -> Result<Vec<Loaded>, StoreError> {
-    let rows = sqlx::query("select id, name from environments where name is not null order by name");
+    let rows =
+        sqlx::query("select id, name from environments where name is not null order by name");
     let mut loaded = Vec::new();
     for row in rows.fetch_all(&mut *connection).await.map_err(unreadable)? {
         let id: i64 = row.try_get("id").map_err(unreadable)?;
-        let name: String = row.try_get("name").unwrap_or_else(|_| format!("damaged-{id}"));
+        let name: String = row
+            .try_get("name")
+            .unwrap_or_else(|_| format!("damaged-{id}"));
         let text = "select uid, schema, schema_hash, rule from environments where id = ?";
         let found = sqlx::query(text).bind(id).fetch_one(&mut *connection).await;
         loaded.push(match found.and_then(|row| read(&row, id, &name)) {
             Ok(environment) => environment,
             Err(error) => {
                 let why = format!("the database is damaged: {error}");
-                Err(UnreadableEnvironment { id: EnvironmentId(id), uid: Uid(String::new()), name, why })
+                Err(UnreadableEnvironment {
+                    id: EnvironmentId(id),
+                    uid: Uid(String::new()),
+                    name,
+                    why,
+                })
             }
         });
     }
@@ -47,21 +63,42 @@ async fn one_by_one(connection: &mut SqliteConnection) -> Result<Vec<Loaded>, St
 fn read(row: &SqliteRow, id: i64, name: &str) -> Result<Loaded, sqlx::Error> {
     let (id, uid) = (EnvironmentId(id), Uid(row.try_get("uid")?));
     Ok(match parse(row, name) {
-        Ok((name, schema, rule)) => Ok(Environment { id, uid, name, schema, rule }),
-        Err(why) => Err(UnreadableEnvironment { id, uid, name: name.to_owned(), why }),
+        Ok((name, schema, rule)) => Ok(Environment {
+            id,
+            uid,
+            name,
+            schema,
+            rule,
+        }),
+        Err(why) => Err(UnreadableEnvironment {
+            id,
+            uid,
+            name: name.to_owned(),
+            why,
+        }),
     })
 }
 
 /// Reads the parts that have a form, or says what is wrong with the first that cannot be read.
 fn parse(row: &SqliteRow, name: &str) -> Result<(Name, Schema, WrittenRule), String> {
-    let text = |column| row.try_get::<&str, _>(column).map_err(|error| format!("its {column}: {error}"));
-    let hash: &[u8] = row.try_get("schema_hash").map_err(|error| format!("its schema_hash: {error}"))?;
+    let text = |column| {
+        row.try_get::<&str, _>(column)
+            .map_err(|error| format!("its {column}: {error}"))
+    };
+    let hash: &[u8] = row
+        .try_get("schema_hash")
+        .map_err(|error| format!("its schema_hash: {error}"))?;
 
     let schema = text::schema(text("schema")?).map_err(|why| format!("its schema: {why}"))?;
     if schema.hash().0[..] != *hash {
-        return Err(format!("its schema: it hashes to {}, not to what is kept beside it", schema.hash()));
+        return Err(format!(
+            "its schema: it hashes to {}, not to what is kept beside it",
+            schema.hash()
+        ));
     }
     let rule = text::rule(text("rule")?).map_err(|why| format!("its rule: {why}"))?;
-    let name = name.parse().map_err(|why: String| format!("its name: {why}"))?;
+    let name = name
+        .parse()
+        .map_err(|why: String| format!("its name: {why}"))?;
     Ok((name, schema, rule))
 }

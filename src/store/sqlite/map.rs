@@ -1,4 +1,5 @@
 //! Hash maps whose keys come from outside.
 
-/// A map of keys that came from outside: fast, and seeded so that nobody can choose them to collide.
+/// A map of keys that came from outside: fast, and seeded so that nobody can choose them to
+/// collide.
 pub(super) type Map<K, V> = foldhash::HashMap<K, V>;

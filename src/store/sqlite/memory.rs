@@ -22,7 +22,12 @@ impl Memory {
     pub(super) fn new(cache_cells: usize) -> Self {
         let cache = CountsCache::new(cache_cells);
         let (directory, actions, removals) = Default::default();
-        Self { directory, cache, actions, removals }
+        Self {
+            directory,
+            cache,
+            actions,
+            removals,
+        }
     }
 
     /// Drops the counts, and takes none in until it is known what was committed.

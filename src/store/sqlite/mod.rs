@@ -1,10 +1,13 @@
-//! The store in one SQLite file: one connection that writes, a few that read, and what is remembered of it in memory.
+//! The store in one SQLite file: one connection that writes, a few that read, and what is
+//! remembered of it in memory.
 //!
-//! `open` makes a `handle` on it by its `options`, `tables` says whose it is, `inspect` and `receipts` look at it from outside, `lock` says that it is in
-//! use, `writer` owns the connection that writes, `health` says whether it would, `closing` interrupts those that read. `commit` decides and counts;
-//! `read` and `audit` look, by a `walk`; `load`, `environments`, `fits`, `models`, `removal` and its `leftovers` keep the worlds. In `memory` are
-//! `actions`, `cache` and `directory`, beside the writer is `known`, a `map` that is `recent`. `text`, `packed` and `rows` say how things are written,
-//! `error` what its errors mean.
+//! `open` makes a `handle` on it by its `options`, `tables` says whose it is, `inspect` and
+//! `receipts` look at it from outside, `lock` says that it is in use, `writer` owns the connection
+//! that writes, `health` says whether it would, `closing` interrupts those that read. `commit`
+//! decides and counts; `read` and `audit` look, by a `walk`; `load`, `environments`, `fits`,
+//! `models`, `removal` and its `leftovers` keep the worlds. In `memory` are `actions`, `cache` and
+//! `directory`, beside the writer is `known`, a `map` that is `recent`. `text`, `packed` and `rows`
+//! say how things are written, `error` what its errors mean.
 
 use std::path::Path;
 use std::sync::{Arc, PoisonError};
@@ -13,12 +16,12 @@ use std::time::{Duration, Instant};
 use async_trait::async_trait;
 
 use super::{
-    Audit, ByVisits, Cause, Cursor, FitRecord, Held, Leftovers, ModelRecord, NewModel, Numbered, Outcome, Quotas,
-    Scanned, Stage, StateCounts, Store, StoreError, Totals,
+    Audit, ByVisits, Cause, Cursor, FitRecord, Held, Leftovers, ModelRecord, NewModel, Numbered,
+    Outcome, Quotas, Scanned, Stage, StateCounts, Store, StoreError, Totals,
 };
 use crate::domain::{
-    ActionTotals, Environment, EnvironmentId, Label, Name, ProducerId, Schema, SegmentId, Sequence, StateKey,
-    UnreadableEnvironment, WrittenRule,
+    ActionTotals, Environment, EnvironmentId, Label, Name, ProducerId, Schema, SegmentId, Sequence,
+    StateKey, UnreadableEnvironment, WrittenRule,
 };
 
 mod actions;
@@ -57,50 +60,73 @@ pub use handle::SqliteStore;
 pub use options::Options;
 
 impl SqliteStore {
-    /// Opens the database of that file, or makes it with its directories. Nobody else can open it while the store lives.
+    /// Opens the database of that file, or makes it with its directories. Nobody else can open it
+    /// while the store lives.
     pub async fn open(path: &Path, options: Options) -> Result<Self, StoreError> {
         Self::open_telling(path, options, &Stage::default()).await
     }
 
-    /// Opens the database of that file as [`SqliteStore::open`] does, and tells meanwhile how far it is.
-    pub async fn open_telling(path: &Path, options: Options, stage: &Stage) -> Result<Self, StoreError> {
+    /// Opens the database of that file as [`SqliteStore::open`] does, and tells meanwhile how far
+    /// it is.
+    pub async fn open_telling(
+        path: &Path,
+        options: Options,
+        stage: &Stage,
+    ) -> Result<Self, StoreError> {
         open::open(path, options, stage).await
     }
 
-    /// Fails where an environment is gone. To be asked after a read: what was read while it was there was whole, for its rows go later.
+    /// Fails where an environment is gone. To be asked after a read: what was read while it was
+    /// there was whole, for its rows go later.
     fn present(&self, id: EnvironmentId) -> Result<(), StoreError> {
-        if self.memory.directory.has(id) { Ok(()) } else { Err(StoreError::UnknownEnvironment) }
+        if self.memory.directory.has(id) {
+            Ok(())
+        } else {
+            Err(StoreError::UnknownEnvironment)
+        }
     }
 
     fn known(&self, id: EnvironmentId) -> Result<Arc<Environment>, StoreError> {
-        self.memory.directory.of_id(id).ok_or(StoreError::UnknownEnvironment)
+        self.memory
+            .directory
+            .of_id(id)
+            .ok_or(StoreError::UnknownEnvironment)
     }
 
-    /// Opens the database of that file to look at it: changes nothing, takes no lock, and may be done while a service has it open. Calls that would write
-    /// fail.
+    /// Opens the database of that file to look at it: changes nothing, takes no lock, and may be
+    /// done while a service has it open. Calls that would write fail.
     pub async fn inspect(path: &Path, options: Options) -> Result<Self, StoreError> {
         inspect::inspect(path, options).await
     }
 
-    /// Returns what SQLite's own integrity check finds, the first hundred lines; empty where all is well.
+    /// Returns what SQLite's own integrity check finds, the first hundred lines; empty where all is
+    /// well.
     pub async fn integrity(&self) -> Result<Vec<String>, StoreError> {
         inspect::integrity(&self.readers).await
     }
 
-    /// Returns what is wrong with the numbers and receipts of an environment's batches, the first hundred faults; empty where all is well.
+    /// Returns what is wrong with the numbers and receipts of an environment's batches, the first
+    /// hundred faults; empty where all is well.
     pub async fn receipts(&self, id: EnvironmentId) -> Result<Vec<String>, StoreError> {
         receipts::faults(&self.readers, id).await
     }
 
-    /// Returns whether the database has a table: one of an older build that is only looked at may lack it.
+    /// Returns whether the database has a table: one of an older build that is only looked at may
+    /// lack it.
     pub async fn has_table(&self, name: &str) -> Result<bool, StoreError> {
         inspect::has_table(&self.readers, name).await
     }
 
     /// Keeps in mind what an error says of the environment that it is about, or of the next write.
-    fn noted<T>(&self, id: Option<EnvironmentId>, result: Result<T, StoreError>) -> Result<T, StoreError> {
+    fn noted<T>(
+        &self,
+        id: Option<EnvironmentId>,
+        result: Result<T, StoreError>,
+    ) -> Result<T, StoreError> {
         match (&result, id) {
-            (Err(StoreError::Damaged(why)), Some(id)) => drop(self.memory.directory.make_read_only(id, why)),
+            (Err(StoreError::Damaged(why)), Some(id)) => {
+                drop(self.memory.directory.make_read_only(id, why))
+            }
             (Err(error), _) => self.writer.health.heed(error),
             (Ok(_), _) => {}
         }
@@ -122,12 +148,27 @@ impl Store for SqliteStore {
         self.memory.directory.unreadable()
     }
 
-    async fn create(&self, name: &Name, schema: &Schema, rule: WrittenRule) -> Result<Arc<Environment>, StoreError> {
-        self.noted(None, environments::create(&self.writer, self.quotas, name, schema, rule).await)
+    async fn create(
+        &self,
+        name: &Name,
+        schema: &Schema,
+        rule: WrittenRule,
+    ) -> Result<Arc<Environment>, StoreError> {
+        self.noted(
+            None,
+            environments::create(&self.writer, self.quotas, name, schema, rule).await,
+        )
     }
 
-    async fn set_rule(&self, id: EnvironmentId, rule: WrittenRule) -> Result<Arc<Environment>, StoreError> {
-        self.noted(Some(id), environments::set_rule(&self.writer, &self.memory.directory, id, rule).await)
+    async fn set_rule(
+        &self,
+        id: EnvironmentId,
+        rule: WrittenRule,
+    ) -> Result<Arc<Environment>, StoreError> {
+        self.noted(
+            Some(id),
+            environments::set_rule(&self.writer, &self.memory.directory, id, rule).await,
+        )
     }
 
     async fn delete(&self, id: EnvironmentId) -> Result<(), StoreError> {
@@ -142,45 +183,85 @@ impl Store for SqliteStore {
         self.memory.removals.left()
     }
 
-    async fn watermark(&self, id: EnvironmentId, producer: &ProducerId) -> Result<Sequence, StoreError> {
+    async fn watermark(
+        &self,
+        id: EnvironmentId,
+        producer: &ProducerId,
+    ) -> Result<Sequence, StoreError> {
         let mut transaction = self.writer.begin().await?;
-        let watermark = self.noted(Some(id), read::watermark(transaction.connection(), id, producer).await)?;
+        let watermark = self.noted(
+            Some(id),
+            read::watermark(transaction.connection(), id, producer).await,
+        )?;
         transaction.end().await?;
         watermark.ok_or(StoreError::UnknownEnvironment)
     }
 
-    async fn owner(&self, id: EnvironmentId, producer: &ProducerId) -> Result<Option<Name>, StoreError> {
+    async fn owner(
+        &self,
+        id: EnvironmentId,
+        producer: &ProducerId,
+    ) -> Result<Option<Name>, StoreError> {
         let mut transaction = self.writer.begin().await?;
-        let owner = self.noted(Some(id), read::owner(transaction.connection(), id, producer).await)?;
+        let owner = self.noted(
+            Some(id),
+            read::owner(transaction.connection(), id, producer).await,
+        )?;
         transaction.end().await?;
         let of_key = |owner: String| owner.parse().map_err(StoreError::Unreadable);
         owner.map(of_key).transpose()
     }
 
     async fn commit(&self, batches: &[Numbered]) -> Result<Vec<Outcome>, StoreError> {
-        self.noted(None, commit::commit(&self.writer, &self.memory.directory, self.quotas, batches).await)
+        self.noted(
+            None,
+            commit::commit(&self.writer, &self.memory.directory, self.quotas, batches).await,
+        )
     }
 
-    async fn counts(&self, id: EnvironmentId, keys: &[StateKey]) -> Result<Vec<StateCounts>, StoreError> {
+    async fn counts(
+        &self,
+        id: EnvironmentId,
+        keys: &[StateKey],
+    ) -> Result<Vec<StateCounts>, StoreError> {
         let environment = self.known(id)?;
-        self.noted(Some(id), read::counts(&self.readers, &self.memory.cache, &environment, keys).await)
+        self.noted(
+            Some(id),
+            read::counts(&self.readers, &self.memory.cache, &environment, keys).await,
+        )
     }
 
-    async fn scan(&self, id: EnvironmentId, after: Cursor, states: u32) -> Result<Vec<Scanned>, StoreError> {
+    async fn scan(
+        &self,
+        id: EnvironmentId,
+        after: Cursor,
+        states: u32,
+    ) -> Result<Vec<Scanned>, StoreError> {
         let environment = self.known(id)?;
-        let page = self
-            .noted(Some(id), walk::apart(|walk| read::scan(&self.readers, &environment, after, states, walk)).await)?;
+        let page = self.noted(
+            Some(id),
+            walk::apart(|walk| read::scan(&self.readers, &environment, after, states, walk)).await,
+        )?;
         self.present(id).map(|()| page)
     }
 
-    async fn by_visits(&self, id: EnvironmentId, wanted: &ByVisits) -> Result<(Vec<Scanned>, u64), StoreError> {
+    async fn by_visits(
+        &self,
+        id: EnvironmentId,
+        wanted: &ByVisits,
+    ) -> Result<(Vec<Scanned>, u64), StoreError> {
         let environment = self.known(id)?;
-        let page =
-            self.noted(Some(id), walk::apart(|walk| read::by_visits(&self.readers, &environment, wanted, walk)).await)?;
+        let page = self.noted(
+            Some(id),
+            walk::apart(|walk| read::by_visits(&self.readers, &environment, wanted, walk)).await,
+        )?;
         self.present(id).map(|()| page)
     }
 
-    async fn segments(&self, id: EnvironmentId) -> Result<Vec<(SegmentId, Option<Label>)>, StoreError> {
+    async fn segments(
+        &self,
+        id: EnvironmentId,
+    ) -> Result<Vec<(SegmentId, Option<Label>)>, StoreError> {
         let segments = self.noted(Some(id), read::segments(&self.readers, id).await)?;
         self.present(id).map(|()| segments)
     }
@@ -190,7 +271,13 @@ impl Store for SqliteStore {
     }
 
     async fn actions(&self, environment: &Environment) -> Result<Arc<ActionTotals>, StoreError> {
-        let actions = actions::actions(&self.readers, &self.memory.actions, environment, self.writer.settle()).await;
+        let actions = actions::actions(
+            &self.readers,
+            &self.memory.actions,
+            environment,
+            self.writer.settle(),
+        )
+        .await;
         self.noted(Some(environment.id), actions)
     }
 
@@ -200,7 +287,10 @@ impl Store for SqliteStore {
     }
 
     async fn keep_fit(&self, id: EnvironmentId, fit: &FitRecord) -> Result<(), StoreError> {
-        self.noted(Some(id), fits::keep(&self.writer, &self.memory.directory, id, fit).await)
+        self.noted(
+            Some(id),
+            fits::keep(&self.writer, &self.memory.directory, id, fit).await,
+        )
     }
 
     fn quotas(&self) -> Quotas {
@@ -212,25 +302,41 @@ impl Store for SqliteStore {
         self.present(id).map(|()| models)
     }
 
-    async fn model(&self, id: EnvironmentId, version: u64) -> Result<Option<(ModelRecord, Vec<u8>)>, StoreError> {
+    async fn model(
+        &self,
+        id: EnvironmentId,
+        version: u64,
+    ) -> Result<Option<(ModelRecord, Vec<u8>)>, StoreError> {
         let model = self.noted(Some(id), models::model(&self.readers, id, version).await)?;
         self.present(id).map(|()| model)
     }
 
     async fn keep_model(&self, id: EnvironmentId, model: &NewModel) -> Result<u64, StoreError> {
-        self.noted(Some(id), models::keep(&self.writer, &self.memory.directory, self.quotas, id, model).await)
+        self.noted(
+            Some(id),
+            models::keep(&self.writer, &self.memory.directory, self.quotas, id, model).await,
+        )
     }
 
     async fn activate_model(&self, id: EnvironmentId, version: u64) -> Result<(), StoreError> {
-        self.noted(Some(id), models::activate(&self.writer, &self.memory.directory, id, version).await)
+        self.noted(
+            Some(id),
+            models::activate(&self.writer, &self.memory.directory, id, version).await,
+        )
     }
 
     async fn deactivate_model(&self, id: EnvironmentId, version: u64) -> Result<(), StoreError> {
-        self.noted(Some(id), models::deactivate(&self.writer, &self.memory.directory, id, version).await)
+        self.noted(
+            Some(id),
+            models::deactivate(&self.writer, &self.memory.directory, id, version).await,
+        )
     }
 
     async fn delete_model(&self, id: EnvironmentId, version: u64) -> Result<(), StoreError> {
-        self.noted(Some(id), models::delete(&self.writer, &self.memory.directory, id, version).await)
+        self.noted(
+            Some(id),
+            models::delete(&self.writer, &self.memory.directory, id, version).await,
+        )
     }
 
     async fn audit(&self) -> Result<Vec<Audit>, StoreError> {
@@ -267,7 +373,11 @@ impl Store for SqliteStore {
         if let Err(error) = self.writer.close().await {
             tracing::warn!(%error, "the journal was not moved into the database; the next start does it");
         }
-        let lock = self.lock.lock().unwrap_or_else(PoisonError::into_inner).take();
+        let lock = self
+            .lock
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .take();
         match lock {
             Some(lock) if self.writer.has_closed_all().await => lock.close(),
             lock => drop(lock),

@@ -1,4 +1,5 @@
-//! The registry of trained networks: which versions there are, which of them is active, and their weights.
+//! The registry of trained networks: which versions there are, which of them is active, and their
+//! weights.
 //!
 //! Not for what they say: cards and weights are kept as they come.
 
@@ -21,13 +22,22 @@ macro_rules! record {
 }
 
 /// Returns the models of an environment, in order of version.
-pub(super) async fn models(readers: &SqlitePool, id: EnvironmentId) -> Result<Vec<ModelRecord>, StoreError> {
-    let rows = sqlx::query(concat!("select ", record!(), " from models where environment = ? order by version"))
-        .bind(id.0)
-        .fetch_all(readers)
-        .await
-        .map_err(unreadable)?;
-    rows.iter().map(|row| read(row).map_err(unreadable)).collect()
+pub(super) async fn models(
+    readers: &SqlitePool,
+    id: EnvironmentId,
+) -> Result<Vec<ModelRecord>, StoreError> {
+    let rows = sqlx::query(concat!(
+        "select ",
+        record!(),
+        " from models where environment = ? order by version"
+    ))
+    .bind(id.0)
+    .fetch_all(readers)
+    .await
+    .map_err(unreadable)?;
+    rows.iter()
+        .map(|row| read(row).map_err(unreadable))
+        .collect()
 }
 
 /// Returns a model with its weights, empty where they are missing.
@@ -42,9 +52,14 @@ pub(super) async fn model(
         ", ifnull(weights, x'') as weights from models left join model_weights using (environment, version)
          where environment = ? and version = ?"
     );
-    let row =
-        sqlx::query(text).bind(id.0).bind(version.cast_signed()).fetch_optional(readers).await.map_err(unreadable)?;
-    let with_weights = |row: SqliteRow| Ok::<_, sqlx::Error>((read(&row)?, row.try_get("weights")?));
+    let row = sqlx::query(text)
+        .bind(id.0)
+        .bind(version.cast_signed())
+        .fetch_optional(readers)
+        .await
+        .map_err(unreadable)?;
+    let with_weights =
+        |row: SqliteRow| Ok::<_, sqlx::Error>((read(&row)?, row.try_get("weights")?));
     row.map(with_weights).transpose().map_err(unreadable)
 }
 
@@ -55,7 +70,9 @@ fn read(row: &SqliteRow) -> Result<ModelRecord, sqlx::Error> {
         ego: whole("ego")? as usize,
         other: whole("other")? as usize,
         kind: row.try_get("kind")?,
-        activated: row.try_get::<Option<i64>, _>("activated")?.map(i64::unsigned_abs),
+        activated: row
+            .try_get::<Option<i64>, _>("activated")?
+            .map(i64::unsigned_abs),
         active: row.try_get("active")?,
         card: row.try_get("card")?,
     })
@@ -74,25 +91,40 @@ pub(super) async fn keep(
         transaction.end().await?;
         return Err(StoreError::too_many_models(quotas.models));
     }
-    let Some(version) = next_version(transaction.connection(), id).await.map_err(aborted)? else {
+    let Some(version) = next_version(transaction.connection(), id)
+        .await
+        .map_err(aborted)?
+    else {
         transaction.end().await?;
         return Err(StoreError::VersionsUsedUp("network"));
     };
-    insert(transaction.connection(), id, version, model).await.map_err(aborted)?;
+    insert(transaction.connection(), id, version, model)
+        .await
+        .map_err(aborted)?;
     transaction.commit(|_, _| ()).await?;
     Ok(version.unsigned_abs())
 }
 
 async fn count(connection: &mut SqliteConnection, id: EnvironmentId) -> Result<u64, sqlx::Error> {
     let text = "select count(*) from models where environment = ?";
-    sqlx::query_scalar(text).bind(id.0).fetch_one(connection).await.map(i64::unsigned_abs)
+    sqlx::query_scalar(text)
+        .bind(id.0)
+        .fetch_one(connection)
+        .await
+        .map(i64::unsigned_abs)
 }
 
 /// Returns the next version; `None` where the last there can be was used.
-async fn next_version(connection: &mut SqliteConnection, id: EnvironmentId) -> Result<Option<i64>, sqlx::Error> {
+async fn next_version(
+    connection: &mut SqliteConnection,
+    id: EnvironmentId,
+) -> Result<Option<i64>, sqlx::Error> {
     let text = "insert into model_versions (environment, last) values (?, 1)
                 on conflict do update set last = last + 1 where last < 9223372036854775807 returning last";
-    sqlx::query_scalar(text).bind(id.0).fetch_optional(connection).await
+    sqlx::query_scalar(text)
+        .bind(id.0)
+        .fetch_optional(connection)
+        .await
 }
 
 async fn insert(
@@ -102,10 +134,23 @@ async fn insert(
     model: &NewModel,
 ) -> Result<(), sqlx::Error> {
     let text = "insert into models (environment, version, ego, other, kind, card) values (?, ?, ?, ?, ?, ?)";
-    let query = sqlx::query(text).bind(id.0).bind(version).bind(model.ego as i64).bind(model.other as i64);
-    query.bind(&model.kind).bind(&model.card).execute(&mut *connection).await?;
+    let query = sqlx::query(text)
+        .bind(id.0)
+        .bind(version)
+        .bind(model.ego as i64)
+        .bind(model.other as i64);
+    query
+        .bind(&model.kind)
+        .bind(&model.card)
+        .execute(&mut *connection)
+        .await?;
     let text = "insert into model_weights (environment, version, weights) values (?, ?, ?)";
-    sqlx::query(text).bind(id.0).bind(version).bind(&model.weights).execute(connection).await?;
+    sqlx::query(text)
+        .bind(id.0)
+        .bind(version)
+        .bind(&model.weights)
+        .execute(connection)
+        .await?;
     Ok(())
 }
 
@@ -140,7 +185,14 @@ pub(super) async fn delete(
     id: EnvironmentId,
     version: u64,
 ) -> Result<(), StoreError> {
-    change(writer, directory, id, version, "delete from models where environment = ? and version = ?").await
+    change(
+        writer,
+        directory,
+        id,
+        version,
+        "delete from models where environment = ? and version = ?",
+    )
+    .await
 }
 
 /// Runs a statement that changes one version.
@@ -153,7 +205,10 @@ async fn change(
 ) -> Result<(), StoreError> {
     let mut transaction = begin(writer, directory, id).await?;
     let query = sqlx::query(text).bind(id.0).bind(version.cast_signed());
-    let done = query.execute(transaction.connection()).await.map_err(aborted)?;
+    let done = query
+        .execute(transaction.connection())
+        .await
+        .map_err(aborted)?;
     if done.rows_affected() == 0 {
         transaction.end().await?;
         return Err(StoreError::UnknownModel(version));

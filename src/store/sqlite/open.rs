@@ -5,7 +5,9 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use sqlx::migrate::MigrateError;
-use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
+use sqlx::sqlite::{
+    SqliteConnectOptions, SqliteConnection, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous,
+};
 use sqlx::{ConnectOptions, Connection, SqlitePool};
 
 use super::closing::Closing;
@@ -30,7 +32,11 @@ const CHECKPOINT_PAGES: u32 = 4_096;
 /// What is left of the journal file after a large commit.
 const JOURNAL_BYTES: u32 = 64 << 20;
 
-pub(super) async fn open(path: &Path, options: Options, stage: &Stage) -> Result<SqliteStore, StoreError> {
+pub(super) async fn open(
+    path: &Path,
+    options: Options,
+    stage: &Stage,
+) -> Result<SqliteStore, StoreError> {
     if let Some(directory) = path.parent() {
         std::fs::create_dir_all(directory)
             .map_err(|error| unopenable(path, format!("cannot make its directory: {error}")))?;
@@ -49,41 +55,91 @@ pub(super) async fn open(path: &Path, options: Options, stage: &Stage) -> Result
     // A disk that is full keeps nobody from asking: what is wrong is told by readiness.
     let _ = writer.prove(Duration::ZERO).await;
     let closing = Closing::default();
-    let readers = readers(lock.identity(), &closing).await.map_err(|error| opening(path, &error))?;
+    let readers = readers(lock.identity(), &closing)
+        .await
+        .map_err(|error| opening(path, &error))?;
     writer.share().await;
     let lock = Mutex::new(Some(lock));
-    Ok(SqliteStore { path: path.to_owned(), quotas: options.quotas, memory, writer, readers, closing, lock })
+    Ok(SqliteStore {
+        path: path.to_owned(),
+        quotas: options.quotas,
+        memory,
+        writer,
+        readers,
+        closing,
+        lock,
+    })
 }
 
-async fn migrate(path: &Path, options: &SqliteConnectOptions, stage: &Stage) -> Result<(), StoreError> {
-    let mut connection = options.connect().await.map_err(|error| opening(path, &error))?;
-    match tables::look(&mut connection).await.map_err(|error| opening(path, &error))? {
+async fn migrate(
+    path: &Path,
+    options: &SqliteConnectOptions,
+    stage: &Stage,
+) -> Result<(), StoreError> {
+    let mut connection = options
+        .connect()
+        .await
+        .map_err(|error| opening(path, &error))?;
+    match tables::look(&mut connection)
+        .await
+        .map_err(|error| opening(path, &error))?
+    {
         Tables::Foreign => {
-            return Err(unopenable(path, "it is another program's database; choose another --data directory"));
+            return Err(unopenable(
+                path,
+                "it is another program's database; choose another --data directory",
+            ));
         }
         Tables::Newer => return Err(made_by_newer(path)),
         Tables::Damaged(what) => return Err(unopenable(path, damaged(&what))),
         Tables::None | Tables::Ours(_) => {}
     }
-    run_migrations(&mut connection, stage).await.map_err(|error| migrating(path, &error))?;
-    connection.close().await.map_err(|error| opening(path, &error))
+    run_migrations(&mut connection, stage)
+        .await
+        .map_err(|error| migrating(path, &error))?;
+    connection
+        .close()
+        .await
+        .map_err(|error| opening(path, &error))
 }
 
-/// Brings the tables up to date, one transaction a migration. Interrupted anywhere, the next opening goes on.
-async fn run_migrations(connection: &mut SqliteConnection, stage: &Stage) -> Result<(), MigrateError> {
-    let last = last_migration(connection).await.map_err(MigrateError::Execute)?;
-    let missing = MIGRATIONS.iter().map(|migration| migration.version).filter(|version| Some(*version) > last);
-    let missing: Vec<i64> = if last.is_some() { missing.collect() } else { Vec::new() };
+/// Brings the tables up to date, one transaction a migration. Interrupted anywhere, the next
+/// opening goes on.
+async fn run_migrations(
+    connection: &mut SqliteConnection,
+    stage: &Stage,
+) -> Result<(), MigrateError> {
+    let last = last_migration(connection)
+        .await
+        .map_err(MigrateError::Execute)?;
+    let missing = MIGRATIONS
+        .iter()
+        .map(|migration| migration.version)
+        .filter(|version| Some(*version) > last);
+    let missing: Vec<i64> = if last.is_some() {
+        missing.collect()
+    } else {
+        Vec::new()
+    };
 
     let started = Instant::now();
     for (step, version) in missing.iter().enumerate() {
-        stage.tell(format!("migrating the database, step {} of {}", step + 1, missing.len()));
+        stage.tell(format!(
+            "migrating the database, step {} of {}",
+            step + 1,
+            missing.len()
+        ));
         tracing::info!(from = last, to = version, "migrating the database");
         // `run` would do the same, but its future cannot be sent to another thread.
-        MIGRATIONS.run_direct(Some(*version), connection, false).await?;
+        MIGRATIONS
+            .run_direct(Some(*version), connection, false)
+            .await?;
     }
     if !missing.is_empty() {
-        tracing::info!(duration_ms = started.elapsed().as_millis() as u64, "the database is up to date");
+        tracing::info!(
+            duration_ms = started.elapsed().as_millis() as u64,
+            "the database is up to date"
+        );
     }
     stage.tell("opening the database");
     // What is applied is checked; and a new database has none.
@@ -93,11 +149,15 @@ async fn run_migrations(connection: &mut SqliteConnection, stage: &Stage) -> Res
 /// Returns the last migration that the database has had; `None` where it is new.
 async fn last_migration(connection: &mut SqliteConnection) -> Result<Option<i64>, sqlx::Error> {
     let text = "select exists (select 1 from sqlite_schema where name = '_sqlx_migrations')";
-    let is_new = !sqlx::query_scalar::<_, bool>(text).fetch_one(&mut *connection).await?;
+    let is_new = !sqlx::query_scalar::<_, bool>(text)
+        .fetch_one(&mut *connection)
+        .await?;
     if is_new {
         return Ok(None);
     }
-    sqlx::query_scalar("select max(version) from _sqlx_migrations").fetch_one(connection).await
+    sqlx::query_scalar("select max(version) from _sqlx_migrations")
+        .fetch_one(connection)
+        .await
 }
 
 fn connecting(path: &Path, cache_kib: u32) -> SqliteConnectOptions {
@@ -111,7 +171,8 @@ fn connecting(path: &Path, cache_kib: u32) -> SqliteConnectOptions {
         .disable_statement_logging()
 }
 
-/// `synchronous = full` makes a commit wait for the disk; `normal` would lose acknowledged batches in a power cut.
+/// `synchronous = full` makes a commit wait for the disk; `normal` would lose acknowledged batches
+/// in a power cut.
 pub(super) fn writing(path: &Path) -> SqliteConnectOptions {
     connecting(path, WRITER_CACHE_KIB)
         .create_if_missing(true)
@@ -139,7 +200,11 @@ pub(super) async fn readers(file: &Identity, closing: &Closing) -> Result<Sqlite
         .test_before_acquire(false)
         .idle_timeout(None)
         .max_lifetime(None)
-        .connect_with(connecting(file.path(), READER_CACHE_KIB).read_only(true).row_buffer_size(1_024))
+        .connect_with(
+            connecting(file.path(), READER_CACHE_KIB)
+                .read_only(true)
+                .row_buffer_size(1_024),
+        )
         .await
 }
 
@@ -148,18 +213,34 @@ mod tests {
     use super::*;
 
     async fn pragma(connection: &mut SqliteConnection, text: &'static str) -> i64 {
-        sqlx::query_scalar(text).fetch_one(connection).await.expect("a number")
+        sqlx::query_scalar(text)
+            .fetch_one(connection)
+            .await
+            .expect("a number")
     }
 
     #[tokio::test]
     async fn commits_wait_for_the_disk_and_memory_is_bounded() {
         let directory = tempfile::tempdir().expect("a directory");
-        let mut writer = writing(&directory.path().join("test.db")).connect().await.expect("a connection");
-        let mode: String = sqlx::query_scalar("pragma journal_mode").fetch_one(&mut writer).await.expect("a word");
+        let mut writer = writing(&directory.path().join("test.db"))
+            .connect()
+            .await
+            .expect("a connection");
+        let mode: String = sqlx::query_scalar("pragma journal_mode")
+            .fetch_one(&mut writer)
+            .await
+            .expect("a word");
         assert_eq!(mode, "wal");
-        assert_eq!(pragma(&mut writer, "pragma synchronous").await, 2, "2 is full");
+        assert_eq!(
+            pragma(&mut writer, "pragma synchronous").await,
+            2,
+            "2 is full"
+        );
         assert_eq!(pragma(&mut writer, "pragma foreign_keys").await, 1);
         assert_eq!(pragma(&mut writer, "pragma cache_size").await, -24 * 1024);
-        assert_eq!(pragma(&mut writer, "pragma wal_autocheckpoint").await, 4_096);
+        assert_eq!(
+            pragma(&mut writer, "pragma wal_autocheckpoint").await,
+            4_096
+        );
     }
 }

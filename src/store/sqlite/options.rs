@@ -13,6 +13,9 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self { quotas: Quotas::default(), cache_cells: 400_000 }
+        Self {
+            quotas: Quotas::default(),
+            cache_cells: 400_000,
+        }
     }
 }

@@ -1,8 +1,10 @@
-//! All cells of a state as one text. A row a cell costs the driver 2 to 5 us and a hundred bytes; in a text it is 0.3 us and fifteen.
+//! All cells of a state as one text. A row a cell costs the driver 2 to 5 us and a hundred bytes;
+//! in a text it is 0.3 us and fifteen.
 
 use crate::domain::{Cell, SegmentId, Tally};
 
-/// The SQL of the packed cells of a state: four lists, of segments, joint actions, visits and entries; null where there are no cells.
+/// The SQL of the packed cells of a state: four lists, of segments, joint actions, visits and
+/// entries; null where there are no cells.
 macro_rules! packed_cells {
     ($state:literal) => {
         concat!(
@@ -17,7 +19,8 @@ macro_rules! packed_cells {
 
 pub(super) use packed_cells;
 
-/// The SQL of the packed cells of the states of an environment that have an id from `first` on, as many as are packed together.
+/// The SQL of the packed cells of the states of an environment that have an id from `first` on, as
+/// many as are packed together.
 macro_rules! packed_cells_of_states {
     ($environment:literal, $first:literal, $together:literal) => {
         concat!(
@@ -39,7 +42,8 @@ macro_rules! packed_cells_of_states {
 
 pub(super) use packed_cells_of_states;
 
-/// Reads cells as they come; `None` where the text is not what the SQL writes, or a cell is of a joint action that is not there.
+/// Reads cells as they come; `None` where the text is not what the SQL writes, or a cell is of a
+/// joint action that is not there.
 pub(super) fn cells(text: &str, joint_actions: u64) -> Option<Vec<Cell>> {
     let mut lists = text.split(';').map(|list| list.split(' '));
     let (segments, joints) = (lists.next()?, lists.next()?);
@@ -56,8 +60,15 @@ fn cell(segment: &str, joint: &str, n: &str, entries: &str) -> Option<Cell> {
         "-" => None,
         known => Some(known.parse().ok()?),
     };
-    let tally = Tally { n: n.parse().ok()?, entries };
-    Some(Cell { segment: SegmentId(segment.parse().ok()?), joint: joint.parse().ok()?, tally })
+    let tally = Tally {
+        n: n.parse().ok()?,
+        entries,
+    };
+    Some(Cell {
+        segment: SegmentId(segment.parse().ok()?),
+        joint: joint.parse().ok()?,
+        tally,
+    })
 }
 
 #[cfg(test)]
@@ -66,9 +77,20 @@ mod tests {
 
     #[test]
     fn lists_become_cells() {
-        let read = cells("7 7 8;3 900 3;1 2 9223372036854775807;1 - 0", 901).expect("what the SQL writes");
-        let told: Vec<_> = read.iter().map(|c| (c.joint, c.segment.0, c.tally.n, c.tally.entries)).collect();
-        assert_eq!(told, [(3, 7, 1, Some(1)), (900, 7, 2, None), (3, 8, i64::MAX as u64, Some(0))]);
+        let read =
+            cells("7 7 8;3 900 3;1 2 9223372036854775807;1 - 0", 901).expect("what the SQL writes");
+        let told: Vec<_> = read
+            .iter()
+            .map(|c| (c.joint, c.segment.0, c.tally.n, c.tally.entries))
+            .collect();
+        assert_eq!(
+            told,
+            [
+                (3, 7, 1, Some(1)),
+                (900, 7, 2, None),
+                (3, 8, i64::MAX as u64, Some(0))
+            ]
+        );
         for spoiled in ["", "7;3;1", "7;3;-1;1", "7;x;1;1", "7;3;1;", "7;901;1;1"] {
             assert_eq!(cells(spoiled, 901), None, "{spoiled:?}");
         }

@@ -1,4 +1,5 @@
-//! Reads. Each is one statement, so it sees one moment, and ends before it returns, so it does not hold up the journal.
+//! Reads. Each is one statement, so it sees one moment, and ends before it returns, so it does not
+//! hold up the journal.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -12,7 +13,9 @@ use super::error::{spoiled, unreadable};
 use super::packed::{self, packed_cells};
 use super::text;
 use super::walk::{Walk, all_states, own_states};
-use crate::domain::{Cell, Counts, Environment, EnvironmentId, Label, ProducerId, SegmentId, Sequence, StateKey};
+use crate::domain::{
+    Cell, Counts, Environment, EnvironmentId, Label, ProducerId, SegmentId, Sequence, StateKey,
+};
 use crate::store::{ByVisits, Cursor, Held, Scanned, StateCounts, StoreError, Totals};
 use crate::telemetry;
 
@@ -31,14 +34,26 @@ pub(super) async fn counts(
         let wanted: Vec<&StateKey> = missing.iter().map(|at| &keys[*at]).collect();
         let loaded = load(readers, environment, &wanted).await?;
         remember(cache, id, epoch, &wanted, &loaded);
-        missing.into_iter().zip(loaded).for_each(|(at, counts)| found[at] = Some(counts));
+        missing
+            .into_iter()
+            .zip(loaded)
+            .for_each(|(at, counts)| found[at] = Some(counts));
     }
     Ok(found.into_iter().flatten().collect())
 }
 
-fn remember(cache: &CountsCache, id: EnvironmentId, epoch: Epoch, keys: &[&StateKey], loaded: &[StateCounts]) {
+fn remember(
+    cache: &CountsCache,
+    id: EnvironmentId,
+    epoch: Epoch,
+    keys: &[&StateKey],
+    loaded: &[StateCounts],
+) {
     let Some(first) = loaded.first() else { return };
-    let states = keys.iter().zip(loaded).map(|(key, state)| (StateKey::clone(key), Arc::clone(&state.counts)));
+    let states = keys
+        .iter()
+        .zip(loaded)
+        .map(|(key, state)| (StateKey::clone(key), Arc::clone(&state.counts)));
     cache.insert(id, epoch, first.revision, states);
 }
 
@@ -55,16 +70,24 @@ async fn load(
          left join states on states.environment = ?1 and states.key = wanted.value
          where totals.environment = ?1"
     );
-    let query = sqlx::query(text).bind(environment.id.0).bind(text::of_list(keys));
+    let query = sqlx::query(text)
+        .bind(environment.id.0)
+        .bind(text::of_list(keys));
     let mut loaded: Vec<Option<StateCounts>> = vec![None; keys.len()];
     // As they come: the rows of thousands of states together would be larger than their counts.
     let mut rows = query.fetch(readers);
     while let Some(row) = rows.try_next().await.map_err(unreadable)? {
         let at = whole(&row, 0).map_err(unreadable)? as usize;
         let revision = whole(&row, 1).map_err(unreadable)?;
-        loaded[at] = Some(StateCounts { counts: Arc::new(counts_of(&row, 2, environment)?), revision });
+        loaded[at] = Some(StateCounts {
+            counts: Arc::new(counts_of(&row, 2, environment)?),
+            revision,
+        });
     }
-    loaded.into_iter().collect::<Option<_>>().ok_or(StoreError::UnknownEnvironment)
+    loaded
+        .into_iter()
+        .collect::<Option<_>>()
+        .ok_or(StoreError::UnknownEnvironment)
 }
 
 /// Returns the next states after a cursor, in order of their ids.
@@ -90,7 +113,11 @@ pub(super) async fn scan(
         Walk::All => text!(all_states),
         Walk::Own => text!(own_states),
     };
-    let mut rows = sqlx::query(text).bind(environment.id.0).bind(after.0).bind(states).fetch(readers);
+    let mut rows = sqlx::query(text)
+        .bind(environment.id.0)
+        .bind(after.0)
+        .bind(states)
+        .fetch(readers);
     let mut page = Vec::new();
     while let Some(row) = rows.try_next().await.map_err(unreadable)? {
         page.push(scanned(&row, environment)?);
@@ -98,8 +125,9 @@ pub(super) async fn scan(
     Ok(page)
 }
 
-/// The SQL of the first states by their visits. Where states are walked by id, so are their cells, which lie in that order: a pass that seeks nothing and
-/// sorts no more than the page. A rank is the number of visits, with a sign for the order.
+/// The SQL of the first states by their visits. Where states are walked by id, so are their cells,
+/// which lie in that order: a pass that seeks nothing and sorts no more than the page. A rank is
+/// the number of visits, with a sign for the order.
 macro_rules! by_visits_text {
     ($states:ident) => {
         concat!(
@@ -134,15 +162,28 @@ pub(super) async fn by_visits(
         Walk::All => by_visits_text!(all_states),
         Walk::Own => by_visits_text!(own_states),
     };
-    let ByVisits { segments, min_visits, descending, after, states } = wanted;
+    let ByVisits {
+        segments,
+        min_visits,
+        descending,
+        after,
+        states,
+    } = wanted;
     let sign = if *descending { -1 } else { 1 };
     // No state has more visits than fit.
-    let (least, states) = i64::try_from(*min_visits).map_or((i64::MAX, 0), |least| (least, *states));
-    let rank = after.as_ref().map(|(visits, _)| sign * i64::try_from(*visits).unwrap_or(i64::MAX));
+    let (least, states) =
+        i64::try_from(*min_visits).map_or((i64::MAX, 0), |least| (least, *states));
+    let rank = after
+        .as_ref()
+        .map(|(visits, _)| sign * i64::try_from(*visits).unwrap_or(i64::MAX));
     let query = sqlx::query(text)
         .bind(environment.id.0)
         .bind(sign)
-        .bind(segments.as_ref().map(|ids| text::of_numbers(ids.iter().map(|id| id.0))))
+        .bind(
+            segments
+                .as_ref()
+                .map(|ids| text::of_numbers(ids.iter().map(|id| id.0))),
+        )
         .bind(least)
         .bind(rank)
         .bind(after.as_ref().map(|(_, key)| key.to_string()))
@@ -151,7 +192,11 @@ pub(super) async fn by_visits(
     while let Some(row) = rows.try_next().await.map_err(unreadable)? {
         revision = Some(whole(&row, 3).map_err(unreadable)?);
         // An environment without such states is one row without a state.
-        if row.try_get::<Option<i64>, _>(0).map_err(unreadable)?.is_some() {
+        if row
+            .try_get::<Option<i64>, _>(0)
+            .map_err(unreadable)?
+            .is_some()
+        {
             page.push(scanned(&row, environment)?);
         }
     }
@@ -173,12 +218,15 @@ fn counts_of(row: &SqliteRow, at: usize, environment: &Environment) -> Result<Co
 }
 
 /// Reads packed cells as they come, those of several states too.
-pub(super) fn cells_of(row: &SqliteRow, at: usize, environment: &Environment) -> Result<Vec<Cell>, StoreError> {
+pub(super) fn cells_of(
+    row: &SqliteRow,
+    at: usize,
+    environment: &Environment,
+) -> Result<Vec<Cell>, StoreError> {
     match row.try_get::<Option<&str>, _>(at).map_err(unreadable)? {
         None => Ok(Vec::new()),
-        Some(text) => {
-            packed::cells(text, environment.schema.joint_actions()).ok_or_else(|| spoiled("a state's counts"))
-        }
+        Some(text) => packed::cells(text, environment.schema.joint_actions())
+            .ok_or_else(|| spoiled("a state's counts")),
     }
 }
 
@@ -199,7 +247,10 @@ fn segment(row: &SqliteRow) -> Result<(SegmentId, Option<Label>), StoreError> {
     let text: &str = row.try_get(1).map_err(unreadable)?;
     let label = match text {
         "" => None,
-        text => Some(text.parse().map_err(|_| spoiled(&format!("segment {text:?}")))?),
+        text => Some(
+            text.parse()
+                .map_err(|_| spoiled(&format!("segment {text:?}")))?,
+        ),
     };
     Ok((SegmentId(row.try_get(0).map_err(unreadable)?), label))
 }
@@ -253,7 +304,11 @@ pub(super) async fn owner(
     producer: &ProducerId,
 ) -> Result<Option<String>, StoreError> {
     let text = "select owner from producers where environment = ? and name = ?";
-    let owner = sqlx::query_scalar(text).bind(id.0).bind(producer.as_str()).fetch_optional(connection).await;
+    let owner = sqlx::query_scalar(text)
+        .bind(id.0)
+        .bind(producer.as_str())
+        .fetch_optional(connection)
+        .await;
     Ok(owner.map_err(unreadable)?.flatten())
 }
 
@@ -263,7 +318,9 @@ pub(super) async fn bytes(path: &Path) -> Result<u64, StoreError> {
     let mut journal = path.as_os_str().to_owned();
     journal.push("-wal");
     // A database that was just closed has none.
-    let journal = tokio::fs::metadata(journal).await.map_or(0, |metadata| metadata.len());
+    let journal = tokio::fs::metadata(journal)
+        .await
+        .map_or(0, |metadata| metadata.len());
     Ok(database + journal)
 }
 
@@ -271,8 +328,13 @@ pub(super) async fn bytes(path: &Path) -> Result<u64, StoreError> {
 pub(super) async fn disk(path: &Path) -> Result<[u64; 2], StoreError> {
     let path = path.to_owned();
     // A disk that does not answer must not hold up a thread that serves connections.
-    let asked = tokio::task::spawn_blocking(move || rustix::fs::statvfs(&path)).await.map_err(std::io::Error::from);
-    let disk = asked.map_err(unreadable)?.map_err(std::io::Error::from).map_err(unreadable)?;
+    let asked = tokio::task::spawn_blocking(move || rustix::fs::statvfs(&path))
+        .await
+        .map_err(std::io::Error::from);
+    let disk = asked
+        .map_err(unreadable)?
+        .map_err(std::io::Error::from)
+        .map_err(unreadable)?;
     Ok([disk.f_bavail, disk.f_blocks].map(|blocks| blocks * disk.f_frsize))
 }
 
@@ -291,7 +353,8 @@ pub(super) async fn held(readers: &SqlitePool) -> Result<Vec<(EnvironmentId, Hel
     .await
     .map_err(unreadable)?;
     let held = |row: &SqliteRow| {
-        let [transitions, states, cells, segments, producers] = [1, 2, 3, 4, 5].map(|at| whole(row, at));
+        let [transitions, states, cells, segments, producers] =
+            [1, 2, 3, 4, 5].map(|at| whole(row, at));
         let totals = Totals {
             transitions: transitions?,
             states: states?,
@@ -299,9 +362,19 @@ pub(super) async fn held(readers: &SqlitePool) -> Result<Vec<(EnvironmentId, Hel
             segments: segments?,
             producers: producers?,
         };
-        Ok((EnvironmentId(row.try_get(0)?), Held { totals, models: whole(row, 6)?, active: whole(row, 7)? }))
+        Ok((
+            EnvironmentId(row.try_get(0)?),
+            Held {
+                totals,
+                models: whole(row, 6)?,
+                active: whole(row, 7)?,
+            },
+        ))
     };
-    rows.iter().map(held).collect::<Result<_, sqlx::Error>>().map_err(unreadable)
+    rows.iter()
+        .map(held)
+        .collect::<Result<_, sqlx::Error>>()
+        .map_err(unreadable)
 }
 
 /// Reads a number that the tables keep from being negative.

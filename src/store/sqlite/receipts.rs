@@ -1,5 +1,5 @@
-//! Looks whether the numbers and receipts of batches can be what was written: they follow from each other in part. A digest follows from nothing that is
-//! kept.
+//! Looks whether the numbers and receipts of batches can be what was written: they follow from each
+//! other in part. A digest follows from nothing that is kept.
 
 use futures::TryStreamExt;
 use sqlx::sqlite::SqliteRow;
@@ -15,15 +15,22 @@ use crate::store::StoreError;
 const MOST_TOLD: usize = 100;
 
 /// Returns what is wrong with the producers of an environment and their last batches.
-pub(super) async fn faults(readers: &SqlitePool, id: EnvironmentId) -> Result<Vec<String>, StoreError> {
-    let text = "select producers.id, producers.name, producers.sequence, batches.sequence, batches.receipt
+pub(super) async fn faults(
+    readers: &SqlitePool,
+    id: EnvironmentId,
+) -> Result<Vec<String>, StoreError> {
+    let text =
+        "select producers.id, producers.name, producers.sequence, batches.sequence, batches.receipt
          from producers left join batches on batches.producer = producers.id
          where producers.environment = ? order by producers.id, batches.sequence";
     let mut rows = sqlx::query(text).bind(id.0).fetch(readers);
     let (mut faults, mut looking) = (Vec::new(), None::<Looking>);
     while let Some(row) = rows.try_next().await.map_err(unreadable)? {
         let producer: i64 = row.try_get(0).map_err(unreadable)?;
-        if looking.as_ref().is_none_or(|looking| looking.id != producer) {
+        if looking
+            .as_ref()
+            .is_none_or(|looking| looking.id != producer)
+        {
             faults.extend(looking.take().and_then(Looking::ended));
             looking = Some(Looking::begin(&row).map_err(unreadable)?);
         }
@@ -51,7 +58,13 @@ impl Looking {
     fn begin(row: &SqliteRow) -> Result<Self, sqlx::Error> {
         let (id, name, last) = (row.try_get(0)?, row.try_get(1)?, row.try_get::<i64, _>(2)?);
         let next = last.saturating_sub(KEPT as i64).max(0) + 1;
-        Ok(Self { id, name, last, next, is_in_order: true })
+        Ok(Self {
+            id,
+            name,
+            last,
+            next,
+            is_in_order: true,
+        })
     }
 
     fn batch(&mut self, sequence: i64, receipt: &str) -> Option<String> {
@@ -61,23 +74,39 @@ impl Looking {
             Ok(receipt) => amiss(&receipt)?.to_owned(),
             Err(why) => why.to_string(),
         };
-        Some(format!("producer `{}`: the receipt of batch {sequence}: {why}", self.name))
+        Some(format!(
+            "producer `{}`: the receipt of batch {sequence}: {why}",
+            self.name
+        ))
     }
 
     fn ended(self) -> Option<String> {
-        let Self { name, last, next, is_in_order, .. } = self;
+        let Self {
+            name,
+            last,
+            next,
+            is_in_order,
+            ..
+        } = self;
         if name.parse::<ProducerId>().is_err() {
             return Some(format!("producer {name:?}: nobody can have this name"));
         }
         let is_whole = is_in_order && next == last.saturating_add(1);
-        (!is_whole)
-            .then(|| format!("producer `{name}`: its last number is {last}, and its batches do not lead up to it"))
+        (!is_whole).then(|| {
+            format!(
+                "producer `{name}`: its last number is {last}, and its batches do not lead up to it"
+            )
+        })
     }
 }
 
 /// Returns what no receipt has.
 fn amiss(receipt: &Receipt) -> Option<&'static str> {
-    let Receipt { accepted, rejected_count, rejected } = receipt;
+    let Receipt {
+        accepted,
+        rejected_count,
+        rejected,
+    } = receipt;
     let told = (*rejected_count).min(Receipt::MOST_TOLD as u64);
     let Some(records) = accepted.checked_add(*rejected_count) else {
         return Some("it has more records than there are numbers");
@@ -86,6 +115,8 @@ fn amiss(receipt: &Receipt) -> Option<&'static str> {
         return Some("it tells of more or fewer rejected records than it counts");
     }
     let is_so = rejected.iter().all(|one| u64::from(one.index) < records)
-        && rejected.windows(2).all(|pair| pair[0].index <= pair[1].index);
+        && rejected
+            .windows(2)
+            .all(|pair| pair[0].index <= pair[1].index);
     (!is_so).then_some("it tells of rejected records that the batch cannot have")
 }

@@ -1,7 +1,8 @@
 //! A bounded map that keeps what is used.
 //!
-//! Two generations bound it: what is used moves to the young one, and when that is full the old one is dropped. This costs one look into a map, where a
-//! list in order of use would be rewritten at every look.
+//! Two generations bound it: what is used moves to the young one, and when that is full the old one
+//! is dropped. This costs one look into a map, where a list in order of use would be rewritten at
+//! every look.
 
 use std::hash::Hash;
 
@@ -17,7 +18,11 @@ pub(super) struct Recent<K, V> {
 impl<K: Hash + Eq, V: Copy> Recent<K, V> {
     /// Makes an empty map with this many keys a generation.
     pub(super) fn new(generation: usize) -> Self {
-        Self { generation, young: Map::default(), old: Map::default() }
+        Self {
+            generation,
+            young: Map::default(),
+            old: Map::default(),
+        }
     }
 
     /// Returns the value of a key, where it is remembered.

@@ -1,7 +1,10 @@
-//! Removing an environment: a tombstone at once, and then garbage collection of its rows in steps, so small that the commits of others hardly wait.
+//! Removing an environment: a tombstone at once, and then garbage collection of its rows in steps,
+//! so small that the commits of others hardly wait.
 //!
-//! Without a name and without totals it is gone: no commit and no read finds it, and its name is free. What is left of it is remembered with the other
-//! memory of the database, so that whatever interrupts a removal, a failed transaction or kill -9, the next connection finds what is to be done.
+//! Without a name and without totals it is gone: no commit and no read finds it, and its name is
+//! free. What is left of it is remembered with the other memory of the database, so that whatever
+//! interrupts a removal, a failed transaction or kill -9, the next connection finds what is to be
+//! done.
 
 use std::time::{Duration, Instant};
 
@@ -33,18 +36,36 @@ pub(super) async fn delete(writer: &Writer, id: EnvironmentId) -> Result<(), Sto
     transaction.commit(forget).await
 }
 
-async fn hide(connection: &mut SqliteConnection, id: EnvironmentId) -> Result<Option<Removal>, sqlx::Error> {
-    let text = "update environments set name = null where id = ? and name is not null returning uid";
-    let Some(uid) = sqlx::query_scalar(text).bind(id.0).fetch_optional(&mut *connection).await? else {
+async fn hide(
+    connection: &mut SqliteConnection,
+    id: EnvironmentId,
+) -> Result<Option<Removal>, sqlx::Error> {
+    let text =
+        "update environments set name = null where id = ? and name is not null returning uid";
+    let Some(uid) = sqlx::query_scalar(text)
+        .bind(id.0)
+        .fetch_optional(&mut *connection)
+        .await?
+    else {
         return Ok(None);
     };
     let text = "delete from totals where environment = ? returning states";
-    let states: Option<i64> = sqlx::query_scalar(text).bind(id.0).fetch_optional(connection).await?;
-    Ok(Some(Removal { states: states.map(i64::unsigned_abs), ..Removal::new(id.0, uid) }))
+    let states: Option<i64> = sqlx::query_scalar(text)
+        .bind(id.0)
+        .fetch_optional(connection)
+        .await?;
+    Ok(Some(Removal {
+        states: states.map(i64::unsigned_abs),
+        ..Removal::new(id.0, uid)
+    }))
 }
 
 /// Waits until an environment is gone and has rows left, and removes some of them.
-pub(super) async fn sweep(writer: &Writer, readers: &SqlitePool, removals: &Removals) -> Result<(), StoreError> {
+pub(super) async fn sweep(
+    writer: &Writer,
+    readers: &SqlitePool,
+    removals: &Removals,
+) -> Result<(), StoreError> {
     let removal = removals.next().await;
     if !removal.begun {
         begin(readers, removals).await;
@@ -65,17 +86,23 @@ pub(super) async fn sweep(writer: &Writer, readers: &SqlitePool, removals: &Remo
 async fn begin(readers: &SqlitePool, removals: &Removals) {
     for mut removal in removals.unbegun() {
         if removal.states.is_none() {
-            let counted = sqlx::query_scalar("select count(*) from states where environment = ?").bind(removal.id);
+            let counted = sqlx::query_scalar("select count(*) from states where environment = ?")
+                .bind(removal.id);
             // Only told: where it cannot be counted, the removal itself says why.
             removal.states = counted.fetch_one(readers).await.ok().map(i64::unsigned_abs);
         }
         let Removal { uid, states, .. } = &removal;
-        tracing::info!(uid, states, "removing what a deleted environment has left, in the background");
+        tracing::info!(
+            uid,
+            states,
+            "removing what a deleted environment has left, in the background"
+        );
         removals.begun(removal);
     }
 }
 
-/// What is removed together: those first that refer to others. Of each at most so many rows; a model may have some MiB.
+/// What is removed together: those first that refer to others. Of each at most so many rows; a
+/// model may have some MiB.
 const PARTS: [&[&str]; 7] = [
     &[
         "delete from cells where (state, segment, joint) in (
@@ -106,9 +133,15 @@ async fn step(writer: &Writer, id: i64, rows: u32) -> Result<Step, StoreError> {
     let mut transaction = writer.begin().await?;
     let started = Instant::now();
     // Where nothing at all is left, that was it.
-    let mut step = Step { states: 0, took: Duration::ZERO, is_last: true };
+    let mut step = Step {
+        states: 0,
+        took: Duration::ZERO,
+        is_last: true,
+    };
     for (at, part) in PARTS.iter().enumerate() {
-        let removed = remove(transaction.connection(), part, id, rows).await.map_err(aborted)?;
+        let removed = remove(transaction.connection(), part, id, rows)
+            .await
+            .map_err(aborted)?;
         if removed.iter().any(|removed| *removed > 0) {
             step.states = if at == STATES { removed[1] } else { 0 };
             step.is_last = at + 1 == PARTS.len();
@@ -120,7 +153,8 @@ async fn step(writer: &Writer, id: i64, rows: u32) -> Result<Step, StoreError> {
     Ok(step)
 }
 
-/// Runs the statements of a part, as far as one before has left nothing that refers to what the next removes.
+/// Runs the statements of a part, as far as one before has left nothing that refers to what the
+/// next removes.
 async fn remove(
     connection: &mut SqliteConnection,
     part: &[&'static str],
@@ -129,7 +163,12 @@ async fn remove(
 ) -> Result<[u64; 2], sqlx::Error> {
     let mut removed = [0; 2];
     for (text, removed) in part.iter().zip(&mut removed) {
-        *removed = sqlx::query(*text).bind(id).bind(rows).execute(&mut *connection).await?.rows_affected();
+        *removed = sqlx::query(*text)
+            .bind(id)
+            .bind(rows)
+            .execute(&mut *connection)
+            .await?
+            .rows_affected();
         if *removed == u64::from(rows) {
             break;
         }

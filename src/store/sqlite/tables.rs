@@ -1,5 +1,6 @@
-//! What the database says of its own tables: which migrations it has had, and how each table is defined. SQLite's own check passes a flipped bit in
-//! either, as long as the text can still be read.
+//! What the database says of its own tables: which migrations it has had, and how each table is
+//! defined. SQLite's own check passes a flipped bit in either, as long as the text can still be
+//! read.
 
 use std::collections::HashMap;
 
@@ -32,21 +33,33 @@ pub(super) async fn look(connection: &mut SqliteConnection) -> Result<Tables, sq
         return Ok(Tables::None);
     }
     if !defined.contains_key("_sqlx_migrations") {
-        let is_ours = ["environments", "totals", "states", "cells"].iter().all(|table| defined.contains_key(*table));
+        let is_ours = ["environments", "totals", "states", "cells"]
+            .iter()
+            .all(|table| defined.contains_key(*table));
         let missing = || Tables::Damaged("its list of migrations is missing".to_owned());
         return Ok(if is_ours { missing() } else { Tables::Foreign });
     }
     let known: Vec<&Migration> = MIGRATIONS.iter().collect();
     let applied = applied(connection).await?;
-    if let Some(wrong) = known.iter().zip(&applied).find_map(|(known, applied)| applied.is_not(known)) {
+    if let Some(wrong) = known
+        .iter()
+        .zip(&applied)
+        .find_map(|(known, applied)| applied.is_not(known))
+    {
         return Ok(Tables::Damaged(wrong));
     }
     if applied.len() > known.len() {
         return Ok(Tables::Newer);
     }
     let expected = after(applied.len()).await?;
-    let other = expected.into_iter().find(|(name, text)| defined.get(name) != Some(text));
-    let wrong = |(name, _)| Tables::Damaged(format!("the definition of `{name}` is not as it was written"));
+    let other = expected
+        .into_iter()
+        .find(|(name, text)| defined.get(name) != Some(text));
+    let wrong = |(name, _)| {
+        Tables::Damaged(format!(
+            "the definition of `{name}` is not as it was written"
+        ))
+    };
     Ok(other.map_or(Tables::Ours(applied.len()), wrong))
 }
 
@@ -59,18 +72,25 @@ struct Applied {
 }
 
 impl Applied {
-    /// Returns what is wrong with the record of a migration, if anything is. They were applied in order, so another version is as wrong.
+    /// Returns what is wrong with the record of a migration, if anything is. They were applied in
+    /// order, so another version is as wrong.
     fn is_not(&self, known: &Migration) -> Option<String> {
         let is_so = self.version == known.version
             && self.description == known.description
             && self.success
             && self.checksum == *known.checksum;
-        (!is_so).then(|| format!("its record of migration {} is not as it was written", known.version))
+        (!is_so).then(|| {
+            format!(
+                "its record of migration {} is not as it was written",
+                known.version
+            )
+        })
     }
 }
 
 async fn applied(connection: &mut SqliteConnection) -> Result<Vec<Applied>, sqlx::Error> {
-    let text = "select version, description, success, checksum from _sqlx_migrations order by version";
+    let text =
+        "select version, description, success, checksum from _sqlx_migrations order by version";
     let rows = sqlx::query(text).fetch_all(connection).await?;
     let applied = |row: &sqlx::sqlite::SqliteRow| {
         Ok(Applied {
@@ -84,16 +104,27 @@ async fn applied(connection: &mut SqliteConnection) -> Result<Vec<Applied>, sqlx
 }
 
 /// Returns every table and index by name, with the text that defines it.
-async fn definitions(connection: &mut SqliteConnection) -> Result<HashMap<String, Option<String>>, sqlx::Error> {
-    let rows = sqlx::query("select name, sql from sqlite_schema").fetch_all(connection).await?;
-    rows.iter().map(|row| Ok((row.try_get(0)?, row.try_get(1)?))).collect()
+async fn definitions(
+    connection: &mut SqliteConnection,
+) -> Result<HashMap<String, Option<String>>, sqlx::Error> {
+    let rows = sqlx::query("select name, sql from sqlite_schema")
+        .fetch_all(connection)
+        .await?;
+    rows.iter()
+        .map(|row| Ok((row.try_get(0)?, row.try_get(1)?)))
+        .collect()
 }
 
 /// Returns the same of an empty database after so many migrations.
 async fn after(migrations: usize) -> Result<HashMap<String, Option<String>>, sqlx::Error> {
-    let mut scratch = SqliteConnectOptions::new().in_memory(true).connect().await?;
+    let mut scratch = SqliteConnectOptions::new()
+        .in_memory(true)
+        .connect()
+        .await?;
     for migration in MIGRATIONS.iter().take(migrations) {
-        sqlx::raw_sql(migration.sql.clone()).execute(&mut scratch).await?;
+        sqlx::raw_sql(migration.sql.clone())
+            .execute(&mut scratch)
+            .await?;
     }
     let defined = definitions(&mut scratch).await?;
     scratch.close().await?;

@@ -1,7 +1,8 @@
-//! How schemas, rules and receipts are written in the database: JSON of our own, apart from every face's, because it is kept for ever.
+//! How schemas, rules and receipts are written in the database: JSON of our own, apart from every
+//! face's, because it is kept for ever.
 //!
-//! Floats are texts in it: the shortest decimal, which the standard library reads back to the same bits. JSON numbers would be read by rules of
-//! somebody else's.
+//! Floats are texts in it: the shortest decimal, which the standard library reads back to the same
+//! bits. JSON numbers would be read by rules of somebody else's.
 
 use std::cmp::Ordering;
 use std::fmt::Display;
@@ -10,7 +11,9 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 
 use crate::domain::draft::{AgentDraft, FeatureDraft, KindDraft};
-use crate::domain::{Angle, Receipt, Rejection, RuleDraft, Schema, SchemaDraft, Threshold, WrittenRule};
+use crate::domain::{
+    Angle, Receipt, Rejection, RuleDraft, Schema, SchemaDraft, Threshold, WrittenRule,
+};
 use crate::error::Problem;
 use crate::store::form::{self, Unreadable};
 
@@ -69,7 +72,8 @@ struct RuleText {
     estimators: Vec<String>,
 }
 
-/// Names are short, and version 1 goes without saying: a thousand receipts are kept of every producer.
+/// Names are short, and version 1 goes without saying: a thousand receipts are kept of every
+/// producer.
 #[derive(Serialize, Deserialize)]
 struct ReceiptText {
     accepted: u64,
@@ -82,24 +86,49 @@ struct ReceiptText {
 /// Writes a schema.
 pub(super) fn of_schema(schema: &Schema) -> String {
     let draft = schema.draft();
-    let agent = |agent: AgentDraft| AgentText { name: agent.name, action: features_text(agent.action) };
+    let agent = |agent: AgentDraft| AgentText {
+        name: agent.name,
+        action: features_text(agent.action),
+    };
     let agents = draft.agents.into_iter().map(agent).collect();
-    form::write(SCHEMA_FORM, &SchemaText { state: features_text(draft.state), agents })
+    form::write(
+        SCHEMA_FORM,
+        &SchemaText {
+            state: features_text(draft.state),
+            agents,
+        },
+    )
 }
 
 /// Reads a schema back.
 pub(super) fn schema(text: &str) -> Result<Schema, Unreadable> {
     match form::version(text)? {
         1 => first_schema(form::read(text)?),
-        found => Err(Unreadable::Newer { found, newest: SCHEMA_FORM }),
+        found => Err(Unreadable::Newer {
+            found,
+            newest: SCHEMA_FORM,
+        }),
     }
 }
 
 fn first_schema(text: SchemaText) -> Result<Schema, Unreadable> {
-    let agent = |agent: AgentText| Ok(AgentDraft { name: agent.name, action: features(agent.action)? });
-    let agents = text.agents.into_iter().map(agent).collect::<Result<_, Unreadable>>()?;
-    let draft = SchemaDraft { state: features(text.state)?, agents };
-    Schema::try_from(&draft).map_err(|faults| Unreadable::spoiled(Problem::invalid("schema", faults)))
+    let agent = |agent: AgentText| {
+        Ok(AgentDraft {
+            name: agent.name,
+            action: features(agent.action)?,
+        })
+    };
+    let agents = text
+        .agents
+        .into_iter()
+        .map(agent)
+        .collect::<Result<_, Unreadable>>()?;
+    let draft = SchemaDraft {
+        state: features(text.state)?,
+        agents,
+    };
+    Schema::try_from(&draft)
+        .map_err(|faults| Unreadable::spoiled(Problem::invalid("schema", faults)))
 }
 
 /// Writes a rule.
@@ -115,7 +144,11 @@ pub(super) fn of_rule(rule: &WrittenRule) -> String {
         unit: rule.unit.as_str().into(),
         min_visits: rule.min_visits,
         confidence: rule.confidence.to_string(),
-        estimators: rule.estimators.iter().map(|estimator| estimator.as_str().to_owned()).collect(),
+        estimators: rule
+            .estimators
+            .iter()
+            .map(|estimator| estimator.as_str().to_owned())
+            .collect(),
     };
     form::write(RULE_FORM, &text)
 }
@@ -124,12 +157,16 @@ pub(super) fn of_rule(rule: &WrittenRule) -> String {
 pub(super) fn rule(text: &str) -> Result<WrittenRule, Unreadable> {
     match form::version(text)? {
         1 => first_rule(form::read(text)?),
-        found => Err(Unreadable::Newer { found, newest: RULE_FORM }),
+        found => Err(Unreadable::Newer {
+            found,
+            newest: RULE_FORM,
+        }),
     }
 }
 
 fn first_rule(text: RuleText) -> Result<WrittenRule, Unreadable> {
-    let number = |name, text: Option<String>| text.map(|text| parsed::<f64>(name, &text)).transpose();
+    let number =
+        |name, text: Option<String>| text.map(|text| parsed::<f64>(name, &text)).transpose();
     let draft = RuleDraft {
         kind: Some(text.kind),
         threshold: number("threshold", text.threshold)?,
@@ -161,12 +198,19 @@ pub(super) fn of_receipt(receipt: &Receipt) -> String {
 pub(super) fn receipt(text: &str) -> Result<Receipt, Unreadable> {
     match form::version(text)? {
         1 => Ok(first_receipt(form::read(text)?)),
-        found => Err(Unreadable::Newer { found, newest: RECEIPT_FORM }),
+        found => Err(Unreadable::Newer {
+            found,
+            newest: RECEIPT_FORM,
+        }),
     }
 }
 
 fn first_receipt(text: ReceiptText) -> Receipt {
-    let rejection = |(index, field, reason)| Rejection { index, field, reason };
+    let rejection = |(index, field, reason)| Rejection {
+        index,
+        field,
+        reason,
+    };
     Receipt {
         accepted: text.accepted,
         rejected_count: text.rejected_count,
@@ -176,7 +220,12 @@ fn first_receipt(text: ReceiptText) -> Receipt {
 
 /// Writes a list of texts.
 pub(super) fn of_list<T: Display>(texts: impl IntoIterator<Item = T>) -> String {
-    form::write_plain(&texts.into_iter().map(|text| text.to_string()).collect::<Vec<_>>())
+    form::write_plain(
+        &texts
+            .into_iter()
+            .map(|text| text.to_string())
+            .collect::<Vec<_>>(),
+    )
 }
 
 /// Writes a list of numbers.
@@ -184,7 +233,8 @@ pub(super) fn of_numbers(numbers: impl IntoIterator<Item = i64>) -> String {
     form::write_plain(&numbers.into_iter().collect::<Vec<_>>())
 }
 
-/// Compares the texts of two keys as [`crate::domain::StateKey`]s compare: bin by bin. A number without leading zeros is less if it is shorter.
+/// Compares the texts of two keys as [`crate::domain::StateKey`]s compare: bin by bin. A number
+/// without leading zeros is less if it is shorter.
 pub(super) fn compare_keys(a: &str, b: &str) -> Ordering {
     fn numbers(key: &str) -> impl Iterator<Item = (usize, &str)> {
         key.split('.').map(|bin| (bin.len(), bin))
@@ -194,8 +244,17 @@ pub(super) fn compare_keys(a: &str, b: &str) -> Ordering {
 
 fn features_text(features: Vec<FeatureDraft>) -> Vec<FeatureText> {
     let feature = |feature: FeatureDraft| {
-        let kind = feature.kinds.into_iter().next().map(kind_text).expect("a schema's feature has one kind");
-        FeatureText { name: feature.name, unit: feature.unit, kind }
+        let kind = feature
+            .kinds
+            .into_iter()
+            .next()
+            .map(kind_text)
+            .expect("a schema's feature has one kind");
+        FeatureText {
+            name: feature.name,
+            unit: feature.unit,
+            kind,
+        }
     };
     features.into_iter().map(feature).collect()
 }
@@ -203,7 +262,9 @@ fn features_text(features: Vec<FeatureDraft>) -> Vec<FeatureText> {
 fn kind_text(kind: KindDraft) -> KindText {
     match kind {
         // An edge is an f32 widened, and its shortest decimal is that of the f32.
-        KindDraft::Continuous(edges) => KindText::Continuous(edges.iter().map(|e| (*e as f32).to_string()).collect()),
+        KindDraft::Continuous(edges) => {
+            KindText::Continuous(edges.iter().map(|e| (*e as f32).to_string()).collect())
+        }
         KindDraft::Circular(bins, values) if values.as_deref() == Some(Angle::Degrees.as_str()) => {
             KindText::CircularDegrees(bins)
         }
@@ -214,8 +275,13 @@ fn kind_text(kind: KindDraft) -> KindText {
 }
 
 fn features(texts: Vec<FeatureText>) -> Result<Vec<FeatureDraft>, Unreadable> {
-    let feature =
-        |text: FeatureText| Ok(FeatureDraft { name: text.name, unit: text.unit, kinds: vec![kind(text.kind)?] });
+    let feature = |text: FeatureText| {
+        Ok(FeatureDraft {
+            name: text.name,
+            unit: text.unit,
+            kinds: vec![kind(text.kind)?],
+        })
+    };
     texts.into_iter().map(feature).collect()
 }
 
@@ -227,7 +293,9 @@ fn kind(text: KindText) -> Result<KindDraft, Unreadable> {
             KindDraft::Continuous(edges.iter().map(edge).collect::<Result<_, _>>()?)
         }
         KindText::Circular(bins) => KindDraft::Circular(bins, Some(Angle::Radians.as_str().into())),
-        KindText::CircularDegrees(bins) => KindDraft::Circular(bins, Some(Angle::Degrees.as_str().into())),
+        KindText::CircularDegrees(bins) => {
+            KindDraft::Circular(bins, Some(Angle::Degrees.as_str().into()))
+        }
         KindText::Integer(min, max) => KindDraft::Integer(min, max),
         KindText::Categorical(labels) => KindDraft::Categorical(labels),
     })
@@ -235,7 +303,8 @@ fn kind(text: KindText) -> Result<KindDraft, Unreadable> {
 
 /// Reads a number or a word of ours.
 fn parsed<T: FromStr<Err: Display>>(name: &str, text: &str) -> Result<T, Unreadable> {
-    text.parse().map_err(|error| Unreadable::spoiled(format!("{name} {text:?}: {error}")))
+    text.parse()
+        .map_err(|error| Unreadable::spoiled(format!("{name} {text:?}: {error}")))
 }
 
 fn is_zero(number: &u64) -> bool {
@@ -248,24 +317,45 @@ mod tests {
     use crate::domain::{Estimator, RuleKind, Unit};
 
     fn feature(name: &str, kind: KindDraft) -> FeatureDraft {
-        FeatureDraft { name: name.into(), unit: Some("m/s²".into()), kinds: vec![kind] }
+        FeatureDraft {
+            name: name.into(),
+            unit: Some("m/s²".into()),
+            kinds: vec![kind],
+        }
     }
 
     fn schema_with_edges(edges: Vec<f64>) -> Schema {
         let labels = KindDraft::Categorical(vec!["a\"b\\".into(), "左".into()]);
-        let agent = |name: &str| AgentDraft { name: name.into(), action: vec![feature("move", labels.clone())] };
+        let agent = |name: &str| AgentDraft {
+            name: name.into(),
+            action: vec![feature("move", labels.clone())],
+        };
         let state = vec![
             feature("x", KindDraft::Continuous(edges)),
             feature("y", KindDraft::Circular(8, Some("radians".into()))),
-            FeatureDraft { unit: Some("°".into()), ..feature("w", KindDraft::Circular(8, None)) },
+            FeatureDraft {
+                unit: Some("°".into()),
+                ..feature("w", KindDraft::Circular(8, None))
+            },
             feature("z", KindDraft::Integer(-3, 3)),
         ];
-        Schema::try_from(&SchemaDraft { state, agents: vec![agent("robot"), agent("human")] }).expect("valid")
+        Schema::try_from(&SchemaDraft {
+            state,
+            agents: vec![agent("robot"), agent("human")],
+        })
+        .expect("valid")
     }
 
     #[test]
     fn a_schema_reads_back_exactly() {
-        let awkward = [f32::MIN, -0.1, f32::MIN_POSITIVE / 8.0, 0.7, 16_777_217.0, 3.4e38];
+        let awkward = [
+            f32::MIN,
+            -0.1,
+            f32::MIN_POSITIVE / 8.0,
+            0.7,
+            16_777_217.0,
+            3.4e38,
+        ];
         let written = schema_with_edges(awkward.map(f64::from).to_vec());
         let text = of_schema(&written);
         assert!(text.contains("\"0.7\""), "{text}");
@@ -304,13 +394,26 @@ mod tests {
         let text = r#"{"state":[{"name":"x","unit":"deg","circular":8},{"name":"y","unit":"turns","circular":3},{"name":"z","circular":4}],
             "agents":[{"name":"a","action":[{"name":"go","integer":[0,1]}]},{"name":"b","action":[{"name":"go","integer":[0,1]}]}]}"#;
         let read = schema(text).expect("an old schema");
-        assert_eq!([0, 1, 2].map(|at| read.state()[at].kind.expected()), ["a finite angle in radians"; 3]);
+        assert_eq!(
+            [0, 1, 2].map(|at| read.state()[at].kind.expected()),
+            ["a finite angle in radians"; 3]
+        );
         // As af3f5d0, the first to write schemas, hashed it.
-        assert_eq!(read.hash().to_string(), "4051a8fd0e83a1b3fde790816df0ae25c5bca55026ff916017b5a38b6f79254a");
+        assert_eq!(
+            read.hash().to_string(),
+            "4051a8fd0e83a1b3fde790816df0ae25c5bca55026ff916017b5a38b6f79254a"
+        );
         assert_eq!(schema(&of_schema(&read)), Ok(read));
-        let old = r#"{"kind":"paper","threshold":"0.8","unit":"nats","min_visits":8,"confidence":"0.8"}"#;
-        assert_eq!(rule(old).expect("an old rule").threshold, Threshold::Information(0.8));
-        assert_eq!(of_rule(&rule(old).expect("an old rule")), old.replacen('{', "{\"form\":1,", 1));
+        let old =
+            r#"{"kind":"paper","threshold":"0.8","unit":"nats","min_visits":8,"confidence":"0.8"}"#;
+        assert_eq!(
+            rule(old).expect("an old rule").threshold,
+            Threshold::Information(0.8)
+        );
+        assert_eq!(
+            of_rule(&rule(old).expect("an old rule")),
+            old.replacen('{', "{\"form\":1,", 1)
+        );
     }
 
     #[test]
@@ -332,35 +435,91 @@ mod tests {
         let written = of_rule(&WrittenRule::default());
         let share = written.replace("\"threshold\":\"0.5\"", "\"share\":\"0.5\"");
         for (text, right, wrong, why) in [
-            (&written, "\"0.5\"", "\"NaN\"", "/threshold: got NaN, expected a finite number"),
+            (
+                &written,
+                "\"0.5\"",
+                "\"NaN\"",
+                "/threshold: got NaN, expected a finite number",
+            ),
             (&written, "\"0.5\"", "\"inf\"", "/threshold: got inf"),
             (&written, "\"0.5\"", "\"1e400\"", "/threshold: got inf"),
             (&written, "\"0.5\"", "\"-0.1\"", "/threshold: got -0.1"),
-            (&written, "\"0.5\"", "\"half\"", "threshold \"half\": invalid float"),
-            (&share, "\"0.5\"", "\"NaN\"", "/share: got NaN, expected a number, at least 0 and below 1"),
+            (
+                &written,
+                "\"0.5\"",
+                "\"half\"",
+                "threshold \"half\": invalid float",
+            ),
+            (
+                &share,
+                "\"0.5\"",
+                "\"NaN\"",
+                "/share: got NaN, expected a number, at least 0 and below 1",
+            ),
             (&share, "\"0.5\"", "\"1\"", "/share: got 1"),
             (&share, "\"0.5\"", "\"-0.1\"", "/share: got -0.1"),
-            (&share, "\"share\"", "\"threshold\":\"0.5\",\"share\"", "/share: got a threshold too"),
-            (&share, "\"share\"", "\"shares\"", "it has neither threshold nor share"),
-            (&written, "\"0.8\"", "\"NaN\"", "/confidence: got NaN, expected a number above 0.5 and below 1"),
+            (
+                &share,
+                "\"share\"",
+                "\"threshold\":\"0.5\",\"share\"",
+                "/share: got a threshold too",
+            ),
+            (
+                &share,
+                "\"share\"",
+                "\"shares\"",
+                "it has neither threshold nor share",
+            ),
+            (
+                &written,
+                "\"0.8\"",
+                "\"NaN\"",
+                "/confidence: got NaN, expected a number above 0.5 and below 1",
+            ),
             (&written, "\"0.8\"", "\"1\"", "/confidence: got 1"),
             (&written, "\"0.8\"", "\"0.5\"", "/confidence: got 0.5"),
-            (&written, ":8,", ":9223372036854775808,", "/min_visits: got 9223372036854775808"),
-            (&written, "evidence", "guess", "/kind: got \"guess\", expected evidence or paper"),
+            (
+                &written,
+                ":8,",
+                ":9223372036854775808,",
+                "/min_visits: got 9223372036854775808",
+            ),
+            (
+                &written,
+                "evidence",
+                "guess",
+                "/kind: got \"guess\", expected evidence or paper",
+            ),
             (&written, "nats", "hartleys", "/unit: got \"hartleys\""),
         ] {
             assert!(text.contains(right), "{text}");
-            let told = rule(&text.replacen(right, wrong, 1)).expect_err("no rule").to_string();
-            assert!(told.starts_with("it is not as it was written: ") && told.contains(why), "{why}: {told}");
+            let told = rule(&text.replacen(right, wrong, 1))
+                .expect_err("no rule")
+                .to_string();
+            assert!(
+                told.starts_with("it is not as it was written: ") && told.contains(why),
+                "{why}: {told}"
+            );
         }
     }
 
     #[test]
     fn a_receipt_reads_back_and_a_plain_one_is_short() {
-        let plain = Receipt { accepted: 7, ..Receipt::default() };
+        let plain = Receipt {
+            accepted: 7,
+            ..Receipt::default()
+        };
         assert_eq!(of_receipt(&plain), r#"{"accepted":7}"#);
-        let rejection = Rejection { index: 3, field: "/state/x".into(), reason: "got NaN, \"expected\"".into() };
-        let full = Receipt { accepted: u64::MAX, rejected_count: 1, rejected: vec![rejection] };
+        let rejection = Rejection {
+            index: 3,
+            field: "/state/x".into(),
+            reason: "got NaN, \"expected\"".into(),
+        };
+        let full = Receipt {
+            accepted: u64::MAX,
+            rejected_count: 1,
+            rejected: vec![rejection],
+        };
         for written in [plain, full] {
             assert_eq!(receipt(&of_receipt(&written)), Ok(written));
         }
@@ -368,27 +527,50 @@ mod tests {
 
     #[test]
     fn schemas_and_rules_say_their_version_and_the_first_said_none() {
-        let (schema_text, rule_text) = (of_schema(&schema_with_edges(vec![0.7])), of_rule(&WrittenRule::default()));
+        let (schema_text, rule_text) = (
+            of_schema(&schema_with_edges(vec![0.7])),
+            of_rule(&WrittenRule::default()),
+        );
         for text in [&schema_text, &rule_text] {
             assert!(text.starts_with(r#"{"form":1,"#), "{text}");
         }
         let before = |text: &str| text.replacen("\"form\":1,", "", 1);
-        assert_eq!(schema(&before(&schema_text)), Ok(schema_with_edges(vec![0.7])));
+        assert_eq!(
+            schema(&before(&schema_text)),
+            Ok(schema_with_edges(vec![0.7]))
+        );
         assert_eq!(rule(&before(&rule_text)), Ok(WrittenRule::default()));
     }
 
     #[test]
     fn what_cannot_be_read_says_why() {
         let newer = |text: String| text.replacen("\"form\":1", "\"form\":4", 1);
-        let told = Unreadable::Newer { found: 4, newest: 1 };
-        assert_eq!(schema(&newer(of_schema(&schema_with_edges(vec![0.7])))), Err(told.clone()));
-        assert_eq!(rule(&newer(of_rule(&WrittenRule::default()))), Err(told.clone()));
+        let told = Unreadable::Newer {
+            found: 4,
+            newest: 1,
+        };
+        assert_eq!(
+            schema(&newer(of_schema(&schema_with_edges(vec![0.7])))),
+            Err(told.clone())
+        );
+        assert_eq!(
+            rule(&newer(of_rule(&WrittenRule::default()))),
+            Err(told.clone())
+        );
         assert_eq!(receipt(r#"{"form":4,"accepted":7}"#), Err(told));
 
         let why = |text: &str| schema(text).expect_err("no schema").to_string();
         let one_agent = r#"{"state":[],"agents":[]}"#;
-        assert!(why(one_agent).starts_with("it is not as it was written: invalid schema: "), "{}", why(one_agent));
+        assert!(
+            why(one_agent).starts_with("it is not as it was written: invalid schema: "),
+            "{}",
+            why(one_agent)
+        );
         let edge = of_schema(&schema_with_edges(vec![0.7])).replace("\"0.7\"", "\"high\"");
-        assert!(why(&edge).contains("edges \"high\": invalid float"), "{}", why(&edge));
+        assert!(
+            why(&edge).contains("edges \"high\": invalid float"),
+            "{}",
+            why(&edge)
+        );
     }
 }

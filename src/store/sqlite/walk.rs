@@ -1,5 +1,6 @@
-//! Two ways to walk the states of an environment. All states of the database in the order of their ids, beside which their cells lie, is fast. The
-//! environment's own, found by its index, is slow, and meets no page that has nothing of it: for where there is damage that may be another's.
+//! Two ways to walk the states of an environment. All states of the database in the order of their
+//! ids, beside which their cells lie, is fast. The environment's own, found by its index, is slow,
+//! and meets no page that has nothing of it: for where there is damage that may be another's.
 
 use crate::store::StoreError;
 
@@ -19,7 +20,8 @@ macro_rules! all_states {
     };
 }
 
-/// The states of environment `?1`, as SQL: no more than it has, for looking whether there is another would read on where the next one begins.
+/// The states of environment `?1`, as SQL: no more than it has, for looking whether there is
+/// another would read on where the next one begins.
 macro_rules! own_states {
     () => {
         "(select id, environment, key from states indexed by sqlite_autoindex_states_1 where environment = ?1
@@ -29,7 +31,8 @@ macro_rules! own_states {
 
 pub(super) use {all_states, own_states};
 
-/// Reads by a walk over all states, and where that meets damage by one over the environment's own: only what that meets is the environment's.
+/// Reads by a walk over all states, and where that meets damage by one over the environment's own:
+/// only what that meets is the environment's.
 pub(super) async fn apart<T, F>(read: impl Fn(Walk) -> F) -> Result<T, StoreError>
 where
     F: Future<Output = Result<T, StoreError>>,

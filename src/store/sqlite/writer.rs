@@ -1,8 +1,10 @@
 //! The one connection that writes, and its transactions.
 //!
-//! A transaction takes the connection out of its place and puts it back only after a clean end. So whatever ends it otherwise (an error, a dropped
-//! future) drops the connection, and the database rolls back what it had not committed. The next transaction then opens a new connection, and its
-//! `begin immediate` waits until the old one is gone: from there on it is known what was committed, and memory is brought up to date.
+//! A transaction takes the connection out of its place and puts it back only after a clean end. So
+//! whatever ends it otherwise (an error, a dropped future) drops the connection, and the database
+//! rolls back what it had not committed. The next transaction then opens a new connection, and its
+//! `begin immediate` waits until the old one is gone: from there on it is known what was committed,
+//! and memory is brought up to date.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -35,14 +37,16 @@ pub(super) struct Writer {
     aside: Mutex<Option<SqliteConnection>>,
 }
 
-/// What a commit needs on a disk that was full before it is believed to have room again: small commits would fit long before.
+/// What a commit needs on a disk that was full before it is believed to have room again: small
+/// commits would fit long before.
 const ROOM: usize = 4 << 20;
 
 #[derive(Default)]
 struct Place {
     connection: Option<SqliteConnection>,
-    /// The journal that the connection writes, which is lost with the process once it has no name. SQLite makes another one only after every
-    /// connection was closed: a new connection that finds another beside those that are open would mix the two.
+    /// The journal that the connection writes, which is lost with the process once it has no name.
+    /// SQLite makes another one only after every connection was closed: a new connection that finds
+    /// another beside those that are open would mix the two.
     journal: Option<Identity>,
     known: Known,
     closed: bool,
@@ -50,7 +54,8 @@ struct Place {
     has_dropped: bool,
 }
 
-/// A transaction that has the write lock. Dropped without [`Transaction::commit`], it changes nothing.
+/// A transaction that has the write lock. Dropped without [`Transaction::commit`], it changes
+/// nothing.
 pub(super) struct Transaction<'a> {
     place: MutexGuard<'a, Place>,
     connection: Option<SqliteConnection>,
@@ -62,15 +67,26 @@ pub(super) struct Transaction<'a> {
 impl Place {
     /// Fails where the database or its journal is not the file at its path.
     fn check(&self, file: &Identity) -> Result<(), Cause> {
-        let found = file.check().and_then(|()| self.journal.as_ref().map_or(Ok(()), Identity::check));
+        let found = file
+            .check()
+            .and_then(|()| self.journal.as_ref().map_or(Ok(()), Identity::check));
         found.map_err(moved)
     }
 
-    /// Remembers the journal that a new connection has just opened. Only a journal of another kind than ours has no file.
-    async fn remember_journal(&mut self, file: &Identity, connection: &mut SqliteConnection) -> Result<(), StoreError> {
-        let mode: String = sqlx::query_scalar("pragma journal_mode").fetch_one(connection).await.map_err(aborted)?;
+    /// Remembers the journal that a new connection has just opened. Only a journal of another kind
+    /// than ours has no file.
+    async fn remember_journal(
+        &mut self,
+        file: &Identity,
+        connection: &mut SqliteConnection,
+    ) -> Result<(), StoreError> {
+        let mode: String = sqlx::query_scalar("pragma journal_mode")
+            .fetch_one(connection)
+            .await
+            .map_err(aborted)?;
         if self.journal.is_none() && mode == "wal" {
-            self.journal = Some(Identity::of_journal(file.path()).map_err(|why| aborted(moved(why)))?);
+            self.journal =
+                Some(Identity::of_journal(file.path()).map_err(|why| aborted(moved(why)))?);
         }
         // It was there before the connection opened it, and is now: so it is what was opened.
         self.check(file).map_err(aborted)
@@ -100,7 +116,8 @@ impl Writer {
         self.begin_in(self.place.lock().await).await
     }
 
-    /// Lets memory take counts in again, which it does from the next transaction on. Where one is under way, that is it.
+    /// Lets memory take counts in again, which it does from the next transaction on. Where one is
+    /// under way, that is it.
     pub(super) async fn settle(&self) -> Result<(), StoreError> {
         match self.place.try_lock() {
             Ok(place) => self.begin_in(place).await?.end().await,
@@ -108,7 +125,8 @@ impl Writer {
         }
     }
 
-    /// Proves that a commit would succeed by one that changes nothing, unless a write ended so short a time ago.
+    /// Proves that a commit would succeed by one that changes nothing, unless a write ended so
+    /// short a time ago.
     pub(super) async fn prove(&self, oldest: Duration) -> Result<(), StoreError> {
         // One at a time: whoever waited for another's finds it new enough.
         let _proving = self.proving.lock().await;
@@ -128,42 +146,59 @@ impl Writer {
         proven
     }
 
-    /// Writes one page, and waits until the disk has it: that of the header, with a number of the user's that stays what it is.
+    /// Writes one page, and waits until the disk has it: that of the header, with a number of the
+    /// user's that stays what it is.
     async fn write_a_page(&self) -> Result<(), StoreError> {
         let place = self.place.lock().await;
-        // Nobody else can write now, so nobody fails because of the room that is taken for a moment.
+        // Nobody else can write now, so nobody fails because of the room that is taken for a
+        // moment.
         if self.health.trouble() == Some(Trouble::DiskFull) && !place.closed {
-            try_to_write(self.file.path(), ROOM).await.map_err(aborted)?;
+            try_to_write(self.file.path(), ROOM)
+                .await
+                .map_err(aborted)?;
         }
         let mut transaction = self.begin_in(place).await?;
         let connection = transaction.connection();
-        let same: i64 = sqlx::query_scalar("pragma user_version").fetch_one(&mut *connection).await.map_err(aborted)?;
+        let same: i64 = sqlx::query_scalar("pragma user_version")
+            .fetch_one(&mut *connection)
+            .await
+            .map_err(aborted)?;
         let text = AssertSqlSafe(format!("pragma user_version = {same}"));
-        sqlx::query(text).execute(connection).await.map_err(aborted)?;
+        sqlx::query(text)
+            .execute(connection)
+            .await
+            .map_err(aborted)?;
         transaction.commit(|_, _| ()).await
     }
 
-    /// Moves the journal into the database while others write. A commit that finds it long does so itself, and whoever comes next waits for that.
+    /// Moves the journal into the database while others write. A commit that finds it long does so
+    /// itself, and whoever comes next waits for that.
     pub(super) async fn checkpoint(&self) -> Result<(), sqlx::Error> {
         let mut aside = self.aside.lock().await;
         let mut connection = match aside.take() {
             Some(connection) => connection,
             None => self.connect_aside().await?,
         };
-        sqlx::query("pragma wal_checkpoint(passive)").execute(&mut connection).await?;
+        sqlx::query("pragma wal_checkpoint(passive)")
+            .execute(&mut connection)
+            .await?;
         *aside = Some(connection);
         Ok(())
     }
 
-    /// Connects where the journal is ours: another one would be moved into the database by the index of ours.
+    /// Connects where the journal is ours: another one would be moved into the database by the
+    /// index of ours.
     async fn connect_aside(&self) -> Result<SqliteConnection, sqlx::Error> {
         let place = self.place.lock().await;
-        place.check(&self.file).map_err(|cause| sqlx::Error::Protocol(cause.to_string()))?;
+        place
+            .check(&self.file)
+            .map_err(|cause| sqlx::Error::Protocol(cause.to_string()))?;
         self.options.connect().await
     }
 
-    /// Lets the next connection bring its journal where the last one was dropped, which may have taken its own along: SQLite deletes it with the last
-    /// connection. To be called when the readers connect, after which none is the last.
+    /// Lets the next connection bring its journal where the last one was dropped, which may have
+    /// taken its own along: SQLite deletes it with the last connection. To be called when the
+    /// readers connect, after which none is the last.
     pub(super) async fn share(&self) {
         let mut place = self.place.lock().await;
         if place.connection.is_none() {
@@ -178,8 +213,12 @@ impl Writer {
         }
         let mut place = self.place.lock().await;
         place.closed = true;
-        let Some(mut connection) = place.connection.take() else { return Ok(()) };
-        sqlx::query("pragma wal_checkpoint(truncate)").execute(&mut connection).await?;
+        let Some(mut connection) = place.connection.take() else {
+            return Ok(());
+        };
+        sqlx::query("pragma wal_checkpoint(truncate)")
+            .execute(&mut connection)
+            .await?;
         connection.close().await
     }
 
@@ -189,16 +228,25 @@ impl Writer {
         place.closed && place.connection.is_none() && !place.has_dropped
     }
 
-    async fn begin_in<'a>(&'a self, place: MutexGuard<'a, Place>) -> Result<Transaction<'a>, StoreError> {
+    async fn begin_in<'a>(
+        &'a self,
+        place: MutexGuard<'a, Place>,
+    ) -> Result<Transaction<'a>, StoreError> {
         if place.closed {
             return Err(aborted("the store is closed"));
         }
-        self.try_to_begin(place).await.inspect_err(|error| self.health.heed(error))
+        self.try_to_begin(place)
+            .await
+            .inspect_err(|error| self.health.heed(error))
     }
 
-    async fn try_to_begin<'a>(&'a self, mut place: MutexGuard<'a, Place>) -> Result<Transaction<'a>, StoreError> {
-        // What would be acknowledged into a file without a name would be lost with the process, and a new connection would open another file. The one
-        // that is kept is still right when the file is back, and moves its journal into the database if the service is stopped before.
+    async fn try_to_begin<'a>(
+        &'a self,
+        mut place: MutexGuard<'a, Place>,
+    ) -> Result<Transaction<'a>, StoreError> {
+        // What would be acknowledged into a file without a name would be lost with the process, and
+        // a new connection would open another file. The one that is kept is still right when the
+        // file is back, and moves its journal into the database if the service is stopped before.
         place.check(&self.file).map_err(aborted)?;
         let kept = place.connection.take();
         let is_new = kept.is_none();
@@ -207,12 +255,23 @@ impl Writer {
             None => self.options.connect().await.map_err(aborted)?,
         };
         let (file, health) = (&self.file, &self.health);
-        let mut transaction = Transaction { place, connection: Some(connection), memory: &self.memory, file, health };
-        sqlx::query("begin immediate").execute(transaction.connection()).await.map_err(aborted)?;
+        let mut transaction = Transaction {
+            place,
+            connection: Some(connection),
+            memory: &self.memory,
+            file,
+            health,
+        };
+        sqlx::query("begin immediate")
+            .execute(transaction.connection())
+            .await
+            .map_err(aborted)?;
         if is_new {
             transaction.remember_journal().await?;
             let all = load::environments(transaction.connection()).await?;
-            let gone = leftovers::gone(transaction.connection()).await.map_err(aborted)?;
+            let gone = leftovers::gone(transaction.connection())
+                .await
+                .map_err(aborted)?;
             self.memory.directory.replace(all);
             self.memory.removals.replace(gone);
             self.memory.resume();
@@ -221,7 +280,8 @@ impl Writer {
     }
 }
 
-/// Writes so many bytes beside a database and takes them away again. They need not reach the disk: a file system says at once whether it has room.
+/// Writes so many bytes beside a database and takes them away again. They need not reach the disk:
+/// a file system says at once whether it has room.
 async fn try_to_write(database: &Path, bytes: usize) -> std::io::Result<()> {
     let mut name = database.as_os_str().to_owned();
     name.push(".room");
@@ -233,29 +293,47 @@ async fn try_to_write(database: &Path, bytes: usize) -> std::io::Result<()> {
 impl Transaction<'_> {
     /// Returns the connection.
     pub(super) fn connection(&mut self) -> &mut SqliteConnection {
-        self.connection.as_mut().expect("it is taken only when the transaction ends")
+        self.connection
+            .as_mut()
+            .expect("it is taken only when the transaction ends")
     }
 
     /// Returns the connection and what is known to exist beside it.
     pub(super) fn parts(&mut self) -> (&mut SqliteConnection, &mut Known) {
-        let connection = self.connection.as_mut().expect("it is taken only when the transaction ends");
+        let connection = self
+            .connection
+            .as_mut()
+            .expect("it is taken only when the transaction ends");
         (connection, &mut self.place.known)
     }
 
     async fn remember_journal(&mut self) -> Result<(), StoreError> {
-        let connection = self.connection.as_mut().expect("it is taken only when the transaction ends");
+        let connection = self
+            .connection
+            .as_mut()
+            .expect("it is taken only when the transaction ends");
         self.place.remember_journal(self.file, connection).await
     }
 
     /// Commits, and lets `remember` bring memory up to date before anybody else can begin.
-    pub(super) async fn commit(mut self, remember: impl FnOnce(&Memory, &mut Known)) -> Result<(), StoreError> {
-        let committed = sqlx::query("commit").execute(self.connection()).await.map_err(uncommitted);
+    pub(super) async fn commit(
+        mut self,
+        remember: impl FnOnce(&Memory, &mut Known),
+    ) -> Result<(), StoreError> {
+        let committed = sqlx::query("commit")
+            .execute(self.connection())
+            .await
+            .map_err(uncommitted);
         committed.inspect_err(|error| self.health.heed(error))?;
         remember(self.memory, &mut self.place.known);
         self.place.connection = self.connection.take();
 
-        // For this process it is committed. Whether the next one finds it, only the file that was written knows.
-        let kept = self.place.check(self.file).map_err(StoreError::OutcomeUnknown);
+        // For this process it is committed. Whether the next one finds it, only the file that was
+        // written knows.
+        let kept = self
+            .place
+            .check(self.file)
+            .map_err(StoreError::OutcomeUnknown);
         match &kept {
             Ok(()) => self.health.succeeded(Instant::now()),
             Err(error) => self.health.heed(error),
@@ -265,7 +343,10 @@ impl Transaction<'_> {
 
     /// Ends a transaction that wrote nothing.
     pub(super) async fn end(mut self) -> Result<(), StoreError> {
-        sqlx::query("rollback").execute(self.connection()).await.map_err(aborted)?;
+        sqlx::query("rollback")
+            .execute(self.connection())
+            .await
+            .map_err(aborted)?;
         self.place.connection = self.connection.take();
         Ok(())
     }
@@ -274,7 +355,8 @@ impl Transaction<'_> {
 impl Drop for Transaction<'_> {
     fn drop(&mut self) {
         if let Some(connection) = self.connection.take() {
-            // Memory first: once the connection is gone, its last COMMIT may come true at any moment.
+            // Memory first: once the connection is gone, its last COMMIT may come true at any
+            // moment.
             self.memory.suspend();
             self.place.known = Known::default();
             self.place.has_dropped = true;

@@ -19,10 +19,15 @@ type Keyed = InterceptedService<Channel, nudge::client::Bearer>;
 
 async fn connection(guarded: &Guarded, key: &Secret) -> Connection {
     let options = Options::default().key(key.clone());
-    Connection::open_with(&guarded.app.address.to_string(), &options).await.expect("let in")
+    Connection::open_with(&guarded.app.address.to_string(), &options)
+        .await
+        .expect("let in")
 }
 
-async fn ingest(guarded: &Guarded, key: &Secret) -> proto::ingest_service_client::IngestServiceClient<Keyed> {
+async fn ingest(
+    guarded: &Guarded,
+    key: &Secret,
+) -> proto::ingest_service_client::IngestServiceClient<Keyed> {
     connection(guarded, key).await.ingest()
 }
 
@@ -32,7 +37,12 @@ fn one(sequence: u64) -> proto::Batch {
 
 fn write(producer: &str, sequence: u64) -> proto::WriteRequest {
     let (environment, producer, batch) = ("lane".into(), producer.into(), Some(one(sequence)));
-    proto::WriteRequest { environment, producer, batch, ..Default::default() }
+    proto::WriteRequest {
+        environment,
+        producer,
+        batch,
+        ..Default::default()
+    }
 }
 
 #[tokio::test]
@@ -41,12 +51,26 @@ async fn an_open_stream_ends_with_its_key() {
     let digest = first.digest();
     for (change, code, told) in [
         (String::new(), Code::Unauthenticated, "UNAUTHENTICATED"),
-        (format!("other {digest} ingest"), Code::Unauthenticated, "UNAUTHENTICATED"),
-        (format!("game {digest} read"), Code::PermissionDenied, "SCOPE_MISSING"),
-        (format!("game {digest} ingest environments=kitchen"), Code::PermissionDenied, "ENVIRONMENT_FORBIDDEN"),
+        (
+            format!("other {digest} ingest"),
+            Code::Unauthenticated,
+            "UNAUTHENTICATED",
+        ),
+        (
+            format!("game {digest} read"),
+            Code::PermissionDenied,
+            "SCOPE_MISSING",
+        ),
+        (
+            format!("game {digest} ingest environments=kitchen"),
+            Code::PermissionDenied,
+            "ENVIRONMENT_FORBIDDEN",
+        ),
     ] {
         let guarded = Guarded::start(&[&line]).await;
-        let (_, mut stream) = RawStream::open(ingest(&guarded, &first).await, hello("p")).await.expect("let in");
+        let (_, mut stream) = RawStream::open(ingest(&guarded, &first).await, hello("p"))
+            .await
+            .expect("let in");
         stream.send(one(1)).await.expect("open");
         stream.acknowledged().await.expect("counted");
 
@@ -58,12 +82,25 @@ async fn an_open_stream_ends_with_its_key() {
         let changed = Instant::now();
         guarded.ring.replace(keys(&[&change]));
         let end = stream.acknowledged().await.expect_err("ended");
-        assert_eq!((end.code(), reason(&end).as_str()), (code, told), "{change}");
+        assert_eq!(
+            (end.code(), reason(&end).as_str()),
+            (code, told),
+            "{change}"
+        );
         assert!(changed.elapsed() < SOON, "{:?}", changed.elapsed());
         let again = Wire::new(&guarded.app);
-        let get = Asked { face: Face::Rest, name: "POST /v1/environments/{environment}/transitions".into() };
-        let answer = again.ask(&get, "lane", &[("authorization", &bearer(&first))]).await;
-        assert_eq!(answer.status == 401, change.is_empty(), "{change}: {answer:?}");
+        let get = Asked {
+            face: Face::Rest,
+            name: "POST /v1/environments/{environment}/transitions".into(),
+        };
+        let answer = again
+            .ask(&get, "lane", &[("authorization", &bearer(&first))])
+            .await;
+        assert_eq!(
+            answer.status == 401,
+            change.is_empty(),
+            "{change}: {answer:?}"
+        );
     }
 }
 
@@ -77,25 +114,54 @@ async fn producers_belong_to_the_name_of_a_key() {
     // One from before keys belongs to the first that speaks for it.
     let environment = guarded.app.app.environments.find("lane").expect("there");
     let before = nudge::api::grpc::batch(&environment.schema, one(1)).expect("right");
-    guarded.app.app.ingest.write(&environment, "old".parse().expect("an id"), before).await.expect("counted");
+    guarded
+        .app
+        .app
+        .ingest
+        .write(&environment, "old".parse().expect("an id"), before)
+        .await
+        .expect("counted");
 
-    let (mut theirs, mut others) = (ingest(&guarded, &first).await, ingest(&guarded, &other).await);
+    let (mut theirs, mut others) = (
+        ingest(&guarded, &first).await,
+        ingest(&guarded, &other).await,
+    );
     theirs.write(write("p", 1)).await.expect("counted");
     theirs.write(write("old", 2)).await.expect("counted");
     for producer in ["p", "old"] {
-        let refused = others.write(write(producer, 9)).await.expect_err("another's");
-        assert_eq!((refused.code(), reason(&refused).as_str()), (Code::PermissionDenied, "PRODUCER_FORBIDDEN"));
-        assert!(refused.message().contains(&format!("`{producer}`")), "{}", refused.message());
-        let refused = others.write(write(producer, 1)).await.expect_err("a duplicate of another's");
+        let refused = others
+            .write(write(producer, 9))
+            .await
+            .expect_err("another's");
+        assert_eq!(
+            (refused.code(), reason(&refused).as_str()),
+            (Code::PermissionDenied, "PRODUCER_FORBIDDEN")
+        );
+        assert!(
+            refused.message().contains(&format!("`{producer}`")),
+            "{}",
+            refused.message()
+        );
+        let refused = others
+            .write(write(producer, 1))
+            .await
+            .expect_err("a duplicate of another's");
         assert_eq!(refused.code(), Code::PermissionDenied);
     }
 
     // A hello of another key does not fence the stream, whether something of it is stored or not.
     for producer in ["p", "new"] {
-        let (welcome, mut stream) = RawStream::open(theirs.clone(), hello(producer)).await.expect("its own");
-        let Err(refused) = RawStream::open(others.clone(), hello(producer)).await else { panic!("another's") };
+        let (welcome, mut stream) = RawStream::open(theirs.clone(), hello(producer))
+            .await
+            .expect("its own");
+        let Err(refused) = RawStream::open(others.clone(), hello(producer)).await else {
+            panic!("another's")
+        };
         assert_eq!(reason(&refused), "PRODUCER_FORBIDDEN");
-        stream.send(one(welcome.committed_sequence + 1)).await.expect("open");
+        stream
+            .send(one(welcome.committed_sequence + 1))
+            .await
+            .expect("open");
         stream.acknowledged().await.expect("it goes on");
     }
 
@@ -103,32 +169,58 @@ async fn producers_belong_to_the_name_of_a_key() {
     let wire = Wire::new(&guarded.app);
     let body = serde_json::json!({"producer": "p", "sequence": 3, "transitions": []});
     let post = |key: &Secret| {
-        let request = reqwest::Client::new().post(guarded.app.url("/v1/environments/lane/transitions"));
-        request.header("authorization", bearer(key)).json(&body).send()
+        let request =
+            reqwest::Client::new().post(guarded.app.url("/v1/environments/lane/transitions"));
+        request
+            .header("authorization", bearer(key))
+            .json(&body)
+            .send()
     };
     let refused = post(&other).await.expect("answered");
     assert_eq!(refused.status(), 403);
     let told: serde_json::Value = refused.json().await.expect("JSON");
-    assert_eq!((&told["reason"], &told["producer"]), (&"PRODUCER_FORBIDDEN".into(), &"p".into()));
+    assert_eq!(
+        (&told["reason"], &told["producer"]),
+        (&"PRODUCER_FORBIDDEN".into(), &"p".into())
+    );
     drop(wire);
 
     // Another key of the name goes on, also after a restart without keys in between.
     guarded.ring.replace(keys(&[&next_line, &other_line]));
-    ingest(&guarded, &second).await.write(write("p", 3)).await.expect("the name's");
+    ingest(&guarded, &second)
+        .await
+        .write(write("p", 3))
+        .await
+        .expect("the name's");
     let refused = theirs.write(write("p", 4)).await.expect_err("withdrawn");
     assert_eq!(refused.code(), Code::Unauthenticated);
-    let owner = guarded.app.app.store.owner(environment.id, &"p".parse().expect("an id")).await.expect("read");
+    let owner = guarded
+        .app
+        .app
+        .store
+        .owner(environment.id, &"p".parse().expect("an id"))
+        .await
+        .expect("read");
     assert_eq!(owner.map(|name| name.to_string()), Some("game".into()));
     let batch = nudge::api::grpc::batch(&environment.schema, one(4)).expect("right");
-    guarded.app.app.ingest.write(&environment, "p".parse().expect("an id"), batch).await.expect("nobody needs a key");
+    guarded
+        .app
+        .app
+        .ingest
+        .write(&environment, "p".parse().expect("an id"), batch)
+        .await
+        .expect("nobody needs a key");
 }
 
 #[tokio::test]
 async fn a_stream_that_waits_for_its_rate_ends_with_its_key_too() {
     let (key, line) = key("game ingest,read rate=4/m");
     let guarded = Guarded::start(&[&line]).await;
-    // A probe and a hello: two are left, and the next comes in 15 seconds, for which no stream waits.
-    let (_, mut stream) = RawStream::open(ingest(&guarded, &key).await, hello("p")).await.expect("let in");
+    // A probe and a hello: two are left, and the next comes in 15 seconds, for which no stream
+    // waits.
+    let (_, mut stream) = RawStream::open(ingest(&guarded, &key).await, hello("p"))
+        .await
+        .expect("let in");
     for sequence in 1..=3 {
         stream.send(one(sequence)).await.expect("open");
     }
@@ -139,15 +231,22 @@ async fn a_stream_that_waits_for_its_rate_ends_with_its_key_too() {
             Err(end) => break end,
         }
     };
-    assert_eq!((counted, end.code(), reason(&end).as_str()), (2, Code::ResourceExhausted, "RATE_EXCEEDED"));
+    assert_eq!(
+        (counted, end.code(), reason(&end).as_str()),
+        (2, Code::ResourceExhausted, "RATE_EXCEEDED")
+    );
 
     let line = line.replace("4/m", "1/s");
     guarded.ring.replace(keys(&[&line]));
     tokio::time::sleep(Duration::from_millis(1_100)).await;
     let client = ingest(&guarded, &key);
-    let mut client = tokio::time::timeout(Duration::from_secs(5), client).await.expect("let in");
+    let mut client = tokio::time::timeout(Duration::from_secs(5), client)
+        .await
+        .expect("let in");
     tokio::time::sleep(Duration::from_millis(1_100)).await;
-    let (_, mut stream) = RawStream::open(client.clone(), hello("p")).await.expect("let in");
+    let (_, mut stream) = RawStream::open(client.clone(), hello("p"))
+        .await
+        .expect("let in");
     for sequence in 3..=9 {
         stream.send(one(sequence)).await.expect("open");
     }
@@ -158,7 +257,11 @@ async fn a_stream_that_waits_for_its_rate_ends_with_its_key_too() {
             break end;
         }
     };
-    assert_eq!((end.code(), changed.elapsed() < SOON), (Code::Unauthenticated, true), "{end:?}");
+    assert_eq!(
+        (end.code(), changed.elapsed() < SOON),
+        (Code::Unauthenticated, true),
+        "{end:?}"
+    );
     client.write(write("p", 9)).await.expect_err("withdrawn");
 }
 
@@ -168,19 +271,37 @@ async fn a_rate_is_told_with_the_time_to_wait() {
     let guarded = Guarded::start(&[&line]).await;
     let (wire, slow) = (Wire::new(&guarded.app), bearer(&slow));
     let headers = [("authorization", slow.as_slice())];
-    let list = Asked { face: Face::Rest, name: "GET /v1/environments".into() };
+    let list = Asked {
+        face: Face::Rest,
+        name: "GET /v1/environments".into(),
+    };
     for _ in 0..2 {
         assert!(wire.ask(&list, "", &headers).await.is_let_in());
     }
     let refused = wire.ask(&list, "", &headers).await;
-    assert_eq!((refused.status, refused.reason.as_str()), (429, "RATE_EXCEEDED"));
-    let wait: u64 = refused.headers["retry-after"].to_str().expect("text").parse().expect("seconds");
+    assert_eq!(
+        (refused.status, refused.reason.as_str()),
+        (429, "RATE_EXCEEDED")
+    );
+    let wait: u64 = refused.headers["retry-after"]
+        .to_str()
+        .expect("text")
+        .parse()
+        .expect("seconds");
     assert!((1_000..=1_801).contains(&wait), "{wait}");
-    let call = Asked { face: Face::Grpc, name: "/nudge.v1.EnvironmentService/ListEnvironments".into() };
+    let call = Asked {
+        face: Face::Grpc,
+        name: "/nudge.v1.EnvironmentService/ListEnvironments".into(),
+    };
     let refused = wire.ask(&call, "", &headers).await;
-    assert_eq!((refused.status, refused.reason.as_str()), (429, "RATE_EXCEEDED"));
+    assert_eq!(
+        (refused.status, refused.reason.as_str()),
+        (429, "RATE_EXCEEDED")
+    );
     let status = tonic::Status::from_header_map(&refused.headers).expect("a status");
-    let retry = tonic_types::StatusExt::get_details_retry_info(&status).expect("when").retry_delay;
+    let retry = tonic_types::StatusExt::get_details_retry_info(&status)
+        .expect("when")
+        .retry_delay;
     assert!(retry.is_some_and(|wait| wait > SOON), "{retry:?}");
 }
 
@@ -190,21 +311,37 @@ async fn the_client_waits_for_its_rate_and_goes_on() {
     let guarded = Guarded::start(&[&line]).await;
     let began = Instant::now();
     let connection = connection(&guarded, &steady).await;
-    let mut producer = connection.producer("lane", "p").batch_size(1).open().await.expect("opened");
+    let mut producer = connection
+        .producer("lane", "p")
+        .batch_size(1)
+        .open()
+        .await
+        .expect("opened");
     let mut track = Track::new(producer.schema());
     for _ in 0..12 {
-        producer.send(track.record(vec![0.6, 0.0], vec![0.0, 0.0])).await.expect("taken");
+        producer
+            .send(track.record(vec![0.6, 0.0], vec![0.0, 0.0]))
+            .await
+            .expect("taken");
     }
     let totals = producer.close().await.expect("all of them");
     assert_eq!(totals.accepted, 12);
     for _ in 0..6 {
-        connection.environment("lane").await.expect("sooner or later");
+        connection
+            .environment("lane")
+            .await
+            .expect("sooner or later");
     }
     for _ in 0..6 {
         super::changes::connection(&guarded, &steady).await;
     }
-    // A probe, a look, a stream, twelve batches, six looks and six probes are 27, and 4 may come at once.
-    assert!(began.elapsed() >= Duration::from_secs(5), "{:?}", began.elapsed());
+    // A probe, a look, a stream, twelve batches, six looks and six probes are 27, and 4 may come at
+    // once.
+    assert!(
+        began.elapsed() >= Duration::from_secs(5),
+        "{:?}",
+        began.elapsed()
+    );
 }
 
 #[tokio::test]
@@ -213,9 +350,18 @@ async fn a_key_that_may_only_send_finds_what_another_made() {
     let guarded = Guarded::start(&[&line]).await;
     let connection = connection(&guarded, &key).await;
     let schema = nudge::domain::SchemaDraft::from(crate::support::lane_schema());
-    connection.apply("lane", &schema).await.expect("it is as described");
+    connection
+        .apply("lane", &schema)
+        .await
+        .expect("it is as described");
     let mut other = schema.clone();
     other.agents.pop();
-    connection.apply("lane", &other).await.expect_err("it is not");
-    connection.apply("street", &schema).await.expect_err("it is not there");
+    connection
+        .apply("lane", &other)
+        .await
+        .expect_err("it is not");
+    connection
+        .apply("street", &schema)
+        .await
+        .expect_err("it is not there");
 }

@@ -1,5 +1,6 @@
-//! Which file imports which, as a parser reads them: groups, renames, `self`, `super`, names that an import brings in,
-//! paths in the middle of code, in attributes and in macros, and through re-exports. Tests are left out.
+//! Which file imports which, as a parser reads them: groups, renames, `self`, `super`, names that
+//! an import brings in, paths in the middle of code, in attributes and in macros, and through
+//! re-exports. Tests are left out.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -7,7 +8,8 @@ use std::path::{Path, PathBuf};
 
 use syn::visit::{self, Visit};
 
-/// A path as it is written from the root: of this crate begins with `crate`, of another with its name.
+/// A path as it is written from the root: of this crate begins with `crate`, of another with its
+/// name.
 pub type Absolute = Vec<String>;
 
 /// The files of a crate, by the modules that they are: `store::sqlite` is `store/sqlite/mod.rs`.
@@ -26,18 +28,26 @@ pub struct Source {
 const MOST_STEPS: usize = 8;
 
 impl Sources {
-    /// Reads all files below the folders of several crates as if they were one: what is in one of them the others know by the same path.
+    /// Reads all files below the folders of several crates as if they were one: what is in one of
+    /// them the others know by the same path.
     pub fn read(roots: &[PathBuf]) -> Self {
         let mut files = BTreeMap::new();
         // The first last: of several roots, its map is the one.
-        roots.iter().rev().for_each(|root| read_folder(root, &[], &mut files));
+        roots
+            .iter()
+            .rev()
+            .for_each(|root| read_folder(root, &[], &mut files));
         Self(files)
     }
 
     /// Makes them of modules and texts.
     pub fn of(texts: &[(&str, &str)]) -> Self {
         let file = |(module, text): &(&str, &str)| {
-            let module: Vec<String> = module.split("::").filter(|part| !part.is_empty()).map(str::to_owned).collect();
+            let module: Vec<String> = module
+                .split("::")
+                .filter(|part| !part.is_empty())
+                .map(str::to_owned)
+                .collect();
             (module.clone(), Source::parse(text, &module))
         };
         Self(texts.iter().map(file).collect())
@@ -45,29 +55,47 @@ impl Sources {
 
     /// Returns each file with its module.
     pub fn files(&self) -> impl Iterator<Item = (String, &Source)> {
-        self.0.iter().map(|(module, source)| (module.join("::"), source))
+        self.0
+            .iter()
+            .map(|(module, source)| (module.join("::"), source))
     }
 
     /// Returns which files each file imports from.
     pub fn imports(&self) -> BTreeMap<String, BTreeSet<String>> {
-        self.0.iter().map(|(module, source)| (module.join("::"), self.imports_of(module, source))).collect()
+        self.0
+            .iter()
+            .map(|(module, source)| (module.join("::"), self.imports_of(module, source)))
+            .collect()
     }
 
-    /// What a file re-exports of the files below it, it only shows: whoever imports it there imports them.
+    /// What a file re-exports of the files below it, it only shows: whoever imports it there
+    /// imports them.
     fn imports_of(&self, module: &[String], source: &Source) -> BTreeSet<String> {
         let home = |path: &Absolute| self.home(path, MOST_STEPS);
-        let shown = source.exports.values().filter_map(home).filter(|home| !home.starts_with(module));
+        let shown = source
+            .exports
+            .values()
+            .filter_map(home)
+            .filter(|home| !home.starts_with(module));
 
         let homes = source.uses.iter().filter_map(home).chain(shown);
-        homes.filter(|home| home != module).map(|home| home.join("::")).collect()
+        homes
+            .filter(|home| home != module)
+            .map(|home| home.join("::"))
+            .collect()
     }
 
     /// Returns the file in which that is written what a path names, if it is in this crate.
     fn home(&self, path: &[String], steps: usize) -> Option<Vec<String>> {
         let inside = path.strip_prefix(&["crate".to_owned()])?;
-        let length = (0..=inside.len()).rev().find(|length| self.0.contains_key(&inside[..*length]))?;
+        let length = (0..=inside.len())
+            .rev()
+            .find(|length| self.0.contains_key(&inside[..*length]))?;
         let (module, item) = inside.split_at(length);
-        let export = item.first().and_then(|name| self.0[module].exports.get(name)).filter(|_| steps > 0);
+        let export = item
+            .first()
+            .and_then(|name| self.0[module].exports.get(name))
+            .filter(|_| steps > 0);
         match export {
             Some(path) => self.home(path, steps - 1),
             None => Some(module.to_vec()),
@@ -77,18 +105,31 @@ impl Sources {
     /// Returns the groups of files that import each other, directly or through others.
     pub fn circles(&self) -> BTreeSet<Vec<String>> {
         let imports = self.imports();
-        let reached: BTreeMap<&String, BTreeSet<&String>> =
-            imports.keys().map(|from| (from, reached(from, &imports))).collect();
+        let reached: BTreeMap<&String, BTreeSet<&String>> = imports
+            .keys()
+            .map(|from| (from, reached(from, &imports)))
+            .collect();
         let circle = |(from, to): (&&String, &BTreeSet<&String>)| {
-            let circle = to.iter().filter(|other| reached.get(*other).is_some_and(|back| back.contains(from)));
-            circle.map(|module| (*module).clone()).collect::<Vec<String>>()
+            let circle = to
+                .iter()
+                .filter(|other| reached.get(*other).is_some_and(|back| back.contains(from)));
+            circle
+                .map(|module| (*module).clone())
+                .collect::<Vec<String>>()
         };
-        reached.iter().map(circle).filter(|circle| circle.len() > 1).collect()
+        reached
+            .iter()
+            .map(circle)
+            .filter(|circle| circle.len() > 1)
+            .collect()
     }
 }
 
 /// Returns what can be reached from a file.
-fn reached<'a>(from: &'a String, imports: &'a BTreeMap<String, BTreeSet<String>>) -> BTreeSet<&'a String> {
+fn reached<'a>(
+    from: &'a String,
+    imports: &'a BTreeMap<String, BTreeSet<String>>,
+) -> BTreeSet<&'a String> {
     let mut reached = BTreeSet::new();
     let mut waiting: Vec<&String> = imports[from].iter().collect();
     while let Some(next) = waiting.pop() {
@@ -102,9 +143,17 @@ fn reached<'a>(from: &'a String, imports: &'a BTreeMap<String, BTreeSet<String>>
 fn read_folder(folder: &Path, module: &[String], files: &mut BTreeMap<Vec<String>, Source>) {
     for entry in fs::read_dir(folder).expect("a folder can be read") {
         let path = entry.expect("an entry can be read").path();
-        let name = path.file_stem().expect("has a name").to_string_lossy().into_owned();
+        let name = path
+            .file_stem()
+            .expect("has a name")
+            .to_string_lossy()
+            .into_owned();
         let is_root = !path.is_dir() && ["mod", "lib"].contains(&name.as_str());
-        let inside: Vec<String> = module.iter().cloned().chain((!is_root).then_some(name)).collect();
+        let inside: Vec<String> = module
+            .iter()
+            .cloned()
+            .chain((!is_root).then_some(name))
+            .collect();
         if path.is_dir() {
             read_folder(&path, &inside, files);
         } else if path.extension().is_some_and(|extension| extension == "rs") {
@@ -117,9 +166,13 @@ fn read_folder(folder: &Path, module: &[String], files: &mut BTreeMap<Vec<String
 impl Source {
     /// Reads the text of a module.
     pub fn parse(text: &str, module: &[String]) -> Self {
-        let file = syn::parse_file(text).unwrap_or_else(|error| panic!("{} can be parsed: {error}", module.join("::")));
-        let mut reader =
-            Reader { scope: Scope::new(module.to_vec(), &file.items), is_inside: false, found: Self::default() };
+        let file = syn::parse_file(text)
+            .unwrap_or_else(|error| panic!("{} can be parsed: {error}", module.join("::")));
+        let mut reader = Reader {
+            scope: Scope::new(module.to_vec(), &file.items),
+            is_inside: false,
+            found: Self::default(),
+        };
         reader.visit_file(&file);
         reader.close_scope();
         reader.found
@@ -160,7 +213,11 @@ impl Scope {
             syn::Item::Mod(item) => Some(item.ident.to_string()),
             _ => None,
         };
-        Self { module, children: items.iter().filter_map(child).collect(), ..Self::default() }
+        Self {
+            module,
+            children: items.iter().filter_map(child).collect(),
+            ..Self::default()
+        }
     }
 
     /// Returns a path as it is from the root.
@@ -177,7 +234,11 @@ impl Scope {
             "self" => (above(0)?.collect(), &path[1..]),
             "nudge" | "nudge_core" | "nudge_worlds" => (vec!["crate".to_owned()], &path[1..]),
             child if self.children.contains(child) => (above(0)?.collect(), path),
-            _ => match self.names.get(first).filter(|named| steps > 0 && named.first() != Some(first)) {
+            _ => match self
+                .names
+                .get(first)
+                .filter(|named| steps > 0 && named.first() != Some(first))
+            {
                 Some(named) => return self.absolute(&[named, &path[1..]].concat(), steps - 1),
                 None => (Vec::new(), path),
             },
@@ -192,11 +253,24 @@ impl Reader {
         let scope = std::mem::take(&mut self.scope);
         // A name alone is one of this file, unless an import brought it in.
         let is_import = |path: &&Vec<String>| path.len() > 1 || scope.names.contains_key(&path[0]);
-        let uses = scope.written.iter().filter(is_import).chain(&scope.imported);
-        self.found.uses.extend(uses.filter_map(|path| scope.absolute(path, MOST_STEPS)));
+        let uses = scope
+            .written
+            .iter()
+            .filter(is_import)
+            .chain(&scope.imported);
+        self.found
+            .uses
+            .extend(uses.filter_map(|path| scope.absolute(path, MOST_STEPS)));
 
-        let export = |name: &String| Some((name.clone(), scope.absolute(&scope.names[name], MOST_STEPS)?));
-        self.found.exports.extend(scope.exported.iter().filter_map(export));
+        let export = |name: &String| {
+            Some((
+                name.clone(),
+                scope.absolute(&scope.names[name], MOST_STEPS)?,
+            ))
+        };
+        self.found
+            .exports
+            .extend(scope.exported.iter().filter_map(export));
     }
 
     fn add(&mut self, path: Vec<String>) {
@@ -209,16 +283,27 @@ impl Reader {
         let with = |name: &syn::Ident| [before, &[name.to_string()]].concat();
         match tree {
             syn::UseTree::Path(path) => self.add_tree(&with(&path.ident), &path.tree, is_exported),
-            syn::UseTree::Group(group) => group.items.iter().for_each(|tree| self.add_tree(before, tree, is_exported)),
+            syn::UseTree::Group(group) => group
+                .items
+                .iter()
+                .for_each(|tree| self.add_tree(before, tree, is_exported)),
             syn::UseTree::Glob(_) => self.scope.imported.push(before.to_vec()),
             syn::UseTree::Name(name) if name.ident == "self" => {
-                self.add_name(before.to_vec(), before.last().cloned().unwrap_or_default(), is_exported);
+                self.add_name(
+                    before.to_vec(),
+                    before.last().cloned().unwrap_or_default(),
+                    is_exported,
+                );
             }
-            syn::UseTree::Name(name) => self.add_name(with(&name.ident), name.ident.to_string(), is_exported),
+            syn::UseTree::Name(name) => {
+                self.add_name(with(&name.ident), name.ident.to_string(), is_exported)
+            }
             syn::UseTree::Rename(rename) if rename.ident == "self" => {
                 self.add_name(before.to_vec(), rename.rename.to_string(), is_exported);
             }
-            syn::UseTree::Rename(rename) => self.add_name(with(&rename.ident), rename.rename.to_string(), is_exported),
+            syn::UseTree::Rename(rename) => {
+                self.add_name(with(&rename.ident), rename.rename.to_string(), is_exported)
+            }
         }
     }
 
@@ -231,14 +316,17 @@ impl Reader {
         }
     }
 
-    /// Adds the paths in what a macro or an attribute is given, which may be of any form; a text may be a path too.
+    /// Adds the paths in what a macro or an attribute is given, which may be of any form; a text
+    /// may be a path too.
     fn add_tokens(&mut self, tokens: proc_macro2::TokenStream) {
         use proc_macro2::TokenTree;
         let (mut path, mut colons) = (Vec::new(), 0);
         for token in tokens {
             match token {
                 TokenTree::Ident(ident) if colons == 2 => path.push(ident.to_string()),
-                TokenTree::Ident(ident) => self.add(std::mem::replace(&mut path, vec![ident.to_string()])),
+                TokenTree::Ident(ident) => {
+                    self.add(std::mem::replace(&mut path, vec![ident.to_string()]))
+                }
                 TokenTree::Punct(punct) if punct.as_char() == ':' => {
                     colons += 1;
                     continue;
@@ -261,7 +349,12 @@ impl Reader {
     fn add_text(&mut self, literal: &proc_macro2::Literal) {
         let text = syn::parse_str::<syn::LitStr>(&literal.to_string());
         if let Ok(path) = text.and_then(|text| text.parse::<syn::Path>()) {
-            self.add(path.segments.iter().map(|segment| segment.ident.to_string()).collect());
+            self.add(
+                path.segments
+                    .iter()
+                    .map(|segment| segment.ident.to_string())
+                    .collect(),
+            );
         }
     }
 }
@@ -275,9 +368,14 @@ fn is_test(attributes: &[syn::Attribute]) -> bool {
 
 impl<'a> Visit<'a> for Reader {
     fn visit_item_mod(&mut self, item: &'a syn::ItemMod) {
-        let Some((_, items)) = item.content.as_ref().filter(|_| !is_test(&item.attrs)) else { return };
+        let Some((_, items)) = item.content.as_ref().filter(|_| !is_test(&item.attrs)) else {
+            return;
+        };
         let module = [self.scope.module.as_slice(), &[item.ident.to_string()]].concat();
-        let outer = (std::mem::replace(&mut self.scope, Scope::new(module, items)), self.is_inside);
+        let outer = (
+            std::mem::replace(&mut self.scope, Scope::new(module, items)),
+            self.is_inside,
+        );
 
         self.is_inside = true;
         visit::visit_item_mod(self, item);
@@ -301,7 +399,12 @@ impl<'a> Visit<'a> for Reader {
     fn visit_visibility(&mut self, _: &'a syn::Visibility) {}
 
     fn visit_path(&mut self, path: &'a syn::Path) {
-        self.add(path.segments.iter().map(|segment| segment.ident.to_string()).collect());
+        self.add(
+            path.segments
+                .iter()
+                .map(|segment| segment.ident.to_string())
+                .collect(),
+        );
         visit::visit_path(self, path);
     }
 

@@ -1,5 +1,6 @@
-//! The house rules as a test: who may import whom, who alone may use which crate, who does no I/O, and that no files
-//! import each other in a circle. `imports` reads who imports whom; `seen` tests the test.
+//! The house rules as a test: who may import whom, who alone may use which crate, who does no I/O,
+//! and that no files import each other in a circle. `imports` reads who imports whom; `seen` tests
+//! the test.
 
 mod imports;
 
@@ -13,7 +14,14 @@ use imports::{Source, Sources};
 const RANKS: &[&[&str]] = &[
     &["information", "error", "config", "telemetry", "tls"],
     &["domain", "work"],
-    &["evidence", "store", "simulation", "recordings", "access", "api"],
+    &[
+        "evidence",
+        "store",
+        "simulation",
+        "recordings",
+        "access",
+        "api",
+    ],
     &["ingest", "client", "priors"],
     &["model"],
     &["environments", "influence"],
@@ -76,7 +84,10 @@ const IO: &[&[&str]] = &[
 /// Returns the folders of the service and of the crates that it is made of.
 fn roots() -> Vec<PathBuf> {
     let folders = ["src", "crates/nudge-core/src", "crates/nudge-worlds/src"];
-    folders.iter().map(|folder| Path::new(env!("CARGO_MANIFEST_DIR")).join(folder)).collect()
+    folders
+        .iter()
+        .map(|folder| Path::new(env!("CARGO_MANIFEST_DIR")).join(folder))
+        .collect()
 }
 
 /// Reads all crates, once for all rules.
@@ -86,7 +97,10 @@ fn sources() -> &'static Sources {
 }
 
 fn rank(room: &str) -> usize {
-    RANKS.iter().position(|rooms| rooms.contains(&room)).unwrap_or_else(|| panic!("{room} has no rank: give it one"))
+    RANKS
+        .iter()
+        .position(|rooms| rooms.contains(&room))
+        .unwrap_or_else(|| panic!("{room} has no rank: give it one"))
 }
 
 fn room(module: &str) -> &str {
@@ -94,34 +108,49 @@ fn room(module: &str) -> &str {
 }
 
 /// Returns what every file does that one in its room may not.
-fn faults<'a>(sources: &'a Sources, fault: impl Fn(&str, &[String]) -> Option<String> + 'a) -> Vec<String> {
+fn faults<'a>(
+    sources: &'a Sources,
+    fault: impl Fn(&str, &[String]) -> Option<String> + 'a,
+) -> Vec<String> {
     let of_file = |(module, source): (String, &Source)| {
         let faults = source.paths().filter_map(|path| fault(room(&module), path));
-        faults.map(|fault| format!("{module}: {fault}")).collect::<Vec<_>>()
+        faults
+            .map(|fault| format!("{module}: {fault}"))
+            .collect::<Vec<_>>()
     };
     // The root is the map.
-    sources.files().filter(|(module, _)| !module.is_empty()).flat_map(of_file).collect()
+    sources
+        .files()
+        .filter(|(module, _)| !module.is_empty())
+        .flat_map(of_file)
+        .collect()
 }
 
 fn upwards(sources: &Sources) -> Vec<String> {
     faults(sources, |from, path| {
         let [first, to, ..] = path else { return None };
-        let is_upwards =
-            first == "crate" && to != from && RANKS.concat().contains(&to.as_str()) && rank(to) >= rank(from);
+        let is_upwards = first == "crate"
+            && to != from
+            && RANKS.concat().contains(&to.as_str())
+            && rank(to) >= rank(from);
         is_upwards.then(|| format!("{from} imports {}", path.join("::")))
     })
 }
 
 fn strangers(sources: &Sources) -> Vec<String> {
     faults(sources, |from, path| {
-        let reserved = RESERVED.iter().find(|(name, rooms)| path[0] == *name && !rooms.contains(&from));
+        let reserved = RESERVED
+            .iter()
+            .find(|(name, rooms)| path[0] == *name && !rooms.contains(&from));
         reserved.map(|_| format!("{from} uses {}", path.join("::")))
     })
 }
 
 fn impure(sources: &Sources) -> Vec<String> {
     faults(sources, |from, path| {
-        let is_io = IO.iter().any(|io| path.iter().zip(*io).filter(|(part, io)| part == io).count() == io.len());
+        let is_io = IO
+            .iter()
+            .any(|io| path.iter().zip(*io).filter(|(part, io)| part == io).count() == io.len());
         (PURE.contains(&from) && is_io).then(|| format!("{from} uses {}", path.join("::")))
     })
 }
@@ -129,38 +158,72 @@ fn impure(sources: &Sources) -> Vec<String> {
 #[test]
 fn imports_point_downwards() {
     let wrong = upwards(sources());
-    assert!(wrong.is_empty(), "imports that do not point downwards:\n{}", wrong.join("\n"));
+    assert!(
+        wrong.is_empty(),
+        "imports that do not point downwards:\n{}",
+        wrong.join("\n")
+    );
 }
 
 #[test]
 fn crates_stay_in_their_rooms() {
     let wrong = strangers(sources());
-    assert!(wrong.is_empty(), "crates outside their rooms:\n{}", wrong.join("\n"));
+    assert!(
+        wrong.is_empty(),
+        "crates outside their rooms:\n{}",
+        wrong.join("\n")
+    );
 }
 
 #[test]
 fn mathematics_and_words_do_no_io() {
     let wrong = impure(sources());
-    assert!(wrong.is_empty(), "I/O where there is none:\n{}", wrong.join("\n"));
+    assert!(
+        wrong.is_empty(),
+        "I/O where there is none:\n{}",
+        wrong.join("\n")
+    );
 }
 
 #[test]
 fn no_files_go_in_circles() {
-    let circles: Vec<String> = sources().circles().into_iter().map(|circle| circle.join(", ")).collect();
-    assert!(circles.is_empty(), "files that import each other:\n{}", circles.join("\n"));
+    let circles: Vec<String> = sources()
+        .circles()
+        .into_iter()
+        .map(|circle| circle.join(", "))
+        .collect();
+    assert!(
+        circles.is_empty(),
+        "files that import each other:\n{}",
+        circles.join("\n")
+    );
 }
 
 #[test]
 fn every_room_is_on_the_map() {
-    let maps = roots().into_iter().map(|root| fs::read_to_string(root.join("lib.rs")).expect("lib.rs can be read"));
+    let maps = roots()
+        .into_iter()
+        .map(|root| fs::read_to_string(root.join("lib.rs")).expect("lib.rs can be read"));
     let maps: Vec<String> = maps.collect();
     for (module, _) in sources().files() {
         let room = room(&module);
-        let is_declared = maps.iter().any(|map| map.contains(&format!("pub mod {room};")));
-        assert!(["", "main"].contains(&room) || is_declared, "{room} is in no crate");
-        assert!(["", "main"].contains(&room) || maps[0].contains(&format!("[`{room}`]")), "{room} is not on the map");
+        let is_declared = maps
+            .iter()
+            .any(|map| map.contains(&format!("pub mod {room};")));
+        assert!(
+            ["", "main"].contains(&room) || is_declared,
+            "{room} is in no crate"
+        );
+        assert!(
+            ["", "main"].contains(&room) || maps[0].contains(&format!("[`{room}`]")),
+            "{room} is not on the map"
+        );
     }
-    let shown: Vec<&str> = maps.iter().flat_map(|map| map.lines()).filter(|line| line.starts_with("pub use")).collect();
+    let shown: Vec<&str> = maps
+        .iter()
+        .flat_map(|map| map.lines())
+        .filter(|line| line.starts_with("pub use"))
+        .collect();
     assert!(
         shown.iter().all(|line| line.starts_with("pub use nudge_")),
         "maps re-export rooms of crates only: {shown:?}"
@@ -176,7 +239,11 @@ fn every_file_says_what_it_is_for() {
             waiting.extend(entries.map(|entry| entry.expect("an entry can be read").path()));
         } else if path.extension().is_some_and(|extension| extension == "rs") {
             let text = fs::read_to_string(&path).expect("a source can be read");
-            assert!(text.starts_with("//!"), "{} does not open with //!", path.display());
+            assert!(
+                text.starts_with("//!"),
+                "{} does not open with //!",
+                path.display()
+            );
         }
     }
 }
@@ -202,7 +269,11 @@ mod seen {
             "mod inside { use super::super::super::serve::Doors; }",
             "#[serde(with = \"crate::serve::form\")] struct S;",
         ] {
-            assert_eq!(upwards(&Sources::of(&[("store::sqlite", text)])).len(), 1, "{text}");
+            assert_eq!(
+                upwards(&Sources::of(&[("store::sqlite", text)])).len(),
+                1,
+                "{text}"
+            );
         }
         for allowed in [
             "use crate::domain::Name; use super::Store;",
@@ -212,7 +283,11 @@ mod seen {
             "#[cfg(test)] mod tests { use crate::serve::Doors; }",
             "//! Of crate::serve nothing is known: \n const S: &str = \"ask crate::serve::Doors\";",
         ] {
-            assert_eq!(upwards(&Sources::of(&[("store::sqlite", allowed)])), Vec::<String>::new(), "{allowed}");
+            assert_eq!(
+                upwards(&Sources::of(&[("store::sqlite", allowed)])),
+                Vec::<String>::new(),
+                "{allowed}"
+            );
         }
     }
 
@@ -228,8 +303,15 @@ mod seen {
             "fn f(row: &sqlx::Row) {}",
             "fn f() { sqlx::query!(\"\"); }",
         ] {
-            assert_eq!(strangers(&Sources::of(&[("domain", text)])).len(), 1, "{text}");
-            assert!(strangers(&Sources::of(&[("store::sqlite", text)])).is_empty(), "{text}");
+            assert_eq!(
+                strangers(&Sources::of(&[("domain", text)])).len(),
+                1,
+                "{text}"
+            );
+            assert!(
+                strangers(&Sources::of(&[("store::sqlite", text)])).is_empty(),
+                "{text}"
+            );
         }
         for text in [
             "use std::{fmt, fs::File};",
@@ -240,15 +322,23 @@ mod seen {
             "use std::time as clock; fn f() { g!(clock::SystemTime::now()); }",
             "use std as all; fn f(file: all::fs::File) {}",
         ] {
-            assert_eq!(impure(&Sources::of(&[("evidence::prior", text)])).len(), 1, "{text}");
+            assert_eq!(
+                impure(&Sources::of(&[("evidence::prior", text)])).len(),
+                1,
+                "{text}"
+            );
         }
         assert!(impure(&Sources::of(&[("evidence", "use std::time::Duration;")])).is_empty());
     }
 
     #[test]
     fn circles() {
-        let circles = |texts: &[(&str, &str)]| Sources::of(texts).circles().into_iter().collect::<Vec<_>>();
-        let two = [("a::b", "use super::c::C;"), ("a::c", "fn f() { crate::a::b::g(); }")];
+        let circles =
+            |texts: &[(&str, &str)]| Sources::of(texts).circles().into_iter().collect::<Vec<_>>();
+        let two = [
+            ("a::b", "use super::c::C;"),
+            ("a::c", "fn f() { crate::a::b::g(); }"),
+        ];
         assert_eq!(circles(&two), [["a::b", "a::c"]]);
 
         // Through what a parent re-exports, by another name even; and with the parent itself.
@@ -258,27 +348,64 @@ mod seen {
             ("a::c", "use super::Other;"),
         ];
         assert_eq!(circles(&exported), [["a::b", "a::c"]]);
-        let parent = [("a", "mod b; struct A; fn f() { b::g(); }"), ("a::b", "use super::A;")];
+        let parent = [
+            ("a", "mod b; struct A; fn f() { b::g(); }"),
+            ("a::b", "use super::A;"),
+        ];
         assert_eq!(circles(&parent), [["a", "a::b"]]);
 
-        // With a parent that uses what it re-exports; and with a neighbour that is re-exported, for that one is no map.
-        let used = [("a", "mod b; pub use b::B; struct A(B);"), ("a::b", "use super::A;")];
+        // With a parent that uses what it re-exports; and with a neighbour that is re-exported, for
+        // that one is no map.
+        let used = [
+            ("a", "mod b; pub use b::B; struct A(B);"),
+            ("a::b", "use super::A;"),
+        ];
         assert_eq!(circles(&used), [["a", "a::b"]]);
-        let beside = [("a::b", "pub use super::c::C; pub struct B;"), ("a::c", "use super::b::B; pub struct C;")];
+        let beside = [
+            ("a::b", "pub use super::c::C; pub struct B;"),
+            ("a::c", "use super::b::B; pub struct C;"),
+        ];
         assert_eq!(circles(&beside), [["a::b", "a::c"]]);
 
         // By names that an import brings in.
-        let by_name =
-            [("a", "mod b; mod c;"), ("a::b", "use crate::a; fn f() { a::c::g(); }"), ("a::c", "use super::b::f;")];
+        let by_name = [
+            ("a", "mod b; mod c;"),
+            ("a::b", "use crate::a; fn f() { a::c::g(); }"),
+            ("a::c", "use super::b::f;"),
+        ];
         assert_eq!(circles(&by_name), [["a::b", "a::c"]]);
 
-        // Through a third; not where all point one way, nor where a parent shows what it does not use.
+        // Through a third; not where all point one way, nor where a parent shows what it does not
+        // use.
         assert_eq!(
-            circles(&[("a", "use crate::b::B;"), ("b", "use crate::c::C;"), ("c", "use crate::a::A;")]),
+            circles(&[
+                ("a", "use crate::b::B;"),
+                ("b", "use crate::c::C;"),
+                ("c", "use crate::a::A;")
+            ]),
             [["a", "b", "c"]]
         );
-        assert!(circles(&[("a", "mod b; pub use b::B;"), ("a::b", "use super::c::C;"), ("a::c", "")]).is_empty());
-        assert!(circles(&[("a", "mod b; pub use b::B; pub struct A;"), ("a::b", "use super::A;")]).is_empty());
-        assert!(circles(&[("a", "mod b; fn f() { b::g(); }"), ("a::b", "pub(in crate::a) fn g() {}")]).is_empty());
+        assert!(
+            circles(&[
+                ("a", "mod b; pub use b::B;"),
+                ("a::b", "use super::c::C;"),
+                ("a::c", "")
+            ])
+            .is_empty()
+        );
+        assert!(
+            circles(&[
+                ("a", "mod b; pub use b::B; pub struct A;"),
+                ("a::b", "use super::A;")
+            ])
+            .is_empty()
+        );
+        assert!(
+            circles(&[
+                ("a", "mod b; fn f() { b::g(); }"),
+                ("a::b", "pub(in crate::a) fn g() {}")
+            ])
+            .is_empty()
+        );
     }
 }

@@ -1,5 +1,5 @@
-//! Hundreds or thousands of connections that keep the service waiting: nobody else waits with them, and at SIGTERM it is gone in time, with nothing
-//! lost.
+//! Hundreds or thousands of connections that keep the service waiting: nobody else waits with them,
+//! and at SIGTERM it is gone in time, with nothing lost.
 
 use std::net::SocketAddr;
 use std::time::{Duration, Instant};
@@ -19,13 +19,21 @@ use crate::support::{RawStream, channel, hello};
 /// What help promises of SIGTERM.
 const STOPPED: Duration = Duration::from_secs(10);
 
-const VOICES: [Voice; 6] = [Voice::Stream, Voice::Stream, Voice::Stream, Voice::Stream, Voice::Rest, Voice::Rest];
+const VOICES: [Voice; 6] = [
+    Voice::Stream,
+    Voice::Stream,
+    Voice::Stream,
+    Voice::Stream,
+    Voice::Rest,
+    Voice::Rest,
+];
 
 /// Sees that others are served.
 async fn assert_serves(address: SocketAddr, load: &Load) {
     load.progress(50).await;
     for path in ["/livez", "/v1/environments/lane/influence?key=0.0"] {
-        // Where there are more connections than the service takes, one has to wait until a silent one is closed.
+        // Where there are more connections than the service takes, one has to wait until a silent
+        // one is closed.
         eventually(path, async || asked(address, path).await.0 == 200).await;
     }
 }
@@ -50,13 +58,20 @@ async fn a_crowd_that_waits_keeps_nobody_away_and_delays_no_end() {
 
     server.ask_to_stop();
     let ended = server.ended_within(STOPPED).await;
-    assert!(ended.is_some_and(|status| status.success()), "{} waited with it: {ended:?}", crowd.open());
+    assert!(
+        ended.is_some_and(|status| status.success()),
+        "{} waited with it: {ended:?}",
+        crowd.open()
+    );
     let acknowledged = load.abandon().await;
     let transitions = assert_exactly_once(directory.path(), Shape::SMALL, &acknowledged).await;
-    println!("{silent} silent connections, {slow} of each slow kind, {transitions} transitions, 0 lost, 0 double");
+    println!(
+        "{silent} silent connections, {slow} of each slow kind, {transitions} transitions, 0 lost, 0 double"
+    );
 }
 
-/// Which manners are ended by the service, and when: first byte, preface and headers have 10 seconds, a REST request and an idle connection 30.
+/// Which manners are ended by the service, and when: first byte, preface and headers have 10
+/// seconds, a REST request and an idle connection 30.
 const ENDED: [(Manner, Duration); 6] = [
     (Manner::Silent, Duration::from_secs(10)),
     (Manner::HalfPreface, Duration::from_secs(10)),
@@ -98,7 +113,12 @@ async fn idle_streams(address: SocketAddr, streams: u64) -> Vec<RawStream> {
     let mut open = Vec::new();
     for number in 0..streams {
         let client = IngestServiceClient::new(channel(address).await.expect("the server listens"));
-        open.push(RawStream::open(client, hello(&format!("idle-{number}"))).await.expect("a welcome").1);
+        open.push(
+            RawStream::open(client, hello(&format!("idle-{number}")))
+                .await
+                .expect("a welcome")
+                .1,
+        );
     }
     open
 }
@@ -133,7 +153,10 @@ async fn slow_questions_and_open_streams_delay_no_end() {
 
     server.ask_to_stop();
     let ended = server.ended_within(STOPPED).await;
-    assert!(ended.is_some_and(|status| status.success()), "not within {STOPPED:?}: {ended:?}");
+    assert!(
+        ended.is_some_and(|status| status.success()),
+        "not within {STOPPED:?}: {ended:?}"
+    );
     drop((idle, slow));
     let acknowledged = load.abandon().await;
     assert_exactly_once(directory.path(), Shape::SMALL, &acknowledged).await;

@@ -97,10 +97,13 @@ pub struct Crowd {
 }
 
 impl Crowd {
-    /// Adds connections of one manner; where the service takes no more of them, they wait their turn.
+    /// Adds connections of one manner; where the service takes no more of them, they wait their
+    /// turn.
     pub async fn join(&mut self, address: SocketAddr, manner: Manner, connections: u64) {
         for _ in 0..connections {
-            let Ok(socket) = TcpStream::connect(address).await else { continue };
+            let Ok(socket) = TcpStream::connect(address).await else {
+                continue;
+            };
             self.open.fetch_add(1, Ordering::SeqCst);
             let open = self.open.clone();
             self.connections.spawn(async move {

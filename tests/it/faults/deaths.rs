@@ -1,5 +1,6 @@
-//! Kill -9 where it hurts: at each step to the disk of a migration and of a deletion. Between two steps nothing changes that outlives the process, so
-//! these are all the moments at which a kill can differ; `kill.rs` kills at random times.
+//! Kill -9 where it hurts: at each step to the disk of a migration and of a deletion. Between two
+//! steps nothing changes that outlives the process, so these are all the moments at which a kill
+//! can differ; `kill.rs` kills at random times.
 
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
@@ -17,7 +18,8 @@ use crate::server::Server;
 use crate::support::fixtures::Fixture;
 use crate::support::load::{Load, Shape, Voice, assert_exactly_once, make_lane};
 
-/// Returns some of the steps, or all of them in the long form. The first are those that matter most: a commit of many pages.
+/// Returns some of the steps, or all of them in the long form. The first are those that matter
+/// most: a commit of many pages.
 fn some_of(steps: u64, most: u64) -> impl Iterator<Item = u64> {
     const FIRST: u64 = 8;
     let every = (steps / scaled(most, steps)).max(1);
@@ -38,7 +40,10 @@ async fn a_migration_that_is_killed_at_any_step_goes_on_at_the_next_start() {
         let fixture = Fixture::named(name);
         let whole = Disk::holding(&fixture.path());
         whole.count(CHANGES);
-        settled(whole.under(&mut Server::command(whole.path(), "127.0.0.1:0"))).await.expect("it starts").kill();
+        settled(whole.under(&mut Server::command(whole.path(), "127.0.0.1:0")))
+            .await
+            .expect("it starts")
+            .kill();
         let steps = whole.seen();
         assert!(steps > 20, "{name}: {steps}");
 
@@ -75,8 +80,17 @@ impl Pair {
         let doomed = wide::make(server.address).await;
         wide::fill(server.address).await;
         server.ask_to_stop();
-        assert!(server.ended_within(Duration::from_secs(10)).await.is_some_and(|status| status.success()));
-        Self { directory, doomed, acknowledged }
+        assert!(
+            server
+                .ended_within(Duration::from_secs(10))
+                .await
+                .is_some_and(|status| status.success())
+        );
+        Self {
+            directory,
+            doomed,
+            acknowledged,
+        }
     }
 
     fn path(&self) -> PathBuf {
@@ -86,16 +100,24 @@ impl Pair {
 
 /// Returns how many states there are of all environments, gone ones too.
 async fn states(directory: &Path) -> i64 {
-    let options = SqliteConnectOptions::new().filename(directory.join("nudge.db")).read_only(true);
+    let options = SqliteConnectOptions::new()
+        .filename(directory.join("nudge.db"))
+        .read_only(true);
     let mut connection = options.connect().await.expect("a connection");
-    let count = sqlx::query_scalar("select count(*) from states").fetch_one(&mut connection).await.expect("a number");
+    let count = sqlx::query_scalar("select count(*) from states")
+        .fetch_one(&mut connection)
+        .await
+        .expect("a number");
     connection.close().await.expect("closed");
     count
 }
 
 /// Asks for the deletion; returns whether it was said to be done.
 async fn delete(address: SocketAddr) -> bool {
-    let sent = reqwest::Client::new().delete(format!("http://{address}/v1/environments/wide")).send().await;
+    let sent = reqwest::Client::new()
+        .delete(format!("http://{address}/v1/environments/wide"))
+        .send()
+        .await;
     sent.is_ok_and(|response| response.status().is_success())
 }
 
@@ -106,10 +128,15 @@ const LANE_STATES: i64 = 8;
 async fn a_deletion_that_is_killed_at_any_step_is_done_or_not_begun() {
     let pair = Pair::new().await;
     let whole = Disk::holding(&pair.path());
-    let server = settled(whole.under(&mut Server::command(whole.path(), "127.0.0.1:0"))).await.expect("it starts");
+    let server = settled(whole.under(&mut Server::command(whole.path(), "127.0.0.1:0")))
+        .await
+        .expect("it starts");
     whole.count(CHANGES);
     assert!(delete(server.address).await);
-    eventually("its rows go", async || states(whole.path()).await == LANE_STATES).await;
+    eventually("its rows go", async || {
+        states(whole.path()).await == LANE_STATES
+    })
+    .await;
     let steps = whole.seen();
     assert!(steps > 50, "{steps}");
     server.kill();
@@ -121,9 +148,11 @@ async fn a_deletion_that_is_killed_at_any_step_is_done_or_not_begun() {
         let mut server = settled(disk.under(&mut command)).await.expect("it starts");
         disk.fail(CHANGES, step, FOR_EVER, DEATH);
         let said = delete(server.address).await;
-        // Behind the answer the rows go, and with them the process; unless it had fewer steps this time.
+        // Behind the answer the rows go, and with them the process; unless it had fewer steps this
+        // time.
         eventually("it dies or is done", async || {
-            server.ended_within(Duration::ZERO).await.is_some() || said && states(disk.path()).await == LANE_STATES
+            server.ended_within(Duration::ZERO).await.is_some()
+                || said && states(disk.path()).await == LANE_STATES
         })
         .await;
         drop(server);
@@ -134,18 +163,31 @@ async fn a_deletion_that_is_killed_at_any_step_is_done_or_not_begun() {
     println!("{steps} steps of a deletion; {whole_again} times it had not begun");
 }
 
-/// Starts the service again. What was not deleted must be whole, and what was must go and stay away, whatever it is called later.
+/// Starts the service again. What was not deleted must be whole, and what was must go and stay
+/// away, whatever it is called later.
 async fn is_gone_for_good(pair: &Pair, directory: &Path, said: bool) -> bool {
-    let server = settled(&mut Server::command(directory, "127.0.0.1:0")).await.expect("it starts");
+    let server = settled(&mut Server::command(directory, "127.0.0.1:0"))
+        .await
+        .expect("it starts");
     let (status, summary) = asked(server.address, "/v1/environments/wide/summary").await;
     if status == 200 {
         assert!(!said, "it was said to be deleted");
-        assert_eq!((&summary["transitions"], &summary["states"]), (&json!(STATES), &json!(STATES)));
+        assert_eq!(
+            (&summary["transitions"], &summary["states"]),
+            (&json!(STATES), &json!(STATES))
+        );
         return false;
     }
     assert_eq!(status, 404, "{summary}");
-    eventually("its rows go", async || states(directory).await == LANE_STATES).await;
-    assert_ne!(wide::make(server.address).await, pair.doomed, "a uid is never used again");
+    eventually("its rows go", async || {
+        states(directory).await == LANE_STATES
+    })
+    .await;
+    assert_ne!(
+        wide::make(server.address).await,
+        pair.doomed,
+        "a uid is never used again"
+    );
     let (_, summary) = asked(server.address, "/v1/environments/wide/summary").await;
     assert_eq!(summary["transitions"], json!(0), "{summary}");
     server.kill();

@@ -1,4 +1,5 @@
-//! A disk that does as it is told: the shim, built once, and the words by which a test speaks to it.
+//! A disk that does as it is told: the shim, built once, and the words by which a test speaks to
+//! it.
 
 use std::fs::File;
 use std::os::unix::fs::FileExt;
@@ -49,10 +50,18 @@ impl Disk {
     /// Makes a directory for a new database.
     pub fn new() -> Self {
         let beside = TempDir::new().expect("a temporary directory");
-        let control = File::options().read(true).write(true).create_new(true).open(beside.path().join("control"));
+        let control = File::options()
+            .read(true)
+            .write(true)
+            .create_new(true)
+            .open(beside.path().join("control"));
         let control = control.expect("a file");
         control.set_len(4_096).expect("room");
-        Self { data: TempDir::new().expect("a temporary directory"), control, beside }
+        Self {
+            data: TempDir::new().expect("a temporary directory"),
+            control,
+            beside,
+        }
     }
 
     /// Makes a directory with a copy of a database.
@@ -138,16 +147,25 @@ impl Disk {
 
     fn used(&self) -> u64 {
         let files = std::fs::read_dir(self.path()).expect("a directory");
-        files.map(|file| file.and_then(|file| file.metadata()).map_or(0, |found| found.len())).sum()
+        files
+            .map(|file| {
+                file.and_then(|file| file.metadata())
+                    .map_or(0, |found| found.len())
+            })
+            .sum()
     }
 
     fn set(&self, word: Word, value: u64) {
-        self.control.write_all_at(&value.to_ne_bytes(), 8 * word as u64).expect("written");
+        self.control
+            .write_all_at(&value.to_ne_bytes(), 8 * word as u64)
+            .expect("written");
     }
 
     fn get(&self, word: Word) -> u64 {
         let mut bytes = [0; 8];
-        self.control.read_exact_at(&mut bytes, 8 * word as u64).expect("read");
+        self.control
+            .read_exact_at(&mut bytes, 8 * word as u64)
+            .expect("read");
         u64::from_ne_bytes(bytes)
     }
 }
@@ -161,11 +179,24 @@ fn shim() -> &'static Path {
         let fresh = made.path().join("libnudge_shim.so");
         let rustc = std::env::var_os("RUSTC").unwrap_or("rustc".into());
         let built = Command::new(rustc)
-            .args(["--edition", "2024", "--crate-type", "cdylib", "-O", "-D", "warnings", "-o"])
+            .args([
+                "--edition",
+                "2024",
+                "--crate-type",
+                "cdylib",
+                "-O",
+                "-D",
+                "warnings",
+                "-o",
+            ])
             .args([&fresh, &source])
             .output()
             .expect("rustc is there");
-        assert!(built.status.success(), "{}", String::from_utf8_lossy(&built.stderr));
+        assert!(
+            built.status.success(),
+            "{}",
+            String::from_utf8_lossy(&built.stderr)
+        );
         // Another run may load the older one at this moment: it is replaced, and not written over.
         std::fs::rename(fresh, &library).expect("one file system");
         library

@@ -12,9 +12,15 @@ use crate::support::load::{Load, Shape, Voice, assert_exactly_once, make_lane};
 
 const VOICES: [Voice; 4] = [Voice::Stream, Voice::Stream, Voice::Rest, Voice::Rest];
 
-const SHAPE: Shape = Shape { rows: 40, contents: 64, segments: 64, in_flight: 8 };
+const SHAPE: Shape = Shape {
+    rows: 40,
+    contents: 64,
+    segments: 64,
+    in_flight: 8,
+};
 
-/// How often a disk fills up. Not oftener, for once the journal has its full length, commits write over it and need no room.
+/// How often a disk fills up. Not oftener, for once the journal has its full length, commits write
+/// over it and need no room.
 const ROUNDS: u64 = 3;
 
 #[tokio::test(flavor = "multi_thread")]
@@ -25,10 +31,14 @@ async fn a_full_disk_refuses_and_once_there_is_room_everything_goes_on() {
     for _ in 0..disks {
         transitions += fills_up(&mut random).await;
     }
-    println!("{} full disks, {transitions} transitions, 0 lost, 0 double", disks * ROUNDS);
+    println!(
+        "{} full disks, {transitions} transitions, 0 lost, 0 double",
+        disks * ROUNDS
+    );
 }
 
-/// Runs a service on a disk that fills up and has room again; returns how many transitions it holds.
+/// Runs a service on a disk that fills up and has room again; returns how many transitions it
+/// holds.
 async fn fills_up(random: &mut StdRng) -> u64 {
     let disk = Disk::new();
     let mut command = Server::command(disk.path(), "127.0.0.1:0");
@@ -40,7 +50,9 @@ async fn fills_up(random: &mut StdRng) -> u64 {
         load.refusals();
         disk.leave_room(random.random_range(0..300_000));
         // Each face has been told, and nothing else is told.
-        let told = |refusals: &[String], face: &str| refusals.iter().any(|refusal| refusal.starts_with(face));
+        let told = |refusals: &[String], face: &str| {
+            refusals.iter().any(|refusal| refusal.starts_with(face))
+        };
         let mut refusals: Vec<String> = Vec::new();
         eventually("it is told", async || {
             refusals.extend(load.refusals().into_keys());
@@ -49,15 +61,23 @@ async fn fills_up(random: &mut StdRng) -> u64 {
         .await;
         for refusal in &refusals {
             assert!(
-                told(std::slice::from_ref(refusal), "503 ") || told(std::slice::from_ref(refusal), "Unavailable "),
+                told(std::slice::from_ref(refusal), "503 ")
+                    || told(std::slice::from_ref(refusal), "Unavailable "),
                 "{refusal}"
             );
         }
 
         let full = load.acknowledged();
-        for path in ["/livez", "/v1/environments/lane/states/0.0", "/v1/environments/lane/influence?key=0.0"] {
+        for path in [
+            "/livez",
+            "/v1/environments/lane/states/0.0",
+            "/v1/environments/lane/influence?key=0.0",
+        ] {
             let (status, answer) = asked(server.address, path).await;
-            assert_eq!(status, 200, "round {round}: what was counted is answered: {path}: {answer}");
+            assert_eq!(
+                status, 200,
+                "round {round}: what was counted is answered: {path}: {answer}"
+            );
         }
         disk.make_room();
         load.progress(full.len() as u64 * 4).await;
@@ -67,6 +87,10 @@ async fn fills_up(random: &mut StdRng) -> u64 {
     let ended = server.ended_within(Duration::from_secs(10)).await;
     assert!(ended.is_some_and(|status| status.success()), "{ended:?}");
     let transitions = assert_exactly_once(disk.path(), SHAPE, &acknowledged).await;
-    assert_eq!(transitions, acknowledged.iter().sum::<u64>() * SHAPE.rows as u64, "all that was sent");
+    assert_eq!(
+        transitions,
+        acknowledged.iter().sum::<u64>() * SHAPE.rows as u64,
+        "all that was sent"
+    );
     transitions
 }

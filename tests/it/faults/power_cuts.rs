@@ -1,8 +1,11 @@
-//! Power cuts: what was synced is on the disk, and of what was written since, any part: none, some writes, some sectors of some writes.
+//! Power cuts: what was synced is on the disk, and of what was written since, any part: none, some
+//! writes, some sectors of some writes.
 //!
-//! The shim writes down every write and every sync of one run; each cut of it is then a moment of that record. Of the acknowledgements it is known how
-//! long the record was when they came. So one run is cut at hundreds of moments, and at each of them everything that was acknowledged must be there.
-//! The control reads the same record as if SQLite ran with `synchronous=NORMAL`, which does not wait for the journal at a commit: it must lose.
+//! The shim writes down every write and every sync of one run; each cut of it is then a moment of
+//! that record. Of the acknowledgements it is known how long the record was when they came. So one
+//! run is cut at hundreds of moments, and at each of them everything that was acknowledged must be
+//! there. The control reads the same record as if SQLite ran with `synchronous=NORMAL`, which does
+//! not wait for the journal at a commit: it must lose.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -19,8 +22,14 @@ use crate::support::load::{Load, Shape, Voice, expected, make_lane, read};
 
 const VOICES: [Voice; 4] = [Voice::Stream, Voice::Stream, Voice::Stream, Voice::Rest];
 
-/// Many pages a commit and many commits, so that the journal is moved into the database during a run.
-const SHAPE: Shape = Shape { rows: 40, contents: 64, segments: 64, in_flight: 1 };
+/// Many pages a commit and many commits, so that the journal is moved into the database during a
+/// run.
+const SHAPE: Shape = Shape {
+    rows: 40,
+    contents: 64,
+    segments: 64,
+    in_flight: 1,
+};
 
 const DATABASE: &str = "nudge.db";
 const JOURNAL: &str = "nudge.db-wal";
@@ -65,7 +74,11 @@ fn record(rest: &mut &[u8]) -> Option<Record> {
         b'u' => Change::Unlink,
         other => panic!("no record begins with {other}"),
     };
-    Some(Record { at: 0, name, change })
+    Some(Record {
+        at: 0,
+        name,
+        change,
+    })
 }
 
 /// A file as a power cut may find it.
@@ -100,7 +113,9 @@ impl OnDisk {
             let mut sectors = BTreeMap::new();
             change.apply(&mut found, |at| match unit {
                 usize::MAX => whole,
-                unit => *sectors.entry(at / unit).or_insert_with(|| random.random_bool(share)),
+                unit => *sectors
+                    .entry(at / unit)
+                    .or_insert_with(|| random.random_bool(share)),
             });
         }
         found
@@ -112,7 +127,8 @@ impl Change {
     fn apply(&self, file: &mut Vec<u8>, mut reached: impl FnMut(usize) -> bool) {
         match self {
             Self::Write(offset, bytes) => {
-                for (start, sector) in sectors(*offset, bytes).filter(|(start, _)| reached(*start)) {
+                for (start, sector) in sectors(*offset, bytes).filter(|(start, _)| reached(*start))
+                {
                     let end = start + sector.len();
                     file.resize(file.len().max(end), 0);
                     file[start..end].copy_from_slice(sector);
@@ -129,11 +145,13 @@ fn sectors(offset: usize, bytes: &[u8]) -> impl Iterator<Item = (usize, &[u8])> 
     const SECTOR: usize = 512;
     let first = bytes.len().min(SECTOR - offset % SECTOR);
     let (first, rest) = bytes.split_at(first);
-    let rest = rest.chunks(SECTOR).scan(offset + first.len(), |at, sector| {
-        let start = *at;
-        *at += sector.len();
-        Some((start, sector))
-    });
+    let rest = rest
+        .chunks(SECTOR)
+        .scan(offset + first.len(), |at, sector| {
+            let start = *at;
+            *at += sector.len();
+            Some((start, sector))
+        });
     std::iter::once((offset, first)).chain(rest)
 }
 
@@ -169,7 +187,11 @@ impl Run {
         let told = Arc::new(Mutex::new(Vec::new()));
         let keep = {
             let told = told.clone();
-            move |producer, sequence| told.lock().expect("no panic").push((length(), producer, sequence))
+            move |producer, sequence| {
+                told.lock()
+                    .expect("no panic")
+                    .push((length(), producer, sequence))
+            }
         };
         let load = Load::observed(server.address, SHAPE, &VOICES, keep);
         load.progress(batches).await;
@@ -177,7 +199,11 @@ impl Run {
         load.abandon().await;
         let records = records(&std::fs::read(disk.log()).expect("a log"));
         let told = std::mem::take(&mut *told.lock().expect("no panic"));
-        Self { records, made, told }
+        Self {
+            records,
+            made,
+            told,
+        }
     }
 
     /// Returns how far each producer had been told to be at that moment.
@@ -191,7 +217,10 @@ impl Run {
 
     /// Returns whether a sync would have been there.
     fn is_synced(&self, at: usize, synchronous: Synchronous) -> bool {
-        let (Some(before), Some(after)) = (self.records.get(at.wrapping_sub(1)), self.records.get(at + 1)) else {
+        let (Some(before), Some(after)) = (
+            self.records.get(at.wrapping_sub(1)),
+            self.records.get(at + 1),
+        ) else {
             return true;
         };
         let moved = after.name == DATABASE;
@@ -199,11 +228,23 @@ impl Run {
         synchronous == Synchronous::Full || self.records[at].name != JOURNAL || moved || begun
     }
 
-    /// Cuts the power at so many moments, and gives each to `found`: what was there, and how far producers had been told to be.
-    async fn cut(&self, cuts: u64, synchronous: Synchronous, mut found: impl AsyncFnMut(&Path, Vec<u64>)) {
+    /// Cuts the power at so many moments, and gives each to `found`: what was there, and how far
+    /// producers had been told to be.
+    async fn cut(
+        &self,
+        cuts: u64,
+        synchronous: Synchronous,
+        mut found: impl AsyncFnMut(&Path, Vec<u64>),
+    ) {
         let mut random = StdRng::seed_from_u64(23);
-        let first = self.records.iter().position(|record| record.at >= self.made).expect("it was made");
-        let mut moments: Vec<usize> = (0..cuts).map(|_| random.random_range(first..self.records.len())).collect();
+        let first = self
+            .records
+            .iter()
+            .position(|record| record.at >= self.made)
+            .expect("it was made");
+        let mut moments: Vec<usize> = (0..cuts)
+            .map(|_| random.random_range(first..self.records.len()))
+            .collect();
         moments.sort_unstable();
         let mut moments = moments.into_iter().peekable();
         let mut files: BTreeMap<&str, OnDisk> = BTreeMap::new();
@@ -212,7 +253,11 @@ impl Run {
                 Change::Sync if !self.is_synced(number, synchronous) => {}
                 Change::Sync => files.entry(&record.name).or_default().sync(),
                 Change::Unlink => drop(files.remove(record.name.as_str())),
-                change => files.entry(&record.name).or_default().since.push(change.clone()),
+                change => files
+                    .entry(&record.name)
+                    .or_default()
+                    .since
+                    .push(change.clone()),
             }
             while moments.next_if_eq(&number).is_some() {
                 let directory = after_cut(&files, &mut random);
@@ -225,38 +270,69 @@ impl Run {
 fn after_cut(files: &BTreeMap<&str, OnDisk>, random: &mut StdRng) -> TempDir {
     let directory = TempDir::new().expect("a temporary directory");
     // What is shared between processes is made anew, and the directory itself has no bytes.
-    for (name, file) in files.iter().filter(|(name, _)| !name.is_empty() && !name.ends_with("-shm")) {
+    for (name, file) in files
+        .iter()
+        .filter(|(name, _)| !name.is_empty() && !name.ends_with("-shm"))
+    {
         std::fs::write(directory.path().join(name), file.after_cut(random)).expect("written");
     }
     directory
 }
 
-/// Returns whether something that was acknowledged is missing. What is there must be whole batches, each once.
+/// Returns whether something that was acknowledged is missing. What is there must be whole batches,
+/// each once.
 async fn has_lost(directory: &Path, acknowledged: &[u64]) -> bool {
     // The environment was acknowledged too.
-    let Some(held) = read(directory, VOICES.len()).await else { return true };
-    assert_eq!(held.cells, expected(SHAPE, &held.committed), "every batch once: {:?}", held.committed);
-    held.committed.iter().zip(acknowledged).any(|(committed, acknowledged)| committed < acknowledged)
+    let Some(held) = read(directory, VOICES.len()).await else {
+        return true;
+    };
+    assert_eq!(
+        held.cells,
+        expected(SHAPE, &held.committed),
+        "every batch once: {:?}",
+        held.committed
+    );
+    held.committed
+        .iter()
+        .zip(acknowledged)
+        .any(|(committed, acknowledged)| committed < acknowledged)
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn nothing_acknowledged_is_lost_in_a_power_cut_and_synchronous_normal_would_lose_it() {
     let run = Run::new(scaled(1_200, 10_000)).await;
-    let moved = run.records.iter().filter(|record| record.name == DATABASE && record.at > run.made).count();
-    assert!(moved > 0, "the journal was moved into the database under load");
+    let moved = run
+        .records
+        .iter()
+        .filter(|record| record.name == DATABASE && record.at > run.made)
+        .count();
+    assert!(
+        moved > 0,
+        "the journal was moved into the database under load"
+    );
 
     let (cuts, mut acknowledged_batches) = (scaled(60, 2_000), 0);
     run.cut(cuts, Synchronous::Full, async |directory, acknowledged| {
         acknowledged_batches += acknowledged.iter().sum::<u64>();
-        assert!(!has_lost(directory, &acknowledged).await, "{acknowledged:?} were acknowledged");
+        assert!(
+            !has_lost(directory, &acknowledged).await,
+            "{acknowledged:?} were acknowledged"
+        );
     })
     .await;
-    assert!(acknowledged_batches > cuts, "there was a load: {acknowledged_batches}");
+    assert!(
+        acknowledged_batches > cuts,
+        "there was a load: {acknowledged_batches}"
+    );
 
     let (controls, mut lost) = (scaled(20, 200), 0);
-    run.cut(controls, Synchronous::Normal, async |directory, acknowledged| {
-        lost += u64::from(has_lost(directory, &acknowledged).await);
-    })
+    run.cut(
+        controls,
+        Synchronous::Normal,
+        async |directory, acknowledged| {
+            lost += u64::from(has_lost(directory, &acknowledged).await);
+        },
+    )
     .await;
     assert!(lost > 0, "the control must lose: {controls} cuts");
     println!("{cuts} power cuts, 0 lost; with synchronous=normal {lost} of {controls}");

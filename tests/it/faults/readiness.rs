@@ -1,4 +1,5 @@
-//! Ready means that a commit would succeed: a disk that is full or fails makes the service not ready, under load and idle, and it says why in words.
+//! Ready means that a commit would succeed: a disk that is full or fails makes the service not
+//! ready, under load and idle, and it says why in words.
 
 use std::fs::File;
 use std::net::SocketAddr;
@@ -14,7 +15,8 @@ use crate::support::load::{Load, Shape, Voice, assert_exactly_once, make_lane};
 
 const VOICES: [Voice; 4] = [Voice::Stream, Voice::Stream, Voice::Rest, Voice::Rest];
 
-/// How soon it is known: after the next commit, or, where nobody sends, after a small write of the service's own.
+/// How soon it is known: after the next commit, or, where nobody sends, after a small write of the
+/// service's own.
 const KNOWN: Duration = Duration::from_secs(15);
 
 /// What is wrong with a disk, and the word that tells it.
@@ -26,7 +28,12 @@ enum Trouble {
     NoRoomToWrite,
 }
 
-const TROUBLES: [Trouble; 4] = [Trouble::Full, Trouble::FailingSync, Trouble::FailingWrite, Trouble::NoRoomToWrite];
+const TROUBLES: [Trouble; 4] = [
+    Trouble::Full,
+    Trouble::FailingSync,
+    Trouble::FailingWrite,
+    Trouble::NoRoomToWrite,
+];
 
 impl Trouble {
     fn begin(self, disk: &Disk) {
@@ -71,8 +78,15 @@ async fn assert_says_why(address: SocketAddr, trouble: Trouble) {
         if status == 503 && trouble.is_told_by(&text) {
             return;
         }
-        told = if told.is_empty() || status == 503 { format!("{status} {text}") } else { told };
-        assert!(std::time::Instant::now() < late, "{trouble:?}: not ready in {KNOWN:?}, but {told}");
+        told = if told.is_empty() || status == 503 {
+            format!("{status} {text}")
+        } else {
+            told
+        };
+        assert!(
+            std::time::Instant::now() < late,
+            "{trouble:?}: not ready in {KNOWN:?}, but {told}"
+        );
         tokio::time::sleep(Duration::from_millis(10)).await;
     }
 }
@@ -81,7 +95,8 @@ async fn assert_says_why(address: SocketAddr, trouble: Trouble) {
 async fn under_load_readiness_follows_the_commits() {
     for trouble in TROUBLES {
         let disk = Disk::new();
-        let server = Server::run(disk.under(&mut Server::command(disk.path(), "127.0.0.1:0"))).expect("it starts");
+        let server = Server::run(disk.under(&mut Server::command(disk.path(), "127.0.0.1:0")))
+            .expect("it starts");
         make_lane(server.address).await;
         let load = Load::start(server.address, Shape::SMALL, &VOICES);
         load.progress(20).await;
@@ -100,7 +115,8 @@ async fn under_load_readiness_follows_the_commits() {
 async fn an_idle_service_finds_out_by_itself() {
     for trouble in TROUBLES {
         let disk = Disk::new();
-        let server = Server::run(disk.under(&mut Server::command(disk.path(), "127.0.0.1:0"))).expect("it starts");
+        let server = Server::run(disk.under(&mut Server::command(disk.path(), "127.0.0.1:0")))
+            .expect("it starts");
         make_lane(server.address).await;
         trouble.begin(&disk);
         assert_says_why(server.address, trouble).await;
@@ -134,17 +150,31 @@ async fn a_full_disk_is_named_in_refusals_and_does_not_fill_the_log() {
     .await;
     for refusal in by_face {
         let refusal = refusal.expect("both faces refuse");
-        assert!(refusal.contains("nothing was counted") && refusal.contains("full"), "{refusal}");
+        assert!(
+            refusal.contains("nothing was counted") && refusal.contains("full"),
+            "{refusal}"
+        );
     }
 
     let url = format!("http://{}/v1/environments/other", server.address);
-    let made = reqwest::Client::new().put(url).json(&lane_json()).send().await.expect("answered");
+    let made = reqwest::Client::new()
+        .put(url)
+        .json(&lane_json())
+        .send()
+        .await
+        .expect("answered");
     let status = made.status().as_u16();
     let problem: Value = made.json().await.expect("JSON");
     assert_eq!(status, 503, "{problem}");
-    assert!(!problem.to_string().contains("batch"), "there was no batch: {problem}");
+    assert!(
+        !problem.to_string().contains("batch"),
+        "there was no batch: {problem}"
+    );
 
-    let lines = std::fs::read_to_string(&log).expect("a log").lines().count();
+    let lines = std::fs::read_to_string(&log)
+        .expect("a log")
+        .lines()
+        .count();
     assert!(lines < 100, "{lines} lines of log for {refused} refusals");
     server.kill();
     let acknowledged = load.abandon().await;

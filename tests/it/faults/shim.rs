@@ -1,9 +1,12 @@
-//! Stands between a server and its disk: a library that is loaded before libc (`LD_PRELOAD`), fails what it is told to fail, keeps to a budget of
-//! bytes, and writes down what reached the disk in which order.
+//! Stands between a server and its disk: a library that is loaded before libc (`LD_PRELOAD`), fails
+//! what it is told to fail, keeps to a budget of bytes, and writes down what reached the disk in
+//! which order.
 //!
-//! No module of the tests: `shim` builds it with `rustc --crate-type cdylib`, and nothing but std is in it. It watches the files of one directory,
-//! `NUDGE_SHIM_DIRECTORY`, and is told what to do through words of a mapped file, `NUDGE_SHIM_CONTROL`, which the test may change at any time. With
-//! `NUDGE_SHIM_LOG` it records every change and every sync, and spares the real syncs: what they promise is then read from the log.
+//! No module of the tests: `shim` builds it with `rustc --crate-type cdylib`, and nothing but std
+//! is in it. It watches the files of one directory, `NUDGE_SHIM_DIRECTORY`, and is told what to do
+//! through words of a mapped file, `NUDGE_SHIM_CONTROL`, which the test may change at any time.
+//! With `NUDGE_SHIM_LOG` it records every change and every sync, and spares the real syncs: what
+//! they promise is then read from the log.
 
 use std::ffi::{CStr, OsString, c_char, c_int, c_long, c_void};
 use std::fs::{File, OpenOptions};
@@ -67,7 +70,8 @@ impl Shim {
         const READ_AND_WRITE: c_int = 3;
         const SHARED: c_int = 1;
         let length = size_of::<Words>();
-        // SAFETY: a new mapping of a file that the test made with more than this length, and never unmapped.
+        // SAFETY: a new mapping of a file that the test made with more than this length, and never
+        // unmapped.
         let words = unsafe { mmap(std::ptr::null_mut(), length, READ_AND_WRITE, SHARED, control.as_raw_fd(), 0) };
         assert!(words as isize != -1, "the control file can be mapped");
         let log = std::env::var_os("NUDGE_SHIM_LOG")
@@ -96,7 +100,8 @@ impl Shim {
         }
     }
 
-    /// Returns how many bytes of a write there is room for. Only what makes a file longer needs any.
+    /// Returns how many bytes of a write there is room for. Only what makes a file longer needs
+    /// any.
     fn room(&self, name: &Path, offset: u64, length: usize) -> Result<usize, c_int> {
         let budget = self.words.budget.load(Ordering::SeqCst);
         if budget == 0 {
@@ -135,7 +140,8 @@ fn die() -> ! {
     }
 }
 
-/// Returns the shim and the file's name where the file is watched. The directory itself has the empty name.
+/// Returns the shim and the file's name where the file is watched. The directory itself has the
+/// empty name.
 fn watched(fd: c_int) -> Option<(&'static Shim, PathBuf)> {
     let shim = SHIM.as_ref()?;
     let path = std::fs::read_link(format!("/proc/self/fd/{fd}")).ok()?;

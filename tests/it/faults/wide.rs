@@ -11,9 +11,15 @@ pub const STATES: usize = 3_000;
 pub async fn make(address: SocketAddr) -> String {
     let integer = |name: &str, max: usize| json!({"name": name, "integer": {"min": 0, "max": max}});
     let agent = |name: &str, max: usize| json!({"name": name, "action": [integer("move", max)]});
-    let description = json!({"state": [integer("place", STATES - 1)], "agents": [agent("a", 1), agent("b", 2)]});
+    let description =
+        json!({"state": [integer("place", STATES - 1)], "agents": [agent("a", 1), agent("b", 2)]});
     let url = format!("http://{address}/v1/environments/wide");
-    let response = reqwest::Client::new().put(url).json(&description).send().await.expect("answered");
+    let response = reqwest::Client::new()
+        .put(url)
+        .json(&description)
+        .send()
+        .await
+        .expect("answered");
     assert!(response.status().is_success(), "{}", response.status());
     let made: Value = response.json().await.expect("JSON");
     made["uid"].as_str().expect("a uid").to_owned()
@@ -25,6 +31,11 @@ pub async fn fill(address: SocketAddr) {
     let transitions: Vec<Value> = (0..STATES).map(transition).collect();
     let batch = json!({"producer": "p", "sequence": 1, "transitions": transitions});
     let url = format!("http://{address}/v1/environments/wide/transitions");
-    let response = reqwest::Client::new().post(url).json(&batch).send().await.expect("answered");
+    let response = reqwest::Client::new()
+        .post(url)
+        .json(&batch)
+        .send()
+        .await
+        .expect("answered");
     assert_eq!(response.status().as_u16(), 200);
 }

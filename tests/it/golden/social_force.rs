@@ -1,4 +1,5 @@
-//! The social force model against 40-digit differentiation and an independent trajectory; `tests/golden/SOURCE.md` says where each value came from.
+//! The social force model against 40-digit differentiation and an independent trajectory;
+//! `tests/golden/SOURCE.md` says where each value came from.
 
 use glam::DVec2;
 use nudge::simulation::{Crowd, Pedestrian, SocialForce, Wall, semi_minor_axis};
@@ -21,7 +22,11 @@ fn pair_forces_match_the_references() {
 
         close(pair, semi_minor_axis(r, step), number(&pair["b"]));
         close_vectors(pair, force, vector(&pair["f"]));
-        assert_eq!(model.sight_weight(looks, force), number(&pair["w"]), "{pair}");
+        assert_eq!(
+            model.sight_weight(looks, force),
+            number(&pair["w"]),
+            "{pair}"
+        );
         close_vectors(pair, model.pair_force(r, step, looks), vector(&pair["F"]));
     }
 }
@@ -52,7 +57,15 @@ fn four_pedestrians_walk_as_in_the_reference() {
     for golden in list(&golden()["trajectory"]) {
         let init = &golden["init"];
         let walls = vec![Wall::along(0.0), Wall::along(number(&init["W"]))];
-        let mut crowd = Crowd::new(SocialForce { noise: 0.0, ..Default::default() }, walls, pedestrians(init), 0);
+        let mut crowd = Crowd::new(
+            SocialForce {
+                noise: 0.0,
+                ..Default::default()
+            },
+            walls,
+            pedestrians(init),
+            0,
+        );
         let mut steps = 0;
         for snapshot in list(&golden["snapshots"]) {
             while steps < number(&snapshot["step"]) as u32 {
@@ -61,7 +74,8 @@ fn four_pedestrians_walk_as_in_the_reference() {
             }
             for (i, walker) in crowd.pedestrians().iter().enumerate() {
                 let at = |name: &str| number(&snapshot[name][i]);
-                let (position, velocity) = (DVec2::new(at("x"), at("y")), DVec2::new(at("vx"), at("vy")));
+                let (position, velocity) =
+                    (DVec2::new(at("x"), at("y")), DVec2::new(at("vx"), at("vy")));
 
                 assert!(
                     walker.position.abs_diff_eq(position, TRAJECTORY),
@@ -92,11 +106,15 @@ fn pedestrians(init: &Value) -> Vec<Pedestrian> {
 }
 
 fn golden() -> Value {
-    serde_json::from_str(include_str!("../../golden/social_force.json")).expect("the golden file is JSON")
+    serde_json::from_str(include_str!("../../golden/social_force.json"))
+        .expect("the golden file is JSON")
 }
 
 fn list(value: &Value) -> &Vec<Value> {
-    value.as_array().filter(|list| !list.is_empty()).expect("a list in the golden file")
+    value
+        .as_array()
+        .filter(|list| !list.is_empty())
+        .expect("a list in the golden file")
 }
 
 fn number(value: &Value) -> f64 {
@@ -108,9 +126,15 @@ fn vector(value: &Value) -> DVec2 {
 }
 
 fn close(golden: &Value, value: f64, reference: f64) {
-    assert!((value - reference).abs() <= FORCES * reference.abs(), "{golden}: {value:e} instead of {reference:e}");
+    assert!(
+        (value - reference).abs() <= FORCES * reference.abs(),
+        "{golden}: {value:e} instead of {reference:e}"
+    );
 }
 
 fn close_vectors(golden: &Value, value: DVec2, reference: DVec2) {
-    assert!(value.distance(reference) <= FORCES * reference.length(), "{golden}: {value} instead of {reference}");
+    assert!(
+        value.distance(reference) <= FORCES * reference.length(),
+        "{golden}: {value} instead of {reference}"
+    );
 }

@@ -2,7 +2,8 @@
 
 use nudge::domain::draft::{AgentDraft, FeatureDraft, KindDraft};
 use nudge::domain::{
-    Acknowledged, Digest, EnvironmentId, Increment, Receipt, Schema, SchemaDraft, Sequence, StateKey, Tally,
+    Acknowledged, Digest, EnvironmentId, Increment, Receipt, Schema, SchemaDraft, Sequence,
+    StateKey, Tally,
 };
 use nudge::store::{Numbered, Outcome, Refusal};
 
@@ -13,11 +14,19 @@ pub fn schema() -> Schema {
 
 /// Returns a schema of one wide state feature and agents with so many actions each.
 pub fn schema_of(agents: &[(&str, i64)]) -> Schema {
-    let feature =
-        |name: &str, max| FeatureDraft { name: name.into(), unit: None, kinds: vec![KindDraft::Integer(0, max)] };
-    let agent =
-        |(name, actions): &(&str, i64)| AgentDraft { name: (*name).into(), action: vec![feature("move", actions - 1)] };
-    let draft = SchemaDraft { state: vec![feature("place", 1 << 20)], agents: agents.iter().map(agent).collect() };
+    let feature = |name: &str, max| FeatureDraft {
+        name: name.into(),
+        unit: None,
+        kinds: vec![KindDraft::Integer(0, max)],
+    };
+    let agent = |(name, actions): &(&str, i64)| AgentDraft {
+        name: (*name).into(),
+        action: vec![feature("move", actions - 1)],
+    };
+    let draft = SchemaDraft {
+        state: vec![feature("place", 1 << 20)],
+        agents: agents.iter().map(agent).collect(),
+    };
     Schema::try_from(&draft).expect("valid")
 }
 
@@ -28,7 +37,10 @@ pub fn state(place: u32) -> StateKey {
 
 /// Returns visits whose entries are all known.
 pub fn tally(n: u64, entries: u64) -> Tally {
-    Tally { n, entries: Some(entries) }
+    Tally {
+        n,
+        entries: Some(entries),
+    }
 }
 
 /// A batch in the making.
@@ -53,10 +65,14 @@ impl Sending {
     pub fn cell(mut self, place: u32, joint: u64, tally: Tally) -> Self {
         let increment = &mut self.0.increment;
         let key = state(place);
-        let at = increment.states.iter().position(|known| *known == key).unwrap_or_else(|| {
-            increment.states.push(key);
-            increment.states.len() - 1
-        });
+        let at = increment
+            .states
+            .iter()
+            .position(|known| *known == key)
+            .unwrap_or_else(|| {
+                increment.states.push(key);
+                increment.states.len() - 1
+            });
         increment.cells.push((at as u32, joint, tally));
         increment.transitions = increment.transitions.saturating_add(tally.n);
         self.0.receipt.accepted = increment.transitions;
@@ -98,7 +114,9 @@ pub fn unverified() -> Outcome {
 
 /// Returns the outcome of a batch whose number is ahead.
 pub fn out_of_order(expected: u64) -> Outcome {
-    Outcome::Refused(Refusal::OutOfOrder { expected: Sequence::new(expected).expect("a sequence") })
+    Outcome::Refused(Refusal::OutOfOrder {
+        expected: Sequence::new(expected).expect("a sequence"),
+    })
 }
 
 /// Returns the outcome of a batch that a quota has no room for.

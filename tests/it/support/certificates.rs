@@ -6,7 +6,9 @@ use std::sync::Arc;
 
 use nudge::client::{ClientTls, Trust};
 use nudge::serve::tls::TlsFiles;
-use rcgen::{BasicConstraints, CertificateParams, CertifiedIssuer, DnType, IsCa, KeyPair, date_time_ymd};
+use rcgen::{
+    BasicConstraints, CertificateParams, CertifiedIssuer, DnType, IsCa, KeyPair, date_time_ymd,
+};
 use rustls::pki_types::pem::PemObject;
 use rustls::pki_types::{CertificateDer, PrivateKeyDer, ServerName};
 use rustls::{ClientConfig, RootCertStore};
@@ -48,7 +50,10 @@ impl Authority {
         params.not_after = date_time_ymd(year, 1, 1);
         let key = KeyPair::generate().expect("a key");
         let certificate = params.signed_by(&key, &self.0).expect("signed");
-        Certificate { certificate: certificate.pem(), key: key.serialize_pem() }
+        Certificate {
+            certificate: certificate.pem(),
+            key: key.serialize_pem(),
+        }
     }
 }
 
@@ -67,8 +72,15 @@ pub fn write(directory: &Path, certificate: &Certificate, clients: Option<&Autho
 }
 
 /// Returns what a client does that trusts an authority and has a certificate of its own or none.
-pub fn client(directory: &Path, authority: &Authority, identity: Option<&Certificate>) -> ClientTls {
-    let ca = directory.join(format!("ca-{}.crt", blake3::hash(authority.pem().as_bytes()).to_hex()));
+pub fn client(
+    directory: &Path,
+    authority: &Authority,
+    identity: Option<&Certificate>,
+) -> ClientTls {
+    let ca = directory.join(format!(
+        "ca-{}.crt",
+        blake3::hash(authority.pem().as_bytes()).to_hex()
+    ));
     std::fs::write(&ca, authority.pem()).expect("written");
     let identity = identity.map(|identity| {
         let name = blake3::hash(identity.key.as_bytes()).to_hex();
@@ -78,14 +90,22 @@ pub fn client(directory: &Path, authority: &Authority, identity: Option<&Certifi
         let [certificate, key] = paths;
         (certificate, key)
     });
-    ClientTls { trust: Trust::Authorities(ca), identity }
+    ClientTls {
+        trust: Trust::Authorities(ca),
+        identity,
+    }
 }
 
 /// Returns what rustls needs to speak to a service of that authority, by one protocol of ALPN.
-pub fn config(authority: &Authority, identity: Option<&Certificate>, protocol: &str) -> Arc<ClientConfig> {
+pub fn config(
+    authority: &Authority,
+    identity: Option<&Certificate>,
+    protocol: &str,
+) -> Arc<ClientConfig> {
     let mut roots = RootCertStore::empty();
     roots.add(authority.0.der().clone()).expect("an authority");
-    let config = ClientConfig::builder_with_provider(nudge::tls::provider()).with_safe_default_protocol_versions();
+    let config = ClientConfig::builder_with_provider(nudge::tls::provider())
+        .with_safe_default_protocol_versions();
     let config = config.expect("both versions").with_root_certificates(roots);
     let mut config = match identity {
         None => config.with_no_client_auth(),
@@ -100,8 +120,13 @@ pub fn config(authority: &Authority, identity: Option<&Certificate>, protocol: &
 }
 
 /// Connects over TLS, to `localhost`.
-pub async fn connect(address: SocketAddr, config: &Arc<ClientConfig>) -> std::io::Result<TlsStream<TcpStream>> {
+pub async fn connect(
+    address: SocketAddr,
+    config: &Arc<ClientConfig>,
+) -> std::io::Result<TlsStream<TcpStream>> {
     let stream = TcpStream::connect(address).await?;
     let name = ServerName::try_from("localhost").expect("a name");
-    TlsConnector::from(config.clone()).connect(name, stream).await
+    TlsConnector::from(config.clone())
+        .connect(name, stream)
+        .await
 }

@@ -24,7 +24,10 @@ pub struct SqliteFile {
 impl SqliteFile {
     /// Makes a place for a file.
     pub fn new() -> Self {
-        Self { directory: tempfile::tempdir().expect("a directory"), cache_cells: 100_000 }
+        Self {
+            directory: tempfile::tempdir().expect("a directory"),
+            cache_cells: 100_000,
+        }
     }
 
     /// Returns the file.
@@ -34,7 +37,10 @@ impl SqliteFile {
 
     /// Returns how the file is opened.
     pub fn options(&self, quotas: Quotas) -> Options {
-        Options { quotas, cache_cells: self.cache_cells }
+        Options {
+            quotas,
+            cache_cells: self.cache_cells,
+        }
     }
 }
 
@@ -46,12 +52,16 @@ impl Database for SqliteFile {
     }
 }
 
-/// Returns how often each agent took each action, by adding up every state. Nobody may commit meanwhile.
+/// Returns how often each agent took each action, by adding up every state. Nobody may commit
+/// meanwhile.
 pub async fn actions_by_scan(store: &dyn Store, environment: &Environment) -> ActionTotals {
     let mut totals = ActionTotals::new(&environment.schema);
     let mut cursor = Cursor::default();
     loop {
-        let page = store.scan(environment.id, cursor, 1_000).await.expect("a page");
+        let page = store
+            .scan(environment.id, cursor, 1_000)
+            .await
+            .expect("a page");
         let cells = page.iter().flat_map(|state| state.counts.cells());
         cells.for_each(|cell| totals.add(cell.joint, cell.tally));
         match page.last() {

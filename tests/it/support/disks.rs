@@ -17,7 +17,10 @@ impl SmallDisk {
     pub fn mount(size: &str) -> Option<Self> {
         let mounted = tempfile::tempdir().expect("a directory");
         let size = format!("size={size}");
-        let done = Command::new("mount").args(["-t", "tmpfs", "-o", &size, "tmpfs"]).arg(mounted.path()).output();
+        let done = Command::new("mount")
+            .args(["-t", "tmpfs", "-o", &size, "tmpfs"])
+            .arg(mounted.path())
+            .output();
         let done = done.expect("mount is there");
         done.status.success().then_some(Self { mounted })
     }
@@ -30,7 +33,11 @@ impl SmallDisk {
     /// Takes all the room that is left, and returns the file that has it.
     pub fn fill(&self) -> PathBuf {
         let path = self.mounted.path().join("filler");
-        let mut file = std::fs::File::options().create(true).append(true).open(&path).expect("made");
+        let mut file = std::fs::File::options()
+            .create(true)
+            .append(true)
+            .open(&path)
+            .expect("made");
         for size in [1 << 16, 1 << 10, 1] {
             while file.write_all(&vec![0; size]).is_ok() {}
         }
@@ -41,7 +48,9 @@ impl SmallDisk {
 impl Drop for SmallDisk {
     fn drop(&mut self) {
         // What still has a file open there keeps it until then.
-        let _ = Command::new("umount").args(["-l".as_ref(), self.mounted.path().as_os_str()]).status();
+        let _ = Command::new("umount")
+            .args(["-l".as_ref(), self.mounted.path().as_os_str()])
+            .status();
     }
 }
 

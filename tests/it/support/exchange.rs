@@ -14,11 +14,15 @@ where
     let stream = TokioIo::new(stream);
     if is_http2 {
         let (mut sender, connection) =
-            hyper::client::conn::http2::handshake(TokioExecutor::new(), stream).await.expect("HTTP/2");
+            hyper::client::conn::http2::handshake(TokioExecutor::new(), stream)
+                .await
+                .expect("HTTP/2");
         tokio::spawn(connection);
         return sender.send_request(request).await.expect("answered");
     }
-    let (mut sender, connection) = hyper::client::conn::http1::handshake(stream).await.expect("HTTP/1");
+    let (mut sender, connection) = hyper::client::conn::http1::handshake(stream)
+        .await
+        .expect("HTTP/1");
     tokio::spawn(connection);
     sender.send_request(request).await.expect("answered")
 }

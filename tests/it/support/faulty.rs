@@ -6,12 +6,12 @@ use std::time::Duration;
 
 use async_trait::async_trait;
 use nudge::domain::{
-    ActionTotals, Environment, EnvironmentId, Label, Name, ProducerId, Schema, SegmentId, Sequence, StateKey,
-    UnreadableEnvironment, WrittenRule,
+    ActionTotals, Environment, EnvironmentId, Label, Name, ProducerId, Schema, SegmentId, Sequence,
+    StateKey, UnreadableEnvironment, WrittenRule,
 };
 use nudge::store::{
-    Audit, ByVisits, Cause, Cursor, FitRecord, Held, Leftovers, ModelRecord, NewModel, Numbered, Outcome, Quotas,
-    Scanned, StateCounts, Store, StoreError, Totals,
+    Audit, ByVisits, Cause, Cursor, FitRecord, Held, Leftovers, ModelRecord, NewModel, Numbered,
+    Outcome, Quotas, Scanned, StateCounts, Store, StoreError, Totals,
 };
 use tokio::sync::Notify;
 
@@ -43,7 +43,12 @@ pub struct Faulty {
 impl Faulty {
     /// Makes a store that can fail so.
     pub fn new(store: Arc<dyn Store>, failure: Failure) -> Arc<Self> {
-        Arc::new(Self { store, failure, armed: AtomicBool::new(false), disarmed: Notify::new() })
+        Arc::new(Self {
+            store,
+            failure,
+            armed: AtomicBool::new(false),
+            disarmed: Notify::new(),
+        })
     }
 
     /// Lets calls fail from now on.
@@ -86,7 +91,9 @@ impl Store for Faulty {
             return Err(StoreError::Aborted("the disk is full".into()));
         }
         self.store.commit(batches).await?;
-        Err(StoreError::OutcomeUnknown("fsync: input/output error".into()))
+        Err(StoreError::OutcomeUnknown(
+            "fsync: input/output error".into(),
+        ))
     }
 
     fn environments(&self) -> Vec<Arc<Environment>> {
@@ -98,10 +105,19 @@ impl Store for Faulty {
     fn environment(&self, name: &str) -> Option<Arc<Environment>> {
         self.store.environment(name)
     }
-    async fn create(&self, name: &Name, schema: &Schema, rule: WrittenRule) -> Result<Arc<Environment>, StoreError> {
+    async fn create(
+        &self,
+        name: &Name,
+        schema: &Schema,
+        rule: WrittenRule,
+    ) -> Result<Arc<Environment>, StoreError> {
         self.store.create(name, schema, rule).await
     }
-    async fn set_rule(&self, id: EnvironmentId, rule: WrittenRule) -> Result<Arc<Environment>, StoreError> {
+    async fn set_rule(
+        &self,
+        id: EnvironmentId,
+        rule: WrittenRule,
+    ) -> Result<Arc<Environment>, StoreError> {
         self.store.set_rule(id, rule).await
     }
     async fn delete(&self, id: EnvironmentId) -> Result<(), StoreError> {
@@ -114,23 +130,47 @@ impl Store for Faulty {
     fn leftovers(&self) -> Leftovers {
         self.store.leftovers()
     }
-    async fn owner(&self, id: EnvironmentId, producer: &ProducerId) -> Result<Option<Name>, StoreError> {
+    async fn owner(
+        &self,
+        id: EnvironmentId,
+        producer: &ProducerId,
+    ) -> Result<Option<Name>, StoreError> {
         self.store.owner(id, producer).await
     }
 
-    async fn watermark(&self, id: EnvironmentId, producer: &ProducerId) -> Result<Sequence, StoreError> {
+    async fn watermark(
+        &self,
+        id: EnvironmentId,
+        producer: &ProducerId,
+    ) -> Result<Sequence, StoreError> {
         self.store.watermark(id, producer).await
     }
-    async fn counts(&self, id: EnvironmentId, keys: &[StateKey]) -> Result<Vec<StateCounts>, StoreError> {
+    async fn counts(
+        &self,
+        id: EnvironmentId,
+        keys: &[StateKey],
+    ) -> Result<Vec<StateCounts>, StoreError> {
         self.store.counts(id, keys).await
     }
-    async fn scan(&self, id: EnvironmentId, after: Cursor, states: u32) -> Result<Vec<Scanned>, StoreError> {
+    async fn scan(
+        &self,
+        id: EnvironmentId,
+        after: Cursor,
+        states: u32,
+    ) -> Result<Vec<Scanned>, StoreError> {
         self.store.scan(id, after, states).await
     }
-    async fn by_visits(&self, id: EnvironmentId, wanted: &ByVisits) -> Result<(Vec<Scanned>, u64), StoreError> {
+    async fn by_visits(
+        &self,
+        id: EnvironmentId,
+        wanted: &ByVisits,
+    ) -> Result<(Vec<Scanned>, u64), StoreError> {
         self.store.by_visits(id, wanted).await
     }
-    async fn segments(&self, id: EnvironmentId) -> Result<Vec<(SegmentId, Option<Label>)>, StoreError> {
+    async fn segments(
+        &self,
+        id: EnvironmentId,
+    ) -> Result<Vec<(SegmentId, Option<Label>)>, StoreError> {
         self.store.segments(id).await
     }
     async fn totals(&self, id: EnvironmentId) -> Result<Totals, StoreError> {
@@ -152,7 +192,11 @@ impl Store for Faulty {
         self.read(Failure::Models)?;
         self.store.models(id).await
     }
-    async fn model(&self, id: EnvironmentId, version: u64) -> Result<Option<(ModelRecord, Vec<u8>)>, StoreError> {
+    async fn model(
+        &self,
+        id: EnvironmentId,
+        version: u64,
+    ) -> Result<Option<(ModelRecord, Vec<u8>)>, StoreError> {
         self.read(Failure::Model)?;
         self.store.model(id, version).await
     }

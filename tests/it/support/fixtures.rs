@@ -24,8 +24,11 @@ pub struct Fixture {
 impl Fixture {
     /// Returns every fixture, in order of name.
     pub fn all() -> Vec<Self> {
-        let files = std::fs::read_dir(folder()).expect("a folder").map(|entry| entry.expect("an entry").file_name());
-        let names = files.filter_map(|file| Some(file.to_str()?.strip_suffix(".db.gz")?.to_owned()));
+        let files = std::fs::read_dir(folder())
+            .expect("a folder")
+            .map(|entry| entry.expect("an entry").file_name());
+        let names =
+            files.filter_map(|file| Some(file.to_str()?.strip_suffix(".db.gz")?.to_owned()));
         let mut names: Vec<String> = names.collect();
         names.sort();
         names.iter().map(|name| Self::named(name)).collect()
@@ -38,7 +41,11 @@ impl Fixture {
         std::fs::write(directory.path().join("nudge.db"), database).expect("written");
         let told = unpacked(&folder().join(format!("{name}.json.gz")));
         let told = serde_json::from_slice(&told).expect("JSON");
-        Self { name: name.to_owned(), directory: Arc::new(directory), told }
+        Self {
+            name: name.to_owned(),
+            directory: Arc::new(directory),
+            told,
+        }
     }
 
     /// Returns the database.
@@ -49,7 +56,13 @@ impl Fixture {
     /// Returns what was sent: path, body and answer.
     pub fn posted(&self) -> impl Iterator<Item = (&str, &Value, &Value)> {
         let posted = self.told["posted"].as_array().expect("a list").iter();
-        posted.map(|one| (one["path"].as_str().expect("a path"), &one["body"], &one["answer"]))
+        posted.map(|one| {
+            (
+                one["path"].as_str().expect("a path"),
+                &one["body"],
+                &one["answer"],
+            )
+        })
     }
 
     /// Returns what was asked: path and answer.
@@ -64,7 +77,8 @@ fn folder() -> PathBuf {
 }
 
 fn unpacked(path: &Path) -> Vec<u8> {
-    let file = std::fs::File::open(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+    let file =
+        std::fs::File::open(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
     let mut bytes = Vec::new();
     GzDecoder::new(file).read_to_end(&mut bytes).expect("gzip");
     bytes

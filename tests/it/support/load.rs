@@ -1,5 +1,5 @@
-//! Producers that keep a service busy, and know what it owes them: the batches that they send are always the same, so what must be counted follows
-//! from how far each of them is.
+//! Producers that keep a service busy, and know what it owes them: the batches that they send are
+//! always the same, so what must be counted follows from how far each of them is.
 
 use std::collections::{BTreeMap, HashMap};
 use std::net::SocketAddr;
@@ -37,7 +37,12 @@ pub struct Shape {
 
 impl Shape {
     /// Small batches, many on the way.
-    pub const SMALL: Self = Self { rows: 40, contents: 64, segments: 8, in_flight: 32 };
+    pub const SMALL: Self = Self {
+        rows: 40,
+        contents: 64,
+        segments: 8,
+        in_flight: 32,
+    };
 }
 
 /// How a producer speaks.
@@ -45,7 +50,8 @@ impl Shape {
 pub enum Voice {
     /// A gRPC stream.
     Stream,
-    /// A gRPC stream of a producer that forgets its id at every reconnect: the watermark cannot help.
+    /// A gRPC stream of a producer that forgets its id at every reconnect: the watermark cannot
+    /// help.
     Forgetful,
     /// A REST call a batch.
     Rest,
@@ -62,30 +68,58 @@ impl Content {
     fn new(shape: Shape, producer: u64, number: u64) -> Self {
         let mut random = StdRng::seed_from_u64(producer << 32 | number);
         let segment = format!("t{}", number % shape.segments);
-        let mut columns = proto::Columns { count: shape.rows as u32, ..Default::default() };
+        let mut columns = proto::Columns {
+            count: shape.rows as u32,
+            ..Default::default()
+        };
         // By number first: names of a million rows would take longer than what is tested.
         let mut counted = BTreeMap::new();
         for _ in 0..shape.rows {
-            let (distance, held) = (random.random_range(0..4_usize), random.random_range(0..2_u32));
+            let (distance, held) = (
+                random.random_range(0..4_usize),
+                random.random_range(0..2_u32),
+            );
             let (robot, human) = (random.random_range(0..2_u32), random.random_range(0..3_u32));
-            columns.states.extend([[0.1, 0.6, 0.8, 2.0][distance], held as f32]);
+            columns
+                .states
+                .extend([[0.1, 0.6, 0.8, 2.0][distance], held as f32]);
             columns.actions.extend([robot as f32, human as f32]);
             *counted.entry((distance, held, robot, human)).or_default() += 1;
         }
         let named = |((distance, held, robot, human), n)| {
-            ((format!("{distance}.{held}"), segment.clone(), u64::from(robot), u64::from(human)), n)
+            (
+                (
+                    format!("{distance}.{held}"),
+                    segment.clone(),
+                    u64::from(robot),
+                    u64::from(human),
+                ),
+                n,
+            )
         };
         let cells = counted.into_iter().map(named).collect();
-        Self { columns, segment, cells }
+        Self {
+            columns,
+            segment,
+            cells,
+        }
     }
 
     fn batch(&self, sequence: u64) -> proto::Batch {
         let transitions = Some(proto::batch::Transitions::Columns(self.columns.clone()));
-        proto::Batch { sequence, segment: self.segment.clone(), transitions }
+        proto::Batch {
+            sequence,
+            segment: self.segment.clone(),
+            transitions,
+        }
     }
 
     fn json(&self, producer: &str, sequence: u64) -> Value {
-        let rows = self.columns.states.chunks(2).zip(self.columns.actions.chunks(2));
+        let rows = self
+            .columns
+            .states
+            .chunks(2)
+            .zip(self.columns.actions.chunks(2));
         let transition = |(state, actions): (&[f32], &[f32])| {
             json!({
                 "state": {"distance": state[0], "held": state[1] as u32},
@@ -102,7 +136,11 @@ struct Contents(Vec<Content>);
 
 impl Contents {
     fn of(shape: Shape, producer: u64) -> Self {
-        Self((0..shape.contents).map(|number| Content::new(shape, producer, number)).collect())
+        Self(
+            (0..shape.contents)
+                .map(|number| Content::new(shape, producer, number))
+                .collect(),
+        )
     }
 
     fn at(&self, sequence: u64) -> &Content {
@@ -117,7 +155,8 @@ pub fn expected(shape: Shape, committed: &[u64]) -> Cells {
         let contents = Contents::of(shape, producer);
         for (number, content) in (0..).zip(&contents.0) {
             // Sequences begin at 1.
-            let times = committed / shape.contents + u64::from((1..=committed % shape.contents).contains(&number));
+            let times = committed / shape.contents
+                + u64::from((1..=committed % shape.contents).contains(&number));
             for (cell, n) in content.cells.iter().filter(|_| times > 0) {
                 *expected.entry(cell.clone()).or_default() += n * times;
             }
@@ -128,8 +167,13 @@ pub fn expected(shape: Shape, committed: &[u64]) -> Cells {
 
 /// Makes the environment that producers send to.
 pub async fn make_lane(address: SocketAddr) {
-    let mut client = EnvironmentServiceClient::new(channel(address).await.expect("the server listens"));
-    let request = proto::ApplyEnvironmentRequest { name: "lane".into(), schema: Some(lane_schema()), rule: None };
+    let mut client =
+        EnvironmentServiceClient::new(channel(address).await.expect("the server listens"));
+    let request = proto::ApplyEnvironmentRequest {
+        name: "lane".into(),
+        schema: Some(lane_schema()),
+        rule: None,
+    };
     client.apply_environment(request).await.expect("valid");
 }
 
@@ -161,7 +205,12 @@ impl Shared {
     }
 
     fn refused(&self, refusal: String) {
-        *self.refusals.lock().expect("no panic").entry(refusal).or_default() += 1;
+        *self
+            .refusals
+            .lock()
+            .expect("no panic")
+            .entry(refusal)
+            .or_default() += 1;
     }
 }
 
@@ -192,14 +241,19 @@ impl Load {
             refusals: Mutex::default(),
             told: Box::new(told),
         });
-        let producer = |(number, voice): (u64, &Voice)| tokio::spawn(run(shared.clone(), number, *voice));
+        let producer =
+            |(number, voice): (u64, &Voice)| tokio::spawn(run(shared.clone(), number, *voice));
         let tasks = (0..).zip(voices).map(producer).collect();
         Self { shared, tasks }
     }
 
     /// Returns how far each producer is known to be.
     pub fn acknowledged(&self) -> Vec<u64> {
-        self.shared.acknowledged.iter().map(|known| known.load(Ordering::SeqCst)).collect()
+        self.shared
+            .acknowledged
+            .iter()
+            .map(|known| known.load(Ordering::SeqCst))
+            .collect()
     }
 
     /// Returns how often which refusal came, and forgets them.
@@ -213,8 +267,16 @@ impl Load {
         let goal = so_far() + batches;
         let late = Instant::now() + Duration::from_secs(60);
         while so_far() < goal {
-            assert!(Instant::now() < late, "no progress in a minute: {:?} {:?}", self.acknowledged(), self.refusals());
-            assert!(self.tasks.iter().all(|task| !task.is_finished()), "a producer gave up");
+            assert!(
+                Instant::now() < late,
+                "no progress in a minute: {:?} {:?}",
+                self.acknowledged(),
+                self.refusals()
+            );
+            assert!(
+                self.tasks.iter().all(|task| !task.is_finished()),
+                "a producer gave up"
+            );
             tokio::time::sleep(Duration::from_millis(1)).await;
         }
     }
@@ -224,7 +286,9 @@ impl Load {
         self.shared.stop.store(true, Ordering::SeqCst);
         for task in self.tasks.drain(..) {
             let ended = tokio::time::timeout(Duration::from_secs(60), task).await;
-            ended.expect("what was sent is answered").expect("no producer panics");
+            ended
+                .expect("what was sent is answered")
+                .expect("no producer panics");
         }
         self.acknowledged()
     }
@@ -234,7 +298,10 @@ impl Load {
         for task in self.tasks.drain(..) {
             task.abort();
             if let Err(error) = task.await {
-                assert!(error.is_cancelled(), "a producer saw what must not be: {error}");
+                assert!(
+                    error.is_cancelled(),
+                    "a producer saw what must not be: {error}"
+                );
             }
         }
         self.acknowledged()
@@ -250,13 +317,21 @@ impl Drop for Load {
 async fn run(shared: Arc<Shared>, producer: u64, voice: Voice) {
     let contents = Contents::of(shared.shape, producer);
     for connection in 1_u64.. {
-        // A broken conversation leaves batches of which nobody knows; only one that ended well says how far this producer is.
+        // A broken conversation leaves batches of which nobody knows; only one that ended well says
+        // how far this producer is.
         let ended = match voice {
             Voice::Rest => post(&shared, producer, &contents).await,
             Voice::Stream => stream(&shared, producer, &contents, &format!("p{producer}"), 0).await,
             Voice::Forgetful => {
                 let name = format!("p{producer}-{connection}");
-                stream(&shared, producer, &contents, &name, shared.acknowledged(producer)).await
+                stream(
+                    &shared,
+                    producer,
+                    &contents,
+                    &name,
+                    shared.acknowledged(producer),
+                )
+                .await
             }
         };
         match ended {
@@ -268,25 +343,43 @@ async fn run(shared: Arc<Shared>, producer: u64, voice: Voice) {
 }
 
 fn told(status: &tonic::Status) -> String {
-    format!("{:?} {}: {}", status.code(), reason(status), status.message())
+    format!(
+        "{:?} {}: {}",
+        status.code(),
+        reason(status),
+        status.message()
+    )
 }
 
-/// Sends until the connection breaks or the load stops. A producer numbers its batches from 1 under the name that it gives; `offset` maps those numbers
-/// to this load's own.
-async fn stream(shared: &Shared, producer: u64, contents: &Contents, name: &str, offset: u64) -> Result<(), String> {
-    let channel = channel(shared.address).await.map_err(|error| format!("no connection: {error}"))?;
+/// Sends until the connection breaks or the load stops. A producer numbers its batches from 1 under
+/// the name that it gives; `offset` maps those numbers to this load's own.
+async fn stream(
+    shared: &Shared,
+    producer: u64,
+    contents: &Contents,
+    name: &str,
+    offset: u64,
+) -> Result<(), String> {
+    let channel = channel(shared.address)
+        .await
+        .map_err(|error| format!("no connection: {error}"))?;
     let opened = RawStream::open(IngestServiceClient::new(channel), hello(name)).await;
     let (welcome, stream) = opened.map_err(|status| told(&status))?;
     let known = shared.acknowledged(producer);
     let committed = welcome.committed_sequence + offset;
-    assert!(committed >= known, "acknowledged {known} and forgot it: {committed}");
+    assert!(
+        committed >= known,
+        "acknowledged {known} and forgot it: {committed}"
+    );
     shared.acknowledge(producer, committed);
 
     let (requests, mut responses) = stream.split();
     let mut next = committed + 1;
     while !shared.stopping() || next > shared.acknowledged(producer) + 1 {
         while next <= shared.acknowledged(producer) + shared.shape.in_flight && !shared.stopping() {
-            let message = Some(ingest_request::Message::Batch(contents.at(next).batch(next - offset)));
+            let message = Some(ingest_request::Message::Batch(
+                contents.at(next).batch(next - offset),
+            ));
             // Where nobody reads any more, the answer says why.
             let _ = requests.send(proto::IngestRequest { message }).await;
             next += 1;
@@ -311,12 +404,25 @@ async fn post(shared: &Shared, producer: u64, contents: &Contents) -> Result<(),
     let client = reqwest::Client::new();
     while !shared.stopping() {
         let sequence = shared.acknowledged(producer) + 1;
-        let body = contents.at(sequence).json(&format!("p{producer}"), sequence);
-        let response = client.post(&url).json(&body).send().await.map_err(|error| format!("no answer: {error}"))?;
+        let body = contents
+            .at(sequence)
+            .json(&format!("p{producer}"), sequence);
+        let response = client
+            .post(&url)
+            .json(&body)
+            .send()
+            .await
+            .map_err(|error| format!("no answer: {error}"))?;
         let status = response.status().as_u16();
-        let answer: Value = response.json().await.map_err(|error| format!("half an answer: {error}"))?;
+        let answer: Value = response
+            .json()
+            .await
+            .map_err(|error| format!("half an answer: {error}"))?;
         if status != 200 {
-            return Err(format!("{status} {}: {}", answer["reason"], answer["detail"]));
+            return Err(format!(
+                "{status} {}: {}",
+                answer["reason"], answer["detail"]
+            ));
         }
         assert_eq!(answer["accepted"], shared.shape.rows, "{answer}");
         shared.acknowledge(producer, sequence);
@@ -332,7 +438,8 @@ pub struct Held {
     pub cells: Cells,
 }
 
-/// Reads a database as a start of the service does, and audits it; nothing where the lane is not there.
+/// Reads a database as a start of the service does, and audits it; nothing where the lane is not
+/// there.
 pub async fn read(directory: &Path, producers: usize) -> Option<Held> {
     let opened = SqliteStore::open(&directory.join("nudge.db"), Options::default()).await;
     let store = opened.expect("what a fault left can be opened");
@@ -343,14 +450,36 @@ pub async fn read(directory: &Path, producers: usize) -> Option<Held> {
     let mut committed = Vec::new();
     for producer in 0..producers {
         let name = format!("p{producer}").parse().expect("a producer id");
-        committed.push(store.watermark(environment.id, &name).await.expect("read").get());
+        committed.push(
+            store
+                .watermark(environment.id, &name)
+                .await
+                .expect("read")
+                .get(),
+        );
     }
-    let segments: HashMap<_, _> = store.segments(environment.id).await.expect("read").into_iter().collect();
+    let segments: HashMap<_, _> = store
+        .segments(environment.id)
+        .await
+        .expect("read")
+        .into_iter()
+        .collect();
     let mut cells = Cells::new();
-    for state in store.scan(environment.id, Cursor::default(), 1_000).await.expect("read") {
+    for state in store
+        .scan(environment.id, Cursor::default(), 1_000)
+        .await
+        .expect("read")
+    {
         for cell in state.counts.cells() {
-            let segment = segments[&cell.segment].as_ref().map_or(String::new(), ToString::to_string);
-            let key = (state.key.to_string(), segment, cell.joint / 3, cell.joint % 3);
+            let segment = segments[&cell.segment]
+                .as_ref()
+                .map_or(String::new(), ToString::to_string);
+            let key = (
+                state.key.to_string(),
+                segment,
+                cell.joint / 3,
+                cell.joint % 3,
+            );
             cells.insert(key, cell.tally.n);
         }
     }
@@ -358,12 +487,24 @@ pub async fn read(directory: &Path, producers: usize) -> Option<Held> {
     Some(Held { committed, cells })
 }
 
-/// Checks that a database holds everything that was acknowledged, and each batch once or not at all; returns how many transitions it holds.
+/// Checks that a database holds everything that was acknowledged, and each batch once or not at
+/// all; returns how many transitions it holds.
 pub async fn assert_exactly_once(directory: &Path, shape: Shape, acknowledged: &[u64]) -> u64 {
-    let held = read(directory, acknowledged.len()).await.expect("an environment that was made stays");
-    for (producer, (committed, acknowledged)) in held.committed.iter().zip(acknowledged).enumerate() {
-        assert!(committed >= acknowledged, "p{producer}: {acknowledged} were acknowledged, {committed} are there");
+    let held = read(directory, acknowledged.len())
+        .await
+        .expect("an environment that was made stays");
+    for (producer, (committed, acknowledged)) in held.committed.iter().zip(acknowledged).enumerate()
+    {
+        assert!(
+            committed >= acknowledged,
+            "p{producer}: {acknowledged} were acknowledged, {committed} are there"
+        );
     }
-    assert_eq!(held.cells, expected(shape, &held.committed), "every batch once: {:?}", held.committed);
+    assert_eq!(
+        held.cells,
+        expected(shape, &held.committed),
+        "every batch once: {:?}",
+        held.committed
+    );
     held.cells.values().sum()
 }

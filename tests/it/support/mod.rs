@@ -1,4 +1,5 @@
-//! What tests share: a service on port 0 with a temporary database, and a producer that speaks the protocol by hand.
+//! What tests share: a service on port 0 with a temporary database, and a producer that speaks the
+//! protocol by hand.
 
 pub mod batches;
 pub mod certificates;
@@ -63,13 +64,23 @@ impl TestApp {
     }
 
     /// Starts a service that speaks TLS where it has a certificate.
-    pub async fn behind(tls: Option<Tls>, directory: Arc<TempDir>, store: Arc<dyn Store>, settings: Settings) -> Self {
+    pub async fn behind(
+        tls: Option<Tls>,
+        directory: Arc<TempDir>,
+        store: Arc<dyn Store>,
+        settings: Settings,
+    ) -> Self {
         let app = App::open(store, Upkeep::default());
         let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
         let address = listener.local_addr().expect("bound");
         let serving = serve(app.clone(), Socket { listener, tls }, settings);
         let serving = tokio::spawn(async { serving.await.expect("the service runs") });
-        Self { address, app, directory, serving }
+        Self {
+            address,
+            app,
+            directory,
+            serving,
+        }
     }
 
     /// Stops the service as a signal would, and starts it again on the same database.
@@ -110,7 +121,8 @@ impl TestApp {
         IngestServiceClient::new(self.channel().await)
     }
 
-    /// Makes the environment that most tests use: one continuous and one categorical feature, two agents.
+    /// Makes the environment that most tests use: one continuous and one categorical feature, two
+    /// agents.
     pub async fn lane(&self) -> proto::Environment {
         self.environments()
             .await
@@ -144,39 +156,76 @@ impl TestApp {
         let response = request.send().await.expect("answered");
         let status = response.status().as_u16();
         let text = response.text().await.expect("text");
-        (status, serde_json::from_str(&text).unwrap_or(Value::String(text)))
+        (
+            status,
+            serde_json::from_str(&text).unwrap_or(Value::String(text)),
+        )
     }
 
     /// Returns the counts of a state: (joint action indices, segment, n, entries).
     pub async fn cells(&self, key: &str) -> Vec<(Vec<u64>, String, u64, Option<u64>)> {
-        let request = proto::GetStateRequest { environment: "lane".into(), key: key.into() };
-        let state = self.influence().await.get_state(request).await.expect("a valid key").into_inner();
-        state.cells.into_iter().map(|cell| (cell.actions, cell.segment, cell.n, cell.entries)).collect()
+        let request = proto::GetStateRequest {
+            environment: "lane".into(),
+            key: key.into(),
+        };
+        let state = self
+            .influence()
+            .await
+            .get_state(request)
+            .await
+            .expect("a valid key")
+            .into_inner();
+        state
+            .cells
+            .into_iter()
+            .map(|cell| (cell.actions, cell.segment, cell.n, cell.entries))
+            .collect()
     }
 }
 
 pub async fn open(directory: &Path, options: Options) -> Arc<dyn Store> {
-    Arc::new(SqliteStore::open(&directory.join("nudge.db"), options).await.expect("a database"))
+    Arc::new(
+        SqliteStore::open(&directory.join("nudge.db"), options)
+            .await
+            .expect("a database"),
+    )
 }
 
 pub async fn channel(address: SocketAddr) -> Result<Channel, tonic::transport::Error> {
-    Channel::from_shared(format!("http://{address}")).expect("an address").connect().await
+    Channel::from_shared(format!("http://{address}"))
+        .expect("an address")
+        .connect()
+        .await
 }
 
 fn feature(name: &str, kind: proto::feature::Kind) -> proto::Feature {
-    proto::Feature { name: name.into(), unit: String::new(), kind: Some(kind) }
+    proto::Feature {
+        name: name.into(),
+        unit: String::new(),
+        kind: Some(kind),
+    }
 }
 
 fn categorical(name: &str, labels: &[&str]) -> proto::Feature {
     let labels = labels.iter().map(ToString::to_string).collect();
-    feature(name, proto::feature::Kind::Categorical(proto::Categorical { labels }))
+    feature(
+        name,
+        proto::feature::Kind::Categorical(proto::Categorical { labels }),
+    )
 }
 
-/// `distance` with edges 0.5, 0.7, 1; `held` nothing or dish; robot: go or stop; human: left, right or stay.
+/// `distance` with edges 0.5, 0.7, 1; `held` nothing or dish; robot: go or stop; human: left, right
+/// or stay.
 pub fn lane_schema() -> proto::Schema {
     let edges = vec![0.5, 0.7, 1.0];
-    let distance = feature("distance", proto::feature::Kind::Continuous(proto::Continuous { edges }));
-    let agent = |name: &str, action| proto::Agent { name: name.into(), action: vec![action] };
+    let distance = feature(
+        "distance",
+        proto::feature::Kind::Continuous(proto::Continuous { edges }),
+    );
+    let agent = |name: &str, action| proto::Agent {
+        name: name.into(),
+        action: vec![action],
+    };
     proto::Schema {
         state: vec![distance, categorical("held", &["nothing", "dish"])],
         agents: vec![
@@ -202,12 +251,21 @@ pub fn lane_json() -> Value {
 
 /// A transition: (distance, held), (robot, human).
 pub fn row(state: [f32; 2], actions: [f32; 2]) -> proto::Transition {
-    proto::Transition { state: state.into(), actions: actions.into(), entry: 0, count: None }
+    proto::Transition {
+        state: state.into(),
+        actions: actions.into(),
+        entry: 0,
+        count: None,
+    }
 }
 
 pub fn rows(sequence: u64, transitions: Vec<proto::Transition>) -> proto::Batch {
     let transitions = proto::batch::Transitions::Rows(proto::Rows { transitions });
-    proto::Batch { sequence, segment: String::new(), transitions: Some(transitions) }
+    proto::Batch {
+        sequence,
+        segment: String::new(),
+        transitions: Some(transitions),
+    }
 }
 
 /// A producer's stream, spoken by hand.
@@ -226,13 +284,22 @@ impl RawStream {
         T: tonic::client::GrpcService<tonic::body::Body>,
         T::Error: Into<Box<dyn std::error::Error + Send + Sync>>,
         T::ResponseBody: http_body::Body<Data = bytes::Bytes> + Send + 'static,
-        <T::ResponseBody as http_body::Body>::Error: Into<Box<dyn std::error::Error + Send + Sync>> + Send,
+        <T::ResponseBody as http_body::Body>::Error:
+            Into<Box<dyn std::error::Error + Send + Sync>> + Send,
     {
         let (requests, outbound) = mpsc::channel(64);
-        let first = IngestRequest { message: Some(ingest_request::Message::Hello(hello)) };
+        let first = IngestRequest {
+            message: Some(ingest_request::Message::Hello(hello)),
+        };
         requests.send(first).await.expect("the channel is open");
-        let responses = client.ingest(ReceiverStream::new(outbound)).await?.into_inner();
-        let mut stream = Self { requests, responses };
+        let responses = client
+            .ingest(ReceiverStream::new(outbound))
+            .await?
+            .into_inner();
+        let mut stream = Self {
+            requests,
+            responses,
+        };
         match stream.next().await? {
             Some(ingest_response::Message::Welcome(welcome)) => Ok((welcome, stream)),
             other => panic!("expected a welcome, got {other:?}"),
@@ -241,12 +308,18 @@ impl RawStream {
 
     /// Sends a batch; an error means that the stream is over.
     pub async fn send(&self, batch: proto::Batch) -> Result<(), ()> {
-        let request = IngestRequest { message: Some(ingest_request::Message::Batch(batch)) };
+        let request = IngestRequest {
+            message: Some(ingest_request::Message::Batch(batch)),
+        };
         self.requests.send(request).await.map_err(drop)
     }
 
     pub async fn next(&mut self) -> Result<Option<ingest_response::Message>, Status> {
-        Ok(self.responses.message().await?.and_then(|response| response.message))
+        Ok(self
+            .responses
+            .message()
+            .await?
+            .and_then(|response| response.message))
     }
 
     /// Returns the next acknowledgement, or the stream's end.
@@ -278,11 +351,18 @@ impl RawStream {
 }
 
 pub fn hello(producer: &str) -> proto::Hello {
-    proto::Hello { environment: "lane".into(), producer: producer.into(), ..Default::default() }
+    proto::Hello {
+        environment: "lane".into(),
+        producer: producer.into(),
+        ..Default::default()
+    }
 }
 
 /// Returns the reason word of a gRPC error.
 pub fn reason(status: &Status) -> String {
     use tonic_types::StatusExt;
-    status.get_details_error_info().map(|info| info.reason).unwrap_or_default()
+    status
+        .get_details_error_info()
+        .map(|info| info.reason)
+        .unwrap_or_default()
 }

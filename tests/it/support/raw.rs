@@ -19,7 +19,11 @@ pub struct Raw<S = TcpStream>(pub S);
 impl Raw {
     /// Connects and sends some bytes.
     pub async fn open(address: SocketAddr, first: &[u8]) -> Self {
-        Self::over(TcpStream::connect(address).await.expect("it listens"), first).await
+        Self::over(
+            TcpStream::connect(address).await.expect("it listens"),
+            first,
+        )
+        .await
     }
 }
 
@@ -36,7 +40,10 @@ impl<S: AsyncRead + AsyncWrite + Unpin> Raw<S> {
         let mut read = Vec::new();
         let mut buffer = [0; 4_096];
         while !String::from_utf8_lossy(&read).contains(text) {
-            let some = timeout(LONG, self.0.read(&mut buffer)).await.expect("in time").expect("open");
+            let some = timeout(LONG, self.0.read(&mut buffer))
+                .await
+                .expect("in time")
+                .expect("open");
             assert!(some > 0, "ended after {}", String::from_utf8_lossy(&read));
             read.extend_from_slice(&buffer[..some]);
         }
@@ -48,9 +55,15 @@ impl<S: AsyncRead + AsyncWrite + Unpin> Raw<S> {
         let mut read = Vec::new();
         let mut buffer = [0; 4_096];
         // A connection that is cut while bytes are on their way ends with an error.
-        while let Ok(some @ 1..) = timeout(LONG, self.0.read(&mut buffer)).await.expect("it is ended") {
+        while let Ok(some @ 1..) = timeout(LONG, self.0.read(&mut buffer))
+            .await
+            .expect("it is ended")
+        {
             read.extend_from_slice(&buffer[..some]);
-            if let Some(ping) = buffer[..some].windows(17).find(|frame| frame.starts_with(b"\0\0\x08\x06\0")) {
+            if let Some(ping) = buffer[..some]
+                .windows(17)
+                .find(|frame| frame.starts_with(b"\0\0\x08\x06\0"))
+            {
                 let pong = frame(6, 1, 0, &ping[9..]);
                 let _ = self.0.write_all(&pong).await;
             }
@@ -77,7 +90,13 @@ pub fn frame(kind: u8, flags: u8, stream: u32, payload: &[u8]) -> Vec<u8> {
 
 /// Returns a header as it stands: literal, without indexing (RFC 7541, section 6.2.2).
 pub fn header(name: &str, value: &str) -> Vec<u8> {
-    [&[0, name.len() as u8], name.as_bytes(), &[value.len() as u8], value.as_bytes()].concat()
+    [
+        &[0, name.len() as u8],
+        name.as_bytes(),
+        &[value.len() as u8],
+        value.as_bytes(),
+    ]
+    .concat()
 }
 
 /// Returns the headers of a call, as a frame that leaves its body open.

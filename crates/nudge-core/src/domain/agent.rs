@@ -14,7 +14,10 @@ pub struct Agent {
 impl Agent {
     /// Returns the number of actions.
     pub fn actions(&self) -> u64 {
-        self.action.iter().map(|feature| u64::from(feature.kind.bins())).product()
+        self.action
+            .iter()
+            .map(|feature| u64::from(feature.kind.bins()))
+            .product()
     }
 
     /// Returns the labels of an action's features joined by "/".

@@ -40,7 +40,8 @@ impl Angle {
         let bins = f64::from(bins);
         let position = match self {
             Self::Radians => f64::from(angle) / TAU * bins + 0.5,
-            // The remainder is exact, and so is its product with a number of bins: a border belongs to the sector above it, however far round.
+            // The remainder is exact, and so is its product with a number of bins: a border belongs
+            // to the sector above it, however far round.
             Self::Degrees => f64::from(angle) % 360.0 * bins / 360.0 + 0.5,
         };
         position.floor().rem_euclid(bins) as u32
@@ -87,8 +88,9 @@ mod tests {
         for bins in [1, 2, 3, 4, 7, 8, 12, 36, 360, 720, 65_536_u32] {
             for angle in (-1_080..=1_080).chain([16_777_215, -16_777_215, 16_777_216]) {
                 // floor(angle * bins / 360 + 1/2), modulo the bins, by whole numbers.
-                let expected =
-                    (i64::from(angle) * 2 * i64::from(bins) + 360).div_euclid(720).rem_euclid(i64::from(bins));
+                let expected = (i64::from(angle) * 2 * i64::from(bins) + 360)
+                    .div_euclid(720)
+                    .rem_euclid(i64::from(bins));
                 let got = Angle::Degrees.sector(bins, angle as f32);
                 assert_eq!(i64::from(got), expected, "{angle} degrees in {bins} bins");
             }
@@ -98,8 +100,14 @@ mod tests {
     #[test]
     fn degrees_land_right_at_borders_and_far_out() {
         let sector = |angle| Angle::Degrees.sector(8, angle);
-        assert_eq!([-180.0, 180.0, 360.0, 720.0, -0.0].map(sector), [4, 4, 0, 0, 0]);
-        assert_eq!([22.5, 22.499_998, -22.5, -22.500_002, 337.5].map(sector), [1, 0, 0, 7, 0]);
+        assert_eq!(
+            [-180.0, 180.0, 360.0, 720.0, -0.0].map(sector),
+            [4, 4, 0, 0, 0]
+        );
+        assert_eq!(
+            [22.5, 22.499_998, -22.5, -22.500_002, 337.5].map(sector),
+            [1, 0, 0, 7, 0]
+        );
         // 1e30 as an f32 is 1000000015047466219876688855040, which is 120 modulo 360.
         assert_eq!(sector(1e30), 3);
         assert_eq!(Angle::Degrees.sector(360, 1e30), 120);
@@ -109,15 +117,27 @@ mod tests {
 
     #[test]
     fn sectors_are_named_by_their_centres() {
-        assert_eq!([0, 1, 2, 3].map(|bin| Angle::Radians.sector_label(4, bin)), ["0.000", "1.571", "3.142", "-1.571"]);
-        assert_eq!([0, 1, 4, 7].map(|bin| Angle::Degrees.sector_label(8, bin)), ["0", "45", "180", "-45"]);
+        assert_eq!(
+            [0, 1, 2, 3].map(|bin| Angle::Radians.sector_label(4, bin)),
+            ["0.000", "1.571", "3.142", "-1.571"]
+        );
+        assert_eq!(
+            [0, 1, 4, 7].map(|bin| Angle::Degrees.sector_label(8, bin)),
+            ["0", "45", "180", "-45"]
+        );
         assert_eq!(Angle::Degrees.sector_label(7, 1), "51.429");
     }
 
     #[test]
     fn units_say_how_angles_are_measured() {
         assert_eq!(Angle::of_unit(None), Some(Angle::Radians));
-        assert_eq!(["deg", "degrees", "°"].map(|unit| Angle::of_unit(Some(unit))), [Some(Angle::Degrees); 3]);
-        assert_eq!(["Deg", "turns", "grad", "m"].map(|unit| Angle::of_unit(Some(unit))), [None; 4]);
+        assert_eq!(
+            ["deg", "degrees", "°"].map(|unit| Angle::of_unit(Some(unit))),
+            [Some(Angle::Degrees); 3]
+        );
+        assert_eq!(
+            ["Deg", "turns", "grad", "m"].map(|unit| Angle::of_unit(Some(unit))),
+            [None; 4]
+        );
     }
 }

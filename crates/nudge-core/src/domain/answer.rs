@@ -32,11 +32,15 @@ impl std::str::FromStr for Verdict {
 
     fn from_str(text: &str) -> Result<Self, String> {
         let wrong = || format!("got {text:?}, expected influences, no_influence or undecided");
-        Self::ALL.into_iter().find(|verdict| verdict.as_str() == text).ok_or_else(wrong)
+        Self::ALL
+            .into_iter()
+            .find(|verdict| verdict.as_str() == text)
+            .ok_or_else(wrong)
     }
 }
 
-/// Whether there is any dependence at all, however weak: another question than whether it is strong enough to count as influence.
+/// Whether there is any dependence at all, however weak: another question than whether it is strong
+/// enough to count as influence.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Dependence {
     /// There is.
@@ -73,7 +77,11 @@ pub enum Independence {
 impl From<Tally> for Independence {
     /// Entries are independent draws where every transition said whether it entered its state.
     fn from(tally: Tally) -> Self {
-        if tally.entries.is_some() { Self::Entries } else { Self::Assumed }
+        if tally.entries.is_some() {
+            Self::Entries
+        } else {
+            Self::Assumed
+        }
     }
 }
 
@@ -193,7 +201,8 @@ pub struct Figures {
     pub significance: Option<Significance>,
     /// What the reader should know before believing the figures: a sentence each.
     pub warnings: Vec<String>,
-    /// Where it was asked for: how many more visits a verdict would take, `None` if no number of them is likely to bring one.
+    /// Where it was asked for: how many more visits a verdict would take, `None` if no number of
+    /// them is likely to bring one.
     pub visits_to_decide: Option<Option<u64>>,
     /// What the active network says of the state, where there is one.
     pub model: Option<ModelFigures>,
@@ -224,7 +233,11 @@ impl Evidence {
     /// Returns evidence in nats, told in a unit.
     pub fn in_unit(self, unit: Unit) -> Self {
         let posterior_mean = unit.from_nats(self.posterior_mean);
-        Self { posterior_mean, interval: self.interval.map(|nats| unit.from_nats(nats)), ..self }
+        Self {
+            posterior_mean,
+            interval: self.interval.map(|nats| unit.from_nats(nats)),
+            ..self
+        }
     }
 }
 
@@ -278,12 +291,13 @@ pub struct ActionFigures {
     pub action: String,
     /// How often it was seen in this state.
     pub visits: u64,
-    /// Posterior mean of KL(p(other given this action) from p(other)), and its interval: what actions are ranked by.
+    /// Posterior mean of KL(p(other given this action) from p(other)), and its interval: what
+    /// actions are ranked by.
     pub divergence: Option<(f64, Interval)>,
     /// The same by relative frequencies; `None` when unvisited. It favours the rarest action.
     pub plug_in_divergence: Option<f64>,
-    /// Probability of each of the other's actions after it, in index order: given the counts, or without evidence the relative frequency.
-    /// `None` where neither is known.
+    /// Probability of each of the other's actions after it, in index order: given the counts, or
+    /// without evidence the relative frequency. `None` where neither is known.
     pub response: Option<Vec<f64>>,
     /// Where each of these probabilities lies with a probability of 90 %; empty without evidence.
     pub response_intervals: Vec<Interval>,

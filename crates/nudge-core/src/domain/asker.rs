@@ -1,4 +1,5 @@
-//! Who asks in one request, at each moment of it: a key may be withdrawn or narrowed while its request is under way.
+//! Who asks in one request, at each moment of it: a key may be withdrawn or narrowed while its
+//! request is under way.
 
 use std::fmt;
 use std::sync::{Arc, OnceLock};
@@ -6,7 +7,8 @@ use std::sync::{Arc, OnceLock};
 use super::Principal;
 use crate::error::Problem;
 
-/// A principal as it was when its request was let in, and as it is now. Cloning shares what is found out.
+/// A principal as it was when its request was let in, and as it is now. Cloning shares what is
+/// found out.
 #[derive(Clone)]
 pub struct Asker(Arc<Asking>);
 
@@ -25,8 +27,15 @@ impl Asker {
     }
 
     /// Makes one who may be somebody else, or nobody, whenever it is looked at.
-    pub fn changing(first: Arc<Principal>, now: impl Fn() -> Arc<Principal> + Send + Sync + 'static) -> Self {
-        Self(Arc::new(Asking { first, now: Box::new(now), environment: OnceLock::new() }))
+    pub fn changing(
+        first: Arc<Principal>,
+        now: impl Fn() -> Arc<Principal> + Send + Sync + 'static,
+    ) -> Self {
+        Self(Arc::new(Asking {
+            first,
+            now: Box::new(now),
+            environment: OnceLock::new(),
+        }))
     }
 
     /// Returns who was let in.
@@ -39,7 +48,8 @@ impl Asker {
         (self.0.now)()
     }
 
-    /// Refuses an environment that is not theirs now, whether it exists or not; takes note of one that is.
+    /// Refuses an environment that is not theirs now, whether it exists or not; takes note of one
+    /// that is.
     pub fn admit_to(&self, environment: &str) -> Result<(), Problem> {
         self.now().admit_to(environment)?;
         // A request is about one.

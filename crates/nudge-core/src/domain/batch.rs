@@ -4,7 +4,8 @@ use std::fmt;
 
 use super::{Label, Records, Rejection};
 
-/// The number of a batch: 1, 2, 3, ... to 2^63 - 1, per environment and producer. 0 stands for "none yet".
+/// The number of a batch: 1, 2, 3, ... to 2^63 - 1, per environment and producer. 0 stands for
+/// "none yet".
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
 pub struct Sequence(u64);
 
@@ -15,7 +16,8 @@ impl Sequence {
     /// Returns the number of a batch, or what is wrong with it.
     pub fn new(number: u64) -> Result<Self, String> {
         let fits = number >= 1 && i64::try_from(number).is_ok();
-        fits.then_some(Self(number)).ok_or_else(|| format!("got {number}, expected 1 to 2^63 - 1"))
+        fits.then_some(Self(number))
+            .ok_or_else(|| format!("got {number}, expected 1 to 2^63 - 1"))
     }
 
     /// Returns a number as the store kept it.
@@ -77,21 +79,27 @@ impl Receipt {
 pub enum Acknowledged {
     /// Counted now.
     Applied(Receipt),
-    /// Every one of its records was rejected, so that nothing of it counts. Its number is used all the same: later ones may be on their way.
+    /// Every one of its records was rejected, so that nothing of it counts. Its number is used all
+    /// the same: later ones may be on their way.
     Rejected(Receipt),
     /// Counted before; this is its first receipt.
     Duplicate(Receipt),
     /// Counted before, for its content is the same; its first receipt cannot be read.
     Untold,
-    /// Numbered so far back that its content and receipt are no longer kept. It is a duplicate if its producer numbers as it should, and is lost if the
-    /// producer began anew: nobody can tell which.
+    /// Numbered so far back that its content and receipt are no longer kept. It is a duplicate if
+    /// its producer numbers as it should, and is lost if the producer began anew: nobody can tell
+    /// which.
     Unverified,
 }
 
 impl Acknowledged {
     /// Tells a batch whose number is used now.
     pub fn now(receipt: Receipt) -> Self {
-        if receipt.is_all_rejected() { Self::Rejected(receipt) } else { Self::Applied(receipt) }
+        if receipt.is_all_rejected() {
+            Self::Rejected(receipt)
+        } else {
+            Self::Applied(receipt)
+        }
     }
 }
 
@@ -100,7 +108,11 @@ mod tests {
     use super::*;
 
     fn of(accepted: u64, rejected_count: u64) -> Acknowledged {
-        Acknowledged::now(Receipt { accepted, rejected_count, rejected: Vec::new() })
+        Acknowledged::now(Receipt {
+            accepted,
+            rejected_count,
+            rejected: Vec::new(),
+        })
     }
 
     #[test]
@@ -108,7 +120,10 @@ mod tests {
         assert!(matches!(of(0, 1), Acknowledged::Rejected(_)));
         assert!(matches!(of(0, 10_000), Acknowledged::Rejected(_)));
         for (accepted, rejected) in [(0, 0), (1, 0), (1, 9_999)] {
-            assert!(matches!(of(accepted, rejected), Acknowledged::Applied(_)), "{accepted}, {rejected}");
+            assert!(
+                matches!(of(accepted, rejected), Acknowledged::Applied(_)),
+                "{accepted}, {rejected}"
+            );
         }
     }
 }

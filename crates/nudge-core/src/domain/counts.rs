@@ -17,7 +17,10 @@ pub struct Tally {
 
 impl Tally {
     /// Nothing seen: the sum of no tallies.
-    pub const EMPTY: Self = Self { n: 0, entries: Some(0) };
+    pub const EMPTY: Self = Self {
+        n: 0,
+        entries: Some(0),
+    };
 
     /// Returns the sum of cells.
     pub fn of<'a>(cells: impl Iterator<Item = &'a Cell>) -> Self {
@@ -42,7 +45,8 @@ pub struct Increment {
     pub segment: Option<Label>,
     /// Each state once.
     pub states: Vec<StateKey>,
-    /// By the state's position above and the joint action, in any order; the same cell may stand here more than once.
+    /// By the state's position above and the joint action, in any order; the same cell may stand
+    /// here more than once.
     pub cells: Vec<(u32, u64, Tally)>,
     /// The sum of all `n`.
     pub transitions: u64,
@@ -78,43 +82,70 @@ impl Counts {
     }
 
     /// Returns the cells of the segments named, or of all.
-    pub fn of_segments<'a>(&'a self, segments: Option<&'a [SegmentId]>) -> impl Iterator<Item = &'a Cell> + Clone {
-        self.cells.iter().filter(move |cell| segments.is_none_or(|named| named.contains(&cell.segment)))
+    pub fn of_segments<'a>(
+        &'a self,
+        segments: Option<&'a [SegmentId]>,
+    ) -> impl Iterator<Item = &'a Cell> + Clone {
+        self.cells
+            .iter()
+            .filter(move |cell| segments.is_none_or(|named| named.contains(&cell.segment)))
     }
 
     /// Adds a tally to a cell.
     pub fn add(&mut self, joint: u64, segment: SegmentId, tally: Tally) {
-        match self.cells.binary_search_by_key(&(joint, segment), |cell| (cell.joint, cell.segment)) {
+        match self
+            .cells
+            .binary_search_by_key(&(joint, segment), |cell| (cell.joint, cell.segment))
+        {
             Ok(at) => self.cells[at].tally.add(tally),
-            Err(at) => self.cells.insert(at, Cell { joint, segment, tally }),
+            Err(at) => self.cells.insert(
+                at,
+                Cell {
+                    joint,
+                    segment,
+                    tally,
+                },
+            ),
         }
     }
 }
 
-/// The most actions of an agent whose marginal counts are kept; no evidence is computed for an agent with more.
+/// The most actions of an agent whose marginal counts are kept; no evidence is computed for an
+/// agent with more.
 pub const MOST_ACTIONS: u64 = 4_096;
 
-/// Marginal counts: how often each agent took each of its actions, over all states and segments of an environment.
+/// Marginal counts: how often each agent took each of its actions, over all states and segments of
+/// an environment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ActionTotals {
     /// Transitions counted so far.
     pub revision: u64,
     schema: Schema,
-    /// A tally for each action of each agent; none for an agent that has more than [`MOST_ACTIONS`].
+    /// A tally for each action of each agent; none for an agent that has more than
+    /// [`MOST_ACTIONS`].
     agents: Vec<Vec<Tally>>,
 }
 
 impl ActionTotals {
     /// Begins with nothing counted.
     pub fn new(schema: &Schema) -> Self {
-        let sizes =
-            schema.agents().iter().map(|agent| Some(agent.actions()).filter(|actions| *actions <= MOST_ACTIONS));
-        let agents = sizes.map(|size| vec![Tally::EMPTY; size.unwrap_or(0) as usize]).collect();
-        Self { revision: 0, schema: schema.clone(), agents }
+        let sizes = schema
+            .agents()
+            .iter()
+            .map(|agent| Some(agent.actions()).filter(|actions| *actions <= MOST_ACTIONS));
+        let agents = sizes
+            .map(|size| vec![Tally::EMPTY; size.unwrap_or(0) as usize])
+            .collect();
+        Self {
+            revision: 0,
+            schema: schema.clone(),
+            agents,
+        }
     }
 
-    /// Returns how often an agent drew each of its actions: entries where every transition of the environment carried the flag, else visits. Empty
-    /// for an agent that has more than [`MOST_ACTIONS`].
+    /// Returns how often an agent drew each of its actions: entries where every transition of the
+    /// environment carried the flag, else visits. Empty for an agent that has more than
+    /// [`MOST_ACTIONS`].
     pub fn draws(&self, agent: usize) -> Vec<u64> {
         let tallies = &self.agents[agent];
         let entries: Option<Vec<u64>> = tallies.iter().map(|tally| tally.entries).collect();
@@ -127,7 +158,8 @@ impl ActionTotals {
         self.add_actions(joint, tally);
     }
 
-    /// Counts the joint actions of a commit, unless its revision says that they are counted already.
+    /// Counts the joint actions of a commit, unless its revision says that they are counted
+    /// already.
     pub fn apply(&mut self, revision: u64, cells: impl Iterator<Item = (u64, Tally)>) {
         if self.revision < revision {
             self.revision = revision;
@@ -139,13 +171,17 @@ impl ActionTotals {
     pub fn append(&mut self, later: &Self) {
         self.revision = later.revision;
         for (tallies, added) in self.agents.iter_mut().zip(&later.agents) {
-            tallies.iter_mut().zip(added).for_each(|(tally, added)| tally.add(*added));
+            tallies
+                .iter_mut()
+                .zip(added)
+                .for_each(|(tally, added)| tally.add(*added));
         }
     }
 
     fn add_actions(&mut self, joint: u64, tally: Tally) {
         for (agent, tallies) in self.agents.iter_mut().enumerate() {
-            // One with too many actions has no tallies, and a damaged joint action may name an action that nobody has.
+            // One with too many actions has no tallies, and a damaged joint action may name an
+            // action that nobody has.
             if tallies.is_empty() {
                 continue;
             }
@@ -164,18 +200,31 @@ mod tests {
 
     /// Returns a schema of agents with so many actions each.
     fn schema(actions: &[i64]) -> Schema {
-        let feature = |max| FeatureDraft { name: "move".into(), unit: None, kinds: vec![KindDraft::Integer(0, max)] };
+        let feature = |max| FeatureDraft {
+            name: "move".into(),
+            unit: None,
+            kinds: vec![KindDraft::Integer(0, max)],
+        };
         let agent = |(at, actions): (usize, &i64)| AgentDraft {
             name: format!("agent{at}"),
             action: vec![feature(actions - 1)],
         };
-        let state = vec![FeatureDraft { name: "place".into(), ..feature(9) }];
-        let draft = SchemaDraft { state, agents: actions.iter().enumerate().map(agent).collect() };
+        let state = vec![FeatureDraft {
+            name: "place".into(),
+            ..feature(9)
+        }];
+        let draft = SchemaDraft {
+            state,
+            agents: actions.iter().enumerate().map(agent).collect(),
+        };
         Schema::try_from(&draft).expect("valid")
     }
 
     fn tally(n: u64, entries: impl Into<Option<u64>>) -> Tally {
-        Tally { n, entries: entries.into() }
+        Tally {
+            n,
+            entries: entries.into(),
+        }
     }
 
     #[test]
@@ -186,7 +235,10 @@ mod tests {
         totals.add(12 + 2 * 4 + 3, tally(5, 2));
         totals.add(2 * 4 + 1, tally(4, 4));
         assert_eq!(totals.revision, 9);
-        assert_eq!([0, 1, 2].map(|agent| totals.draws(agent)), [vec![4, 2], vec![0, 0, 6], vec![0, 4, 0, 2]]);
+        assert_eq!(
+            [0, 1, 2].map(|agent| totals.draws(agent)),
+            [vec![4, 2], vec![0, 0, 6], vec![0, 4, 0, 2]]
+        );
     }
 
     #[test]
@@ -194,7 +246,10 @@ mod tests {
         let mut totals = ActionTotals::new(&schema(&[2, 3]));
         totals.add(0, tally(5, 2));
         totals.add(5, tally(3, None));
-        assert_eq!([0, 1].map(|agent| totals.draws(agent)), [vec![5, 3], vec![5, 0, 3]]);
+        assert_eq!(
+            [0, 1].map(|agent| totals.draws(agent)),
+            [vec![5, 3], vec![5, 0, 3]]
+        );
         totals.add(0, tally(1, 1));
         assert_eq!(totals.draws(0), [6, 3]);
     }
@@ -206,7 +261,10 @@ mod tests {
         totals.add(4_096 * 4_096 + 4_095, tally(2, 2));
         assert_eq!((totals.draws(0), totals.draws(2)), (vec![], vec![2]));
         let draws = totals.draws(1);
-        assert_eq!((draws.len(), draws[4_095], draws.iter().sum::<u64>()), (4_096, 2, 2));
+        assert_eq!(
+            (draws.len(), draws[4_095], draws.iter().sum::<u64>()),
+            (4_096, 2, 2)
+        );
     }
 
     #[test]
@@ -224,25 +282,55 @@ mod tests {
             totals.apply(revision, [(0, tally(1, 1)), (5, tally(2, 1))].into_iter());
         }
         assert_eq!((totals.revision, totals.draws(0)), (3, vec![1, 1]));
-        let mut later = ActionTotals { revision: 3, ..ActionTotals::new(&schema) };
+        let mut later = ActionTotals {
+            revision: 3,
+            ..ActionTotals::new(&schema)
+        };
         later.apply(7, [(5, tally(4, None))].into_iter());
         totals.append(&later);
-        assert_eq!((totals.revision, totals.draws(0), totals.draws(1)), (7, vec![1, 6], vec![1, 0, 6]));
+        assert_eq!(
+            (totals.revision, totals.draws(0), totals.draws(1)),
+            (7, vec![1, 6], vec![1, 0, 6])
+        );
     }
 
     #[test]
     fn entries_are_unknown_once_one_was() {
         let mut sum = Tally::EMPTY;
-        sum.add(Tally { n: 2, entries: Some(1) });
-        assert_eq!(sum, Tally { n: 2, entries: Some(1) });
-        sum.add(Tally { n: 1, entries: None });
-        sum.add(Tally { n: 1, entries: Some(1) });
-        assert_eq!(sum, Tally { n: 4, entries: None });
+        sum.add(Tally {
+            n: 2,
+            entries: Some(1),
+        });
+        assert_eq!(
+            sum,
+            Tally {
+                n: 2,
+                entries: Some(1)
+            }
+        );
+        sum.add(Tally {
+            n: 1,
+            entries: None,
+        });
+        sum.add(Tally {
+            n: 1,
+            entries: Some(1),
+        });
+        assert_eq!(
+            sum,
+            Tally {
+                n: 4,
+                entries: None
+            }
+        );
     }
 
     #[test]
     fn order_of_adding_does_not_matter() {
-        let one = Tally { n: 1, entries: Some(1) };
+        let one = Tally {
+            n: 1,
+            entries: Some(1),
+        };
         let steps = [(3, 1), (1, 2), (3, 0), (1, 2), (0, 9)];
         let add = |order: &mut dyn Iterator<Item = &(u64, i64)>| {
             let mut counts = Counts::default();
@@ -252,7 +340,11 @@ mod tests {
         let forward = add(&mut steps.iter());
         assert_eq!(forward, add(&mut steps.iter().rev()));
         assert_eq!(
-            forward.cells().iter().map(|c| (c.joint, c.segment.0, c.tally.n)).collect::<Vec<_>>(),
+            forward
+                .cells()
+                .iter()
+                .map(|c| (c.joint, c.segment.0, c.tally.n))
+                .collect::<Vec<_>>(),
             [(0, 9, 1), (1, 2, 2), (3, 0, 1), (3, 1, 1)]
         );
     }

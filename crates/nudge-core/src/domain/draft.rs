@@ -1,4 +1,5 @@
-//! An environment as somebody described it, before it has been checked. Every face decodes to this; [`super::Schema`] is what comes of it.
+//! An environment as somebody described it, before it has been checked. Every face decodes to this;
+//! [`super::Schema`] is what comes of it.
 
 use crate::error::{ErrorKind, Problem};
 
@@ -15,7 +16,10 @@ pub struct DescriptionDraft {
 
 impl From<SchemaDraft> for DescriptionDraft {
     fn from(schema: SchemaDraft) -> Self {
-        Self { schema, ..Self::default() }
+        Self {
+            schema,
+            ..Self::default()
+        }
     }
 }
 
@@ -32,8 +36,8 @@ impl SchemaDraft {
     /// The most bytes of a new description, as [`SchemaDraft::bytes`] counts them.
     pub const MOST_BYTES: usize = 1 << 20;
 
-    /// Returns how large a description is: the bytes of its names, units and labels and 8 for each edge, with 3 more for each text and 16 for each
-    /// feature. About what it takes on the wire.
+    /// Returns how large a description is: the bytes of its names, units and labels and 8 for each
+    /// edge, with 3 more for each text and 16 for each feature. About what it takes on the wire.
     pub fn bytes(&self) -> usize {
         let text = |text: &String| text.len() + 3;
         let kind = |kind: &KindDraft| match kind {
@@ -45,7 +49,9 @@ impl SchemaDraft {
             let kinds: usize = feature.kinds.iter().map(kind).sum();
             16 + text(&feature.name) + feature.unit.as_ref().map_or(0, text) + kinds
         };
-        let agent = |agent: &AgentDraft| text(&agent.name) + agent.action.iter().map(feature).sum::<usize>();
+        let agent = |agent: &AgentDraft| {
+            text(&agent.name) + agent.action.iter().map(feature).sum::<usize>()
+        };
         self.state.iter().map(feature).sum::<usize>() + self.agents.iter().map(agent).sum::<usize>()
     }
 
@@ -62,11 +68,17 @@ impl SchemaDraft {
         Err(problem.with("bytes", bytes).with("limit_bytes", limit))
     }
 
-    /// Returns what this description meant before angles had units: radians, unless it says otherwise by more than a unit.
+    /// Returns what this description meant before angles had units: radians, unless it says
+    /// otherwise by more than a unit.
     pub fn in_radians(&self) -> Self {
         let mut draft = self.clone();
         let actions = draft.agents.iter_mut().flat_map(|agent| &mut agent.action);
-        for kind in draft.state.iter_mut().chain(actions).flat_map(|feature| &mut feature.kinds) {
+        for kind in draft
+            .state
+            .iter_mut()
+            .chain(actions)
+            .flat_map(|feature| &mut feature.kinds)
+        {
             if let KindDraft::Circular(_, values) = kind {
                 values.get_or_insert_with(|| super::Angle::Radians.as_str().into());
             }
@@ -89,7 +101,8 @@ pub struct AgentDraft {
 pub struct FeatureDraft {
     /// Its name.
     pub name: String,
-    /// The unit of its values, for people; that of a circular feature says how angles are measured, unless its kind does.
+    /// The unit of its values, for people; that of a circular feature says how angles are measured,
+    /// unless its kind does.
     pub unit: Option<String>,
     /// The kinds that were given.
     pub kinds: Vec<KindDraft>,
@@ -100,7 +113,8 @@ pub struct FeatureDraft {
 pub enum KindDraft {
     /// Edges, which are rounded to f32 here and must still increase.
     Continuous(Vec<f64>),
-    /// The number of bins, and what values are measured in: `radians` or `degrees`, by the feature's unit if absent.
+    /// The number of bins, and what values are measured in: `radians` or `degrees`, by the
+    /// feature's unit if absent.
     Circular(i64, Option<String>),
     /// The smallest and the largest value.
     Integer(i64, i64),
@@ -115,7 +129,8 @@ pub struct RuleDraft {
     pub kind: Option<String>,
     /// In `unit` where one is given beside it, else in the unit of the rule it is merged over.
     pub threshold: Option<f64>,
-    /// The same as a share of the largest mutual information that a pair can have, instead of `threshold`.
+    /// The same as a share of the largest mutual information that a pair can have, instead of
+    /// `threshold`.
     pub share: Option<f64>,
     /// `nats` or `bits`.
     pub unit: Option<String>,

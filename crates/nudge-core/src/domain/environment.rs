@@ -9,7 +9,8 @@ use super::{Name, Pair, Rule, Schema, WrittenRule};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct EnvironmentId(pub i64);
 
-/// What tells an environment from an earlier one of the same name. Given by the server, never reused.
+/// What tells an environment from an earlier one of the same name. Given by the server, never
+/// reused.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub struct Uid(pub String);
 
@@ -41,7 +42,8 @@ impl Environment {
     }
 }
 
-/// An environment whose description or rule cannot be read: nothing can be asked of it or counted in it, but it can be listed and deleted.
+/// An environment whose description or rule cannot be read: nothing can be asked of it or counted
+/// in it, but it can be listed and deleted.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct UnreadableEnvironment {
     /// The store's number of it.

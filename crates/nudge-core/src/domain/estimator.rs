@@ -2,7 +2,8 @@
 
 use std::str::FromStr;
 
-/// An estimator of mutual information beside the plug-in. What each is good for stands in [`crate::information`].
+/// An estimator of mutual information beside the plug-in. What each is good for stands in
+/// [`crate::information`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Estimator {
     /// Plug-in less its mean under independence.
@@ -60,7 +61,9 @@ impl FromStr for Estimator {
 
     fn from_str(text: &str) -> Result<Self, String> {
         let known = || Self::ALL.map(Self::as_str).join(", ");
-        let found = Self::ALL.into_iter().find(|estimator| estimator.as_str() == text);
+        let found = Self::ALL
+            .into_iter()
+            .find(|estimator| estimator.as_str() == text);
         found.ok_or_else(|| format!("unknown estimator {text:?}, expected one of {}", known()))
     }
 }
@@ -77,13 +80,19 @@ impl Estimators {
 
     /// Returns them, in the order of [`Estimator::ALL`].
     pub fn iter(self) -> impl Iterator<Item = Estimator> {
-        Estimator::ALL.into_iter().filter(move |estimator| self.0 & bit(*estimator) != 0)
+        Estimator::ALL
+            .into_iter()
+            .filter(move |estimator| self.0 & bit(*estimator) != 0)
     }
 }
 
 impl FromIterator<Estimator> for Estimators {
     fn from_iter<I: IntoIterator<Item = Estimator>>(estimators: I) -> Self {
-        Self(estimators.into_iter().fold(0, |set, estimator| set | bit(estimator)))
+        Self(
+            estimators
+                .into_iter()
+                .fold(0, |set, estimator| set | bit(estimator)),
+        )
     }
 }
 
@@ -100,13 +109,23 @@ mod tests {
         for estimator in Estimator::ALL {
             assert_eq!(estimator.as_str().parse(), Ok(estimator));
         }
-        assert!("nsbb".parse::<Estimator>().expect_err("a typo").contains("grassberger_2003, nsb, dirichlet"));
+        assert!(
+            "nsbb"
+                .parse::<Estimator>()
+                .expect_err("a typo")
+                .contains("grassberger_2003, nsb, dirichlet")
+        );
     }
 
     #[test]
     fn a_set_has_each_once_and_in_order() {
-        let set: Estimators = [Estimator::Nsb, Estimator::Excess, Estimator::Nsb].into_iter().collect();
-        assert_eq!(set.iter().collect::<Vec<_>>(), [Estimator::Excess, Estimator::Nsb]);
+        let set: Estimators = [Estimator::Nsb, Estimator::Excess, Estimator::Nsb]
+            .into_iter()
+            .collect();
+        assert_eq!(
+            set.iter().collect::<Vec<_>>(),
+            [Estimator::Excess, Estimator::Nsb]
+        );
         assert!(Estimators::default().is_empty() && !set.is_empty());
     }
 }

@@ -1,4 +1,5 @@
-//! Features: named coordinates of a state or of an action, and the bins that their values fall into.
+//! Features: named coordinates of a state or of an action, and the bins that their values fall
+//! into.
 
 use std::fmt;
 use std::sync::Arc;
@@ -16,10 +17,12 @@ pub struct Feature {
     pub kind: FeatureKind,
 }
 
-/// How the values of a feature become bins. Made only by [`super::Schema::try_from`], so every variant is within its limits.
+/// How the values of a feature become bins. Made only by [`super::Schema::try_from`], so every
+/// variant is within its limits.
 #[derive(Debug, Clone, PartialEq)]
 pub enum FeatureKind {
-    /// Bin = number of edges <= value; strictly increasing finite edges, so k edges make k + 1 bins.
+    /// Bin = number of edges <= value; strictly increasing finite edges, so k edges make k + 1
+    /// bins.
     Continuous(Arc<[f32]>),
     /// That many equal bins of an angle, the first centred on 0.
     Circular(u32, Angle),
@@ -62,7 +65,8 @@ impl FeatureKind {
         }
     }
 
-    /// Returns what people call a bin: a label, a number, an interval `[0.5, 1)` or the centre of a sector.
+    /// Returns what people call a bin: a label, a number, an interval `[0.5, 1)` or the centre of a
+    /// sector.
     pub fn bin_label(&self, bin: u32) -> String {
         match self {
             Self::Continuous(edges) => interval(edges, bin as usize),
@@ -79,7 +83,11 @@ impl FeatureKind {
             Self::Circular(_, angle) => format!("a finite angle in {}", angle.as_str()),
             Self::Integer(min, max) => format!("a whole number from {min} to {max}"),
             Self::Categorical(labels) if labels.takes_indices() => {
-                format!("one of {}, or an index from 0 to {}", told(labels), labels.len() - 1)
+                format!(
+                    "one of {}, or an index from 0 to {}",
+                    told(labels),
+                    labels.len() - 1
+                )
             }
             Self::Categorical(labels) => format!("one of {}", told(labels)),
         }
@@ -92,7 +100,12 @@ impl fmt::Display for Misfit<'_> {
         match kind {
             // Whoever wrote a label has its index by now, so this value is an index by position.
             FeatureKind::Categorical(labels) if !labels.takes_indices() => {
-                write!(f, "got {value}, expected an index from 0 to {} of {}", labels.len() - 1, told(labels))
+                write!(
+                    f,
+                    "got {value}, expected an index from 0 to {} of {}",
+                    labels.len() - 1,
+                    told(labels)
+                )
             }
             _ => write!(f, "got {value}, expected {}", kind.expected()),
         }
@@ -119,7 +132,8 @@ fn edges_at_or_below(edges: &[f32], value: f32) -> u32 {
 
 #[inline]
 fn whole(value: f32, min: i32, max: i32) -> Option<u32> {
-    // The cast saturates, and whole numbers within +-2^24 survive it both ways: a comparison instead of a call to `trunc`.
+    // The cast saturates, and whole numbers within +-2^24 survive it both ways: a comparison
+    // instead of a call to `trunc`.
     let number = value as i32;
     let within = number >= min && number <= max && number as f32 == value;
     within.then(|| (number - min) as u32)
@@ -145,7 +159,9 @@ mod tests {
     #[test]
     fn a_value_on_an_edge_belongs_above_it() {
         let kind = continuous(&[0.5, 0.7, 1.0]);
-        let bins: Vec<u32> = [0.4, 0.5, 0.7, 0.69999, 1.0, -0.0, 9.0].map(|v| kind.bin(v).expect("finite")).to_vec();
+        let bins: Vec<u32> = [0.4, 0.5, 0.7, 0.69999, 1.0, -0.0, 9.0]
+            .map(|v| kind.bin(v).expect("finite"))
+            .to_vec();
         assert_eq!(bins, [0, 1, 2, 1, 3, 0, 3]);
     }
 
@@ -167,22 +183,37 @@ mod tests {
         for bad in [1.5, 4.0, -3.0, f32::NAN, f32::INFINITY, 16_777_217.0] {
             assert!(kind.bin(bad).is_err(), "{bad}");
         }
-        assert_eq!(kind.bin(9.0).expect_err("outside").to_string(), "got 9, expected a whole number from -2 to 3");
+        assert_eq!(
+            kind.bin(9.0).expect_err("outside").to_string(),
+            "got 9, expected a whole number from -2 to 3"
+        );
     }
 
     #[test]
     fn bins_are_named_for_people() {
         let kind = continuous(&[0.5, 1.0]);
-        assert_eq!([0, 1, 2].map(|bin| kind.bin_label(bin)), ["< 0.5", "[0.5, 1)", ">= 1"]);
-        assert_eq!(FeatureKind::Circular(4, Angle::Radians).bin_label(3), "-1.571");
+        assert_eq!(
+            [0, 1, 2].map(|bin| kind.bin_label(bin)),
+            ["< 0.5", "[0.5, 1)", ">= 1"]
+        );
+        assert_eq!(
+            FeatureKind::Circular(4, Angle::Radians).bin_label(3),
+            "-1.571"
+        );
         assert_eq!(FeatureKind::Integer(-2, 3).bin_label(0), "-2");
     }
     #[test]
     fn an_index_is_expected_where_labels_read_as_numbers_and_positions_count() {
         let kind = FeatureKind::Categorical(
-            ["1", "2"].map(|label| label.parse::<Label>().expect("valid")).into_iter().collect(),
+            ["1", "2"]
+                .map(|label| label.parse::<Label>().expect("valid"))
+                .into_iter()
+                .collect(),
         );
         assert_eq!(kind.expected(), "one of 1, 2");
-        assert_eq!(kind.bin(2.0).expect_err("two labels").to_string(), "got 2, expected an index from 0 to 1 of 1, 2");
+        assert_eq!(
+            kind.bin(2.0).expect_err("two labels").to_string(),
+            "got 2, expected an index from 0 to 1 of 1, 2"
+        );
     }
 }

@@ -1,7 +1,8 @@
 //! The schema hash: BLAKE3 of an unambiguous encoding of state and agents.
 //!
-//! Every text and list is preceded by its length and every kind by its own letter, so no two schemas encode alike. What is added to schemas later
-//! must encode to nothing where it is absent: hashes are kept for ever.
+//! Every text and list is preceded by its length and every kind by its own letter, so no two
+//! schemas encode alike. What is added to schemas later must encode to nothing where it is absent:
+//! hashes are kept for ever.
 
 use std::fmt;
 
@@ -48,7 +49,10 @@ fn features(bytes: &mut Vec<u8>, features: &[Feature]) {
     number(bytes, features.len() as u64);
     for feature in features {
         text(bytes, feature.name.as_str());
-        text(bytes, feature.unit.as_ref().map_or("", |unit| unit.as_str()));
+        text(
+            bytes,
+            feature.unit.as_ref().map_or("", |unit| unit.as_str()),
+        );
         kind(bytes, &feature.kind);
     }
 }
@@ -58,7 +62,9 @@ fn kind(bytes: &mut Vec<u8>, kind: &FeatureKind) {
         FeatureKind::Continuous(edges) => {
             bytes.push(b'c');
             number(bytes, edges.len() as u64);
-            edges.iter().for_each(|edge| bytes.extend(edge.to_le_bytes()));
+            edges
+                .iter()
+                .for_each(|edge| bytes.extend(edge.to_le_bytes()));
         }
         FeatureKind::Circular(bins, angle) => {
             bytes.push(match angle {

@@ -4,7 +4,8 @@ use std::borrow::Borrow;
 use std::fmt::{self, Write};
 use std::sync::Arc;
 
-/// A state by its bin numbers, written joined by dots: `3.0.7`. Ordered by bins, first feature first. Cloning is cheap.
+/// A state by its bin numbers, written joined by dots: `3.0.7`. Ordered by bins, first feature
+/// first. Cloning is cheap.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct StateKey(Arc<[u32]>);
 
@@ -14,12 +15,17 @@ impl StateKey {
         Self(bins.into())
     }
 
-    /// Reads a key as [`fmt::Display`] wrote it, without asking whether a schema has such bins: for text that was checked before it was stored.
+    /// Reads a key as [`fmt::Display`] wrote it, without asking whether a schema has such bins: for
+    /// text that was checked before it was stored.
     pub fn from_stored(text: &str) -> Option<Self> {
-        text.split('.').map(|part| part.parse().ok()).collect::<Option<Arc<[u32]>>>().map(Self)
+        text.split('.')
+            .map(|part| part.parse().ok())
+            .collect::<Option<Arc<[u32]>>>()
+            .map(Self)
     }
 
-    /// Returns a number that follows from the key alone, for choices at random that must be the same again.
+    /// Returns a number that follows from the key alone, for choices at random that must be the
+    /// same again.
     pub fn seed(&self) -> u64 {
         let digest = blake3::hash(bytemuck::cast_slice(&self.0));
         let [first, ..] = bytemuck::cast::<[u8; 32], [u64; 4]>(*digest.as_bytes());

@@ -1,17 +1,22 @@
-//! What Nudge talks about: types that cannot be wrong, and the rules that make them so. Nothing here does I/O.
+//! What Nudge talks about: types that cannot be wrong, and the rules that make them so. Nothing
+//! here does I/O.
 //!
 //! The words, used alike in proto, SQL, REST, logs and code:
 //!
-//! * An **environment** is one named world: a [`Schema`] (its state's **features** and its **agents**), which never changes, and a
-//!   [`WrittenRule`], which may; for one pair of agents it is a [`Rule`].
-//! * A **state** is a tuple of feature values; discretised, a tuple of bins, whose [`StateKey`] is `3.0.7`.
-//! * A **joint action** is one action index per agent, as one number, the first agent most significant.
-//! * A **transition** is (state, joint action), seen once or `count` times; `entry` says whether it entered its state.
-//! * A **cell** is (state, **segment**, joint action) with its [`Tally`]: visits `n` and `entries`. Summed over states and segments
-//!   for each action of each agent, cells are [`ActionTotals`].
+//! * An **environment** is one named world: a [`Schema`] (its state's **features** and its
+//!   **agents**), which never changes, and a [`WrittenRule`], which may; for one pair of agents it
+//!   is a [`Rule`].
+//! * A **state** is a tuple of feature values; discretised, a tuple of bins, whose [`StateKey`] is
+//!   `3.0.7`.
+//! * A **joint action** is one action index per agent, as one number, the first agent most
+//!   significant.
+//! * A **transition** is (state, joint action), seen once or `count` times; `entry` says whether it
+//!   entered its state.
+//! * A **cell** is (state, **segment**, joint action) with its [`Tally`]: visits `n` and `entries`.
+//!   Summed over states and segments for each action of each agent, cells are [`ActionTotals`].
 //!
-//! Input passes through stages, each a type: drafts and [`Records`] (decoded), [`Schema`], [`Question`] and [`Increment`] (valid),
-//! [`Receipt`] (committed) and [`Answer`].
+//! Input passes through stages, each a type: drafts and [`Records`] (decoded), [`Schema`],
+//! [`Question`] and [`Increment`] (valid), [`Receipt`] (committed) and [`Answer`].
 
 pub mod draft;
 
@@ -46,8 +51,8 @@ mod training;
 pub use agent::Agent;
 pub use angle::Angle;
 pub use answer::{
-    ActionFigures, Answer, Answers, Basis, Bin, Dependence, Evidence, Figures, Independence, Interval, Labels,
-    Probability, Segmentation, Significance, Variable, Verdict,
+    ActionFigures, Answer, Answers, Basis, Bin, Dependence, Evidence, Figures, Independence,
+    Interval, Labels, Probability, Segmentation, Significance, Variable, Verdict,
 };
 pub use asker::Asker;
 pub use batch::{Acknowledged, Batch, Receipt, Sequence};
@@ -62,14 +67,14 @@ pub use hash::SchemaHash;
 pub use key::StateKey;
 pub use label_set::LabelSet;
 pub use model::{
-    Baseline, Calibration, Card, Job, JobState, Model, ModelAction, ModelFigures, ModelId, ModelKind, Models,
-    Reliability, Score, Training, Weighting, is_same_threshold,
+    Baseline, Calibration, Card, Job, JobState, Model, ModelAction, ModelFigures, ModelId,
+    ModelKind, Models, Reliability, Score, Training, Weighting, is_same_threshold,
 };
 pub use name::{Label, Name, ProducerId};
 pub use near::{hint, is_near, meant};
 pub use overview::{
-    Discoveries, Discovery, DiscoveryMethod, Edge, EdgeKind, Exploration, FittedPrior, Graph, HistogramBin,
-    LabelledCell, StateFigures, StatePage, StateView, Summary, Trial, page_size,
+    Discoveries, Discovery, DiscoveryMethod, Edge, EdgeKind, Exploration, FittedPrior, Graph,
+    HistogramBin, LabelledCell, StateFigures, StatePage, StateView, Summary, Trial, page_size,
 };
 pub use pair::Pair;
 pub use principal::{KeyScope, Pattern, Principal, Scopes};

@@ -1,4 +1,5 @@
-//! Networks that answer for states with few visits or none: how they are trained, what they say of themselves, and what they answer.
+//! Networks that answer for states with few visits or none: how they are trained, what they say of
+//! themselves, and what they answer.
 
 use std::fmt;
 
@@ -77,7 +78,8 @@ pub struct Training {
     pub width: usize,
     /// Networks that are trained and averaged.
     pub members: usize,
-    /// Parts that the states are cut into; each member is stopped and judged by one that it does not learn from.
+    /// Parts that the states are cut into; each member is stopped and judged by one that it does
+    /// not learn from.
     pub folds: usize,
     /// The most passes over the states.
     pub epochs: usize,
@@ -112,9 +114,11 @@ pub struct Model {
     pub other: String,
     /// Whether it answers where counts do not decide.
     pub active: bool,
-    /// Whether it cannot answer by the environment's rule any more: its threshold is not the rule's.
+    /// Whether it cannot answer by the environment's rule any more: its threshold is not the
+    /// rule's.
     pub stale: bool,
-    /// What it says of itself, or why it cannot be read: then it answers nothing, and can only be taken along, taken back or deleted.
+    /// What it says of itself, or why it cannot be read: then it answers nothing, and can only be
+    /// taken along, taken back or deleted.
     pub card: Result<Card, String>,
 }
 
@@ -143,41 +147,52 @@ pub struct Card {
     pub split: String,
     /// Passes over the states after which each member was best.
     pub epochs: Vec<u64>,
-    /// The share of hidden units that was left out in each step: of two, the one that did better on states that were not learned from.
+    /// The share of hidden units that was left out in each step: of two, the one that did better on
+    /// states that were not learned from.
     pub dropout: f64,
-    /// States that it was judged by: of those that it did not learn from, those with at least 8 draws.
+    /// States that it was judged by: of those that it did not learn from, those with at least 8
+    /// draws.
     pub judged_states: u64,
-    /// How much of them has influence by the evidence: the sum of their probabilities, by weight, as a share.
+    /// How much of them has influence by the evidence: the sum of their probabilities, by weight,
+    /// as a share.
     pub positive_share: f64,
-    /// P(MI > threshold) is the logistic function of intercept + slope ln(MI + 0.005), MI being what a member of a joint network says in nats.
+    /// P(MI > threshold) is the logistic function of intercept + slope ln(MI + 0.005), MI being
+    /// what a member of a joint network says in nats.
     pub calibration: Calibration,
-    /// What it says of a state on average: the mean of its probabilities over the states that it was judged on, each once, rarely seen ones included.
-    /// Absent from cards of earlier builds.
+    /// What it says of a state on average: the mean of its probabilities over the states that it
+    /// was judged on, each once, rarely seen ones included. Absent from cards of earlier builds.
     pub base_rate: Option<f64>,
     /// How it did.
     pub score: Score,
     /// How others did on the same states: see [`Baseline`].
     pub baselines: Vec<Score>,
-    /// Predicted probabilities beside what the evidence says, in tenths; tenths without a state are left out.
+    /// Predicted probabilities beside what the evidence says, in tenths; tenths without a state are
+    /// left out.
     pub reliability: Vec<Reliability>,
-    /// Names of the baselines that it does not beat, by log-likelihood where both have one, else by the Brier score; it is made active by itself
-    /// where there is none.
+    /// Names of the baselines that it does not beat, by log-likelihood where both have one, else by
+    /// the Brier score; it is made active by itself where there is none.
     pub not_better_than: Vec<String>,
 }
 
 impl Card {
-    /// Returns whether it found more in the counts that it learned from than the same network does in shuffled ones.
+    /// Returns whether it found more in the counts that it learned from than the same network does
+    /// in shuffled ones.
     pub fn found_something(&self) -> bool {
-        !self.not_better_than.iter().any(|name| name == Baseline::Shuffled.as_str())
+        !self
+            .not_better_than
+            .iter()
+            .any(|name| name == Baseline::Shuffled.as_str())
     }
 
-    /// Returns whether it is known which states each member did not learn from: not of a network that another tool trained.
+    /// Returns whether it is known which states each member did not learn from: not of a network
+    /// that another tool trained.
     pub fn is_split_known(&self) -> bool {
         !self.epochs.is_empty()
     }
 }
 
-/// Returns whether two thresholds in nats are the same but for rounding: one may have been told in bits, or as a share of what is possible.
+/// Returns whether two thresholds in nats are the same but for rounding: one may have been told in
+/// bits, or as a share of what is possible.
 pub fn is_same_threshold(one: f64, other: f64) -> bool {
     const ROUNDING: f64 = 1e-9;
     (one - other).abs() <= ROUNDING * one.abs().max(other.abs())
@@ -194,13 +209,20 @@ pub enum Baseline {
     LookUp,
     /// What was seen in the states that share its most telling features.
     BackOff,
-    /// The same network, trained on counts in which the other's actions are shuffled within each state.
+    /// The same network, trained on counts in which the other's actions are shuffled within each
+    /// state.
     Shuffled,
 }
 
 impl Baseline {
     /// Every baseline, in the order in which they are told.
-    pub const ALL: [Self; 5] = [Self::AllPositive, Self::Majority, Self::LookUp, Self::BackOff, Self::Shuffled];
+    pub const ALL: [Self; 5] = [
+        Self::AllPositive,
+        Self::Majority,
+        Self::LookUp,
+        Self::BackOff,
+        Self::Shuffled,
+    ];
 
     /// Returns the word on the wire.
     pub fn as_str(self) -> &'static str {
@@ -223,17 +245,19 @@ pub struct Calibration {
     pub slope: f64,
 }
 
-/// How probabilities of influence did against the evidence of states that they were not made from. A state counts as positive by its probability
-/// given its counts, and as negative by the rest.
+/// How probabilities of influence did against the evidence of states that they were not made from.
+/// A state counts as positive by its probability given its counts, and as negative by the rest.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Score {
     /// Whose they are: `network`, or a baseline's name.
     pub name: String,
-    /// Mean log-likelihood of the other's action given the ego's, in nats a visit; absent for what predicts no actions.
+    /// Mean log-likelihood of the other's action given the ego's, in nats a visit; absent for what
+    /// predicts no actions.
     pub log_likelihood: Option<f64>,
     /// Area under the ROC curve; absent where all have the same probability.
     pub auroc: Option<f64>,
-    /// Share of influence in what is called at a probability of one half; absent where nothing is called.
+    /// Share of influence in what is called at a probability of one half; absent where nothing is
+    /// called.
     pub precision: Option<f64>,
     /// Share called of what has influence; absent where nothing has.
     pub recall: Option<f64>,
@@ -275,7 +299,8 @@ pub struct Job {
     pub version: Option<u64>,
     /// Trainings that go before it, of whatever environment; 0 once it has begun.
     pub ahead: u64,
-    /// In how many seconds it will be done, at its pace so far; `None` before that can be told, and when it is over.
+    /// In how many seconds it will be done, at its pace so far; `None` before that can be told, and
+    /// when it is over.
     pub seconds_left: Option<f64>,
 }
 
@@ -345,12 +370,20 @@ impl std::str::FromStr for ModelId {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let number = |text: &str| text.parse().ok().filter(|number: &u64| number.to_string() == text);
+        let number = |text: &str| {
+            text.parse()
+                .ok()
+                .filter(|number: &u64| number.to_string() == text)
+        };
         let found = match text.strip_prefix("job-") {
             Some(job) => number(job).map(Self::Job),
             None => number(text).map(Self::Version),
         };
-        found.ok_or_else(|| format!("got {text:?}, expected the number of a version, or job- and the number of a job"))
+        found.ok_or_else(|| {
+            format!(
+                "got {text:?}, expected the number of a version, or job- and the number of a job"
+            )
+        })
     }
 }
 
@@ -361,13 +394,15 @@ pub struct ModelFigures {
     pub version: u64,
     /// What it predicts.
     pub kind: ModelKind,
-    /// P(MI > threshold), the mean of its members; absent at another threshold than the one that it was trained for.
+    /// P(MI > threshold), the mean of its members; absent at another threshold than the one that it
+    /// was trained for.
     pub probability: Option<f64>,
     /// Mutual information, the mean of its members; absent for a direct network.
     pub mutual_information: Option<f64>,
     /// Whether its members say the same at their own threshold, each on its own side of one half.
     pub agrees: bool,
-    /// Names of the features whose bin in this state no state of its training had: where there is one, it gives no verdict.
+    /// Names of the features whose bin in this state no state of its training had: where there is
+    /// one, it gives no verdict.
     pub out_of_range: Vec<String>,
     /// The ego's actions in index order; a joint network in the view `full` only.
     pub by_action: Vec<ModelAction>,

@@ -64,7 +64,12 @@ checked_text!(
 
 fn is_name(text: &str) -> bool {
     let inner = |b: u8| b.is_ascii_lowercase() || b.is_ascii_digit() || b"._-".contains(&b);
-    text.len() <= 63 && text.bytes().all(inner) && text.bytes().next().is_some_and(|b| b.is_ascii_alphanumeric())
+    text.len() <= 63
+        && text.bytes().all(inner)
+        && text
+            .bytes()
+            .next()
+            .is_some_and(|b| b.is_ascii_alphanumeric())
 }
 
 fn is_label(text: &str) -> bool {
@@ -73,11 +78,17 @@ fn is_label(text: &str) -> bool {
 
 fn is_producer(text: &str) -> bool {
     let inner = |b: u8| b.is_ascii_alphanumeric() || b"._:@-".contains(&b);
-    text.len() <= 128 && text.bytes().all(inner) && text.bytes().next().is_some_and(|b| b.is_ascii_alphanumeric())
+    text.len() <= 128
+        && text.bytes().all(inner)
+        && text
+            .bytes()
+            .next()
+            .is_some_and(|b| b.is_ascii_alphanumeric())
 }
 
-/// Asks the standard library's own table of printable characters, which it uses to decide what to escape. The letter in front keeps combining
-/// marks, which are printable after a letter, from being escaped.
+/// Asks the standard library's own table of printable characters, which it uses to decide what to
+/// escape. The letter in front keeps combining marks, which are printable after a letter, from
+/// being escaped.
 fn is_printable(c: char) -> bool {
     matches!(c, '\\' | '"' | '\'') || format!("a{c}").escape_debug().count() == 2
 }
@@ -88,20 +99,53 @@ mod tests {
 
     #[test]
     fn names_are_lower_case_and_short() {
-        for good in ["hallway", "7up", "counter_circuit", "a.b-c", &"x".repeat(63)] {
+        for good in [
+            "hallway",
+            "7up",
+            "counter_circuit",
+            "a.b-c",
+            &"x".repeat(63),
+        ] {
             assert!(good.parse::<Name>().is_ok(), "{good}");
         }
-        for bad in ["", "Hallway", "../etc", "a/b", ".a", "-a", "é", "a b", "a\0", &"x".repeat(64)] {
+        for bad in [
+            "",
+            "Hallway",
+            "../etc",
+            "a/b",
+            ".a",
+            "-a",
+            "é",
+            "a b",
+            "a\0",
+            &"x".repeat(64),
+        ] {
             assert!(bad.parse::<Name>().is_err(), "{bad:?}");
         }
     }
 
     #[test]
     fn labels_are_printable_unicode() {
-        for good in ["north", "näher", "左", "e\u{301}", "it's \"so\" \\", "🤖", &"é".repeat(64)] {
+        for good in [
+            "north",
+            "näher",
+            "左",
+            "e\u{301}",
+            "it's \"so\" \\",
+            "🤖",
+            &"é".repeat(64),
+        ] {
             assert!(good.parse::<Label>().is_ok(), "{good:?}");
         }
-        for bad in ["", "a\nb", "a\0", "\u{200f}north", "\u{feff}", "a\u{a0}b", &"é".repeat(65)] {
+        for bad in [
+            "",
+            "a\nb",
+            "a\0",
+            "\u{200f}north",
+            "\u{feff}",
+            "a\u{a0}b",
+            &"é".repeat(65),
+        ] {
             assert!(bad.parse::<Label>().is_err(), "{bad:?}");
         }
     }

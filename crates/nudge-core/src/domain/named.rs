@@ -1,4 +1,5 @@
-//! From values by name to values by position: how JSON, query strings and people write states and actions.
+//! From values by name to values by position: how JSON, query strings and people write states and
+//! actions.
 
 use super::draft::{ActionDraft, NamedValues, ValueDraft};
 use super::label_set::is_plain_number;
@@ -9,8 +10,9 @@ use crate::error::{Fault, pointer};
 const LARGE: f64 = 1e39;
 
 impl Schema {
-    /// Returns one value a state feature, or every fault: missing, unknown and doubled features, labels and numbers that do not fit.
-    /// Numbers are rounded to f32; whether they have a bin is asked later.
+    /// Returns one value a state feature, or every fault: missing, unknown and doubled features,
+    /// labels and numbers that do not fit. Numbers are rounded to f32; whether they have a bin is
+    /// asked later.
     pub fn state_values(&self, named: &NamedValues) -> Result<Vec<f32>, Vec<Fault>> {
         values(self.state(), named)
     }
@@ -33,49 +35,90 @@ impl Schema {
                 },
             }
         }
-        if faults.is_empty() { Ok(all) } else { Err(faults) }
+        if faults.is_empty() {
+            Ok(all)
+        } else {
+            Err(faults)
+        }
     }
 
-    /// Returns a fault for each label that JSON numbers cannot tell from one before it. Environments that have such labels keep them.
+    /// Returns a fault for each label that JSON numbers cannot tell from one before it.
+    /// Environments that have such labels keep them.
     pub fn labels_alike(&self) -> Vec<Fault> {
-        let state = self.state().iter().enumerate().map(|(at, feature)| (format!("/state/{at}"), feature));
+        let state = self
+            .state()
+            .iter()
+            .enumerate()
+            .map(|(at, feature)| (format!("/state/{at}"), feature));
         let of_agent = |(at, agent): (usize, &'_ Agent)| -> Vec<(String, Feature)> {
             let action = agent.action.iter().enumerate();
-            action.map(|(k, feature)| (format!("/agents/{at}/action/{k}"), feature.clone())).collect()
+            action
+                .map(|(k, feature)| (format!("/agents/{at}/action/{k}"), feature.clone()))
+                .collect()
         };
         let actions = self.agents().iter().enumerate().flat_map(of_agent);
-        state.map(|(pointer, feature)| (pointer, feature.clone())).chain(actions).filter_map(alike).collect()
+        state
+            .map(|(pointer, feature)| (pointer, feature.clone()))
+            .chain(actions)
+            .filter_map(alike)
+            .collect()
     }
 }
 
 /// Returns the fault of a feature with two labels that are one number.
 fn alike((pointer, feature): (String, Feature)) -> Option<Fault> {
-    let FeatureKind::Categorical(labels) = &feature.kind else { return None };
+    let FeatureKind::Categorical(labels) = &feature.kind else {
+        return None;
+    };
     let (first, again) = labels.alike()?;
-    let detail = format!("{:?} is the same number as {:?}", labels[again].as_str(), labels[first].as_str());
-    Some(Fault::new(format!("{pointer}/categorical/labels/{again}"), detail))
+    let detail = format!(
+        "{:?} is the same number as {:?}",
+        labels[again].as_str(),
+        labels[first].as_str()
+    );
+    Some(Fault::new(
+        format!("{pointer}/categorical/labels/{again}"),
+        detail,
+    ))
 }
 
 fn action(agent: &Agent, draft: &ActionDraft) -> Result<Vec<f32>, Vec<Fault>> {
     match (draft, agent.action.as_slice()) {
         (ActionDraft::Named(named), features) => values(features, named),
-        (ActionDraft::Bare(draft), [only]) => {
-            Ok(vec![value(only, draft).map_err(|detail| vec![Fault::new("", detail)])?])
-        }
+        (ActionDraft::Bare(draft), [only]) => Ok(vec![
+            value(only, draft).map_err(|detail| vec![Fault::new("", detail)])?,
+        ]),
         (ActionDraft::Bare(draft), features) => {
-            let names: Vec<&str> = features.iter().map(|feature| feature.name.as_str()).collect();
-            Err(vec![Fault::new("", format!("got {}, expected an object of {}", written(draft), names.join(", ")))])
+            let names: Vec<&str> = features
+                .iter()
+                .map(|feature| feature.name.as_str())
+                .collect();
+            Err(vec![Fault::new(
+                "",
+                format!(
+                    "got {}, expected an object of {}",
+                    written(draft),
+                    names.join(", ")
+                ),
+            )])
         }
     }
 }
 
 fn values(features: &[Feature], named: &NamedValues) -> Result<Vec<f32>, Vec<Fault>> {
     let known = features.iter().map(|feature| &feature.name);
-    let mut faults = unknown(named.iter().map(|(name, _)| name.as_str()), known, "feature");
+    let mut faults = unknown(
+        named.iter().map(|(name, _)| name.as_str()),
+        known,
+        "feature",
+    );
     let mut all = Vec::with_capacity(features.len());
     for feature in features {
-        let drafts: Vec<&ValueDraft> =
-            named.iter().filter(|(name, _)| name == feature.name.as_str()).map(|(_, draft)| draft).collect();
+        let drafts: Vec<&ValueDraft> = named
+            .iter()
+            .filter(|(name, _)| name == feature.name.as_str())
+            .map(|(_, draft)| draft)
+            .collect();
         let found = match drafts.as_slice() {
             [draft] => value(feature, draft),
             [] => Err(format!("missing, expected {}", feature.kind.expected())),
@@ -86,7 +129,11 @@ fn values(features: &[Feature], named: &NamedValues) -> Result<Vec<f32>, Vec<Fau
             Err(detail) => faults.push(Fault::new(format!("/{}", feature.name), detail)),
         }
     }
-    if faults.is_empty() { Ok(all) } else { Err(faults) }
+    if faults.is_empty() {
+        Ok(all)
+    } else {
+        Err(faults)
+    }
 }
 
 fn unknown<'a>(
@@ -101,35 +148,54 @@ fn unknown<'a>(
         .collect()
 }
 
-/// Says which names there are, if they are few. Which is nearest is not looked for: a batch may have a hundred thousand wrong names.
+/// Says which names there are, if they are few. Which is nearest is not looked for: a batch may
+/// have a hundred thousand wrong names.
 fn unknown_one<'a>(known: impl Iterator<Item = &'a Name> + Clone, what: &str) -> String {
     const FEW: usize = 8;
     match known.clone().count() {
-        1..=FEW => format!("unknown {what}, expected {}", known.map(Name::as_str).collect::<Vec<_>>().join(", ")),
+        1..=FEW => format!(
+            "unknown {what}, expected {}",
+            known.map(Name::as_str).collect::<Vec<_>>().join(", ")
+        ),
         _ => format!("unknown {what}"),
     }
 }
 
-/// Reads a value of a feature, the same for every face: what [`super::LabelSet`] says of labels, and for other kinds a number, which text may be
-/// too. True and false are the labels `true` and `false`.
+/// Reads a value of a feature, the same for every face: what [`super::LabelSet`] says of labels,
+/// and for other kinds a number, which text may be too. True and false are the labels `true` and
+/// `false`.
 fn value(feature: &Feature, draft: &ValueDraft) -> Result<f32, String> {
     let read = match (&feature.kind, draft) {
         (FeatureKind::Categorical(labels), draft) => label(labels, draft),
         (_, ValueDraft::Number(number)) => finite(*number),
-        (_, ValueDraft::Text(text) | ValueDraft::Digits(text)) => text.parse().ok().and_then(finite),
+        (_, ValueDraft::Text(text) | ValueDraft::Digits(text)) => {
+            text.parse().ok().and_then(finite)
+        }
         (_, ValueDraft::Truth(_) | ValueDraft::Other(_)) => None,
     };
-    read.ok_or_else(|| format!("got {}, expected {}", written(draft), feature.kind.expected()))
+    read.ok_or_else(|| {
+        format!(
+            "got {}, expected {}",
+            written(draft),
+            feature.kind.expected()
+        )
+    })
 }
 
-/// Returns the index that a value names. Text is a label by its very characters, or else by the number that it is as JSON writes numbers.
+/// Returns the index that a value names. Text is a label by its very characters, or else by the
+/// number that it is as JSON writes numbers.
 fn label(labels: &LabelSet, draft: &ValueDraft) -> Option<f32> {
     let position = |text: &str| labels.position(text).map(|at| at as f32);
     let number = |number: f64| match labels.takes_indices() {
         true => finite(number),
         false => labels.position_of_number(number).map(|at| at as f32),
     };
-    let index = |text: &str| labels.takes_indices().then(|| text.parse().ok().and_then(finite)).flatten();
+    let index = |text: &str| {
+        labels
+            .takes_indices()
+            .then(|| text.parse().ok().and_then(finite))
+            .flatten()
+    };
     match draft {
         ValueDraft::Number(written) => number(*written),
         ValueDraft::Text(text) | ValueDraft::Digits(text) if is_plain_number(text) => {

@@ -1,7 +1,10 @@
-//! Answers about more, or less, than influence in one state: a state's counts, pages of states, and all states together.
+//! Answers about more, or less, than influence in one state: a state's counts, pages of states, and
+//! all states together.
 
 use super::draft::DiscoveryDraft;
-use super::{Answer, Basis, Bin, Evidence, FitId, Label, Segmentation, StateKey, Tally, Unit, Verdict};
+use super::{
+    Answer, Basis, Bin, Evidence, FitId, Label, Segmentation, StateKey, Tally, Unit, Verdict,
+};
 use crate::error::{Fault, Problem};
 
 /// Returns a page size within 1 to 1,000; 0 stands for 100.
@@ -9,7 +12,13 @@ pub fn page_size(asked: u64) -> Result<usize, Problem> {
     match asked {
         0 => Ok(100),
         1..=1_000 => Ok(asked as usize),
-        _ => Err(Problem::invalid("page", vec![Fault::new("/page_size", format!("got {asked}, expected 1 to 1000"))])),
+        _ => Err(Problem::invalid(
+            "page",
+            vec![Fault::new(
+                "/page_size",
+                format!("got {asked}, expected 1 to 1000"),
+            )],
+        )),
     }
 }
 
@@ -110,7 +119,9 @@ impl std::str::FromStr for DiscoveryMethod {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let known = [Self::Bayes, Self::Bh].into_iter().find(|method| method.as_str() == text);
+        let known = [Self::Bayes, Self::Bh]
+            .into_iter()
+            .find(|method| method.as_str() == text);
         known.ok_or_else(|| format!("got {text:?}, expected bayes or bh"))
     }
 }
@@ -120,11 +131,15 @@ impl Discovery {
     pub fn new(draft: &DiscoveryDraft) -> Result<Option<Self>, Vec<Fault>> {
         let mut faults = Vec::new();
         let method = draft.method.as_deref().map(str::parse).transpose();
-        let method: Option<DiscoveryMethod> =
-            method.map_err(|detail| faults.push(Fault::new("/method", detail))).unwrap_or_default();
+        let method: Option<DiscoveryMethod> = method
+            .map_err(|detail| faults.push(Fault::new("/method", detail)))
+            .unwrap_or_default();
         match draft.fdr {
             Some(fdr) if !(fdr > 0.0 && fdr < 1.0) => {
-                faults.push(Fault::new("/fdr", format!("got {fdr}, expected a number above 0 and below 1")));
+                faults.push(Fault::new(
+                    "/fdr",
+                    format!("got {fdr}, expected a number above 0 and below 1"),
+                ));
             }
             None if draft.method.is_some() => {
                 faults.push(Fault::new("/fdr", "missing, and a method is given"));
@@ -134,7 +149,10 @@ impl Discovery {
         if !faults.is_empty() {
             return Err(faults);
         }
-        Ok(draft.fdr.map(|fdr| Self { fdr, method: method.unwrap_or_default() }))
+        Ok(draft.fdr.map(|fdr| Self {
+            fdr,
+            method: method.unwrap_or_default(),
+        }))
     }
 }
 
@@ -158,7 +176,8 @@ pub struct Summary {
     pub states: u64,
     /// Segments of the environment; none where they were left out.
     pub segments: Vec<Label>,
-    /// Segments that the counts come from; the mean over states of the probability that habits differ there.
+    /// Segments that the counts come from; the mean over states of the probability that habits
+    /// differ there.
     pub segmentation: Segmentation,
     /// Visits from which the rule calls data enough.
     pub min_visits: u64,
@@ -176,7 +195,8 @@ pub struct Summary {
     pub threshold: f64,
     /// The threshold in nats.
     pub threshold_nats: f64,
-    /// The threshold as a share of the largest mutual information of the pair; `None` where that is 0.
+    /// The threshold as a share of the largest mutual information of the pair; `None` where that is
+    /// 0.
     pub threshold_share: Option<f64>,
     /// States by dependence, in the order of [`Dependence::ALL`](super::Dependence::ALL).
     pub dependence: [u64; 3],
@@ -229,9 +249,11 @@ pub struct Edge {
     pub answer: Answer,
     /// What it is, beside all other agents.
     pub kind: EdgeKind,
-    /// The positions of the agents that explain it: with their actions held fixed no dependence is left.
+    /// The positions of the agents that explain it: with their actions held fixed no dependence is
+    /// left.
     pub explained_by: Vec<usize>,
-    /// The positions of the agents that open it: with their actions held fixed there is dependence that is not seen without.
+    /// The positions of the agents that open it: with their actions held fixed there is dependence
+    /// that is not seen without.
     pub opened_by: Vec<usize>,
 }
 
@@ -242,7 +264,8 @@ pub enum EdgeKind {
     Direct,
     /// They depend on each other by way of others.
     Explained,
-    /// What was seen does not decide; or they depend on each other only while others are held fixed.
+    /// What was seen does not decide; or they depend on each other only while others are held
+    /// fixed.
     Open,
     /// They do not depend on each other.
     Absent,
@@ -289,7 +312,8 @@ pub struct Trial {
     pub action: String,
     /// How often it was taken in this state.
     pub action_visits: u64,
-    /// By how much one more visit is expected to lower the entropy of "MI is above the threshold", in nats.
+    /// By how much one more visit is expected to lower the entropy of "MI is above the threshold",
+    /// in nats.
     pub information_gain: f64,
     /// P(MI > threshold) as it is.
     pub above_threshold: f64,

@@ -1,4 +1,5 @@
-//! Principals: who asks, and what they are authorized to do. How somebody proves to be one is for `access` and `serve`.
+//! Principals: who asks, and what they are authorized to do. How somebody proves to be one is for
+//! `access` and `serve`.
 
 use std::fmt;
 use std::str::FromStr;
@@ -73,24 +74,37 @@ impl Scopes {
 
     /// Returns the scopes in their order.
     pub fn iter(self) -> impl Iterator<Item = KeyScope> {
-        KeyScope::ALL.into_iter().filter(move |scope| self.0 & scope.bit() != 0)
+        KeyScope::ALL
+            .into_iter()
+            .filter(move |scope| self.0 & scope.bit() != 0)
     }
 
     /// Returns the scopes as a sentence names them: "read or ingest".
     pub fn one_of(self) -> String {
-        self.iter().map(KeyScope::as_str).collect::<Vec<_>>().join(" or ")
+        self.iter()
+            .map(KeyScope::as_str)
+            .collect::<Vec<_>>()
+            .join(" or ")
     }
 }
 
 impl FromIterator<KeyScope> for Scopes {
     fn from_iter<I: IntoIterator<Item = KeyScope>>(scopes: I) -> Self {
-        scopes.into_iter().fold(Self::default(), |set, scope| Self(set.0 | scope.bit()))
+        scopes
+            .into_iter()
+            .fold(Self::default(), |set, scope| Self(set.0 | scope.bit()))
     }
 }
 
 impl fmt::Display for Scopes {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.iter().map(KeyScope::as_str).collect::<Vec<_>>().join(","))
+        f.write_str(
+            &self
+                .iter()
+                .map(KeyScope::as_str)
+                .collect::<Vec<_>>()
+                .join(","),
+        )
     }
 }
 
@@ -99,17 +113,24 @@ impl fmt::Display for Scopes {
 pub struct Pattern(Arc<str>);
 
 impl Pattern {
-    /// The longest pattern, as of a name. No key is as short, so that none can stand here by mistake.
+    /// The longest pattern, as of a name. No key is as short, so that none can stand here by
+    /// mistake.
     const LONGEST: usize = 63;
 
     /// Returns whether a text is of the pattern.
     pub fn matches(&self, text: &str) -> bool {
-        let Some((first, rest)) = self.0.split_once('*') else { return *self.0 == *text };
-        let Some(mut text) = text.strip_prefix(first) else { return false };
+        let Some((first, rest)) = self.0.split_once('*') else {
+            return *self.0 == *text;
+        };
+        let Some(mut text) = text.strip_prefix(first) else {
+            return false;
+        };
         let (middle, last) = rest.rsplit_once('*').unwrap_or(("", rest));
         // The earliest place of each part leaves the most room for those behind it.
         for part in middle.split('*') {
-            let Some(at) = text.find(part) else { return false };
+            let Some(at) = text.find(part) else {
+                return false;
+            };
             text = &text[at + part.len()..];
         }
         text.ends_with(last)
@@ -125,11 +146,14 @@ impl FromStr for Pattern {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let is_known = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || b"._-*".contains(&byte);
+        let is_known = |byte: u8| {
+            byte.is_ascii_lowercase() || byte.is_ascii_digit() || b"._-*".contains(&byte)
+        };
         let is_pattern = (1..=Self::LONGEST).contains(&text.len()) && text.bytes().all(is_known);
-        let expected =
-            "expected names of environments of a-z, 0-9, '.', '_' and '-', where `*` stands for any characters";
-        is_pattern.then(|| Self(text.into())).ok_or_else(|| format!("got {text:?}, {expected}"))
+        let expected = "expected names of environments of a-z, 0-9, '.', '_' and '-', where `*` stands for any characters";
+        is_pattern
+            .then(|| Self(text.into()))
+            .ok_or_else(|| format!("got {text:?}, {expected}"))
     }
 }
 
@@ -145,17 +169,29 @@ pub struct Principal {
 impl Principal {
     /// Makes the principal of a key of that name; without patterns every environment is theirs.
     pub fn named(name: Name, scopes: Scopes, environments: Option<Vec<Pattern>>) -> Self {
-        Self { name: Some(name), scopes, environments }
+        Self {
+            name: Some(name),
+            scopes,
+            environments,
+        }
     }
 
     /// Makes the one who asks where nobody needs a key: they may do everything, and have no name.
     pub fn anonymous() -> Self {
-        Self { name: None, scopes: Scopes::ALL, environments: None }
+        Self {
+            name: None,
+            scopes: Scopes::ALL,
+            environments: None,
+        }
     }
 
     /// Makes one who may do nothing.
     pub fn nobody() -> Self {
-        Self { name: None, scopes: Scopes::default(), environments: Some(Vec::new()) }
+        Self {
+            name: None,
+            scopes: Scopes::default(),
+            environments: Some(Vec::new()),
+        }
     }
 
     /// Returns the name, which producers belong to.
@@ -170,7 +206,8 @@ impl Principal {
 
     /// Returns whether an environment of that name is theirs, should there be one.
     pub fn may_see(&self, environment: &str) -> bool {
-        let is_theirs = |patterns: &Vec<Pattern>| patterns.iter().any(|pattern| pattern.matches(environment));
+        let is_theirs =
+            |patterns: &Vec<Pattern>| patterns.iter().any(|pattern| pattern.matches(environment));
         self.environments.as_ref().is_none_or(is_theirs)
     }
 
@@ -180,8 +217,12 @@ impl Principal {
             return Ok(());
         }
         let (who, scopes) = (self.told(), self.scopes);
-        let message = format!("{who} has the scopes [{scopes}], and this wants {}", wanted.one_of());
-        Err(Problem::new(ErrorKind::Forbidden, "SCOPE_MISSING", message).with("scope", wanted.one_of()))
+        let message = format!(
+            "{who} has the scopes [{scopes}], and this wants {}",
+            wanted.one_of()
+        );
+        Err(Problem::new(ErrorKind::Forbidden, "SCOPE_MISSING", message)
+            .with("scope", wanted.one_of()))
     }
 
     /// Refuses an environment that is not theirs, whether it exists or not.
@@ -189,9 +230,22 @@ impl Principal {
         if self.may_see(environment) {
             return Ok(());
         }
-        let patterns = self.environments.iter().flatten().map(Pattern::as_str).collect::<Vec<_>>().join(", ");
-        let message = format!("{} is not for environment `{environment}`, but for [{patterns}]", self.told());
-        Err(Problem::new(ErrorKind::Forbidden, "ENVIRONMENT_FORBIDDEN", message))
+        let patterns = self
+            .environments
+            .iter()
+            .flatten()
+            .map(Pattern::as_str)
+            .collect::<Vec<_>>()
+            .join(", ");
+        let message = format!(
+            "{} is not for environment `{environment}`, but for [{patterns}]",
+            self.told()
+        );
+        Err(Problem::new(
+            ErrorKind::Forbidden,
+            "ENVIRONMENT_FORBIDDEN",
+            message,
+        ))
     }
 
     /// Refuses whoever asks for the whole service and may see a part of it.
@@ -199,12 +253,21 @@ impl Principal {
         if self.is_everywhere() {
             return Ok(());
         }
-        let message = format!("{} is for some environments, and this tells of all", self.told());
-        Err(Problem::new(ErrorKind::Forbidden, "ENVIRONMENT_FORBIDDEN", message))
+        let message = format!(
+            "{} is for some environments, and this tells of all",
+            self.told()
+        );
+        Err(Problem::new(
+            ErrorKind::Forbidden,
+            "ENVIRONMENT_FORBIDDEN",
+            message,
+        ))
     }
 
     fn told(&self) -> String {
-        self.name.as_ref().map_or_else(|| "nobody".into(), |name| format!("key `{name}`"))
+        self.name
+            .as_ref()
+            .map_or_else(|| "nobody".into(), |name| format!("key `{name}`"))
     }
 }
 
@@ -221,16 +284,30 @@ mod tests {
     #[test]
     fn patterns_match_whole_names() {
         for (glob, yes, no) in [
-            ("hallway", &["hallway"][..], &["hallway2", "a-hallway", ""][..]),
-            ("hallway*", &["hallway", "hallway-7"], &["hall", "a-hallway"]),
+            (
+                "hallway",
+                &["hallway"][..],
+                &["hallway2", "a-hallway", ""][..],
+            ),
+            (
+                "hallway*",
+                &["hallway", "hallway-7"],
+                &["hall", "a-hallway"],
+            ),
             ("*-test", &["a-test", "-test"], &["a-tests", "test"]),
-            ("a*b*c", &["abc", "a-b-c", "abbc", "abcbc"], &["ac", "ab", "acb", "bc"]),
+            (
+                "a*b*c",
+                &["abc", "a-b-c", "abbc", "abcbc"],
+                &["ac", "ab", "acb", "bc"],
+            ),
             ("a*a", &["aa", "aba"], &["a"]),
             ("*", &["", "a"], &[]),
             ("**", &["", "a"], &[]),
         ] {
-            yes.iter().for_each(|name| assert!(pattern(glob).matches(name), "{glob} {name}"));
-            no.iter().for_each(|name| assert!(!pattern(glob).matches(name), "{glob} {name}"));
+            yes.iter()
+                .for_each(|name| assert!(pattern(glob).matches(name), "{glob} {name}"));
+            no.iter()
+                .for_each(|name| assert!(!pattern(glob).matches(name), "{glob} {name}"));
         }
         for wrong in ["", "Hall", "a b", "a?", "[ab]", "é", &"a".repeat(64)] {
             assert!(wrong.parse::<Pattern>().is_err(), "{wrong}");
@@ -256,14 +333,22 @@ mod tests {
     #[test]
     fn no_scope_implies_another() {
         for scope in KeyScope::ALL {
-            let principal = Principal::named("k".parse().expect("a name"), Scopes::of(&[scope]), None);
+            let principal =
+                Principal::named("k".parse().expect("a name"), Scopes::of(&[scope]), None);
             for wanted in KeyScope::ALL {
-                assert_eq!(principal.authorize(Scopes::of(&[wanted])).is_ok(), scope == wanted);
+                assert_eq!(
+                    principal.authorize(Scopes::of(&[wanted])).is_ok(),
+                    scope == wanted
+                );
             }
             assert!(principal.authorize(Scopes::ALL).is_ok());
             assert_eq!(scope.as_str().parse(), Ok(scope));
-            Principal::anonymous().authorize(Scopes::of(&[scope])).expect("everything");
-            Principal::nobody().authorize(Scopes::of(&[scope])).expect_err("nothing");
+            Principal::anonymous()
+                .authorize(Scopes::of(&[scope]))
+                .expect("everything");
+            Principal::nobody()
+                .authorize(Scopes::of(&[scope]))
+                .expect_err("nothing");
         }
     }
 
@@ -271,9 +356,16 @@ mod tests {
     fn an_environment_is_refused_by_its_name_alone() {
         let theirs = Some(vec![pattern("hall*"), pattern("lane")]);
         let principal = Principal::named("k".parse().expect("a name"), Scopes::ALL, theirs);
-        assert!(["hallway", "lane"].iter().all(|name| principal.admit_to(name).is_ok()));
+        assert!(
+            ["hallway", "lane"]
+                .iter()
+                .all(|name| principal.admit_to(name).is_ok())
+        );
         let refused = principal.admit_to("kitchen").expect_err("another's");
-        assert_eq!((refused.kind, refused.reason), (ErrorKind::Forbidden, "ENVIRONMENT_FORBIDDEN"));
+        assert_eq!(
+            (refused.kind, refused.reason),
+            (ErrorKind::Forbidden, "ENVIRONMENT_FORBIDDEN")
+        );
         assert!(principal.admit_everywhere().is_err() && !Principal::nobody().may_see("lane"));
     }
 }

@@ -3,7 +3,9 @@
 use std::str::FromStr;
 
 use super::draft::{PairDraft, QuestionDraft, StatesDraft};
-use super::{Environment, Estimator, Estimators, Label, Pair, Rule, Schema, StateKey, Unit, WrittenRule};
+use super::{
+    Environment, Estimator, Estimators, Label, Pair, Rule, Schema, StateKey, Unit, WrittenRule,
+};
 use crate::error::{Fault, Problem};
 
 /// The most states of one question.
@@ -26,13 +28,16 @@ pub enum View {
     Full,
 }
 
-/// Stratification by segment: what is compared within each segment alone, since trials, or pairs of players, may differ in their habits.
+/// Stratification by segment: what is compared within each segment alone, since trials, or pairs of
+/// players, may differ in their habits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Within {
-    /// Tests are within segments; plug-in mutual information and its mean under independence are of the pooled table.
+    /// Tests are within segments; plug-in mutual information and its mean under independence are of
+    /// the pooled table.
     #[default]
     Auto,
-    /// Tests are within segments, and so are those figures: their means over segments, weighted by visits.
+    /// Tests are within segments, and so are those figures: their means over segments, weighted by
+    /// visits.
     Segments,
     /// Nothing is: segments are added up before anything is computed.
     Pooled,
@@ -65,7 +70,10 @@ impl FromStr for Within {
 
     fn from_str(text: &str) -> Result<Self, String> {
         let wrong = || format!("got {text:?}, expected auto, segments or pooled");
-        Self::ALL.into_iter().find(|within| within.as_str() == text).ok_or_else(wrong)
+        Self::ALL
+            .into_iter()
+            .find(|within| within.as_str() == text)
+            .ok_or_else(wrong)
     }
 }
 
@@ -108,7 +116,9 @@ impl FromStr for Permutations {
             "auto" => Ok(Self::Auto),
             "pooled" => Ok(Self::Pooled),
             "within_segments" => Ok(Self::WithinSegments),
-            _ => Err(format!("got {text:?}, expected auto, pooled or within_segments")),
+            _ => Err(format!(
+                "got {text:?}, expected auto, pooled or within_segments"
+            )),
         }
     }
 }
@@ -130,7 +140,10 @@ impl FromStr for View {
     fn from_str(text: &str) -> Result<Self, String> {
         let known = [Self::Verdict, Self::Figures, Self::Full];
         let wrong = || format!("got {text:?}, expected verdict, figures or full");
-        known.into_iter().find(|view| view.as_str() == text).ok_or_else(wrong)
+        known
+            .into_iter()
+            .find(|view| view.as_str() == text)
+            .ok_or_else(wrong)
     }
 }
 
@@ -179,7 +192,8 @@ impl Question {
         let asked = draft.states.len();
         let mut few = |wanted: bool, most: usize, pointer: &str| {
             if wanted && asked > most {
-                let detail = format!("got {asked} states, expected at most {most} where this is asked for");
+                let detail =
+                    format!("got {asked} states, expected at most {most} where this is asked for");
                 faults.push(Fault::new(pointer, detail));
             }
         };
@@ -189,9 +203,24 @@ impl Question {
         let (Some(scope), Some(states), true) = (scope, states, faults.is_empty()) else {
             return Err(Problem::invalid("question", faults));
         };
-        let estimators = if estimators.is_empty() { scope.rule.estimators } else { estimators.into_iter().collect() };
-        let view = view.unwrap_or(if states.len() == 1 { View::Full } else { View::Figures });
-        Ok(Self { scope, states, estimators, view, significance, visits_to_decide: draft.visits_to_decide })
+        let estimators = if estimators.is_empty() {
+            scope.rule.estimators
+        } else {
+            estimators.into_iter().collect()
+        };
+        let view = view.unwrap_or(if states.len() == 1 {
+            View::Full
+        } else {
+            View::Figures
+        });
+        Ok(Self {
+            scope,
+            states,
+            estimators,
+            view,
+            significance,
+            visits_to_decide: draft.visits_to_decide,
+        })
     }
 }
 
@@ -203,10 +232,15 @@ impl Scope {
 
     /// Returns the same for another pair.
     pub fn of_pair(&self, schema: &Schema, pair: Pair) -> Self {
-        Self { rule: self.written.resolved(pair.alphabet(schema)), pair, ..self.clone() }
+        Self {
+            rule: self.written.resolved(pair.alphabet(schema)),
+            pair,
+            ..self.clone()
+        }
     }
 
-    /// Returns which share of the largest mutual information of the pair the threshold is; `None` where one of the two has a single action.
+    /// Returns which share of the largest mutual information of the pair the threshold is; `None`
+    /// where one of the two has a single action.
     pub fn share(&self, schema: &Schema) -> Option<f64> {
         self.written.share(self.pair.alphabet(schema))
     }
@@ -218,9 +252,16 @@ impl Scope {
         segments.sort_unstable();
         segments.dedup();
         let within = parse(draft.within.as_deref(), "/within", &mut faults).unwrap_or_default();
-        let under_rule = |found: Vec<Fault>| found.into_iter().map(|fault| fault.under("/rule")).collect();
-        let merged =
-            environment.rule.merged(&draft.rule).and_then(|rule| within_reach(rule, environment, &pair, draft));
+        let under_rule = |found: Vec<Fault>| {
+            found
+                .into_iter()
+                .map(|fault| fault.under("/rule"))
+                .collect()
+        };
+        let merged = environment
+            .rule
+            .merged(&draft.rule)
+            .and_then(|rule| within_reach(rule, environment, &pair, draft));
         let rule = keep(merged.map_err(under_rule), &mut faults);
         let unit = draft.unit.as_deref().map(Unit::from_str).transpose();
         if let Err(detail) = &unit {
@@ -252,7 +293,8 @@ fn within_reach(
     draft: &PairDraft,
 ) -> Result<WrittenRule, Vec<Fault>> {
     if let (Some(pair), Some(_)) = (pair, draft.rule.threshold) {
-        rule.within_reach(pair.alphabet(&environment.schema)).map_err(|fault| vec![fault])?;
+        rule.within_reach(pair.alphabet(&environment.schema))
+            .map_err(|fault| vec![fault])?;
     }
     Ok(rule)
 }
@@ -262,26 +304,43 @@ fn keep<T>(checked: Result<T, Vec<Fault>>, faults: &mut Vec<Fault>) -> Option<T>
     checked.map_err(|more| faults.extend(more)).ok()
 }
 
-fn parse<T: FromStr<Err = String>>(text: Option<&str>, pointer: &str, faults: &mut Vec<Fault>) -> Option<T> {
-    text?.parse().map_err(|detail: String| faults.push(Fault::new(pointer, detail))).ok()
+fn parse<T: FromStr<Err = String>>(
+    text: Option<&str>,
+    pointer: &str,
+    faults: &mut Vec<Fault>,
+) -> Option<T> {
+    text?
+        .parse()
+        .map_err(|detail: String| faults.push(Fault::new(pointer, detail)))
+        .ok()
 }
 
-fn parse_all<T: FromStr<Err = String>>(texts: &[String], pointer: &str, faults: &mut Vec<Fault>) -> Vec<T> {
+fn parse_all<T: FromStr<Err = String>>(
+    texts: &[String],
+    pointer: &str,
+    faults: &mut Vec<Fault>,
+) -> Vec<T> {
     let parse = |(i, text): (usize, &String)| {
-        text.parse().map_err(|detail| faults.push(Fault::new(format!("{pointer}/{i}"), detail))).ok()
+        text.parse()
+            .map_err(|detail| faults.push(Fault::new(format!("{pointer}/{i}"), detail)))
+            .ok()
     };
     texts.iter().enumerate().filter_map(parse).collect()
 }
 
 fn states(schema: &Schema, draft: &StatesDraft) -> Result<Vec<StateKey>, Vec<Fault>> {
     match draft {
-        StatesDraft::Positional(states) => each(states, "/states", |values| schema.key_of_values(values)),
-        StatesDraft::Named(states) => {
-            each(states, "/states", |named| schema.key_of_values(&schema.state_values(named)?))
+        StatesDraft::Positional(states) => {
+            each(states, "/states", |values| schema.key_of_values(values))
         }
-        StatesDraft::Keys(keys) => {
-            each(keys, "/keys", |text| schema.key_of_text(text).map_err(|detail| vec![Fault::new("", detail)]))
-        }
+        StatesDraft::Named(states) => each(states, "/states", |named| {
+            schema.key_of_values(&schema.state_values(named)?)
+        }),
+        StatesDraft::Keys(keys) => each(keys, "/keys", |text| {
+            schema
+                .key_of_text(text)
+                .map_err(|detail| vec![Fault::new("", detail)])
+        }),
     }
 }
 
@@ -292,18 +351,32 @@ fn each<T>(
 ) -> Result<Vec<StateKey>, Vec<Fault>> {
     if drafts.is_empty() {
         // Not every face can tell which of the two lists was meant.
-        return Err(vec![Fault::new("/states", format!("got none, expected 1 to {MOST_STATES} states or keys"))]);
+        return Err(vec![Fault::new(
+            "/states",
+            format!("got none, expected 1 to {MOST_STATES} states or keys"),
+        )]);
     }
     if drafts.len() > MOST_STATES {
-        return Err(vec![Fault::new(pointer, format!("got {}, expected 1 to {MOST_STATES}", drafts.len()))]);
+        return Err(vec![Fault::new(
+            pointer,
+            format!("got {}, expected 1 to {MOST_STATES}", drafts.len()),
+        )]);
     }
     let mut faults = Vec::new();
     let mut keys = Vec::with_capacity(drafts.len());
     for (i, draft) in drafts.iter().enumerate() {
         match key(draft) {
             Ok(key) => keys.push(key),
-            Err(found) => faults.extend(found.into_iter().map(|fault| fault.under(&format!("{pointer}/{i}")))),
+            Err(found) => faults.extend(
+                found
+                    .into_iter()
+                    .map(|fault| fault.under(&format!("{pointer}/{i}"))),
+            ),
         }
     }
-    if faults.is_empty() { Ok(keys) } else { Err(faults) }
+    if faults.is_empty() {
+        Ok(keys)
+    } else {
+        Err(faults)
+    }
 }

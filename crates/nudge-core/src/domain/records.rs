@@ -1,6 +1,7 @@
 //! A batch as it was decoded: columns of values, the same whichever face it came through.
 //!
-//! Nothing here has been compared with bins yet. Rows and JSON become columns too, so there is one thing to digest and one thing to validate.
+//! Nothing here has been compared with bins yet. Rows and JSON become columns too, so there is one
+//! thing to digest and one thing to validate.
 
 use super::Label;
 
@@ -70,13 +71,25 @@ pub struct Record {
 
 impl Records {
     /// Collects records of these widths; a record that could not be decoded keeps its place.
-    pub fn collect(widths: Widths, records: impl ExactSizeIterator<Item = Result<Record, (String, String)>>) -> Self {
-        let mut all = Self { len: records.len(), ..Self::default() };
+    pub fn collect(
+        widths: Widths,
+        records: impl ExactSizeIterator<Item = Result<Record, (String, String)>>,
+    ) -> Self {
+        let mut all = Self {
+            len: records.len(),
+            ..Self::default()
+        };
         for (index, record) in records.enumerate() {
-            let record = record.and_then(|record| widths.check(record)).unwrap_or_else(|(field, reason)| {
-                all.undecodable.push(Rejection { index: index as u32, field, reason });
-                widths.blank()
-            });
+            let record = record
+                .and_then(|record| widths.check(record))
+                .unwrap_or_else(|(field, reason)| {
+                    all.undecodable.push(Rejection {
+                        index: index as u32,
+                        field,
+                        reason,
+                    });
+                    widths.blank()
+                });
             all.states.extend(&record.state);
             all.actions.extend(&record.actions);
             all.entries.push(record.entry);
@@ -85,9 +98,13 @@ impl Records {
         all.normalised()
     }
 
-    /// Returns these records in the one form that equal content has: -0.0 is 0.0, and a column that only holds its default is empty.
+    /// Returns these records in the one form that equal content has: -0.0 is 0.0, and a column that
+    /// only holds its default is empty.
     pub fn normalised(mut self) -> Self {
-        self.states.iter_mut().chain(&mut self.actions).for_each(|value| *value += 0.0);
+        self.states
+            .iter_mut()
+            .chain(&mut self.actions)
+            .for_each(|value| *value += 0.0);
         if self.entries.iter().all(|entry| *entry == Entry::Unknown) {
             self.entries.clear();
         }
@@ -97,8 +114,9 @@ impl Records {
         self
     }
 
-    /// Returns the digest of this content under a segment: BLAKE3, the same on every face. Of a record that could not be decoded it says that there
-    /// was one; what is said of it is no content, for the words change from build to build.
+    /// Returns the digest of this content under a segment: BLAKE3, the same on every face. Of a
+    /// record that could not be decoded it says that there was one; what is said of it is no
+    /// content, for the words change from build to build.
     pub fn digest(&self, segment: Option<&Label>) -> Digest {
         let mut hasher = self.values_hasher(segment);
         for rejection in &self.undecodable {
@@ -107,30 +125,46 @@ impl Records {
         Digest(*hasher.finalize().as_bytes())
     }
 
-    /// Returns what makes the digests of builds that took words for content; `None` where every record could be decoded, for then they are the same.
+    /// Returns what makes the digests of builds that took words for content; `None` where every
+    /// record could be decoded, for then they are the same.
     pub fn worded(&self, segment: Option<&Label>) -> Option<Worded> {
         let undecodable = self.undecodable.clone();
-        (!undecodable.is_empty()).then(|| Worded { values: self.values_hasher(segment), undecodable })
+        (!undecodable.is_empty()).then(|| Worded {
+            values: self.values_hasher(segment),
+            undecodable,
+        })
     }
 
     fn values_hasher(&self, segment: Option<&Label>) -> blake3::Hasher {
         let mut hasher = blake3::Hasher::new();
         let segment = segment.map_or("", Label::as_str);
-        for size in
-            [segment.len(), self.len, self.states.len(), self.actions.len(), self.entries.len(), self.counts.len()]
-        {
+        for size in [
+            segment.len(),
+            self.len,
+            self.states.len(),
+            self.actions.len(),
+            self.entries.len(),
+            self.counts.len(),
+        ] {
             hasher.update(&(size as u64).to_le_bytes());
         }
         hasher.update(segment.as_bytes());
         hasher.update(bytemuck::cast_slice(&self.states));
         hasher.update(bytemuck::cast_slice(&self.actions));
-        hasher.update(&self.entries.iter().map(|entry| *entry as u8).collect::<Vec<u8>>());
+        hasher.update(
+            &self
+                .entries
+                .iter()
+                .map(|entry| *entry as u8)
+                .collect::<Vec<u8>>(),
+        );
         hasher.update(bytemuck::cast_slice(&self.counts));
         hasher
     }
 }
 
-/// A batch with records that could not be decoded, as builds up to a8c9617 digested it: with what they said of them.
+/// A batch with records that could not be decoded, as builds up to a8c9617 digested it: with what
+/// they said of them.
 #[derive(Debug, Clone)]
 pub struct Worded {
     values: blake3::Hasher,
@@ -138,14 +172,20 @@ pub struct Worded {
 }
 
 impl Worded {
-    /// Returns the digest in the words of the first receipt; beyond those that were told, in today's.
+    /// Returns the digest in the words of the first receipt; beyond those that were told, in
+    /// today's.
     pub fn digest(&self, told: &[Rejection]) -> Digest {
         let mut hasher = self.values.clone();
         for own in &self.undecodable {
-            let rejection = told.iter().find(|first| first.index == own.index).unwrap_or(own);
+            let rejection = told
+                .iter()
+                .find(|first| first.index == own.index)
+                .unwrap_or(own);
             hasher.update(&rejection.index.to_le_bytes());
             for text in [&rejection.field, &rejection.reason] {
-                hasher.update(&(text.len() as u64).to_le_bytes()).update(text.as_bytes());
+                hasher
+                    .update(&(text.len() as u64).to_le_bytes())
+                    .update(text.as_bytes());
             }
         }
         Digest(*hasher.finalize().as_bytes())
@@ -168,16 +208,27 @@ pub struct Widths {
 impl Widths {
     /// Returns the widths of a schema's records.
     pub fn of(schema: &super::Schema) -> Self {
-        Self { state: schema.state().len(), actions: schema.action_width() }
+        Self {
+            state: schema.state().len(),
+            actions: schema.action_width(),
+        }
     }
 
     fn blank(self) -> Record {
-        Record { state: vec![0.0; self.state], actions: vec![0.0; self.actions], entry: Entry::Unknown, count: 1 }
+        Record {
+            state: vec![0.0; self.state],
+            actions: vec![0.0; self.actions],
+            entry: Entry::Unknown,
+            count: 1,
+        }
     }
 
     fn check(self, record: Record) -> Result<Record, (String, String)> {
         let wrong = |field: &str, got: usize, expected: usize| {
-            Err((field.to_owned(), format!("got {got} values, expected {expected}")))
+            Err((
+                field.to_owned(),
+                format!("got {got} values, expected {expected}"),
+            ))
         };
         if record.state.len() != self.state {
             return wrong("/state", record.state.len(), self.state);
@@ -195,15 +246,35 @@ mod tests {
 
     fn batch(reason: &str, value: f32) -> Records {
         let bad = Err(("/state/x".to_owned(), reason.to_owned()));
-        let good = Ok(Record { state: vec![value], actions: vec![0.0, 1.0], entry: Entry::Unknown, count: 1 });
-        Records::collect(Widths { state: 1, actions: 2 }, [good, bad].into_iter())
+        let good = Ok(Record {
+            state: vec![value],
+            actions: vec![0.0, 1.0],
+            entry: Entry::Unknown,
+            count: 1,
+        });
+        Records::collect(
+            Widths {
+                state: 1,
+                actions: 2,
+            },
+            [good, bad].into_iter(),
+        )
     }
 
     #[test]
     fn words_are_no_content_and_values_are() {
-        assert_eq!(batch("before", 0.5).digest(None), batch("after", 0.5).digest(None));
-        assert_ne!(batch("before", 0.5).digest(None), batch("before", 0.75).digest(None));
-        let good = Records { undecodable: Vec::new(), ..batch("before", 0.5) };
+        assert_eq!(
+            batch("before", 0.5).digest(None),
+            batch("after", 0.5).digest(None)
+        );
+        assert_ne!(
+            batch("before", 0.5).digest(None),
+            batch("before", 0.75).digest(None)
+        );
+        let good = Records {
+            undecodable: Vec::new(),
+            ..batch("before", 0.5)
+        };
         assert_ne!(batch("before", 0.5).digest(None), good.digest(None));
         assert!(good.worded(None).is_none());
     }
@@ -215,6 +286,10 @@ mod tests {
         let again = |value| batch("after", value).worded(None).expect("undecodable");
         assert_eq!(again(0.5).digest(&first.undecodable), kept);
         assert_ne!(again(0.5).digest(&[]), kept, "nothing was told");
-        assert_ne!(again(0.75).digest(&first.undecodable), kept, "another value");
+        assert_ne!(
+            again(0.75).digest(&first.undecodable),
+            kept,
+            "another value"
+        );
     }
 }

@@ -1,4 +1,5 @@
-//! The fixed part of an environment: its state, its agents, and their arithmetic. A [`Schema`] cannot be wrong.
+//! The fixed part of an environment: its state, its agents, and their arithmetic. A [`Schema`]
+//! cannot be wrong.
 
 use std::sync::Arc;
 
@@ -15,7 +16,8 @@ pub struct Schema(Arc<Parts>);
 struct Parts {
     state: Vec<Feature>,
     agents: Vec<Agent>,
-    /// Joint actions per step of each agent's action, and its number of actions: the first agent is most significant.
+    /// Joint actions per step of each agent's action, and its number of actions: the first agent is
+    /// most significant.
     radix: Vec<(u64, u64)>,
     /// The kinds of all action features, agent after agent: what the discretiser runs over.
     action_kinds: Vec<FeatureKind>,
@@ -35,12 +37,16 @@ impl Schema {
 
     /// Returns the position of the agent of that name.
     pub fn agent(&self, name: &str) -> Option<usize> {
-        self.agents().iter().position(|agent| agent.name.as_str() == name)
+        self.agents()
+            .iter()
+            .position(|agent| agent.name.as_str() == name)
     }
 
     /// Returns every action feature, agent after agent: the order of positional action values.
     pub fn action_features(&self) -> impl Iterator<Item = (&Agent, &Feature)> {
-        self.agents().iter().flat_map(|agent| agent.action.iter().map(move |feature| (agent, feature)))
+        self.agents()
+            .iter()
+            .flat_map(|agent| agent.action.iter().map(move |feature| (agent, feature)))
     }
 
     /// Returns how many action values a transition has.
@@ -53,13 +59,17 @@ impl Schema {
         self.agents().iter().map(Agent::actions).product()
     }
 
-    /// Returns the joint action of one value an action feature: mixed radix over all of them, the first most significant. `None` where a value has no
-    /// bin.
+    /// Returns the joint action of one value an action feature: mixed radix over all of them, the
+    /// first most significant. `None` where a value has no bin.
     #[inline]
     pub fn joint_action(&self, values: &[f32]) -> Option<u64> {
-        self.0.action_kinds.iter().zip(values).try_fold(0, |joint, (kind, value)| {
-            Some(joint * u64::from(kind.bins()) + u64::from(kind.bin(*value).ok()?))
-        })
+        self.0
+            .action_kinds
+            .iter()
+            .zip(values)
+            .try_fold(0, |joint, (kind, value)| {
+                Some(joint * u64::from(kind.bins()) + u64::from(kind.bin(*value).ok()?))
+            })
     }
 
     /// Returns what tells this schema from any other.
@@ -78,13 +88,19 @@ impl Schema {
 
     /// Returns every agent's action in a joint action.
     pub fn actions_of(&self, joint: u64) -> Vec<u64> {
-        (0..self.agents().len()).map(|agent| self.action_of(joint, agent)).collect()
+        (0..self.agents().len())
+            .map(|agent| self.action_of(joint, agent))
+            .collect()
     }
 
     /// Returns the key of a state given as one value a feature, or every fault.
     pub fn key_of_values(&self, values: &[f32]) -> Result<StateKey, Vec<Fault>> {
         if values.len() != self.state().len() {
-            let detail = format!("got {} values, expected {}", values.len(), self.state().len());
+            let detail = format!(
+                "got {} values, expected {}",
+                values.len(),
+                self.state().len()
+            );
             return Err(vec![Fault::new("", detail)]);
         }
         let mut faults = Vec::new();
@@ -92,26 +108,42 @@ impl Schema {
         for (feature, &value) in self.state().iter().zip(values) {
             match feature.kind.bin(value) {
                 Ok(bin) => bins.push(bin),
-                Err(misfit) => faults.push(Fault::new(format!("/{}", feature.name), misfit.to_string())),
+                Err(misfit) => {
+                    faults.push(Fault::new(format!("/{}", feature.name), misfit.to_string()))
+                }
             }
         }
-        if faults.is_empty() { Ok(StateKey::new(&bins)) } else { Err(faults) }
+        if faults.is_empty() {
+            Ok(StateKey::new(&bins))
+        } else {
+            Err(faults)
+        }
     }
 
     /// Returns the key written as `text`, `3.0.7`, or what is wrong with it.
     pub fn key_of_text(&self, text: &str) -> Result<StateKey, String> {
         let parts: Vec<&str> = text.split('.').collect();
         if parts.len() != self.state().len() {
-            return Err(format!("got {text:?}, expected {} bin numbers joined by dots", self.state().len()));
+            return Err(format!(
+                "got {text:?}, expected {} bin numbers joined by dots",
+                self.state().len()
+            ));
         }
         let bin = |(part, feature): (&&str, &Feature)| {
             let bin: Option<u32> = part.parse().ok().filter(|bin| *bin < feature.kind.bins());
             bin.filter(|bin| bin.to_string() == **part).ok_or_else(|| {
                 let last = feature.kind.bins() - 1;
-                format!("got {part:?} for {} in {text:?}, expected a bin from 0 to {last}", feature.name)
+                format!(
+                    "got {part:?} for {} in {text:?}, expected a bin from 0 to {last}",
+                    feature.name
+                )
             })
         };
-        let bins: Vec<u32> = parts.iter().zip(self.state()).map(bin).collect::<Result<_, _>>()?;
+        let bins: Vec<u32> = parts
+            .iter()
+            .zip(self.state())
+            .map(bin)
+            .collect::<Result<_, _>>()?;
         Ok(StateKey::new(&bins))
     }
 
@@ -122,14 +154,26 @@ impl Schema {
 }
 
 impl Schema {
-    /// Returns the schema that a description means; `kept` is the hash of the one that its name has already. Lists every fault by pointer.
+    /// Returns the schema that a description means; `kept` is the hash of the one that its name has
+    /// already. Lists every fault by pointer.
     ///
-    /// Angles were radians whatever their unit said, before units were read. A description from that time is known by the hash that it says it has,
-    /// or that is kept, and stays what it was.
-    pub fn described(draft: &DescriptionDraft, kept: Option<SchemaHash>) -> Result<Self, Vec<Fault>> {
+    /// Angles were radians whatever their unit said, before units were read. A description from
+    /// that time is known by the hash that it says it has, or that is kept, and stays what it was.
+    pub fn described(
+        draft: &DescriptionDraft,
+        kept: Option<SchemaHash>,
+    ) -> Result<Self, Vec<Fault>> {
         let wrong = |detail: String| vec![Fault::new("/schema_hash", detail)];
-        let said: Option<SchemaHash> = draft.schema_hash.as_deref().map(str::parse).transpose().map_err(wrong)?;
-        if let Some(old) = said.or(kept).and_then(|hash| Self::in_radians(&draft.schema, hash)) {
+        let said: Option<SchemaHash> = draft
+            .schema_hash
+            .as_deref()
+            .map(str::parse)
+            .transpose()
+            .map_err(wrong)?;
+        if let Some(old) = said
+            .or(kept)
+            .and_then(|hash| Self::in_radians(&draft.schema, hash))
+        {
             return Ok(old);
         }
         let schema = Self::try_from(&draft.schema)?;
@@ -142,7 +186,9 @@ impl Schema {
     }
 
     fn in_radians(draft: &SchemaDraft, hash: SchemaHash) -> Option<Self> {
-        Self::try_from(&draft.in_radians()).ok().filter(|schema| schema.hash() == hash)
+        Self::try_from(&draft.in_radians())
+            .ok()
+            .filter(|schema| schema.hash() == hash)
     }
 }
 
@@ -158,9 +204,22 @@ impl TryFrom<&SchemaDraft> for Schema {
         let strides = checked::strides(&agents, &mut faults);
         faults.into_result()?;
         let hash = super::hash::schema_hash(&state, &agents);
-        let radix = strides.into_iter().zip(agents.iter().map(Agent::actions)).collect();
-        let action_kinds = agents.iter().flat_map(|agent| &agent.action).map(|feature| feature.kind.clone()).collect();
-        Ok(Self(Arc::new(Parts { state, agents, radix, action_kinds, hash })))
+        let radix = strides
+            .into_iter()
+            .zip(agents.iter().map(Agent::actions))
+            .collect();
+        let action_kinds = agents
+            .iter()
+            .flat_map(|agent| &agent.action)
+            .map(|feature| feature.kind.clone())
+            .collect();
+        Ok(Self(Arc::new(Parts {
+            state,
+            agents,
+            radix,
+            action_kinds,
+            hash,
+        })))
     }
 }
 
@@ -170,7 +229,11 @@ mod tests {
     use super::*;
 
     fn feature(name: &str, kind: KindDraft) -> FeatureDraft {
-        FeatureDraft { name: name.into(), unit: None, kinds: vec![kind] }
+        FeatureDraft {
+            name: name.into(),
+            unit: None,
+            kinds: vec![kind],
+        }
     }
 
     fn labels(labels: &[&str]) -> KindDraft {
@@ -186,8 +249,14 @@ mod tests {
                 feature("lane", KindDraft::Integer(0, 3)),
             ],
             agents: vec![
-                AgentDraft { name: "robot".into(), action: vec![turn, speed] },
-                AgentDraft { name: "human".into(), action: vec![feature("move", labels(&["stay", "go", "wave"]))] },
+                AgentDraft {
+                    name: "robot".into(),
+                    action: vec![turn, speed],
+                },
+                AgentDraft {
+                    name: "human".into(),
+                    action: vec![feature("move", labels(&["stay", "go", "wave"]))],
+                },
             ],
         }
     }
@@ -209,8 +278,16 @@ mod tests {
         for bad in ["2", "2.3.1", "4.0", "02.3", "+2.3", "", "a.b", "2.-1"] {
             assert!(schema.key_of_text(bad).is_err(), "{bad}");
         }
-        let faults = schema.key_of_values(&[f32::NAN, 1.5]).expect_err("both wrong");
-        assert_eq!(faults.iter().map(|f| f.pointer.as_str()).collect::<Vec<_>>(), ["/distance", "/lane"]);
+        let faults = schema
+            .key_of_values(&[f32::NAN, 1.5])
+            .expect_err("both wrong");
+        assert_eq!(
+            faults
+                .iter()
+                .map(|f| f.pointer.as_str())
+                .collect::<Vec<_>>(),
+            ["/distance", "/lane"]
+        );
     }
 
     #[test]
@@ -238,7 +315,9 @@ mod tests {
         let mut draft = hallway();
         draft.state[0].kinds = vec![KindDraft::Continuous(vec![1.0, 0.5, f64::NAN])];
         draft.state[1].name = "Robot".into();
-        draft.state.push(feature("robot", KindDraft::Circular(0, None)));
+        draft
+            .state
+            .push(feature("robot", KindDraft::Circular(0, None)));
         draft.agents[1].action[0].kinds = vec![labels(&["a", "a", ""])];
         draft.agents[0].action[1].kinds.clear();
         let faults = Schema::try_from(&draft).expect_err("wrong");
@@ -269,7 +348,12 @@ mod tests {
     fn the_joint_alphabet_has_a_limit() {
         let mut draft = hallway();
         let wide = || feature("x", KindDraft::Integer(0, (1 << 21) - 1));
-        draft.agents = (0..3).map(|i| AgentDraft { name: format!("a{i}"), action: vec![wide()] }).collect();
+        draft.agents = (0..3)
+            .map(|i| AgentDraft {
+                name: format!("a{i}"),
+                action: vec![wide()],
+            })
+            .collect();
         let faults = Schema::try_from(&draft).expect_err("2^63 joint actions");
         assert_eq!(faults[0].pointer, "/agents");
         draft.agents[0].action[0].kinds = vec![KindDraft::Integer(0, (1 << 20) - 1)];
@@ -285,19 +369,31 @@ mod tests {
     #[test]
     fn the_unit_of_an_angle_says_how_it_is_measured() {
         let bin = |draft: SchemaDraft| {
-            Schema::try_from(&draft).map(|schema| schema.state()[0].kind.bin(90.0).expect("an angle"))
+            Schema::try_from(&draft)
+                .map(|schema| schema.state()[0].kind.bin(90.0).expect("an angle"))
         };
         // 90 radians are 14.3 turns.
-        for (unit, values) in
-            [(None, None), (Some("rad"), None), (Some("radians"), None), (Some("deg"), Some("radians"))]
-        {
+        for (unit, values) in [
+            (None, None),
+            (Some("rad"), None),
+            (Some("radians"), None),
+            (Some("deg"), Some("radians")),
+        ] {
             assert_eq!(bin(angle(unit, values)), Ok(3), "{unit:?} {values:?}");
         }
-        for (unit, values) in [(Some("deg"), None), (Some("degrees"), None), (Some("°"), None), (None, Some("degrees"))]
-        {
+        for (unit, values) in [
+            (Some("deg"), None),
+            (Some("degrees"), None),
+            (Some("°"), None),
+            (None, Some("degrees")),
+        ] {
             assert_eq!(bin(angle(unit, values)), Ok(2), "{unit:?} {values:?}");
         }
-        assert_eq!(bin(angle(Some("turns"), Some("radians"))), Ok(3), "what it says itself counts");
+        assert_eq!(
+            bin(angle(Some("turns"), Some("radians"))),
+            Ok(3),
+            "what it says itself counts"
+        );
         for (unit, values, pointer) in [
             (Some("turns"), None, "/state/0/unit"),
             (Some("Deg"), None, "/state/0/unit"),
@@ -306,7 +402,13 @@ mod tests {
             (None, Some("turns"), "/state/0/circular/values"),
         ] {
             let faults = bin(angle(unit, values)).expect_err("no angle");
-            assert_eq!(faults.iter().map(|fault| fault.pointer.as_str()).collect::<Vec<_>>(), [pointer]);
+            assert_eq!(
+                faults
+                    .iter()
+                    .map(|fault| fault.pointer.as_str())
+                    .collect::<Vec<_>>(),
+                [pointer]
+            );
         }
     }
 
@@ -321,29 +423,49 @@ mod tests {
             (Some("turns"), Some("radians"), Some("radians")),
         ] {
             let schema = Schema::try_from(&angle(unit, values)).expect("valid");
-            assert_eq!(schema.draft().state[0].kinds, [KindDraft::Circular(8, told.map(Into::into))]);
-            assert_eq!(Schema::try_from(&schema.draft()).expect("valid").hash(), schema.hash());
+            assert_eq!(
+                schema.draft().state[0].kinds,
+                [KindDraft::Circular(8, told.map(Into::into))]
+            );
+            assert_eq!(
+                Schema::try_from(&schema.draft()).expect("valid").hash(),
+                schema.hash()
+            );
         }
         let hash = |draft| Schema::try_from(&draft).expect("valid").hash();
-        assert_ne!(hash(angle(Some("deg"), None)), hash(angle(Some("deg"), Some("radians"))));
+        assert_ne!(
+            hash(angle(Some("deg"), None)),
+            hash(angle(Some("deg"), Some("radians")))
+        );
     }
 
     #[test]
     fn what_was_described_before_units_were_read_is_known_by_its_hash() {
         let (deg, turns) = (angle(Some("deg"), None), angle(Some("turns"), None));
-        let old = |draft: &SchemaDraft| Schema::try_from(&draft.in_radians()).expect("valid").hash();
+        let old =
+            |draft: &SchemaDraft| Schema::try_from(&draft.in_radians()).expect("valid").hash();
         let described = |schema: &SchemaDraft, said: Option<String>, kept: Option<SchemaHash>| {
-            let draft = DescriptionDraft { schema: schema.clone(), schema_hash: said, rule: None };
+            let draft = DescriptionDraft {
+                schema: schema.clone(),
+                schema_hash: said,
+                rule: None,
+            };
             Schema::described(&draft, kept).map(|schema| schema.hash())
         };
         for draft in [&deg, &turns] {
             assert_eq!(described(draft, None, Some(old(draft))), Ok(old(draft)));
-            assert_eq!(described(draft, Some(old(draft).to_string()), None), Ok(old(draft)));
+            assert_eq!(
+                described(draft, Some(old(draft).to_string()), None),
+                Ok(old(draft))
+            );
         }
         let new = Schema::try_from(&deg).expect("valid").hash();
         assert_eq!(described(&deg, None, None), Ok(new));
         assert_eq!(described(&deg, None, Some(new)), Ok(new));
-        assert_eq!(described(&deg, Some(new.to_string()), Some(old(&deg))), Ok(new));
+        assert_eq!(
+            described(&deg, Some(new.to_string()), Some(old(&deg))),
+            Ok(new)
+        );
         assert!(described(&turns, None, Some(new)).is_err());
         for said in ["", "0", &"f".repeat(64)] {
             let faults = described(&deg, Some(said.into()), None).expect_err("another hash");

@@ -26,20 +26,39 @@ impl Training {
     pub fn new(schema: &Schema, draft: &TrainingDraft) -> Result<(Pair, Self), Problem> {
         let usual = Self::default();
         let mut faults = Vec::new();
-        let named = PairDraft { ego: draft.ego.clone(), other: draft.other.clone(), ..PairDraft::default() };
-        let pair = Pair::named(schema, &named).map_err(|found| faults.extend(found)).ok();
+        let named = PairDraft {
+            ego: draft.ego.clone(),
+            other: draft.other.clone(),
+            ..PairDraft::default()
+        };
+        let pair = Pair::named(schema, &named)
+            .map_err(|found| faults.extend(found))
+            .ok();
         let training = Self {
             kind: word(draft.kind.as_deref(), usual.kind, "/kind", &mut faults),
             width: number(draft.width, usual.width, WIDTH, "/width", &mut faults),
-            members: number(draft.members, usual.members, MEMBERS, "/members", &mut faults),
+            members: number(
+                draft.members,
+                usual.members,
+                MEMBERS,
+                "/members",
+                &mut faults,
+            ),
             folds: number(draft.folds, usual.folds, FOLDS, "/folds", &mut faults),
             epochs: number(draft.epochs, usual.epochs, EPOCHS, "/epochs", &mut faults),
-            weighting: word(draft.weighting.as_deref(), usual.weighting, "/weighting", &mut faults),
+            weighting: word(
+                draft.weighting.as_deref(),
+                usual.weighting,
+                "/weighting",
+                &mut faults,
+            ),
             seed: draft.seed.unwrap_or(usual.seed),
         };
         if training.members > training.folds {
             let Self { members, folds, .. } = training;
-            let detail = format!("got {members} members for {folds} folds, expected one fold for each at least");
+            let detail = format!(
+                "got {members} members for {folds} folds, expected one fold for each at least"
+            );
             faults.push(Fault::new("/members", detail));
         }
         match pair {
@@ -49,7 +68,12 @@ impl Training {
     }
 }
 
-fn word<T: FromStr<Err = String>>(text: Option<&str>, usual: T, pointer: &str, faults: &mut Vec<Fault>) -> T {
+fn word<T: FromStr<Err = String>>(
+    text: Option<&str>,
+    usual: T,
+    pointer: &str,
+    faults: &mut Vec<Fault>,
+) -> T {
     match text.map(str::parse) {
         None => usual,
         Some(Ok(value)) => value,
@@ -69,7 +93,14 @@ fn number(
 ) -> usize {
     let Some(asked) = asked else { return usual };
     if !allowed.contains(&asked) {
-        faults.push(Fault::new(pointer, format!("got {asked}, expected {} to {}", allowed.start(), allowed.end())));
+        faults.push(Fault::new(
+            pointer,
+            format!(
+                "got {asked}, expected {} to {}",
+                allowed.start(),
+                allowed.end()
+            ),
+        ));
     }
     asked as usize
 }
@@ -81,17 +112,29 @@ mod tests {
     use crate::domain::draft::{AgentDraft, FeatureDraft, KindDraft};
 
     fn schema() -> Schema {
-        let feature =
-            |name: &str| FeatureDraft { name: name.into(), unit: None, kinds: vec![KindDraft::Integer(0, 3)] };
-        let agent = |name: &str| AgentDraft { name: name.into(), action: vec![feature("move")] };
-        Schema::try_from(&SchemaDraft { state: vec![feature("place")], agents: vec![agent("robot"), agent("human")] })
-            .expect("valid")
+        let feature = |name: &str| FeatureDraft {
+            name: name.into(),
+            unit: None,
+            kinds: vec![KindDraft::Integer(0, 3)],
+        };
+        let agent = |name: &str| AgentDraft {
+            name: name.into(),
+            action: vec![feature("move")],
+        };
+        Schema::try_from(&SchemaDraft {
+            state: vec![feature("place")],
+            agents: vec![agent("robot"), agent("human")],
+        })
+        .expect("valid")
     }
 
     #[test]
     fn what_is_absent_has_its_default() {
         let (pair, training) = Training::new(&schema(), &TrainingDraft::default()).expect("valid");
-        assert_eq!((pair.ego, pair.other, training), (0, 1, Training::default()));
+        assert_eq!(
+            (pair.ego, pair.other, training),
+            (0, 1, Training::default())
+        );
     }
 
     #[test]
@@ -106,7 +149,21 @@ mod tests {
             ..TrainingDraft::default()
         };
         let problem = Training::new(&schema(), &draft).expect_err("wrong");
-        let pointers: Vec<&str> = problem.faults.iter().map(|fault| fault.pointer.as_str()).collect();
-        assert_eq!(pointers, ["/ego", "/kind", "/width", "/epochs", "/weighting", "/members"]);
+        let pointers: Vec<&str> = problem
+            .faults
+            .iter()
+            .map(|fault| fault.pointer.as_str())
+            .collect();
+        assert_eq!(
+            pointers,
+            [
+                "/ego",
+                "/kind",
+                "/width",
+                "/epochs",
+                "/weighting",
+                "/members"
+            ]
+        );
     }
 }

@@ -1,6 +1,7 @@
 //! What the other does in an environment on the whole.
 
-/// The overall distribution g of the column variable in an environment, from its counts and half a visit more of each letter.
+/// The overall distribution g of the column variable in an environment, from its counts and half a
+/// visit more of each letter.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Base {
     counts: Vec<u64>,
@@ -12,7 +13,10 @@ impl Base {
     pub fn new(counts: &[u64]) -> Self {
         let smoothed = || counts.iter().map(|count| *count as f64 + 0.5);
         let total: f64 = smoothed().sum();
-        Self { counts: counts.to_vec(), shares: smoothed().map(|count| count / total).collect() }
+        Self {
+            counts: counts.to_vec(),
+            shares: smoothed().map(|count| count / total).collect(),
+        }
     }
 
     /// Returns the counts it was made of.
@@ -35,7 +39,8 @@ pub(super) struct Alike {
     pub letters: f64,
 }
 
-/// The letters of a base by their shares: most letters of a large alphabet are as rare as many others.
+/// The letters of a base by their shares: most letters of a large alphabet are as rare as many
+/// others.
 pub(super) struct Groups {
     groups: Vec<Alike>,
     /// The group of each letter.
@@ -48,17 +53,26 @@ impl Groups {
         let mut distinct = shares.to_vec();
         distinct.sort_by(f64::total_cmp);
         distinct.dedup();
-        let mut groups: Vec<Alike> = distinct.iter().map(|share| Alike { share: *share, letters: 0.0 }).collect();
+        let mut groups: Vec<Alike> = distinct
+            .iter()
+            .map(|share| Alike {
+                share: *share,
+                letters: 0.0,
+            })
+            .collect();
         let group = |share: &f64| distinct.partition_point(|other| other < share) as u32;
         let of: Vec<u32> = shares.iter().map(group).collect();
-        of.iter().for_each(|group| groups[*group as usize].letters += 1.0);
+        of.iter()
+            .for_each(|group| groups[*group as usize].letters += 1.0);
         Self { groups, of }
     }
 
     /// Returns the letters but for these.
     pub fn without(&self, labels: &[u64]) -> Vec<Alike> {
         let mut left = self.groups.clone();
-        labels.iter().for_each(|label| left[self.of[*label as usize] as usize].letters -= 1.0);
+        labels
+            .iter()
+            .for_each(|label| left[self.of[*label as usize] as usize].letters -= 1.0);
         left.retain(|group| group.letters > 0.0);
         left
     }

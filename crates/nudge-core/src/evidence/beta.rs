@@ -22,7 +22,11 @@ impl Beta {
         let sharpness = mean * (1.0 - mean) / variance.max(f64::MIN_POSITIVE) - 1.0;
         let sharpness = sharpness.clamp(BLUNTEST, SHARPEST);
         let (a, b) = (mean * sharpness, (1.0 - mean) * sharpness);
-        Self { a, b, ln_beta: ln_gamma(a) + ln_gamma(b) - ln_gamma(sharpness) }
+        Self {
+            a,
+            b,
+            ln_beta: ln_gamma(a) + ln_gamma(b) - ln_gamma(sharpness),
+        }
     }
 
     /// Returns the variance, a b / ((a + b)^2 (a + b + 1)).
@@ -50,7 +54,8 @@ impl Beta {
 /// Parameters up to which the fraction is evaluated: it takes some sqrt(a) steps.
 const CONTINUED_TO: f64 = 3_000.0;
 
-/// The continued fraction of the incomplete beta function (Didonato & Morris 1992 and earlier; Lentz's evaluation).
+/// The continued fraction of the incomplete beta function (Didonato & Morris 1992 and earlier;
+/// Lentz's evaluation).
 fn continued(a: f64, b: f64, x: f64) -> f64 {
     const CONVERGED: f64 = 1e-10;
     const STEPS: u32 = 1_000;
@@ -78,7 +83,8 @@ fn continued(a: f64, b: f64, x: f64) -> f64 {
 /// The cube-root approximation (Abramowitz & Stegun 1964, 26.5.22), for large parameters.
 fn nearly_normal(a: f64, b: f64, x: f64) -> f64 {
     let (v, w) = ((b * x).cbrt(), (a * (1.0 - x)).cbrt());
-    let z = 3.0 * (v * (1.0 - 1.0 / (9.0 * b)) - w * (1.0 - 1.0 / (9.0 * a))) / (v * v / b + w * w / a).sqrt();
+    let z = 3.0 * (v * (1.0 - 1.0 / (9.0 * b)) - w * (1.0 - 1.0 / (9.0 * a)))
+        / (v * v / b + w * w / a).sqrt();
     0.5 * statrs::function::erf::erfc(-z / std::f64::consts::SQRT_2)
 }
 
@@ -93,7 +99,10 @@ mod tests {
 
     #[test]
     fn a_point_and_two_points_are_told() {
-        assert!(Beta::matched(0.3, 0.0).cdf(0.29).0 < 1e-9 && Beta::matched(0.3, 0.0).cdf(0.31).0 > 1.0 - 1e-9);
+        assert!(
+            Beta::matched(0.3, 0.0).cdf(0.29).0 < 1e-9
+                && Beta::matched(0.3, 0.0).cdf(0.31).0 > 1.0 - 1e-9
+        );
         assert!((Beta::matched(0.3, 0.21).cdf(0.5).0 - 0.7).abs() < 1e-2);
         assert!(Beta::matched(0.0, 0.0).cdf(1e-6).0 > 0.999);
     }

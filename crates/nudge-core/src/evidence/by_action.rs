@@ -8,7 +8,8 @@ use super::prior::Prior;
 /// What is believed of one ego action in a state.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ActionPosterior {
-    /// Posterior mean of KL(p(other | this action) from p(other)) in nats. Independence counts, with a divergence of 0.
+    /// Posterior mean of KL(p(other | this action) from p(other)) in nats. Independence counts,
+    /// with a divergence of 0.
     pub divergence_mean: f64,
     /// Its 90 % credible interval.
     pub divergence_interval: [f64; 2],
@@ -32,15 +33,23 @@ const TAIL: f64 = 0.05;
 impl Prior {
     /// Returns what is believed of every ego action in a state, in index order, visited or not.
     ///
-    /// Means of the divergence and all intervals are of 500 draws from the posterior (fewer where tables are large), which depend on the counts alone.
-    /// Actions that were never taken get what the environment lets one expect. With several slices, an action's figures are their means over the
-    /// slices, each by how probable it is with that action; with segments whose habits rather differ, their means over the segments.
+    /// Means of the divergence and all intervals are of 500 draws from the posterior (fewer where
+    /// tables are large), which depend on the counts alone. Actions that were never taken get what
+    /// the environment lets one expect. With several slices, an action's figures are their means
+    /// over the slices, each by how probable it is with that action; with segments whose habits
+    /// rather differ, their means over the segments.
     ///
-    /// The largest plug-in divergence is mostly that of the rarest action, and large. Means may be ranked: they stay near 0 where nothing is known. Where
-    /// all of them are, their order says little, and the rarest action still comes first half of the time.
+    /// The largest plug-in divergence is mostly that of the rarest action, and large. Means may be
+    /// ranked: they stay near 0 where nothing is known. Where all of them are, their order says
+    /// little, and the rarest action still comes first half of the time.
     ///
     /// Not for alphabets with more than [`MOST_CELLS`](super::MOST_CELLS) pairs of actions.
-    pub fn by_action<'a>(&self, habits: &'a Habits, counted: impl Into<Counted<'a>>, ego: Ego) -> Vec<ActionPosterior> {
+    pub fn by_action<'a>(
+        &self,
+        habits: &'a Habits,
+        counted: impl Into<Counted<'a>>,
+        ego: Ego,
+    ) -> Vec<ActionPosterior> {
         let draws = Draws::new(self, habits, counted.into(), ego, MOST_PARTS);
         let mut rng = draws.generator();
         let [egos, others] = draws.sizes();
@@ -49,12 +58,18 @@ impl Prior {
         let mut responses = vec![Vec::with_capacity(times); egos * others];
         for time in 0..times {
             let joints = draws.draw((time as f64 + 0.5) / times as f64, &mut rng);
-            let drawn: Vec<Seen> =
-                joints.into_iter().enumerate().map(|(at, joint)| Seen::new(joint, draws.share(at))).collect();
+            let drawn: Vec<Seen> = joints
+                .into_iter()
+                .enumerate()
+                .map(|(at, joint)| Seen::new(joint, draws.share(at)))
+                .collect();
             for action in 0..egos {
                 let (divergence, response) = over_slices(&drawn, action);
                 divergences[action].push(divergence);
-                responses[action * others..].iter_mut().zip(response).for_each(|(draws, p)| draws.push(p));
+                responses[action * others..]
+                    .iter_mut()
+                    .zip(response)
+                    .for_each(|(draws, p)| draws.push(p));
             }
         }
         let predicted = draws.predicted_responses();
@@ -77,20 +92,31 @@ impl Draws<'_> {
         [1 - self.ego, self.ego].map(|side| self.prior.sides[side].letters())
     }
 
-    /// Returns the probability of each joint action at the next visit of a slice, the ego's first. An action that is not in use has none, but its responses
-    /// are in proportion to what they would be.
+    /// Returns the probability of each joint action at the next visit of a slice, the ego's first.
+    /// An action that is not in use has none, but its responses are in proportion to what they
+    /// would be.
     pub fn predicted(&self, slice: usize) -> Vec<f64> {
-        self.prior.predicted(self.ego, self.habits, &self.weights, &self.slices[slice], &self.weights.deviants[slice])
+        self.prior.predicted(
+            self.ego,
+            self.habits,
+            &self.weights,
+            &self.slices[slice],
+            &self.weights.deviants[slice],
+        )
     }
 
-    /// Returns the probability of each of the other's actions after each of the ego's at the next visit.
+    /// Returns the probability of each of the other's actions after each of the ego's at the next
+    /// visit.
     fn predicted_responses(&self) -> Vec<Vec<f64>> {
         let [egos, others] = self.sizes();
         let mut responses = vec![vec![0.0; others]; egos];
         for slice in 0..self.slices.len() {
             let predicted = self.predicted(slice);
             for (response, cells) in responses.iter_mut().zip(predicted.chunks(others)) {
-                response.iter_mut().zip(cells).for_each(|(sum, p)| *sum += self.share(slice) * p);
+                response
+                    .iter_mut()
+                    .zip(cells)
+                    .for_each(|(sum, p)| *sum += self.share(slice) * p);
             }
         }
         for response in &mut responses {
@@ -112,34 +138,56 @@ struct Seen {
 
 impl Seen {
     fn new(joint: Joint, share: f64) -> Self {
-        Self { marginal: joint.marginal(), joint, share }
+        Self {
+            marginal: joint.marginal(),
+            joint,
+            share,
+        }
     }
 }
 
-/// Returns the divergence and the response of an ego action, averaged over the slices by their shares among visits with that action.
+/// Returns the divergence and the response of an ego action, averaged over the slices by their
+/// shares among visits with that action.
 fn over_slices(slices: &[Seen], action: usize) -> (f64, Vec<f64>) {
     let others = slices[0].marginal.len();
     let (mut divergence, mut response, mut weights) = (0.0, vec![0.0; others], 0.0);
-    for Seen { joint, marginal, share } in slices {
+    for Seen {
+        joint,
+        marginal,
+        share,
+    } in slices
+    {
         // However improbable an action became, its share among slices is defined.
         let weight = share * joint.policy[action].max(f64::MIN_POSITIVE);
         let row = &joint.responses[action * others..][..others];
         weights += weight;
         divergence += weight * divergence_of(row, marginal);
-        response.iter_mut().zip(row).for_each(|(sum, p)| *sum += weight * p);
+        response
+            .iter_mut()
+            .zip(row)
+            .for_each(|(sum, p)| *sum += weight * p);
     }
     response.iter_mut().for_each(|p| *p /= weights);
     (divergence / weights, response)
 }
 
-/// Returns KL(p from q) = sum p ln(p / q), in nats, at least 0. Where q underflowed, so did what p could add.
+/// Returns KL(p from q) = sum p ln(p / q), in nats, at least 0. Where q underflowed, so did what p
+/// could add.
 fn divergence_of(p: &[f64], q: &[f64]) -> f64 {
-    let terms = p.iter().zip(q).filter(|(p, q)| **p > 0.0 && **q > 0.0).map(|(p, q)| p * (p / q).ln());
+    let terms = p
+        .iter()
+        .zip(q)
+        .filter(|(p, q)| **p > 0.0 && **q > 0.0)
+        .map(|(p, q)| p * (p / q).ln());
     terms.sum::<f64>().max(0.0)
 }
 
 /// Returns the 5 % and 95 % quantiles of draws.
 fn interval(draws: &mut [f64]) -> [f64; 2] {
     let last = draws.len() - 1;
-    [TAIL, 1.0 - TAIL].map(|p| *draws.select_nth_unstable_by((p * last as f64).round() as usize, f64::total_cmp).1)
+    [TAIL, 1.0 - TAIL].map(|p| {
+        *draws
+            .select_nth_unstable_by((p * last as f64).round() as usize, f64::total_cmp)
+            .1
+    })
 }

@@ -4,7 +4,8 @@ use std::borrow::Cow;
 
 use crate::information::Table;
 
-/// The tables of a state: one, or one for each joint action of the agents held fixed; and the same cut by segment, where any of them was seen in two or more.
+/// The tables of a state: one, or one for each joint action of the agents held fixed; and the same
+/// cut by segment, where any of them was seen in two or more.
 #[derive(Debug, Clone, Copy)]
 pub struct Counted<'a> {
     /// Over all segments.

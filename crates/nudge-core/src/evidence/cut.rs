@@ -1,4 +1,5 @@
-//! What one state says of its segments: the hypotheses that are cut by segment, kept for fits; and what fits and answers share about them.
+//! What one state says of its segments: the hypotheses that are cut by segment, kept for fits; and
+//! what fits and answers share about them.
 
 use std::ops::Range;
 
@@ -6,7 +7,8 @@ use super::increments::add;
 use super::likelihood::{Likelihood, by_part, columns};
 use super::log_space::{Scaled, ln_sum};
 use super::parameters::{
-    APART, AROUND, CUT, FIXED, HABITS, NULLS, OWN_GRID, OWN_SLABS, Parameters, SLABS, SideParameters,
+    APART, AROUND, CUT, FIXED, HABITS, NULLS, OWN_GRID, OWN_SLABS, Parameters, SLABS,
+    SideParameters,
 };
 use crate::information::Table;
 
@@ -33,8 +35,9 @@ struct Part {
     ln_share: f64,
 }
 
-/// The logarithms of a fit's weights that concern segments: of the families, of how much more each slab weighs in those that have no slabs of one deviating
-/// row, and of the kinds of each responder's habits.
+/// The logarithms of a fit's weights that concern segments: of the families, of how much more each
+/// slab weighs in those that have no slabs of one deviating row, and of the kinds of each
+/// responder's habits.
 pub(super) struct SegmentWeights {
     pub families: [f64; 3],
     pub cut: f64,
@@ -43,13 +46,22 @@ pub(super) struct SegmentWeights {
 
 impl SegmentWeights {
     pub fn new(parameters: &Parameters) -> Self {
-        let [first, second] = [0, 1].map(|side: usize| parameters.sides[side].slabs[..CUT].iter().sum::<f64>());
-        let habits = parameters.sides.each_ref().map(|side| HabitWeights::new(&side.segments));
-        Self { families: parameters.families.map(f64::ln), cut: -(first + second).ln(), habits }
+        let [first, second] =
+            [0, 1].map(|side: usize| parameters.sides[side].slabs[..CUT].iter().sum::<f64>());
+        let habits = parameters
+            .sides
+            .each_ref()
+            .map(|side| HabitWeights::new(&side.segments));
+        Self {
+            families: parameters.families.map(f64::ln),
+            cut: -(first + second).ln(),
+            habits,
+        }
     }
 }
 
-/// The logarithms of the weights of the kinds of habits: of each, of those that differ, and of those drawn anew in each segment.
+/// The logarithms of the weights of the kinds of habits: of each, of those that differ, and of
+/// those drawn anew in each segment.
 pub(super) struct HabitWeights {
     kinds: [f64; HABITS],
     differ: f64,
@@ -59,11 +71,16 @@ pub(super) struct HabitWeights {
 impl HabitWeights {
     fn new(weights: &[f64]) -> Self {
         let ln_of = |kinds: Range<usize>| weights[kinds].iter().sum::<f64>().ln();
-        Self { kinds: std::array::from_fn(|kind| weights[kind].ln()), differ: ln_of(1..HABITS), apart: ln_of(APART) }
+        Self {
+            kinds: std::array::from_fn(|kind| weights[kind].ln()),
+            differ: ln_of(1..HABITS),
+            apart: ln_of(APART),
+        }
     }
 }
 
-/// What a state says of its habits in segments, relative to the null whose habits are alike in all of them.
+/// What a state says of its habits in segments, relative to the null whose habits are alike in all
+/// of them.
 pub(super) struct SegmentHabits {
     /// ln of the null of all kinds, of those that differ, and of those drawn anew in each segment.
     pub ln: f64,
@@ -76,15 +93,23 @@ pub(super) struct SegmentHabits {
 }
 
 impl SegmentHabits {
-    /// Weighs the kinds, given ln of the null of the state and of its parts by each component, and ln l of habits that are drawn around the state's.
-    pub fn new(weights: &HabitWeights, pooled: f64, apart: &[f64; NULLS], around: &[f64; AROUND]) -> Self {
+    /// Weighs the kinds, given ln of the null of the state and of its parts by each component, and
+    /// ln l of habits that are drawn around the state's.
+    pub fn new(
+        weights: &HabitWeights,
+        pooled: f64,
+        apart: &[f64; NULLS],
+        around: &[f64; AROUND],
+    ) -> Self {
         let relative = |kind: usize| match kind {
             0 => 0.0,
             kind if APART.contains(&kind) => apart[kind - APART.start] - pooled,
             kind => around[kind - APART.end],
         };
-        let logarithms: [f64; HABITS] = std::array::from_fn(|kind| weights.kinds[kind] + relative(kind));
-        let likeliest = (0..NULLS).max_by(|a, b| logarithms[APART.start + a].total_cmp(&logarithms[APART.start + b]));
+        let logarithms: [f64; HABITS] =
+            std::array::from_fn(|kind| weights.kinds[kind] + relative(kind));
+        let likeliest = (0..NULLS)
+            .max_by(|a, b| logarithms[APART.start + a].total_cmp(&logarithms[APART.start + b]));
         let ln = ln_sum(&logarithms);
         Self {
             ln,
@@ -98,24 +123,45 @@ impl SegmentHabits {
 
 impl Cut {
     /// Looks at the parts of a state; `is_whole` where they are of one table.
-    pub fn new<'a>(likelihood: &Likelihood, is_whole: bool, parts: impl Iterator<Item = &'a Table> + Clone) -> Self {
+    pub fn new<'a>(
+        likelihood: &Likelihood,
+        is_whole: bool,
+        parts: impl Iterator<Item = &'a Table> + Clone,
+    ) -> Self {
         let (mut null, mut fixed, mut own) = ([0.0; NULLS], [0.0; FIXED], [0.0; OWN_GRID]);
         let (mut several, mut one) = (Vec::new(), Vec::new());
         for part in parts.clone() {
-            let (of_null, apart) = (likelihood.shared(columns(part), part.total()), likelihood.rows_apart(part));
+            let (of_null, apart) = (
+                likelihood.shared(columns(part), part.total()),
+                likelihood.rows_apart(part),
+            );
             add(&mut null, &of_null);
             add(&mut fixed, &apart);
-            let of_part = if part.is_line() { [0.0; OWN_GRID] } else { likelihood.on_own_marginal(part) };
+            let of_part = if part.is_line() {
+                [0.0; OWN_GRID]
+            } else {
+                likelihood.on_own_marginal(part)
+            };
             add(&mut own, &of_part);
             let beyond = part.total().saturating_sub(1) as f64;
             one.push((beyond, of_part));
             if beyond > 0.0 {
-                several.push(Part { null: of_null, fixed: Scaled::new(apart), ln_share: beyond.ln() });
+                several.push(Part {
+                    null: of_null,
+                    fixed: Scaled::new(apart),
+                    ln_share: beyond.ln(),
+                });
             }
         }
         let total: f64 = one.iter().map(|(beyond, _)| beyond).sum();
-        several.iter_mut().for_each(|part| part.ln_share -= total.ln());
-        let around = if is_whole { likelihood.around(by_part(parts)) } else { [0.0; AROUND] };
+        several
+            .iter_mut()
+            .for_each(|part| part.ln_share -= total.ln());
+        let around = if is_whole {
+            likelihood.around(by_part(parts))
+        } else {
+            [0.0; AROUND]
+        };
         Self {
             null,
             around,
@@ -131,13 +177,23 @@ impl Cut {
         SegmentHabits::new(weights, pooled, &self.null, &self.around)
     }
 
-    /// Returns ln of the mean over the parts of the slabs on fixed bases in one of them, relative to a component of the null.
+    /// Returns ln of the mean over the parts of the slabs on fixed bases in one of them, relative
+    /// to a component of the null.
     pub fn ln_one_fixed(&self, null: usize, parameters: &SideParameters) -> f64 {
-        let told: Vec<f64> = self.parts.iter().map(|part| part.ln_fixed(null, parameters)).collect();
-        if told.is_empty() { NOTHING } else { ln_sum(&told) }
+        let told: Vec<f64> = self
+            .parts
+            .iter()
+            .map(|part| part.ln_fixed(null, parameters))
+            .collect();
+        if told.is_empty() {
+            NOTHING
+        } else {
+            ln_sum(&told)
+        }
     }
 
-    /// Adds the state to the slabs: cut by segment, and in one segment alone beside a component of the null.
+    /// Adds the state to the slabs: cut by segment, and in one segment alone beside a component of
+    /// the null.
     pub fn expect(
         &self,
         [cut, one]: [[f64; 2]; 2],
@@ -146,13 +202,17 @@ impl Cut {
         slabs: &mut [f64; SLABS],
     ) {
         let weights = &parameters.slabs;
-        self.fixed.share(cut[0], &weights[..FIXED], &mut slabs[..FIXED]);
-        self.own.share(cut[1], &weights[OWN_SLABS], &mut slabs[OWN_SLABS]);
-        self.one.share(one[1], &weights[OWN_SLABS], &mut slabs[OWN_SLABS]);
+        self.fixed
+            .share(cut[0], &weights[..FIXED], &mut slabs[..FIXED]);
+        self.own
+            .share(cut[1], &weights[OWN_SLABS], &mut slabs[OWN_SLABS]);
+        self.one
+            .share(one[1], &weights[OWN_SLABS], &mut slabs[OWN_SLABS]);
         let all = self.ln_one_fixed(null, parameters);
         for part in &self.parts {
             let share = one[0] * (part.ln_fixed(null, parameters) - all).exp();
-            part.fixed.share(share, &weights[..FIXED], &mut slabs[..FIXED]);
+            part.fixed
+                .share(share, &weights[..FIXED], &mut slabs[..FIXED]);
         }
     }
 }
@@ -163,13 +223,23 @@ impl Part {
     }
 }
 
-/// Returns ln of the mean of e^x over the parts, each by its visits beyond the first: one visit depends on nothing. Nothing at all where there are no others.
+/// Returns ln of the mean of e^x over the parts, each by its visits beyond the first: one visit
+/// depends on nothing. Nothing at all where there are no others.
 pub(super) fn ln_mean<const L: usize>(parts: &[(f64, [f64; L])]) -> [f64; L] {
     let total: f64 = parts.iter().map(|(weight, _)| weight).sum();
     std::array::from_fn(|slab| {
-        let largest = parts.iter().fold(f64::NEG_INFINITY, |largest, (_, part)| largest.max(part[slab]));
-        let sum: f64 = parts.iter().map(|(weight, part)| weight * (part[slab] - largest).exp()).sum();
-        if total > 0.0 { largest + (sum / total).ln() } else { NOTHING }
+        let largest = parts.iter().fold(f64::NEG_INFINITY, |largest, (_, part)| {
+            largest.max(part[slab])
+        });
+        let sum: f64 = parts
+            .iter()
+            .map(|(weight, part)| weight * (part[slab] - largest).exp())
+            .sum();
+        if total > 0.0 {
+            largest + (sum / total).ln()
+        } else {
+            NOTHING
+        }
     })
 }
 

@@ -5,9 +5,11 @@ use crate::information::Table;
 
 /// How far counts must have moved the odds for a decision to be theirs and not the prior's.
 const EARNED: f64 = 3.0;
-/// From this probability dependence is established, and from the same of independence it is excluded.
+/// From this probability dependence is established, and from the same of independence it is
+/// excluded.
 const CERTAIN: f64 = 0.95;
-/// The probability outside a 99.9 % interval, at each end: what is more certain than this is settled, however certain it was before.
+/// The probability outside a 99.9 % interval, at each end: what is more certain than this is
+/// settled, however certain it was before.
 const SETTLED: f64 = 0.0005;
 /// Draws below which nothing is earned, and up to which only moved odds are.
 const FEWEST: u64 = 3;
@@ -24,7 +26,8 @@ pub struct Beliefs {
     pub above_if_dependent: f64,
 }
 
-/// What is believed of a state, beside what was believed before anything was counted, and how much was counted.
+/// What is believed of a state, beside what was believed before anything was counted, and how much
+/// was counted.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Believed {
     /// By the counts and the prior.
@@ -33,32 +36,47 @@ pub struct Believed {
     pub unseen: Beliefs,
     /// Independent draws.
     pub draws: u64,
-    /// Whether they can tell dependence from independence: there are three or more, and not in one row or column alone.
+    /// Whether they can tell dependence from independence: there are three or more, and not in one
+    /// row or column alone.
     pub tells: bool,
 }
 
 impl Believed {
-    /// Compares what is believed of a state by these slices with what is believed of one never seen.
+    /// Compares what is believed of a state by these slices with what is believed of one never
+    /// seen.
     pub fn new(now: Beliefs, unseen: Beliefs, slices: &[Table]) -> Self {
         let draws = slices.iter().map(Table::total).sum();
         let tells = draws >= FEWEST && !slices.iter().all(Table::is_line);
-        Self { now, unseen, draws, tells }
+        Self {
+            now,
+            unseen,
+            draws,
+            tells,
+        }
     }
 
-    /// Compares how probable any dependence is by these slices with how probable it is in a state never seen.
+    /// Compares how probable any dependence is by these slices with how probable it is in a state
+    /// never seen.
     pub fn of_dependence(now: f64, unseen: f64, slices: &[Table]) -> Self {
-        let any = |dependent: f64| Beliefs { dependent, above: dependent, above_if_dependent: 1.0 };
+        let any = |dependent: f64| Beliefs {
+            dependent,
+            above: dependent,
+            above_if_dependent: 1.0,
+        };
         Self::new(any(now), any(unseen), slices)
     }
 
-    /// Returns whether mutual information is above the threshold, where that is probable enough and earned.
+    /// Returns whether mutual information is above the threshold, where that is probable enough and
+    /// earned.
     fn decided(&self, confidence: f64) -> Option<bool> {
         let Self { now, unseen, .. } = self;
         let many = self.draws > FEW;
         if !self.tells {
             return None;
         }
-        if now.above >= confidence && (rose(unseen.above, now.above) || (many && now.above >= 1.0 - SETTLED)) {
+        if now.above >= confidence
+            && (rose(unseen.above, now.above) || (many && now.above >= 1.0 - SETTLED))
+        {
             return Some(true);
         }
         let [weak, weak_before] = [now.above_if_dependent, unseen.above_if_dependent];
@@ -68,24 +86,31 @@ impl Believed {
     }
 }
 
-/// Returns the verdict of a rule on a state with these visits, this plug-in mutual information in nats, and what is believed of it.
+/// Returns the verdict of a rule on a state with these visits, this plug-in mutual information in
+/// nats, and what is believed of it.
 ///
-/// The paper's rule: plug-in above the threshold where visits suffice. The evidence rule: MI > threshold, or its opposite, is at least as probable as the
-/// rule's confidence, and the counts have earned it: else a prior alone would call every rarely seen state free of influence. Counts earn a verdict
+/// The paper's rule: plug-in above the threshold where visits suffice. The evidence rule:
+/// MI > threshold, or its opposite, is at least as probable as the rule's confidence, and the
+/// counts have earned it: else a prior alone would call every rarely seen state free of influence.
+/// Counts earn a verdict
 ///
-/// * where they moved the odds of MI > threshold to at least three times, or at most a third, of what they were;
-/// * if there were more than four draws, also where they did so with the odds given dependence (`no_influence`), or where all but one in two thousand of
-///   what is believed lies on one side of the threshold (the other side of a 99.9 % interval): else certain counts would decide nothing where the prior is as
-///   certain.
+/// * where they moved the odds of MI > threshold to at least three times, or at most a third, of
+///   what they were;
+/// * if there were more than four draws, also where they did so with the odds given dependence
+///   (`no_influence`), or where all but one in two thousand of what is believed lies on one side of
+///   the threshold (the other side of a 99.9 % interval): else certain counts would decide nothing
+///   where the prior is as certain.
 ///
-/// A table of one occupied row or column earns nothing, nor do two draws. Without a belief, and without visits, nothing is decided.
+/// A table of one occupied row or column earns nothing, nor do two draws. Without a belief, and
+/// without visits, nothing is decided.
 pub fn decide(rule: &Rule, visits: u64, plug_in: f64, believed: Option<&Believed>) -> Verdict {
     match rule.kind {
         _ if visits == 0 => Verdict::Undecided,
         RuleKind::Paper if visits < rule.min_visits => Verdict::Undecided,
         RuleKind::Paper if plug_in > rule.threshold_nats() => Verdict::Influences,
         RuleKind::Paper => Verdict::NoInfluence,
-        RuleKind::Evidence => match believed.and_then(|believed| believed.decided(rule.confidence)) {
+        RuleKind::Evidence => match believed.and_then(|believed| believed.decided(rule.confidence))
+        {
             Some(true) => Verdict::Influences,
             Some(false) => Verdict::NoInfluence,
             None => Verdict::Undecided,
@@ -93,30 +118,45 @@ pub fn decide(rule: &Rule, visits: u64, plug_in: f64, believed: Option<&Believed
     }
 }
 
-/// Returns whether there is dependence at all, however weak: its probability is at least 0.95 or at most 0.05, and the counts have earned it as they earn a
-/// verdict.
+/// Returns whether there is dependence at all, however weak: its probability is at least 0.95 or at
+/// most 0.05, and the counts have earned it as they earn a verdict.
 pub fn dependence(believed: &Believed) -> Dependence {
-    let Believed { now, unseen, draws, tells } = believed;
+    let Believed {
+        now,
+        unseen,
+        draws,
+        tells,
+    } = believed;
     let is_settled = |p: f64| *draws > FEW && p >= 1.0 - SETTLED;
     let [is, was] = [now.dependent, unseen.dependent];
     if *tells && is >= CERTAIN && (rose(was, is) || is_settled(is)) {
         return Dependence::Established;
     }
     let is_excluded = *tells && 1.0 - is >= CERTAIN && (fell(was, is) || is_settled(1.0 - is));
-    if is_excluded { Dependence::Excluded } else { Dependence::Open }
+    if is_excluded {
+        Dependence::Excluded
+    } else {
+        Dependence::Open
+    }
 }
 
-/// Returns whether what is believed with some agents held fixed explains a dependence that was established without: the counts moved its odds to a third, or
-/// less, of what they were. That it be excluded is not asked for: where nearly all states depend, few counts could.
+/// Returns whether what is believed with some agents held fixed explains a dependence that was
+/// established without: the counts moved its odds to a third, or less, of what they were. That it
+/// be excluded is not asked for: where nearly all states depend, few counts could.
 pub fn is_explained(believed: &Believed) -> bool {
-    let Believed { now, unseen, tells, .. } = believed;
+    let Believed {
+        now, unseen, tells, ..
+    } = believed;
     *tells && fell(unseen.dependent, now.dependent)
 }
 
-/// Returns whether what is believed with some agents held fixed establishes a dependence that was not without, where the largest of so many was taken: the
-/// more sets of agents are looked at, the more one must stand out (Bonferroni's correction, of odds).
+/// Returns whether what is believed with some agents held fixed establishes a dependence that was
+/// not without, where the largest of so many was taken: the more sets of agents are looked at, the
+/// more one must stand out (Bonferroni's correction, of odds).
 pub fn is_opened(believed: &Believed, sets: u64) -> bool {
-    let Believed { now, unseen, tells, .. } = believed;
+    let Believed {
+        now, unseen, tells, ..
+    } = believed;
     let sets = sets.max(1) as f64;
     *tells
         && odds(now.dependent) >= sets * odds(CERTAIN)
@@ -139,7 +179,11 @@ fn fell(before: f64, now: f64) -> bool {
 
 /// Returns what a verdict on a state with these visits rests on.
 pub fn basis(visits: u64) -> Basis {
-    if visits == 0 { Basis::Prior } else { Basis::Counts(visits) }
+    if visits == 0 {
+        Basis::Prior
+    } else {
+        Basis::Counts(visits)
+    }
 }
 
 #[cfg(test)]
@@ -148,17 +192,37 @@ mod tests {
     use crate::domain::Unit;
 
     fn paper(rule: Rule, visits: u64, plug_in: f64) -> Verdict {
-        decide(&Rule { kind: RuleKind::Paper, ..rule }, visits, plug_in, None)
+        decide(
+            &Rule {
+                kind: RuleKind::Paper,
+                ..rule
+            },
+            visits,
+            plug_in,
+            None,
+        )
     }
 
     /// By many draws that tell, where dependence is as good as certain before and after.
     fn believed(unseen: f64, now: f64) -> Believed {
-        let beliefs = |above| Beliefs { dependent: 0.99, above, above_if_dependent: above };
-        Believed { now: beliefs(now), unseen: beliefs(unseen), draws: 1_000, tells: true }
+        let beliefs = |above| Beliefs {
+            dependent: 0.99,
+            above,
+            above_if_dependent: above,
+        };
+        Believed {
+            now: beliefs(now),
+            unseen: beliefs(unseen),
+            draws: 1_000,
+            tells: true,
+        }
     }
 
     fn evidence(believed: &Believed) -> Verdict {
-        let rule = Rule { kind: RuleKind::Evidence, ..Rule::default() };
+        let rule = Rule {
+            kind: RuleKind::Evidence,
+            ..Rule::default()
+        };
         decide(&rule, believed.draws, 9.0, Some(believed))
     }
 
@@ -171,23 +235,45 @@ mod tests {
 
     #[test]
     fn a_threshold_in_bits_is_compared_in_bits() {
-        let rule = Rule { unit: Unit::Bits, ..Rule::default() };
+        let rule = Rule {
+            unit: Unit::Bits,
+            ..Rule::default()
+        };
         assert_eq!(paper(rule, 8, 0.4), Verdict::Influences);
         assert_eq!(paper(rule, 8, 0.3), Verdict::NoInfluence);
     }
 
     #[test]
     fn nothing_seen_decides_nothing() {
-        let rule = Rule { min_visits: 0, threshold: 0.0, ..Rule::default() };
+        let rule = Rule {
+            min_visits: 0,
+            threshold: 0.0,
+            ..Rule::default()
+        };
         assert_eq!(paper(rule, 0, 0.0), Verdict::Undecided);
-        assert_eq!(evidence(&Believed { draws: 0, ..believed(0.5, 0.99) }), Verdict::Undecided);
+        assert_eq!(
+            evidence(&Believed {
+                draws: 0,
+                ..believed(0.5, 0.99)
+            }),
+            Verdict::Undecided
+        );
         assert_eq!(basis(0), Basis::Prior);
     }
 
     #[test]
     fn evidence_decides_where_it_is_sure() {
-        let told = [(0.3, 0.8), (0.3, 0.79), (0.5, 0.19), (0.0, 0.0)].map(|(u, now)| evidence(&believed(u, now)));
-        assert_eq!(told, [Verdict::Influences, Verdict::Undecided, Verdict::NoInfluence, Verdict::NoInfluence]);
+        let told = [(0.3, 0.8), (0.3, 0.79), (0.5, 0.19), (0.0, 0.0)]
+            .map(|(u, now)| evidence(&believed(u, now)));
+        assert_eq!(
+            told,
+            [
+                Verdict::Influences,
+                Verdict::Undecided,
+                Verdict::NoInfluence,
+                Verdict::NoInfluence
+            ]
+        );
     }
 
     #[test]
@@ -202,9 +288,19 @@ mod tests {
     fn certain_counts_decide_where_the_prior_is_as_certain() {
         let certain = [(1e-9, 1e-10), (1e-9, 0.9e-9), (0.999_9, 0.999_9)];
         let told = certain.map(|(u, now)| evidence(&believed(u, now)));
-        assert_eq!(told, [Verdict::NoInfluence, Verdict::NoInfluence, Verdict::Influences]);
+        assert_eq!(
+            told,
+            [
+                Verdict::NoInfluence,
+                Verdict::NoInfluence,
+                Verdict::Influences
+            ]
+        );
         // Four draws do not.
-        let few = Believed { draws: 4, ..believed(1e-9, 0.9e-9) };
+        let few = Believed {
+            draws: 4,
+            ..believed(1e-9, 0.9e-9)
+        };
         assert_eq!(evidence(&few), Verdict::Undecided);
     }
 
@@ -212,20 +308,35 @@ mod tests {
     fn weakness_given_dependence_is_earned_by_itself() {
         // P(MI > t) hardly moved, since dependence became more probable while it became weaker.
         let mut weaker = believed(0.1, 0.09);
-        [weaker.unseen.above_if_dependent, weaker.now.above_if_dependent] = [0.5, 0.1];
+        [
+            weaker.unseen.above_if_dependent,
+            weaker.now.above_if_dependent,
+        ] = [0.5, 0.1];
         assert_eq!(evidence(&weaker), Verdict::NoInfluence);
-        assert_eq!(evidence(&Believed { draws: 4, ..weaker }), Verdict::Undecided);
+        assert_eq!(
+            evidence(&Believed { draws: 4, ..weaker }),
+            Verdict::Undecided
+        );
     }
 
     #[test]
     fn what_cannot_tell_earns_nothing() {
-        let line = Believed { tells: false, ..believed(0.5, 0.001) };
-        assert_eq!((evidence(&line), dependence(&line)), (Verdict::Undecided, Dependence::Open));
+        let line = Believed {
+            tells: false,
+            ..believed(0.5, 0.001)
+        };
+        assert_eq!(
+            (evidence(&line), dependence(&line)),
+            (Verdict::Undecided, Dependence::Open)
+        );
     }
 
     #[test]
     fn without_a_belief_evidence_is_not_weighed() {
-        let rule = Rule { kind: RuleKind::Evidence, ..Rule::default() };
+        let rule = Rule {
+            kind: RuleKind::Evidence,
+            ..Rule::default()
+        };
         assert_eq!(decide(&rule, 1_000, 2.0, None), Verdict::Undecided);
     }
 
@@ -237,10 +348,18 @@ mod tests {
             ..Believed::of_dependence(now, unseen, &[Table::from_counts([(0, 0, 1)])])
         };
         // Odds of 3/7, then 1/7 and a little more.
-        let explained = [told(0.3, 0.125), told(0.3, 0.126), told(0.999, 0.9)].map(|believed| is_explained(&believed));
+        let explained = [told(0.3, 0.125), told(0.3, 0.126), told(0.999, 0.9)]
+            .map(|believed| is_explained(&believed));
         assert_eq!(explained, [true, false, true]);
         let opened = |unseen, now, sets| is_opened(&told(unseen, now), sets);
-        assert_eq!([opened(0.3, 0.951, 1), opened(0.3, 0.951, 2), opened(0.3, 0.98, 2)], [true, false, true]);
+        assert_eq!(
+            [
+                opened(0.3, 0.951, 1),
+                opened(0.3, 0.951, 2),
+                opened(0.3, 0.98, 2)
+            ],
+            [true, false, true]
+        );
         assert!(!opened(0.9, 0.96, 1), "the prior knew");
         let line = Believed::of_dependence(0.999, 0.3, &[Table::from_counts([(0, 0, 9)])]);
         assert!(!is_opened(&line, 1) && !is_explained(&Believed::of_dependence(0.01, 0.3, &[])));
@@ -255,8 +374,14 @@ mod tests {
         };
         let open = [told(0.3, 0.5), told(0.9, 0.95), told(0.1, 0.05)];
         assert_eq!(open, [Dependence::Open; 3]);
-        assert_eq!([told(0.3, 0.95), told(0.3, 0.05)], [Dependence::Established, Dependence::Excluded]);
+        assert_eq!(
+            [told(0.3, 0.95), told(0.3, 0.05)],
+            [Dependence::Established, Dependence::Excluded]
+        );
         // In an environment where all states depend, or none.
-        assert_eq!([told(0.999, 0.999_9), told(1e-3, 4e-4)], [Dependence::Established, Dependence::Excluded]);
+        assert_eq!(
+            [told(0.999, 0.999_9), told(1e-3, 4e-4)],
+            [Dependence::Established, Dependence::Excluded]
+        );
     }
 }

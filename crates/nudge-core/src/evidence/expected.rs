@@ -1,22 +1,31 @@
-//! What counts say of what was expected of them: how much more likely they make MI > t than it was, where a network said beforehand what both agents do.
+//! What counts say of what was expected of them: how much more likely they make MI > t than it was,
+//! where a network said beforehand what both agents do.
 //!
-//! The evidence of [`super::Prior`] knows nothing of a state but its counts, and after two or three draws it leans towards "below t" whatever the other
-//! did: too few of the ego's actions were seen. With an expectation the same draws speak: they are likely under the responses that were expected, or
-//! under one response to everything. The network must not have learned from these counts.
+//! The evidence of [`super::Prior`] knows nothing of a state but its counts, and after two or three
+//! draws it leans towards "below t" whatever the other did: too few of the ego's actions were seen.
+//! With an expectation the same draws speak: they are likely under the responses that were
+//! expected, or under one response to everything. The network must not have learned from these
+//! counts.
 //!
 //! Per state, with the expected policy p_i, responses rho_ij and m_j = sum_i p_i rho_ij:
 //!
-//! * null: all rows share one response, ln DM(c; b x), x in {environment's base, uniform, m}; without m, whoever knew the marginal better would win;
-//! * slabs: each row its own, l = sum_i ln DM(n_i.; k z_i), z_ij proportional to m_j (rho_ij / m_j)^gamma: as expected, or sharper;
-//! * T(n) = P(MI > t | slab, n), a Beta distribution with the moments of rows that are Dirichlet with parameters n_ij + k z_ij under a policy that is
-//!   Dirichlet with parameters r_i + kappa p_i. Draws move it as they move l: a slab in which MI can be large says nothing for MI > t where the draws
-//!   have it that it is not. T(0) is the same without draws.
+//! * null: all rows share one response, ln DM(c; b x), x in {environment's base, uniform, m};
+//!   without m, whoever knew the marginal better would win;
+//! * slabs: each row its own, l = sum_i ln DM(n_i.; k z_i), z_ij proportional to m_j
+//!   (rho_ij / m_j)^gamma: as expected, or sharper;
+//! * T(n) = P(MI > t | slab, n), a Beta distribution with the moments of rows that are Dirichlet
+//!   with parameters n_ij + k z_ij under a policy that is Dirichlet with parameters r_i + kappa
+//!   p_i. Draws move it as they move l: a slab in which MI can be large says nothing for MI > t
+//!   where the draws have it that it is not. T(0) is the same without draws.
 //!
-//! Weights w of the slabs and the share pi of dependent states are fitted over all states by EM, kappa (how far states keep to the expected policy) by
-//! the likelihood of the ego's actions, ln DM(r; kappa p). P(n, MI > t | slab) = l T(n), so that the factor of a state is
-//! P(n | MI > t) / P(n | MI <= t) = [sum w l T(n) / sum w T(0)] / [((1 - pi) l_0 + pi sum w l (1 - T(n))) / (1 - pi + pi sum w (1 - T(0)))].
+//! Weights w of the slabs and the share pi of dependent states are fitted over all states by EM,
+//! kappa (how far states keep to the expected policy) by the likelihood of the ego's actions, ln
+//! DM(r; kappa p). P(n, MI > t | slab) = l T(n), so that the factor of a state is
+//! P(n | MI > t) / P(n | MI <= t) = [sum w l T(n) / sum w T(0)] / [((1 - pi) l_0 + pi sum w l
+//! (1 - T(n))) / (1 - pi + pi sum w (1 - T(0)))].
 //!
-//! Moments of so few numbers are crude below some eight draws: those who calibrate by factors leave such states out.
+//! Moments of so few numbers are crude below some eight draws: those who calibrate by factors leave
+//! such states out.
 
 use super::base::Base;
 use super::beta::Beta;
@@ -33,7 +42,14 @@ const BASES: usize = 3;
 /// Components of the null.
 const NULL_GRID: usize = NULLS.len() * BASES;
 /// Sharpness gamma and concentration k of the slabs.
-const SLABS: [(f64, f64); 6] = [(1.0, 3.0), (1.0, 12.0), (1.0, 50.0), (2.0, 3.0), (2.0, 12.0), (2.0, 50.0)];
+const SLABS: [(f64, f64); 6] = [
+    (1.0, 3.0),
+    (1.0, 12.0),
+    (1.0, 50.0),
+    (2.0, 3.0),
+    (2.0, 12.0),
+    (2.0, 50.0),
+];
 /// Concentrations kappa of a state's policy around the expected one.
 const KAPPAS: [f64; 10] = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 512.0, 2_048.0];
 /// No response, and no action, is expected to be rarer.
@@ -44,7 +60,8 @@ const NO_FEWER: f64 = 1e-9;
 const MOST_CERTAIN: f64 = 60.0;
 /// Rounds of EM.
 const ROUNDS: usize = 60;
-/// The prior of the share of dependent states, and of each weight, in states: as in [`super::Fitter`].
+/// The prior of the share of dependent states, and of each weight, in states: as in
+/// [`super::Fitter`].
 const DEPENDENT_PRIOR: [f64; 2] = [3.0, 10.0];
 const WEIGHT_PRIOR: f64 = 0.1;
 
@@ -54,28 +71,44 @@ pub struct Expected<'a> {
     pub table: &'a Table,
     /// The expected probability of each of the ego's actions.
     pub ego: &'a [f64],
-    /// The expected probability of each of the other's actions, after each of the ego's: row by row.
+    /// The expected probability of each of the other's actions, after each of the ego's: row by
+    /// row.
     pub response: &'a [f64],
 }
 
 /// Returns for each state how much likelier its draws are if MI > threshold (nats) than if not.
-pub fn factors(states: &[Expected<'_>], alphabet: Alphabet, base: &Base, threshold: f64) -> Vec<f64> {
+pub fn factors(
+    states: &[Expected<'_>],
+    alphabet: Alphabet,
+    base: &Base,
+    threshold: f64,
+) -> Vec<f64> {
     if threshold >= alphabet.largest_information() {
         return vec![f64::exp(-MOST_CERTAIN); states.len()];
     }
     let kappa = policy_concentration(states);
-    let question = Question { alphabet, threshold, kappa };
-    let terms: Vec<Terms> = states.iter().map(|state| Terms::new(state, base, question)).collect();
+    let question = Question {
+        alphabet,
+        threshold,
+        kappa,
+    };
+    let terms: Vec<Terms> = states
+        .iter()
+        .map(|state| Terms::new(state, base, question))
+        .collect();
     let weights = Weights::fitted(&terms);
     terms.iter().map(|terms| weights.factor(terms)).collect()
 }
 
-/// Returns the concentration kappa of the grid under which the ego's actions are likeliest, sum ln DM(r; kappa p) over states.
+/// Returns the concentration kappa of the grid under which the ego's actions are likeliest, sum ln
+/// DM(r; kappa p) over states.
 fn policy_concentration(states: &[Expected<'_>]) -> f64 {
     let likelihood = |kappa: f64| {
         let of = |state: &Expected<'_>| {
             let counts = state.table.row_labels().iter().zip(state.table.rows());
-            let actions: f64 = counts.map(|(i, r)| ln_rising(kappa * state.ego[*i as usize].max(RAREST), *r)).sum();
+            let actions: f64 = counts
+                .map(|(i, r)| ln_rising(kappa * state.ego[*i as usize].max(RAREST), *r))
+                .sum();
             actions - ln_rising(kappa, state.table.total())
         };
         states.iter().map(of).sum::<f64>()
@@ -109,14 +142,25 @@ impl Terms {
     fn new(state: &Expected<'_>, base: &Base, question: Question) -> Self {
         let columns = question.alphabet.columns as usize;
         let marginal: Vec<f64> = (0..columns)
-            .map(|j| state.ego.iter().enumerate().map(|(i, p)| p * state.response[i * columns + j]).sum())
+            .map(|j| {
+                state
+                    .ego
+                    .iter()
+                    .enumerate()
+                    .map(|(i, p)| p * state.response[i * columns + j])
+                    .sum()
+            })
             .collect();
         let uniform = 1.0 / columns as f64;
         let floored: f64 = marginal.iter().map(|m| m.max(RAREST)).sum();
-        let share = |x: usize, j: usize| [base.shares()[j], uniform, marginal[j].max(RAREST) / floored][x];
+        let share =
+            |x: usize, j: usize| [base.shares()[j], uniform, marginal[j].max(RAREST) / floored][x];
         let mut slabs = [0.0; SLABS.len()];
         let [mut expected, mut drawn] = [[0.0; SLABS.len()]; 2];
-        let [nothing, counts] = [Counts::none(question.alphabet), Counts::of(state.table, question.alphabet)];
+        let [nothing, counts] = [
+            Counts::none(question.alphabet),
+            Counts::of(state.table, question.alphabet),
+        ];
         for (slab, (gamma, k)) in SLABS.into_iter().enumerate() {
             let rows = sharpened(state, &marginal, gamma);
             slabs[slab] = rows_evidence(state.table, k, |i, j| rows[i * columns + j]);
@@ -125,11 +169,22 @@ impl Terms {
         }
         let nulls = std::array::from_fn(|null| {
             let (x, b) = (null / NULLS.len(), NULLS[null % NULLS.len()]);
-            let sums = state.table.column_labels().iter().zip(state.table.columns());
-            let letters: f64 = sums.map(|(label, n)| ln_rising(b * share(x, *label as usize), *n)).sum();
+            let sums = state
+                .table
+                .column_labels()
+                .iter()
+                .zip(state.table.columns());
+            let letters: f64 = sums
+                .map(|(label, n)| ln_rising(b * share(x, *label as usize), *n))
+                .sum();
             letters - ln_rising(b, state.table.total())
         });
-        Self { nulls, slabs, expected, drawn }
+        Self {
+            nulls,
+            slabs,
+            expected,
+            drawn,
+        }
     }
 }
 
@@ -137,12 +192,20 @@ impl Terms {
 fn sharpened(state: &Expected<'_>, marginal: &[f64], gamma: f64) -> Vec<f64> {
     let mut rows = state.response.to_vec();
     for row in rows.chunks_mut(marginal.len()) {
-        let sharp = |(rho, m): (&f64, &f64)| if *m > 0.0 { m * (rho / m).powf(gamma) } else { 0.0 };
+        let sharp = |(rho, m): (&f64, &f64)| {
+            if *m > 0.0 {
+                m * (rho / m).powf(gamma)
+            } else {
+                0.0
+            }
+        };
         let sharper: Vec<f64> = row.iter().zip(marginal).map(sharp).collect();
         let sum: f64 = sharper.iter().sum();
         let floored: Vec<f64> = sharper.iter().map(|z| (z / sum).max(RAREST)).collect();
         let total: f64 = floored.iter().sum();
-        row.iter_mut().zip(floored).for_each(|(z, floored)| *z = floored / total);
+        row.iter_mut()
+            .zip(floored)
+            .for_each(|(z, floored)| *z = floored / total);
     }
     rows
 }
@@ -157,44 +220,68 @@ struct Counts {
 impl Counts {
     fn none(alphabet: Alphabet) -> Self {
         let [rows, columns] = [alphabet.rows, alphabet.columns].map(|letters| letters as usize);
-        Self { cells: vec![0.0; rows * columns], rows: vec![0.0; rows], total: 0.0 }
+        Self {
+            cells: vec![0.0; rows * columns],
+            rows: vec![0.0; rows],
+            total: 0.0,
+        }
     }
 
     fn of(table: &Table, alphabet: Alphabet) -> Self {
         let mut counts = Self::none(alphabet);
         for cell in table.cells() {
-            let (i, j) = (table.row_labels()[cell.row as usize], table.column_labels()[cell.column as usize]);
+            let (i, j) = (
+                table.row_labels()[cell.row as usize],
+                table.column_labels()[cell.column as usize],
+            );
             counts.cells[(i * alphabet.columns + j) as usize] += cell.n as f64;
             counts.rows[i as usize] += cell.n as f64;
         }
-        Self { total: table.total() as f64, ..counts }
+        Self {
+            total: table.total() as f64,
+            ..counts
+        }
     }
 }
 
-/// Returns P(MI > t | slab, counts): that of a Beta distribution on [0, ln min(R, K)] with the mean and the variance of mutual information.
+/// Returns P(MI > t | slab, counts): that of a Beta distribution on [0, ln min(R, K)] with the mean
+/// and the variance of mutual information.
 fn tail(counts: &Counts, ego: &[f64], rows: &[f64], k: f64, question: Question) -> f64 {
     let largest = question.alphabet.largest_information();
     let (mean, variance) = moments(counts, ego, rows, k, question);
     let share = (mean / largest).clamp(1e-6, 1.0 - 1e-6);
-    1.0 - Beta::matched(share, variance / (largest * largest)).cdf(question.threshold / largest).0
+    1.0 - Beta::matched(share, variance / (largest * largest))
+        .cdf(question.threshold / largest)
+        .0
 }
 
-/// Returns mean and variance of mutual information in nats where row i is Dirichlet with parameters a_ij = n_ij + k z_ij, A_i = r_i + k, and the policy
-/// with parameters r_i + kappa p_i, S = N + kappa. With their means rho_ij and p_i, q = sum_i p_i rho_i, L_ij = ln(rho_ij / q_j), L_i = sum_j rho_ij L_ij
-/// and E p_i^2 = p_i^2 + p_i (1 - p_i) / (S + 1):
+/// Returns mean and variance of mutual information in nats where row i is Dirichlet with parameters
+/// a_ij = n_ij + k z_ij, A_i = r_i + k, and the policy with parameters r_i + kappa p_i,
+/// S = N + kappa. With their means rho_ij and p_i, q = sum_i p_i rho_i, L_ij = ln(rho_ij / q_j),
+/// L_i = sum_j rho_ij L_ij and E p_i^2 = p_i^2 + p_i (1 - p_i) / (S + 1):
 ///
-/// * mean = E H(q) - sum_i p_i E H(row i). E H(row i) = psi(A_i + 1) - sum_j rho_ij psi(a_ij + 1) exactly (Wolpert & Wolf 1995). E H(q) = -sum_j q_j
-///   [psi(q_j c_j + 1) - psi(c_j + 1)] by a Beta distribution matched to each q_j, of variance v_j = sum_i E p_i^2 rho_ij (1 - rho_ij) / (A_i + 1)
-///   + (sum_i p_i rho_ij^2 - q_j^2) / (S + 1) and hence of concentration c_j = q_j (1 - q_j) / v_j - 1;
-/// * variance = sum_i E p_i^2 (sum_j rho_ij L_ij^2 - L_i^2) / (A_i + 1) + (sum_i p_i L_i^2 - M^2) / (S + 1) to first order, M = sum_i p_i L_i, and
-///   2 (mean - M)^2 / ((1 / sum p_i^2 - 1) (1 / sum q_j^2 - 1)), without which it would vanish where rows are alike.
+/// * mean = E H(q) - sum_i p_i E H(row i). E H(row i) = psi(A_i + 1) - sum_j rho_ij psi(a_ij + 1)
+///   exactly (Wolpert & Wolf 1995). E H(q) = -sum_j q_j [psi(q_j c_j + 1) - psi(c_j + 1)] by a Beta
+///   distribution matched to each q_j, of variance v_j = sum_i E p_i^2 rho_ij
+///   (1 - rho_ij) / (A_i + 1) + (sum_i p_i rho_ij^2 - q_j^2) / (S + 1) and hence of concentration
+///   c_j = q_j (1 - q_j) / v_j - 1;
+/// * variance = sum_i E p_i^2
+///   (sum_j rho_ij L_ij^2 - L_i^2) / (A_i + 1) + (sum_i p_i L_i^2 - M^2) / (S + 1) to first order,
+///   M = sum_i p_i L_i, and 2 (mean - M)^2 / ((1 / sum p_i^2 - 1) (1 / sum q_j^2 - 1)), without
+///   which it would vanish where rows are alike.
 fn moments(counts: &Counts, ego: &[f64], rows: &[f64], k: f64, question: Question) -> (f64, f64) {
     let columns = question.alphabet.columns as usize;
     let s = counts.total + question.kappa;
-    let p: Vec<f64> = ego.iter().zip(&counts.rows).map(|(p, r)| (r + question.kappa * p) / s).collect();
+    let p: Vec<f64> = ego
+        .iter()
+        .zip(&counts.rows)
+        .map(|(p, r)| (r + question.kappa * p) / s)
+        .collect();
     let a = |i: usize, j: usize| counts.cells[i * columns + j] + k * rows[i * columns + j];
     let rho = |i: usize, j: usize| a(i, j) / (counts.rows[i] + k);
-    let q: Vec<f64> = (0..columns).map(|j| p.iter().enumerate().map(|(i, p)| p * rho(i, j)).sum()).collect();
+    let q: Vec<f64> = (0..columns)
+        .map(|j| p.iter().enumerate().map(|(i, p)| p * rho(i, j)).sum())
+        .collect();
 
     let [mut entropy, mut of_rows, mut of_policy, mut divergence] = [0.0; 4];
     let mut spread = vec![0.0; columns];
@@ -220,9 +307,13 @@ fn moments(counts: &Counts, ego: &[f64], rows: &[f64], k: f64, question: Questio
         q * (digamma(concentration + 1.0) - digamma(q * concentration + 1.0))
     };
     let mean = q.iter().zip(spread).map(of_column).sum::<f64>() - entropy;
-    let effective = |shares: &[f64]| 1.0 / shares.iter().map(|share| share * share).sum::<f64>() - 1.0;
+    let effective =
+        |shares: &[f64]| 1.0 / shares.iter().map(|share| share * share).sum::<f64>() - 1.0;
     let alike = 2.0 * (mean - divergence).powi(2) / (effective(&p) * effective(&q)).max(NO_FEWER);
-    (mean, of_rows + of_policy - divergence * divergence / (s + 1.0) + alike)
+    (
+        mean,
+        of_rows + of_policy - divergence * divergence / (s + 1.0) + alike,
+    )
 }
 
 /// What EM finds over all states.
@@ -235,8 +326,11 @@ struct Weights {
 impl Weights {
     fn fitted(states: &[Terms]) -> Self {
         let even = |n: usize| 1.0 / n as f64;
-        let mut weights =
-            Self { dependent: 0.3, nulls: [even(NULL_GRID); NULL_GRID], slabs: [even(SLABS.len()); SLABS.len()] };
+        let mut weights = Self {
+            dependent: 0.3,
+            nulls: [even(NULL_GRID); NULL_GRID],
+            slabs: [even(SLABS.len()); SLABS.len()],
+        };
         for _ in 0..ROUNDS {
             weights = weights.improved(states);
         }
@@ -248,10 +342,18 @@ impl Weights {
         let mut dependent = 0.0;
         for terms in states {
             let (null, slab) = (self.null(terms), self.slab(terms));
-            let [p, rest] =
-                normalised([ln_sum(&slab) + self.dependent.ln(), ln_sum(&null) + (1.0 - self.dependent).ln()]);
-            nulls.iter_mut().zip(normalised(null)).for_each(|(sum, share)| *sum += rest * share);
-            slabs.iter_mut().zip(normalised(slab)).for_each(|(sum, share)| *sum += p * share);
+            let [p, rest] = normalised([
+                ln_sum(&slab) + self.dependent.ln(),
+                ln_sum(&null) + (1.0 - self.dependent).ln(),
+            ]);
+            nulls
+                .iter_mut()
+                .zip(normalised(null))
+                .for_each(|(sum, share)| *sum += rest * share);
+            slabs
+                .iter_mut()
+                .zip(normalised(slab))
+                .for_each(|(sum, share)| *sum += p * share);
             dependent += p;
         }
         let share = (dependent + DEPENDENT_PRIOR[0]) / (states.len() as f64 + DEPENDENT_PRIOR[1]);
@@ -274,13 +376,21 @@ impl Weights {
     fn factor(&self, terms: &Terms) -> f64 {
         /// Keeps logarithms finite.
         const TINY: f64 = 1e-12;
-        /// What was less probable beforehand is taken for so probable: moments are not known better, and the ratio of two errors would be told as
-        /// evidence. So what was impossible before the draws and is impossible after them is not made probable by the rest of what they say.
+        /// What was less probable beforehand is taken for so probable: moments are not known
+        /// better, and the ratio of two errors would be told as evidence. So what was impossible
+        /// before the draws and is impossible after them is not made probable by the rest of what
+        /// they say.
         const LEAST: f64 = 0.05;
         let slabs = self.slab(terms);
         let sum = |part: &dyn Fn(f64) -> f64| {
-            let logarithms: [f64; SLABS.len()] = std::array::from_fn(|slab| slabs[slab] + part(terms.drawn[slab]).ln());
-            let prior: f64 = self.slabs.iter().zip(terms.expected).map(|(weight, tail)| weight * part(tail)).sum();
+            let logarithms: [f64; SLABS.len()] =
+                std::array::from_fn(|slab| slabs[slab] + part(terms.drawn[slab]).ln());
+            let prior: f64 = self
+                .slabs
+                .iter()
+                .zip(terms.expected)
+                .map(|(weight, tail)| weight * part(tail))
+                .sum();
             (ln_sum(&logarithms), prior)
         };
         let (above, above_prior) = sum(&|tail| tail + TINY);
@@ -288,8 +398,11 @@ impl Weights {
         let null = ln_sum(&self.null(terms)) + (1.0 - self.dependent).ln();
         let otherwise = ln_sum(&[null, below + self.dependent.ln()]);
         let otherwise_prior = 1.0 - self.dependent + self.dependent * below_prior;
-        let [above_prior, otherwise_prior] = [above_prior, otherwise_prior].map(|prior| prior.max(LEAST).ln());
-        ((above - above_prior) - (otherwise - otherwise_prior)).clamp(-MOST_CERTAIN, MOST_CERTAIN).exp()
+        let [above_prior, otherwise_prior] =
+            [above_prior, otherwise_prior].map(|prior| prior.max(LEAST).ln());
+        ((above - above_prior) - (otherwise - otherwise_prior))
+            .clamp(-MOST_CERTAIN, MOST_CERTAIN)
+            .exp()
     }
 }
 
@@ -301,11 +414,15 @@ mod tests {
 
     use super::*;
 
-    const COIN: Alphabet = Alphabet { rows: 2, columns: 2 };
+    const COIN: Alphabet = Alphabet {
+        rows: 2,
+        columns: 2,
+    };
     const COPIES: [f64; 4] = [0.95, 0.05, 0.05, 0.95];
     const IGNORES: [f64; 4] = [0.5; 4];
 
-    /// Twenty states in which the other copies, as expected or not, and as many in which it throws a coin.
+    /// Twenty states in which the other copies, as expected or not, and as many in which it throws
+    /// a coin.
     fn found(expected: [&[f64]; 2]) -> (f64, f64) {
         let copied = Table::from_counts([(0, 0, 3), (1, 1, 3)]);
         let thrown = Table::from_counts([(0, 0, 2), (0, 1, 1), (1, 0, 1), (1, 1, 2)]);
@@ -331,45 +448,79 @@ mod tests {
         assert!(copied > 5.0 && thrown < 0.5, "{copied} {thrown}");
     }
 
-    /// Draws the rows and the policy of a state and returns how often mutual information is above the threshold.
+    /// Draws the rows and the policy of a state and returns how often mutual information is above
+    /// the threshold.
     fn sampled(counts: &Counts, ego: &[f64], rows: &[f64], k: f64, question: Question) -> f64 {
         const DRAWS: usize = 1_000;
         let mut random = Pcg64::seed_from_u64(7);
         let mut dirichlet = |parameters: Vec<f64>| {
-            let gammas = parameters.into_iter().map(|a| Gamma::new(a, 1.0).expect("above 0").sample(&mut random));
+            let gammas = parameters
+                .into_iter()
+                .map(|a| Gamma::new(a, 1.0).expect("above 0").sample(&mut random));
             let drawn: Vec<f64> = gammas.map(|x: f64| x.max(1e-300)).collect();
             let sum: f64 = drawn.iter().sum();
             drawn.into_iter().map(|x| x / sum).collect::<Vec<f64>>()
         };
         let columns = question.alphabet.columns as usize;
         let is_above = |_: &usize| {
-            let p = dirichlet(ego.iter().zip(&counts.rows).map(|(p, r)| r + question.kappa * p).collect());
-            let row =
-                |i: usize| (0..columns).map(|j| counts.cells[i * columns + j] + k * rows[i * columns + j]).collect();
+            let p = dirichlet(
+                ego.iter()
+                    .zip(&counts.rows)
+                    .map(|(p, r)| r + question.kappa * p)
+                    .collect(),
+            );
+            let row = |i: usize| {
+                (0..columns)
+                    .map(|j| counts.cells[i * columns + j] + k * rows[i * columns + j])
+                    .collect()
+            };
             let drawn: Vec<Vec<f64>> = (0..ego.len()).map(|i| dirichlet(row(i))).collect();
             let q = |j: usize| p.iter().zip(&drawn).map(|(p, row)| p * row[j]).sum::<f64>();
             let q: Vec<f64> = (0..columns).map(q).collect();
-            let divergence = |row: &Vec<f64>| row.iter().zip(&q).map(|(rho, q)| rho * (rho / q).ln()).sum::<f64>();
-            p.iter().zip(&drawn).map(|(p, row)| p * divergence(row)).sum::<f64>() > question.threshold
+            let divergence = |row: &Vec<f64>| {
+                row.iter()
+                    .zip(&q)
+                    .map(|(rho, q)| rho * (rho / q).ln())
+                    .sum::<f64>()
+            };
+            p.iter()
+                .zip(&drawn)
+                .map(|(p, row)| p * divergence(row))
+                .sum::<f64>()
+                > question.threshold
         };
         (0..DRAWS).filter(is_above).count() as f64 / DRAWS as f64
     }
 
     /// Responses of which each row has half of its mass on a letter of its own.
     fn leaning(rows: usize, columns: usize) -> Vec<f64> {
-        let share = |at: usize| 0.5 / columns as f64 + if at % columns == (at / columns) % columns { 0.5 } else { 0.0 };
+        let share = |at: usize| {
+            0.5 / columns as f64
+                + if at % columns == (at / columns) % columns {
+                    0.5
+                } else {
+                    0.0
+                }
+        };
         (0..rows * columns).map(share).collect()
     }
 
     /// Draws of which each is the ego's turn, and copied or not.
     fn played(alphabet: Alphabet, visits: u64, copied_of_four: u64) -> Table {
-        let other = |n: u64| if n % 4 < copied_of_four { n % alphabet.rows } else { 7 * n + n / 5 };
+        let other = |n: u64| {
+            if n % 4 < copied_of_four {
+                n % alphabet.rows
+            } else {
+                7 * n + n / 5
+            }
+        };
         Table::from_counts((0..visits).map(|n| (n % alphabet.rows, other(n) % alphabet.columns, 1)))
     }
 
     #[test]
     fn tails_are_those_of_sampled_rows() {
-        /// With few draws, where a Beta distribution is too wide for what is nearly certain, and with some thirty. Sampling errs by .02 or .03 itself.
+        /// With few draws, where a Beta distribution is too wide for what is nearly certain, and
+        /// with some thirty. Sampling errs by .02 or .03 itself.
         const CRUDE: f64 = 0.17;
         const CLOSE: f64 = 0.13;
         for (rows, columns) in [(2, 2), (3, 25), (6, 6), (25, 3)] {
@@ -379,9 +530,15 @@ mod tests {
             for (k, visits, copied, share) in (SLABS.iter().map(|(_, k)| *k).take(3))
                 .flat_map(|k| [0, 8, 30, 120].map(|visits| (k, visits)))
                 .flat_map(|(k, visits)| [0, 3].map(|copied| (k, visits, copied)))
-                .flat_map(|(k, visits, copied)| [0.1, 0.3, 0.6].map(|share| (k, visits, copied, share)))
+                .flat_map(|(k, visits, copied)| {
+                    [0.1, 0.3, 0.6].map(|share| (k, visits, copied, share))
+                })
             {
-                let question = Question { alphabet, threshold: share * alphabet.largest_information(), kappa: 16.0 };
+                let question = Question {
+                    alphabet,
+                    threshold: share * alphabet.largest_information(),
+                    kappa: 16.0,
+                };
                 let counts = Counts::of(&played(alphabet, visits, copied), alphabet);
                 let [told, truth] = [tail, sampled].map(|of| of(&counts, &ego, &z, k, question));
                 let tolerance = if visits < 30 { CRUDE } else { CLOSE };
@@ -395,9 +552,14 @@ mod tests {
 
     #[test]
     fn draws_that_leave_little_room_speak_against_it() {
-        // It was expected to copy, and the slabs are sure of it; it does so seldom, as forty draws show.
+        // It was expected to copy, and the slabs are sure of it; it does so seldom, as forty draws
+        // show.
         let table = Table::from_counts([(0, 0, 12), (0, 1, 8), (1, 0, 8), (1, 1, 12)]);
-        let state = || Expected { table: &table, ego: &[0.5, 0.5], response: &COPIES };
+        let state = || Expected {
+            table: &table,
+            ego: &[0.5, 0.5],
+            response: &COPIES,
+        };
         let states: Vec<Expected<'_>> = (0..30).map(|_| state()).collect();
         let factors = factors(&states, COIN, &Base::new(&[100, 100]), 0.3);
         assert!(factors.iter().all(|factor| *factor < 0.05), "{factors:?}");
@@ -408,7 +570,11 @@ mod tests {
         let even = Table::from_counts([(0, 0, 10), (1, 1, 10)]);
         let [one, other] = [0, 1].map(|action| Table::from_counts([(action, 0, 20)]));
         let kappa = |tables: [&Table; 2]| {
-            let state = |table| Expected { table, ego: &[0.5, 0.5], response: &IGNORES };
+            let state = |table| Expected {
+                table,
+                ego: &[0.5, 0.5],
+                response: &IGNORES,
+            };
             policy_concentration(&[0, 1, 0, 1].map(|at: usize| state(tables[at])))
         };
         assert!(kappa([&even, &even]) >= 128.0 && kappa([&one, &other]) <= 1.0);
@@ -418,7 +584,11 @@ mod tests {
     #[test]
     fn a_state_without_draws_says_nothing() {
         let empty = Table::default();
-        let state = Expected { table: &empty, ego: &[0.5, 0.5], response: &COPIES };
+        let state = Expected {
+            table: &empty,
+            ego: &[0.5, 0.5],
+            response: &COPIES,
+        };
         let factor = factors(&[state], COIN, &Base::new(&[1, 1]), 0.3)[0];
         assert!((factor - 1.0).abs() < 1e-9, "{factor}");
     }

@@ -1,8 +1,9 @@
-//! What all states of an environment say together: how many are dependent, and how strongly rows are drawn to their base. By expectation and
-//! maximisation (Dempster, Laird & Rubin 1977).
+//! What all states of an environment say together: how many are dependent, and how strongly rows
+//! are drawn to their base. By expectation and maximisation (Dempster, Laird & Rubin 1977).
 //!
-//! A table is read in both ways, columns that respond to rows and rows that respond to columns, and the slabs of both are components of one mixture: so
-//! one fit serves both directions of a pair, and the order of the variables changes nothing.
+//! A table is read in both ways, columns that respond to rows and rows that respond to columns, and
+//! the slabs of both are components of one mixture: so one fit serves both directions of a pair,
+//! and the order of the variables changes nothing.
 
 use super::base::Base;
 use super::counted::Counted;
@@ -13,12 +14,13 @@ use super::parameters::{Expected, Parameters, Segmented};
 use super::state::State;
 use crate::information::{Alphabet, Table};
 
-/// Rounds of the fit, from [`Parameters::cold`]: without slabs of one deviating row, then with them and the null's weights as they are, since their
-/// evidence depends on those.
+/// Rounds of the fit, from [`Parameters::cold`]: without slabs of one deviating row, then with them
+/// and the null's weights as they are, since their evidence depends on those.
 const ROUNDS: [usize; 2] = [40, 80];
 
-/// Draws from which a state takes part in a fit. Thousands of states of two or three draws are all explained alike by no dependence in varied habits and by
-/// much dependence in usual ones: fitted to them, the share of dependent states was .45 to .9 where .31 were.
+/// Draws from which a state takes part in a fit. Thousands of states of two or three draws are all
+/// explained alike by no dependence in varied habits and by much dependence in usual ones: fitted
+/// to them, the share of dependent states was .45 to .9 where .31 were.
 const FEWEST_DRAWS: u64 = 6;
 
 /// A fit, whole: plain data, from which a [`Prior`](super::Prior) can be made again to the bit.
@@ -39,7 +41,12 @@ impl Fit {
     pub fn cold(alphabet: Alphabet) -> Self {
         let base = |letters: u64| Base::new(&vec![0; letters as usize]);
         let bases = [base(alphabet.rows), base(alphabet.columns)];
-        Self { alphabet, bases, parameters: Parameters::cold(), states: 0 }
+        Self {
+            alphabet,
+            bases,
+            parameters: Parameters::cold(),
+            states: 0,
+        }
     }
 }
 
@@ -55,28 +62,50 @@ pub struct Fitter {
 }
 
 impl Fitter {
-    /// Begins a fit of a pair with these alphabets, whose letters all states of the environment use so.
+    /// Begins a fit of a pair with these alphabets, whose letters all states of the environment use
+    /// so.
     pub fn new(alphabet: Alphabet, uses: &Uses) -> Self {
         let [rows, columns] = uses.bases();
-        let likelihoods = [Likelihood::new(alphabet.rows, columns), Likelihood::new(alphabet.columns, rows)];
+        let likelihoods = [
+            Likelihood::new(alphabet.rows, columns),
+            Likelihood::new(alphabet.columns, rows),
+        ];
         let (habits, concentrations) = (uses.habits(), uses.concentrations());
-        Self { alphabet, likelihoods, habits, concentrations, segments: Default::default(), states: Vec::new() }
+        Self {
+            alphabet,
+            likelihoods,
+            habits,
+            concentrations,
+            segments: Default::default(),
+            states: Vec::new(),
+        }
     }
 
-    /// Adds a state by its tables, one for each joint action of the agents held fixed, and their parts by segment. Sums run in the order of adding, so that
-    /// the same states in the same order give the same bits.
+    /// Adds a state by its tables, one for each joint action of the agents held fixed, and their
+    /// parts by segment. Sums run in the order of adding, so that the same states in the same order
+    /// give the same bits.
     ///
-    /// Slices of one occupied row or column are left out: they are as likely either way, so they would leave the share of dependent states and the
-    /// weights of the slabs where those settle without them. So are states of fewer than six draws.
+    /// Slices of one occupied row or column are left out: they are as likely either way, so they
+    /// would leave the share of dependent states and the weights of the slabs where those settle
+    /// without them. So are states of fewer than six draws.
     pub fn add<'a>(&mut self, counted: impl Into<Counted<'a>>) {
         let Counted { slices, parts } = counted.into();
         let telling = slices.iter().filter(|slice| !slice.is_line());
-        let telling: Vec<[Table; 2]> = telling.map(|slice| [slice.clone(), slice.transposed()]).collect();
+        let telling: Vec<[Table; 2]> = telling
+            .map(|slice| [slice.clone(), slice.transposed()])
+            .collect();
         let draws: u64 = telling.iter().map(|[slice, _]| slice.total()).sum();
         if draws >= FEWEST_DRAWS {
             let several = parts.iter().map(margins);
-            (0..2).for_each(|side| self.segments[side].add(several.clone().map(|margins| margins[side])));
-            self.states.push(State::new(&self.likelihoods, telling, slices.len() == 1, parts));
+            (0..2).for_each(|side| {
+                self.segments[side].add(several.clone().map(|margins| margins[side]))
+            });
+            self.states.push(State::new(
+                &self.likelihoods,
+                telling,
+                slices.len() == 1,
+                parts,
+            ));
         }
     }
 
@@ -97,14 +126,23 @@ impl Fitter {
         for _ in 0..ROUNDS[1] {
             goes_on().then_some(())?;
             parameters = round(&self.states, &parameters);
-            parameters.sides.iter_mut().zip(&nulls).for_each(|(side, nulls)| side.nulls.clone_from(nulls));
+            parameters
+                .sides
+                .iter_mut()
+                .zip(&nulls)
+                .for_each(|(side, nulls)| side.nulls.clone_from(nulls));
         }
         let [columns, rows] = self.likelihoods.map(|likelihood| likelihood.base);
         for (at, side) in parameters.sides.iter_mut().enumerate() {
             side.habit = self.concentrations[at];
             side.habit_in_segments = self.segments[at].concentration(self.habits.driver(at));
         }
-        Some(Fit { alphabet: self.alphabet, bases: [rows, columns], parameters, states: self.states.len() as u64 })
+        Some(Fit {
+            alphabet: self.alphabet,
+            bases: [rows, columns],
+            parameters,
+            states: self.states.len() as u64,
+        })
     }
 
     fn look_for_deviants(&mut self, parameters: &Parameters, goes_on: &dyn Fn() -> bool) {

@@ -1,14 +1,19 @@
-//! How freely a table's responses vary: the degrees of freedom of mutual information's second-order variance.
+//! How freely a table's responses vary: the degrees of freedom of mutual information's second-order
+//! variance.
 //!
-//! Where rows are alike, mutual information is a sum of squares, and its variance is 2 d^2 / f: d is its mean beyond the information of the mean
-//! responses, f the number of squares that vary by themselves. There are two ways to count them:
+//! Where rows are alike, mutual information is a sum of squares, and its variance is 2 d^2 / f: d
+//! is its mean beyond the information of the mean responses, f the number of squares that vary by
+//! themselves. There are two ways to count them:
 //!
-//! * by what varies: rows as (sum w)^2 / sum w^2, w_i = p_i (1 - p_i) / (A_i + 1); letters as (sum x)^2 / sum x^2 (1 + 3 / a) - 1 with a = A q_j and
-//!   x = a / (a + 1), since a letter that is expected less than once varies little, and by leaps (the kurtosis of its Beta distribution is 6 / a);
+//! * by what varies: rows as (sum w)^2 / sum w^2, w_i = p_i (1 - p_i) / (A_i + 1); letters as (sum
+//!   x)^2 / sum x^2 (1 + 3 / a) - 1 with a = A q_j and x = a / (a + 1), since a letter that is
+//!   expected less than once varies little, and by leaps (the kurtosis of its Beta distribution is
+//!   6 / a);
 //! * by what is used: (1 / sum p^2 - 1) (1 / sum q^2 - 1), which is too few where counts are many.
 //!
-//! Against exact sampling in thirteen worlds (2 x 2 to 25 x 25, one visit to thousands) the sum of the first and three times the second gives standard
-//! deviations within a tenth on the average of any number of visits; the smaller of the two is for what has to be on the safe side.
+//! Against exact sampling in thirteen worlds (2 x 2 to 25 x 25, one visit to thousands) the sum of
+//! the first and three times the second gives standard deviations within a tenth on the average of
+//! any number of visits; the smaller of the two is for what has to be on the safe side.
 
 /// The fewest letters that are taken to vary by themselves, besides the one that makes up the rest.
 const FEWEST_LETTERS: f64 = 0.3;
@@ -38,11 +43,19 @@ impl Freedom {
 
     /// Adds rows that are alike in their concentration, by sum p and sum p^2.
     pub fn add_alike(&mut self, p: f64, squared: f64, a: f64) {
-        self.add_rows((p - squared) / (a + 1.0), squared / ((a + 1.0) * (a + 1.0)), squared, a);
+        self.add_rows(
+            (p - squared) / (a + 1.0),
+            squared / ((a + 1.0) * (a + 1.0)),
+            squared,
+            a,
+        );
     }
 
     fn add_rows(&mut self, w: f64, square: f64, policy: f64, a: f64) {
-        self.rows.iter_mut().zip([w, square, w * (a + 1.0)]).for_each(|(sum, term)| *sum += term);
+        self.rows
+            .iter_mut()
+            .zip([w, square, w * (a + 1.0)])
+            .for_each(|(sum, term)| *sum += term);
         self.policy += policy;
     }
 
@@ -59,7 +72,11 @@ impl Freedom {
 
     fn varying(&self) -> f64 {
         let ([w, square, _], [x, spread]) = (self.rows, self.letters);
-        if square == 0.0 || spread == 0.0 { 0.0 } else { w * w / square * (x * x / spread - 1.0).max(FEWEST_LETTERS) }
+        if square == 0.0 || spread == 0.0 {
+            0.0
+        } else {
+            w * w / square * (x * x / spread - 1.0).max(FEWEST_LETTERS)
+        }
     }
 
     fn used(&self) -> f64 {
@@ -70,10 +87,17 @@ impl Freedom {
         }
     }
 
-    /// Returns the second-order variance of an excess d, and a wider one for what has to be on the safe side; none where nothing can vary.
+    /// Returns the second-order variance of an excess d, and a wider one for what has to be on the
+    /// safe side; none where nothing can vary.
     pub fn variances(&self, excess: f64) -> [f64; 2] {
         let (varying, used) = (self.varying(), self.used());
-        let variance = |freedom: f64| if freedom > 0.0 { 2.0 * excess * excess / freedom } else { 0.0 };
+        let variance = |freedom: f64| {
+            if freedom > 0.0 {
+                2.0 * excess * excess / freedom
+            } else {
+                0.0
+            }
+        };
         [variance(varying + USED * used), variance(varying.min(used))]
     }
 }

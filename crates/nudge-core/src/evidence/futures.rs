@@ -1,4 +1,5 @@
-//! What more data would bring: how many visits until there is a verdict, and which action tells most.
+//! What more data would bring: how many visits until there is a verdict, and which action tells
+//! most.
 
 use rand::RngExt;
 use rand_distr::{Binomial, Distribution};
@@ -14,12 +15,15 @@ use crate::domain::{Rule, RuleKind, Verdict};
 use crate::information::{Table, conditional, plug_in};
 
 /// Numbers of further visits that are tried.
-const VISITS: [u64; 13] = [1, 2, 5, 10, 20, 50, 100, 200, 500, 1_000, 2_000, 5_000, 10_000];
+const VISITS: [u64; 13] = [
+    1, 2, 5, 10, 20, 50, 100, 200, 500, 1_000, 2_000, 5_000, 10_000,
+];
 /// Futures drawn, and how many of them may stay undecided.
 const FUTURES: usize = 200;
 const UNDECIDED: usize = FUTURES / 5;
 
-/// The most segments that a state is looked at by, where their habits differ: those that were visited most. Every one of them is asked about many times.
+/// The most segments that a state is looked at by, where their habits differ: those that were
+/// visited most. Every one of them is asked about many times.
 const MOST_PARTS: usize = 2;
 
 /// One way things may go on.
@@ -34,11 +38,13 @@ struct Future {
 }
 
 impl Prior {
-    /// Returns after how many more visits at least 80 % of 200 futures have a verdict: 0 where there is one now, else the smallest of 1, 2, 5, 10 ...
-    /// 10,000 that suffices, and `None` where none does.
+    /// Returns after how many more visits at least 80 % of 200 futures have a verdict: 0 where
+    /// there is one now, else the smallest of 1, 2, 5, 10 ... 10,000 that suffices, and `None`
+    /// where none does.
     ///
-    /// Futures are drawn from what is believed now, with the ego's policy as it is; each goes on from the counts, and larger numbers of visits from its own
-    /// smaller ones. The draws depend on the counts alone.
+    /// Futures are drawn from what is believed now, with the ego's policy as it is; each goes on
+    /// from the counts, and larger numbers of visits from its own smaller ones. The draws depend on
+    /// the counts alone.
     ///
     /// Not for alphabets with more than [`MOST_CELLS`](super::MOST_CELLS) pairs of actions.
     pub fn visits_to_decide<'a>(
@@ -65,11 +71,13 @@ impl Prior {
         })
     }
 
-    /// Returns, for every ego action, by how much one more visit with it is expected to lower the entropy of "MI > t", in nats: at least 0, at most
-    /// ln 2. What to try next, to learn one's influence. 0 for an action that is not in use: nobody knows how to take it.
+    /// Returns, for every ego action, by how much one more visit with it is expected to lower the
+    /// entropy of "MI > t", in nats: at least 0, at most ln 2. What to try next, to learn one's
+    /// influence. 0 for an action that is not in use: nobody knows how to take it.
     ///
-    /// H(E P') - E H(P'), P' = P(MI > t) after the visit and the other's answer, which comes as predicted. Not for alphabets with more than
-    /// [`MOST_CELLS`](super::MOST_CELLS) pairs of actions: it takes a posterior for each.
+    /// H(E P') - E H(P'), P' = P(MI > t) after the visit and the other's answer, which comes as
+    /// predicted. Not for alphabets with more than [`MOST_CELLS`](super::MOST_CELLS) pairs of
+    /// actions: it takes a posterior for each.
     pub fn information_gain<'a>(
         &self,
         habits: &'a Habits,
@@ -84,17 +92,29 @@ impl Prior {
         for slice in 0..draws.slices.len() {
             let predicted = draws.predicted(slice);
             let after = draws.above_after(slice, threshold_nats);
-            for (sums, cells) in sums.iter_mut().zip(predicted.iter().zip(after).collect::<Vec<_>>().chunks(others)) {
+            for (sums, cells) in sums.iter_mut().zip(
+                predicted
+                    .iter()
+                    .zip(after)
+                    .collect::<Vec<_>>()
+                    .chunks(others),
+            ) {
                 for (predicted, after) in cells {
                     let p = draws.share(slice) * *predicted;
                     let terms = [p, p * after, p * binary_entropy(*after)];
-                    sums.iter_mut().zip(terms).for_each(|(sum, term)| *sum += term);
+                    sums.iter_mut()
+                        .zip(terms)
+                        .for_each(|(sum, term)| *sum += term);
                 }
             }
         }
         // Rounding could take a gain of nothing below it.
         let gain = |[p, mean, entropy]: [f64; 3]| {
-            if p > 0.0 { (binary_entropy(mean / p) - entropy / p).max(0.0) } else { 0.0 }
+            if p > 0.0 {
+                (binary_entropy(mean / p) - entropy / p).max(0.0)
+            } else {
+                0.0
+            }
         };
         sums.into_iter().map(gain).collect()
     }
@@ -106,11 +126,17 @@ fn decides(posterior: Posterior, prior: &Prior, slices: &[Table], rule: &Rule) -
     let threshold = rule.threshold_nats();
     let believed = match rule.kind {
         RuleKind::Paper => None,
-        RuleKind::Evidence => {
-            Some(Believed::new(posterior.beliefs(threshold), prior.unseen().beliefs(threshold), slices))
-        }
+        RuleKind::Evidence => Some(Believed::new(
+            posterior.beliefs(threshold),
+            prior.unseen().beliefs(threshold),
+            slices,
+        )),
     };
-    let plug_in = if rule.kind == RuleKind::Paper { conditional(slices, plug_in) } else { 0.0 };
+    let plug_in = if rule.kind == RuleKind::Paper {
+        conditional(slices, plug_in)
+    } else {
+        0.0
+    };
     decide(rule, visits, plug_in, believed.as_ref()) != Verdict::Undecided
 }
 
@@ -125,21 +151,38 @@ impl Draws<'_> {
         let mut rng = self.generator();
         let [_, others] = self.sizes();
         let counts = self.counts();
-        let policies: Vec<Vec<f64>> =
-            self.slices.iter().map(|slice| self.prior.mean_policy(self.ego, self.habits, &slice[self.ego])).collect();
-        let future = |number: usize| {
-            let joints = self.draw((number as f64 + 0.5) / FUTURES as f64, &mut rng);
-            let mut cells = Vec::with_capacity(counts.len());
-            for (slice, (joint, policy)) in joints.iter().zip(&policies).enumerate() {
-                let rows = joint.responses.chunks(others).zip(policy);
-                cells.extend(rows.flat_map(|(row, p)| row.iter().map(move |rho| self.share(slice) * p * rho)));
-            }
-            let rng = <Pcg64 as rand::SeedableRng>::seed_from_u64(rng.random());
-            Future { rng, cells, counts: counts.clone(), visits: 0 }
-        };
+        let policies: Vec<Vec<f64>> = self
+            .slices
+            .iter()
+            .map(|slice| {
+                self.prior
+                    .mean_policy(self.ego, self.habits, &slice[self.ego])
+            })
+            .collect();
+        let future =
+            |number: usize| {
+                let joints = self.draw((number as f64 + 0.5) / FUTURES as f64, &mut rng);
+                let mut cells = Vec::with_capacity(counts.len());
+                for (slice, (joint, policy)) in joints.iter().zip(&policies).enumerate() {
+                    let rows = joint.responses.chunks(others).zip(policy);
+                    cells.extend(rows.flat_map(|(row, p)| {
+                        row.iter().map(move |rho| self.share(slice) * p * rho)
+                    }));
+                }
+                let rng = <Pcg64 as rand::SeedableRng>::seed_from_u64(rng.random());
+                Future {
+                    rng,
+                    cells,
+                    counts: counts.clone(),
+                    visits: 0,
+                }
+            };
         let mut futures: Vec<Future> = (0..FUTURES).map(future).collect();
-        // Those that are decided alike are neighbours: mixed, the first ones tell sooner how it will end.
-        (1..FUTURES).rev().for_each(|last| futures.swap(last, rng.random_range(0..=last)));
+        // Those that are decided alike are neighbours: mixed, the first ones tell sooner how it
+        // will end.
+        (1..FUTURES)
+            .rev()
+            .for_each(|last| futures.swap(last, rng.random_range(0..=last)));
         futures
     }
 
@@ -148,7 +191,9 @@ impl Draws<'_> {
         let [egos, others] = self.sizes();
         let mut counts = vec![0; egos * others * self.slices.len()];
         for (reading, counts) in self.slices.iter().zip(counts.chunks_mut(egos * others)) {
-            let place = |(ego, other, n): (u64, u64, u64)| counts[ego as usize * others + other as usize] = n;
+            let place = |(ego, other, n): (u64, u64, u64)| {
+                counts[ego as usize * others + other as usize] = n
+            };
             triples(&reading[self.ego]).for_each(place);
         }
         counts
@@ -158,25 +203,39 @@ impl Draws<'_> {
     fn slices_of(&self, counts: &[u64]) -> Vec<Table> {
         let [egos, others] = self.sizes();
         let table = |counts: &[u64]| {
-            let cells = counts.iter().enumerate().map(|(at, n)| ((at / others) as u64, (at % others) as u64, *n));
+            let cells = counts
+                .iter()
+                .enumerate()
+                .map(|(at, n)| ((at / others) as u64, (at % others) as u64, *n));
             self.in_order(Table::from_counts(cells))
         };
         counts.chunks(egos * others).map(table).collect()
     }
 
-    /// Returns a table whose rows are the ego's actions as the prior takes it: rows for the row variable.
+    /// Returns a table whose rows are the ego's actions as the prior takes it: rows for the row
+    /// variable.
     fn in_order(&self, table: Table) -> Table {
-        if self.ego == 0 { table } else { table.transposed() }
+        if self.ego == 0 {
+            table
+        } else {
+            table.transposed()
+        }
     }
 
-    /// Returns P(MI > t) after one more visit to each cell of one slice, the ego's actions first. Actions that were not visited are all alike.
+    /// Returns P(MI > t) after one more visit to each cell of one slice, the ego's actions first.
+    /// Actions that were not visited are all alike.
     fn above_after(&self, at: usize, threshold_nats: f64) -> Vec<f64> {
         let [egos, others] = self.sizes();
         let table = &self.slices[at][self.ego];
-        let mut slices: Vec<Table> = self.slices.iter().map(|[slice, _]| slice.as_ref().clone()).collect();
+        let mut slices: Vec<Table> = self
+            .slices
+            .iter()
+            .map(|[slice, _]| slice.as_ref().clone())
+            .collect();
         let mut row = |ego: u64| -> Vec<f64> {
             let after = |other: u64| {
-                slices[at] = self.in_order(Table::from_counts(triples(table).chain([(ego, other, 1)])));
+                slices[at] =
+                    self.in_order(Table::from_counts(triples(table).chain([(ego, other, 1)])));
                 self.posterior_of(&slices).0.above(threshold_nats)
             };
             (0..others as u64).map(after).collect()
@@ -195,8 +254,14 @@ impl Future {
         }
         let mut unspent = 1.0;
         for (count, p) in self.counts.iter_mut().zip(&self.cells) {
-            let share = if unspent > 0.0 { (p / unspent).clamp(0.0, 1.0) } else { 1.0 };
-            let n = Binomial::new(left, share).expect("a share within 0 to 1").sample(&mut self.rng);
+            let share = if unspent > 0.0 {
+                (p / unspent).clamp(0.0, 1.0)
+            } else {
+                1.0
+            };
+            let n = Binomial::new(left, share)
+                .expect("a share within 0 to 1")
+                .sample(&mut self.rng);
             *count += n;
             left -= n;
             unspent -= p;
@@ -216,17 +281,29 @@ impl Future {
 }
 
 fn likeliest(cells: &[f64]) -> usize {
-    cells.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1)).map_or(0, |(cell, _)| cell)
+    cells
+        .iter()
+        .enumerate()
+        .max_by(|a, b| a.1.total_cmp(b.1))
+        .map_or(0, |(cell, _)| cell)
 }
 
 fn triples(table: &Table) -> impl Iterator<Item = (u64, u64, u64)> {
     let label = |cell: &crate::information::Occupied| {
-        (table.row_labels()[cell.row as usize], table.column_labels()[cell.column as usize], cell.n)
+        (
+            table.row_labels()[cell.row as usize],
+            table.column_labels()[cell.column as usize],
+            cell.n,
+        )
     };
     table.cells().iter().map(label)
 }
 
 /// Returns the entropy of an event of this probability, in nats.
 fn binary_entropy(p: f64) -> f64 {
-    [p, 1.0 - p].into_iter().filter(|p| *p > 0.0).map(|p| -p * p.ln()).sum()
+    [p, 1.0 - p]
+        .into_iter()
+        .filter(|p| *p > 0.0)
+        .map(|p| -p * p.ln())
+        .sum()
 }

@@ -1,4 +1,5 @@
-//! The gamma function's relatives, for arguments above 0: quick where they are asked for by the million.
+//! The gamma function's relatives, for arguments above 0: quick where they are asked for by the
+//! million.
 
 /// From here the asymptotic series have reached the precision of an `f64`.
 const ASYMPTOTIC_FROM: u64 = 16;
@@ -25,7 +26,8 @@ fn stirling(x: f64) -> f64 {
     const HALF_LN_TAU: f64 = 0.918_938_533_204_672_7;
     let inverse = 1.0 / x;
     let square = inverse * inverse;
-    let series = inverse * (1.0 / 12.0 - square * (1.0 / 360.0 - square * (1.0 / 1_260.0 - square / 1_680.0)));
+    let series = inverse
+        * (1.0 / 12.0 - square * (1.0 / 360.0 - square * (1.0 / 1_260.0 - square / 1_680.0)));
     (x - 0.5) * x.ln() - x + HALF_LN_TAU + series
 }
 
@@ -47,11 +49,15 @@ fn raised(x: f64) -> (f64, f64) {
     if x >= 6.0 {
         return (x, digamma_series(x));
     }
-    // psi(x + 6) less 1/x + ... + 1/(x + 5), whose outermost terms pair up: with y = x (x + 5) they are (2 x + 5) (1/y + 1/(y + 4) + 1/(y + 6)).
+    // psi(x + 6) less 1/x + ... + 1/(x + 5), whose outermost terms pair up: with y = x (x + 5) they
+    // are (2 x + 5) (1/y + 1/(y + 4) + 1/(y + 6)).
     let y = x * (x + 5.0);
     let [second, third] = [y + 4.0, y + 6.0];
     let reciprocals = (second * third + y * third + y * second) / (y * second * third);
-    (x + 6.0, digamma_series(x + 6.0) + (2.0 * x + 5.0) * reciprocals)
+    (
+        x + 6.0,
+        digamma_series(x + 6.0) + (2.0 * x + 5.0) * reciprocals,
+    )
 }
 
 /// Returns ln x - psi(x).
@@ -63,7 +69,10 @@ fn digamma_series(x: f64) -> f64 {
             - square
                 * (1.0 / 120.0
                     - square
-                        * (1.0 / 252.0 - square * (1.0 / 240.0 - square * (1.0 / 132.0 - square * 691.0 / 32_760.0)))));
+                        * (1.0 / 252.0
+                            - square
+                                * (1.0 / 240.0
+                                    - square * (1.0 / 132.0 - square * 691.0 / 32_760.0)))));
     0.5 * inverse + series
 }
 
@@ -84,7 +93,10 @@ mod tests {
         // Gamma(1/2) = sqrt(pi); psi(1) = -Euler's constant; 20! by hand.
         assert!(close(ln_gamma(0.5), std::f64::consts::PI.sqrt().ln()));
         assert!(close(digamma(1.0), -0.577_215_664_901_532_9));
-        assert!(close(ln_rising(1.0, 20), 2_432_902_008_176_640_000_f64.ln()));
+        assert!(close(
+            ln_rising(1.0, 20),
+            2_432_902_008_176_640_000_f64.ln()
+        ));
         assert_eq!(ln_rising(0.1, 0), 0.0);
     }
 

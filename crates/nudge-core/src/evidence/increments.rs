@@ -11,7 +11,8 @@ pub(super) fn depth(letters: usize) -> u64 {
     (MOST / letters.max(1) as u64).clamp(4, DEEPEST)
 }
 
-/// ln Gamma(a_j + n) - ln Gamma(a_j) for every letter j, of which each of L components has its own a_j.
+/// ln Gamma(a_j + n) - ln Gamma(a_j) for every letter j, of which each of L components has its own
+/// a_j.
 pub(super) struct Increments<const L: usize> {
     parameters: Vec<[f64; L]>,
     depth: u64,
@@ -27,11 +28,21 @@ impl<const L: usize> Increments<L> {
             let starts = parameters.map(|a| (a, ln_gamma(a)));
             // Of many, differences of ln Gamma are quicker, and as good at these sizes.
             (0..depth).map(move |n| {
-                starts.map(|(a, start)| if n < 16 { ln_rising(a, n) } else { ln_gamma(a + n as f64) - start })
+                starts.map(|(a, start)| {
+                    if n < 16 {
+                        ln_rising(a, n)
+                    } else {
+                        ln_gamma(a + n as f64) - start
+                    }
+                })
             })
         };
         let values = parameters.iter().flat_map(column).collect();
-        Self { parameters, depth, values }
+        Self {
+            parameters,
+            depth,
+            values,
+        }
     }
 
     /// Returns a_j of a letter for each component.
@@ -46,7 +57,11 @@ impl<const L: usize> Increments<L> {
 
     /// Takes the increments of a letter that was counted n times out of sums.
     pub fn take_from(&self, sums: &mut [f64; L], letter: usize, n: u64) {
-        self.look_up(letter, n, |increments| sums.iter_mut().zip(increments).for_each(|(sum, by)| *sum -= by));
+        self.look_up(letter, n, |increments| {
+            sums.iter_mut()
+                .zip(increments)
+                .for_each(|(sum, by)| *sum -= by)
+        });
     }
 
     #[inline]

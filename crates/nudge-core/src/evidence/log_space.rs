@@ -9,7 +9,10 @@ pub(super) struct Scaled<const L: usize> {
 impl<const L: usize> Scaled<L> {
     pub fn new(logarithms: [f64; L]) -> Self {
         let ln_scale = logarithms.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        Self { ln_scale, parts: logarithms.map(|ln| (ln - ln_scale).exp()) }
+        Self {
+            ln_scale,
+            parts: logarithms.map(|ln| (ln - ln_scale).exp()),
+        }
     }
 
     pub fn ln_weighted(&self, weights: &[f64]) -> f64 {
@@ -17,7 +20,11 @@ impl<const L: usize> Scaled<L> {
     }
 
     fn weighted(&self, weights: &[f64]) -> f64 {
-        self.parts.iter().zip(weights).map(|(part, weight)| part * weight).sum()
+        self.parts
+            .iter()
+            .zip(weights)
+            .map(|(part, weight)| part * weight)
+            .sum()
     }
 
     /// Adds a number of states to the components, in proportion to their weighted parts.
@@ -32,7 +39,12 @@ impl<const L: usize> Scaled<L> {
 /// Returns ln sum e^x.
 pub(super) fn ln_sum(logarithms: &[f64]) -> f64 {
     let largest = logarithms.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    largest + logarithms.iter().map(|ln| (ln - largest).exp()).sum::<f64>().ln()
+    largest
+        + logarithms
+            .iter()
+            .map(|ln| (ln - largest).exp())
+            .sum::<f64>()
+            .ln()
 }
 
 /// Returns numbers in proportion to e^x that sum to 1.

@@ -1,17 +1,24 @@
 //! Mean and variance of mutual information where each row has its own response.
 //!
-//! Under one slab, row i of a state is Dirichlet with parameters a_ij = n_ij + k m_j, A_i = r_i + k. The driver's policy is Dirichlet with mean
-//! p_i = (r_i + kappa h_i) / S and concentration S = N + kappa, h being its mean policy in the environment: so E p_i^2 = P_i = p_i^2 + p_i (1 - p_i) / (S + 1).
-//! With rho_ij = a_ij / A_i, q = sum_i p_i rho_i and L_ij = ln(rho_ij / q_j), L_i = sum_j rho_ij L_ij, in nats:
+//! Under one slab, row i of a state is Dirichlet with parameters a_ij = n_ij + k m_j,
+//! A_i = r_i + k. The driver's policy is Dirichlet with mean p_i = (r_i + kappa h_i) / S and
+//! concentration S = N + kappa, h being its mean policy in the environment: so E
+//! p_i^2 = P_i = p_i^2 + p_i (1 - p_i) / (S + 1). With rho_ij = a_ij / A_i, q = sum_i p_i rho_i and
+//! L_ij = ln(rho_ij / q_j), L_i = sum_j rho_ij L_ij, in nats:
 //!
-//! * mean = E H(q) - sum_i p_i E H(row i), with E H(row i) = psi(A_i + 1) - sum_j a_ij psi(a_ij + 1) / A_i exact (Wolpert & Wolf 1995), and E H(q) that of
-//!   Beta distributions matched to each q_j, whose variance is v_j = sum_i P_i rho_ij (1 - rho_ij) / (A_i + 1) + (sum_i p_i rho_ij^2 - q_j^2) / (S + 1):
-//!   E H(q) = -sum_j q_j [psi(q_j s_j + 1) - psi(s_j + 1)], s_j = q_j (1 - q_j) / v_j - 1. Unlike a Taylor term it is never negative;
-//! * variance = sum_i P_i (sum_j rho_ij L_ij^2 - L_i^2) / (A_i + 1) + (sum_i p_i L_i^2 - (sum_i p_i L_i)^2) / (S + 1), to first order: the rows' and
-//!   the policy's; and of second order that of [`Freedom`] with d = mean - sum_i p_i L_i, which is all there is where rows are alike.
+//! * mean = E H(q) - sum_i p_i E H(row i), with E H(row i) = psi(A_i + 1) - sum_j a_ij
+//!   psi(a_ij + 1) / A_i exact (Wolpert & Wolf 1995), and E H(q) that of Beta distributions matched
+//!   to each q_j, whose variance is v_j = sum_i P_i rho_ij
+//!   (1 - rho_ij) / (A_i + 1) + (sum_i p_i rho_ij^2 - q_j^2) / (S + 1): E H(q) = -sum_j q_j
+//!   [psi(q_j s_j + 1) - psi(s_j + 1)], s_j = q_j (1 - q_j) / v_j - 1. Unlike a Taylor term it is
+//!   never negative;
+//! * variance = sum_i P_i (sum_j rho_ij L_ij^2 - L_i^2) / (A_i + 1) + (sum_i p_i L_i^2 - (sum_i p_i
+//!   L_i)^2) / (S + 1), to first order: the rows' and the policy's; and of second order that of
+//!   [`Freedom`] with d = mean - sum_i p_i L_i, which is all there is where rows are alike.
 //!
-//! Rows that were not visited have the same response, and columns that were not are alike but for their share m_j: neither is looked at one by one. A row is
-//! what it would be without visits, corrected in its occupied cells.
+//! Rows that were not visited have the same response, and columns that were not are alike but for
+//! their share m_j: neither is looked at one by one. A row is what it would be without visits,
+//! corrected in its occupied cells.
 
 use super::base::Alike;
 use super::deviants::Deviants;
@@ -35,18 +42,43 @@ pub(super) struct Slice<'a> {
 
 impl<'a> Slice<'a> {
     /// Looks at a table, given the driver's policy in it and the columns that were not visited.
-    pub fn new(table: &'a Table, deviants: &'a Deviants, policy: Policy<'a>, rest: Vec<Alike>) -> Self {
+    pub fn new(
+        table: &'a Table,
+        deviants: &'a Deviants,
+        policy: Policy<'a>,
+        rest: Vec<Alike>,
+    ) -> Self {
         let driver = |(label, r): (&u64, &u64)| {
             let p = policy.of(*label, *r);
-            Driver { r: *r, p, square: policy.square(p) }
+            Driver {
+                r: *r,
+                p,
+                square: policy.square(p),
+            }
         };
-        let drivers = table.row_labels().iter().zip(table.rows()).map(driver).collect();
-        Self { drivers, unvisited: policy.unvisited(table), table, deviants, policy, rest, times: 1.0 }
+        let drivers = table
+            .row_labels()
+            .iter()
+            .zip(table.rows())
+            .map(driver)
+            .collect();
+        Self {
+            drivers,
+            unvisited: policy.unvisited(table),
+            table,
+            deviants,
+            policy,
+            rest,
+            times: 1.0,
+        }
     }
 
     /// Returns the same for so many slices that are as good as equal.
     pub fn for_all(self, slices: usize) -> Self {
-        Self { times: slices as f64, ..self }
+        Self {
+            times: slices as f64,
+            ..self
+        }
     }
 }
 
@@ -82,7 +114,10 @@ pub(super) struct Term {
 
 impl Term {
     pub fn of(a: f64) -> Self {
-        Self { psi: a * digamma(a + 1.0), ln: a.ln() }
+        Self {
+            psi: a * digamma(a + 1.0),
+            ln: a.ln(),
+        }
     }
 }
 
@@ -99,23 +134,39 @@ impl Moments {
     /// Returns the same with this part of the mean added to the standard deviation, in squares.
     pub fn doubted(self, part: f64) -> Self {
         let more = (part * self.mean).powi(2);
-        Self { variance: self.variance + more, wide: self.wide + more, ..self }
+        Self {
+            variance: self.variance + more,
+            wide: self.wide + more,
+            ..self
+        }
     }
 
     /// Returns the moments of so many times as much.
     pub fn scaled(self, by: f64) -> Self {
-        Self { mean: by * self.mean, variance: by * by * self.variance, wide: by * by * self.wide }
+        Self {
+            mean: by * self.mean,
+            variance: by * by * self.variance,
+            wide: by * by * self.wide,
+        }
     }
 
     /// Returns the moments of a mixture, given weights and the moments of its parts.
     pub fn mixed(parts: &[(f64, Self)]) -> Self {
         let total: f64 = parts.iter().map(|(weight, _)| weight).sum();
         let over = |figure: &dyn Fn(&Self) -> f64| {
-            parts.iter().map(|(weight, part)| weight * figure(part)).sum::<f64>() / total
+            parts
+                .iter()
+                .map(|(weight, part)| weight * figure(part))
+                .sum::<f64>()
+                / total
         };
         let mean = over(&|part| part.mean);
         let off = |part: &Self| (part.mean - mean).powi(2);
-        Self { mean, variance: over(&|part| part.variance + off(part)), wide: over(&|part| part.wide + off(part)) }
+        Self {
+            mean,
+            variance: over(&|part| part.variance + off(part)),
+            wide: over(&|part| part.wide + off(part)),
+        }
     }
 }
 
@@ -129,10 +180,15 @@ pub(super) struct Policy<'a> {
 }
 
 impl<'a> Policy<'a> {
-    /// Returns the policy behind so many visits; `habit` is the fitted concentration. Without one it is half a visit for each action in use.
+    /// Returns the policy behind so many visits; `habit` is the fitted concentration. Without one
+    /// it is half a visit for each action in use.
     pub fn new(visits: u64, usage: &'a Usage, habit: Option<f64>) -> Self {
         let concentration = habit.unwrap_or(0.5 * usage.used as f64);
-        Self { usage, concentration, weight: visits as f64 + concentration }
+        Self {
+            usage,
+            concentration,
+            weight: visits as f64 + concentration,
+        }
     }
 
     /// Returns p of the row of a label with r visits.
@@ -145,9 +201,11 @@ impl<'a> Policy<'a> {
         self.concentration / self.weight
     }
 
-    /// Returns the parameters kappa h_i + r_i of the Dirichlet distribution of the policy in a table, by label.
+    /// Returns the parameters kappa h_i + r_i of the Dirichlet distribution of the policy in a
+    /// table, by label.
     pub fn parameters(&self, table: &Table) -> Vec<f64> {
-        let parameter = |(label, h): (u64, &f64)| self.concentration * h + table.row_sum(label) as f64;
+        let parameter =
+            |(label, h): (u64, &f64)| self.concentration * h + table.row_sum(label) as f64;
         (0..).zip(&self.usage.shares).map(parameter).collect()
     }
 
@@ -162,11 +220,21 @@ impl<'a> Policy<'a> {
         if rows == 0.0 {
             return Unvisited::default();
         }
-        let shares = table.row_labels().iter().map(|label| self.usage.shares[*label as usize]);
-        let [sum, squares] = shares.fold([1.0, self.usage.squares], |[sum, squares], h| [sum - h, squares - h * h]);
+        let shares = table
+            .row_labels()
+            .iter()
+            .map(|label| self.usage.shares[*label as usize]);
+        let [sum, squares] = shares.fold([1.0, self.usage.squares], |[sum, squares], h| {
+            [sum - h, squares - h * h]
+        });
         let scale = self.concentration / self.weight;
         let [p, squared] = [scale * sum.max(0.0), scale * scale * squares.max(0.0)];
-        Unvisited { rows, p, squared, square: squared + (p - squared) / (self.weight + 1.0) }
+        Unvisited {
+            rows,
+            p,
+            squared,
+            square: squared + (p - squared) / (self.weight + 1.0),
+        }
     }
 }
 
@@ -193,19 +261,25 @@ struct Column {
     ln_ratio: f64,
 }
 
-/// What columns contribute to a row that has no visits there: sums of m, m e, m e^2 with e = ln(m / q).
+/// What columns contribute to a row that has no visits there: sums of m, m e, m e^2 with
+/// e = ln(m / q).
 #[derive(Clone, Copy, Default)]
 struct Empty([f64; 3]);
 
 impl Empty {
     fn of(column: &Column) -> Self {
-        let Column { share, ln_ratio, .. } = *column;
+        let Column {
+            share, ln_ratio, ..
+        } = *column;
         let tilted = share * ln_ratio;
         Self([share, tilted, tilted * ln_ratio])
     }
 
     fn plus(mut self, other: Self, sign: f64) -> Self {
-        self.0.iter_mut().zip(other.0).for_each(|(sum, by)| *sum += sign * by);
+        self.0
+            .iter_mut()
+            .zip(other.0)
+            .for_each(|(sum, by)| *sum += sign * by);
         self
     }
 }
@@ -221,11 +295,15 @@ pub(super) struct Concentration {
 
 impl Concentration {
     pub fn of(a: f64) -> Self {
-        Self { ln: a.ln(), psi: digamma(a + 1.0) }
+        Self {
+            ln: a.ln(),
+            psi: digamma(a + 1.0),
+        }
     }
 }
 
-/// Returns the moments of a slice under a slab; `concentration` gives that of a row with r visits, `term` the term of n + k m_j at a column's position.
+/// Returns the moments of a slice under a slab; `concentration` gives that of a row with r visits,
+/// `term` the term of n + k m_j at a column's position.
 pub(super) fn moments(
     slice: &Slice<'_>,
     slab: &Slab<'_>,
@@ -234,13 +312,26 @@ pub(super) fn moments(
 ) -> Moments {
     let view = View::new(slice, slab);
     let mut sums = Sums::default();
-    for (row, cells) in slice.table.cells().chunk_by(|a, b| a.row == b.row).enumerate() {
+    for (row, cells) in slice
+        .table
+        .cells()
+        .chunk_by(|a, b| a.row == b.row)
+        .enumerate()
+    {
         let (driver, concentration) = (&view.drivers[row], concentration(slice.drivers[row].r));
-        sums.add(driver, concentration.psi, view.row(driver, concentration.ln, cells, &term));
+        sums.add(
+            driver,
+            concentration.psi,
+            view.row(driver, concentration.ln, cells, &term),
+        );
     }
     if view.unvisited.p > 0.0 {
         let concentration = concentration(0);
-        sums.add(&view.unvisited, concentration.psi, view.row(&view.unvisited, concentration.ln, &[], &term));
+        sums.add(
+            &view.unvisited,
+            concentration.psi,
+            view.row(&view.unvisited, concentration.ln, &[], &term),
+        );
     }
     sums.moments(view.marginal_entropy, slice.policy.weight, &view.freedom)
 }
@@ -259,11 +350,17 @@ pub(super) struct Pair {
     pub letters: f64,
 }
 
-/// Returns the moments where the row that deviates has the probability p, all others share a response, and the columns have these parameters.
+/// Returns the moments where the row that deviates has the probability p, all others share a
+/// response, and the columns have these parameters.
 pub(super) fn two_rows(p: f64, policy: &Policy<'_>, columns: &[Pair]) -> Moments {
     let p = [1.0 - p, p];
     let square = p.map(|p| policy.square(p));
-    let concentrations = [0, 1].map(|row| columns.iter().map(|column| column.letters * column.a[row]).sum::<f64>());
+    let concentrations = [0, 1].map(|row| {
+        columns
+            .iter()
+            .map(|column| column.letters * column.a[row])
+            .sum::<f64>()
+    });
     let mut freedom = Freedom::default();
     // One deviation makes up both rows.
     freedom.add_row(p[1], concentrations[1]);
@@ -272,10 +369,15 @@ pub(super) fn two_rows(p: f64, policy: &Policy<'_>, columns: &[Pair]) -> Moments
     for Pair { a, letters } in columns {
         let rho = [a[0] / concentrations[0], a[1] / concentrations[1]];
         let mean = p[0] * rho[0] + p[1] * rho[1];
-        let own = [0, 1].map(|row| square[row] * rho[row] * (1.0 - rho[row]) / (concentrations[row] + 1.0));
+        let own = [0, 1]
+            .map(|row| square[row] * rho[row] * (1.0 - rho[row]) / (concentrations[row] + 1.0));
         let squares = p[0] * rho[0] * rho[0] + p[1] * rho[1] * rho[1] - mean * mean;
-        entropy +=
-            letters * Share { mean, variance: own[0] + own[1] + squares.max(0.0) / (policy.weight + 1.0) }.entropy();
+        entropy += letters
+            * Share {
+                mean,
+                variance: own[0] + own[1] + squares.max(0.0) / (policy.weight + 1.0),
+            }
+            .entropy();
         freedom.add_letters(mean, *letters);
         for (row, sums) in rows.iter_mut().enumerate() {
             let ln_ratio = (rho[row] / mean).ln();
@@ -286,7 +388,11 @@ pub(super) fn two_rows(p: f64, policy: &Policy<'_>, columns: &[Pair]) -> Moments
     }
     let mut total = Sums::default();
     for (at, row) in rows.into_iter().enumerate() {
-        total.add(&Drawn::new(p[at], square[at], concentrations[at]), digamma(concentrations[at] + 1.0), row);
+        total.add(
+            &Drawn::new(p[at], square[at], concentrations[at]),
+            digamma(concentrations[at] + 1.0),
+            row,
+        );
     }
     total.moments(entropy, policy.weight, &freedom)
 }
@@ -302,7 +408,11 @@ struct Drawn {
 
 impl Drawn {
     fn new(p: f64, square: f64, a: f64) -> Self {
-        Self { p, spread: square / (a + 1.0), inverse: 1.0 / a }
+        Self {
+            p,
+            spread: square / (a + 1.0),
+            inverse: 1.0 / a,
+        }
     }
 }
 
@@ -350,9 +460,14 @@ impl Sums {
     /// Returns the moments, from E H(q), S and the degrees of freedom.
     fn moments(&self, marginal_entropy: f64, weight: f64, freedom: &Freedom) -> Moments {
         let mean = (marginal_entropy - self.entropy).max(0.0);
-        let spread = self.spread + (self.square - self.divergence * self.divergence).max(0.0) / (weight + 1.0);
+        let spread = self.spread
+            + (self.square - self.divergence * self.divergence).max(0.0) / (weight + 1.0);
         let [narrow, wide] = freedom.variances(mean - self.divergence);
-        Moments { mean, variance: spread + narrow, wide: spread + wide }
+        Moments {
+            mean,
+            variance: spread + narrow,
+            wide: spread + wide,
+        }
     }
 }
 
@@ -370,7 +485,8 @@ impl Share {
         if mean >= 1.0 || mean <= 0.0 {
             return 0.0;
         }
-        let sharpness = (mean * (1.0 - mean) / variance.max(f64::MIN_POSITIVE) - 1.0).clamp(1e-6, 1e12);
+        let sharpness =
+            (mean * (1.0 - mean) / variance.max(f64::MIN_POSITIVE) - 1.0).clamp(1e-6, 1e12);
         -mean * digamma_difference(mean * sharpness + 1.0, sharpness + 1.0)
     }
 }
@@ -378,7 +494,9 @@ impl Share {
 impl<'a> View<'a> {
     fn new(slice: &Slice<'_>, slab: &'a Slab<'a>) -> Self {
         let k = slab.concentration;
-        let Unvisited { p, squared, square, .. } = slice.unvisited;
+        let Unvisited {
+            p, squared, square, ..
+        } = slice.unvisited;
         let driver = |driver: &Driver| Drawn::new(driver.p, driver.square, driver.r as f64 + k);
         let mut view = Self {
             slab,
@@ -390,33 +508,53 @@ impl<'a> View<'a> {
             marginal_entropy: 0.0,
             freedom: Freedom::default(),
         };
-        slice.drivers.iter().for_each(|Driver { r, p, .. }| view.freedom.add_row(*p, *r as f64 + k));
+        slice
+            .drivers
+            .iter()
+            .for_each(|Driver { r, p, .. }| view.freedom.add_row(*p, *r as f64 + k));
         view.freedom.add_alike(p, squared, k);
         view.look_at_columns(slice);
         view
     }
 
-    /// Finds the distribution of every q_j: as if no row had visits there, corrected in the occupied cells.
+    /// Finds the distribution of every q_j: as if no row had visits there, corrected in the
+    /// occupied cells.
     fn look_at_columns(&mut self, Slice { table, policy, .. }: &Slice<'_>) {
         let k = self.slab.concentration;
         // sum p k/A, sum P (k/A)/(A + 1), sum P (k/A)^2/(A + 1), sum p (k/A)^2.
         let mut common = [0.0; 4];
         for Drawn { p, spread, inverse } in self.drivers.iter().chain([&self.unvisited]) {
             let drawn = k * inverse;
-            let terms = [p * drawn, spread * drawn, spread * drawn * drawn, p * drawn * drawn];
-            common.iter_mut().zip(terms).for_each(|(sum, term)| *sum += term);
+            let terms = [
+                p * drawn,
+                spread * drawn,
+                spread * drawn * drawn,
+                p * drawn * drawn,
+            ];
+            common
+                .iter_mut()
+                .zip(terms)
+                .for_each(|(sum, term)| *sum += term);
         }
         let [drawn, rising, falling, squares] = common;
         // E q, the rows' part of its variance, and sum p rho^2.
         let untouched = |m: f64| [m * drawn, m * rising - m * m * falling, m * m * squares];
-        let mut sums: Vec<[f64; 3]> = self.slab.columns.iter().map(|letter| untouched(letter.share)).collect();
+        let mut sums: Vec<[f64; 3]> = self
+            .slab
+            .columns
+            .iter()
+            .map(|letter| untouched(letter.share))
+            .collect();
         for cell in table.cells() {
             let Drawn { p, spread, inverse } = self.drivers[cell.row as usize];
             // By how much the visits raise rho, and the sum of what it was and is.
             let more = cell.n as f64 * inverse;
             let both = 2.0 * k * self.slab.columns[cell.column as usize].share * inverse + more;
             let terms = [p * more, spread * more * (1.0 - both), p * more * both];
-            sums[cell.column as usize].iter_mut().zip(terms).for_each(|(sum, term)| *sum += term);
+            sums[cell.column as usize]
+                .iter_mut()
+                .zip(terms)
+                .for_each(|(sum, term)| *sum += term);
         }
         let share = |[mean, rows, squares]: [f64; 3]| Share {
             mean,
@@ -427,7 +565,11 @@ impl<'a> View<'a> {
             self.marginal_entropy += q.entropy();
             self.freedom.add_letters(q.mean, 1.0);
             let ln_q = q.mean.ln();
-            let column = Column { share: letter.share, ln_q, ln_ratio: letter.empty.ln - self.ln_k - ln_q };
+            let column = Column {
+                share: letter.share,
+                ln_q,
+                ln_ratio: letter.empty.ln - self.ln_k - ln_q,
+            };
             self.empty = self.empty.plus(Empty::of(&column), 1.0);
             self.columns.push(column);
         }
@@ -435,19 +577,34 @@ impl<'a> View<'a> {
             let q = share(untouched(*m));
             self.marginal_entropy += letters * q.entropy();
             self.freedom.add_letters(q.mean, *letters);
-            let column = Column { share: letters * m, ln_q: q.mean.ln(), ln_ratio: -drawn.ln() };
+            let column = Column {
+                share: letters * m,
+                ln_q: q.mean.ln(),
+                ln_ratio: -drawn.ln(),
+            };
             self.empty = self.empty.plus(Empty::of(&column), 1.0);
         }
     }
 
     /// Returns the sums of a row in these cells, given ln A.
-    fn row(&self, drawn: &Drawn, ln_a: f64, cells: &[Occupied], term: impl Fn(usize, u64) -> Term) -> Row {
+    fn row(
+        &self,
+        drawn: &Drawn,
+        ln_a: f64,
+        cells: &[Occupied],
+        term: impl Fn(usize, u64) -> Term,
+    ) -> Row {
         let k = self.slab.concentration;
-        let mut row = Row { psi: self.slab.psi, first: 0.0, second: 0.0 };
+        let mut row = Row {
+            psi: self.slab.psi,
+            first: 0.0,
+            second: 0.0,
+        };
         let mut empty = self.empty;
         for cell in cells {
             let at = cell.column as usize;
-            let (letter, column, term) = (&self.slab.columns[at], &self.columns[at], term(at, cell.n));
+            let (letter, column, term) =
+                (&self.slab.columns[at], &self.columns[at], term(at, cell.n));
             empty = empty.plus(Empty::of(column), -1.0);
             let rho = (cell.n as f64 + k * letter.share) * drawn.inverse;
             let ln_ratio = term.ln - ln_a - column.ln_q;

@@ -4,22 +4,31 @@ use std::ops::Range;
 
 /// Concentrations b of the null's shared response, for each of two bases.
 ///
-/// They go up to where all states answer alike, and farther than the slabs': were the null's response not allowed to be as close to the base as the
-/// rows of a slab, slabs would win where states only resemble each other. In a hallway of 25 x 25 actions, whose neighbours' actions were shuffled, that
-/// called a sixth of the states dependent; two dice thrown in every state, nearly all.
+/// They go up to where all states answer alike, and farther than the slabs': were the null's
+/// response not allowed to be as close to the base as the rows of a slab, slabs would win where
+/// states only resemble each other. In a hallway of 25 x 25 actions, whose neighbours' actions were
+/// shuffled, that called a sixth of the states dependent; two dice thrown in every state, nearly
+/// all.
 ///
-/// They begin below the slabs': where each segment has a habit that it hardly ever leaves, a response to each action would be told with fewer visits off it.
-pub(super) const NULL_CONCENTRATIONS: [f64; 16] =
-    [0.03, 0.1, 0.3, 0.7, 1.5, 3.0, 6.0, 12.0, 25.0, 50.0, 100.0, 200.0, 400.0, 1_600.0, 12_800.0, 1e6];
+/// They begin below the slabs': where each segment has a habit that it hardly ever leaves, a
+/// response to each action would be told with fewer visits off it.
+pub(super) const NULL_CONCENTRATIONS: [f64; 16] = [
+    0.03, 0.1, 0.3, 0.7, 1.5, 3.0, 6.0, 12.0, 25.0, 50.0, 100.0, 200.0, 400.0, 1_600.0, 12_800.0,
+    1e6,
+];
 
-/// Concentrations k of the rows of the slabs on a fixed base: the environment's, or the uniform one.
-pub(super) const FIXED_CONCENTRATIONS: [f64; 12] = [0.1, 0.2, 0.4, 0.8, 1.5, 3.0, 6.0, 12.0, 25.0, 50.0, 100.0, 200.0];
+/// Concentrations k of the rows of the slabs on a fixed base: the environment's, or the uniform
+/// one.
+pub(super) const FIXED_CONCENTRATIONS: [f64; 12] = [
+    0.1, 0.2, 0.4, 0.8, 1.5, 3.0, 6.0, 12.0, 25.0, 50.0, 100.0, 200.0,
+];
 
-/// Those of the slabs on the state's own marginal, which begin alike. The larger, the weaker the dependence that is looked for: about (K - 1) / 2k nats, a
-/// thousandth of one with 25 columns at the last. So weak, all rows are closer to each other than to any base but their own.
+/// Those of the slabs on the state's own marginal, which begin alike. The larger, the weaker the
+/// dependence that is looked for: about (K - 1) / 2k nats, a thousandth of one with 25 columns at
+/// the last. So weak, all rows are closer to each other than to any base but their own.
 pub(super) const OWN_CONCENTRATIONS: [f64; 18] = [
-    0.1, 0.2, 0.4, 0.8, 1.5, 3.0, 6.0, 12.0, 25.0, 50.0, 100.0, 200.0, 400.0, 800.0, 1_600.0, 3_200.0, 6_400.0,
-    12_800.0,
+    0.1, 0.2, 0.4, 0.8, 1.5, 3.0, 6.0, 12.0, 25.0, 50.0, 100.0, 200.0, 400.0, 800.0, 1_600.0,
+    3_200.0, 6_400.0, 12_800.0,
 ];
 
 /// Concentrations k of the one row that deviates, for each of two bases.
@@ -46,28 +55,36 @@ pub(super) const SLABS: usize = FIXED + OWN_GRID + DEVIANTS;
 
 /// Returns the concentration of a slab whose every row has its own response.
 pub(super) fn concentration(slab: usize) -> f64 {
-    if slab < FIXED { FIXED_CONCENTRATIONS[slab % FIXED_GRID] } else { OWN_CONCENTRATIONS[slab - FIXED] }
+    if slab < FIXED {
+        FIXED_CONCENTRATIONS[slab % FIXED_GRID]
+    } else {
+        OWN_CONCENTRATIONS[slab - FIXED]
+    }
 }
 
-/// Pseudo-states that an environment's share of dependent states starts from: dependent ones, and all. A Beta(3, 7) prior: with a flat one, an
-/// environment of a single independent state would be called dependent 40 % of the time.
+/// Pseudo-states that an environment's share of dependent states starts from: dependent ones, and
+/// all. A Beta(3, 7) prior: with a flat one, an environment of a single independent state would be
+/// called dependent 40 % of the time.
 const DEPENDENT_PRIOR: [f64; 2] = [3.0, 10.0];
 /// Pseudo-states of each weight.
 const WEIGHT_PRIOR: f64 = 0.1;
-/// Slabs beyond this concentration can hardly be told from the null where little was seen, and what EM cannot tell apart keeps the proportions that it began
-/// with: so they begin with little.
+/// Slabs beyond this concentration can hardly be told from the null where little was seen, and what
+/// EM cannot tell apart keeps the proportions that it began with: so they begin with little.
 const USUAL_CONCENTRATION: f64 = 200.0;
 const WEAK_PRIOR: f64 = 0.01;
 
-/// Pseudo-states whose habits are alike in all segments, and that differ. And those of each family of dependence.
+/// Pseudo-states whose habits are alike in all segments, and that differ. And those of each family
+/// of dependence.
 const HABIT_PRIOR: [f64; 2] = [0.5, 0.5];
 const FAMILY_PRIOR: [f64; 3] = [0.5, 0.3, 0.2];
 
-/// Concentrations of the habits of segments around those of their state. Those above differ by next to nothing.
+/// Concentrations of the habits of segments around those of their state. Those above differ by next
+/// to nothing.
 pub(super) const AROUND: usize = 11;
 
-/// How habits go with segments: alike in all; drawn anew in each, by the components of the null, as if there were no state; or drawn around the state's, with
-/// the first concentrations of slabs on their own marginal.
+/// How habits go with segments: alike in all; drawn anew in each, by the components of the null, as
+/// if there were no state; or drawn around the state's, with the first concentrations of slabs on
+/// their own marginal.
 pub(super) const HABITS: usize = 1 + NULLS + AROUND;
 /// Those that are drawn anew.
 pub(super) const APART: Range<usize> = 1..1 + NULLS;
@@ -80,26 +97,33 @@ pub(super) const CUT: usize = OWN_SLABS.end;
 pub struct Parameters {
     /// The share pi of states in which the two actions depend on each other.
     pub dependent: f64,
-    /// What it finds of either way to read a table: columns that respond to rows, then rows that respond to columns. All slabs together weigh 1.
+    /// What it finds of either way to read a table: columns that respond to rows, then rows that
+    /// respond to columns. All slabs together weigh 1.
     pub sides: [SideParameters; 2],
-    /// How dependence goes with segments, where a state was seen in several: the weights of three families of slabs, which sum to 1. All segments share one
-    /// response to each action; each has responses of its own; or one segment alone depends.
+    /// How dependence goes with segments, where a state was seen in several: the weights of three
+    /// families of slabs, which sum to 1. All segments share one response to each action; each has
+    /// responses of its own; or one segment alone depends.
     pub families: [f64; 3],
 }
 
 /// What a fit finds where one variable, the driver, is taken to drive the other, the responder.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SideParameters {
-    /// The weights v of the null's concentrations, which sum to 1: on the environment's base, then on the uniform one.
+    /// The weights v of the null's concentrations, which sum to 1: on the environment's base, then
+    /// on the uniform one.
     pub nulls: Vec<f64>,
-    /// The weights w of the slabs: on the environment's base, the uniform one, the state's own marginal; then those of one deviating row.
+    /// The weights w of the slabs: on the environment's base, the uniform one, the state's own
+    /// marginal; then those of one deviating row.
     pub slabs: Vec<f64>,
-    /// The concentration kappa of the driver's policies around its mean in the environment; `None` before one was fitted.
+    /// The concentration kappa of the driver's policies around its mean in the environment; `None`
+    /// before one was fitted.
     pub habit: Option<f64>,
-    /// The concentration kappa' of the driver's policies in segments around that in their state; `None` where no state was seen in several segments.
+    /// The concentration kappa' of the driver's policies in segments around that in their state;
+    /// `None` where no state was seen in several segments.
     pub habit_in_segments: Option<f64>,
-    /// How the responder's habits go with segments, where nothing depends on anything: the weights of each kind, which sum to 1: alike in all
-    /// segments, drawn around the environment's, or around the state's.
+    /// How the responder's habits go with segments, where nothing depends on anything: the weights
+    /// of each kind, which sum to 1: alike in all segments, drawn around the environment's, or
+    /// around the state's.
     pub segments: Vec<f64>,
 }
 
@@ -120,20 +144,32 @@ pub(super) struct Segmented {
 
 impl Default for Expected {
     fn default() -> Self {
-        Self { nulls: [0.0; NULLS], slabs: [0.0; SLABS], habits: [0.0; HABITS] }
+        Self {
+            nulls: [0.0; NULLS],
+            slabs: [0.0; SLABS],
+            habits: [0.0; HABITS],
+        }
     }
 }
 
 impl Parameters {
-    /// Returns what is supposed of an environment before anything was seen: three states in ten dependent, equal weights for all but the weakest slabs.
+    /// Returns what is supposed of an environment before anything was seen: three states in ten
+    /// dependent, equal weights for all but the weakest slabs.
     pub fn cold() -> Self {
         Self::estimated(0.0, 0.0, &Default::default(), Segmented::default())
     }
 
-    /// Returns the estimate from the expected numbers of states: of all, of dependent ones, and of each component's.
-    pub(super) fn estimated(states: f64, dependent: f64, expected: &[Expected; 2], segmented: Segmented) -> Self {
+    /// Returns the estimate from the expected numbers of states: of all, of dependent ones, and of
+    /// each component's.
+    pub(super) fn estimated(
+        states: f64,
+        dependent: f64,
+        expected: &[Expected; 2],
+        segmented: Segmented,
+    ) -> Self {
         let share = (dependent + DEPENDENT_PRIOR[0]) / (states + DEPENDENT_PRIOR[1]);
-        let [first, second] = [0, 1].map(|side| posterior_counts(&expected[side].slabs, &slab_prior()));
+        let [first, second] =
+            [0, 1].map(|side| posterior_counts(&expected[side].slabs, &slab_prior()));
         // Each side by itself, so that the order of the variables changes no bit.
         let total = first.iter().sum::<f64>() + second.iter().sum::<f64>();
         let side = |side: usize, slabs: Vec<f64>| {
@@ -176,7 +212,11 @@ fn slab_prior() -> [f64; SLABS] {
 }
 
 fn posterior_counts(expected: &[f64], prior: &[f64]) -> Vec<f64> {
-    expected.iter().zip(prior).map(|(expected, prior)| expected + prior).collect()
+    expected
+        .iter()
+        .zip(prior)
+        .map(|(expected, prior)| expected + prior)
+        .collect()
 }
 
 fn shares(counts: &[f64], total: f64) -> Vec<f64> {

@@ -5,8 +5,9 @@ use super::beta::Beta;
 use super::decision::Beliefs;
 use super::moments::Moments;
 
-/// What the counts of a state and the fit of its environment let one believe about mutual information: a point mass at 0, and a mixture of Beta
-/// distributions on [0, ln min(R, K)] for the rest, R and K counting the letters in use. In nats.
+/// What the counts of a state and the fit of its environment let one believe about mutual
+/// information: a point mass at 0, and a mixture of Beta distributions on [0, ln min(R, K)] for the
+/// rest, R and K counting the letters in use. In nats.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Posterior {
     dependent: f64,
@@ -22,7 +23,8 @@ pub struct Posterior {
 /// What segments change where a state was seen in several.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BySegment {
-    /// The probability that the habits of either variable differ by segment, if nothing depends on anything.
+    /// The probability that the habits of either variable differ by segment, if nothing depends on
+    /// anything.
     pub differ: f64,
     /// P(dependent) of the same counts, were there no segments.
     pub pooled: f64,
@@ -42,22 +44,45 @@ struct Component {
 const TAIL: f64 = 0.05;
 
 impl Posterior {
-    /// Joins the probability of dependence with what holds under the slabs of both sides, in proportion to their weights, and with what the table says by
-    /// itself.
-    pub(super) fn new(dependent: f64, largest: f64, slabs: Vec<(f64, Moments)>, estimate: Option<Estimate>) -> Self {
+    /// Joins the probability of dependence with what holds under the slabs of both sides, in
+    /// proportion to their weights, and with what the table says by itself.
+    pub(super) fn new(
+        dependent: f64,
+        largest: f64,
+        slabs: Vec<(f64, Moments)>,
+        estimate: Option<Estimate>,
+    ) -> Self {
         let merged = merged(slabs);
         let total: f64 = merged.iter().map(|(weight, _)| weight).sum();
         let component = |(weight, moments): (f64, Moments)| {
             let mean = (moments.mean / largest).clamp(0.0, 1.0);
             let matched = |variance: f64| Beta::matched(mean, variance / (largest * largest));
-            Component { weight: weight / total, mean, beta: matched(moments.variance), wide: matched(moments.wide) }
+            Component {
+                weight: weight / total,
+                mean,
+                beta: matched(moments.variance),
+                wide: matched(moments.wide),
+            }
         };
-        Self { dependent, largest, components: merged.into_iter().map(component).collect(), estimate, by_segment: None }
+        Self {
+            dependent,
+            largest,
+            components: merged.into_iter().map(component).collect(),
+            estimate,
+            by_segment: None,
+        }
     }
 
-    /// Returns what is believed where one of the variables has a single letter: no dependence, since there is none to be had.
+    /// Returns what is believed where one of the variables has a single letter: no dependence,
+    /// since there is none to be had.
     pub(super) fn impossible() -> Self {
-        Self { dependent: 0.0, largest: 0.0, components: Vec::new(), estimate: None, by_segment: None }
+        Self {
+            dependent: 0.0,
+            largest: 0.0,
+            components: Vec::new(),
+            estimate: None,
+            by_segment: None,
+        }
     }
 
     pub(super) fn with_segments(self, by_segment: Option<BySegment>) -> Self {
@@ -84,31 +109,41 @@ impl Posterior {
         match nats {
             _ if self.largest == 0.0 || nats >= self.largest => 0.0,
             _ if nats <= 0.0 => 1.0,
-            _ => (1.0 - self.mixed(|component| component.beta.cdf(nats / self.largest).0)).clamp(0.0, 1.0),
+            _ => (1.0 - self.mixed(|component| component.beta.cdf(nats / self.largest).0))
+                .clamp(0.0, 1.0),
         }
     }
 
     /// Returns what is believed at a threshold, t >= 0 in nats.
     pub fn beliefs(&self, nats: f64) -> Beliefs {
         let above_if_dependent = self.above_if_dependent(nats);
-        Beliefs { dependent: self.dependent, above: self.dependent * above_if_dependent, above_if_dependent }
+        Beliefs {
+            dependent: self.dependent,
+            above: self.dependent * above_if_dependent,
+            above_if_dependent,
+        }
     }
 
-    /// Returns the posterior mean of mutual information, in nats: 0 to ln min(R, K). Where the table was seen often it lies within what the table says by
-    /// itself.
+    /// Returns the posterior mean of mutual information, in nats: 0 to ln min(R, K). Where the
+    /// table was seen often it lies within what the table says by itself.
     pub fn mean(&self) -> f64 {
         let mean = self.dependent * self.largest * self.mixed(|component| component.mean).min(1.0);
-        let Some(estimate) = self.estimate else { return mean };
+        let Some(estimate) = self.estimate else {
+            return mean;
+        };
         let [low, high] = estimate.interval();
         mean.clamp(low, high).min(self.largest)
     }
 
-    /// Returns a 90 % interval of mutual information, in nats; conservative on purpose. It begins at 0 unless independence has less than 5 %, and
-    /// while independence has more than that, it ends where it would if dependence were known. Where the table was seen often it holds what the table says
-    /// by itself, too.
+    /// Returns a 90 % interval of mutual information, in nats; conservative on purpose. It begins
+    /// at 0 unless independence has less than 5 %, and while independence has more than that, it
+    /// ends where it would if dependence were known. Where the table was seen often it holds what
+    /// the table says by itself, too.
     pub fn interval(&self) -> [f64; 2] {
         let [low, high] = self.believed_interval();
-        let Some(estimate) = self.estimate else { return [low, high] };
+        let Some(estimate) = self.estimate else {
+            return [low, high];
+        };
         let [least, most] = estimate.interval();
         [low.min(least), high.max(most).min(self.largest)]
     }
@@ -122,7 +157,14 @@ impl Posterior {
         if independent > TAIL {
             return [0.0, self.largest * self.quantile(1.0 - TAIL)];
         }
-        let [low, high] = [if independent < TAIL { within(TAIL) } else { 0.0 }, within(1.0 - TAIL)];
+        let [low, high] = [
+            if independent < TAIL {
+                within(TAIL)
+            } else {
+                0.0
+            },
+            within(1.0 - TAIL),
+        ];
         // Next to 0 both are only as good as the steps that found them.
         [low.min(high), high]
     }
@@ -137,23 +179,32 @@ impl Posterior {
 
     /// Returns the mean of a figure over the slabs.
     fn mixed(&self, figure: impl Fn(&Component) -> f64) -> f64 {
-        self.components.iter().map(|one| one.weight * figure(one)).sum()
+        self.components
+            .iter()
+            .map(|one| one.weight * figure(one))
+            .sum()
     }
 
-    /// Returns the distribution function and density of the slabs' wider mixture at a share of the largest value, within (0, 1).
+    /// Returns the distribution function and density of the slabs' wider mixture at a share of the
+    /// largest value, within (0, 1).
     fn wide(&self, x: f64) -> (f64, f64) {
-        self.components.iter().fold((0.0, 0.0), |(cdf, density), component| {
-            let (c, d) = component.wide.cdf(x);
-            (cdf + component.weight * c, density + component.weight * d)
-        })
+        self.components
+            .iter()
+            .fold((0.0, 0.0), |(cdf, density), component| {
+                let (c, d) = component.wide.cdf(x);
+                (cdf + component.weight * c, density + component.weight * d)
+            })
     }
 
     /// Returns where the slabs' wider mixture reaches p, as a share of the largest value.
     ///
-    /// Newton's steps, above the middle on the logarithm of what is left, below on the logarithm of what is reached against that of x: both are nearly
-    /// straight in the tails of a Beta distribution, so three or four steps suffice. Steps out of the bracket are replaced by halving it.
+    /// Newton's steps, above the middle on the logarithm of what is left, below on the logarithm of
+    /// what is reached against that of x: both are nearly straight in the tails of a Beta
+    /// distribution, so three or four steps suffice. Steps out of the bracket are replaced by
+    /// halving it.
     fn quantile(&self, p: f64) -> f64 {
-        /// So close to p, as a share of what is beyond it, the next step is off by no more than its square.
+        /// So close to p, as a share of what is beyond it, the next step is off by no more than its
+        /// square.
         const CLOSE: f64 = 0.03;
         const STEPS: u32 = 100;
         /// Nothing that could be told from x.
@@ -174,7 +225,11 @@ impl Posterior {
             } else {
                 x * ((p / cdf).ln() * cdf / (x * density)).exp()
             };
-            let next = if newton > low && newton < high { newton } else { 0.5 * (low + high) };
+            let next = if newton > low && newton < high {
+                newton
+            } else {
+                0.5 * (low + high)
+            };
             let step = (next - x).abs();
             x = next;
             if (cdf - p).abs() < CLOSE * p.min(1.0 - p) || step < PRECISE * x || x < TINY {
@@ -184,7 +239,8 @@ impl Posterior {
         x
     }
 
-    /// Returns about where the slabs' mixture reaches p: where a normal distribution would above the middle, a log-normal one below it.
+    /// Returns about where the slabs' mixture reaches p: where a normal distribution would above
+    /// the middle, a log-normal one below it.
     fn guess(&self, p: f64) -> f64 {
         /// Of the logistic distribution, as wide as the normal one in its tails.
         const SCALE: f64 = 0.58;
@@ -200,13 +256,17 @@ impl Posterior {
     }
 }
 
-/// Joins slabs that say nearly the same: neighbours in order of their means, as long as these lie within half a standard deviation. Two dozen slabs
-/// become a handful of distributions, whatever the order they came in.
+/// Joins slabs that say nearly the same: neighbours in order of their means, as long as these lie
+/// within half a standard deviation. Two dozen slabs become a handful of distributions, whatever
+/// the order they came in.
 fn merged(mut slabs: Vec<(f64, Moments)>) -> Vec<(f64, Moments)> {
     /// In standard deviations.
     const NEAR: f64 = 0.5;
     slabs.sort_unstable_by(|(w, a), (v, b)| {
-        a.mean.total_cmp(&b.mean).then(a.variance.total_cmp(&b.variance)).then(w.total_cmp(v))
+        a.mean
+            .total_cmp(&b.mean)
+            .then(a.variance.total_cmp(&b.variance))
+            .then(w.total_cmp(v))
     });
     let mut from = 0;
     let mut merged = Vec::new();
@@ -217,7 +277,10 @@ fn merged(mut slabs: Vec<(f64, Moments)>) -> Vec<(f64, Moments)> {
         });
         if !is_near {
             let group = &slabs[from..to];
-            merged.push((group.iter().map(|(weight, _)| weight).sum(), Moments::mixed(group)));
+            merged.push((
+                group.iter().map(|(weight, _)| weight).sum(),
+                Moments::mixed(group),
+            ));
             from = to;
         }
     }

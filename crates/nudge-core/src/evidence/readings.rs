@@ -19,9 +19,20 @@ pub(super) struct Readings<'a> {
 
 impl<'a> Readings<'a> {
     pub fn new(Counted { slices, parts }: Counted<'a>) -> Self {
-        let visited: Vec<Reading<'_>> = slices.iter().filter(|slice| slice.total() > 0).map(reading).collect();
-        let wholes = if visited.is_empty() { vec![Reading::default()] } else { visited };
-        Self { wholes, parts: Parts::new(parts) }
+        let visited: Vec<Reading<'_>> = slices
+            .iter()
+            .filter(|slice| slice.total() > 0)
+            .map(reading)
+            .collect();
+        let wholes = if visited.is_empty() {
+            vec![Reading::default()]
+        } else {
+            visited
+        };
+        Self {
+            wholes,
+            parts: Parts::new(parts),
+        }
     }
 }
 
@@ -49,7 +60,11 @@ impl<'a> Parts<'a> {
     /// Looks at the parts that were visited.
     pub fn new(parts: &'a [Table]) -> Self {
         Self {
-            several: parts.iter().filter(|part| part.total() > 1).map(reading).collect(),
+            several: parts
+                .iter()
+                .filter(|part| part.total() > 1)
+                .map(reading)
+                .collect(),
             single: Single::new(parts.iter().filter(|part| part.total() == 1)),
         }
     }
@@ -61,13 +76,21 @@ impl<'a> Parts<'a> {
 
     /// Returns the sum of their visits.
     pub fn visits(&self) -> f64 {
-        self.several.iter().map(|part| part[0].total() as f64).sum::<f64>() + self.single.number as f64
+        self.several
+            .iter()
+            .map(|part| part[0].total() as f64)
+            .sum::<f64>()
+            + self.single.number as f64
     }
 
     /// Returns the cells of the table of parts and the responder's letters.
     pub fn by_part(&self, side: usize) -> impl Iterator<Item = (u64, u64, u64)> {
-        let single = self.single.letters[1 - side].iter().map(|letter| (*letter, 1));
-        let single = (self.several.len() as u64..).zip(single).map(|(part, (letter, n))| (part, letter, n));
+        let single = self.single.letters[1 - side]
+            .iter()
+            .map(|letter| (*letter, 1));
+        let single = (self.several.len() as u64..)
+            .zip(single)
+            .map(|(part, (letter, n))| (part, letter, n));
         by_part(self.several.iter().map(move |part| &*part[side])).chain(single)
     }
 }
@@ -80,8 +103,14 @@ impl<'a> Single<'a> {
             letters[0].push(part.row_labels()[0]);
             letters[1].push(part.column_labels()[0]);
         }
-        letters.iter_mut().for_each(|letters| letters.sort_unstable());
-        Self { number: letters[0].len(), first, letters }
+        letters
+            .iter_mut()
+            .for_each(|letters| letters.sort_unstable());
+        Self {
+            number: letters[0].len(),
+            first,
+            letters,
+        }
     }
 
     /// Returns the driver's letters, and how many parts are of each.
@@ -97,5 +126,7 @@ impl<'a> Single<'a> {
 
 /// Returns each letter with how often it is there, given letters in order.
 fn counted(letters: &[u64]) -> impl Iterator<Item = (usize, f64)> {
-    letters.chunk_by(|a, b| a == b).map(|equal| (equal[0] as usize, equal.len() as f64))
+    letters
+        .chunk_by(|a, b| a == b)
+        .map(|equal| (equal[0] as usize, equal.len() as f64))
 }

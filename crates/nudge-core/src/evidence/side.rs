@@ -5,17 +5,20 @@ use super::deviants::{Deviants, Deviating};
 use super::habits::Usage;
 use super::increments::{add, depth};
 use super::likelihood::{Likelihood, NullMixture, columns};
-use super::moments::{Concentration, Letter, Moments, Pair, Policy, Slab, Slice, Term, moments, two_rows};
+use super::moments::{
+    Concentration, Letter, Moments, Pair, Policy, Slab, Slice, Term, moments, two_rows,
+};
 use super::parameters::{
-    CUT, DEVIANT_CONCENTRATIONS, DEVIANT_GRID, DEVIANT_SLABS, FIXED, FIXED_CONCENTRATIONS, FIXED_GRID, NULL_GRID,
-    OWN_CONCENTRATIONS, OWN_GRID, OWN_SLABS, SLABS, SideParameters,
+    CUT, DEVIANT_CONCENTRATIONS, DEVIANT_GRID, DEVIANT_SLABS, FIXED, FIXED_CONCENTRATIONS,
+    FIXED_GRID, NULL_GRID, OWN_CONCENTRATIONS, OWN_GRID, OWN_SLABS, SLABS, SideParameters,
 };
 use super::told::{Told, ToldPart};
 use crate::information::Table;
 
 /// Rows below this share of a deviant's posterior weight are left out of its moments.
 const NEGLIGIBLE: f64 = 0.1;
-/// The most rows that are looked at: where more are as probable, the counts say little of it, and each row would say about the same.
+/// The most rows that are looked at: where more are as probable, the counts say little of it, and
+/// each row would say about the same.
 const MOST_DEVIATING: usize = 3;
 
 /// One way to read a table, ready to answer.
@@ -48,7 +51,10 @@ impl Side {
         let shares = likelihood.base.shares();
         let letters = shares.len().max(1) as f64;
         let tabulated = |shares: &[f64], times: f64| {
-            FIXED_CONCENTRATIONS.iter().map(|k| Tabulated::new(*k, shares, times)).collect::<Vec<_>>()
+            FIXED_CONCENTRATIONS
+                .iter()
+                .map(|k| Tabulated::new(*k, shares, times))
+                .collect::<Vec<_>>()
         };
         Self {
             bases: [tabulated(shares, 1.0), tabulated(&[1.0 / letters], letters)],
@@ -64,17 +70,29 @@ impl Side {
         }
     }
 
-    /// Adds ln l of every slab relative to the null, unless the slice cannot tell dependence from independence; and ln of that null to `nulls`. Returns what its
-    /// rows say for deviating.
+    /// Adds ln l of every slab relative to the null, unless the slice cannot tell dependence from
+    /// independence; and ln of that null to `nulls`. Returns what its rows say for deviating.
     pub fn said(&self, table: &Table, slabs: &mut [f64; SLABS], nulls: &mut f64) -> Deviants {
         let evidence = self.likelihood.evidence(table);
         let null = self.nulls.given(&evidence.nulls);
         let deviants = self.likelihood.deviants(table, &self.nulls, &null);
         if !table.is_line() {
-            let anchored = evidence.anchor.as_ref().map_or(0.0, |anchor| self.nulls.ln_mixed(anchor));
-            slabs.iter_mut().zip(&evidence.fixed).for_each(|(ln, by)| *ln += by + anchored - null.ln);
-            slabs[OWN_SLABS].iter_mut().zip(&evidence.own).for_each(|(ln, by)| *ln += by);
-            slabs[DEVIANT_SLABS].iter_mut().zip(deviants.evidence()).for_each(|(ln, by)| *ln += by);
+            let anchored = evidence
+                .anchor
+                .as_ref()
+                .map_or(0.0, |anchor| self.nulls.ln_mixed(anchor));
+            slabs
+                .iter_mut()
+                .zip(&evidence.fixed)
+                .for_each(|(ln, by)| *ln += by + anchored - null.ln);
+            slabs[OWN_SLABS]
+                .iter_mut()
+                .zip(&evidence.own)
+                .for_each(|(ln, by)| *ln += by);
+            slabs[DEVIANT_SLABS]
+                .iter_mut()
+                .zip(deviants.evidence())
+                .for_each(|(ln, by)| *ln += by);
             *nulls += null.ln;
         }
         deviants
@@ -82,22 +100,39 @@ impl Side {
 
     /// Adds what a part of a state says that was visited more than once.
     pub fn told_by(&self, part: &Table, told: &mut Told) {
-        let (null, apart) = (self.likelihood.shared(columns(part), part.total()), self.likelihood.rows_apart(part));
-        told.cut.iter_mut().zip(apart).for_each(|(ln, by)| *ln += by);
+        let (null, apart) = (
+            self.likelihood.shared(columns(part), part.total()),
+            self.likelihood.rows_apart(part),
+        );
+        told.cut
+            .iter_mut()
+            .zip(apart)
+            .for_each(|(ln, by)| *ln += by);
         add(&mut told.null, &null);
         let mut alone = [0.0; CUT];
         alone[..FIXED].copy_from_slice(&apart);
         if !part.is_line() {
             let own = self.likelihood.on_own_marginal(part);
-            told.cut[OWN_SLABS].iter_mut().zip(&own).for_each(|(ln, by)| *ln += by);
+            told.cut[OWN_SLABS]
+                .iter_mut()
+                .zip(&own)
+                .for_each(|(ln, by)| *ln += by);
             alone[OWN_SLABS].copy_from_slice(&own);
         }
-        told.parts.push(ToldPart { beyond: (part.total() - 1) as f64, slabs: alone, null });
+        told.parts.push(ToldPart {
+            beyond: (part.total() - 1) as f64,
+            slabs: alone,
+            null,
+        });
     }
 
-    /// Adds what so many parts of one visit of a letter say, for which concentrations are of no concern: DM(1; k m) = m_j.
+    /// Adds what so many parts of one visit of a letter say, for which concentrations are of no
+    /// concern: DM(1; k m) = m_j.
     pub fn told_by_visits(&self, letter: usize, parts: f64, told: &mut Told) {
-        let shares = [self.likelihood.base.shares()[letter], 1.0 / self.letters() as f64];
+        let shares = [
+            self.likelihood.base.shares()[letter],
+            1.0 / self.letters() as f64,
+        ];
         let ln_shares = shares.map(|share| parts * share.ln());
         for (cut, ln) in told.cut[..FIXED].chunks_mut(FIXED_GRID).zip(ln_shares) {
             cut.iter_mut().for_each(|sum| *sum += ln);
@@ -111,7 +146,12 @@ impl Side {
     pub fn part<'a>(&self, part: &'a Table, usage: &'a Usage) -> Slice<'a> {
         /// Slabs of one deviating row are not cut.
         const NONE: &Deviants = &Deviants::none();
-        Slice::new(part, NONE, self.part_policy(part.total(), usage), self.groups.without(part.column_labels()))
+        Slice::new(
+            part,
+            NONE,
+            self.part_policy(part.total(), usage),
+            self.groups.without(part.column_labels()),
+        )
     }
 
     /// Returns the policy of the driver in a part of a state with so many visits.
@@ -120,8 +160,18 @@ impl Side {
     }
 
     /// Looks at a slice, given how the environment uses the driver's letters.
-    pub fn slice<'a>(&self, table: &'a Table, deviants: &'a Deviants, usage: &'a Usage) -> Slice<'a> {
-        Slice::new(table, deviants, self.policy(table, usage), self.groups.without(table.column_labels()))
+    pub fn slice<'a>(
+        &self,
+        table: &'a Table,
+        deviants: &'a Deviants,
+        usage: &'a Usage,
+    ) -> Slice<'a> {
+        Slice::new(
+            table,
+            deviants,
+            self.policy(table, usage),
+            self.groups.without(table.column_labels()),
+        )
     }
 
     /// Returns the policy of the driver.
@@ -133,29 +183,52 @@ impl Side {
     pub fn moments(&self, slab: usize, slice: &Slice<'_>) -> Moments {
         match slab {
             0..FIXED => self.on_fixed_base(slab, slice),
-            slab if DEVIANT_SLABS.contains(&slab) => self.deviating(slab - DEVIANT_SLABS.start, slice),
+            slab if DEVIANT_SLABS.contains(&slab) => {
+                self.deviating(slab - DEVIANT_SLABS.start, slice)
+            }
             _ => self.on_own_marginal(slab - FIXED, slice),
         }
     }
 
     fn on_fixed_base(&self, slab: usize, slice: &Slice<'_>) -> Moments {
         let (on_base, at) = (slab < FIXED_GRID, slab % FIXED_GRID);
-        let (k, labels, shares) =
-            (FIXED_CONCENTRATIONS[at], slice.table.column_labels(), self.likelihood.base.shares());
+        let (k, labels, shares) = (
+            FIXED_CONCENTRATIONS[at],
+            slice.table.column_labels(),
+            self.likelihood.base.shares(),
+        );
         let tabulated = &self.bases[usize::from(!on_base)][at];
         let uniform = 1.0 / shares.len() as f64;
-        let share = |at: usize| if on_base { shares[labels[at] as usize] } else { uniform };
+        let share = |at: usize| {
+            if on_base {
+                shares[labels[at] as usize]
+            } else {
+                uniform
+            }
+        };
         let letter = |at: usize| if on_base { labels[at] as usize } else { 0 };
         let term = |at: usize, n: u64| tabulated.term(letter(at), n, k * share(at));
-        let columns: Vec<Letter> =
-            (0..labels.len()).map(|at| Letter { share: share(at), empty: term(at, 0) }).collect();
-        let alike = [Alike { share: uniform, letters: (shares.len() - labels.len()) as f64 }];
+        let columns: Vec<Letter> = (0..labels.len())
+            .map(|at| Letter {
+                share: share(at),
+                empty: term(at, 0),
+            })
+            .collect();
+        let alike = [Alike {
+            share: uniform,
+            letters: (shares.len() - labels.len()) as f64,
+        }];
         let rest = match (on_base, shares.len() - labels.len()) {
             (true, _) => &slice.rest[..],
             (false, 0) => &[],
             (false, _) => &alike,
         };
-        let slab = Slab { concentration: k, columns: &columns, psi: tabulated.psi, rest };
+        let slab = Slab {
+            concentration: k,
+            columns: &columns,
+            psi: tabulated.psi,
+            rest,
+        };
         moments(slice, &slab, self.concentration(at), term)
     }
 
@@ -163,14 +236,28 @@ impl Side {
         let (k, table) = (OWN_CONCENTRATIONS[at], slice.table);
         let letter = |at: usize| {
             let share = self.likelihood.own_share(table, at);
-            Letter { share, empty: Term::of(k * share) }
+            Letter {
+                share,
+                empty: Term::of(k * share),
+            }
         };
         let columns: Vec<Letter> = (0..table.columns().len()).map(letter).collect();
-        let own = |group: &Alike| Alike { share: group.share / (table.total() as f64 + 1.0), ..*group };
+        let own = |group: &Alike| Alike {
+            share: group.share / (table.total() as f64 + 1.0),
+            ..*group
+        };
         let rest: Vec<Alike> = slice.rest.iter().map(own).collect();
-        let unvisited = rest.iter().map(|group| group.letters * Term::of(k * group.share).psi).sum::<f64>();
+        let unvisited = rest
+            .iter()
+            .map(|group| group.letters * Term::of(k * group.share).psi)
+            .sum::<f64>();
         let psi = columns.iter().map(|letter| letter.empty.psi).sum::<f64>() + unvisited;
-        let slab = Slab { concentration: k, columns: &columns, psi, rest: &rest };
+        let slab = Slab {
+            concentration: k,
+            columns: &columns,
+            psi,
+            rest: &rest,
+        };
         let term = |at: usize, n: u64| Term::of(n as f64 + k * columns[at].share);
         moments(slice, &slab, self.concentration(at), term)
     }
@@ -183,37 +270,64 @@ impl Side {
         }
     }
 
-    /// The moments over which row it is that deviates: the rest answers as it did, with one visit more spread as the base is.
+    /// The moments over which row it is that deviates: the rest answers as it did, with one visit
+    /// more spread as the base is.
     fn deviating(&self, deviant: usize, slice: &Slice<'_>) -> Moments {
         let Deviating { rows, untried } = slice.deviants.probable(deviant);
-        let mut rows: Vec<(usize, f64)> = rows.into_iter().enumerate().filter(|(_, p)| *p > NEGLIGIBLE).collect();
+        let mut rows: Vec<(usize, f64)> = rows
+            .into_iter()
+            .enumerate()
+            .filter(|(_, p)| *p > NEGLIGIBLE)
+            .collect();
         rows.sort_by(|a, b| b.1.total_cmp(&a.1));
         rows.truncate(MOST_DEVIATING);
-        let told = rows.into_iter().map(|(row, p)| (p, self.row_deviating(deviant, slice, Some(row))));
+        let told = rows
+            .into_iter()
+            .map(|(row, p)| (p, self.row_deviating(deviant, slice, Some(row))));
         let mut told: Vec<(f64, Moments)> = told.collect();
         let others = untried * slice.unvisited.rows;
         if others > NEGLIGIBLE || told.is_empty() {
-            told.push((others.max(f64::MIN_POSITIVE), self.row_deviating(deviant, slice, None)));
+            told.push((
+                others.max(f64::MIN_POSITIVE),
+                self.row_deviating(deviant, slice, None),
+            ));
         }
         Moments::mixed(&told)
     }
 
     /// `None`: a row that was not visited.
     fn row_deviating(&self, deviant: usize, slice: &Slice<'_>, row: Option<usize>) -> Moments {
-        let Slice { table, policy, unvisited, rest, .. } = slice;
+        let Slice {
+            table,
+            policy,
+            unvisited,
+            rest,
+            ..
+        } = slice;
         let k = DEVIANT_CONCENTRATIONS[deviant % DEVIANT_GRID];
         let shares = self.likelihood.base.shares();
         let uniform = 1.0 / shares.len() as f64;
         let (labels, on_base) = (table.column_labels(), deviant < DEVIANT_GRID);
         let base = |share: f64| if on_base { share } else { uniform };
         let mut counts = vec![0; labels.len()];
-        row.into_iter().flat_map(|row| table.row(row)).for_each(|cell| counts[cell.column as usize] = cell.n);
-        let visited = labels.iter().zip(table.columns()).zip(counts).map(|((label, all), n)| {
-            let share = shares[*label as usize];
-            Pair { a: [(all - n) as f64 + share, n as f64 + k * base(share)], letters: 1.0 }
+        row.into_iter()
+            .flat_map(|row| table.row(row))
+            .for_each(|cell| counts[cell.column as usize] = cell.n);
+        let visited = labels
+            .iter()
+            .zip(table.columns())
+            .zip(counts)
+            .map(|((label, all), n)| {
+                let share = shares[*label as usize];
+                Pair {
+                    a: [(all - n) as f64 + share, n as f64 + k * base(share)],
+                    letters: 1.0,
+                }
+            });
+        let rest = rest.iter().map(|Alike { share, letters }| Pair {
+            a: [*share, k * base(*share)],
+            letters: *letters,
         });
-        let rest =
-            rest.iter().map(|Alike { share, letters }| Pair { a: [*share, k * base(*share)], letters: *letters });
         let columns: Vec<Pair> = visited.chain(rest).collect();
         let p = match row {
             Some(row) => policy.of(table.row_labels()[row], table.rows()[row]),
@@ -226,12 +340,25 @@ impl Side {
 impl Tabulated {
     fn new(k: f64, shares: &[f64], times: f64) -> Self {
         let depth = depth(shares.len());
-        let terms = shares.iter().flat_map(|share| (0..depth).map(move |n| Term::of(n as f64 + k * share)));
-        let psi = shares.iter().map(|share| times * Term::of(k * share).psi).sum();
-        Self { depth, terms: terms.collect(), psi }
+        let terms = shares
+            .iter()
+            .flat_map(|share| (0..depth).map(move |n| Term::of(n as f64 + k * share)));
+        let psi = shares
+            .iter()
+            .map(|share| times * Term::of(k * share).psi)
+            .sum();
+        Self {
+            depth,
+            terms: terms.collect(),
+            psi,
+        }
     }
 
     fn term(&self, letter: usize, n: u64, start: f64) -> Term {
-        if n < self.depth { self.terms[letter * self.depth as usize + n as usize] } else { Term::of(n as f64 + start) }
+        if n < self.depth {
+            self.terms[letter * self.depth as usize + n as usize]
+        } else {
+            Term::of(n as f64 + start)
+        }
     }
 }

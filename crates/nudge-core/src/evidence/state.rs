@@ -1,12 +1,13 @@
-//! What one state says for every hypothesis, kept so that weights can be fitted to it over and over.
+//! What one state says for every hypothesis, kept so that weights can be fitted to it over and
+//! over.
 
 use super::cut::{Cut, SegmentWeights};
 use super::increments::add;
 use super::likelihood::{Likelihood, NullMixture, columns};
 use super::log_space::Scaled;
 use super::parameters::{
-    APART, DEVIANT_SLABS, DEVIANTS, Expected, FIXED, HABITS, NULLS, OWN_GRID, OWN_SLABS, Parameters, Segmented,
-    SideParameters,
+    APART, DEVIANT_SLABS, DEVIANTS, Expected, FIXED, HABITS, NULLS, OWN_GRID, OWN_SLABS,
+    Parameters, Segmented, SideParameters,
 };
 use crate::information::Table;
 
@@ -31,7 +32,8 @@ pub(super) struct Side {
 /// The probabilities of a state's hypotheses.
 pub(super) struct Shares {
     pub independent: f64,
-    /// By side: of the slabs on fixed bases, of those on the state's own marginal, and of the deviants.
+    /// By side: of the slabs on fixed bases, of those on the state's own marginal, and of the
+    /// deviants.
     shared: [[f64; 3]; 2],
     /// By side: of the first two, cut by segment, and in one segment alone.
     cut: [[f64; 2]; 2],
@@ -43,13 +45,28 @@ pub(super) struct Shares {
 }
 
 impl State {
-    /// Looks at the slices that can tell dependence from independence, and at their parts by segment, if there are any; `is_whole` where those are of one
-    /// table.
-    pub fn new(likelihoods: &[Likelihood; 2], slices: Vec<[Table; 2]>, is_whole: bool, parts: &[Table]) -> Self {
-        let side = |side: usize| Side::new(&likelihoods[side], slices.iter().map(|slice| &slice[side]));
+    /// Looks at the slices that can tell dependence from independence, and at their parts by
+    /// segment, if there are any; `is_whole` where those are of one table.
+    pub fn new(
+        likelihoods: &[Likelihood; 2],
+        slices: Vec<[Table; 2]>,
+        is_whole: bool,
+        parts: &[Table],
+    ) -> Self {
+        let side =
+            |side: usize| Side::new(&likelihoods[side], slices.iter().map(|slice| &slice[side]));
         let sides = [side(0), side(1)];
-        let parts: Vec<[Table; 2]> = parts.iter().map(|part| [part.clone(), part.transposed()]).collect();
-        let cut = |side: usize| Cut::new(&likelihoods[side], is_whole, parts.iter().map(|part| &part[side]));
+        let parts: Vec<[Table; 2]> = parts
+            .iter()
+            .map(|part| [part.clone(), part.transposed()])
+            .collect();
+        let cut = |side: usize| {
+            Cut::new(
+                &likelihoods[side],
+                is_whole,
+                parts.iter().map(|part| &part[side]),
+            )
+        };
         let cut = (!parts.is_empty()).then(|| [cut(0), cut(1)]);
         Self { slices, sides, cut }
     }
@@ -59,7 +76,10 @@ impl State {
         let mut deviants = [0.0; DEVIANTS];
         for slice in &self.slices {
             let null = nulls.given(&likelihood.shared(columns(&slice[side]), slice[side].total()));
-            add(&mut deviants, &likelihood.deviants(&slice[side], nulls, &null).evidence());
+            add(
+                &mut deviants,
+                &likelihood.deviants(&slice[side], nulls, &null).evidence(),
+            );
         }
         self.sides[side].deviants = Some(Scaled::new(deviants));
     }
@@ -67,8 +87,11 @@ impl State {
     /// Returns the probabilities of its hypotheses.
     pub fn shares(&self, parameters: &Parameters, weights: &SegmentWeights) -> Shares {
         let ln_dependent = parameters.dependent.ln();
-        let mut shared =
-            [0, 1].map(|at| self.sides[at].ln_hypotheses(&parameters.sides[at]).map(|ln| ln + ln_dependent));
+        let mut shared = [0, 1].map(|at| {
+            self.sides[at]
+                .ln_hypotheses(&parameters.sides[at])
+                .map(|ln| ln + ln_dependent)
+        });
         let mut cut = [[f64::NEG_INFINITY; 2]; 2];
         let (mut one, mut kinds, mut likeliest) = (cut, [[0.0; HABITS]; 2], [0; 2]);
         if let Some(parts) = &self.cut {
@@ -78,8 +101,12 @@ impl State {
                 let of_side = &parameters.sides[side];
                 let pooled = self.sides[side].ln_null(of_side);
                 let habits = parts[side].habits(pooled, &weights.habits[side]);
-                shared[side].iter_mut().for_each(|ln| *ln += f_shared - habits.ln);
-                let own = |own: &Scaled<OWN_GRID>| own.ln_weighted(&of_side.slabs[OWN_SLABS]) + habits.ln_differ;
+                shared[side]
+                    .iter_mut()
+                    .for_each(|ln| *ln += f_shared - habits.ln);
+                let own = |own: &Scaled<OWN_GRID>| {
+                    own.ln_weighted(&of_side.slabs[OWN_SLABS]) + habits.ln_differ
+                };
                 let fixed = parts[side].fixed.ln_weighted(&of_side.slabs[..FIXED]) - pooled;
                 cut[side] = [fixed, own(&parts[side].own)].map(|ln| ln + f_cut + more - habits.ln);
                 let fixed = parts[side].ln_one_fixed(habits.likeliest, of_side) + habits.ln_apart;
@@ -88,12 +115,29 @@ impl State {
             }
         }
         let independent = (-parameters.dependent).ln_1p();
-        let all = || [shared.as_flattened(), cut.as_flattened(), one.as_flattened()].into_iter().flatten();
+        let all = || {
+            [
+                shared.as_flattened(),
+                cut.as_flattened(),
+                one.as_flattened(),
+            ]
+            .into_iter()
+            .flatten()
+        };
         let largest = all().fold(independent, |largest, ln| largest.max(*ln));
         let part = |ln: f64| (ln - largest).exp();
-        let (shared, cut, one) = (shared.map(|s| s.map(part)), cut.map(|s| s.map(part)), one.map(|s| s.map(part)));
+        let (shared, cut, one) = (
+            shared.map(|s| s.map(part)),
+            cut.map(|s| s.map(part)),
+            one.map(|s| s.map(part)),
+        );
         // Each side by itself, so that the order of the variables changes no bit.
-        let side = |at: usize| [&shared[at][..], &cut[at], &one[at]].into_iter().flatten().sum::<f64>();
+        let side = |at: usize| {
+            [&shared[at][..], &cut[at], &one[at]]
+                .into_iter()
+                .flatten()
+                .sum::<f64>()
+        };
         let total = part(independent) + (side(0) + side(1));
         let share = |part: f64| part / total;
         Shares {
@@ -114,8 +158,20 @@ impl State {
         expected: &mut [Expected; 2],
         segmented: &mut Segmented,
     ) {
-        let Shares { independent, shared, cut, one, habits, likeliest } = shares;
-        let total = |side: usize| [&shared[side][..], &cut[side], &one[side]].into_iter().flatten().sum::<f64>();
+        let Shares {
+            independent,
+            shared,
+            cut,
+            one,
+            habits,
+            likeliest,
+        } = shares;
+        let total = |side: usize| {
+            [&shared[side][..], &cut[side], &one[side]]
+                .into_iter()
+                .flatten()
+                .sum::<f64>()
+        };
         for side in 0..2 {
             let (of_side, expected) = (&parameters.sides[side], &mut expected[side]);
             // Where the other variable responds, this one's habits are told by its margin alone.
@@ -128,21 +184,51 @@ impl State {
             let alike = habits[side][0];
             let null = free * alike + own + deviant;
             self.sides[side].expect([fixed, own, deviant], null, of_side, expected);
-            parts[side].expect([cut[side], one[side]], likeliest[side], of_side, &mut expected.slabs);
-            // Slabs on the parts' marginals go with habits that differ in any way, those on fixed bases in one segment with such as are drawn anew.
-            let of = |kinds: std::ops::Range<usize>| habits[side][kinds].iter().sum::<f64>().max(f64::MIN_POSITIVE);
-            let (own, one_fixed) = ((cut[side][1] + one[side][1]) / of(1..HABITS), one[side][0] / of(APART));
+            parts[side].expect(
+                [cut[side], one[side]],
+                likeliest[side],
+                of_side,
+                &mut expected.slabs,
+            );
+            // Slabs on the parts' marginals go with habits that differ in any way, those on fixed
+            // bases in one segment with such as are drawn anew.
+            let of = |kinds: std::ops::Range<usize>| {
+                habits[side][kinds]
+                    .iter()
+                    .sum::<f64>()
+                    .max(f64::MIN_POSITIVE)
+            };
+            let (own, one_fixed) = (
+                (cut[side][1] + one[side][1]) / of(1..HABITS),
+                one[side][0] / of(APART),
+            );
             let kinds = (0..).zip(habits[side]).map(|(kind, p)| {
                 let differ = if kind == 0 { 0.0 } else { own };
-                let apart = if APART.contains(&kind) { one_fixed } else { 0.0 };
+                let apart = if APART.contains(&kind) {
+                    one_fixed
+                } else {
+                    0.0
+                };
                 p * (free + differ + apart)
             });
-            expected.habits.iter_mut().zip(kinds).for_each(|(sum, p)| *sum += p);
+            expected
+                .habits
+                .iter_mut()
+                .zip(kinds)
+                .for_each(|(sum, p)| *sum += p);
         }
         if self.cut.is_some() {
             let family = |by_side: [f64; 2]| by_side[0] + by_side[1];
-            let sums = [shared.map(|s| s.iter().sum()), cut.map(|s| s.iter().sum()), one.map(|s| s.iter().sum())];
-            segmented.families.iter_mut().zip(sums).for_each(|(sum, by_side)| *sum += family(by_side));
+            let sums = [
+                shared.map(|s| s.iter().sum()),
+                cut.map(|s| s.iter().sum()),
+                one.map(|s| s.iter().sum()),
+            ];
+            segmented
+                .families
+                .iter_mut()
+                .zip(sums)
+                .for_each(|(sum, by_side)| *sum += family(by_side));
         }
     }
 }
@@ -157,33 +243,68 @@ impl Side {
             add(&mut fixed, &evidence.fixed);
             add(&mut own, &evidence.own);
         }
-        Self { nulls, anchors, fixed: Scaled::new(fixed), own: Scaled::new(own), deviants: None }
+        Self {
+            nulls,
+            anchors,
+            fixed: Scaled::new(fixed),
+            own: Scaled::new(own),
+            deviants: None,
+        }
     }
 
-    /// Returns, relative to the null, how likely the state is under all slabs on fixed bases, on its own marginal, and of one deviating row.
+    /// Returns, relative to the null, how likely the state is under all slabs on fixed bases, on
+    /// its own marginal, and of one deviating row.
     fn ln_hypotheses(&self, parameters: &SideParameters) -> [f64; 3] {
         let SideParameters { nulls, slabs, .. } = parameters;
-        let anchored: f64 = self.anchors.iter().map(|slice| slice.ln_weighted(nulls)).sum();
+        let anchored: f64 = self
+            .anchors
+            .iter()
+            .map(|slice| slice.ln_weighted(nulls))
+            .sum();
         [
             self.fixed.ln_weighted(&slabs[..FIXED]) + anchored - self.ln_null(parameters),
             self.own.ln_weighted(&slabs[OWN_SLABS]),
-            self.deviants.as_ref().map_or(f64::NEG_INFINITY, |deviants| deviants.ln_weighted(&slabs[DEVIANT_SLABS])),
+            self.deviants
+                .as_ref()
+                .map_or(f64::NEG_INFINITY, |deviants| {
+                    deviants.ln_weighted(&slabs[DEVIANT_SLABS])
+                }),
         ]
     }
 
     fn ln_null(&self, SideParameters { nulls, .. }: &SideParameters) -> f64 {
-        self.nulls.iter().map(|slice| slice.ln_weighted(nulls)).sum()
+        self.nulls
+            .iter()
+            .map(|slice| slice.ln_weighted(nulls))
+            .sum()
     }
 
-    /// Adds the state to the components in proportion to their probabilities; all but slabs on fixed bases have the null's response.
-    fn expect(&self, [fixed, own, deviant]: [f64; 3], null: f64, parameters: &SideParameters, expected: &mut Expected) {
+    /// Adds the state to the components in proportion to their probabilities; all but slabs on
+    /// fixed bases have the null's response.
+    fn expect(
+        &self,
+        [fixed, own, deviant]: [f64; 3],
+        null: f64,
+        parameters: &SideParameters,
+        expected: &mut Expected,
+    ) {
         let SideParameters { nulls, slabs, .. } = parameters;
-        self.fixed.share(fixed, &slabs[..FIXED], &mut expected.slabs[..FIXED]);
-        self.own.share(own, &slabs[OWN_SLABS], &mut expected.slabs[OWN_SLABS]);
+        self.fixed
+            .share(fixed, &slabs[..FIXED], &mut expected.slabs[..FIXED]);
+        self.own
+            .share(own, &slabs[OWN_SLABS], &mut expected.slabs[OWN_SLABS]);
         if let Some(deviants) = &self.deviants {
-            deviants.share(deviant, &slabs[DEVIANT_SLABS], &mut expected.slabs[DEVIANT_SLABS]);
+            deviants.share(
+                deviant,
+                &slabs[DEVIANT_SLABS],
+                &mut expected.slabs[DEVIANT_SLABS],
+            );
         }
-        self.nulls.iter().for_each(|slice| slice.share(null, nulls, &mut expected.nulls));
-        self.anchors.iter().for_each(|slice| slice.share(fixed, nulls, &mut expected.nulls));
+        self.nulls
+            .iter()
+            .for_each(|slice| slice.share(null, nulls, &mut expected.nulls));
+        self.anchors
+            .iter()
+            .for_each(|slice| slice.share(fixed, nulls, &mut expected.nulls));
     }
 }

@@ -4,7 +4,8 @@ use super::parameters::{AROUND, CUT, FIXED, NULLS};
 
 /// What the parts of a state say, from one side.
 pub(super) struct Told {
-    /// ln l of the slabs that are cut: on fixed bases by itself, on the parts' marginals relative to the parts' null.
+    /// ln l of the slabs that are cut: on fixed bases by itself, on the parts' marginals relative
+    /// to the parts' null.
     pub cut: [f64; CUT],
     /// Those that were visited more than once.
     pub parts: Vec<ToldPart>,
@@ -27,15 +28,23 @@ pub(super) struct ToldPart {
 impl Told {
     /// Begins with nothing told, with room for so many parts.
     pub fn of(parts: usize) -> Self {
-        Self { cut: [0.0; CUT], parts: Vec::with_capacity(parts), null: [0.0; NULLS], around: [0.0; AROUND] }
+        Self {
+            cut: [0.0; CUT],
+            parts: Vec::with_capacity(parts),
+            null: [0.0; NULLS],
+            around: [0.0; AROUND],
+        }
     }
 }
 
 impl ToldPart {
-    /// Returns its visits beyond the first, and ln l of the slabs relative to a component of its null.
+    /// Returns its visits beyond the first, and ln l of the slabs relative to a component of its
+    /// null.
     pub fn beside(&self, null: usize) -> (f64, [f64; CUT]) {
         let mut slabs = self.slabs;
-        slabs[..FIXED].iter_mut().for_each(|ln| *ln -= self.null[null]);
+        slabs[..FIXED]
+            .iter_mut()
+            .for_each(|ln| *ln -= self.null[null]);
         (self.beyond, slabs)
     }
 }

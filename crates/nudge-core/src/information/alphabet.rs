@@ -2,8 +2,9 @@
 
 /// The sizes of the alphabets of a table's row and column variables: R and K in the formulas.
 ///
-/// They come from the environment, not from what was seen, and a [`Table`](super::Table) does not know them. Where a
-/// table has more occupied rows or columns than its alphabet is said to have, those occupied are taken instead.
+/// They come from the environment, not from what was seen, and a [`Table`](super::Table) does not
+/// know them. Where a table has more occupied rows or columns than its alphabet is said to have,
+/// those occupied are taken instead.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Alphabet {
     /// How many values the row variable (the ego's action) can take.

@@ -2,19 +2,23 @@
 
 use super::table::Table;
 
-/// Returns the mean of a figure over slices, one table for each value of the other agents' actions, weighted by
-/// their shares of the visits: sum_c (n_c / N) f(table_c), N = sum_c n_c.
+/// Returns the mean of a figure over slices, one table for each value of the other agents' actions,
+/// weighted by their shares of the visits: sum_c (n_c / N) f(table_c), N = sum_c n_c.
 ///
-/// With [`plug_in`](super::plug_in) this is the conditional mutual information I(ego; other | others) in nats
-/// (Shannon 1948); with [`miller_madow`](super::miller_madow), [`excess`](super::excess) or the mean under
-/// independence, their conditional forms. It has the units of `figure`, is summed in the order of the slices, and is
-/// 0 where they hold no visits; empty slices are not asked for their figure.
+/// With [`plug_in`](super::plug_in) this is the conditional mutual information I(ego; other |
+/// others) in nats (Shannon 1948); with [`miller_madow`](super::miller_madow),
+/// [`excess`](super::excess) or the mean under independence, their conditional forms. It has the
+/// units of `figure`, is summed in the order of the slices, and is 0 where they hold no visits;
+/// empty slices are not asked for their figure.
 ///
-/// Conditioning on an action of the same tick can itself open a dependence, where both agents cause it (a collider).
+/// Conditioning on an action of the same tick can itself open a dependence, where both agents cause
+/// it (a collider).
 pub fn conditional(slices: &[Table], mut figure: impl FnMut(&Table) -> f64) -> f64 {
     let total: u128 = slices.iter().map(|slice| u128::from(slice.total())).sum();
     let occupied = slices.iter().filter(|slice| slice.total() > 0);
-    occupied.fold(0.0, |sum, slice| sum + slice.total() as f64 / total as f64 * figure(slice))
+    occupied.fold(0.0, |sum, slice| {
+        sum + slice.total() as f64 / total as f64 * figure(slice)
+    })
 }
 
 #[cfg(test)]

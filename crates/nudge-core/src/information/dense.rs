@@ -1,24 +1,30 @@
-//! Plug-in mutual information of a small grid of counts as it lies in memory, for those who measure very many.
-//! Not for alphabets that are known only at run time: those make a [`Table`].
+//! Plug-in mutual information of a small grid of counts as it lies in memory, for those who measure
+//! very many. Not for alphabets that are known only at run time: those make a [`Table`].
 
 use super::mutual_information::{CANCELS_BELOW, plug_in};
 use super::table::Table;
 use super::x_ln_x;
 
-/// Returns the plug-in mutual information of a grid of counts, rows first, in nats: what [`plug_in`] gives, to 1e-14,
-/// mostly without making a [`Table`]. One is made for more than 1,000 visits, and where nearly nothing is left of the
-/// entropies.
+/// Returns the plug-in mutual information of a grid of counts, rows first, in nats: what
+/// [`plug_in`] gives, to 1e-14, mostly without making a [`Table`]. One is made for more than 1,000
+/// visits, and where nearly nothing is left of the entropies.
 ///
 /// The size is part of the type, so that each is compiled to straight code.
-pub fn plug_in_dense<const ROWS: usize, const COLUMNS: usize>(counts: &[[u32; COLUMNS]; ROWS]) -> f64 {
+pub fn plug_in_dense<const ROWS: usize, const COLUMNS: usize>(
+    counts: &[[u32; COLUMNS]; ROWS],
+) -> f64 {
     by_entropies(counts).unwrap_or_else(|| plug_in(&table(counts)))
 }
 
-/// The form in T(x), where all of its terms are tabulated and it keeps its digits. Cells are summed row by row, so that
-/// the rows' sums do not wait for each other.
-fn by_entropies<const ROWS: usize, const COLUMNS: usize>(counts: &[[u32; COLUMNS]; ROWS]) -> Option<f64> {
+/// The form in T(x), where all of its terms are tabulated and it keeps its digits. Cells are summed
+/// row by row, so that the rows' sums do not wait for each other.
+fn by_entropies<const ROWS: usize, const COLUMNS: usize>(
+    counts: &[[u32; COLUMNS]; ROWS],
+) -> Option<f64> {
     const LAST: usize = x_ln_x::LARGEST as usize;
-    let x_ln_x: &[f64; LAST + 1] = x_ln_x::tabulated().try_into().expect("as many are tabulated");
+    let x_ln_x: &[f64; LAST + 1] = x_ln_x::tabulated()
+        .try_into()
+        .expect("as many are tabulated");
     // Cut off, so that no access needs a check; with a larger total, nothing comes of it.
     let x_ln_x = |n: u64| x_ln_x[(n as usize).min(LAST)];
     let mut columns = [0; COLUMNS];
@@ -49,8 +55,11 @@ fn by_entropies<const ROWS: usize, const COLUMNS: usize>(counts: &[[u32; COLUMNS
 }
 
 fn table<const ROWS: usize, const COLUMNS: usize>(counts: &[[u32; COLUMNS]; ROWS]) -> Table {
-    let row =
-        |(row, counts): (u64, &[u32; COLUMNS])| (0..).zip(*counts).map(move |(column, n)| (row, column, n.into()));
+    let row = |(row, counts): (u64, &[u32; COLUMNS])| {
+        (0..)
+            .zip(*counts)
+            .map(move |(column, n)| (row, column, n.into()))
+    };
     Table::from_counts((0..).zip(counts).flat_map(row))
 }
 

@@ -1,18 +1,21 @@
-//! Relatives of the gamma function that statrs does not have, or has only with a loss of digits. Positive arguments.
+//! Relatives of the gamma function that statrs does not have, or has only with a loss of digits.
+//! Positive arguments.
 
 use statrs::function::gamma::ln_gamma;
 
 /// From here on the asymptotic series below reach double precision.
 const ASYMPTOTIC: f64 = 16.0;
 
-/// Returns ln B(a, b) = ln Gamma(a) + ln Gamma(b) - ln Gamma(a + b), accurate however much the arguments differ.
+/// Returns ln B(a, b) = ln Gamma(a) + ln Gamma(b) - ln Gamma(a + b), accurate however much the
+/// arguments differ.
 pub(super) fn ln_beta(a: f64, b: f64) -> f64 {
     let (small, large) = if a < b { (a, b) } else { (b, a) };
     ln_gamma(small) - ln_pochhammer(large, small)
 }
 
-/// Returns ln Gamma(x + n) - ln Gamma(x): the logarithm of the rising factorial x (x + 1) ... (x + n - 1), for
-/// n of any kind. For large x by Stirling's series for both terms at once, so that what they share never arises.
+/// Returns ln Gamma(x + n) - ln Gamma(x): the logarithm of the rising factorial x (x + 1) ...
+/// (x + n - 1), for n of any kind. For large x by Stirling's series for both terms at once, so that
+/// what they share never arises.
 pub(super) fn ln_pochhammer(x: f64, n: f64) -> f64 {
     if x < ASYMPTOTIC {
         return ln_gamma(x + n) - ln_gamma(x);
@@ -24,11 +27,15 @@ pub(super) fn ln_pochhammer(x: f64, n: f64) -> f64 {
 /// What Stirling's formula leaves of ln Gamma(x) (Abramowitz & Stegun 1964, 6.1.41).
 fn stirling_tail(x: f64) -> f64 {
     let square = 1.0 / (x * x);
-    (1.0 / 12.0 - square * (1.0 / 360.0 - square * (1.0 / 1_260.0 - square * (1.0 / 1_680.0 - square / 1_188.0)))) / x
+    (1.0 / 12.0
+        - square
+            * (1.0 / 360.0
+                - square * (1.0 / 1_260.0 - square * (1.0 / 1_680.0 - square / 1_188.0))))
+        / x
 }
 
-/// Returns k x psi'(k x + 1) - x psi'(x + 1) for k >= 1: how fast the mean entropy of k letters with Dirichlet
-/// concentration x each grows with ln x.
+/// Returns k x psi'(k x + 1) - x psi'(x + 1) for k >= 1: how fast the mean entropy of k letters
+/// with Dirichlet concentration x each grows with ln x.
 ///
 /// For large x both products approach 1, and the difference is taken of what they lack.
 pub(super) fn entropy_growth(x: f64, k: f64) -> f64 {
@@ -43,10 +50,14 @@ fn lack(x: f64) -> f64 {
     let square = 1.0 / (x * x);
     0.5 / x
         - square
-            * (1.0 / 6.0 - square * (1.0 / 30.0 - square * (1.0 / 42.0 - square * (1.0 / 30.0 - square * 5.0 / 66.0))))
+            * (1.0 / 6.0
+                - square
+                    * (1.0 / 30.0
+                        - square * (1.0 / 42.0 - square * (1.0 / 30.0 - square * 5.0 / 66.0))))
 }
 
-/// psi'(x): steps up by psi'(x) = psi'(x + 1) + 1 / x^2, then the series of Abramowitz & Stegun 1964, 6.4.12.
+/// psi'(x): steps up by psi'(x) = psi'(x + 1) + 1 / x^2, then the series of Abramowitz & Stegun
+/// 1964, 6.4.12.
 fn trigamma(mut x: f64) -> f64 {
     let mut steps = 0.0;
     while x < ASYMPTOTIC {
@@ -68,7 +79,10 @@ mod tests {
 
     /// Every reference here: mpmath 1.4.1, 60 digits, of exactly these arguments.
     fn close(value: f64, reference: f64) {
-        assert!((value - reference).abs() <= ROUNDING * reference.abs().max(1.0), "{value:e} instead of {reference:e}");
+        assert!(
+            (value - reference).abs() <= ROUNDING * reference.abs().max(1.0),
+            "{value:e} instead of {reference:e}"
+        );
     }
 
     #[test]
@@ -118,7 +132,10 @@ mod tests {
         close(ln_beta(15.9, 16.1), -22.293_035_843_333_08);
         close(ln_beta(250.0, 0.25), -0.091_967_579_955_295_82);
         close(ln_beta(5e8, 36.0), -628.948_097_286_225_6);
-        close(ln_beta(9.223_372_036_854_776e18, 6.0), -257.222_142_508_877_3);
+        close(
+            ln_beta(9.223_372_036_854_776e18, 6.0),
+            -257.222_142_508_877_3,
+        );
     }
 
     proptest! {

@@ -1,8 +1,8 @@
 //! Mathematics of tables: what the counts of two agents' joint actions say about their dependence.
 //!
-//! A [`Table`] holds finished counts n_ij: visits in which the row variable (the ego's action) took value i and the
-//! column variable (the other's action) value j. r_i and c_j are its row and column sums, N its total. Everything else
-//! here is a function from tables to numbers:
+//! A [`Table`] holds finished counts n_ij: visits in which the row variable (the ego's action) took
+//! value i and the column variable (the other's action) value j. r_i and c_j are its row and column
+//! sums, N its total. Everything else here is a function from tables to numbers:
 //!
 //! | function | figure |
 //! |---|---|
@@ -21,16 +21,18 @@
 //!
 //! - **Units** are nats throughout. Bits are made at the edge of the service, never here.
 //! - **0 ln 0 = 0**, and the table of no counts has 0 of everything.
-//! - **No NaN, no infinity**, whatever the table. What cannot be negative on paper is not negative here.
-//! - **The bytes repeat**: sums run in the order of the labels, so equal tables give equal bits however they were built.
-//! - **Only what was seen takes part**, but where a function asks for an [`Alphabet`]. Nothing is ever allocated for
-//!   letters without a visit.
+//! - **No NaN, no infinity**, whatever the table. What cannot be negative on paper is not negative
+//!   here.
+//! - **The bytes repeat**: sums run in the order of the labels, so equal tables give equal bits
+//!   however they were built.
+//! - **Only what was seen takes part**, but where a function asks for an [`Alphabet`]. Nothing is
+//!   ever allocated for letters without a visit.
 //! - Counts are exact `u64` to a total of [`LARGEST_TOTAL`]; figures are `f64`.
 //!
 //! # Absent on purpose
 //!
-//! No I/O, no clock, no randomness but from a seed that is given. No verdicts: whether a figure is large, or earned by
-//! the counts, is not asked here.
+//! No I/O, no clock, no randomness but from a seed that is given. No verdicts: whether a figure is
+//! large, or earned by the counts, is not asked here.
 
 mod alphabet;
 mod conditional;
@@ -52,8 +54,12 @@ pub use alphabet::Alphabet;
 pub use conditional::conditional;
 pub use dense::plug_in_dense;
 pub use deviance::divergence;
-pub use estimators::{adjusted, chao_shen, dirichlet, grassberger_2003, james_stein, nsb, uniform_policy};
+pub use estimators::{
+    adjusted, chao_shen, dirichlet, grassberger_2003, james_stein, nsb, uniform_policy,
+};
 pub use mutual_information::{excess, miller_madow, plug_in};
 pub use null::{ExpectedMethod, expected_if_independent};
-pub use significance::{Method, Significance, bayesian_fdr, benjamini_hochberg, p_value, p_value_while, smallest_p};
+pub use significance::{
+    Method, Significance, bayesian_fdr, benjamini_hochberg, p_value, p_value_while, smallest_p,
+};
 pub use table::{LARGEST_TOTAL, Occupied, Table};

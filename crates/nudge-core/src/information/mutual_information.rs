@@ -8,10 +8,12 @@ use super::x_ln_x;
 
 /// Returns the mutual information of the observed frequencies, in nats (Shannon 1948).
 ///
-/// I = sum_ij (n_ij / N) ln(n_ij N / (r_i c_j)) = ln N + (T(n_ij) - T(r_i) - T(c_j)) / N, with T(x) = sum x ln x.
+/// I = sum_ij (n_ij / N) ln(n_ij N / (r_i c_j)) = ln N + (T(n_ij) - T(r_i) - T(c_j)) / N, with
+/// T(x) = sum x ln x.
 ///
-/// Never negative; 0 at N = 0 and exactly 0 where the table is the product of its margins, as with one row or one
-/// column. Biased upwards, by about (R - 1)(C - 1) / 2N: see [`expected_if_independent`].
+/// Never negative; 0 at N = 0 and exactly 0 where the table is the product of its margins, as with
+/// one row or one column. Biased upwards, by about (R - 1)(C - 1) / 2N: see
+/// [`expected_if_independent`].
 pub fn plug_in(table: &Table) -> f64 {
     match by_entropies(table) {
         Some(information) if information >= CANCELS_BELOW => information,
@@ -19,28 +21,36 @@ pub fn plug_in(table: &Table) -> f64 {
     }
 }
 
-/// Returns the plug-in with each of its entropies corrected by (m - 1) / 2N, in nats, where m counts what is occupied
-/// (Miller 1955, "Note on the bias of information estimates", who credits Madow).
+/// Returns the plug-in with each of its entropies corrected by (m - 1) / 2N, in nats, where m
+/// counts what is occupied (Miller 1955, "Note on the bias of information estimates", who credits
+/// Madow).
 ///
-/// I - (m_ij - m_r - m_c + 1) / 2N, with m_ij occupied cells, m_r rows and m_c columns. May be negative. 0 at N = 0, and with one row or one column.
+/// I - (m_ij - m_r - m_c + 1) / 2N, with m_ij occupied cells, m_r rows and m_c columns. May be
+/// negative. 0 at N = 0, and with one row or one column.
 pub fn miller_madow(table: &Table) -> f64 {
     if table.total() == 0 {
         return 0.0;
     }
-    let [cells, rows, columns] =
-        [table.cells().len(), table.rows().len(), table.columns().len()].map(|occupied| occupied as f64);
+    let [cells, rows, columns] = [
+        table.cells().len(),
+        table.rows().len(),
+        table.columns().len(),
+    ]
+    .map(|occupied| occupied as f64);
     plug_in(table) - (cells - rows - columns + 1.0) / (2.0 * table.total() as f64)
 }
 
-/// Returns the plug-in less its mean under independence at the same margins, in nats: the part of it that chance
-/// does not explain (Vinh, Epps & Bailey 2010; the numerator of their adjusted information).
+/// Returns the plug-in less its mean under independence at the same margins, in nats: the part of
+/// it that chance does not explain (Vinh, Epps & Bailey 2010; the numerator of their adjusted
+/// information).
 ///
 /// May be negative. 0 at N = 0, and with one row or one column.
 pub fn excess(table: &Table) -> f64 {
     plug_in(table) - expected_if_independent(table).0
 }
 
-/// Below this many nats the difference of entropies has lost digits worth having. Its error is some 1e-15.
+/// Below this many nats the difference of entropies has lost digits worth having. Its error is some
+/// 1e-15.
 pub(super) const CANCELS_BELOW: f64 = 1e-3;
 
 /// The form in T(x), where all of its terms are tabulated: the quick way.
@@ -50,7 +60,10 @@ fn by_entropies(table: &Table) -> Option<f64> {
     }
     let x_ln_x = x_ln_x::tabulated();
     let sum = |counts: &[u64]| counts.iter().fold(0.0, |sum, &n| sum + x_ln_x[n as usize]);
-    let cells = table.cells().iter().fold(0.0, |sum, cell| sum + x_ln_x[cell.n as usize]);
+    let cells = table
+        .cells()
+        .iter()
+        .fold(0.0, |sum, cell| sum + x_ln_x[cell.n as usize]);
     let total = x_ln_x[table.total() as usize];
     Some((total - sum(table.rows()) - sum(table.columns()) + cells) / table.total() as f64)
 }
@@ -77,13 +90,23 @@ mod tests {
     fn the_empty_table_has_none() {
         let empty = Table::default();
 
-        assert_eq!([plug_in(&empty), miller_madow(&empty), excess(&empty)], [0.0; 3]);
+        assert_eq!(
+            [plug_in(&empty), miller_madow(&empty), excess(&empty)],
+            [0.0; 3]
+        );
     }
 
     #[test]
     fn one_row_or_one_column_has_none() {
-        for table in [grid(&[&[3, 1, 4, 1, 5]]), grid(&[&[3], &[1], &[4]]), grid(&[&[7]])] {
-            assert_eq!([plug_in(&table), miller_madow(&table), excess(&table)], [0.0; 3]);
+        for table in [
+            grid(&[&[3, 1, 4, 1, 5]]),
+            grid(&[&[3], &[1], &[4]]),
+            grid(&[&[7]]),
+        ] {
+            assert_eq!(
+                [plug_in(&table), miller_madow(&table), excess(&table)],
+                [0.0; 3]
+            );
         }
     }
 
@@ -96,7 +119,8 @@ mod tests {
 
     #[test]
     fn one_visit_too_many_is_seen_among_the_most_there_can_be() {
-        // By hand: margins are equal, so every cell deviates by 1 from e and I = 4 (1 / 2e) / 4e = 1 / 2e^2.
+        // By hand: margins are equal, so every cell deviates by 1 from e and I = 4
+        // (1 / 2e) / 4e = 1 / 2e^2.
         let e = 1 << 60;
 
         let information = plug_in(&grid(&[&[e + 1, e - 1], &[e - 1, e + 1]]));

@@ -5,7 +5,10 @@ use proptest::prelude::*;
 
 /// Returns the table of a grid of counts, rows first.
 pub(super) fn grid(counts: &[&[u64]]) -> Table {
-    let cells = counts.iter().zip(0..).flat_map(|(row, i)| row.iter().zip(0..).map(move |(&n, j)| (i, j, n)));
+    let cells = counts
+        .iter()
+        .zip(0..)
+        .flat_map(|(row, i)| row.iter().zip(0..).map(move |(&n, j)| (i, j, n)));
     Table::from_counts(cells)
 }
 
@@ -15,7 +18,10 @@ pub(super) fn scaled(table: &Table, by: u64) -> Table {
 }
 
 fn triples(table: &Table) -> impl Iterator<Item = (u64, u64, u64)> {
-    table.cells().iter().map(|cell| (u64::from(cell.row), u64::from(cell.column), cell.n))
+    table
+        .cells()
+        .iter()
+        .map(|cell| (u64::from(cell.row), u64::from(cell.column), cell.n))
 }
 
 /// Generates counts as they arrive: in any order, with repeated cells and zeros.

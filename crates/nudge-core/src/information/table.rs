@@ -1,6 +1,7 @@
 //! The contingency table that every figure in this module is a function of.
 //!
-//! Not for counts that still grow: a table is built once, from finished counts, and is valid from then on.
+//! Not for counts that still grow: a table is built once, from finished counts, and is valid from
+//! then on.
 
 /// The largest total of a [`Table`]: 2^63 - 1, the largest count the service can store.
 /// Products of two sums then fit in 126 bits, so that n N and r c are compared exactly.
@@ -19,9 +20,9 @@ pub struct Occupied {
 
 /// A contingency table by its occupied cells, rows and columns.
 ///
-/// Unoccupied rows and columns are left out, since they change no figure; labels may therefore come from alphabets
-/// of any size. Cells are in the order of their row, then column labels, and every cell, row and column listed has a
-/// count of at least 1. The default table is empty.
+/// Unoccupied rows and columns are left out, since they change no figure; labels may therefore come
+/// from alphabets of any size. Cells are in the order of their row, then column labels, and every
+/// cell, row and column listed has a count of at least 1. The default table is empty.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Table {
     cells: Vec<Occupied>,
@@ -33,8 +34,8 @@ pub struct Table {
 }
 
 impl Table {
-    /// Builds the table of `(row label, column label, count)` triples, in any order: counts of the same cell are
-    /// added up, and zeros are skipped.
+    /// Builds the table of `(row label, column label, count)` triples, in any order: counts of the
+    /// same cell are added up, and zeros are skipped.
     ///
     /// # Panics
     ///
@@ -44,7 +45,10 @@ impl Table {
         let mut counts = Vec::with_capacity(given.size_hint().1.unwrap_or(0));
         counts.extend(given.filter(|&(_, _, n)| n > 0));
         let total: u128 = counts.iter().map(|&(_, _, n)| u128::from(n)).sum();
-        assert!(total <= u128::from(LARGEST_TOTAL), "the counts of a table sum to {total}, more than 2^63 - 1");
+        assert!(
+            total <= u128::from(LARGEST_TOTAL),
+            "the counts of a table sum to {total}, more than 2^63 - 1"
+        );
         merge_equal_cells(&mut counts);
 
         let column_labels = distinct(counts.iter().map(|&(_, column, _)| column));
@@ -61,9 +65,20 @@ impl Table {
             let column = position(&column_labels, column_label);
             rows[row] += n;
             columns[column] += n;
-            cells.push(Occupied { row: compressed(row), column: compressed(column), n });
+            cells.push(Occupied {
+                row: compressed(row),
+                column: compressed(column),
+                n,
+            });
         }
-        Self { cells, rows, columns, row_labels, column_labels, total: total as u64 }
+        Self {
+            cells,
+            rows,
+            columns,
+            row_labels,
+            column_labels,
+            total: total as u64,
+        }
     }
 
     /// Returns the occupied cells, by row and then by column.
@@ -81,8 +96,8 @@ impl Table {
         &self.columns
     }
 
-    /// Returns the labels of the occupied rows, ascending: a binary search for a label finds its row, or that it has
-    /// no counts.
+    /// Returns the labels of the occupied rows, ascending: a binary search for a label finds its
+    /// row, or that it has no counts.
     pub fn row_labels(&self) -> &[u64] {
         &self.row_labels
     }
@@ -97,14 +112,17 @@ impl Table {
         self.total
     }
 
-    /// Returns whether there is at most one occupied row or column, so that nothing can depend on anything.
+    /// Returns whether there is at most one occupied row or column, so that nothing can depend on
+    /// anything.
     pub fn is_line(&self) -> bool {
         self.rows.len() <= 1 || self.columns.len() <= 1
     }
 
     /// Returns the sum of the row with a label: 0 where that has no counts.
     pub fn row_sum(&self, label: u64) -> u64 {
-        self.row_labels.binary_search(&label).map_or(0, |row| self.rows[row])
+        self.row_labels
+            .binary_search(&label)
+            .map_or(0, |row| self.rows[row])
     }
 
     /// Returns the sum of tables.
@@ -116,7 +134,11 @@ impl Table {
         let label = |labels: &[u64], at: u32| labels[at as usize];
         let cells = |table: &Self| -> Vec<(u64, u64, u64)> {
             let cell = |cell: &Occupied| {
-                (label(&table.row_labels, cell.row), label(&table.column_labels, cell.column), cell.n)
+                (
+                    label(&table.row_labels, cell.row),
+                    label(&table.column_labels, cell.column),
+                    cell.n,
+                )
             };
             table.cells.iter().map(cell).collect()
         };
@@ -125,14 +147,21 @@ impl Table {
 
     /// Returns the table with rows and columns exchanged.
     pub fn transposed(&self) -> Self {
-        // Where each column's cells begin: cells are in order of row already, so that each finds its place by its column.
+        // Where each column's cells begin: cells are in order of row already, so that each finds
+        // its place by its column.
         let mut next = vec![0; self.columns.len() + 1];
-        self.cells.iter().for_each(|cell| next[cell.column as usize + 1] += 1);
+        self.cells
+            .iter()
+            .for_each(|cell| next[cell.column as usize + 1] += 1);
         (1..next.len()).for_each(|column| next[column] += next[column - 1]);
         let mut cells = self.cells.clone();
         for cell in &self.cells {
             let place = &mut next[cell.column as usize];
-            cells[*place] = Occupied { row: cell.column, column: cell.row, n: cell.n };
+            cells[*place] = Occupied {
+                row: cell.column,
+                column: cell.row,
+                n: cell.n,
+            };
             *place += 1;
         }
         Self {
@@ -145,7 +174,8 @@ impl Table {
         }
     }
 
-    /// Returns the cells of the row at a position in [`rows`](Self::rows); none where there is no such row.
+    /// Returns the cells of the row at a position in [`rows`](Self::rows); none where there is no
+    /// such row.
     pub fn row(&self, row: usize) -> &[Occupied] {
         let start = self.cells.partition_point(|cell| (cell.row as usize) < row);
         let length = self.cells[start..].partition_point(|cell| cell.row as usize == row);
@@ -165,11 +195,12 @@ fn merge_equal_cells(counts: &mut Vec<(u64, u64, u64)>) {
     });
 }
 
-/// Returns each label once, ascending. Small alphabets are the rule, and a set of bits sorts them by itself.
+/// Returns each label once, ascending. Small alphabets are the rule, and a set of bits sorts them
+/// by itself.
 fn distinct(labels: impl Iterator<Item = u64> + Clone) -> Vec<u64> {
-    let small = labels
-        .clone()
-        .try_fold(0_u64, |seen, label| Some(seen | 1 << u32::try_from(label).ok().filter(|bit| *bit < 64)?));
+    let small = labels.clone().try_fold(0_u64, |seen, label| {
+        Some(seen | 1 << u32::try_from(label).ok().filter(|bit| *bit < 64)?)
+    });
     if let Some(seen) = small {
         return bits(seen).collect();
     }
@@ -204,12 +235,34 @@ mod tests {
 
     #[test]
     fn compresses_labels_of_a_huge_alphabet() {
-        let table = Table::from_counts([(1 << 62, 7, 2), (3, u64::MAX, 5), (3, 7, 0), (1 << 62, 7, 1)]);
+        let table = Table::from_counts([
+            (1 << 62, 7, 2),
+            (3, u64::MAX, 5),
+            (3, 7, 0),
+            (1 << 62, 7, 1),
+        ]);
 
         assert_eq!(table.row_labels(), [3, 1 << 62]);
         assert_eq!(table.column_labels(), [7, u64::MAX]);
-        assert_eq!(table.cells(), [Occupied { row: 0, column: 1, n: 5 }, Occupied { row: 1, column: 0, n: 3 }]);
-        assert_eq!((table.rows(), table.columns(), table.total()), (&[5, 3][..], &[3, 5][..], 8));
+        assert_eq!(
+            table.cells(),
+            [
+                Occupied {
+                    row: 0,
+                    column: 1,
+                    n: 5
+                },
+                Occupied {
+                    row: 1,
+                    column: 0,
+                    n: 3
+                }
+            ]
+        );
+        assert_eq!(
+            (table.rows(), table.columns(), table.total()),
+            (&[5, 3][..], &[3, 5][..], 8)
+        );
     }
 
     #[test]
@@ -219,7 +272,10 @@ mod tests {
 
     #[test]
     fn holds_the_largest_total() {
-        assert_eq!(Table::from_counts([(0, 0, LARGEST_TOTAL - 1), (0, 0, 1)]).total(), LARGEST_TOTAL);
+        assert_eq!(
+            Table::from_counts([(0, 0, LARGEST_TOTAL - 1), (0, 0, 1)]).total(),
+            LARGEST_TOTAL
+        );
     }
 
     #[test]

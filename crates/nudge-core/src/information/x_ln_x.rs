@@ -1,4 +1,5 @@
-//! x ln x of the small integers: nearly every table asked about is small, and looking up is quicker than a logarithm.
+//! x ln x of the small integers: nearly every table asked about is small, and looking up is quicker
+//! than a logarithm.
 
 use std::sync::LazyLock;
 
@@ -14,12 +15,20 @@ pub(super) fn tabulated() -> &'static [f64] {
 
 /// Returns x ln x in nats, looked up as far as it is tabulated.
 pub(super) fn at(x: u64) -> f64 {
-    if x <= LARGEST { VALUES[x as usize] } else { x_ln_x(x) }
+    if x <= LARGEST {
+        VALUES[x as usize]
+    } else {
+        x_ln_x(x)
+    }
 }
 
 /// 0 ln 0 = 0, the limit from above.
 fn x_ln_x(x: u64) -> f64 {
-    if x == 0 { 0.0 } else { x as f64 * (x as f64).ln() }
+    if x == 0 {
+        0.0
+    } else {
+        x as f64 * (x as f64).ln()
+    }
 }
 
 #[cfg(test)]

@@ -1,4 +1,5 @@
-//! Play recorded elsewhere, read as transitions. Nothing here speaks to a service or opens a file: bytes in, games out.
+//! Play recorded elsewhere, read as transitions. Nothing here speaks to a service or opens a file:
+//! bytes in, games out.
 
 pub mod overcooked;
 

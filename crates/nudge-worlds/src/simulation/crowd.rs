@@ -24,10 +24,13 @@ pub struct Pedestrian {
     pub desired_speed: f64,
 }
 
-/// Pedestrians, the walls between which they walk, and the randomness that moves them: the whole microstate. A clone walks on as its original does.
+/// Pedestrians, the walls between which they walk, and the randomness that moves them: the whole
+/// microstate. A clone walks on as its original does.
 ///
-/// The bytes of a walk depend on the state and on nothing else. Whoever is beyond another's [reach](SocialForce::reach) is not felt, by this rule and not
-/// by what an index happened to find, and forces add up in the pedestrians' order: with or without an index, on one thread or many, the sums are the same.
+/// The bytes of a walk depend on the state and on nothing else. Whoever is beyond another's
+/// [reach](SocialForce::reach) is not felt, by this rule and not by what an index happened to find,
+/// and forces add up in the pedestrians' order: with or without an index, on one thread or many,
+/// the sums are the same.
 #[derive(Debug, Clone)]
 pub struct Crowd {
     model: SocialForce,
@@ -38,7 +41,8 @@ pub struct Crowd {
     neighbours: Neighbours,
 }
 
-/// From this size on a crowd's forces are worth more threads than one: at 150 two threads take a quarter off a step.
+/// From this size on a crowd's forces are worth more threads than one: at 150 two threads take a
+/// quarter off a step.
 const PARALLEL_FROM: usize = 150;
 
 /// What a pedestrian is to the others during one step of time.
@@ -49,14 +53,28 @@ struct Obstacle {
 }
 
 impl Crowd {
-    /// Makes a crowd. Ids are the caller's: each should be given once. Places and velocities are finite, as those of every walk from them will be.
-    pub fn new(model: SocialForce, walls: Vec<Wall>, pedestrians: Vec<Pedestrian>, seed: u64) -> Self {
+    /// Makes a crowd. Ids are the caller's: each should be given once. Places and velocities are
+    /// finite, as those of every walk from them will be.
+    pub fn new(
+        model: SocialForce,
+        walls: Vec<Wall>,
+        pedestrians: Vec<Pedestrian>,
+        seed: u64,
+    ) -> Self {
         let band = (f64::NEG_INFINITY, f64::INFINITY);
         let (random, neighbours) = (Pcg64::seed_from_u64(seed), Neighbours::default());
-        Self { model, walls, band, pedestrians, random, neighbours }
+        Self {
+            model,
+            walls,
+            band,
+            pedestrians,
+            random,
+            neighbours,
+        }
     }
 
-    /// Keeps every y in `low..=high` from now on, in m: a kick of noise throws nobody through a wall.
+    /// Keeps every y in `low..=high` from now on, in m: a kick of noise throws nobody through a
+    /// wall.
     ///
     /// # Panics
     ///
@@ -92,17 +110,28 @@ impl Crowd {
 
     /// Gives one pedestrian another velocity; returns whether that one is there.
     pub fn set_velocity(&mut self, id: u32, velocity: DVec2) -> bool {
-        let found = self.pedestrians.iter_mut().find(|pedestrian| pedestrian.id == id);
-        found.map(|pedestrian| pedestrian.velocity = velocity).is_some()
+        let found = self
+            .pedestrians
+            .iter_mut()
+            .find(|pedestrian| pedestrian.id == id);
+        found
+            .map(|pedestrian| pedestrian.velocity = velocity)
+            .is_some()
     }
 
     /// Gives one pedestrian another way to go, a unit vector; returns whether that one is there.
     pub fn set_direction(&mut self, id: u32, direction: DVec2) -> bool {
-        let found = self.pedestrians.iter_mut().find(|pedestrian| pedestrian.id == id);
-        found.map(|pedestrian| pedestrian.direction = direction).is_some()
+        let found = self
+            .pedestrians
+            .iter_mut()
+            .find(|pedestrian| pedestrian.id == id);
+        found
+            .map(|pedestrian| pedestrian.direction = direction)
+            .is_some()
     }
 
-    /// Walks for `dt` seconds: semi-implicit Euler, so forces come from the state before and positions move with the velocity after.
+    /// Walks for `dt` seconds: semi-implicit Euler, so forces come from the state before and
+    /// positions move with the velocity after.
     ///
     /// The noise is drawn here in the pedestrians' order, so the bytes do not depend on threads.
     pub fn step(&mut self, dt: f64) {
@@ -123,8 +152,15 @@ impl Crowd {
 
     /// Returns all that acts on each pedestrian, in m/s^2.
     fn forces(&mut self) -> Vec<DVec2> {
-        let obstacles: Vec<Obstacle> = self.pedestrians.iter().map(|one| self.obstacle(one)).collect();
-        let farthest = obstacles.iter().map(|obstacle| obstacle.reach).fold(0.0, f64::max);
+        let obstacles: Vec<Obstacle> = self
+            .pedestrians
+            .iter()
+            .map(|one| self.obstacle(one))
+            .collect();
+        let farthest = obstacles
+            .iter()
+            .map(|obstacle| obstacle.reach)
+            .fold(0.0, f64::max);
         if !self.neighbours.cover(farthest) {
             let places: Vec<DVec2> = obstacles.iter().map(|obstacle| obstacle.position).collect();
             self.neighbours = Neighbours::search(&places, farthest);
@@ -139,17 +175,31 @@ impl Crowd {
 
     fn obstacle(&self, one: &Pedestrian) -> Obstacle {
         let step = self.model.next_step(one.velocity, one.direction);
-        Obstacle { position: one.position, step, reach: self.model.reach(step.length()) }
+        Obstacle {
+            position: one.position,
+            step,
+            reach: self.model.reach(step.length()),
+        }
     }
 
     fn force(&self, i: usize, obstacles: &[Obstacle]) -> DVec2 {
-        let Pedestrian { position, velocity, direction, desired_speed, .. } = self.pedestrians[i];
+        let Pedestrian {
+            position,
+            velocity,
+            direction,
+            desired_speed,
+            ..
+        } = self.pedestrians[i];
         let drive = self.model.driving_force(desired_speed, direction, velocity);
-        let walls = self.walls.iter().map(|wall| self.model.wall_force(wall, position));
+        let walls = self
+            .walls
+            .iter()
+            .map(|wall| self.model.wall_force(wall, position));
         let pairs = self.neighbours.of(i).iter().filter_map(|j| {
             let other = &obstacles[*j as usize];
             let r = position - other.position;
-            (r.length_squared() <= other.reach * other.reach).then(|| self.model.pair_force(r, other.step, direction))
+            (r.length_squared() <= other.reach * other.reach)
+                .then(|| self.model.pair_force(r, other.step, direction))
         });
         drive + walls.sum::<DVec2>() + pairs.sum::<DVec2>()
     }
@@ -167,9 +217,22 @@ mod tests {
     fn crowd(size: u32) -> Crowd {
         let mut random = Pcg64::seed_from_u64(7);
         let mut pedestrian = |id: u32| {
-            let direction = if id.is_multiple_of(2) { DVec2::X } else { DVec2::NEG_X };
-            let position = DVec2::new(random.random_range(0.0..2.0 * f64::from(size)), random.random_range(0.3..3.7));
-            Pedestrian { id, position, velocity: 1.34 * direction, direction, desired_speed: 1.34 }
+            let direction = if id.is_multiple_of(2) {
+                DVec2::X
+            } else {
+                DVec2::NEG_X
+            };
+            let position = DVec2::new(
+                random.random_range(0.0..2.0 * f64::from(size)),
+                random.random_range(0.3..3.7),
+            );
+            Pedestrian {
+                id,
+                position,
+                velocity: 1.34 * direction,
+                direction,
+                desired_speed: 1.34,
+            }
         };
         let pedestrians = (0..size).map(&mut pedestrian).collect();
         let walls = vec![Wall::along(0.0), Wall::along(4.0)];
@@ -184,7 +247,10 @@ mod tests {
     #[test]
     fn one_thread_and_four_walk_to_the_same_bytes() {
         let on = |threads: usize| {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+            let pool = rayon::ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .build()
+                .expect("a pool");
             pool.install(|| walked(crowd(600), 200))
         };
         assert_eq!(on(1), on(4));
@@ -205,14 +271,26 @@ mod tests {
         let felt = |one: &Pedestrian| -> DVec2 {
             let others = crowd.pedestrians.iter().filter(|other| other.id != one.id);
             let step = |other: &Pedestrian| crowd.model.next_step(other.velocity, other.direction);
-            let pair =
-                |other: &Pedestrian| crowd.model.pair_force(one.position - other.position, step(other), one.direction);
-            let walls = crowd.walls.iter().map(|wall| crowd.model.wall_force(wall, one.position));
+            let pair = |other: &Pedestrian| {
+                crowd
+                    .model
+                    .pair_force(one.position - other.position, step(other), one.direction)
+            };
+            let walls = crowd
+                .walls
+                .iter()
+                .map(|wall| crowd.model.wall_force(wall, one.position));
             others.map(pair).sum::<DVec2>() + walls.sum::<DVec2>()
         };
         for (one, force) in crowd.pedestrians.iter().zip(forces) {
-            let exact = felt(one) + crowd.model.driving_force(one.desired_speed, one.direction, one.velocity);
-            assert!(force.abs_diff_eq(exact, 10.0 * NEGLIGIBLE), "{force} instead of {exact}");
+            let exact = felt(one)
+                + crowd
+                    .model
+                    .driving_force(one.desired_speed, one.direction, one.velocity);
+            assert!(
+                force.abs_diff_eq(exact, 10.0 * NEGLIGIBLE),
+                "{force} instead of {exact}"
+            );
         }
     }
 
@@ -233,9 +311,18 @@ mod tests {
             crowd.model.noise = 0.0;
             crowd.step(DT);
             crowd.remove(|pedestrian| pedestrian.id % 3 == 0);
-            let ids: Vec<u32> = crowd.pedestrians().iter().map(|pedestrian| pedestrian.id).collect();
-            let anew =
-                Crowd::new(crowd.model.clone(), crowd.walls.clone(), crowd.pedestrians.clone(), 1).within(0.01, 3.99);
+            let ids: Vec<u32> = crowd
+                .pedestrians()
+                .iter()
+                .map(|pedestrian| pedestrian.id)
+                .collect();
+            let anew = Crowd::new(
+                crowd.model.clone(),
+                crowd.walls.clone(),
+                crowd.pedestrians.clone(),
+                1,
+            )
+            .within(0.01, 3.99);
 
             assert!(ids.is_sorted() && ids.iter().all(|id| id % 3 != 0));
             assert_eq!(walked(crowd, 20), walked(anew, 20));
@@ -257,14 +344,29 @@ mod tests {
 
     #[test]
     fn noise_kicks_with_its_deviation() {
-        let free = SocialForce { repulsion: 0.0, speed_cap: 10.0, ..Default::default() };
-        let still =
-            |id| Pedestrian { id, position: DVec2::ZERO, velocity: DVec2::X, direction: DVec2::X, desired_speed: 1.0 };
-        let crowd = walked(Crowd::new(free, Vec::new(), (0..1_000).map(still).collect(), 3), 1);
-        let kicks = crowd.iter().flat_map(|pedestrian| (pedestrian.velocity - DVec2::X).to_array());
+        let free = SocialForce {
+            repulsion: 0.0,
+            speed_cap: 10.0,
+            ..Default::default()
+        };
+        let still = |id| Pedestrian {
+            id,
+            position: DVec2::ZERO,
+            velocity: DVec2::X,
+            direction: DVec2::X,
+            desired_speed: 1.0,
+        };
+        let crowd = walked(
+            Crowd::new(free, Vec::new(), (0..1_000).map(still).collect(), 3),
+            1,
+        );
+        let kicks = crowd
+            .iter()
+            .flat_map(|pedestrian| (pedestrian.velocity - DVec2::X).to_array());
         let variance = kicks.map(|kick| kick * kick).sum::<f64>() / 2_000.0;
 
-        // q^2 dt = 0.0005; the estimate of 2,000 draws deviates by sqrt(2 / 2,000) = 3 %, and four of these are asked for.
+        // q^2 dt = 0.0005; the estimate of 2,000 draws deviates by sqrt(2 / 2,000) = 3 %, and four
+        // of these are asked for.
         assert!((variance / 0.0005 - 1.0).abs() < 0.13, "{variance}");
     }
 

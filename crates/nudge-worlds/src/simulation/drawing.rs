@@ -1,4 +1,5 @@
-//! A picture of one trial, in SVG: the walls, everybody's track, and where everybody is at one instant, with the ellipse around the next step.
+//! A picture of one trial, in SVG: the walls, everybody's track, and where everybody is at one
+//! instant, with the ellipse around the next step.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::f64::consts::TAU;
@@ -13,7 +14,8 @@ use super::observation::ELLIPSE;
 use super::{Pedestrian, Segment};
 use nudge_core::error::Fault;
 
-/// Okabe and Ito's colours, which the colour-blind can tell apart: to the right, to the left, across.
+/// Okabe and Ito's colours, which the colour-blind can tell apart: to the right, to the left,
+/// across.
 const COLOURS: [(RGBColor, &str); 3] = [
     (RGBColor(0, 114, 178), "walks to the right"),
     (RGBColor(213, 94, 0), "walks to the left"),
@@ -38,15 +40,21 @@ type Sheet<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
 type Chart<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
 type Drawn = Result<(), Box<dyn std::error::Error>>;
 
-/// Draws the trial of that number at the record that is nearest to `at` seconds; unless told, at the first one with the most pedestrians on the middle
-/// half of the hallway. Fails where the trial has no such time.
+/// Draws the trial of that number at the record that is nearest to `at` seconds; unless told, at
+/// the first one with the most pedestrians on the middle half of the hallway. Fails where the trial
+/// has no such time.
 pub fn svg(hallway: &Hallway, number: u32, at: Option<f64>) -> Result<String, Fault> {
     let records = records(hallway.trial(number)?);
     let now = match at {
         None => fullest(hallway.protocol(), &records),
         Some(at) => nearest(hallway.protocol(), &records, at)?,
     };
-    let picture = Picture { protocol: hallway.protocol(), number, records, now };
+    let picture = Picture {
+        protocol: hallway.protocol(),
+        number,
+        records,
+        now,
+    };
     let mut text = String::new();
     picture.draw(&mut text).expect("a text takes every drawing");
     Ok(text)
@@ -71,9 +79,17 @@ fn records(mut trial: Trial) -> Vec<Vec<Pedestrian>> {
 
 fn fullest(protocol: &Protocol, records: &[Vec<Pedestrian>]) -> usize {
     let middle = protocol.length / 4.0..=protocol.length * 3.0 / 4.0;
-    let count = |record: &Vec<Pedestrian>| record.iter().filter(|one| middle.contains(&one.position.x)).count();
+    let count = |record: &Vec<Pedestrian>| {
+        record
+            .iter()
+            .filter(|one| middle.contains(&one.position.x))
+            .count()
+    };
     // Of equals the last is the greatest, and the first is wanted.
-    (0..records.len()).rev().max_by_key(|&record| count(&records[record])).unwrap_or(0)
+    (0..records.len())
+        .rev()
+        .max_by_key(|&record| count(&records[record]))
+        .unwrap_or(0)
 }
 
 fn nearest(protocol: &Protocol, records: &[Vec<Pedestrian>], at: f64) -> Result<usize, Fault> {
@@ -83,7 +99,10 @@ fn nearest(protocol: &Protocol, records: &[Vec<Pedestrian>], at: f64) -> Result<
         return Ok(record as usize);
     }
     let end = last * protocol.record_interval;
-    Err(Fault::new("/at", format!("got {at}, expected a time within the trial, from 0 to {end:.1} s")))
+    Err(Fault::new(
+        "/at",
+        format!("got {at}, expected a time within the trial, from 0 to {end:.1} s"),
+    ))
 }
 
 impl Picture<'_> {
@@ -116,7 +135,8 @@ impl Picture<'_> {
         // A wall goes on beyond the picture, which shows where the hallway ends.
         let within = |point: DVec2| dvec2(point.x.clamp(0.0, self.protocol.length), point.y);
         let pieces = walls.iter().flat_map(|wall| &wall.pieces);
-        let line = |piece: &Segment| line(&[within(piece.from), within(piece.to)], INK.stroke_width(4));
+        let line =
+            |piece: &Segment| line(&[within(piece.from), within(piece.to)], INK.stroke_width(4));
         chart.draw_series(pieces.map(line))?;
         Ok(())
     }
@@ -126,7 +146,10 @@ impl Picture<'_> {
         let (past, future) = (&self.records[..=self.now], &self.records[self.now..]);
         for (records, strength) in [(future, 0.18), (past, 0.6)] {
             let mut tracks: BTreeMap<u32, Vec<&Pedestrian>> = BTreeMap::new();
-            records.iter().flatten().for_each(|one| tracks.entry(one.id).or_default().push(one));
+            records
+                .iter()
+                .flatten()
+                .for_each(|one| tracks.entry(one.id).or_default().push(one));
             let track = |track: &Vec<&Pedestrian>| {
                 let points: Vec<DVec2> = track.iter().map(|one| one.position).collect();
                 line(&points, colour(track[0]).mix(strength).stroke_width(2))
@@ -138,18 +161,36 @@ impl Picture<'_> {
 
     fn pedestrians(&self, chart: &mut Chart) -> Drawn {
         let now = &self.records[self.now];
-        let outline =
-            |one: &Pedestrian| ellipse(one.position, self.protocol.model.next_step(one.velocity, one.direction));
-        chart.draw_series(now.iter().map(|one| Polygon::new(outline(one), colour(one).mix(0.10))))?;
-        let closed = |one: &Pedestrian| PathElement::new(outline(one), colour(one).mix(0.7).stroke_width(1));
+        let outline = |one: &Pedestrian| {
+            ellipse(
+                one.position,
+                self.protocol.model.next_step(one.velocity, one.direction),
+            )
+        };
+        chart.draw_series(
+            now.iter()
+                .map(|one| Polygon::new(outline(one), colour(one).mix(0.10))),
+        )?;
+        let closed =
+            |one: &Pedestrian| PathElement::new(outline(one), colour(one).mix(0.7).stroke_width(1));
         chart.draw_series(now.iter().map(closed))?;
-        let dot = |one: &Pedestrian| Circle::new((one.position.x, one.position.y), 6, colour(one).filled());
+        let dot = |one: &Pedestrian| {
+            Circle::new((one.position.x, one.position.y), 6, colour(one).filled())
+        };
         chart.draw_series(now.iter().map(dot))?;
         Ok(())
     }
 
     fn title(&self, sheet: &Sheet) -> Drawn {
-        let Protocol { scenario, length, width, pedestrians, seed, record_interval, .. } = self.protocol;
+        let Protocol {
+            scenario,
+            length,
+            width,
+            pedestrians,
+            seed,
+            record_interval,
+            ..
+        } = self.protocol;
         let time = self.now as f64 * record_interval;
         let title = format!(
             "Hallway {length} x {width} m, {scenario}, {pedestrians} pedestrians: seed {seed}, trial {} at {time:.1} s",
@@ -157,8 +198,9 @@ impl Picture<'_> {
         );
         let left = LEFT as i32;
         sheet.draw(&Text::new(title, (left, 10), font(20, HPos::Left)))?;
-        let told =
-            format!("strong: the way so far; faint: the way to come; ellipse: b = {ELLIPSE} m around the next step");
+        let told = format!(
+            "strong: the way so far; faint: the way to come; ellipse: b = {ELLIPSE} m around the next step"
+        );
         sheet.draw(&Text::new(told, (left, 42), font(15, HPos::Left)))?;
         self.legend(sheet)
     }
@@ -171,7 +213,10 @@ impl Picture<'_> {
         let right = sheet.dim_in_pixel().0 as i32 - RIGHT as i32;
         for (i, kind) in (0..).zip(present.into_iter().rev()) {
             let ((colour, text), left) = (COLOURS[kind], right - ENTRY * (i + 1));
-            sheet.draw(&PathElement::new([(left, 51), (left + 24, 51)], colour.mix(0.6).stroke_width(2)))?;
+            sheet.draw(&PathElement::new(
+                [(left, 51), (left + 24, 51)],
+                colour.mix(0.6).stroke_width(2),
+            ))?;
             sheet.draw(&Circle::new((left + 12, 51), 6, colour.filled()))?;
             sheet.draw(&Text::new(text, (left + 34, 42), font(15, HPos::Left)))?;
         }
@@ -210,11 +255,20 @@ fn ellipse(position: DVec2, step: DVec2) -> Vec<(f64, f64)> {
 }
 
 fn line(points: &[DVec2], style: ShapeStyle) -> PathElement<(f64, f64)> {
-    PathElement::new(points.iter().map(|point| (point.x, point.y)).collect::<Vec<_>>(), style)
+    PathElement::new(
+        points
+            .iter()
+            .map(|point| (point.x, point.y))
+            .collect::<Vec<_>>(),
+        style,
+    )
 }
 
 fn font(size: u32, anchor: HPos) -> TextStyle<'static> {
-    ("sans-serif", size).into_font().color(&INK).pos(Pos::new(anchor, VPos::Top))
+    ("sans-serif", size)
+        .into_font()
+        .color(&INK)
+        .pos(Pos::new(anchor, VPos::Top))
 }
 
 fn colour(pedestrian: &Pedestrian) -> RGBColor {
@@ -235,13 +289,22 @@ mod tests {
     use super::*;
 
     fn hallway() -> Hallway {
-        Hallway::try_from(Protocol { seed: 7, ..Protocol::default() }).expect("sound")
+        Hallway::try_from(Protocol {
+            seed: 7,
+            ..Protocol::default()
+        })
+        .expect("sound")
     }
 
     #[test]
     fn a_picture_shows_everybody_at_the_time_that_is_told() {
         let svg = svg(&hallway(), 3, Some(2.05)).expect("within the trial");
-        assert!(svg.contains("Hallway 20 x 4 m, counter-flow, 10 pedestrians: seed 7, trial 3 at 2.0 s"), "{svg}");
+        assert!(
+            svg.contains(
+                "Hallway 20 x 4 m, counter-flow, 10 pedestrians: seed 7, trial 3 at 2.0 s"
+            ),
+            "{svg}"
+        );
         // A dot each, and one for each of the two colours of the legend.
         assert_eq!(svg.matches("<circle").count(), 10 + 2);
         assert_eq!(svg.matches("<polygon").count(), 10, "an ellipse each");
@@ -253,7 +316,9 @@ mod tests {
         for at in [-1.0, 61.0, f64::NAN] {
             let fault = svg(&hallway(), 1, Some(at)).expect_err("outside");
             assert!(
-                fault.to_string().starts_with(&format!("/at: got {at}, expected a time within the trial")),
+                fault
+                    .to_string()
+                    .starts_with(&format!("/at: got {at}, expected a time within the trial")),
                 "{fault}"
             );
         }

@@ -1,10 +1,12 @@
-//! The hallway of the paper (section 4.1): pedestrians in counter-flow, or one who crosses a flow, trial after trial.
+//! The hallway of the paper (section 4.1): pedestrians in counter-flow, or one who crosses a flow,
+//! trial after trial.
 //!
 //! ```text
 //! Protocol -> check -> Hallway -> trial(7) -> Trial -> Observations -> transitions
 //! ```
 //!
-//! A trial depends on the protocol's seed and its own number alone, so trial 7 is the same whichever trials ran before it and on however many threads.
+//! A trial depends on the protocol's seed and its own number alone, so trial 7 is the same
+//! whichever trials ran before it and on however many threads.
 
 mod protocol;
 mod start;
@@ -29,8 +31,9 @@ impl Hallway {
         &self.0
     }
 
-    /// Begins the trial of that number. Fails where the draw leaves no place for somebody, which [`Hallway::try_from`] has ruled out for trial 1 and
-    /// which is rare for the others: only hallways that are nearly too full for it come near.
+    /// Begins the trial of that number. Fails where the draw leaves no place for somebody, which
+    /// [`Hallway::try_from`] has ruled out for trial 1 and which is rare for the others: only
+    /// hallways that are nearly too full for it come near.
     pub fn trial(&self, number: u32) -> Result<Trial, Fault> {
         Trial::begin(self.0.clone(), number)
     }

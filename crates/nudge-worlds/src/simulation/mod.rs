@@ -1,5 +1,5 @@
-//! Worlds that produce transitions: pedestrians who avoid each other in a hallway, and tables with planted influence. Seeded, and without I/O: the
-//! same seed gives the same bytes.
+//! Worlds that produce transitions: pedestrians who avoid each other in a hallway, and tables with
+//! planted influence. Seeded, and without I/O: the same seed gives the same bytes.
 
 mod crowd;
 pub mod drawing;

@@ -1,15 +1,18 @@
-//! Who may feel whom: lists of near neighbours that stay complete for several steps, so that a crowd costs what its pairs in reach cost.
+//! Who may feel whom: lists of near neighbours that stay complete for several steps, so that a
+//! crowd costs what its pairs in reach cost.
 
 use glam::DVec2;
 use kdtree::KdTree;
 use kdtree::distance::squared_euclidean;
 use rayon::prelude::*;
 
-/// From this size on a crowd is searched through an index. Measured: as quick as looking at everyone at 50, a sixth quicker at 100.
+/// From this size on a crowd is searched through an index. Measured: as quick as looking at
+/// everyone at 50, a sixth quicker at 100.
 const INDEXED_FROM: usize = 64;
 
-/// How much farther than needed a search goes, in m: enough for some 13 steps of 0.05 s of a crowd whose fastest walks at 2.3 m/s. A skin of 1 or 2 m
-/// made 10,000 pedestrians slower, for they searched more often.
+/// How much farther than needed a search goes, in m: enough for some 13 steps of 0.05 s of a crowd
+/// whose fastest walks at 2.3 m/s. A skin of 1 or 2 m made 10,000 pedestrians slower, for they
+/// searched more often.
 const SKIN: f64 = 3.0;
 
 /// Places in a leaf of the index, measured.
@@ -25,16 +28,24 @@ pub(super) struct Neighbours {
 impl Neighbours {
     /// Lists who can be felt within `reach` m, and for a while longer.
     pub(super) fn search(places: &[DVec2], reach: f64) -> Self {
-        if places.len() < INDEXED_FROM { Self::everyone(places.len()) } else { Self::within(places, reach + SKIN) }
+        if places.len() < INDEXED_FROM {
+            Self::everyone(places.len())
+        } else {
+            Self::within(places, reach + SKIN)
+        }
     }
 
     /// Lists everyone for everyone.
     pub(super) fn everyone(size: usize) -> Self {
         let others = |i| (0..size as u32).filter(|j| *j != i).collect();
-        Self { lists: (0..size as u32).map(others).collect(), complete_within: f64::INFINITY }
+        Self {
+            lists: (0..size as u32).map(others).collect(),
+            complete_within: f64::INFINITY,
+        }
     }
 
-    /// A k-d tree that halves the longer side: a hallway is long and thin, and trees that take the sides in turn search most of it in vain.
+    /// A k-d tree that halves the longer side: a hallway is long and thin, and trees that take the
+    /// sides in turn search most of it in vain.
     fn within(places: &[DVec2], radius: f64) -> Self {
         const FINITE: &str = "pedestrians are at finite places";
         let mut index = KdTree::with_capacity(2, LEAF);
@@ -42,12 +53,21 @@ impl Neighbours {
             index.add(place.to_array(), i).expect(FINITE);
         }
         let near = |(i, place): (usize, &DVec2)| {
-            let found = index.within(&place.to_array(), radius * radius, &squared_euclidean).expect(FINITE);
-            let mut others: Vec<u32> = found.into_iter().map(|(_, j)| *j).filter(|j| *j as usize != i).collect();
+            let found = index
+                .within(&place.to_array(), radius * radius, &squared_euclidean)
+                .expect(FINITE);
+            let mut others: Vec<u32> = found
+                .into_iter()
+                .map(|(_, j)| *j)
+                .filter(|j| *j as usize != i)
+                .collect();
             others.sort_unstable();
             others
         };
-        Self { lists: places.par_iter().enumerate().map(near).collect(), complete_within: radius }
+        Self {
+            lists: places.par_iter().enumerate().map(near).collect(),
+            complete_within: radius,
+        }
     }
 
     /// Returns who may be within reach of the `i`th, in the crowd's order.
@@ -115,7 +135,10 @@ mod tests {
         neighbours.approach(1e9);
 
         assert!(neighbours.cover(1e9));
-        assert_eq!([0, 1, 2].map(|i| neighbours.of(i)), [[1, 2], [0, 2], [0, 1]]);
+        assert_eq!(
+            [0, 1, 2].map(|i| neighbours.of(i)),
+            [[1, 2], [0, 2], [0, 1]]
+        );
     }
 
     #[test]

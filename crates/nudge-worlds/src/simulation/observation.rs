@@ -1,6 +1,7 @@
 //! What pedestrians see of their neighbours and do about them, as transitions.
 //!
-//! At every record each pedestrian is an **ego**, and its closest and second-closest others are its **neighbours**. A pair's state is
+//! At every record each pedestrian is an **ego**, and its closest and second-closest others are its
+//! **neighbours**. A pair's state is
 //!
 //! | value | what |
 //! |---|---|
@@ -8,13 +9,15 @@
 //! | `b_distance`, `b_bearing` | b, from the neighbour to the pedestrian closest to it, which may be the ego: so there always is one |
 //! | `ego_heading`, `neighbour_heading` | where both walk |
 //!
-//! and each one's action is its change of heading (`turn`, in (-pi, pi]) and of speed (`speed_change`) until the next record. Distances are in
-//! metres, angles in radians in the frame of the world, speeds in m/s. `examples/hallway.json` describes them to a service, bins included.
+//! and each one's action is its change of heading (`turn`, in (-pi, pi]) and of speed
+//! (`speed_change`) until the next record. Distances are in metres, angles in radians in the frame
+//! of the world, speeds in m/s. `examples/hallway.json` describes them to a service, bins included.
 //!
 //! # Which direction means what
 //!
-//! The force on alpha depends on the step of beta, so *the ego lies in the neighbour's ellipse* means that **the neighbour acts on the ego**, and the
-//! reverse that the ego acts on the neighbour. Both labels are for experiments; they are never sent.
+//! The force on alpha depends on the step of beta, so *the ego lies in the neighbour's ellipse*
+//! means that **the neighbour acts on the ego**, and the reverse that the ego acts on the
+//! neighbour. Both labels are for experiments; they are never sent.
 
 use std::collections::HashMap;
 use std::f64::consts::{PI, TAU};
@@ -30,7 +33,8 @@ use nudge_core::domain::{Record, Schema, Track};
 /// The description of the environment whose transitions these are, in JSON.
 pub const DESCRIPTION: &str = include_str!("../../../../examples/hallway.json");
 
-/// The semi-minor axis below which somebody lies in an ellipse, in metres: twice the range of the force. The paper gives no size.
+/// The semi-minor axis below which somebody lies in an ellipse, in metres: twice the range of the
+/// force. The paper gives no size.
 pub const ELLIPSE: f64 = 0.6;
 
 /// One ego and one of its neighbours over one record.
@@ -60,28 +64,47 @@ pub struct Observer {
 }
 
 impl Observer {
-    /// Begins a trial in an environment of that schema, whose values stand as [`DESCRIPTION`] has them.
+    /// Begins a trial in an environment of that schema, whose values stand as [`DESCRIPTION`] has
+    /// them.
     pub fn new(schema: &Schema, model: &SocialForce) -> Self {
-        Self { schema: schema.clone(), model: model.clone(), tracks: HashMap::new() }
+        Self {
+            schema: schema.clone(),
+            model: model.clone(),
+            tracks: HashMap::new(),
+        }
     }
 
-    /// Returns the observations of one record: of the pedestrians `before`, who are there `after` it or have left. In order of the egos as they are
-    /// given, the closest neighbour first; where either has left there is none.
+    /// Returns the observations of one record: of the pedestrians `before`, who are there `after`
+    /// it or have left. In order of the egos as they are given, the closest neighbour first; where
+    /// either has left there is none.
     ///
-    /// A pair enters its state when the discretised state differs from the record before, or when it was not observed then.
-    pub fn observe(&mut self, time: f64, before: &[Pedestrian], after: &[Pedestrian]) -> Vec<Observation> {
-        let after: HashMap<u32, &Pedestrian> = after.iter().map(|pedestrian| (pedestrian.id, pedestrian)).collect();
+    /// A pair enters its state when the discretised state differs from the record before, or when
+    /// it was not observed then.
+    pub fn observe(
+        &mut self,
+        time: f64,
+        before: &[Pedestrian],
+        after: &[Pedestrian],
+    ) -> Vec<Observation> {
+        let after: HashMap<u32, &Pedestrian> = after
+            .iter()
+            .map(|pedestrian| (pedestrian.id, pedestrian))
+            .collect();
         let closest = two_closest(before);
         let mut earlier = std::mem::take(&mut self.tracks);
         let mut observations = Vec::new();
         for (i, ego) in before.iter().enumerate() {
             for &j in &closest[i] {
                 let neighbour = &before[j];
-                let (Some(ego_after), Some(neighbour_after)) = (after.get(&ego.id), after.get(&neighbour.id)) else {
+                let (Some(ego_after), Some(neighbour_after)) =
+                    (after.get(&ego.id), after.get(&neighbour.id))
+                else {
                     continue;
                 };
                 let pair = (ego.id, neighbour.id);
-                let mut track = earlier.remove(&pair).unwrap_or_else(|| Track::new(&self.schema));
+                let mut track = earlier
+                    .remove(&pair)
+                    .unwrap_or_else(|| Track::new(&self.schema));
                 let state = state(ego, neighbour, &before[closest[j][0]]);
                 let actions = [action(ego, ego_after), action(neighbour, neighbour_after)].concat();
                 observations.push(Observation {
@@ -129,11 +152,15 @@ impl Iterator for Observations {
         }
         let (time, before) = (self.trial.time(), self.trial.pedestrians().to_vec());
         self.trial.advance();
-        Some(self.observer.observe(time, &before, self.trial.pedestrians()))
+        Some(
+            self.observer
+                .observe(time, &before, self.trial.pedestrians()),
+        )
     }
 }
 
-/// Returns for each pedestrian the positions in the list of the two closest others, as far as there are two; of those equally far the earlier first.
+/// Returns for each pedestrian the positions in the list of the two closest others, as far as there
+/// are two; of those equally far the earlier first.
 fn two_closest(pedestrians: &[Pedestrian]) -> Vec<Vec<usize>> {
     const FINITE: &str = "pedestrians are at finite places";
     let mut index = KdTree::new(2);
@@ -142,9 +169,16 @@ fn two_closest(pedestrians: &[Pedestrian]) -> Vec<Vec<usize>> {
     }
     let closest = |(i, one): (usize, &Pedestrian)| {
         // One of the three closest to a place is who stands there.
-        let mut found = index.nearest(&one.position.to_array(), 3, &squared_euclidean).expect(FINITE);
+        let mut found = index
+            .nearest(&one.position.to_array(), 3, &squared_euclidean)
+            .expect(FINITE);
         found.sort_by(|(a, i), (b, j)| a.total_cmp(b).then(i.cmp(j)));
-        found.into_iter().map(|(_, j)| *j).filter(|j| *j != i).take(2).collect()
+        found
+            .into_iter()
+            .map(|(_, j)| *j)
+            .filter(|j| *j != i)
+            .take(2)
+            .collect()
     };
     pedestrians.iter().enumerate().map(closest).collect()
 }
@@ -152,7 +186,14 @@ fn two_closest(pedestrians: &[Pedestrian]) -> Vec<Vec<usize>> {
 fn state(ego: &Pedestrian, neighbour: &Pedestrian, closest_to_neighbour: &Pedestrian) -> Vec<f32> {
     let a = neighbour.position - ego.position;
     let b = closest_to_neighbour.position - neighbour.position;
-    let values = [a.length(), a.to_angle(), b.length(), b.to_angle(), heading(ego), heading(neighbour)];
+    let values = [
+        a.length(),
+        a.to_angle(),
+        b.length(),
+        b.to_angle(),
+        heading(ego),
+        heading(neighbour),
+    ];
     values.map(|value| value as f32).to_vec()
 }
 
@@ -164,8 +205,16 @@ fn action(before: &Pedestrian, after: &Pedestrian) -> [f32; 2] {
 
 /// Returns where somebody walks, or would like to while standing.
 fn heading(pedestrian: &Pedestrian) -> f64 {
-    let Pedestrian { velocity, direction, .. } = *pedestrian;
-    if velocity == DVec2::ZERO { direction.to_angle() } else { velocity.to_angle() }
+    let Pedestrian {
+        velocity,
+        direction,
+        ..
+    } = *pedestrian;
+    if velocity == DVec2::ZERO {
+        direction.to_angle()
+    } else {
+        velocity.to_angle()
+    }
 }
 
 /// Returns the same angle in (-pi, pi].

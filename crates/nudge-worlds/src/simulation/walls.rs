@@ -24,13 +24,21 @@ const FAR: f64 = 1e6;
 impl Wall {
     /// Makes a wall along y, endless in x.
     pub fn along(y: f64) -> Self {
-        Self { pieces: vec![Segment { from: DVec2::new(-FAR, y), to: DVec2::new(FAR, y) }] }
+        Self {
+            pieces: vec![Segment {
+                from: DVec2::new(-FAR, y),
+                to: DVec2::new(FAR, y),
+            }],
+        }
     }
 
-    /// Returns the vector from the wall's nearest point to `position`; of a wall without pieces, one beyond all range.
+    /// Returns the vector from the wall's nearest point to `position`; of a wall without pieces,
+    /// one beyond all range.
     pub fn away(&self, position: DVec2) -> DVec2 {
         let vectors = self.pieces.iter().map(|piece| piece.away(position));
-        vectors.min_by(|a, b| a.length_squared().total_cmp(&b.length_squared())).unwrap_or(DVec2::INFINITY)
+        vectors
+            .min_by(|a, b| a.length_squared().total_cmp(&b.length_squared()))
+            .unwrap_or(DVec2::INFINITY)
     }
 }
 
@@ -50,7 +58,10 @@ mod tests {
 
     #[test]
     fn the_nearest_point_of_a_piece_is_across_from_it_or_its_end() {
-        let piece = Segment { from: DVec2::new(1.0, 1.0), to: DVec2::new(3.0, 1.0) };
+        let piece = Segment {
+            from: DVec2::new(1.0, 1.0),
+            to: DVec2::new(3.0, 1.0),
+        };
 
         assert_eq!(piece.away(DVec2::new(2.0, 1.5)), DVec2::new(0.0, 0.5));
         assert_eq!(piece.away(DVec2::new(2.0, 0.25)), DVec2::new(0.0, -0.75));
@@ -60,7 +71,10 @@ mod tests {
 
     #[test]
     fn a_piece_without_length_is_a_post() {
-        let post = Segment { from: DVec2::ONE, to: DVec2::ONE };
+        let post = Segment {
+            from: DVec2::ONE,
+            to: DVec2::ONE,
+        };
 
         assert_eq!(post.away(DVec2::new(2.0, 3.0)), DVec2::new(1.0, 2.0));
     }
@@ -68,14 +82,22 @@ mod tests {
     #[test]
     fn an_endless_wall_pushes_straight_across_wherever_one_stands() {
         for x in [-50.0, 0.0, 0.1, 12.345_678, 5_000.0] {
-            assert_eq!(Wall::along(4.0).away(DVec2::new(x, 3.5)), DVec2::new(0.0, -0.5));
+            assert_eq!(
+                Wall::along(4.0).away(DVec2::new(x, 3.5)),
+                DVec2::new(0.0, -0.5)
+            );
         }
     }
 
     #[test]
     fn of_a_wall_with_a_doorway_the_nearer_post_is_felt() {
-        let piece = |from: f64, to: f64| Segment { from: DVec2::new(10.0, from), to: DVec2::new(10.0, to) };
-        let wall = Wall { pieces: vec![piece(0.0, 1.5), piece(2.5, 4.0)] };
+        let piece = |from: f64, to: f64| Segment {
+            from: DVec2::new(10.0, from),
+            to: DVec2::new(10.0, to),
+        };
+        let wall = Wall {
+            pieces: vec![piece(0.0, 1.5), piece(2.5, 4.0)],
+        };
 
         assert_eq!(wall.away(DVec2::new(10.0, 1.75)), DVec2::new(0.0, 0.25));
         assert_eq!(wall.away(DVec2::new(10.0, 2.25)), DVec2::new(0.0, -0.25));

@@ -1,10 +1,13 @@
 //! The values of a tensor as JSON lists them: one flat list, or a list a row.
 //!
-//! What is no number is remembered rather than refused at once, so that a tensor of another type is told by its type.
+//! What is no number is remembered rather than refused at once, so that a tensor of another type is
+//! told by its type.
 
 use std::fmt;
 
-use serde::de::{Deserialize, DeserializeSeed, Deserializer, Error, IgnoredAny, MapAccess, SeqAccess, Visitor};
+use serde::de::{
+    Deserialize, DeserializeSeed, Deserializer, Error, IgnoredAny, MapAccess, SeqAccess, Visitor,
+};
 
 use crate::api::inference::Values;
 use crate::error::Fault;
@@ -34,19 +37,30 @@ impl Data {
             (Item::Number, None) => return,
             (Item::Row(width), None) if index == 0 => return self.width = Some(width),
             (Item::Row(found), Some(width)) if found == width => return,
-            (Item::Other(pointer, what), _) => return self.refuse(format!("/{index}{pointer}"), what, "a number"),
-            (Item::Number, Some(_)) => ("a number".to_owned(), "a list, as the first one is".to_owned()),
-            (Item::Row(found), Some(width)) => {
-                (format!("{found} values in a row"), format!("{width}, as in the first"))
+            (Item::Other(pointer, what), _) => {
+                return self.refuse(format!("/{index}{pointer}"), what, "a number");
             }
-            (Item::Row(_), None) => ("a list".to_owned(), "a number, as the first one is".to_owned()),
+            (Item::Number, Some(_)) => (
+                "a number".to_owned(),
+                "a list, as the first one is".to_owned(),
+            ),
+            (Item::Row(found), Some(width)) => (
+                format!("{found} values in a row"),
+                format!("{width}, as in the first"),
+            ),
+            (Item::Row(_), None) => (
+                "a list".to_owned(),
+                "a number, as the first one is".to_owned(),
+            ),
         };
         self.refuse(format!("/{index}"), &found, &expected);
     }
 
     /// Keeps the first fault.
     fn refuse(&mut self, pointer: String, found: &str, expected: &str) {
-        self.fault.get_or_insert_with(|| Fault::new(pointer, format!("got {found}, expected {expected}")));
+        self.fault.get_or_insert_with(|| {
+            Fault::new(pointer, format!("got {found}, expected {expected}"))
+        });
     }
 }
 
@@ -68,7 +82,10 @@ impl<'de> Visitor<'de> for Outer {
     fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<Data, A::Error> {
         let mut data = Data::default();
         let mut index = 0;
-        while let Some(item) = seq.next_element_seed(Member { values: &mut data.values, in_row: false })? {
+        while let Some(item) = seq.next_element_seed(Member {
+            values: &mut data.values,
+            in_row: false,
+        })? {
             data.take(index, item);
             index += 1;
         }
@@ -152,7 +169,10 @@ impl<'de> Visitor<'de> for Member<'_> {
             return other("a list");
         }
         let (mut width, mut odd) = (0, None);
-        while let Some(item) = seq.next_element_seed(Member { values: &mut *self.values, in_row: true })? {
+        while let Some(item) = seq.next_element_seed(Member {
+            values: &mut *self.values,
+            in_row: true,
+        })? {
             if let Item::Other(_, what) = item {
                 odd.get_or_insert(Item::Other(format!("/{width}"), what));
             }

@@ -15,16 +15,24 @@ fn schema() -> Schema {
     Schema::try_from(&description_of_text(text).expect("valid").0).expect("valid")
 }
 
-const GOOD: &str =
-    r#"{"state": {"held": "左", "distance": 1.2}, "actions": {"human": "stay", "robot": {"speed": 2, "turn": -0.1}}}"#;
+const GOOD: &str = r#"{"state": {"held": "左", "distance": 1.2}, "actions": {"human": "stay", "robot": {"speed": 2, "turn": -0.1}}}"#;
 
 fn batch(transitions: &[&str]) -> Batch {
-    let body = format!(r#"{{"producer": "game-7", "sequence": 3, "transitions": [{}]}}"#, transitions.join(", "));
-    batch_of_json(&schema(), body.as_bytes()).expect("a batch").batch
+    let body = format!(
+        r#"{{"producer": "game-7", "sequence": 3, "transitions": [{}]}}"#,
+        transitions.join(", ")
+    );
+    batch_of_json(&schema(), body.as_bytes())
+        .expect("a batch")
+        .batch
 }
 
 fn head() -> Head {
-    Head { producer: "game-7".into(), sequence: 3, ..Head::default() }
+    Head {
+        producer: "game-7".into(),
+        sequence: 3,
+        ..Head::default()
+    }
 }
 
 fn rejection(transition: &str) -> Rejection {
@@ -53,7 +61,10 @@ fn a_transition_is_put_in_the_order_of_the_environment() {
 
 #[test]
 fn entry_and_count_are_kept() {
-    let batch = batch(&[&with(r#"{"state""#, r#"{"entry": true, "count": 2.0, "state""#), GOOD]);
+    let batch = batch(&[
+        &with(r#"{"state""#, r#"{"entry": true, "count": 2.0, "state""#),
+        GOOD,
+    ]);
     assert_eq!(batch.records.entries, [Entry::Entered, Entry::Unknown]);
     assert_eq!(batch.records.counts, [2, 1]);
 }
@@ -82,21 +93,49 @@ fn a_bad_value_rejects_its_record_only() {
         (r#"{"state""#, r#"{"entry": 1e400, "state""#, "/entry"),
         (r#"{"state""#, r#"{"weight": 1e400, "state""#, "/weight"),
         ("1.2", "[1.2]", "/state/distance"),
-        (r#""distance": 1.2"#, r#""distanse": 1.2"#, "/state/distanse"),
-        (r#""distance": 1.2"#, r#""a/b": 1, "distance": 1"#, "/state/a~1b"),
-        (r#""distance": 1.2"#, r#""distance": 1, "distance": 2"#, "/state/distance"),
+        (
+            r#""distance": 1.2"#,
+            r#""distanse": 1.2"#,
+            "/state/distanse",
+        ),
+        (
+            r#""distance": 1.2"#,
+            r#""a/b": 1, "distance": 1"#,
+            "/state/a~1b",
+        ),
+        (
+            r#""distance": 1.2"#,
+            r#""distance": 1, "distance": 2"#,
+            "/state/distance",
+        ),
         (r#", "distance": 1.2"#, "", "/state/distance"),
-        (r#""human": "stay""#, r#""human": "stay", "human": "go""#, "/actions/human"),
-        (r#""human": "stay""#, r#""human": {"move": "fly"}"#, "/actions/human/move"),
+        (
+            r#""human": "stay""#,
+            r#""human": "stay", "human": "go""#,
+            "/actions/human",
+        ),
+        (
+            r#""human": "stay""#,
+            r#""human": {"move": "fly"}"#,
+            "/actions/human/move",
+        ),
         (r#""human": "stay", "#, "", "/actions/human"),
-        (r#""human": "stay""#, r#""human": "stay", "dog": 1"#, "/actions/dog"),
+        (
+            r#""human": "stay""#,
+            r#""human": "stay", "dog": 1"#,
+            "/actions/dog",
+        ),
         (r#"{"speed": 2, "turn": -0.1}"#, "1", "/actions/robot"),
         (r#""speed": 2, "#, "", "/actions/robot/speed"),
         (r#"{"state""#, r#"{"count": 0, "state""#, "/count"),
         (r#"{"state""#, r#"{"count": -1, "state""#, "/count"),
         (r#"{"state""#, r#"{"count": 1.5, "state""#, "/count"),
         (r#"{"state""#, r#"{"count": "1", "state""#, "/count"),
-        (r#"{"state""#, r#"{"count": 1, "count": 1, "state""#, "/count"),
+        (
+            r#"{"state""#,
+            r#"{"count": 1, "count": 1, "state""#,
+            "/count",
+        ),
         (r#"{"state""#, r#"{"entry": 1, "state""#, "/entry"),
         (r#"{"state""#, r#"{"weight": 1, "state""#, "/weight"),
     ] {
@@ -108,10 +147,17 @@ fn a_bad_value_rejects_its_record_only() {
 
 #[test]
 fn null_says_that_a_member_is_absent() {
-    let nulls = batch(&[&with(r#"{"state""#, r#"{"entry": null, "count": null, "state""#), GOOD]);
+    let nulls = batch(&[
+        &with(r#"{"state""#, r#"{"entry": null, "count": null, "state""#),
+        GOOD,
+    ]);
     assert_eq!(nulls, batch(&[GOOD, GOOD]));
     for (good, instead, field) in [
-        (r#"{"state""#, r#"{"entry": null, "entry": true, "state""#, "/entry"),
+        (
+            r#"{"state""#,
+            r#"{"entry": null, "entry": true, "state""#,
+            "/entry",
+        ),
         (r#"{"state""#, r#"{"weight": null, "state""#, "/weight"),
         (r#""human": "stay""#, r#""human": null"#, "/actions/human"),
     ] {
@@ -121,23 +167,41 @@ fn null_says_that_a_member_is_absent() {
         r#"{{"producer": "p", "sequence": 3, "segment": null, "environment_uid": null, "transitions": [{GOOD}]}}"#
     );
     let incoming = batch_of_json(&schema(), body.as_bytes()).expect("a batch");
-    assert_eq!((incoming.batch, incoming.environment_uid.as_str()), (batch(&[GOOD]), ""));
+    assert_eq!(
+        (incoming.batch, incoming.environment_uid.as_str()),
+        (batch(&[GOOD]), "")
+    );
 }
 
 #[test]
 fn a_number_that_is_none_fails_a_document_and_rejects_a_line() {
     for word in ["NaN", "Infinity", "-Infinity"] {
         let bad = with("1.2", word);
-        let body = format!("{{\"producer\": \"p\", \"sequence\": 1, \"transitions\": [{GOOD}, {bad}, {GOOD}]}}");
+        let body = format!(
+            "{{\"producer\": \"p\", \"sequence\": 1, \"transitions\": [{GOOD}, {bad}, {GOOD}]}}"
+        );
         let problem = batch_of_json(&schema(), body.as_bytes()).expect_err("no JSON");
-        assert_eq!((problem.kind, problem.faults.len()), (ErrorKind::Invalid, 1));
+        assert_eq!(
+            (problem.kind, problem.faults.len()),
+            (ErrorKind::Invalid, 1)
+        );
         assert_eq!(problem.faults[0].pointer, "/transitions/1/state/distance");
         let told = format!("got {word}, expected a finite number");
         assert!(problem.faults[0].detail.starts_with(&told), "{problem}");
 
-        let lines = batch_of_lines(&schema(), head(), format!("{GOOD}\n{bad}\n{GOOD}").as_bytes()).expect("a batch");
-        let [rejected] = &lines.batch.records.undecodable[..] else { panic!("one line: {lines:?}") };
-        assert_eq!((rejected.index, rejected.field.as_str()), (1, "/state/distance"));
+        let lines = batch_of_lines(
+            &schema(),
+            head(),
+            format!("{GOOD}\n{bad}\n{GOOD}").as_bytes(),
+        )
+        .expect("a batch");
+        let [rejected] = &lines.batch.records.undecodable[..] else {
+            panic!("one line: {lines:?}")
+        };
+        assert_eq!(
+            (rejected.index, rejected.field.as_str()),
+            (1, "/state/distance")
+        );
         assert!(rejected.reason.starts_with(&told), "{}", rejected.reason);
     }
 }
@@ -148,21 +212,34 @@ fn a_number_that_no_double_holds_is_told_as_it_was_written() {
     assert_eq!(far.reason, "got -1.5E+400, expected a finite number");
     let digits = "9".repeat(400);
     let long = rejection(&with("1.2", &digits));
-    assert_eq!(long.reason, format!("got {}..., expected a finite number", &digits[..64]));
+    assert_eq!(
+        long.reason,
+        format!("got {}..., expected a finite number", &digits[..64])
+    );
 
-    let both = rejection(&with("1.2", "1e400").replace("\"stay\"", "{\"move\": {\"deep\": [1e400]}}"));
+    let both =
+        rejection(&with("1.2", "1e400").replace("\"stay\"", "{\"move\": {\"deep\": [1e400]}}"));
     assert_eq!(
         both.reason,
         "got 1e400, expected a finite number; \
          /actions/human/move: got an object, expected one of go, stay, or an index from 0 to 1"
     );
-    let twice = rejection(&with(r#""distance": 1.2"#, r#""distance": 1e400, "distance": 2"#));
+    let twice = rejection(&with(
+        r#""distance": 1.2"#,
+        r#""distance": 1e400, "distance": 2"#,
+    ));
     assert!(twice.reason.contains("given 2 times"), "{}", twice.reason);
 
     let lines = format!("{GOOD}\n{}\n{GOOD}", with("1.2", "1e400"));
     let lines = batch_of_lines(&schema(), head(), lines.as_bytes()).expect("a batch");
     let rejected = &lines.batch.records.undecodable[..];
-    assert_eq!(rejected.iter().map(|r| (r.index, r.field.as_str())).collect::<Vec<_>>(), [(1, "/state/distance")]);
+    assert_eq!(
+        rejected
+            .iter()
+            .map(|r| (r.index, r.field.as_str()))
+            .collect::<Vec<_>>(),
+        [(1, "/state/distance")]
+    );
 }
 
 #[test]
@@ -174,18 +251,37 @@ fn what_is_no_transition_is_rejected() {
         let batch = batch_of_lines(&schema(), head(), text.as_bytes()).expect("a batch");
         batch.batch.records.undecodable[0].reason.clone()
     };
-    for text in ["1e400 1", "{\"state\": 1e400", "{\"state\": 1e400, }", "{\"state\": 1e400, \"x\": \"\\ud800\"}"] {
-        assert!(lines(text).starts_with("not JSON: "), "{text}: {}", lines(text));
+    for text in [
+        "1e400 1",
+        "{\"state\": 1e400",
+        "{\"state\": 1e400, }",
+        "{\"state\": 1e400, \"x\": \"\\ud800\"}",
+    ] {
+        assert!(
+            lines(text).starts_with("not JSON: "),
+            "{text}: {}",
+            lines(text)
+        );
     }
-    let deep_behind = format!("{{\"state\": 1e400, \"x\": {}1{}}}", "{\"x\":".repeat(50_000), "}".repeat(50_000));
-    assert_eq!(rejection(&deep_behind).field, "/x", "nobody goes down there");
+    let deep_behind = format!(
+        "{{\"state\": 1e400, \"x\": {}1{}}}",
+        "{\"x\":".repeat(50_000),
+        "}".repeat(50_000)
+    );
+    assert_eq!(
+        rejection(&deep_behind).field,
+        "/x",
+        "nobody goes down there"
+    );
     let deep = format!("{}{}", "[".repeat(5_000), "]".repeat(5_000));
     assert!(rejection(&deep).reason.contains("recursion limit"));
 }
 
 #[test]
 fn all_faults_of_a_record_are_one_reason() {
-    let told = rejection(r#"{"state": {"distance": 1}, "actions": {"human": "fly", "robot": 1}, "count": 0}"#);
+    let told = rejection(
+        r#"{"state": {"distance": 1}, "actions": {"human": "fly", "robot": 1}, "count": 0}"#,
+    );
     assert_eq!(told.field, "/state/held");
     assert_eq!(
         told.reason,
@@ -199,28 +295,63 @@ fn all_faults_of_a_record_are_one_reason() {
 #[test]
 fn reasons_stay_short() {
     let long = "x".repeat(100_000);
-    let many: Vec<String> = (0..1_000).map(|i| format!("\"{long}{i}\": 1")).take(9).collect();
+    let many: Vec<String> = (0..1_000)
+        .map(|i| format!("\"{long}{i}\": 1"))
+        .take(9)
+        .collect();
     let told = rejection(&with(r#""distance": 1.2"#, &many.join(", ")));
-    assert!(told.reason.len() < 1_000 && told.field.len() < 300, "{}", told.reason.len());
+    assert!(
+        told.reason.len() < 1_000 && told.field.len() < 300,
+        "{}",
+        told.reason.len()
+    );
     assert!(told.reason.ends_with("; and 6 more"), "{}", told.reason);
 }
 
 #[test]
 fn what_is_wrong_with_the_batch_fails_it() {
     let pointer = |body: &str| {
-        batch_of_json(&schema(), body.as_bytes()).expect_err("wrong").faults.first().map(|fault| fault.pointer.clone())
+        batch_of_json(&schema(), body.as_bytes())
+            .expect_err("wrong")
+            .faults
+            .first()
+            .map(|fault| fault.pointer.clone())
     };
     let at = |text: &str| Some(text.to_owned());
     assert_eq!(pointer("nonsense"), at(""));
-    assert_eq!(pointer(r#"{"producer": "a", "sequence": -1, "transitions": []}"#), at("/sequence"));
-    assert_eq!(pointer(r#"{"producer": "a", "sequence": 0, "transitions": []}"#), at("/sequence"));
-    assert_eq!(pointer(r#"{"producer": "a b", "sequence": 1, "transitions": []}"#), at("/producer"));
-    assert_eq!(pointer(r#"{"producer": "a", "sequence": 1, "segment": "\n", "transitions": []}"#), at("/segment"));
-    assert_eq!(pointer(r#"{"producer": "a", "sequence": 1, "segments": "x", "transitions": []}"#), at("/segments"));
-    assert_eq!(pointer(r#"{"sequence": 1, "transitions": []}"#), at("/producer"));
+    assert_eq!(
+        pointer(r#"{"producer": "a", "sequence": -1, "transitions": []}"#),
+        at("/sequence")
+    );
+    assert_eq!(
+        pointer(r#"{"producer": "a", "sequence": 0, "transitions": []}"#),
+        at("/sequence")
+    );
+    assert_eq!(
+        pointer(r#"{"producer": "a b", "sequence": 1, "transitions": []}"#),
+        at("/producer")
+    );
+    assert_eq!(
+        pointer(r#"{"producer": "a", "sequence": 1, "segment": "\n", "transitions": []}"#),
+        at("/segment")
+    );
+    assert_eq!(
+        pointer(r#"{"producer": "a", "sequence": 1, "segments": "x", "transitions": []}"#),
+        at("/segments")
+    );
+    assert_eq!(
+        pointer(r#"{"sequence": 1, "transitions": []}"#),
+        at("/producer")
+    );
     assert_eq!(pointer("[]"), at(""));
-    assert_eq!(pointer(r#"{"producer": "a", "sequence": 1, "transitions": {}}"#), at("/transitions"));
-    assert_eq!(pointer(r#"{"producer": "a", "sequence": 1, "transitions": [{]}"#), at("/transitions/0"));
+    assert_eq!(
+        pointer(r#"{"producer": "a", "sequence": 1, "transitions": {}}"#),
+        at("/transitions")
+    );
+    assert_eq!(
+        pointer(r#"{"producer": "a", "sequence": 1, "transitions": [{]}"#),
+        at("/transitions/0")
+    );
 }
 
 #[test]
@@ -231,16 +362,26 @@ fn a_batch_has_a_limit() {
     };
     assert!(batch_of_json(&schema(), body(10_000).as_bytes()).is_ok());
     let problem = batch_of_json(&schema(), body(10_001).as_bytes()).expect_err("too large");
-    assert_eq!((problem.kind, problem.reason), (ErrorKind::TooLarge, "BATCH_TOO_LARGE"));
+    assert_eq!(
+        (problem.kind, problem.reason),
+        (ErrorKind::TooLarge, "BATCH_TOO_LARGE")
+    );
 }
 
 #[test]
 fn lines_are_the_same_batch() {
     let body = format!("{GOOD}\r\n\n  {GOOD}\nnot json\n{{\"a\": \"\u{e9}\"}}\n");
     let lines = batch_of_lines(&schema(), head(), body.as_bytes()).expect("a batch");
-    let rejected: Vec<u32> = lines.batch.records.undecodable.iter().map(|rejection| rejection.index).collect();
+    let rejected: Vec<u32> = lines
+        .batch
+        .records
+        .undecodable
+        .iter()
+        .map(|rejection| rejection.index)
+        .collect();
     assert_eq!((lines.batch.records.len, rejected), (4, vec![2, 3]));
-    let good = batch_of_lines(&schema(), head(), format!("{GOOD}\n{GOOD}").as_bytes()).expect("a batch");
+    let good =
+        batch_of_lines(&schema(), head(), format!("{GOOD}\n{GOOD}").as_bytes()).expect("a batch");
     assert_eq!(good.batch, batch(&[GOOD, GOOD]));
     let invalid = batch_of_lines(&schema(), head(), b"{\"state\": \"\xff\"}").expect("a batch");
     assert_eq!(invalid.batch.records.undecodable.len(), 1);

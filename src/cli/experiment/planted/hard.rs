@@ -46,19 +46,32 @@ pub(super) fn render(report: &Report) -> String {
 
 /// Says why one target is missing, where it is.
 fn of_segments(report: &Report) -> &'static str {
-    let told = report.options.worlds.iter().any(|world| world.generator == Generator::Segments);
+    let told = report
+        .options
+        .worlds
+        .iter()
+        .any(|world| world.generator == Generator::Segments);
     let why = "segments: what is established has no target, for the evidence does not tell segments with habits of their own apart\n";
     if told { why } else { "" }
 }
 
 fn said(report: &Report) -> String {
     let titles = SAID.map(Figure::as_str);
-    let mut table = Table::new(&[&["world", "actions", "states", "dependent"], titles.as_slice()].concat());
+    let mut table = Table::new(
+        &[
+            &["world", "actions", "states", "dependent"],
+            titles.as_slice(),
+        ]
+        .concat(),
+    );
     for world in report.options.worlds() {
-        let cells = SAID.map(|figure| match (figure, report.findings.find(&world, DECISION, figure)) {
-            (Figure::Rmse, error) => spread_to(4, error),
-            (_, told) => spread(told),
-        });
+        let cells =
+            SAID.map(
+                |figure| match (figure, report.findings.find(&world, DECISION, figure)) {
+                    (Figure::Rmse, error) => spread_to(4, error),
+                    (_, told) => spread(told),
+                },
+            );
         table.row(titled(&world).into_iter().chain(cells));
     }
     table.render("")
@@ -67,17 +80,33 @@ fn said(report: &Report) -> String {
 fn titled(world: &World) -> [String; 4] {
     let alphabet = world.generator.alphabet();
     let actions = format!("{} x {}", alphabet.rows, alphabet.columns);
-    [name(world).to_owned(), actions, count(world.states as u64), format!("{} %", world.dependent)]
+    [
+        name(world).to_owned(),
+        actions,
+        count(world.states as u64),
+        format!("{} %", world.dependent),
+    ]
 }
 
 fn decided(report: &Report) -> String {
-    let titles = DECIDED.map(|figure| if figure == Figure::Called { "influences" } else { figure.as_str() });
+    let titles = DECIDED.map(|figure| {
+        if figure == Figure::Called {
+            "influences"
+        } else {
+            figure.as_str()
+        }
+    });
     let mut table = Table::new(&[&["world"], titles.as_slice()].concat());
     for world in report.options.worlds() {
-        let cells = DECIDED.map(|figure| match (figure, report.findings.find(&world, DECISION, figure)) {
-            (Figure::Called, called) => spread_to(1, called.map(|share| of_states(share, &world))),
-            (_, told) => spread(told),
-        });
+        let cells =
+            DECIDED.map(
+                |figure| match (figure, report.findings.find(&world, DECISION, figure)) {
+                    (Figure::Called, called) => {
+                        spread_to(1, called.map(|share| of_states(share, &world)))
+                    }
+                    (_, told) => spread(told),
+                },
+            );
         table.row([name(&world).to_owned()].into_iter().chain(cells));
     }
     table.render("")
@@ -86,9 +115,19 @@ fn decided(report: &Report) -> String {
 /// Returns a share of states as a number of them.
 fn of_states(Spread { mean, sd, seeds }: Spread, world: &World) -> Spread {
     let states = world.states as f64;
-    Spread { mean: mean * states, sd: sd.map(|sd| sd * states), seeds }
+    Spread {
+        mean: mean * states,
+        sd: sd.map(|sd| sd * states),
+        seeds,
+    }
 }
 
 fn named(target: &Target) -> Vec<String> {
-    [name(&target.world), target.decision.as_str(), target.figure.as_str()].map(str::to_owned).to_vec()
+    [
+        name(&target.world),
+        target.decision.as_str(),
+        target.figure.as_str(),
+    ]
+    .map(str::to_owned)
+    .to_vec()
 }

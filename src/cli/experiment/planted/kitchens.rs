@@ -14,13 +14,16 @@ pub(super) fn render(report: &Report) -> String {
     for (world, facts) in &report.worlds {
         text += &format!("\n{}\n{}", titled(world, facts), compared(report, world));
     }
-    text +=
-        &format!("\ntargets, stated for 5 seeds or more\n{}", targets(&report.targets(), &["layout", "manner"], named));
+    text += &format!(
+        "\ntargets, stated for 5 seeds or more\n{}",
+        targets(&report.targets(), &["layout", "manner"], named)
+    );
     text
 }
 
 fn titled(World { layout, manner }: &World, facts: &Facts) -> String {
-    let [counted, unseen, steps] = [facts.counted, facts.unseen, facts.steps].map(|number| count(number as u64));
+    let [counted, unseen, steps] =
+        [facts.counted, facts.unseen, facts.steps].map(|number| count(number as u64));
     format!(
         "{} as {}, {}: {counted} steps counted; {unseen} states unseen, {steps} steps in them, {:.1} % with influence",
         layout.as_str(),
@@ -31,11 +34,16 @@ fn titled(World { layout, manner }: &World, facts: &Facts) -> String {
 }
 
 fn compared(report: &Report, world: &World) -> String {
-    let mut table = Table::new(&[&["decision"], Figure::ALL.map(Figure::as_str).as_slice()].concat());
+    let mut table =
+        Table::new(&[&["decision"], Figure::ALL.map(Figure::as_str).as_slice()].concat());
     for decision in Decision::ALL {
-        let cells = Figure::ALL.map(|figure| match (figure, report.findings.find(world, decision, figure)) {
-            (Figure::Called, Some(states)) => format!("{:.1} ±{:.1}", states.mean, states.sd.unwrap_or(0.0)),
-            (_, told) => spread(told),
+        let cells = Figure::ALL.map(|figure| {
+            match (figure, report.findings.find(world, decision, figure)) {
+                (Figure::Called, Some(states)) => {
+                    format!("{:.1} ±{:.1}", states.mean, states.sd.unwrap_or(0.0))
+                }
+                (_, told) => spread(told),
+            }
         });
         table.row([decision.as_str().to_owned()].into_iter().chain(cells));
     }
@@ -44,5 +52,12 @@ fn compared(report: &Report, world: &World) -> String {
 
 fn named(target: &Target) -> Vec<String> {
     let World { layout, manner } = target.world;
-    [layout.as_str(), manner.as_str(), target.decision.as_str(), target.figure.as_str()].map(str::to_owned).to_vec()
+    [
+        layout.as_str(),
+        manner.as_str(),
+        target.decision.as_str(),
+        target.figure.as_str(),
+    ]
+    .map(str::to_owned)
+    .to_vec()
 }

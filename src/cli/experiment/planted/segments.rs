@@ -14,8 +14,15 @@ pub(super) fn render(report: &Report) -> String {
         count(report.options.states as u64),
         100.0 * Options::default().dependent,
     );
-    for (within, visits) in Within::ALL.into_iter().flat_map(|within| VISITS.map(|visits| (within, visits))) {
-        text += &format!("\n{}, {visits} visits a state\n{}", within.as_str(), found(report, within, visits));
+    for (within, visits) in Within::ALL
+        .into_iter()
+        .flat_map(|within| VISITS.map(|visits| (within, visits)))
+    {
+        text += &format!(
+            "\n{}, {visits} visits a state\n{}",
+            within.as_str(),
+            found(report, within, visits)
+        );
     }
     text += &format!(
         "\ntargets, stated for 200 states and at least 3 seeds; none where there are no such states, or fewer than 20 are established\n{}",
@@ -27,10 +34,19 @@ pub(super) fn render(report: &Report) -> String {
 fn found(report: &Report, within: Within, visits: usize) -> String {
     let titles = Figure::ALL.map(Figure::as_str);
     let mut table = Table::new(&[&["world", "segments", "actions"], titles.as_slice()].concat());
-    for world in report.options.worlds().into_iter().filter(|world| world.visits == visits) {
+    for world in report
+        .options
+        .worlds()
+        .into_iter()
+        .filter(|world| world.visits == visits)
+    {
         let cells = Figure::ALL.map(|figure| {
             let found = report.findings.find(&world, within, figure);
-            if is_number(figure) { spread_to(1, found) } else { spread(found) }
+            if is_number(figure) {
+                spread_to(1, found)
+            } else {
+                spread(found)
+            }
         });
         table.row(titled(&world).into_iter().chain(cells));
     }
@@ -39,16 +55,30 @@ fn found(report: &Report, within: Within, visits: usize) -> String {
 
 /// Returns whether a figure is a number of states, not a share of them.
 fn is_number(figure: Figure) -> bool {
-    matches!(figure, Figure::Established | Figure::Listed | Figure::ListedByP)
+    matches!(
+        figure,
+        Figure::Established | Figure::Listed | Figure::ListedByP
+    )
 }
 
 fn titled(world: &World) -> [String; 3] {
     let alphabet = world.drawn.alphabet;
     let actions = format!("{} x {}", alphabet.rows, alphabet.columns);
-    [world.drawn.name.to_owned(), world.drawn.segments.to_string(), actions]
+    [
+        world.drawn.name.to_owned(),
+        world.drawn.segments.to_string(),
+        actions,
+    ]
 }
 
 fn named(target: &Target) -> Vec<String> {
     let World { drawn, visits, .. } = target.world;
-    [drawn.name, &visits.to_string(), target.decision.as_str(), target.figure.as_str()].map(str::to_owned).to_vec()
+    [
+        drawn.name,
+        &visits.to_string(),
+        target.decision.as_str(),
+        target.figure.as_str(),
+    ]
+    .map(str::to_owned)
+    .to_vec()
 }

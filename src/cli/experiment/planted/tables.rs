@@ -24,12 +24,24 @@ const COMPARED: [Figure; 9] = [
 
 /// The figures that show what is called influence where there is little of it, or nothing else.
 const CALLED: [(&str, Decision, Figure); 7] = [
-    ("mean P(dependent)", Decision::SpikeAndSlab, Figure::MeanProbability),
+    (
+        "mean P(dependent)",
+        Decision::SpikeAndSlab,
+        Figure::MeanProbability,
+    ),
     ("established", Decision::SpikeAndSlab, Figure::Established),
-    ("falsely", Decision::SpikeAndSlab, Figure::FalselyEstablished),
+    (
+        "falsely",
+        Decision::SpikeAndSlab,
+        Figure::FalselyEstablished,
+    ),
     ("called", Decision::SpikeAndSlab, Figure::Called),
     ("falsely", Decision::SpikeAndSlab, Figure::FalselyCalled),
-    ("called by the paper's rule", Decision::PapersFilter, Figure::Called),
+    (
+        "called by the paper's rule",
+        Decision::PapersFilter,
+        Figure::Called,
+    ),
     ("falsely", Decision::PapersFilter, Figure::FalselyCalled),
 ];
 
@@ -43,11 +55,21 @@ pub(super) fn render(report: &Report) -> String {
     );
     for generator in Generator::USUAL {
         let letters = generator.alphabet().rows;
-        text +=
-            &format!("\n{}: {letters} x {letters} actions\n{}", generator_name(generator), compared(report, generator));
+        text += &format!(
+            "\n{}: {letters} x {letters} actions\n{}",
+            generator_name(generator),
+            compared(report, generator)
+        );
     }
-    text += &format!("\n{} where there is less to go by, or nothing\n{}", Figure::AucPlanted.as_str(), arms(report));
-    text += &format!("\nwhat is said of whole worlds, % of states\n{}", called(report));
+    text += &format!(
+        "\n{} where there is less to go by, or nothing\n{}",
+        Figure::AucPlanted.as_str(),
+        arms(report)
+    );
+    text += &format!(
+        "\nwhat is said of whole worlds, % of states\n{}",
+        called(report)
+    );
     text += &format!(
         "\ntargets, stated for 2,500 states and at least 10 seeds; precision where 20 or more are called\n{}",
         targets(&report.targets(), &["world"], named)
@@ -59,7 +81,9 @@ fn compared(report: &Report, generator: Generator) -> String {
     let mut table = Table::new(&[&["decision"], COMPARED.map(Figure::as_str).as_slice()].concat());
     let world = report.options.compared(generator, Arm::Plain);
     for decision in Decision::ALL {
-        let cells = COMPARED.iter().map(|figure| spread(report.findings.find(&world, decision, *figure)));
+        let cells = COMPARED
+            .iter()
+            .map(|figure| spread(report.findings.find(&world, decision, *figure)));
         table.row(std::iter::once(decision.as_str().to_owned()).chain(cells));
     }
     table.render("")
@@ -69,12 +93,23 @@ fn arms(report: &Report) -> String {
     let titles = Generator::USUAL.map(generator_name);
     let mut table = Table::new(&[&["arm", "decision"], titles.as_slice()].concat());
     for arm in [Arm::Plain, Arm::LeakFree, Arm::Shuffled] {
-        for decision in Decision::ALL.into_iter().filter(|decision| *decision != Decision::PapersFilter) {
+        for decision in Decision::ALL
+            .into_iter()
+            .filter(|decision| *decision != Decision::PapersFilter)
+        {
             let area = |generator| {
-                report.findings.find(&report.options.compared(generator, arm), decision, Figure::AucPlanted)
+                report.findings.find(
+                    &report.options.compared(generator, arm),
+                    decision,
+                    Figure::AucPlanted,
+                )
             };
             let named = [arm_name(arm), decision.as_str()].map(str::to_owned);
-            table.row(named.into_iter().chain(Generator::USUAL.map(|generator| spread(area(generator)))));
+            table.row(
+                named
+                    .into_iter()
+                    .chain(Generator::USUAL.map(|generator| spread(area(generator)))),
+            );
         }
     }
     table.render("")
@@ -82,27 +117,54 @@ fn arms(report: &Report) -> String {
 
 fn called(report: &Report) -> String {
     let titles = CALLED.map(|(title, ..)| title);
-    let mut table = Table::new(&[&["world", "states", "with influence"], titles.as_slice()].concat());
+    let mut table =
+        Table::new(&[&["world", "states", "with influence"], titles.as_slice()].concat());
     let mut row = |name: &str, world: World| {
         let cell = |(_, decision, figure)| report.findings.find(&world, decision, figure);
-        let percent =
-            |spread: Option<Spread>| spread.map_or("-".to_owned(), |spread| format!("{:.1}", spread.mean * 100.0));
-        let named = [name.to_owned(), count(world.states as u64), format!("{} %", world.dependent)];
-        table.row(named.into_iter().chain(CALLED.map(|column| percent(cell(column)))));
+        let percent = |spread: Option<Spread>| {
+            spread.map_or("-".to_owned(), |spread| {
+                format!("{:.1}", spread.mean * 100.0)
+            })
+        };
+        let named = [
+            name.to_owned(),
+            count(world.states as u64),
+            format!("{} %", world.dependent),
+        ];
+        table.row(
+            named
+                .into_iter()
+                .chain(CALLED.map(|column| percent(cell(column)))),
+        );
     };
     for generator in Generator::USUAL {
         let name = generator_name(generator);
         for states in report.options.sizes() {
             for dependent in SHARES {
-                row(name, World { generator, arm: Arm::Plain, states, dependent });
+                row(
+                    name,
+                    World {
+                        generator,
+                        arm: Arm::Plain,
+                        states,
+                        dependent,
+                    },
+                );
             }
         }
-        row(&format!("{name} shuffled"), report.options.compared(generator, Arm::Shuffled));
+        row(
+            &format!("{name} shuffled"),
+            report.options.compared(generator, Arm::Shuffled),
+        );
     }
     table.render("")
 }
 
 fn named(target: &Target) -> Vec<String> {
-    let names = [generator_name(target.world.generator), target.decision.as_str(), target.figure.as_str()];
+    let names = [
+        generator_name(target.world.generator),
+        target.decision.as_str(),
+        target.figure.as_str(),
+    ];
     names.map(str::to_owned).to_vec()
 }

@@ -20,7 +20,14 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self { seeds: Seeds { number: 10, first: 1 }, states: None, worlds: worlds() }
+        Self {
+            seeds: Seeds {
+                number: 10,
+                first: 1,
+            },
+            states: None,
+            worlds: worlds(),
+        }
     }
 }
 
@@ -28,7 +35,13 @@ impl Options {
     /// Returns the worlds as they are drawn, none larger than wanted.
     pub fn worlds(&self) -> Vec<World> {
         let most = self.states.unwrap_or(usize::MAX);
-        self.worlds.iter().map(|world| World { states: world.states.min(most), ..*world }).collect()
+        self.worlds
+            .iter()
+            .map(|world| World {
+                states: world.states.min(most),
+                ..*world
+            })
+            .collect()
     }
 }
 
@@ -54,7 +67,12 @@ pub fn name(world: &World) -> &'static str {
 }
 
 fn world(generator: Generator, dependent: u32) -> World {
-    World { generator, arm: Arm::Plain, states: usual_states(generator), dependent }
+    World {
+        generator,
+        arm: Arm::Plain,
+        states: usual_states(generator),
+        dependent,
+    }
 }
 
 /// Returns the percentage of dependent states.
@@ -83,15 +101,24 @@ mod tests {
 
     #[test]
     fn every_world_is_found_by_its_own_name() {
-        let found: Vec<World> = worlds().iter().map(|world| named(name(world)).expect("a hard world")).collect();
+        let found: Vec<World> = worlds()
+            .iter()
+            .map(|world| named(name(world)).expect("a hard world"))
+            .collect();
         assert_eq!(found, worlds());
         assert_eq!(worlds().len(), 16);
     }
 
     #[test]
     fn no_world_is_larger_than_wanted() {
-        let options = Options { states: Some(200), ..Options::default() };
+        let options = Options {
+            states: Some(200),
+            ..Options::default()
+        };
         let states: Vec<usize> = options.worlds().iter().map(|world| world.states).collect();
-        assert!(states.contains(&150) && states.iter().all(|states| *states == 150 || *states == 200), "{states:?}");
+        assert!(
+            states.contains(&150) && states.iter().all(|states| *states == 150 || *states == 200),
+            "{states:?}"
+        );
     }
 }

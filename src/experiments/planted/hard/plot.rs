@@ -8,7 +8,10 @@ use crate::experiments::planted::{Figure, World};
 const FIGURES: [Figure; 2] = [Figure::Coverage, Figure::CoverageDependent];
 
 /// What stands for each of them.
-const MARKS: [Mark<'_>; 2] = [(Shape::Disc, BLUE, "all states"), (Shape::Triangle, VERMILION, "dependent states")];
+const MARKS: [Mark<'_>; 2] = [
+    (Shape::Disc, BLUE, "all states"),
+    (Shape::Triangle, VERMILION, "dependent states"),
+];
 
 /// The heights of a row and of everything else, in pixels.
 const ROW: u32 = 32;
@@ -19,7 +22,10 @@ pub fn plot(report: &Report) -> String {
     let worlds = report.options.worlds();
     let rows: Vec<&str> = worlds.iter().map(name).collect();
     Dots {
-        title: format!("Does the 90 % interval hold the truth? Mean and sd over {}", report.options.seeds),
+        title: format!(
+            "Does the 90 % interval hold the truth? Mean and sd over {}",
+            report.options.seeds
+        ),
         size: (760, REST + ROW * rows.len() as u32),
         rows: &rows,
         marks: &MARKS,
@@ -32,12 +38,25 @@ pub fn plot(report: &Report) -> String {
 }
 
 fn panel(report: &Report, worlds: &[World]) -> Panel {
-    let row = |world: &World| FIGURES.map(|figure| report.findings.find(world, DECISION, figure)).to_vec();
-    Panel { caption: "share of states".into(), rows: worlds.iter().map(row).collect() }
+    let row = |world: &World| {
+        FIGURES
+            .map(|figure| report.findings.find(world, DECISION, figure))
+            .to_vec()
+    };
+    Panel {
+        caption: "share of states".into(),
+        rows: worlds.iter().map(row).collect(),
+    }
 }
 
 /// Returns the lowest end of all bars, or one half if that is lower.
 fn lowest(report: &Report) -> f64 {
-    let shown = report.findings.0.iter().filter(|finding| FIGURES.contains(&finding.figure));
-    shown.map(|finding| within_sd(finding.spread)[0]).fold(0.5, f64::min)
+    let shown = report
+        .findings
+        .0
+        .iter()
+        .filter(|finding| FIGURES.contains(&finding.figure));
+    shown
+        .map(|finding| within_sd(finding.spread)[0])
+        .fold(0.5, f64::min)
 }

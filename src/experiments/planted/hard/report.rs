@@ -14,7 +14,11 @@ impl Plan<World, Decision, Figure> for Options {
     const EXPERIMENT: &'static str = "planted-hard";
 
     fn parameters(&self) -> Value {
-        let Options { seeds: Seeds { number, first }, states, worlds } = self;
+        let Options {
+            seeds: Seeds { number, first },
+            states,
+            worlds,
+        } = self;
         let worlds: Vec<&str> = worlds.iter().map(name).collect();
         json!({"seeds": number, "first_seed": first, "states": states, "worlds": worlds})
     }

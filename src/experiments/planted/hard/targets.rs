@@ -6,26 +6,37 @@ use crate::experiments::planted::targets::{RIGHT, is_told};
 use crate::experiments::planted::{Figure, Findings, Target, World};
 use crate::simulation::planted::Generator;
 
-/// Returns every target beside what was measured. Where a figure is of states that a world has none of, nothing was to be shown.
+/// Returns every target beside what was measured. Where a figure is of states that a world has none
+/// of, nothing was to be shown.
 pub(super) fn targets(options: &Options, findings: &Findings) -> Vec<Target> {
-    let targets =
-        |world: World| bounds(world.generator).into_iter().filter_map(move |bound| of(findings, world, bound));
+    let targets = |world: World| {
+        bounds(world.generator)
+            .into_iter()
+            .filter_map(move |bound| of(findings, world, bound))
+    };
     options.worlds().into_iter().flat_map(targets).collect()
 }
 
 fn of(findings: &Findings, world: World, (figure, bound): (Figure, Bound)) -> Option<Target> {
     let measured = findings.find(&world, DECISION, figure)?.mean;
     let told = is_told(findings, &world, DECISION, figure);
-    told.then_some(Target { world, decision: DECISION, figure, bound, measured: Some(measured) })
+    told.then_some(Target {
+        world,
+        decision: DECISION,
+        figure,
+        bound,
+        measured: Some(measured),
+    })
 }
 
 /// Where the figures of a world have to lie; means over ten seeds and more.
 fn bounds(generator: Generator) -> Vec<(Figure, Bound)> {
     let error = most_error(generator).map(|most| (Figure::Rmse, Bound::AtMost(most)));
     let [covered, excluded] = [least_covered(generator), most_excluded(generator)];
-    // Evidence does not tell segments apart: where their habits differ, the pooled counts do depend on each other.
-    let established =
-        (generator != Generator::Segments).then_some((Figure::EstablishedIfIndependent, Bound::AtMost(0.01)));
+    // Evidence does not tell segments apart: where their habits differ, the pooled counts do depend
+    // on each other.
+    let established = (generator != Generator::Segments)
+        .then_some((Figure::EstablishedIfIndependent, Bound::AtMost(0.01)));
     let everywhere = [
         (Figure::CoverageDependent, Bound::AtLeast(covered)),
         (Figure::ExcludedIfDependent, Bound::AtMost(excluded)),
@@ -34,10 +45,15 @@ fn bounds(generator: Generator) -> Vec<(Figure, Bound)> {
         (Figure::WrongByMany, Bound::AtMost(0.01)),
         (Figure::UndecidedByFew, Bound::AtLeast(0.99)),
     ];
-    error.into_iter().chain(established).chain(everywhere).collect()
+    error
+        .into_iter()
+        .chain(established)
+        .chain(everywhere)
+        .collect()
 }
 
-/// Returns the largest error: a tenth above that of a prototype on the same kinds of worlds, where it was measured.
+/// Returns the largest error: a tenth above that of a prototype on the same kinds of worlds, where
+/// it was measured.
 fn most_error(generator: Generator) -> Option<f64> {
     match generator {
         Generator::TwoByTwo => Some(0.048),
@@ -66,5 +82,9 @@ fn least_covered(generator: Generator) -> f64 {
 
 /// Returns the largest share of dependent states whose dependence is excluded.
 fn most_excluded(generator: Generator) -> f64 {
-    if generator == Generator::Rare { 0.10 } else { 0.03 }
+    if generator == Generator::Rare {
+        0.10
+    } else {
+        0.03
+    }
 }

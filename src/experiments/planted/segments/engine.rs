@@ -22,8 +22,16 @@ impl Said {
     /// Tells a posterior, beside that of a state never seen, by the tables that it was made of.
     pub fn new(posterior: &Posterior, unseen: &Posterior, tables: &[Table]) -> Self {
         let threshold = Rule::default().threshold_nats();
-        let believed = Believed::new(posterior.beliefs(threshold), unseen.beliefs(threshold), tables);
-        Self { dependent: posterior.dependent(), interval: posterior.interval(), dependence: dependence(&believed) }
+        let believed = Believed::new(
+            posterior.beliefs(threshold),
+            unseen.beliefs(threshold),
+            tables,
+        );
+        Self {
+            dependent: posterior.dependent(),
+            interval: posterior.interval(),
+            dependence: dependence(&believed),
+        }
     }
 }
 
@@ -71,7 +79,10 @@ impl Within {
 
 fn asked<E: Engine>(alphabet: Alphabet, states: &[Vec<Table>]) -> Vec<Said> {
     let engine = E::fit(alphabet, states);
-    states.par_iter().map(|segments| engine.posterior(segments)).collect()
+    states
+        .par_iter()
+        .map(|segments| engine.posterior(segments))
+        .collect()
 }
 
 /// Evidence that does not know about segments.
@@ -90,7 +101,11 @@ impl Engine for Pooled {
     fn posterior(&self, segments: &[Table]) -> Said {
         let Self(prior) = self;
         let table = [pooled(segments)];
-        Said::new(&prior.posterior(prior.habits(), &table), prior.unseen(), &table)
+        Said::new(
+            &prior.posterior(prior.habits(), &table),
+            prior.unseen(),
+            &table,
+        )
     }
 }
 
@@ -100,7 +115,12 @@ pub struct Auto(Prior);
 impl Engine for Auto {
     fn fit(alphabet: Alphabet, states: &[Vec<Table>]) -> Self {
         let wholes: Vec<[Table; 1]> = states.iter().map(|segments| [pooled(segments)]).collect();
-        let counted = || wholes.iter().zip(states).map(|(whole, segments)| counted(whole, segments));
+        let counted = || {
+            wholes
+                .iter()
+                .zip(states)
+                .map(|(whole, segments)| counted(whole, segments))
+        };
         let mut uses = Uses::new(alphabet);
         counted().for_each(|state| uses.add(state));
         let mut fitter = Fitter::new(alphabet, &uses);
@@ -111,10 +131,17 @@ impl Engine for Auto {
     fn posterior(&self, segments: &[Table]) -> Said {
         let Self(prior) = self;
         let whole = [pooled(segments)];
-        Said::new(&prior.posterior(prior.habits(), counted(&whole, segments)), prior.unseen(), &whole)
+        Said::new(
+            &prior.posterior(prior.habits(), counted(&whole, segments)),
+            prior.unseen(),
+            &whole,
+        )
     }
 }
 
 fn counted<'a>(whole: &'a [Table; 1], segments: &'a [Table]) -> Counted<'a> {
-    Counted { slices: whole, parts: if segments.len() > 1 { segments } else { &[] } }
+    Counted {
+        slices: whole,
+        parts: if segments.len() > 1 { segments } else { &[] },
+    }
 }

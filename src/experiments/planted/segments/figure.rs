@@ -12,7 +12,8 @@ pub enum Figure {
     Established,
     /// The share of independent states whose dependence is established.
     EstablishedIfIndependent,
-    /// The share of states whose dependence is established that have none: what is false among what is called.
+    /// The share of states whose dependence is established that have none: what is false among what
+    /// is called.
     FalselyEstablished,
     /// The share of dependent states whose dependence is established.
     Recall,
@@ -96,11 +97,17 @@ impl Figure {
             frequency(cases.iter().filter(|case| among(case)).map(so))
         };
         match self {
-            Self::Established => Some(cases.iter().filter(|case| case.is_established()).count() as f64),
-            Self::EstablishedIfIndependent => share(|case| !case.is_dependent(), Case::is_established),
+            Self::Established => {
+                Some(cases.iter().filter(|case| case.is_established()).count() as f64)
+            }
+            Self::EstablishedIfIndependent => {
+                share(|case| !case.is_dependent(), Case::is_established)
+            }
             Self::FalselyEstablished => share(Case::is_established, |case| !case.is_dependent()),
             Self::Recall => share(Case::is_dependent, Case::is_established),
-            Self::ExcludedIfDependent => share(Case::is_dependent, |case| case.is_told(Dependence::Excluded)),
+            Self::ExcludedIfDependent => share(Case::is_dependent, |case| {
+                case.is_told(Dependence::Excluded)
+            }),
             Self::Covered => share(Case::is_dependent, Case::is_covered),
             Self::Listed => Some(listed(cases).len() as f64),
             Self::FalselyListed => Some(falsely(&listed(cases))),
@@ -112,7 +119,9 @@ impl Figure {
 
 /// Measures every figure; `None` where one is not defined.
 pub fn measure(cases: &[Case]) -> Vec<(Figure, Option<f64>)> {
-    Figure::ALL.map(|figure| (figure, figure.of(cases))).to_vec()
+    Figure::ALL
+        .map(|figure| (figure, figure.of(cases)))
+        .to_vec()
 }
 
 /// Returns the states on the list that is made of the probabilities of dependence.
@@ -123,13 +132,20 @@ fn listed(cases: &[Case]) -> Vec<&Case> {
 
 /// Returns the states on the list that is made of the p-values.
 fn listed_by_p(cases: &[Case]) -> Vec<&Case> {
-    let (testable, p_values): (Vec<&Case>, Vec<f64>) =
-        cases.iter().filter_map(|case| Some((case, case.p_value?))).unzip();
+    let (testable, p_values): (Vec<&Case>, Vec<f64>) = cases
+        .iter()
+        .filter_map(|case| Some((case, case.p_value?)))
+        .unzip();
     chosen(testable, benjamini_hochberg(&p_values, FDR))
 }
 
 fn chosen<'a>(cases: impl IntoIterator<Item = &'a Case>, chosen: Vec<bool>) -> Vec<&'a Case> {
-    cases.into_iter().zip(chosen).filter(|(_, chosen)| *chosen).map(|(case, _)| case).collect()
+    cases
+        .into_iter()
+        .zip(chosen)
+        .filter(|(_, chosen)| *chosen)
+        .map(|(case, _)| case)
+        .collect()
 }
 
 /// Returns the share of a list that is independent.
@@ -142,8 +158,21 @@ mod tests {
     use super::*;
 
     /// A state with the interval 0.1 to 0.3.
-    fn case(information: f64, dependent: f64, dependence: Dependence, p_value: Option<f64>) -> Case {
-        Case { information, said: Said { dependent, interval: [0.1, 0.3], dependence }, p_value }
+    fn case(
+        information: f64,
+        dependent: f64,
+        dependence: Dependence,
+        p_value: Option<f64>,
+    ) -> Case {
+        Case {
+            information,
+            said: Said {
+                dependent,
+                interval: [0.1, 0.3],
+                dependence,
+            },
+            p_value,
+        }
     }
 
     fn figures(cases: &[Case]) -> [Option<f64>; 10] {
@@ -161,8 +190,18 @@ mod tests {
             case(0.0, 0.02, Dependence::Excluded, None),
         ];
         let third = Some(1.0 / 3.0);
-        let expected =
-            [Some(3.0), Some(0.5), third, Some(0.5), Some(0.25), Some(0.75), Some(3.0), third, Some(3.0), third];
+        let expected = [
+            Some(3.0),
+            Some(0.5),
+            third,
+            Some(0.5),
+            Some(0.25),
+            Some(0.75),
+            Some(3.0),
+            third,
+            Some(3.0),
+            third,
+        ];
         assert_eq!(figures(&cases), expected);
     }
 
@@ -170,6 +209,9 @@ mod tests {
     fn what_nothing_can_be_said_of_is_not_defined() {
         let open = case(0.0, 0.1, Dependence::Open, None);
         let zero = Some(0.0);
-        assert_eq!(figures(&[open]), [zero, zero, None, None, None, None, zero, zero, zero, zero]);
+        assert_eq!(
+            figures(&[open]),
+            [zero, zero, None, None, None, None, zero, zero, zero, zero]
+        );
     }
 }

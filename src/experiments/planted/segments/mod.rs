@@ -1,7 +1,9 @@
-//! Stratified worlds: what evidence makes of states whose visits come in segments, where habits may differ between them.
+//! Stratified worlds: what evidence makes of states whose visits come in segments, where habits may
+//! differ between them.
 //!
-//! Everything else here asks a service. This asks the evidence by itself, so that ways to treat segments can be held to the same targets before a question
-//! can name them: [`Within`] lists the ways, [`Engine`] is what each of them must answer.
+//! Everything else here asks a service. This asks the evidence by itself, so that ways to treat
+//! segments can be held to the same targets before a question can name them: [`Within`] lists the
+//! ways, [`Engine`] is what each of them must answer.
 
 mod engine;
 mod figure;
@@ -37,8 +39,15 @@ pub fn run(options: &Options, mut done: impl FnMut()) -> Report {
         let of_seeds: Vec<Measured> = options.seeds.iter().map(&mut of_seed).collect();
         findings::over_seeds(world, &of_seeds)
     };
-    let findings = options.worlds().into_iter().flat_map(&mut of_world).collect();
-    Report { options: options.clone(), findings: findings::Findings(findings) }
+    let findings = options
+        .worlds()
+        .into_iter()
+        .flat_map(&mut of_world)
+        .collect();
+    Report {
+        options: options.clone(),
+        findings: findings::Findings(findings),
+    }
 }
 
 type Measured = findings::Measured<Within, Figure>;
@@ -47,10 +56,21 @@ impl World {
     /// Draws the world and measures what is said of it in each way.
     fn measured(&self, seed: u64) -> Measured {
         let usual = drawn::Options::default();
-        let states =
-            drawn::states(&self.drawn, &drawn::Options { states: self.states, visits: self.visits, seed, ..usual });
+        let states = drawn::states(
+            &self.drawn,
+            &drawn::Options {
+                states: self.states,
+                visits: self.visits,
+                seed,
+                ..usual
+            },
+        );
         let cut: Vec<Vec<Table>> = states.iter().map(drawn::State::cut).collect();
-        let p_values: Vec<Option<f64>> = cut.par_iter().enumerate().map(|(at, cut)| tested(cut, at as u64)).collect();
+        let p_values: Vec<Option<f64>> = cut
+            .par_iter()
+            .enumerate()
+            .map(|(at, cut)| tested(cut, at as u64))
+            .collect();
 
         let measured = |within: Within| {
             let said = within.ask(self.drawn.alphabet, &cut);
@@ -60,18 +80,25 @@ impl World {
                 p_value: *p_value,
             };
             let cases: Vec<Case> = states.iter().zip(said).zip(&p_values).map(case).collect();
-            measure(&cases).into_iter().map(move |(figure, value)| (within, figure, value))
+            measure(&cases)
+                .into_iter()
+                .map(move |(figure, value)| (within, figure, value))
         };
         Within::ALL.into_iter().flat_map(measured).collect()
     }
 }
 
-/// Returns the p-value of independence within segments; `None` where no counts at these margins could be listed (Tarone 1990).
+/// Returns the p-value of independence within segments; `None` where no counts at these margins
+/// could be listed (Tarone 1990).
 fn tested(cut: &[Table], seed: u64) -> Option<f64> {
     let p_value = |permutations| p_value(cut, permutations, seed).p_value;
     (smallest_p(cut) <= FDR).then(|| {
         let first = p_value(PERMUTATIONS[0]);
-        if first <= FDR { p_value(PERMUTATIONS[1]) } else { first }
+        if first <= FDR {
+            p_value(PERMUTATIONS[1])
+        } else {
+            first
+        }
     })
 }
 
@@ -81,12 +108,18 @@ mod tests {
     use crate::simulation::planted::segments::WORLDS;
 
     fn world(name: &str, visits: usize) -> World {
-        World { drawn: named(name).expect("a world"), visits, states: 120 }
+        World {
+            drawn: named(name).expect("a world"),
+            visits,
+            states: 120,
+        }
     }
 
     fn figure(world: World, figure: Figure) -> f64 {
         let measured = world.measured(1);
-        let found = measured.into_iter().find(|(within, of, _)| (*within, *of) == (Within::Pooled, figure));
+        let found = measured
+            .into_iter()
+            .find(|(within, of, _)| (*within, *of) == (Within::Pooled, figure));
         found.and_then(|(.., value)| value).expect("defined")
     }
 
@@ -109,7 +142,11 @@ mod tests {
         let worlds = Options::default().worlds();
         assert_eq!(worlds.len(), VISITS.len() * WORLDS.len());
         for world in WORLDS {
-            let visits: Vec<usize> = worlds.iter().filter(|of| of.drawn == world).map(|of| of.visits).collect();
+            let visits: Vec<usize> = worlds
+                .iter()
+                .filter(|of| of.drawn == world)
+                .map(|of| of.visits)
+                .collect();
             assert_eq!(visits, VISITS);
         }
     }

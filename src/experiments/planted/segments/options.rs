@@ -1,4 +1,5 @@
-//! What is run: which worlds of segments, how often each state of theirs is seen, and for which seeds.
+//! What is run: which worlds of segments, how often each state of theirs is seen, and for which
+//! seeds.
 
 use crate::experiments::seeds::Seeds;
 use crate::simulation::planted::segments::{self as drawn, WORLDS};
@@ -34,7 +35,10 @@ pub struct Options {
 impl Default for Options {
     fn default() -> Self {
         Self {
-            seeds: Seeds { number: 10, first: 1 },
+            seeds: Seeds {
+                number: 10,
+                first: 1,
+            },
             states: drawn::Options::default().states,
             worlds: WORLDS.to_vec(),
         }
@@ -46,7 +50,13 @@ impl Options {
     pub fn worlds(&self) -> Vec<World> {
         let with_visits = |visits| self.worlds.iter().map(move |drawn| (*drawn, visits));
         let worlds = VISITS.into_iter().flat_map(with_visits);
-        worlds.map(|(drawn, visits)| World { drawn, visits, states: self.states }).collect()
+        worlds
+            .map(|(drawn, visits)| World {
+                drawn,
+                visits,
+                states: self.states,
+            })
+            .collect()
     }
 }
 

@@ -5,7 +5,10 @@ use crate::experiments::dots::{BLUE, Dots, Mark, Panel, Shape, VERMILION};
 use crate::simulation::planted::segments as drawn;
 
 /// What stands for each number of visits.
-const MARKS: [Mark<'_>; 2] = [(Shape::Disc, BLUE, "30 visits a state"), (Shape::Triangle, VERMILION, "150 visits")];
+const MARKS: [Mark<'_>; 2] = [
+    (Shape::Disc, BLUE, "30 visits a state"),
+    (Shape::Triangle, VERMILION, "150 visits"),
+];
 
 /// The heights of a row and of everything else, in pixels.
 const ROW: u32 = 24;
@@ -16,7 +19,10 @@ pub fn plot(report: &Report) -> String {
     let worlds = &report.options.worlds;
     let rows: Vec<&str> = worlds.iter().map(|world| world.name).collect();
     Dots {
-        title: format!("Which independent states are called dependent? Mean and sd over {}", report.options.seeds),
+        title: format!(
+            "Which independent states are called dependent? Mean and sd over {}",
+            report.options.seeds
+        ),
         size: (760, REST + ROW * rows.len() as u32),
         rows: &rows,
         marks: &MARKS,
@@ -30,10 +36,19 @@ pub fn plot(report: &Report) -> String {
 
 fn panel(report: &Report, worlds: &[drawn::World]) -> Panel {
     let share = |drawn: drawn::World, visits| {
-        let world = World { drawn, visits, states: report.options.states };
-        report.findings.find(&world, Within::JUDGED, Figure::EstablishedIfIndependent)
+        let world = World {
+            drawn,
+            visits,
+            states: report.options.states,
+        };
+        report
+            .findings
+            .find(&world, Within::JUDGED, Figure::EstablishedIfIndependent)
     };
     let row = |drawn: &drawn::World| VISITS.map(|visits| share(*drawn, visits)).to_vec();
     let caption = format!("share of independent states, {}", Within::JUDGED.as_str());
-    Panel { caption, rows: worlds.iter().map(row).collect() }
+    Panel {
+        caption,
+        rows: worlds.iter().map(row).collect(),
+    }
 }

@@ -14,16 +14,20 @@ pub type Target = findings::Target<World, Within, Figure>;
 /// Visits from which a state is seen often.
 const OFTEN: usize = 150;
 
-/// The most of a list that is false: what was promised, and half as much by chance, for lists have a few hundred states.
+/// The most of a list that is false: what was promised, and half as much by chance, for lists have
+/// a few hundred states.
 const MOST_FALSE: f64 = 0.075;
 
 /// What knowing about segments may cost where they do not matter.
 const COST: f64 = 0.005;
 
-/// Returns every target beside what was measured. Where a figure is of states that a world has none of, nothing was to be shown.
+/// Returns every target beside what was measured. Where a figure is of states that a world has none
+/// of, nothing was to be shown.
 pub(super) fn targets(options: &Options, findings: &Findings) -> Vec<Target> {
     let targets = |world: World| {
-        let bounds = bounds(&world).into_iter().chain(recall_as_pooled(findings, &world));
+        let bounds = bounds(&world)
+            .into_iter()
+            .chain(recall_as_pooled(findings, &world));
         bounds.filter_map(move |bound| of(findings, world, bound))
     };
     options.worlds().into_iter().flat_map(targets).collect()
@@ -32,10 +36,17 @@ pub(super) fn targets(options: &Options, findings: &Findings) -> Vec<Target> {
 fn of(findings: &Findings, world: World, (figure, bound): (Figure, Bound)) -> Option<Target> {
     let measured = findings.find(&world, Within::JUDGED, figure)?.mean;
     let told = is_told(findings, &world, figure);
-    told.then_some(Target { world, decision: Within::JUDGED, figure, bound, measured: Some(measured) })
+    told.then_some(Target {
+        world,
+        decision: Within::JUDGED,
+        figure,
+        bound,
+        measured: Some(measured),
+    })
 }
 
-/// Returns whether a figure says something: what is false among the established only where they are enough over all seeds.
+/// Returns whether a figure says something: what is false among the established only where they are
+/// enough over all seeds.
 fn is_told(findings: &Findings, world: &World, figure: Figure) -> bool {
     if figure != Figure::FalselyEstablished {
         return true;
@@ -64,7 +75,11 @@ fn bounds(world: &World) -> Vec<(Figure, Bound)> {
         of(true, Figure::FalselyEstablished, Bound::AtMost(0.03)),
         of(shared, Figure::Covered, Bound::AtLeast(covered)),
         of(in_one, Figure::Recall, Bound::AtLeast(0.43)),
-        of(in_one && varied, Figure::ExcludedIfDependent, Bound::AtMost(0.10)),
+        of(
+            in_one && varied,
+            Figure::ExcludedIfDependent,
+            Bound::AtMost(0.10),
+        ),
         of(true, Figure::FalselyListed, Bound::AtMost(MOST_FALSE)),
         of(true, Figure::FalselyListedByP, Bound::AtMost(MOST_FALSE)),
     ];

@@ -1,4 +1,5 @@
-//! Every order in which commits, a load and looks can interleave, played on a pretended database of one environment.
+//! Every order in which commits, a load and looks can interleave, played on a pretended database of
+//! one environment.
 
 use proptest::prelude::*;
 
@@ -60,13 +61,22 @@ fn schema() -> Schema {
         unit: None,
         kinds: vec![KindDraft::Integer(0, ACTIONS as i64 - 1)],
     };
-    let agent = |name: &str| AgentDraft { name: name.into(), action: vec![feature("move")] };
-    let draft = SchemaDraft { state: vec![feature("place")], agents: vec![agent("robot"), agent("human")] };
+    let agent = |name: &str| AgentDraft {
+        name: name.into(),
+        action: vec![feature("move")],
+    };
+    let draft = SchemaDraft {
+        state: vec![feature("place")],
+        agents: vec![agent("robot"), agent("human")],
+    };
     Schema::try_from(&draft).expect("valid")
 }
 
 fn tally(n: u64) -> Tally {
-    Tally { n, entries: Some(n) }
+    Tally {
+        n,
+        entries: Some(n),
+    }
 }
 
 struct Running<'a> {
@@ -115,7 +125,9 @@ impl<'a> Play<'a> {
             }
             Step::Commit(..) => {}
             Step::Apply => self.apply(),
-            Step::Elsewhere => self.memory.apply(OTHER, 1_000, std::iter::once((0, tally(7)))),
+            Step::Elsewhere => self
+                .memory
+                .apply(OTHER, 1_000, std::iter::once((0, tally(7)))),
             Step::Announce => self.announce(),
             Step::Snapshot => self.snapshot(),
             Step::KnowRevision => self.know_revision(),
@@ -124,7 +136,11 @@ impl<'a> Play<'a> {
             Step::Suspend if !self.suspended => {
                 self.memory.suspend();
                 // One that is visible took effect; another may do so late.
-                self.lost = if self.pending.take().is_some() { None } else { Some((4, 2)) };
+                self.lost = if self.pending.take().is_some() {
+                    None
+                } else {
+                    Some((4, 2))
+                };
                 self.suspended = true;
             }
             Step::Suspend => {}
@@ -135,7 +151,11 @@ impl<'a> Play<'a> {
 
     fn apply(&mut self) {
         if let Some((joint, n)) = self.pending.take() {
-            self.memory.apply(ENVIRONMENT, self.committed.revision, std::iter::once((joint, tally(n))));
+            self.memory.apply(
+                ENVIRONMENT,
+                self.committed.revision,
+                std::iter::once((joint, tally(n))),
+            );
             self.acknowledged = self.committed.revision;
         }
     }
@@ -145,27 +165,45 @@ impl<'a> Play<'a> {
             let turn = self.memory.turn.try_lock().expect("nobody else loads");
             let load = self.memory.announce(turn, ENVIRONMENT);
             let acknowledged = self.acknowledged;
-            self.running = Some(Running { load, acknowledged, snapshot: None, is_known: false });
+            self.running = Some(Running {
+                load,
+                acknowledged,
+                snapshot: None,
+                is_known: false,
+            });
         }
     }
 
     fn snapshot(&mut self) {
         if let Some(running) = &mut self.running {
-            running.snapshot.get_or_insert_with(|| self.committed.clone());
+            running
+                .snapshot
+                .get_or_insert_with(|| self.committed.clone());
         }
     }
 
     fn know_revision(&mut self) {
-        let Some(running) = &mut self.running else { return };
-        let Some(snapshot) = running.snapshot.as_ref().filter(|_| !running.is_known) else { return };
+        let Some(running) = &mut self.running else {
+            return;
+        };
+        let Some(snapshot) = running.snapshot.as_ref().filter(|_| !running.is_known) else {
+            return;
+        };
         running.load.snapshot_taken(&schema(), snapshot.revision);
         running.is_known = true;
     }
 
     fn finish(&mut self) {
-        let Some(running) = self.running.take_if(|running| running.is_known) else { return };
-        let told = running.load.finish(running.snapshot.expect("its revision is known"));
-        assert!(told.revision >= running.acknowledged, "an acknowledged batch is missing");
+        let Some(running) = self.running.take_if(|running| running.is_known) else {
+            return;
+        };
+        let told = running
+            .load
+            .finish(running.snapshot.expect("its revision is known"));
+        assert!(
+            told.revision >= running.acknowledged,
+            "an acknowledged batch is missing"
+        );
         assert_is_of_its_revision(&told, &self.committed);
         self.look();
     }
@@ -183,9 +221,17 @@ impl<'a> Play<'a> {
     }
 
     fn look(&mut self) {
-        let Some(kept) = self.memory.get(ENVIRONMENT) else { return };
-        assert!(!self.suspended, "kept although nobody knows what was committed");
-        assert!(kept.revision >= self.acknowledged, "an acknowledged batch is missing");
+        let Some(kept) = self.memory.get(ENVIRONMENT) else {
+            return;
+        };
+        assert!(
+            !self.suspended,
+            "kept although nobody knows what was committed"
+        );
+        assert!(
+            kept.revision >= self.acknowledged,
+            "an acknowledged batch is missing"
+        );
         assert_is_of_its_revision(&kept, &self.committed);
         if kept.revision == self.committed.revision {
             assert_eq!(*kept, self.committed);
@@ -196,10 +242,18 @@ impl<'a> Play<'a> {
 
 /// What is told is neither more nor less than its revision says.
 fn assert_is_of_its_revision(told: &ActionTotals, committed: &ActionTotals) {
-    assert!(told.revision <= committed.revision, "more than was committed");
+    assert!(
+        told.revision <= committed.revision,
+        "more than was committed"
+    );
     for agent in [0, 1] {
         assert_eq!(told.draws(agent).iter().sum::<u64>(), told.revision);
-        assert!(told.draws(agent).iter().zip(committed.draws(agent)).all(|(told, most)| *told <= most));
+        assert!(
+            told.draws(agent)
+                .iter()
+                .zip(committed.draws(agent))
+                .all(|(told, most)| *told <= most)
+        );
     }
 }
 
@@ -216,24 +270,112 @@ proptest! {
     }
 }
 
-/// The orders that each rule is there for, one by one; each ends with totals that are kept, or with none.
+/// The orders that each rule is there for, one by one; each ends with totals that are kept, or with
+/// none.
 #[test]
 fn each_rule_is_needed() {
     use Step::*;
     let cases: [(&[Step], bool); 8] = [
         // In the snapshot, and memory is told before and after its revision is known.
-        (&[Commit(1, 2), Announce, Snapshot, Apply, KnowRevision, Finish], true),
-        (&[Commit(1, 2), Announce, Snapshot, KnowRevision, Apply, Finish], true),
-        (&[Commit(1, 2), Announce, Snapshot, KnowRevision, Finish, Apply], true),
+        (
+            &[
+                Commit(1, 2),
+                Announce,
+                Snapshot,
+                Apply,
+                KnowRevision,
+                Finish,
+            ],
+            true,
+        ),
+        (
+            &[
+                Commit(1, 2),
+                Announce,
+                Snapshot,
+                KnowRevision,
+                Apply,
+                Finish,
+            ],
+            true,
+        ),
+        (
+            &[
+                Commit(1, 2),
+                Announce,
+                Snapshot,
+                KnowRevision,
+                Finish,
+                Apply,
+            ],
+            true,
+        ),
         // Not in the snapshot.
-        (&[Announce, Snapshot, Commit(1, 2), Apply, KnowRevision, Commit(2, 1), Apply, Finish, Commit(2, 1)], true),
+        (
+            &[
+                Announce,
+                Snapshot,
+                Commit(1, 2),
+                Apply,
+                KnowRevision,
+                Commit(2, 1),
+                Apply,
+                Finish,
+                Commit(2, 1),
+            ],
+            true,
+        ),
         // Told between the announcement and the snapshot.
-        (&[Announce, Commit(1, 2), Apply, Snapshot, Commit(2, 1), Apply, KnowRevision, Finish], true),
+        (
+            &[
+                Announce,
+                Commit(1, 2),
+                Apply,
+                Snapshot,
+                Commit(2, 1),
+                Apply,
+                KnowRevision,
+                Finish,
+            ],
+            true,
+        ),
         // What was read before nobody knew what was committed.
-        (&[Announce, Snapshot, Suspend, Resume(true), KnowRevision, Finish], false),
+        (
+            &[
+                Announce,
+                Snapshot,
+                Suspend,
+                Resume(true),
+                KnowRevision,
+                Finish,
+            ],
+            false,
+        ),
         // What was read meanwhile.
-        (&[Suspend, Announce, Snapshot, KnowRevision, Resume(true), Commit(1, 1), Apply, Finish], false),
-        (&[Announce, Snapshot, KnowRevision, Abandon, Commit(1, 1), Apply], false),
+        (
+            &[
+                Suspend,
+                Announce,
+                Snapshot,
+                KnowRevision,
+                Resume(true),
+                Commit(1, 1),
+                Apply,
+                Finish,
+            ],
+            false,
+        ),
+        (
+            &[
+                Announce,
+                Snapshot,
+                KnowRevision,
+                Abandon,
+                Commit(1, 1),
+                Apply,
+            ],
+            false,
+        ),
     ];
     for (steps, is_kept) in cases {
         let memory = ActionsMemory::default();
@@ -249,7 +391,10 @@ fn each_rule_is_needed() {
 }
 
 fn loaded(memory: &ActionsMemory, environment: EnvironmentId) {
-    let load = memory.announce(memory.turn.try_lock().expect("nobody else loads"), environment);
+    let load = memory.announce(
+        memory.turn.try_lock().expect("nobody else loads"),
+        environment,
+    );
     load.snapshot_taken(&schema(), 0);
     load.finish(ActionTotals::new(&schema()));
 }
@@ -261,9 +406,15 @@ fn an_environment_that_is_gone_is_forgotten_while_it_is_loaded_too() {
     loaded(&memory, ENVIRONMENT);
     loaded(&memory, OTHER);
     memory.forget(ENVIRONMENT);
-    assert_eq!([ENVIRONMENT, OTHER].map(|of| memory.get(of).is_some()), [false, true]);
+    assert_eq!(
+        [ENVIRONMENT, OTHER].map(|of| memory.get(of).is_some()),
+        [false, true]
+    );
 
-    let load = memory.announce(memory.turn.try_lock().expect("nobody else loads"), ENVIRONMENT);
+    let load = memory.announce(
+        memory.turn.try_lock().expect("nobody else loads"),
+        ENVIRONMENT,
+    );
     load.snapshot_taken(&schema(), 0);
     memory.forget(ENVIRONMENT);
     load.finish(ActionTotals::new(&schema()));
@@ -275,7 +426,10 @@ fn what_was_asked_longest_ago_makes_room() {
     let memory = ActionsMemory::default();
     memory.resume();
     (0..=KEPT.get() as i64).for_each(|id| loaded(&memory, EnvironmentId(id)));
-    assert_eq!([0, 1, KEPT.get() as i64].map(|id| memory.get(EnvironmentId(id)).is_some()), [false, true, true]);
+    assert_eq!(
+        [0, 1, KEPT.get() as i64].map(|id| memory.get(EnvironmentId(id)).is_some()),
+        [false, true, true]
+    );
 }
 
 #[test]
@@ -285,5 +439,11 @@ fn what_was_told_does_not_change() {
     loaded(&memory, ENVIRONMENT);
     let told = memory.get(ENVIRONMENT).expect("kept");
     memory.apply(ENVIRONMENT, 2, std::iter::once((4, tally(2))));
-    assert_eq!((told.revision, memory.get(ENVIRONMENT).expect("kept").draws(1)), (0, vec![0, 2, 0]));
+    assert_eq!(
+        (
+            told.revision,
+            memory.get(ENVIRONMENT).expect("kept").draws(1)
+        ),
+        (0, vec![0, 2, 0])
+    );
 }

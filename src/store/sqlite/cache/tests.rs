@@ -1,4 +1,5 @@
-//! Every order in which commits, loads and looks can interleave, played on a pretended database of three states.
+//! Every order in which commits, loads and looks can interleave, played on a pretended database of
+//! three states.
 
 use proptest::prelude::*;
 
@@ -66,7 +67,11 @@ fn key(state: usize) -> StateKey {
 }
 
 fn cell(n: u64) -> Cell {
-    Cell { joint: 0, segment: SegmentId(1), tally: Tally { n, entries: None } }
+    Cell {
+        joint: 0,
+        segment: SegmentId(1),
+        tally: Tally { n, entries: None },
+    }
 }
 
 fn visits(counts: &Counts) -> u64 {
@@ -120,8 +125,15 @@ impl Play {
 
     fn apply(&mut self) {
         if let Some(states) = self.pending.take() {
-            let keys: Vec<StateKey> = (0..STATES).filter(|state| states[*state]).map(key).collect();
-            self.cache.apply(ENVIRONMENT, self.visits.iter().sum(), keys.iter().map(|key| (key, [cell(1)])));
+            let keys: Vec<StateKey> = (0..STATES)
+                .filter(|state| states[*state])
+                .map(key)
+                .collect();
+            self.cache.apply(
+                ENVIRONMENT,
+                self.visits.iter().sum(),
+                keys.iter().map(|key| (key, [cell(1)])),
+            );
             self.acknowledged = self.visits;
         }
     }
@@ -130,16 +142,31 @@ impl Play {
         let (found, epoch) = self.cache.get(ENVIRONMENT, &[key(state)]);
         if found[0].is_none() {
             let (visits, revision) = (self.visits[state], self.visits.iter().sum());
-            self.loads.push(Load { state, epoch, visits, revision });
+            self.loads.push(Load {
+                state,
+                epoch,
+                visits,
+                revision,
+            });
         }
     }
 
     fn finish_load(&mut self, at: usize) {
         if at < self.loads.len() {
-            let Load { state, epoch, visits, revision } = self.loads.remove(at);
-            let cells = if visits == 0 { vec![] } else { vec![cell(visits)] };
+            let Load {
+                state,
+                epoch,
+                visits,
+                revision,
+            } = self.loads.remove(at);
+            let cells = if visits == 0 {
+                vec![]
+            } else {
+                vec![cell(visits)]
+            };
             let loaded = (key(state), Arc::new(Counts::new(cells)));
-            self.cache.insert(ENVIRONMENT, epoch, revision, std::iter::once(loaded));
+            self.cache
+                .insert(ENVIRONMENT, epoch, revision, std::iter::once(loaded));
             self.seen[state] = self.seen[state].max(visits);
         }
     }
@@ -148,10 +175,16 @@ impl Play {
         let (found, _) = self.cache.get(ENVIRONMENT, &[key(state)]);
         let Some(found) = &found[0] else { return };
         let visits = visits(&found.counts);
-        assert!(visits >= self.acknowledged[state], "an acknowledged batch is missing");
+        assert!(
+            visits >= self.acknowledged[state],
+            "an acknowledged batch is missing"
+        );
         assert!(visits >= self.seen[state], "the state went back in time");
         assert!(visits <= self.visits[state], "something was counted twice");
-        assert!(found.revision >= self.acknowledged.iter().sum() && found.revision <= self.visits.iter().sum());
+        assert!(
+            found.revision >= self.acknowledged.iter().sum()
+                && found.revision <= self.visits.iter().sum()
+        );
         self.seen[state] = visits;
     }
 }
@@ -180,9 +213,25 @@ fn each_rule_is_needed() {
         // Loaded before COMMIT, given after `apply`: the delta has passed.
         &[BeginLoad(0), Commit(FIRST), Apply, FinishLoad, Look(0)],
         // Two loads across a COMMIT, the older one given last.
-        &[BeginLoad(0), Commit(FIRST), BeginLoad(0), FinishLastLoad, FinishLoad, Look(0), Apply, Look(0)],
+        &[
+            BeginLoad(0),
+            Commit(FIRST),
+            BeginLoad(0),
+            FinishLastLoad,
+            FinishLoad,
+            Look(0),
+            Apply,
+            Look(0),
+        ],
         // A load from before the cache was emptied.
-        &[BeginLoad(0), Commit(FIRST), Suspend, Resume, FinishLoad, Look(0)],
+        &[
+            BeginLoad(0),
+            Commit(FIRST),
+            Suspend,
+            Resume,
+            FinishLoad,
+            Look(0),
+        ],
     ];
     for steps in cases {
         let mut play = Play::new(100);
@@ -196,7 +245,12 @@ fn what_was_used_longest_ago_makes_room() {
     cache.resume();
     let load = |state: usize| {
         let (_, epoch) = cache.get(ENVIRONMENT, &[]);
-        cache.insert(ENVIRONMENT, epoch, 9, std::iter::once((key(state), Arc::new(Counts::new(vec![cell(1)])))));
+        cache.insert(
+            ENVIRONMENT,
+            epoch,
+            9,
+            std::iter::once((key(state), Arc::new(Counts::new(vec![cell(1)])))),
+        );
     };
     let is_cached = |state: usize| cache.get(ENVIRONMENT, &[key(state)]).0[0].is_some();
     (0..3).for_each(load);

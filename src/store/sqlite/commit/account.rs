@@ -1,4 +1,5 @@
-//! Writing the numbers that were used: each producer's sequence, and what is needed to answer duplicates.
+//! Writing the numbers that were used: each producer's sequence, and what is needed to answer
+//! duplicates.
 
 use std::sync::LazyLock;
 
@@ -13,7 +14,8 @@ use crate::store::sqlite::rows::ManyRows;
 use crate::store::sqlite::text;
 use crate::store::{Numbered, StoreError};
 
-/// Advances a producer over its batches, and keeps their digests and receipts. The sequence is compared once more, in SQL.
+/// Advances a producer over its batches, and keeps their digests and receipts. The sequence is
+/// compared once more, in SQL.
 pub(super) async fn write_account(
     connection: &mut SqliteConnection,
     environment: EnvironmentId,
@@ -22,17 +24,28 @@ pub(super) async fn write_account(
 ) -> Result<(), StoreError> {
     let id = match account.stored {
         Some((id, _)) => id,
-        None => insert_producer(connection, environment, producer).await.map_err(aborted)?,
+        None => insert_producer(connection, environment, producer)
+            .await
+            .map_err(aborted)?,
     };
     let (before, last) = (signed(account.before().get()), signed(account.last().get()));
     let text = "update producers set sequence = ?, owner = coalesce(owner, ?) where id = ? and sequence = ?";
-    let done =
-        sqlx::query(text).bind(last).bind(account.owner.clone()).bind(id).bind(before).execute(&mut *connection).await;
+    let done = sqlx::query(text)
+        .bind(last)
+        .bind(account.owner.clone())
+        .bind(id)
+        .bind(before)
+        .execute(&mut *connection)
+        .await;
     let done = done.map_err(aborted)?;
     if done.rows_affected() != 1 {
-        return Err(aborted(format!("the sequence of producer `{producer}` is no longer {before}")));
+        return Err(aborted(format!(
+            "the sequence of producer `{producer}` is no longer {before}"
+        )));
     }
-    insert_batches(connection, id, &account.accepted).await.map_err(aborted)?;
+    insert_batches(connection, id, &account.accepted)
+        .await
+        .map_err(aborted)?;
     prune_batches(connection, id, last).await.map_err(aborted)
 }
 
@@ -42,7 +55,11 @@ async fn insert_producer(
     producer: &str,
 ) -> Result<i64, sqlx::Error> {
     let text = "insert into producers (environment, name, sequence) values (?, ?, 0)";
-    let done = sqlx::query(text).bind(environment.0).bind(producer.to_owned()).execute(connection).await?;
+    let done = sqlx::query(text)
+        .bind(environment.0)
+        .bind(producer.to_owned())
+        .execute(connection)
+        .await?;
     Ok(done.last_insert_rowid())
 }
 
@@ -52,24 +69,38 @@ async fn insert_batches(
     batches: &[&Numbered],
 ) -> Result<(), sqlx::Error> {
     static INSERT: LazyLock<ManyRows> = LazyLock::new(|| {
-        ManyRows::new("insert into batches (producer, sequence, digest, receipt) values", "(?, ?, ?, ?)", "")
+        ManyRows::new(
+            "insert into batches (producer, sequence, digest, receipt) values",
+            "(?, ?, ?, ?)",
+            "",
+        )
     });
     for (sql, chunk) in INSERT.chunks(batches) {
         let mut query = sqlx::query(sql);
         for batch in chunk {
             query = query.bind(producer).bind(signed(batch.sequence.get()));
-            query = query.bind(batch.digest.0.to_vec()).bind(text::of_receipt(&batch.receipt));
+            query = query
+                .bind(batch.digest.0.to_vec())
+                .bind(text::of_receipt(&batch.receipt));
         }
         query.execute(&mut *connection).await?;
     }
     Ok(())
 }
 
-async fn prune_batches(connection: &mut SqliteConnection, producer: i64, last: i64) -> Result<(), sqlx::Error> {
+async fn prune_batches(
+    connection: &mut SqliteConnection,
+    producer: i64,
+    last: i64,
+) -> Result<(), sqlx::Error> {
     let oldest_kept = last - signed(KEPT);
     if oldest_kept > 0 {
         let text = "delete from batches where producer = ? and sequence <= ?";
-        sqlx::query(text).bind(producer).bind(oldest_kept).execute(connection).await?;
+        sqlx::query(text)
+            .bind(producer)
+            .bind(oldest_kept)
+            .execute(connection)
+            .await?;
     }
     Ok(())
 }

@@ -13,12 +13,18 @@ pub(super) struct Failed {
 impl Failed {
     /// Makes the failure of what is of one environment.
     pub(super) fn in_environment(id: EnvironmentId, error: StoreError) -> Self {
-        Self { error, environment: Some(id) }
+        Self {
+            error,
+            environment: Some(id),
+        }
     }
 }
 
 impl From<StoreError> for Failed {
     fn from(error: StoreError) -> Self {
-        Self { error, environment: None }
+        Self {
+            error,
+            environment: None,
+        }
     }
 }

@@ -1,4 +1,5 @@
-//! What the database says of each environment and producer of a commit, and what is accepted on top of it.
+//! What the database says of each environment and producer of a commit, and what is accepted on top
+//! of it.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -14,7 +15,8 @@ use crate::store::sqlite::map::Map;
 use crate::store::sqlite::text;
 use crate::store::{Numbered, Quotas};
 
-/// The ledgers of a commit: one an environment that exists. In order of environment, so that the same commit always writes in the same order.
+/// The ledgers of a commit: one an environment that exists. In order of environment, so that the
+/// same commit always writes in the same order.
 pub(super) struct Ledgers<'a> {
     readable: BTreeMap<EnvironmentId, Ledger<'a>>,
     /// Environments that are damaged: nothing of them is read.
@@ -34,7 +36,8 @@ pub(super) struct Ledger<'a> {
     pub(super) segments: Map<&'a str, i64>,
     /// What is accepted.
     pub(super) merged: Merged<'a>,
-    /// How many cells of `merged` the database has not, once a quota was so near that they were looked up.
+    /// How many cells of `merged` the database has not, once a quota was so near that they were
+    /// looked up.
     pub(super) fresh_cells: Option<u64>,
 }
 
@@ -43,14 +46,16 @@ pub(super) struct Ledger<'a> {
 pub(super) struct Account<'a> {
     /// Its id and last sequence, where the database knows it.
     pub(super) stored: Option<(i64, Sequence)>,
-    /// The name of the key that it belongs to: the one that first speaks for it, maybe in this commit.
+    /// The name of the key that it belongs to: the one that first speaks for it, maybe in this
+    /// commit.
     pub(super) owner: Option<String>,
     /// The batches accepted now, which follow each other.
     pub(super) accepted: Vec<&'a Numbered>,
 }
 
 impl Account<'_> {
-    /// Returns whether somebody speaks for a producer that is another's. Where nobody needs a key, nobody is asked.
+    /// Returns whether somebody speaks for a producer that is another's. Where nobody needs a key,
+    /// nobody is asked.
     pub(super) fn is_anothers(&self, speaker: Option<&Name>) -> bool {
         matches!((&self.owner, speaker), (Some(owner), Some(speaker)) if owner != speaker.as_str())
     }
@@ -62,7 +67,9 @@ impl Account<'_> {
 
     /// Returns the last sequence with what is accepted now.
     pub(super) fn last(&self) -> Sequence {
-        self.accepted.last().map_or(self.before(), |batch| batch.sequence)
+        self.accepted
+            .last()
+            .map_or(self.before(), |batch| batch.sequence)
     }
 }
 
@@ -74,15 +81,21 @@ impl<'a> Ledgers<'a> {
         quotas: Quotas,
         batches: &'a [Numbered],
     ) -> Result<Self, Failed> {
-        let mut ledgers = Self { readable: BTreeMap::new(), read_only: BTreeSet::new() };
+        let mut ledgers = Self {
+            readable: BTreeMap::new(),
+            read_only: BTreeSet::new(),
+        };
         for (environment, parties) in parties(batches) {
             if directory.is_read_only(environment) {
                 ledgers.read_only.insert(environment);
                 continue;
             }
             let ledger = Ledger::read(connection, quotas, environment, parties).await;
-            let ledger = ledger.map_err(|error| Failed::in_environment(environment, aborted(error)))?;
-            ledgers.readable.extend(ledger.map(|ledger| (environment, ledger)));
+            let ledger =
+                ledger.map_err(|error| Failed::in_environment(environment, aborted(error)))?;
+            ledgers
+                .readable
+                .extend(ledger.map(|ledger| (environment, ledger)));
         }
         Ok(ledgers)
     }
@@ -104,7 +117,9 @@ impl<'a> Ledgers<'a> {
 
     /// Returns the ledgers with something to write.
     pub(super) fn into_accepted(self) -> impl Iterator<Item = Ledger<'a>> {
-        self.readable.into_values().filter(|ledger| !ledger.accepted_nothing())
+        self.readable
+            .into_values()
+            .filter(|ledger| !ledger.accepted_nothing())
     }
 }
 
@@ -116,7 +131,9 @@ impl<'a> Ledger<'a> {
         environment: EnvironmentId,
         parties: Parties<'a>,
     ) -> Result<Option<Self>, sqlx::Error> {
-        let Some([transitions, cells]) = totals(connection, environment).await? else { return Ok(None) };
+        let Some([transitions, cells]) = totals(connection, environment).await? else {
+            return Ok(None);
+        };
         Ok(Some(Self {
             environment,
             quotas,
@@ -140,7 +157,9 @@ impl<'a> Ledger<'a> {
     }
 
     fn accepted_nothing(&self) -> bool {
-        self.accounts.values().all(|account| account.accepted.is_empty())
+        self.accounts
+            .values()
+            .all(|account| account.accepted.is_empty())
     }
 }
 
@@ -155,19 +174,30 @@ fn parties(batches: &[Numbered]) -> BTreeMap<EnvironmentId, Parties<'_>> {
     let mut all: BTreeMap<EnvironmentId, Parties<'_>> = BTreeMap::new();
     for batch in batches {
         let parties = all.entry(batch.environment).or_default();
-        parties.producers.entry(batch.producer.as_str()).or_default();
-        parties.labels.insert(stored_label(batch.increment.segment.as_ref()), ());
+        parties
+            .producers
+            .entry(batch.producer.as_str())
+            .or_default();
+        parties
+            .labels
+            .insert(stored_label(batch.increment.segment.as_ref()), ());
     }
     all
 }
 
-async fn totals(connection: &mut SqliteConnection, id: EnvironmentId) -> Result<Option<[u64; 2]>, sqlx::Error> {
+async fn totals(
+    connection: &mut SqliteConnection,
+    id: EnvironmentId,
+) -> Result<Option<[u64; 2]>, sqlx::Error> {
     let row = sqlx::query("select transitions, cells from totals where environment = ?")
         .bind(id.0)
         .fetch_optional(connection)
         .await?;
     let Some(row) = row else { return Ok(None) };
-    Ok(Some([row.try_get::<i64, _>(0)?.unsigned_abs(), row.try_get::<i64, _>(1)?.unsigned_abs()]))
+    Ok(Some([
+        row.try_get::<i64, _>(0)?.unsigned_abs(),
+        row.try_get::<i64, _>(1)?.unsigned_abs(),
+    ]))
 }
 
 async fn accounts<'a>(

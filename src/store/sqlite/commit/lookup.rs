@@ -20,10 +20,15 @@ pub(super) async fn states(
     environment: EnvironmentId,
     keys: &[&StateKey],
 ) -> Result<Vec<Option<i64>>, sqlx::Error> {
-    let mut found: Vec<Option<i64>> = keys.iter().map(|key| known.state(environment, key)).collect();
+    let mut found: Vec<Option<i64>> = keys
+        .iter()
+        .map(|key| known.state(environment, key))
+        .collect();
     let missing: Vec<usize> = (0..keys.len()).filter(|at| found[*at].is_none()).collect();
     for chunk in missing.chunks(KEYS) {
-        for (at, id) in select_states(connection, environment, chunk.iter().map(|at| keys[*at])).await? {
+        for (at, id) in
+            select_states(connection, environment, chunk.iter().map(|at| keys[*at])).await?
+        {
             let at = chunk[at];
             found[at] = Some(id);
             known.add_state(environment, keys[at], id);
@@ -45,7 +50,9 @@ async fn select_states(
     .bind(text::of_list(keys))
     .fetch_all(connection)
     .await?;
-    rows.iter().map(|row| Ok((row.try_get::<i64, _>(0)? as usize, row.try_get(1)?))).collect()
+    rows.iter()
+        .map(|row| Ok((row.try_get::<i64, _>(0)? as usize, row.try_get(1)?)))
+        .collect()
 }
 
 /// Returns how many of these cells exist; each is given once. Hot cells come from memory.
@@ -54,13 +61,20 @@ pub(super) async fn count_cells(
     known: &mut Known,
     cells: &[CellKey],
 ) -> Result<u64, sqlx::Error> {
-    let mut unknown: Vec<CellKey> = cells.iter().filter(|cell| !known.has_cell(cell)).copied().collect();
+    let mut unknown: Vec<CellKey> = cells
+        .iter()
+        .filter(|cell| !known.has_cell(cell))
+        .copied()
+        .collect();
     unknown.sort_unstable();
     let remembered = (cells.len() - unknown.len()) as u64;
     Ok(remembered + select_count(connection, &unknown).await?)
 }
 
-async fn select_count(connection: &mut SqliteConnection, cells: &[CellKey]) -> Result<u64, sqlx::Error> {
+async fn select_count(
+    connection: &mut SqliteConnection,
+    cells: &[CellKey],
+) -> Result<u64, sqlx::Error> {
     static COUNT: LazyLock<ManyRows> = LazyLock::new(|| {
         ManyRows::new(
             "select count(*) from (values",
@@ -74,7 +88,11 @@ async fn select_count(connection: &mut SqliteConnection, cells: &[CellKey]) -> R
         let bind = |query: sqlx::query::QueryScalar<'static, _, i64, _>, cell: &CellKey| {
             query.bind(cell.0).bind(cell.1).bind(cell.2)
         };
-        let count = chunk.iter().fold(sqlx::query_scalar(text), bind).fetch_one(&mut *connection).await?;
+        let count = chunk
+            .iter()
+            .fold(sqlx::query_scalar(text), bind)
+            .fetch_one(&mut *connection)
+            .await?;
         present += count.unsigned_abs();
     }
     Ok(present)

@@ -6,7 +6,8 @@ use crate::store::sqlite::map::Map;
 /// The most cells that a commit makes room for at its first batch.
 const USUAL_CELLS: usize = 8_192;
 
-/// The sum of accepted increments of one environment. States and segments are numbered in order of appearance.
+/// The sum of accepted increments of one environment. States and segments are numbered in order of
+/// appearance.
 #[derive(Default)]
 pub(super) struct Merged<'a> {
     states: Vec<&'a StateKey>,
@@ -25,11 +26,15 @@ impl<'a> Merged<'a> {
         self.transitions += increment.transitions;
         let segment = self.segment(stored_label(increment.segment.as_ref()));
         if self.cells.is_empty() {
-            self.cells.reserve((8 * increment.cells.len()).min(USUAL_CELLS));
+            self.cells
+                .reserve((8 * increment.cells.len()).min(USUAL_CELLS));
         }
         let states: Vec<u32> = increment.states.iter().map(|key| self.state(key)).collect();
         for (state, joint, tally) in &increment.cells {
-            self.cells.entry((states[*state as usize], segment, *joint)).or_insert(Tally::EMPTY).add(*tally);
+            self.cells
+                .entry((states[*state as usize], segment, *joint))
+                .or_insert(Tally::EMPTY)
+                .add(*tally);
         }
     }
 
@@ -72,7 +77,11 @@ impl<'a> Merged<'a> {
     /// Returns every cell by its names.
     pub(super) fn cells(&self) -> impl Iterator<Item = (&'a StateKey, &'a str, u64)> {
         let name = |(state, segment, joint): &(u32, u32, u64)| {
-            (self.states[*state as usize], self.segments[*segment as usize], *joint)
+            (
+                self.states[*state as usize],
+                self.segments[*segment as usize],
+                *joint,
+            )
         };
         self.cells.keys().map(name)
     }
@@ -80,11 +89,17 @@ impl<'a> Merged<'a> {
     /// Returns the cells of an increment that are not here, each once, by their names.
     pub(super) fn absent<'i>(&self, increment: &'i Increment) -> Vec<(&'i StateKey, &'i str, u64)> {
         let label = stored_label(increment.segment.as_ref());
-        let segment = self.segments.iter().position(|known| *known == label).map(|at| at as u32);
+        let segment = self
+            .segments
+            .iter()
+            .position(|known| *known == label)
+            .map(|at| at as u32);
         let name = |(state, joint, _): &(u32, u64, Tally)| {
             let key = &increment.states[*state as usize];
             let known = self.positions.get(key).zip(segment);
-            let present = known.is_some_and(|(state, segment)| self.cells.contains_key(&(*state, segment, *joint)));
+            let present = known.is_some_and(|(state, segment)| {
+                self.cells.contains_key(&(*state, segment, *joint))
+            });
             (!present).then_some((key, label, *joint))
         };
         let mut absent: Vec<_> = increment.cells.iter().filter_map(name).collect();
@@ -93,13 +108,17 @@ impl<'a> Merged<'a> {
         absent
     }
 
-    /// Returns the tallies by the numbers of state and segment, and the joint action; they are here no longer.
-    pub(super) fn take_cells(&mut self) -> impl ExactSizeIterator<Item = ((u32, u32, u64), Tally)> + use<> {
+    /// Returns the tallies by the numbers of state and segment, and the joint action; they are here
+    /// no longer.
+    pub(super) fn take_cells(
+        &mut self,
+    ) -> impl ExactSizeIterator<Item = ((u32, u32, u64), Tally)> + use<> {
         std::mem::take(&mut self.cells).into_iter()
     }
 }
 
-/// Returns how a segment's label is stored: transitions without one have the empty label, which no label can be.
+/// Returns how a segment's label is stored: transitions without one have the empty label, which no
+/// label can be.
 pub(super) fn stored_label(label: Option<&Label>) -> &str {
     label.map_or("", Label::as_str)
 }

@@ -1,7 +1,9 @@
-//! Counting batches exactly once: decide each by the table of [`crate::store::Store`], merge what is accepted, write it, commit.
+//! Counting batches exactly once: decide each by the table of [`crate::store::Store`], merge what
+//! is accepted, write it, commit.
 //!
-//! `ledger` is what the database says before, and what is accepted on top of it; `decide` is the table; `quota` its last row; `merge` adds equal cells
-//! together; `write` and `account` put it all into the database. Whoever asks again within the `window` hears what was said first.
+//! `ledger` is what the database says before, and what is accepted on top of it; `decide` is the
+//! table; `quota` its last row; `merge` adds equal cells together; `write` and `account` put it all
+//! into the database. Whoever asks again within the `window` hears what was said first.
 
 use self::failed::Failed;
 use self::ledger::Ledgers;
@@ -22,8 +24,9 @@ mod write;
 
 pub(super) use self::window::KEPT;
 
-/// Commits batches in their order, in one transaction, and returns an outcome each. An environment that turns out to be damaged holds up no other: it
-/// takes no more batches, and the rest is begun anew.
+/// Commits batches in their order, in one transaction, and returns an outcome each. An environment
+/// that turns out to be damaged holds up no other: it takes no more batches, and the rest is begun
+/// anew.
 pub(super) async fn commit(
     writer: &Writer,
     directory: &Directory,
@@ -32,8 +35,10 @@ pub(super) async fn commit(
 ) -> Result<Vec<Outcome>, StoreError> {
     loop {
         match attempt(writer, directory, quotas, batches).await {
-            Err(Failed { error: StoreError::Damaged(why), environment: Some(id) })
-                if directory.make_read_only(id, &why) => {}
+            Err(Failed {
+                error: StoreError::Damaged(why),
+                environment: Some(id),
+            }) if directory.make_read_only(id, &why) => {}
             outcome => return outcome.map_err(|failed| failed.error),
         }
     }
@@ -57,6 +62,8 @@ async fn attempt(
         return Ok(outcomes);
     }
     let deltas = write::write(&mut transaction, ledgers).await?;
-    transaction.commit(|memory, _| deltas.iter().for_each(|delta| delta.apply_to(memory))).await?;
+    transaction
+        .commit(|memory, _| deltas.iter().for_each(|delta| delta.apply_to(memory)))
+        .await?;
     Ok(outcomes)
 }

@@ -1,4 +1,5 @@
-//! The last row of the table: what an environment has no room for. Exact, and free of look-ups until a quota is near.
+//! The last row of the table: what an environment has no room for. Exact, and free of look-ups
+//! until a quota is near.
 
 use sqlx::sqlite::SqliteConnection;
 
@@ -25,13 +26,22 @@ pub(super) async fn refusal(
     }
     let quotas = ledger.quotas;
     if !has_room_for_producer(transaction.connection(), ledger, batch).await? {
-        return Ok(Some(Refusal::Quota { what: "producers", limit: quotas.producers }));
+        return Ok(Some(Refusal::Quota {
+            what: "producers",
+            limit: quotas.producers,
+        }));
     }
     if !has_room_for_segment(transaction.connection(), ledger, batch).await? {
-        return Ok(Some(Refusal::Quota { what: "segments", limit: quotas.segments }));
+        return Ok(Some(Refusal::Quota {
+            what: "segments",
+            limit: quotas.segments,
+        }));
     }
     if !has_room_for_cells(transaction, ledger, batch).await? {
-        return Ok(Some(Refusal::Quota { what: "cells", limit: quotas.cells }));
+        return Ok(Some(Refusal::Quota {
+            what: "cells",
+            limit: quotas.cells,
+        }));
     }
     Ok(None)
 }
@@ -40,7 +50,12 @@ pub(super) async fn refusal(
 fn overflows(ledger: &Ledger<'_>, batch: &Numbered) -> bool {
     let before = ledger.transitions + ledger.merged.transitions();
     let sum = before.checked_add(batch.increment.transitions);
-    sum.is_none_or(|sum| sum > MOST) || batch.increment.cells.iter().any(|(_, joint, _)| *joint > MOST)
+    sum.is_none_or(|sum| sum > MOST)
+        || batch
+            .increment
+            .cells
+            .iter()
+            .any(|(_, joint, _)| *joint > MOST)
 }
 
 async fn has_room_for_producer(
@@ -55,8 +70,11 @@ async fn has_room_for_producer(
     let is_new = |account: &&Account<'_>| account.stored.is_none() && !account.accepted.is_empty();
     let new = ledger.accounts.values().filter(is_new).count() as u64;
     let text = "select count(*) from producers where environment = ?";
-    let stored: i64 =
-        sqlx::query_scalar(text).bind(ledger.environment.0).fetch_one(connection).await.map_err(aborted)?;
+    let stored: i64 = sqlx::query_scalar(text)
+        .bind(ledger.environment.0)
+        .fetch_one(connection)
+        .await
+        .map_err(aborted)?;
     Ok(stored.unsigned_abs() + new < ledger.quotas.producers)
 }
 
@@ -71,14 +89,23 @@ async fn has_room_for_segment(
     if batch.increment.cells.is_empty() || is_known {
         return Ok(true);
     }
-    let new = ledger.merged.segments().iter().filter(|label| !ledger.segments.contains_key(*label)).count() as u64;
+    let new = ledger
+        .merged
+        .segments()
+        .iter()
+        .filter(|label| !ledger.segments.contains_key(*label))
+        .count() as u64;
     let text = "select count(*) from segments where environment = ?";
-    let stored: i64 =
-        sqlx::query_scalar(text).bind(ledger.environment.0).fetch_one(connection).await.map_err(aborted)?;
+    let stored: i64 = sqlx::query_scalar(text)
+        .bind(ledger.environment.0)
+        .fetch_one(connection)
+        .await
+        .map_err(aborted)?;
     Ok(stored.unsigned_abs() + new < ledger.quotas.segments)
 }
 
-/// First as if every cell were new. Only where that does not fit are cells looked up, and from then on this commit keeps an exact count.
+/// First as if every cell were new. Only where that does not fit are cells looked up, and from then
+/// on this commit keeps an exact count.
 async fn has_room_for_cells(
     transaction: &mut Transaction<'_>,
     ledger: &mut Ledger<'_>,
@@ -109,11 +136,15 @@ async fn count_fresh(
 ) -> Result<u64, StoreError> {
     let (connection, known) = transaction.parts();
     let keys: Vec<&StateKey> = cells.iter().map(|(key, _, _)| *key).collect();
-    let states = lookup::states(connection, known, ledger.environment, &keys).await.map_err(aborted)?;
+    let states = lookup::states(connection, known, ledger.environment, &keys)
+        .await
+        .map_err(aborted)?;
     let stored = |((_, label, joint), state): (&NamedCell<'_>, Option<i64>)| -> Option<CellKey> {
         Some((state?, *ledger.segments.get(label)?, *joint as i64))
     };
     let candidates: Vec<CellKey> = cells.iter().zip(states).filter_map(stored).collect();
-    let present = lookup::count_cells(connection, known, &candidates).await.map_err(aborted)?;
+    let present = lookup::count_cells(connection, known, &candidates)
+        .await
+        .map_err(aborted)?;
     Ok(cells.len() as u64 - present)
 }

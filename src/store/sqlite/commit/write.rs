@@ -1,4 +1,5 @@
-//! Writing what was accepted: segments and states that are new, cells and totals. The numbers that were used are in `account`.
+//! Writing what was accepted: segments and states that are new, cells and totals. The numbers that
+//! were used are in `account`.
 
 use std::sync::LazyLock;
 
@@ -38,16 +39,27 @@ impl Delta<'_> {
     /// Brings memory up to date.
     pub(super) fn apply_to(&self, memory: &Memory) {
         let states = self.rows.chunk_by(|a, b| a.state == b.state);
-        let delta = states.map(|rows| (self.states[rows[0].state as usize], rows.iter().map(CellRow::cell)));
+        let delta = states.map(|rows| {
+            (
+                self.states[rows[0].state as usize],
+                rows.iter().map(CellRow::cell),
+            )
+        });
         memory.cache.apply(self.environment, self.revision, delta);
         let actions = self.rows.iter().map(|row| (row.key.2 as u64, row.tally));
-        memory.actions.apply(self.environment, self.revision, actions);
+        memory
+            .actions
+            .apply(self.environment, self.revision, actions);
     }
 }
 
 impl CellRow {
     fn cell(&self) -> Cell {
-        Cell { joint: self.key.2 as u64, segment: SegmentId(self.key.1), tally: self.tally }
+        Cell {
+            joint: self.key.2 as u64,
+            segment: SegmentId(self.key.1),
+            tally: self.tally,
+        }
     }
 }
 
@@ -71,13 +83,20 @@ async fn write_ledger<'a>(
     known: &mut Known,
     mut ledger: Ledger<'a>,
 ) -> Result<Option<Delta<'a>>, StoreError> {
-    for (name, account) in ledger.accounts.iter().filter(|(_, account)| !account.accepted.is_empty()) {
+    for (name, account) in ledger
+        .accounts
+        .iter()
+        .filter(|(_, account)| !account.accepted.is_empty())
+    {
         write_account(connection, ledger.environment, name, account).await?;
     }
     if ledger.merged.len() == 0 {
         return Ok(None);
     }
-    write_counts(connection, known, &mut ledger).await.map(Some).map_err(aborted)
+    write_counts(connection, known, &mut ledger)
+        .await
+        .map(Some)
+        .map_err(aborted)
 }
 
 async fn write_counts<'a>(
@@ -92,13 +111,26 @@ async fn write_counts<'a>(
     let fresh = count_fresh(connection, known, &rows, states.first_new).await?;
     upsert_cells(connection, &rows).await?;
     rows.iter().for_each(|row| known.add_cell(row.key));
-    add_totals(connection, environment, [ledger.merged.transitions(), states.new, fresh]).await?;
+    add_totals(
+        connection,
+        environment,
+        [ledger.merged.transitions(), states.new, fresh],
+    )
+    .await?;
     let revision = ledger.transitions + ledger.merged.transitions();
-    Ok(Delta { environment, revision, states: ledger.merged.states().to_vec(), rows })
+    Ok(Delta {
+        environment,
+        revision,
+        states: ledger.merged.states().to_vec(),
+        rows,
+    })
 }
 
 /// Returns the ids of the segments of the commit, which are made where they are new.
-async fn segments(connection: &mut SqliteConnection, ledger: &Ledger<'_>) -> Result<Vec<i64>, sqlx::Error> {
+async fn segments(
+    connection: &mut SqliteConnection,
+    ledger: &Ledger<'_>,
+) -> Result<Vec<i64>, sqlx::Error> {
     let mut ids = Vec::new();
     for label in ledger.merged.segments() {
         ids.push(match ledger.segments.get(label) {
@@ -115,7 +147,11 @@ async fn insert_segment(
     label: &str,
 ) -> Result<i64, sqlx::Error> {
     let text = "insert into segments (environment, label) values (?, ?)";
-    let done = sqlx::query(text).bind(environment.0).bind(label.to_owned()).execute(connection).await?;
+    let done = sqlx::query(text)
+        .bind(environment.0)
+        .bind(label.to_owned())
+        .execute(connection)
+        .await?;
     Ok(done.last_insert_rowid())
 }
 
@@ -126,7 +162,8 @@ struct States {
     new: u64,
 }
 
-/// Returns the ids of states, which are made where they are new. The only writer gives out ids itself, so it needs no answer from the database.
+/// Returns the ids of states, which are made where they are new. The only writer gives out ids
+/// itself, so it needs no answer from the database.
 async fn states(
     connection: &mut SqliteConnection,
     known: &mut Known,
@@ -145,7 +182,11 @@ async fn states(
     }
     let rows: Vec<(i64, &StateKey)> = new.iter().map(|at| (ids[*at], keys[*at])).collect();
     insert_states(connection, environment, &rows).await?;
-    Ok(States { ids, first_new, new: new.len() as u64 })
+    Ok(States {
+        ids,
+        first_new,
+        new: new.len() as u64,
+    })
 }
 
 async fn insert_states(
@@ -153,8 +194,13 @@ async fn insert_states(
     environment: EnvironmentId,
     rows: &[(i64, &StateKey)],
 ) -> Result<(), sqlx::Error> {
-    static INSERT: LazyLock<ManyRows> =
-        LazyLock::new(|| ManyRows::new("insert into states (id, environment, key) values", "(?, ?, ?)", ""));
+    static INSERT: LazyLock<ManyRows> = LazyLock::new(|| {
+        ManyRows::new(
+            "insert into states (id, environment, key) values",
+            "(?, ?, ?)",
+            "",
+        )
+    });
     for (text, chunk) in INSERT.chunks(rows) {
         let mut query = sqlx::query(text);
         for (id, key) in chunk {
@@ -165,10 +211,15 @@ async fn insert_states(
     Ok(())
 }
 
-/// Returns the cells of a commit in the order of the table, so that neighbours are written together.
+/// Returns the cells of a commit in the order of the table, so that neighbours are written
+/// together.
 fn cell_rows(ledger: &mut Ledger<'_>, segments: &[i64], states: &[i64]) -> Vec<CellRow> {
     let row = |((state, segment, joint), tally)| CellRow {
-        key: (states[state as usize], segments[segment as usize], signed(joint)),
+        key: (
+            states[state as usize],
+            segments[segment as usize],
+            signed(joint),
+        ),
         tally,
         state,
     };
@@ -177,7 +228,8 @@ fn cell_rows(ledger: &mut Ledger<'_>, segments: &[i64], states: &[i64]) -> Vec<C
     rows
 }
 
-/// Returns how many cells will be new: all of a new state, and those of older states that are not found.
+/// Returns how many cells will be new: all of a new state, and those of older states that are not
+/// found.
 async fn count_fresh(
     connection: &mut SqliteConnection,
     known: &mut Known,
@@ -189,7 +241,10 @@ async fn count_fresh(
     Ok(rows.len() as u64 - lookup::count_cells(connection, known, &candidates).await?)
 }
 
-async fn upsert_cells(connection: &mut SqliteConnection, rows: &[CellRow]) -> Result<(), sqlx::Error> {
+async fn upsert_cells(
+    connection: &mut SqliteConnection,
+    rows: &[CellRow],
+) -> Result<(), sqlx::Error> {
     static UPSERT: LazyLock<ManyRows> = LazyLock::new(|| {
         ManyRows::new(
             "insert into cells (state, segment, joint, n, entries) values",
@@ -199,7 +254,12 @@ async fn upsert_cells(connection: &mut SqliteConnection, rows: &[CellRow]) -> Re
     });
     for (text, chunk) in UPSERT.chunks(rows) {
         let mut query = sqlx::query(text);
-        for CellRow { key: (state, segment, joint), tally, .. } in chunk {
+        for CellRow {
+            key: (state, segment, joint),
+            tally,
+            ..
+        } in chunk
+        {
             query = query.bind(*state).bind(*segment).bind(*joint);
             query = query.bind(signed(tally.n)).bind(tally.entries.map(signed));
         }

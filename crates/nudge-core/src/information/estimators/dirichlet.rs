@@ -8,14 +8,16 @@ use crate::information::letters::Letters;
 use crate::information::repeats::{Repeated, sum};
 use crate::information::table::Table;
 
-/// Returns the exact posterior mean of the mutual information under a Dirichlet prior that adds 1 / RK to every cell
-/// of the R x K alphabet, one visit in all, in nats (Hutter & Zaffalon 2005, "Distribution of mutual information from
-/// complete and incomplete data"; the prior is Perks's, 1947).
+/// Returns the exact posterior mean of the mutual information under a Dirichlet prior that adds
+/// 1 / RK to every cell of the R x K alphabet, one visit in all, in nats (Hutter & Zaffalon 2005,
+/// "Distribution of mutual information from complete and incomplete data"; the prior is Perks's,
+/// 1947).
 ///
-/// The mean is (1/n) sum_ij n_ij (psi(n_ij + 1) - psi(n_i. + 1) - psi(n_.j + 1) + psi(n + 1)), with the prior in n_ij.
+/// The mean is (1/n) sum_ij n_ij (psi(n_ij + 1) - psi(n_i. + 1) - psi(n_.j + 1) + psi(n + 1)), with
+/// the prior in n_ij.
 ///
-/// In words: the mean over all the policies that could have made these counts. Nearly all of them have some
-/// influence, so it stays above 0 where there is none: about (R - 1)(K - 1) / 2N above.
+/// In words: the mean over all the policies that could have made these counts. Nearly all of them
+/// have some influence, so it stays above 0 where there is none: about (R - 1)(K - 1) / 2N above.
 ///
 /// Never negative. At N = 0 it is 0, though the prior mean is not: what was not seen says nothing.
 pub fn dirichlet(table: &Table, alphabet: Alphabet) -> f64 {
@@ -25,11 +27,13 @@ pub fn dirichlet(table: &Table, alphabet: Alphabet) -> f64 {
     let letters = Letters::of(table, alphabet);
     let total = table.total() as f64 + 1.0;
     let [rows, columns, cells] = repeats(table);
-    let margins = mean_digamma(&rows, letters.rows, total) + mean_digamma(&columns, letters.columns, total);
+    let margins =
+        mean_digamma(&rows, letters.rows, total) + mean_digamma(&columns, letters.columns, total);
     (digamma(total + 1.0) - margins + mean_digamma(&cells, letters.cells, total)).max(0.0)
 }
 
-/// Returns the sum of x psi(x + 1) / n over all letters, x = count + 1 / letters; the unseen ones together.
+/// Returns the sum of x psi(x + 1) / n over all letters, x = count + 1 / letters; the unseen ones
+/// together.
 fn mean_digamma(counts: &[Repeated], letters: f64, total: f64) -> f64 {
     let of = |x: f64| x / total * digamma(x + 1.0);
     let seen: f64 = counts.iter().map(|count| count.times).sum();

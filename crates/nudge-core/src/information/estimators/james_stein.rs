@@ -6,14 +6,15 @@ use crate::information::letters::Letters;
 use crate::information::repeats::{Repeated, sum};
 use crate::information::table::Table;
 
-/// Returns the mutual information of the table shrunk towards uniform by as much as its own noise suggests, in nats
-/// (Hausser & Strimmer 2009, "Entropy inference and the James-Stein estimator").
+/// Returns the mutual information of the table shrunk towards uniform by as much as its own noise
+/// suggests, in nats (Hausser & Strimmer 2009, "Entropy inference and the James-Stein estimator").
 ///
-/// p*_ij = l / RK + (1 - l) n_ij / N over the whole R x K alphabet, with the shrinkage
-/// l = (1 - sum (n_ij / N)^2) / ((N - 1) sum (1 / RK - n_ij / N)^2), at most 1; then the information of p*.
+/// p*_ij = l / RK + (1 - l) n_ij / N over the whole R x K alphabet, with the shrinkage l = (1 - sum
+/// (n_ij / N)^2) / ((N - 1) sum (1 / RK - n_ij / N)^2), at most 1; then the information of p*.
 ///
-/// In words: the fewer the visits and the flatter the table, the more it is taken for chance. It errs towards no
-/// influence, and mistakes habits for noise too, since it shrinks the margins with the cells.
+/// In words: the fewer the visits and the flatter the table, the more it is taken for chance. It
+/// errs towards no influence, and mistakes habits for noise too, since it shrinks the margins with
+/// the cells.
 ///
 /// Never negative; 0 at N = 0 and at N = 1, where l = 1.
 pub fn james_stein(table: &Table, alphabet: Alphabet) -> f64 {
@@ -23,7 +24,8 @@ pub fn james_stein(table: &Table, alphabet: Alphabet) -> f64 {
     if kept <= 0.0 {
         return 0.0;
     }
-    let entropy = |counts: &[Repeated], letters: f64| shrunk_entropy(counts, table.total(), letters, kept);
+    let entropy =
+        |counts: &[Repeated], letters: f64| shrunk_entropy(counts, table.total(), letters, kept);
     let margins = entropy(&rows, letters.rows) + entropy(&columns, letters.columns);
     (margins - entropy(&cells, letters.cells)).max(0.0)
 }
@@ -39,14 +41,22 @@ fn shrinkage(cells: &[Repeated], total: u64, letters: f64) -> f64 {
     let unseen = (letters - seen).max(0.0) * uniform * uniform;
     let distance = unseen + sum(cells, |n| (uniform - n as f64 / total).powi(2));
     let variance = sum(cells, |n| n as f64 / total * (1.0 - n as f64 / total)) / (total - 1.0);
-    if variance < distance { variance / distance } else { 1.0 }
+    if variance < distance {
+        variance / distance
+    } else {
+        1.0
+    }
 }
 
-/// Returns the entropy of the counts' shares shrunk towards the uniform share of a letter; unseen letters included.
+/// Returns the entropy of the counts' shares shrunk towards the uniform share of a letter; unseen
+/// letters included.
 fn shrunk_entropy(counts: &[Repeated], total: u64, letters: f64, kept: f64) -> f64 {
     let uniform = (1.0 - kept) / letters;
     let seen: f64 = counts.iter().map(|count| count.times).sum();
     let p_ln_p = |share: f64| if share > 0.0 { share * share.ln() } else { 0.0 };
     let unseen = (letters - seen).max(0.0) * p_ln_p(uniform);
-    -unseen - sum(counts, |n| p_ln_p(uniform + kept * (n as f64 / total as f64)))
+    -unseen
+        - sum(counts, |n| {
+            p_ln_p(uniform + kept * (n as f64 / total as f64))
+        })
 }

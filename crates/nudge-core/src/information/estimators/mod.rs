@@ -1,7 +1,9 @@
-//! Other ways to reckon the mutual information of what produced a table: on request, beside the plug-in and the
-//! verdict. Not what a verdict rests on: none of them knows that most states have no influence at all.
+//! Other ways to reckon the mutual information of what produced a table: on request, beside the
+//! plug-in and the verdict. Not what a verdict rests on: none of them knows that most states have
+//! no influence at all.
 //!
-//! All but [`adjusted`] return nats; all are finite on every table and 0 where nothing was seen. Which to ask for:
+//! All but [`adjusted`] return nats; all are finite on every table and 0 where nothing was seen.
+//! Which to ask for:
 //!
 //! | estimator | adds to the plug-in | mind |
 //! |---|---|---|
@@ -34,7 +36,8 @@ pub use uniform_policy::uniform_policy;
 use super::repeats::{Repeated, repeated};
 use super::table::Table;
 
-/// Returns what an entropy estimator makes of a mutual information: S(rows) + S(columns) - S(cells).
+/// Returns what an entropy estimator makes of a mutual information:
+/// S(rows) + S(columns) - S(cells).
 fn by_entropies(table: &Table, entropy: impl Fn(&[Repeated]) -> f64) -> f64 {
     let [rows, columns, cells] = repeats(table);
     entropy(&rows) + entropy(&columns) - entropy(&cells)
@@ -43,5 +46,9 @@ fn by_entropies(table: &Table, entropy: impl Fn(&[Repeated]) -> f64) -> f64 {
 /// Returns the row sums, the column sums and the cells of a table, equal counts together.
 fn repeats(table: &Table) -> [Vec<Repeated>; 3] {
     let sums = |sums: &[u64]| repeated(sums.iter().copied());
-    [sums(table.rows()), sums(table.columns()), repeated(table.cells().iter().map(|cell| cell.n))]
+    [
+        sums(table.rows()),
+        sums(table.columns()),
+        repeated(table.cells().iter().map(|cell| cell.n)),
+    ]
 }

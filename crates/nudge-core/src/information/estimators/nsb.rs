@@ -9,18 +9,19 @@ use crate::information::letters::Letters;
 use crate::information::repeats::{Repeated, sum};
 use crate::information::table::Table;
 
-/// Returns the mutual information by the entropies of Nemenman, Shafee & Bialek of rows, columns and cells, in nats
-/// (2002, "Entropy and inference, revisited").
+/// Returns the mutual information by the entropies of Nemenman, Shafee & Bialek of rows, columns
+/// and cells, in nats (2002, "Entropy and inference, revisited").
 ///
-/// S(rows) + S(columns) - S(cells), each the posterior mean of the entropy of K letters, K from the alphabet, where
-/// the shares are Dirichlet with the same concentration b for each letter, and b is weighted so that all mean
-/// entropies from 0 to ln K are equally likely beforehand:
-/// weight(b) = (K psi'(K b + 1) - psi'(b + 1)) Gamma(K b) / Gamma(N + K b) prod_i Gamma(n_i + b) / Gamma(b).
+/// S(rows) + S(columns) - S(cells), each the posterior mean of the entropy of K letters, K from the
+/// alphabet, where the shares are Dirichlet with the same concentration b for each letter, and b is
+/// weighted so that all mean entropies from 0 to ln K are equally likely beforehand: weight(b) = (K
+/// psi'(K b + 1) - psi'(b + 1)) Gamma(K b) / Gamma(N + K b) prod_i Gamma(n_i + b) / Gamma(b).
 ///
-/// In words: the best of the classical estimators at few visits. It still answers a number where the honest answer is
-/// "probably none": it does not know that most states have no influence.
+/// In words: the best of the classical estimators at few visits. It still answers a number where
+/// the honest answer is "probably none": it does not know that most states have no influence.
 ///
-/// May be negative, since the three entropies have priors apart. 0 at N = 0 and for an alphabet of one letter.
+/// May be negative, since the three entropies have priors apart. 0 at N = 0 and for an alphabet of
+/// one letter.
 pub fn nsb(table: &Table, alphabet: Alphabet) -> f64 {
     if table.total() == 0 {
         return 0.0;
@@ -28,7 +29,8 @@ pub fn nsb(table: &Table, alphabet: Alphabet) -> f64 {
     let letters = Letters::of(table, alphabet);
     let [rows, columns, cells] = repeats(table);
     let entropy = |counts, letters| Posterior::new(counts, table.total(), letters).mean_entropy();
-    entropy(&rows, letters.rows) + entropy(&columns, letters.columns) - entropy(&cells, letters.cells)
+    entropy(&rows, letters.rows) + entropy(&columns, letters.columns)
+        - entropy(&cells, letters.cells)
 }
 
 /// What the counts of N visits say about the distribution that made them.
@@ -45,14 +47,19 @@ const NEGLIGIBLE: f64 = -42.0;
 impl<'a> Posterior<'a> {
     fn new(counts: &'a [Repeated], total: u64, letters: f64) -> Self {
         let seen = counts.iter().map(|count| count.times).sum();
-        Self { counts, seen, total: total as f64, letters }
+        Self {
+            counts,
+            seen,
+            total: total as f64,
+            letters,
+        }
     }
 
     /// Returns the mean of [`entropy`](Self::entropy) over u = ln b, by the trapezoid rule.
     ///
-    /// The weight is analytic and falls off exponentially on both sides, where the rule converges exponentially too:
-    /// a step of half the width of the narrowest peak leaves less than rounding does. No peak is narrower than
-    /// that of as many letters as were seen, each known exactly.
+    /// The weight is analytic and falls off exponentially on both sides, where the rule converges
+    /// exponentially too: a step of half the width of the narrowest peak leaves less than rounding
+    /// does. No peak is narrower than that of as many letters as were seen, each known exactly.
     fn mean_entropy(&self) -> f64 {
         if self.letters == 1.0 {
             return 0.0;
@@ -77,19 +84,27 @@ impl<'a> Posterior<'a> {
         mean.sum / mean.weights
     }
 
-    /// Returns the u with the largest weight among those a unit apart. Beyond the ends the weight only falls: below
-    /// b = 1 / K as b, above b = N as 1 / b.
+    /// Returns the u with the largest weight among those a unit apart. Beyond the ends the weight
+    /// only falls: below b = 1 / K as b, above b = N as 1 / b.
     fn near_the_peak(&self) -> f64 {
-        let (lowest, highest) = (-self.letters.ln().ceil() as i32 - 2, self.total.ln().ceil() as i32 + 2);
+        let (lowest, highest) = (
+            -self.letters.ln().ceil() as i32 - 2,
+            self.total.ln().ceil() as i32 + 2,
+        );
         let weighed = (lowest..=highest).map(|u| (f64::from(u), self.log_weight(f64::from(u))));
-        weighed.max_by(|a, b| a.1.total_cmp(&b.1)).expect("lowest is below highest").0
+        weighed
+            .max_by(|a, b| a.1.total_cmp(&b.1))
+            .expect("lowest is below highest")
+            .0
     }
 
-    /// Returns the logarithm of the posterior weight of u = ln b, but for a constant: with beta functions, the gamma
-    /// functions of the weight are B(N, K b) / prod_i B(n_i, b) times what b does not change.
+    /// Returns the logarithm of the posterior weight of u = ln b, but for a constant: with beta
+    /// functions, the gamma functions of the weight are B(N, K b) / prod_i B(n_i, b) times what b
+    /// does not change.
     fn log_weight(&self, u: f64) -> f64 {
         let b = u.exp();
-        let evidence = ln_beta(self.total, self.letters * b) - sum(self.counts, |n| ln_beta(n as f64, b));
+        let evidence =
+            ln_beta(self.total, self.letters * b) - sum(self.counts, |n| ln_beta(n as f64, b));
         entropy_growth(b, self.letters).ln() + evidence
     }
 
@@ -112,7 +127,11 @@ struct Mean {
 
 impl Default for Mean {
     fn default() -> Self {
-        Self { largest: f64::NEG_INFINITY, weights: 0.0, sum: 0.0 }
+        Self {
+            largest: f64::NEG_INFINITY,
+            weights: 0.0,
+            sum: 0.0,
+        }
     }
 }
 

@@ -7,20 +7,42 @@ use proptest::prelude::*;
 
 /// What may be left where entropies of up to 88 nats cancel.
 const ROUNDING: f64 = 1e-13;
-const SEVEN: Alphabet = Alphabet { rows: 7, columns: 7 };
-const HUGE: Alphabet = Alphabet { rows: u64::MAX, columns: u64::MAX };
+const SEVEN: Alphabet = Alphabet {
+    rows: 7,
+    columns: 7,
+};
+const HUGE: Alphabet = Alphabet {
+    rows: u64::MAX,
+    columns: u64::MAX,
+};
 
 fn never_negative(table: &Table, alphabet: Alphabet) -> [f64; 3] {
-    [james_stein(table, alphabet), dirichlet(table, alphabet), uniform_policy(table)]
+    [
+        james_stein(table, alphabet),
+        dirichlet(table, alphabet),
+        uniform_policy(table),
+    ]
 }
 
 fn maybe_negative(table: &Table, alphabet: Alphabet) -> [f64; 4] {
-    [chao_shen(table), grassberger_2003(table), nsb(table, alphabet), adjusted(table)]
+    [
+        chao_shen(table),
+        grassberger_2003(table),
+        nsb(table, alphabet),
+        adjusted(table),
+    ]
 }
 
 #[test]
 fn nothing_seen_gives_nothing() {
-    for alphabet in [SEVEN, HUGE, Alphabet { rows: 0, columns: 1 }] {
+    for alphabet in [
+        SEVEN,
+        HUGE,
+        Alphabet {
+            rows: 0,
+            columns: 1,
+        },
+    ] {
         assert_eq!(never_negative(&Table::default(), alphabet), [0.0; 3]);
         assert_eq!(maybe_negative(&Table::default(), alphabet), [0.0; 4]);
     }
@@ -29,10 +51,20 @@ fn nothing_seen_gives_nothing() {
 #[test]
 fn an_alphabet_of_one_letter_has_no_information() {
     let table = grid(&[&[3, 1, 4, 1, 5]]);
-    let alphabet = Alphabet { rows: 1, columns: 5 };
+    let alphabet = Alphabet {
+        rows: 1,
+        columns: 5,
+    };
 
-    assert!(never_negative(&table, alphabet).iter().all(|information| *information < ROUNDING));
-    assert_eq!([chao_shen(&table), nsb(&table, alphabet), adjusted(&table)], [0.0; 3]);
+    assert!(
+        never_negative(&table, alphabet)
+            .iter()
+            .all(|information| *information < ROUNDING)
+    );
+    assert_eq!(
+        [chao_shen(&table), nsb(&table, alphabet), adjusted(&table)],
+        [0.0; 3]
+    );
 }
 
 #[test]
@@ -44,17 +76,43 @@ fn every_figure_is_finite_at_every_extreme() {
         grid(&[&[half, 0], &[0, half]]),
         grid(&[&[LARGEST_TOTAL - 1, 0], &[0, 1]]),
         grid(&[&[half / 2; 2], &[half / 2; 2]]),
-        grid(&[&[1_000_000_000; 3], &[1_000_000_000, 999_999_999, 1_000_000_001]]),
+        grid(&[
+            &[1_000_000_000; 3],
+            &[1_000_000_000, 999_999_999, 1_000_000_001],
+        ]),
         Table::from_counts((0..2_000).map(|i| (i, i, 1))),
         Table::from_counts((0..500).flat_map(|i| [(i, i, 1), (i, i + 1, 1)])),
         Table::from_counts((0..1_500).map(|i| (i % 500, i * i % 499, 1))),
     ];
     for table in extremes {
-        for alphabet in [SEVEN, HUGE, Alphabet { rows: 1, columns: 1 }, Alphabet { rows: u64::MAX, columns: 1 }] {
-            let figures = (never_negative(&table, alphabet), maybe_negative(&table, alphabet));
+        for alphabet in [
+            SEVEN,
+            HUGE,
+            Alphabet {
+                rows: 1,
+                columns: 1,
+            },
+            Alphabet {
+                rows: u64::MAX,
+                columns: 1,
+            },
+        ] {
+            let figures = (
+                never_negative(&table, alphabet),
+                maybe_negative(&table, alphabet),
+            );
 
-            assert!(figures.0.iter().all(|figure| figure.is_finite() && *figure >= 0.0), "{figures:?} {alphabet:?}");
-            assert!(figures.1.iter().all(|figure| figure.is_finite()), "{figures:?} {alphabet:?}");
+            assert!(
+                figures
+                    .0
+                    .iter()
+                    .all(|figure| figure.is_finite() && *figure >= 0.0),
+                "{figures:?} {alphabet:?}"
+            );
+            assert!(
+                figures.1.iter().all(|figure| figure.is_finite()),
+                "{figures:?} {alphabet:?}"
+            );
         }
     }
 }

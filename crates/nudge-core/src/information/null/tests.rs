@@ -1,4 +1,5 @@
-//! The expected information against two other ways to it: every table there is, and shuffled visits.
+//! The expected information against two other ways to it: every table there is, and shuffled
+//! visits.
 
 use super::*;
 use crate::information::plug_in;
@@ -12,10 +13,21 @@ const ROUNDING: f64 = 1e-13;
 
 #[test]
 fn nothing_is_expected_without_two_rows_and_two_columns() {
-    for table in [Table::default(), grid(&[&[7]]), grid(&[&[3, 1, 4]]), grid(&[&[3], &[1], &[4]])] {
-        assert_eq!(expected_if_independent(&table), (0.0, ExpectedMethod::Hypergeometric));
+    for table in [
+        Table::default(),
+        grid(&[&[7]]),
+        grid(&[&[3, 1, 4]]),
+        grid(&[&[3], &[1], &[4]]),
+    ] {
+        assert_eq!(
+            expected_if_independent(&table),
+            (0.0, ExpectedMethod::Hypergeometric)
+        );
     }
-    assert_eq!(expected_if_independent(&grid(&[&[9_999, 1]])), (0.0, ExpectedMethod::Asymptotic));
+    assert_eq!(
+        expected_if_independent(&grid(&[&[9_999, 1]])),
+        (0.0, ExpectedMethod::Asymptotic)
+    );
 }
 
 #[test]
@@ -32,7 +44,10 @@ fn the_method_changes_above_a_thousand_visits() {
     let (exact, method) = expected_if_independent(&grid(&[&[250, 250], &[250, 250]]));
     let (approximate, above) = expected_if_independent(&grid(&[&[250, 250], &[250, 251]]));
 
-    assert_eq!((method.as_str(), above.as_str()), ("hypergeometric", "asymptotic"));
+    assert_eq!(
+        (method.as_str(), above.as_str()),
+        ("hypergeometric", "asymptotic")
+    );
     assert_eq!(approximate, 1.0 / 2_002.0);
     assert!((exact / approximate - 1.0).abs() < 0.01);
 }
@@ -55,7 +70,10 @@ fn agrees_with_every_table_at_the_same_margins() {
         let (expected, _) = expected_if_independent(&any_table_with(rows, columns));
 
         let by_enumeration = mean.sum / mean.weights;
-        assert!((expected - by_enumeration).abs() < ROUNDING, "{rows:?} {columns:?}: {expected} {by_enumeration}");
+        assert!(
+            (expected - by_enumeration).abs() < ROUNDING,
+            "{rows:?} {columns:?}: {expected} {by_enumeration}"
+        );
     }
 }
 
@@ -65,13 +83,24 @@ fn the_longest_recurrences_keep_their_digits() {
     let references: [(&[u64], &[u64], f64); 4] = [
         (&[500, 500], &[500, 500], 0.000_500_751_336_805_611_5),
         (&[999, 1], &[998, 2], 1.504_092_083_539_219_7e-5),
-        (&[333, 333, 334], &[333, 333, 334], 0.002_005_360_632_788_619_5),
-        (&[400, 300, 200, 50, 50], &[700, 200, 90, 10], 0.006_252_348_932_689_48),
+        (
+            &[333, 333, 334],
+            &[333, 333, 334],
+            0.002_005_360_632_788_619_5,
+        ),
+        (
+            &[400, 300, 200, 50, 50],
+            &[700, 200, 90, 10],
+            0.006_252_348_932_689_48,
+        ),
     ];
     for (rows, columns, reference) in references {
         let (expected, _) = expected_if_independent(&any_table_with(rows, columns));
 
-        assert!((expected - reference).abs() < ROUNDING, "{rows:?} {columns:?}: {expected:e}");
+        assert!(
+            (expected - reference).abs() < ROUNDING,
+            "{rows:?} {columns:?}: {expected:e}"
+        );
     }
 }
 
@@ -81,7 +110,8 @@ fn agrees_with_shuffled_visits() {
     let mut random = StdRng::seed_from_u64(20);
     let rows = labels(&[40, 31, 17, 8, 3, 1]);
     let mut columns = labels(&[55, 25, 10, 5, 4, 1]);
-    let shuffled = |columns: &[u64]| Table::from_counts(rows.iter().zip(columns).map(|(&i, &j)| (i, j, 1)));
+    let shuffled =
+        |columns: &[u64]| Table::from_counts(rows.iter().zip(columns).map(|(&i, &j)| (i, j, 1)));
     let (expected, _) = expected_if_independent(&shuffled(&columns));
 
     let (mut sum, mut squares) = (0.0, 0.0);
@@ -93,8 +123,12 @@ fn agrees_with_shuffled_visits() {
     }
 
     let mean = sum / f64::from(SHUFFLES);
-    let standard_error = ((squares / f64::from(SHUFFLES) - mean * mean) / f64::from(SHUFFLES)).sqrt();
-    assert!((mean - expected).abs() < 4.0 * standard_error, "{mean} +- {standard_error}, expected {expected}");
+    let standard_error =
+        ((squares / f64::from(SHUFFLES) - mean * mean) / f64::from(SHUFFLES)).sqrt();
+    assert!(
+        (mean - expected).abs() < 4.0 * standard_error,
+        "{mean} +- {standard_error}, expected {expected}"
+    );
 }
 
 proptest! {
@@ -121,13 +155,24 @@ struct Mean {
     weights: f64,
 }
 
-/// Visits every table at the given margins, each weighted by the number of pairings that make it, which is in
-/// proportion to 1 / prod n_ij!.
-fn enumerate(rows: &[u64], columns_left: &mut Vec<u64>, cells: &mut Vec<u64>, weight: f64, mean: &mut Mean) {
+/// Visits every table at the given margins, each weighted by the number of pairings that make it,
+/// which is in proportion to 1 / prod n_ij!.
+fn enumerate(
+    rows: &[u64],
+    columns_left: &mut Vec<u64>,
+    cells: &mut Vec<u64>,
+    weight: f64,
+    mean: &mut Mean,
+) {
     let column = cells.len() % columns_left.len();
     let Some(&row_left) = rows.first() else {
         let width = columns_left.len() as u64;
-        let table = Table::from_counts(cells.iter().zip(0..).map(|(&n, at)| (at / width, at % width, n)));
+        let table = Table::from_counts(
+            cells
+                .iter()
+                .zip(0..)
+                .map(|(&n, at)| (at / width, at % width, n)),
+        );
         mean.weights += weight;
         mean.sum += weight * plug_in(&table);
         return;
@@ -143,7 +188,13 @@ fn enumerate(rows: &[u64], columns_left: &mut Vec<u64>, cells: &mut Vec<u64>, we
         columns_left[column] -= n;
         cells.push(n);
         let factorial: f64 = (1..=n).map(|k| k as f64).product();
-        enumerate(&rows_left[usize::from(last_column)..], columns_left, cells, weight / factorial, mean);
+        enumerate(
+            &rows_left[usize::from(last_column)..],
+            columns_left,
+            cells,
+            weight / factorial,
+            mean,
+        );
         cells.pop();
         columns_left[column] += n;
     }
@@ -152,11 +203,18 @@ fn enumerate(rows: &[u64], columns_left: &mut Vec<u64>, cells: &mut Vec<u64>, we
 /// Returns one table with these margins: visits in order of both labels.
 fn any_table_with(rows: &[u64], columns: &[u64]) -> Table {
     let (rows, columns) = (labels(rows), labels(columns));
-    assert_eq!(rows.len(), columns.len(), "margins of one table have one total");
+    assert_eq!(
+        rows.len(),
+        columns.len(),
+        "margins of one table have one total"
+    );
     Table::from_counts(rows.into_iter().zip(columns).map(|(i, j)| (i, j, 1)))
 }
 
 /// Returns each label as often as its sum says.
 fn labels(sums: &[u64]) -> Vec<u64> {
-    sums.iter().zip(0..).flat_map(|(&sum, label)| std::iter::repeat_n(label, sum as usize)).collect()
+    sums.iter()
+        .zip(0..)
+        .flat_map(|(&sum, label)| std::iter::repeat_n(label, sum as usize))
+        .collect()
 }

@@ -1,29 +1,41 @@
 //! Which of many states to call influenced, so that few of those called are called wrongly.
 //! Neither rule asks how strong an influence is.
 
-/// Returns which tests to reject so that, of those rejected, at most a share `alpha` is expected to be wrong
-/// (Benjamini & Hochberg 1995): all with p at most p_(k), for the largest k with p_(k) <= alpha k / m.
+/// Returns which tests to reject so that, of those rejected, at most a share `alpha` is expected to
+/// be wrong (Benjamini & Hochberg 1995): all with p at most p_(k), for the largest k with
+/// p_(k) <= alpha k / m.
 ///
-/// Leave out beforehand the states that cannot pass, whose [`smallest_p`](super::smallest_p) is above `alpha`: they
-/// count in m and make the others harder to see. What is left out must not depend on the p-values.
+/// Leave out beforehand the states that cannot pass, whose [`smallest_p`](super::smallest_p) is
+/// above `alpha`: they count in m and make the others harder to see. What is left out must not
+/// depend on the p-values.
 ///
-/// Holds for independent tests, and for those that tend to err together (Benjamini & Yekutieli 2001).
+/// Holds for independent tests, and for those that tend to err together (Benjamini & Yekutieli
+/// 2001).
 pub fn benjamini_hochberg(p_values: &[f64], alpha: f64) -> Vec<bool> {
     let share = alpha / p_values.len() as f64;
     let mut ascending = p_values.to_vec();
     ascending.sort_unstable_by(f64::total_cmp);
-    let passing = ascending.iter().zip(1_u32..).filter(|&(&p, k)| p <= share * f64::from(k)).last();
-    p_values.iter().map(|&p| passing.is_some_and(|(&threshold, _)| p <= threshold)).collect()
+    let passing = ascending
+        .iter()
+        .zip(1_u32..)
+        .filter(|&(&p, k)| p <= share * f64::from(k))
+        .last();
+    p_values
+        .iter()
+        .map(|&p| passing.is_some_and(|(&threshold, _)| p <= threshold))
+        .collect()
 }
 
 /// What 1 - P may be off by: at a level of .05, P = .95 is to be chosen.
 const ROUNDING: f64 = 1e-12;
 
-/// Returns the most states whose mean probability of having no influence is at most `level`, the likeliest first,
-/// given each one's probability of having some (Newton, Noueiry, Sarkar & Ahlquist 2004).
+/// Returns the most states whose mean probability of having no influence is at most `level`, the
+/// likeliest first, given each one's probability of having some (Newton, Noueiry, Sarkar & Ahlquist
+/// 2004).
 ///
-/// Of those chosen, at most a share `level` is expected to be wrong, if the probabilities can be believed. Equal
-/// probabilities are chosen or left together, so that the order of the states does not matter.
+/// Of those chosen, at most a share `level` is expected to be wrong, if the probabilities can be
+/// believed. Equal probabilities are chosen or left together, so that the order of the states does
+/// not matter.
 pub fn bayesian_fdr(p_dependent: &[f64], level: f64) -> Vec<bool> {
     let mut descending = p_dependent.to_vec();
     descending.sort_unstable_by(|a, b| b.total_cmp(a));
@@ -46,10 +58,11 @@ mod tests {
 
     #[test]
     fn rejects_the_four_of_the_original_example() {
-        // Benjamini & Hochberg 1995, section 3.1: 15 hypotheses, of which .05 rejects the first four.
+        // Benjamini & Hochberg 1995, section 3.1: 15 hypotheses, of which .05 rejects the first
+        // four.
         let p_values = [
-            0.0001, 0.0004, 0.0019, 0.0095, 0.0201, 0.0278, 0.0298, 0.0344, 0.0459, 0.3240, 0.4262, 0.5719, 0.6528,
-            0.7590, 1.0,
+            0.0001, 0.0004, 0.0019, 0.0095, 0.0201, 0.0278, 0.0298, 0.0344, 0.0459, 0.3240, 0.4262,
+            0.5719, 0.6528, 0.7590, 1.0,
         ];
 
         let rejected = benjamini_hochberg(&p_values, 0.05);
@@ -60,14 +73,20 @@ mod tests {
 
     #[test]
     fn a_later_p_value_carries_the_earlier_ones() {
-        assert_eq!(benjamini_hochberg(&[0.05, 0.04, 0.9], 0.08), [true, true, false]);
+        assert_eq!(
+            benjamini_hochberg(&[0.05, 0.04, 0.9], 0.08),
+            [true, true, false]
+        );
         assert!(benjamini_hochberg(&[], 0.05).is_empty());
     }
 
     #[test]
     fn chooses_while_the_mean_doubt_is_small_enough() {
         // Mean doubts of the likeliest 1, 2, 3, 4: .01, .015, .043, .158.
-        assert_eq!(bayesian_fdr(&[0.5, 0.99, 0.9, 0.98], 0.05), [false, true, true, true]);
+        assert_eq!(
+            bayesian_fdr(&[0.5, 0.99, 0.9, 0.98], 0.05),
+            [false, true, true, true]
+        );
         assert_eq!(bayesian_fdr(&[0.95], 0.05), [true]);
         assert_eq!(bayesian_fdr(&[0.94], 0.05), [false]);
     }

@@ -1,28 +1,39 @@
-//! What margins alone say about the tables that have them: how many there are, and how unlikely one can be.
+//! What margins alone say about the tables that have them: how many there are, and how unlikely one
+//! can be.
 
 use statrs::function::gamma::ln_gamma;
 
 use crate::information::table::Table;
 use crate::information::x_ln_x;
 
-/// Returns whether there are at most so many combinations of tables with these margins, none of more than 1,000 visits.
+/// Returns whether there are at most so many combinations of tables with these margins, none of
+/// more than 1,000 visits.
 ///
-/// Bounded by the ways to fill each column but the largest on its own, or each row but the largest, whichever are
-/// fewer.
+/// Bounded by the ways to fill each column but the largest on its own, or each row but the largest,
+/// whichever are fewer.
 pub(super) fn few_tables(slices: &[&Table], at_most: u64) -> bool {
     let at_most = at_most as f64;
     let mut tables = 1.0;
     slices.iter().all(|slice| {
         let small = slice.total() <= x_ln_x::LARGEST;
-        let fewest =
-            |enough| ways(slice.rows(), slice.columns(), enough).min(ways(slice.columns(), slice.rows(), enough));
-        tables *= if small { fewest(at_most) } else { f64::INFINITY };
+        let fewest = |enough| {
+            ways(slice.rows(), slice.columns(), enough).min(ways(
+                slice.columns(),
+                slice.rows(),
+                enough,
+            ))
+        };
+        tables *= if small {
+            fewest(at_most)
+        } else {
+            f64::INFINITY
+        };
         tables <= at_most
     })
 }
 
-/// Returns the number of ways to fill each of the lines but the largest on its own from crossing lines with room for
-/// their own sums, or some number above `enough` where it is above that.
+/// Returns the number of ways to fill each of the lines but the largest on its own from crossing
+/// lines with room for their own sums, or some number above `enough` where it is above that.
 fn ways(crossing: &[u64], lines: &[u64], enough: f64) -> f64 {
     let mut lines = lines.to_vec();
     lines.sort_unstable();
@@ -37,8 +48,8 @@ fn ways(crossing: &[u64], lines: &[u64], enough: f64) -> f64 {
     product
 }
 
-/// Returns in how many ways a sum splits among places with the given room: the coefficient of x^sum in
-/// prod_i (1 + x + ... + x^room_i).
+/// Returns in how many ways a sum splits among places with the given room: the coefficient of x^sum
+/// in prod_i (1 + x + ... + x^room_i).
 fn fillings(room: &[u64], sum: usize) -> f64 {
     let mut ways = vec![0.0; sum + 1];
     ways[0] = 1.0;
@@ -55,19 +66,22 @@ fn fillings(room: &[u64], sum: usize) -> f64 {
 /// The relative error of ln n!, and some to spare.
 const ROUNDING: f64 = 1e-14;
 
-/// Returns a lower bound of the probability of any table with these margins: prod r_i! prod c_j! / (N! prod n_ij!),
-/// with prod n_ij! at most what it is where each row fills the largest columns first, or each column the largest rows.
+/// Returns a lower bound of the probability of any table with these margins: prod r_i! prod
+/// c_j! / (N! prod n_ij!), with prod n_ij! at most what it is where each row fills the largest
+/// columns first, or each column the largest rows.
 pub(super) fn least_probability(table: &Table) -> f64 {
     let (rows, columns) = (table.rows(), table.columns());
     let of_sums = |sums: &[u64]| sums.iter().map(|&sum| ln_factorial(sum)).sum::<f64>();
     let of_all = ln_factorial(table.total());
     let of_cells = fullest(rows, columns).min(fullest(columns, rows));
     let least = of_sums(rows) + of_sums(columns) - of_all - of_cells;
-    // Of the largest totals rounding leaves nothing: then the bound is 0, which is true of any probability.
+    // Of the largest totals rounding leaves nothing: then the bound is 0, which is true of any
+    // probability.
     (least - ROUNDING * of_all).exp().min(1.0)
 }
 
-/// Returns an upper bound of sum ln n_ij!: convex, so that each line has most where it fills the largest rooms first.
+/// Returns an upper bound of sum ln n_ij!: convex, so that each line has most where it fills the
+/// largest rooms first.
 fn fullest(lines: &[u64], rooms: &[u64]) -> f64 {
     let mut rooms = rooms.to_vec();
     rooms.sort_unstable_by(|a, b| b.cmp(a));
@@ -77,7 +91,12 @@ fn fullest(lines: &[u64], rooms: &[u64]) -> f64 {
             left -= n;
             n
         };
-        rooms.iter().map(fill).take_while(|n| *n > 0).map(ln_factorial).sum::<f64>()
+        rooms
+            .iter()
+            .map(fill)
+            .take_while(|n| *n > 0)
+            .map(ln_factorial)
+            .sum::<f64>()
     };
     lines.iter().map(|&line| filled(line)).sum()
 }
@@ -104,7 +123,10 @@ mod tests {
     #[test]
     fn leaves_the_largest_totals_to_others() {
         assert!(!few_tables(&[&grid(&[&[999, 1], &[0, 1]])], u64::MAX));
-        assert_eq!(least_probability(&grid(&[&[1 << 60, 1], &[0, 1 << 60]])), 0.0);
+        assert_eq!(
+            least_probability(&grid(&[&[1 << 60, 1], &[0, 1 << 60]])),
+            0.0
+        );
     }
 
     proptest! {

@@ -1,8 +1,10 @@
-//! Could chance alone have made these counts? The p-value of the plug-in mutual information at fixed margins.
+//! Could chance alone have made these counts? The p-value of the plug-in mutual information at
+//! fixed margins.
 //!
-//! Not the strength of an influence, nor the probability of one: with many visits, the weakest dependence is
-//! significant; with few, the strongest is not; and of a thousand states without any, fifty pass at .05. Tests take
-//! the visits for independent draws, which the steps of one stay in a state are not.
+//! Not the strength of an influence, nor the probability of one: with many visits, the weakest
+//! dependence is significant; with few, the strongest is not; and of a thousand states without any,
+//! fifty pass at .05. Tests take the visits for independent draws, which the steps of one stay in a
+//! state are not.
 
 mod discoveries;
 mod enumeration;
@@ -56,29 +58,33 @@ impl Method {
     }
 }
 
-/// Values of the statistic closer than this, relative to the larger of it and 1, are a tie: rounding apart, they are
-/// the same. Ties count as chance doing as well.
+/// Values of the statistic closer than this, relative to the larger of it and 1, are a tie:
+/// rounding apart, they are the same. Ties count as chance doing as well.
 const TIE: f64 = 1e-9;
 
-/// Exact where there are at most this many tables, or as many as permutations were asked for: about the same work.
+/// Exact where there are at most this many tables, or as many as permutations were asked for: about
+/// the same work.
 const FEW_TABLES: u64 = 1_000;
 
-/// Returns the probability that independent actions with the same margins give at least the plug-in mutual
-/// information that was seen.
+/// Returns the probability that independent actions with the same margins give at least the plug-in
+/// mutual information that was seen.
 ///
-/// `slices` are tables to be judged together: one for each segment or each value of other agents' actions, or a
-/// single one. The statistic is sum N_s I_s, half of Woolf's G (1957); visits are exchanged within slices only.
+/// `slices` are tables to be judged together: one for each segment or each value of other agents'
+/// actions, or a single one. The statistic is sum N_s I_s, half of Woolf's G (1957); visits are
+/// exchanged within slices only.
 ///
 /// - One occupied row or column in every slice: 1, exactly.
-/// - Exact: the probabilities of all tables with these margins (Fisher 1935; Freeman & Halton 1951), where there are at most
-///   1,000 (or `permutations`, if more) and no slice has more than 1,000 visits.
-/// - The G test with Williams's correction: chi-square with sum (R'_s - 1)(C'_s - 1) degrees of freedom on the occupied rows and
-///   columns, where every expected count is at least 20.
-/// - Else (1 + how many of `permutations` random tables reach it) / (1 + `permutations`), which is never too small, however few
-///   they are (Phipson & Smyth 2010). The same `seed` gives the same answer.
+/// - Exact: the probabilities of all tables with these margins (Fisher 1935; Freeman & Halton
+///   1951), where there are at most 1,000 (or `permutations`, if more) and no slice has more than
+///   1,000 visits.
+/// - The G test with Williams's correction: chi-square with sum (R'_s - 1)(C'_s - 1) degrees of
+///   freedom on the occupied rows and columns, where every expected count is at least 20.
+/// - Else (1 + how many of `permutations` random tables reach it) / (1 + `permutations`), which is
+///   never too small, however few they are (Phipson & Smyth 2010). The same `seed` gives the same
+///   answer.
 ///
-/// Of independent states, at most a share p has a p-value of p or less, at any number of visits; at few visits a far
-/// smaller share, since few values are possible: see [`smallest_p`].
+/// Of independent states, at most a share p has a p-value of p or less, at any number of visits; at
+/// few visits a far smaller share, since few values are possible: see [`smallest_p`].
 pub fn p_value(slices: &[Table], permutations: u64, seed: u64) -> Significance {
     p_value_while(slices, permutations, seed, &|| true).expect("nobody ends it")
 }
@@ -96,21 +102,29 @@ pub fn p_value_while(
     } else if slices.iter().all(|slice| expects_enough(slice)) {
         (g_test(&slices), Method::GTest)
     } else {
-        (by_permutation(&slices, permutations, seed, goes_on)?, Method::Permutation)
+        (
+            by_permutation(&slices, permutations, seed, goes_on)?,
+            Method::Permutation,
+        )
     };
     Some(Significance { p_value, method })
 }
 
-/// Returns the smallest p-value that any table with these margins could have: 1 where nothing can be learnt.
+/// Returns the smallest p-value that any table with these margins could have: 1 where nothing can
+/// be learnt.
 ///
-/// Exact where all tables can be enumerated ([`p_value`] says where, whatever its permutations); else a lower bound of
-/// the probability of any single table, prod r_i! prod c_j! / (N! prod n_ij!) with prod n_ij! at most what the margins allow. A
-/// state whose smallest p-value is above the level can never pass at this level, whatever its counts, and should not
-/// be counted among the tests (Tarone 1990).
+/// Exact where all tables can be enumerated ([`p_value`] says where, whatever its permutations);
+/// else a lower bound of the probability of any single table, prod r_i! prod c_j! / (N! prod n_ij!)
+/// with prod n_ij! at most what the margins allow. A state whose smallest p-value is above the
+/// level can never pass at this level, whatever its counts, and should not be counted among the
+/// tests (Tarone 1990).
 pub fn smallest_p(slices: &[Table]) -> f64 {
     let slices = informative(slices);
     if !few_tables(&slices, FEW_TABLES) {
-        return slices.iter().map(|slice| least_probability(slice)).product();
+        return slices
+            .iter()
+            .map(|slice| least_probability(slice))
+            .product();
     }
     let mut largest = f64::NEG_INFINITY;
     enumerate(&slices, |statistic, _| largest = largest.max(statistic));
@@ -119,12 +133,18 @@ pub fn smallest_p(slices: &[Table]) -> f64 {
 
 /// Returns the slices that have more than one table with their margins: the others change nothing.
 fn informative(slices: &[Table]) -> Vec<&Table> {
-    slices.iter().filter(|slice| freedoms(slice) > 0.0).collect()
+    slices
+        .iter()
+        .filter(|slice| freedoms(slice) > 0.0)
+        .collect()
 }
 
 /// Returns sum N_s I_s, half of G.
 fn statistic(slices: &[&Table]) -> f64 {
-    slices.iter().map(|slice| slice.total() as f64 * plug_in(slice)).sum()
+    slices
+        .iter()
+        .map(|slice| slice.total() as f64 * plug_in(slice))
+        .sum()
 }
 
 /// Returns the least value that counts as reaching a statistic.
@@ -136,18 +156,33 @@ fn bar(statistic: f64) -> f64 {
 fn exact(slices: &[&Table], statistic: f64) -> f64 {
     let bar = bar(statistic);
     let mut reaching = 0.0;
-    enumerate(slices, |statistic, probability| reaching += if statistic >= bar { probability } else { 0.0 });
+    enumerate(slices, |statistic, probability| {
+        reaching += if statistic >= bar { probability } else { 0.0 }
+    });
     reaching.min(1.0)
 }
 
-fn by_permutation(slices: &[&Table], permutations: u64, seed: u64, goes_on: &dyn Fn() -> bool) -> Option<f64> {
+fn by_permutation(
+    slices: &[&Table],
+    permutations: u64,
+    seed: u64,
+    goes_on: &dyn Fn() -> bool,
+) -> Option<f64> {
     /// Permutations from one look to the next whether to go on.
     const LOOK: u64 = 256;
 
     let mut random = Pcg64::seed_from_u64(seed);
-    let mut samplers: Vec<Sampler> = slices.iter().map(|slice| Sampler::new(slice, freedoms(slice))).collect();
+    let mut samplers: Vec<Sampler> = slices
+        .iter()
+        .map(|slice| Sampler::new(slice, freedoms(slice)))
+        .collect();
     let bar = bar(statistic(slices));
-    let mut draw = || samplers.iter_mut().map(|sampler| sampler.draw(&mut random)).sum::<f64>();
+    let mut draw = || {
+        samplers
+            .iter_mut()
+            .map(|sampler| sampler.draw(&mut random))
+            .sum::<f64>()
+    };
     let mut reaching = 0;
     for permutation in 0..permutations {
         if permutation % LOOK == 0 && !goes_on() {

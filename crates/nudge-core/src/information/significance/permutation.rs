@@ -1,4 +1,5 @@
-//! Random tables with given margins, as chance would make them: the same visits with their columns shuffled.
+//! Random tables with given margins, as chance would make them: the same visits with their columns
+//! shuffled.
 
 use rand::{Rng, RngExt};
 
@@ -11,7 +12,8 @@ use crate::information::x_ln_x;
 /// Above this many visits for each free cell, drawing cells is quicker than shuffling visits.
 const VISITS_PER_DRAW: f64 = 40.0;
 
-/// Draws random tables with the margins of one table, and tells N times the plug-in mutual information of each.
+/// Draws random tables with the margins of one table, and tells N times the plug-in mutual
+/// information of each.
 pub(super) enum Sampler {
     Visits(Visits),
     Cells(Cells),
@@ -56,9 +58,20 @@ impl Visits {
         }
         rows.sort_unstable();
         rows.pop();
-        let labels = columns.iter().zip(0..).flat_map(|(&sum, label)| std::iter::repeat_n(label, sum as usize));
-        let (labels, counts, columns_left) = (labels.collect(), vec![0; columns.len()], columns.clone());
-        Self { of_margins: of_margins(table), rows, columns, labels, counts, columns_left }
+        let labels = columns
+            .iter()
+            .zip(0..)
+            .flat_map(|(&sum, label)| std::iter::repeat_n(label, sum as usize));
+        let (labels, counts, columns_left) =
+            (labels.collect(), vec![0; columns.len()], columns.clone());
+        Self {
+            of_margins: of_margins(table),
+            rows,
+            columns,
+            labels,
+            counts,
+            columns_left,
+        }
     }
 
     fn draw(&mut self, random: &mut impl Rng) -> f64 {
@@ -80,12 +93,14 @@ impl Visits {
                 statistic += x_ln_x::at(n);
             }
         }
-        self.columns_left.iter().fold(statistic, |sum, &n| sum + x_ln_x::at(n))
+        self.columns_left
+            .iter()
+            .fold(statistic, |sum, &n| sum + x_ln_x::at(n))
     }
 }
 
-/// Draws cell after cell from what those before leave (Patefield 1981, algorithm AS 159): as quick for many visits
-/// as for few.
+/// Draws cell after cell from what those before leave (Patefield 1981, algorithm AS 159): as quick
+/// for many visits as for few.
 pub(super) struct Cells {
     rows: Vec<u64>,
     columns: Vec<u64>,
@@ -96,7 +111,12 @@ pub(super) struct Cells {
 impl Cells {
     pub fn new(table: &Table) -> Self {
         let (rows, columns) = (table.rows().to_vec(), table.columns().to_vec());
-        Self { rows_left: rows.clone(), rows, columns, total: table.total() }
+        Self {
+            rows_left: rows.clone(),
+            rows,
+            columns,
+            total: table.total(),
+        }
     }
 
     fn draw(&mut self, random: &mut impl Rng) -> f64 {

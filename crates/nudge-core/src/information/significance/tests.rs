@@ -1,4 +1,5 @@
-//! The three ways to a p-value against each other, against hand-made answers and against what chance does.
+//! The three ways to a p-value against each other, against hand-made answers and against what
+//! chance does.
 
 use super::*;
 use crate::information::LARGEST_TOTAL;
@@ -18,9 +19,17 @@ fn p(slices: &[Table]) -> f64 {
 
 #[test]
 fn nothing_to_compare_is_never_significant() {
-    let single = [Table::default(), grid(&[&[7]]), grid(&[&[3, 1, 4]]), grid(&[&[3], &[1], &[LARGEST_TOTAL - 4]])];
+    let single = [
+        Table::default(),
+        grid(&[&[7]]),
+        grid(&[&[3, 1, 4]]),
+        grid(&[&[3], &[1], &[LARGEST_TOTAL - 4]]),
+    ];
     for table in &single {
-        let one = Significance { p_value: 1.0, method: Method::Exact };
+        let one = Significance {
+            p_value: 1.0,
+            method: Method::Exact,
+        };
         assert_eq!(p_value(std::slice::from_ref(table), B, 7), one);
         assert_eq!(smallest_p(std::slice::from_ref(table)), 1.0);
     }
@@ -30,7 +39,8 @@ fn nothing_to_compare_is_never_significant() {
 
 #[test]
 fn the_lady_tasting_tea() {
-    // Fisher 1935: 8 cups, 4 of each kind; of the 70 ways to choose, 1 or 16 are as good, and as many as bad.
+    // Fisher 1935: 8 cups, 4 of each kind; of the 70 ways to choose, 1 or 16 are as good, and as
+    // many as bad.
     assert!((p(&[grid(&[&[4, 0], &[0, 4]])]) - 2.0 / 70.0).abs() < ROUNDING);
     assert!((p(&[grid(&[&[3, 1], &[1, 3]])]) - 34.0 / 70.0).abs() < ROUNDING);
     assert!((smallest_p(&[grid(&[&[3, 1], &[1, 3]])]) - 2.0 / 70.0).abs() < ROUNDING);
@@ -47,8 +57,12 @@ fn ties_count() {
 
 #[test]
 fn different_tables_with_the_same_information_tie() {
-    // 4 ln 4 = 4 (2 ln 2): nothing but rounding tells these two tables apart, whose margins are the same.
-    let (one, other) = (grid(&[&[4, 0], &[1, 1], &[1, 1]]), grid(&[&[2, 2], &[2, 0], &[2, 0]]));
+    // 4 ln 4 = 4 (2 ln 2): nothing but rounding tells these two tables apart, whose margins are the
+    // same.
+    let (one, other) = (
+        grid(&[&[4, 0], &[1, 1], &[1, 1]]),
+        grid(&[&[2, 2], &[2, 0], &[2, 0]]),
+    );
 
     assert_eq!((one.rows(), one.columns()), (other.rows(), other.columns()));
     assert_eq!(p(&[one]), p(&[other]));
@@ -73,23 +87,39 @@ fn slices_show_what_the_whole_hides() {
 
 #[test]
 fn the_g_test_is_scipy_s_but_for_the_correction() {
-    let table = grid(&[&[10, 3, 1], &[19, 3, 3], &[0, 0, 1], &[2, 1, 0], &[16, 1, 0]]);
+    let table = grid(&[
+        &[10, 3, 1],
+        &[19, 3, 3],
+        &[0, 0, 1],
+        &[2, 1, 0],
+        &[16, 1, 0],
+    ]);
     let half_g = statistic(&[&table]);
 
     // scipy 1.17.1, `G_effective_df` of t24_5x3_rect in tests/golden/mi_tables.json.
     assert!((gamma_ur(4.0, half_g) - 0.175_220_818_787_294_74).abs() < ROUNDING);
-    // mpmath 1.4.1, 30 digits: 1 + (N sum 1/r - 1)(N sum 1/c - 1) / (6 N 8), and the chi-square of G over that.
+    // mpmath 1.4.1, 30 digits: 1 + (N sum 1/r - 1)(N sum 1/c - 1) / (6 N 8), and the chi-square of
+    // G over that.
     assert!((williams(&table) - 1.612_628_986_878_431_4).abs() < ROUNDING);
     assert!((g_test(&[&table]) - 0.522_906_304_087_715_9).abs() < ROUNDING);
     // Two slices alike have twice the statistic and twice the freedoms.
-    assert!((g_test(&[&table, &table]) - gamma_ur(8.0, 2.0 * half_g / williams(&table))).abs() < ROUNDING);
+    assert!(
+        (g_test(&[&table, &table]) - gamma_ur(8.0, 2.0 * half_g / williams(&table))).abs()
+            < ROUNDING
+    );
 }
 
 #[test]
 fn a_product_of_its_margins_is_what_chance_always_reaches() {
     let product = grid(&[&[100, 200], &[300, 600]]);
 
-    assert_eq!(p_value(&[product], B, 7), Significance { p_value: 1.0, method: Method::GTest });
+    assert_eq!(
+        p_value(&[product], B, 7),
+        Significance {
+            p_value: 1.0,
+            method: Method::GTest
+        }
+    );
 }
 
 #[test]
@@ -99,7 +129,10 @@ fn methods_follow_the_margins_not_the_counts() {
     assert_eq!(method(grid(&[&[300, 200], &[200, 300]])), "exact");
     assert_eq!(method(grid(&[&[300, 200], &[200, 301]])), "g_test");
     assert_eq!(method(grid(&[&[1_000, 3], &[1_000, 2]])), "permutation");
-    assert_eq!(method(grid(&[&[9, 9, 9], &[9, 9, 9], &[9, 9, 9]])), "permutation");
+    assert_eq!(
+        method(grid(&[&[9, 9, 9], &[9, 9, 9], &[9, 9, 9]])),
+        "permutation"
+    );
 }
 
 #[test]
@@ -107,7 +140,10 @@ fn more_permutations_buy_the_exact_answer() {
     let table = [grid(&[&[7, 2, 3], &[1, 6, 3], &[2, 2, 6]])];
     let (rough, exact) = (p_value(&table, B, 7), p_value(&table, 10_000, 7));
 
-    assert_eq!((rough.method, exact.method), (Method::Permutation, Method::Exact));
+    assert_eq!(
+        (rough.method, exact.method),
+        (Method::Permutation, Method::Exact)
+    );
     let standard_error = (exact.p_value * (1.0 - exact.p_value) / B as f64).sqrt();
     assert!((rough.p_value - exact.p_value).abs() < 4.0 * standard_error + 1.0 / B as f64);
 }
@@ -124,16 +160,29 @@ fn a_seed_gives_an_answer_and_no_permutations_give_none() {
 #[test]
 fn both_samplers_draw_what_enumeration_lists() {
     const DRAWS: u32 = 4_000;
-    for table in
-        [grid(&[&[5, 1, 2], &[0, 4, 2], &[1, 1, 4]]), grid(&[&[30, 2], &[1, 3]]), grid(&[&[3, 3, 0, 1], &[0, 2, 2, 4]])]
-    {
-        let (bar, exact) = (bar(statistic(&[&table])), exact(&[&table], statistic(&[&table])));
-        for mut sampler in [Sampler::Visits(Visits::new(&table)), Sampler::Cells(Cells::new(&table))] {
+    for table in [
+        grid(&[&[5, 1, 2], &[0, 4, 2], &[1, 1, 4]]),
+        grid(&[&[30, 2], &[1, 3]]),
+        grid(&[&[3, 3, 0, 1], &[0, 2, 2, 4]]),
+    ] {
+        let (bar, exact) = (
+            bar(statistic(&[&table])),
+            exact(&[&table], statistic(&[&table])),
+        );
+        for mut sampler in [
+            Sampler::Visits(Visits::new(&table)),
+            Sampler::Cells(Cells::new(&table)),
+        ] {
             let mut random = Pcg64::seed_from_u64(3);
-            let reaching = (0..DRAWS).filter(|_| sampler.draw(&mut random) >= bar).count();
+            let reaching = (0..DRAWS)
+                .filter(|_| sampler.draw(&mut random) >= bar)
+                .count();
 
             let error = reaching as f64 / f64::from(DRAWS) - exact;
-            assert!(error.abs() < 4.0 * (exact * (1.0 - exact) / f64::from(DRAWS)).sqrt(), "{error} of {exact}");
+            assert!(
+                error.abs() < 4.0 * (exact * (1.0 - exact) / f64::from(DRAWS)).sqrt(),
+                "{error} of {exact}"
+            );
         }
     }
 }
@@ -155,21 +204,32 @@ fn every_extreme_has_a_p_value() {
     assert!((0.0..=1.0).contains(&p(&extremes)));
 }
 
-/// Of independent actions, at most one table in twenty may be significant at .05. Counting only what is above the
-/// observed statistic, not what equals it, passes four in five at three visits.
+/// Of independent actions, at most one table in twenty may be significant at .05. Counting only
+/// what is above the observed statistic, not what equals it, passes four in five at three visits.
 #[test]
 fn chance_is_significant_as_often_as_it_should_be() {
     const TABLES: u32 = 1_500;
     for (visits, letters) in [(3, 6), (5, 6), (8, 6), (12, 6), (32, 6), (20, 9), (40, 25)] {
         let mut random = Pcg64::seed_from_u64(visits);
         let mut table = || {
-            let mut visit = || (random.random_range(0..letters), random.random_range(0..letters), 1);
+            let mut visit = || {
+                (
+                    random.random_range(0..letters),
+                    random.random_range(0..letters),
+                    1,
+                )
+            };
             Table::from_counts((0..visits).map(|_| visit()).collect::<Vec<_>>())
         };
-        let significant = (0..TABLES).filter(|&seed| p_value(&[table()], B, seed.into()).p_value <= 0.05).count();
+        let significant = (0..TABLES)
+            .filter(|&seed| p_value(&[table()], B, seed.into()).p_value <= 0.05)
+            .count();
 
         let rate = significant as f64 / f64::from(TABLES);
-        assert!(rate < 0.05 + 4.0 * (0.05 * 0.95 / f64::from(TABLES)).sqrt(), "{visits} visits: {rate}");
+        assert!(
+            rate < 0.05 + 4.0 * (0.05 * 0.95 / f64::from(TABLES)).sqrt(),
+            "{visits} visits: {rate}"
+        );
     }
 }
 

@@ -25,7 +25,12 @@ pub enum Abstraction {
 
 impl Abstraction {
     /// Every abstraction, coarsest first.
-    pub const ALL: [Self; 4] = [Self::Pos, Self::PosOri, Self::PosOriHeld, Self::PosOriHeldPot];
+    pub const ALL: [Self; 4] = [
+        Self::Pos,
+        Self::PosOri,
+        Self::PosOriHeld,
+        Self::PosOriHeldPot,
+    ];
 
     /// Returns the word for it.
     pub fn as_str(self) -> &'static str {
@@ -37,9 +42,14 @@ impl Abstraction {
         }
     }
 
-    /// Returns the name of the environment of a layout seen this way: `counter_circuit` for the usual one, `counter_circuit.pos` for another.
+    /// Returns the name of the environment of a layout seen this way: `counter_circuit` for the
+    /// usual one, `counter_circuit.pos` for another.
     pub fn environment_name(self, layout: &str) -> String {
-        if self == Self::default() { layout.to_owned() } else { format!("{layout}.{self}") }
+        if self == Self::default() {
+            layout.to_owned()
+        } else {
+            format!("{layout}.{self}")
+        }
     }
 
     fn has_orientation(self) -> bool {
@@ -67,14 +77,18 @@ impl FromStr for Abstraction {
     fn from_str(text: &str) -> Result<Self, String> {
         let names = Self::ALL.map(Self::as_str);
         let wrong = || format!("got {text:?}, expected one of {}", names.join(", "));
-        Self::ALL.into_iter().find(|one| one.as_str() == text).ok_or_else(wrong)
+        Self::ALL
+            .into_iter()
+            .find(|one| one.as_str() == text)
+            .ok_or_else(wrong)
     }
 }
 
 /// A layout seen through an abstraction: an environment, and the way into it.
 ///
-/// Its agents are `player_0` and `player_1`, whose action is one of six moves. Its state begins with player 0's `position`, `orientation` and
-/// `held`, as far as they are kept, then player 1's, then the pots row by row.
+/// Its agents are `player_0` and `player_1`, whose action is one of six moves. Its state begins
+/// with player 0's `position`, `orientation` and `held`, as far as they are kept, then player 1's,
+/// then the pots row by row.
 #[derive(Debug, Clone)]
 pub struct World {
     kitchen: Kitchen,
@@ -84,7 +98,10 @@ pub struct World {
 impl World {
     /// Sees a layout through an abstraction.
     pub fn new(kitchen: Kitchen, abstraction: Abstraction) -> Self {
-        Self { kitchen, abstraction }
+        Self {
+            kitchen,
+            abstraction,
+        }
     }
 
     /// Returns the environment's name.
@@ -99,40 +116,77 @@ impl World {
             state.extend(self.player_features(player));
         }
         if self.abstraction.has_pots() {
-            let pot = |pot: &Cell| categorical(format!("pot_{}_{}", pot.x, pot.y), POT.map(str::to_owned).to_vec());
+            let pot = |pot: &Cell| {
+                categorical(
+                    format!("pot_{}_{}", pot.x, pot.y),
+                    POT.map(str::to_owned).to_vec(),
+                )
+            };
             state.extend(self.kitchen.pots.iter().map(pot));
         }
         let moves = || categorical("move".into(), labels(Move::ALL, Move::label));
-        let agents = PLAYERS.map(|name| AgentDraft { name: name.into(), action: vec![moves()] });
-        SchemaDraft { state, agents: agents.to_vec() }
+        let agents = PLAYERS.map(|name| AgentDraft {
+            name: name.into(),
+            action: vec![moves()],
+        });
+        SchemaDraft {
+            state,
+            agents: agents.to_vec(),
+        }
     }
 
     fn player_features(&self, player: &str) -> Vec<FeatureDraft> {
-        let positions = labels(&self.kitchen.walkable, |cell| format!("{},{}", cell.x, cell.y));
+        let positions = labels(&self.kitchen.walkable, |cell| {
+            format!("{},{}", cell.x, cell.y)
+        });
         let mut features = vec![categorical(format!("{player}.position"), positions)];
         if self.abstraction.has_orientation() {
-            features.push(categorical(format!("{player}.orientation"), labels(Orientation::ALL, Orientation::label)));
+            features.push(categorical(
+                format!("{player}.orientation"),
+                labels(Orientation::ALL, Orientation::label),
+            ));
         }
         if self.abstraction.has_held() {
-            features.push(categorical(format!("{player}.held"), labels(Held::ALL, Held::label)));
+            features.push(categorical(
+                format!("{player}.held"),
+                labels(Held::ALL, Held::label),
+            ));
         }
         features
     }
 
-    /// Returns a step as one value a state feature and one value an agent, in the environment's order.
+    /// Returns a step as one value a state feature and one value an agent, in the environment's
+    /// order.
     pub fn values(&self, step: &Step) -> (Vec<f32>, Vec<f32>) {
         let mut state = Vec::new();
         for player in &step.players {
             self.push_player(player, &mut state);
         }
         if self.abstraction.has_pots() {
-            state.extend(self.kitchen.pots.iter().map(|pot| pot_bucket(*pot, &step.objects)));
+            state.extend(
+                self.kitchen
+                    .pots
+                    .iter()
+                    .map(|pot| pot_bucket(*pot, &step.objects)),
+            );
         }
-        (state, step.actions.iter().map(|action| index(Move::ALL, action)).collect())
+        (
+            state,
+            step.actions
+                .iter()
+                .map(|action| index(Move::ALL, action))
+                .collect(),
+        )
     }
 
     fn push_player(&self, player: &Player, state: &mut Vec<f32>) {
-        state.push(index(&self.kitchen.walkable, &Cell { x: player.x, y: player.y }));
+        state.push(index(
+            &self.kitchen.walkable,
+            &Cell {
+                x: player.x,
+                y: player.y,
+            },
+        ));
         if self.abstraction.has_orientation() {
             state.push(index(Orientation::ALL, &player.orientation));
         }
@@ -149,7 +203,10 @@ const POT: [&str; 5] = ["empty", "one", "two", "cooking", "ready"];
 const COOKED: u32 = 20;
 
 fn pot_bucket(pot: Cell, objects: &[Object]) -> f32 {
-    let soup = objects.iter().find(|object| (object.x, object.y) == (pot.x, pot.y)).map(|object| object.thing);
+    let soup = objects
+        .iter()
+        .find(|object| (object.x, object.y) == (pot.x, pot.y))
+        .map(|object| object.thing);
     match soup {
         Some(Thing::Soup { items: 3, timer }) => {
             if timer < COOKED {
@@ -163,13 +220,20 @@ fn pot_bucket(pot: Cell, objects: &[Object]) -> f32 {
     }
 }
 
-/// Returns the index of `one` as the value it has on the wire. What is not there gets an index that no feature takes, and is rejected by name.
+/// Returns the index of `one` as the value it has on the wire. What is not there gets an index that
+/// no feature takes, and is rejected by name.
 fn index<T: PartialEq>(all: &[T], one: &T) -> f32 {
-    all.iter().position(|known| known == one).map_or(-1.0, |index| index as f32)
+    all.iter()
+        .position(|known| known == one)
+        .map_or(-1.0, |index| index as f32)
 }
 
 fn categorical(name: String, labels: Vec<String>) -> FeatureDraft {
-    FeatureDraft { name, unit: None, kinds: vec![KindDraft::Categorical(labels)] }
+    FeatureDraft {
+        name,
+        unit: None,
+        kinds: vec![KindDraft::Categorical(labels)],
+    }
 }
 
 fn labels<T: Copy, L: Into<String>>(all: &[T], label: impl Fn(T) -> L) -> Vec<String> {

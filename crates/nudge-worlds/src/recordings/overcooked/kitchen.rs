@@ -28,7 +28,9 @@ impl Kitchen {
         let maps: BTreeMap<String, Vec<String>> =
             serde_json::from_str(include_str!("../../../../../data/overcooked/layouts.json"))
                 .expect("the file is part of the program, and a test reads it");
-        maps.into_iter().map(|(name, rows)| Self::of_map(name, &rows)).collect()
+        maps.into_iter()
+            .map(|(name, rows)| Self::of_map(name, &rows))
+            .collect()
     }
 
     /// Returns the layout of that name.
@@ -38,7 +40,11 @@ impl Kitchen {
 
     fn of_map(name: String, rows: &[String]) -> Self {
         // 1 and 2 are where players start.
-        Self { name, walkable: cells(rows, " 12"), pots: cells(rows, "P") }
+        Self {
+            name,
+            walkable: cells(rows, " 12"),
+            pots: cells(rows, "P"),
+        }
     }
 
     /// Returns whether a player can stand there.
@@ -49,8 +55,15 @@ impl Kitchen {
 
 fn cells(rows: &[String], signs: &str) -> Vec<Cell> {
     let row = |(y, row): (usize, &String)| {
-        let found: Vec<usize> = row.char_indices().filter(|(_, sign)| signs.contains(*sign)).map(|(x, _)| x).collect();
-        found.into_iter().map(move |x| Cell { x: x as u8, y: y as u8 })
+        let found: Vec<usize> = row
+            .char_indices()
+            .filter(|(_, sign)| signs.contains(*sign))
+            .map(|(x, _)| x)
+            .collect();
+        found.into_iter().map(move |x| Cell {
+            x: x as u8,
+            y: y as u8,
+        })
     };
     rows.iter().enumerate().flat_map(row).collect()
 }
@@ -61,7 +74,10 @@ mod tests {
 
     #[test]
     fn the_layouts_are_those_of_the_recordings() {
-        let sizes: Vec<_> = Kitchen::all().into_iter().map(|k| (k.name, k.walkable.len(), k.pots.len())).collect();
+        let sizes: Vec<_> = Kitchen::all()
+            .into_iter()
+            .map(|k| (k.name, k.walkable.len(), k.pots.len()))
+            .collect();
         let expected = [
             ("asymmetric_advantages", 14, 2),
             ("coordination_ring", 8, 2),
@@ -69,7 +85,10 @@ mod tests {
             ("cramped_room", 6, 1),
             ("forced_coordination", 6, 2),
         ];
-        assert_eq!(sizes, expected.map(|(name, walkable, pots)| (name.to_owned(), walkable, pots)));
+        assert_eq!(
+            sizes,
+            expected.map(|(name, walkable, pots)| (name.to_owned(), walkable, pots))
+        );
     }
 
     #[test]

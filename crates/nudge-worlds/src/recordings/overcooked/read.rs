@@ -24,7 +24,8 @@ pub fn decompressed(bytes: &[u8]) -> Result<Cow<'_, [u8]>, RecordingError> {
 
 /// Reads the games of a CSV file, gzipped or not, in its order.
 ///
-/// Rows of a game follow each other with `t` going up by one; every player stands where the layout lets them.
+/// Rows of a game follow each other with `t` going up by one; every player stands where the layout
+/// lets them.
 pub fn read(bytes: &[u8]) -> Result<Vec<Game>, RecordingError> {
     let text = decompressed(bytes)?;
     let mut rows = csv::Reader::from_reader(text.as_ref());
@@ -33,7 +34,11 @@ pub fn read(bytes: &[u8]) -> Result<Vec<Game>, RecordingError> {
     for record in rows.records() {
         let record = record.map_err(|error| row_error(&error))?;
         let line = record.position().map_or(0, csv::Position::line);
-        games.add(&Row { line, record: &record, columns })?;
+        games.add(&Row {
+            line,
+            record: &record,
+            columns,
+        })?;
     }
     Ok(games.games)
 }
@@ -41,20 +46,32 @@ pub fn read(bytes: &[u8]) -> Result<Vec<Game>, RecordingError> {
 fn columns(header: &csv::StringRecord) -> Result<[usize; 6], RecordingError> {
     let mut found = [0; COLUMNS.len()];
     for (place, name) in found.iter_mut().zip(COLUMNS) {
-        *place = header.iter().position(|one| one == name).ok_or(RecordingError::MissingColumn(name))?;
+        *place = header
+            .iter()
+            .position(|one| one == name)
+            .ok_or(RecordingError::MissingColumn(name))?;
     }
     Ok(found)
 }
 
 fn row_error(error: &csv::Error) -> RecordingError {
     match (error.position(), error.kind()) {
-        (Some(position), csv::ErrorKind::UnequalLengths { expected_len, len, .. }) => {
+        (
+            Some(position),
+            csv::ErrorKind::UnequalLengths {
+                expected_len, len, ..
+            },
+        ) => {
             let why = format!("got {len} columns, expected {expected_len}");
-            RecordingError::Row { line: position.line(), why }
+            RecordingError::Row {
+                line: position.line(),
+                why,
+            }
         }
-        (Some(position), csv::ErrorKind::Utf8 { .. }) => {
-            RecordingError::Row { line: position.line(), why: "is not UTF-8".into() }
-        }
+        (Some(position), csv::ErrorKind::Utf8 { .. }) => RecordingError::Row {
+            line: position.line(),
+            why: "is not UTF-8".into(),
+        },
         _ => RecordingError::Unreadable(error.to_string()),
     }
 }
@@ -73,14 +90,26 @@ impl<'a> Row<'a> {
     }
 
     /// Reads one field by its place in [`COLUMNS`].
-    fn field<T>(&self, column: usize, parse: impl Fn(&'a str) -> Result<T, String>) -> Result<T, RecordingError> {
-        let wrong = |why| RecordingError::Field { line: self.line, column: COLUMNS[column], why };
+    fn field<T>(
+        &self,
+        column: usize,
+        parse: impl Fn(&'a str) -> Result<T, String>,
+    ) -> Result<T, RecordingError> {
+        let wrong = |why| RecordingError::Field {
+            line: self.line,
+            column: COLUMNS[column],
+            why,
+        };
         parse(self.text(column)).map_err(wrong)
     }
 
     fn step(&self, kitchen: &Kitchen) -> Result<Step, RecordingError> {
         let (players, objects) = self.field(3, |text| state(text, kitchen))?;
-        Ok(Step { players, objects, actions: [self.field(4, Move::parse)?, self.field(5, Move::parse)?] })
+        Ok(Step {
+            players,
+            objects,
+            actions: [self.field(4, Move::parse)?, self.field(5, Move::parse)?],
+        })
     }
 }
 
@@ -96,12 +125,23 @@ struct Games {
 impl Games {
     fn add(&mut self, row: &Row<'_>) -> Result<(), RecordingError> {
         let (layout, trial) = (row.text(0), row.text(1));
-        let t = row.field(2, |text| text.parse::<u32>().map(u64::from).map_err(|_| not_a_time(text)))?;
-        if self.games.last().is_some_and(|game| game.layout == layout && game.trial == trial) {
-            row.field(
-                2,
-                |_| if t == self.next_t { Ok(()) } else { Err(format!("got {t}, expected {}", self.next_t)) },
-            )?;
+        let t = row.field(2, |text| {
+            text.parse::<u32>()
+                .map(u64::from)
+                .map_err(|_| not_a_time(text))
+        })?;
+        if self
+            .games
+            .last()
+            .is_some_and(|game| game.layout == layout && game.trial == trial)
+        {
+            row.field(2, |_| {
+                if t == self.next_t {
+                    Ok(())
+                } else {
+                    Err(format!("got {t}, expected {}", self.next_t))
+                }
+            })?;
         } else {
             self.begin(row, layout, trial)?;
         }
@@ -114,15 +154,22 @@ impl Games {
     }
 
     fn begin(&mut self, row: &Row<'_>, layout: &str, trial: &str) -> Result<(), RecordingError> {
-        let known = |name: &str| Kitchen::named(name).ok_or_else(|| format!("unknown layout {name:?}"));
+        let known =
+            |name: &str| Kitchen::named(name).ok_or_else(|| format!("unknown layout {name:?}"));
         if !self.kitchens.contains_key(layout) {
             self.kitchens.insert(layout.into(), row.field(0, known)?);
         }
         let is_new = self.seen.insert((layout.into(), trial.into()));
         row.field(1, |_| {
-            is_new.then_some(()).ok_or_else(|| format!("{trial:?} was read before, its rows must follow each other"))
+            is_new.then_some(()).ok_or_else(|| {
+                format!("{trial:?} was read before, its rows must follow each other")
+            })
         })?;
-        self.games.push(Game { layout: layout.into(), trial: trial.into(), steps: Vec::new() });
+        self.games.push(Game {
+            layout: layout.into(),
+            trial: trial.into(),
+            steps: Vec::new(),
+        });
         Ok(())
     }
 }

@@ -11,11 +11,17 @@ fn games(file: usize) -> Vec<Game> {
 }
 
 fn steps(games: &[Game], layout: &str) -> usize {
-    games.iter().filter(|game| game.layout == layout).map(|game| game.steps.len()).sum()
+    games
+        .iter()
+        .filter(|game| game.layout == layout)
+        .map(|game| game.steps.len())
+        .sum()
 }
 
 fn error(rows: &[&str]) -> String {
-    read(format!("{HEADER}{}", rows.join("\n")).as_bytes()).expect_err("wrong").to_string()
+    read(format!("{HEADER}{}", rows.join("\n")).as_bytes())
+        .expect_err("wrong")
+        .to_string()
 }
 
 #[test]
@@ -24,11 +30,24 @@ fn the_files_hold_what_their_source_says() {
     let counts: Vec<_> = {
         let (train, test) = (games(0), games(1));
         assert_eq!((train.len(), test.len()), (39, 37));
-        layouts.map(|layout| (steps(&train, &layout), steps(&test, &layout))).collect()
+        layouts
+            .map(|layout| (steps(&train, &layout), steps(&test, &layout)))
+            .collect()
     };
-    let expected = [(10_768, 9_617), (9_619, 9_562), (9_627, 8_344), (9_564, 9_626), (7_151, 7_224)];
+    let expected = [
+        (10_768, 9_617),
+        (9_619, 9_562),
+        (9_627, 8_344),
+        (9_564, 9_626),
+        (7_151, 7_224),
+    ];
     assert_eq!(counts, expected);
-    assert_eq!(counts.iter().fold((0, 0), |(a, b), (train, test)| (a + train, b + test)), (46_729, 44_373));
+    assert_eq!(
+        counts
+            .iter()
+            .fold((0, 0), |(a, b), (train, test)| (a + train, b + test)),
+        (46_729, 44_373)
+    );
 }
 
 #[test]
@@ -38,11 +57,19 @@ fn every_step_has_a_state_and_actions_in_every_environment() {
         for abstraction in Abstraction::ALL {
             let world = World::new(kitchen.clone(), abstraction);
             let schema = Schema::try_from(&world.description()).expect("a valid description");
-            for step in games.iter().filter(|game| game.layout == kitchen.name).flat_map(|game| &game.steps) {
+            for step in games
+                .iter()
+                .filter(|game| game.layout == kitchen.name)
+                .flat_map(|game| &game.steps)
+            {
                 let (state, actions) = world.values(step);
                 schema.key_of_values(&state).expect("a valid state");
                 let moves = schema.action_features().zip(&actions);
-                assert!(moves.into_iter().all(|((_, feature), value)| feature.kind.bin(*value).is_ok()));
+                assert!(
+                    moves
+                        .into_iter()
+                        .all(|((_, feature), value)| feature.kind.bin(*value).is_ok())
+                );
             }
         }
     }
@@ -51,11 +78,26 @@ fn every_step_has_a_state_and_actions_in_every_environment() {
 #[test]
 fn a_step_becomes_values_in_the_order_of_the_description() {
     let text = format!("{HEADER}cramped_room,w1,0,{STATE},N,interact\n");
-    let world = World::new(Kitchen::named("cramped_room").expect("known"), Abstraction::PosOriHeldPot);
+    let world = World::new(
+        Kitchen::named("cramped_room").expect("known"),
+        Abstraction::PosOriHeldPot,
+    );
     let schema = Schema::try_from(&world.description()).expect("valid");
-    let names: Vec<String> = schema.state().iter().map(|feature| feature.name.to_string()).collect();
+    let names: Vec<String> = schema
+        .state()
+        .iter()
+        .map(|feature| feature.name.to_string())
+        .collect();
     let player = |i| ["position", "orientation", "held"].map(|part| format!("player_{i}.{part}"));
-    assert_eq!(names, [player(0).to_vec(), player(1).to_vec(), vec!["pot_2_0".into()]].concat());
+    assert_eq!(
+        names,
+        [
+            player(0).to_vec(),
+            player(1).to_vec(),
+            vec!["pot_2_0".into()]
+        ]
+        .concat()
+    );
     let (state, actions) = world.values(&read(text.as_bytes()).expect("right")[0].steps[0]);
     assert_eq!(state, [0.0, 0.0, 0.0, 5.0, 1.0, 1.0, 0.0]);
     assert_eq!(actions, [0.0, 5.0]);
@@ -63,14 +105,33 @@ fn a_step_becomes_values_in_the_order_of_the_description() {
 
 #[test]
 fn pots_fill_cook_and_are_ready() {
-    let world = World::new(Kitchen::named("cramped_room").expect("known"), Abstraction::PosOriHeldPot);
+    let world = World::new(
+        Kitchen::named("cramped_room").expect("known"),
+        Abstraction::PosOriHeldPot,
+    );
     let pot = |items, timer| {
-        let mut step =
-            read(format!("{HEADER}cramped_room,w1,0,{STATE},N,N\n").as_bytes()).expect("right")[0].steps[0].clone();
-        step.objects = vec![Object { x: 2, y: 0, thing: Thing::Soup { items, timer } }];
+        let mut step = read(format!("{HEADER}cramped_room,w1,0,{STATE},N,N\n").as_bytes())
+            .expect("right")[0]
+            .steps[0]
+            .clone();
+        step.objects = vec![Object {
+            x: 2,
+            y: 0,
+            thing: Thing::Soup { items, timer },
+        }];
         world.values(&step).0[6]
     };
-    assert_eq!([pot(1, 0), pot(2, 0), pot(3, 1), pot(3, 19), pot(3, 20), pot(3, 99)], [1.0, 2.0, 3.0, 3.0, 4.0, 4.0]);
+    assert_eq!(
+        [
+            pot(1, 0),
+            pot(2, 0),
+            pot(3, 1),
+            pot(3, 19),
+            pot(3, 20),
+            pot(3, 99)
+        ],
+        [1.0, 2.0, 3.0, 3.0, 4.0, 4.0]
+    );
 }
 
 #[test]
@@ -78,7 +139,12 @@ fn environments_of_one_layout_have_different_names() {
     let names = Abstraction::ALL.map(|abstraction| abstraction.environment_name("counter_circuit"));
     assert_eq!(
         names,
-        ["counter_circuit.pos", "counter_circuit.pos_ori", "counter_circuit", "counter_circuit.pos_ori_held_pot"]
+        [
+            "counter_circuit.pos",
+            "counter_circuit.pos_ori",
+            "counter_circuit",
+            "counter_circuit.pos_ori_held_pot"
+        ]
     );
     assert!("full_binned".parse::<Abstraction>().is_err());
 }
@@ -86,19 +152,41 @@ fn environments_of_one_layout_have_different_names() {
 #[test]
 fn an_error_names_the_line_and_the_column() {
     let good = format!("cramped_room,w1,0,{STATE},N,stay");
-    let later = |t: u32, state: &str, action: &str| format!("cramped_room,w1,{t},{state},{action},stay");
+    let later =
+        |t: u32, state: &str, action: &str| format!("cramped_room,w1,{t},{state},{action},stay");
     let wall = STATE.replace("[1,1", "[0,0");
     let held = STATE.replace("onion", "cat");
     let soup = STATE.replace("[]", r#"[[1,1,""soup""]]"#);
     let cases = [
-        (later(1, STATE, "jump"), "line 3, column `action0`: got \"jump\", expected one of"),
-        (later(2, STATE, "N"), "line 3, column `t`: got 2, expected 1"),
-        (later(1, &wall, "N"), "line 3, column `state`: a player at 0,0, where nobody can stand in cramped_room"),
+        (
+            later(1, STATE, "jump"),
+            "line 3, column `action0`: got \"jump\", expected one of",
+        ),
+        (
+            later(2, STATE, "N"),
+            "line 3, column `t`: got 2, expected 1",
+        ),
+        (
+            later(1, &wall, "N"),
+            "line 3, column `state`: a player at 0,0, where nobody can stand in cramped_room",
+        ),
         (later(1, &held, "N"), "line 3, column `state`: got \"cat\""),
-        (later(1, &soup, "N"), "line 3, column `state`: got \"soup\", expected \"onion\" or \"dish\""),
-        (later(1, "{}", "N"), "line 3, column `state`: is no state: missing field `p`"),
-        (format!("moon_base,w1,0,{STATE},N,N"), "line 3, column `layout`: unknown layout \"moon_base\""),
-        ("cramped_room,w1,1".into(), "line 3: got 3 columns, expected 6"),
+        (
+            later(1, &soup, "N"),
+            "line 3, column `state`: got \"soup\", expected \"onion\" or \"dish\"",
+        ),
+        (
+            later(1, "{}", "N"),
+            "line 3, column `state`: is no state: missing field `p`",
+        ),
+        (
+            format!("moon_base,w1,0,{STATE},N,N"),
+            "line 3, column `layout`: unknown layout \"moon_base\"",
+        ),
+        (
+            "cramped_room,w1,1".into(),
+            "line 3: got 3 columns, expected 6",
+        ),
     ];
     for (row, expected) in cases {
         let told = error(&[&good, &row]);
@@ -110,13 +198,19 @@ fn an_error_names_the_line_and_the_column() {
 fn the_rows_of_a_game_stay_together() {
     let row = |trial: &str, t: u32| format!("cramped_room,{trial},{t},{STATE},N,stay");
     let told = error(&[&row("w1", 0), &row("w2", 0), &row("w1", 1)]);
-    assert!(told.starts_with("line 4, column `trial`: \"w1\" was read before"), "{told}");
+    assert!(
+        told.starts_with("line 4, column `trial`: \"w1\" was read before"),
+        "{told}"
+    );
 }
 
 #[test]
 fn a_file_that_is_something_else_is_refused() {
     let told = |bytes: &[u8]| read(bytes).expect_err("wrong").to_string();
-    assert_eq!(told(b"layout,trial,t\n"), "line 1: column `state` is missing");
+    assert_eq!(
+        told(b"layout,trial,t\n"),
+        "line 1: column `state` is missing"
+    );
     assert!(told(&[0x1f, 0x8b, 1, 2, 3]).contains("broken gzip"));
     let cut = &embedded()[0].1[..10_000];
     assert!(told(cut).contains("broken gzip"));

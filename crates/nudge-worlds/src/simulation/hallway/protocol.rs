@@ -10,15 +10,17 @@ use nudge_core::error::Fault;
 /// Who walks where.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Scenario {
-    /// Two flows meet: every other pedestrian walks from left to right, the rest from right to left.
+    /// Two flows meet: every other pedestrian walks from left to right, the rest from right to
+    /// left.
     #[default]
     CounterFlow,
-    /// One pedestrian walks across the hallway, through a doorway in the middle of both walls, at a right angle to all others, who walk from left
-    /// to right.
+    /// One pedestrian walks across the hallway, through a doorway in the middle of both walls, at a
+    /// right angle to all others, who walk from left to right.
     ///
-    /// It enters so that it would meet the middle of the flow in the middle of the hallway, and leaves through the far doorway, through which nobody
-    /// else leaves. Two whose ways cross at a right angle can dance around each other for long in this model: of 200 trials with one other 50 end
-    /// only with the longest trial, 60 s; with nine others, 88.
+    /// It enters so that it would meet the middle of the flow in the middle of the hallway, and
+    /// leaves through the far doorway, through which nobody else leaves. Two whose ways cross at a
+    /// right angle can dance around each other for long in this model: of 200 trials with one other
+    /// 50 end only with the longest trial, 60 s; with nine others, 88.
     Crossing,
 }
 
@@ -45,12 +47,21 @@ impl FromStr for Scenario {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let wrong = || format!("got {text:?}, expected one of {}", Self::ALL.map(Self::as_str).join(", "));
-        Self::ALL.into_iter().find(|one| one.as_str() == text).ok_or_else(wrong)
+        let wrong = || {
+            format!(
+                "got {text:?}, expected one of {}",
+                Self::ALL.map(Self::as_str).join(", ")
+            )
+        };
+        Self::ALL
+            .into_iter()
+            .find(|one| one.as_str() == text)
+            .ok_or_else(wrong)
     }
 }
 
-/// Every number of an experiment, unchecked: [`Hallway`](super::Hallway) is what comes of it. Lengths are in metres, times in seconds.
+/// Every number of an experiment, unchecked: [`Hallway`](super::Hallway) is what comes of it.
+/// Lengths are in metres, times in seconds.
 ///
 /// x runs along the hallway from 0 to `length`, y across it from 0 to `width`.
 #[derive(Debug, Clone, PartialEq)]
@@ -139,7 +150,12 @@ impl Protocol {
         if faults.0.is_empty() {
             self.check_together(&mut faults);
         }
-        faults.0.extend(self.model.check().into_iter().map(|fault| fault.under("/model")));
+        faults.0.extend(
+            self.model
+                .check()
+                .into_iter()
+                .map(|fault| fault.under("/model")),
+        );
         faults.0
     }
 
@@ -156,17 +172,32 @@ impl Protocol {
             );
         }
         if self.speed_min > self.speed_mean {
-            faults.add("speed_min", self.speed_min, format!("at most speed_mean, which is {}", self.speed_mean));
+            faults.add(
+                "speed_min",
+                self.speed_min,
+                format!("at most speed_mean, which is {}", self.speed_mean),
+            );
         }
         if self.start_margin > self.width / 2.0 {
-            faults.add("start_margin", self.start_margin, format!("at most half of width, which is {}", self.width));
+            faults.add(
+                "start_margin",
+                self.start_margin,
+                format!("at most half of width, which is {}", self.width),
+            );
         }
         let (room, what) = match self.scenario {
             Scenario::CounterFlow => (self.length / 2.0, "at most half of length"),
-            Scenario::Crossing => ((self.length - self.doorway) / 2.0, "to end before the doorway"),
+            Scenario::Crossing => (
+                (self.length - self.doorway) / 2.0,
+                "to end before the doorway",
+            ),
         };
         if self.start_zone > room {
-            faults.add("start_zone", self.start_zone, format!("{what}, which leaves {room}"));
+            faults.add(
+                "start_zone",
+                self.start_zone,
+                format!("{what}, which leaves {room}"),
+            );
         }
     }
 
@@ -182,19 +213,30 @@ struct Faults(Vec<Fault>);
 
 impl Faults {
     fn add(&mut self, name: &str, value: impl fmt::Display, expected: impl fmt::Display) {
-        self.0.push(Fault::new(format!("/{name}"), format!("got {value}, expected {expected}")));
+        self.0.push(Fault::new(
+            format!("/{name}"),
+            format!("got {value}, expected {expected}"),
+        ));
     }
 
     /// NaN lies in no range.
     fn number(&mut self, name: &str, value: f64, allowed: RangeInclusive<f64>) {
         if !allowed.contains(&value) {
-            self.add(name, value, format!("a number from {} to {}", allowed.start(), allowed.end()));
+            self.add(
+                name,
+                value,
+                format!("a number from {} to {}", allowed.start(), allowed.end()),
+            );
         }
     }
 
     fn whole(&mut self, name: &str, value: u32, allowed: RangeInclusive<u32>) {
         if !allowed.contains(&value) {
-            self.add(name, value, format!("{} to {}", allowed.start(), allowed.end()));
+            self.add(
+                name,
+                value,
+                format!("{} to {}", allowed.start(), allowed.end()),
+            );
         }
     }
 }

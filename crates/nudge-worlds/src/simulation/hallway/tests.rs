@@ -11,11 +11,17 @@ fn hallway(protocol: Protocol) -> Hallway {
 }
 
 fn with(pedestrians: u32) -> Protocol {
-    Protocol { pedestrians, ..Protocol::default() }
+    Protocol {
+        pedestrians,
+        ..Protocol::default()
+    }
 }
 
 fn crossing(pedestrians: u32) -> Protocol {
-    Protocol { scenario: Scenario::Crossing, ..with(pedestrians) }
+    Protocol {
+        scenario: Scenario::Crossing,
+        ..with(pedestrians)
+    }
 }
 
 /// Walks a trial to its end and calls `look` with those who are there after every step.
@@ -32,7 +38,11 @@ fn walk(mut trial: Trial, mut look: impl FnMut(f64, &[Pedestrian])) -> Trial {
 fn bits(trial: Trial) -> Vec<u64> {
     let mut bits = Vec::new();
     walk(trial, |_, pedestrians| {
-        bits.extend(pedestrians.iter().flat_map(|one| [one.position.x.to_bits(), one.position.y.to_bits()]));
+        bits.extend(
+            pedestrians
+                .iter()
+                .flat_map(|one| [one.position.x.to_bits(), one.position.y.to_bits()]),
+        );
     });
     bits
 }
@@ -40,7 +50,12 @@ fn bits(trial: Trial) -> Vec<u64> {
 #[test]
 fn a_trial_depends_on_the_seed_and_its_number_alone() {
     let trial = |seed, number, trials| {
-        let hallway = hallway(Protocol { seed, trials, longest_trial: 5.0, ..Protocol::default() });
+        let hallway = hallway(Protocol {
+            seed,
+            trials,
+            longest_trial: 5.0,
+            ..Protocol::default()
+        });
         bits(hallway.trial(number).expect("there is room"))
     };
     assert_eq!(trial(3, 7, 10), trial(3, 7, 100));
@@ -81,19 +96,26 @@ fn pedestrians_leave_at_the_far_end_and_never_the_band_between_the_walls() {
     let mut last: Vec<Pedestrian> = Vec::new();
     let mut left = 0;
     let trial = hallway(with(20)).trial(1).expect("there is room");
-    let trial = walk(trial, |_, now| {
-        assert!(
-            now.iter().all(|one| (0.01..=3.99).contains(&one.position.y) && (0.0..=20.0).contains(&one.position.x))
-        );
-        for gone in last.iter().filter(|one| now.iter().all(|other| other.id != one.id)) {
-            // The fastest make 1.3 times their desired speed.
-            let step = 1.3 * gone.desired_speed * 0.05;
-            let to_end = if gone.direction.x > 0.0 { 20.0 - gone.position.x } else { gone.position.x };
-            assert!(to_end <= step, "{gone:?}");
-            left += 1;
-        }
-        last = now.to_vec();
-    });
+    let trial =
+        walk(trial, |_, now| {
+            assert!(now.iter().all(|one| (0.01..=3.99).contains(&one.position.y)
+                && (0.0..=20.0).contains(&one.position.x)));
+            for gone in last
+                .iter()
+                .filter(|one| now.iter().all(|other| other.id != one.id))
+            {
+                // The fastest make 1.3 times their desired speed.
+                let step = 1.3 * gone.desired_speed * 0.05;
+                let to_end = if gone.direction.x > 0.0 {
+                    20.0 - gone.position.x
+                } else {
+                    gone.position.x
+                };
+                assert!(to_end <= step, "{gone:?}");
+                left += 1;
+            }
+            last = now.to_vec();
+        });
     assert_eq!((left, trial.pedestrians().len()), (20, 0));
 }
 
@@ -102,26 +124,44 @@ fn one_walks_across_and_leaves_through_the_doorway() {
     let mut crossed = 0;
     for number in 1..=30 {
         let trial = hallway(crossing(6)).trial(number).expect("there is room");
-        assert!(trial.pedestrians().iter().all(|one| one.id < 5), "the sixth enters later");
+        assert!(
+            trial.pedestrians().iter().all(|one| one.id < 5),
+            "the sixth enters later"
+        );
         let mut last = None;
         let trial = walk(trial, |_, now| {
             let across = now.iter().find(|one| one.id == 5);
-            assert!(now.iter().all(|one| one.id == 5 || one.direction == DVec2::X));
+            assert!(
+                now.iter()
+                    .all(|one| one.id == 5 || one.direction == DVec2::X)
+            );
             last = across.copied().or(last);
         });
         let last = last.expect("it entered");
         if trial.pedestrians().iter().all(|one| one.id != 5) {
-            assert!(last.position.y > 3.9 && (last.position.x - 10.0).abs() <= 0.75, "{last:?}");
+            assert!(
+                last.position.y > 3.9 && (last.position.x - 10.0).abs() <= 0.75,
+                "{last:?}"
+            );
             crossed += 1;
         }
     }
-    assert!(crossed >= 15, "most get across within a minute: {crossed} of 30");
+    assert!(
+        crossed >= 15,
+        "most get across within a minute: {crossed} of 30"
+    );
 }
 
 #[test]
 fn a_trial_ends_when_it_has_lasted_too_long() {
-    let protocol = Protocol { longest_trial: 2.0, ..Protocol::default() };
-    let trial = walk(hallway(protocol).trial(1).expect("there is room"), |_, _| {});
+    let protocol = Protocol {
+        longest_trial: 2.0,
+        ..Protocol::default()
+    };
+    let trial = walk(
+        hallway(protocol).trial(1).expect("there is room"),
+        |_, _| {},
+    );
     assert_eq!((trial.pedestrians().len(), trial.time()), (10, 2.0));
 }
 
@@ -143,7 +183,10 @@ fn every_fault_is_listed_by_field() {
         start_gap: -0.6,
         scenario: Scenario::Crossing,
         doorway: 0.0,
-        model: SocialForce { noise: f64::NAN, ..SocialForce::default() },
+        model: SocialForce {
+            noise: f64::NAN,
+            ..SocialForce::default()
+        },
         seed: 0,
     }
     .check();
@@ -168,7 +211,10 @@ fn every_fault_is_listed_by_field() {
             "/model/noise"
         ]
     );
-    assert_eq!(faults[0].detail, "got NaN, expected a number from 0.1 to 10000");
+    assert_eq!(
+        faults[0].detail,
+        "got NaN, expected a number from 0.1 to 10000"
+    );
     assert_eq!(faults[2].detail, "got 1, expected 2 to 100000");
 }
 
@@ -176,30 +222,54 @@ fn every_fault_is_listed_by_field() {
 fn numbers_must_fit_each_other() {
     let bad = [
         (
-            Protocol { record_interval: 0.12, ..with(10) },
+            Protocol {
+                record_interval: 0.12,
+                ..with(10)
+            },
             "/record_interval: got 0.12, expected a whole multiple of dt, which is 0.05",
         ),
         (
-            Protocol { record_interval: 0.01, ..with(10) },
+            Protocol {
+                record_interval: 0.01,
+                ..with(10)
+            },
             "/record_interval: got 0.01, expected a whole multiple of dt, which is 0.05",
         ),
-        (Protocol { speed_min: 1.5, ..with(10) }, "/speed_min: got 1.5, expected at most speed_mean, which is 1.34"),
         (
-            Protocol { start_margin: 2.1, ..with(10) },
+            Protocol {
+                speed_min: 1.5,
+                ..with(10)
+            },
+            "/speed_min: got 1.5, expected at most speed_mean, which is 1.34",
+        ),
+        (
+            Protocol {
+                start_margin: 2.1,
+                ..with(10)
+            },
             "/start_margin: got 2.1, expected at most half of width, which is 4",
         ),
         (
-            Protocol { start_zone: 11.0, ..with(10) },
+            Protocol {
+                start_zone: 11.0,
+                ..with(10)
+            },
             "/start_zone: got 11, expected at most half of length, which leaves 10",
         ),
         (
-            Protocol { start_zone: 9.5, ..crossing(10) },
+            Protocol {
+                start_zone: 9.5,
+                ..crossing(10)
+            },
             "/start_zone: got 9.5, expected to end before the doorway, which leaves 9.25",
         ),
     ];
     for (protocol, expected) in bad {
-        let told: Vec<String> =
-            Hallway::try_from(protocol).expect_err(expected).iter().map(ToString::to_string).collect();
+        let told: Vec<String> = Hallway::try_from(protocol)
+            .expect_err(expected)
+            .iter()
+            .map(ToString::to_string)
+            .collect();
         assert_eq!(told, [expected]);
     }
 }
@@ -209,7 +279,10 @@ fn more_pedestrians_than_the_zones_hold_are_refused() {
     for protocol in [with(1_000), crossing(1_000), with(100_000)] {
         let faults = Hallway::try_from(protocol).expect_err("too many");
         let told = faults[0].to_string();
-        assert!(told.starts_with("/pedestrians: got 100") && told.contains("expected at most about "), "{told}");
+        assert!(
+            told.starts_with("/pedestrians: got 100") && told.contains("expected at most about "),
+            "{told}"
+        );
     }
     assert!(Hallway::try_from(with(40)).is_ok(), "the protocol's most");
 }
@@ -221,7 +294,9 @@ fn smallest_distance(protocol: Protocol, trials: u32) -> f64 {
     for number in 1..=trials {
         walk(hallway.trial(number).expect("there is room"), |_, now| {
             for (i, one) in now.iter().enumerate() {
-                let distances = now[..i].iter().map(|other| one.position.distance(other.position));
+                let distances = now[..i]
+                    .iter()
+                    .map(|other| one.position.distance(other.position));
                 smallest = distances.fold(smallest, f64::min);
             }
         });
@@ -229,20 +304,31 @@ fn smallest_distance(protocol: Protocol, trials: u32) -> f64 {
     smallest
 }
 
-/// Measured over 200 trials of seed 0: two pedestrians never come closer than 0.76 m; of ten, some two come within 0.25 m in every other trial, within
-/// 0.11 m in every twentieth, and never within 0.05 m. They are points: no force of the model is hard.
+/// Measured over 200 trials of seed 0: two pedestrians never come closer than 0.76 m; of ten, some
+/// two come within 0.25 m in every other trial, within 0.11 m in every twentieth, and never within
+/// 0.05 m. They are points: no force of the model is hard.
 #[test]
 fn nobody_walks_through_another() {
     /// Half the closest pass of 200 trials, in metres.
     const CLOSE: f64 = 0.025;
-    let blind = Protocol { model: SocialForce { repulsion: 0.0, ..SocialForce::default() }, ..with(10) };
+    let blind = Protocol {
+        model: SocialForce {
+            repulsion: 0.0,
+            ..SocialForce::default()
+        },
+        ..with(10)
+    };
     assert!(smallest_distance(with(2), 30) > 0.7);
     assert!(smallest_distance(with(10), 30) > CLOSE);
-    assert!(smallest_distance(blind, 30) < CLOSE, "the control: without repulsion they do");
+    assert!(
+        smallest_distance(blind, 30) < CLOSE,
+        "the control: without repulsion they do"
+    );
 }
 
-/// Of those who are within a metre along the hallway after 7 s, where the flows are among each other, how many more walk the same way if they are within
-/// half a metre across, too: above 0 where lanes form.
+/// Of those who are within a metre along the hallway after 7 s, where the flows are among each
+/// other, how many more walk the same way if they are within half a metre across, too: above 0
+/// where lanes form.
 fn lanes(protocol: Protocol) -> f64 {
     let hallway = hallway(protocol);
     let (mut abreast, mut in_file) = ((0.0, 0.0), (0.0, 0.0));
@@ -266,13 +352,22 @@ fn lanes(protocol: Protocol) -> f64 {
     in_file.0 / in_file.1 - abreast.0 / abreast.1
 }
 
-/// Measured: +0.10 with 20 pedestrians, +0.07 with 40, -0.02 without repulsion. The lanes are short-lived, as the flows are past each other within
-/// seconds.
+/// Measured: +0.10 with 20 pedestrians, +0.07 with 40, -0.02 without repulsion. The lanes are
+/// short-lived, as the flows are past each other within seconds.
 #[test]
 fn lanes_form() {
     for pedestrians in [20, 40] {
-        let blind = Protocol { model: SocialForce { repulsion: 0.0, ..SocialForce::default() }, ..with(pedestrians) };
+        let blind = Protocol {
+            model: SocialForce {
+                repulsion: 0.0,
+                ..SocialForce::default()
+            },
+            ..with(pedestrians)
+        };
         let (lanes, control) = (lanes(with(pedestrians)), lanes(blind));
-        assert!(lanes > 0.04 && control < 0.0, "{pedestrians} pedestrians: {lanes:.3}, without repulsion {control:.3}");
+        assert!(
+            lanes > 0.04 && control < 0.0,
+            "{pedestrians} pedestrians: {lanes:.3}, without repulsion {control:.3}"
+        );
     }
 }

@@ -1,4 +1,5 @@
-//! Worlds unlike the usual three: other alphabets, other habits, other kinds and strengths of dependence, other volumes.
+//! Worlds unlike the usual three: other alphabets, other habits, other kinds and strengths of
+//! dependence, other volumes.
 
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
@@ -22,17 +23,29 @@ const ALWAYS: f64 = 0.2;
 /// Two actions each: every response is as likely as any other.
 pub fn two_by_two(dependent: bool, rng: &mut Pcg64) -> Vec<Vec<f64>> {
     let policy = dirichlet(1.0, 2, rng);
-    joint(&policy, &own_or_shared(2, dependent, || dirichlet(1.0, 2, rng)))
+    joint(
+        &policy,
+        &own_or_shared(2, dependent, || dirichlet(1.0, 2, rng)),
+    )
 }
 
 /// Three actions against twenty-five.
 pub fn three_by_twenty_five(dependent: bool, rng: &mut Pcg64) -> Vec<Vec<f64>> {
     let policy = dirichlet(1.0, 3, rng);
-    joint(&policy, &own_or_shared(3, dependent, || dirichlet(0.2, 25, rng)))
+    joint(
+        &policy,
+        &own_or_shared(3, dependent, || dirichlet(0.2, 25, rng)),
+    )
 }
 
-/// Both agents mostly stay: the ego with probability `[0]`, the other with `[1]`, the rest drawn with the concentrations `[2]` and `[3]`.
-pub fn stays(letters: usize, [ego, other, p, q]: [f64; 4], dependent: bool, rng: &mut Pcg64) -> Vec<Vec<f64>> {
+/// Both agents mostly stay: the ego with probability `[0]`, the other with `[1]`, the rest drawn
+/// with the concentrations `[2]` and `[3]`.
+pub fn stays(
+    letters: usize,
+    [ego, other, p, q]: [f64; 4],
+    dependent: bool,
+    rng: &mut Pcg64,
+) -> Vec<Vec<f64>> {
     let stay = unit(STAY, letters);
     let policy = mixed(&stay, &dirichlet(p, letters, rng), 1.0 - ego);
     let shared = mixed(&stay, &dirichlet(q, letters, rng), 1.0 - other);
@@ -59,17 +72,25 @@ pub fn epsilon_greedy(dependent: bool, rng: &mut Pcg64) -> Vec<Vec<f64>> {
     joint(&policy, &some_rows_drawn(6, &shared, dependent, rng))
 }
 
-/// The other does what the ego does, or (`permuted`) what belongs to it: now and then, mostly, or always.
+/// The other does what the ego does, or (`permuted`) what belongs to it: now and then, mostly, or
+/// always.
 pub fn copy(letters: usize, permuted: bool, dependent: bool, rng: &mut Pcg64) -> Vec<Vec<f64>> {
     let (policy, shared) = (dirichlet(1.0, letters, rng), dirichlet(0.7, letters, rng));
     let always = rng.random_bool(ALWAYS);
-    let share = if always { 1.0 } else { rng.random_range(0.1..0.9) };
+    let share = if always {
+        1.0
+    } else {
+        rng.random_range(0.1..0.9)
+    };
     let mut answers: Vec<usize> = (0..letters).collect();
     if permuted {
         shuffle(&mut answers, rng);
     }
     let share = if dependent { share } else { 0.0 };
-    let rows: Vec<Vec<f64>> = answers.into_iter().map(|j| mixed(&shared, &unit(j, letters), share)).collect();
+    let rows: Vec<Vec<f64>> = answers
+        .into_iter()
+        .map(|j| mixed(&shared, &unit(j, letters), share))
+        .collect();
     joint(&policy, &rows)
 }
 
@@ -80,12 +101,18 @@ pub fn weak(letters: usize, dependent: bool, rng: &mut Pcg64) -> Vec<Vec<f64>> {
     if !dependent {
         return product;
     }
-    let noise: Vec<f64> = (0..letters * letters).map(|_| StandardNormal.sample(rng)).collect();
+    let noise: Vec<f64> = (0..letters * letters)
+        .map(|_| StandardNormal.sample(rng))
+        .collect();
     let wanted = rng.random_range(WEAK[0].ln()..WEAK[1].ln()).exp();
     let [mut low, mut high] = [0.0, 4.0];
     for _ in 0..60 {
         let middle = 0.5 * (low + high);
-        if information(&tilted(&product, &noise, middle)) < wanted { low = middle } else { high = middle }
+        if information(&tilted(&product, &noise, middle)) < wanted {
+            low = middle
+        } else {
+            high = middle
+        }
     }
     tilted(&product, &noise, high)
 }
@@ -110,13 +137,31 @@ pub fn segment(rng: &mut Pcg64) -> Vec<Vec<f64>> {
     joint(&policy, &vec![dirichlet(1.0, 6, rng); 6])
 }
 
-fn own_or_shared(rows: usize, dependent: bool, mut response: impl FnMut() -> Vec<f64>) -> Vec<Vec<f64>> {
-    if dependent { (0..rows).map(|_| response()).collect() } else { vec![response(); rows] }
+fn own_or_shared(
+    rows: usize,
+    dependent: bool,
+    mut response: impl FnMut() -> Vec<f64>,
+) -> Vec<Vec<f64>> {
+    if dependent {
+        (0..rows).map(|_| response()).collect()
+    } else {
+        vec![response(); rows]
+    }
 }
 
-/// Returns rows that are all alike, of which two or more are drawn towards a response of their own where there is dependence.
-pub fn some_rows_drawn(letters: usize, shared: &[f64], dependent: bool, rng: &mut Pcg64) -> Vec<Vec<f64>> {
-    let drawn = if dependent { rng.random_range(2..=letters) } else { 0 };
+/// Returns rows that are all alike, of which two or more are drawn towards a response of their own
+/// where there is dependence.
+pub fn some_rows_drawn(
+    letters: usize,
+    shared: &[f64],
+    dependent: bool,
+    rng: &mut Pcg64,
+) -> Vec<Vec<f64>> {
+    let drawn = if dependent {
+        rng.random_range(2..=letters)
+    } else {
+        0
+    };
     pulled(letters, shared, &pulls(letters, letters, drawn, rng))
 }
 
@@ -128,5 +173,7 @@ fn legal(rng: &mut Pcg64) -> Vec<usize> {
 }
 
 fn unit(at: usize, letters: usize) -> Vec<f64> {
-    (0..letters).map(|letter| f64::from(u8::from(letter == at))).collect()
+    (0..letters)
+        .map(|letter| f64::from(u8::from(letter == at)))
+        .collect()
 }

@@ -16,7 +16,10 @@ pub(super) fn dirichlet(concentration: f64, letters: usize, rng: &mut Pcg64) -> 
 
 /// Returns (1 - share) a + share b.
 pub(super) fn mixed(a: &[f64], b: &[f64], share: f64) -> Vec<f64> {
-    a.iter().zip(b).map(|(a, b)| (1.0 - share) * a + share * b).collect()
+    a.iter()
+        .zip(b)
+        .map(|(a, b)| (1.0 - share) * a + share * b)
+        .collect()
 }
 
 /// A response of its own to one action, and how strongly the other is drawn to it.
@@ -33,7 +36,11 @@ pub(super) fn pulls(rows: usize, columns: usize, drawn: usize, rng: &mut Pcg64) 
     shuffle(&mut actions, rng);
     let mut pull = |action: &usize| {
         let share = rng.random_range(0.5..1.0);
-        Pull { action: *action, share, response: dirichlet(0.1, columns, rng) }
+        Pull {
+            action: *action,
+            share,
+            response: dirichlet(0.1, columns, rng),
+        }
     };
     actions[..drawn].iter().map(&mut pull).collect()
 }
@@ -41,18 +48,29 @@ pub(super) fn pulls(rows: usize, columns: usize, drawn: usize, rng: &mut Pcg64) 
 /// Returns rows that are all alike, but for those that are drawn to a response of their own.
 pub(super) fn pulled(rows: usize, shared: &[f64], pulls: &[Pull]) -> Vec<Vec<f64>> {
     let mut rows = vec![shared.to_vec(); rows];
-    for Pull { action, share, response } in pulls {
+    for Pull {
+        action,
+        share,
+        response,
+    } in pulls
+    {
         rows[*action] = mixed(shared, response, *share);
     }
     rows
 }
 
 pub(super) fn joint(policy: &[f64], rows: &[Vec<f64>]) -> Vec<Vec<f64>> {
-    policy.iter().zip(rows).map(|(p, row)| row.iter().map(|q| p * q).collect()).collect()
+    policy
+        .iter()
+        .zip(rows)
+        .map(|(p, row)| row.iter().map(|q| p * q).collect())
+        .collect()
 }
 
 pub(super) fn margins(joint: &[Vec<f64>]) -> (Vec<f64>, Vec<f64>) {
-    let columns = (0..joint[0].len()).map(|column| joint.iter().map(|row| row[column]).sum()).collect();
+    let columns = (0..joint[0].len())
+        .map(|column| joint.iter().map(|row| row[column]).sum())
+        .collect();
     (joint.iter().map(|row| row.iter().sum()).collect(), columns)
 }
 
@@ -61,12 +79,19 @@ pub(super) fn product_of_margins(cells: &[Vec<f64>]) -> Vec<Vec<f64>> {
     joint(&rows, &vec![columns; rows.len()])
 }
 
-/// Returns the mutual information of a joint distribution, I = sum_ij p_ij ln(p_ij / (p_i p_j)), in nats.
+/// Returns the mutual information of a joint distribution, I = sum_ij p_ij ln(p_ij / (p_i p_j)), in
+/// nats.
 pub fn information(joint: &[Vec<f64>]) -> f64 {
     let (rows, columns) = margins(joint);
-    let cells =
-        joint.iter().zip(&rows).flat_map(|(cells, r)| cells.iter().zip(&columns).map(move |(p, c)| (*p, r * c)));
-    cells.filter(|(p, _)| *p > 0.0).map(|(p, independent)| p * (p / independent).ln()).sum::<f64>().max(0.0)
+    let cells = joint
+        .iter()
+        .zip(&rows)
+        .flat_map(|(cells, r)| cells.iter().zip(&columns).map(move |(p, c)| (*p, r * c)));
+    cells
+        .filter(|(p, _)| *p > 0.0)
+        .map(|(p, independent)| p * (p / independent).ln())
+        .sum::<f64>()
+        .max(0.0)
 }
 
 /// Draws visits: pairs of actions.
@@ -83,7 +108,9 @@ pub(super) fn draw(joint: &[Vec<f64>], visits: usize, rng: &mut Pcg64) -> Vec<(u
         .collect();
     let mut visit = || {
         let point = rng.random::<f64>() * reached;
-        let at = cumulative.partition_point(|end| *end <= point).min(cumulative.len() - 1);
+        let at = cumulative
+            .partition_point(|end| *end <= point)
+            .min(cumulative.len() - 1);
         ((at / columns) as u64, (at % columns) as u64)
     };
     (0..visits).map(|_| visit()).collect()
@@ -95,8 +122,14 @@ pub(super) fn multinomial(joint: &[Vec<f64>], visits: usize, rng: &mut Pcg64) ->
     let mut counts = Vec::new();
     for (i, row) in joint.iter().enumerate() {
         for (j, p) in row.iter().enumerate() {
-            let share = if unspent > 0.0 { (p / unspent).clamp(0.0, 1.0) } else { 0.0 };
-            let n = Binomial::new(left, share).expect("a share within 0 to 1").sample(rng);
+            let share = if unspent > 0.0 {
+                (p / unspent).clamp(0.0, 1.0)
+            } else {
+                0.0
+            };
+            let n = Binomial::new(left, share)
+                .expect("a share within 0 to 1")
+                .sample(rng);
             counts.push((i as u64, j as u64, n));
             left -= n;
             unspent -= p;
@@ -110,7 +143,9 @@ pub(super) fn tilted(joint: &[Vec<f64>], noise: &[f64], a: f64) -> Vec<Vec<f64>>
     let columns = joint[0].len();
     let mut cells = joint.to_vec();
     for (i, row) in cells.iter_mut().enumerate() {
-        row.iter_mut().zip(&noise[i * columns..]).for_each(|(p, z)| *p *= (a * z).exp());
+        row.iter_mut()
+            .zip(&noise[i * columns..])
+            .for_each(|(p, z)| *p *= (a * z).exp());
     }
     let sum: f64 = cells.iter().flatten().sum();
     cells.iter_mut().flatten().for_each(|p| *p /= sum);

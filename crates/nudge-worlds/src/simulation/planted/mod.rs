@@ -1,4 +1,5 @@
-//! Tables whose truth is known: states in which influence was planted, or was not. For measuring decisions, not for playing.
+//! Tables whose truth is known: states in which influence was planted, or was not. For measuring
+//! decisions, not for playing.
 
 use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, Normal};
@@ -17,11 +18,13 @@ use joint::{dirichlet, draw, joint, mixed, multinomial, product_of_margins, shuf
 /// How states come about.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Generator {
-    /// G1, 6 x 6: where there is influence, two to six ego actions each draw the other towards a response of their own.
+    /// G1, 6 x 6: where there is influence, two to six ego actions each draw the other towards a
+    /// response of their own.
     Responses,
     /// G2, 6 x 6: where there is influence, the joint distribution is drawn whole.
     Joint,
-    /// G3, 9 x 9: both agents have the habit of one action ("stay"); where there is influence, most ego actions draw the other a little.
+    /// G3, 9 x 9: both agents have the habit of one action ("stay"); where there is influence, most
+    /// ego actions draw the other a little.
     Habits,
     /// 2 x 2: any response is as likely as any other.
     TwoByTwo,
@@ -39,11 +42,13 @@ pub enum Generator {
     Copy(u16),
     /// The other answers each of 64 actions by one of its own.
     Answer64,
-    /// Dependence of 0.01 to 0.1 nats among so many actions each, seen a thousand to a million times.
+    /// Dependence of 0.01 to 0.1 nats among so many actions each, seen a thousand to a million
+    /// times.
     Weak(u16),
     /// 20 x 20, of which each agent may use three in a state.
     Masked,
-    /// 6 x 6: eight segments with habits of their own, each seen forty times, and no dependence within any.
+    /// 6 x 6: eight segments with habits of their own, each seen forty times, and no dependence
+    /// within any.
     Segments,
 }
 
@@ -52,9 +57,11 @@ pub enum Generator {
 pub enum Arm {
     /// Nothing.
     Plain,
-    /// A state without influence is the product of the margins of one with influence, so that margins give nothing away.
+    /// A state without influence is the product of the margins of one with influence, so that
+    /// margins give nothing away.
     LeakFree,
-    /// The other's actions are shuffled within each state: nothing is left to find. The truth told is that before shuffling.
+    /// The other's actions are shuffled within each state: nothing is left to find. The truth told
+    /// is that before shuffling.
     Shuffled,
 }
 
@@ -73,7 +80,12 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self { states: 2_500, dependent: 0.3, arm: Arm::Plain, seed: 1 }
+        Self {
+            states: 2_500,
+            dependent: 0.3,
+            arm: Arm::Plain,
+            seed: 1,
+        }
     }
 }
 
@@ -148,12 +160,30 @@ impl Generator {
 
     fn visits(self) -> Visits {
         match self {
-            Self::Responses | Self::Joint | Self::Habits => Visits::LogNormal { median: 12.0, most: 500.0 },
-            Self::Stay95 | Self::Stay25 => Visits::LogNormal { median: 40.0, most: 2_000.0 },
-            Self::Rare => Visits::LogNormal { median: 60.0, most: 5_000.0 },
-            Self::Answer64 => Visits::LogNormal { median: 100.0, most: 5_000.0 },
-            Self::Weak(_) => Visits::LogUniform { least: 1e3, most: 1e6 },
-            _ => Visits::LogNormal { median: 12.0, most: 2_000.0 },
+            Self::Responses | Self::Joint | Self::Habits => Visits::LogNormal {
+                median: 12.0,
+                most: 500.0,
+            },
+            Self::Stay95 | Self::Stay25 => Visits::LogNormal {
+                median: 40.0,
+                most: 2_000.0,
+            },
+            Self::Rare => Visits::LogNormal {
+                median: 60.0,
+                most: 5_000.0,
+            },
+            Self::Answer64 => Visits::LogNormal {
+                median: 100.0,
+                most: 5_000.0,
+            },
+            Self::Weak(_) => Visits::LogUniform {
+                least: 1e3,
+                most: 1e6,
+            },
+            _ => Visits::LogNormal {
+                median: 12.0,
+                most: 2_000.0,
+            },
         }
     }
 
@@ -166,7 +196,10 @@ impl Generator {
             }
             Self::Joint if dependent => {
                 let concentration = rng.random_range(0.05_f64.ln()..0.0).exp();
-                dirichlet(concentration, 36, rng).chunks(6).map(<[f64]>::to_vec).collect()
+                dirichlet(concentration, 36, rng)
+                    .chunks(6)
+                    .map(<[f64]>::to_vec)
+                    .collect()
             }
             Self::Joint => joint(&dirichlet(0.7, 6, rng), &vec![dirichlet(0.7, 6, rng); 6]),
             Self::Habits => {
@@ -176,7 +209,11 @@ impl Generator {
                 let shared = mixed(&stay, &dirichlet(0.3, 9, rng), 0.65);
                 let mut row = |_| {
                     let drawn = dependent && rng.random_bool(0.8);
-                    let share = if drawn { rng.random_range(0.5..1.0) } else { 0.0 };
+                    let share = if drawn {
+                        rng.random_range(0.5..1.0)
+                    } else {
+                        0.0
+                    };
                     mixed(&shared, &dirichlet(0.15, 9, rng), share)
                 };
                 let rows: Vec<_> = (0..9).map(&mut row).collect();
@@ -204,7 +241,9 @@ impl Visits {
                 let normal = Normal::new(median.ln(), SPREAD).expect("a finite spread");
                 normal.sample(rng).exp().round().clamp(1.0, most) as usize
             }
-            Self::LogUniform { least, most } => rng.random_range(least.ln()..most.ln()).exp().round() as usize,
+            Self::LogUniform { least, most } => {
+                rng.random_range(least.ln()..most.ln()).exp().round() as usize
+            }
         }
     }
 }
@@ -230,16 +269,29 @@ fn state(generator: Generator, options: &Options, rng: &mut Pcg64) -> Planted {
     let table = match options.arm {
         Arm::Shuffled => shuffled(&joint, visits, rng),
         _ if visits > ONE_BY_ONE => multinomial(&joint, visits, rng),
-        _ => Table::from_counts(draw(&joint, visits, rng).into_iter().map(|(ego, other)| (ego, other, 1))),
+        _ => Table::from_counts(
+            draw(&joint, visits, rng)
+                .into_iter()
+                .map(|(ego, other)| (ego, other, 1)),
+        ),
     };
-    Planted { table, information: information(&joint), dependent, segments: Vec::new() }
+    Planted {
+        table,
+        information: information(&joint),
+        dependent,
+        segments: Vec::new(),
+    }
 }
 
 fn shuffled(joint: &[Vec<f64>], visits: usize, rng: &mut Pcg64) -> Table {
     let seen = draw(joint, visits, rng);
     let mut others: Vec<u64> = seen.iter().map(|(_, other)| *other).collect();
     shuffle(&mut others, rng);
-    Table::from_counts(seen.into_iter().zip(others).map(|((ego, _), other)| (ego, other, 1)))
+    Table::from_counts(
+        seen.into_iter()
+            .zip(others)
+            .map(|((ego, _), other)| (ego, other, 1)),
+    )
 }
 
 fn in_segments(rng: &mut Pcg64) -> Planted {
@@ -251,7 +303,12 @@ fn in_segments(rng: &mut Pcg64) -> Planted {
     };
     let segments = (0..SEGMENTS).map(|_| segment()).collect();
     let table = Table::from_counts(all.into_iter().map(|(ego, other)| (ego, other, 1)));
-    Planted { table, information: 0.0, dependent: false, segments }
+    Planted {
+        table,
+        information: 0.0,
+        dependent: false,
+        segments,
+    }
 }
 
 #[cfg(test)]
@@ -261,14 +318,28 @@ mod tests {
     const ROUNDING: f64 = 1e-12;
 
     fn drawn(generator: Generator, arm: Arm) -> Vec<Planted> {
-        planted(generator, &Options { states: 400, arm, ..Options::default() })
+        planted(
+            generator,
+            &Options {
+                states: 400,
+                arm,
+                ..Options::default()
+            },
+        )
     }
 
     #[test]
     fn the_same_seed_gives_the_same_states() {
         for generator in Generator::USUAL {
             assert_eq!(drawn(generator, Arm::Plain), drawn(generator, Arm::Plain));
-            let other = planted(generator, &Options { states: 400, seed: 2, ..Options::default() });
+            let other = planted(
+                generator,
+                &Options {
+                    states: 400,
+                    seed: 2,
+                    ..Options::default()
+                },
+            );
             assert_ne!(drawn(generator, Arm::Plain), other);
         }
     }
@@ -280,9 +351,17 @@ mod tests {
                 let states = drawn(generator, arm);
                 let dependent = states.iter().filter(|state| state.dependent).count();
 
-                assert!((90..150).contains(&dependent), "{generator:?}: {dependent} of 400");
+                assert!(
+                    (90..150).contains(&dependent),
+                    "{generator:?}: {dependent} of 400"
+                );
                 for state in states {
-                    assert_eq!(state.information > ROUNDING, state.dependent, "{generator:?}: {}", state.information);
+                    assert_eq!(
+                        state.information > ROUNDING,
+                        state.dependent,
+                        "{generator:?}: {}",
+                        state.information
+                    );
                 }
             }
         }
@@ -294,29 +373,89 @@ mod tests {
             let Alphabet { rows, columns } = generator.alphabet();
             let states = drawn(generator, Arm::Plain);
 
-            assert!(states.iter().all(|state| (1..=500).contains(&state.table.total())));
-            assert!(states.iter().all(|state| state.table.row_labels().iter().all(|label| *label < rows)));
-            assert!(states.iter().all(|state| state.table.column_labels().iter().all(|label| *label < columns)));
+            assert!(
+                states
+                    .iter()
+                    .all(|state| (1..=500).contains(&state.table.total()))
+            );
+            assert!(
+                states.iter().all(|state| state
+                    .table
+                    .row_labels()
+                    .iter()
+                    .all(|label| *label < rows))
+            );
+            assert!(states.iter().all(|state| {
+                state
+                    .table
+                    .column_labels()
+                    .iter()
+                    .all(|label| *label < columns)
+            }));
         }
     }
 
     #[test]
     fn hard_worlds_are_as_they_are_named() {
         for generator in Generator::HARD {
-            let states = planted(generator, &Options { states: 40, dependent: 0.5, ..Options::default() });
+            let states = planted(
+                generator,
+                &Options {
+                    states: 40,
+                    dependent: 0.5,
+                    ..Options::default()
+                },
+            );
             let Alphabet { rows, columns } = generator.alphabet();
 
-            assert!(states.iter().all(|state| state.table.row_labels().iter().all(|label| *label < rows)));
-            assert!(states.iter().all(|state| state.table.column_labels().iter().all(|label| *label < columns)));
-            for Planted { information, dependent, table, segments } in &states {
-                assert_eq!(*information > 1e-9, *dependent, "{generator:?}: {information}");
+            assert!(
+                states.iter().all(|state| state
+                    .table
+                    .row_labels()
+                    .iter()
+                    .all(|label| *label < rows))
+            );
+            assert!(states.iter().all(|state| {
+                state
+                    .table
+                    .column_labels()
+                    .iter()
+                    .all(|label| *label < columns)
+            }));
+            for Planted {
+                information,
+                dependent,
+                table,
+                segments,
+            } in &states
+            {
+                assert_eq!(
+                    *information > 1e-9,
+                    *dependent,
+                    "{generator:?}: {information}"
+                );
                 let seen: u64 = segments.iter().map(Table::total).sum();
-                assert_eq!(seen, if generator == Generator::Segments { table.total() } else { 0 });
+                assert_eq!(
+                    seen,
+                    if generator == Generator::Segments {
+                        table.total()
+                    } else {
+                        0
+                    }
+                );
             }
         }
-        let weak = planted(Generator::Weak(6), &Options { states: 40, dependent: 1.0, ..Options::default() });
+        let weak = planted(
+            Generator::Weak(6),
+            &Options {
+                states: 40,
+                dependent: 1.0,
+                ..Options::default()
+            },
+        );
         let in_range = |state: &Planted| {
-            (0.009..0.11).contains(&state.information) && (1_000..=1_000_000).contains(&state.table.total())
+            (0.009..0.11).contains(&state.information)
+                && (1_000..=1_000_000).contains(&state.table.total())
         };
         assert!(weak.iter().all(in_range));
     }
