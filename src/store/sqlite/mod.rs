@@ -125,7 +125,7 @@ impl SqliteStore {
     ) -> Result<T, StoreError> {
         match (&result, id) {
             (Err(StoreError::Damaged(why)), Some(id)) => {
-                drop(self.memory.directory.make_read_only(id, why))
+                self.memory.directory.make_read_only(id, why);
             }
             (Err(error), _) => self.writer.health.heed(error),
             (Ok(_), _) => {}
