@@ -25,10 +25,10 @@ fn main() {
         let play = Play::start().await;
         let network = play.train(None).await.network;
         if wanted("forward") {
-            forward::report(&play, &network).await;
+            forward::report(&play, &network);
         }
         if wanted("infer") {
-            serving::infer(&play, &network).await;
+            serving::infer(&play).await;
         }
         if wanted("busy") {
             serving::busy(&play).await;

@@ -1,7 +1,6 @@
 //! What a network costs on the wire: the inference protocol beside the same server with a constant,
 //! and a question while a training runs beside one without.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
@@ -16,22 +15,19 @@ use nudge::api::inference_proto::{
     ServerMetadataRequest, ServerMetadataResponse, ServerReadyRequest, ServerReadyResponse,
 };
 use nudge::domain::JobState;
-use nudge::model::Network;
 use tokio::runtime::Handle;
 use tonic::transport::Channel;
 use tonic::{Request, Response, Status};
 
 use super::ROUNDS;
-use super::forward::Library;
 use super::play::{BINS, ENVIRONMENT, Play, State};
 use super::support::http::{latencies, report_tail};
 use super::support::{channel, listen, median, report};
 
 const ROWS: usize = 1_024;
 
-/// 1,024 rows in one `ModelInfer`: beside a constant, which nothing that computes can come near,
-/// and beside the training library behind that constant.
-pub async fn infer(play: &Play, network: &Network) {
+/// 1,024 rows in one `ModelInfer`: beside a constant, which nothing that computes can come near.
+pub async fn infer(play: &Play) {
     let states: Vec<State> = play.learned.iter().cycle().take(ROWS).copied().collect();
     let question = question(&states);
     let mut client = GrpcInferenceServiceClient::new(channel(play.service.address).await);
@@ -40,21 +36,10 @@ pub async fn infer(play: &Play, network: &Network) {
         .await
         .expect("answered")
         .into_inner();
-    let library = Arc::new((Library::of(play, network).await, states));
-    let mut constant = beside(Constant {
-        answer: answer.clone(),
-        library: None,
-    })
-    .await;
-    let mut computing = beside(Constant {
-        answer,
-        library: Some(library),
-    })
-    .await;
-    let [mut answers, mut constants, mut computed] = [(); 3].map(|()| Vec::new());
+    let mut constant = beside(Constant { answer }).await;
+    let [mut answers, mut constants] = [(); 2].map(|()| Vec::new());
     for _ in 0..ROUNDS {
         constants.push(calls_per_second(&mut constant, &question).await);
-        computed.push(calls_per_second(&mut computing, &question).await);
         answers.push(calls_per_second(&mut client, &question).await);
     }
     let (what, answers) = (format!("ModelInfer with {ROWS} rows"), median(answers));
@@ -65,14 +50,6 @@ pub async fn infer(play: &Play, network: &Network) {
         median(constants),
         "calls/s",
         "(target >= 0.5)",
-    );
-    report(
-        &what,
-        answers,
-        "the same call, candle and that answer",
-        median(computed),
-        "calls/s",
-        "",
     );
 }
 
@@ -186,11 +163,9 @@ async fn running(play: &Play) {
     tokio::time::sleep(Duration::from_millis(500)).await;
 }
 
-/// Answers every request with the same tensors, after the training library has computed them if
-/// there is one.
+/// Answers every request with the same tensors.
 struct Constant {
     answer: ModelInferResponse,
-    library: Option<Arc<(Library, Vec<State>)>>,
 }
 
 #[tonic::async_trait]
@@ -199,12 +174,6 @@ impl GrpcInferenceService for Constant {
         &self,
         _: Request<ModelInferRequest>,
     ) -> Result<Response<ModelInferResponse>, Status> {
-        if let Some(library) = self.library.clone() {
-            let predict = move || library.0.predict(&library.1).expect("predicted");
-            tokio::task::spawn_blocking(predict)
-                .await
-                .expect("predicted");
-        }
         Ok(Response::new(self.answer.clone()))
     }
     async fn server_live(

@@ -10,7 +10,7 @@
 //! |---|---|
 //! | `dataset` | the states with their tables and what the evidence says of them, and the same with the other's actions shuffled |
 //! | `encoder`, `member` | from a state to inputs, from inputs to what both agents do: the forward pass that is served |
-//! | `learner`, `training`, `worth` | gradients, by the training library and nobody else; when to stop; whether more than chance was learned |
+//! | `learner`, `loss`, `adam`, `training`, `worth` | gradients by back-propagation, log loss, the optimiser; when to stop; whether more than chance was learned |
 //! | `calibrate`, `score`, `back_off`, `court`, `judge` | from mutual information to a probability, and how good it is beside what it has to beat |
 //! | `file`, `text`, `registry`, `network`, `told` | kept as safetensors with a card, listed, switched, ready to answer, and what was answered |
 //! | `seen` | the bins that a network was trained on, outside which it gives no verdict |
@@ -19,6 +19,7 @@
 //! Absent on purpose: nothing here decides a verdict by counts, and no wire format is known here
 //! but that of a file of weights.
 
+mod adam;
 mod back_off;
 mod calibrate;
 mod court;
@@ -28,6 +29,7 @@ mod file;
 mod jobs;
 mod judge;
 mod learner;
+mod loss;
 mod member;
 mod network;
 mod registry;
@@ -630,7 +632,6 @@ fn no_network(error: &TrainingError) -> Problem {
         TrainingError::TooFew(_) => (ErrorKind::Conflict, "TOO_FEW_DATA"),
         TrainingError::Diverged(_) => (ErrorKind::Conflict, "TRAINING_DIVERGED"),
         TrainingError::Cancelled => (ErrorKind::Conflict, "CANCELLED"),
-        TrainingError::Library(_) => (ErrorKind::Internal, "INTERNAL"),
     };
     Problem::new(kind, reason, format!("no network is made: {error}"))
 }

@@ -37,8 +37,6 @@ const RESERVED: &[(&str, &[&str])] = &[
     ("prost", &["api"]),
     ("tonic", &["api", "client", "serve", "cli"]),
     ("axum", &["serve"]),
-    ("candle_core", &["model"]),
-    ("candle_nn", &["model"]),
     ("ndarray", &["model"]),
     ("safetensors", &["model"]),
     ("rustls", &["tls", "client", "serve"]),
