@@ -8,7 +8,7 @@ use super::answer::bins;
 use super::shared::Made;
 use super::store_errors::logged;
 use super::survey::{Plan, Row, Survey};
-use crate::domain::{Exploration, StateKey, Trial, Verdict};
+use crate::domain::{Exploration, StateKey, Suggestion, Verdict};
 use crate::error::Problem;
 use crate::priors::{self, Tables};
 use crate::store::{StateCounts, Store};
@@ -48,7 +48,7 @@ pub struct Explored {
     /// What it was looked for in.
     pub survey: Arc<Made<Survey>>,
     /// The most valuable actions first.
-    trials: Vec<Trial>,
+    trials: Vec<Suggestion>,
     considered: u64,
 }
 
@@ -64,7 +64,7 @@ impl Explored {
     }
 
     /// Returns the same trials as they are kept.
-    pub fn trials(&self, limit: usize) -> &[Trial] {
+    pub fn trials(&self, limit: usize) -> &[Suggestion] {
         &self.trials[..limit.min(self.trials.len())]
     }
 }
@@ -94,7 +94,7 @@ pub async fn explore(
         );
         progress.add(size);
     }
-    trials.sort_by(|a: &Trial, b| {
+    trials.sort_by(|a: &Suggestion, b| {
         b.information_gain
             .total_cmp(&a.information_gain)
             .then(a.key.cmp(&b.key))
@@ -113,13 +113,14 @@ fn explored(
     keys: &[StateKey],
     counts: &[StateCounts],
     stop: &Stop,
-) -> Result<Vec<Trial>, Stopped> {
-    let state = |(key, state)| stop.check().map(|()| trials(plan, key, state));
-    let trials: Result<Vec<Vec<Trial>>, Stopped> = keys.par_iter().zip(counts).map(state).collect();
+) -> Result<Vec<Suggestion>, Stopped> {
+    let state = |(key, state)| stop.check().map(|()| suggestions(plan, key, state));
+    let trials: Result<Vec<Vec<Suggestion>>, Stopped> =
+        keys.par_iter().zip(counts).map(state).collect();
     Ok(trials?.into_iter().flatten().collect())
 }
 
-fn trials(plan: &Plan, key: &StateKey, state: &StateCounts) -> Vec<Trial> {
+fn suggestions(plan: &Plan, key: &StateKey, state: &StateCounts) -> Vec<Suggestion> {
     let Some(informed) = &plan.informed else {
         return Vec::new();
     };
@@ -134,7 +135,7 @@ fn trials(plan: &Plan, key: &StateKey, state: &StateCounts) -> Vec<Trial> {
     let above_threshold = prior
         .posterior(&informed.habits, draws.counted())
         .above(threshold);
-    let trial = |(index, information_gain): (u64, f64)| Trial {
+    let trial = |(index, information_gain): (u64, f64)| Suggestion {
         key: key.clone(),
         bins: bins(schema, key),
         visits: tables.whole.total(),

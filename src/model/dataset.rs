@@ -8,7 +8,7 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
 
-use super::spare_time::in_spare_time;
+use super::idle_priority::at_idle_priority;
 use super::store_errors::logged;
 use crate::domain::{Environment, FitId, Pair, StateKey, Within};
 use crate::error::Problem;
@@ -51,7 +51,7 @@ pub struct Example {
 impl Dataset {
     /// Reads the states of an environment as they are now, and asks the evidence about them; `None`
     /// where the alphabets are too large for it.
-    pub async fn read(
+    pub async fn from_store(
         store: &dyn Store,
         fits: &Fits,
         environment: &Environment,
@@ -91,7 +91,7 @@ impl Dataset {
             // Page by page, since a state may have hundreds of parts: what is kept of it is one
             // table.
             let (drawn, weighing) = (drawn.collect(), dataset.clone());
-            let weighed = beside(move || in_spare_time(|| weighing.weighed(drawn))).await?;
+            let weighed = beside(move || at_idle_priority(|| weighing.weighed(drawn))).await?;
             weighed
                 .into_iter()
                 .for_each(|example| sample.add(example.key.clone(), example, 1));

@@ -54,7 +54,7 @@ impl Encoder {
     ) -> Self {
         let scale = |(at, feature): (usize, &Feature)| {
             is_number(&feature.kind).then(|| {
-                Scale::of(
+                Scale::standardising(
                     seen.clone()
                         .map(|(key, times)| (representative(&feature.kind, key.bins()[at]), times)),
                 )
@@ -182,7 +182,7 @@ fn representative(kind: &FeatureKind, bin: u32) -> f64 {
 impl Scale {
     /// Standardises numbers that were seen so often. Where all are the same, nothing but their mean
     /// is taken away.
-    fn of(seen: impl Iterator<Item = (f64, f64)> + Clone) -> Self {
+    fn standardising(seen: impl Iterator<Item = (f64, f64)> + Clone) -> Self {
         let times: f64 = seen.clone().map(|(_, times)| times).sum();
         if times == 0.0 {
             return Self {

@@ -30,7 +30,7 @@ use serde::{Deserialize, Serialize};
 use super::encoder::{Encoder, Scale};
 use super::member::{Layer, Member, heads};
 use super::seen::Seen;
-use super::text;
+use super::stored_forms;
 use crate::domain::{Card, Environment, ModelKind, Pair, Schema, Training, is_same_threshold};
 use crate::error::{Fault, Problem};
 
@@ -67,7 +67,7 @@ pub struct Content {
 }
 
 /// Writes a file; the card is JSON.
-pub fn write(environment: &Environment, content: &Content, card: &str) -> Vec<u8> {
+pub fn write_network(environment: &Environment, content: &Content, card: &str) -> Vec<u8> {
     let agent = |at: usize| environment.schema.agents()[at].name.to_string();
     let scales: Vec<Option<ScaleText>> = content
         .encoder
@@ -186,7 +186,7 @@ fn tensors(at: usize, kind: ModelKind, member: &Member) -> Vec<Tensor> {
 }
 
 /// Reads a file that belongs to an environment, or lists what is wrong with it.
-pub fn read(environment: &Environment, bytes: &[u8]) -> Result<Content, Problem> {
+pub fn read_network(environment: &Environment, bytes: &[u8]) -> Result<Content, Problem> {
     parse(environment, bytes).map_err(|faults| Problem::invalid("network", faults))
 }
 
@@ -195,7 +195,7 @@ pub fn imported(
     environment: &Environment,
     bytes: &[u8],
 ) -> Result<(Content, Option<Card>), Problem> {
-    let content = read(environment, bytes)?;
+    let content = read_network(environment, bytes)?;
     let (_, header) = SafeTensors::read_metadata(bytes).expect("it was read before");
     let told = header
         .metadata()
@@ -214,7 +214,8 @@ pub fn imported(
 fn card_of(content: &Content, text: &str) -> Result<Card, String> {
     const WITHOUT: &str =
         "take it as an export wrote it, or leave it out to have the network calibrated here";
-    let card = text::card(text).map_err(|why| format!("cannot be read: {why}; {WITHOUT}"))?;
+    let card =
+        stored_forms::read_card(text).map_err(|why| format!("cannot be read: {why}; {WITHOUT}"))?;
     let width = content
         .members
         .first()
@@ -263,7 +264,7 @@ fn parse(environment: &Environment, bytes: &[u8]) -> Result<Content, Vec<Fault>>
     let (_, header) = SafeTensors::read_metadata(bytes).map_err(|error| unreadable(&error))?;
     let tensors = SafeTensors::deserialize(bytes).map_err(|error| unreadable(&error))?;
     let metadata = Metadata(header.metadata().clone().unwrap_or_default());
-    let Told {
+    let CheckedMetadata {
         kind,
         pair,
         threshold,
@@ -291,7 +292,7 @@ fn parse(environment: &Environment, bytes: &[u8]) -> Result<Content, Vec<Fault>>
 struct Metadata(HashMap<String, String>);
 
 /// The same, checked.
-struct Told {
+struct CheckedMetadata {
     kind: ModelKind,
     pair: Pair,
     threshold: f64,
@@ -300,7 +301,7 @@ struct Told {
 }
 
 impl Metadata {
-    fn checked(&self, environment: &Environment) -> Result<Told, Vec<Fault>> {
+    fn checked(&self, environment: &Environment) -> Result<CheckedMetadata, Vec<Fault>> {
         let schema = &environment.schema;
         let mut faults = Vec::new();
         self.equal("format", FORMAT, &mut faults);
@@ -342,7 +343,7 @@ impl Metadata {
             (Some(kind), Some((ego, other)), Some(threshold), Some(encoder))
                 if faults.is_empty() =>
             {
-                Ok(Told {
+                Ok(CheckedMetadata {
                     kind,
                     pair: Pair {
                         ego,
@@ -360,7 +361,7 @@ impl Metadata {
 
     fn seen(&self, schema: &Schema, faults: &mut Vec<Fault>) -> Option<Seen> {
         let runs = serde_json::from_str(self.0.get(SEEN)?).ok();
-        let seen = runs.and_then(|runs| Seen::of_runs(schema, runs));
+        let seen = runs.and_then(|runs| Seen::from_runs(schema, runs));
         if seen.is_none() {
             let expected = "expected a JSON list with a list of runs [first, last] of bins for each feature, in order";
             faults.push(fault(SEEN, expected.into()));

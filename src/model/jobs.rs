@@ -43,7 +43,7 @@ struct Entry {
 impl Entry {
     /// Returns the job with what is known only beside the others: those before it that are not over
     /// yet.
-    fn told(&self, before: &[Entry]) -> Job {
+    fn with_place_in_queue(&self, before: &[Entry]) -> Job {
         let job = self.job.clone();
         match job.state {
             JobState::Queued => waiting(
@@ -151,7 +151,7 @@ impl Jobs {
             began: None,
             end,
         };
-        let told = entry.told(&entries);
+        let told = entry.with_place_in_queue(&entries);
         entries.push(entry);
         let over: Vec<u64> = entries
             .iter()
@@ -165,13 +165,14 @@ impl Jobs {
     }
 
     /// Returns the jobs of an environment, in order of number.
-    pub fn of(&self, environment: EnvironmentId) -> Vec<Job> {
+    pub fn of_environment(&self, environment: EnvironmentId) -> Vec<Job> {
         let entries = self.lock();
         let own = entries
             .iter()
             .enumerate()
             .filter(|(_, entry)| entry.environment == environment);
-        own.map(|(at, entry)| entry.told(&entries[..at])).collect()
+        own.map(|(at, entry)| entry.with_place_in_queue(&entries[..at]))
+            .collect()
     }
 
     /// Returns how many jobs there are in a state, over all environments.
@@ -184,13 +185,16 @@ impl Jobs {
 
     /// Returns one job.
     pub fn get(&self, environment: EnvironmentId, id: u64) -> Result<Job, Problem> {
-        let found = self.of(environment).into_iter().find(|job| job.id == id);
+        let found = self
+            .of_environment(environment)
+            .into_iter()
+            .find(|job| job.id == id);
         found.ok_or_else(|| unknown(id, &self.lock(), environment))
     }
 
     /// Returns whether a pair of agents waits for a training or has one.
     pub fn is_busy(&self, environment: EnvironmentId, ego: &str, other: &str) -> bool {
-        self.of(environment)
+        self.of_environment(environment)
             .iter()
             .any(|job| !job.state.is_over() && job.ego == ego && job.other == other)
     }
@@ -249,7 +253,7 @@ impl Jobs {
 }
 
 /// Jobs that are told where one is not known: the last ones.
-const TOLD: usize = 8;
+const NAMED: usize = 8;
 
 fn unknown(id: u64, jobs: &[Entry], environment: EnvironmentId) -> Problem {
     let own = jobs
@@ -257,7 +261,7 @@ fn unknown(id: u64, jobs: &[Entry], environment: EnvironmentId) -> Problem {
         .rev()
         .filter(|entry| entry.environment == environment);
     let names: Vec<String> = own
-        .take(TOLD)
+        .take(NAMED)
         .map(|entry| format!("`job-{}`", entry.job.id))
         .collect();
     // None of them is "meant": their numbers are alike.
@@ -310,7 +314,7 @@ mod tests {
                 .iter()
                 .map(|one| self::entry(one.job.id, one.job.state, one.job.progress, None))
                 .collect();
-            let Job { ahead, message, .. } = entry.told(&before);
+            let Job { ahead, message, .. } = entry.with_place_in_queue(&before);
             (ahead, message)
         };
         assert_eq!(
@@ -376,7 +380,7 @@ mod tests {
             .expect("the machine runs for longer");
         let left = |state, progress, began: Option<Instant>| {
             entry(1, state, progress, began.map(|at| (at, 0.02)))
-                .told(&[])
+                .with_place_in_queue(&[])
                 .seconds_left
         };
         let seconds =

@@ -94,7 +94,7 @@ impl Learner {
         let heads = concatenate(Axis(0), &views).expect("every head takes the hidden layer");
 
         Self {
-            activations: Activations::of(0, shape.width, heads.nrows()),
+            activations: Activations::zeros(0, shape.width, heads.nrows()),
             trunk: Linear::new(trunk),
             heads: Linear::new(heads),
             shape,
@@ -147,7 +147,7 @@ impl Learner {
         let states = inputs.nrows();
         if self.activations.hidden.nrows() != states {
             let outputs = self.heads.bias.value.len();
-            self.activations = Activations::of(states, self.shape.width, outputs);
+            self.activations = Activations::zeros(states, self.shape.width, outputs);
         }
 
         let Activations {
@@ -230,7 +230,7 @@ impl Linear {
 }
 
 impl Activations {
-    fn of(states: usize, width: usize, outputs: usize) -> Self {
+    fn zeros(states: usize, width: usize, outputs: usize) -> Self {
         Self {
             hidden: Array2::zeros((states, width)),
             by_hidden: Array2::zeros((states, width)),

@@ -44,7 +44,7 @@ pub fn heads(kind: ModelKind, alphabet: Alphabet) -> Vec<(&'static str, usize)> 
 
 impl Layer {
     /// Returns `[states, out]` of `[states, in]`.
-    fn of(&self, inputs: &Array2<f32>) -> Array2<f32> {
+    fn apply(&self, inputs: &Array2<f32>) -> Array2<f32> {
         inputs.dot(&self.weight.t()) + &self.bias
     }
 
@@ -57,9 +57,9 @@ impl Layer {
 impl Member {
     /// Returns the outputs of every head, `[states, out]` each, of inputs `[states, in]`.
     pub fn outputs(&self, inputs: &Array2<f32>) -> Vec<Array2<f32>> {
-        let mut hidden = self.trunk.of(inputs);
+        let mut hidden = self.trunk.apply(inputs);
         hidden.mapv_inplace(|unit| unit.max(0.0));
-        self.heads.iter().map(|head| head.of(&hidden)).collect()
+        self.heads.iter().map(|head| head.apply(&hidden)).collect()
     }
 
     /// Returns what a joint network says of states.
@@ -141,11 +141,11 @@ impl Joint {
         let rows: Vec<f64> = (0..ego.len()).flat_map(row).collect();
         let response =
             Array2::from_shape_vec((ego.len(), columns), rows).expect("a row an action of the ego");
-        Self::of(ego, response)
+        Self::from_policy(ego, response)
     }
 
     /// Joins the ego's policy with the responses to it.
-    pub fn of(ego: Vec<f64>, response: Array2<f64>) -> Self {
+    pub fn from_policy(ego: Vec<f64>, response: Array2<f64>) -> Self {
         let other = response
             .columns()
             .into_iter()
@@ -166,7 +166,7 @@ impl Joint {
             .zip(&other.ego)
             .map(|(a, b)| mixed(a, b))
             .collect();
-        Self::of(
+        Self::from_policy(
             ego,
             &self.response * (1.0 - share) + &other.response * share,
         )
@@ -270,9 +270,9 @@ mod tests {
     #[test]
     fn mutual_information_is_that_of_the_joint_distribution() {
         // A coin that is copied: ln 2. One that is not: 0.
-        let copied = Joint::of(vec![0.5, 0.5], array![[1.0, 0.0], [0.0, 1.0]]);
+        let copied = Joint::from_policy(vec![0.5, 0.5], array![[1.0, 0.0], [0.0, 1.0]]);
         assert!((copied.mutual_information() - 2_f64.ln()).abs() < 1e-15);
-        let ignored = Joint::of(vec![0.3, 0.7], array![[0.2, 0.8], [0.2, 0.8]]);
+        let ignored = Joint::from_policy(vec![0.3, 0.7], array![[0.2, 0.8], [0.2, 0.8]]);
         assert!(ignored.mutual_information() < 1e-15);
     }
 

@@ -2,7 +2,7 @@
 //! the counts of states that they did not learn from, kept and served.
 //!
 //! ```text
-//! train    store.scan -> dataset (tables, evidence) -> training (learner) -> ensemble -> judge -> card -> registry
+//! train    store.scan -> dataset (tables, evidence) -> training (learner) -> ensemble -> card_builder -> registry
 //! answer   registry -> network -> prediction
 //! ```
 //!
@@ -10,38 +10,38 @@
 //! |---|---|
 //! | `dataset` | the states with their tables and what the evidence says of them, and the same with the other's actions shuffled |
 //! | `encoder`, `member` | from a state to inputs, from inputs to what both agents do: the forward pass that is served |
-//! | `learner`, `loss`, `adam`, `training`, `worth` | gradients by back-propagation, log loss, the optimiser; when to stop; whether more than chance was learned |
-//! | `calibrate`, `score`, `back_off`, `court`, `judge` | from mutual information to a probability, and how good it is beside what it has to beat |
-//! | `file`, `text`, `registry`, `network`, `told` | kept as safetensors with a card, listed, switched, ready to answer, and what was answered |
+//! | `learner`, `loss`, `adam`, `training`, `permutation_test` | gradients by back-propagation, log loss, the optimiser; when to stop; whether more than chance was learned |
+//! | `calibration`, `score`, `back_off`, `held_out_evaluation`, `card_builder` | from mutual information to a probability, and how good it is beside what it has to beat |
+//! | `file`, `stored_forms`, `registry`, `network`, `prediction_cache` | kept as safetensors with a card, listed, switched, ready to answer, and what was answered |
 //! | `seen` | the bins that a network was trained on, outside which it gives no verdict |
-//! | `jobs`, `upkeep`, `spare_time` | trainings that were asked for, or are due by themselves, and the thread that does them |
+//! | `jobs`, `upkeep`, `idle_priority` | trainings that were asked for, or are due by themselves, and the thread that does them |
 //!
 //! Absent on purpose: nothing here decides a verdict by counts, and no wire format is known here
 //! but that of a file of weights.
 
 mod adam;
 mod back_off;
-mod calibrate;
-mod court;
+mod calibration;
+mod card_builder;
 mod dataset;
 mod encoder;
 mod file;
+mod held_out_evaluation;
+mod idle_priority;
 mod jobs;
-mod judge;
 mod learner;
 mod loss;
 mod member;
 mod network;
+mod permutation_test;
+mod prediction_cache;
 mod registry;
 mod score;
 mod seen;
-mod spare_time;
 mod store_errors;
-mod text;
-mod told;
+mod stored_forms;
 mod training;
 mod upkeep;
-mod worth;
 
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -51,12 +51,12 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use tracing::{Instrument, instrument};
 
+use self::card_builder::Origin;
 use self::encoder::{Encoder, MOST_INPUTS};
+use self::idle_priority::at_idle_priority;
 use self::jobs::Jobs;
-use self::judge::Origin;
 use self::registry::Registry;
 use self::seen::Seen;
-use self::spare_time::in_spare_time;
 use self::store_errors::logged;
 use self::training::{Ensemble, TrainingError};
 use crate::domain::draft::TrainingDraft;
@@ -114,7 +114,7 @@ impl Networks {
         self.registry.check_room(environment).await?;
         let end = self.ending.child_token();
         let job = self.jobs.add(environment, &pair, end.clone())?;
-        let order = Order {
+        let request = TrainingRequest {
             job: job.id,
             environment: environment.clone(),
             pair,
@@ -124,7 +124,7 @@ impl Networks {
         };
         tracing::info!(environment = %environment.name, job = job.id, ego = job.ego, other = job.other, "a training was asked for");
         self.running
-            .spawn(self.clone().carry_out(order).in_current_span());
+            .spawn(self.clone().carry_out(request).in_current_span());
         Ok(job)
     }
 
@@ -132,7 +132,7 @@ impl Networks {
     pub async fn list(&self, environment: &Environment) -> Result<Models, Problem> {
         let (models, jobs) = (
             self.registry.list(environment).await?,
-            self.jobs.of(environment.id),
+            self.jobs.of_environment(environment.id),
         );
         Ok(Models {
             models,
@@ -160,7 +160,7 @@ impl Networks {
             .filter(|_| page.has_more)
             .map(|model| model.version.to_string());
         let jobs = if after.is_none() {
-            self.jobs.of(environment.id)
+            self.jobs.of_environment(environment.id)
         } else {
             Vec::new()
         };
@@ -311,7 +311,9 @@ impl Networks {
                 dropout,
             };
             let origin = exported.as_ref().map_or(Origin::Foreign, Origin::Exported);
-            let card = in_spare_time(|| judge::card(&dataset, training, &ensemble, &origin));
+            let card = at_idle_priority(|| {
+                card_builder::build_card(&dataset, training, &ensemble, &origin)
+            });
             (content, card)
         });
         let (content, card) = judged.await.map_err(|error| internal(&error))?;
@@ -392,7 +394,7 @@ impl Networks {
         environment: &Environment,
         pair: &Pair,
     ) -> Result<Dataset, Problem> {
-        let read = Dataset::read(&*self.store, &self.fits, environment, pair).await?;
+        let read = Dataset::from_store(&*self.store, &self.fits, environment, pair).await?;
         read.ok_or_else(|| {
             Problem::new(
                 ErrorKind::TooLarge,
@@ -403,18 +405,18 @@ impl Networks {
     }
 
     /// Waits for its turn, trains, and tells what came out.
-    async fn carry_out(self, order: Order) {
-        let turn = order.end.run_until_cancelled(self.turn.lock()).await;
+    async fn carry_out(self, request: TrainingRequest) {
+        let turn = request.end.run_until_cancelled(self.turn.lock()).await;
         let started = Instant::now();
         let result = match turn {
-            Some(_turn) => self.carried_out(&order).await,
+            Some(_turn) => self.carried_out(&request).await,
             None => Err(no_network(&TrainingError::Cancelled)),
         };
         let (state, message, version) = match result {
             Ok(model) => (JobState::Done, outcome(&model), Some(model.version)),
             // A stop of the service ends the fit that a training begins with before it tells the
             // training.
-            Err(problem) if order.end.is_cancelled() || problem.reason == STOPPING => (
+            Err(problem) if request.end.is_cancelled() || problem.reason == STOPPING => (
                 JobState::Cancelled,
                 "cancelled; no network is made".to_owned(),
                 None,
@@ -422,8 +424,8 @@ impl Networks {
             Err(problem) => (JobState::Failed, problem.message, None),
         };
         telemetry::trained(state.as_str(), started.elapsed());
-        tracing::info!(environment = %order.environment.name, job = order.job, state = state.as_str(), message, version, "a training is over");
-        self.jobs.update(order.job, |job| {
+        tracing::info!(environment = %request.environment.name, job = request.job, state = state.as_str(), message, version, "a training is over");
+        self.jobs.update(request.job, |job| {
             let progress = if state == JobState::Done {
                 1.0
             } else {
@@ -439,23 +441,23 @@ impl Networks {
         });
     }
 
-    async fn carried_out(&self, order: &Order) -> Result<Model, Problem> {
-        let Order { pair, training, .. } = order;
+    async fn carried_out(&self, request: &TrainingRequest) -> Result<Model, Problem> {
+        let TrainingRequest { pair, training, .. } = request;
         // It may have waited for long: the rule is that of now.
-        let environment = &self.current(&order.environment)?;
-        self.tell(order, 0.0, "reads the states and fits the prior");
-        let dataset = order
+        let environment = &self.current(&request.environment)?;
+        self.tell(request, 0.0, "reads the states and fits the prior");
+        let dataset = request
             .end
             .run_until_cancelled(self.dataset(environment, pair))
             .await;
         let dataset = dataset.unwrap_or_else(|| Err(no_network(&TrainingError::Cancelled)))?;
-        let seen = Seen::of(
+        let seen = Seen::in_states(
             &environment.schema,
             training::learned(&dataset, training).map(|example| &example.key),
         );
-        let (networks, order_there) = (self.clone(), order.clone());
+        let (networks, request_there) = (self.clone(), request.clone());
         let trained = tokio::task::spawn_blocking(move || {
-            in_spare_time(|| networks.trained(&order_there, &dataset))
+            at_idle_priority(|| networks.trained(&request_there, &dataset))
         })
         .await;
         let (ensemble, card) = trained
@@ -471,7 +473,7 @@ impl Networks {
         };
         let version = self.registry.keep(environment, &content, &card).await?;
         let environment = &self.current(environment)?;
-        if order.activate || card.not_better_than.is_empty() {
+        if request.activate || card.not_better_than.is_empty() {
             match self.activate(environment, version).await {
                 // The rule has changed meanwhile: then it is kept, and says that it is stale.
                 Err(problem) if problem.reason == registry::STALE => {}
@@ -491,19 +493,23 @@ impl Networks {
     }
 
     /// Trains an ensemble and its shuffled twin, and judges them.
-    fn trained(&self, order: &Order, dataset: &Dataset) -> Result<(Ensemble, Card), TrainingError> {
+    fn trained(
+        &self,
+        request: &TrainingRequest,
+        dataset: &Dataset,
+    ) -> Result<(Ensemble, Card), TrainingError> {
         /// Of the whole, what each of the two takes; the rest is for judging.
         const SHARE: f64 = 0.48;
-        let training = &order.training;
+        let training = &request.training;
         let seen = dataset
             .examples
             .iter()
             .map(|example| (&example.key, example.table.total() as f64));
-        let encoder = Encoder::fitted(&order.environment.schema, seen);
+        let encoder = Encoder::fitted(&request.environment.schema, seen);
         let train = |dataset: &Dataset, from: f64, what: &str| {
             let mut watch = |done: f64| {
-                self.tell(order, from + SHARE * done, what);
-                if order.end.is_cancelled() {
+                self.tell(request, from + SHARE * done, what);
+                if request.end.is_cancelled() {
                     ControlFlow::Break(())
                 } else {
                     ControlFlow::Continue(())
@@ -518,16 +524,20 @@ impl Networks {
             0.02 + SHARE,
             "learns from shuffled counts, for comparison",
         )?;
-        if order.end.is_cancelled() {
+        if request.end.is_cancelled() {
             return Err(TrainingError::Cancelled);
         }
-        self.tell(order, 0.02 + 2.0 * SHARE, "is judged beside its baselines");
-        let card = judge::card(dataset, *training, &ensemble, &Origin::Trained(&twin));
+        self.tell(
+            request,
+            0.02 + 2.0 * SHARE,
+            "is judged beside its baselines",
+        );
+        let card = card_builder::build_card(dataset, *training, &ensemble, &Origin::Trained(&twin));
         Ok((ensemble, card))
     }
 
-    fn tell(&self, order: &Order, progress: f64, message: &str) {
-        self.jobs.update(order.job, |job| {
+    fn tell(&self, request: &TrainingRequest, progress: f64, message: &str) {
+        self.jobs.update(request.job, |job| {
             *job = Job {
                 state: JobState::Running,
                 progress,
@@ -540,7 +550,7 @@ impl Networks {
 
 /// A training that was asked for.
 #[derive(Clone)]
-struct Order {
+struct TrainingRequest {
     job: u64,
     environment: Arc<Environment>,
     pair: Pair,

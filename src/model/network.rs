@@ -8,8 +8,8 @@ use rayon::prelude::*;
 use super::encoder::Encoder;
 use super::file::Content;
 use super::member::{Joint, Member};
+use super::prediction_cache::PredictionCache;
 use super::seen::Seen;
-use super::told::Told;
 use crate::domain::{
     Calibration, Card, Environment, EnvironmentId, ModelAction, ModelKind, Pair, StateKey, Verdict,
     is_same_threshold,
@@ -39,7 +39,7 @@ pub struct Network {
     /// What it says of a state on average, if that is known.
     base_rate: Option<f64>,
     seen: Seen,
-    told: Told,
+    cache: PredictionCache,
     /// Whether it found more in the counts than the same network does in shuffled ones.
     found_something: bool,
 }
@@ -80,7 +80,7 @@ impl Network {
             calibration: card.calibration,
             base_rate: card.base_rate,
             seen: seen.unwrap_or_default(),
-            told: Told::default(),
+            cache: PredictionCache::default(),
             found_something: card.found_something(),
         }
     }
@@ -95,7 +95,8 @@ impl Network {
     pub fn predict(&self, states: &[StateKey], threshold: f64) -> Vec<Prediction> {
         self.predictions(
             states,
-            self.told.of(states, |unknown| self.tell(unknown)),
+            self.cache
+                .get_or_predict(states, |unknown| self.tell(unknown)),
             threshold,
         )
     }

@@ -19,7 +19,7 @@ use tokio::sync::Mutex;
 use super::network::Network;
 use super::seen::{Seeing, Seen};
 use super::store_errors::logged;
-use super::{file, text};
+use super::{file, stored_forms};
 use crate::api::{self, Page, proto};
 use crate::domain::{Card, Environment, EnvironmentId, Model, Pair, is_same_threshold};
 use crate::error::{ErrorKind, Problem};
@@ -167,8 +167,8 @@ impl Registry {
         content: &file::Content,
         card: &Card,
     ) -> Result<u64, Problem> {
-        let text = text::of_card(card);
-        let weights = file::write(environment, content, &text);
+        let text = stored_forms::write_card(card);
+        let weights = file::write_network(environment, content, &text);
         if weights.len() > file::MOST_BYTES {
             let message = format!(
                 "the network takes {} bytes, more than {}; make it narrower",
@@ -557,8 +557,8 @@ fn parse(
     if weights.is_empty() {
         return Err(WITHOUT_WEIGHTS.to_owned());
     }
-    let content =
-        file::read(environment, weights).map_err(|problem| format!("its weights: {problem}"))?;
+    let content = file::read_network(environment, weights)
+        .map_err(|problem| format!("its weights: {problem}"))?;
     let trained = (content.pair.ego, content.pair.other);
     if trained != pair {
         return Err(format!(
@@ -575,7 +575,7 @@ fn card(environment: &Environment, record: &ModelRecord) -> Result<Card, String>
 }
 
 fn read_card(text: &str) -> Result<Card, String> {
-    text::card(text).map_err(|why| format!("its card: {why}"))
+    stored_forms::read_card(text).map_err(|why| format!("its card: {why}"))
 }
 
 /// Says which position is none of an agent.

@@ -22,7 +22,7 @@ pub struct Seen(Vec<Vec<Run>>);
 
 impl Seen {
     /// Gathers the bins of states of one schema.
-    pub fn of<'a>(schema: &Schema, states: impl Iterator<Item = &'a StateKey>) -> Self {
+    pub fn in_states<'a>(schema: &Schema, states: impl Iterator<Item = &'a StateKey>) -> Self {
         let mut seeing = Seeing::new(schema);
         states.for_each(|state| seeing.add(state));
         seeing.seen()
@@ -51,7 +51,7 @@ impl Seen {
 
     /// Takes runs back; `None` unless there are some for each feature of a schema, in order and
     /// within its bins.
-    pub fn of_runs(schema: &Schema, runs: Vec<Vec<Run>>) -> Option<Self> {
+    pub fn from_runs(schema: &Schema, runs: Vec<Vec<Run>>) -> Option<Self> {
         let features = schema.state();
         let fits = |(runs, bins): (&Vec<Run>, u32)| {
             let ordered = runs.windows(2).all(|pair| pair[0][1] < pair[1][0]);

@@ -18,7 +18,7 @@ use super::dataset::{Dataset, Example, cells};
 use super::encoder::Encoder;
 use super::learner::{Batch, Learner, Shape};
 use super::member::Member;
-use super::worth::Worth;
+use super::permutation_test::PermutationTest;
 use crate::domain::{ModelKind, Training, Weighting, shortest};
 
 /// Shares of hidden units to leave out, of which the better is taken.
@@ -103,14 +103,14 @@ pub fn train(
     watch: Watch<'_>,
 ) -> Result<Ensemble, TrainingError> {
     check(dataset, training)?;
-    let class = Class {
+    let trainer = Trainer {
         dataset,
         encoder,
         training,
     };
     let parts = DROPOUTS.len() + training.members - 1;
     let mut train = |part: usize, member: usize, dropout: f32| {
-        class.member(member, dropout, &mut |done: f64| {
+        trainer.member(member, dropout, &mut |done: f64| {
             watch((part as f64 + done) / parts as f64)
         })
     };
@@ -147,13 +147,13 @@ struct Trained {
 }
 
 /// What every member learns from.
-struct Class<'a> {
+struct Trainer<'a> {
     dataset: &'a Dataset,
     encoder: &'a Encoder,
     training: &'a Training,
 }
 
-impl Class<'_> {
+impl Trainer<'_> {
     /// Trains one member.
     fn member(
         &self,
@@ -191,13 +191,13 @@ impl Class<'_> {
                 continue;
             }
             let now = learner.member();
-            let worth = self.worth(&now, &held_out);
-            if !worth.is_finite() {
+            let score = self.held_out_score(&now, &held_out);
+            if !score.is_finite() {
                 return Err(TrainingError::Diverged(epoch));
             }
             match &best {
-                Some((most, _, _)) if worth <= *most => {}
-                _ => best = Some((worth, now, epoch)),
+                Some((most, _, _)) if score <= *most => {}
+                _ => best = Some((score, now, epoch)),
             }
             if best
                 .as_ref()
@@ -223,14 +223,14 @@ impl Class<'_> {
     /// served.
     fn proven(&self, mut member: Member, states: &[usize]) -> Member {
         if self.training.kind == ModelKind::Joint {
-            let mut worth = Worth::default();
+            let mut test = PermutationTest::default();
             for part in states.chunks(LOOKED_AT) {
                 let joints = member.joint(&self.inputs(part));
                 self.examples(part)
                     .zip(&joints)
-                    .for_each(|(example, joint)| worth.add(&example.table, joint));
+                    .for_each(|(example, joint)| test.add(&example.table, joint));
             }
-            if !worth.is_more_than_chance() {
+            if !test.is_more_than_chance() {
                 member.forget_interaction();
             }
         }
@@ -307,10 +307,10 @@ impl Class<'_> {
     }
 
     /// Returns what a network is worth on states that it has not learned from: the more the better.
-    fn worth(&self, member: &Member, states: &[usize]) -> f64 {
+    fn held_out_score(&self, member: &Member, states: &[usize]) -> f64 {
         states
             .chunks(LOOKED_AT)
-            .map(|part| self.worth_of_part(member, part))
+            .map(|part| self.score_of_part(member, part))
             .sum()
     }
 
@@ -323,11 +323,11 @@ impl Class<'_> {
                 told.map(|(example, joint)| joint.log_likelihood(&example.table))
                     .sum()
             }
-            ModelKind::Direct => self.worth_of_part(member, states),
+            ModelKind::Direct => self.score_of_part(member, states),
         }
     }
 
-    fn worth_of_part(&self, member: &Member, states: &[usize]) -> f64 {
+    fn score_of_part(&self, member: &Member, states: &[usize]) -> f64 {
         let (examples, inputs) = (self.examples(states), self.inputs(states));
         match self.training.kind {
             ModelKind::Joint => examples

@@ -4,7 +4,7 @@ use super::answer::{dependence, state, version};
 use crate::api::proto;
 use crate::domain::{
     Discoveries, DiscoveryMethod, Exploration, FittedPrior, HistogramBin, LabelledCell,
-    StateFigures, StatePage, StateView, Summary, Trial, Unit,
+    StateFigures, StatePage, StateView, Suggestion, Summary, Unit,
 };
 
 impl From<StateView> for proto::GetStateResponse {
@@ -120,7 +120,7 @@ impl From<Discoveries> for proto::Discoveries {
 
 impl From<Exploration> for proto::ExploreResponse {
     fn from(exploration: Exploration) -> Self {
-        let trial = |trial: Trial| proto::Trial {
+        let trial = |trial: Suggestion| proto::Trial {
             state: Some(state(&trial.key, trial.bins)),
             visits: trial.visits,
             action: trial.action,

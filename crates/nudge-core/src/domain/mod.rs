@@ -74,7 +74,7 @@ pub use name::{Label, Name, ProducerId};
 pub use near::{hint, is_near, meant};
 pub use overview::{
     Discoveries, Discovery, DiscoveryMethod, Edge, EdgeKind, Exploration, FittedPrior, Graph,
-    HistogramBin, LabelledCell, StateFigures, StatePage, StateView, Summary, Trial, page_size,
+    HistogramBin, LabelledCell, StateFigures, StatePage, StateView, Suggestion, Summary, page_size,
 };
 pub use pair::Pair;
 pub use principal::{KeyScope, Pattern, Principal, Scopes};

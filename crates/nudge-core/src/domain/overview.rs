@@ -290,7 +290,7 @@ impl EdgeKind {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Exploration {
     /// What to try, the most valuable first.
-    pub trials: Vec<Trial>,
+    pub trials: Vec<Suggestion>,
     /// How many states were looked at.
     pub considered: u64,
     /// The revision this was made from.
@@ -299,7 +299,7 @@ pub struct Exploration {
 
 /// An action to try in a state.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Trial {
+pub struct Suggestion {
     /// The state.
     pub key: StateKey,
     /// Its bins with their labels.

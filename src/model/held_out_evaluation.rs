@@ -4,13 +4,13 @@
 use ndarray::Array2;
 
 use super::back_off::BackOff;
-use super::calibrate::calibrated;
+use super::calibration::fit_calibration;
 use super::dataset::{Dataset, Example};
 use super::member::{Joint, Member};
 use super::network::{ln_information, logistic, probability};
+use super::permutation_test::PermutationTest;
 use super::score::{Judged, score};
 use super::training::Ensemble;
-use super::worth::Worth;
 use crate::domain::{Baseline, Calibration, ModelKind, Score, Training, Weighting};
 use crate::evidence::{Expected, factors};
 
@@ -20,7 +20,7 @@ use crate::evidence::{Expected, factors};
 const ENOUGH: u64 = 8;
 
 /// What was said of one judged state by those who did not learn from it.
-pub struct Said {
+pub struct HeldOutPrediction {
     /// Mutual information in nats by each judging member, or its ln odds where it predicts nothing
     /// else.
     numbers: Vec<f64>,
@@ -29,7 +29,7 @@ pub struct Said {
 }
 
 /// The states that are judged, and by whom.
-pub struct Court<'a> {
+pub struct HeldOutEvaluation<'a> {
     dataset: &'a Dataset,
     training: Training,
     /// Draws from which a state is scored.
@@ -37,7 +37,7 @@ pub struct Court<'a> {
     states: Vec<(usize, std::ops::Range<usize>)>,
 }
 
-impl<'a> Court<'a> {
+impl<'a> HeldOutEvaluation<'a> {
     /// Opens a court on states, each with the members that judge it.
     pub fn new(
         dataset: &'a Dataset,
@@ -71,11 +71,11 @@ impl<'a> Court<'a> {
     }
 
     /// Lets every state be told by the members that judge it.
-    pub fn told(&self, ensemble: &Ensemble) -> Vec<Said> {
-        let mut said: Vec<Said> = self
+    pub fn predict(&self, ensemble: &Ensemble) -> Vec<HeldOutPrediction> {
+        let mut said: Vec<HeldOutPrediction> = self
             .states
             .iter()
-            .map(|_| Said {
+            .map(|_| HeldOutPrediction {
                 numbers: Vec::new(),
                 joint: None,
             })
@@ -86,12 +86,18 @@ impl<'a> Court<'a> {
             let keys = judged
                 .iter()
                 .map(|at| &self.dataset.examples[self.states[*at].0].key);
-            self.hear(network, &ensemble.encoder.encode(keys), judged, &mut said);
+            self.add_predictions(network, &ensemble.encoder.encode(keys), judged, &mut said);
         }
         said
     }
 
-    fn hear(&self, network: &Member, inputs: &Array2<f32>, judged: Vec<usize>, said: &mut [Said]) {
+    fn add_predictions(
+        &self,
+        network: &Member,
+        inputs: &Array2<f32>,
+        judged: Vec<usize>,
+        said: &mut [HeldOutPrediction],
+    ) {
         match self.training.kind {
             ModelKind::Joint => {
                 for (at, joint) in judged.into_iter().zip(network.joint(inputs)) {
@@ -113,7 +119,7 @@ impl<'a> Court<'a> {
 
     /// Fits a joint network's calibration, to the states with enough draws and to no others; a
     /// direct one needs none.
-    pub fn calibration(&self, said: &[Said]) -> Calibration {
+    pub fn calibration(&self, said: &[HeldOutPrediction]) -> Calibration {
         if self.training.kind == ModelKind::Direct {
             return Calibration {
                 intercept: 0.0,
@@ -145,12 +151,12 @@ impl<'a> Court<'a> {
             &base,
             self.dataset.threshold,
         );
-        calibrated(&numbers.into_iter().zip(factors).collect::<Vec<_>>())
+        fit_calibration(&numbers.into_iter().zip(factors).collect::<Vec<_>>())
     }
 
     /// Returns what a network says of a state on average: of all that were told, each once, however
     /// rarely it was seen.
-    pub fn base_rate(&self, said: &[Said], calibration: Calibration) -> Option<f64> {
+    pub fn base_rate(&self, said: &[HeldOutPrediction], calibration: Calibration) -> Option<f64> {
         let told: Vec<f64> = said
             .iter()
             .map(|said| self.predicted(said, calibration))
@@ -159,15 +165,15 @@ impl<'a> Court<'a> {
     }
 
     /// Returns predictions beside the evidence of the states with enough draws.
-    pub fn judged(&self, said: &[Said], calibration: Calibration) -> Vec<Judged> {
-        let judge = |(example, said): (&Example, &Said)| {
+    pub fn judged(&self, said: &[HeldOutPrediction], calibration: Calibration) -> Vec<Judged> {
+        let judge = |(example, said): (&Example, &HeldOutPrediction)| {
             self.judge(example, self.predicted(said, calibration))
         };
         self.examples().zip(said).filter_map(judge).collect()
     }
 
     /// Returns the mean of the probabilities of the members that judge a state.
-    fn predicted(&self, said: &Said, calibration: Calibration) -> f64 {
+    fn predicted(&self, said: &HeldOutPrediction, calibration: Calibration) -> f64 {
         let probability = |number: &f64| match self.training.kind {
             ModelKind::Joint => probability(calibration, *number),
             ModelKind::Direct => logistic(*number),
@@ -186,8 +192,8 @@ impl<'a> Court<'a> {
     }
 
     /// Returns the mean of ln p(other's action | ego's action) over all draws.
-    pub fn log_likelihood(&self, said: &[Said]) -> Option<f64> {
-        let of = |(example, said): (&Example, &Said)| {
+    pub fn log_likelihood(&self, said: &[HeldOutPrediction]) -> Option<f64> {
+        let of = |(example, said): (&Example, &HeldOutPrediction)| {
             let joint = said.joint.as_ref()?;
             Some(joint.log_likelihood(&example.table))
         };
@@ -203,18 +209,22 @@ impl<'a> Court<'a> {
     /// Returns whether a network has found something: a joint one, if its dependence is worth more
     /// than chance; a direct one, if its squared error is below that of the average, and of its
     /// shuffled twin where it has one, by more than chance.
-    pub fn has_found_something(&self, network: &[Said], twin: Option<&[Said]>) -> bool {
+    pub fn has_found_something(
+        &self,
+        network: &[HeldOutPrediction],
+        twin: Option<&[HeldOutPrediction]>,
+    ) -> bool {
         if self.training.kind == ModelKind::Joint {
-            let mut worth = Worth::default();
+            let mut test = PermutationTest::default();
             for (example, said) in self.examples().zip(network) {
                 said.joint
                     .iter()
-                    .for_each(|joint| worth.add(&example.table, joint));
+                    .for_each(|joint| test.add(&example.table, joint));
             }
-            return worth.is_more_than_chance();
+            return test.is_more_than_chance();
         }
         let average = self.average(&(0..self.dataset.examples.len()).collect::<Vec<_>>());
-        let told = |said: &Said| {
+        let told = |said: &HeldOutPrediction| {
             mean(
                 &said
                     .numbers

@@ -1,8 +1,8 @@
 //! What a network says of itself: judged by the evidence on states that it has not learned from,
 //! beside what it has to beat.
 
-use super::court::Court;
 use super::dataset::{Dataset, Example};
+use super::held_out_evaluation::HeldOutEvaluation;
 use super::score::{Judged, reliability, score};
 use super::training::Ensemble;
 use crate::domain::{Baseline, Calibration, Card, Score, Training, is_same_threshold};
@@ -35,7 +35,7 @@ impl Origin<'_> {
     fn kept(&self, threshold: f64) -> Option<Kept> {
         match self {
             Self::Exported(card) if is_same_threshold(card.threshold, threshold) => {
-                Some(Kept::of(card))
+                Some(Kept::of_card(card))
             }
             _ => None,
         }
@@ -54,7 +54,7 @@ struct Kept {
 }
 
 impl Kept {
-    fn of(card: &Card) -> Self {
+    fn of_card(card: &Card) -> Self {
         let Card {
             threshold,
             calibration,
@@ -87,7 +87,7 @@ enum Split<'a> {
 impl<'a> Split<'a> {
     /// Parts are cut by key: of a network that Nudge trained, wherever that was, it is known which
     /// states each member did not learn from.
-    fn of(origin: &Origin<'_>, training: &'a Training) -> Self {
+    fn of_origin(origin: &Origin<'_>, training: &'a Training) -> Self {
         match origin {
             Origin::Trained(_) => Self::HeldOut(training),
             Origin::Exported(card) if card.is_split_known() => Self::HeldOut(training),
@@ -122,7 +122,7 @@ impl<'a> Split<'a> {
         judged.into_iter().step_by(every).collect()
     }
 
-    fn told(&self) -> String {
+    fn description(&self) -> String {
         match self {
             Self::Unknown => {
                 "trained elsewhere: it was judged on every state here, and may have learned from some of them".into()
@@ -136,35 +136,35 @@ impl<'a> Split<'a> {
 }
 
 /// Judges an ensemble by the counts here. What an exported one says of a state stays what it was.
-pub fn card(
+pub fn build_card(
     dataset: &Dataset,
     training: Training,
     ensemble: &Ensemble,
     origin: &Origin<'_>,
 ) -> Card {
-    let split = Split::of(origin, &training);
-    let court = Court::new(dataset, training, split.states(dataset, ensemble));
-    let network = court.told(ensemble);
+    let split = Split::of_origin(origin, &training);
+    let evaluation = HeldOutEvaluation::new(dataset, training, split.states(dataset, ensemble));
+    let network = evaluation.predict(ensemble);
     let kept = origin.kept(dataset.threshold);
     let calibration = kept
         .as_ref()
-        .map_or_else(|| court.calibration(&network), |kept| kept.calibration);
-    let judged = court.judged(&network, calibration);
-    let own = score("network", &judged, court.log_likelihood(&network));
-    let mut baselines = court.simple_baselines();
-    let twin = origin.twin().map(|twin| court.told(twin));
+        .map_or_else(|| evaluation.calibration(&network), |kept| kept.calibration);
+    let judged = evaluation.judged(&network, calibration);
+    let own = score("network", &judged, evaluation.log_likelihood(&network));
+    let mut baselines = evaluation.simple_baselines();
+    let twin = origin.twin().map(|twin| evaluation.predict(twin));
     let shuffled = twin.as_ref().map(|twin| {
-        let judged = court.judged(twin, court.calibration(twin));
+        let judged = evaluation.judged(twin, evaluation.calibration(twin));
         score(
             Baseline::Shuffled.as_str(),
             &judged,
-            court.log_likelihood(twin),
+            evaluation.log_likelihood(twin),
         )
     });
     let beats_shuffled = match &kept {
         Some(kept) => kept.found_something,
         None => {
-            let found = court.has_found_something(&network, twin.as_deref());
+            let found = evaluation.has_found_something(&network, twin.as_deref());
             found
                 && shuffled
                     .as_ref()
@@ -185,14 +185,14 @@ pub fn card(
         states: dataset.examples.len() as u64,
         visits: dataset.draws(),
         inputs: ensemble.encoder.width() as u64,
-        split: split.told(),
+        split: split.description(),
         epochs: ensemble.epochs.clone(),
         dropout: ensemble.dropout,
         judged_states: judged.len() as u64,
         positive_share: positive_share(&judged),
         calibration,
         base_rate: kept.map_or_else(
-            || court.base_rate(&network, calibration),
+            || evaluation.base_rate(&network, calibration),
             |kept| kept.base_rate,
         ),
         not_better_than,

@@ -22,7 +22,7 @@ const DONE: f64 = 1e-6;
 
 /// Fits a calibration to states by their ln MI and their factors. Without states, or without any
 /// difference between them, nothing is called.
-pub fn calibrated(states: &[(f64, f64)]) -> Calibration {
+pub fn fit_calibration(states: &[(f64, f64)]) -> Calibration {
     let n = states.len().max(1) as f64;
     let mean = states.iter().map(|(x, _)| x).sum::<f64>() / n;
     let spread = (states.iter().map(|(x, _)| (x - mean).powi(2)).sum::<f64>() / n)
@@ -125,7 +125,7 @@ mod tests {
     #[test]
     fn probabilities_are_as_frequent_as_they_say() {
         let states = settled();
-        let Calibration { intercept, slope } = calibrated(&states);
+        let Calibration { intercept, slope } = fit_calibration(&states);
         let expected: f64 = states
             .iter()
             .map(|(x, _)| logistic(intercept + slope * x))
@@ -141,18 +141,18 @@ mod tests {
     #[test]
     fn counts_that_say_nothing_leave_the_prior() {
         let silent: Vec<(f64, f64)> = (0..100).map(|at| (at as f64, 1.0)).collect();
-        let Calibration { slope, .. } = calibrated(&silent);
+        let Calibration { slope, .. } = fit_calibration(&silent);
         assert!(slope < 0.1, "{slope}");
-        assert!(calibrated(&[]).intercept.is_finite());
+        assert!(fit_calibration(&[]).intercept.is_finite());
     }
 
     #[test]
     fn counts_that_speak_against_it_call_nothing() {
         let against: Vec<(f64, f64)> = (0..100).map(|at| (at as f64 / 100.0, 0.2)).collect();
-        let Calibration { intercept, slope } = calibrated(&against);
+        let Calibration { intercept, slope } = fit_calibration(&against);
         assert!(logistic(intercept + slope) < 0.1);
         let never: Vec<(f64, f64)> = (0..1_000).map(|at| (at as f64 / 1_000.0, 0.0)).collect();
-        let Calibration { intercept, slope } = calibrated(&never);
+        let Calibration { intercept, slope } = fit_calibration(&never);
         let p = logistic(intercept + 0.5 * slope);
         assert!(
             (1e-5..1e-3).contains(&p),

@@ -13,11 +13,11 @@ const MOST: usize = 1 << 20;
 
 /// What each member said of states.
 #[derive(Default)]
-pub struct Told(RwLock<HashMap<StateKey, Arc<[f64]>>>);
+pub struct PredictionCache(RwLock<HashMap<StateKey, Arc<[f64]>>>);
 
-impl Told {
+impl PredictionCache {
     /// Returns what is remembered of states, in their order, and lets `tell` say the rest.
-    pub fn of(
+    pub fn get_or_predict(
         &self,
         states: &[StateKey],
         tell: impl FnOnce(&[&StateKey]) -> Vec<Arc<[f64]>>,
@@ -83,9 +83,9 @@ mod tests {
 
     #[test]
     fn what_was_told_is_not_asked_again_and_order_is_kept() {
-        let told = Told::default();
-        told.of(&keys(&[3, 1]), tell);
-        let answers = told.of(&keys(&[1, 2, 3, 2]), |unknown| {
+        let cache = PredictionCache::default();
+        cache.get_or_predict(&keys(&[3, 1]), tell);
+        let answers = cache.get_or_predict(&keys(&[1, 2, 3, 2]), |unknown| {
             assert_eq!(
                 unknown
                     .iter()
@@ -103,14 +103,14 @@ mod tests {
 
     #[test]
     fn memory_is_bounded() {
-        let told = Told::default();
+        let cache = PredictionCache::default();
         let most = MOST / 2;
         (0..3).for_each(|round| {
             let bins: Vec<u32> = (0..most as u32)
                 .map(|bin| bin + round * most as u32)
                 .collect();
-            told.of(&keys(&bins), tell);
+            cache.get_or_predict(&keys(&bins), tell);
         });
-        assert!(told.0.read().expect("no panic").len() <= most);
+        assert!(cache.0.read().expect("no panic").len() <= most);
     }
 }

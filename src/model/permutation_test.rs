@@ -17,16 +17,16 @@ const AHEAD: f64 = 4.0;
 
 /// The gains of states, beside what chance would make of them.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Worth {
+pub struct PermutationTest {
     gain: f64,
     mean: f64,
     variance: f64,
 }
 
-impl Worth {
+impl PermutationTest {
     /// Adds a state with what a network says of it.
     pub fn add(&mut self, table: &Table, joint: &Joint) {
-        let chance = Chance::of(table, joint);
+        let chance = NullDistribution::of_state(table, joint);
         self.gain += joint.gain(table);
         self.mean += chance.mean;
         self.variance += chance.variance;
@@ -39,13 +39,13 @@ impl Worth {
 }
 
 /// Mean and variance of the gain of a state over all orders of the other's actions.
-struct Chance {
+struct NullDistribution {
     mean: f64,
     variance: f64,
 }
 
-impl Chance {
-    fn of(table: &Table, joint: &Joint) -> Self {
+impl NullDistribution {
+    fn of_state(table: &Table, joint: &Joint) -> Self {
         let total = table.total() as f64;
         if table.is_line() {
             // There is one order only.
@@ -90,7 +90,7 @@ mod tests {
     use super::*;
 
     fn copies() -> Joint {
-        Joint::of(vec![0.5, 0.5], array![[0.9, 0.1], [0.2, 0.8]])
+        Joint::from_policy(vec![0.5, 0.5], array![[0.9, 0.1], [0.2, 0.8]])
     }
 
     #[test]
@@ -112,16 +112,16 @@ mod tests {
         ];
         let mean = orders.iter().sum::<f64>() / 3.0;
         let variance = orders.iter().map(|gain| (gain - mean).powi(2)).sum::<f64>() / 3.0;
-        let chance = Chance::of(&table, &joint);
+        let chance = NullDistribution::of_state(&table, &joint);
         assert!((chance.mean - mean).abs() < 1e-12 && (chance.variance - variance).abs() < 1e-12);
     }
 
     #[test]
     fn one_strong_state_suffices_and_many_of_chance_do_not() {
         let found = |table: &Table, states: usize| {
-            let mut worth = Worth::default();
-            (0..states).for_each(|_| worth.add(table, &copies()));
-            worth.is_more_than_chance()
+            let mut test = PermutationTest::default();
+            (0..states).for_each(|_| test.add(table, &copies()));
+            test.is_more_than_chance()
         };
         let strong = Table::from_counts([(0, 0, 20), (1, 1, 20)]);
         assert!(found(&strong, 1));

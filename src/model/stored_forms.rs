@@ -80,7 +80,7 @@ struct ReliabilityText {
 }
 
 /// Writes a card.
-pub fn of_card(card: &Card) -> String {
+pub fn write_card(card: &Card) -> String {
     let Card {
         training,
         fit,
@@ -90,7 +90,7 @@ pub fn of_card(card: &Card) -> String {
     form::write(
         FORM,
         &CardText {
-            training: of_training(training),
+            training: write_training(training),
             imported: card.imported,
             schema_hash: card.schema_hash.clone(),
             threshold: card.threshold,
@@ -112,18 +112,18 @@ pub fn of_card(card: &Card) -> String {
                 slope: calibration.slope,
             },
             base_rate: card.base_rate,
-            score: of_score(&card.score),
-            baselines: card.baselines.iter().map(of_score).collect(),
-            reliability: card.reliability.iter().map(of_tenth).collect(),
+            score: write_score(&card.score),
+            baselines: card.baselines.iter().map(write_score).collect(),
+            reliability: card.reliability.iter().map(write_tenth).collect(),
             not_better_than: card.not_better_than.clone(),
         },
     )
 }
 
 /// Reads a card back.
-pub fn card(text: &str) -> Result<Card, Unreadable> {
+pub fn read_card(text: &str) -> Result<Card, Unreadable> {
     match form::version(text)? {
-        1 => first(form::read(text)?),
+        1 => read_first_form(form::read(text)?),
         found => Err(Unreadable::Newer {
             found,
             newest: FORM,
@@ -131,14 +131,14 @@ pub fn card(text: &str) -> Result<Card, Unreadable> {
     }
 }
 
-fn first(text: CardText) -> Result<Card, Unreadable> {
+fn read_first_form(text: CardText) -> Result<Card, Unreadable> {
     let untold = if text.imported {
         0.0
     } else {
         DROPOUT_BEFORE_IT_WAS_TOLD
     };
     Ok(Card {
-        training: training(text.training)?,
+        training: read_training(text.training)?,
         imported: text.imported,
         schema_hash: text.schema_hash,
         threshold: text.threshold,
@@ -160,9 +160,9 @@ fn first(text: CardText) -> Result<Card, Unreadable> {
             slope: text.calibration.slope,
         },
         base_rate: text.base_rate.map(share).transpose()?,
-        score: score(text.score),
-        baselines: text.baselines.into_iter().map(score).collect(),
-        reliability: text.reliability.into_iter().map(tenth).collect(),
+        score: read_score(text.score),
+        baselines: text.baselines.into_iter().map(read_score).collect(),
+        reliability: text.reliability.into_iter().map(read_tenth).collect(),
         not_better_than: text.not_better_than,
     })
 }
@@ -177,7 +177,7 @@ fn share(base_rate: f64) -> Result<f64, Unreadable> {
     }
 }
 
-fn of_training(training: &Training) -> TrainingText {
+fn write_training(training: &Training) -> TrainingText {
     let Training {
         kind,
         width,
@@ -199,7 +199,7 @@ fn of_training(training: &Training) -> TrainingText {
     }
 }
 
-fn training(text: TrainingText) -> Result<Training, Unreadable> {
+fn read_training(text: TrainingText) -> Result<Training, Unreadable> {
     let TrainingText {
         kind,
         width,
@@ -226,7 +226,7 @@ fn training(text: TrainingText) -> Result<Training, Unreadable> {
     })
 }
 
-fn of_score(score: &Score) -> ScoreText {
+fn write_score(score: &Score) -> ScoreText {
     let Score {
         name,
         log_likelihood,
@@ -247,7 +247,7 @@ fn of_score(score: &Score) -> ScoreText {
     }
 }
 
-fn score(text: ScoreText) -> Score {
+fn read_score(text: ScoreText) -> Score {
     let ScoreText {
         name,
         log_likelihood,
@@ -268,7 +268,7 @@ fn score(text: ScoreText) -> Score {
     }
 }
 
-fn of_tenth(tenth: &Reliability) -> ReliabilityText {
+fn write_tenth(tenth: &Reliability) -> ReliabilityText {
     let Reliability {
         from,
         states,
@@ -283,7 +283,7 @@ fn of_tenth(tenth: &Reliability) -> ReliabilityText {
     }
 }
 
-fn tenth(text: ReliabilityText) -> Reliability {
+fn read_tenth(text: ReliabilityText) -> Reliability {
     let ReliabilityText {
         from,
         states,
@@ -313,7 +313,7 @@ mod tests {
 
     #[test]
     fn the_first_card_is_read_with_what_it_has() {
-        let read = card(FIRST).expect("a card");
+        let read = read_card(FIRST).expect("a card");
         assert_eq!(
             (read.dropout, read.training.seed, read.training.kind),
             (0.5, u64::MAX, ModelKind::Direct)
@@ -328,7 +328,7 @@ mod tests {
             (2, &[41, 38][..], 1)
         );
         let imported =
-            card(&FIRST.replace("\"imported\":false", "\"imported\":true")).expect("a card");
+            read_card(&FIRST.replace("\"imported\":false", "\"imported\":true")).expect("a card");
         assert_eq!(imported.dropout, 0.0, "nobody left anything out here");
     }
 
@@ -337,7 +337,7 @@ mod tests {
         let told = Card {
             dropout: 0.2,
             base_rate: Some(0.1 + 0.2),
-            ..card(FIRST).expect("a card")
+            ..read_card(FIRST).expect("a card")
         };
         for written in [
             Card {
@@ -346,15 +346,15 @@ mod tests {
             },
             told,
         ] {
-            let text = of_card(&written);
+            let text = write_card(&written);
             assert!(text.starts_with(r#"{"form":1,"training":{"#), "{text}");
-            assert_eq!(card(&text), Ok(written));
+            assert_eq!(read_card(&text), Ok(written));
         }
     }
 
     #[test]
     fn what_cannot_be_read_says_why() {
-        let why = |text: &str| card(text).expect_err("not a card").to_string();
+        let why = |text: &str| read_card(text).expect_err("not a card").to_string();
         assert_eq!(
             why(&FIRST.replacen('{', "{\"form\":9,", 1)),
             "it has form 9 of a newer build, and this one reads up to 1"
@@ -383,10 +383,10 @@ mod tests {
     fn no_card_is_written_that_would_not_be_read() {
         let written = Card {
             positive_share: f64::NAN,
-            ..card(FIRST).expect("a card")
+            ..read_card(FIRST).expect("a card")
         };
         assert!(
-            card(&of_card(&written)).is_err(),
+            read_card(&write_card(&written)).is_err(),
             "JSON has no word for it, so a keeper has to look"
         );
     }

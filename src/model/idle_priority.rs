@@ -2,7 +2,7 @@
 
 /// Does work on one thread, whatever libraries would share among more, and only while nobody else
 /// wants the core: those who ask and send meanwhile must not notice.
-pub fn in_spare_time<T: Send>(work: impl FnOnce() -> T + Send) -> T {
+pub fn at_idle_priority<T: Send>(work: impl FnOnce() -> T + Send) -> T {
     match rayon::ThreadPoolBuilder::new()
         .num_threads(1)
         .start_handler(|_| step_back())
