@@ -51,7 +51,7 @@ impl Networks {
             .store
             .totals(environment.id)
             .await
-            .map_err(super::logged)?
+            .map_err(super::store_errors::logged)?
             .transitions;
         let models = self.registry.list(environment).await?;
         for pair in pairs(environment, &models) {
