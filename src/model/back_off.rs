@@ -1,9 +1,10 @@
-//! What was seen in states that share the most telling features: the baseline that needs no
-//! network.
+//! A back-off model: what was seen in states that share the most telling features, the baseline
+//! that needs no network.
 //!
-//! Features are left out one by one, each time the one without which the rest tells most: by the
-//! evidence sum ln DM(n_i.; k g) of the tables of all states that agree in the rest, each row with
-//! its own response. A state is then told by the first of these coarser tables with enough draws.
+//! Features are left out one by one (backward elimination), each time the one without which the
+//! rest tells most: by the log marginal likelihood sum ln DM(n_i.; k g) of the tables of all states
+//! that agree in the rest, each row with its own response. A state is then told by the first of
+//! these coarser tables with enough draws.
 
 use foldhash::{HashMap, HashMapExt};
 
@@ -42,33 +43,23 @@ impl BackOff {
     pub fn new(dataset: &Dataset, learned: &[usize]) -> Self {
         let examples: Vec<&Example> = learned.iter().map(|at| &dataset.examples[*at]).collect();
         let base = dataset.base(examples.iter().copied()).shares().to_vec();
-        let worth = |examples: &[&Example], features: &[usize]| {
-            // In order of key, so that the same states give the same sum.
-            let mut each: Vec<_> = pooled(examples, features).into_iter().collect();
-            each.sort_unstable_by(|a, b| a.0.cmp(&b.0));
-            each.iter()
-                .map(|(_, table)| rows_evidence(table, CONCENTRATION, |_, j| base[j]))
-                .sum::<f64>()
+        let gain = |examples: &[&Example], features: &[usize]| {
+            log_evidence(&pooled(examples, features), &base)
         };
-        let mut features = considered(&examples, |feature| worth(few(&examples, 1), &[feature]));
+        let mut features = considered(&examples, |feature| gain(few(&examples, 1), &[feature]));
+
         let few = few(&examples, features.len());
         let mut levels = Vec::new();
         while !features.is_empty() {
-            let without = |left: usize| {
-                features
-                    .iter()
-                    .copied()
-                    .filter(|feature| *feature != left)
-                    .collect::<Vec<_>>()
-            };
-            let worths: Vec<f64> = features
+            let gains: Vec<f64> = features
                 .iter()
-                .map(|left| worth(few, &without(*left)))
+                .map(|left| gain(few, &without(&features, *left)))
                 .collect();
-            let least = (0..worths.len())
-                .max_by(|a, b| worths[*a].total_cmp(&worths[*b]))
+            let least = (0..gains.len())
+                .max_by(|a, b| gains[*a].total_cmp(&gains[*b]))
                 .expect("there is a feature");
             features.remove(least);
+
             let mut tables = pooled(&examples, &features);
             // The last level is for those who find no better one.
             tables.retain(|_, table| table.total() >= ENOUGH || features.is_empty());
@@ -77,6 +68,7 @@ impl BackOff {
                 features: features.clone(),
             });
         }
+
         Self { levels, base }
     }
 
@@ -103,14 +95,32 @@ impl BackOff {
             row.0 += n;
             row.1[j] += n;
         }
+
         let share = |i: usize, j: usize| match rows.get(&i) {
             Some((sum, row)) => (row[j] + CONCENTRATION * self.base[j]) / (sum + CONCENTRATION),
             None => self.base[j],
         };
+
         cells(&example.table)
             .map(|(i, j, n)| n * share(i, j).ln())
             .sum()
     }
+}
+
+/// Returns the log marginal likelihood of tables, each row with its own response.
+fn log_evidence(tables: &HashMap<Vec<u32>, Table>, base: &[f64]) -> f64 {
+    // In order of key, so that the same states give the same sum.
+    let mut each: Vec<_> = tables.iter().collect();
+    each.sort_unstable_by(|a, b| a.0.cmp(b.0));
+
+    each.into_iter()
+        .map(|(_, table)| rows_evidence(table, CONCENTRATION, |_, j| base[j]))
+        .sum()
+}
+
+fn without(features: &[usize], left: usize) -> Vec<usize> {
+    let rest = features.iter().copied();
+    rest.filter(|feature| *feature != left).collect()
 }
 
 /// Returns the features that differ between states, in order; of very many, those of the largest

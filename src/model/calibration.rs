@@ -1,7 +1,7 @@
-//! From a network's mutual information to a probability: P(MI > t) = logistic(a + b
+//! Platt scaling of a network's mutual information to a probability: P(MI > t) = logistic(a + b
 //! ln(MI + 0.005)), fitted to what held-out counts say.
 //!
-//! The truth of a held-out state is unknown; its factor
+//! The truth of a held-out state is unknown; its Bayes factor
 //! F = P(counts | MI > t) / P(counts | MI <= t) is what its counts say of it. The likelihood of all
 //! of them, sum ln(1 - P + P F), is made as large as possible by EM, with b >= 0 and a weak prior
 //! on it.
@@ -20,8 +20,8 @@ const ROUNDS: usize = 200;
 const STEPS: usize = 3;
 const DONE: f64 = 1e-6;
 
-/// Fits a calibration to states by their ln MI and their factors. Without states, or without any
-/// difference between them, nothing is called.
+/// Fits a calibration, by expectation maximisation, to states by their ln MI and their Bayes
+/// factors. Without states, or without any difference between them, nothing is called.
 pub fn fit_calibration(states: &[(f64, f64)]) -> Calibration {
     let n = states.len().max(1) as f64;
     let mean = states.iter().map(|(x, _)| x).sum::<f64>() / n;
@@ -32,6 +32,7 @@ pub fn fit_calibration(states: &[(f64, f64)]) -> Calibration {
         .iter()
         .map(|(x, factor)| ((x - mean) / spread, *factor))
         .collect();
+
     let mut line = Line {
         intercept: -1.5,
         slope: 1.0,
@@ -45,6 +46,7 @@ pub fn fit_calibration(states: &[(f64, f64)]) -> Calibration {
         }
         last = now;
     }
+
     let slope = line.slope / spread;
     Calibration {
         intercept: line.intercept - slope * mean,
@@ -68,6 +70,7 @@ impl Line {
             let p = self.probability(*z);
             (1.0 - p + p * factor).ln()
         };
+
         let p = self.probability(0.0);
         let prior = PRIOR * p.ln() + (1.0 - PRIOR) * (1.0 - p).ln();
         states.iter().map(each).sum::<f64>() + prior - 0.5 * RIDGE * self.slope * self.slope
@@ -87,6 +90,7 @@ impl Line {
         let prior = self.probability(0.0);
         let [mut by_intercept, mut by_slope] = [PRIOR - prior, -RIDGE * self.slope];
         let [mut aa, mut ab, mut bb] = [1e-9 + prior * (1.0 - prior), 0.0, RIDGE];
+
         for ((z, _), target) in states.iter().zip(targets) {
             let p = self.probability(*z);
             let (error, curvature) = (target - p, p * (1.0 - p));
@@ -96,6 +100,7 @@ impl Line {
             ab += curvature * z;
             bb += curvature * z * z;
         }
+
         let determinant = aa * bb - ab * ab;
         let intercept =
             self.intercept + ((bb * by_intercept - ab * by_slope) / determinant).clamp(-1.0, 1.0);

@@ -1,5 +1,4 @@
-//! What a network says of itself: judged by the evidence on states that it has not learned from,
-//! beside what it has to beat.
+//! The model card: how a network does on held-out states, beside the baselines that it has to beat.
 
 use super::dataset::{Dataset, Example};
 use super::held_out_evaluation::HeldOutEvaluation;
@@ -110,12 +109,14 @@ impl<'a> Split<'a> {
                 fold..fold + 1
             }
         };
+
         let all = dataset
             .examples
             .iter()
             .enumerate()
             .map(|(at, example)| (at, judges(example)));
         let judged: Vec<_> = all.filter(|(_, judges)| judges.end <= members).collect();
+
         let cells = (dataset.alphabet.rows * dataset.alphabet.columns) as usize;
         let numbers = judged.len() * cells.max(ensemble.encoder.width());
         let every = numbers.div_ceil(MOST_NUMBERS).max(1);
@@ -135,7 +136,8 @@ impl<'a> Split<'a> {
     }
 }
 
-/// Judges an ensemble by the counts here. What an exported one says of a state stays what it was.
+/// Evaluates an ensemble by the counts here, and writes its card. What an exported one says of a
+/// state stays what it was.
 pub fn build_card(
     dataset: &Dataset,
     training: Training,
@@ -144,6 +146,7 @@ pub fn build_card(
 ) -> Card {
     let split = Split::of_origin(origin, &training);
     let evaluation = HeldOutEvaluation::new(dataset, training, split.states(dataset, ensemble));
+
     let network = evaluation.predict(ensemble);
     let kept = origin.kept(dataset.threshold);
     let calibration = kept
@@ -151,6 +154,7 @@ pub fn build_card(
         .map_or_else(|| evaluation.calibration(&network), |kept| kept.calibration);
     let judged = evaluation.judged(&network, calibration);
     let own = score("network", &judged, evaluation.log_likelihood(&network));
+
     let mut baselines = evaluation.simple_baselines();
     let twin = origin.twin().map(|twin| evaluation.predict(twin));
     let shuffled = twin.as_ref().map(|twin| {
@@ -161,6 +165,7 @@ pub fn build_card(
             evaluation.log_likelihood(twin),
         )
     });
+
     let beats_shuffled = match &kept {
         Some(kept) => kept.found_something,
         None => {
@@ -171,8 +176,10 @@ pub fn build_card(
                     .is_none_or(|shuffled| is_better(&own, shuffled))
         }
     };
+
     let not_better_than = not_better_than(&own, &baselines, beats_shuffled);
     baselines.extend(shuffled.or_else(|| kept.as_ref().and_then(|kept| kept.shuffled.clone())));
+
     Card {
         training,
         imported: !matches!(origin, Origin::Trained(_)),
@@ -209,6 +216,7 @@ fn not_better_than(network: &Score, baselines: &[Score], beats_shuffled: bool) -
         .iter()
         .filter(|baseline| !is_better(network, baseline))
         .map(|baseline| baseline.name.clone());
+
     let shuffled = (!beats_shuffled).then(|| Baseline::Shuffled.as_str().to_owned());
     unbeaten.chain(shuffled).collect()
 }
@@ -221,6 +229,7 @@ fn not_better_than(network: &Score, baselines: &[Score], beats_shuffled: bool) -
 fn is_better(network: &Score, baseline: &Score) -> bool {
     let errs_less =
         network.brier < baseline.brier && (network.log_likelihood.is_some() || network.f1 > 0.0);
+
     match (network.log_likelihood, baseline.log_likelihood) {
         (Some(own), Some(other)) if baseline.name == Baseline::Majority.as_str() => {
             own > other && errs_less

@@ -1,5 +1,5 @@
-//! What a network learns from and is judged by: for each state its table of independent draws, and
-//! what the evidence says of it.
+//! The observations that a network is trained and evaluated on: for each state its contingency
+//! table of independent draws, and the posterior probability that the evidence gives it.
 
 use std::sync::Arc;
 
@@ -60,6 +60,7 @@ impl Dataset {
         let Some(fitted) = fits.fit(environment, pair).await? else {
             return Ok(None);
         };
+
         let revision = store
             .totals(environment.id)
             .await
@@ -74,6 +75,7 @@ impl Dataset {
             fitted,
             ego: priors::ego(pair),
         };
+
         let mut sample = Sample::default();
         let mut pages = Pages::new(store, environment.id);
         while let Some(page) = pages.next().await.map_err(logged)? {
@@ -96,6 +98,7 @@ impl Dataset {
                 .into_iter()
                 .for_each(|example| sample.add(example.key.clone(), example, 1));
         }
+
         let examples = sample
             .sorted()
             .into_iter()

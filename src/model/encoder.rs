@@ -1,11 +1,12 @@
-//! From a state to the numbers that a network takes.
+//! Feature encoding, from a state to the numbers that a network takes: one-hot, cyclic,
+//! standardised.
 //!
 //! Only bins are counted, so only bins can be learned from: a value becomes its bin first, here as
 //! everywhere, and a bin stands for one number.
 //!
 //! | feature | inputs |
 //! |---|---|
-//! | categorical | one a label: 1 for the state's, 0 for the others |
+//! | categorical | one-hot: one a label, 1 for the state's, 0 for the others |
 //! | circular | sine and cosine of the sector's centre |
 //! | integer | its value, standardised |
 //! | continuous | the middle of its bin, standardised |
@@ -76,6 +77,7 @@ impl Encoder {
             Some(scale) => is_number(&feature.kind) && sound(scale),
             None => !is_number(&feature.kind),
         };
+
         let features = schema.state();
         let all = scales.len() == features.len() && features.iter().zip(&scales).all(fits);
         all.then(|| Self::new(schema, scales))

@@ -11,10 +11,10 @@
 //!
 //! What the numbers cannot say stands in the file's metadata, text by text: `format` (`nudge/1`),
 //! `kind`, `ego`, `other`, `schema_hash`, `threshold` (nats), `scales` (JSON: for each feature
-//! `null`, or the mean and the deviation that its value is standardised by), `card` (the form of
-//! `text`; absent, empty or `{}` in files of other tools), and, absent from files of earlier builds
-//! and of other tools, `seen` (JSON: for each feature the bins that the states of the training had,
-//! as runs `[first, last]` in order).
+//! `null`, or the mean and the deviation that its value is standardised by), `card` (of
+//! `stored_forms`; absent, empty or `{}` in files of other tools), and, absent from files of
+//! earlier builds and of other tools, `seen` (JSON: for each feature the bins that the states of
+//! the training had, as runs `[first, last]` in order).
 //!
 //! The card belongs to what the network says: a probability is made by its calibration. A file that
 //! is imported brings it along.
@@ -73,9 +73,10 @@ pub fn write_network(environment: &Environment, content: &Content, card: &str) -
         .encoder
         .scales()
         .into_iter()
-        .map(|scale| scale.map(of_scale))
+        .map(|scale| scale.map(write_scale))
         .collect();
     let scales = serde_json::to_string(&scales).expect("numbers are finite");
+
     let metadata = [
         ("format", FORMAT.to_owned()),
         ("kind", content.kind.as_str().to_owned()),
@@ -93,6 +94,7 @@ pub fn write_network(environment: &Environment, content: &Content, card: &str) -
             serde_json::to_string(seen.runs()).expect("lists of numbers"),
         );
     }
+
     let tensors: Vec<Tensor> = (0..)
         .zip(&content.members)
         .flat_map(|(at, member)| tensors(at, content.kind, member))
@@ -132,12 +134,12 @@ struct ScaleText {
     deviation: f64,
 }
 
-fn of_scale(scale: Scale) -> ScaleText {
+fn write_scale(scale: Scale) -> ScaleText {
     let Scale { mean, deviation } = scale;
     ScaleText { mean, deviation }
 }
 
-fn scales(text: &str) -> Option<Vec<Option<Scale>>> {
+fn read_scales(text: &str) -> Option<Vec<Option<Scale>>> {
     let scale = |ScaleText { mean, deviation }| Scale { mean, deviation };
     let texts: Vec<Option<ScaleText>> = serde_json::from_str(text).ok()?;
     Some(texts.into_iter().map(|text| text.map(scale)).collect())
@@ -160,6 +162,7 @@ fn tensors(at: usize, kind: ModelKind, member: &Member) -> Vec<Tensor> {
     )
     .into_iter()
     .map(|(name, _)| name);
+
     let layers = std::iter::once("trunk")
         .chain(names)
         .zip(std::iter::once(&member.trunk).chain(&member.heads));
@@ -201,6 +204,7 @@ pub fn imported(
         .metadata()
         .as_ref()
         .and_then(|metadata| metadata.get(CARD));
+
     let card = told
         .filter(|text| !matches!(text.trim(), "" | "{}"))
         .map(|text| card_of(&content, text));
@@ -216,6 +220,7 @@ fn card_of(content: &Content, text: &str) -> Result<Card, String> {
         "take it as an export wrote it, or leave it out to have the network calibrated here";
     let card =
         stored_forms::read_card(text).map_err(|why| format!("cannot be read: {why}; {WITHOUT}"))?;
+
     let width = content
         .members
         .first()
@@ -231,6 +236,7 @@ fn card_of(content: &Content, text: &str) -> Result<Card, String> {
             "is of a network {told:?}, expected {network:?} (kind, members, width); {WITHOUT}"
         ));
     }
+
     let fewest = if card.is_split_known() {
         card.training.members
     } else {
@@ -243,6 +249,7 @@ fn card_of(content: &Content, text: &str) -> Result<Card, String> {
             "got {folds} folds, expected {fewest} to {most}; {WITHOUT}"
         ));
     }
+
     if !is_same_threshold(card.threshold, content.threshold) {
         let (told, expected) = (card.threshold, content.threshold);
         return Err(format!(
@@ -261,9 +268,11 @@ fn parse(environment: &Environment, bytes: &[u8]) -> Result<Content, Vec<Fault>>
             format!("got {} bytes, expected at most {MOST_BYTES}", bytes.len()),
         )]);
     }
+
     let (_, header) = SafeTensors::read_metadata(bytes).map_err(|error| unreadable(&error))?;
     let tensors = SafeTensors::deserialize(bytes).map_err(|error| unreadable(&error))?;
     let metadata = Metadata(header.metadata().clone().unwrap_or_default());
+
     let CheckedMetadata {
         kind,
         pair,
@@ -271,6 +280,7 @@ fn parse(environment: &Environment, bytes: &[u8]) -> Result<Content, Vec<Fault>>
         encoder,
         seen,
     } = metadata.checked(environment)?;
+
     let shapes = Shapes {
         tensors: &tensors,
         kind,
@@ -307,38 +317,11 @@ impl Metadata {
         self.equal("format", FORMAT, &mut faults);
         self.equal("schema_hash", &schema.hash().to_string(), &mut faults);
         let kind = self.parsed::<ModelKind>("kind", &mut faults);
-        let mut agent = |name: &'static str| {
-            let text = self.text(name, &mut faults)?;
-            let found = schema.agent(text);
-            if found.is_none() {
-                faults.push(fault(name, format!("unknown agent {text:?}")));
-            }
-            found
-        };
-        let pair = agent("ego").zip(agent("other"));
-        if pair.is_some_and(|(ego, other)| ego == other) {
-            faults.push(fault(
-                "other",
-                "is the ego too; expected another agent".into(),
-            ));
-        }
-        let threshold = self
-            .text("threshold", &mut faults)
-            .and_then(|text| text.parse::<f64>().ok());
-        let threshold = threshold.filter(|nats| nats.is_finite() && *nats >= 0.0);
-        if threshold.is_none() {
-            faults.push(fault(
-                "threshold",
-                "expected a number of nats, at least 0".into(),
-            ));
-        }
-        let scales = self.text("scales", &mut faults).and_then(scales);
-        let encoder = scales.and_then(|scales| Encoder::with_scales(schema, scales));
-        if encoder.is_none() {
-            let expected = "expected a JSON list with {\"mean\", \"deviation\"} for each feature that is a number, null for the others";
-            faults.push(fault("scales", expected.into()));
-        }
+        let pair = self.pair(schema, &mut faults);
+        let threshold = self.threshold(&mut faults);
+        let encoder = self.encoder(schema, &mut faults);
         let seen = self.seen(schema, &mut faults);
+
         match (kind, pair, threshold, encoder) {
             (Some(kind), Some((ego, other)), Some(threshold), Some(encoder))
                 if faults.is_empty() =>
@@ -357,6 +340,50 @@ impl Metadata {
             }
             _ => Err(faults),
         }
+    }
+
+    fn pair(&self, schema: &Schema, faults: &mut Vec<Fault>) -> Option<(usize, usize)> {
+        let mut agent = |name: &'static str| {
+            let text = self.text(name, faults)?;
+            let found = schema.agent(text);
+            if found.is_none() {
+                faults.push(fault(name, format!("unknown agent {text:?}")));
+            }
+            found
+        };
+        let pair = agent("ego").zip(agent("other"));
+
+        if pair.is_some_and(|(ego, other)| ego == other) {
+            faults.push(fault(
+                "other",
+                "is the ego too; expected another agent".into(),
+            ));
+        }
+        pair
+    }
+
+    fn threshold(&self, faults: &mut Vec<Fault>) -> Option<f64> {
+        let threshold = self
+            .text("threshold", faults)
+            .and_then(|text| text.parse::<f64>().ok())
+            .filter(|nats| nats.is_finite() && *nats >= 0.0);
+        if threshold.is_none() {
+            faults.push(fault(
+                "threshold",
+                "expected a number of nats, at least 0".into(),
+            ));
+        }
+        threshold
+    }
+
+    fn encoder(&self, schema: &Schema, faults: &mut Vec<Fault>) -> Option<Encoder> {
+        let scales = self.text("scales", faults).and_then(read_scales);
+        let encoder = scales.and_then(|scales| Encoder::with_scales(schema, scales));
+        if encoder.is_none() {
+            let expected = "expected a JSON list with {\"mean\", \"deviation\"} for each feature that is a number, null for the others";
+            faults.push(fault("scales", expected.into()));
+        }
+        encoder
     }
 
     fn seen(&self, schema: &Schema, faults: &mut Vec<Fault>) -> Option<Seen> {
@@ -422,10 +449,12 @@ impl Shapes<'_> {
                 format!("got {members} members, expected 1 to {most}"),
             )]);
         }
+
         let mut faults = Vec::new();
         let found: Vec<Member> = (0..members)
             .filter_map(|at| self.member(at, &mut faults))
             .collect();
+
         let expected = self.expected(members);
         let named = self
             .tensors
@@ -435,6 +464,7 @@ impl Shapes<'_> {
         faults.extend(
             named.map(|name| Fault::new(format!("/{name}"), "is no tensor of such a network")),
         );
+
         if faults.is_empty() {
             Ok(found)
         } else {
@@ -476,6 +506,7 @@ impl Shapes<'_> {
             ));
             return None;
         }
+
         let trunk = self.layer(at, "trunk", [width, self.inputs], faults);
         let heads: Vec<Option<Layer>> = self
             .heads()
@@ -501,6 +532,7 @@ impl Shapes<'_> {
                 .map_err(|detail| faults.push(Fault::new(format!("/{name}"), detail)))
                 .ok()
         };
+
         let weight = numbers("weight", &[outputs, inputs]);
         let bias = numbers("bias", &[outputs]);
         let weight = Array2::from_shape_vec((outputs, inputs), weight?).ok()?;
@@ -522,6 +554,7 @@ impl Shapes<'_> {
                 tensor.shape()
             ));
         }
+
         let numbers: Vec<f32> = tensor
             .data()
             .as_chunks::<4>()

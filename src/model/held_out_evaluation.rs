@@ -1,5 +1,5 @@
-//! Who says what of the states that a network did not learn from: the network, its shuffled twin,
-//! and what needs no network.
+//! Held-out evaluation: what a network, its shuffled twin (the control) and baselines without a
+//! network predict of states that they did not learn from.
 
 use ndarray::Array2;
 
@@ -28,7 +28,7 @@ pub struct HeldOutPrediction {
     joint: Option<Joint>,
 }
 
-/// The states that are judged, and by whom.
+/// The held-out states, and the members that predict each.
 pub struct HeldOutEvaluation<'a> {
     dataset: &'a Dataset,
     training: Training,
@@ -38,7 +38,7 @@ pub struct HeldOutEvaluation<'a> {
 }
 
 impl<'a> HeldOutEvaluation<'a> {
-    /// Opens a court on states, each with the members that judge it.
+    /// Prepares the evaluation of states, each with the members that did not learn from it.
     pub fn new(
         dataset: &'a Dataset,
         training: Training,
@@ -70,7 +70,7 @@ impl<'a> HeldOutEvaluation<'a> {
         }
     }
 
-    /// Lets every state be told by the members that judge it.
+    /// Predicts every state by the members that did not learn from it.
     pub fn predict(&self, ensemble: &Ensemble) -> Vec<HeldOutPrediction> {
         let mut said: Vec<HeldOutPrediction> = self
             .states
@@ -80,6 +80,7 @@ impl<'a> HeldOutEvaluation<'a> {
                 joint: None,
             })
             .collect();
+
         for (member, network) in ensemble.members.iter().enumerate() {
             let of = |at: &usize| self.states[*at].1.contains(&member);
             let judged: Vec<usize> = (0..self.states.len()).filter(of).collect();
@@ -117,8 +118,8 @@ impl<'a> HeldOutEvaluation<'a> {
         }
     }
 
-    /// Fits a joint network's calibration, to the states with enough draws and to no others; a
-    /// direct one needs none.
+    /// Fits a joint network's calibration (Platt scaling), to the states with enough draws and to
+    /// no others; a direct one needs none.
     pub fn calibration(&self, said: &[HeldOutPrediction]) -> Calibration {
         if self.training.kind == ModelKind::Direct {
             return Calibration {
@@ -144,6 +145,7 @@ impl<'a> HeldOutEvaluation<'a> {
                 ))
             })
             .unzip();
+
         let base = self.dataset.base(&self.dataset.examples);
         let factors = factors(
             &states,
@@ -223,7 +225,9 @@ impl<'a> HeldOutEvaluation<'a> {
             }
             return test.is_more_than_chance();
         }
+
         let average = self.average(&(0..self.dataset.examples.len()).collect::<Vec<_>>());
+
         let told = |said: &HeldOutPrediction| {
             mean(
                 &said
@@ -258,6 +262,7 @@ impl<'a> HeldOutEvaluation<'a> {
     pub fn simple_baselines(&self) -> Vec<Score> {
         let Training { folds, seed, .. } = self.training;
         let fold = |at: usize| Dataset::fold(&self.dataset.examples[at].key, folds, seed);
+
         let mut sums = [0.0; 2];
         let mut judged: [Vec<Judged>; 3] = Default::default();
         for part in 0..folds {
@@ -270,11 +275,13 @@ impl<'a> HeldOutEvaluation<'a> {
             if here.is_empty() {
                 continue;
             }
+
             let learned: Vec<usize> = (0..self.dataset.examples.len())
                 .filter(|at| fold(*at) != part)
                 .collect();
             let average = self.average(&learned);
             let back_off = BackOff::new(self.dataset, &learned);
+
             for example in here {
                 let table = back_off.table(&example.key);
                 sums[0] += back_off.log_likelihood(None, example);
@@ -285,6 +292,7 @@ impl<'a> HeldOutEvaluation<'a> {
                 }
             }
         }
+
         let joint = self.training.kind == ModelKind::Joint;
         let [average, back_off] = sums.map(|sum| self.per_draw(sum).filter(|_| joint));
         let [all, majority, coarser] = &judged;
@@ -293,6 +301,7 @@ impl<'a> HeldOutEvaluation<'a> {
             auroc: None,
             ..score(name, majority, average)
         };
+
         vec![
             score(Baseline::AllPositive.as_str(), all, None),
             unranked(Baseline::Majority.as_str()),
@@ -321,6 +330,7 @@ fn is_above_zero(differences: &[f64]) -> bool {
         .map(|difference| (difference - mean).powi(2))
         .sum::<f64>()
         / (n - 1.0).max(1.0);
+
     mean > 3.0 * (variance / n.max(1.0)).sqrt()
 }
 

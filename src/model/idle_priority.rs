@@ -1,7 +1,7 @@
-//! Work that nobody who asks or sends meanwhile must notice.
+//! Idle scheduling priority, for work that nobody who asks or sends meanwhile must notice.
 
-/// Does work on one thread, whatever libraries would share among more, and only while nobody else
-/// wants the core: those who ask and send meanwhile must not notice.
+/// Does work at idle priority on one thread, whatever libraries would share among more, and only
+/// while nobody else wants the core: those who ask and send meanwhile must not notice.
 pub fn at_idle_priority<T: Send>(work: impl FnOnce() -> T + Send) -> T {
     match rayon::ThreadPoolBuilder::new()
         .num_threads(1)

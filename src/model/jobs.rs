@@ -1,5 +1,5 @@
-//! Trainings that were asked for: one at a time, in the order of asking, each told about while it
-//! goes on and ended when somebody says so.
+//! The queue of training jobs (first in, first out): progress while they go on, cancellation,
+//! and back-pressure where too many wait.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Instant, SystemTime, UNIX_EPOCH};
@@ -79,6 +79,7 @@ fn waiting<'e>(job: Job, mut before: impl Iterator<Item = &'e Entry>) -> Job {
         }
         _ => String::new(),
     };
+
     let more = before.count() as u64;
     let others = if more == 0 {
         String::new()
@@ -129,10 +130,12 @@ impl Jobs {
                 message,
             ));
         }
+
         let id = entries.last().map_or(self.first, |entry| entry.job.id + 1);
         let [ego, other] =
             [pair.ego, pair.other].map(|agent| environment.schema.agents()[agent].name.to_string());
         let (state, message) = (JobState::Queued, "waits for its turn".to_owned());
+
         let job = Job {
             id,
             ego,
@@ -151,8 +154,10 @@ impl Jobs {
             began: None,
             end,
         };
+
         let told = entry.with_place_in_queue(&entries);
         entries.push(entry);
+
         let over: Vec<u64> = entries
             .iter()
             .filter(|entry| entry.job.state.is_over())
@@ -264,11 +269,13 @@ fn unknown(id: u64, jobs: &[Entry], environment: EnvironmentId) -> Problem {
         .take(NAMED)
         .map(|entry| format!("`job-{}`", entry.job.id))
         .collect();
+
     // None of them is "meant": their numbers are alike.
     let known = match names.is_empty() {
         true => "none was asked for since the service started".to_owned(),
         false => format!("known: {}", names.join(", ")),
     };
+
     Problem::new(
         ErrorKind::NotFound,
         "JOB_NOT_FOUND",

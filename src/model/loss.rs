@@ -7,12 +7,12 @@ use ndarray::{ArrayView2, ArrayViewMut2};
 
 use crate::information::Alphabet;
 
-/// Cross-entropy of a joint network, -sum n_ij [ln p(i) + ln p(j | i)] / N, where p(i) = softmax(e)
-/// and p(j | i) = softmax(o + D_i).
+/// Returns the cross-entropy of a joint network, -sum n_ij [ln p(i) + ln p(j | i)] / N, where p(i)
+/// = softmax(e) and p(j | i) = softmax(o + D_i).
 ///
-/// `outputs` is `[states, e then o then D]`, `draws` `[states, ego x other]`. With l = o + D_i and n_i
-/// = sum_j n_ij, the derivative by D_ij is [n_i p(j | i) - n_ij] / N, that by o_j its sum over i, and
-/// that by e_i is [n p(i) - n_i] / N.
+/// `outputs` is `[states, e then o then D]`, `draws` `[states, ego x other]`. With l = o + D_i and
+/// n_i = sum_j n_ij, the derivative by D_ij is [n_i p(j | i) - n_ij] / N, that by o_j its sum over
+/// i, and that by e_i is [n p(i) - n_i] / N.
 pub fn joint_cross_entropy(
     alphabet: Alphabet,
     mut outputs: ArrayViewMut2<'_, f32>,
@@ -21,7 +21,7 @@ pub fn joint_cross_entropy(
     let [rows, columns] = [alphabet.rows, alphabet.columns].map(|letters| letters as usize);
     let scale = 1.0 / draws.sum();
     let mut actions = vec![0.0; rows];
-    let mut logits = vec![0.0; columns];
+    let [mut habit, mut logits] = [(); 2].map(|()| vec![0.0; columns]);
     let mut loss = 0.0;
 
     for (mut outputs, draws) in outputs.rows_mut().into_iter().zip(draws.rows()) {
@@ -33,7 +33,7 @@ pub fn joint_cross_entropy(
         let (other, interaction) = outputs.split_at_mut(columns);
 
         // The habit is needed for each of the ego's actions, before its gradient takes its place.
-        let habit = other.to_vec();
+        habit.copy_from_slice(other);
         other.fill(0.0);
         let responses = interaction
             .chunks_exact_mut(columns)
@@ -79,8 +79,8 @@ fn categorical(logits: &mut [f32], draws: &[f32], n: f32, scale: f32) -> f32 {
     n * sum.ln() - chosen
 }
 
-/// Cross-entropy of a direct network: that of q = logistic(z) against p, the weighted mean of
-/// max(z, 0) - p z + ln(1 + e^-|z|). The derivative by z is w (q - p) / W.
+/// Returns the cross-entropy of a direct network: that of q = logistic(z) against p, the weighted
+/// mean of max(z, 0) - p z + ln(1 + e^-|z|). The derivative by z is w (q - p) / W.
 ///
 /// `outputs` and `targets` are `[states, 1]`.
 pub fn binary_cross_entropy(

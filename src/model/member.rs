@@ -1,4 +1,4 @@
-//! One network as it is served: its weights, and what they make of a state. A hidden layer of
+//! A multilayer perceptron as it is served: its weights, and its forward pass. A hidden layer of
 //! rectified linear units, and one head or three.
 //!
 //! * joint: e, o and D are linear in the hidden layer; p(ego's action | s) = softmax(e), p(other's
@@ -78,6 +78,7 @@ impl Member {
             return;
         };
         let (rows, columns) = (ego.bias.len(), other.bias.len());
+
         for at in 0..rows * columns {
             let mut habit = other.weight.row_mut(at % columns);
             habit.scaled_add(1.0 / rows as f32, &interaction.weight.row(at));
@@ -96,6 +97,7 @@ impl Member {
         let [ego, other, interaction] = &self.outputs(inputs)[..] else {
             return Vec::new();
         };
+
         let mut marginal = vec![0.0; other.ncols()];
         let rows = ego
             .rows()
@@ -138,6 +140,7 @@ impl Joint {
                 (0..columns).map(|j| f64::from(other[j]) + f64::from(interaction[i * columns + j])),
             )
         };
+
         let rows: Vec<f64> = (0..ego.len()).flat_map(row).collect();
         let response =
             Array2::from_shape_vec((ego.len(), columns), rows).expect("a row an action of the ego");
@@ -222,6 +225,7 @@ fn information(
     let columns = other.len();
     let policy = softmax(ego.iter().map(|x| f64::from(*x)));
     marginal.fill(0.0);
+
     let mut row = vec![0.0; columns];
     let mut negative_entropy = 0.0;
     for (i, p) in policy.into_iter().enumerate() {
@@ -240,11 +244,13 @@ fn information(
             .zip(&row)
             .for_each(|(q, cell)| *q += p * cell / sum);
     }
+
     let entropy: f64 = marginal
         .iter()
         .filter(|q| **q > 0.0)
         .map(|q| -q * q.ln())
         .sum();
+
     let information = entropy + negative_entropy;
     // Of independent actions nothing is left but what rounding makes of it.
     if information < ROUNDING {

@@ -2,8 +2,8 @@
 //! held-out states (cross-validation), kept with a card, and served.
 //!
 //! ```text
-//! train    store.scan -> dataset (tables, evidence) -> training (learner) -> ensemble -> card_builder -> registry
-//! answer   registry -> network -> prediction
+//! train    store.scan -> dataset (tables, evidence) -> training (learner) -> ensemble ->
+//! card_builder -> registry answer   registry -> network -> prediction
 //! ```
 //!
 //! | room | for |

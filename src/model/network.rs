@@ -1,4 +1,5 @@
-//! A version ready to answer.
+//! Inference by an ensemble: a version ready to predict, calibrated, and what its predictions may
+//! decide.
 
 use std::sync::Arc;
 
@@ -96,7 +97,7 @@ impl Network {
         self.predictions(
             states,
             self.cache
-                .get_or_predict(states, |unknown| self.tell(unknown)),
+                .get_or_predict(states, |unknown| self.outputs(unknown)),
             threshold,
         )
     }
@@ -105,7 +106,7 @@ impl Network {
     pub fn predict_once(&self, states: &[StateKey], threshold: f64) -> Vec<Prediction> {
         self.predictions(
             states,
-            self.tell(&states.iter().collect::<Vec<_>>()),
+            self.outputs(&states.iter().collect::<Vec<_>>()),
             threshold,
         )
     }
@@ -113,7 +114,7 @@ impl Network {
     fn predictions(
         &self,
         states: &[StateKey],
-        told: Vec<Arc<[f64]>>,
+        outputs: Vec<Arc<[f64]>>,
         threshold: f64,
     ) -> Vec<Prediction> {
         let can_tell = is_same_threshold(threshold, self.threshold);
@@ -127,7 +128,8 @@ impl Network {
                 in_range: self.seen.holds(state),
             }
         };
-        states.iter().zip(told).map(prediction).collect()
+
+        states.iter().zip(outputs).map(prediction).collect()
     }
 
     /// Returns P(MI > the network's own threshold) by the number that a member tells.
@@ -143,8 +145,8 @@ impl Network {
         (self.kind == ModelKind::Joint).then(|| members.iter().sum::<f64>() / members.len() as f64)
     }
 
-    /// Lets every member tell of states: mutual information in nats, or ln odds.
-    fn tell(&self, states: &[&StateKey]) -> Vec<Arc<[f64]>> {
+    /// Returns what every member puts out for states: mutual information in nats, or ln odds.
+    fn outputs(&self, states: &[&StateKey]) -> Vec<Arc<[f64]>> {
         /// States of one share: large enough that sharing among threads costs little.
         const SHARE: usize = 128;
         let share = |states: &[&StateKey]| {
@@ -158,6 +160,7 @@ impl Network {
                 .map(|state| members.iter().map(|member| member[state]).collect())
                 .collect::<Vec<_>>()
         };
+
         if states.len() <= SHARE {
             share(states)
         } else {

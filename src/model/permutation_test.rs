@@ -1,5 +1,5 @@
-//! What a joint network's dependence is worth to counts that it has not learned from, beside what
-//! it would be worth if there were none.
+//! A permutation test of a joint network's dependence: its gain in log-likelihood on held-out
+//! counts, beside the null distribution where the other's actions are shuffled within each state.
 //!
 //! The gain of a state is T = sum n_ij s_ij, s_ij = ln p(j | i) - ln p(j). If nothing depends on
 //! anything, every order of the other's actions within a state is as likely as every other. Over
@@ -15,7 +15,7 @@ use crate::information::Table;
 /// trained on worlds without influence, three were ahead by more than 3.
 const AHEAD: f64 = 4.0;
 
-/// The gains of states, beside what chance would make of them.
+/// The gains of states, beside their null distribution.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct PermutationTest {
     gain: f64,
@@ -38,7 +38,7 @@ impl PermutationTest {
     }
 }
 
-/// Mean and variance of the gain of a state over all orders of the other's actions.
+/// Mean and variance of the gain of a state over all permutations of the other's actions.
 struct NullDistribution {
     mean: f64,
     variance: f64,
@@ -54,9 +54,11 @@ impl NullDistribution {
                 variance: 0.0,
             };
         }
+
         let sums = |sums: &[u64]| sums.iter().map(|n| *n as f64 / total).collect::<Vec<f64>>();
         let (rows, columns) = (sums(table.rows()), sums(table.columns()));
         let label = |labels: &[u64], at: usize| labels[at] as usize;
+
         let s = |i: usize, j: usize| {
             joint.ln_ratio(
                 label(table.row_labels(), i),
@@ -69,6 +71,7 @@ impl NullDistribution {
         let b: Vec<f64> = (0..columns.len())
             .map(|j| rows.iter().enumerate().map(|(i, r)| r * s(i, j)).sum())
             .collect();
+
         let m: f64 = rows.iter().zip(&a).map(|(r, a)| r * a).sum();
         let mut squares = 0.0;
         for (i, r) in rows.iter().enumerate() {
@@ -76,6 +79,7 @@ impl NullDistribution {
                 squares += r * c * (s(i, j) - a[i] - b[j] + m).powi(2);
             }
         }
+
         Self {
             mean: total * m,
             variance: squares * total * total / (total - 1.0),

@@ -1,4 +1,4 @@
-//! What a network has told of states: a state has few bins and its network never changes, so that
+//! A bounded cache of predictions: a state has few bins and its network never changes, so that
 //! games ask for the same again and again.
 
 use std::sync::{Arc, PoisonError, RwLock};
@@ -11,16 +11,16 @@ use crate::domain::StateKey;
 /// all are forgotten.
 const MOST: usize = 1 << 20;
 
-/// What each member said of states.
+/// What each member predicted of states.
 #[derive(Default)]
 pub struct PredictionCache(RwLock<HashMap<StateKey, Arc<[f64]>>>);
 
 impl PredictionCache {
-    /// Returns what is remembered of states, in their order, and lets `tell` say the rest.
+    /// Returns what is remembered of states, in their order, and lets `predict` make the rest.
     pub fn get_or_predict(
         &self,
         states: &[StateKey],
-        tell: impl FnOnce(&[&StateKey]) -> Vec<Arc<[f64]>>,
+        predict: impl FnOnce(&[&StateKey]) -> Vec<Arc<[f64]>>,
     ) -> Vec<Arc<[f64]>> {
         let known: Vec<Option<Arc<[f64]>>> = {
             let told = self.0.read().unwrap_or_else(PoisonError::into_inner);
@@ -29,6 +29,7 @@ impl PredictionCache {
                 .map(|state| told.get(state).cloned())
                 .collect()
         };
+
         let unknown: Vec<&StateKey> = states
             .iter()
             .zip(&known)
@@ -38,12 +39,14 @@ impl PredictionCache {
         if unknown.is_empty() {
             return known.into_iter().flatten().collect();
         }
-        let told = tell(&unknown);
-        self.remember(&unknown, &told);
-        let mut told = told.into_iter();
+
+        let predicted = predict(&unknown);
+        self.remember(&unknown, &predicted);
+
+        let mut predicted = predicted.into_iter();
         known
             .into_iter()
-            .filter_map(|known| known.or_else(|| told.next()))
+            .filter_map(|known| known.or_else(|| predicted.next()))
             .collect()
     }
 
@@ -51,6 +54,7 @@ impl PredictionCache {
         let mut told = self.0.write().unwrap_or_else(PoisonError::into_inner);
         let each = states.first().map_or(1, |state| state.bins().len())
             + numbers.first().map_or(0, |said| said.len());
+
         let most = MOST / each;
         if told.len() + states.len() > most {
             told.clear();

@@ -1,5 +1,5 @@
-//! Which versions there are, and which answers for each pair: kept by the store, remembered ready
-//! to answer.
+//! The model registry: which versions there are, and which is active for each pair. Kept by the
+//! store, cached ready to answer.
 //!
 //! A version that this build cannot read stays listed, with the reason. That it cannot be read is
 //! remembered, for a version never changes; that the store could not be read is not, for that
@@ -103,6 +103,7 @@ impl Registry {
         records.retain(|record| record.version > after);
         // One more tells that there is another page. Those beyond need not be looked at.
         records.truncate(size + 1);
+
         let mut models = Vec::with_capacity(records.len());
         for record in records {
             let card = self.card(environment, &record).await?;
@@ -137,6 +138,7 @@ impl Registry {
         {
             return Ok(found);
         }
+
         let known = self.store.models(environment.id).await.map_err(logged)?;
         Err(unknown(
             version,
@@ -181,6 +183,7 @@ impl Registry {
                 message,
             ));
         }
+
         // JSON has no word for infinity, and a file no weights beyond a limit: nothing is kept that
         // could not be read again.
         let pair = (content.pair.ego, content.pair.other);
@@ -234,6 +237,7 @@ impl Registry {
             );
             return Err(Problem::new(ErrorKind::Conflict, STALE, message));
         }
+
         {
             let _switch = self.switch(environment).await;
             self.store
@@ -260,11 +264,13 @@ impl Registry {
                 message,
             ));
         }
+
         self.store
             .deactivate_model(environment.id, version)
             .await
             .map_err(logged)?;
         drop(switch);
+
         let same_pair =
             |one: &Model| one.active && one.ego == model.ego && one.other == model.other;
         Ok(self.list(environment).await?.into_iter().find(same_pair))
@@ -279,10 +285,12 @@ impl Registry {
             );
             return Err(Problem::new(ErrorKind::Conflict, "MODEL_ACTIVE", message));
         }
+
         self.store
             .delete_model(environment.id, version)
             .await
             .map_err(logged)?;
+
         self.ready().pop(&(environment.id, version));
         self.looked_at().remove(&(environment.id, version));
         Ok(())
@@ -315,6 +323,7 @@ impl Registry {
         if let Some(network) = ready.find(|network| network.is_of(environment.id, version)) {
             return Ok(network.clone());
         }
+
         let _turn = self.turn.lock().await;
         self.load(environment, version)
             .await?
@@ -360,10 +369,13 @@ impl Registry {
         if let Some(known) = self.active.load().get(&place) {
             return Ok(known.clone());
         }
+
         let _turn = self.turn.lock().await;
+        // Whoever had the turn before may have asked for the same.
         if let Some(known) = self.active.load().get(&place) {
             return Ok(known.clone());
         }
+
         let records = self.store.models(environment.id).await.map_err(logged)?;
         let record = records
             .into_iter()
@@ -375,6 +387,7 @@ impl Registry {
             )),
             None => None,
         };
+
         self.remember(place, standing.clone());
         Ok(standing)
     }
@@ -395,6 +408,7 @@ impl Registry {
             &weights,
         );
         self.note(environment, version, parsed.as_ref().err().cloned());
+
         let (mut content, card) = match parsed {
             Ok(read) => read,
             Err(why) => return Ok(Err(why)),
@@ -402,6 +416,7 @@ impl Registry {
         if content.seen.is_none() {
             content.seen = Some(self.counted(environment).await?);
         }
+
         let network = Arc::new(Network::new(environment.id, version, content, &card));
         self.ready().put(key, network.clone());
         Ok(Ok(network))
@@ -419,6 +434,7 @@ impl Registry {
         if let Some(why) = noted {
             return Ok(why.map_or_else(|| card(environment, record), Err));
         }
+
         let found = self
             .store
             .model(environment.id, record.version)
@@ -428,6 +444,7 @@ impl Registry {
         let Some((_, weights)) = found else {
             return Ok(card(environment, record));
         };
+
         let pair = (record.ego, record.other);
         let parsed = parse(environment, pair, &record.card, &weights).map(|(_, card)| card);
         self.note(environment, record.version, parsed.as_ref().err().cloned());
@@ -458,6 +475,7 @@ impl Registry {
     pub async fn counted(&self, environment: &Environment) -> Result<Seen, Problem> {
         /// Pages that are read: a million states, in some seconds, once for each such version.
         const MOST_PAGES: usize = 1_000;
+
         let mut seeing = Seeing::new(&environment.schema);
         let mut pages = Pages::new(&*self.store, environment.id);
         for _ in 0..MOST_PAGES {
@@ -487,11 +505,13 @@ impl Registry {
     /// Only called by who has the turn, as is `forget`.
     fn remember(&self, place: Place, standing: Option<(u64, Loaded)>) {
         let mut active = Active::clone(&self.active.load());
+
         // Environments that are gone do not come back: their numbers are never used again.
         let known = self.store.environments();
         let is_known = |id: EnvironmentId| known.iter().any(|environment| environment.id == id);
         active.retain(|(id, ..), _| is_known(*id));
         self.looked_at().retain(|(id, _), _| is_known(*id));
+
         active.insert(place, standing);
         self.active.store(Arc::new(active));
     }
@@ -535,6 +555,7 @@ fn model(environment: &Environment, record: &ModelRecord, card: Result<Card, Str
         };
         !is_same_threshold(card.threshold, environment.rule_of(&pair).threshold_nats())
     };
+
     Model {
         version: record.version,
         ego: agent(record.ego),
@@ -557,6 +578,7 @@ fn parse(
     if weights.is_empty() {
         return Err(WITHOUT_WEIGHTS.to_owned());
     }
+
     let content = file::read_network(environment, weights)
         .map_err(|problem| format!("its weights: {problem}"))?;
     let trained = (content.pair.ego, content.pair.other);
@@ -597,6 +619,7 @@ fn check_pair(environment: &Environment, (ego, other): (usize, usize)) -> Result
 fn unknown(version: u64, known: impl Iterator<Item = u64>) -> Problem {
     /// More are told by the first and the last.
     const FEW: usize = 8;
+
     let known: Vec<u64> = known.collect();
     let known = match &known[..] {
         [] => "there is none".into(),
@@ -609,6 +632,7 @@ fn unknown(version: u64, known: impl Iterator<Item = u64>) -> Problem {
                 .join(", ")
         ),
     };
+
     Problem::new(
         ErrorKind::NotFound,
         UNKNOWN,

@@ -1,5 +1,5 @@
-//! How well probabilities of influence agree with the evidence of states that they were not made
-//! from.
+//! Scores of probabilistic predictions on held-out states: precision, recall, F1, AUROC, Brier
+//! score and reliability.
 //!
 //! The truth of a state is not known, only its probability y given its counts: a state counts as
 //! positive by y and as negative by 1 - y, times its weight. All figures are what they would be on
@@ -31,7 +31,7 @@ impl Judged {
     }
 }
 
-/// Scores predictions.
+/// Scores predictions as a binary classifier and as probabilities.
 pub fn score(name: &str, judged: &[Judged], log_likelihood: Option<f64>) -> Score {
     let sum = |figure: &dyn Fn(&Judged) -> f64| judged.iter().map(figure).sum::<f64>();
     let called = |of: &dyn Fn(&Judged) -> f64| {
@@ -43,11 +43,13 @@ pub fn score(name: &str, judged: &[Judged], log_likelihood: Option<f64>) -> Scor
             }
         })
     };
+
     let (hits, calls) = (called(&Judged::positive), called(&|one| one.weight));
     let (positives, total) = (sum(&Judged::positive), sum(&|one| one.weight));
     let squared = |one: &Judged| {
         one.positive() * (1.0 - one.predicted).powi(2) + one.negative() * one.predicted.powi(2)
     };
+
     Score {
         name: name.to_owned(),
         log_likelihood,
@@ -59,8 +61,9 @@ pub fn score(name: &str, judged: &[Judged], log_likelihood: Option<f64>) -> Scor
     }
 }
 
-/// Returns the probability that a positive state is ranked above a negative one, equal ranks
-/// counting one half; `None` where all are equal, or there are only positive or only negative ones.
+/// Returns the area under the ROC curve: the probability that a positive state is ranked above a
+/// negative one, equal ranks counting one half; `None` where all are equal, or there are only
+/// positive or only negative ones.
 pub fn auroc(judged: &[Judged]) -> Option<f64> {
     let mut ranked = judged.to_vec();
     ranked.sort_by(|a, b| a.predicted.total_cmp(&b.predicted));
@@ -68,6 +71,7 @@ pub fn auroc(judged: &[Judged]) -> Option<f64> {
     if groups.len() < 2 {
         return None;
     }
+
     let [mut below, mut pairs, mut positives, mut themselves] = [0.0; 4];
     for group in groups {
         let positive: f64 = group.iter().map(Judged::positive).sum();
@@ -77,15 +81,17 @@ pub fn auroc(judged: &[Judged]) -> Option<f64> {
             .iter()
             .map(|one| one.positive() * one.negative())
             .sum();
+
         pairs += positive * (below + 0.5 * negative) - 0.5 * own;
         below += negative;
         positives += positive;
         themselves += own;
     }
+
     ratio(pairs, positives * below - themselves)
 }
 
-/// Returns predictions beside the evidence, in tenths.
+/// Returns the reliability diagram: predictions beside the evidence, in tenths.
 pub fn reliability(judged: &[Judged]) -> Vec<Reliability> {
     let tenth = |one: &Judged| ((one.predicted * 10.0) as usize).min(9);
     let bin = |at: usize| {

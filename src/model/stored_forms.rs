@@ -1,5 +1,5 @@
-//! How a card is kept: JSON of our own, beside its weights and in their file, where people and
-//! other tools read it too.
+//! The stored form of a card: versioned JSON of our own, beside its weights and in their file,
+//! where people and other tools read it too.
 
 use serde::{Deserialize, Serialize};
 

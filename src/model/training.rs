@@ -1,5 +1,5 @@
-//! From a dataset to an ensemble: each member learns from all states but those of its own part, and
-//! is stopped by that part.
+//! Training of an ensemble by cross-validation: each member learns from all folds of the states but
+//! its own, and is stopped by that one (early stopping).
 //!
 //! **When to stop.** A joint network is stopped where the held-out gain sum n_ij [ln p(j | i,
 //! s) - ln p(j | s)] / N is largest: what its dependence is worth on states that it has not seen.
@@ -21,15 +21,15 @@ use super::member::Member;
 use super::permutation_test::PermutationTest;
 use crate::domain::{ModelKind, Training, Weighting, shortest};
 
-/// Shares of hidden units to leave out, of which the better is taken.
+/// Dropout: shares of hidden units to leave out, of which the better on held-out states is taken.
 const DROPOUTS: [f32; 2] = [0.5, 0.2];
-/// States in a step.
+/// States in a step (a mini-batch).
 const BATCH: usize = 128;
 /// Epochs from one look at the held-out part to the next.
 const LOOK: usize = 5;
 /// States that are looked at together.
 const LOOKED_AT: usize = 512;
-/// Epochs without a better look after which learning ends.
+/// Epochs without a better look after which learning ends (early stopping).
 const PATIENCE: usize = 50;
 
 /// Fewer states or draws than these teach nothing.
@@ -80,7 +80,7 @@ pub fn check(dataset: &Dataset, training: &Training) -> Result<(), TrainingError
     Ok(())
 }
 
-/// Returns the states that any member learns from: all, but that a single member has its own part
+/// Returns the states that any member learns from: all, but that a single member has its own fold
 /// held out.
 pub fn learned<'d>(dataset: &'d Dataset, training: &Training) -> impl Iterator<Item = &'d Example> {
     let Training {
@@ -95,7 +95,7 @@ pub fn learned<'d>(dataset: &'d Dataset, training: &Training) -> impl Iterator<I
         .filter(move |one| members > 1 || Dataset::fold(&one.key, folds, seed) != 0)
 }
 
-/// Trains an ensemble on a dataset.
+/// Trains an ensemble on a dataset: a member a fold, held out in turn.
 pub fn train(
     dataset: &Dataset,
     encoder: &Encoder,
@@ -108,12 +108,14 @@ pub fn train(
         encoder,
         training,
     };
+
     let parts = DROPOUTS.len() + training.members - 1;
     let mut train = |part: usize, member: usize, dropout: f32| {
-        trainer.member(member, dropout, &mut |done: f64| {
+        trainer.train_member(member, dropout, &mut |done: f64| {
             watch((part as f64 + done) / parts as f64)
         })
     };
+
     let mut first = train(0, 0, DROPOUTS[0])?;
     let mut dropout = DROPOUTS[0];
     for (part, other) in (1..).zip(&DROPOUTS[1..]) {
@@ -122,10 +124,12 @@ pub fn train(
             (first, dropout) = (tried, *other);
         }
     }
+
     let mut trained = vec![first];
     for member in 1..training.members {
         trained.push(train(DROPOUTS.len() + member - 1, member, dropout)?);
     }
+
     let epochs = trained.iter().map(|trained| trained.epochs).collect();
     let members = trained.into_iter().map(|trained| trained.member).collect();
     Ok(Ensemble {
@@ -146,7 +150,14 @@ struct Trained {
     fit: f64,
 }
 
-/// What every member learns from.
+/// The best network so far, by its held-out score.
+struct Best {
+    score: f64,
+    member: Member,
+    epoch: usize,
+}
+
+/// Trains members, which have all of this in common.
 struct Trainer<'a> {
     dataset: &'a Dataset,
     encoder: &'a Encoder,
@@ -154,35 +165,23 @@ struct Trainer<'a> {
 }
 
 impl Trainer<'_> {
-    /// Trains one member.
-    fn member(
+    /// Trains one member, until its held-out fold gains no more.
+    fn train_member(
         &self,
         member: usize,
         dropout: f32,
         watch: Watch<'_>,
     ) -> Result<Trained, TrainingError> {
-        let Training {
-            seed,
-            folds,
-            epochs,
-            ..
-        } = *self.training;
-        let held_out =
-            |at: &usize| Dataset::fold(&self.dataset.examples[*at].key, folds, seed) == member;
-        let (held_out, mut learned): (Vec<usize>, Vec<usize>) =
-            (0..self.dataset.examples.len()).partition(held_out);
-        if held_out.is_empty() || learned.is_empty() {
-            return Err(TrainingError::TooFew(
-                "a part of the states is empty; fewer folds make larger ones".into(),
-            ));
-        }
+        let Training { seed, epochs, .. } = *self.training;
+        let (held_out, mut learned) = self.split(member)?;
         let mut random = Pcg64::seed_from_u64(seed.wrapping_mul(31).wrapping_add(member as u64));
         let mut learner = Learner::new(
             self.shape(),
             dropout,
             seed.wrapping_add(1_000 * (member as u64 + 1)),
         );
-        let mut best: Option<(f64, Member, usize)> = None;
+
+        let mut best: Option<Best> = None;
         for epoch in 1..=epochs {
             let mut goes_on = || watch((epoch - 1) as f64 / epochs as f64).is_continue();
             learned.shuffle(&mut random);
@@ -190,49 +189,69 @@ impl Trainer<'_> {
             if epoch % LOOK != 0 && epoch != epochs {
                 continue;
             }
+
             let now = learner.member();
             let score = self.held_out_score(&now, &held_out);
             if !score.is_finite() {
                 return Err(TrainingError::Diverged(epoch));
             }
-            match &best {
-                Some((most, _, _)) if score <= *most => {}
-                _ => best = Some((score, now, epoch)),
+            if best.as_ref().is_none_or(|best| score > best.score) {
+                best = Some(Best {
+                    score,
+                    member: now,
+                    epoch,
+                });
             }
             if best
                 .as_ref()
-                .is_some_and(|(_, _, at)| epoch - at >= PATIENCE)
+                .is_some_and(|best| epoch - best.epoch >= PATIENCE)
             {
                 break;
             }
         }
-        let (_, member, epoch) = best.ok_or(TrainingError::Diverged(epochs))?;
-        let fit = held_out
-            .chunks(LOOKED_AT)
-            .map(|part| self.fit_of_part(&member, part))
-            .sum();
+
+        let best = best.ok_or(TrainingError::Diverged(epochs))?;
         Ok(Trained {
-            member: self.proven(member, &held_out),
-            epochs: epoch as u64,
-            fit,
+            fit: self.fit(&best.member, &held_out),
+            epochs: best.epoch as u64,
+            member: self.proven(best.member, &held_out),
         })
     }
 
-    /// Returns a joint network without its interaction, unless what it has learned of dependence is
-    /// worth something on states that it has not seen: chance that was learned by heart must not be
-    /// served.
+    /// Splits the states, by position, into those that a member is stopped by and those that it
+    /// learns from.
+    fn split(&self, member: usize) -> Result<(Vec<usize>, Vec<usize>), TrainingError> {
+        let Training { folds, seed, .. } = *self.training;
+        let examples = &self.dataset.examples;
+        let (held_out, learned): (Vec<usize>, Vec<usize>) = (0..examples.len())
+            .partition(|at| Dataset::fold(&examples[*at].key, folds, seed) == member);
+
+        if held_out.is_empty() || learned.is_empty() {
+            return Err(TrainingError::TooFew(
+                "a part of the states is empty; fewer folds make larger ones".into(),
+            ));
+        }
+        Ok((held_out, learned))
+    }
+
+    /// Returns a joint network without its interaction, unless what it has learned of dependence
+    /// gains something on states that it has not seen: chance that was learned by heart (an
+    /// overfit) must not be served.
     fn proven(&self, mut member: Member, states: &[usize]) -> Member {
-        if self.training.kind == ModelKind::Joint {
-            let mut test = PermutationTest::default();
-            for part in states.chunks(LOOKED_AT) {
-                let joints = member.joint(&self.inputs(part));
-                self.examples(part)
-                    .zip(&joints)
-                    .for_each(|(example, joint)| test.add(&example.table, joint));
-            }
-            if !test.is_more_than_chance() {
-                member.forget_interaction();
-            }
+        if self.training.kind != ModelKind::Joint {
+            return member;
+        }
+
+        let mut test = PermutationTest::default();
+        for part in states.chunks(LOOKED_AT) {
+            let joints = member.joint(&self.inputs(part));
+            self.examples(part)
+                .zip(&joints)
+                .for_each(|(example, joint)| test.add(&example.table, joint));
+        }
+
+        if !test.is_more_than_chance() {
+            member.forget_interaction();
         }
         member
     }
@@ -271,6 +290,7 @@ impl Trainer<'_> {
             .examples(states)
             .map(|example| self.weight(example))
             .collect();
+
         let targets = match self.training.kind {
             ModelKind::Joint => draws(self.dataset, states),
             ModelKind::Direct => {
@@ -281,6 +301,7 @@ impl Trainer<'_> {
                 Array2::from_shape_vec((states.len(), 1), above).expect("one a state")
             }
         };
+
         Batch {
             inputs: self.inputs(states),
             targets,
@@ -314,13 +335,21 @@ impl Trainer<'_> {
             .sum()
     }
 
+    /// Returns how well a network tells states that it has not learned from.
+    fn fit(&self, member: &Member, states: &[usize]) -> f64 {
+        states
+            .chunks(LOOKED_AT)
+            .map(|part| self.fit_of_part(member, part))
+            .sum()
+    }
+
     fn fit_of_part(&self, member: &Member, states: &[usize]) -> f64 {
         match self.training.kind {
             ModelKind::Joint => {
-                let told = self
-                    .examples(states)
-                    .zip(member.joint(&self.inputs(states)));
-                told.map(|(example, joint)| joint.log_likelihood(&example.table))
+                let joints = member.joint(&self.inputs(states));
+                let states = self.examples(states).zip(&joints);
+                states
+                    .map(|(example, joint)| joint.log_likelihood(&example.table))
                     .sum()
             }
             ModelKind::Direct => self.score_of_part(member, states),
@@ -344,7 +373,8 @@ impl Trainer<'_> {
     }
 }
 
-/// Returns -p ln q - (1 - p) ln(1 - q), q = logistic(z).
+/// Returns the log loss -p ln q - (1 - p) ln(1 - q), q = logistic(z), in a form that overflows
+/// nowhere.
 fn cross_entropy(p: f64, z: f64) -> f64 {
     z.max(0.0) - p * z + (-z.abs()).exp().ln_1p()
 }

@@ -1,13 +1,15 @@
-//! Trains again what counts have outgrown, or what another rule has made stale, for services that
-//! were asked to.
+//! Retraining in the background: what counts have outgrown, or what another rule has made stale,
+//! for services that were asked to.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
 use super::Networks;
+use super::store_errors::logged;
 use crate::domain::draft::TrainingDraft;
 use crate::domain::{Card, Environment, EnvironmentId, Model, Pair, Training, is_same_threshold};
+use crate::error::Problem;
 
 /// How much must have been counted since a training, as a share of what it was made from.
 const GROWTH: f64 = 0.5;
@@ -46,18 +48,15 @@ impl Networks {
         &self,
         environment: &Arc<Environment>,
         tried: &mut BTreeMap<Place, Tried>,
-    ) -> Result<(), crate::error::Problem> {
-        let counted = self
-            .store
-            .totals(environment.id)
-            .await
-            .map_err(super::store_errors::logged)?
-            .transitions;
+    ) -> Result<(), Problem> {
+        let totals = self.store.totals(environment.id).await;
+        let counted = totals.map_err(logged)?.transitions;
         let models = self.registry.list(environment).await?;
         for pair in pairs(environment, &models) {
             let threshold = environment.rule_of(&pair).threshold_nats();
             let [ego, other] =
                 [pair.ego, pair.other].map(|at| environment.schema.agents()[at].name.to_string());
+
             let of_pair = models
                 .iter()
                 .rev()
@@ -66,22 +65,26 @@ impl Networks {
             let mut readable =
                 of_pair.filter_map(|model| Some((model.card.as_ref().ok()?, model.stale)));
             let last = readable.find(|(card, _)| !card.imported);
+
             let place = (environment.id, ego.clone(), other.clone());
             let before = tried.get(&place).copied();
             let revision = last
                 .map_or(0, |(card, _)| card.revision)
                 .max(before.map_or(0, |tried| tried.counted));
             let has_grown = counted as f64 >= revision as f64 * (1.0 + GROWTH);
+
             // Once for each threshold: a training may fail.
             let was_tried =
                 before.is_some_and(|tried| is_same_threshold(tried.threshold, threshold));
             let is_stale = last.is_some_and(|(_, is_stale)| is_stale) && !was_tried;
+
             if counted < FEWEST
                 || !(has_grown || is_stale)
                 || self.jobs.is_busy(environment.id, &ego, &other)
             {
                 continue;
             }
+
             self.train(environment, &again(ego, other, last.map(|(card, _)| card)))
                 .await?;
             tried.insert(place, Tried { counted, threshold });
@@ -97,6 +100,7 @@ fn pairs(environment: &Environment, models: &[Model]) -> Vec<Pair> {
         other,
         given: Vec::new(),
     };
+
     let mut pairs = vec![pair(0, 1)];
     for model in models {
         let agents = [&model.ego, &model.other].map(|agent| environment.schema.agent(agent));
