@@ -49,3 +49,4 @@ pub mod domain;
 pub mod error;
 pub mod evidence;
 pub mod information;
+mod special_functions;

@@ -12,6 +12,7 @@ use imports::{Source, Sources};
 
 /// Rooms by rank. A room may import any lower rank, never its own or a higher one.
 const RANKS: &[&[&str]] = &[
+    &["special_functions"],
     &["information", "error", "config", "telemetry", "tls"],
     &["domain", "work"],
     &[
@@ -65,7 +66,7 @@ const RESERVED: &[(&str, &[&str])] = &[
 ];
 
 /// Rooms that are mathematics and words: they neither read nor write nor look at a clock.
-const PURE: &[&str] = &["information", "domain", "evidence"];
+const PURE: &[&str] = &["special_functions", "information", "domain", "evidence"];
 
 /// What the standard library has for that.
 const IO: &[&[&str]] = &[

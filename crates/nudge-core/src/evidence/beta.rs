@@ -1,6 +1,6 @@
 //! The Beta distribution by its mean and variance, and mixtures of a few.
 
-use super::gamma::ln_gamma;
+use crate::special_functions::ln_gamma;
 
 /// A Beta distribution on [0, 1].
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -29,11 +29,11 @@
 
 use super::base::Base;
 use super::beta::Beta;
-use super::gamma::{digamma, ln_rising};
 use super::likelihood::rows_evidence;
 use super::log_space::ln_sum;
 use super::log_space::normalised;
 use crate::information::{Alphabet, Table};
+use crate::special_functions::{digamma, ln_rising};
 
 /// Concentrations of the null on one base.
 const NULLS: [f64; 8] = [0.6, 1.0, 3.0, 6.0, 12.0, 25.0, 50.0, 100.0];

@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 
 use super::base::Base;
 use super::counted::Counted;
-use super::gamma::ln_rising;
 use crate::information::{Alphabet, Table};
+use crate::special_functions::ln_rising;
 
 /// How an environment uses the letters of both variables of a table, as of some revision.
 #[derive(Debug, Clone, PartialEq)]

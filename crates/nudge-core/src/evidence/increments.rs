@@ -1,6 +1,6 @@
 //! Logarithms of rising factorials, tabulated: the cells of nearly every table are small integers.
 
-use super::gamma::{ln_gamma, ln_rising};
+use crate::special_functions::{ln_gamma, ln_rising};
 
 /// Counts tabulated for one letter, and at most for all letters together.
 const DEEPEST: u64 = 256;

@@ -7,7 +7,6 @@
 //! "Estimating a Dirichlet distribution").
 
 use super::base::Base;
-use super::gamma::ln_rising;
 use super::increments::{Increments, add};
 use super::log_space::ln_sum;
 use super::parameters::{
@@ -15,6 +14,7 @@ use super::parameters::{
     NULL_CONCENTRATIONS, NULLS, OWN_CONCENTRATIONS, OWN_GRID,
 };
 use crate::information::Table;
+use crate::special_functions::ln_rising;
 
 /// Visits outside the most visited row below which a slice is anchored at that row.
 const ANCHORED_BELOW: u64 = 3;

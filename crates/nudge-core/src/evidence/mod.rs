@@ -97,7 +97,6 @@ mod expected;
 mod fit;
 mod freedom;
 mod futures;
-mod gamma;
 mod habits;
 mod increments;
 mod likelihood;

@@ -23,9 +23,9 @@
 use super::base::Alike;
 use super::deviants::Deviants;
 use super::freedom::Freedom;
-use super::gamma::{digamma, digamma_difference};
 use super::habits::Usage;
 use crate::information::{Occupied, Table};
+use crate::special_functions::{digamma, digamma_difference};
 
 /// A slice as a side reads it, with what all slabs have in common there.
 pub(super) struct Slice<'a> {

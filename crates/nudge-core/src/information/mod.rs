@@ -39,7 +39,6 @@ mod conditional;
 mod dense;
 mod deviance;
 mod estimators;
-mod gamma;
 mod letters;
 mod mutual_information;
 mod null;

@@ -4,10 +4,10 @@ use statrs::function::gamma::digamma;
 
 use super::repeats;
 use crate::information::alphabet::Alphabet;
-use crate::information::gamma::{entropy_growth, ln_beta};
 use crate::information::letters::Letters;
 use crate::information::repeats::{Repeated, sum};
 use crate::information::table::Table;
+use crate::special_functions::{entropy_growth, ln_beta};
 
 /// Returns the mutual information by the entropies of Nemenman, Shafee & Bialek of rows, columns
 /// and cells, in nats (2002, "Entropy and inference, revisited").

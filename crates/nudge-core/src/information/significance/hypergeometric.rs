@@ -2,7 +2,7 @@
 
 use rand::{Rng, RngExt};
 
-use crate::information::gamma::ln_pochhammer;
+use crate::special_functions::ln_pochhammer;
 
 /// To this many balls are drawn one by one.
 const ONE_BY_ONE: u64 = 24;
