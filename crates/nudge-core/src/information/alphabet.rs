@@ -1,4 +1,4 @@
-//! How many values the two variables of a table can take, seen or not.
+//! Alphabets: how many values the two variables of a contingency table can take, seen or not.
 
 /// The sizes of the alphabets of a table's row and column variables: R and K in the formulas.
 ///

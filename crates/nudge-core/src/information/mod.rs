@@ -35,14 +35,14 @@
 //! large, or earned by the counts, is not asked here.
 
 mod alphabet;
+mod alphabet_sizes;
 mod conditional;
+mod counts_of_counts;
 mod dense;
 mod deviance;
 mod estimators;
-mod letters;
 mod mutual_information;
 mod null;
-mod repeats;
 #[cfg(test)]
 mod samples;
 mod significance;

@@ -2,7 +2,7 @@
 //! every answer. Not a test of significance: it knows the mean of the null distribution, not its
 //! tail.
 
-use super::repeats::{self, Repeated, repeated};
+use super::counts_of_counts::{self, CountOfCounts, counts_of_counts};
 use super::table::Table;
 use super::x_ln_x;
 
@@ -66,7 +66,7 @@ fn hypergeometric(table: &Table) -> f64 {
         return 0.0;
     }
     let [rows, columns] =
-        [table.rows(), table.columns()].map(|sums| repeated(sums.iter().copied()));
+        [table.rows(), table.columns()].map(|sums| counts_of_counts(sums.iter().copied()));
     let mut sum =
         x_ln_x::tabulated()[table.total() as usize] - surprise(&rows) - surprise(&columns);
     for row in &rows {
@@ -78,9 +78,9 @@ fn hypergeometric(table: &Table) -> f64 {
     (sum / table.total() as f64).max(0.0)
 }
 
-fn surprise(margins: &[Repeated]) -> f64 {
+fn surprise(margins: &[CountOfCounts]) -> f64 {
     let x_ln_x = x_ln_x::tabulated();
-    repeats::sum(margins, |n| x_ln_x[n as usize])
+    counts_of_counts::sum(margins, |n| x_ln_x[n as usize])
 }
 
 /// A term this small beside the sum so far ends it: those that follow fall off faster than

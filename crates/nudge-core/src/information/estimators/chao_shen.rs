@@ -1,7 +1,7 @@
 //! Mutual information from entropies corrected for what was not seen.
 
 use super::by_entropies;
-use crate::information::repeats::{self, Repeated};
+use crate::information::counts_of_counts::{self, CountOfCounts};
 use crate::information::table::Table;
 
 /// Returns the mutual information by Chao & Shen's entropies of rows, columns and cells, in nats
@@ -24,14 +24,14 @@ pub fn chao_shen(table: &Table) -> f64 {
     by_entropies(table, |counts| entropy(counts, table.total()))
 }
 
-fn entropy(counts: &[Repeated], total: u64) -> f64 {
+fn entropy(counts: &[CountOfCounts], total: u64) -> f64 {
     let singletons = counts
         .first()
         .filter(|smallest| smallest.n == 1)
         .map_or(0, |smallest| smallest.times as u64);
     let covered = total - singletons.min(total - 1);
     let seen = covered as f64 / (total as f64 * total as f64);
-    -repeats::sum(counts, |n| {
+    -counts_of_counts::sum(counts, |n| {
         let share = n as f64 * seen;
         // The chance that something with this share is seen at all; exactly 1 where the share is.
         let found = if share < 1.0 {

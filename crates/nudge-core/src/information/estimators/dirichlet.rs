@@ -2,10 +2,10 @@
 
 use statrs::function::gamma::digamma;
 
-use super::repeats;
+use super::margins_and_cells;
 use crate::information::alphabet::Alphabet;
-use crate::information::letters::Letters;
-use crate::information::repeats::{Repeated, sum};
+use crate::information::alphabet_sizes::AlphabetSizes;
+use crate::information::counts_of_counts::{CountOfCounts, sum};
 use crate::information::table::Table;
 
 /// Returns the exact posterior mean of the mutual information under a Dirichlet prior that adds
@@ -24,17 +24,17 @@ pub fn dirichlet(table: &Table, alphabet: Alphabet) -> f64 {
     if table.total() == 0 {
         return 0.0;
     }
-    let letters = Letters::of(table, alphabet);
+    let sizes = AlphabetSizes::new(table, alphabet);
     let total = table.total() as f64 + 1.0;
-    let [rows, columns, cells] = repeats(table);
+    let [rows, columns, cells] = margins_and_cells(table);
     let margins =
-        mean_digamma(&rows, letters.rows, total) + mean_digamma(&columns, letters.columns, total);
-    (digamma(total + 1.0) - margins + mean_digamma(&cells, letters.cells, total)).max(0.0)
+        mean_digamma(&rows, sizes.rows, total) + mean_digamma(&columns, sizes.columns, total);
+    (digamma(total + 1.0) - margins + mean_digamma(&cells, sizes.cells, total)).max(0.0)
 }
 
 /// Returns the sum of x psi(x + 1) / n over all letters, x = count + 1 / letters; the unseen ones
 /// together.
-fn mean_digamma(counts: &[Repeated], letters: f64, total: f64) -> f64 {
+fn mean_digamma(counts: &[CountOfCounts], letters: f64, total: f64) -> f64 {
     let of = |x: f64| x / total * digamma(x + 1.0);
     let seen: f64 = counts.iter().map(|count| count.times).sum();
     (letters - seen).max(0.0) * of(1.0 / letters) + sum(counts, |n| of(n as f64 + 1.0 / letters))

@@ -4,8 +4,8 @@ use std::f64::consts::LN_2;
 
 use statrs::function::gamma::digamma;
 
-use super::repeats;
-use crate::information::repeats::sum;
+use super::margins_and_cells;
+use crate::information::counts_of_counts::sum;
 use crate::information::table::Table;
 
 /// Returns the mutual information by Grassberger's entropies of rows, columns and cells, in nats
@@ -26,7 +26,7 @@ pub fn grassberger_2003(table: &Table) -> f64 {
     }
     let total = table.total() as f64;
     let [rows, columns, cells] =
-        repeats(table).map(|counts| sum(&counts, |n| n as f64 / total * g(n)));
+        margins_and_cells(table).map(|counts| sum(&counts, |n| n as f64 / total * g(n)));
     total.ln() - rows - columns + cells
 }
 

@@ -1,9 +1,9 @@
 //! Mutual information of a table shrunk towards the uniform one.
 
-use super::repeats;
+use super::margins_and_cells;
 use crate::information::alphabet::Alphabet;
-use crate::information::letters::Letters;
-use crate::information::repeats::{Repeated, sum};
+use crate::information::alphabet_sizes::AlphabetSizes;
+use crate::information::counts_of_counts::{CountOfCounts, sum};
 use crate::information::table::Table;
 
 /// Returns the mutual information of the table shrunk towards uniform by as much as its own noise
@@ -18,20 +18,21 @@ use crate::information::table::Table;
 ///
 /// Never negative; 0 at N = 0 and at N = 1, where l = 1.
 pub fn james_stein(table: &Table, alphabet: Alphabet) -> f64 {
-    let letters = Letters::of(table, alphabet);
-    let [rows, columns, cells] = repeats(table);
-    let kept = 1.0 - shrinkage(&cells, table.total(), letters.cells);
+    let sizes = AlphabetSizes::new(table, alphabet);
+    let [rows, columns, cells] = margins_and_cells(table);
+    let kept = 1.0 - shrinkage(&cells, table.total(), sizes.cells);
     if kept <= 0.0 {
         return 0.0;
     }
-    let entropy =
-        |counts: &[Repeated], letters: f64| shrunk_entropy(counts, table.total(), letters, kept);
-    let margins = entropy(&rows, letters.rows) + entropy(&columns, letters.columns);
-    (margins - entropy(&cells, letters.cells)).max(0.0)
+    let entropy = |counts: &[CountOfCounts], letters: f64| {
+        shrunk_entropy(counts, table.total(), letters, kept)
+    };
+    let margins = entropy(&rows, sizes.rows) + entropy(&columns, sizes.columns);
+    (margins - entropy(&cells, sizes.cells)).max(0.0)
 }
 
 /// Returns the weight l of the uniform table, from 0 to 1.
-fn shrinkage(cells: &[Repeated], total: u64, letters: f64) -> f64 {
+fn shrinkage(cells: &[CountOfCounts], total: u64, letters: f64) -> f64 {
     if total <= 1 {
         return 1.0;
     }
@@ -50,7 +51,7 @@ fn shrinkage(cells: &[Repeated], total: u64, letters: f64) -> f64 {
 
 /// Returns the entropy of the counts' shares shrunk towards the uniform share of a letter; unseen
 /// letters included.
-fn shrunk_entropy(counts: &[Repeated], total: u64, letters: f64, kept: f64) -> f64 {
+fn shrunk_entropy(counts: &[CountOfCounts], total: u64, letters: f64, kept: f64) -> f64 {
     let uniform = (1.0 - kept) / letters;
     let seen: f64 = counts.iter().map(|count| count.times).sum();
     let p_ln_p = |share: f64| if share > 0.0 { share * share.ln() } else { 0.0 };

@@ -33,22 +33,22 @@ pub use james_stein::james_stein;
 pub use nsb::nsb;
 pub use uniform_policy::uniform_policy;
 
-use super::repeats::{Repeated, repeated};
+use super::counts_of_counts::{CountOfCounts, counts_of_counts};
 use super::table::Table;
 
 /// Returns what an entropy estimator makes of a mutual information:
 /// S(rows) + S(columns) - S(cells).
-fn by_entropies(table: &Table, entropy: impl Fn(&[Repeated]) -> f64) -> f64 {
-    let [rows, columns, cells] = repeats(table);
+fn by_entropies(table: &Table, entropy: impl Fn(&[CountOfCounts]) -> f64) -> f64 {
+    let [rows, columns, cells] = margins_and_cells(table);
     entropy(&rows) + entropy(&columns) - entropy(&cells)
 }
 
 /// Returns the row sums, the column sums and the cells of a table, equal counts together.
-fn repeats(table: &Table) -> [Vec<Repeated>; 3] {
-    let sums = |sums: &[u64]| repeated(sums.iter().copied());
+fn margins_and_cells(table: &Table) -> [Vec<CountOfCounts>; 3] {
+    let sums = |sums: &[u64]| counts_of_counts(sums.iter().copied());
     [
         sums(table.rows()),
         sums(table.columns()),
-        repeated(table.cells().iter().map(|cell| cell.n)),
+        counts_of_counts(table.cells().iter().map(|cell| cell.n)),
     ]
 }

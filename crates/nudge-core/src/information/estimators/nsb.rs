@@ -2,10 +2,10 @@
 
 use statrs::function::gamma::digamma;
 
-use super::repeats;
+use super::margins_and_cells;
 use crate::information::alphabet::Alphabet;
-use crate::information::letters::Letters;
-use crate::information::repeats::{Repeated, sum};
+use crate::information::alphabet_sizes::AlphabetSizes;
+use crate::information::counts_of_counts::{CountOfCounts, sum};
 use crate::information::table::Table;
 use crate::special_functions::{entropy_growth, ln_beta};
 
@@ -26,16 +26,15 @@ pub fn nsb(table: &Table, alphabet: Alphabet) -> f64 {
     if table.total() == 0 {
         return 0.0;
     }
-    let letters = Letters::of(table, alphabet);
-    let [rows, columns, cells] = repeats(table);
+    let sizes = AlphabetSizes::new(table, alphabet);
+    let [rows, columns, cells] = margins_and_cells(table);
     let entropy = |counts, letters| Posterior::new(counts, table.total(), letters).mean_entropy();
-    entropy(&rows, letters.rows) + entropy(&columns, letters.columns)
-        - entropy(&cells, letters.cells)
+    entropy(&rows, sizes.rows) + entropy(&columns, sizes.columns) - entropy(&cells, sizes.cells)
 }
 
 /// What the counts of N visits say about the distribution that made them.
 struct Posterior<'a> {
-    counts: &'a [Repeated],
+    counts: &'a [CountOfCounts],
     seen: f64,
     total: f64,
     letters: f64,
@@ -45,7 +44,7 @@ struct Posterior<'a> {
 const NEGLIGIBLE: f64 = -42.0;
 
 impl<'a> Posterior<'a> {
-    fn new(counts: &'a [Repeated], total: u64, letters: f64) -> Self {
+    fn new(counts: &'a [CountOfCounts], total: u64, letters: f64) -> Self {
         let seen = counts.iter().map(|count| count.times).sum();
         Self {
             counts,
