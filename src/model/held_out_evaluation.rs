@@ -12,7 +12,7 @@ use super::permutation_test::PermutationTest;
 use super::score::{Judged, score};
 use super::training::Ensemble;
 use crate::domain::{Baseline, Calibration, ModelKind, Score, Training, Weighting};
-use crate::evidence::{Expected, factors};
+use crate::evidence::{ExpectedResponse, bayes_factors};
 
 /// Draws of a state from which its evidence is a truth to be calibrated and judged by: of rarely
 /// seen states it says little but what all states have on average, and whoever says the same of
@@ -131,13 +131,13 @@ impl<'a> HeldOutEvaluation<'a> {
             .examples()
             .zip(said)
             .filter(|(example, _)| example.table.total() >= ENOUGH);
-        let (numbers, states): (Vec<f64>, Vec<Expected<'_>>) = often
+        let (numbers, states): (Vec<f64>, Vec<ExpectedResponse<'_>>) = often
             .filter_map(|(example, said)| {
                 let Joint { ego, response, .. } = said.joint.as_ref()?;
                 let response = response.as_slice().expect("it is made row by row");
                 Some((
                     ln_information(mean(&said.numbers)),
-                    Expected {
+                    ExpectedResponse {
                         table: &example.table,
                         ego,
                         response,
@@ -147,7 +147,7 @@ impl<'a> HeldOutEvaluation<'a> {
             .unzip();
 
         let base = self.dataset.base(&self.dataset.examples);
-        let factors = factors(
+        let factors = bayes_factors(
             &states,
             self.dataset.alphabet,
             &base,

@@ -44,7 +44,7 @@ pub(super) struct Alike {
 pub(super) struct Groups {
     groups: Vec<Alike>,
     /// The group of each letter.
-    of: Vec<u32>,
+    group_of: Vec<u32>,
 }
 
 impl Groups {
@@ -61,10 +61,11 @@ impl Groups {
             })
             .collect();
         let group = |share: &f64| distinct.partition_point(|other| other < share) as u32;
-        let of: Vec<u32> = shares.iter().map(group).collect();
-        of.iter()
+        let group_of: Vec<u32> = shares.iter().map(group).collect();
+        group_of
+            .iter()
             .for_each(|group| groups[*group as usize].letters += 1.0);
-        Self { groups, of }
+        Self { groups, group_of }
     }
 
     /// Returns the letters but for these.
@@ -72,7 +73,7 @@ impl Groups {
         let mut left = self.groups.clone();
         labels
             .iter()
-            .for_each(|label| left[self.of[*label as usize] as usize].letters -= 1.0);
+            .for_each(|label| left[self.group_of[*label as usize] as usize].letters -= 1.0);
         left.retain(|group| group.letters > 0.0);
         left
     }

@@ -11,7 +11,7 @@ const CERTAIN: f64 = 0.95;
 /// The probability outside a 99.9 % interval, at each end: what is more certain than this is
 /// settled, however certain it was before.
 const SETTLED: f64 = 0.0005;
-/// Draws below which nothing is earned, and up to which only moved odds are.
+/// Observations below which nothing is earned, and up to which only moved odds are.
 const FEWEST: u64 = 3;
 const FEW: u64 = 4;
 
@@ -34,8 +34,8 @@ pub struct Believed {
     pub now: Beliefs,
     /// By the prior alone: of [`Prior::unseen`](super::Prior::unseen).
     pub unseen: Beliefs,
-    /// Independent draws.
-    pub draws: u64,
+    /// Independent observations.
+    pub observations: u64,
     /// Whether they can tell dependence from independence: there are three or more, and not in one
     /// row or column alone.
     pub tells: bool,
@@ -45,12 +45,12 @@ impl Believed {
     /// Compares what is believed of a state by these slices with what is believed of one never
     /// seen.
     pub fn new(now: Beliefs, unseen: Beliefs, slices: &[Table]) -> Self {
-        let draws = slices.iter().map(Table::total).sum();
-        let tells = draws >= FEWEST && !slices.iter().all(Table::is_line);
+        let observations = slices.iter().map(Table::total).sum();
+        let tells = observations >= FEWEST && !slices.iter().all(Table::is_line);
         Self {
             now,
             unseen,
-            draws,
+            observations,
             tells,
         }
     }
@@ -70,7 +70,7 @@ impl Believed {
     /// earned.
     fn decided(&self, confidence: f64) -> Option<bool> {
         let Self { now, unseen, .. } = self;
-        let many = self.draws > FEW;
+        let many = self.observations > FEW;
         if !self.tells {
             return None;
         }
@@ -96,12 +96,12 @@ impl Believed {
 ///
 /// * where they moved the odds of MI > threshold to at least three times, or at most a third, of
 ///   what they were;
-/// * if there were more than four draws, also where they did so with the odds given dependence
+/// * if there were more than four observations, also where they did so with the odds given dependence
 ///   (`no_influence`), or where all but one in two thousand of what is believed lies on one side of
 ///   the threshold (the other side of a 99.9 % interval): else certain counts would decide nothing
 ///   where the prior is as certain.
 ///
-/// A table of one occupied row or column earns nothing, nor do two draws. Without a belief, and
+/// A table of one occupied row or column earns nothing, nor do two observations. Without a belief, and
 /// without visits, nothing is decided.
 pub fn decide(rule: &Rule, visits: u64, plug_in: f64, believed: Option<&Believed>) -> Verdict {
     match rule.kind {
@@ -124,10 +124,10 @@ pub fn dependence(believed: &Believed) -> Dependence {
     let Believed {
         now,
         unseen,
-        draws,
+        observations,
         tells,
     } = believed;
-    let is_settled = |p: f64| *draws > FEW && p >= 1.0 - SETTLED;
+    let is_settled = |p: f64| *observations > FEW && p >= 1.0 - SETTLED;
     let [is, was] = [now.dependent, unseen.dependent];
     if *tells && is >= CERTAIN && (rose(was, is) || is_settled(is)) {
         return Dependence::Established;
@@ -203,7 +203,7 @@ mod tests {
         )
     }
 
-    /// By many draws that tell, where dependence is as good as certain before and after.
+    /// By many observations that tell, where dependence is as good as certain before and after.
     fn believed(unseen: f64, now: f64) -> Believed {
         let beliefs = |above| Beliefs {
             dependent: 0.99,
@@ -213,7 +213,7 @@ mod tests {
         Believed {
             now: beliefs(now),
             unseen: beliefs(unseen),
-            draws: 1_000,
+            observations: 1_000,
             tells: true,
         }
     }
@@ -223,7 +223,7 @@ mod tests {
             kind: RuleKind::Evidence,
             ..Rule::default()
         };
-        decide(&rule, believed.draws, 9.0, Some(believed))
+        decide(&rule, believed.observations, 9.0, Some(believed))
     }
 
     #[test]
@@ -253,7 +253,7 @@ mod tests {
         assert_eq!(paper(rule, 0, 0.0), Verdict::Undecided);
         assert_eq!(
             evidence(&Believed {
-                draws: 0,
+                observations: 0,
                 ..believed(0.5, 0.99)
             }),
             Verdict::Undecided
@@ -296,9 +296,9 @@ mod tests {
                 Verdict::Influences
             ]
         );
-        // Four draws do not.
+        // Four observations do not.
         let few = Believed {
-            draws: 4,
+            observations: 4,
             ..believed(1e-9, 0.9e-9)
         };
         assert_eq!(evidence(&few), Verdict::Undecided);
@@ -314,7 +314,10 @@ mod tests {
         ] = [0.5, 0.1];
         assert_eq!(evidence(&weaker), Verdict::NoInfluence);
         assert_eq!(
-            evidence(&Believed { draws: 4, ..weaker }),
+            evidence(&Believed {
+                observations: 4,
+                ..weaker
+            }),
             Verdict::Undecided
         );
     }
@@ -343,7 +346,7 @@ mod tests {
     #[test]
     fn a_third_of_the_odds_explains_and_many_sets_ask_for_more() {
         let told = |unseen, now| Believed {
-            draws: 1_000,
+            observations: 1_000,
             tells: true,
             ..Believed::of_dependence(now, unseen, &[Table::from_counts([(0, 0, 1)])])
         };

@@ -24,7 +24,7 @@ pub(super) struct Deviating {
 
 impl Deviating {
     /// Returns the probability of the row of a label.
-    pub fn of(&self, table: &Table, label: usize) -> f64 {
+    pub fn probability(&self, table: &Table, label: usize) -> f64 {
         table
             .row_labels()
             .binary_search(&(label as u64))

@@ -347,7 +347,9 @@ impl Side {
     ) -> Vec<f64> {
         let (k, table) = (DEVIANT_CONCENTRATIONS[deviant % DEVIANT_GRID], slice.table);
         let deviating = slice.deviants.probable(deviant);
-        let weights: Vec<f64> = (0..rows).map(|label| deviating.of(table, label)).collect();
+        let weights: Vec<f64> = (0..rows)
+            .map(|label| deviating.probability(table, label))
+            .collect();
         let deviates = chosen(&weights, rng.random());
         let mut own: Vec<f64> = (0..self.letters())
             .map(|letter| k * self.deviant_share(deviant, letter))

@@ -10,7 +10,7 @@ use super::counted::Counted;
 use super::cut::SegmentWeights;
 use super::habits::{Habits, Segments, Uses, margins};
 use super::likelihood::{Likelihood, NullMixture};
-use super::parameters::{Expected, Parameters, Segmented};
+use super::parameters::{ExpectedCounts, ExpectedFamilies, Parameters};
 use super::state::State;
 use crate::information::{Alphabet, Table};
 
@@ -18,10 +18,10 @@ use crate::information::{Alphabet, Table};
 /// and the null's weights as they are, since their evidence depends on those.
 const ROUNDS: [usize; 2] = [40, 80];
 
-/// Draws from which a state takes part in a fit. Thousands of states of two or three draws are all
+/// Observations from which a state takes part in a fit. Thousands of states of two or three observations are all
 /// explained alike by no dependence in varied habits and by much dependence in usual ones: fitted
 /// to them, the share of dependent states was .45 to .9 where .31 were.
-const FEWEST_DRAWS: u64 = 6;
+const FEWEST_OBSERVATIONS: u64 = 6;
 
 /// A fit, whole: plain data, from which a [`Prior`](super::Prior) can be made again to the bit.
 #[derive(Debug, Clone, PartialEq)]
@@ -87,15 +87,15 @@ impl Fitter {
     ///
     /// Slices of one occupied row or column are left out: they are as likely either way, so they
     /// would leave the share of dependent states and the weights of the slabs where those settle
-    /// without them. So are states of fewer than six draws.
+    /// without them. So are states of fewer than six observations.
     pub fn add<'a>(&mut self, counted: impl Into<Counted<'a>>) {
         let Counted { slices, parts } = counted.into();
         let telling = slices.iter().filter(|slice| !slice.is_line());
         let telling: Vec<[Table; 2]> = telling
             .map(|slice| [slice.clone(), slice.transposed()])
             .collect();
-        let draws: u64 = telling.iter().map(|[slice, _]| slice.total()).sum();
-        if draws >= FEWEST_DRAWS {
+        let observations: u64 = telling.iter().map(|[slice, _]| slice.total()).sum();
+        if observations >= FEWEST_OBSERVATIONS {
             let several = parts.iter().map(margins);
             (0..2).for_each(|side| {
                 self.segments[side].add(several.clone().map(|margins| margins[side]))
@@ -155,13 +155,14 @@ impl Fitter {
 }
 
 fn round(states: &[State], parameters: &Parameters) -> Parameters {
-    let (mut dependent, mut expected) = (0.0, [Expected::default(), Expected::default()]);
-    let mut segmented = Segmented::default();
+    let (mut dependent, mut expected) =
+        (0.0, [ExpectedCounts::default(), ExpectedCounts::default()]);
+    let mut segmented = ExpectedFamilies::default();
     let weights = SegmentWeights::new(parameters);
     for state in states {
-        let shares = state.shares(parameters, &weights);
-        dependent += 1.0 - shares.independent;
-        state.expect(&shares, parameters, &mut expected, &mut segmented);
+        let responsibilities = state.responsibilities(parameters, &weights);
+        dependent += 1.0 - responsibilities.independent;
+        state.expect(&responsibilities, parameters, &mut expected, &mut segmented);
     }
     Parameters::estimated(states.len() as f64, dependent, &expected, segmented)
 }

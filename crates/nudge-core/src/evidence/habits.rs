@@ -32,7 +32,7 @@ impl Habits {
     }
 
     /// Returns the habits of a row variable and a column variable with these bases.
-    pub fn of([rows, columns]: [&Base; 2]) -> Self {
+    pub fn from_bases([rows, columns]: [&Base; 2]) -> Self {
         Self::new(rows.counts(), columns.counts())
     }
 

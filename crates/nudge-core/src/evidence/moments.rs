@@ -49,7 +49,7 @@ impl<'a> Slice<'a> {
         rest: Vec<Alike>,
     ) -> Self {
         let driver = |(label, r): (&u64, &u64)| {
-            let p = policy.of(*label, *r);
+            let p = policy.probability(*label, *r);
             Driver {
                 r: *r,
                 p,
@@ -113,7 +113,7 @@ pub(super) struct Term {
 }
 
 impl Term {
-    pub fn of(a: f64) -> Self {
+    pub fn new(a: f64) -> Self {
         Self {
             psi: a * digamma(a + 1.0),
             ln: a.ln(),
@@ -192,7 +192,7 @@ impl<'a> Policy<'a> {
     }
 
     /// Returns p of the row of a label with r visits.
-    pub fn of(&self, label: u64, r: u64) -> f64 {
+    pub fn probability(&self, label: u64, r: u64) -> f64 {
         (r as f64 + self.concentration * self.usage.shares[label as usize]) / self.weight
     }
 
@@ -267,7 +267,7 @@ struct Column {
 struct Empty([f64; 3]);
 
 impl Empty {
-    fn of(column: &Column) -> Self {
+    fn of_column(column: &Column) -> Self {
         let Column {
             share, ln_ratio, ..
         } = *column;
@@ -294,7 +294,7 @@ pub(super) struct Concentration {
 }
 
 impl Concentration {
-    pub fn of(a: f64) -> Self {
+    pub fn new(a: f64) -> Self {
         Self {
             ln: a.ln(),
             psi: digamma(a + 1.0),
@@ -570,7 +570,7 @@ impl<'a> View<'a> {
                 ln_q,
                 ln_ratio: letter.empty.ln - self.ln_k - ln_q,
             };
-            self.empty = self.empty.plus(Empty::of(&column), 1.0);
+            self.empty = self.empty.plus(Empty::of_column(&column), 1.0);
             self.columns.push(column);
         }
         for Alike { share: m, letters } in self.slab.rest {
@@ -582,7 +582,7 @@ impl<'a> View<'a> {
                 ln_q: q.mean.ln(),
                 ln_ratio: -drawn.ln(),
             };
-            self.empty = self.empty.plus(Empty::of(&column), 1.0);
+            self.empty = self.empty.plus(Empty::of_column(&column), 1.0);
         }
     }
 
@@ -605,7 +605,7 @@ impl<'a> View<'a> {
             let at = cell.column as usize;
             let (letter, column, term) =
                 (&self.slab.columns[at], &self.columns[at], term(at, cell.n));
-            empty = empty.plus(Empty::of(column), -1.0);
+            empty = empty.plus(Empty::of_column(column), -1.0);
             let rho = (cell.n as f64 + k * letter.share) * drawn.inverse;
             let ln_ratio = term.ln - ln_a - column.ln_q;
             row.psi += term.psi - letter.empty.psi;

@@ -129,7 +129,7 @@ pub struct SideParameters {
 
 /// The expected numbers of states: of each null component's and of each slab's.
 #[derive(Clone)]
-pub(super) struct Expected {
+pub(super) struct ExpectedCounts {
     pub nulls: [f64; NULLS],
     pub slabs: [f64; SLABS],
     /// Those with each kind of habits of the responder's.
@@ -138,11 +138,11 @@ pub(super) struct Expected {
 
 /// The expected numbers of dependent states that were seen in several segments, of each family.
 #[derive(Clone, Copy, Default)]
-pub(super) struct Segmented {
+pub(super) struct ExpectedFamilies {
     pub families: [f64; 3],
 }
 
-impl Default for Expected {
+impl Default for ExpectedCounts {
     fn default() -> Self {
         Self {
             nulls: [0.0; NULLS],
@@ -156,7 +156,7 @@ impl Parameters {
     /// Returns what is supposed of an environment before anything was seen: three states in ten
     /// dependent, equal weights for all but the weakest slabs.
     pub fn cold() -> Self {
-        Self::estimated(0.0, 0.0, &Default::default(), Segmented::default())
+        Self::estimated(0.0, 0.0, &Default::default(), ExpectedFamilies::default())
     }
 
     /// Returns the estimate from the expected numbers of states: of all, of dependent ones, and of
@@ -164,8 +164,8 @@ impl Parameters {
     pub(super) fn estimated(
         states: f64,
         dependent: f64,
-        expected: &[Expected; 2],
-        segmented: Segmented,
+        expected: &[ExpectedCounts; 2],
+        segmented: ExpectedFamilies,
     ) -> Self {
         let share = (dependent + DEPENDENT_PRIOR[0]) / (states + DEPENDENT_PRIOR[1]);
         let [first, second] =

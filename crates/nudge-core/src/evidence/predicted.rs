@@ -101,7 +101,7 @@ impl Prior {
     pub(super) fn mean_policy(&self, side: usize, habits: &Habits, table: &Table) -> Vec<f64> {
         let policy = self.sides[side].policy(table, habits.driver(side));
         (0..habits.driver(side).shares.len() as u64)
-            .map(|label| policy.of(label, table.row_sum(label)))
+            .map(|label| policy.probability(label, table.row_sum(label)))
             .collect()
     }
 }
@@ -190,7 +190,7 @@ impl Side {
     ) -> Vec<f64> {
         let mut rows: Vec<Share> = rows
             .iter()
-            .map(|(label, times)| Share::of(table, *label, *times))
+            .map(|(label, times)| Share::new(table, *label, *times))
             .collect();
         let mut responses = vec![0.0; rows.len() * self.letters()];
         for (slab, weight) in slabs
@@ -243,7 +243,7 @@ impl Side {
         let (deviating, counts) = (deviants.probable(deviant), self.smoothed(table));
         let mut together = vec![0.0; letters];
         for (row, cells) in rows.iter_mut().zip(responses.chunks_mut(letters)) {
-            let own = deviating.of(table, row.label);
+            let own = deviating.probability(table, row.label);
             row.add(k, deviant / DEVIANT_GRID, weight * own);
             // What the others answer where this one deviates.
             let mut rest = counts.clone();
@@ -275,7 +275,7 @@ struct Share {
 }
 
 impl Share {
-    fn of(table: &Table, label: usize, times: f64) -> Self {
+    fn new(table: &Table, label: usize, times: f64) -> Self {
         Self {
             label,
             times,

@@ -74,7 +74,7 @@ impl Prior {
             dependent: parameters.dependent,
             sides,
             segments: SegmentWeights::new(parameters),
-            habits: Habits::of([rows, columns]),
+            habits: Habits::from_bases([rows, columns]),
             unseen: Posterior::impossible(),
         };
         prior.unseen = prior
@@ -141,7 +141,7 @@ impl Prior {
     pub(super) fn weights(&self, readings: &Readings<'_>) -> Weights {
         let (mut slabs, mut nulls) = ([0, 1].map(|side| self.sides[side].ln_slabs), [0.0; 2]);
         let mut said = |side: usize, reading: &Reading<'_>| {
-            self.sides[side].said(&reading[side], &mut slabs[side], &mut nulls[side])
+            self.sides[side].add_bayes_factors(&reading[side], &mut slabs[side], &mut nulls[side])
         };
         let deviants = readings
             .wholes
@@ -150,15 +150,15 @@ impl Prior {
             .collect();
         let mut segments = (readings.parts.number() > 0).then(|| {
             let pooled = self.dependent_given(normalise(&mut slabs.clone(), None));
-            let told = self.told_by(readings.wholes.len() == 1, &readings.parts);
+            let evidence = self.parts_evidence(readings.wholes.len() == 1, &readings.parts);
             Box::new(Segments {
                 pooled,
-                ..self.cut(&mut slabs, nulls, told)
+                ..self.cut(&mut slabs, nulls, evidence)
             })
         });
         let likelihood = normalise(&mut slabs, segments.as_deref_mut());
-        let is_told = readings.wholes.iter().any(|[table, _]| !table.is_line());
-        let dependent = if is_told {
+        let is_informative = readings.wholes.iter().any(|[table, _]| !table.is_line());
+        let dependent = if is_informative {
             self.dependent_given(likelihood)
         } else {
             self.dependent

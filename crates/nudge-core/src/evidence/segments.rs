@@ -20,9 +20,9 @@ use super::cut::{SegmentHabits, ln_mean};
 use super::habits::{Habits, Usage};
 use super::moments::{Moments, Slice};
 use super::parameters::{CUT, FIXED, SLABS};
+use super::parts_evidence::PartsEvidence;
 use super::prior::Prior;
 use super::readings::{Parts, Reading};
-use super::told::Told;
 use super::weights::Segments;
 use crate::information::Table;
 
@@ -35,22 +35,22 @@ const FEW: u64 = 5;
 
 impl Prior {
     /// Returns what the parts say from each side; `is_whole` where they are of one table.
-    pub(super) fn told_by(&self, is_whole: bool, parts: &Parts<'_>) -> [Told; 2] {
+    pub(super) fn parts_evidence(&self, is_whole: bool, parts: &Parts<'_>) -> [PartsEvidence; 2] {
         [0, 1].map(|at| {
             let side = &self.sides[at];
-            let mut told = Told::of(parts.several.len());
+            let mut evidence = PartsEvidence::with_capacity(parts.several.len());
             parts
                 .several
                 .iter()
-                .for_each(|part| side.told_by(&part[at], &mut told));
+                .for_each(|part| side.add_part(&part[at], &mut evidence));
             parts
                 .single
                 .responses(at)
-                .for_each(|(letter, n)| side.told_by_visits(letter, n, &mut told));
+                .for_each(|(letter, n)| side.add_single_visits(letter, n, &mut evidence));
             if is_whole {
-                told.around = side.likelihood.around(parts.by_part(at));
+                evidence.around = side.likelihood.around(parts.by_part(at));
             }
-            told
+            evidence
         })
     }
 
@@ -60,20 +60,20 @@ impl Prior {
         &self,
         slabs: &mut [[f64; SLABS]; 2],
         nulls: [f64; 2],
-        told: [Told; 2],
+        evidence: [PartsEvidence; 2],
     ) -> Segments {
         let [shared, cut, one] = self.segments.families;
         let [cut, one] = [cut, one].map(|ln| ln + self.segments.cut);
         let mut segments = Segments::default();
-        for (side, told) in told.into_iter().enumerate() {
+        for (side, evidence) in evidence.into_iter().enumerate() {
             let ln_slabs = &self.sides[side].ln_slabs;
             let habits = SegmentHabits::new(
                 &self.segments.habits[side],
                 nulls[side],
-                &told.null,
-                &told.around,
+                &evidence.null,
+                &evidence.around,
             );
-            let parts: Vec<_> = told
+            let parts: Vec<_> = evidence
                 .parts
                 .iter()
                 .map(|part| part.beside(habits.likeliest))
@@ -88,8 +88,9 @@ impl Prior {
                     habits.ln_differ
                 }
             };
-            segments.cut[side] =
-                std::array::from_fn(|at| ln_slabs[at] + told.cut[at] + null(at) + cut - habits.ln);
+            segments.cut[side] = std::array::from_fn(|at| {
+                ln_slabs[at] + evidence.cut[at] + null(at) + cut - habits.ln
+            });
             let null = |at: usize| {
                 if at < FIXED {
                     habits.ln_apart
@@ -183,24 +184,24 @@ impl Prior {
         cut.chain(one).collect()
     }
 
-    /// Returns the moments where one part alone depends, over which it is; `told` is what each part
+    /// Returns the moments where one part alone depends, over which it is; `evidence` is what each part
     /// that was visited more than once says.
     fn one_dependent(
         &self,
         side: usize,
         slab: usize,
-        told: &[(f64, [f64; CUT])],
+        evidence: &[(f64, [f64; CUT])],
         parts: &Parts<'_>,
         usage: &Usage,
     ) -> Moments {
         let total = parts.visits();
-        let weighed = told.iter().zip(&parts.several);
-        let mut told: Vec<(f64, &Table)> = weighed
+        let weighed = evidence.iter().zip(&parts.several);
+        let mut candidates: Vec<(f64, &Table)> = weighed
             .map(|((beyond, ln), part)| (beyond.ln() + ln[slab], &*part[side]))
             .collect();
-        told.sort_by(|a, b| b.0.total_cmp(&a.0));
-        told.truncate(MOST_PARTS);
-        let largest = told.first().map_or(0.0, |(ln, _)| *ln);
+        candidates.sort_by(|a, b| b.0.total_cmp(&a.0));
+        candidates.truncate(MOST_PARTS);
+        let largest = candidates.first().map_or(0.0, |(ln, _)| *ln);
         let moments = |(ln, part): (f64, &Table)| {
             let slice = self.sides[side].part(part, usage);
             (
@@ -210,7 +211,7 @@ impl Prior {
                     .scaled(part.total() as f64 / total),
             )
         };
-        Moments::mixed(&told.into_iter().map(moments).collect::<Vec<_>>())
+        Moments::mixed(&candidates.into_iter().map(moments).collect::<Vec<_>>())
     }
 }
 

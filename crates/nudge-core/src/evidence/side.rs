@@ -12,7 +12,7 @@ use super::parameters::{
     CUT, DEVIANT_CONCENTRATIONS, DEVIANT_GRID, DEVIANT_SLABS, FIXED, FIXED_CONCENTRATIONS,
     FIXED_GRID, NULL_GRID, OWN_CONCENTRATIONS, OWN_GRID, OWN_SLABS, SLABS, SideParameters,
 };
-use super::told::{Told, ToldPart};
+use super::parts_evidence::{PartEvidence, PartsEvidence};
 use crate::information::Table;
 
 /// Rows below this share of a deviant's posterior weight are left out of its moments.
@@ -64,7 +64,7 @@ impl Side {
             habit: parameters.habit,
             habit_in_segments: parameters.habit_in_segments,
             concentrations: (0..depth(1))
-                .map(|r| OWN_CONCENTRATIONS.map(|k| Concentration::of(r as f64 + k)))
+                .map(|r| OWN_CONCENTRATIONS.map(|k| Concentration::new(r as f64 + k)))
                 .collect(),
             likelihood,
         }
@@ -72,7 +72,12 @@ impl Side {
 
     /// Adds ln l of every slab relative to the null, unless the slice cannot tell dependence from
     /// independence; and ln of that null to `nulls`. Returns what its rows say for deviating.
-    pub fn said(&self, table: &Table, slabs: &mut [f64; SLABS], nulls: &mut f64) -> Deviants {
+    pub fn add_bayes_factors(
+        &self,
+        table: &Table,
+        slabs: &mut [f64; SLABS],
+        nulls: &mut f64,
+    ) -> Deviants {
         let evidence = self.likelihood.evidence(table);
         let null = self.nulls.given(&evidence.nulls);
         let deviants = self.likelihood.deviants(table, &self.nulls, &null);
@@ -99,27 +104,28 @@ impl Side {
     }
 
     /// Adds what a part of a state says that was visited more than once.
-    pub fn told_by(&self, part: &Table, told: &mut Told) {
+    pub fn add_part(&self, part: &Table, evidence: &mut PartsEvidence) {
         let (null, apart) = (
             self.likelihood.shared(columns(part), part.total()),
             self.likelihood.rows_apart(part),
         );
-        told.cut
+        evidence
+            .cut
             .iter_mut()
             .zip(apart)
             .for_each(|(ln, by)| *ln += by);
-        add(&mut told.null, &null);
+        add(&mut evidence.null, &null);
         let mut alone = [0.0; CUT];
         alone[..FIXED].copy_from_slice(&apart);
         if !part.is_line() {
             let own = self.likelihood.on_own_marginal(part);
-            told.cut[OWN_SLABS]
+            evidence.cut[OWN_SLABS]
                 .iter_mut()
                 .zip(&own)
                 .for_each(|(ln, by)| *ln += by);
             alone[OWN_SLABS].copy_from_slice(&own);
         }
-        told.parts.push(ToldPart {
+        evidence.parts.push(PartEvidence {
             beyond: (part.total() - 1) as f64,
             slabs: alone,
             null,
@@ -128,16 +134,16 @@ impl Side {
 
     /// Adds what so many parts of one visit of a letter say, for which concentrations are of no
     /// concern: DM(1; k m) = m_j.
-    pub fn told_by_visits(&self, letter: usize, parts: f64, told: &mut Told) {
+    pub fn add_single_visits(&self, letter: usize, parts: f64, evidence: &mut PartsEvidence) {
         let shares = [
             self.likelihood.base.shares()[letter],
             1.0 / self.letters() as f64,
         ];
         let ln_shares = shares.map(|share| parts * share.ln());
-        for (cut, ln) in told.cut[..FIXED].chunks_mut(FIXED_GRID).zip(ln_shares) {
+        for (cut, ln) in evidence.cut[..FIXED].chunks_mut(FIXED_GRID).zip(ln_shares) {
             cut.iter_mut().for_each(|sum| *sum += ln);
         }
-        for (null, ln) in told.null.chunks_mut(NULL_GRID).zip(ln_shares) {
+        for (null, ln) in evidence.null.chunks_mut(NULL_GRID).zip(ln_shares) {
             null.iter_mut().for_each(|sum| *sum += ln);
         }
     }
@@ -238,7 +244,7 @@ impl Side {
             let share = self.likelihood.own_share(table, at);
             Letter {
                 share,
-                empty: Term::of(k * share),
+                empty: Term::new(k * share),
             }
         };
         let columns: Vec<Letter> = (0..table.columns().len()).map(letter).collect();
@@ -249,7 +255,7 @@ impl Side {
         let rest: Vec<Alike> = slice.rest.iter().map(own).collect();
         let unvisited = rest
             .iter()
-            .map(|group| group.letters * Term::of(k * group.share).psi)
+            .map(|group| group.letters * Term::new(k * group.share).psi)
             .sum::<f64>();
         let psi = columns.iter().map(|letter| letter.empty.psi).sum::<f64>() + unvisited;
         let slab = Slab {
@@ -258,7 +264,7 @@ impl Side {
             psi,
             rest: &rest,
         };
-        let term = |at: usize, n: u64| Term::of(n as f64 + k * columns[at].share);
+        let term = |at: usize, n: u64| Term::new(n as f64 + k * columns[at].share);
         moments(slice, &slab, self.concentration(at), term)
     }
 
@@ -266,7 +272,7 @@ impl Side {
     fn concentration(&self, at: usize) -> impl Fn(u64) -> Concentration {
         move |r: u64| match self.concentrations.get(r as usize) {
             Some(concentrations) => concentrations[at],
-            None => Concentration::of(r as f64 + OWN_CONCENTRATIONS[at]),
+            None => Concentration::new(r as f64 + OWN_CONCENTRATIONS[at]),
         }
     }
 
@@ -281,18 +287,18 @@ impl Side {
             .collect();
         rows.sort_by(|a, b| b.1.total_cmp(&a.1));
         rows.truncate(MOST_DEVIATING);
-        let told = rows
+        let moments = rows
             .into_iter()
             .map(|(row, p)| (p, self.row_deviating(deviant, slice, Some(row))));
-        let mut told: Vec<(f64, Moments)> = told.collect();
+        let mut moments: Vec<(f64, Moments)> = moments.collect();
         let others = untried * slice.unvisited.rows;
-        if others > NEGLIGIBLE || told.is_empty() {
-            told.push((
+        if others > NEGLIGIBLE || moments.is_empty() {
+            moments.push((
                 others.max(f64::MIN_POSITIVE),
                 self.row_deviating(deviant, slice, None),
             ));
         }
-        Moments::mixed(&told)
+        Moments::mixed(&moments)
     }
 
     /// `None`: a row that was not visited.
@@ -330,7 +336,7 @@ impl Side {
         });
         let columns: Vec<Pair> = visited.chain(rest).collect();
         let p = match row {
-            Some(row) => policy.of(table.row_labels()[row], table.rows()[row]),
+            Some(row) => policy.probability(table.row_labels()[row], table.rows()[row]),
             None => unvisited.p / unvisited.rows.max(1.0),
         };
         two_rows(p, policy, &columns)
@@ -342,10 +348,10 @@ impl Tabulated {
         let depth = depth(shares.len());
         let terms = shares
             .iter()
-            .flat_map(|share| (0..depth).map(move |n| Term::of(n as f64 + k * share)));
+            .flat_map(|share| (0..depth).map(move |n| Term::new(n as f64 + k * share)));
         let psi = shares
             .iter()
-            .map(|share| times * Term::of(k * share).psi)
+            .map(|share| times * Term::new(k * share).psi)
             .sum();
         Self {
             depth,
@@ -358,7 +364,7 @@ impl Tabulated {
         if n < self.depth {
             self.terms[letter * self.depth as usize + n as usize]
         } else {
-            Term::of(n as f64 + start)
+            Term::new(n as f64 + start)
         }
     }
 }

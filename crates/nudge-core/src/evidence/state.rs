@@ -6,8 +6,8 @@ use super::increments::add;
 use super::likelihood::{Likelihood, NullMixture, columns};
 use super::log_space::Scaled;
 use super::parameters::{
-    APART, DEVIANT_SLABS, DEVIANTS, Expected, FIXED, HABITS, NULLS, OWN_GRID, OWN_SLABS,
-    Parameters, Segmented, SideParameters,
+    APART, DEVIANT_SLABS, DEVIANTS, ExpectedCounts, ExpectedFamilies, FIXED, HABITS, NULLS,
+    OWN_GRID, OWN_SLABS, Parameters, SideParameters,
 };
 use crate::information::Table;
 
@@ -30,7 +30,7 @@ pub(super) struct Side {
 }
 
 /// The probabilities of a state's hypotheses.
-pub(super) struct Shares {
+pub(super) struct Responsibilities {
     pub independent: f64,
     /// By side: of the slabs on fixed bases, of those on the state's own marginal, and of the
     /// deviants.
@@ -85,7 +85,11 @@ impl State {
     }
 
     /// Returns the probabilities of its hypotheses.
-    pub fn shares(&self, parameters: &Parameters, weights: &SegmentWeights) -> Shares {
+    pub fn responsibilities(
+        &self,
+        parameters: &Parameters,
+        weights: &SegmentWeights,
+    ) -> Responsibilities {
         let ln_dependent = parameters.dependent.ln();
         let mut shared = [0, 1].map(|at| {
             self.sides[at]
@@ -140,7 +144,7 @@ impl State {
         };
         let total = part(independent) + (side(0) + side(1));
         let share = |part: f64| part / total;
-        Shares {
+        Responsibilities {
             independent: share(part(independent)),
             shared: shared.map(|side| side.map(share)),
             cut: cut.map(|side| side.map(share)),
@@ -153,19 +157,19 @@ impl State {
     /// Adds the state to all that it is an instance of, in proportion to the probabilities.
     pub fn expect(
         &self,
-        shares: &Shares,
+        responsibilities: &Responsibilities,
         parameters: &Parameters,
-        expected: &mut [Expected; 2],
-        segmented: &mut Segmented,
+        expected: &mut [ExpectedCounts; 2],
+        segmented: &mut ExpectedFamilies,
     ) {
-        let Shares {
+        let Responsibilities {
             independent,
             shared,
             cut,
             one,
             habits,
             likeliest,
-        } = shares;
+        } = responsibilities;
         let total = |side: usize| {
             [&shared[side][..], &cut[side], &one[side]]
                 .into_iter()
@@ -192,15 +196,15 @@ impl State {
             );
             // Slabs on the parts' marginals go with habits that differ in any way, those on fixed
             // bases in one segment with such as are drawn anew.
-            let of = |kinds: std::ops::Range<usize>| {
+            let sum_of = |kinds: std::ops::Range<usize>| {
                 habits[side][kinds]
                     .iter()
                     .sum::<f64>()
                     .max(f64::MIN_POSITIVE)
             };
             let (own, one_fixed) = (
-                (cut[side][1] + one[side][1]) / of(1..HABITS),
-                one[side][0] / of(APART),
+                (cut[side][1] + one[side][1]) / sum_of(1..HABITS),
+                one[side][0] / sum_of(APART),
             );
             let kinds = (0..).zip(habits[side]).map(|(kind, p)| {
                 let differ = if kind == 0 { 0.0 } else { own };
@@ -286,7 +290,7 @@ impl Side {
         [fixed, own, deviant]: [f64; 3],
         null: f64,
         parameters: &SideParameters,
-        expected: &mut Expected,
+        expected: &mut ExpectedCounts,
     ) {
         let SideParameters { nulls, slabs, .. } = parameters;
         self.fixed

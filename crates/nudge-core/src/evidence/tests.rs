@@ -104,14 +104,14 @@ fn exchanged(fit: &Fit) -> Fit {
     }
 }
 
-fn of(prior: &Prior, table: &Table) -> Posterior {
+fn posterior_of(prior: &Prior, table: &Table) -> Posterior {
     prior.posterior(prior.habits(), std::slice::from_ref(table))
 }
 
 /// What is believed of a table at half a nat, where the environment's habits are those of the fit.
 fn believed(prior: &Prior, table: &Table) -> Believed {
     Believed::new(
-        of(prior, table).beliefs(0.5),
+        posterior_of(prior, table).beliefs(0.5),
         prior.unseen().beliefs(0.5),
         std::slice::from_ref(table),
     )
@@ -191,7 +191,7 @@ fn dependence_and_strength_are_two_answers() {
     let told = |table: &Table| {
         (
             dependence(&believed(prior, table)),
-            of(prior, table).above(0.5) > 0.5,
+            posterior_of(prior, table).above(0.5) > 0.5,
         )
     };
     assert_eq!(told(&copied(20)), (Dependence::Established, true));
@@ -204,7 +204,7 @@ fn dependence_and_strength_are_two_answers() {
 fn one_letter_leaves_nothing_to_depend() {
     for (rows, columns) in [(1, 6), (6, 1), (1, 1)] {
         let prior = Prior::new(&Fit::cold(Alphabet { rows, columns }));
-        let posterior = of(
+        let posterior = posterior_of(
             &prior,
             &Table::from_counts((0..rows).map(|row| (row, 0, 40))),
         );
@@ -491,7 +491,7 @@ proptest! {
             let [low, high] = posterior.interval();
             [posterior.dependent(), posterior.above(0.1), posterior.above(0.5), posterior.mean(), low, high]
         };
-        prop_assert_eq!(told(&of(prior, &table)), told(&of(turned, &table.transposed())));
+        prop_assert_eq!(told(&posterior_of(prior, &table)), told(&posterior_of(turned, &table.transposed())));
     }
 
     #[test]
@@ -508,7 +508,7 @@ proptest! {
 #[test]
 fn an_interval_holds_nine_tenths_of_the_belief() {
     let prior = cold();
-    let posterior = of(prior, &leaning(3));
+    let posterior = posterior_of(prior, &leaning(3));
     let [low, high] = posterior.interval();
 
     assert!(posterior.dependent() > 0.99 && low > 0.0 && high < 6_f64.ln());
@@ -517,12 +517,12 @@ fn an_interval_holds_nine_tenths_of_the_belief() {
         "{low} {high}"
     );
     // While independence is likely enough, nothing above 0 is ruled out from below.
-    assert_eq!(of(prior, &coins(1)).interval()[0], 0.0);
+    assert_eq!(posterior_of(prior, &coins(1)).interval()[0], 0.0);
 }
 
 #[test]
 fn near_independence_at_a_billion_visits_stays_finite() {
-    let posterior = of(cold(), &coins(30_000_000));
+    let posterior = posterior_of(cold(), &coins(30_000_000));
 
     assert!(
         posterior.dependent() < 1e-6 && posterior.mean() < 1e-6 && posterior.interval()[1] < 1e-5
@@ -535,7 +535,7 @@ fn slices_add_up_and_reveal_what_the_pool_hides() {
     let slices = [grid(&[&[12, 0], &[0, 12]]), grid(&[&[0, 12], &[12, 0]])];
     let prior = cold();
 
-    assert!(of(prior, &grid(&[&[12, 12], &[12, 12]])).dependent() < 0.2);
+    assert!(posterior_of(prior, &grid(&[&[12, 12], &[12, 12]])).dependent() < 0.2);
     let given = prior.posterior(prior.habits(), &slices);
     assert!(given.dependent() > 0.999 && given.above(0.4) > 0.9);
     // An empty slice weighs nothing.
@@ -583,7 +583,7 @@ fn a_fit_finds_how_much_influence_there_is() {
 fn a_single_independent_state_is_not_called_dependent() {
     let table = Table::from_counts((0..12).map(|cell| (cell / 4, cell % 4, 1 + cell % 2)));
 
-    assert!(of(&fitted(SIX, std::slice::from_ref(&table)), &table).dependent() < 0.3);
+    assert!(posterior_of(&fitted(SIX, std::slice::from_ref(&table)), &table).dependent() < 0.3);
 }
 
 #[test]
@@ -595,8 +595,8 @@ fn parts_of_a_fit_make_it_again() {
     };
 
     assert_eq!(
-        of(&Prior::new(&again), &copied(2)),
-        of(&Prior::new(&fit), &copied(2))
+        posterior_of(&Prior::new(&again), &copied(2)),
+        posterior_of(&Prior::new(&fit), &copied(2))
     );
 }
 
@@ -609,7 +609,7 @@ fn large_alphabets_are_as_quick_as_what_was_seen_of_them() {
     let prior = Prior::new(&Fit::cold(alphabet));
     let table = Table::from_counts((0..40).map(|at| (at << 6, 100 * at, 3)));
 
-    let posterior = of(&prior, &table);
+    let posterior = posterior_of(&prior, &table);
 
     assert!(posterior.dependent() > 0.99 && posterior.mean() > 0.5);
 }
@@ -727,7 +727,7 @@ fn visits_to_decide_grow_with_what_is_asked() {
     // Ten thousand visits do not tell on which side of its own estimate the truth is, where a
     // million did not.
     let known = leaning(10_000);
-    let estimate = of(prior, &known).mean();
+    let estimate = posterior_of(prior, &known).mean();
     assert_eq!(visits_to_decide(prior, &known, &rule(estimate, 0.99)), None);
 }
 
@@ -774,7 +774,7 @@ fn two_dice_are_never_called_dependent() {
             &tables,
         );
         for table in &tables {
-            let posterior = of(&prior, table);
+            let posterior = posterior_of(&prior, table);
             let [belief, strong] = [posterior.dependent(), posterior.above(0.5)];
             assert!(
                 belief < 0.95 && strong < 0.2,
@@ -791,7 +791,7 @@ fn copying_is_seen_whatever_the_other_could_have_said() {
     for columns in [2, 3, 25, 256] {
         let prior = Prior::new(&Fit::cold(Alphabet { rows: 2, columns }));
         let table = Table::from_counts([(0, 0, 200), (1, columns - 1, 200)]);
-        let posterior = of(&prior, &table);
+        let posterior = posterior_of(&prior, &table);
 
         let [low, high] = posterior.interval();
         assert!(
@@ -853,7 +853,7 @@ fn weak_dependence_that_is_certain_is_established() {
         Table::from_counts((0..625).map(|cell| (cell / 25, cell % 25, n(cell))))
     };
     let prior = Prior::new(&Fit::cold(alphabet));
-    let posterior = of(&prior, &board(15));
+    let posterior = posterior_of(&prior, &board(15));
 
     assert_eq!(
         dependence(&believed(&prior, &board(15))),
@@ -877,7 +877,7 @@ fn dependence_in_one_rare_action_is_not_excluded() {
     let table = |rare: &[(u64, u64, u64)]| Table::from_counts(rows.iter().chain(rare).copied());
     let prior = cold();
 
-    let same = of(
+    let same = posterior_of(
         prior,
         &table(&[
             (5, 0, 2),
@@ -889,7 +889,7 @@ fn dependence_in_one_rare_action_is_not_excluded() {
         ]),
     )
     .dependent();
-    let differs = of(prior, &table(&[(5, 0, 9), (5, 1, 1)])).dependent();
+    let differs = posterior_of(prior, &table(&[(5, 0, 9), (5, 1, 1)])).dependent();
     assert!(differs > 0.5 && differs > 5.0 * same, "{differs} {same}");
 }
 
@@ -1013,7 +1013,7 @@ fn what_is_certainly_independent_is_told_in_numbers() {
             .collect();
         let prior = fitted(Alphabet { rows, columns }, &tables);
 
-        let posterior = of(&prior, &tables[0]);
+        let posterior = posterior_of(&prior, &tables[0]);
         assert!(
             posterior.dependent() < 0.5 && posterior.mean() < 1e-3,
             "{rows} x {columns}: {posterior:?}"
@@ -1053,7 +1053,7 @@ fn what_slabs_cannot_say_is_doubted() {
     let [same, other] = [0.52, 0.02_f64];
     let truth = same * (25.0 * same).ln() + 24.0 * other * (25.0 * other).ln();
     let covers = |table: &&Table| {
-        let [low, high] = of(&prior, table).interval();
+        let [low, high] = posterior_of(&prior, table).interval();
         low <= truth && truth <= high
     };
     assert!(tables.iter().filter(covers).count() >= 18);

@@ -3,12 +3,12 @@
 use super::parameters::{AROUND, CUT, FIXED, NULLS};
 
 /// What the parts of a state say, from one side.
-pub(super) struct Told {
+pub(super) struct PartsEvidence {
     /// ln l of the slabs that are cut: on fixed bases by itself, on the parts' marginals relative
     /// to the parts' null.
     pub cut: [f64; CUT],
     /// Those that were visited more than once.
-    pub parts: Vec<ToldPart>,
+    pub parts: Vec<PartEvidence>,
     /// ln of the null of all by each component.
     pub null: [f64; NULLS],
     /// ln of habits drawn around the state's, relative to those that are alike.
@@ -16,7 +16,7 @@ pub(super) struct Told {
 }
 
 /// What a part says by itself, from one side.
-pub(super) struct ToldPart {
+pub(super) struct PartEvidence {
     /// Its visits beyond the first.
     pub beyond: f64,
     /// ln l of the slabs: on fixed bases by itself, on its own marginal relative to its null.
@@ -25,9 +25,9 @@ pub(super) struct ToldPart {
     pub null: [f64; NULLS],
 }
 
-impl Told {
+impl PartsEvidence {
     /// Begins with nothing told, with room for so many parts.
-    pub fn of(parts: usize) -> Self {
+    pub fn with_capacity(parts: usize) -> Self {
         Self {
             cut: [0.0; CUT],
             parts: Vec::with_capacity(parts),
@@ -37,7 +37,7 @@ impl Told {
     }
 }
 
-impl ToldPart {
+impl PartEvidence {
     /// Returns its visits beyond the first, and ln l of the slabs relative to a component of its
     /// null.
     pub fn beside(&self, null: usize) -> (f64, [f64; CUT]) {

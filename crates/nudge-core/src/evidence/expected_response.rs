@@ -66,7 +66,7 @@ const DEPENDENT_PRIOR: [f64; 2] = [3.0, 10.0];
 const WEIGHT_PRIOR: f64 = 0.1;
 
 /// A state with what was expected of it.
-pub struct Expected<'a> {
+pub struct ExpectedResponse<'a> {
     /// Its draws; rows are the ego's actions.
     pub table: &'a Table,
     /// The expected probability of each of the ego's actions.
@@ -77,8 +77,8 @@ pub struct Expected<'a> {
 }
 
 /// Returns for each state how much likelier its draws are if MI > threshold (nats) than if not.
-pub fn factors(
-    states: &[Expected<'_>],
+pub fn bayes_factors(
+    states: &[ExpectedResponse<'_>],
     alphabet: Alphabet,
     base: &Base,
     threshold: f64,
@@ -97,14 +97,17 @@ pub fn factors(
         .map(|state| Terms::new(state, base, question))
         .collect();
     let weights = Weights::fitted(&terms);
-    terms.iter().map(|terms| weights.factor(terms)).collect()
+    terms
+        .iter()
+        .map(|terms| weights.bayes_factor(terms))
+        .collect()
 }
 
 /// Returns the concentration kappa of the grid under which the ego's actions are likeliest, sum ln
 /// DM(r; kappa p) over states.
-fn policy_concentration(states: &[Expected<'_>]) -> f64 {
+fn policy_concentration(states: &[ExpectedResponse<'_>]) -> f64 {
     let likelihood = |kappa: f64| {
-        let of = |state: &Expected<'_>| {
+        let of = |state: &ExpectedResponse<'_>| {
             let counts = state.table.row_labels().iter().zip(state.table.rows());
             let actions: f64 = counts
                 .map(|(i, r)| ln_rising(kappa * state.ego[*i as usize].max(RAREST), *r))
@@ -133,13 +136,13 @@ struct Terms {
     nulls: [f64; NULL_GRID],
     slabs: [f64; SLABS.len()],
     /// T(0).
-    expected: [f64; SLABS.len()],
+    prior_tail: [f64; SLABS.len()],
     /// T(n).
-    drawn: [f64; SLABS.len()],
+    posterior_tail: [f64; SLABS.len()],
 }
 
 impl Terms {
-    fn new(state: &Expected<'_>, base: &Base, question: Question) -> Self {
+    fn new(state: &ExpectedResponse<'_>, base: &Base, question: Question) -> Self {
         let columns = question.alphabet.columns as usize;
         let marginal: Vec<f64> = (0..columns)
             .map(|j| {
@@ -156,16 +159,16 @@ impl Terms {
         let share =
             |x: usize, j: usize| [base.shares()[j], uniform, marginal[j].max(RAREST) / floored][x];
         let mut slabs = [0.0; SLABS.len()];
-        let [mut expected, mut drawn] = [[0.0; SLABS.len()]; 2];
+        let [mut prior_tail, mut posterior_tail] = [[0.0; SLABS.len()]; 2];
         let [nothing, counts] = [
             Counts::none(question.alphabet),
-            Counts::of(state.table, question.alphabet),
+            Counts::from_table(state.table, question.alphabet),
         ];
         for (slab, (gamma, k)) in SLABS.into_iter().enumerate() {
             let rows = sharpened(state, &marginal, gamma);
             slabs[slab] = rows_evidence(state.table, k, |i, j| rows[i * columns + j]);
-            expected[slab] = tail(&nothing, state.ego, &rows, k, question);
-            drawn[slab] = tail(&counts, state.ego, &rows, k, question);
+            prior_tail[slab] = tail(&nothing, state.ego, &rows, k, question);
+            posterior_tail[slab] = tail(&counts, state.ego, &rows, k, question);
         }
         let nulls = std::array::from_fn(|null| {
             let (x, b) = (null / NULLS.len(), NULLS[null % NULLS.len()]);
@@ -182,14 +185,14 @@ impl Terms {
         Self {
             nulls,
             slabs,
-            expected,
-            drawn,
+            prior_tail,
+            posterior_tail,
         }
     }
 }
 
 /// Returns the rows z, row by row.
-fn sharpened(state: &Expected<'_>, marginal: &[f64], gamma: f64) -> Vec<f64> {
+fn sharpened(state: &ExpectedResponse<'_>, marginal: &[f64], gamma: f64) -> Vec<f64> {
     let mut rows = state.response.to_vec();
     for row in rows.chunks_mut(marginal.len()) {
         let sharp = |(rho, m): (&f64, &f64)| {
@@ -227,7 +230,7 @@ impl Counts {
         }
     }
 
-    fn of(table: &Table, alphabet: Alphabet) -> Self {
+    fn from_table(table: &Table, alphabet: Alphabet) -> Self {
         let mut counts = Self::none(alphabet);
         for cell in table.cells() {
             let (i, j) = (
@@ -373,7 +376,7 @@ impl Weights {
         std::array::from_fn(|slab| terms.slabs[slab] + self.slabs[slab].ln())
     }
 
-    fn factor(&self, terms: &Terms) -> f64 {
+    fn bayes_factor(&self, terms: &Terms) -> f64 {
         /// Keeps logarithms finite.
         const TINY: f64 = 1e-12;
         /// What was less probable beforehand is taken for so probable: moments are not known
@@ -384,11 +387,11 @@ impl Weights {
         let slabs = self.slab(terms);
         let sum = |part: &dyn Fn(f64) -> f64| {
             let logarithms: [f64; SLABS.len()] =
-                std::array::from_fn(|slab| slabs[slab] + part(terms.drawn[slab]).ln());
+                std::array::from_fn(|slab| slabs[slab] + part(terms.posterior_tail[slab]).ln());
             let prior: f64 = self
                 .slabs
                 .iter()
-                .zip(terms.expected)
+                .zip(terms.prior_tail)
                 .map(|(weight, tail)| weight * part(tail))
                 .sum();
             (ln_sum(&logarithms), prior)
@@ -426,13 +429,13 @@ mod tests {
     fn found(expected: [&[f64]; 2]) -> (f64, f64) {
         let copied = Table::from_counts([(0, 0, 3), (1, 1, 3)]);
         let thrown = Table::from_counts([(0, 0, 2), (0, 1, 1), (1, 0, 1), (1, 1, 2)]);
-        let state = |at: usize| Expected {
+        let state = |at: usize| ExpectedResponse {
             table: if at < 20 { &copied } else { &thrown },
             ego: &[0.5, 0.5],
             response: expected[usize::from(at >= 20)],
         };
-        let states: Vec<Expected<'_>> = (0..40).map(state).collect();
-        let factors = factors(&states, COIN, &Base::new(&[100, 100]), 0.3);
+        let states: Vec<ExpectedResponse<'_>> = (0..40).map(state).collect();
+        let factors = bayes_factors(&states, COIN, &Base::new(&[100, 100]), 0.3);
         (factors[0], factors[39])
     }
 
@@ -539,8 +542,9 @@ mod tests {
                     threshold: share * alphabet.largest_information(),
                     kappa: 16.0,
                 };
-                let counts = Counts::of(&played(alphabet, visits, copied), alphabet);
-                let [told, truth] = [tail, sampled].map(|of| of(&counts, &ego, &z, k, question));
+                let counts = Counts::from_table(&played(alphabet, visits, copied), alphabet);
+                let [told, truth] =
+                    [tail, sampled].map(|tail| tail(&counts, &ego, &z, k, question));
                 let tolerance = if visits < 30 { CRUDE } else { CLOSE };
                 assert!(
                     (told - truth).abs() < tolerance,
@@ -555,13 +559,13 @@ mod tests {
         // It was expected to copy, and the slabs are sure of it; it does so seldom, as forty draws
         // show.
         let table = Table::from_counts([(0, 0, 12), (0, 1, 8), (1, 0, 8), (1, 1, 12)]);
-        let state = || Expected {
+        let state = || ExpectedResponse {
             table: &table,
             ego: &[0.5, 0.5],
             response: &COPIES,
         };
-        let states: Vec<Expected<'_>> = (0..30).map(|_| state()).collect();
-        let factors = factors(&states, COIN, &Base::new(&[100, 100]), 0.3);
+        let states: Vec<ExpectedResponse<'_>> = (0..30).map(|_| state()).collect();
+        let factors = bayes_factors(&states, COIN, &Base::new(&[100, 100]), 0.3);
         assert!(factors.iter().all(|factor| *factor < 0.05), "{factors:?}");
     }
 
@@ -570,7 +574,7 @@ mod tests {
         let even = Table::from_counts([(0, 0, 10), (1, 1, 10)]);
         let [one, other] = [0, 1].map(|action| Table::from_counts([(action, 0, 20)]));
         let kappa = |tables: [&Table; 2]| {
-            let state = |table| Expected {
+            let state = |table| ExpectedResponse {
                 table,
                 ego: &[0.5, 0.5],
                 response: &IGNORES,
@@ -584,12 +588,12 @@ mod tests {
     #[test]
     fn a_state_without_draws_says_nothing() {
         let empty = Table::default();
-        let state = Expected {
+        let state = ExpectedResponse {
             table: &empty,
             ego: &[0.5, 0.5],
             response: &COPIES,
         };
-        let factor = factors(&[state], COIN, &Base::new(&[1, 1]), 0.3)[0];
+        let factor = bayes_factors(&[state], COIN, &Base::new(&[1, 1]), 0.3)[0];
         assert!((factor - 1.0).abs() < 1e-9, "{factor}");
     }
 }
