@@ -114,7 +114,7 @@ impl Play {
         };
         for (number, transitions) in (1..).zip(self.transitions.chunks(BATCH)) {
             let records = Records::collect(
-                Widths::of(&self.environment.schema),
+                Widths::of_schema(&self.environment.schema),
                 transitions.iter().map(record),
             );
             let batch = Batch {

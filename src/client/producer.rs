@@ -98,11 +98,11 @@ impl ProducerBuilder {
         let schema = schema_of(&environment)?;
         let (sender, commands) = mpsc::channel(COMMANDS);
         let (opened, resume_point) = oneshot::channel();
-        let terms = self.terms(id, environment, Widths::of(&schema));
+        let terms = self.terms(id, environment, Widths::of_schema(&schema));
         let task = Task::new(terms, Outbox::new(self.limits()), commands, opened);
         let task = AbortOnDropHandle::new(tokio::spawn(task.run()));
         let mut producer = Producer {
-            widths: Widths::of(&schema),
+            widths: Widths::of_schema(&schema),
             schema,
             commands: sender,
             task: Some(task),

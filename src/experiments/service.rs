@@ -58,7 +58,7 @@ impl Service {
         records: &[Record],
     ) -> Result<(), Problem> {
         let producer: ProducerId = "experiment".parse().expect("a producer id");
-        let widths = Widths::of(&self.environment.schema);
+        let widths = Widths::of_schema(&self.environment.schema);
         for records in records.chunks(BATCH) {
             self.sequence = self.sequence.next();
             let records = Records::collect(widths, records.iter().cloned().map(Ok));

@@ -76,7 +76,7 @@ impl Judge<'_> {
         } = self.scope;
         let tables = Tables::within(self.schema, pair, *within, cells.clone());
         let plug_in = tables.figure(plug_in);
-        let tally = Tally::of(cells.clone());
+        let tally = Tally::sum(cells.clone());
         // What the network says is held against the evidence, whatever the rule and the view.
         let is_wanted =
             self.view != View::Verdict || rule.kind == RuleKind::Evidence || self.network.is_some();

@@ -135,7 +135,7 @@ impl Influence {
             let cells = state.counts.cells();
             StateView {
                 bins: answer::bins(&schema, &key),
-                total: Tally::of(cells.iter()),
+                total: Tally::sum(cells.iter()),
                 cells: cells
                     .iter()
                     .map(|cell| labelled(&schema, &segments, cell))

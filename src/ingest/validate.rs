@@ -8,7 +8,7 @@ use std::collections::HashMap;
 use foldhash::fast::RandomState;
 
 use crate::domain::{
-    Entry, Increment, Label, Misfit, Receipt, Records, Rejection, Schema, StateKey, Tally, Widths,
+    BinError, Entry, Increment, Label, Receipt, Records, Rejection, Schema, StateKey, Tally, Widths,
 };
 
 /// Returns what the records add under a segment, and the receipt.
@@ -57,7 +57,7 @@ impl<'a> Sum<'a> {
     fn new(schema: &'a Schema, records: usize) -> Self {
         Self {
             schema,
-            widths: Widths::of(schema),
+            widths: Widths::of_schema(schema),
             bins: Vec::with_capacity(schema.state().len()),
             states: HashMap::with_capacity_and_hasher(
                 records.min(USUAL_STATES),
@@ -118,7 +118,7 @@ impl<'a> Sum<'a> {
     /// reason.
     #[cold]
     fn rejection(&self, index: usize, state: &[f32], actions: &[f32], n: u64) -> Rejection {
-        let misfit = |pointer: String| move |misfit: Misfit<'_>| (pointer, misfit.to_string());
+        let bin_error = |pointer: String| move |error: BinError<'_>| (pointer, error.to_string());
         let state = self
             .schema
             .state()
@@ -129,18 +129,17 @@ impl<'a> Sum<'a> {
                     .kind
                     .bin(*value)
                     .err()
-                    .map(misfit(format!("/state/{}", feature.name)))
+                    .map(bin_error(format!("/state/{}", feature.name)))
             });
         let actions =
             self.schema
                 .action_features()
                 .zip(actions)
                 .filter_map(|((agent, feature), value)| {
-                    feature
-                        .kind
-                        .bin(*value)
-                        .err()
-                        .map(misfit(format!("/actions/{}/{}", agent.name, feature.name)))
+                    feature.kind.bin(*value).err().map(bin_error(format!(
+                        "/actions/{}/{}",
+                        agent.name, feature.name
+                    )))
                 });
         let mut faults: Vec<(String, String)> = state.chain(actions).collect();
         if self.sum(n).is_none() {
@@ -232,7 +231,7 @@ mod tests {
         validate(
             &schema,
             None,
-            &Records::collect(Widths::of(&schema), records.into_iter()),
+            &Records::collect(Widths::of_schema(&schema), records.into_iter()),
         )
     }
 

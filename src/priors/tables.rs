@@ -99,7 +99,7 @@ impl Tables {
         cells: impl Iterator<Item = &'a Cell> + Clone,
     ) -> Cow<'_, [Table]> {
         let undirected = pair.undirected();
-        let independence = Independence::from(Tally::of(cells.clone()));
+        let independence = Independence::from(Tally::sum(cells.clone()));
         match (independence, undirected == *pair, self.slices.is_empty()) {
             (Independence::Assumed, true, true) => std::slice::from_ref(&self.whole).into(),
             (Independence::Assumed, true, false) => self.slices.as_slice().into(),
@@ -113,7 +113,7 @@ impl Tables {
         pair: &Pair,
         cells: impl Iterator<Item = &'a Cell> + Clone,
     ) -> Vec<Table> {
-        let drawn = drawn(Independence::from(Tally::of(cells.clone())));
+        let drawn = drawn(Independence::from(Tally::sum(cells.clone())));
         slices(schema, &pair.undirected(), cells, drawn, by_segment)
     }
 
@@ -160,7 +160,7 @@ impl Tables {
         pair: &Pair,
         cells: impl Iterator<Item = &'a Cell> + Clone,
     ) -> Vec<Vec<Table>> {
-        let drawn = drawn(Independence::from(Tally::of(cells.clone())));
+        let drawn = drawn(Independence::from(Tally::sum(cells.clone())));
         let cut = strata(schema, &pair.undirected(), cells, drawn, by_segment);
         let by_slice = cut.chunk_by(|((a, _), _), ((b, _), _)| a == b);
         let parts = |slice: &[(Stratum, Table)]| {

@@ -68,7 +68,7 @@ async fn count(app: &App, environment: &Arc<Environment>, first: u64, played: &[
         .collect();
     for (sequence, records) in (first..).zip(records.chunks(10_000)) {
         let records = Records::collect(
-            Widths::of(&environment.schema),
+            Widths::of_schema(&environment.schema),
             records.iter().cloned().map(Ok),
         );
         let batch = Batch {

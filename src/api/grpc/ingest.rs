@@ -13,7 +13,7 @@ pub fn batch(schema: &Schema, batch: proto::Batch) -> Result<Batch, Problem> {
     use proto::batch::Transitions;
     let sequence = sequence(batch.sequence)?;
     let segment = segment(&batch.segment)?;
-    let widths = Widths::of(schema);
+    let widths = Widths::of_schema(schema);
     let records = match batch.transitions {
         None => Records::default(),
         Some(Transitions::Rows(rows)) => {

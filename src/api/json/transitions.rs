@@ -169,7 +169,10 @@ fn incoming(head: Head, records: Records) -> Result<Incoming, Problem> {
 }
 
 fn collect<'a>(schema: &Schema, texts: impl ExactSizeIterator<Item = &'a [u8]>) -> Records {
-    Records::collect(Widths::of(schema), texts.map(|text| record(schema, text)))
+    Records::collect(
+        Widths::of_schema(schema),
+        texts.map(|text| record(schema, text)),
+    )
 }
 
 #[cfg(test)]

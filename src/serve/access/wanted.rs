@@ -26,16 +26,16 @@ pub enum Wanted {
 
 use Wanted::{Everywhere, Nothing, OneOf};
 
-const READ: Wanted = OneOf(Scopes::of(&[KeyScope::Read]));
-const INGEST: Wanted = OneOf(Scopes::of(&[KeyScope::Ingest]));
-const TRAIN: Wanted = OneOf(Scopes::of(&[KeyScope::Train]));
-const ADMIN: Wanted = OneOf(Scopes::of(&[KeyScope::Admin]));
+const READ: Wanted = OneOf(Scopes::new(&[KeyScope::Read]));
+const INGEST: Wanted = OneOf(Scopes::new(&[KeyScope::Ingest]));
+const TRAIN: Wanted = OneOf(Scopes::new(&[KeyScope::Train]));
+const ADMIN: Wanted = OneOf(Scopes::new(&[KeyScope::Admin]));
 /// What every client asks first: which environments there are for it, and how they are described.
 const ANY: Wanted = OneOf(Scopes::ALL);
 /// How far a producer is.
-const PROGRESS: Wanted = OneOf(Scopes::of(&[KeyScope::Read, KeyScope::Ingest]));
+const PROGRESS: Wanted = OneOf(Scopes::new(&[KeyScope::Read, KeyScope::Ingest]));
 /// Which networks and trainings there are.
-const MODELS: Wanted = OneOf(Scopes::of(&[KeyScope::Read, KeyScope::Train]));
+const MODELS: Wanted = OneOf(Scopes::new(&[KeyScope::Read, KeyScope::Train]));
 
 /// Routes of REST and the inference protocol.
 const REST: &[(&str, Wanted)] = &[
@@ -178,7 +178,7 @@ impl Wanted {
             Nothing | Self::Unlisted => Ok(()),
             OneOf(scopes) => principal.authorize(scopes),
             Everywhere => {
-                principal.authorize(Scopes::of(&[KeyScope::Read]))?;
+                principal.authorize(Scopes::new(&[KeyScope::Read]))?;
                 principal.admit_everywhere()
             }
         }
@@ -188,7 +188,7 @@ impl Wanted {
     pub fn scopes(self) -> Option<Scopes> {
         match self {
             OneOf(scopes) => Some(scopes),
-            Everywhere => Some(Scopes::of(&[KeyScope::Read])),
+            Everywhere => Some(Scopes::new(&[KeyScope::Read])),
             Nothing | Self::Unlisted => None,
         }
     }
@@ -316,7 +316,7 @@ mod tests {
                 || endpoint.ends_with("/infer");
             let reads = wanted
                 .scopes()
-                .is_none_or(|scopes| scopes.meets(Scopes::of(&[KeyScope::Read])));
+                .is_none_or(|scopes| scopes.meets(Scopes::new(&[KeyScope::Read])));
             assert_eq!(asks, reads, "{endpoint}");
         }
     }

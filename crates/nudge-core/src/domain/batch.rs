@@ -107,7 +107,7 @@ impl Acknowledged {
 mod tests {
     use super::*;
 
-    fn of(accepted: u64, rejected_count: u64) -> Acknowledged {
+    fn acknowledged(accepted: u64, rejected_count: u64) -> Acknowledged {
         Acknowledged::now(Receipt {
             accepted,
             rejected_count,
@@ -117,11 +117,11 @@ mod tests {
 
     #[test]
     fn a_batch_is_rejected_where_it_has_records_and_all_of_them_are() {
-        assert!(matches!(of(0, 1), Acknowledged::Rejected(_)));
-        assert!(matches!(of(0, 10_000), Acknowledged::Rejected(_)));
+        assert!(matches!(acknowledged(0, 1), Acknowledged::Rejected(_)));
+        assert!(matches!(acknowledged(0, 10_000), Acknowledged::Rejected(_)));
         for (accepted, rejected) in [(0, 0), (1, 0), (1, 9_999)] {
             assert!(
-                matches!(of(accepted, rejected), Acknowledged::Applied(_)),
+                matches!(acknowledged(accepted, rejected), Acknowledged::Applied(_)),
                 "{accepted}, {rejected}"
             );
         }

@@ -59,7 +59,7 @@ impl Faults {
     }
 }
 
-pub(super) fn state(drafts: &[FeatureDraft], faults: &mut Faults) -> Vec<Feature> {
+pub(super) fn state_features(drafts: &[FeatureDraft], faults: &mut Faults) -> Vec<Feature> {
     faults.size(
         "/state".into(),
         "features",
@@ -318,7 +318,7 @@ fn draft_of_feature(feature: &Feature) -> FeatureDraft {
             KindDraft::Continuous(edges.iter().map(|edge| shortest(*edge)).collect())
         }
         FeatureKind::Circular(bins, angle) => {
-            KindDraft::Circular(i64::from(*bins), told(*angle, feature))
+            KindDraft::Circular(i64::from(*bins), unusual_angle(*angle, feature))
         }
         FeatureKind::Integer(min, max) => KindDraft::Integer(i64::from(*min), i64::from(*max)),
         FeatureKind::Categorical(labels) => {
@@ -343,7 +343,7 @@ pub fn shortest(float: f32) -> f64 {
 
 /// Returns what values are measured in, where that is not what everybody expects of the feature's
 /// unit.
-fn told(angle: Angle, feature: &Feature) -> Option<String> {
+fn unusual_angle(angle: Angle, feature: &Feature) -> Option<String> {
     let by_unit = Angle::of_unit(feature.unit.as_ref().map(|unit| unit.as_str()));
     let plain = angle == Angle::Radians && by_unit == Some(Angle::Radians);
     (!plain).then(|| angle.as_str().to_owned())

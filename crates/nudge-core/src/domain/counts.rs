@@ -23,7 +23,7 @@ impl Tally {
     };
 
     /// Returns the sum of cells.
-    pub fn of<'a>(cells: impl Iterator<Item = &'a Cell>) -> Self {
+    pub fn sum<'a>(cells: impl Iterator<Item = &'a Cell>) -> Self {
         cells.fold(Self::EMPTY, |mut sum, cell| {
             sum.add(cell.tally);
             sum

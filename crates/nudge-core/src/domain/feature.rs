@@ -34,7 +34,7 @@ pub enum FeatureKind {
 
 /// A value that has no bin: what it was and what was expected.
 #[derive(Debug, Clone, Copy)]
-pub struct Misfit<'a> {
+pub struct BinError<'a> {
     value: f32,
     kind: &'a FeatureKind,
 }
@@ -52,16 +52,16 @@ impl FeatureKind {
 
     /// Returns the bin of `value`; NaN, infinities and values outside an alphabet are misfits.
     #[inline]
-    pub fn bin(&self, value: f32) -> Result<u32, Misfit<'_>> {
-        let misfit = Misfit { value, kind: self };
+    pub fn bin(&self, value: f32) -> Result<u32, BinError<'_>> {
+        let error = BinError { value, kind: self };
         if !value.is_finite() {
-            return Err(misfit);
+            return Err(error);
         }
         match self {
             Self::Continuous(edges) => Ok(edges_at_or_below(edges, value)),
             Self::Circular(bins, angle) => Ok(angle.sector(*bins, value)),
-            Self::Integer(min, max) => whole(value, *min, *max).ok_or(misfit),
-            Self::Categorical(labels) => whole(value, 0, labels.len() as i32 - 1).ok_or(misfit),
+            Self::Integer(min, max) => whole(value, *min, *max).ok_or(error),
+            Self::Categorical(labels) => whole(value, 0, labels.len() as i32 - 1).ok_or(error),
         }
     }
 
@@ -85,16 +85,16 @@ impl FeatureKind {
             Self::Categorical(labels) if labels.takes_indices() => {
                 format!(
                     "one of {}, or an index from 0 to {}",
-                    told(labels),
+                    listed(labels),
                     labels.len() - 1
                 )
             }
-            Self::Categorical(labels) => format!("one of {}", told(labels)),
+            Self::Categorical(labels) => format!("one of {}", listed(labels)),
         }
     }
 }
 
-impl fmt::Display for Misfit<'_> {
+impl fmt::Display for BinError<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { value, kind } = self;
         match kind {
@@ -104,7 +104,7 @@ impl fmt::Display for Misfit<'_> {
                     f,
                     "got {value}, expected an index from 0 to {} of {}",
                     labels.len() - 1,
-                    told(labels)
+                    listed(labels)
                 )
             }
             _ => write!(f, "got {value}, expected {}", kind.expected()),
@@ -112,7 +112,8 @@ impl fmt::Display for Misfit<'_> {
     }
 }
 
-fn told(labels: &[Label]) -> String {
+/// Returns the first labels, joined by commas.
+fn listed(labels: &[Label]) -> String {
     const TOLD: usize = 12;
     let told: Vec<&str> = labels.iter().take(TOLD).map(Label::as_str).collect();
     let more = if labels.len() > TOLD { ", ..." } else { "" };

@@ -61,7 +61,7 @@ pub use counts::{ActionTotals, Cell, Counts, Increment, MOST_ACTIONS, SegmentId,
 pub use draft::{RuleDraft, SchemaDraft};
 pub use environment::{Environment, EnvironmentId, EnvironmentPage, Uid, UnreadableEnvironment};
 pub use estimator::{Estimator, Estimators};
-pub use feature::{Feature, FeatureKind, Misfit};
+pub use feature::{BinError, Feature, FeatureKind};
 pub use fit::FitId;
 pub use hash::SchemaHash;
 pub use key::StateKey;

@@ -55,10 +55,10 @@ pub struct Scopes(u8);
 
 impl Scopes {
     /// Every scope.
-    pub const ALL: Self = Self::of(&KeyScope::ALL);
+    pub const ALL: Self = Self::new(&KeyScope::ALL);
 
-    /// Makes the set of these.
-    pub const fn of(scopes: &[KeyScope]) -> Self {
+    /// Makes the set of these scopes.
+    pub const fn new(scopes: &[KeyScope]) -> Self {
         let (mut bits, mut i) = (0, 0);
         while i < scopes.len() {
             bits |= scopes[i].bit();
@@ -216,7 +216,7 @@ impl Principal {
         if self.scopes.meets(wanted) {
             return Ok(());
         }
-        let (who, scopes) = (self.told(), self.scopes);
+        let (who, scopes) = (self.title(), self.scopes);
         let message = format!(
             "{who} has the scopes [{scopes}], and this wants {}",
             wanted.one_of()
@@ -239,7 +239,7 @@ impl Principal {
             .join(", ");
         let message = format!(
             "{} is not for environment `{environment}`, but for [{patterns}]",
-            self.told()
+            self.title()
         );
         Err(Problem::new(
             ErrorKind::Forbidden,
@@ -255,7 +255,7 @@ impl Principal {
         }
         let message = format!(
             "{} is for some environments, and this tells of all",
-            self.told()
+            self.title()
         );
         Err(Problem::new(
             ErrorKind::Forbidden,
@@ -264,7 +264,8 @@ impl Principal {
         ))
     }
 
-    fn told(&self) -> String {
+    /// Returns what the principal is called in a refusal.
+    fn title(&self) -> String {
         self.name
             .as_ref()
             .map_or_else(|| "nobody".into(), |name| format!("key `{name}`"))
@@ -334,20 +335,20 @@ mod tests {
     fn no_scope_implies_another() {
         for scope in KeyScope::ALL {
             let principal =
-                Principal::named("k".parse().expect("a name"), Scopes::of(&[scope]), None);
+                Principal::named("k".parse().expect("a name"), Scopes::new(&[scope]), None);
             for wanted in KeyScope::ALL {
                 assert_eq!(
-                    principal.authorize(Scopes::of(&[wanted])).is_ok(),
+                    principal.authorize(Scopes::new(&[wanted])).is_ok(),
                     scope == wanted
                 );
             }
             assert!(principal.authorize(Scopes::ALL).is_ok());
             assert_eq!(scope.as_str().parse(), Ok(scope));
             Principal::anonymous()
-                .authorize(Scopes::of(&[scope]))
+                .authorize(Scopes::new(&[scope]))
                 .expect("everything");
             Principal::nobody()
-                .authorize(Scopes::of(&[scope]))
+                .authorize(Scopes::new(&[scope]))
                 .expect_err("nothing");
         }
     }

@@ -207,7 +207,7 @@ pub struct Widths {
 
 impl Widths {
     /// Returns the widths of a schema's records.
-    pub fn of(schema: &super::Schema) -> Self {
+    pub fn of_schema(schema: &super::Schema) -> Self {
         Self {
             state: schema.state().len(),
             actions: schema.action_width(),

@@ -198,7 +198,7 @@ impl TryFrom<&SchemaDraft> for Schema {
     /// Checks a description and lists every fault by pointer.
     fn try_from(draft: &SchemaDraft) -> Result<Self, Vec<Fault>> {
         let mut faults = Faults::default();
-        let state = checked::state(&draft.state, &mut faults);
+        let state = checked::state_features(&draft.state, &mut faults);
         let agents = checked::agents(&draft.agents, &mut faults);
         checked::one_namespace(draft, &mut faults);
         let strides = checked::strides(&agents, &mut faults);
