@@ -1,31 +1,32 @@
-//! What counts say of what was expected of them: how much more likely they make MI > t than it was,
-//! where a network said beforehand what both agents do.
+//! Bayes factors against an expected response: how much more likely the counts of a state make
+//! MI > t than it was, where a network said beforehand what both agents do.
 //!
 //! The evidence of [`super::Prior`] knows nothing of a state but its counts, and after two or three
-//! draws it leans towards "below t" whatever the other did: too few of the ego's actions were seen.
-//! With an expectation the same draws speak: they are likely under the responses that were
-//! expected, or under one response to everything. The network must not have learned from these
-//! counts.
+//! observations it leans towards "below t" whatever the other did: too few of the ego's actions
+//! were seen. With an expectation the same observations speak: they are likely under the responses
+//! that were expected, or under one response to everything. The network must not have learned from
+//! these counts.
 //!
 //! Per state, with the expected policy p_i, responses rho_ij and m_j = sum_i p_i rho_ij:
 //!
 //! * null: all rows share one response, ln DM(c; b x), x in {environment's base, uniform, m};
 //!   without m, whoever knew the marginal better would win;
-//! * slabs: each row its own, l = sum_i ln DM(n_i.; k z_i), z_ij proportional to m_j
-//!   (rho_ij / m_j)^gamma: as expected, or sharper;
+//! * slabs: each row its own, l = sum_i ln DM(n_i.; k z_i), z_ij proportional to
+//!   m_j (rho_ij / m_j)^gamma: as expected, or sharper;
 //! * T(n) = P(MI > t | slab, n), a Beta distribution with the moments of rows that are Dirichlet
-//!   with parameters n_ij + k z_ij under a policy that is Dirichlet with parameters r_i + kappa
-//!   p_i. Draws move it as they move l: a slab in which MI can be large says nothing for MI > t
-//!   where the draws have it that it is not. T(0) is the same without draws.
+//!   with parameters n_ij + k z_ij, under a policy that is Dirichlet with parameters
+//!   r_i + kappa p_i. Observations move it as they move l: a slab in which MI can be large says
+//!   nothing for MI > t where they have it that it is not. T(0) is the same without observations.
 //!
-//! Weights w of the slabs and the share pi of dependent states are fitted over all states by EM,
-//! kappa (how far states keep to the expected policy) by the likelihood of the ego's actions, ln
-//! DM(r; kappa p). P(n, MI > t | slab) = l T(n), so that the factor of a state is
-//! P(n | MI > t) / P(n | MI <= t) = [sum w l T(n) / sum w T(0)] / [((1 - pi) l_0 + pi sum w l
-//! (1 - T(n))) / (1 - pi + pi sum w (1 - T(0)))].
+//! Weights w of the slabs and the share pi of dependent states are fitted over all states by EM;
+//! kappa (how far states keep to the expected policy) by maximum likelihood of the ego's actions,
+//! ln DM(r; kappa p). P(n, MI > t | slab) = l T(n), so that the Bayes factor of a state is
 //!
-//! Moments of so few numbers are crude below some eight draws: those who calibrate by factors leave
-//! such states out.
+//! P(n | MI > t) / P(n | MI <= t) = [sum w l T(n) / sum w T(0)]
+//! / [((1 - pi) l_0 + pi sum w l (1 - T(n))) / (1 - pi + pi sum w (1 - T(0)))].
+//!
+//! Moments of so few numbers are crude below some eight observations: those who calibrate by Bayes
+//! factors leave such states out.
 
 use super::base::Base;
 use super::beta::Beta;
@@ -56,7 +57,7 @@ const KAPPAS: [f64; 10] = [1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0, 512.0, 2
 const RAREST: f64 = 1e-4;
 /// Concentrations and effective numbers of letters are not taken for smaller: they are divided by.
 const NO_FEWER: f64 = 1e-9;
-/// The logarithm of the largest factor that is told.
+/// The logarithm of the largest Bayes factor that is told.
 const MOST_CERTAIN: f64 = 60.0;
 /// Rounds of EM.
 const ROUNDS: usize = 60;
@@ -65,9 +66,9 @@ const ROUNDS: usize = 60;
 const DEPENDENT_PRIOR: [f64; 2] = [3.0, 10.0];
 const WEIGHT_PRIOR: f64 = 0.1;
 
-/// A state with what was expected of it.
+/// A state's contingency table with the policy and the response that were expected of it.
 pub struct ExpectedResponse<'a> {
-    /// Its draws; rows are the ego's actions.
+    /// Its counts; rows are the ego's actions.
     pub table: &'a Table,
     /// The expected probability of each of the ego's actions.
     pub ego: &'a [f64],
@@ -76,7 +77,8 @@ pub struct ExpectedResponse<'a> {
     pub response: &'a [f64],
 }
 
-/// Returns for each state how much likelier its draws are if MI > threshold (nats) than if not.
+/// Returns the Bayes factor of each state: how much likelier its counts are if MI > threshold
+/// (nats) than if not.
 pub fn bayes_factors(
     states: &[ExpectedResponse<'_>],
     alphabet: Alphabet,
@@ -103,8 +105,8 @@ pub fn bayes_factors(
         .collect()
 }
 
-/// Returns the concentration kappa of the grid under which the ego's actions are likeliest, sum ln
-/// DM(r; kappa p) over states.
+/// Returns the maximum-likelihood concentration kappa of the grid: where sum ln DM(r; kappa p) over
+/// states is largest.
 fn policy_concentration(states: &[ExpectedResponse<'_>]) -> f64 {
     let likelihood = |kappa: f64| {
         let of = |state: &ExpectedResponse<'_>| {
@@ -127,11 +129,12 @@ struct Question {
     alphabet: Alphabet,
     /// In nats.
     threshold: f64,
-    /// How many draws the expected policy is worth.
+    /// How many observations the expected policy is worth.
     kappa: f64,
 }
 
-/// What a state says for each component, in logarithms, and how probable MI > t is in each slab.
+/// The log marginal likelihoods of a state under each component, and how probable MI > t is in each
+/// slab.
 struct Terms {
     nulls: [f64; NULL_GRID],
     slabs: [f64; SLABS.len()],
@@ -213,7 +216,7 @@ fn sharpened(state: &ExpectedResponse<'_>, marginal: &[f64], gamma: f64) -> Vec<
     rows
 }
 
-/// The draws of a state, cell by cell.
+/// The counts of a state, cell by cell.
 struct Counts {
     cells: Vec<f64>,
     rows: Vec<f64>,
@@ -261,17 +264,27 @@ fn tail(counts: &Counts, ego: &[f64], rows: &[f64], k: f64, question: Question) 
 /// Returns mean and variance of mutual information in nats where row i is Dirichlet with parameters
 /// a_ij = n_ij + k z_ij, A_i = r_i + k, and the policy with parameters r_i + kappa p_i,
 /// S = N + kappa. With their means rho_ij and p_i, q = sum_i p_i rho_i, L_ij = ln(rho_ij / q_j),
-/// L_i = sum_j rho_ij L_ij and E p_i^2 = p_i^2 + p_i (1 - p_i) / (S + 1):
+/// L_i = sum_j rho_ij L_ij, M = sum_i p_i L_i and E p_i^2 = p_i^2 + p_i (1 - p_i) / (S + 1):
 ///
-/// * mean = E H(q) - sum_i p_i E H(row i). E H(row i) = psi(A_i + 1) - sum_j rho_ij psi(a_ij + 1)
-///   exactly (Wolpert & Wolf 1995). E H(q) = -sum_j q_j [psi(q_j c_j + 1) - psi(c_j + 1)] by a Beta
-///   distribution matched to each q_j, of variance v_j = sum_i E p_i^2 rho_ij
-///   (1 - rho_ij) / (A_i + 1) + (sum_i p_i rho_ij^2 - q_j^2) / (S + 1) and hence of concentration
-///   c_j = q_j (1 - q_j) / v_j - 1;
-/// * variance = sum_i E p_i^2
-///   (sum_j rho_ij L_ij^2 - L_i^2) / (A_i + 1) + (sum_i p_i L_i^2 - M^2) / (S + 1) to first order,
-///   M = sum_i p_i L_i, and 2 (mean - M)^2 / ((1 / sum p_i^2 - 1) (1 / sum q_j^2 - 1)), without
-///   which it would vanish where rows are alike.
+/// * mean = E H(q) - sum_i p_i E H(row i). The rows' entropies are exact (Wolpert & Wolf 1995), the
+///   marginal's is by a Beta distribution of variance v_j and concentration c_j matched to each
+///   q_j:
+///
+///   E H(row i) = psi(A_i + 1) - sum_j rho_ij psi(a_ij + 1),
+///
+///   E H(q) = -sum_j q_j [psi(q_j c_j + 1) - psi(c_j + 1)],
+///
+///   c_j = q_j (1 - q_j) / v_j - 1,
+///
+///   v_j = sum_i E p_i^2 rho_ij (1 - rho_ij) / (A_i + 1)
+///   + (sum_i p_i rho_ij^2 - q_j^2) / (S + 1);
+///
+/// * variance, to first order and with a term of second order, without which it would vanish where
+///   rows are alike:
+///
+///   sum_i E p_i^2 (sum_j rho_ij L_ij^2 - L_i^2) / (A_i + 1)
+///   + (sum_i p_i L_i^2 - M^2) / (S + 1)
+///   + 2 (mean - M)^2 / ((1 / sum p_i^2 - 1) (1 / sum q_j^2 - 1)).
 fn moments(counts: &Counts, ego: &[f64], rows: &[f64], k: f64, question: Question) -> (f64, f64) {
     let columns = question.alphabet.columns as usize;
     let s = counts.total + question.kappa;
@@ -319,7 +332,7 @@ fn moments(counts: &Counts, ego: &[f64], rows: &[f64], k: f64, question: Questio
     )
 }
 
-/// What EM finds over all states.
+/// The mixture weights that EM finds over all states.
 struct Weights {
     dependent: f64,
     nulls: [f64; NULL_GRID],
@@ -381,7 +394,7 @@ impl Weights {
         const TINY: f64 = 1e-12;
         /// What was less probable beforehand is taken for so probable: moments are not known
         /// better, and the ratio of two errors would be told as evidence. So what was impossible
-        /// before the draws and is impossible after them is not made probable by the rest of what
+        /// before the counts and is impossible after them is not made probable by the rest of what
         /// they say.
         const LEAST: f64 = 0.05;
         let slabs = self.slab(terms);
@@ -410,190 +423,4 @@ impl Weights {
 }
 
 #[cfg(test)]
-mod tests {
-    use rand::SeedableRng;
-    use rand_distr::{Distribution, Gamma};
-    use rand_pcg::Pcg64;
-
-    use super::*;
-
-    const COIN: Alphabet = Alphabet {
-        rows: 2,
-        columns: 2,
-    };
-    const COPIES: [f64; 4] = [0.95, 0.05, 0.05, 0.95];
-    const IGNORES: [f64; 4] = [0.5; 4];
-
-    /// Twenty states in which the other copies, as expected or not, and as many in which it throws
-    /// a coin.
-    fn found(expected: [&[f64]; 2]) -> (f64, f64) {
-        let copied = Table::from_counts([(0, 0, 3), (1, 1, 3)]);
-        let thrown = Table::from_counts([(0, 0, 2), (0, 1, 1), (1, 0, 1), (1, 1, 2)]);
-        let state = |at: usize| ExpectedResponse {
-            table: if at < 20 { &copied } else { &thrown },
-            ego: &[0.5, 0.5],
-            response: expected[usize::from(at >= 20)],
-        };
-        let states: Vec<ExpectedResponse<'_>> = (0..40).map(state).collect();
-        let factors = bayes_factors(&states, COIN, &Base::new(&[100, 100]), 0.3);
-        (factors[0], factors[39])
-    }
-
-    #[test]
-    fn what_was_expected_and_happened_speaks_for_itself() {
-        let (copied, thrown) = found([&COPIES, &IGNORES]);
-        assert!(copied > 5.0 && thrown < 1.5, "{copied} {thrown}");
-    }
-
-    #[test]
-    fn what_was_expected_and_did_not_happen_speaks_against_it() {
-        let (copied, thrown) = found([&COPIES, &COPIES]);
-        assert!(copied > 5.0 && thrown < 0.5, "{copied} {thrown}");
-    }
-
-    /// Draws the rows and the policy of a state and returns how often mutual information is above
-    /// the threshold.
-    fn sampled(counts: &Counts, ego: &[f64], rows: &[f64], k: f64, question: Question) -> f64 {
-        const DRAWS: usize = 1_000;
-        let mut random = Pcg64::seed_from_u64(7);
-        let mut dirichlet = |parameters: Vec<f64>| {
-            let gammas = parameters
-                .into_iter()
-                .map(|a| Gamma::new(a, 1.0).expect("above 0").sample(&mut random));
-            let drawn: Vec<f64> = gammas.map(|x: f64| x.max(1e-300)).collect();
-            let sum: f64 = drawn.iter().sum();
-            drawn.into_iter().map(|x| x / sum).collect::<Vec<f64>>()
-        };
-        let columns = question.alphabet.columns as usize;
-        let is_above = |_: &usize| {
-            let p = dirichlet(
-                ego.iter()
-                    .zip(&counts.rows)
-                    .map(|(p, r)| r + question.kappa * p)
-                    .collect(),
-            );
-            let row = |i: usize| {
-                (0..columns)
-                    .map(|j| counts.cells[i * columns + j] + k * rows[i * columns + j])
-                    .collect()
-            };
-            let drawn: Vec<Vec<f64>> = (0..ego.len()).map(|i| dirichlet(row(i))).collect();
-            let q = |j: usize| p.iter().zip(&drawn).map(|(p, row)| p * row[j]).sum::<f64>();
-            let q: Vec<f64> = (0..columns).map(q).collect();
-            let divergence = |row: &Vec<f64>| {
-                row.iter()
-                    .zip(&q)
-                    .map(|(rho, q)| rho * (rho / q).ln())
-                    .sum::<f64>()
-            };
-            p.iter()
-                .zip(&drawn)
-                .map(|(p, row)| p * divergence(row))
-                .sum::<f64>()
-                > question.threshold
-        };
-        (0..DRAWS).filter(is_above).count() as f64 / DRAWS as f64
-    }
-
-    /// Responses of which each row has half of its mass on a letter of its own.
-    fn leaning(rows: usize, columns: usize) -> Vec<f64> {
-        let share = |at: usize| {
-            0.5 / columns as f64
-                + if at % columns == (at / columns) % columns {
-                    0.5
-                } else {
-                    0.0
-                }
-        };
-        (0..rows * columns).map(share).collect()
-    }
-
-    /// Draws of which each is the ego's turn, and copied or not.
-    fn played(alphabet: Alphabet, visits: u64, copied_of_four: u64) -> Table {
-        let other = |n: u64| {
-            if n % 4 < copied_of_four {
-                n % alphabet.rows
-            } else {
-                7 * n + n / 5
-            }
-        };
-        Table::from_counts((0..visits).map(|n| (n % alphabet.rows, other(n) % alphabet.columns, 1)))
-    }
-
-    #[test]
-    fn tails_are_those_of_sampled_rows() {
-        /// With few draws, where a Beta distribution is too wide for what is nearly certain, and
-        /// with some thirty. Sampling errs by .02 or .03 itself.
-        const CRUDE: f64 = 0.17;
-        const CLOSE: f64 = 0.13;
-        for (rows, columns) in [(2, 2), (3, 25), (6, 6), (25, 3)] {
-            let alphabet = Alphabet { rows, columns };
-            let ego = vec![1.0 / rows as f64; rows as usize];
-            let z = leaning(rows as usize, columns as usize);
-            for (k, visits, copied, share) in (SLABS.iter().map(|(_, k)| *k).take(3))
-                .flat_map(|k| [0, 8, 30, 120].map(|visits| (k, visits)))
-                .flat_map(|(k, visits)| [0, 3].map(|copied| (k, visits, copied)))
-                .flat_map(|(k, visits, copied)| {
-                    [0.1, 0.3, 0.6].map(|share| (k, visits, copied, share))
-                })
-            {
-                let question = Question {
-                    alphabet,
-                    threshold: share * alphabet.largest_information(),
-                    kappa: 16.0,
-                };
-                let counts = Counts::from_table(&played(alphabet, visits, copied), alphabet);
-                let [told, truth] =
-                    [tail, sampled].map(|tail| tail(&counts, &ego, &z, k, question));
-                let tolerance = if visits < 30 { CRUDE } else { CLOSE };
-                assert!(
-                    (told - truth).abs() < tolerance,
-                    "{rows}x{columns} {k} {visits} {copied} {share}: {told} {truth}"
-                );
-            }
-        }
-    }
-
-    #[test]
-    fn draws_that_leave_little_room_speak_against_it() {
-        // It was expected to copy, and the slabs are sure of it; it does so seldom, as forty draws
-        // show.
-        let table = Table::from_counts([(0, 0, 12), (0, 1, 8), (1, 0, 8), (1, 1, 12)]);
-        let state = || ExpectedResponse {
-            table: &table,
-            ego: &[0.5, 0.5],
-            response: &COPIES,
-        };
-        let states: Vec<ExpectedResponse<'_>> = (0..30).map(|_| state()).collect();
-        let factors = bayes_factors(&states, COIN, &Base::new(&[100, 100]), 0.3);
-        assert!(factors.iter().all(|factor| *factor < 0.05), "{factors:?}");
-    }
-
-    #[test]
-    fn policies_that_states_keep_to_are_worth_many_draws() {
-        let even = Table::from_counts([(0, 0, 10), (1, 1, 10)]);
-        let [one, other] = [0, 1].map(|action| Table::from_counts([(action, 0, 20)]));
-        let kappa = |tables: [&Table; 2]| {
-            let state = |table| ExpectedResponse {
-                table,
-                ego: &[0.5, 0.5],
-                response: &IGNORES,
-            };
-            policy_concentration(&[0, 1, 0, 1].map(|at: usize| state(tables[at])))
-        };
-        assert!(kappa([&even, &even]) >= 128.0 && kappa([&one, &other]) <= 1.0);
-        assert!(policy_concentration(&[]) > 0.0);
-    }
-
-    #[test]
-    fn a_state_without_draws_says_nothing() {
-        let empty = Table::default();
-        let state = ExpectedResponse {
-            table: &empty,
-            ego: &[0.5, 0.5],
-            response: &COPIES,
-        };
-        let factor = bayes_factors(&[state], COIN, &Base::new(&[1, 1]), 0.3)[0];
-        assert!((factor - 1.0).abs() < 1e-9, "{factor}");
-    }
-}
+mod tests;

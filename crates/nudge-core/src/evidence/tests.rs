@@ -13,6 +13,7 @@ use super::parameters::{
 };
 use super::*;
 use crate::domain::{Dependence, Rule, RuleKind, Verdict};
+use crate::information::samples::grid;
 use crate::information::{Alphabet, Table, expected_if_independent, plug_in};
 
 const SIX: Alphabet = Alphabet {
@@ -20,14 +21,6 @@ const SIX: Alphabet = Alphabet {
     columns: 6,
 };
 const BASES: [[u64; 6]; 2] = [[9, 31, 4, 20, 1, 35], [50, 3, 0, 20, 9, 18]];
-
-fn grid(counts: &[&[u64]]) -> Table {
-    let cells = counts
-        .iter()
-        .zip(0..)
-        .flat_map(|(row, i)| row.iter().zip(0..).map(move |(&n, j)| (i, j, n)));
-    Table::from_counts(cells)
-}
 
 fn cold_fit() -> Fit {
     Fit {
@@ -473,7 +466,7 @@ proptest! {
         let expected = defined_moments(&uneven(), slab, &table);
 
         let prior = &*UNEVEN;
-        let deviants = prior.sides[0].said(&table, &mut [0.0; SLABS], &mut 0.0);
+        let deviants = prior.sides[0].add_bayes_factors(&table, &mut [0.0; SLABS], &mut 0.0);
         let slice = prior.sides[0].slice(&table, &deviants, prior.habits().driver(0));
         let moments = prior.sides[0].moments(slab, &slice);
 

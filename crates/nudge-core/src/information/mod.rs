@@ -1,4 +1,5 @@
-//! Mathematics of tables: what the counts of two agents' joint actions say about their dependence.
+//! Statistics of contingency tables: mutual information, its estimators, and tests of independence.
+//! What the counts of two agents' joint actions say about their dependence.
 //!
 //! A [`Table`] holds finished counts n_ij: visits in which the row variable (the ego's action) took
 //! value i and the column variable (the other's action) value j. r_i and c_j are its row and column
@@ -44,7 +45,7 @@ mod estimators;
 mod mutual_information;
 mod null;
 #[cfg(test)]
-mod samples;
+pub(crate) mod samples;
 mod significance;
 mod table;
 mod x_ln_x;

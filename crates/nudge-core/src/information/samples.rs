@@ -1,10 +1,10 @@
-//! Tables for the tests of this module.
+//! Tables for tests.
 
 use super::table::Table;
 use proptest::prelude::*;
 
 /// Returns the table of a grid of counts, rows first.
-pub(super) fn grid(counts: &[&[u64]]) -> Table {
+pub(crate) fn grid(counts: &[&[u64]]) -> Table {
     let cells = counts
         .iter()
         .zip(0..)
