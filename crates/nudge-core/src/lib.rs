@@ -1,15 +1,19 @@
-//! The mathematics and the words of Nudge: what counts of two agents' joint actions say about the
-//! influence of one on the other. No I/O, no clock, no threads of its own.
+//! Information theory and Bayesian statistics of contingency tables, for the influence of one agent
+//! on another: what counts of two agents' joint actions say about it, and the words it is told in.
+//! No I/O, no clock, no threads of its own.
 //!
 //! # The map, in reading order
 //!
-//! * [`information`]: the mathematics of contingency tables: mutual information, its estimators,
-//!   and what chance alone would show.
+//! * [`information`]: statistics of contingency tables: mutual information, its estimators, and
+//!   tests of independence.
 //! * [`error`]: kinds of error, and the faults of an input.
 //! * [`domain`]: environments, features, states, transitions, counts, questions, answers. Types
 //!   that cannot be wrong.
-//! * [`evidence`]: what counts can support: the prior fitted to all states (empirical Bayes), the
-//!   posterior of one, the verdict.
+//! * [`evidence`]: Bayesian inference: the prior fitted to all states (empirical Bayes), Bayes
+//!   factors and the posterior of one, the verdict.
+//! * `special_functions`: ln Gamma and its relatives, which both mathematics stand on.
+//!
+//! `examples/table.rs` asks all of it of a few tables.
 //!
 //! # A table, and what it says
 //!
@@ -41,8 +45,10 @@
 //! states.iter().for_each(|state| fitter.add(std::slice::from_ref(state)));
 //!
 //! let prior = Prior::new(&fitter.fit());
-//! let posteriors = states.each_ref().map(|state| prior.posterior(prior.habits(), std::slice::from_ref(state)));
-//! assert!(posteriors[0].dependent() > 0.99 && posteriors[1].dependent() < 0.5);
+//! let [copies, ignores] = states
+//!     .each_ref()
+//!     .map(|state| prior.posterior(prior.habits(), std::slice::from_ref(state)));
+//! assert!(copies.dependent() > 0.99 && ignores.dependent() < 0.5);
 //! ```
 
 pub mod domain;
