@@ -1,14 +1,16 @@
-//! What a table says by itself where it was seen often: plug-in mutual information less its bias,
-//! and how far that may be off.
+//! The plug-in estimator less its bias, and its asymptotic standard error: what a table says by
+//! itself where it was seen often.
 //!
 //! Slabs suppose a family of responses. Where the truth lies outside of it (a tilt in proportion to
 //! the margins, say), many visits make them certain of something slightly wrong; the table itself
-//! knows better. With cells p_ij, the plug-in has the bias (1/N) [sum_ij f(N p_ij)
-//! (1 - p_ij) - sum_i f(N p_i) (1 - p_i) - sum_j f(N p_j) (1 - p_j)], f(x) = E n ln n - x ln x for
-//! a Poisson n of mean x, which is 1/2 for large x (Miller 1955 takes 1/2 for every cell that was
-//! seen), and to first order the variance Var ln(p_ij / p_i p_j) / N (Moddemeijer 1989); where the
-//! variables are independent that vanishes, and what is left is that of half a chi-squared variable
-//! over N, bias / N.
+//! knows better. With cells p_ij, the plug-in has the bias
+//!
+//! (1/N) [sum_ij f(N p_ij) (1 - p_ij) - sum_i f(N p_i) (1 - p_i) - sum_j f(N p_j) (1 - p_j)],
+//!
+//! f(x) = E n ln n - x ln x for a Poisson n of mean x, which is 1/2 for large x (Miller 1955 takes
+//! 1/2 for every cell that was seen), and to first order the variance Var ln(p_ij / p_i p_j) / N
+//! (Moddemeijer 1989). Where the variables are independent that vanishes, and what is left is that
+//! of half a chi-squared variable over N, bias / N.
 
 use std::sync::LazyLock;
 

@@ -1,7 +1,7 @@
-//! What the other does in an environment on the whole.
+//! Base distributions of Dirichlet priors: what the other does in an environment on the whole.
 
-/// The overall distribution g of the column variable in an environment, from its counts and half a
-/// visit more of each letter.
+/// The base distribution g of Dirichlet priors: that of the column variable over a whole
+/// environment, from its counts and half a visit more of each letter (Jeffreys's prior).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Base {
     counts: Vec<u64>,
@@ -9,7 +9,7 @@ pub struct Base {
 }
 
 impl Base {
-    /// Returns the base of these counts, one a letter, over all states.
+    /// Returns the base distribution of these counts, one a letter, over all states.
     pub fn new(counts: &[u64]) -> Self {
         let smoothed = || counts.iter().map(|count| *count as f64 + 0.5);
         let total: f64 = smoothed().sum();

@@ -1,11 +1,12 @@
-//! Which of the ego's actions does it: how far each moves the other, and what the other then does.
+//! Posteriors by action: the Kullback-Leibler divergence of each of the ego's actions and the
+//! response to it. Which of them does it, and what the other then does.
 
 use super::counted::{Counted, Ego};
 use super::draws::{Draws, Joint};
 use super::habits::Habits;
 use super::prior::Prior;
 
-/// What is believed of one ego action in a state.
+/// The posterior of one ego action in a state: its divergence and the response to it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ActionPosterior {
     /// Posterior mean of KL(p(other | this action) from p(other)) in nats. Independence counts,
@@ -31,7 +32,7 @@ const MOST_PARTS: usize = 30;
 const TAIL: f64 = 0.05;
 
 impl Prior {
-    /// Returns what is believed of every ego action in a state, in index order, visited or not.
+    /// Returns the posterior of every ego action in a state, in index order, visited or not.
     ///
     /// Means of the divergence and all intervals are of 500 draws from the posterior (fewer where
     /// tables are large), which depend on the counts alone. Actions that were never taken get what

@@ -1,11 +1,11 @@
-//! What was counted in one state, as the evidence takes it.
+//! The contingency tables of one state, by stratum and by segment, as the evidence takes them.
 
 use std::borrow::Cow;
 
 use crate::information::Table;
 
-/// The tables of a state: one, or one for each joint action of the agents held fixed; and the same
-/// cut by segment, where any of them was seen in two or more.
+/// The contingency tables of a state: one, or a stratum for each joint action of the agents held
+/// fixed; and the same cut by segment, where any of them was seen in two or more.
 #[derive(Debug, Clone, Copy)]
 pub struct Counted<'a> {
     /// Over all segments.

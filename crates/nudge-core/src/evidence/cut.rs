@@ -1,5 +1,5 @@
-//! What one state says of its segments: the hypotheses that are cut by segment, kept for fits; and
-//! what fits and answers share about them.
+//! Marginal likelihoods of one state cut by segment, kept for fits; and what fits and answers share
+//! about them.
 
 use std::ops::Range;
 
@@ -12,7 +12,7 @@ use super::parameters::{
 };
 use crate::information::Table;
 
-/// What the parts of a state say, cut by segment.
+/// The marginal likelihoods of a state's parts, cut by segment.
 pub(super) struct Cut {
     /// ln of the parts' null by each component.
     null: [f64; NULLS],
@@ -79,8 +79,8 @@ impl HabitWeights {
     }
 }
 
-/// What a state says of its habits in segments, relative to the null whose habits are alike in all
-/// of them.
+/// The Bayes factors of a state's habits in segments, against the null whose habits are alike in
+/// all of them.
 pub(super) struct SegmentHabits {
     /// ln of the null of all kinds, of those that differ, and of those drawn anew in each segment.
     pub ln: f64,

@@ -1,4 +1,4 @@
-//! Verdicts: figures and a rule in, a word out.
+//! Decision rules: posterior probabilities and a rule in, a verdict out.
 
 use crate::domain::{Basis, Dependence, Rule, RuleKind, Verdict};
 use crate::information::Table;
@@ -15,7 +15,7 @@ const SETTLED: f64 = 0.0005;
 const FEWEST: u64 = 3;
 const FEW: u64 = 4;
 
-/// What is believed of one state, at a threshold.
+/// The posterior probabilities of one state, at a threshold.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Beliefs {
     /// P(MI > 0).
@@ -26,15 +26,15 @@ pub struct Beliefs {
     pub above_if_dependent: f64,
 }
 
-/// What is believed of a state, beside what was believed before anything was counted, and how much
-/// was counted.
+/// Posterior beside prior probabilities of a state: what is believed of it, what was believed
+/// before anything was counted, and how much was counted.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Believed {
     /// By the counts and the prior.
     pub now: Beliefs,
     /// By the prior alone: of [`Prior::unseen`](super::Prior::unseen).
     pub unseen: Beliefs,
-    /// Independent observations.
+    /// Independent observations: visits, or entries where stays are no decisions.
     pub observations: u64,
     /// Whether they can tell dependence from independence: there are three or more, and not in one
     /// row or column alone.
@@ -96,13 +96,13 @@ impl Believed {
 ///
 /// * where they moved the odds of MI > threshold to at least three times, or at most a third, of
 ///   what they were;
-/// * if there were more than four observations, also where they did so with the odds given dependence
-///   (`no_influence`), or where all but one in two thousand of what is believed lies on one side of
-///   the threshold (the other side of a 99.9 % interval): else certain counts would decide nothing
-///   where the prior is as certain.
+/// * if there were more than four observations, also where they did so with the odds given
+///   dependence (`no_influence`), or where all but one in two thousand of what is believed lies on
+///   one side of the threshold (the other side of a 99.9 % interval): else certain counts would
+///   decide nothing where the prior is as certain.
 ///
-/// A table of one occupied row or column earns nothing, nor do two observations. Without a belief, and
-/// without visits, nothing is decided.
+/// A table of one occupied row or column earns nothing, nor do two observations. Without a belief,
+/// and without visits, nothing is decided.
 pub fn decide(rule: &Rule, visits: u64, plug_in: f64, believed: Option<&Believed>) -> Verdict {
     match rule.kind {
         _ if visits == 0 => Verdict::Undecided,
@@ -118,8 +118,8 @@ pub fn decide(rule: &Rule, visits: u64, plug_in: f64, believed: Option<&Believed
     }
 }
 
-/// Returns whether there is dependence at all, however weak: its probability is at least 0.95 or at
-/// most 0.05, and the counts have earned it as they earn a verdict.
+/// Returns whether there is dependence at all, however weak: its posterior probability is at least
+/// 0.95 or at most 0.05, and the counts have earned it as they earn a verdict.
 pub fn dependence(believed: &Believed) -> Dependence {
     let Believed {
         now,

@@ -1,12 +1,12 @@
-//! Slabs of one deviating row: it has a response of its own, tried or not, and all other rows share
-//! one.
+//! Slabs of one outlying row: it deviates, tried or not, by a response of its own, and all other
+//! rows share one.
 
 use super::likelihood::{Likelihood, Null, NullMixture, anchor, row_counts};
 use super::log_space::ln_sum;
 use super::parameters::{DEVIANTS, NULLS};
 use crate::information::Table;
 
-/// What the rows of a slice say for deviating.
+/// The Bayes factors of the rows of a slice, each for being the one that deviates.
 pub(super) struct Deviants {
     /// ln DM(c - n_i.; b m) DM(n_i.; k m) / DM(c; b m) of each visited row i, by position; of
     /// another one it would be 0.
@@ -15,8 +15,8 @@ pub(super) struct Deviants {
     untried: f64,
 }
 
-/// How probable it is that a row is the one that deviates: of each visited row by position, and of
-/// any other.
+/// The posterior probability that a row is the one that deviates: of each visited row by position,
+/// and of any other.
 pub(super) struct Deviating {
     pub rows: Vec<f64>,
     pub untried: f64,

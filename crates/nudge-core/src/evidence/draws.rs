@@ -1,5 +1,5 @@
-//! Joint distributions of a state, drawn from what is believed of it: for what has no formula, and
-//! to check what has one.
+//! Posterior sampling: joint distributions of a state, drawn from what is believed of it. For what
+//! has no formula, and to check what has one.
 
 use std::borrow::Cow;
 
@@ -22,8 +22,8 @@ use super::side::Side;
 use super::weights::Weights;
 use crate::information::Table;
 
-/// What is believed of a state, ready to draw from. Everything is seen from the ego, whose actions
-/// come first, so that the order of the variables changes nothing.
+/// The posterior of a state's joint distributions, ready to draw from. Everything is seen from the
+/// ego, whose actions come first, so that the order of the variables changes nothing.
 pub(super) struct Draws<'a> {
     pub prior: &'a Prior,
     pub habits: &'a Habits,

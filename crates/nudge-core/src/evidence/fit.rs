@@ -1,5 +1,6 @@
-//! What all states of an environment say together: how many are dependent, and how strongly rows
-//! are drawn to their base. By expectation and maximisation (Dempster, Laird & Rubin 1977).
+//! Empirical Bayes: the prior that all states of an environment suggest together, by
+//! expectation-maximisation (Dempster, Laird & Rubin 1977). How many states are dependent, and how
+//! strongly rows are drawn to their base.
 //!
 //! A table is read in both ways, columns that respond to rows and rows that respond to columns, and
 //! the slabs of both are components of one mixture: so one fit serves both directions of a pair,
@@ -18,12 +19,13 @@ use crate::information::{Alphabet, Table};
 /// and the null's weights as they are, since their evidence depends on those.
 const ROUNDS: [usize; 2] = [40, 80];
 
-/// Observations from which a state takes part in a fit. Thousands of states of two or three observations are all
-/// explained alike by no dependence in varied habits and by much dependence in usual ones: fitted
-/// to them, the share of dependent states was .45 to .9 where .31 were.
+/// Observations from which a state takes part in a fit. Thousands of states of two or three
+/// observations are all explained alike by no dependence in varied habits and by much dependence in
+/// usual ones: fitted to them, the share of dependent states was .45 to .9 where .31 were.
 const FEWEST_OBSERVATIONS: u64 = 6;
 
-/// A fit, whole: plain data, from which a [`Prior`](super::Prior) can be made again to the bit.
+/// A prior fitted by empirical Bayes, whole: plain data, from which a [`Prior`](super::Prior) can
+/// be made again to the bit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fit {
     /// The alphabets of the pair; rows are the actions of the earlier variable.
@@ -50,7 +52,8 @@ impl Fit {
     }
 }
 
-/// Gathers states and fits them: about 1.5 kB a state that can tell, none for the others.
+/// Gathers states and fits their prior by empirical Bayes: about 1.5 kB a state that can tell, none
+/// for the others.
 pub struct Fitter {
     alphabet: Alphabet,
     likelihoods: [Likelihood; 2],
@@ -109,7 +112,7 @@ impl Fitter {
         }
     }
 
-    /// Fits.
+    /// Fits the hyperparameters by EM.
     pub fn fit(self) -> Fit {
         self.fit_while(&|| true).expect("nobody ends it")
     }

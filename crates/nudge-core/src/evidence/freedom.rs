@@ -1,5 +1,5 @@
-//! How freely a table's responses vary: the degrees of freedom of mutual information's second-order
-//! variance.
+//! Effective degrees of freedom of mutual information's second-order variance: how freely a table's
+//! responses vary.
 //!
 //! Where rows are alike, mutual information is a sum of squares, and its variance is 2 d^2 / f: d
 //! is its mean beyond the information of the mean responses, f the number of squares that vary by

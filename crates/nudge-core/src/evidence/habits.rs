@@ -1,5 +1,5 @@
-//! Which actions agents use at all, and how often: the policy that a state's own visits are weighed
-//! against.
+//! Mean policies of an environment and how far its states scatter around them (overdispersion):
+//! which actions agents use at all, and how often. A state's own visits are weighed against them.
 
 use std::collections::BTreeMap;
 
@@ -8,11 +8,11 @@ use super::counted::Counted;
 use crate::information::{Alphabet, Table};
 use crate::special_functions::ln_rising;
 
-/// How an environment uses the letters of both variables of a table, as of some revision.
+/// The mean policies of an environment, of both variables of a table, as of some revision.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Habits([Usage; 2]);
 
-/// How an environment uses the letters of one variable.
+/// The mean policy of one variable in an environment.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Usage {
     /// h: the share of each letter, 0 for one that was never used; equal shares where nothing was
@@ -73,8 +73,8 @@ impl Usage {
     }
 }
 
-/// How all states of an environment use the letters of both variables: what bases, habits and their
-/// concentrations are made of.
+/// The sufficient statistics of policies over all states of an environment: what base
+/// distributions, habits and their concentrations are made of.
 #[derive(Debug, Clone)]
 pub struct Uses {
     counts: [Vec<u64>; 2],
@@ -117,7 +117,8 @@ impl Uses {
         Habits::new(&self.counts[0], &self.counts[1])
     }
 
-    /// Returns the concentration kappa of the policies of each variable around its mean policy.
+    /// Returns the maximum-likelihood concentration kappa of the policies of each variable around
+    /// its mean policy.
     pub(super) fn concentrations(&self) -> [Option<f64>; 2] {
         let habits = self.habits();
         [0, 1]

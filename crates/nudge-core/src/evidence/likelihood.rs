@@ -1,10 +1,12 @@
-//! How likely a table is under each component: the Dirichlet-multinomial evidence that fitting and
-//! answering share.
+//! Marginal likelihoods of contingency tables: the Dirichlet-multinomial evidence for each
+//! component that fitting and answering share.
 //!
 //! For counts n_j seen in some order, with their distribution drawn from a Dirichlet of
-//! concentration a and base m, ln DM(n; a m) = ln Gamma(a) - ln Gamma(a + n.) + sum_j [ln
-//! Gamma(n_j + a m_j) - ln Gamma(a m_j)] (the Polya distribution of a sequence; Minka 2000,
-//! "Estimating a Dirichlet distribution").
+//! concentration a and base m,
+//!
+//! ln DM(n; a m) = ln Gamma(a) - ln Gamma(a + n.) + sum_j [ln Gamma(n_j + a m_j) - ln Gamma(a m_j)]
+//!
+//! (the Polya distribution of a sequence; Minka 2000, "Estimating a Dirichlet distribution").
 
 use super::base::Base;
 use super::increments::{Increments, add};
@@ -19,7 +21,7 @@ use crate::special_functions::ln_rising;
 /// Visits outside the most visited row below which a slice is anchored at that row.
 const ANCHORED_BELOW: u64 = 3;
 
-/// What one slice of a state says for each component, all in logarithms.
+/// The log marginal likelihoods of one slice of a state, for each component.
 ///
 /// A slice of one occupied row or column says nothing about dependence, whatever these are.
 pub(super) struct Evidence {
@@ -91,7 +93,7 @@ pub(super) struct Null {
     pub components: [f64; NULLS],
 }
 
-/// The tables that evidence is looked up in.
+/// The marginal likelihoods of one side, tabulated.
 pub(super) struct Likelihood {
     /// Letters of the row variable.
     pub drivers: u64,
@@ -317,8 +319,8 @@ impl Rising {
     }
 }
 
-/// Returns sum_i ln DM(n_i.; k z_i): how likely a table is where row i has its own response around
-/// z_i, whose shares are above 0.
+/// Returns the log marginal likelihood sum_i ln DM(n_i.; k z_i) of a table whose row i has its own
+/// response around z_i, whose shares are above 0.
 pub fn rows_evidence(table: &Table, k: f64, share: impl Fn(usize, usize) -> f64) -> f64 {
     let label = |labels: &[u64], at: u32| labels[at as usize] as usize;
     let cells = table.cells().iter().map(|cell| {

@@ -1,5 +1,6 @@
-//! What counts can support: from figures to a verdict, by a rule. Pure; nothing here counts, reads
-//! or asks a network.
+//! Bayesian inference of dependence between two agents' actions: Bayes factors, posteriors and
+//! credible intervals of mutual information, and verdicts by a rule. What counts can support; pure,
+//! nothing here counts, reads or asks a network.
 //!
 //! # What the words mean
 //!
@@ -16,6 +17,7 @@
 //! | [`Posterior::mean`], [`Posterior::interval`] | How strong is it, and between which bounds nine times in ten? |
 //! | [`dependence`] | Is the first question settled, by the counts and not by the prior? |
 //! | [`decide`] | Is the second? `influences`, `no_influence`, or `undecided`: see more, or ask a model |
+//! | [`bayes_factors`] | The same, where it was known beforehand what to expect? |
 //! | [`Prior::by_action`] | Which of the ego's actions does it, and what does the other then do? |
 //! | [`Prior::visits_to_decide`] | How much more must be seen until there is a verdict? |
 //! | [`Prior::information_gain`] | Which action tells most when it is tried next? |
@@ -47,9 +49,10 @@
 //!
 //! # How
 //!
-//! Spike and slab (Mitchell & Beauchamp 1988), by Bayes factors of Dirichlet-multinomials: with
-//! probability 1 - pi all rows of a state's table share one response (the null); else some rows
-//! have their own (a slab). pi and the weights of all components are fitted over the states by EM:
+//! A spike-and-slab prior (Mitchell & Beauchamp 1988), fitted by empirical Bayes, and Bayes factors
+//! of Dirichlet-multinomials: with probability 1 - pi all rows of a state's table share one
+//! response (the null, the spike); else some rows have their own (a slab). pi and the weights of
+//! all components are fitted over the states by EM:
 //!
 //! * **Slabs** (`parameters`). Each row is drawn towards a base with concentration k, from nearly
 //!   deterministic rows to ones that can hardly be told from the null; or a single row, tried or
@@ -66,8 +69,8 @@
 //!   twin that is cut by segment: habits may differ from one to the other, dependence may be of
 //!   each segment's own kind, or be there in one of them alone. Mutual information is that within
 //!   segments.
-//! * **Weights** (`weights`). How probable the hypotheses are, given the counts; those that are
-//!   light together are taken together.
+//! * **Weights** (`weights`). The posterior probabilities of the hypotheses; those that are light
+//!   together are taken together.
 //! * **Moments** (`moments`, `freedom`). Under a slab mutual information has a mean and a variance
 //!   in closed form, to which a Beta distribution is matched; `draws` samples the same exactly, for
 //!   what has no formula, for states never seen, and to check the formulas.
@@ -75,7 +78,10 @@
 //!   pairs of actions, its bias-corrected plug-in widens the interval, and the posterior mean stays
 //!   within it: slabs that do not fit would be certain of something slightly wrong. Where it was
 //!   seen less, in large alphabets, what slabs say is doubted by up to a quarter.
-//! * **Verdicts earned by the counts** (`decision`).
+//! * **Expectations** (`expected_response`). Where a network said beforehand what both agents do,
+//!   its responses stand in the place of the bases.
+//! * **More data** (`sample_size`). After how many more visits there will be a verdict.
+//! * **Verdicts earned by the counts** (`decision`): by posterior odds, and how far they moved.
 //!
 //! A table of one occupied row or column fits all hypotheses alike and leaves pi.
 //!

@@ -1,20 +1,35 @@
-//! Mean and variance of mutual information where each row has its own response.
+//! Posterior mean and variance of mutual information where each row has its own response.
 //!
 //! Under one slab, row i of a state is Dirichlet with parameters a_ij = n_ij + k m_j,
 //! A_i = r_i + k. The driver's policy is Dirichlet with mean p_i = (r_i + kappa h_i) / S and
-//! concentration S = N + kappa, h being its mean policy in the environment: so E
-//! p_i^2 = P_i = p_i^2 + p_i (1 - p_i) / (S + 1). With rho_ij = a_ij / A_i, q = sum_i p_i rho_i and
-//! L_ij = ln(rho_ij / q_j), L_i = sum_j rho_ij L_ij, in nats:
+//! concentration S = N + kappa, h being its mean policy in the environment. With
 //!
-//! * mean = E H(q) - sum_i p_i E H(row i), with E H(row i) = psi(A_i + 1) - sum_j a_ij
-//!   psi(a_ij + 1) / A_i exact (Wolpert & Wolf 1995), and E H(q) that of Beta distributions matched
-//!   to each q_j, whose variance is v_j = sum_i P_i rho_ij
-//!   (1 - rho_ij) / (A_i + 1) + (sum_i p_i rho_ij^2 - q_j^2) / (S + 1): E H(q) = -sum_j q_j
-//!   [psi(q_j s_j + 1) - psi(s_j + 1)], s_j = q_j (1 - q_j) / v_j - 1. Unlike a Taylor term it is
-//!   never negative;
-//! * variance = sum_i P_i (sum_j rho_ij L_ij^2 - L_i^2) / (A_i + 1) + (sum_i p_i L_i^2 - (sum_i p_i
-//!   L_i)^2) / (S + 1), to first order: the rows' and the policy's; and of second order that of
-//!   [`Freedom`] with d = mean - sum_i p_i L_i, which is all there is where rows are alike.
+//! * P_i = E p_i^2 = p_i^2 + p_i (1 - p_i) / (S + 1),
+//! * rho_ij = a_ij / A_i and q = sum_i p_i rho_i,
+//! * L_ij = ln(rho_ij / q_j) and L_i = sum_j rho_ij L_ij,
+//!
+//! in nats:
+//!
+//! * mean = E H(q) - sum_i p_i E H(row i). The rows' entropies are exact (Wolpert & Wolf 1995),
+//!
+//!   E H(row i) = psi(A_i + 1) - sum_j a_ij psi(a_ij + 1) / A_i.
+//!
+//!   E H(q) is that of Beta distributions matched to each q_j by its variance v_j, and unlike a
+//!   Taylor term never negative:
+//!
+//!   v_j = sum_i P_i rho_ij (1 - rho_ij) / (A_i + 1) + (sum_i p_i rho_ij^2 - q_j^2) / (S + 1),
+//!
+//!   s_j = q_j (1 - q_j) / v_j - 1,
+//!
+//!   E H(q) = -sum_j q_j [psi(q_j s_j + 1) - psi(s_j + 1)];
+//!
+//! * variance, to first order the rows' and the policy's,
+//!
+//!   sum_i P_i (sum_j rho_ij L_ij^2 - L_i^2) / (A_i + 1)
+//!   + (sum_i p_i L_i^2 - (sum_i p_i L_i)^2) / (S + 1),
+//!
+//!   and of second order that of [`Freedom`] with d = mean - sum_i p_i L_i, which is all there is
+//!   where rows are alike.
 //!
 //! Rows that were not visited have the same response, and columns that were not are alike but for
 //! their share m_j: neither is looked at one by one. A row is what it would be without visits,

@@ -1,4 +1,4 @@
-//! What a fit finds, and the grid of concentrations it weighs.
+//! Hyperparameters of the spike-and-slab prior, and the grid of concentrations that it mixes.
 
 use std::ops::Range;
 
@@ -92,7 +92,7 @@ pub(super) const APART: Range<usize> = 1..1 + NULLS;
 /// The slabs that have a twin which is cut by segment: all but those of one deviating row.
 pub(super) const CUT: usize = OWN_SLABS.end;
 
-/// What a fit finds about an environment.
+/// The hyperparameters of an environment's spike-and-slab prior: what a fit finds.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Parameters {
     /// The share pi of states in which the two actions depend on each other.
@@ -106,7 +106,8 @@ pub struct Parameters {
     pub families: [f64; 3],
 }
 
-/// What a fit finds where one variable, the driver, is taken to drive the other, the responder.
+/// The hyperparameters of one side, where one variable, the driver, is taken to drive the other,
+/// the responder.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SideParameters {
     /// The weights v of the null's concentrations, which sum to 1: on the environment's base, then
@@ -127,7 +128,7 @@ pub struct SideParameters {
     pub segments: Vec<f64>,
 }
 
-/// The expected numbers of states: of each null component's and of each slab's.
+/// The expected counts of EM, in states: of each null component's and of each slab's.
 #[derive(Clone)]
 pub(super) struct ExpectedCounts {
     pub nulls: [f64; NULLS],
@@ -136,7 +137,7 @@ pub(super) struct ExpectedCounts {
     pub habits: [f64; HABITS],
 }
 
-/// The expected numbers of dependent states that were seen in several segments, of each family.
+/// The expected counts of the families: dependent states that were seen in several segments.
 #[derive(Clone, Copy, Default)]
 pub(super) struct ExpectedFamilies {
     pub families: [f64; 3],

@@ -1,8 +1,8 @@
-//! What the parts of a state say for every hypothesis, from one side.
+//! Marginal likelihoods of the parts of a state by segment, for every hypothesis, from one side.
 
 use super::parameters::{AROUND, CUT, FIXED, NULLS};
 
-/// What the parts of a state say, from one side.
+/// The log marginal likelihoods of the parts of a state, from one side.
 pub(super) struct PartsEvidence {
     /// ln l of the slabs that are cut: on fixed bases by itself, on the parts' marginals relative
     /// to the parts' null.
@@ -15,7 +15,7 @@ pub(super) struct PartsEvidence {
     pub around: [f64; AROUND],
 }
 
-/// What a part says by itself, from one side.
+/// The log marginal likelihoods of one part, from one side.
 pub(super) struct PartEvidence {
     /// Its visits beyond the first.
     pub beyond: f64,
@@ -26,7 +26,7 @@ pub(super) struct PartEvidence {
 }
 
 impl PartsEvidence {
-    /// Begins with nothing told, with room for so many parts.
+    /// Begins without parts, with room for so many.
     pub fn with_capacity(parts: usize) -> Self {
         Self {
             cut: [0.0; CUT],

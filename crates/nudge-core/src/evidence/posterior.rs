@@ -1,13 +1,13 @@
-//! What is believed of mutual information in one state.
+//! The posterior distribution of mutual information in one state, and its credible intervals.
 
 use super::asymptotic::Estimate;
 use super::beta::Beta;
 use super::decision::Beliefs;
 use super::moments::Moments;
 
-/// What the counts of a state and the fit of its environment let one believe about mutual
-/// information: a point mass at 0, and a mixture of Beta distributions on [0, ln min(R, K)] for the
-/// rest, R and K counting the letters in use. In nats.
+/// The spike-and-slab posterior of mutual information, given the counts of a state and the fit of
+/// its environment: a point mass at 0, and a mixture of Beta distributions on [0, ln min(R, K)] for
+/// the rest, R and K counting the letters in use. In nats.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Posterior {
     dependent: f64,
@@ -135,10 +135,10 @@ impl Posterior {
         mean.clamp(low, high).min(self.largest)
     }
 
-    /// Returns a 90 % interval of mutual information, in nats; conservative on purpose. It begins
-    /// at 0 unless independence has less than 5 %, and while independence has more than that, it
-    /// ends where it would if dependence were known. Where the table was seen often it holds what
-    /// the table says by itself, too.
+    /// Returns a 90 % credible interval of mutual information, in nats; conservative on purpose. It
+    /// begins at 0 unless independence has less than 5 %, and while independence has more than
+    /// that, it ends where it would if dependence were known. Where the table was seen often it
+    /// holds what the table says by itself, too.
     pub fn interval(&self) -> [f64; 2] {
         let [low, high] = self.believed_interval();
         let Some(estimate) = self.estimate else {

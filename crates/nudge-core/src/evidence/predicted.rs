@@ -1,5 +1,5 @@
-//! The joint distribution that is expected of a state: the probability of each pair of actions at
-//! its next visit.
+//! The posterior predictive distribution of a state: the probability of each pair of actions at its
+//! next visit.
 
 use super::deviants::Deviants;
 use super::habits::Habits;

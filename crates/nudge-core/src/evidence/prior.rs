@@ -1,4 +1,4 @@
-//! From a fit and a state's tables to what is believed of that state.
+//! The spike-and-slab prior at work: from a fit and a state's tables to its posterior.
 
 use super::asymptotic::Estimate;
 use super::counted::Counted;
@@ -22,7 +22,7 @@ const MOST_ESTIMATED: u64 = 65_536;
 /// The probability of habits that differ by segment up to which a pooled table tells by itself.
 const ALIKE: f64 = 0.05;
 
-/// A fit made ready to answer with: shared by any number of threads.
+/// A fitted spike-and-slab prior, made ready to answer with: shared by any number of threads.
 pub struct Prior {
     pub(super) alphabet: Alphabet,
     /// pi.
@@ -88,14 +88,15 @@ impl Prior {
         &self.habits
     }
 
-    /// Returns what is believed of a state that was never seen.
+    /// Returns the prior distribution of mutual information: what is believed of a state that was
+    /// never seen.
     pub fn unseen(&self) -> &Posterior {
         &self.unseen
     }
 
-    /// Returns what the counts of a state let one believe: its table, or one table for each joint
-    /// action of the agents held fixed, and their parts by segment; `habits` are those of the
-    /// environment by now.
+    /// Returns the posterior of mutual information, given the counts of a state: its table, or one
+    /// table for each joint action of the agents held fixed, and their parts by segment; `habits`
+    /// are those of the environment by now.
     ///
     /// Over several slices the evidence adds up. Mutual information is then its mean over the
     /// slices, weighted by their visits; under each slab the slices are independent, so that its

@@ -1,4 +1,4 @@
-//! The tables of a state as each side reads them: turned, and cut by segment.
+//! Contingency tables of a state and their transposes, as each side reads them; and cut by segment.
 
 use std::borrow::Cow;
 

@@ -1,5 +1,5 @@
-//! What more data would bring: how many visits until there is a verdict, and which action tells
-//! most.
+//! Bayesian sample size and expected information gain: how many visits until there is a verdict,
+//! and which action tells most.
 
 use rand::RngExt;
 use rand_distr::{Binomial, Distribution};
@@ -26,7 +26,7 @@ const UNDECIDED: usize = FUTURES / 5;
 /// visited most. Every one of them is asked about many times.
 const MOST_PARTS: usize = 2;
 
-/// One way things may go on.
+/// One future: a sample path from the posterior predictive distribution.
 struct Future {
     rng: Pcg64,
     /// The probability of every cell of every slice, one after another; the ego's actions first.
@@ -38,7 +38,8 @@ struct Future {
 }
 
 impl Prior {
-    /// Returns after how many more visits at least 80 % of 200 futures have a verdict: 0 where
+    /// Returns the sample size that is still missing: after how many more visits at least 80 % of
+    /// 200 futures have a verdict: 0 where
     /// there is one now, else the smallest of 1, 2, 5, 10 ... 10,000 that suffices, and `None`
     /// where none does.
     ///
@@ -71,9 +72,10 @@ impl Prior {
         })
     }
 
-    /// Returns, for every ego action, by how much one more visit with it is expected to lower the
-    /// entropy of "MI > t", in nats: at least 0, at most ln 2. What to try next, to learn one's
-    /// influence. 0 for an action that is not in use: nobody knows how to take it.
+    /// Returns the expected information gain of every ego action: by how much one more visit with
+    /// it is expected to lower the entropy of "MI > t", in nats (Lindley 1956): at least 0, at most
+    /// ln 2. What to try next, to learn one's influence. 0 for an action that is not in use: nobody
+    /// knows how to take it.
     ///
     /// H(E P') - E H(P'), P' = P(MI > t) after the visit and the other's answer, which comes as
     /// predicted. Not for alphabets with more than [`MOST_CELLS`](super::MOST_CELLS) pairs of

@@ -1,4 +1,5 @@
-//! Evidence that knows about segments: habits that differ from one to the other are not influence.
+//! Stratification by segment: Bayes factors and moments of the hypotheses that are cut by segment.
+//! Habits that differ from one to the other are not influence.
 //!
 //! Where a state was seen in several segments, every hypothesis has a twin that is cut by segment.
 //! A null of either kind, and slabs of three families, all relative to the null whose habits all
@@ -184,8 +185,8 @@ impl Prior {
         cut.chain(one).collect()
     }
 
-    /// Returns the moments where one part alone depends, over which it is; `evidence` is what each part
-    /// that was visited more than once says.
+    /// Returns the moments where one part alone depends, over which it is; `evidence` is what each
+    /// part that was visited more than once says.
     fn one_dependent(
         &self,
         side: usize,

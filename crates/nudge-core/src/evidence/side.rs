@@ -1,4 +1,5 @@
-//! One way to read a table, ready to answer: its columns respond to its rows.
+//! One factorisation of a joint distribution, ready to answer: p(row) p(column | row), in which
+//! columns respond to rows.
 
 use super::base::{Alike, Groups};
 use super::deviants::{Deviants, Deviating};
@@ -21,7 +22,7 @@ const NEGLIGIBLE: f64 = 0.1;
 /// each row would say about the same.
 const MOST_DEVIATING: usize = 3;
 
-/// One way to read a table, ready to answer.
+/// One factorisation of a joint distribution, ready to answer: driver, then responder.
 pub(super) struct Side {
     pub likelihood: Likelihood,
     pub nulls: NullMixture,
@@ -70,8 +71,9 @@ impl Side {
         }
     }
 
-    /// Adds ln l of every slab relative to the null, unless the slice cannot tell dependence from
-    /// independence; and ln of that null to `nulls`. Returns what its rows say for deviating.
+    /// Adds the log Bayes factor of every slab against the null, unless the slice cannot tell
+    /// dependence from independence; and ln of that null to `nulls`. Returns what its rows say for
+    /// deviating.
     pub fn add_bayes_factors(
         &self,
         table: &Table,

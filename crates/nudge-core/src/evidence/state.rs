@@ -1,5 +1,5 @@
-//! What one state says for every hypothesis, kept so that weights can be fitted to it over and
-//! over.
+//! Marginal likelihoods of one state under every hypothesis, kept for the E-step of EM: weights are
+//! fitted to them over and over.
 
 use super::cut::{Cut, SegmentWeights};
 use super::increments::add;
@@ -11,7 +11,8 @@ use super::parameters::{
 };
 use crate::information::Table;
 
-/// What one state says, as multiples of its likeliest component, in either way to read it.
+/// The marginal likelihoods of one state, as multiples of its likeliest component, in either way to
+/// read it.
 pub(super) struct State {
     slices: Vec<[Table; 2]>,
     sides: [Side; 2],
@@ -19,7 +20,7 @@ pub(super) struct State {
     cut: Option<[Cut; 2]>,
 }
 
-/// What one state says where its columns respond to its rows.
+/// The marginal likelihoods of one state where its columns respond to its rows.
 pub(super) struct Side {
     nulls: Vec<Scaled<NULLS>>,
     anchors: Vec<Scaled<NULLS>>,
@@ -29,7 +30,7 @@ pub(super) struct Side {
     deviants: Option<Scaled<DEVIANTS>>,
 }
 
-/// The probabilities of a state's hypotheses.
+/// The responsibilities of a state's hypotheses: their probabilities by the present weights.
 pub(super) struct Responsibilities {
     pub independent: f64,
     /// By side: of the slabs on fixed bases, of those on the state's own marginal, and of the
@@ -84,7 +85,7 @@ impl State {
         self.sides[side].deviants = Some(Scaled::new(deviants));
     }
 
-    /// Returns the probabilities of its hypotheses.
+    /// Returns the responsibilities of its hypotheses, the E-step of EM.
     pub fn responsibilities(
         &self,
         parameters: &Parameters,
@@ -154,7 +155,7 @@ impl State {
         }
     }
 
-    /// Adds the state to all that it is an instance of, in proportion to the probabilities.
+    /// Adds the state to the expected counts of all that it may be an instance of.
     pub fn expect(
         &self,
         responsibilities: &Responsibilities,

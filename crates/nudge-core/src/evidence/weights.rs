@@ -1,4 +1,4 @@
-//! How probable the hypotheses of one state are, and which of them matter.
+//! Posterior probabilities of the hypotheses of one state, and which of them matter.
 
 use std::ops::Range;
 
@@ -16,7 +16,7 @@ const LIGHT: f64 = 0.05;
 const UNHEARD: f64 = 0.01;
 const MOST_LIGHT: f64 = 0.15;
 
-/// The probabilities of a state's hypotheses.
+/// The posterior probabilities of a state's hypotheses.
 pub(super) struct Weights {
     pub dependent: f64,
     /// Given dependence, those of the slabs of each side; all sum to 1.
@@ -27,7 +27,7 @@ pub(super) struct Weights {
     pub segments: Option<Box<Segments>>,
 }
 
-/// The probabilities of the hypotheses that are cut by segment.
+/// The posterior probabilities of the hypotheses that are cut by segment.
 pub(super) struct Segments {
     /// Of each side's slabs, given dependence.
     pub cut: [[f64; CUT]; 2],

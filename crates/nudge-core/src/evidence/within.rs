@@ -1,4 +1,5 @@
-//! How much of mutual information is within segments, where all of them share their responses.
+//! Conditional mutual information given the segment, as a share of the pooled one, where all
+//! segments share their responses.
 
 use super::habits::Usage;
 use super::prior::Prior;

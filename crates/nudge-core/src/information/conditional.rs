@@ -1,4 +1,5 @@
-//! Figures given other agents' actions: one table for each of their values, averaged.
+//! Conditional mutual information: figures given other agents' actions, one table for each of their
+//! values, averaged.
 
 use super::table::Table;
 

@@ -1,5 +1,6 @@
-//! Divergence row by row, from terms that cannot be negative: accurate however near to
-//! independence, at any total. Not the quick way for a whole small table: that is in `plug_in`.
+//! Kullback-Leibler divergence row by row, from terms that cannot be negative: accurate however
+//! near to independence, at any total. Not the quick way for a whole small table: that is in
+//! `plug_in`.
 
 use super::table::{Occupied, Table};
 
@@ -15,11 +16,11 @@ pub(super) fn cell_deviance(n: u64, row: u64, column: u64, total: u64) -> f64 {
     scaled / total as f64
 }
 
-/// Returns how far the column frequencies of one row lie from those of the whole table: the plug-in
-/// Kullback-Leibler divergence of row i, in nats, never negative (Kullback & Leibler 1951).
+/// Returns the plug-in Kullback-Leibler divergence of row i, in nats (Kullback & Leibler 1951): how
+/// far the column frequencies of the row lie from those of the whole table. Never negative.
 ///
-/// K_i = sum_j (n_ij / r_i) ln(n_ij N / (r_i c_j)), so that [`plug_in`](super::plug_in) = sum_i
-/// (r_i / N) K_i. `row` is a position in [`Table::rows`].
+/// K_i = sum_j (n_ij / r_i) ln(n_ij N / (r_i c_j)), so that
+/// [`plug_in`](super::plug_in) = sum_i (r_i / N) K_i. `row` is a position in [`Table::rows`].
 ///
 /// Its bias grows as the row gets rarer, so the largest K_i mostly points at the rarest action: it
 /// is a share of the plug-in, not a ranking. The only row of a table, and any row of a single

@@ -1,12 +1,14 @@
-//! Mutual information of a table as it stands, and less its bias.
-//! Not for posterior means or significance: these figures are the counts' own, without a prior.
+//! Mutual information of a table: the plug-in estimator, Miller-Madow's, and the excess over
+//! chance. Not for posterior means or significance: these figures are the counts' own, without a
+//! prior.
 
 use super::deviance::table_deviance;
 use super::null::expected_if_independent;
 use super::table::Table;
 use super::x_ln_x;
 
-/// Returns the mutual information of the observed frequencies, in nats (Shannon 1948).
+/// Returns the plug-in (maximum-likelihood) estimate of mutual information: that of the observed
+/// frequencies, in nats (Shannon 1948).
 ///
 /// I = sum_ij (n_ij / N) ln(n_ij N / (r_i c_j)) = ln N + (T(n_ij) - T(r_i) - T(c_j)) / N, with
 /// T(x) = sum x ln x.
@@ -21,9 +23,9 @@ pub fn plug_in(table: &Table) -> f64 {
     }
 }
 
-/// Returns the plug-in with each of its entropies corrected by (m - 1) / 2N, in nats, where m
-/// counts what is occupied (Miller 1955, "Note on the bias of information estimates", who credits
-/// Madow).
+/// Returns the Miller-Madow estimate of mutual information: the plug-in with each of its entropies
+/// corrected by (m - 1) / 2N, in nats, where m counts what is occupied (Miller 1955, "Note on the
+/// bias of information estimates", who credits Madow).
 ///
 /// I - (m_ij - m_r - m_c + 1) / 2N, with m_ij occupied cells, m_r rows and m_c columns. May be
 /// negative. 0 at N = 0, and with one row or one column.

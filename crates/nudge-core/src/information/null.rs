@@ -1,6 +1,6 @@
-//! What the plug-in would be on average were the two variables independent: the yardstick beside
-//! every answer. Not a test of significance: it knows the mean of the null distribution, not its
-//! tail.
+//! Expected mutual information under the null hypothesis: what the plug-in would be on average were
+//! the two variables independent, the yardstick beside every answer. Not a test of significance: it
+//! knows the mean of the null distribution, not its tail.
 
 use super::counts_of_counts::{self, CountOfCounts, counts_of_counts};
 use super::table::Table;
@@ -28,7 +28,10 @@ impl ExpectedMethod {
 /// Returns the mean of [`plug_in`](super::plug_in) over all ways to pair up the same margins at
 /// random, in nats, and how it was found.
 ///
-/// To N = 1,000 exact: ln N + (sum_ij E[n_ij ln n_ij] - sum_i r_i ln r_i - sum_j c_j ln c_j) / N
+/// To N = 1,000 exact:
+///
+/// ln N + (sum_ij E[n_ij ln n_ij] - sum_i r_i ln r_i - sum_j c_j ln c_j) / N,
+///
 /// with each n_ij hypergeometric in (r_i, c_j, N) (Vinh, Epps & Bailey 2010, "Information theoretic
 /// measures for clusterings comparison"). Above that (R - 1)(C - 1) / 2N on the occupied rows and
 /// columns (Miller 1955), which overstates tables with fewer visits than cells; never more than the

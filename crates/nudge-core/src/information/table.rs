@@ -1,4 +1,4 @@
-//! The contingency table that every figure in this module is a function of.
+//! Contingency tables, of which every figure in this module is a function.
 //!
 //! Not for counts that still grow: a table is built once, from finished counts, and is valid from
 //! then on.

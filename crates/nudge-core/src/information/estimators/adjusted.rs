@@ -1,4 +1,4 @@
-//! Mutual information adjusted for chance.
+//! Adjusted mutual information (AMI): corrected for chance agreement, as a share.
 
 use crate::information::mutual_information::plug_in;
 use crate::information::null::{entropy, expected_if_independent};

@@ -1,4 +1,5 @@
-//! Mutual information from entropies corrected for what was not seen.
+//! The Chao-Shen estimator: mutual information from entropies corrected by coverage, for what was
+//! not seen.
 
 use super::by_entropies;
 use crate::information::counts_of_counts::{self, CountOfCounts};

@@ -1,4 +1,5 @@
-//! Posterior mean of the mutual information under one Dirichlet prior.
+//! The Dirichlet (Bayesian) estimator: the posterior mean of the mutual information under Perks's
+//! prior.
 
 use statrs::function::gamma::digamma;
 

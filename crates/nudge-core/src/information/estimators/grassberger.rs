@@ -1,4 +1,5 @@
-//! Mutual information from entropies with each count corrected for its own bias.
+//! Grassberger's estimator of 2003: mutual information from entropies with each count corrected for
+//! its own bias.
 
 use std::f64::consts::LN_2;
 
@@ -12,14 +13,15 @@ use crate::information::table::Table;
 /// (Grassberger 2003, "Entropy estimates from insufficient samplings", eq. 30; not his form of
 /// 1988, which other tools have under his name).
 ///
-/// H = ln N - sum n G(n) / N over what was seen, G(n) = psi(n) + (-1)^n / 2
-/// (psi((n + 1) / 2) - psi(n / 2)).
+/// H = ln N - sum n G(n) / N over what was seen,
+///
+/// G(n) = psi(n) + (-1)^n / 2 (psi((n + 1) / 2) - psi(n / 2)).
 ///
 /// In words: rare counts claim less than their logarithm. The bias of each entropy is small at some
 /// visits per letter; that of their difference is not, below about as many visits as cells.
 ///
-/// May be negative. 0 at N = 0; with one row or column it is the correction of a certainty, ln
-/// N - G(N), which is not 0 but fades as 1 / N.
+/// May be negative. 0 at N = 0; with one row or column it is the correction of a certainty,
+/// ln N - G(N), which is not 0 but fades as 1 / N.
 pub fn grassberger_2003(table: &Table) -> f64 {
     if table.total() == 0 {
         return 0.0;

@@ -1,4 +1,5 @@
-//! Mutual information of a table shrunk towards the uniform one.
+//! The James-Stein shrinkage estimator: mutual information of a table shrunk towards the uniform
+//! one.
 
 use super::margins_and_cells;
 use crate::information::alphabet::Alphabet;
@@ -9,8 +10,11 @@ use crate::information::table::Table;
 /// Returns the mutual information of the table shrunk towards uniform by as much as its own noise
 /// suggests, in nats (Hausser & Strimmer 2009, "Entropy inference and the James-Stein estimator").
 ///
-/// p*_ij = l / RK + (1 - l) n_ij / N over the whole R x K alphabet, with the shrinkage l = (1 - sum
-/// (n_ij / N)^2) / ((N - 1) sum (1 / RK - n_ij / N)^2), at most 1; then the information of p*.
+/// p*_ij = l / RK + (1 - l) n_ij / N over the whole R x K alphabet, with the shrinkage
+///
+/// l = (1 - sum (n_ij / N)^2) / ((N - 1) sum (1 / RK - n_ij / N)^2),
+///
+/// at most 1; then the information of p*.
 ///
 /// In words: the fewer the visits and the flatter the table, the more it is taken for chance. It
 /// errs towards no influence, and mistakes habits for noise too, since it shrinks the margins with

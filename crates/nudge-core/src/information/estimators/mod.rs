@@ -1,6 +1,6 @@
-//! Other ways to reckon the mutual information of what produced a table: on request, beside the
-//! plug-in and the verdict. Not what a verdict rests on: none of them knows that most states have
-//! no influence at all.
+//! Estimators of mutual information by corrected, shrunk and Bayesian entropies: on request, beside
+//! the plug-in and the verdict. Not what a verdict rests on: none of them knows that most states
+//! have no influence at all.
 //!
 //! All but [`adjusted`] return nats; all are finite on every table and 0 where nothing was seen.
 //! Which to ask for:

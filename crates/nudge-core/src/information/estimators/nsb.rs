@@ -1,4 +1,5 @@
-//! Posterior mean of the mutual information under a prior that favours no entropy.
+//! The NSB estimator (Nemenman, Shafee & Bialek): the posterior mean under a prior that favours no
+//! entropy.
 
 use statrs::function::gamma::digamma;
 
@@ -14,8 +15,10 @@ use crate::special_functions::{entropy_growth, ln_beta};
 ///
 /// S(rows) + S(columns) - S(cells), each the posterior mean of the entropy of K letters, K from the
 /// alphabet, where the shares are Dirichlet with the same concentration b for each letter, and b is
-/// weighted so that all mean entropies from 0 to ln K are equally likely beforehand: weight(b) = (K
-/// psi'(K b + 1) - psi'(b + 1)) Gamma(K b) / Gamma(N + K b) prod_i Gamma(n_i + b) / Gamma(b).
+/// weighted so that all mean entropies from 0 to ln K are equally likely beforehand:
+///
+/// weight(b) = (K psi'(K b + 1) - psi'(b + 1))
+/// Gamma(K b) / Gamma(N + K b) prod_i Gamma(n_i + b) / Gamma(b).
 ///
 /// In words: the best of the classical estimators at few visits. It still answers a number where
 /// the honest answer is "probably none": it does not know that most states have no influence.

@@ -1,4 +1,5 @@
-//! Mutual information as it would be without the ego's habits.
+//! Mutual information under a uniform policy (an interventional estimate): as it would be without
+//! the ego's habits.
 
 use crate::information::table::{Occupied, Table};
 
@@ -10,8 +11,9 @@ const FEWEST: u64 = 3;
 /// at least three visits, in nats (the convention of Seitzer, Schoelkopf & Martius 2021, "Causal
 /// influence detection for improving efficiency in reinforcement learning").
 ///
-/// (1/m) sum_i sum_j p(j | i) ln(p(j | i) / q_j) over those m rows, p(j | i) = n_ij / r_i,
-/// q = their unweighted mean.
+/// (1/m) sum_i sum_j p(j | i) ln(p(j | i) / q_j)
+///
+/// over those m rows, p(j | i) = n_ij / r_i, q = their unweighted mean.
 ///
 /// In words: mutual information depends on the ego's habit (a robot that always turns left shows
 /// none, whatever its power over the other); this figure does not. It weighs an action seen three

@@ -1,9 +1,9 @@
-//! Which of many states to call influenced, so that few of those called are called wrongly.
-//! Neither rule asks how strong an influence is.
+//! Multiple testing by the false discovery rate: which of many states to call influenced, so that
+//! few of those called are called wrongly. Neither rule asks how strong an influence is.
 
-/// Returns which tests to reject so that, of those rejected, at most a share `alpha` is expected to
-/// be wrong (Benjamini & Hochberg 1995): all with p at most p_(k), for the largest k with
-/// p_(k) <= alpha k / m.
+/// Returns which tests to reject at a false discovery rate of `alpha`: of those rejected, at most
+/// that share is expected to be wrong (Benjamini & Hochberg 1995): all with p at most p_(k), for
+/// the largest k with p_(k) <= alpha k / m.
 ///
 /// Leave out beforehand the states that cannot pass, whose [`smallest_p`](super::smallest_p) is
 /// above `alpha`: they count in m and make the others harder to see. What is left out must not
@@ -29,8 +29,9 @@ pub fn benjamini_hochberg(p_values: &[f64], alpha: f64) -> Vec<bool> {
 /// What 1 - P may be off by: at a level of .05, P = .95 is to be chosen.
 const ROUNDING: f64 = 1e-12;
 
-/// Returns the most states whose mean probability of having no influence is at most `level`, the
-/// likeliest first, given each one's probability of having some (Newton, Noueiry, Sarkar & Ahlquist
+/// Returns which states to call at a Bayesian false discovery rate of `level`: the most whose mean
+/// probability of having no influence is at most that, the likeliest first, given each one's
+/// probability of having some (Newton, Noueiry, Sarkar & Ahlquist
 /// 2004).
 ///
 /// Of those chosen, at most a share `level` is expected to be wrong, if the probabilities can be

@@ -1,5 +1,6 @@
-//! Every table with given margins, and its probability under independence.
-//! Only for tables whose x ln x are all tabulated: larger ones have too many others beside them.
+//! Exact tests by enumeration: every table with given margins, and its probability under
+//! independence. Only for tables whose x ln x are all tabulated: larger ones have too many others
+//! beside them.
 
 use crate::information::table::Table;
 use crate::information::x_ln_x;

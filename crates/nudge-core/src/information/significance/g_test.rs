@@ -1,4 +1,4 @@
-//! The p-value in the limit of many visits.
+//! The likelihood-ratio test (G test): the p-value in the limit of many visits.
 
 use statrs::function::gamma::gamma_ur;
 

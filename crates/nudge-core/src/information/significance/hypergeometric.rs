@@ -1,4 +1,4 @@
-//! Random draws from an urn, however many balls there are.
+//! Hypergeometric variates: random draws from an urn, however many balls there are.
 
 use rand::{Rng, RngExt};
 

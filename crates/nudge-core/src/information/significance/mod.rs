@@ -1,5 +1,6 @@
-//! Could chance alone have made these counts? The p-value of the plug-in mutual information at
-//! fixed margins.
+//! Tests of independence: the p-value of the plug-in mutual information at fixed margins, by an
+//! exact test, by permutation or by a likelihood-ratio test. Could chance alone have made these
+//! counts?
 //!
 //! Not the strength of an influence, nor the probability of one: with many visits, the weakest
 //! dependence is significant; with few, the strongest is not; and of a thousand states without any,
@@ -27,7 +28,8 @@ use g_test::{expects_enough, freedoms, g_test};
 use margins::{few_tables, least_probability};
 use permutation::Sampler;
 
-/// How likely chance alone is to give at least as much information as was seen.
+/// The p-value of a test of independence: how likely chance alone is to give at least as much
+/// information as was seen.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Significance {
     /// The probability, in (0, 1]; a G test of overwhelming evidence may round to 0.
@@ -66,8 +68,8 @@ const TIE: f64 = 1e-9;
 /// the same work.
 const FEW_TABLES: u64 = 1_000;
 
-/// Returns the probability that independent actions with the same margins give at least the plug-in
-/// mutual information that was seen.
+/// Returns the p-value of a test of independence: the probability that independent actions with the
+/// same margins give at least the plug-in mutual information that was seen.
 ///
 /// `slices` are tables to be judged together: one for each segment or each value of other agents'
 /// actions, or a single one. The statistic is sum N_s I_s, half of Woolf's G (1957); visits are
@@ -110,8 +112,8 @@ pub fn p_value_while(
     Some(Significance { p_value, method })
 }
 
-/// Returns the smallest p-value that any table with these margins could have: 1 where nothing can
-/// be learnt.
+/// Returns the smallest attainable p-value, that of any table with these margins: 1 where nothing
+/// can be learnt.
 ///
 /// Exact where all tables can be enumerated ([`p_value`] says where, whatever its permutations);
 /// else a lower bound of the probability of any single table, prod r_i! prod c_j! / (N! prod n_ij!)

@@ -1,5 +1,5 @@
-//! Random tables with given margins, as chance would make them: the same visits with their columns
-//! shuffled.
+//! Permutation tests: random tables with given margins, as chance would make them, the same visits
+//! with their columns shuffled.
 
 use rand::{Rng, RngExt};
 
