@@ -124,12 +124,14 @@ impl Problem {
     pub fn invalid(what: &str, faults: Vec<Fault>) -> Self {
         const TOLD: usize = 3;
         let told: Vec<String> = faults.iter().take(TOLD).map(Fault::to_string).collect();
+
         let rest = faults.len().saturating_sub(TOLD);
         let more = if rest > 0 {
             format!("; and {rest} more")
         } else {
             String::new()
         };
+
         let message = format!("invalid {what}: {}{more}", told.join("; "));
         Self {
             faults,

@@ -2,7 +2,7 @@
 
 use super::{FitId, ModelFigures, RuleKind, StateKey, Tally, Unit};
 
-/// Whether the ego's action influences the other's.
+/// The verdict on a state: whether the ego's action influences the other's.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Verdict {
     /// It does, by the rule.
@@ -168,7 +168,7 @@ pub struct Answer {
     pub by_action: Option<Vec<ActionFigures>>,
 }
 
-/// What one state's counts measure.
+/// The estimates of mutual information in one state: what its counts measure.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Figures {
     /// The state's bins with their labels: feature, bin, label.
@@ -212,7 +212,7 @@ pub struct Figures {
     pub revision: u64,
 }
 
-/// What the counts of a state say by the fitted prior.
+/// The posterior of a state: what its counts say by the fitted prior.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Evidence {
     /// Whether there is any dependence at all.
@@ -241,7 +241,7 @@ impl Evidence {
     }
 }
 
-/// Probabilities given the counts.
+/// Posterior probabilities, given the counts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Probability {
     /// P(MI > 0).

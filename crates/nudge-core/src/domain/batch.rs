@@ -1,11 +1,12 @@
-//! Batches and their receipts: what a producer sends under a number, and what it is told.
+//! Idempotent batches and their receipts: what a producer sends under a sequence number, and what
+//! it is told.
 
 use std::fmt;
 
 use super::{Label, Records, Rejection};
 
-/// The number of a batch: 1, 2, 3, ... to 2^63 - 1, per environment and producer. 0 stands for
-/// "none yet".
+/// The sequence number of a batch, which makes it idempotent: 1, 2, 3, ... to 2^63 - 1, per
+/// environment and producer. 0 stands for "none yet".
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
 pub struct Sequence(u64);
 

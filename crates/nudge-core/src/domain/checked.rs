@@ -75,12 +75,14 @@ pub(super) fn agents(drafts: &[AgentDraft], faults: &mut Faults) -> Vec<Agent> {
         let pointer = format!("/agents/{i}");
         let name = faults.parse(format!("{pointer}/name"), &draft.name);
         let at = format!("{pointer}/action");
+
         faults.size(
             at.clone(),
             "features",
             draft.action.len(),
             1..=MOST_ACTION_FEATURES,
         );
+
         let action = features(&at, &draft.action, faults);
         unique(
             draft
@@ -90,6 +92,7 @@ pub(super) fn agents(drafts: &[AgentDraft], faults: &mut Faults) -> Vec<Agent> {
                 .map(|(j, f)| (format!("{at}/{j}/name"), f.name.as_str())),
             faults,
         );
+
         Some(Agent {
             name: name?,
             action,
@@ -106,6 +109,7 @@ pub(super) fn one_namespace(draft: &SchemaDraft, faults: &mut Faults) {
         .iter()
         .enumerate()
         .map(|(i, f)| (format!("/state/{i}/name"), f.name.as_str()));
+
     let agents = draft
         .agents
         .iter()
@@ -119,6 +123,7 @@ pub(super) fn one_namespace(draft: &SchemaDraft, faults: &mut Faults) {
 pub(super) fn strides(agents: &[Agent], faults: &mut Faults) -> Vec<u64> {
     let mut strides = vec![1; agents.len()];
     let mut joint = Some(1_u64);
+
     for (agent, stride) in agents.iter().zip(&mut strides).rev() {
         *stride = joint.unwrap_or(1);
         let sizes = agent
@@ -131,6 +136,7 @@ pub(super) fn strides(agents: &[Agent], faults: &mut Faults) -> Vec<u64> {
                 .filter(|p| *p <= MOST_JOINT_ACTIONS)
         });
     }
+
     if joint.is_none() {
         faults.add(
             "/agents",
@@ -160,6 +166,7 @@ fn feature(pointer: &str, draft: &FeatureDraft, faults: &mut Faults) -> Option<F
         .unit
         .as_deref()
         .and_then(|unit| faults.parse(format!("{pointer}/unit"), unit));
+
     let [one] = draft.kinds.as_slice() else {
         let got = draft.kinds.len();
         faults.add(
@@ -168,6 +175,7 @@ fn feature(pointer: &str, draft: &FeatureDraft, faults: &mut Faults) -> Option<F
         );
         return None;
     };
+
     let kind = kind(pointer, one, draft.unit.as_deref(), faults)?;
     Some(Feature {
         name: name?,
@@ -201,8 +209,10 @@ fn kind(
 /// Edges are compared as f32, the precision of the values that will meet them.
 fn continuous(pointer: &str, edges: &[f64], faults: &mut Faults) -> FeatureKind {
     faults.size(pointer.into(), "edges", edges.len(), 0..=MOST_BINS - 1);
+
     // Adding zero turns -0.0 into 0.0.
     let rounded: Arc<[f32]> = edges.iter().map(|edge| *edge as f32 + 0.0).collect();
+
     for (i, edge) in rounded.iter().enumerate() {
         if !edge.is_finite() {
             faults.add(
@@ -235,6 +245,7 @@ fn circular(
             format!("got {bins}, expected 1 to {MOST_BINS}"),
         );
     }
+
     FeatureKind::Circular(
         u32::try_from(bins).unwrap_or(1),
         angle(pointer, values, unit, faults),
@@ -246,6 +257,7 @@ fn circular(
 fn angle(pointer: &str, values: Option<&str>, unit: Option<&str>, faults: &mut Faults) -> Angle {
     let by_unit = Angle::of_unit(unit);
     let said = values.map(|values| faults.parse(format!("{pointer}/circular/values"), values));
+
     match (said, unit) {
         (Some(Some(Angle::Degrees)), Some(unit)) if by_unit != Some(Angle::Degrees) => {
             faults.add(
@@ -274,12 +286,14 @@ fn integer(pointer: &str, min: i64, max: i64, faults: &mut Faults) -> FeatureKin
             );
         }
     }
+
     if min > max {
         faults.add(
             format!("{pointer}/max"),
             format!("got {max}, expected at least min, which is {min}"),
         );
     }
+
     let sound = faults.0.len() == before;
     if sound {
         FeatureKind::Integer(min as i32, max as i32)
@@ -297,6 +311,7 @@ fn categorical(pointer: &str, labels: &[String], faults: &mut Faults) -> Feature
             .map(|(i, l)| (format!("{pointer}/{i}"), l.as_str())),
         faults,
     );
+
     let label = |(i, text): (usize, &String)| faults.parse(format!("{pointer}/{i}"), text);
     FeatureKind::Categorical(labels.iter().enumerate().filter_map(label).collect())
 }
@@ -325,6 +340,7 @@ fn draft_of_feature(feature: &Feature) -> FeatureDraft {
             KindDraft::Categorical(labels.iter().map(ToString::to_string).collect())
         }
     };
+
     FeatureDraft {
         name: feature.name.to_string(),
         unit: feature.unit.as_ref().map(ToString::to_string),

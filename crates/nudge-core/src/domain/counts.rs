@@ -136,6 +136,7 @@ impl ActionTotals {
         let agents = sizes
             .map(|size| vec![Tally::EMPTY; size.unwrap_or(0) as usize])
             .collect();
+
         Self {
             revision: 0,
             schema: schema.clone(),

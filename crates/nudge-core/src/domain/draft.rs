@@ -45,10 +45,12 @@ impl SchemaDraft {
             KindDraft::Categorical(labels) => labels.iter().map(text).sum(),
             KindDraft::Circular(..) | KindDraft::Integer(..) => 0,
         };
+
         let feature = |feature: &FeatureDraft| {
             let kinds: usize = feature.kinds.iter().map(kind).sum();
             16 + text(&feature.name) + feature.unit.as_ref().map_or(0, text) + kinds
         };
+
         let agent = |agent: &AgentDraft| {
             text(&agent.name) + agent.action.iter().map(feature).sum::<usize>()
         };
@@ -73,6 +75,7 @@ impl SchemaDraft {
     pub fn in_radians(&self) -> Self {
         let mut draft = self.clone();
         let actions = draft.agents.iter_mut().flat_map(|agent| &mut agent.action);
+
         for kind in draft
             .state
             .iter_mut()

@@ -1,4 +1,4 @@
-//! Further estimators of mutual information, told on request.
+//! Estimators of mutual information beside the plug-in, told on request.
 
 use std::str::FromStr;
 

@@ -1,5 +1,5 @@
-//! Features: named coordinates of a state or of an action, and the bins that their values fall
-//! into.
+//! Features and their discretisation: named coordinates of a state or of an action, and the bins
+//! that their values fall into.
 
 use std::fmt;
 use std::sync::Arc;
@@ -17,8 +17,8 @@ pub struct Feature {
     pub kind: FeatureKind,
 }
 
-/// How the values of a feature become bins. Made only by [`super::Schema::try_from`], so every
-/// variant is within its limits.
+/// The discretiser of a feature: how its values become bins. Made only by
+/// [`super::Schema::try_from`], so every variant is within its limits.
 #[derive(Debug, Clone, PartialEq)]
 pub enum FeatureKind {
     /// Bin = number of edges <= value; strictly increasing finite edges, so k edges make k + 1
@@ -57,6 +57,7 @@ impl FeatureKind {
         if !value.is_finite() {
             return Err(error);
         }
+
         match self {
             Self::Continuous(edges) => Ok(edges_at_or_below(edges, value)),
             Self::Circular(bins, angle) => Ok(angle.sector(*bins, value)),

@@ -1,4 +1,4 @@
-//! Which fit of the prior an answer stands on.
+//! The identity of a fitted prior: which one an answer stands on.
 
 /// Which fit of the prior was used; with the revision it makes an answer reproducible.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -1,4 +1,4 @@
-//! The key of a state: its bin numbers.
+//! State keys: a discretised state by its bin numbers.
 
 use std::borrow::Borrow;
 use std::fmt::{self, Write};

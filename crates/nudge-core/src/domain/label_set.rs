@@ -42,10 +42,12 @@ impl LabelSet {
         // Whole numbers as large as that come as text, digit by digit.
         let is_meant =
             |at: &u32| number.abs() < EXACT || !is_whole(self.labels[*at as usize].as_str());
+
         let from = self.numbers.partition_point(|(read, _)| *read < number);
         let equal = self.numbers[from..]
             .iter()
             .take_while(|(read, _)| *read == number);
+
         match equal
             .map(|(_, at)| *at)
             .filter(is_meant)
@@ -69,10 +71,12 @@ impl LabelSet {
             .iter()
             .filter(|(_, at)| is_plain_number(text(*at)))
             .collect();
+
         let are_one = |pair: &&[&(f64, u32)]| {
             let [(a, first), (b, second)] = [pair[0], pair[1]];
             a == b && !(is_whole(text(*first)) && is_whole(text(*second)))
         };
+
         let pair = plain.windows(2).find(are_one)?;
         let [a, b] = [pair[0].1 as usize, pair[1].1 as usize];
         Some((a.min(b), a.max(b)))

@@ -69,19 +69,20 @@ impl std::str::FromStr for Weighting {
     }
 }
 
-/// How a network is trained. Made only by [`Training::new`], so every number is within its limits.
+/// The hyperparameters of a training. Made only by [`Training::new`], so every number is within its
+/// limits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Training {
     /// What it predicts.
     pub kind: ModelKind,
     /// Units of the hidden layer.
     pub width: usize,
-    /// Networks that are trained and averaged.
+    /// The size of the ensemble: networks that are trained and averaged.
     pub members: usize,
-    /// Parts that the states are cut into; each member is stopped and judged by one that it does
-    /// not learn from.
+    /// Folds of the cross-validation: parts that the states are cut into. Each member is stopped
+    /// early and judged by one that it does not learn from.
     pub folds: usize,
-    /// The most passes over the states.
+    /// The most epochs, passes over the states; early stopping may end before.
     pub epochs: usize,
     /// How much a state counts: for what a direct network learns, and for the scores of both.
     pub weighting: Weighting,
@@ -236,7 +237,7 @@ impl Baseline {
     }
 }
 
-/// From a network's mutual information to a probability.
+/// A calibration (Platt scaling): from a network's mutual information to a probability.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Calibration {
     /// Added to the rest.
@@ -245,8 +246,9 @@ pub struct Calibration {
     pub slope: f64,
 }
 
-/// How probabilities of influence did against the evidence of states that they were not made from.
-/// A state counts as positive by its probability given its counts, and as negative by the rest.
+/// Scores on held-out states: how probabilities of influence did against the evidence of states
+/// that they were not made from. A state counts as positive by its probability given its counts,
+/// and as negative by the rest.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Score {
     /// Whose they are: `network`, or a baseline's name.
@@ -263,11 +265,11 @@ pub struct Score {
     pub recall: Option<f64>,
     /// Harmonic mean of both; 0 where nothing is called.
     pub f1: f64,
-    /// Mean squared difference between probability and truth: less is better.
+    /// Brier score, the mean squared difference between probability and truth: less is better.
     pub brier: f64,
 }
 
-/// States whose predicted probability lies in one tenth.
+/// One bin of a reliability diagram: states whose predicted probability lies in one tenth.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Reliability {
     /// The lower bound of the tenth.
@@ -375,10 +377,12 @@ impl std::str::FromStr for ModelId {
                 .ok()
                 .filter(|number: &u64| number.to_string() == text)
         };
+
         let found = match text.strip_prefix("job-") {
             Some(job) => number(job).map(Self::Job),
             None => number(text).map(Self::Version),
         };
+
         found.ok_or_else(|| {
             format!(
                 "got {text:?}, expected the number of a version, or job- and the number of a job"

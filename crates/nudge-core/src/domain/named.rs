@@ -24,6 +24,7 @@ impl Schema {
             self.agents().iter().map(|agent| &agent.name),
             "agent",
         );
+
         let mut all = Vec::with_capacity(self.action_width());
         for agent in self.agents() {
             let pointer = format!("/{}", agent.name);
@@ -35,6 +36,7 @@ impl Schema {
                 },
             }
         }
+
         if faults.is_empty() {
             Ok(all)
         } else {
@@ -50,6 +52,7 @@ impl Schema {
             .iter()
             .enumerate()
             .map(|(at, feature)| (format!("/state/{at}"), feature));
+
         let of_agent = |(at, agent): (usize, &'_ Agent)| -> Vec<(String, Feature)> {
             let action = agent.action.iter().enumerate();
             action
@@ -57,6 +60,7 @@ impl Schema {
                 .collect()
         };
         let actions = self.agents().iter().enumerate().flat_map(of_agent);
+
         state
             .map(|(pointer, feature)| (pointer, feature.clone()))
             .chain(actions)
@@ -71,6 +75,7 @@ fn alike((pointer, feature): (String, Feature)) -> Option<Fault> {
         return None;
     };
     let (first, again) = labels.alike()?;
+
     let detail = format!(
         "{:?} is the same number as {:?}",
         labels[again].as_str(),
@@ -93,6 +98,7 @@ fn action(agent: &Agent, draft: &ActionDraft) -> Result<Vec<f32>, Vec<Fault>> {
                 .iter()
                 .map(|feature| feature.name.as_str())
                 .collect();
+
             Err(vec![Fault::new(
                 "",
                 format!(
@@ -112,6 +118,7 @@ fn values(features: &[Feature], named: &NamedValues) -> Result<Vec<f32>, Vec<Fau
         known,
         "feature",
     );
+
     let mut all = Vec::with_capacity(features.len());
     for feature in features {
         let drafts: Vec<&ValueDraft> = named
@@ -119,16 +126,19 @@ fn values(features: &[Feature], named: &NamedValues) -> Result<Vec<f32>, Vec<Fau
             .filter(|(name, _)| name == feature.name.as_str())
             .map(|(_, draft)| draft)
             .collect();
+
         let found = match drafts.as_slice() {
             [draft] => value(feature, draft),
             [] => Err(format!("missing, expected {}", feature.kind.expected())),
             _ => Err(format!("given {} times, expected once", drafts.len())),
         };
+
         match found {
             Ok(value) => all.push(value),
             Err(detail) => faults.push(Fault::new(format!("/{}", feature.name), detail)),
         }
     }
+
     if faults.is_empty() {
         Ok(all)
     } else {
@@ -173,6 +183,7 @@ fn value(feature: &Feature, draft: &ValueDraft) -> Result<f32, String> {
         }
         (_, ValueDraft::Truth(_) | ValueDraft::Other(_)) => None,
     };
+
     read.ok_or_else(|| {
         format!(
             "got {}, expected {}",
@@ -196,6 +207,7 @@ fn label(labels: &LabelSet, draft: &ValueDraft) -> Option<f32> {
             .then(|| text.parse().ok().and_then(finite))
             .flatten()
     };
+
     match draft {
         ValueDraft::Number(written) => number(*written),
         ValueDraft::Text(text) | ValueDraft::Digits(text) if is_plain_number(text) => {

@@ -1,5 +1,5 @@
-//! Names near one that is not known, by edit distance: what somebody who mistyped it may have
-//! meant.
+//! Names near one that is not known, by edit distance (optimal string alignment): what somebody who
+//! mistyped it may have meant.
 
 /// Names that are told.
 const TOLD: usize = 3;
@@ -44,11 +44,13 @@ fn near<'a>(name: &str, known: &[&'a str]) -> Vec<&'a str> {
     if letters.is_empty() || letters.len() > MOST_LETTERS {
         return Vec::new();
     }
+
     let mut ranked: Vec<(usize, &str)> = known
         .iter()
         .filter_map(|known| Some((distance_if_near(&letters, known)?, *known)))
         .collect();
     ranked.sort_unstable();
+
     ranked
         .into_iter()
         .map(|(_, known)| known)
@@ -61,16 +63,19 @@ fn near<'a>(name: &str, known: &[&'a str]) -> Vec<&'a str> {
 fn distance_if_near(letters: &[char], known: &str) -> Option<usize> {
     /// Shorter names are in too many others.
     const HELD: usize = 3;
+
     let other: Vec<char> = known.to_lowercase().chars().collect();
     let [shorter, longer] = if letters.len() <= other.len() {
         [letters, &other]
     } else {
         [&other, letters]
     };
+
     let difference = longer.len() - shorter.len();
     if shorter.len() >= HELD && longer.windows(shorter.len()).any(|part| part == shorter) {
         return Some(difference);
     }
+
     // A third of the letters, or one.
     let allowed = (longer.len() / 3).max(1);
     if longer.len() > MOST_LETTERS || difference > allowed {
@@ -87,6 +92,7 @@ fn distance(one: &[char], other: &[char]) -> usize {
         (0..=other.len()).collect(),
         vec![0; other.len() + 1],
     ];
+
     for (i, a) in one.iter().enumerate() {
         let [before, last, now] = &mut rows;
         now[0] = i + 1;
@@ -94,6 +100,7 @@ fn distance(one: &[char], other: &[char]) -> usize {
             let edited = (last[j] + usize::from(a != b))
                 .min(last[j + 1] + 1)
                 .min(now[j] + 1);
+
             let is_swap = i > 0 && j > 0 && *a == other[j - 1] && one[i - 1] == *b;
             now[j + 1] = if is_swap {
                 edited.min(before[j - 1] + 1)

@@ -86,7 +86,7 @@ pub struct StateFigures {
     pub p_value: Option<f64>,
 }
 
-/// Which states count as discoveries: a false discovery rate, and how it is kept.
+/// A false discovery rate, and how it is kept: which states count as discoveries.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Discovery {
     /// The share of false ones that is accepted on average, above 0 and below 1.
@@ -134,6 +134,7 @@ impl Discovery {
         let method: Option<DiscoveryMethod> = method
             .map_err(|detail| faults.push(Fault::new("/method", detail)))
             .unwrap_or_default();
+
         match draft.fdr {
             Some(fdr) if !(fdr > 0.0 && fdr < 1.0) => {
                 faults.push(Fault::new(
@@ -146,9 +147,11 @@ impl Discovery {
             }
             _ => {}
         }
+
         if !faults.is_empty() {
             return Err(faults);
         }
+
         Ok(draft.fdr.map(|fdr| Self {
             fdr,
             method: method.unwrap_or_default(),

@@ -84,6 +84,7 @@ fn pair(schema: &Schema, draft: &PairDraft) -> Result<Pair, Vec<Fault>> {
         }
         found
     };
+
     // The first two agents by default; where one of them is named, the absent one is the other of
     // the two.
     let (first, second) = (
@@ -97,6 +98,7 @@ fn pair(schema: &Schema, draft: &PairDraft) -> Result<Pair, Vec<Fault>> {
             usual
         }
     };
+
     let ego = agent(
         "/ego".into(),
         draft
@@ -111,10 +113,12 @@ fn pair(schema: &Schema, draft: &PairDraft) -> Result<Pair, Vec<Fault>> {
             .as_deref()
             .unwrap_or(opposite(&draft.ego, second, first)),
     );
+
     let named = draft.given.iter().enumerate();
     let mut given: Vec<usize> = named
         .filter_map(|(i, name)| agent(format!("/given/{i}"), name))
         .collect();
+
     if let (Some(ego), Some(other)) = (ego, other) {
         if ego == other {
             let name = &schema.agents()[ego].name;
@@ -123,6 +127,7 @@ fn pair(schema: &Schema, draft: &PairDraft) -> Result<Pair, Vec<Fault>> {
                 format!("got {name}, which is the ego too; expected another agent"),
             ));
         }
+
         for (i, agent) in given.iter().enumerate() {
             if *agent == ego || *agent == other || given[..i].contains(agent) {
                 let name = &schema.agents()[*agent].name;
@@ -132,6 +137,7 @@ fn pair(schema: &Schema, draft: &PairDraft) -> Result<Pair, Vec<Fault>> {
                 ));
             }
         }
+
         given.sort_unstable();
         if faults.is_empty() {
             return Ok(Pair { ego, other, given });

@@ -125,6 +125,7 @@ impl Pattern {
         let Some(mut text) = text.strip_prefix(first) else {
             return false;
         };
+
         let (middle, last) = rest.rsplit_once('*').unwrap_or(("", rest));
         // The earliest place of each part leaves the most room for those behind it.
         for part in middle.split('*') {
@@ -216,11 +217,13 @@ impl Principal {
         if self.scopes.meets(wanted) {
             return Ok(());
         }
+
         let (who, scopes) = (self.title(), self.scopes);
         let message = format!(
             "{who} has the scopes [{scopes}], and this wants {}",
             wanted.one_of()
         );
+
         Err(Problem::new(ErrorKind::Forbidden, "SCOPE_MISSING", message)
             .with("scope", wanted.one_of()))
     }
@@ -230,6 +233,7 @@ impl Principal {
         if self.may_see(environment) {
             return Ok(());
         }
+
         let patterns = self
             .environments
             .iter()
@@ -241,6 +245,7 @@ impl Principal {
             "{} is not for environment `{environment}`, but for [{patterns}]",
             self.title()
         );
+
         Err(Problem::new(
             ErrorKind::Forbidden,
             "ENVIRONMENT_FORBIDDEN",
@@ -253,10 +258,12 @@ impl Principal {
         if self.is_everywhere() {
             return Ok(());
         }
+
         let message = format!(
             "{} is for some environments, and this tells of all",
             self.title()
         );
+
         Err(Problem::new(
             ErrorKind::Forbidden,
             "ENVIRONMENT_FORBIDDEN",

@@ -86,7 +86,7 @@ pub enum Exchange {
     WithinSegments,
 }
 
-/// Which test of independence is asked for.
+/// The test of independence that is asked for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Permutations {
     /// The one of the question's scope.
@@ -189,6 +189,7 @@ impl Question {
         let states = keep(states(&environment.schema, &draft.states), &mut faults);
         let estimators: Vec<Estimator> = parse_all(&draft.estimators, "/estimators", &mut faults);
         let view = parse(draft.view.as_deref(), "/view", &mut faults);
+
         let asked = draft.states.len();
         let mut few = |wanted: bool, most: usize, pointer: &str| {
             if wanted && asked > most {
@@ -199,20 +200,24 @@ impl Question {
         };
         few(draft.significance.is_some(), MOST_TESTED, "/significance");
         few(draft.visits_to_decide, MOST_FORESEEN, "/visits_to_decide");
+
         let significance = parse(draft.significance.as_deref(), "/significance", &mut faults);
         let (Some(scope), Some(states), true) = (scope, states, faults.is_empty()) else {
             return Err(Problem::invalid("question", faults));
         };
+
         let estimators = if estimators.is_empty() {
             scope.rule.estimators
         } else {
             estimators.into_iter().collect()
         };
+
         let view = view.unwrap_or(if states.len() == 1 {
             View::Full
         } else {
             View::Figures
         });
+
         Ok(Self {
             scope,
             states,
@@ -252,6 +257,7 @@ impl Scope {
         segments.sort_unstable();
         segments.dedup();
         let within = parse(draft.within.as_deref(), "/within", &mut faults).unwrap_or_default();
+
         let under_rule = |found: Vec<Fault>| {
             found
                 .into_iter()
@@ -263,10 +269,12 @@ impl Scope {
             .merged(&draft.rule)
             .and_then(|rule| within_reach(rule, environment, &pair, draft));
         let rule = keep(merged.map_err(under_rule), &mut faults);
+
         let unit = draft.unit.as_deref().map(Unit::from_str).transpose();
         if let Err(detail) = &unit {
             faults.push(Fault::new("/unit", detail.clone()));
         }
+
         match (pair, rule, unit) {
             (Some(pair), Some(rule), Ok(unit)) if faults.is_empty() => {
                 let segments = (!draft.segments.is_empty()).then_some(segments);
@@ -362,6 +370,7 @@ fn each<T>(
             format!("got {}, expected 1 to {MOST_STATES}", drafts.len()),
         )]);
     }
+
     let mut faults = Vec::new();
     let mut keys = Vec::with_capacity(drafts.len());
     for (i, draft) in drafts.iter().enumerate() {
@@ -374,6 +383,7 @@ fn each<T>(
             ),
         }
     }
+
     if faults.is_empty() {
         Ok(keys)
     } else {

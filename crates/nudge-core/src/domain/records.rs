@@ -79,6 +79,7 @@ impl Records {
             len: records.len(),
             ..Self::default()
         };
+
         for (index, record) in records.enumerate() {
             let record = record
                 .and_then(|record| widths.check(record))
@@ -90,6 +91,7 @@ impl Records {
                     });
                     widths.blank()
                 });
+
             all.states.extend(&record.state);
             all.actions.extend(&record.actions);
             all.entries.push(record.entry);
@@ -105,6 +107,7 @@ impl Records {
             .iter_mut()
             .chain(&mut self.actions)
             .for_each(|value| *value += 0.0);
+
         if self.entries.iter().all(|entry| *entry == Entry::Unknown) {
             self.entries.clear();
         }
@@ -148,6 +151,7 @@ impl Records {
         ] {
             hasher.update(&(size as u64).to_le_bytes());
         }
+
         hasher.update(segment.as_bytes());
         hasher.update(bytemuck::cast_slice(&self.states));
         hasher.update(bytemuck::cast_slice(&self.actions));
@@ -181,6 +185,7 @@ impl Worded {
                 .iter()
                 .find(|first| first.index == own.index)
                 .unwrap_or(own);
+
             hasher.update(&rejection.index.to_le_bytes());
             for text in [&rejection.field, &rejection.reason] {
                 hasher
@@ -230,6 +235,7 @@ impl Widths {
                 format!("got {got} values, expected {expected}"),
             ))
         };
+
         if record.state.len() != self.state {
             return wrong("/state", record.state.len(), self.state);
         }

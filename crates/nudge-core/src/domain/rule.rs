@@ -1,4 +1,4 @@
-//! The rule that turns figures into a verdict, and the unit that information is told in.
+//! The decision rule that turns figures into a verdict, and the unit that information is told in.
 
 use std::f64::consts::LN_2;
 use std::fmt;
@@ -123,11 +123,13 @@ impl fmt::Display for WrittenRule {
             Threshold::Information(information) => write!(f, "{information} {unit}")?,
             Threshold::Share(share) => write!(f, "a share of {share}, in {unit}")?,
         }
+
         write!(
             f,
             ", at least {} visits, confidence {}, estimators ",
             self.min_visits, self.confidence
         )?;
+
         let names: Vec<&str> = self.estimators.iter().map(Estimator::as_str).collect();
         f.write_str(if names.is_empty() { "none" } else { "" })?;
         f.write_str(&names.join(" "))
@@ -224,10 +226,12 @@ impl WrittenRule {
             confidence,
             estimators,
         } = *self;
+
         let (threshold, unit) = match threshold {
             Threshold::Information(threshold) => (threshold, unit),
             Threshold::Share(share) => (share * alphabet.largest_information(), Unit::Nats),
         };
+
         Rule {
             kind,
             threshold,
@@ -269,6 +273,7 @@ impl WrittenRule {
         let base =
             parsed(&draft.unit, "/unit", &mut faults).map_or(self, |unit| self.in_unit(unit));
         let threshold = threshold(draft, &mut faults).unwrap_or(base.threshold);
+
         let min_visits = draft.min_visits.unwrap_or(base.min_visits);
         if i64::try_from(min_visits).is_err() {
             faults.push(Fault::new(
@@ -276,6 +281,7 @@ impl WrittenRule {
                 format!("got {min_visits}, expected 0 to 2^63 - 1"),
             ));
         }
+
         let confidence = draft.confidence.unwrap_or(base.confidence);
         if !(confidence > 0.5 && confidence < 1.0) {
             faults.push(Fault::new(
@@ -284,6 +290,7 @@ impl WrittenRule {
             ));
         }
         let estimators = estimators(draft, &mut faults).unwrap_or(self.estimators);
+
         let rule = Self {
             kind,
             threshold,
@@ -292,6 +299,7 @@ impl WrittenRule {
             confidence,
             estimators,
         };
+
         if faults.is_empty() {
             Ok(rule)
         } else {
@@ -306,6 +314,7 @@ impl WrittenRule {
             }
             same => same,
         };
+
         Self {
             threshold,
             unit,
@@ -320,6 +329,7 @@ fn beyond_reach(rule: Rule, alphabet: Alphabet) -> String {
         threshold, unit, ..
     } = rule;
     let Alphabet { rows, columns } = alphabet;
+
     let largest = (unit.from_nats(alphabet.largest_information()) * 1e6).round() / 1e6;
     let logarithm = if unit == Unit::Nats { "ln" } else { "log2" };
     let (unit, fewer) = (unit.as_str(), rows.min(columns));
@@ -342,6 +352,7 @@ fn threshold(draft: &RuleDraft, faults: &mut Vec<Fault>) -> Option<Threshold> {
         ));
         return None;
     }
+
     // A negative zero would be told as "-0".
     if let Some(threshold) = draft.threshold {
         if !(threshold.is_finite() && threshold >= 0.0) {
@@ -352,6 +363,7 @@ fn threshold(draft: &RuleDraft, faults: &mut Vec<Fault>) -> Option<Threshold> {
         }
         return Some(Threshold::Information(threshold + 0.0));
     }
+
     let share = draft.share?;
     if !(0.0..1.0).contains(&share) {
         faults.push(Fault::new(

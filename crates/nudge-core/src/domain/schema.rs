@@ -103,16 +103,18 @@ impl Schema {
             );
             return Err(vec![Fault::new("", detail)]);
         }
+
         let mut faults = Vec::new();
         let mut bins = Vec::with_capacity(values.len());
         for (feature, &value) in self.state().iter().zip(values) {
             match feature.kind.bin(value) {
                 Ok(bin) => bins.push(bin),
-                Err(misfit) => {
-                    faults.push(Fault::new(format!("/{}", feature.name), misfit.to_string()))
+                Err(error) => {
+                    faults.push(Fault::new(format!("/{}", feature.name), error.to_string()))
                 }
             }
         }
+
         if faults.is_empty() {
             Ok(StateKey::new(&bins))
         } else {
@@ -129,6 +131,7 @@ impl Schema {
                 self.state().len()
             ));
         }
+
         let bin = |(part, feature): (&&str, &Feature)| {
             let bin: Option<u32> = part.parse().ok().filter(|bin| *bin < feature.kind.bins());
             bin.filter(|bin| bin.to_string() == **part).ok_or_else(|| {
@@ -139,6 +142,7 @@ impl Schema {
                 )
             })
         };
+
         let bins: Vec<u32> = parts
             .iter()
             .zip(self.state())
@@ -170,12 +174,14 @@ impl Schema {
             .map(str::parse)
             .transpose()
             .map_err(wrong)?;
+
         if let Some(old) = said
             .or(kept)
             .and_then(|hash| Self::in_radians(&draft.schema, hash))
         {
             return Ok(old);
         }
+
         let schema = Self::try_from(&draft.schema)?;
         match (said, schema.hash()) {
             (Some(said), found) if said != found => Err(wrong(format!(
@@ -203,7 +209,9 @@ impl TryFrom<&SchemaDraft> for Schema {
         checked::one_namespace(draft, &mut faults);
         let strides = checked::strides(&agents, &mut faults);
         faults.into_result()?;
+
         let hash = super::hash::schema_hash(&state, &agents);
+
         let radix = strides
             .into_iter()
             .zip(agents.iter().map(Agent::actions))
@@ -213,6 +221,7 @@ impl TryFrom<&SchemaDraft> for Schema {
             .flat_map(|agent| &agent.action)
             .map(|feature| feature.kind.clone())
             .collect();
+
         Ok(Self(Arc::new(Parts {
             state,
             agents,

@@ -1,4 +1,4 @@
-//! A request for a training, checked.
+//! The hyperparameters of a training as they were asked for, checked.
 
 use std::ops::RangeInclusive;
 use std::str::FromStr;
@@ -26,6 +26,7 @@ impl Training {
     pub fn new(schema: &Schema, draft: &TrainingDraft) -> Result<(Pair, Self), Problem> {
         let usual = Self::default();
         let mut faults = Vec::new();
+
         let named = PairDraft {
             ego: draft.ego.clone(),
             other: draft.other.clone(),
@@ -34,6 +35,7 @@ impl Training {
         let pair = Pair::named(schema, &named)
             .map_err(|found| faults.extend(found))
             .ok();
+
         let training = Self {
             kind: word(draft.kind.as_deref(), usual.kind, "/kind", &mut faults),
             width: number(draft.width, usual.width, WIDTH, "/width", &mut faults),
@@ -54,6 +56,7 @@ impl Training {
             ),
             seed: draft.seed.unwrap_or(usual.seed),
         };
+
         if training.members > training.folds {
             let Self { members, folds, .. } = training;
             let detail = format!(
@@ -61,6 +64,7 @@ impl Training {
             );
             faults.push(Fault::new("/members", detail));
         }
+
         match pair {
             Some(pair) if faults.is_empty() => Ok((pair, training)),
             _ => Err(Problem::invalid("training", faults)),
