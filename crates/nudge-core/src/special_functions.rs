@@ -56,11 +56,13 @@ fn raised(x: f64) -> (f64, f64) {
     if x >= 6.0 {
         return (x, digamma_series(x));
     }
+
     // psi(x + 6) less 1/x + ... + 1/(x + 5), whose outermost terms pair up: with y = x (x + 5) they
     // are (2 x + 5) (1/y + 1/(y + 4) + 1/(y + 6)).
     let y = x * (x + 5.0);
     let [second, third] = [y + 4.0, y + 6.0];
     let reciprocals = (second * third + y * third + y * second) / (y * second * third);
+
     (
         x + 6.0,
         digamma_series(x + 6.0) + (2.0 * x + 5.0) * reciprocals,
@@ -90,9 +92,9 @@ pub(crate) fn ln_beta(a: f64, b: f64) -> f64 {
     gamma::ln_gamma(small) - ln_pochhammer(large, small)
 }
 
-/// Returns ln Gamma(x + n) - ln Gamma(x): the logarithm of the rising factorial x (x + 1) ...
-/// (x + n - 1), for n of any kind, to the last digits. For large x by Stirling's series for both terms at once, so that
-/// what they share never arises.
+/// Returns ln Gamma(x + n) - ln Gamma(x): the logarithm of the rising factorial x (x + 1) ... (x +
+/// n - 1), for n of any kind, to the last digits. For large x by Stirling's series for both terms
+/// at once, so that what they share never arises.
 pub(crate) fn ln_pochhammer(x: f64, n: f64) -> f64 {
     if x < ASYMPTOTIC_FROM as f64 {
         return gamma::ln_gamma(x + n) - gamma::ln_gamma(x);

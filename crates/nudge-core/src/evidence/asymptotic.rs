@@ -35,14 +35,17 @@ impl Estimate {
         cells
             .chunks(columns)
             .for_each(|row| marginal.iter_mut().zip(row).for_each(|(sum, p)| *sum += p));
+
         let growth = |shares: &[f64]| {
             shares
                 .iter()
                 .map(|p| growth(n * p) * (1.0 - p))
                 .sum::<f64>()
         };
+
         let bias = (growth(cells) - growth(&rows) - growth(&marginal)) / n;
         let variance = ln_ratio_variance(cells, &rows, &marginal) / n + bias.max(0.0) / n;
+
         Self {
             mean: plug_in(table) - bias,
             deviation: variance.sqrt(),
@@ -91,10 +94,12 @@ fn growth(x: f64) -> f64 {
             .map(|step| summed_growth((step as f64 / STEPS).powi(2)))
             .collect()
     });
+
     if x >= TABULATED_TO {
         let inverse = 1.0 / x;
         return 0.5 + inverse * (1.0 / 12.0 + inverse * (1.0 / 12.0 + inverse * 19.0 / 120.0));
     }
+
     let at = x.max(0.0).sqrt() * STEPS;
     let (below, share) = (at as usize, at.fract());
     TABLE[below] * (1.0 - share) + TABLE[below + 1] * share
@@ -104,12 +109,14 @@ fn summed_growth(x: f64) -> f64 {
     if x == 0.0 {
         return 0.0;
     }
+
     let (mut term, mut sum) = ((-x).exp(), 0.0);
     // A hundred and fifty are more than twenty standard deviations above the mean.
     for n in (1..150).map(f64::from) {
         term *= x / n;
         sum += term * n * n.ln();
     }
+
     sum - x * x.ln()
 }
 

@@ -53,6 +53,7 @@ impl Groups {
         let mut distinct = shares.to_vec();
         distinct.sort_by(f64::total_cmp);
         distinct.dedup();
+
         let mut groups: Vec<Alike> = distinct
             .iter()
             .map(|share| Alike {
@@ -60,11 +61,13 @@ impl Groups {
                 letters: 0.0,
             })
             .collect();
+
         let group = |share: &f64| distinct.partition_point(|other| other < share) as u32;
         let group_of: Vec<u32> = shares.iter().map(group).collect();
         group_of
             .iter()
             .for_each(|group| groups[*group as usize].letters += 1.0);
+
         Self { groups, group_of }
     }
 

@@ -40,6 +40,7 @@ impl Beta {
         let Self { a, b, ln_beta } = *self;
         let front = (a * x.ln() + b * (-x).ln_1p() - ln_beta).exp();
         let density = front / (x * (1.0 - x));
+
         let cdf = if a.min(b) > CONTINUED_TO {
             nearly_normal(a, b, x)
         } else if x < (a + 1.0) / (a + b + 2.0) {
@@ -47,6 +48,7 @@ impl Beta {
         } else {
             1.0 - front * continued(b, a, 1.0 - x) / b
         };
+
         (cdf.clamp(0.0, 1.0), density)
     }
 }
@@ -59,25 +61,35 @@ const CONTINUED_TO: f64 = 3_000.0;
 fn continued(a: f64, b: f64, x: f64) -> f64 {
     const CONVERGED: f64 = 1e-10;
     const STEPS: u32 = 1_000;
-    let nonzero = |x: f64| if x.abs() < 1e-300 { 1e-300 } else { x };
+
     let mut c = 1.0;
     let mut d = 1.0 / nonzero(1.0 - (a + b) * x / (a + 1.0));
     let mut fraction = d;
+
     for step in 1..=STEPS {
         let m = f64::from(step);
         let even = m * (b - m) * x / ((a + 2.0 * m - 1.0) * (a + 2.0 * m));
         d = 1.0 / nonzero(1.0 + even * d);
         c = nonzero(1.0 + even / c);
         fraction *= d * c;
+
         let odd = -(a + m) * (a + b + m) * x / ((a + 2.0 * m) * (a + 2.0 * m + 1.0));
         d = 1.0 / nonzero(1.0 + odd * d);
         c = nonzero(1.0 + odd / c);
         fraction *= d * c;
+
         if (d * c - 1.0).abs() < CONVERGED {
             break;
         }
     }
+
     fraction
+}
+
+/// Returns what may be divided by.
+fn nonzero(x: f64) -> f64 {
+    const TINY: f64 = 1e-300;
+    if x.abs() < TINY { TINY } else { x }
 }
 
 /// The cube-root approximation (Abramowitz & Stegun 1964, 26.5.22), for large parameters.

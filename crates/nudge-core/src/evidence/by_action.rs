@@ -55,8 +55,10 @@ impl Prior {
         let mut rng = draws.generator();
         let [egos, others] = draws.sizes();
         let times = (CELLS / (egos * others * draws.slices.len())).clamp(FEWEST_DRAWS, DRAWS);
+
         let mut divergences = vec![Vec::with_capacity(times); egos];
         let mut responses = vec![Vec::with_capacity(times); egos * others];
+
         for time in 0..times {
             let joints = draws.draw((time as f64 + 0.5) / times as f64, &mut rng);
             let drawn: Vec<Seen> = joints
@@ -64,6 +66,7 @@ impl Prior {
                 .enumerate()
                 .map(|(at, joint)| Seen::new(joint, draws.share(at)))
                 .collect();
+
             for action in 0..egos {
                 let (divergence, response) = over_slices(&drawn, action);
                 divergences[action].push(divergence);
@@ -73,6 +76,7 @@ impl Prior {
                     .for_each(|(draws, p)| draws.push(p));
             }
         }
+
         let predicted = draws.predicted_responses();
         let figures = |(action, divergences): (usize, &mut Vec<f64>)| ActionPosterior {
             divergence_mean: divergences.iter().sum::<f64>() / times as f64,
@@ -83,6 +87,7 @@ impl Prior {
                 .map(|draws| interval(draws))
                 .collect(),
         };
+
         divergences.iter_mut().enumerate().map(figures).collect()
     }
 }
@@ -111,6 +116,7 @@ impl Draws<'_> {
     fn predicted_responses(&self) -> Vec<Vec<f64>> {
         let [egos, others] = self.sizes();
         let mut responses = vec![vec![0.0; others]; egos];
+
         for slice in 0..self.slices.len() {
             let predicted = self.predicted(slice);
             for (response, cells) in responses.iter_mut().zip(predicted.chunks(others)) {
@@ -120,10 +126,12 @@ impl Draws<'_> {
                     .for_each(|(sum, p)| *sum += self.share(slice) * p);
             }
         }
+
         for response in &mut responses {
             let total: f64 = response.iter().sum();
             response.iter_mut().for_each(|p| *p /= total);
         }
+
         responses
     }
 }
@@ -152,6 +160,7 @@ impl Seen {
 fn over_slices(slices: &[Seen], action: usize) -> (f64, Vec<f64>) {
     let others = slices[0].marginal.len();
     let (mut divergence, mut response, mut weights) = (0.0, vec![0.0; others], 0.0);
+
     for Seen {
         joint,
         marginal,
@@ -161,6 +170,7 @@ fn over_slices(slices: &[Seen], action: usize) -> (f64, Vec<f64>) {
         // However improbable an action became, its share among slices is defined.
         let weight = share * joint.policy[action].max(f64::MIN_POSITIVE);
         let row = &joint.responses[action * others..][..others];
+
         weights += weight;
         divergence += weight * divergence_of(row, marginal);
         response
@@ -168,6 +178,7 @@ fn over_slices(slices: &[Seen], action: usize) -> (f64, Vec<f64>) {
             .zip(row)
             .for_each(|(sum, p)| *sum += weight * p);
     }
+
     response.iter_mut().for_each(|p| *p /= weights);
     (divergence / weights, response)
 }

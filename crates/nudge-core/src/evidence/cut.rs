@@ -48,10 +48,12 @@ impl SegmentWeights {
     pub fn new(parameters: &Parameters) -> Self {
         let [first, second] =
             [0, 1].map(|side: usize| parameters.sides[side].slabs[..CUT].iter().sum::<f64>());
+
         let habits = parameters
             .sides
             .each_ref()
             .map(|side| HabitWeights::new(&side.segments));
+
         Self {
             families: parameters.families.map(f64::ln),
             cut: -(first + second).ln(),
@@ -106,11 +108,13 @@ impl SegmentHabits {
             kind if APART.contains(&kind) => apart[kind - APART.start] - pooled,
             kind => around[kind - APART.end],
         };
+
         let logarithms: [f64; HABITS] =
             std::array::from_fn(|kind| weights.kinds[kind] + relative(kind));
         let likeliest = (0..NULLS)
             .max_by(|a, b| logarithms[APART.start + a].total_cmp(&logarithms[APART.start + b]));
         let ln = ln_sum(&logarithms);
+
         Self {
             ln,
             ln_differ: ln_sum(&logarithms[1..]) - weights.differ,
@@ -130,6 +134,7 @@ impl Cut {
     ) -> Self {
         let (mut null, mut fixed, mut own) = ([0.0; NULLS], [0.0; FIXED], [0.0; OWN_GRID]);
         let (mut several, mut one) = (Vec::new(), Vec::new());
+
         for part in parts.clone() {
             let (of_null, apart) = (
                 likelihood.shared(columns(part), part.total()),
@@ -137,12 +142,14 @@ impl Cut {
             );
             add(&mut null, &of_null);
             add(&mut fixed, &apart);
+
             let of_part = if part.is_line() {
                 [0.0; OWN_GRID]
             } else {
                 likelihood.on_own_marginal(part)
             };
             add(&mut own, &of_part);
+
             let beyond = part.total().saturating_sub(1) as f64;
             one.push((beyond, of_part));
             if beyond > 0.0 {
@@ -153,15 +160,18 @@ impl Cut {
                 });
             }
         }
+
         let total: f64 = one.iter().map(|(beyond, _)| beyond).sum();
         several
             .iter_mut()
             .for_each(|part| part.ln_share -= total.ln());
+
         let around = if is_whole {
             likelihood.around(by_part(parts))
         } else {
             [0.0; AROUND]
         };
+
         Self {
             null,
             around,
@@ -185,6 +195,7 @@ impl Cut {
             .iter()
             .map(|part| part.ln_fixed(null, parameters))
             .collect();
+
         if told.is_empty() {
             NOTHING
         } else {
@@ -208,6 +219,7 @@ impl Cut {
             .share(cut[1], &weights[OWN_SLABS], &mut slabs[OWN_SLABS]);
         self.one
             .share(one[1], &weights[OWN_SLABS], &mut slabs[OWN_SLABS]);
+
         let all = self.ln_one_fixed(null, parameters);
         for part in &self.parts {
             let share = one[0] * (part.ln_fixed(null, parameters) - all).exp();
@@ -227,6 +239,7 @@ impl Part {
 /// depends on nothing. Nothing at all where there are no others.
 pub(super) fn ln_mean<const L: usize>(parts: &[(f64, [f64; L])]) -> [f64; L] {
     let total: f64 = parts.iter().map(|(weight, _)| weight).sum();
+
     std::array::from_fn(|slab| {
         let largest = parts.iter().fold(f64::NEG_INFINITY, |largest, (_, part)| {
             largest.max(part[slab])
@@ -235,6 +248,7 @@ pub(super) fn ln_mean<const L: usize>(parts: &[(f64, [f64; L])]) -> [f64; L] {
             .iter()
             .map(|(weight, part)| weight * (part[slab] - largest).exp())
             .sum();
+
         if total > 0.0 {
             largest + (sum / total).ln()
         } else {

@@ -71,14 +71,17 @@ impl Believed {
     fn decided(&self, confidence: f64) -> Option<bool> {
         let Self { now, unseen, .. } = self;
         let many = self.observations > FEW;
+
         if !self.tells {
             return None;
         }
+
         if now.above >= confidence
             && (rose(unseen.above, now.above) || (many && now.above >= 1.0 - SETTLED))
         {
             return Some(true);
         }
+
         let [weak, weak_before] = [now.above_if_dependent, unseen.above_if_dependent];
         let is_weak = 1.0 - weak >= confidence && fell(weak_before, weak);
         let is_earned = fell(unseen.above, now.above) || (many && (is_weak || weak <= SETTLED));
@@ -127,11 +130,14 @@ pub fn dependence(believed: &Believed) -> Dependence {
         observations,
         tells,
     } = believed;
+
     let is_settled = |p: f64| *observations > FEW && p >= 1.0 - SETTLED;
     let [is, was] = [now.dependent, unseen.dependent];
+
     if *tells && is >= CERTAIN && (rose(was, is) || is_settled(is)) {
         return Dependence::Established;
     }
+
     let is_excluded = *tells && 1.0 - is >= CERTAIN && (fell(was, is) || is_settled(1.0 - is));
     if is_excluded {
         Dependence::Excluded

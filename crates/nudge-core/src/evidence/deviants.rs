@@ -70,10 +70,12 @@ impl Deviants {
         } else {
             f64::NEG_INFINITY
         };
+
         let largest = self
             .rows
             .iter()
             .fold(least, |largest: f64, row| largest.max(row[slab]));
+
         let tried: f64 = self
             .rows
             .iter()
@@ -84,6 +86,7 @@ impl Deviants {
         } else {
             0.0
         };
+
         (largest, tried + untried)
     }
 }
@@ -102,6 +105,7 @@ impl Likelihood {
     pub fn deviants(&self, table: &Table, nulls: &NullMixture, null: &Null) -> Deviants {
         let anchor = anchor(table);
         let falling = self.falling(table, null);
+
         let row = |row: usize| {
             let r = table.rows()[row];
             let (mut own, others) = if anchor == Some(row) {
@@ -121,6 +125,7 @@ impl Likelihood {
             own.iter_mut().for_each(|own| *own += others);
             own
         };
+
         let rows: Vec<[f64; DEVIANTS]> = (0..table.rows().len()).map(row).collect();
         Deviants {
             untried: self.drivers.saturating_sub(rows.len() as u64) as f64,
@@ -139,9 +144,11 @@ impl Likelihood {
             self.columns.take_from(&mut sums, label as usize, all);
             self.columns.add_to(&mut sums, label as usize, all - cell.n);
         }
+
         self.totals.add_to(&mut sums, 0, table.total());
         self.totals
             .take_from(&mut sums, 0, table.total() - table.rows()[row]);
+
         ln_sum(&sums)
     }
 
@@ -158,6 +165,7 @@ impl Likelihood {
             let parameters = self.columns.parameters(label as usize);
             (all - cell.n..all).for_each(|t| multiply(&mut over, parameters, t));
         }
+
         falling
             .iter()
             .zip(over)
@@ -177,10 +185,12 @@ impl Likelihood {
             .filter(|r| *r <= MULTIPLIED)
             .max()
             .unwrap_or(0);
+
         let step = |r| {
             multiply(&mut product, self.totals.parameters(0), table.total() - r);
             product
         };
+
         (1..=most).map(step).collect()
     }
 

@@ -63,6 +63,7 @@ impl<'a> Draws<'a> {
         let are_parts = all
             .by_segment()
             .is_some_and(|by_segment| by_segment.differ > DIFFER);
+
         let mut readings = Readings::new(
             if are_parts {
                 counted.parts
@@ -71,18 +72,21 @@ impl<'a> Draws<'a> {
             }
             .into(),
         );
+
         if are_parts {
             readings
                 .wholes
                 .sort_by_key(|part| std::cmp::Reverse(part[0].total()));
             readings.wholes.truncate(most);
         }
+
         // What is believed of the parts by themselves, or of the wholes, with the probability of
         // dependence that they have together.
         let weights = Weights {
             dependent: all.dependent,
             ..prior.weights(&readings)
         };
+
         Self {
             prior,
             habits,
@@ -99,6 +103,7 @@ impl<'a> Draws<'a> {
         if !self.are_parts {
             return (self.prior.posterior(self.habits, tables), tables.into());
         }
+
         let whole = Table::sum(tables);
         let posterior = self.prior.posterior(
             self.habits,
@@ -107,6 +112,7 @@ impl<'a> Draws<'a> {
                 parts: tables,
             },
         );
+
         (posterior, vec![whole].into())
     }
 
@@ -123,21 +129,16 @@ impl<'a> Draws<'a> {
     /// Returns a generator of random numbers that depends on the counts alone, so that the same
     /// counts give the same answers.
     pub fn generator(&self) -> Pcg64 {
-        let cells = self.slices.iter().flat_map(|reading| {
-            let table = &reading[self.ego];
-            let label = |labels: &[u64], at: u32| labels[at as usize];
-            table.cells().iter().flat_map(move |cell| {
-                [
-                    label(table.row_labels(), cell.row),
-                    label(table.column_labels(), cell.column),
-                    cell.n,
-                ]
-            })
-        });
+        let cells = self
+            .slices
+            .iter()
+            .flat_map(|reading| reading[self.ego].triples().flat_map(<[u64; 3]>::from));
+
         // Fowler, Noll and Vo's hash, over whole numbers.
         let seed = cells.fold(0xcbf2_9ce4_8422_2325_u64, |hash, n| {
             (hash ^ n).wrapping_mul(0x0100_0000_01b3)
         });
+
         Pcg64::seed_from_u64(seed)
     }
 
@@ -153,6 +154,7 @@ impl<'a> Draws<'a> {
                 .map(|slice| self.independent(slice, rng))
                 .collect();
         }
+
         let sides = [self.ego, 1 - self.ego]
             .map(|side| self.weights.slabs[side])
             .concat();
@@ -162,9 +164,11 @@ impl<'a> Draws<'a> {
         } else {
             1 - self.ego
         };
+
         let slices = self
             .prior
             .slices(self.habits, &self.slices, &self.weights.deviants);
+
         let joint = |slice: &[Slice<'_>; 2]| {
             let joint = self.prior.sides[side].draw_dependent(chosen % SLABS, &slice[side], rng);
             if side == self.ego {
@@ -173,6 +177,7 @@ impl<'a> Draws<'a> {
                 joint.turned()
             }
         };
+
         slices.iter().map(joint).collect()
     }
 
@@ -180,10 +185,12 @@ impl<'a> Draws<'a> {
         let (side, table) = (&self.prior.sides[self.ego], &slice[self.ego]);
         let null = chosen(&side.null_weights(table), rng.random());
         let b = NULL_CONCENTRATIONS[null % NULL_GRID];
+
         let mut counts: Vec<f64> = (0..side.letters())
             .map(|letter| b * side.null_share(null, letter))
             .collect();
         add_columns(&mut counts, table, 1.0);
+
         let response = dirichlet(&counts, rng);
         let policy = dirichlet(
             &side
@@ -191,6 +198,7 @@ impl<'a> Draws<'a> {
                 .parameters(table),
             rng,
         );
+
         Joint {
             responses: response.repeat(policy.len()),
             policy,
@@ -203,6 +211,7 @@ impl Joint {
     pub fn turned(&self) -> Self {
         let columns = self.responses.len() / self.policy.len();
         let policy = self.marginal();
+
         let response = |column: usize| {
             let seen = policy[column];
             // A column whose probability underflowed tells nothing of the row.
@@ -215,6 +224,7 @@ impl Joint {
             };
             self.policy.iter().enumerate().map(p)
         };
+
         Self {
             responses: (0..columns).flat_map(response).collect(),
             policy: policy.clone(),
@@ -234,6 +244,7 @@ impl Joint {
                 .zip(row)
                 .for_each(|(sum, rho)| *sum += p * rho);
         }
+
         marginal
     }
 
@@ -244,6 +255,7 @@ impl Joint {
             .policy
             .iter()
             .zip(self.responses.chunks(marginal.len()));
+
         // What underflowed adds nothing.
         let term = |p: f64, rho: f64, q: f64| {
             if p * rho > 0.0 {
@@ -252,6 +264,7 @@ impl Joint {
                 0.0
             }
         };
+
         rows.map(|(p, row)| {
             row.iter()
                 .zip(&marginal)
@@ -283,11 +296,13 @@ impl Prior {
         if largest == 0.0 || draws < FEWEST_UNSEEN {
             return None;
         }
+
         let readings = Readings::new((&[] as &[Table]).into());
         let weights = self.weights(&readings);
         let [slices] = &self.slices(self.habits(), &readings.wholes, &weights.deviants)[..] else {
             return None;
         };
+
         let sampled = |(side, slab, weight): (usize, usize, f64)| {
             let draws = ((weight * draws as f64) as usize).max(FEWEST_OF_SLAB);
             (
@@ -295,6 +310,7 @@ impl Prior {
                 self.sides[side].sampled_moments(slab, &slices[side], draws),
             )
         };
+
         let parts = weights.heaviest(WEIGHED).into_iter().map(sampled).collect();
         Some(Posterior::new(weights.dependent, largest, parts, None))
     }
@@ -307,8 +323,10 @@ impl Side {
         let drawn: Vec<f64> = (0..draws)
             .map(|_| self.draw_dependent(slab, slice, &mut rng).information())
             .collect();
+
         let mean = drawn.iter().sum::<f64>() / draws as f64;
         let variance = drawn.iter().map(|one| (one - mean).powi(2)).sum::<f64>() / draws as f64;
+
         Moments {
             mean,
             variance,
@@ -351,10 +369,12 @@ impl Side {
             .map(|label| deviating.probability(table, label))
             .collect();
         let deviates = chosen(&weights, rng.random());
+
         let mut own: Vec<f64> = (0..self.letters())
             .map(|letter| k * self.deviant_share(deviant, letter))
             .collect();
         let mut rest = self.likelihood.base.shares().to_vec();
+
         (0..rows).for_each(|row| {
             add_row(
                 if row == deviates { &mut own } else { &mut rest },
@@ -363,6 +383,7 @@ impl Side {
                 1.0,
             )
         });
+
         let [own, rest] = [dirichlet(&own, rng), dirichlet(&rest, rng)];
         (0..rows)
             .flat_map(|row| {
@@ -383,6 +404,7 @@ fn chosen(weights: &[f64], point: f64) -> usize {
         left -= weight;
         left < 0.0
     });
+
     // Rounding could lead past the end.
     found.unwrap_or_else(|| {
         (0..)
@@ -402,9 +424,11 @@ fn dirichlet(parameters: &[f64], rng: &mut Pcg64) -> Vec<f64> {
             f64::NEG_INFINITY
         }
     };
+
     let mut draws: Vec<f64> = parameters.iter().map(variate).collect();
     let largest = draws.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     draws.iter_mut().for_each(|ln| *ln = (*ln - largest).exp());
+
     let sum: f64 = draws.iter().sum();
     draws.iter_mut().for_each(|draw| *draw /= sum);
     draws

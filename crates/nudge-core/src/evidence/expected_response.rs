@@ -88,16 +88,19 @@ pub fn bayes_factors(
     if threshold >= alphabet.largest_information() {
         return vec![f64::exp(-MOST_CERTAIN); states.len()];
     }
+
     let kappa = policy_concentration(states);
     let question = Question {
         alphabet,
         threshold,
         kappa,
     };
+
     let terms: Vec<Terms> = states
         .iter()
         .map(|state| Terms::new(state, base, question))
         .collect();
+
     let weights = Weights::fitted(&terms);
     terms
         .iter()
@@ -108,19 +111,21 @@ pub fn bayes_factors(
 /// Returns the maximum-likelihood concentration kappa of the grid: where sum ln DM(r; kappa p) over
 /// states is largest.
 fn policy_concentration(states: &[ExpectedResponse<'_>]) -> f64 {
-    let likelihood = |kappa: f64| {
-        let of = |state: &ExpectedResponse<'_>| {
-            let counts = state.table.row_labels().iter().zip(state.table.rows());
-            let actions: f64 = counts
-                .map(|(i, r)| ln_rising(kappa * state.ego[*i as usize].max(RAREST), *r))
-                .sum();
-            actions - ln_rising(kappa, state.table.total())
-        };
-        states.iter().map(of).sum::<f64>()
-    };
-    let likelihoods = KAPPAS.map(likelihood);
+    let likelihoods = KAPPAS.map(|kappa| {
+        let of_states = states.iter().map(|state| policy_likelihood(state, kappa));
+        of_states.sum::<f64>()
+    });
     let best = (0..KAPPAS.len()).max_by(|a, b| likelihoods[*a].total_cmp(&likelihoods[*b]));
     best.map_or(KAPPAS[0], |at| KAPPAS[at])
+}
+
+/// Returns ln DM(r; kappa p) of the ego's actions in a state.
+fn policy_likelihood(state: &ExpectedResponse<'_>, kappa: f64) -> f64 {
+    let counts = state.table.row_labels().iter().zip(state.table.rows());
+    let actions: f64 = counts
+        .map(|(i, r)| ln_rising(kappa * state.ego[*i as usize].max(RAREST), *r))
+        .sum();
+    actions - ln_rising(kappa, state.table.total())
 }
 
 /// What is asked of every state.
@@ -147,32 +152,27 @@ struct Terms {
 impl Terms {
     fn new(state: &ExpectedResponse<'_>, base: &Base, question: Question) -> Self {
         let columns = question.alphabet.columns as usize;
-        let marginal: Vec<f64> = (0..columns)
-            .map(|j| {
-                state
-                    .ego
-                    .iter()
-                    .enumerate()
-                    .map(|(i, p)| p * state.response[i * columns + j])
-                    .sum()
-            })
-            .collect();
+        let marginal = expected_marginal(state, columns);
+
         let uniform = 1.0 / columns as f64;
         let floored: f64 = marginal.iter().map(|m| m.max(RAREST)).sum();
         let share =
             |x: usize, j: usize| [base.shares()[j], uniform, marginal[j].max(RAREST) / floored][x];
+
         let mut slabs = [0.0; SLABS.len()];
         let [mut prior_tail, mut posterior_tail] = [[0.0; SLABS.len()]; 2];
         let [nothing, counts] = [
             Counts::none(question.alphabet),
             Counts::from_table(state.table, question.alphabet),
         ];
+
         for (slab, (gamma, k)) in SLABS.into_iter().enumerate() {
             let rows = sharpened(state, &marginal, gamma);
             slabs[slab] = rows_evidence(state.table, k, |i, j| rows[i * columns + j]);
             prior_tail[slab] = tail(&nothing, state.ego, &rows, k, question);
             posterior_tail[slab] = tail(&counts, state.ego, &rows, k, question);
         }
+
         let nulls = std::array::from_fn(|null| {
             let (x, b) = (null / NULLS.len(), NULLS[null % NULLS.len()]);
             let sums = state
@@ -185,6 +185,7 @@ impl Terms {
                 .sum();
             letters - ln_rising(b, state.table.total())
         });
+
         Self {
             nulls,
             slabs,
@@ -192,6 +193,14 @@ impl Terms {
             posterior_tail,
         }
     }
+}
+
+/// Returns m_j = sum_i p_i rho_ij.
+fn expected_marginal(state: &ExpectedResponse<'_>, columns: usize) -> Vec<f64> {
+    let rows = || state.ego.iter().zip(state.response.chunks(columns));
+    (0..columns)
+        .map(|j| rows().map(|(p, row)| p * row[j]).sum())
+        .collect()
 }
 
 /// Returns the rows z, row by row.
@@ -205,10 +214,12 @@ fn sharpened(state: &ExpectedResponse<'_>, marginal: &[f64], gamma: f64) -> Vec<
                 0.0
             }
         };
+
         let sharper: Vec<f64> = row.iter().zip(marginal).map(sharp).collect();
         let sum: f64 = sharper.iter().sum();
         let floored: Vec<f64> = sharper.iter().map(|z| (z / sum).max(RAREST)).collect();
         let total: f64 = floored.iter().sum();
+
         row.iter_mut()
             .zip(floored)
             .for_each(|(z, floored)| *z = floored / total);
@@ -235,14 +246,11 @@ impl Counts {
 
     fn from_table(table: &Table, alphabet: Alphabet) -> Self {
         let mut counts = Self::none(alphabet);
-        for cell in table.cells() {
-            let (i, j) = (
-                table.row_labels()[cell.row as usize],
-                table.column_labels()[cell.column as usize],
-            );
-            counts.cells[(i * alphabet.columns + j) as usize] += cell.n as f64;
-            counts.rows[i as usize] += cell.n as f64;
+        for (i, j, n) in table.triples() {
+            counts.cells[(i * alphabet.columns + j) as usize] += n as f64;
+            counts.rows[i as usize] += n as f64;
         }
+
         Self {
             total: table.total() as f64,
             ..counts
@@ -341,15 +349,16 @@ struct Weights {
 
 impl Weights {
     fn fitted(states: &[Terms]) -> Self {
-        let even = |n: usize| 1.0 / n as f64;
         let mut weights = Self {
             dependent: 0.3,
-            nulls: [even(NULL_GRID); NULL_GRID],
-            slabs: [even(SLABS.len()); SLABS.len()],
+            nulls: [1.0 / NULL_GRID as f64; NULL_GRID],
+            slabs: [1.0 / SLABS.len() as f64; SLABS.len()],
         };
+
         for _ in 0..ROUNDS {
             weights = weights.improved(states);
         }
+
         weights
     }
 
@@ -372,8 +381,10 @@ impl Weights {
                 .for_each(|(sum, share)| *sum += p * share);
             dependent += p;
         }
+
         let share = (dependent + DEPENDENT_PRIOR[0]) / (states.len() as f64 + DEPENDENT_PRIOR[1]);
         let (null_sum, slab_sum): (f64, f64) = (nulls.iter().sum(), slabs.iter().sum());
+
         Self {
             dependent: share.clamp(0.001, 0.999),
             nulls: nulls.map(|sum| sum / null_sum),
@@ -397,6 +408,7 @@ impl Weights {
         /// before the counts and is impossible after them is not made probable by the rest of what
         /// they say.
         const LEAST: f64 = 0.05;
+
         let slabs = self.slab(terms);
         let sum = |part: &dyn Fn(f64) -> f64| {
             let logarithms: [f64; SLABS.len()] =
@@ -409,13 +421,17 @@ impl Weights {
                 .sum();
             (ln_sum(&logarithms), prior)
         };
+
         let (above, above_prior) = sum(&|tail| tail + TINY);
         let (below, below_prior) = sum(&|tail| 1.0 - tail + TINY);
+
         let null = ln_sum(&self.null(terms)) + (1.0 - self.dependent).ln();
         let otherwise = ln_sum(&[null, below + self.dependent.ln()]);
         let otherwise_prior = 1.0 - self.dependent + self.dependent * below_prior;
+
         let [above_prior, otherwise_prior] =
             [above_prior, otherwise_prior].map(|prior| prior.max(LEAST).ln());
+
         ((above - above_prior) - (otherwise - otherwise_prior))
             .clamp(-MOST_CERTAIN, MOST_CERTAIN)
             .exp()

@@ -74,6 +74,7 @@ impl Fitter {
             Likelihood::new(alphabet.columns, rows),
         ];
         let (habits, concentrations) = (uses.habits(), uses.concentrations());
+
         Self {
             alphabet,
             likelihoods,
@@ -98,6 +99,7 @@ impl Fitter {
             .map(|slice| [slice.clone(), slice.transposed()])
             .collect();
         let observations: u64 = telling.iter().map(|[slice, _]| slice.total()).sum();
+
         if observations >= FEWEST_OBSERVATIONS {
             let several = parts.iter().map(margins);
             (0..2).for_each(|side| {
@@ -124,8 +126,10 @@ impl Fitter {
             goes_on().then_some(())?;
             parameters = round(&self.states, &parameters);
         }
+
         self.look_for_deviants(&parameters, goes_on);
         let nulls = parameters.clone().sides.map(|side| side.nulls);
+
         for _ in 0..ROUNDS[1] {
             goes_on().then_some(())?;
             parameters = round(&self.states, &parameters);
@@ -135,11 +139,13 @@ impl Fitter {
                 .zip(&nulls)
                 .for_each(|(side, nulls)| side.nulls.clone_from(nulls));
         }
+
         let [columns, rows] = self.likelihoods.map(|likelihood| likelihood.base);
         for (at, side) in parameters.sides.iter_mut().enumerate() {
             side.habit = self.concentrations[at];
             side.habit_in_segments = self.segments[at].concentration(self.habits.driver(at));
         }
+
         Some(Fit {
             alphabet: self.alphabet,
             bases: [rows, columns],
@@ -162,6 +168,7 @@ fn round(states: &[State], parameters: &Parameters) -> Parameters {
         (0.0, [ExpectedCounts::default(), ExpectedCounts::default()]);
     let mut segmented = ExpectedFamilies::default();
     let weights = SegmentWeights::new(parameters);
+
     for state in states {
         let responsibilities = state.responsibilities(parameters, &weights);
         dependent += 1.0 - responsibilities.independent;

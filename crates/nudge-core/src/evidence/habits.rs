@@ -154,13 +154,12 @@ impl Segments {
     /// Adds the parts of a state, by the labels and the sums of the variable.
     pub fn add<'a>(&mut self, parts: impl Iterator<Item = (&'a [u64], &'a [u64])> + Clone) {
         let mut sums: BTreeMap<u64, u64> = BTreeMap::new();
-        let letters = |(labels, sums): (&'a [u64], &'a [u64])| {
-            labels.iter().copied().zip(sums.iter().copied())
-        };
+
         parts
             .clone()
             .flat_map(letters)
             .for_each(|(label, n)| *sums.entry(label).or_default() += n);
+
         let total: u64 = sums.values().sum();
         for part in parts.take(MOST_PARTS.saturating_sub(self.0.len())) {
             let here = part.1.iter().sum();
@@ -184,6 +183,7 @@ impl Segments {
         {
             return None;
         }
+
         let part = |part: &Part, kappa: f64| {
             let p = |label: u64, elsewhere: u64| {
                 (elsewhere as f64 + mean[label as usize]) / (part.elsewhere as f64 + 1.0)
@@ -193,10 +193,18 @@ impl Segments {
             };
             part.letters.iter().map(letter).sum::<f64>() - ln_rising(kappa, part.here)
         };
+
         Some(likeliest(|kappa| {
             self.0.iter().map(|one| part(one, kappa)).sum()
         }))
     }
+}
+
+/// Returns each label with its count.
+fn letters<'a>(
+    (labels, sums): (&'a [u64], &'a [u64]),
+) -> impl Iterator<Item = (u64, u64)> + use<'a> {
+    labels.iter().copied().zip(sums.iter().copied())
 }
 
 /// Returns the concentration where a likelihood is largest: by golden-section search in its
@@ -204,6 +212,7 @@ impl Segments {
 fn likeliest(likelihood: impl Fn(f64) -> f64) -> f64 {
     let likelihood = |ln_kappa: f64| likelihood(ln_kappa.exp());
     let [mut low, mut high] = CONCENTRATIONS.map(f64::ln);
+
     for _ in 0..STEPS {
         let step = GOLDEN * (high - low);
         let [left, right] = [high - step, low + step];
@@ -213,6 +222,7 @@ fn likeliest(likelihood: impl Fn(f64) -> f64) -> f64 {
             high = right
         }
     }
+
     (0.5 * (low + high)).exp()
 }
 

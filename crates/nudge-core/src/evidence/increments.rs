@@ -37,6 +37,7 @@ impl<const L: usize> Increments<L> {
                 })
             })
         };
+
         let values = parameters.iter().flat_map(column).collect();
         Self {
             parameters,

@@ -59,15 +59,18 @@ impl NullMixture {
     pub fn given(&self, evidence: &[f64; NULLS]) -> Null {
         let mut ln_joint = self.0;
         add(&mut ln_joint, evidence);
+
         let largest = ln_joint.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         let mut components = ln_joint;
         components
             .iter_mut()
             .for_each(|ln| *ln = (*ln - largest).exp());
+
         let sum: f64 = components.iter().sum();
         components
             .iter_mut()
             .for_each(|component| *component /= sum);
+
         Null {
             ln: largest + sum.ln(),
             ln_joint,
@@ -211,6 +214,7 @@ impl Likelihood {
                 cell.n,
             );
         }
+
         for sums in sums.chunks_mut(FIXED_GRID) {
             sums.iter_mut().zip(rows).for_each(|(sum, row)| *sum -= row);
         }
@@ -220,6 +224,7 @@ impl Likelihood {
     fn own(&self, table: &Table, anchor: Option<usize>, rows: &[f64; OWN_GRID]) -> [f64; OWN_GRID] {
         /// Cells up to this are multiplied out.
         const MULTIPLIED: u64 = 16;
+
         let mut sums = rows.map(|row| -row);
         let mut rising = Rising::new(table.total());
         for cell in table
@@ -238,6 +243,7 @@ impl Likelihood {
                 );
             }
         }
+
         let visits = rising.visits as f64;
         sums.iter_mut()
             .zip(&self.ln_concentrations)
@@ -274,6 +280,7 @@ impl Rising {
         /// ln of a number that is nearly too large for an `f64`.
         const LARGEST: f64 = 700.0;
         let most = (LARGEST / ((total as f64 + 1.0) / OWN_CONCENTRATIONS[0]).ln_1p()) as u64;
+
         Self {
             products: [1.0; OWN_GRID],
             ln: [0.0; OWN_GRID],
@@ -294,10 +301,12 @@ impl Rising {
             }
             inverse
         };
+
         if self.room < n - 1 {
             self.ln = self.ln();
             (self.products, self.room) = ([1.0; OWN_GRID], self.most);
         }
+
         let inverse_share = 1.0 / share;
         for t in 1..n {
             let step = t as f64 * inverse_share;
@@ -306,6 +315,7 @@ impl Rising {
                 .zip(INVERSE)
                 .for_each(|(product, inverse)| *product *= 1.0 + step * inverse);
         }
+
         self.room -= n - 1;
         self.visits += n;
     }
@@ -322,14 +332,9 @@ impl Rising {
 /// Returns the log marginal likelihood sum_i ln DM(n_i.; k z_i) of a table whose row i has its own
 /// response around z_i, whose shares are above 0.
 pub fn rows_evidence(table: &Table, k: f64, share: impl Fn(usize, usize) -> f64) -> f64 {
-    let label = |labels: &[u64], at: u32| labels[at as usize] as usize;
-    let cells = table.cells().iter().map(|cell| {
-        let (i, j) = (
-            label(table.row_labels(), cell.row),
-            label(table.column_labels(), cell.column),
-        );
-        ln_rising(k * share(i, j), cell.n)
-    });
+    let cells = table
+        .triples()
+        .map(|(i, j, n)| ln_rising(k * share(i as usize, j as usize), n));
     cells.sum::<f64>() - table.rows().iter().map(|n| ln_rising(k, *n)).sum::<f64>()
 }
 
@@ -344,6 +349,7 @@ pub fn rows_evidence(table: &Table, k: f64, share: impl Fn(usize, usize) -> f64)
 /// and exactly as much as independent tables lose by it on the average.
 fn marginal_volume(table: &Table, anchor: Option<usize>) -> [f64; OWN_GRID] {
     const HALF_SEEN: f64 = 4.0;
+
     let seen = table
         .columns()
         .iter()
@@ -352,6 +358,7 @@ fn marginal_volume(table: &Table, anchor: Option<usize>) -> [f64; OWN_GRID] {
     if free == 0.0 {
         return [0.0; OWN_GRID];
     }
+
     let mut effective = [anchor.map_or(0.0, |row| table.rows()[row] as f64); OWN_GRID];
     for (_, r) in table
         .rows()
@@ -365,6 +372,7 @@ fn marginal_volume(table: &Table, anchor: Option<usize>) -> [f64; OWN_GRID] {
             .zip(OWN_CONCENTRATIONS)
             .for_each(|(sum, k)| *sum += r * (k + 1.0) / (k + r));
     }
+
     effective.map(|effective| 0.5 * free * (table.total() as f64 / effective).ln())
 }
 

@@ -71,12 +71,14 @@ impl<'a> Slice<'a> {
                 square: policy.square(p),
             }
         };
+
         let drivers = table
             .row_labels()
             .iter()
             .zip(table.rows())
             .map(driver)
             .collect();
+
         Self {
             drivers,
             unvisited: policy.unvisited(table),
@@ -175,8 +177,10 @@ impl Moments {
                 .sum::<f64>()
                 / total
         };
+
         let mean = over(&|part| part.mean);
         let off = |part: &Self| (part.mean - mean).powi(2);
+
         Self {
             mean,
             variance: over(&|part| part.variance + off(part)),
@@ -235,6 +239,7 @@ impl<'a> Policy<'a> {
         if rows == 0.0 {
             return Unvisited::default();
         }
+
         let shares = table
             .row_labels()
             .iter()
@@ -242,8 +247,10 @@ impl<'a> Policy<'a> {
         let [sum, squares] = shares.fold([1.0, self.usage.squares], |[sum, squares], h| {
             [sum - h, squares - h * h]
         });
+
         let scale = self.concentration / self.weight;
         let [p, squared] = [scale * sum.max(0.0), scale * scale * squares.max(0.0)];
+
         Unvisited {
             rows,
             p,
@@ -340,6 +347,7 @@ pub(super) fn moments(
             view.row(driver, concentration.ln, cells, &term),
         );
     }
+
     if view.unvisited.p > 0.0 {
         let concentration = concentration(0);
         sums.add(
@@ -348,6 +356,7 @@ pub(super) fn moments(
             view.row(&view.unvisited, concentration.ln, &[], &term),
         );
     }
+
     sums.moments(view.marginal_entropy, slice.policy.weight, &view.freedom)
 }
 
@@ -376,11 +385,13 @@ pub(super) fn two_rows(p: f64, policy: &Policy<'_>, columns: &[Pair]) -> Moments
             .map(|column| column.letters * column.a[row])
             .sum::<f64>()
     });
+
     let mut freedom = Freedom::default();
     // One deviation makes up both rows.
     freedom.add_row(p[1], concentrations[1]);
     let mut entropy = 0.0;
     let mut rows = [Row::default(), Row::default()];
+
     for Pair { a, letters } in columns {
         let rho = [a[0] / concentrations[0], a[1] / concentrations[1]];
         let mean = p[0] * rho[0] + p[1] * rho[1];
@@ -393,6 +404,7 @@ pub(super) fn two_rows(p: f64, policy: &Policy<'_>, columns: &[Pair]) -> Moments
                 variance: own[0] + own[1] + squares.max(0.0) / (policy.weight + 1.0),
             }
             .entropy();
+
         freedom.add_letters(mean, *letters);
         for (row, sums) in rows.iter_mut().enumerate() {
             let ln_ratio = (rho[row] / mean).ln();
@@ -401,6 +413,7 @@ pub(super) fn two_rows(p: f64, policy: &Policy<'_>, columns: &[Pair]) -> Moments
             sums.second += letters * rho[row] * ln_ratio * ln_ratio;
         }
     }
+
     let mut total = Sums::default();
     for (at, row) in rows.into_iter().enumerate() {
         total.add(
@@ -409,6 +422,7 @@ pub(super) fn two_rows(p: f64, policy: &Policy<'_>, columns: &[Pair]) -> Moments
             row,
         );
     }
+
     total.moments(entropy, policy.weight, &freedom)
 }
 
@@ -513,6 +527,7 @@ impl<'a> View<'a> {
             p, squared, square, ..
         } = slice.unvisited;
         let driver = |driver: &Driver| Drawn::new(driver.p, driver.square, driver.r as f64 + k);
+
         let mut view = Self {
             slab,
             ln_k: k.ln(),
@@ -523,11 +538,13 @@ impl<'a> View<'a> {
             marginal_entropy: 0.0,
             freedom: Freedom::default(),
         };
+
         slice
             .drivers
             .iter()
             .for_each(|Driver { r, p, .. }| view.freedom.add_row(*p, *r as f64 + k));
         view.freedom.add_alike(p, squared, k);
+
         view.look_at_columns(slice);
         view
     }
@@ -551,15 +568,18 @@ impl<'a> View<'a> {
                 .zip(terms)
                 .for_each(|(sum, term)| *sum += term);
         }
+
         let [drawn, rising, falling, squares] = common;
         // E q, the rows' part of its variance, and sum p rho^2.
         let untouched = |m: f64| [m * drawn, m * rising - m * m * falling, m * m * squares];
+
         let mut sums: Vec<[f64; 3]> = self
             .slab
             .columns
             .iter()
             .map(|letter| untouched(letter.share))
             .collect();
+
         for cell in table.cells() {
             let Drawn { p, spread, inverse } = self.drivers[cell.row as usize];
             // By how much the visits raise rho, and the sum of what it was and is.
@@ -571,10 +591,12 @@ impl<'a> View<'a> {
                 .zip(terms)
                 .for_each(|(sum, term)| *sum += term);
         }
+
         let share = |[mean, rows, squares]: [f64; 3]| Share {
             mean,
             variance: rows + (squares - mean * mean).max(0.0) / (policy.weight + 1.0),
         };
+
         for (letter, sums) in self.slab.columns.iter().zip(&sums) {
             let q = share(*sums);
             self.marginal_entropy += q.entropy();
@@ -588,6 +610,7 @@ impl<'a> View<'a> {
             self.empty = self.empty.plus(Empty::of_column(&column), 1.0);
             self.columns.push(column);
         }
+
         for Alike { share: m, letters } in self.slab.rest {
             let q = share(untouched(*m));
             self.marginal_entropy += letters * q.entropy();
@@ -616,6 +639,7 @@ impl<'a> View<'a> {
             second: 0.0,
         };
         let mut empty = self.empty;
+
         for cell in cells {
             let at = cell.column as usize;
             let (letter, column, term) =
@@ -627,6 +651,7 @@ impl<'a> View<'a> {
             row.first += rho * ln_ratio;
             row.second += rho * ln_ratio * ln_ratio;
         }
+
         let (scale, shift) = (k * drawn.inverse, self.ln_k - ln_a);
         let Empty([m, e, e2]) = empty;
         row.first += scale * (e + shift * m);

@@ -171,8 +171,10 @@ impl Parameters {
         let share = (dependent + DEPENDENT_PRIOR[0]) / (states + DEPENDENT_PRIOR[1]);
         let [first, second] =
             [0, 1].map(|side| posterior_counts(&expected[side].slabs, &slab_prior()));
+
         // Each side by itself, so that the order of the variables changes no bit.
         let total = first.iter().sum::<f64>() + second.iter().sum::<f64>();
+
         let side = |side: usize, slabs: Vec<f64>| {
             let nulls = posterior_counts(&expected[side].nulls, &[WEIGHT_PRIOR; NULLS]);
             let habits = posterior_counts(&expected[side].habits, &habit_prior());
@@ -184,8 +186,10 @@ impl Parameters {
                 segments: shares(&habits, habits.iter().sum()),
             }
         };
+
         let families = posterior_counts(&segmented.families, &FAMILY_PRIOR);
         let total: f64 = families.iter().sum();
+
         Self {
             dependent: share.clamp(0.001, 0.999),
             sides: [side(0, first), side(1, second)],

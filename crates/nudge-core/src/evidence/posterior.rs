@@ -54,6 +54,7 @@ impl Posterior {
     ) -> Self {
         let merged = merged(slabs);
         let total: f64 = merged.iter().map(|(weight, _)| weight).sum();
+
         let component = |(weight, moments): (f64, Moments)| {
             let mean = (moments.mean / largest).clamp(0.0, 1.0);
             let matched = |variance: f64| Beta::matched(mean, variance / (largest * largest));
@@ -64,6 +65,7 @@ impl Posterior {
                 wide: matched(moments.wide),
             }
         };
+
         Self {
             dependent,
             largest,
@@ -152,11 +154,14 @@ impl Posterior {
         if self.components.is_empty() {
             return [0.0; 2];
         }
+
         let independent = 1.0 - self.dependent;
         let within = |p: f64| self.largest * self.quantile((p - independent) / self.dependent);
+
         if independent > TAIL {
             return [0.0, self.largest * self.quantile(1.0 - TAIL)];
         }
+
         let [low, high] = [
             if independent < TAIL {
                 within(TAIL)
@@ -165,6 +170,7 @@ impl Posterior {
             },
             within(1.0 - TAIL),
         ];
+
         // Next to 0 both are only as good as the steps that found them.
         [low.min(high), high]
     }
@@ -211,6 +217,7 @@ impl Posterior {
         const PRECISE: f64 = 1e-9;
         /// Nothing that could be told from 0.
         const TINY: f64 = 1e-12;
+
         let [mut low, mut high] = [0.0, 1.0];
         let mut x = self.guess(p);
         for _ in 0..STEPS {
@@ -220,6 +227,7 @@ impl Posterior {
             } else {
                 high = x
             }
+
             let newton = if p > 0.5 {
                 x + ((1.0 - cdf) / (1.0 - p)).ln() * (1.0 - cdf) / density
             } else {
@@ -230,12 +238,14 @@ impl Posterior {
             } else {
                 0.5 * (low + high)
             };
+
             let step = (next - x).abs();
             x = next;
             if (cdf - p).abs() < CLOSE * p.min(1.0 - p) || step < PRECISE * x || x < TINY {
                 break;
             }
         }
+
         x
     }
 
@@ -244,14 +254,17 @@ impl Posterior {
     fn guess(&self, p: f64) -> f64 {
         /// Of the logistic distribution, as wide as the normal one in its tails.
         const SCALE: f64 = 0.58;
+
         let mean = self.mixed(|one| one.mean).max(1e-9);
         let variance = self.mixed(|one| one.wide.variance() + (one.mean - mean).powi(2));
         let deviations = SCALE * (p / (1.0 - p)).ln();
+
         let guess = if p > 0.5 {
             mean + deviations * variance.sqrt()
         } else {
             mean * (deviations * variance.sqrt() / mean).exp()
         };
+
         guess.clamp(1e-9, 0.5 * (1.0 + mean).min(1.0 - 1e-9))
     }
 }
@@ -262,12 +275,14 @@ impl Posterior {
 fn merged(mut slabs: Vec<(f64, Moments)>) -> Vec<(f64, Moments)> {
     /// In standard deviations.
     const NEAR: f64 = 0.5;
+
     slabs.sort_unstable_by(|(w, a), (v, b)| {
         a.mean
             .total_cmp(&b.mean)
             .then(a.variance.total_cmp(&b.variance))
             .then(w.total_cmp(v))
     });
+
     let mut from = 0;
     let mut merged = Vec::new();
     for to in 1..=slabs.len() {
@@ -275,6 +290,7 @@ fn merged(mut slabs: Vec<(f64, Moments)>) -> Vec<(f64, Moments)> {
         let is_near = slabs.get(to).is_some_and(|(_, next)| {
             (next.mean - first.mean).powi(2) < NEAR * NEAR * first.variance.min(next.variance)
         });
+
         if !is_near {
             let group = &slabs[from..to];
             merged.push((
@@ -284,5 +300,6 @@ fn merged(mut slabs: Vec<(f64, Moments)>) -> Vec<(f64, Moments)> {
             from = to;
         }
     }
+
     merged
 }

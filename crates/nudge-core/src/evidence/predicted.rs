@@ -87,6 +87,7 @@ impl Prior {
         let [drivers, responders] = [1 - side, side].map(|side| self.sides[side].letters());
         let [own, other] = [&responses[side], &responses[1 - side]];
         let shared = self.sides[side].shared(&reading[side]);
+
         let cell = |at: usize| {
             let (driver, responder) = (at / responders, at % responders);
             let independent = policies[side][driver] * shared[responder];
@@ -94,6 +95,7 @@ impl Prior {
             let dependent = policies[side][driver] * own[at] + responding;
             (1.0 - p_dependent) * independent + p_dependent * dependent
         };
+
         (0..drivers * responders).map(cell).collect()
     }
 
@@ -175,6 +177,7 @@ impl Side {
                 .enumerate()
                 .for_each(|(letter, sum)| *sum += weight * b * self.null_share(null, letter));
         }
+
         add_columns(&mut shared, table, visited);
         shared
     }
@@ -241,19 +244,23 @@ impl Side {
             self.letters(),
         );
         let (deviating, counts) = (deviants.probable(deviant), self.smoothed(table));
+
         let mut together = vec![0.0; letters];
         for (row, cells) in rows.iter_mut().zip(responses.chunks_mut(letters)) {
             let own = deviating.probability(table, row.label);
             row.add(k, deviant / DEVIANT_GRID, weight * own);
+
             // What the others answer where this one deviates.
             let mut rest = counts.clone();
             add_row(&mut rest, table, row.label, -1.0);
             let scale = weight * own / ((table.total() - row.r) as f64 + 1.0);
+
             for ((sum, cell), count) in together.iter_mut().zip(cells).zip(rest) {
                 *sum += row.times * scale * count;
                 *cell -= scale * count;
             }
         }
+
         for cells in responses.chunks_mut(letters) {
             cells
                 .iter_mut()

@@ -47,6 +47,7 @@ impl Prior {
             parameters,
             ..
         } = fit;
+
         assert_eq!(
             rows.shares().len() as u64,
             alphabet.rows,
@@ -64,11 +65,13 @@ impl Prior {
                 .all(|side| side.slabs.len() == SLABS),
             "one weight for each slab"
         );
+
         let [first, second] = &parameters.sides;
         let sides = [
             Side::new(Likelihood::new(alphabet.rows, columns.clone()), first),
             Side::new(Likelihood::new(alphabet.columns, rows.clone()), second),
         ];
+
         let mut prior = Self {
             alphabet: *alphabet,
             dependent: parameters.dependent,
@@ -77,6 +80,7 @@ impl Prior {
             habits: Habits::from_bases([rows, columns]),
             unseen: Posterior::impossible(),
         };
+
         prior.unseen = prior
             .sampled_unseen()
             .unwrap_or_else(|| prior.posterior(&prior.habits, &[] as &[Table]));
@@ -106,19 +110,23 @@ impl Prior {
         if largest == 0.0 {
             return Posterior::impossible();
         }
+
         let readings = Readings::new(counted.into());
         let weights = self.weights(&readings).condensed();
         let estimate = self.estimate(habits, &weights, &readings.wholes);
+
         let doubt = if estimate.is_some() {
             0.0
         } else {
             doubt(habits).max(doubt_of_segments(habits, &weights, &readings))
         };
+
         let parts = self.weighed(habits, &weights, &readings);
         let parts = parts
             .into_iter()
             .map(|(weight, moments)| (weight, moments.doubted(doubt)))
             .collect();
+
         Posterior::new(weights.dependent, largest, parts, estimate)
             .with_segments(weights.by_segment())
     }
@@ -129,12 +137,14 @@ impl Prior {
         if self.alphabet.largest_information() == 0.0 {
             return 0.0;
         }
+
         let Counted { slices, parts } = counted.into();
         let telling = slices.iter().filter(|slice| !slice.is_line());
         let readings = Readings {
             wholes: telling.map(reading).collect(),
             parts: Parts::new(parts),
         };
+
         self.weights(&readings).dependent
     }
 
@@ -144,11 +154,13 @@ impl Prior {
         let mut said = |side: usize, reading: &Reading<'_>| {
             self.sides[side].add_bayes_factors(&reading[side], &mut slabs[side], &mut nulls[side])
         };
+
         let deviants = readings
             .wholes
             .iter()
             .map(|reading| [0, 1].map(|side| said(side, reading)))
             .collect();
+
         let mut segments = (readings.parts.number() > 0).then(|| {
             let pooled = self.dependent_given(normalise(&mut slabs.clone(), None));
             let evidence = self.parts_evidence(readings.wholes.len() == 1, &readings.parts);
@@ -157,6 +169,7 @@ impl Prior {
                 ..self.cut(&mut slabs, nulls, evidence)
             })
         });
+
         let likelihood = normalise(&mut slabs, segments.as_deref_mut());
         let is_informative = readings.wholes.iter().any(|[table, _]| !table.is_line());
         let dependent = if is_informative {
@@ -164,6 +177,7 @@ impl Prior {
         } else {
             self.dependent
         };
+
         Weights {
             dependent,
             slabs,
@@ -191,6 +205,7 @@ impl Prior {
             (side, weight, self.moments(side, slab, &wholes))
         };
         let shared = weights.present().map(shared);
+
         let Some(segments) = weights
             .segments
             .as_ref()
@@ -200,9 +215,11 @@ impl Prior {
                 .map(|(_, weight, moments)| (weight, moments))
                 .collect();
         };
+
         let usages = self.usages(habits, &readings.wholes);
         let within = [0, 1].map(|side| self.within(side, weights, readings, &usages));
         let shared = shared.map(|(side, weight, moments)| (weight, moments.scaled(within[side])));
+
         shared
             .chain(self.cut_moments(segments, &readings.parts, &usages))
             .collect()
@@ -229,6 +246,7 @@ impl Prior {
             .iter()
             .map(|slice| slice[side].times * slice[side].table.total() as f64)
             .sum();
+
         slices.iter().fold(Moments::default(), |sum, slice| {
             let slice = &slice[side];
             let share = if total == 0.0 {
@@ -236,11 +254,13 @@ impl Prior {
             } else {
                 slice.table.total() as f64 / total
             };
+
             let Moments {
                 mean,
                 variance,
                 wide,
             } = self.sides[side].moments(slab, slice).scaled(share);
+
             Moments {
                 mean: sum.mean + slice.times * mean,
                 variance: sum.variance + slice.times * variance,
@@ -264,15 +284,18 @@ impl Prior {
         {
             return None;
         }
+
         let pairs = habits.driver(0).used * habits.driver(1).used;
         if reading[0].total() < pairs || pairs > MOST_ESTIMATED {
             return None;
         }
+
         let [rows, columns] =
             self.predicted_both_ways(habits, weights, reading, &weights.deviants[0]);
         let estimate = |side: usize, cells: &[f64]| {
             Estimate::new(&reading[side], cells, self.sides[side].letters())
         };
+
         // Read in both ways, so that the order of the variables changes no bit.
         Some(estimate(0, &rows).between(estimate(1, &columns)))
     }
@@ -294,13 +317,16 @@ fn doubt(habits: &Habits) -> f64 {
 /// in each segment, the less depends on that.
 fn doubt_of_segments(habits: &Habits, weights: &Weights, readings: &Readings<'_>) -> f64 {
     const MOST: f64 = 0.25;
+
     let pairs = (habits.driver(0).used * habits.driver(1).used) as f64;
     let visits: f64 = readings
         .wholes
         .iter()
         .map(|[whole, _]| whole.total() as f64)
         .sum();
+
     let cells = pairs * readings.parts.number() as f64;
+
     MOST * weights
         .by_segment()
         .map_or(0.0, |by_segment| by_segment.differ)

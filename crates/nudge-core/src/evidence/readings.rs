@@ -24,11 +24,13 @@ impl<'a> Readings<'a> {
             .filter(|slice| slice.total() > 0)
             .map(reading)
             .collect();
+
         let wholes = if visited.is_empty() {
             vec![Reading::default()]
         } else {
             visited
         };
+
         Self {
             wholes,
             parts: Parts::new(parts),
@@ -99,13 +101,16 @@ impl<'a> Single<'a> {
     fn new(parts: impl Iterator<Item = &'a Table> + Clone) -> Self {
         let first = parts.clone().next().map(reading);
         let mut letters = [Vec::new(), Vec::new()];
+
         for part in parts {
             letters[0].push(part.row_labels()[0]);
             letters[1].push(part.column_labels()[0]);
         }
+
         letters
             .iter_mut()
             .for_each(|letters| letters.sort_unstable());
+
         Self {
             number: letters[0].len(),
             first,

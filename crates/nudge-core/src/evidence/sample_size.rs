@@ -59,8 +59,10 @@ impl Prior {
         if decides(self.posterior(habits, counted), self, counted.slices, rule) {
             return Some(0);
         }
+
         let draws = Draws::new(self, habits, counted, ego, MOST_PARTS);
         let mut futures = draws.futures();
+
         VISITS.into_iter().find(|visits| {
             let mut undecided = 0;
             // Once too many are undecided, the others need not be asked.
@@ -89,8 +91,10 @@ impl Prior {
     ) -> Vec<f64> {
         let draws = Draws::new(self, habits, counted.into(), ego, MOST_PARTS);
         let [egos, others] = draws.sizes();
+
         // For each ego action: total probability, E P', E H(P').
         let mut sums = vec![[0.0; 3]; egos];
+
         for slice in 0..draws.slices.len() {
             let predicted = draws.predicted(slice);
             let after = draws.above_after(slice, threshold_nats);
@@ -110,6 +114,7 @@ impl Prior {
                 }
             }
         }
+
         // Rounding could take a gain of nothing below it.
         let gain = |[p, mean, entropy]: [f64; 3]| {
             if p > 0.0 {
@@ -118,6 +123,7 @@ impl Prior {
                 0.0
             }
         };
+
         sums.into_iter().map(gain).collect()
     }
 }
@@ -126,6 +132,7 @@ impl Prior {
 fn decides(posterior: Posterior, prior: &Prior, slices: &[Table], rule: &Rule) -> bool {
     let visits = slices.iter().map(Table::total).sum();
     let threshold = rule.threshold_nats();
+
     let believed = match rule.kind {
         RuleKind::Paper => None,
         RuleKind::Evidence => Some(Believed::new(
@@ -134,11 +141,13 @@ fn decides(posterior: Posterior, prior: &Prior, slices: &[Table], rule: &Rule) -
             slices,
         )),
     };
+
     let plug_in = if rule.kind == RuleKind::Paper {
         conditional(slices, plug_in)
     } else {
         0.0
     };
+
     decide(rule, visits, plug_in, believed.as_ref()) != Verdict::Undecided
 }
 
@@ -153,6 +162,7 @@ impl Draws<'_> {
         let mut rng = self.generator();
         let [_, others] = self.sizes();
         let counts = self.counts();
+
         let policies: Vec<Vec<f64>> = self
             .slices
             .iter()
@@ -161,6 +171,7 @@ impl Draws<'_> {
                     .mean_policy(self.ego, self.habits, &slice[self.ego])
             })
             .collect();
+
         let future =
             |number: usize| {
                 let joints = self.draw((number as f64 + 0.5) / FUTURES as f64, &mut rng);
@@ -179,12 +190,14 @@ impl Draws<'_> {
                     visits: 0,
                 }
             };
+
         let mut futures: Vec<Future> = (0..FUTURES).map(future).collect();
         // Those that are decided alike are neighbours: mixed, the first ones tell sooner how it
         // will end.
         (1..FUTURES)
             .rev()
             .for_each(|last| futures.swap(last, rng.random_range(0..=last)));
+
         futures
     }
 
@@ -196,7 +209,7 @@ impl Draws<'_> {
             let place = |(ego, other, n): (u64, u64, u64)| {
                 counts[ego as usize * others + other as usize] = n
             };
-            triples(&reading[self.ego]).for_each(place);
+            reading[self.ego].triples().for_each(place);
         }
         counts
     }
@@ -229,19 +242,22 @@ impl Draws<'_> {
     fn above_after(&self, at: usize, threshold_nats: f64) -> Vec<f64> {
         let [egos, others] = self.sizes();
         let table = &self.slices[at][self.ego];
+
         let mut slices: Vec<Table> = self
             .slices
             .iter()
             .map(|[slice, _]| slice.as_ref().clone())
             .collect();
+
         let mut row = |ego: u64| -> Vec<f64> {
             let after = |other: u64| {
                 slices[at] =
-                    self.in_order(Table::from_counts(triples(table).chain([(ego, other, 1)])));
+                    self.in_order(Table::from_counts(table.triples().chain([(ego, other, 1)])));
                 self.posterior_of(&slices).0.above(threshold_nats)
             };
             (0..others as u64).map(after).collect()
         };
+
         (0..egos as u64).flat_map(&mut row).collect()
     }
 }
@@ -254,6 +270,7 @@ impl Future {
             (0..left).for_each(|_| self.visit());
             return;
         }
+
         let mut unspent = 1.0;
         for (count, p) in self.counts.iter_mut().zip(&self.cells) {
             let share = if unspent > 0.0 {
@@ -261,6 +278,7 @@ impl Future {
             } else {
                 1.0
             };
+
             let n = Binomial::new(left, share)
                 .expect("a share within 0 to 1")
                 .sample(&mut self.rng);
@@ -268,6 +286,7 @@ impl Future {
             left -= n;
             unspent -= p;
         }
+
         // What rounding left over goes to the likeliest cell.
         self.counts[likeliest(&self.cells)] += left;
     }
@@ -288,17 +307,6 @@ fn likeliest(cells: &[f64]) -> usize {
         .enumerate()
         .max_by(|a, b| a.1.total_cmp(b.1))
         .map_or(0, |(cell, _)| cell)
-}
-
-fn triples(table: &Table) -> impl Iterator<Item = (u64, u64, u64)> {
-    let label = |cell: &crate::information::Occupied| {
-        (
-            table.row_labels()[cell.row as usize],
-            table.column_labels()[cell.column as usize],
-            cell.n,
-        )
-    };
-    table.cells().iter().map(label)
 }
 
 /// Returns the entropy of an event of this probability, in nats.

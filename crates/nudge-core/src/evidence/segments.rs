@@ -40,6 +40,7 @@ impl Prior {
         [0, 1].map(|at| {
             let side = &self.sides[at];
             let mut evidence = PartsEvidence::with_capacity(parts.several.len());
+
             parts
                 .several
                 .iter()
@@ -48,6 +49,7 @@ impl Prior {
                 .single
                 .responses(at)
                 .for_each(|(letter, n)| side.add_single_visits(letter, n, &mut evidence));
+
             if is_whole {
                 evidence.around = side.likelihood.around(parts.by_part(at));
             }
@@ -66,6 +68,7 @@ impl Prior {
         let [shared, cut, one] = self.segments.families;
         let [cut, one] = [cut, one].map(|ln| ln + self.segments.cut);
         let mut segments = Segments::default();
+
         for (side, evidence) in evidence.into_iter().enumerate() {
             let ln_slabs = &self.sides[side].ln_slabs;
             let habits = SegmentHabits::new(
@@ -79,9 +82,11 @@ impl Prior {
                 .iter()
                 .map(|part| part.beside(habits.likeliest))
                 .collect();
+
             slabs[side]
                 .iter_mut()
                 .for_each(|ln| *ln += shared - habits.ln);
+
             let null = |at: usize| {
                 if at < FIXED {
                     -nulls[side]
@@ -92,6 +97,7 @@ impl Prior {
             segments.cut[side] = std::array::from_fn(|at| {
                 ln_slabs[at] + evidence.cut[at] + null(at) + cut - habits.ln
             });
+
             let null = |at: usize| {
                 if at < FIXED {
                     habits.ln_apart
@@ -99,12 +105,15 @@ impl Prior {
                     habits.ln_differ
                 }
             };
+
             let mean = ln_mean(&parts);
             segments.one[side] =
                 std::array::from_fn(|at| ln_slabs[at] + mean[at] + null(at) + one - habits.ln);
+
             segments.differ[side] = 1.0 - habits.kinds[0];
             segments.parts[side] = parts;
         }
+
         segments
     }
 
@@ -120,11 +129,13 @@ impl Prior {
             [0, 1].map(|side| self.sides[side].part(&part[side], &usages[side]))
         };
         let for_all = |first: &'a Reading<'_>, alike| part(first).map(|slice| slice.for_all(alike));
+
         let single = parts
             .single
             .first
             .iter()
             .map(|first| for_all(first, parts.single.number));
+
         let alike = (2..=FEW).filter_map(|visits| {
             let mut alike = parts
                 .several
@@ -132,6 +143,7 @@ impl Prior {
                 .filter(|part| part[0].total() == visits);
             Some(for_all(alike.next()?, 1 + alike.count()))
         });
+
         parts
             .several
             .iter()
@@ -147,18 +159,21 @@ impl Prior {
         [0, 1].map(|side| {
             let visits: f64 = wholes.iter().map(|whole| whole[side].total() as f64).sum();
             let mut shares = vec![0.0; habits.driver(side).shares.len()];
+
             for whole in wholes {
                 let weight = if visits == 0.0 {
                     1.0
                 } else {
                     whole[side].total() as f64 / visits
                 };
+
                 let policy = self.mean_policy(side, habits, &whole[side]);
                 shares
                     .iter_mut()
                     .zip(policy)
                     .for_each(|(sum, p)| *sum += weight * p);
             }
+
             Usage::of_shares(shares)
         })
     }
@@ -175,6 +190,7 @@ impl Prior {
         let cut = cut
             .into_iter()
             .map(|(side, slab, weight)| (weight, self.moments(side, slab, &slices)));
+
         let one = heaviest(segments.one.each_ref().map(|side| &side[..]));
         let one = one.into_iter().map(|(side, slab, weight)| {
             (
@@ -182,6 +198,7 @@ impl Prior {
                 self.one_dependent(side, slab, &segments.parts[side], parts, &usages[side]),
             )
         });
+
         cut.chain(one).collect()
     }
 
@@ -196,12 +213,14 @@ impl Prior {
         usage: &Usage,
     ) -> Moments {
         let total = parts.visits();
+
         let weighed = evidence.iter().zip(&parts.several);
         let mut candidates: Vec<(f64, &Table)> = weighed
             .map(|((beyond, ln), part)| (beyond.ln() + ln[slab], &*part[side]))
             .collect();
         candidates.sort_by(|a, b| b.0.total_cmp(&a.0));
         candidates.truncate(MOST_PARTS);
+
         let largest = candidates.first().map_or(0.0, |(ln, _)| *ln);
         let moments = |(ln, part): (f64, &Table)| {
             let slice = self.sides[side].part(part, usage);
@@ -212,6 +231,7 @@ impl Prior {
                     .scaled(part.total() as f64 / total),
             )
         };
+
         Moments::mixed(&candidates.into_iter().map(moments).collect::<Vec<_>>())
     }
 }
@@ -224,6 +244,7 @@ fn heaviest(sides: [&[f64]; 2]) -> Vec<(usize, usize, f64)> {
             .enumerate()
             .map(move |(at, weight)| (side, at, *weight))
     };
+
     let mut heaviest: Vec<(usize, usize, f64)> = Vec::with_capacity(MOST_CUT + 1);
     for one in (0..2)
         .flat_map(numbered)
@@ -235,9 +256,11 @@ fn heaviest(sides: [&[f64]; 2]) -> Vec<(usize, usize, f64)> {
             heaviest.truncate(MOST_CUT);
         }
     }
+
     // Each side by itself, so that the order of the variables changes no bit.
     let total = sides[0].iter().sum::<f64>() + sides[1].iter().sum::<f64>();
     let kept: f64 = heaviest.iter().map(|(.., weight)| weight).sum();
+
     heaviest
         .into_iter()
         .map(|(side, at, weight)| (side, at, weight * total / kept))

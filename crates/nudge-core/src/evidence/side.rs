@@ -57,6 +57,7 @@ impl Side {
                 .map(|k| Tabulated::new(*k, shares, times))
                 .collect::<Vec<_>>()
         };
+
         Self {
             bases: [tabulated(shares, 1.0), tabulated(&[1.0 / letters], letters)],
             groups: Groups::new(shares),
@@ -88,6 +89,7 @@ impl Side {
                 .anchor
                 .as_ref()
                 .map_or(0.0, |anchor| self.nulls.ln_mixed(anchor));
+
             slabs
                 .iter_mut()
                 .zip(&evidence.fixed)
@@ -100,6 +102,7 @@ impl Side {
                 .iter_mut()
                 .zip(deviants.evidence())
                 .for_each(|(ln, by)| *ln += by);
+
             *nulls += null.ln;
         }
         deviants
@@ -111,12 +114,14 @@ impl Side {
             self.likelihood.shared(columns(part), part.total()),
             self.likelihood.rows_apart(part),
         );
+
         evidence
             .cut
             .iter_mut()
             .zip(apart)
             .for_each(|(ln, by)| *ln += by);
         add(&mut evidence.null, &null);
+
         let mut alone = [0.0; CUT];
         alone[..FIXED].copy_from_slice(&apart);
         if !part.is_line() {
@@ -127,6 +132,7 @@ impl Side {
                 .for_each(|(ln, by)| *ln += by);
             alone[OWN_SLABS].copy_from_slice(&own);
         }
+
         evidence.parts.push(PartEvidence {
             beyond: (part.total() - 1) as f64,
             slabs: alone,
@@ -142,6 +148,7 @@ impl Side {
             1.0 / self.letters() as f64,
         ];
         let ln_shares = shares.map(|share| parts * share.ln());
+
         for (cut, ln) in evidence.cut[..FIXED].chunks_mut(FIXED_GRID).zip(ln_shares) {
             cut.iter_mut().for_each(|sum| *sum += ln);
         }
@@ -205,6 +212,7 @@ impl Side {
             slice.table.column_labels(),
             self.likelihood.base.shares(),
         );
+
         let tabulated = &self.bases[usize::from(!on_base)][at];
         let uniform = 1.0 / shares.len() as f64;
         let share = |at: usize| {
@@ -216,12 +224,14 @@ impl Side {
         };
         let letter = |at: usize| if on_base { labels[at] as usize } else { 0 };
         let term = |at: usize, n: u64| tabulated.term(letter(at), n, k * share(at));
+
         let columns: Vec<Letter> = (0..labels.len())
             .map(|at| Letter {
                 share: share(at),
                 empty: term(at, 0),
             })
             .collect();
+
         let alike = [Alike {
             share: uniform,
             letters: (shares.len() - labels.len()) as f64,
@@ -231,12 +241,14 @@ impl Side {
             (false, 0) => &[],
             (false, _) => &alike,
         };
+
         let slab = Slab {
             concentration: k,
             columns: &columns,
             psi: tabulated.psi,
             rest,
         };
+
         moments(slice, &slab, self.concentration(at), term)
     }
 
@@ -249,23 +261,27 @@ impl Side {
                 empty: Term::new(k * share),
             }
         };
+
         let columns: Vec<Letter> = (0..table.columns().len()).map(letter).collect();
         let own = |group: &Alike| Alike {
             share: group.share / (table.total() as f64 + 1.0),
             ..*group
         };
+
         let rest: Vec<Alike> = slice.rest.iter().map(own).collect();
         let unvisited = rest
             .iter()
             .map(|group| group.letters * Term::new(k * group.share).psi)
             .sum::<f64>();
         let psi = columns.iter().map(|letter| letter.empty.psi).sum::<f64>() + unvisited;
+
         let slab = Slab {
             concentration: k,
             columns: &columns,
             psi,
             rest: &rest,
         };
+
         let term = |at: usize, n: u64| Term::new(n as f64 + k * columns[at].share);
         moments(slice, &slab, self.concentration(at), term)
     }
@@ -289,10 +305,12 @@ impl Side {
             .collect();
         rows.sort_by(|a, b| b.1.total_cmp(&a.1));
         rows.truncate(MOST_DEVIATING);
+
         let moments = rows
             .into_iter()
             .map(|(row, p)| (p, self.row_deviating(deviant, slice, Some(row))));
         let mut moments: Vec<(f64, Moments)> = moments.collect();
+
         let others = untried * slice.unvisited.rows;
         if others > NEGLIGIBLE || moments.is_empty() {
             moments.push((
@@ -300,6 +318,7 @@ impl Side {
                 self.row_deviating(deviant, slice, None),
             ));
         }
+
         Moments::mixed(&moments)
     }
 
@@ -317,10 +336,12 @@ impl Side {
         let uniform = 1.0 / shares.len() as f64;
         let (labels, on_base) = (table.column_labels(), deviant < DEVIANT_GRID);
         let base = |share: f64| if on_base { share } else { uniform };
+
         let mut counts = vec![0; labels.len()];
         row.into_iter()
             .flat_map(|row| table.row(row))
             .for_each(|cell| counts[cell.column as usize] = cell.n);
+
         let visited = labels
             .iter()
             .zip(table.columns())
@@ -336,7 +357,9 @@ impl Side {
             a: [*share, k * base(*share)],
             letters: *letters,
         });
+
         let columns: Vec<Pair> = visited.chain(rest).collect();
+
         let p = match row {
             Some(row) => policy.probability(table.row_labels()[row], table.rows()[row]),
             None => unvisited.p / unvisited.rows.max(1.0),
@@ -348,6 +371,7 @@ impl Side {
 impl Tabulated {
     fn new(k: f64, shares: &[f64], times: f64) -> Self {
         let depth = depth(shares.len());
+
         let terms = shares
             .iter()
             .flat_map(|share| (0..depth).map(move |n| Term::new(n as f64 + k * share)));
@@ -355,6 +379,7 @@ impl Tabulated {
             .iter()
             .map(|share| times * Term::new(k * share).psi)
             .sum();
+
         Self {
             depth,
             terms: terms.collect(),

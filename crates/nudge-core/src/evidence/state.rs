@@ -57,10 +57,12 @@ impl State {
         let side =
             |side: usize| Side::new(&likelihoods[side], slices.iter().map(|slice| &slice[side]));
         let sides = [side(0), side(1)];
+
         let parts: Vec<[Table; 2]> = parts
             .iter()
             .map(|part| [part.clone(), part.transposed()])
             .collect();
+
         let cut = |side: usize| {
             Cut::new(
                 &likelihoods[side],
@@ -69,6 +71,7 @@ impl State {
             )
         };
         let cut = (!parts.is_empty()).then(|| [cut(0), cut(1)]);
+
         Self { slices, sides, cut }
     }
 
@@ -97,8 +100,10 @@ impl State {
                 .ln_hypotheses(&parameters.sides[at])
                 .map(|ln| ln + ln_dependent)
         });
+
         let mut cut = [[f64::NEG_INFINITY; 2]; 2];
         let (mut one, mut kinds, mut likeliest) = (cut, [[0.0; HABITS]; 2], [0; 2]);
+
         if let Some(parts) = &self.cut {
             let [f_shared, f_cut, f_one] = weights.families;
             let more = weights.cut + ln_dependent;
@@ -106,9 +111,11 @@ impl State {
                 let of_side = &parameters.sides[side];
                 let pooled = self.sides[side].ln_null(of_side);
                 let habits = parts[side].habits(pooled, &weights.habits[side]);
+
                 shared[side]
                     .iter_mut()
                     .for_each(|ln| *ln += f_shared - habits.ln);
+
                 let own = |own: &Scaled<OWN_GRID>| {
                     own.ln_weighted(&of_side.slabs[OWN_SLABS]) + habits.ln_differ
                 };
@@ -119,6 +126,7 @@ impl State {
                 (kinds[side], likeliest[side]) = (habits.kinds, habits.likeliest);
             }
         }
+
         let independent = (-parameters.dependent).ln_1p();
         let all = || {
             [
@@ -129,6 +137,7 @@ impl State {
             .into_iter()
             .flatten()
         };
+
         let largest = all().fold(independent, |largest, ln| largest.max(*ln));
         let part = |ln: f64| (ln - largest).exp();
         let (shared, cut, one) = (
@@ -136,6 +145,7 @@ impl State {
             cut.map(|s| s.map(part)),
             one.map(|s| s.map(part)),
         );
+
         // Each side by itself, so that the order of the variables changes no bit.
         let side = |at: usize| {
             [&shared[at][..], &cut[at], &one[at]]
@@ -143,8 +153,10 @@ impl State {
                 .flatten()
                 .sum::<f64>()
         };
+
         let total = part(independent) + (side(0) + side(1));
         let share = |part: f64| part / total;
+
         Responsibilities {
             independent: share(part(independent)),
             shared: shared.map(|side| side.map(share)),
@@ -171,21 +183,25 @@ impl State {
             habits,
             likeliest,
         } = responsibilities;
+
         let total = |side: usize| {
             [&shared[side][..], &cut[side], &one[side]]
                 .into_iter()
                 .flatten()
                 .sum::<f64>()
         };
+
         for side in 0..2 {
             let (of_side, expected) = (&parameters.sides[side], &mut expected[side]);
             // Where the other variable responds, this one's habits are told by its margin alone.
             let free = independent + total(1 - side);
             let [fixed, own, deviant] = shared[side];
+
             let Some(parts) = &self.cut else {
                 self.sides[side].expect(shared[side], free + own + deviant, of_side, expected);
                 continue;
             };
+
             let alike = habits[side][0];
             let null = free * alike + own + deviant;
             self.sides[side].expect([fixed, own, deviant], null, of_side, expected);
@@ -195,6 +211,7 @@ impl State {
                 of_side,
                 &mut expected.slabs,
             );
+
             // Slabs on the parts' marginals go with habits that differ in any way, those on fixed
             // bases in one segment with such as are drawn anew.
             let sum_of = |kinds: std::ops::Range<usize>| {
@@ -207,6 +224,7 @@ impl State {
                 (cut[side][1] + one[side][1]) / sum_of(1..HABITS),
                 one[side][0] / sum_of(APART),
             );
+
             let kinds = (0..).zip(habits[side]).map(|(kind, p)| {
                 let differ = if kind == 0 { 0.0 } else { own };
                 let apart = if APART.contains(&kind) {
@@ -216,12 +234,14 @@ impl State {
                 };
                 p * (free + differ + apart)
             });
+
             expected
                 .habits
                 .iter_mut()
                 .zip(kinds)
                 .for_each(|(sum, p)| *sum += p);
         }
+
         if self.cut.is_some() {
             let family = |by_side: [f64; 2]| by_side[0] + by_side[1];
             let sums = [
@@ -229,6 +249,7 @@ impl State {
                 cut.map(|s| s.iter().sum()),
                 one.map(|s| s.iter().sum()),
             ];
+
             segmented
                 .families
                 .iter_mut()
@@ -248,6 +269,7 @@ impl Side {
             add(&mut fixed, &evidence.fixed);
             add(&mut own, &evidence.own);
         }
+
         Self {
             nulls,
             anchors,
@@ -266,6 +288,7 @@ impl Side {
             .iter()
             .map(|slice| slice.ln_weighted(nulls))
             .sum();
+
         [
             self.fixed.ln_weighted(&slabs[..FIXED]) + anchored - self.ln_null(parameters),
             self.own.ln_weighted(&slabs[OWN_SLABS]),
@@ -298,6 +321,7 @@ impl Side {
             .share(fixed, &slabs[..FIXED], &mut expected.slabs[..FIXED]);
         self.own
             .share(own, &slabs[OWN_SLABS], &mut expected.slabs[OWN_SLABS]);
+
         if let Some(deviants) = &self.deviants {
             deviants.share(
                 deviant,
@@ -305,6 +329,7 @@ impl Side {
                 &mut expected.slabs[DEVIANT_SLABS],
             );
         }
+
         self.nulls
             .iter()
             .for_each(|slice| slice.share(null, nulls, &mut expected.nulls));

@@ -109,19 +109,23 @@ impl Weights {
             slabs: self.slabs.map(|side| grouped(&side, light)),
             ..self
         };
+
         let mut slabs = [[0.0; SLABS]; 2];
         grouped
             .heaviest(WEIGHED)
             .into_iter()
             .for_each(|(side, slab, weight)| slabs[side][slab] = weight);
+
         // Each side by itself, so that the order of the variables changes no bit.
         let sum =
             |slabs: &[[f64; SLABS]; 2]| slabs[0].iter().sum::<f64>() + slabs[1].iter().sum::<f64>();
         let scale = sum(&grouped.slabs) / sum(&slabs);
+
         slabs
             .as_flattened_mut()
             .iter_mut()
             .for_each(|weight| *weight *= scale);
+
         Self { slabs, ..grouped }
     }
 }
@@ -147,11 +151,13 @@ pub(super) fn normalise(
             .zip(parts)
             .for_each(|(side, (cut, one))| side.extend([cut, one]));
     }
+
     let all = sides
         .iter()
         .flatten()
         .flat_map(|slabs| slabs.iter().copied());
     let largest = all.fold(f64::NEG_INFINITY, f64::max);
+
     for ln in sides
         .iter_mut()
         .flatten()
@@ -163,6 +169,7 @@ pub(super) fn normalise(
             0.0
         };
     }
+
     // Each side by itself, so that the order of the variables changes no bit.
     let of_side = |side: &Vec<&mut [f64]>| {
         side.iter()
@@ -170,11 +177,13 @@ pub(super) fn normalise(
             .sum::<f64>()
     };
     let sum = of_side(&sides[0]) + of_side(&sides[1]);
+
     sides
         .iter_mut()
         .flatten()
         .flat_map(|slabs| slabs.iter_mut())
         .for_each(|part| *part /= sum);
+
     (largest, sum)
 }
 
@@ -184,6 +193,7 @@ pub(super) fn normalise(
 fn grouped(slabs: &[f64; SLABS], light: f64) -> [f64; SLABS] {
     /// Concentrations that differ by not much more than a factor of four.
     const NEIGHBOURS: usize = 3;
+
     let mut grouped = [0.0; SLABS];
     for Range {
         start: mut from,
@@ -196,10 +206,12 @@ fn grouped(slabs: &[f64; SLABS], light: f64) -> [f64; SLABS] {
                 .take_while(is_light)
                 .last()
                 .unwrap_or(from + 1);
+
             grouped[middle(slabs, from..to)] = slabs[from..to].iter().sum();
             from = to;
         }
     }
+
     let heaviest = DEVIANT_SLABS
         .max_by(|a, b| slabs[*a].total_cmp(&slabs[*b]))
         .unwrap_or(DEVIANT_SLABS.start);

@@ -119,10 +119,12 @@ impl Responses {
             marginal: vec![0.0; letters],
             ordered: 0.0,
         };
+
         policy
             .iter()
             .zip(&self.0)
             .for_each(|(p, response)| mixture.add(*p, response));
+
         mixture
     }
 }

@@ -27,8 +27,10 @@ fn by_entropies<const ROWS: usize, const COLUMNS: usize>(
         .expect("as many are tabulated");
     // Cut off, so that no access needs a check; with a larger total, nothing comes of it.
     let x_ln_x = |n: u64| x_ln_x[(n as usize).min(LAST)];
+
     let mut columns = [0; COLUMNS];
     let (mut total, mut of_rows, mut of_cells) = (0, 0.0, 0.0);
+
     for row in counts {
         let (mut sum, mut cells) = (0, 0.0);
         for (column, &n) in columns.iter_mut().zip(row) {
@@ -41,15 +43,18 @@ fn by_entropies<const ROWS: usize, const COLUMNS: usize>(
         of_rows += x_ln_x(sum);
         of_cells += cells;
     }
+
     let of_columns = columns.iter().fold(0.0, |sum, &n| sum + x_ln_x(n));
     let of_all = x_ln_x(total);
     if total > x_ln_x::LARGEST {
         return None;
     }
+
     // Only a single row or column has as much as all of it together.
     if of_rows == of_all || of_columns == of_all {
         return Some(0.0);
     }
+
     let information = (of_all - of_rows - of_columns + of_cells) / total as f64;
     (information >= CANCELS_BELOW).then_some(information)
 }

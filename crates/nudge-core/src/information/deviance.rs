@@ -54,6 +54,7 @@ fn row_deviance(table: &Table, cells: &[Occupied]) -> f64 {
     let total = u128::from(table.total());
     let mut empty = row_sum * total;
     let mut occupied = 0.0;
+
     for cell in cells {
         let expected = row_sum * u128::from(table.columns()[cell.column as usize]);
         occupied += deviance(u128::from(cell.n) * total, expected);
@@ -76,9 +77,11 @@ fn deviance(a: u128, b: u128) -> f64 {
     // Below 2^126, so that neither the signed difference nor the sum overflows.
     let difference = (a as i128 - b as i128) as f64;
     let v = difference / (observed + expected);
+
     if v.abs() >= SERIES_BELOW {
         return observed * (observed / expected).ln() - difference;
     }
+
     // At v = 0.1 the first power left out is below the rounding of the sum.
     let square = v * v;
     let tail = [17.0, 15.0, 13.0, 11.0, 9.0, 7.0, 5.0, 3.0]

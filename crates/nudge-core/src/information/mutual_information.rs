@@ -33,6 +33,7 @@ pub fn miller_madow(table: &Table) -> f64 {
     if table.total() == 0 {
         return 0.0;
     }
+
     let [cells, rows, columns] = [
         table.cells().len(),
         table.rows().len(),
@@ -60,6 +61,7 @@ fn by_entropies(table: &Table) -> Option<f64> {
     if table.total() == 0 || table.total() > x_ln_x::LARGEST {
         return None;
     }
+
     let x_ln_x = x_ln_x::tabulated();
     let sum = |counts: &[u64]| counts.iter().fold(0.0, |sum, &n| sum + x_ln_x[n as usize]);
     let cells = table

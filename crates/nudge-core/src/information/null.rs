@@ -68,15 +68,18 @@ fn hypergeometric(table: &Table) -> f64 {
     if table.is_line() {
         return 0.0;
     }
+
     let [rows, columns] =
         [table.rows(), table.columns()].map(|sums| counts_of_counts(sums.iter().copied()));
     let mut sum =
         x_ln_x::tabulated()[table.total() as usize] - surprise(&rows) - surprise(&columns);
+
     for row in &rows {
         for column in &columns {
             sum += row.times * column.times * mean_x_ln_x(row.n, column.n, table.total());
         }
     }
+
     // Dependence by chance is positive, but where it is tiny, rounding may say otherwise.
     (sum / table.total() as f64).max(0.0)
 }

@@ -86,6 +86,14 @@ impl Table {
         &self.cells
     }
 
+    /// Returns the occupied cells as `(row label, column label, count)` triples, in the same order.
+    pub fn triples(&self) -> impl Iterator<Item = (u64, u64, u64)> + Clone {
+        self.cells.iter().map(|cell| {
+            let row = self.row_labels[cell.row as usize];
+            (row, self.column_labels[cell.column as usize], cell.n)
+        })
+    }
+
     /// Returns the sums r_i of the occupied rows.
     pub fn rows(&self) -> &[u64] {
         &self.rows
@@ -131,18 +139,7 @@ impl Table {
     ///
     /// If the counts sum to more than [`LARGEST_TOTAL`].
     pub fn sum(tables: &[Self]) -> Self {
-        let label = |labels: &[u64], at: u32| labels[at as usize];
-        let cells = |table: &Self| -> Vec<(u64, u64, u64)> {
-            let cell = |cell: &Occupied| {
-                (
-                    label(&table.row_labels, cell.row),
-                    label(&table.column_labels, cell.column),
-                    cell.n,
-                )
-            };
-            table.cells.iter().map(cell).collect()
-        };
-        Self::from_counts(tables.iter().flat_map(cells))
+        Self::from_counts(tables.iter().flat_map(Self::triples))
     }
 
     /// Returns the table with rows and columns exchanged.
@@ -154,6 +151,7 @@ impl Table {
             .iter()
             .for_each(|cell| next[cell.column as usize + 1] += 1);
         (1..next.len()).for_each(|column| next[column] += next[column - 1]);
+
         let mut cells = self.cells.clone();
         for cell in &self.cells {
             let place = &mut next[cell.column as usize];
@@ -164,6 +162,7 @@ impl Table {
             };
             *place += 1;
         }
+
         Self {
             cells,
             rows: self.columns.clone(),
@@ -201,9 +200,11 @@ fn distinct(labels: impl Iterator<Item = u64> + Clone) -> Vec<u64> {
     let small = labels.clone().try_fold(0_u64, |seen, label| {
         Some(seen | 1 << u32::try_from(label).ok().filter(|bit| *bit < 64)?)
     });
+
     if let Some(seen) = small {
         return bits(seen).collect();
     }
+
     let mut labels: Vec<u64> = labels.collect();
     labels.sort_unstable();
     labels.dedup();

@@ -27,9 +27,11 @@ pub fn adjusted(table: &Table) -> f64 {
     if table.is_line() {
         return 0.0;
     }
+
     let (expected, _) = expected_if_independent(table);
     let entropies = entropy(table.rows(), table.total()) + entropy(table.columns(), table.total());
     let room = entropies / 2.0 - expected;
+
     if room > NO_ROOM {
         (plug_in(table) - expected) / room
     } else {

@@ -32,6 +32,7 @@ fn entropy(counts: &[CountOfCounts], total: u64) -> f64 {
         .map_or(0, |smallest| smallest.times as u64);
     let covered = total - singletons.min(total - 1);
     let seen = covered as f64 / (total as f64 * total as f64);
+
     -counts_of_counts::sum(counts, |n| {
         let share = n as f64 * seen;
         // The chance that something with this share is seen at all; exactly 1 where the share is.

@@ -28,6 +28,7 @@ pub fn james_stein(table: &Table, alphabet: Alphabet) -> f64 {
     if kept <= 0.0 {
         return 0.0;
     }
+
     let entropy = |counts: &[CountOfCounts], letters: f64| {
         shrunk_entropy(counts, table.total(), letters, kept)
     };
@@ -40,12 +41,14 @@ fn shrinkage(cells: &[CountOfCounts], total: u64, letters: f64) -> f64 {
     if total <= 1 {
         return 1.0;
     }
+
     let total = total as f64;
     let uniform = 1.0 / letters;
     let seen: f64 = cells.iter().map(|count| count.times).sum();
     let unseen = (letters - seen).max(0.0) * uniform * uniform;
     let distance = unseen + sum(cells, |n| (uniform - n as f64 / total).powi(2));
     let variance = sum(cells, |n| n as f64 / total * (1.0 - n as f64 / total)) / (total - 1.0);
+
     if variance < distance {
         variance / distance
     } else {
@@ -58,10 +61,14 @@ fn shrinkage(cells: &[CountOfCounts], total: u64, letters: f64) -> f64 {
 fn shrunk_entropy(counts: &[CountOfCounts], total: u64, letters: f64, kept: f64) -> f64 {
     let uniform = (1.0 - kept) / letters;
     let seen: f64 = counts.iter().map(|count| count.times).sum();
-    let p_ln_p = |share: f64| if share > 0.0 { share * share.ln() } else { 0.0 };
     let unseen = (letters - seen).max(0.0) * p_ln_p(uniform);
     -unseen
         - sum(counts, |n| {
             p_ln_p(uniform + kept * (n as f64 / total as f64))
         })
+}
+
+/// Returns p ln p, 0 ln 0 = 0.
+fn p_ln_p(share: f64) -> f64 {
+    if share > 0.0 { share * share.ln() } else { 0.0 }
 }

@@ -66,15 +66,18 @@ impl<'a> Posterior<'a> {
         if self.letters == 1.0 {
             return 0.0;
         }
+
         let step = 0.5 / (1.0 + self.seen / 2.0).sqrt();
         let start = self.near_the_peak();
         let mut mean = Mean::default();
+
         for step in [step, -step] {
             let mut before = f64::NEG_INFINITY;
             for at in u32::from(step < 0.0).. {
                 let u = start + f64::from(at) * step;
                 let log_weight = self.log_weight(u);
                 mean.add(log_weight, self.entropy(u));
+
                 let rises = log_weight >= before;
                 // Said so that a weight that is no number would end it as well.
                 if !(rises || log_weight > mean.largest + NEGLIGIBLE) {
@@ -83,6 +86,7 @@ impl<'a> Posterior<'a> {
                 before = log_weight;
             }
         }
+
         mean.sum / mean.weights
     }
 

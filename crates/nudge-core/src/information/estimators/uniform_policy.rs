@@ -28,16 +28,19 @@ pub fn uniform_policy(table: &Table) -> f64 {
         .chunk_by(|a, b| a.row == b.row)
         .filter(well_seen)
         .collect();
+
     let response = |cell: &Occupied| cell.n as f64 / table.rows()[cell.row as usize] as f64;
     let mut sums = vec![0.0; table.columns().len()];
     for cell in rows.iter().copied().flatten() {
         sums[cell.column as usize] += response(cell);
     }
+
     let count = rows.len() as f64;
     let divergence = |cell: &Occupied| {
         response(cell) * (response(cell) * count / sums[cell.column as usize]).ln()
     };
     let sum: f64 = rows.iter().copied().flatten().map(divergence).sum();
+
     if rows.is_empty() {
         0.0
     } else {

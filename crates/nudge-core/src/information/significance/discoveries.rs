@@ -15,11 +15,13 @@ pub fn benjamini_hochberg(p_values: &[f64], alpha: f64) -> Vec<bool> {
     let share = alpha / p_values.len() as f64;
     let mut ascending = p_values.to_vec();
     ascending.sort_unstable_by(f64::total_cmp);
+
     let passing = ascending
         .iter()
         .zip(1_u32..)
         .filter(|&(&p, k)| p <= share * f64::from(k))
         .last();
+
     p_values
         .iter()
         .map(|&p| passing.is_some_and(|(&threshold, _)| p <= threshold))
@@ -40,8 +42,10 @@ const ROUNDING: f64 = 1e-12;
 pub fn bayesian_fdr(p_dependent: &[f64], level: f64) -> Vec<bool> {
     let mut descending = p_dependent.to_vec();
     descending.sort_unstable_by(|a, b| b.total_cmp(a));
+
     let mut threshold = f64::INFINITY;
     let (mut chosen, mut wrong) = (0.0, 0.0);
+
     for equal in descending.chunk_by(|a, b| a == b) {
         chosen += equal.len() as f64;
         wrong += equal.len() as f64 * (1.0 - equal[0]);
@@ -49,6 +53,7 @@ pub fn bayesian_fdr(p_dependent: &[f64], level: f64) -> Vec<bool> {
             threshold = equal[0];
         }
     }
+
     p_dependent.iter().map(|&p| p >= threshold).collect()
 }
 

@@ -104,16 +104,19 @@ impl<F: FnMut(f64, f64)> Walk<F> {
         let Some(&marked) = self.slices[slice].rows_left.get(row) else {
             return self.column(slice, column + 1, reached);
         };
+
         let urn = Urn {
             drawn: above.drawn,
             marked,
             unmarked: above.unmarked - marked,
         };
+
         let whole: f64 = urn.weights().map(|(_, weight)| weight).sum();
         for (n, weight) in urn.weights() {
             let statistic = reached.statistic + x_ln_x::at(n);
             let probability = reached.probability * (weight / whole);
             self.slices[slice].rows_left[row] = marked - n;
+
             let below = Urn {
                 drawn: urn.drawn - n,
                 ..urn
@@ -128,6 +131,7 @@ impl<F: FnMut(f64, f64)> Walk<F> {
                 },
             );
         }
+
         self.slices[slice].rows_left[row] = marked;
     }
 }
@@ -151,6 +155,7 @@ impl Urn {
             marked,
             unmarked,
         } = self;
+
         let smallest = drawn.saturating_sub(unmarked);
         let mut weight = 1.0;
         (smallest..=drawn.min(marked)).map(move |n| {

@@ -10,8 +10,11 @@ const ENOUGH_EXPECTED: u128 = 20;
 
 /// Returns whether every cell is expected to have enough visits for the G test.
 pub(super) fn expects_enough(table: &Table) -> bool {
-    let least = |sums: &[u64]| sums.iter().min().map_or(0, |&sum| u128::from(sum));
     least(table.rows()) * least(table.columns()) >= ENOUGH_EXPECTED * u128::from(table.total())
+}
+
+fn least(sums: &[u64]) -> u128 {
+    sums.iter().min().map_or(0, |&sum| sum.into())
 }
 
 /// Returns the p-value of the corrected G of all slices together.
@@ -42,6 +45,9 @@ pub(super) fn williams(table: &Table) -> f64 {
 
 /// Returns the degrees of freedom, (R' - 1)(C' - 1) on the occupied rows and columns.
 pub(super) fn freedoms(table: &Table) -> f64 {
-    let free = |sums: &[u64]| sums.len().saturating_sub(1) as f64;
     free(table.rows()) * free(table.columns())
+}
+
+fn free(sums: &[u64]) -> f64 {
+    sums.len().saturating_sub(1) as f64
 }

@@ -18,11 +18,13 @@ pub(super) fn draw(random: &mut impl Rng, marked: u64, drawn: u64, total: u64) -
     if marked > total - marked {
         return drawn - draw(random, total - marked, drawn, total);
     }
+
     let (few, many) = if drawn < marked {
         (drawn, marked)
     } else {
         (marked, drawn)
     };
+
     if few <= ONE_BY_ONE {
         one_by_one(random, many, few, total)
     } else {
@@ -45,6 +47,7 @@ fn at_once(random: &mut impl Rng, marked: u64, drawn: u64, total: u64) -> u64 {
     let urn = Urn::new(marked, drawn, total);
     let e = std::f64::consts::E;
     let width = 2.0 * (2.0 / e).sqrt() * (urn.variance + 0.5).sqrt() + 3.0 - 2.0 * (3.0 / e).sqrt();
+
     loop {
         let height = 1.0 - random.random::<f64>();
         let at = urn.mean + 0.5 + width * (random.random::<f64>() - 0.5) / height;
@@ -74,6 +77,7 @@ impl Urn {
         let mean = drawn as f64 * share;
         let variance = mean * (1.0 - share) * ((all - drawn as f64) / (all - 1.0));
         let mode = u128::from(marked + 1) * u128::from(drawn + 1) / (u128::from(total) + 2);
+
         Self {
             marked,
             drawn,

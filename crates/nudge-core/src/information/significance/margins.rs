@@ -16,6 +16,7 @@ pub(super) fn few_tables(slices: &[&Table], at_most: u64) -> bool {
     let mut tables = 1.0;
     slices.iter().all(|slice| {
         let small = slice.total() <= x_ln_x::LARGEST;
+
         let fewest = |enough| {
             ways(slice.rows(), slice.columns(), enough).min(ways(
                 slice.columns(),
@@ -23,6 +24,7 @@ pub(super) fn few_tables(slices: &[&Table], at_most: u64) -> bool {
                 enough,
             ))
         };
+
         tables *= if small {
             fewest(at_most)
         } else {
@@ -38,6 +40,7 @@ fn ways(crossing: &[u64], lines: &[u64], enough: f64) -> f64 {
     let mut lines = lines.to_vec();
     lines.sort_unstable();
     lines.pop();
+
     let mut product = 1.0;
     for line in lines {
         if product > enough {
@@ -53,6 +56,7 @@ fn ways(crossing: &[u64], lines: &[u64], enough: f64) -> f64 {
 fn fillings(room: &[u64], sum: usize) -> f64 {
     let mut ways = vec![0.0; sum + 1];
     ways[0] = 1.0;
+
     for &room in room {
         // From the largest sum down: the smaller ones still count the ways without this place.
         for at in (1..=sum).rev() {
@@ -85,6 +89,7 @@ pub(super) fn least_probability(table: &Table) -> f64 {
 fn fullest(lines: &[u64], rooms: &[u64]) -> f64 {
     let mut rooms = rooms.to_vec();
     rooms.sort_unstable_by(|a, b| b.cmp(a));
+
     let filled = |mut left: u64| {
         let fill = |&room: &u64| {
             let n = left.min(room);
@@ -98,6 +103,7 @@ fn fullest(lines: &[u64], rooms: &[u64]) -> f64 {
             .map(ln_factorial)
             .sum::<f64>()
     };
+
     lines.iter().map(|&line| filled(line)).sum()
 }
 

@@ -109,6 +109,7 @@ pub fn p_value_while(
             Method::Permutation,
         )
     };
+
     Some(Significance { p_value, method })
 }
 
@@ -128,6 +129,7 @@ pub fn smallest_p(slices: &[Table]) -> f64 {
             .map(|slice| least_probability(slice))
             .product();
     }
+
     let mut largest = f64::NEG_INFINITY;
     enumerate(&slices, |statistic, _| largest = largest.max(statistic));
     exact(&slices, largest)

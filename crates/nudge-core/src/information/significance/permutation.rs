@@ -56,14 +56,17 @@ impl Visits {
         if rows.iter().max() < columns.iter().max() {
             std::mem::swap(&mut rows, &mut columns);
         }
+
         rows.sort_unstable();
         rows.pop();
+
         let labels = columns
             .iter()
             .zip(0..)
             .flat_map(|(&sum, label)| std::iter::repeat_n(label, sum as usize));
         let (labels, counts, columns_left) =
             (labels.collect(), vec![0; columns.len()], columns.clone());
+
         Self {
             of_margins: of_margins(table),
             rows,
@@ -78,6 +81,7 @@ impl Visits {
         self.columns_left.copy_from_slice(&self.columns);
         let mut statistic = self.of_margins;
         let mut end = 0;
+
         for &row in &self.rows {
             let start = end;
             end += row as usize;
@@ -86,6 +90,7 @@ impl Visits {
                 self.labels.swap(at, drawn);
                 self.counts[self.labels[at] as usize] += 1;
             }
+
             for &label in &self.labels[start..end] {
                 // A column's count is taken at its first visit, and is 0 at the others.
                 let n = std::mem::take(&mut self.counts[label as usize]);
@@ -93,6 +98,7 @@ impl Visits {
                 statistic += x_ln_x::at(n);
             }
         }
+
         self.columns_left
             .iter()
             .fold(statistic, |sum, &n| sum + x_ln_x::at(n))
@@ -123,6 +129,7 @@ impl Cells {
         self.rows_left.copy_from_slice(&self.rows);
         let mut total_left = self.total;
         let mut statistic = 0.0;
+
         for &column in &self.columns {
             let mut drawn = column;
             let mut others = total_left;
