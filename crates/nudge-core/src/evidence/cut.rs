@@ -259,3 +259,152 @@ pub(super) fn ln_mean<const L: usize>(parts: &[(f64, [f64; L])]) -> [f64; L] {
 
 /// ln of what cannot be.
 const NOTHING: f64 = -1e300;
+
+#[cfg(test)]
+mod tests {
+    use super::super::base::Base;
+    use super::*;
+    use crate::information::samples::grid;
+
+    /// Of logarithms, and of shares of a state.
+    const ROUNDING: f64 = 1e-12;
+
+    fn is_close(a: f64, b: f64) -> bool {
+        (a - b).abs() <= ROUNDING * b.abs().max(1.0)
+    }
+
+    fn cold() -> Parameters {
+        Parameters::cold()
+    }
+
+    #[test]
+    fn a_mean_over_parts_is_weighed_by_visits_beyond_the_first() {
+        // (1 e^900 + 3 * 5 e^900) / 4, too large for an f64 by itself.
+        let [mean] = ln_mean(&[(1.0, [900.0]), (3.0, [900.0 + 5_f64.ln()]), (0.0, [800.0])]);
+        assert!(is_close(mean, 900.0 + 4_f64.ln()), "{mean}");
+        assert_eq!(ln_mean(&[(0.0, [1.0])]), [NOTHING]);
+        assert_eq!(ln_mean::<1>(&[]), [NOTHING]);
+    }
+
+    #[test]
+    fn habits_that_no_kind_explains_better_keep_their_weights() {
+        let weights = &cold().sides[0].segments;
+        let habits = SegmentHabits::new(
+            &HabitWeights::new(weights),
+            -7.0,
+            &[-7.0; NULLS],
+            &[0.0; AROUND],
+        );
+
+        for ln in [habits.ln, habits.ln_differ, habits.ln_apart] {
+            assert!(ln.abs() < ROUNDING, "{ln}");
+        }
+        assert!((0..HABITS).all(|kind| is_close(habits.kinds[kind], weights[kind])));
+    }
+
+    #[test]
+    fn habits_go_to_the_kind_that_explains_them() {
+        let weights = &cold().sides[0].segments;
+        let mut apart = [-7.0; NULLS];
+        apart[3] += 2.0;
+
+        let habits = SegmentHabits::new(&HabitWeights::new(weights), -7.0, &apart, &[0.0; AROUND]);
+
+        // Beside one, each weight counts as it is: e^2 - 1 more of this one's.
+        let more = weights[APART.start + 3] * (2_f64.exp() - 1.0);
+        let of_apart: f64 = weights[APART].iter().sum();
+        assert!(is_close(habits.ln, (1.0 + more).ln()));
+        assert!(is_close(
+            habits.ln_differ,
+            (1.0 + more / (1.0 - weights[0])).ln()
+        ));
+        assert!(is_close(habits.ln_apart, (1.0 + more / of_apart).ln()));
+        assert!(is_close(habits.kinds[0], weights[0] / (1.0 + more)));
+        assert_eq!(habits.likeliest, 3);
+    }
+
+    #[test]
+    fn slabs_that_are_cut_share_the_weight_of_all_slabs() {
+        let weights = SegmentWeights::new(&cold());
+        let deviants: f64 = cold()
+            .sides
+            .iter()
+            .flat_map(|side| &side.slabs[CUT..])
+            .sum();
+        assert!(is_close(weights.cut, -(1.0 - deviants).ln()));
+        assert!(deviants > 0.01);
+    }
+
+    /// Three parts: one that tells, one of a single row, one of a single visit.
+    fn cut(is_whole: bool) -> (Likelihood, [Table; 3], Cut) {
+        let likelihood = Likelihood::new(2, Base::new(&[3, 5]));
+        let parts = [
+            grid(&[&[4, 1], &[0, 3]]),
+            grid(&[&[0, 0], &[2, 3]]),
+            grid(&[&[1, 0]]),
+        ];
+        let cut = Cut::new(&likelihood, is_whole, parts.iter());
+        (likelihood, parts, cut)
+    }
+
+    #[test]
+    fn what_parts_say_apart_adds_up() {
+        let (likelihood, parts, cut) = cut(true);
+        let null = |part: &Table| likelihood.shared(columns(part), part.total())[2];
+        let slabs = &cold().sides[0];
+
+        assert!(is_close(cut.null[2], parts.iter().map(null).sum()));
+        let mut apart = [0.0; FIXED];
+        parts
+            .iter()
+            .for_each(|part| add(&mut apart, &likelihood.rows_apart(part)));
+        let expected = Scaled::new(apart).ln_weighted(&slabs.slabs[..FIXED]);
+        assert!(is_close(
+            cut.fixed.ln_weighted(&slabs.slabs[..FIXED]),
+            expected
+        ));
+
+        // On their own marginals only the first part tells, with 7 of 11 visits beyond a first one.
+        let own = likelihood.on_own_marginal(&parts[0]);
+        let weights = &slabs.slabs[OWN_SLABS];
+        assert!(is_close(
+            cut.own.ln_weighted(weights),
+            Scaled::new(own).ln_weighted(weights)
+        ));
+        let one = own.map(|ln| (7.0 * ln.exp() + 4.0) / 11.0);
+        let expected: f64 = one.iter().zip(weights).map(|(one, w)| one * w).sum();
+        assert!(is_close(cut.one.ln_weighted(weights), expected.ln()));
+
+        assert_ne!(cut.around, [0.0; AROUND]);
+        assert_eq!(self::cut(false).2.around, [0.0; AROUND]);
+    }
+
+    #[test]
+    fn one_part_alone_depends_beside_the_null_of_that_part() {
+        let (likelihood, parts, cut) = cut(true);
+        let slabs = &cold().sides[0];
+        let relative = |part: &Table| {
+            let apart = Scaled::new(likelihood.rows_apart(part));
+            let null = likelihood.shared(columns(part), part.total())[2];
+            (apart.ln_weighted(&slabs.slabs[..FIXED]) - null).exp()
+        };
+
+        let expected = (7.0 * relative(&parts[0]) + 4.0 * relative(&parts[1])) / 11.0;
+
+        assert!(is_close(cut.ln_one_fixed(2, slabs), expected.ln()));
+        let single = Cut::new(&likelihood, true, parts[2..].iter());
+        assert_eq!(single.ln_one_fixed(2, slabs), NOTHING);
+    }
+
+    #[test]
+    fn expected_counts_are_shared_out_whole() {
+        let (_, _, cut) = cut(true);
+        let mut slabs = [0.0; SLABS];
+
+        cut.expect([[0.1, 0.2], [0.3, 0.25]], 2, &cold().sides[0], &mut slabs);
+
+        assert!(is_close(slabs[..FIXED].iter().sum(), 0.1 + 0.3));
+        assert!(is_close(slabs[OWN_SLABS].iter().sum(), 0.2 + 0.25));
+        assert!(slabs[CUT..].iter().all(|states| *states == 0.0));
+    }
+}

@@ -408,3 +408,6 @@ pub(super) fn anchor(table: &Table) -> Option<usize> {
     let most = table.rows().iter().copied().max()?;
     (table.total() - most < ANCHORED_BELOW).then(|| table.rows().iter().position(|n| *n == most))?
 }
+
+#[cfg(test)]
+mod tests;

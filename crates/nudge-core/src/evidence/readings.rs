@@ -135,3 +135,62 @@ fn counted(letters: &[u64]) -> impl Iterator<Item = (usize, f64)> {
         .chunk_by(|a, b| a == b)
         .map(|equal| (equal[0] as usize, equal.len() as f64))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::information::samples::grid;
+
+    #[test]
+    fn slices_without_visits_are_left_out_but_for_one() {
+        let visited = grid(&[&[1, 2], &[0, 4]]);
+        let slices = [Table::default(), visited.clone()];
+        let readings = Readings::new((&slices).into());
+        assert_eq!(readings.wholes.len(), 1);
+        assert_eq!(*readings.wholes[0][0], visited);
+        assert_eq!(*readings.wholes[0][1], visited.transposed());
+
+        let nothing = [Table::default(), Table::default()];
+        let readings = Readings::new((&nothing).into());
+        assert_eq!(readings.wholes.len(), 1);
+        assert_eq!(readings.wholes[0][0].total(), 0);
+    }
+
+    #[test]
+    fn parts_of_one_visit_are_counted_by_letter() {
+        let several = grid(&[&[0, 2], &[3, 0]]);
+        let one = |row, column| Table::from_counts([(row, column, 1)]);
+        let parts = [one(1, 2), several, Table::default(), one(0, 2), one(1, 0)];
+
+        let parts = Parts::new(&parts);
+
+        assert_eq!((parts.several.len(), parts.single.number), (1, 3));
+        assert_eq!((parts.number(), parts.visits()), (4, 8.0));
+        let first = parts.single.first.as_ref().expect("there are three");
+        assert_eq!(first[0].row_labels(), [1]);
+
+        let letters = |found: &mut dyn Iterator<Item = (usize, f64)>| found.collect::<Vec<_>>();
+        assert_eq!(letters(&mut parts.single.drivers(0)), [(0, 1.0), (1, 2.0)]);
+        assert_eq!(
+            letters(&mut parts.single.responses(0)),
+            [(0, 1.0), (2, 2.0)]
+        );
+        assert_eq!(letters(&mut parts.single.drivers(1)), [(0, 1.0), (2, 2.0)]);
+        assert_eq!(
+            letters(&mut parts.single.responses(1)),
+            [(0, 1.0), (1, 2.0)]
+        );
+
+        // By the responder's letters: those of several visits first, then each single one.
+        let cells: Vec<_> = parts.by_part(0).collect();
+        assert_eq!(
+            cells,
+            [(0, 0, 3), (0, 1, 2), (1, 0, 1), (2, 2, 1), (3, 2, 1)]
+        );
+        let cells: Vec<_> = parts.by_part(1).collect();
+        assert_eq!(
+            cells,
+            [(0, 0, 2), (0, 1, 3), (1, 0, 1), (2, 1, 1), (3, 1, 1)]
+        );
+    }
+}
