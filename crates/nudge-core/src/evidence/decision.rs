@@ -264,7 +264,7 @@ mod tests {
             }),
             Verdict::Undecided
         );
-        assert_eq!(basis(0), Basis::Prior);
+        assert_eq!([basis(0), basis(3)], [Basis::Prior, Basis::Counts(3)]);
     }
 
     #[test]
@@ -341,6 +341,47 @@ mod tests {
     }
 
     #[test]
+    fn three_visits_off_a_line_can_tell() {
+        let tells = |cells: &[(u64, u64, u64)]| {
+            let table = Table::from_counts(cells.iter().copied());
+            let believed = Believed::of_dependence(0.9, 0.3, &[table]);
+            assert_eq!(believed.now.above, 0.9);
+            assert_eq!(believed.unseen.dependent, 0.3);
+            (believed.observations, believed.tells)
+        };
+        assert_eq!(tells(&[(0, 0, 1), (1, 1, 1)]), (2, false));
+        assert_eq!(tells(&[(0, 0, 2), (1, 1, 1)]), (3, true));
+        assert_eq!(tells(&[(0, 0, 2), (0, 1, 7)]), (9, false));
+        // Together, slices tell as much as one of them does.
+        let slices = [[(0, 0, 2), (0, 1, 2)], [(0, 0, 1), (1, 1, 1)]].map(Table::from_counts);
+        assert!(Believed::of_dependence(0.9, 0.3, &slices).tells);
+    }
+
+    #[test]
+    fn five_observations_settle_what_four_do_not() {
+        let certain = |observations| Believed {
+            observations,
+            ..believed(0.999_9, 0.999_9)
+        };
+        assert_eq!(
+            [4, 5].map(|n| evidence(&certain(n))),
+            [Verdict::Undecided, Verdict::Influences]
+        );
+        let excluded = |observations| {
+            let mut believed = Believed {
+                observations,
+                ..believed(0.5, 0.5)
+            };
+            [believed.unseen.dependent, believed.now.dependent] = [1e-4, 1e-4];
+            dependence(&believed)
+        };
+        assert_eq!(
+            [4, 5].map(excluded),
+            [Dependence::Open, Dependence::Excluded]
+        );
+    }
+
+    #[test]
     fn without_a_belief_evidence_is_not_weighed() {
         let rule = Rule {
             kind: RuleKind::Evidence,
@@ -370,6 +411,7 @@ mod tests {
             [true, false, true]
         );
         assert!(!opened(0.9, 0.96, 1), "the prior knew");
+        assert!(!opened(0.3, 0.9, 0), "no set asks for as much as one");
         let line = Believed::of_dependence(0.999, 0.3, &[Table::from_counts([(0, 0, 9)])]);
         assert!(!is_opened(&line, 1) && !is_explained(&Believed::of_dependence(0.01, 0.3, &[])));
     }

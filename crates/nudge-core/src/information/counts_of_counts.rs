@@ -1,5 +1,5 @@
-//! Counts of counts (the fingerprint of a sample, after Good 1953): how many letters were seen once,
-//! how many twice. What depends on a count alone is found once for all letters that have it.
+//! Counts of counts (the fingerprint of a sample, after Good 1953): how many letters were seen
+//! once, how many twice. What depends on a count alone is found once for all letters that have it.
 
 /// A count n, and how many letters have it.
 pub(super) struct CountOfCounts {
