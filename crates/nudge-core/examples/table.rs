@@ -10,13 +10,15 @@ use nudge_core::information::{
     Alphabet, Table, expected_if_independent, miller_madow, p_value, plug_in,
 };
 
-/// Returns the counts of an intersection by what one driver did, then what the other did at the
-/// same moment: in the first three the other mostly does the same.
+/// Returns the counts of an intersection: what one driver did (rows), what the other did at the
+/// same moment (columns). In the first three the other mostly does the same.
 fn intersection(at: u64) -> Table {
-    Table::from_counts(match at {
-        0..3 => [(0, 0, 9 + at), (1, 1, 12), (2, 2, 8), (0, 1, 2), (2, 1, 1)],
-        _ => [(0, 0, 5), (1, 0, 6 + at), (2, 1, 5), (0, 2, 4), (1, 1, 7)],
-    })
+    let counts: [[u64; 3]; 3] = match at {
+        0..3 => [[9 + at, 2, 1], [1, 12, 2], [1, 1, 8]],
+        _ => [[5, 4, 4], [3, 4, 3 + at], [4, 3, 4]],
+    };
+    let row = |(i, row): (u64, [u64; 3])| (0..).zip(row).map(move |(j, n)| (i, j, n));
+    Table::from_counts((0..).zip(counts).flat_map(row))
 }
 
 fn main() {
