@@ -1,7 +1,7 @@
 //! The store in one SQLite file: one connection that writes, a few that read, and what is
 //! remembered of it in memory.
 //!
-//! `open` makes a `handle` on it by its `options`, `tables` says whose it is, `inspect` and
+//! `open` makes a `handle` on it by its `options`, `tables` says whose it is, `migrations` brings it up to date, `inspect` and
 //! `receipts` look at it from outside, `lock` says that it is in use, `writer` owns the connection
 //! that writes, `health` says whether it would, `closing` interrupts those that read. `commit`
 //! decides and counts; `read` and `audit` look, by a `walk`; `load`, `environments`, `fits`,
@@ -42,6 +42,7 @@ mod load;
 mod lock;
 mod map;
 mod memory;
+mod migrations;
 mod models;
 mod open;
 mod options;

@@ -4,12 +4,11 @@
 
 use std::collections::HashMap;
 
-use sqlx::migrate::{Migration, Migrator};
+use sqlx::migrate::Migration;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
 use sqlx::{ConnectOptions, Connection, Row};
 
-/// Every migration of this build, in order.
-pub(super) static MIGRATIONS: Migrator = sqlx::migrate!();
+use super::migrations::MIGRATIONS;
 
 /// Whose tables a database has.
 #[derive(Debug, PartialEq, Eq)]
