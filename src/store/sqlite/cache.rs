@@ -26,9 +26,9 @@ use std::sync::{Arc, Mutex, MutexGuard};
 
 use lru::LruCache;
 
-use super::map::Map;
 use crate::domain::{Cell, Counts, EnvironmentId, StateKey};
 use crate::store::StateCounts;
+use crate::store::map::Map;
 
 /// What a cached state weighs beside its cells, in cells of 40 bytes: its key, its place in the
 /// list and the map, and three allocations.

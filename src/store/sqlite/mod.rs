@@ -4,9 +4,9 @@
 //! `open` makes a `handle` on it by its `options`, `tables` says whose it is, `migrations` brings it up to date, `inspect` and
 //! `receipts` look at it from outside, `lock` says that it is in use, `writer` owns the connection
 //! that writes, `health` says whether it would, `closing` interrupts those that read. `commit`
-//! decides and counts; `read` and `audit` look, by a `walk`; `load`, `environments`, `fits`,
+//! counts; `read` and `audit` look, by a `walk`; `load`, `environments`, `fits`,
 //! `models`, `removal` and its `leftovers` keep the worlds. In `memory` are `actions`, `cache` and
-//! `directory`, beside the writer is `known`, a `map` that is `recent`. `text`, `packed` and `rows`
+//! `directory`, beside the writer is `known`, which is `recent`. `text`, `packed` and `rows`
 //! say how things are written, `error` what its errors mean.
 
 use std::path::Path;
@@ -40,7 +40,6 @@ mod known;
 mod leftovers;
 mod load;
 mod lock;
-mod map;
 mod memory;
 mod migrations;
 mod models;

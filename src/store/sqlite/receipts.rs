@@ -5,11 +5,11 @@ use futures::TryStreamExt;
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, SqlitePool};
 
-use super::commit::KEPT;
 use super::error::unreadable;
 use super::text;
-use crate::domain::{EnvironmentId, ProducerId, Receipt};
+use crate::domain::{EnvironmentId, ProducerId, Sequence};
 use crate::store::StoreError;
+use crate::store::ledger::{inconsistency, last_dropped};
 
 /// The most faults that are told.
 const MOST_TOLD: usize = 100;
@@ -57,7 +57,7 @@ struct Looking {
 impl Looking {
     fn begin(row: &SqliteRow) -> Result<Self, sqlx::Error> {
         let (id, name, last) = (row.try_get(0)?, row.try_get(1)?, row.try_get::<i64, _>(2)?);
-        let next = last.saturating_sub(KEPT as i64).max(0) + 1;
+        let next = last_dropped(Sequence::from_stored(last)).next().get() as i64;
         Ok(Self {
             id,
             name,
@@ -71,7 +71,7 @@ impl Looking {
         self.is_in_order &= sequence == self.next;
         self.next = sequence.saturating_add(1);
         let why = match text::receipt(receipt) {
-            Ok(receipt) => amiss(&receipt)?.to_owned(),
+            Ok(receipt) => inconsistency(&receipt)?.to_owned(),
             Err(why) => why.to_string(),
         };
         Some(format!(
@@ -98,25 +98,4 @@ impl Looking {
             )
         })
     }
-}
-
-/// Returns what no receipt has.
-fn amiss(receipt: &Receipt) -> Option<&'static str> {
-    let Receipt {
-        accepted,
-        rejected_count,
-        rejected,
-    } = receipt;
-    let told = (*rejected_count).min(Receipt::MOST_TOLD as u64);
-    let Some(records) = accepted.checked_add(*rejected_count) else {
-        return Some("it has more records than there are numbers");
-    };
-    if rejected.len() as u64 != told {
-        return Some("it tells of more or fewer rejected records than it counts");
-    }
-    let is_so = rejected.iter().all(|one| u64::from(one.index) < records)
-        && rejected
-            .windows(2)
-            .all(|pair| pair[0].index <= pair[1].index);
-    (!is_so).then_some("it tells of rejected records that the batch cannot have")
 }

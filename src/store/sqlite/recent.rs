@@ -6,7 +6,7 @@
 
 use std::hash::Hash;
 
-use super::map::Map;
+use crate::store::map::Map;
 
 /// A map of at most two generations of keys.
 pub(super) struct Recent<K, V> {

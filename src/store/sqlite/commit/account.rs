@@ -5,10 +5,9 @@ use std::sync::LazyLock;
 
 use sqlx::sqlite::SqliteConnection;
 
-use super::ledger::Account;
 use super::signed::signed;
-use super::window::KEPT;
-use crate::domain::EnvironmentId;
+use crate::domain::{EnvironmentId, Sequence};
+use crate::store::ledger::{Account, last_dropped};
 use crate::store::sqlite::error::aborted;
 use crate::store::sqlite::rows::ManyRows;
 use crate::store::sqlite::text;
@@ -22,8 +21,8 @@ pub(super) async fn write_account(
     producer: &str,
     account: &Account<'_>,
 ) -> Result<(), StoreError> {
-    let id = match account.stored {
-        Some((id, _)) => id,
+    let id = match account.id() {
+        Some(id) => id.0,
         None => insert_producer(connection, environment, producer)
             .await
             .map_err(aborted)?,
@@ -32,7 +31,7 @@ pub(super) async fn write_account(
     let text = "update producers set sequence = ?, owner = coalesce(owner, ?) where id = ? and sequence = ?";
     let done = sqlx::query(text)
         .bind(last)
-        .bind(account.owner.clone())
+        .bind(account.owner().map(str::to_owned))
         .bind(id)
         .bind(before)
         .execute(&mut *connection)
@@ -43,10 +42,12 @@ pub(super) async fn write_account(
             "the sequence of producer `{producer}` is no longer {before}"
         )));
     }
-    insert_batches(connection, id, &account.accepted)
+    insert_batches(connection, id, account.accepted())
         .await
         .map_err(aborted)?;
-    prune_batches(connection, id, last).await.map_err(aborted)
+    prune_batches(connection, id, account.last())
+        .await
+        .map_err(aborted)
 }
 
 async fn insert_producer(
@@ -91,14 +92,14 @@ async fn insert_batches(
 async fn prune_batches(
     connection: &mut SqliteConnection,
     producer: i64,
-    last: i64,
+    watermark: Sequence,
 ) -> Result<(), sqlx::Error> {
-    let oldest_kept = last - signed(KEPT);
-    if oldest_kept > 0 {
+    let dropped = last_dropped(watermark);
+    if dropped != Sequence::NONE {
         let text = "delete from batches where producer = ? and sequence <= ?";
         sqlx::query(text)
             .bind(producer)
-            .bind(oldest_kept)
+            .bind(signed(dropped.get()))
             .execute(connection)
             .await?;
     }

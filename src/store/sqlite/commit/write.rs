@@ -7,11 +7,11 @@ use sqlx::sqlite::SqliteConnection;
 
 use super::account::write_account;
 use super::failed::Failed;
-use super::ledger::{Ledger, Ledgers};
 use super::lookup;
 use super::signed::signed;
 use crate::domain::{Cell, EnvironmentId, SegmentId, StateKey, Tally};
 use crate::store::StoreError;
+use crate::store::ledger::Ledger;
 use crate::store::sqlite::error::aborted;
 use crate::store::sqlite::known::{CellKey, Known};
 use crate::store::sqlite::memory::Memory;
@@ -66,11 +66,11 @@ impl CellRow {
 /// Writes everything, and returns what memory has to be told after COMMIT.
 pub(super) async fn write<'a>(
     transaction: &mut Transaction<'_>,
-    ledgers: Ledgers<'a>,
+    accepted: Vec<Ledger<'a>>,
 ) -> Result<Vec<Delta<'a>>, Failed> {
     let (connection, known) = transaction.parts();
     let mut deltas = Vec::new();
-    for ledger in ledgers.into_accepted() {
+    for ledger in accepted {
         let environment = ledger.environment;
         let written = write_ledger(connection, known, ledger).await;
         deltas.extend(written.map_err(|error| Failed::in_environment(environment, error))?);
@@ -83,11 +83,7 @@ async fn write_ledger<'a>(
     known: &mut Known,
     mut ledger: Ledger<'a>,
 ) -> Result<Option<Delta<'a>>, StoreError> {
-    for (name, account) in ledger
-        .accounts
-        .iter()
-        .filter(|(_, account)| !account.accepted.is_empty())
-    {
+    for (name, account) in ledger.advanced() {
         write_account(connection, ledger.environment, name, account).await?;
     }
     if ledger.merged.len() == 0 {
@@ -117,7 +113,7 @@ async fn write_counts<'a>(
         [ledger.merged.transitions(), states.new, fresh],
     )
     .await?;
-    let revision = ledger.transitions + ledger.merged.transitions();
+    let revision = ledger.revision();
     Ok(Delta {
         environment,
         revision,
@@ -133,8 +129,8 @@ async fn segments(
 ) -> Result<Vec<i64>, sqlx::Error> {
     let mut ids = Vec::new();
     for label in ledger.merged.segments() {
-        ids.push(match ledger.segments.get(label) {
-            Some(id) => *id,
+        ids.push(match ledger.segment(label) {
+            Some(id) => id.0,
             None => insert_segment(connection, ledger.environment, label).await?,
         });
     }

@@ -1,15 +1,25 @@
-//! Adding equal cells together across all batches of a commit, so that each is written once.
+//! Merging of a group commit: equal cells of all its batches are added together, so that each is
+//! written once.
 
 use crate::domain::{Increment, Label, StateKey, Tally};
-use crate::store::sqlite::map::Map;
+use crate::store::map::Map;
 
 /// The most cells that a commit makes room for at its first batch.
 const USUAL_CELLS: usize = 8_192;
 
+/// A cell by its names.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) struct CellName<'k> {
+    pub(super) state: &'k StateKey,
+    /// As it is stored.
+    pub(super) segment: &'k str,
+    pub(super) joint: u64,
+}
+
 /// The sum of accepted increments of one environment. States and segments are numbered in order of
 /// appearance.
 #[derive(Default)]
-pub(super) struct Merged<'a> {
+pub(in crate::store) struct Merged<'a> {
     states: Vec<&'a StateKey>,
     positions: Map<&'a StateKey, u32>,
     segments: Vec<&'a str>,
@@ -23,12 +33,14 @@ impl<'a> Merged<'a> {
         if increment.cells.is_empty() {
             return;
         }
+
         self.transitions += increment.transitions;
         let segment = self.segment(stored_label(increment.segment.as_ref()));
         if self.cells.is_empty() {
             self.cells
                 .reserve((8 * increment.cells.len()).min(USUAL_CELLS));
         }
+
         let states: Vec<u32> = increment.states.iter().map(|key| self.state(key)).collect();
         for (state, joint, tally) in &increment.cells {
             self.cells
@@ -55,62 +67,65 @@ impl<'a> Merged<'a> {
     }
 
     /// Returns the states, in order of their numbers.
-    pub(super) fn states(&self) -> &[&'a StateKey] {
+    pub(in crate::store) fn states(&self) -> &[&'a StateKey] {
         &self.states
     }
 
     /// Returns the labels of segments, in order of their numbers.
-    pub(super) fn segments(&self) -> &[&'a str] {
+    pub(in crate::store) fn segments(&self) -> &[&'a str] {
         &self.segments
     }
 
     /// Returns the number of cells.
-    pub(super) fn len(&self) -> usize {
+    pub(in crate::store) fn len(&self) -> usize {
         self.cells.len()
     }
 
     /// Returns the sum of all visits.
-    pub(super) fn transitions(&self) -> u64 {
+    pub(in crate::store) fn transitions(&self) -> u64 {
         self.transitions
     }
 
     /// Returns every cell by its names.
-    pub(super) fn cells(&self) -> impl Iterator<Item = (&'a StateKey, &'a str, u64)> {
-        let name = |(state, segment, joint): &(u32, u32, u64)| {
-            (
-                self.states[*state as usize],
-                self.segments[*segment as usize],
-                *joint,
-            )
-        };
-        self.cells.keys().map(name)
+    pub(super) fn cells(&self) -> impl Iterator<Item = CellName<'a>> {
+        self.cells.keys().map(|(state, segment, joint)| CellName {
+            state: self.states[*state as usize],
+            segment: self.segments[*segment as usize],
+            joint: *joint,
+        })
     }
 
     /// Returns the cells of an increment that are not here, each once, by their names.
-    pub(super) fn absent<'i>(&self, increment: &'i Increment) -> Vec<(&'i StateKey, &'i str, u64)> {
-        let label = stored_label(increment.segment.as_ref());
-        let segment = self
-            .segments
-            .iter()
-            .position(|known| *known == label)
-            .map(|at| at as u32);
-        let name = |(state, joint, _): &(u32, u64, Tally)| {
-            let key = &increment.states[*state as usize];
-            let known = self.positions.get(key).zip(segment);
-            let present = known.is_some_and(|(state, segment)| {
-                self.cells.contains_key(&(*state, segment, *joint))
-            });
-            (!present).then_some((key, label, *joint))
+    pub(super) fn absent<'i>(&self, increment: &'i Increment) -> Vec<CellName<'i>> {
+        let segment = stored_label(increment.segment.as_ref());
+        let name = |(state, joint, _): &(u32, u64, Tally)| CellName {
+            state: &increment.states[*state as usize],
+            segment,
+            joint: *joint,
         };
-        let mut absent: Vec<_> = increment.cells.iter().filter_map(name).collect();
+
+        let mut absent: Vec<_> = increment.cells.iter().map(name).collect();
+        absent.retain(|cell| !self.has(cell));
         absent.sort_unstable();
         absent.dedup();
         absent
     }
 
+    fn has(&self, cell: &CellName<'_>) -> bool {
+        let state = self.positions.get(cell.state);
+        let segment = self
+            .segments
+            .iter()
+            .position(|label| *label == cell.segment);
+        state.zip(segment).is_some_and(|(state, segment)| {
+            self.cells
+                .contains_key(&(*state, segment as u32, cell.joint))
+        })
+    }
+
     /// Returns the tallies by the numbers of state and segment, and the joint action; they are here
     /// no longer.
-    pub(super) fn take_cells(
+    pub(in crate::store) fn take_cells(
         &mut self,
     ) -> impl ExactSizeIterator<Item = ((u32, u32, u64), Tally)> + use<> {
         std::mem::take(&mut self.cells).into_iter()
