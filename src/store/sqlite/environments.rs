@@ -6,8 +6,8 @@ use sqlx::sqlite::SqliteConnection;
 
 use super::directory::Directory;
 use super::error::aborted;
-use super::known::Known;
 use super::memory::Memory;
+use super::row_id_cache::RowIdCache;
 use super::text;
 use super::writer::Writer;
 use crate::domain::{Environment, EnvironmentId, Name, Schema, Uid, WrittenRule};
@@ -40,7 +40,7 @@ pub(super) async fn create(
         schema: schema.clone(),
         rule,
     });
-    let remember = |memory: &Memory, _: &mut Known| {
+    let remember = |memory: &Memory, _: &mut RowIdCache| {
         memory.directory.put(Arc::clone(&made));
         memory.actions.begin(&made);
     };

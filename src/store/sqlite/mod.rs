@@ -6,7 +6,7 @@
 //! that writes, `health` says whether it would, `closing` interrupts those that read. `commit`
 //! counts; `read` and `audit` look, by a `walk`; `load`, `environments`, `fits`,
 //! `models`, `removal` and its `leftovers` keep the worlds. In `memory` are `actions`, `cache` and
-//! `directory`, beside the writer is `known`, which is `recent`. `text`, `packed` and `rows`
+//! `directory`, beside the writer is the `row_id_cache`, which is `recent`. `text`, `packed` and `rows`
 //! say how things are written, `error` what its errors mean.
 
 use std::path::Path;
@@ -36,7 +36,6 @@ mod fits;
 mod handle;
 mod health;
 mod inspect;
-mod known;
 mod leftovers;
 mod load;
 mod lock;
@@ -50,6 +49,7 @@ mod read;
 mod receipts;
 mod recent;
 mod removal;
+mod row_id_cache;
 mod rows;
 mod tables;
 mod text;

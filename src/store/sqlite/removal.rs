@@ -12,9 +12,9 @@ use sqlx::SqlitePool;
 use sqlx::sqlite::SqliteConnection;
 
 use super::error::aborted;
-use super::known::Known;
 use super::leftovers::{Removal, Removals, Step};
 use super::memory::Memory;
+use super::row_id_cache::RowIdCache;
 use super::writer::Writer;
 use crate::domain::EnvironmentId;
 use crate::store::StoreError;
@@ -26,11 +26,11 @@ pub(super) async fn delete(writer: &Writer, id: EnvironmentId) -> Result<(), Sto
         transaction.end().await?;
         return Err(StoreError::UnknownEnvironment);
     };
-    let forget = |memory: &Memory, known: &mut Known| {
+    let forget = |memory: &Memory, row_ids: &mut RowIdCache| {
         memory.directory.remove(id);
         memory.cache.forget(id);
         memory.actions.forget(id);
-        known.forget(id);
+        row_ids.forget(id);
         memory.removals.add(left);
     };
     transaction.commit(forget).await

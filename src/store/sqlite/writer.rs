@@ -16,9 +16,9 @@ use tokio::sync::{Mutex, MutexGuard};
 
 use super::error::{aborted, trouble_of, uncommitted};
 use super::health::Health;
-use super::known::Known;
 use super::lock::Identity;
 use super::memory::Memory;
+use super::row_id_cache::RowIdCache;
 use super::{leftovers, load};
 use crate::store::{Cause, StoreError, Trouble};
 
@@ -48,7 +48,7 @@ struct Place {
     /// SQLite makes another one only after every connection was closed: a new connection that finds
     /// another beside those that are open would mix the two.
     journal: Option<Identity>,
-    known: Known,
+    row_ids: RowIdCache,
     closed: bool,
     /// Whether a connection was dropped, which goes on closing for a while.
     has_dropped: bool,
@@ -298,13 +298,13 @@ impl Transaction<'_> {
             .expect("it is taken only when the transaction ends")
     }
 
-    /// Returns the connection and what is known to exist beside it.
-    pub(super) fn parts(&mut self) -> (&mut SqliteConnection, &mut Known) {
+    /// Returns the connection and the row ids cached beside it.
+    pub(super) fn parts(&mut self) -> (&mut SqliteConnection, &mut RowIdCache) {
         let connection = self
             .connection
             .as_mut()
             .expect("it is taken only when the transaction ends");
-        (connection, &mut self.place.known)
+        (connection, &mut self.place.row_ids)
     }
 
     async fn remember_journal(&mut self) -> Result<(), StoreError> {
@@ -318,14 +318,14 @@ impl Transaction<'_> {
     /// Commits, and lets `remember` bring memory up to date before anybody else can begin.
     pub(super) async fn commit(
         mut self,
-        remember: impl FnOnce(&Memory, &mut Known),
+        remember: impl FnOnce(&Memory, &mut RowIdCache),
     ) -> Result<(), StoreError> {
         let committed = sqlx::query("commit")
             .execute(self.connection())
             .await
             .map_err(uncommitted);
         committed.inspect_err(|error| self.health.heed(error))?;
-        remember(self.memory, &mut self.place.known);
+        remember(self.memory, &mut self.place.row_ids);
         self.place.connection = self.connection.take();
 
         // For this process it is committed. Whether the next one finds it, only the file that was
@@ -358,7 +358,7 @@ impl Drop for Transaction<'_> {
             // Memory first: once the connection is gone, its last COMMIT may come true at any
             // moment.
             self.memory.suspend();
-            self.place.known = Known::default();
+            self.place.row_ids = RowIdCache::default();
             self.place.has_dropped = true;
             drop(connection);
         }

@@ -12,7 +12,7 @@ use crate::store::StoreError;
 use crate::store::ledger::{Books, CellAt, Kept, Named, Opened, Opening, RowId, StoredProducer};
 use crate::store::sqlite::directory::Directory;
 use crate::store::sqlite::error::{aborted, spoiled};
-use crate::store::sqlite::known::CellKey;
+use crate::store::sqlite::row_id_cache::CellKey;
 use crate::store::sqlite::text;
 use crate::store::sqlite::writer::Transaction;
 
@@ -162,16 +162,16 @@ async fn count_cells(
     environment: EnvironmentId,
     cells: &[CellAt<'_>],
 ) -> Result<u64, sqlx::Error> {
-    let (connection, known) = transaction.parts();
+    let (connection, row_ids) = transaction.parts();
     let keys: Vec<&StateKey> = cells.iter().map(|cell| cell.state).collect();
-    let states = lookup::states(connection, known, environment, &keys).await?;
+    let states = lookup::states(connection, row_ids, environment, &keys).await?;
 
     let mut candidates: Vec<CellKey> = Vec::with_capacity(cells.len());
     for (cell, state) in cells.iter().zip(states) {
         // A state that is new has no cells yet.
         candidates.extend(state.map(|state| (state, cell.segment.0, cell.joint as i64)));
     }
-    lookup::count_cells(connection, known, &candidates).await
+    lookup::count_cells(connection, row_ids, &candidates).await
 }
 
 async fn kept(

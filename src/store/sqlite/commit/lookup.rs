@@ -6,7 +6,7 @@ use sqlx::Row;
 use sqlx::sqlite::SqliteConnection;
 
 use crate::domain::{EnvironmentId, StateKey};
-use crate::store::sqlite::known::{CellKey, Known};
+use crate::store::sqlite::row_id_cache::{CellKey, RowIdCache};
 use crate::store::sqlite::rows::ManyRows;
 use crate::store::sqlite::text;
 
@@ -16,13 +16,13 @@ const KEYS: usize = 1_000;
 /// Returns the id of each state that exists. Hot states come from memory.
 pub(super) async fn states(
     connection: &mut SqliteConnection,
-    known: &mut Known,
+    row_ids: &mut RowIdCache,
     environment: EnvironmentId,
     keys: &[&StateKey],
 ) -> Result<Vec<Option<i64>>, sqlx::Error> {
     let mut found: Vec<Option<i64>> = keys
         .iter()
-        .map(|key| known.state(environment, key))
+        .map(|key| row_ids.state_id(environment, key))
         .collect();
     let missing: Vec<usize> = (0..keys.len()).filter(|at| found[*at].is_none()).collect();
     for chunk in missing.chunks(KEYS) {
@@ -31,7 +31,7 @@ pub(super) async fn states(
         {
             let at = chunk[at];
             found[at] = Some(id);
-            known.add_state(environment, keys[at], id);
+            row_ids.add_state(environment, keys[at], id);
         }
     }
     Ok(found)
@@ -58,12 +58,12 @@ async fn select_states(
 /// Returns how many of these cells exist; each is given once. Hot cells come from memory.
 pub(super) async fn count_cells(
     connection: &mut SqliteConnection,
-    known: &mut Known,
+    row_ids: &mut RowIdCache,
     cells: &[CellKey],
 ) -> Result<u64, sqlx::Error> {
     let mut unknown: Vec<CellKey> = cells
         .iter()
-        .filter(|cell| !known.has_cell(cell))
+        .filter(|cell| !row_ids.has_cell(cell))
         .copied()
         .collect();
     unknown.sort_unstable();

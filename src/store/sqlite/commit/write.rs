@@ -13,8 +13,8 @@ use crate::domain::{Cell, EnvironmentId, SegmentId, StateKey, Tally};
 use crate::store::StoreError;
 use crate::store::ledger::Ledger;
 use crate::store::sqlite::error::aborted;
-use crate::store::sqlite::known::{CellKey, Known};
 use crate::store::sqlite::memory::Memory;
+use crate::store::sqlite::row_id_cache::{CellKey, RowIdCache};
 use crate::store::sqlite::rows::ManyRows;
 use crate::store::sqlite::writer::Transaction;
 
@@ -68,11 +68,11 @@ pub(super) async fn write<'a>(
     transaction: &mut Transaction<'_>,
     accepted: Vec<Ledger<'a>>,
 ) -> Result<Vec<Delta<'a>>, Failed> {
-    let (connection, known) = transaction.parts();
+    let (connection, row_ids) = transaction.parts();
     let mut deltas = Vec::new();
     for ledger in accepted {
         let environment = ledger.environment;
-        let written = write_ledger(connection, known, ledger).await;
+        let written = write_ledger(connection, row_ids, ledger).await;
         deltas.extend(written.map_err(|error| Failed::in_environment(environment, error))?);
     }
     Ok(deltas)
@@ -80,7 +80,7 @@ pub(super) async fn write<'a>(
 
 async fn write_ledger<'a>(
     connection: &mut SqliteConnection,
-    known: &mut Known,
+    row_ids: &mut RowIdCache,
     mut ledger: Ledger<'a>,
 ) -> Result<Option<Delta<'a>>, StoreError> {
     for (name, account) in ledger.advanced() {
@@ -89,7 +89,7 @@ async fn write_ledger<'a>(
     if ledger.merged.len() == 0 {
         return Ok(None);
     }
-    write_counts(connection, known, &mut ledger)
+    write_counts(connection, row_ids, &mut ledger)
         .await
         .map(Some)
         .map_err(aborted)
@@ -97,16 +97,16 @@ async fn write_ledger<'a>(
 
 async fn write_counts<'a>(
     connection: &mut SqliteConnection,
-    known: &mut Known,
+    row_ids: &mut RowIdCache,
     ledger: &mut Ledger<'a>,
 ) -> Result<Delta<'a>, sqlx::Error> {
     let environment = ledger.environment;
     let segments = segments(connection, ledger).await?;
-    let states = states(connection, known, environment, ledger.merged.states()).await?;
+    let states = states(connection, row_ids, environment, ledger.merged.states()).await?;
     let rows = cell_rows(ledger, &segments, &states.ids);
-    let fresh = count_fresh(connection, known, &rows, states.first_new).await?;
+    let fresh = count_fresh(connection, row_ids, &rows, states.first_new).await?;
     upsert_cells(connection, &rows).await?;
-    rows.iter().for_each(|row| known.add_cell(row.key));
+    rows.iter().for_each(|row| row_ids.add_cell(row.key));
     add_totals(
         connection,
         environment,
@@ -162,11 +162,11 @@ struct States {
 /// itself, so it needs no answer from the database.
 async fn states(
     connection: &mut SqliteConnection,
-    known: &mut Known,
+    row_ids: &mut RowIdCache,
     environment: EnvironmentId,
     keys: &[&StateKey],
 ) -> Result<States, sqlx::Error> {
-    let found = lookup::states(connection, known, environment, keys).await?;
+    let found = lookup::states(connection, row_ids, environment, keys).await?;
     let text = "select coalesce(max(id), 0) + 1 from states";
     let first_new: i64 = sqlx::query_scalar(text).fetch_one(&mut *connection).await?;
     let mut new: Vec<usize> = (0..keys.len()).filter(|at| found[*at].is_none()).collect();
@@ -174,7 +174,7 @@ async fn states(
     let mut ids: Vec<i64> = found.into_iter().map(|id| id.unwrap_or_default()).collect();
     for (id, at) in (first_new..).zip(&new) {
         ids[*at] = id;
-        known.add_state(environment, keys[*at], id);
+        row_ids.add_state(environment, keys[*at], id);
     }
     let rows: Vec<(i64, &StateKey)> = new.iter().map(|at| (ids[*at], keys[*at])).collect();
     insert_states(connection, environment, &rows).await?;
@@ -228,13 +228,13 @@ fn cell_rows(ledger: &mut Ledger<'_>, segments: &[i64], states: &[i64]) -> Vec<C
 /// found.
 async fn count_fresh(
     connection: &mut SqliteConnection,
-    known: &mut Known,
+    row_ids: &mut RowIdCache,
     rows: &[CellRow],
     first_new_state: i64,
 ) -> Result<u64, sqlx::Error> {
     let of_older = rows.partition_point(|row| row.key.0 < first_new_state);
     let candidates: Vec<CellKey> = rows[..of_older].iter().map(|row| row.key).collect();
-    Ok(rows.len() as u64 - lookup::count_cells(connection, known, &candidates).await?)
+    Ok(rows.len() as u64 - lookup::count_cells(connection, row_ids, &candidates).await?)
 }
 
 async fn upsert_cells(

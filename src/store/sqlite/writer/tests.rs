@@ -92,8 +92,8 @@ async fn a_failed_commit_has_an_unknown_outcome_and_is_settled_by_the_next_trans
     );
     assert_eq!(children(&writer).await, 0);
     assert!(remember_a_state(&writer.memory.cache));
-    let known = &mut writer.place.lock().await.known;
-    assert_eq!(known.state(ENVIRONMENT, &StateKey::new(&[1])), None);
+    let row_ids = &mut writer.place.lock().await.row_ids;
+    assert_eq!(row_ids.state_id(ENVIRONMENT, &StateKey::new(&[1])), None);
 }
 
 #[tokio::test]
