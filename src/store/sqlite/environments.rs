@@ -8,7 +8,7 @@ use super::directory::Directory;
 use super::error::aborted;
 use super::memory::Memory;
 use super::row_id_cache::RowIdCache;
-use super::text;
+use super::stored_forms;
 use super::writer::Writer;
 use crate::domain::{Environment, EnvironmentId, Name, Schema, Uid, WrittenRule};
 use crate::store::{Quotas, StoreError};
@@ -61,7 +61,7 @@ pub(super) async fn set_rule(
         return Err(StoreError::UnknownEnvironment);
     };
     sqlx::query("update environments set rule = ? where id = ?")
-        .bind(text::of_rule(&rule))
+        .bind(stored_forms::write_rule(&rule))
         .bind(id.0)
         .execute(transaction.connection())
         .await
@@ -105,9 +105,9 @@ async fn insert(
     let done = sqlx::query(text)
         .bind(&uid.0)
         .bind(name.as_str())
-        .bind(text::of_schema(schema))
+        .bind(stored_forms::write_schema(schema))
         .bind(schema.hash().0.to_vec())
-        .bind(text::of_rule(&rule))
+        .bind(stored_forms::write_rule(&rule))
         .execute(&mut *connection)
         .await?;
     let id = done.last_insert_rowid();

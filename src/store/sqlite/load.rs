@@ -5,7 +5,7 @@ use sqlx::sqlite::{SqliteConnection, SqliteRow};
 
 use super::directory::Loaded;
 use super::error::unreadable;
-use super::text;
+use super::stored_forms;
 use crate::domain::{
     Environment, EnvironmentId, Name, Schema, Uid, UnreadableEnvironment, WrittenRule,
 };
@@ -89,14 +89,15 @@ fn parse(row: &SqliteRow, name: &str) -> Result<(Name, Schema, WrittenRule), Str
         .try_get("schema_hash")
         .map_err(|error| format!("its schema_hash: {error}"))?;
 
-    let schema = text::schema(text("schema")?).map_err(|why| format!("its schema: {why}"))?;
+    let schema =
+        stored_forms::read_schema(text("schema")?).map_err(|why| format!("its schema: {why}"))?;
     if schema.hash().0[..] != *hash {
         return Err(format!(
             "its schema: it hashes to {}, not to what is kept beside it",
             schema.hash()
         ));
     }
-    let rule = text::rule(text("rule")?).map_err(|why| format!("its rule: {why}"))?;
+    let rule = stored_forms::read_rule(text("rule")?).map_err(|why| format!("its rule: {why}"))?;
     let name = name
         .parse()
         .map_err(|why: String| format!("its name: {why}"))?;

@@ -1,13 +1,13 @@
 //! The store in one SQLite file: one connection that writes, a few that read, and what is
 //! remembered of it in memory.
 //!
-//! `open` makes a `handle` on it by its `options`, `tables` says whose it is, `migrations` brings it up to date, `inspect` and
-//! `receipts` look at it from outside, `lock` says that it is in use, `writer` owns the connection
-//! that writes, `health` says whether it would, `closing` interrupts those that read. `commit`
-//! counts; `read` and `audit` look, by a `walk`; `load`, `environments`, `fits`,
-//! `models`, `removal` and its `leftovers` keep the worlds. In `memory` are `actions`, `cache` and
-//! `directory`, beside the writer is the `row_id_cache`, which is `recent`. `text`, `packed` and `rows`
-//! say how things are written, `error` what its errors mean.
+//! `open` makes a `handle` on it by its `options`, `tables` says whose it is, `migrations` brings it
+//! up to date, `inspect` and `receipts` look at it from outside, `lock` says that it is in use,
+//! `writer` owns the connection that writes, `health` says whether it would, `closing` interrupts
+//! those that read. `commit` counts; `read` and `audit` look, by a `walk`; `load`, `environments`,
+//! `fits`, `models`, `removal` and its `leftovers` keep the worlds. In `memory` are `actions`,
+//! `cache` and `directory`, beside the writer is the `row_id_cache`, which is `recent`.
+//! `stored_forms`, `packed` and `rows` say how things are written, `error` what its errors mean.
 
 use std::path::Path;
 use std::sync::{Arc, PoisonError};
@@ -51,8 +51,8 @@ mod recent;
 mod removal;
 mod row_id_cache;
 mod rows;
+mod stored_forms;
 mod tables;
-mod text;
 mod walk;
 mod writer;
 

@@ -17,8 +17,8 @@ use super::lock::{Identity, Lock};
 use super::memory::Memory;
 use super::migrations::MIGRATIONS;
 use super::options::Options;
+use super::stored_forms;
 use super::tables::{self, Tables};
-use super::text;
 use super::writer::Writer;
 use crate::store::{Stage, StoreError};
 
@@ -167,7 +167,7 @@ fn connecting(path: &Path, cache_kib: u32) -> SqliteConnectOptions {
         .busy_timeout(Duration::from_secs(5))
         .pragma("cache_size", format!("-{cache_kib}"))
         .pragma("temp_store", "memory")
-        .collation("bins", text::compare_keys)
+        .collation("bins", stored_forms::compare_keys)
         .thread_name(|number| format!("nudge-sqlite-{number}"))
         .disable_statement_logging()
 }

@@ -11,7 +11,7 @@ use sqlx::{Row, SqlitePool};
 use super::cache::{CountsCache, Epoch};
 use super::error::{spoiled, unreadable};
 use super::packed::{self, packed_cells};
-use super::text;
+use super::stored_forms;
 use super::walk::{Walk, all_states, own_states};
 use crate::domain::{
     Cell, Counts, Environment, EnvironmentId, Label, ProducerId, SegmentId, Sequence, StateKey,
@@ -72,7 +72,7 @@ async fn load(
     );
     let query = sqlx::query(text)
         .bind(environment.id.0)
-        .bind(text::of_list(keys));
+        .bind(stored_forms::json_texts(keys));
     let mut loaded: Vec<Option<StateCounts>> = vec![None; keys.len()];
     // As they come: the rows of thousands of states together would be larger than their counts.
     let mut rows = query.fetch(readers);
@@ -182,7 +182,7 @@ pub(super) async fn by_visits(
         .bind(
             segments
                 .as_ref()
-                .map(|ids| text::of_numbers(ids.iter().map(|id| id.0))),
+                .map(|ids| stored_forms::json_numbers(ids.iter().map(|id| id.0))),
         )
         .bind(least)
         .bind(rank)

@@ -6,7 +6,7 @@ use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, SqlitePool};
 
 use super::error::unreadable;
-use super::text;
+use super::stored_forms;
 use crate::domain::{EnvironmentId, ProducerId, Sequence};
 use crate::store::StoreError;
 use crate::store::ledger::{inconsistency, last_dropped};
@@ -70,7 +70,7 @@ impl Looking {
     fn batch(&mut self, sequence: i64, receipt: &str) -> Option<String> {
         self.is_in_order &= sequence == self.next;
         self.next = sequence.saturating_add(1);
-        let why = match text::receipt(receipt) {
+        let why = match stored_forms::read_receipt(receipt) {
             Ok(receipt) => inconsistency(&receipt)?.to_owned(),
             Err(why) => why.to_string(),
         };

@@ -10,7 +10,7 @@ use crate::domain::{EnvironmentId, Sequence};
 use crate::store::ledger::{Account, last_dropped};
 use crate::store::sqlite::error::aborted;
 use crate::store::sqlite::rows::ManyRows;
-use crate::store::sqlite::text;
+use crate::store::sqlite::stored_forms;
 use crate::store::{Numbered, StoreError};
 
 /// Advances a producer over its batches, and keeps their digests and receipts. The sequence is
@@ -82,7 +82,7 @@ async fn insert_batches(
             query = query.bind(producer).bind(signed(batch.sequence.get()));
             query = query
                 .bind(batch.digest.0.to_vec())
-                .bind(text::of_receipt(&batch.receipt));
+                .bind(stored_forms::write_receipt(&batch.receipt));
         }
         query.execute(&mut *connection).await?;
     }

@@ -13,7 +13,7 @@ use crate::store::ledger::{Books, CellAt, Kept, Named, Opened, Opening, RowId, S
 use crate::store::sqlite::directory::Directory;
 use crate::store::sqlite::error::{aborted, spoiled};
 use crate::store::sqlite::row_id_cache::CellKey;
-use crate::store::sqlite::text;
+use crate::store::sqlite::stored_forms;
 use crate::store::sqlite::writer::Transaction;
 
 /// What a transaction answers.
@@ -119,7 +119,7 @@ async fn producers(
          cross join producers on producers.environment = ?1 and producers.name = wanted.value",
     )
     .bind(environment.0)
-    .bind(text::of_list(names))
+    .bind(stored_forms::json_texts(names))
     .fetch_all(connection)
     .await?;
 
@@ -146,7 +146,7 @@ async fn segments(
          cross join segments on segments.environment = ?1 and segments.label = wanted.value",
     )
     .bind(environment.0)
-    .bind(text::of_list(labels))
+    .bind(stored_forms::json_texts(labels))
     .fetch_all(connection)
     .await?;
 
@@ -189,7 +189,7 @@ async fn kept(
 
     let digest = row.try_get::<&[u8], _>(0).map_err(aborted)?.try_into();
     let digest = digest.map_err(|_| spoiled(&format!("the digest of batch {sequence}")))?;
-    let receipt = text::receipt(row.try_get(1).map_err(aborted)?);
+    let receipt = stored_forms::read_receipt(row.try_get(1).map_err(aborted)?);
     if let Err(why) = &receipt {
         let (producer, sequence) = (producer.0, sequence.get());
         tracing::warn!(producer, sequence, %why, "a receipt cannot be read");

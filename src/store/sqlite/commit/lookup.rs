@@ -8,7 +8,7 @@ use sqlx::sqlite::SqliteConnection;
 use crate::domain::{EnvironmentId, StateKey};
 use crate::store::sqlite::row_id_cache::{CellKey, RowIdCache};
 use crate::store::sqlite::rows::ManyRows;
-use crate::store::sqlite::text;
+use crate::store::sqlite::stored_forms;
 
 /// States a statement; their keys are one text.
 const KEYS: usize = 1_000;
@@ -47,7 +47,7 @@ async fn select_states(
          cross join states on states.environment = ?1 and states.key = wanted.value",
     )
     .bind(environment.0)
-    .bind(text::of_list(keys))
+    .bind(stored_forms::json_texts(keys))
     .fetch_all(connection)
     .await?;
     rows.iter()

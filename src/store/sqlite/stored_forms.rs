@@ -1,5 +1,5 @@
-//! How schemas, rules and receipts are written in the database: JSON of our own, apart from every
-//! face's, because it is kept for ever.
+//! Serialised forms of schemas, rules and receipts in the database: versioned JSON of our own, apart
+//! from every face's, because it is kept for ever.
 //!
 //! Floats are texts in it: the shortest decimal, which the standard library reads back to the same
 //! bits. JSON numbers would be read by rules of somebody else's.
@@ -84,7 +84,7 @@ struct ReceiptText {
 }
 
 /// Writes a schema.
-pub(super) fn of_schema(schema: &Schema) -> String {
+pub(super) fn write_schema(schema: &Schema) -> String {
     let draft = schema.draft();
     let agent = |agent: AgentDraft| AgentText {
         name: agent.name,
@@ -101,7 +101,7 @@ pub(super) fn of_schema(schema: &Schema) -> String {
 }
 
 /// Reads a schema back.
-pub(super) fn schema(text: &str) -> Result<Schema, Unreadable> {
+pub(super) fn read_schema(text: &str) -> Result<Schema, Unreadable> {
     match form::version(text)? {
         1 => first_schema(form::read(text)?),
         found => Err(Unreadable::Newer {
@@ -132,7 +132,7 @@ fn first_schema(text: SchemaText) -> Result<Schema, Unreadable> {
 }
 
 /// Writes a rule.
-pub(super) fn of_rule(rule: &WrittenRule) -> String {
+pub(super) fn write_rule(rule: &WrittenRule) -> String {
     let (threshold, share) = match rule.threshold {
         Threshold::Information(threshold) => (Some(threshold.to_string()), None),
         Threshold::Share(share) => (None, Some(share.to_string())),
@@ -154,7 +154,7 @@ pub(super) fn of_rule(rule: &WrittenRule) -> String {
 }
 
 /// Reads a rule back.
-pub(super) fn rule(text: &str) -> Result<WrittenRule, Unreadable> {
+pub(super) fn read_rule(text: &str) -> Result<WrittenRule, Unreadable> {
     match form::version(text)? {
         1 => first_rule(form::read(text)?),
         found => Err(Unreadable::Newer {
@@ -185,7 +185,7 @@ fn first_rule(text: RuleText) -> Result<WrittenRule, Unreadable> {
 }
 
 /// Writes a receipt.
-pub(super) fn of_receipt(receipt: &Receipt) -> String {
+pub(super) fn write_receipt(receipt: &Receipt) -> String {
     let rejection = |r: &Rejection| (r.index, r.field.clone(), r.reason.clone());
     form::write_plain(&ReceiptText {
         accepted: receipt.accepted,
@@ -195,7 +195,7 @@ pub(super) fn of_receipt(receipt: &Receipt) -> String {
 }
 
 /// Reads a receipt back.
-pub(super) fn receipt(text: &str) -> Result<Receipt, Unreadable> {
+pub(super) fn read_receipt(text: &str) -> Result<Receipt, Unreadable> {
     match form::version(text)? {
         1 => Ok(first_receipt(form::read(text)?)),
         found => Err(Unreadable::Newer {
@@ -219,7 +219,7 @@ fn first_receipt(text: ReceiptText) -> Receipt {
 }
 
 /// Writes a list of texts.
-pub(super) fn of_list<T: Display>(texts: impl IntoIterator<Item = T>) -> String {
+pub(super) fn json_texts<T: Display>(texts: impl IntoIterator<Item = T>) -> String {
     form::write_plain(
         &texts
             .into_iter()
@@ -229,7 +229,7 @@ pub(super) fn of_list<T: Display>(texts: impl IntoIterator<Item = T>) -> String 
 }
 
 /// Writes a list of numbers.
-pub(super) fn of_numbers(numbers: impl IntoIterator<Item = i64>) -> String {
+pub(super) fn json_numbers(numbers: impl IntoIterator<Item = i64>) -> String {
     form::write_plain(&numbers.into_iter().collect::<Vec<_>>())
 }
 
@@ -357,11 +357,11 @@ mod tests {
             3.4e38,
         ];
         let written = schema_with_edges(awkward.map(f64::from).to_vec());
-        let text = of_schema(&written);
+        let text = write_schema(&written);
         assert!(text.contains("\"0.7\""), "{text}");
-        let read = schema(&text).expect("what we wrote");
+        let read = read_schema(&text).expect("what we wrote");
         assert_eq!((read.hash(), &read), (written.hash(), &written));
-        assert!(schema("{}").is_err());
+        assert!(read_schema("{}").is_err());
     }
 
     proptest::proptest! {
@@ -370,7 +370,7 @@ mod tests {
             let edge = f32::from_bits(bits);
             proptest::prop_assume!(edge.is_finite());
             let written = schema_with_edges(vec![f64::from(edge)]);
-            proptest::prop_assert_eq!(schema(&of_schema(&written)), Ok(written));
+            proptest::prop_assert_eq!(read_schema(&write_schema(&written)), Ok(written));
         }
 
         #[test]
@@ -384,7 +384,7 @@ mod tests {
                     confidence,
                     estimators: [Estimator::Nsb].into_iter().collect(),
                 };
-                proptest::prop_assert_eq!(rule(&of_rule(&written)), Ok(written));
+                proptest::prop_assert_eq!(read_rule(&write_rule(&written)), Ok(written));
             }
         }
     }
@@ -393,7 +393,7 @@ mod tests {
     fn what_was_written_before_units_and_shares_reads_as_it_was_meant() {
         let text = r#"{"state":[{"name":"x","unit":"deg","circular":8},{"name":"y","unit":"turns","circular":3},{"name":"z","circular":4}],
             "agents":[{"name":"a","action":[{"name":"go","integer":[0,1]}]},{"name":"b","action":[{"name":"go","integer":[0,1]}]}]}"#;
-        let read = schema(text).expect("an old schema");
+        let read = read_schema(text).expect("an old schema");
         assert_eq!(
             [0, 1, 2].map(|at| read.state()[at].kind.expected()),
             ["a finite angle in radians"; 3]
@@ -403,15 +403,15 @@ mod tests {
             read.hash().to_string(),
             "4051a8fd0e83a1b3fde790816df0ae25c5bca55026ff916017b5a38b6f79254a"
         );
-        assert_eq!(schema(&of_schema(&read)), Ok(read));
+        assert_eq!(read_schema(&write_schema(&read)), Ok(read));
         let old =
             r#"{"kind":"paper","threshold":"0.8","unit":"nats","min_visits":8,"confidence":"0.8"}"#;
         assert_eq!(
-            rule(old).expect("an old rule").threshold,
+            read_rule(old).expect("an old rule").threshold,
             Threshold::Information(0.8)
         );
         assert_eq!(
-            of_rule(&rule(old).expect("an old rule")),
+            write_rule(&read_rule(old).expect("an old rule")),
             old.replacen('{', "{\"form\":1,", 1)
         );
     }
@@ -420,19 +420,19 @@ mod tests {
     fn degrees_and_shares_are_written_so() {
         let degrees = r#"{"form":1,"state":[{"name":"x","unit":"deg","circular_degrees":8}],
             "agents":[{"name":"a","action":[{"name":"go","integer":[0,1]}]},{"name":"b","action":[{"name":"go","integer":[0,1]}]}]}"#;
-        let read = schema(degrees).expect("a schema");
+        let read = read_schema(degrees).expect("a schema");
         assert_eq!(read.state()[0].kind.expected(), "a finite angle in degrees");
-        assert_eq!(schema(&of_schema(&read)), Ok(read));
+        assert_eq!(read_schema(&write_schema(&read)), Ok(read));
 
         let share = r#"{"form":1,"kind":"evidence","share":"0.7","unit":"bits","min_visits":8,"confidence":"0.8"}"#;
-        let read = rule(share).expect("a rule");
+        let read = read_rule(share).expect("a rule");
         assert_eq!(read.threshold, Threshold::Share(0.7));
-        assert_eq!(of_rule(&read), share);
+        assert_eq!(write_rule(&read), share);
     }
 
     #[test]
     fn a_rule_that_nobody_could_give_is_spoiled() {
-        let written = of_rule(&WrittenRule::default());
+        let written = write_rule(&WrittenRule::default());
         let share = written.replace("\"threshold\":\"0.5\"", "\"share\":\"0.5\"");
         for (text, right, wrong, why) in [
             (
@@ -493,7 +493,7 @@ mod tests {
             (&written, "nats", "hartleys", "/unit: got \"hartleys\""),
         ] {
             assert!(text.contains(right), "{text}");
-            let told = rule(&text.replacen(right, wrong, 1))
+            let told = read_rule(&text.replacen(right, wrong, 1))
                 .expect_err("no rule")
                 .to_string();
             assert!(
@@ -509,7 +509,7 @@ mod tests {
             accepted: 7,
             ..Receipt::default()
         };
-        assert_eq!(of_receipt(&plain), r#"{"accepted":7}"#);
+        assert_eq!(write_receipt(&plain), r#"{"accepted":7}"#);
         let rejection = Rejection {
             index: 3,
             field: "/state/x".into(),
@@ -521,25 +521,25 @@ mod tests {
             rejected: vec![rejection],
         };
         for written in [plain, full] {
-            assert_eq!(receipt(&of_receipt(&written)), Ok(written));
+            assert_eq!(read_receipt(&write_receipt(&written)), Ok(written));
         }
     }
 
     #[test]
     fn schemas_and_rules_say_their_version_and_the_first_said_none() {
         let (schema_text, rule_text) = (
-            of_schema(&schema_with_edges(vec![0.7])),
-            of_rule(&WrittenRule::default()),
+            write_schema(&schema_with_edges(vec![0.7])),
+            write_rule(&WrittenRule::default()),
         );
         for text in [&schema_text, &rule_text] {
             assert!(text.starts_with(r#"{"form":1,"#), "{text}");
         }
         let before = |text: &str| text.replacen("\"form\":1,", "", 1);
         assert_eq!(
-            schema(&before(&schema_text)),
+            read_schema(&before(&schema_text)),
             Ok(schema_with_edges(vec![0.7]))
         );
-        assert_eq!(rule(&before(&rule_text)), Ok(WrittenRule::default()));
+        assert_eq!(read_rule(&before(&rule_text)), Ok(WrittenRule::default()));
     }
 
     #[test]
@@ -550,23 +550,23 @@ mod tests {
             newest: 1,
         };
         assert_eq!(
-            schema(&newer(of_schema(&schema_with_edges(vec![0.7])))),
+            read_schema(&newer(write_schema(&schema_with_edges(vec![0.7])))),
             Err(told.clone())
         );
         assert_eq!(
-            rule(&newer(of_rule(&WrittenRule::default()))),
+            read_rule(&newer(write_rule(&WrittenRule::default()))),
             Err(told.clone())
         );
-        assert_eq!(receipt(r#"{"form":4,"accepted":7}"#), Err(told));
+        assert_eq!(read_receipt(r#"{"form":4,"accepted":7}"#), Err(told));
 
-        let why = |text: &str| schema(text).expect_err("no schema").to_string();
+        let why = |text: &str| read_schema(text).expect_err("no schema").to_string();
         let one_agent = r#"{"state":[],"agents":[]}"#;
         assert!(
             why(one_agent).starts_with("it is not as it was written: invalid schema: "),
             "{}",
             why(one_agent)
         );
-        let edge = of_schema(&schema_with_edges(vec![0.7])).replace("\"0.7\"", "\"high\"");
+        let edge = write_schema(&schema_with_edges(vec![0.7])).replace("\"0.7\"", "\"high\"");
         assert!(
             why(&edge).contains("edges \"high\": invalid float"),
             "{}",
