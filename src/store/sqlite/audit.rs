@@ -8,7 +8,7 @@ use sqlx::{Row, SqlitePool};
 use super::directory::Directory;
 use super::error::unreadable;
 use crate::domain::Environment;
-use crate::store::{Audit, Cause, StoreError, Trouble};
+use crate::store::{Audit, Cause, StorageFault, StoreError};
 
 /// Audits every environment, and makes those read-only that do not add up or cannot be read.
 pub(super) async fn audit(
@@ -38,19 +38,19 @@ async fn audit_patiently(
     let mut audited = audit_one(readers, environment, Bound::None).await;
     if audited
         .as_ref()
-        .is_err_and(|cause| cause.trouble == Trouble::InputOutput)
+        .is_err_and(|cause| cause.fault == StorageFault::InputOutput)
     {
         audited = audit_one(readers, environment, Bound::None).await;
     }
     // What was damaged may be where the next environment begins.
     if audited
         .as_ref()
-        .is_err_and(|cause| cause.trouble == Trouble::Damaged)
+        .is_err_and(|cause| cause.fault == StorageFault::Damaged)
     {
         audited = audit_one(readers, environment, Bound::Kept).await;
     }
     match audited {
-        Err(cause) if [Trouble::Damaged, Trouble::InputOutput].contains(&cause.trouble) => {
+        Err(cause) if [StorageFault::Damaged, StorageFault::InputOutput].contains(&cause.fault) => {
             let environment = environment.name.clone();
             Ok(Some(Audit {
                 environment,

@@ -4,7 +4,7 @@
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use crate::store::{Cause, StoreError, Trouble};
+use crate::store::{Cause, StorageFault, StoreError};
 use crate::telemetry::Seldom;
 
 /// How long after a failure it is tried again, while nobody else does.
@@ -75,17 +75,18 @@ impl Health {
             StoreError::Aborted(cause) | StoreError::OutcomeUnknown(cause) => {
                 self.failed(cause, Instant::now())
             }
-            StoreError::Damaged(said) => {
-                self.failed(&Cause::new(Trouble::Damaged, said.as_str()), Instant::now())
-            }
+            StoreError::Damaged(said) => self.failed(
+                &Cause::new(StorageFault::Damaged, said.as_str()),
+                Instant::now(),
+            ),
             _ => {}
         }
     }
 
     /// Says more exactly what was wrong with the last write, where that was found out.
-    pub(super) fn diagnosed(&self, trouble: Trouble) {
+    pub(super) fn diagnosed(&self, fault: StorageFault) {
         if let Some((cause, _)) = &mut self.state().failing {
-            cause.trouble = trouble;
+            cause.fault = fault;
         }
     }
 
@@ -107,11 +108,8 @@ impl Health {
     }
 
     /// Returns what is wrong with the writes, if they fail.
-    pub(super) fn trouble(&self) -> Option<Trouble> {
-        self.state()
-            .failing
-            .as_ref()
-            .map(|(cause, _)| cause.trouble)
+    pub(super) fn fault(&self) -> Option<StorageFault> {
+        self.state().failing.as_ref().map(|(cause, _)| cause.fault)
     }
 
     /// Returns whether a commit would succeed, or why not.
@@ -122,7 +120,7 @@ impl Health {
         }
         match state.waiting.map(|since| now.duration_since(since)) {
             Some(waited) if waited > PATIENCE => Err(Cause::new(
-                Trouble::Stuck,
+                StorageFault::Stuck,
                 format!("no write has ended for {} s", waited.as_secs()),
             )),
             _ => Ok(()),
@@ -141,7 +139,7 @@ mod tests {
     const PROOF: Duration = Duration::from_secs(3);
 
     fn full() -> Cause {
-        Cause::new(Trouble::DiskFull, "code 13")
+        Cause::new(StorageFault::DiskFull, "code 13")
     }
 
     #[test]
@@ -185,8 +183,8 @@ mod tests {
         assert!(health.wants_proof(PROOF, after(4)), "nothing has ended yet");
         assert_eq!(health.ready(after(13)), Ok(()));
         assert_eq!(
-            health.ready(after(14)).map_err(|cause| cause.trouble),
-            Err(Trouble::Stuck)
+            health.ready(after(14)).map_err(|cause| cause.fault),
+            Err(StorageFault::Stuck)
         );
         health.succeeded(after(15));
         assert_eq!(health.ready(after(15)), Ok(()));

@@ -14,13 +14,13 @@ use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
 use sqlx::{AssertSqlSafe, ConnectOptions, Connection};
 use tokio::sync::{Mutex, MutexGuard};
 
-use super::error::{aborted, trouble_of, uncommitted};
+use super::error::{aborted, fault_of_io, uncommitted};
 use super::health::Health;
 use super::lock::Identity;
 use super::memory::Memory;
 use super::row_id_cache::RowIdCache;
 use super::{leftovers, load};
-use crate::store::{Cause, StoreError, Trouble};
+use crate::store::{Cause, StorageFault, StoreError};
 
 /// The door to the writing connection: one transaction at a time.
 pub(super) struct Writer {
@@ -94,7 +94,7 @@ impl Place {
 }
 
 fn moved(why: String) -> Cause {
-    Cause::new(Trouble::Moved, why)
+    Cause::new(StorageFault::Moved, why)
 }
 
 impl Writer {
@@ -138,10 +138,10 @@ impl Writer {
             self.health.heed(error);
         }
         // The database only says that it failed to write; the directory knows better why.
-        if self.health.trouble() == Some(Trouble::InputOutput)
+        if self.health.fault() == Some(StorageFault::InputOutput)
             && let Err(error) = try_to_write(self.file.path(), 1).await
         {
-            self.health.diagnosed(trouble_of(error.kind()));
+            self.health.diagnosed(fault_of_io(error.kind()));
         }
         proven
     }
@@ -152,7 +152,7 @@ impl Writer {
         let place = self.place.lock().await;
         // Nobody else can write now, so nobody fails because of the room that is taken for a
         // moment.
-        if self.health.trouble() == Some(Trouble::DiskFull) && !place.closed {
+        if self.health.fault() == Some(StorageFault::DiskFull) && !place.closed {
             try_to_write(self.file.path(), ROOM)
                 .await
                 .map_err(aborted)?;

@@ -144,7 +144,7 @@ async fn a_journal_that_vanishes_before_the_commit_is_told_makes_it_uncertain() 
     .await;
     std::fs::rename(&journal, &away).expect("moved");
     let told = transaction.commit(|_, _| ()).await;
-    let is_moved = |cause: &Cause| cause.trouble == Trouble::Moved;
+    let is_moved = |cause: &Cause| cause.fault == StorageFault::Moved;
     assert!(
         matches!(&told, Err(StoreError::OutcomeUnknown(cause)) if is_moved(cause)),
         "{told:?}"
