@@ -123,7 +123,7 @@ pub fn of_card(card: &Card) -> String {
 /// Reads a card back.
 pub fn card(text: &str) -> Result<Card, Unreadable> {
     match form::version(text)? {
-        1 => first(form::read(text)?),
+        1 => first(form::read_content(text)?),
         found => Err(Unreadable::Newer {
             found,
             newest: FORM,

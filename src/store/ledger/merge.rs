@@ -35,13 +35,17 @@ impl<'a> Merged<'a> {
         }
 
         self.transitions += increment.transitions;
-        let segment = self.segment(stored_label(increment.segment.as_ref()));
+        let segment = self.number_of_segment(stored_label(increment.segment.as_ref()));
         if self.cells.is_empty() {
             self.cells
                 .reserve((8 * increment.cells.len()).min(USUAL_CELLS));
         }
 
-        let states: Vec<u32> = increment.states.iter().map(|key| self.state(key)).collect();
+        let states: Vec<u32> = increment
+            .states
+            .iter()
+            .map(|key| self.number_of_state(key))
+            .collect();
         for (state, joint, tally) in &increment.cells {
             self.cells
                 .entry((states[*state as usize], segment, *joint))
@@ -50,7 +54,7 @@ impl<'a> Merged<'a> {
         }
     }
 
-    fn state(&mut self, key: &'a StateKey) -> u32 {
+    fn number_of_state(&mut self, key: &'a StateKey) -> u32 {
         *self.positions.entry(key).or_insert_with(|| {
             self.states.push(key);
             self.states.len() as u32 - 1
@@ -58,7 +62,7 @@ impl<'a> Merged<'a> {
     }
 
     /// A commit has few segments, and mostly one.
-    fn segment(&mut self, label: &'a str) -> u32 {
+    fn number_of_segment(&mut self, label: &'a str) -> u32 {
         let at = self.segments.iter().position(|known| *known == label);
         at.unwrap_or_else(|| {
             self.segments.push(label);

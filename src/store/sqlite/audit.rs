@@ -115,7 +115,7 @@ async fn audit_one(
     .bind(bound == Bound::Kept)
     .fetch_optional(readers)
     .await?;
-    let read = |row: SqliteRow| {
+    let read_audit = |row: SqliteRow| {
         let number = |at| row.try_get::<i64, _>(at).map(i128::from);
         let transitions = (number(3)? << 32) + number(4)?;
         let kept = [number(0)?, number(1)?, number(2)?];
@@ -127,12 +127,12 @@ async fn audit_one(
         let unreadable = (strays > 0 && kept == found).then_some(told_strays);
         Ok::<_, sqlx::Error>(Audit {
             environment,
-            kept: told(kept),
-            found: told(found),
+            kept: as_unsigned(kept),
+            found: as_unsigned(found),
             unreadable,
         })
     };
-    Ok(row.map(read).transpose()?)
+    Ok(row.map(read_audit).transpose()?)
 }
 
 /// Reads every producer and receipt to its end.
@@ -150,6 +150,6 @@ async fn read_producers(readers: &SqlitePool, environment: &Environment) -> Resu
 }
 
 /// Damage can make a sum negative or larger than any number we tell.
-fn told(numbers: [i128; 3]) -> [u64; 3] {
+fn as_unsigned(numbers: [i128; 3]) -> [u64; 3] {
     numbers.map(|number| u64::try_from(number.max(0)).unwrap_or(u64::MAX))
 }

@@ -20,17 +20,17 @@ pub(super) struct Directory {
 impl Directory {
     /// Returns every environment, in order of name.
     pub(super) fn all(&self) -> Vec<Arc<Environment>> {
-        self.read(|environments| environments.values().cloned().collect())
+        self.look_up(|environments| environments.values().cloned().collect())
     }
 
     /// Returns the environment of that name.
     pub(super) fn named(&self, name: &str) -> Option<Arc<Environment>> {
-        self.read(|environments| environments.get(name).cloned())
+        self.look_up(|environments| environments.get(name).cloned())
     }
 
     /// Returns the environment of that id.
     pub(super) fn of_id(&self, id: EnvironmentId) -> Option<Arc<Environment>> {
-        self.read(|environments| {
+        self.look_up(|environments| {
             environments
                 .values()
                 .find(|environment| environment.id == id)
@@ -59,12 +59,12 @@ impl Directory {
 
     /// Adds an environment, or replaces it.
     pub(super) fn put(&self, environment: Arc<Environment>) {
-        self.write(|environments| environments.insert(environment.name.clone(), environment));
+        self.change(|environments| environments.insert(environment.name.clone(), environment));
     }
 
     /// Removes an environment.
     pub(super) fn remove(&self, id: EnvironmentId) {
-        self.write(|environments| environments.retain(|_, environment| environment.id != id));
+        self.change(|environments| environments.retain(|_, environment| environment.id != id));
         self.unreadable
             .write()
             .unwrap_or_else(PoisonError::into_inner)
@@ -89,7 +89,7 @@ impl Directory {
                 }
             }
         }
-        self.write(|environments| *environments = read);
+        self.change(|environments| *environments = read);
 
         let mut present = self
             .unreadable
@@ -153,7 +153,7 @@ impl Directory {
         self.all().into_iter().filter_map(told).collect()
     }
 
-    fn read<R>(&self, look: impl FnOnce(&BTreeMap<Name, Arc<Environment>>) -> R) -> R {
+    fn look_up<R>(&self, look: impl FnOnce(&BTreeMap<Name, Arc<Environment>>) -> R) -> R {
         look(
             &self
                 .environments
@@ -162,7 +162,7 @@ impl Directory {
         )
     }
 
-    fn write<R>(&self, change: impl FnOnce(&mut BTreeMap<Name, Arc<Environment>>) -> R) -> R {
+    fn change<R>(&self, change: impl FnOnce(&mut BTreeMap<Name, Arc<Environment>>) -> R) -> R {
         change(
             &mut self
                 .environments

@@ -22,11 +22,11 @@ pub(super) async fn fits(
     .await
     .map_err(unreadable)?;
     rows.iter()
-        .map(|row| read(row).map_err(unreadable))
+        .map(|row| read_fit(row).map_err(unreadable))
         .collect()
 }
 
-fn read(row: &SqliteRow) -> Result<FitRecord, sqlx::Error> {
+fn read_fit(row: &SqliteRow) -> Result<FitRecord, sqlx::Error> {
     let whole = |name| row.try_get::<i64, _>(name).map(i64::unsigned_abs);
     Ok(FitRecord {
         pair: row.try_get("pair")?,

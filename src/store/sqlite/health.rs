@@ -47,7 +47,7 @@ impl Health {
 
     /// Notes that a write reached the disk.
     pub(super) fn succeeded(&self, now: Instant) {
-        let mut state = self.state();
+        let mut state = self.lock_state();
         state.last = Some(now);
         state.waiting = None;
         if let Some((cause, since)) = state.failing.take() {
@@ -58,7 +58,7 @@ impl Health {
 
     /// Notes that a write failed.
     pub(super) fn failed(&self, cause: &Cause, now: Instant) {
-        let mut state = self.state();
+        let mut state = self.lock_state();
         state.last = Some(now);
         state.waiting = None;
         let since = state.failing.as_ref().map_or(now, |(_, since)| *since);
@@ -85,14 +85,14 @@ impl Health {
 
     /// Says more exactly what was wrong with the last write, where that was found out.
     pub(super) fn diagnosed(&self, fault: StorageFault) {
-        if let Some((cause, _)) = &mut self.state().failing {
+        if let Some((cause, _)) = &mut self.lock_state().failing {
             cause.fault = fault;
         }
     }
 
     /// Returns whether a proof is due where one so old is enough, and begins to wait for it if so.
     pub(super) fn wants_proof(&self, oldest: Duration, now: Instant) -> bool {
-        let mut state = self.state();
+        let mut state = self.lock_state();
         let enough = if state.failing.is_some() {
             oldest.min(RETRY)
         } else {
@@ -109,12 +109,15 @@ impl Health {
 
     /// Returns what is wrong with the writes, if they fail.
     pub(super) fn fault(&self) -> Option<StorageFault> {
-        self.state().failing.as_ref().map(|(cause, _)| cause.fault)
+        self.lock_state()
+            .failing
+            .as_ref()
+            .map(|(cause, _)| cause.fault)
     }
 
     /// Returns whether a commit would succeed, or why not.
     pub(super) fn ready(&self, now: Instant) -> Result<(), Cause> {
-        let state = self.state();
+        let state = self.lock_state();
         if let Some((cause, _)) = &state.failing {
             return Err(cause.clone());
         }
@@ -127,7 +130,7 @@ impl Health {
         }
     }
 
-    fn state(&self) -> MutexGuard<'_, State> {
+    fn lock_state(&self) -> MutexGuard<'_, State> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

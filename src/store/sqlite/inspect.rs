@@ -23,7 +23,7 @@ const MOST_TOLD: usize = 100;
 
 /// Opens a database for reading. Every call that would write fails.
 pub(super) async fn inspect(path: &Path, options: Options) -> Result<SqliteStore, StoreError> {
-    let file = Identity::of(path)?;
+    let file = Identity::of_file(path)?;
     let closing = Closing::default();
     let readers = readers(&file, &closing)
         .await

@@ -54,7 +54,7 @@ struct Beside(File);
 
 impl Identity {
     /// Returns the file that a name leads to.
-    pub(super) fn of(path: &Path) -> Result<Self, StoreError> {
+    pub(super) fn of_file(path: &Path) -> Result<Self, StoreError> {
         let found = std::fs::metadata(path).map_err(|error| unopenable(path, error))?;
         Ok(Self {
             path: path.to_owned(),

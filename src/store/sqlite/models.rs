@@ -36,7 +36,7 @@ pub(super) async fn models(
     .await
     .map_err(unreadable)?;
     rows.iter()
-        .map(|row| read(row).map_err(unreadable))
+        .map(|row| read_record(row).map_err(unreadable))
         .collect()
 }
 
@@ -59,11 +59,11 @@ pub(super) async fn model(
         .await
         .map_err(unreadable)?;
     let with_weights =
-        |row: SqliteRow| Ok::<_, sqlx::Error>((read(&row)?, row.try_get("weights")?));
+        |row: SqliteRow| Ok::<_, sqlx::Error>((read_record(&row)?, row.try_get("weights")?));
     row.map(with_weights).transpose().map_err(unreadable)
 }
 
-fn read(row: &SqliteRow) -> Result<ModelRecord, sqlx::Error> {
+fn read_record(row: &SqliteRow) -> Result<ModelRecord, sqlx::Error> {
     let whole = |name| row.try_get::<i64, _>(name).map(i64::unsigned_abs);
     Ok(ModelRecord {
         version: whole("version")?,

@@ -125,7 +125,7 @@ async fn run_migrations(
 
     let started = Instant::now();
     for (step, version) in missing.iter().enumerate() {
-        stage.tell(format!(
+        stage.begin_step(format!(
             "migrating the database, step {} of {}",
             step + 1,
             missing.len()
@@ -142,7 +142,7 @@ async fn run_migrations(
             "the database is up to date"
         );
     }
-    stage.tell("opening the database");
+    stage.begin_step("opening the database");
     // What is applied is checked; and a new database has none.
     MIGRATIONS.run_direct(None, connection, false).await
 }

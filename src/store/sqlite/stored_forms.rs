@@ -103,7 +103,7 @@ pub(super) fn write_schema(schema: &Schema) -> String {
 /// Reads a schema back.
 pub(super) fn read_schema(text: &str) -> Result<Schema, Unreadable> {
     match form::version(text)? {
-        1 => first_schema(form::read(text)?),
+        1 => first_schema(form::read_content(text)?),
         found => Err(Unreadable::Newer {
             found,
             newest: SCHEMA_FORM,
@@ -156,7 +156,7 @@ pub(super) fn write_rule(rule: &WrittenRule) -> String {
 /// Reads a rule back.
 pub(super) fn read_rule(text: &str) -> Result<WrittenRule, Unreadable> {
     match form::version(text)? {
-        1 => first_rule(form::read(text)?),
+        1 => first_rule(form::read_content(text)?),
         found => Err(Unreadable::Newer {
             found,
             newest: RULE_FORM,
@@ -197,7 +197,7 @@ pub(super) fn write_receipt(receipt: &Receipt) -> String {
 /// Reads a receipt back.
 pub(super) fn read_receipt(text: &str) -> Result<Receipt, Unreadable> {
     match form::version(text)? {
-        1 => Ok(first_receipt(form::read(text)?)),
+        1 => Ok(first_receipt(form::read_content(text)?)),
         found => Err(Unreadable::Newer {
             found,
             newest: RECEIPT_FORM,
