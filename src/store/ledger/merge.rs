@@ -141,3 +141,24 @@ impl<'a> Merged<'a> {
 pub(super) fn stored_label(label: Option<&Label>) -> &str {
     label.map_or("", Label::as_str)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_batch_of_a_commit_makes_room_for_more_like_it_within_bounds() {
+        let capacity = |cells: u64| {
+            let increment = Increment {
+                states: vec![StateKey::new(&[0])],
+                cells: (0..cells).map(|joint| (0, joint, Tally::EMPTY)).collect(),
+                ..Increment::default()
+            };
+            let mut merged = Merged::default();
+            merged.add(&increment);
+            merged.cells.capacity()
+        };
+        assert!(capacity(100) >= 800);
+        assert!(capacity(2_000) < 16_000, "eight of these are not usual");
+    }
+}

@@ -115,7 +115,7 @@ fn the_window_holds_the_last_1024() {
         .map(|sequence| one("p", sequence).done())
         .collect();
 
-    // In one commit: while the last is decided, all of them are at hand, and the window holds still.
+    // In one commit, where all of them are at hand, the window is the same.
     let mut commit = run.clone();
     commit.extend([run[0].clone(), run[1].clone()]);
     let outcomes = database.commit(&commit);
