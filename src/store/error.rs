@@ -1,4 +1,5 @@
-//! What can go wrong with a store.
+//! Errors of a store, by whether a caller may retry: what is wrong, and whether anything was
+//! changed.
 
 use std::fmt;
 

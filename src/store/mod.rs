@@ -27,7 +27,7 @@ pub use ledger::{Numbered, Outcome, Quotas, Refusal};
 pub use sqlite::{Options, SqliteStore};
 pub use stage::Stage;
 
-/// Keeps environments and counts each batch exactly once.
+/// Keeps environments and counts each batch exactly once: an idempotent, transactional store.
 ///
 /// **The promise.** When [`Store::commit`] returns `Ok`, every batch it calls `Applied` or
 /// `Rejected` is on stable storage with its counts, its receipt and its number, all in one
@@ -94,7 +94,8 @@ pub trait Store: Send + Sync {
     /// Returns what deleted environments have left. From memory.
     fn leftovers(&self) -> Leftovers;
 
-    /// Returns the last committed sequence of a producer, as the next commit would find it.
+    /// Returns the watermark of a producer: its last committed sequence, as the next commit would
+    /// find it.
     async fn watermark(
         &self,
         id: EnvironmentId,
@@ -109,7 +110,8 @@ pub trait Store: Send + Sync {
         producer: &ProducerId,
     ) -> Result<Option<Name>, StoreError>;
 
-    /// Commits batches in their order, in one transaction, and returns an outcome each.
+    /// Commits batches in their order, in one transaction (group commit), and returns an outcome
+    /// each.
     async fn commit(&self, batches: &[Numbered]) -> Result<Vec<Outcome>, StoreError>;
 
     /// Returns the counts of states, in the order asked; a state never seen has none.
@@ -333,7 +335,7 @@ pub struct Held {
     pub active: u64,
 }
 
-/// What deleted environments have left in the database.
+/// What deleted environments have left in the database, for garbage collection.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Leftovers {
     /// Deleted environments with rows left.
@@ -366,16 +368,15 @@ impl Audit {
         match &self.unreadable {
             Some(why) => Some(format!("its counts cannot be read: {why}")),
             None if self.is_sound() => None,
-            None => {
-                let told = |[transitions, states, cells]: [u64; 3]| {
-                    format!("{transitions} transitions, {states} states, {cells} cells")
-                };
-                Some(format!(
-                    "its totals do not match its cells: kept {}, found {}",
-                    told(self.kept),
-                    told(self.found)
-                ))
-            }
+            None => Some(format!(
+                "its totals do not match its cells: kept {}, found {}",
+                totals_in_words(self.kept),
+                totals_in_words(self.found)
+            )),
         }
     }
+}
+
+fn totals_in_words([transitions, states, cells]: [u64; 3]) -> String {
+    format!("{transitions} transitions, {states} states, {cells} cells")
 }

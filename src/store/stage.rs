@@ -1,4 +1,4 @@
-//! How far a store is that is being opened, for those who wait.
+//! Progress of a store that is being opened, for those who wait.
 
 use std::sync::{Arc, Mutex, PoisonError};
 

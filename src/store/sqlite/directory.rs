@@ -1,4 +1,5 @@
-//! The environments, in memory. It is changed after the database has been, and read by everything.
+//! The catalogue of environments, in memory. It is changed after the database has been, and read by
+//! everything.
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::{Arc, PoisonError, RwLock};
@@ -111,10 +112,12 @@ impl Directory {
         let Some(environment) = self.of_id(id) else {
             return false;
         };
+
         let mut read_only = self
             .read_only
             .write()
             .unwrap_or_else(PoisonError::into_inner);
+
         // What was found first is told: what comes of it later says less.
         let is_new = !read_only.contains_key(&id);
         if is_new {
@@ -144,13 +147,14 @@ impl Directory {
             .read_only
             .read()
             .unwrap_or_else(PoisonError::into_inner);
-        let told = |environment: Arc<Environment>| {
-            Some((
-                environment.name.clone(),
-                read_only.get(&environment.id)?.clone(),
-            ))
-        };
-        self.all().into_iter().filter_map(told).collect()
+
+        let mut told = Vec::with_capacity(read_only.len());
+        for environment in self.all() {
+            if let Some(why) = read_only.get(&environment.id) {
+                told.push((environment.name.clone(), why.clone()));
+            }
+        }
+        told
     }
 
     fn look_up<R>(&self, look: impl FnOnce(&BTreeMap<Name, Arc<Environment>>) -> R) -> R {

@@ -1,4 +1,5 @@
-//! The worlds in the database: made and changed. They are read in `load`, and removed in `removal`.
+//! Writes to the catalogue of environments: made and changed. They are read in `load`, and removed
+//! in `removal`.
 
 use std::sync::Arc;
 
@@ -22,6 +23,7 @@ pub(super) async fn create(
 ) -> Result<Arc<Environment>, StoreError> {
     let uid = Uid(uuid::Uuid::new_v4().to_string());
     let mut transaction = writer.begin().await?;
+
     if is_taken(transaction.connection(), name).await? {
         transaction.end().await?;
         return Err(StoreError::AlreadyExists(name.to_string()));
@@ -30,6 +32,7 @@ pub(super) async fn create(
         transaction.end().await?;
         return Err(StoreError::too_many_environments(quotas.environments));
     }
+
     let id = insert(transaction.connection(), &uid, name, schema, rule)
         .await
         .map_err(aborted)?;
@@ -40,6 +43,7 @@ pub(super) async fn create(
         schema: schema.clone(),
         rule,
     });
+
     let remember = |memory: &Memory, _: &mut RowIdCache| {
         memory.directory.put(Arc::clone(&made));
         memory.actions.begin(&made);
@@ -60,12 +64,14 @@ pub(super) async fn set_rule(
         transaction.end().await?;
         return Err(StoreError::UnknownEnvironment);
     };
+
     sqlx::query("update environments set rule = ? where id = ?")
         .bind(stored_forms::write_rule(&rule))
         .bind(id.0)
         .execute(transaction.connection())
         .await
         .map_err(aborted)?;
+
     let changed = Arc::new(Environment {
         rule,
         ..Environment::clone(&present)
@@ -110,6 +116,7 @@ async fn insert(
         .bind(stored_forms::write_rule(&rule))
         .execute(&mut *connection)
         .await?;
+
     let id = done.last_insert_rowid();
     sqlx::query("insert into totals (environment) values (?)")
         .bind(id)

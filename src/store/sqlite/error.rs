@@ -1,4 +1,4 @@
-//! Turns the database's errors into ours: the only place that looks at its codes.
+//! Error mapping: turns the database's errors into ours, the only place that looks at its codes.
 
 use std::fmt;
 use std::io::ErrorKind;

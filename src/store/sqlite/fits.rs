@@ -1,4 +1,4 @@
-//! What was fitted to the counts of an environment.
+//! Persistence of fits: the last prior that was fitted (empirical Bayes) to each pair of agents.
 
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, SqlitePool};
@@ -51,6 +51,7 @@ pub(super) async fn keep(
         transaction.end().await?;
         return Err(StoreError::UnknownEnvironment);
     }
+
     sqlx::query("insert or replace into fits (environment, pair, version, revision, body) values (?, ?, ?, ?, ?)")
         .bind(id.0)
         .bind(&fit.pair)

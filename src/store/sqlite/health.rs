@@ -1,5 +1,5 @@
-//! Readiness: whether a commit would succeed, by what became of the last writes. A failed one says
-//! no at once, and only one that reached the disk says yes again.
+//! Readiness probe: whether a commit would succeed, by what became of the last writes. A failed one
+//! says no at once, and only one that reached the disk says yes again.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -63,6 +63,8 @@ impl Health {
         state.waiting = None;
         let since = state.failing.as_ref().map_or(now, |(_, since)| *since);
         state.failing = Some((cause.clone(), since));
+
+        // The log may be slow.
         drop(state);
         if let Some(left_out) = self.told.admits(now) {
             tracing::error!(why = %cause, left_out, "not ready: a write failed");
@@ -98,6 +100,7 @@ impl Health {
         } else {
             oldest
         };
+
         let is_due = state
             .last
             .is_none_or(|last| now.duration_since(last) >= enough);
@@ -121,6 +124,7 @@ impl Health {
         if let Some((cause, _)) = &state.failing {
             return Err(cause.clone());
         }
+
         match state.waiting.map(|since| now.duration_since(since)) {
             Some(waited) if waited > PATIENCE => Err(Cause::new(
                 StorageFault::Stuck,

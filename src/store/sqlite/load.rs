@@ -1,4 +1,5 @@
-//! Reading every environment when a connection is new, each as far as it can be read.
+//! Recovery of the catalogue: reading every environment when a connection is new, each as far as it
+//! can be read.
 
 use sqlx::Row;
 use sqlx::sqlite::{SqliteConnection, SqliteRow};
@@ -44,6 +45,7 @@ async fn read_one_by_one(connection: &mut SqliteConnection) -> Result<Vec<Loaded
             .unwrap_or_else(|_| format!("damaged-{id}"));
         let text = "select uid, schema, schema_hash, rule from environments where id = ?";
         let found = sqlx::query(text).bind(id).fetch_one(&mut *connection).await;
+
         loaded.push(
             match found.and_then(|row| read_environment(&row, id, &name)) {
                 Ok(environment) => environment,

@@ -1,8 +1,8 @@
-//! The store in one SQLite file: one connection that writes, a few that read, and what is
-//! remembered of it in memory.
+//! The store in one SQLite file, in write-ahead-log mode: a single writer, a small pool of readers,
+//! and caches that are brought up to date with each commit.
 //!
-//! `open` makes a `handle` on it by its `options`, `tables` says whose it is, `migrations` brings it
-//! up to date, `inspect` and `receipts` look at it from outside, `lock` says that it is in use,
+//! `open` makes a `handle` on it by its `options`, `tables` says whose it is, `migrations` brings
+//! it up to date, `inspect` and `receipts` look at it from outside, `lock` says that it is in use,
 //! `writer` owns the connection that writes, `health` says whether it would, `closing` interrupts
 //! those that read. `commit` counts; `read` and `audit` look, by a `walk`; `load`, `environments`,
 //! `fits`, `models`, `removal` and its `leftovers` keep the worlds. In `memory` are `actions`,
@@ -193,6 +193,7 @@ impl Store for SqliteStore {
             Some(id),
             read::watermark(transaction.connection(), id, producer).await,
         )?;
+
         transaction.end().await?;
         watermark.ok_or(StoreError::UnknownEnvironment)
     }
@@ -208,8 +209,9 @@ impl Store for SqliteStore {
             read::owner(transaction.connection(), id, producer).await,
         )?;
         transaction.end().await?;
-        let of_key = |owner: String| owner.parse().map_err(StoreError::Unreadable);
-        owner.map(of_key).transpose()
+
+        let name = owner.map(|owner| owner.parse().map_err(StoreError::Unreadable));
+        name.transpose()
     }
 
     async fn commit(&self, batches: &[Numbered]) -> Result<Vec<Outcome>, StoreError> {
@@ -368,11 +370,14 @@ impl Store for SqliteStore {
     }
 
     async fn close(&self) {
+        // Reads first: one that goes on holds up the journal.
         self.closing.interrupt();
         self.readers.close().await;
+
         if let Err(error) = self.writer.close().await {
             tracing::warn!(%error, "the journal was not moved into the database; the next start does it");
         }
+
         let lock = self
             .lock
             .lock()

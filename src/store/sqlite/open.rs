@@ -1,4 +1,4 @@
-//! Opening a database: its directory, its lock, its tables, its connections.
+//! Opening a database: its directory, its lock, its migrations, its connection pool.
 
 use std::path::Path;
 use std::sync::{Arc, Mutex};
@@ -22,6 +22,7 @@ use super::tables::{self, Tables};
 use super::writer::Writer;
 use crate::store::{Stage, StoreError};
 
+/// Connections that read.
 const READERS: u32 = 3;
 
 /// Kibibytes of pages that the writer keeps. More is faster only while many cells are new.
@@ -42,9 +43,12 @@ pub(super) async fn open(
         std::fs::create_dir_all(directory)
             .map_err(|error| unopenable(path, format!("cannot make its directory: {error}")))?;
     }
+
+    // Before anything else touches the file.
     let lock = Lock::take(path)?;
     let writing = writing(path);
     migrate(path, &writing, stage).await?;
+
     let memory = Arc::new(Memory::new(options.cache_cells));
     let writer = Writer::new(writing, lock.identity().clone(), Arc::clone(&memory));
     // The first transaction fills memory.
@@ -53,13 +57,16 @@ pub(super) async fn open(
         StoreError::Damaged(what) => unopenable(path, damaged(&what)),
         error => error,
     })?;
+
     // A disk that is full keeps nobody from asking: what is wrong is told by readiness.
     let _ = writer.prove(Duration::ZERO).await;
+
     let closing = Closing::default();
     let readers = readers(lock.identity(), &closing)
         .await
         .map_err(|error| opening(path, &error))?;
     writer.share().await;
+
     let lock = Mutex::new(Some(lock));
     Ok(SqliteStore {
         path: path.to_owned(),
@@ -81,6 +88,7 @@ async fn migrate(
         .connect()
         .await
         .map_err(|error| opening(path, &error))?;
+
     match tables::look(&mut connection)
         .await
         .map_err(|error| opening(path, &error))?
@@ -95,9 +103,11 @@ async fn migrate(
         Tables::Damaged(what) => return Err(unopenable(path, damaged(&what))),
         Tables::None | Tables::Ours(_) => {}
     }
+
     run_migrations(&mut connection, stage)
         .await
         .map_err(|error| migrating(path, &error))?;
+
     connection
         .close()
         .await
@@ -142,6 +152,7 @@ async fn run_migrations(
             "the database is up to date"
         );
     }
+
     stage.begin_step("opening the database");
     // What is applied is checked; and a new database has none.
     MIGRATIONS.run_direct(None, connection, false).await

@@ -1,5 +1,6 @@
-//! Looks whether the numbers and receipts of batches can be what was written: they follow from each
-//! other in part. A digest follows from nothing that is kept.
+//! Consistency check of the deduplication window: looks whether the numbers and receipts of batches
+//! can be what was written: they follow from each other in part. A digest follows from nothing that
+//! is kept.
 
 use futures::TryStreamExt;
 use sqlx::sqlite::SqliteRow;
@@ -34,11 +35,13 @@ pub(super) async fn faults(
             faults.extend(looking.take().and_then(Looking::ended));
             looking = Some(Looking::begin(&row).map_err(unreadable)?);
         }
+
         let looking = looking.as_mut().expect("there is one now");
         if let Some(sequence) = row.try_get(3).map_err(unreadable)? {
             faults.extend(looking.batch(sequence, row.try_get(4).map_err(unreadable)?));
         }
     }
+
     faults.extend(looking.and_then(Looking::ended));
     faults.truncate(MOST_TOLD);
     Ok(faults)
@@ -70,6 +73,7 @@ impl Looking {
     fn batch(&mut self, sequence: i64, receipt: &str) -> Option<String> {
         self.is_in_order &= sequence == self.next;
         self.next = sequence.saturating_add(1);
+
         let why = match stored_forms::read_receipt(receipt) {
             Ok(receipt) => inconsistency(&receipt)?.to_owned(),
             Err(why) => why.to_string(),

@@ -1,5 +1,5 @@
-//! Serialised forms of schemas, rules and receipts in the database: versioned JSON of our own, apart
-//! from every face's, because it is kept for ever.
+//! Serialised forms of schemas, rules and receipts in the database: versioned JSON of our own,
+//! apart from every face's, because it is kept for ever.
 //!
 //! Floats are texts in it: the shortest decimal, which the standard library reads back to the same
 //! bits. JSON numbers would be read by rules of somebody else's.
@@ -80,24 +80,27 @@ struct ReceiptText {
     #[serde(default, skip_serializing_if = "is_zero")]
     rejected_count: u64,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    rejected: Vec<(u32, String, String)>,
+    rejected: Vec<RejectionText>,
 }
+
+/// Index, field and reason.
+type RejectionText = (u32, String, String);
 
 /// Writes a schema.
 pub(super) fn write_schema(schema: &Schema) -> String {
     let draft = schema.draft();
-    let agent = |agent: AgentDraft| AgentText {
+    let text = SchemaText {
+        state: features_text(draft.state),
+        agents: draft.agents.into_iter().map(agent_text).collect(),
+    };
+    form::write(SCHEMA_FORM, &text)
+}
+
+fn agent_text(agent: AgentDraft) -> AgentText {
+    AgentText {
         name: agent.name,
         action: features_text(agent.action),
-    };
-    let agents = draft.agents.into_iter().map(agent).collect();
-    form::write(
-        SCHEMA_FORM,
-        &SchemaText {
-            state: features_text(draft.state),
-            agents,
-        },
-    )
+    }
 }
 
 /// Reads a schema back.
@@ -112,23 +115,21 @@ pub(super) fn read_schema(text: &str) -> Result<Schema, Unreadable> {
 }
 
 fn first_schema(text: SchemaText) -> Result<Schema, Unreadable> {
-    let agent = |agent: AgentText| {
-        Ok(AgentDraft {
-            name: agent.name,
-            action: features(agent.action)?,
-        })
-    };
-    let agents = text
-        .agents
-        .into_iter()
-        .map(agent)
-        .collect::<Result<_, Unreadable>>()?;
+    let agents = text.agents.into_iter().map(agent);
     let draft = SchemaDraft {
+        agents: agents.collect::<Result<_, Unreadable>>()?,
         state: features(text.state)?,
-        agents,
     };
+
     Schema::try_from(&draft)
         .map_err(|faults| Unreadable::spoiled(Problem::invalid("schema", faults)))
+}
+
+fn agent(text: AgentText) -> Result<AgentDraft, Unreadable> {
+    Ok(AgentDraft {
+        name: text.name,
+        action: features(text.action)?,
+    })
 }
 
 /// Writes a rule.
@@ -137,6 +138,7 @@ pub(super) fn write_rule(rule: &WrittenRule) -> String {
         Threshold::Information(threshold) => (Some(threshold.to_string()), None),
         Threshold::Share(share) => (None, Some(share.to_string())),
     };
+
     let text = RuleText {
         kind: rule.kind.as_str().into(),
         threshold,
@@ -165,8 +167,6 @@ pub(super) fn read_rule(text: &str) -> Result<WrittenRule, Unreadable> {
 }
 
 fn first_rule(text: RuleText) -> Result<WrittenRule, Unreadable> {
-    let number =
-        |name, text: Option<String>| text.map(|text| parsed::<f64>(name, &text)).transpose();
     let draft = RuleDraft {
         kind: Some(text.kind),
         threshold: number("threshold", text.threshold)?,
@@ -176,22 +176,36 @@ fn first_rule(text: RuleText) -> Result<WrittenRule, Unreadable> {
         confidence: number("confidence", Some(text.confidence))?,
         estimators: Some(text.estimators),
     };
+
     // A rule is merged over another one, which has a threshold.
     if draft.threshold.is_none() && draft.share.is_none() {
         return Err(Unreadable::spoiled("it has neither threshold nor share"));
     }
+
     let merged = WrittenRule::default().merged(&draft);
     merged.map_err(|faults| Unreadable::spoiled(Problem::invalid("rule", faults)))
 }
 
+fn number(name: &str, text: Option<String>) -> Result<Option<f64>, Unreadable> {
+    text.map(|text| parsed(name, &text)).transpose()
+}
+
 /// Writes a receipt.
 pub(super) fn write_receipt(receipt: &Receipt) -> String {
-    let rejection = |r: &Rejection| (r.index, r.field.clone(), r.reason.clone());
     form::write_plain(&ReceiptText {
         accepted: receipt.accepted,
         rejected_count: receipt.rejected_count,
-        rejected: receipt.rejected.iter().map(rejection).collect(),
+        rejected: receipt.rejected.iter().map(rejection_text).collect(),
     })
+}
+
+fn rejection_text(rejection: &Rejection) -> RejectionText {
+    let Rejection {
+        index,
+        field,
+        reason,
+    } = rejection;
+    (*index, field.clone(), reason.clone())
 }
 
 /// Reads a receipt back.
@@ -206,15 +220,18 @@ pub(super) fn read_receipt(text: &str) -> Result<Receipt, Unreadable> {
 }
 
 fn first_receipt(text: ReceiptText) -> Receipt {
-    let rejection = |(index, field, reason)| Rejection {
-        index,
-        field,
-        reason,
-    };
     Receipt {
         accepted: text.accepted,
         rejected_count: text.rejected_count,
         rejected: text.rejected.into_iter().map(rejection).collect(),
+    }
+}
+
+fn rejection((index, field, reason): RejectionText) -> Rejection {
+    Rejection {
+        index,
+        field,
+        reason,
     }
 }
 
@@ -243,20 +260,21 @@ pub(super) fn compare_keys(a: &str, b: &str) -> Ordering {
 }
 
 fn features_text(features: Vec<FeatureDraft>) -> Vec<FeatureText> {
-    let feature = |feature: FeatureDraft| {
-        let kind = feature
-            .kinds
-            .into_iter()
-            .next()
-            .map(kind_text)
-            .expect("a schema's feature has one kind");
-        FeatureText {
-            name: feature.name,
-            unit: feature.unit,
-            kind,
-        }
-    };
-    features.into_iter().map(feature).collect()
+    features.into_iter().map(feature_text).collect()
+}
+
+fn feature_text(feature: FeatureDraft) -> FeatureText {
+    let kind = feature
+        .kinds
+        .into_iter()
+        .next()
+        .map(kind_text)
+        .expect("a schema's feature has one kind");
+    FeatureText {
+        name: feature.name,
+        unit: feature.unit,
+        kind,
+    }
 }
 
 fn kind_text(kind: KindDraft) -> KindText {
@@ -275,21 +293,20 @@ fn kind_text(kind: KindDraft) -> KindText {
 }
 
 fn features(texts: Vec<FeatureText>) -> Result<Vec<FeatureDraft>, Unreadable> {
-    let feature = |text: FeatureText| {
-        Ok(FeatureDraft {
-            name: text.name,
-            unit: text.unit,
-            kinds: vec![kind(text.kind)?],
-        })
-    };
     texts.into_iter().map(feature).collect()
+}
+
+fn feature(text: FeatureText) -> Result<FeatureDraft, Unreadable> {
+    Ok(FeatureDraft {
+        name: text.name,
+        unit: text.unit,
+        kinds: vec![kind(text.kind)?],
+    })
 }
 
 fn kind(text: KindText) -> Result<KindDraft, Unreadable> {
     Ok(match text {
-        // Widening an f32 is exact, so it cannot be rounded twice.
         KindText::Continuous(edges) => {
-            let edge = |edge: &String| parsed::<f32>("edges", edge).map(f64::from);
             KindDraft::Continuous(edges.iter().map(edge).collect::<Result<_, _>>()?)
         }
         KindText::Circular(bins) => KindDraft::Circular(bins, Some(Angle::Radians.as_str().into())),
@@ -299,6 +316,11 @@ fn kind(text: KindText) -> Result<KindDraft, Unreadable> {
         KindText::Integer(min, max) => KindDraft::Integer(min, max),
         KindText::Categorical(labels) => KindDraft::Categorical(labels),
     })
+}
+
+/// Widening an f32 is exact, so it cannot be rounded twice.
+fn edge(text: &String) -> Result<f64, Unreadable> {
+    parsed::<f32>("edges", text).map(f64::from)
 }
 
 /// Reads a number or a word of ours.
@@ -316,7 +338,7 @@ mod tests {
     use super::*;
     use crate::domain::{Estimator, RuleKind, Unit};
 
-    fn feature(name: &str, kind: KindDraft) -> FeatureDraft {
+    fn named(name: &str, kind: KindDraft) -> FeatureDraft {
         FeatureDraft {
             name: name.into(),
             unit: Some("m/s²".into()),
@@ -328,16 +350,16 @@ mod tests {
         let labels = KindDraft::Categorical(vec!["a\"b\\".into(), "左".into()]);
         let agent = |name: &str| AgentDraft {
             name: name.into(),
-            action: vec![feature("move", labels.clone())],
+            action: vec![named("move", labels.clone())],
         };
         let state = vec![
-            feature("x", KindDraft::Continuous(edges)),
-            feature("y", KindDraft::Circular(8, Some("radians".into()))),
+            named("x", KindDraft::Continuous(edges)),
+            named("y", KindDraft::Circular(8, Some("radians".into()))),
             FeatureDraft {
                 unit: Some("°".into()),
-                ..feature("w", KindDraft::Circular(8, None))
+                ..named("w", KindDraft::Circular(8, None))
             },
-            feature("z", KindDraft::Integer(-3, 3)),
+            named("z", KindDraft::Integer(-3, 3)),
         ];
         Schema::try_from(&SchemaDraft {
             state,

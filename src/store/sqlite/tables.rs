@@ -1,11 +1,11 @@
-//! What the database says of its own tables: which migrations it has had, and how each table is
-//! defined. SQLite's own check passes a flipped bit in either, as long as the text can still be
-//! read.
+//! Schema validation: what the database says of its own tables, which migrations it has had, and
+//! how each table is defined. SQLite's own check passes a flipped bit in either, as long as the
+//! text can still be read.
 
 use std::collections::HashMap;
 
 use sqlx::migrate::Migration;
-use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
+use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection, SqliteRow};
 use sqlx::{ConnectOptions, Connection, Row};
 
 use super::migrations::MIGRATIONS;
@@ -31,13 +31,18 @@ pub(super) async fn look(connection: &mut SqliteConnection) -> Result<Tables, sq
     if defined.is_empty() {
         return Ok(Tables::None);
     }
+
     if !defined.contains_key("_sqlx_migrations") {
         let is_ours = ["environments", "totals", "states", "cells"]
             .iter()
             .all(|table| defined.contains_key(*table));
-        let missing = || Tables::Damaged("its list of migrations is missing".to_owned());
-        return Ok(if is_ours { missing() } else { Tables::Foreign });
+        if is_ours {
+            let missing = "its list of migrations is missing".to_owned();
+            return Ok(Tables::Damaged(missing));
+        }
+        return Ok(Tables::Foreign);
     }
+
     let known: Vec<&Migration> = MIGRATIONS.iter().collect();
     let applied = applied(connection).await?;
     if let Some(wrong) = known
@@ -50,16 +55,14 @@ pub(super) async fn look(connection: &mut SqliteConnection) -> Result<Tables, sq
     if applied.len() > known.len() {
         return Ok(Tables::Newer);
     }
-    let expected = after(applied.len()).await?;
-    let other = expected
-        .into_iter()
-        .find(|(name, text)| defined.get(name) != Some(text));
-    let wrong = |(name, _)| {
-        Tables::Damaged(format!(
-            "the definition of `{name}` is not as it was written"
-        ))
-    };
-    Ok(other.map_or(Tables::Ours(applied.len()), wrong))
+
+    for (name, text) in after(applied.len()).await? {
+        if defined.get(&name) != Some(&text) {
+            let wrong = format!("the definition of `{name}` is not as it was written");
+            return Ok(Tables::Damaged(wrong));
+        }
+    }
+    Ok(Tables::Ours(applied.len()))
 }
 
 /// A migration as the database remembers it.
@@ -91,15 +94,16 @@ async fn applied(connection: &mut SqliteConnection) -> Result<Vec<Applied>, sqlx
     let text =
         "select version, description, success, checksum from _sqlx_migrations order by version";
     let rows = sqlx::query(text).fetch_all(connection).await?;
-    let applied = |row: &sqlx::sqlite::SqliteRow| {
-        Ok(Applied {
-            version: row.try_get(0)?,
-            description: row.try_get(1)?,
-            success: row.try_get(2)?,
-            checksum: row.try_get(3)?,
-        })
-    };
-    rows.iter().map(applied).collect()
+    rows.iter().map(read_applied).collect()
+}
+
+fn read_applied(row: &SqliteRow) -> Result<Applied, sqlx::Error> {
+    Ok(Applied {
+        version: row.try_get(0)?,
+        description: row.try_get(1)?,
+        success: row.try_get(2)?,
+        checksum: row.try_get(3)?,
+    })
 }
 
 /// Returns every table and index by name, with the text that defines it.
@@ -125,6 +129,7 @@ async fn after(migrations: usize) -> Result<HashMap<String, Option<String>>, sql
             .execute(&mut scratch)
             .await?;
     }
+
     let defined = definitions(&mut scratch).await?;
     scratch.close().await?;
     Ok(defined)

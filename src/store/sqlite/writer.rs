@@ -1,4 +1,4 @@
-//! The one connection that writes, and its transactions.
+//! The single writer: the one connection that writes, and its transactions.
 //!
 //! A transaction takes the connection out of its place and puts it back only after a clean end. So
 //! whatever ends it otherwise (an error, a dropped future) drops the connection, and the database
@@ -84,10 +84,12 @@ impl Place {
             .fetch_one(connection)
             .await
             .map_err(aborted)?;
+
         if self.journal.is_none() && mode == "wal" {
             self.journal =
                 Some(Identity::of_journal(file.path()).map_err(|why| aborted(moved(why)))?);
         }
+
         // It was there before the connection opened it, and is now: so it is what was opened.
         self.check(file).map_err(aborted)
     }
@@ -133,10 +135,12 @@ impl Writer {
         if !self.health.wants_proof(oldest, Instant::now()) {
             return Ok(());
         }
+
         let proven = self.write_a_page().await;
         if let Err(error) = &proven {
             self.health.heed(error);
         }
+
         // The database only says that it failed to write; the directory knows better why.
         if self.health.fault() == Some(StorageFault::InputOutput)
             && let Err(error) = try_to_write(self.file.path(), 1).await
@@ -157,6 +161,7 @@ impl Writer {
                 .await
                 .map_err(aborted)?;
         }
+
         let mut transaction = self.begin_in(place).await?;
         let connection = transaction.connection();
         let same: i64 = sqlx::query_scalar("pragma user_version")
@@ -179,6 +184,7 @@ impl Writer {
             Some(connection) => connection,
             None => self.connect_aside().await?,
         };
+
         sqlx::query("pragma wal_checkpoint(passive)")
             .execute(&mut connection)
             .await?;
@@ -216,6 +222,7 @@ impl Writer {
         let Some(mut connection) = place.connection.take() else {
             return Ok(());
         };
+
         sqlx::query("pragma wal_checkpoint(truncate)")
             .execute(&mut connection)
             .await?;
@@ -248,12 +255,14 @@ impl Writer {
         // a new connection would open another file. The one that is kept is still right when the
         // file is back, and moves its journal into the database if the service is stopped before.
         place.check(&self.file).map_err(aborted)?;
+
         let kept = place.connection.take();
         let is_new = kept.is_none();
         let connection = match kept {
             Some(connection) => connection,
             None => self.options.connect().await.map_err(aborted)?,
         };
+
         let (file, health) = (&self.file, &self.health);
         let mut transaction = Transaction {
             place,
@@ -266,6 +275,8 @@ impl Writer {
             .execute(transaction.connection())
             .await
             .map_err(aborted)?;
+
+        // From here on it is known what was committed.
         if is_new {
             transaction.remember_journal().await?;
             let all = load::environments(transaction.connection()).await?;

@@ -1,5 +1,4 @@
-//! Writing the numbers that were used: each producer's sequence, and what is needed to answer
-//! duplicates.
+//! Writing idempotency keys: each producer's watermark, and the receipts that answer duplicates.
 
 use std::sync::LazyLock;
 
@@ -27,6 +26,7 @@ pub(super) async fn write_account(
             .await
             .map_err(aborted)?,
     };
+
     let (before, last) = (signed(account.before().get()), signed(account.last().get()));
     let text = "update producers set sequence = ?, owner = coalesce(owner, ?) where id = ? and sequence = ?";
     let done = sqlx::query(text)
@@ -42,6 +42,7 @@ pub(super) async fn write_account(
             "the sequence of producer `{producer}` is no longer {before}"
         )));
     }
+
     insert_batches(connection, id, account.accepted())
         .await
         .map_err(aborted)?;
@@ -76,6 +77,7 @@ async fn insert_batches(
             "",
         )
     });
+
     for (sql, chunk) in INSERT.chunks(batches) {
         let mut query = sqlx::query(sql);
         for batch in chunk {

@@ -1,4 +1,4 @@
-//! Finding states and cells that exist.
+//! Look-ups of states and cells that exist, through the row id cache.
 
 use std::sync::LazyLock;
 
@@ -24,6 +24,7 @@ pub(super) async fn states(
         .iter()
         .map(|key| row_ids.state_id(environment, key))
         .collect();
+
     let missing: Vec<usize> = (0..keys.len()).filter(|at| found[*at].is_none()).collect();
     for chunk in missing.chunks(KEYS) {
         for (at, id) in
@@ -66,7 +67,9 @@ pub(super) async fn count_cells(
         .filter(|cell| !row_ids.has_cell(cell))
         .copied()
         .collect();
+    // In the order of the table, so that neighbours are on one page.
     unknown.sort_unstable();
+
     let remembered = (cells.len() - unknown.len()) as u64;
     Ok(remembered + select_count(connection, &unknown).await?)
 }
@@ -83,16 +86,14 @@ async fn select_count(
              on cells.state = wanted.column1 and cells.segment = wanted.column2 and cells.joint = wanted.column3",
         )
     });
+
     let mut present = 0;
     for (text, chunk) in COUNT.chunks(cells) {
-        let bind = |query: sqlx::query::QueryScalar<'static, _, i64, _>, cell: &CellKey| {
-            query.bind(cell.0).bind(cell.1).bind(cell.2)
-        };
-        let count = chunk
-            .iter()
-            .fold(sqlx::query_scalar(text), bind)
-            .fetch_one(&mut *connection)
-            .await?;
+        let mut query = sqlx::query_scalar(text);
+        for (state, segment, joint) in chunk {
+            query = query.bind(*state).bind(*segment).bind(*joint);
+        }
+        let count: i64 = query.fetch_one(&mut *connection).await?;
         present += count.unsigned_abs();
     }
     Ok(present)

@@ -50,6 +50,7 @@ async fn attempt(
         directory,
     };
     let mut ledgers = Ledgers::open(&mut books, quotas, batches).await?;
+
     let mut outcomes = Vec::with_capacity(batches.len());
     for batch in batches {
         outcomes.push(ledgers.decide(&mut books, batch).await?);

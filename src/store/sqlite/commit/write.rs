@@ -1,5 +1,5 @@
-//! Writing what was accepted: segments and states that are new, cells and totals. The numbers that
-//! were used are in `account`.
+//! Batch upserts of what was accepted: segments and states that are new, cells and totals. The
+//! numbers that were used are in `account`.
 
 use std::sync::LazyLock;
 
@@ -46,6 +46,7 @@ impl Delta<'_> {
             )
         });
         memory.cache.apply(self.environment, self.revision, delta);
+
         let actions = self.rows.iter().map(|row| (row.key.2 as u64, row.tally));
         memory
             .actions
@@ -86,6 +87,7 @@ async fn write_ledger<'a>(
     for (name, account) in ledger.advanced() {
         write_account(connection, ledger.environment, name, account).await?;
     }
+
     if ledger.merged.len() == 0 {
         return Ok(None);
     }
@@ -104,19 +106,21 @@ async fn write_counts<'a>(
     let segments = segments(connection, ledger).await?;
     let states = states(connection, row_ids, environment, ledger.merged.states()).await?;
     let rows = cell_rows(ledger, &segments, &states.ids);
+
+    // Counted before they are written, for afterwards all of them exist.
     let fresh = count_fresh(connection, row_ids, &rows, states.first_new).await?;
     upsert_cells(connection, &rows).await?;
     rows.iter().for_each(|row| row_ids.add_cell(row.key));
+
     add_totals(
         connection,
         environment,
         [ledger.merged.transitions(), states.new, fresh],
     )
     .await?;
-    let revision = ledger.revision();
     Ok(Delta {
         environment,
-        revision,
+        revision: ledger.revision(),
         states: ledger.merged.states().to_vec(),
         rows,
     })
@@ -169,13 +173,16 @@ async fn states(
     let found = lookup::states(connection, row_ids, environment, keys).await?;
     let text = "select coalesce(max(id), 0) + 1 from states";
     let first_new: i64 = sqlx::query_scalar(text).fetch_one(&mut *connection).await?;
+
     let mut new: Vec<usize> = (0..keys.len()).filter(|at| found[*at].is_none()).collect();
     new.sort_unstable_by_key(|at| keys[*at]);
+
     let mut ids: Vec<i64> = found.into_iter().map(|id| id.unwrap_or_default()).collect();
     for (id, at) in (first_new..).zip(&new) {
         ids[*at] = id;
         row_ids.add_state(environment, keys[*at], id);
     }
+
     let rows: Vec<(i64, &StateKey)> = new.iter().map(|at| (ids[*at], keys[*at])).collect();
     insert_states(connection, environment, &rows).await?;
     Ok(States {
@@ -197,6 +204,7 @@ async fn insert_states(
             "",
         )
     });
+
     for (text, chunk) in INSERT.chunks(rows) {
         let mut query = sqlx::query(text);
         for (id, key) in chunk {
@@ -219,6 +227,7 @@ fn cell_rows(ledger: &mut Ledger<'_>, segments: &[i64], states: &[i64]) -> Vec<C
         tally,
         state,
     };
+
     let mut rows: Vec<CellRow> = ledger.merged.take_cells().map(row).collect();
     rows.sort_unstable_by_key(|row| row.key);
     rows
@@ -248,6 +257,7 @@ async fn upsert_cells(
             "on conflict do update set n = n + excluded.n, entries = entries + excluded.entries",
         )
     });
+
     for (text, chunk) in UPSERT.chunks(rows) {
         let mut query = sqlx::query(text);
         for CellRow {
