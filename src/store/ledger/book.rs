@@ -23,7 +23,9 @@ pub(in crate::store) struct Ledger<'a> {
     pub(super) transitions: u64,
     /// Its cells before this commit.
     pub(super) cells: u64,
-    accounts: Map<&'a str, Account<'a>>,
+    /// In order of name, so that writers beside each other take them in the same order, and none
+    /// waits for one that waits for it.
+    accounts: BTreeMap<&'a str, Account<'a>>,
     /// The segments of this commit that exist.
     segments: Map<&'a str, RowId>,
     /// What is accepted.
@@ -114,7 +116,7 @@ impl<'a> Ledger<'a> {
         self.accounts.values()
     }
 
-    /// Returns the accounts that advance, with the names of their producers.
+    /// Returns the accounts that advance, with the names of their producers and in their order.
     pub(in crate::store) fn advanced(&self) -> impl Iterator<Item = (&'a str, &Account<'a>)> {
         let named = self.accounts.iter().map(|(name, account)| (*name, account));
         named.filter(|(_, account)| !account.accepted().is_empty())

@@ -272,6 +272,15 @@ fn environments_that_are_gone_or_damaged_refuse_and_hold_up_no_other() {
 }
 
 #[test]
+fn accounts_are_written_in_order_of_name() {
+    let mut database = Database::default();
+    let names = ["d", "b", "e", "a", "c"];
+    database.commit(&names.map(|name| one(name, 1).done()));
+    let ids = ["a", "b", "c", "d", "e"].map(|name| database.producer(name).id);
+    assert_eq!(ids, [1, 2, 3, 4, 5]);
+}
+
+#[test]
 fn environments_do_not_mix() {
     let mut database = Database::default();
     database.answers.insert(KITCHEN, Answer::Open);
