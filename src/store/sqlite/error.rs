@@ -4,8 +4,6 @@ use std::fmt;
 use std::io::ErrorKind;
 use std::path::Path;
 
-use sqlx::migrate::MigrateError;
-
 use crate::store::{Cause, StorageFault, StoreError};
 
 // Primary result codes: https://www.sqlite.org/rescode.html
@@ -135,7 +133,7 @@ pub(super) fn is_damage(error: &sqlx::Error) -> bool {
     primary_code(error) != Some(NOT_A_DATABASE) && fault_of(error) == StorageFault::Damaged
 }
 
-/// An error while opening.
+/// An error while opening, or while bringing the tables up to date.
 pub(super) fn opening(path: &Path, error: &sqlx::Error) -> StoreError {
     match primary_code(error) {
         Some(NOT_A_DATABASE) => unopenable(
@@ -148,17 +146,6 @@ pub(super) fn opening(path: &Path, error: &sqlx::Error) -> StoreError {
             "it cannot be written; give this user the right to write the file and its directory",
         ),
         _ => unopenable(path, error),
-    }
-}
-
-/// An error while bringing the tables up to date.
-pub(super) fn migrating(path: &Path, error: &MigrateError) -> StoreError {
-    match error {
-        MigrateError::Execute(error) | MigrateError::ExecuteMigration(error, _) => {
-            opening(path, error)
-        }
-        MigrateError::VersionMissing(_) => made_by_newer(path),
-        other => unopenable(path, other),
     }
 }
 

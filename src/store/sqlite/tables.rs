@@ -4,11 +4,10 @@
 
 use std::collections::HashMap;
 
-use sqlx::migrate::Migration;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection, SqliteRow};
 use sqlx::{ConnectOptions, Connection, Row};
 
-use super::migrations::MIGRATIONS;
+use super::migrations::{MIGRATIONS, Migration};
 
 /// Whose tables a database has.
 #[derive(Debug, PartialEq, Eq)]
@@ -43,16 +42,15 @@ pub(super) async fn look(connection: &mut SqliteConnection) -> Result<Tables, sq
         return Ok(Tables::Foreign);
     }
 
-    let known: Vec<&Migration> = MIGRATIONS.iter().collect();
     let applied = applied(connection).await?;
-    if let Some(wrong) = known
+    if let Some(wrong) = MIGRATIONS
         .iter()
         .zip(&applied)
         .find_map(|(known, applied)| applied.is_not(known))
     {
         return Ok(Tables::Damaged(wrong));
     }
-    if applied.len() > known.len() {
+    if applied.len() > MIGRATIONS.len() {
         return Ok(Tables::Newer);
     }
 
@@ -80,7 +78,7 @@ impl Applied {
         let is_so = self.version == known.version
             && self.description == known.description
             && self.success
-            && self.checksum == *known.checksum;
+            && self.checksum == known.checksum;
         (!is_so).then(|| {
             format!(
                 "its record of migration {} is not as it was written",
@@ -125,9 +123,7 @@ async fn after(migrations: usize) -> Result<HashMap<String, Option<String>>, sql
         .connect()
         .await?;
     for migration in MIGRATIONS.iter().take(migrations) {
-        sqlx::raw_sql(migration.sql.clone())
-            .execute(&mut scratch)
-            .await?;
+        sqlx::raw_sql(migration.sql).execute(&mut scratch).await?;
     }
 
     let defined = definitions(&mut scratch).await?;

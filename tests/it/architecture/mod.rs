@@ -35,6 +35,7 @@ const RANKS: &[&[&str]] = &[
 /// Crates, and the only rooms that may name them.
 const RESERVED: &[(&str, &[&str])] = &[
     ("sqlx", &["store"]),
+    ("sha2", &["store"]),
     ("prost", &["api"]),
     ("tonic", &["api", "client", "serve", "cli"]),
     ("axum", &["serve"]),
