@@ -83,6 +83,7 @@ const RULE_MAY_NAME: &[&[&str]] = &[
     &["crate", "store", "map"],
     &["std", "cmp"],
     &["std", "collections"],
+    &["std", "mem"],
     &["async_trait"],
 ];
 
