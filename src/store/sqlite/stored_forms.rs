@@ -307,7 +307,8 @@ fn feature(text: FeatureText) -> Result<FeatureDraft, Unreadable> {
 fn kind(text: KindText) -> Result<KindDraft, Unreadable> {
     Ok(match text {
         KindText::Continuous(edges) => {
-            KindDraft::Continuous(edges.iter().map(edge).collect::<Result<_, _>>()?)
+            let edges = edges.iter().map(|text| edge(text));
+            KindDraft::Continuous(edges.collect::<Result<_, _>>()?)
         }
         KindText::Circular(bins) => KindDraft::Circular(bins, Some(Angle::Radians.as_str().into())),
         KindText::CircularDegrees(bins) => {
@@ -319,7 +320,7 @@ fn kind(text: KindText) -> Result<KindDraft, Unreadable> {
 }
 
 /// Widening an f32 is exact, so it cannot be rounded twice.
-fn edge(text: &String) -> Result<f64, Unreadable> {
+fn edge(text: &str) -> Result<f64, Unreadable> {
     parsed::<f32>("edges", text).map(f64::from)
 }
 

@@ -4,6 +4,8 @@ mod laws;
 mod memory;
 mod sending;
 
+use std::slice::from_ref;
+
 use memory::{Answer, Database, HALLWAY, KITCHEN};
 use sending::{Sending, batch, tally};
 
@@ -43,7 +45,7 @@ fn the_next_number_is_applied_and_a_gap_is_refused() {
     let mut database = Database::default();
     let first = one("p", 1).done();
     assert_eq!(database.commit(&[one("p", 2).done()]), [gap(1)]);
-    assert_eq!(database.commit(&[first.clone()]), [applied(&first)]);
+    assert_eq!(database.commit(from_ref(&first)), [applied(&first)]);
     assert_eq!(database.commit(&[one("p", 3).done()]), [gap(2)]);
     assert_eq!(database.world(HALLWAY).transitions, 1);
 }
@@ -53,7 +55,7 @@ fn zero_is_no_number() {
     let mut database = Database::default();
     let mut none = one("p", 1).done();
     none.sequence = Sequence::NONE;
-    assert_eq!(database.commit(&[none.clone()]), [gap(1)]);
+    assert_eq!(database.commit(from_ref(&none)), [gap(1)]);
     database.commit(&[one("p", 1).done()]);
     assert_eq!(database.commit(&[none]), [gap(2)]);
 }
@@ -65,8 +67,8 @@ fn the_largest_number_is_the_last() {
     database.commit(&[one("p", 1).done()]);
     database.set_watermark("p", last - 1);
     let largest = one("p", last).done();
-    assert_eq!(database.commit(&[largest.clone()]), [applied(&largest)]);
-    assert_eq!(database.commit(&[largest.clone()]), [duplicate(&largest)]);
+    assert_eq!(database.commit(from_ref(&largest)), [applied(&largest)]);
+    assert_eq!(database.commit(from_ref(&largest)), [duplicate(&largest)]);
 }
 
 #[test]
@@ -378,7 +380,7 @@ fn a_cell_that_a_batch_names_twice_is_one() {
     };
     let mut database = with(quotas);
     let twice = one("p", 1).again(0, 0, tally(1, 1)).done();
-    assert_eq!(database.commit(&[twice.clone()]), [applied(&twice)]);
+    assert_eq!(database.commit(from_ref(&twice)), [applied(&twice)]);
 }
 
 #[test]
