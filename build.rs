@@ -1,10 +1,8 @@
-//! Compiles the protos of `proto/` without `protoc`, watches `migrations/`, and tells the revision.
+//! Compiles the protos of `proto/` without `protoc`, and tells the revision.
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     println!("cargo:rerun-if-changed=proto");
     revision();
-    // The store embeds these, and nothing else would tell that one was added.
-    println!("cargo:rerun-if-changed=migrations");
     let files = ["environment", "ingest", "influence", "model"]
         .map(|name| format!("nudge/v1/{name}.proto"));
     let mut compiler = protox::Compiler::new(["proto"])?;

@@ -340,7 +340,7 @@ async fn tell_waiting(address: SocketAddr, stage: &Stage) -> Infallible {
     let mut wait = Duration::from_secs(1);
     loop {
         tokio::time::sleep(wait).await;
-        tracing::info!(%address, doing = stage.told(), "listening, and not ready yet");
+        tracing::info!(%address, doing = stage.in_words(), "listening, and not ready yet");
         wait = (wait * 2).min(LONGEST);
     }
 }

@@ -123,7 +123,7 @@ pub fn write_card(card: &Card) -> String {
 /// Reads a card back.
 pub fn read_card(text: &str) -> Result<Card, Unreadable> {
     match form::version(text)? {
-        1 => read_first_form(form::read(text)?),
+        1 => read_first_form(form::read_content(text)?),
         found => Err(Unreadable::Newer {
             found,
             newest: FORM,

@@ -96,7 +96,7 @@ pub fn of_fit(fit: &Fit) -> String {
 pub fn fit(text: &str, alphabet: Alphabet) -> Result<Fit, Unreadable> {
     match form::version(text)? {
         older @ 1..FORM => Err(Unreadable::Older(older)),
-        FORM => newest(form::read(text)?, alphabet),
+        FORM => newest(form::read_content(text)?, alphabet),
         found => Err(Unreadable::Newer {
             found,
             newest: FORM,

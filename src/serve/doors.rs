@@ -67,7 +67,7 @@ impl Doors {
     fn refuse(&self, request: &Request) -> Response {
         requests::note_closed(request);
         let path = request.uri().path();
-        let stage = self.stage.told();
+        let stage = self.stage.in_words();
         let problem = || {
             Problem::new(
                 ErrorKind::Unavailable,

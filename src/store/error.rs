@@ -1,12 +1,13 @@
-//! What can go wrong with a store.
+//! Errors of a store, by whether a caller may retry: what is wrong, and whether anything was
+//! changed.
 
 use std::fmt;
 
 use crate::error::{ErrorKind, Problem};
 
-/// What is wrong with a database, as far as somebody can act on it.
+/// The class of a storage fault: what is wrong with a database, as far as somebody can act on it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Trouble {
+pub enum StorageFault {
     /// No space is left for what is to be written.
     DiskFull,
     /// The file, its directory or its file system cannot be written.
@@ -27,7 +28,7 @@ pub enum Trouble {
     Other,
 }
 
-impl Trouble {
+impl StorageFault {
     /// Returns it as one word for programs.
     pub fn as_str(self) -> &'static str {
         match self {
@@ -63,16 +64,16 @@ impl Trouble {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Cause {
     /// What is wrong.
-    pub trouble: Trouble,
+    pub fault: StorageFault,
     /// What was said.
     pub said: String,
 }
 
 impl Cause {
     /// Makes a cause.
-    pub fn new(trouble: Trouble, said: impl Into<String>) -> Self {
+    pub fn new(fault: StorageFault, said: impl Into<String>) -> Self {
         Self {
-            trouble,
+            fault,
             said: said.into(),
         }
     }
@@ -80,19 +81,19 @@ impl Cause {
 
 impl fmt::Display for Cause {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} ({})", self.trouble.in_words(), self.said)
+        write!(f, "{} ({})", self.fault.in_words(), self.said)
     }
 }
 
 impl From<&str> for Cause {
     fn from(said: &str) -> Self {
-        Self::new(Trouble::Other, said)
+        Self::new(StorageFault::Other, said)
     }
 }
 
 impl From<String> for Cause {
     fn from(said: String) -> Self {
-        Self::new(Trouble::Other, said)
+        Self::new(StorageFault::Other, said)
     }
 }
 
@@ -193,7 +194,7 @@ impl StoreError {
                 cause,
                 format!(
                     "nothing was counted: {}; send it again",
-                    cause.trouble.in_words()
+                    cause.fault.in_words()
                 ),
             ),
             Self::OutcomeUnknown(cause) => of_cause(
@@ -202,7 +203,7 @@ impl StoreError {
                 cause,
                 format!(
                     "the batch may have been counted: {}; resume and send it again, it counts once",
-                    cause.trouble.in_words()
+                    cause.fault.in_words()
                 ),
             ),
             _ => self.into(),
@@ -211,7 +212,7 @@ impl StoreError {
 }
 
 fn of_cause(error: &StoreError, reason: &'static str, cause: &Cause, message: String) -> Problem {
-    Problem::new(error.kind(), reason, message).with("cause", cause.trouble.as_str())
+    Problem::new(error.kind(), reason, message).with("cause", cause.fault.as_str())
 }
 
 impl From<StoreError> for Problem {
@@ -219,11 +220,11 @@ impl From<StoreError> for Problem {
     fn from(error: StoreError) -> Self {
         let (reason, message) = match &error {
             StoreError::Aborted(cause) => {
-                let message = format!("nothing was changed: {}; send it again", cause.trouble.in_words());
+                let message = format!("nothing was changed: {}; send it again", cause.fault.in_words());
                 return of_cause(&error, "STORE_UNAVAILABLE", cause, message);
             }
             StoreError::OutcomeUnknown(cause) => {
-                let words = cause.trouble.in_words();
+                let words = cause.fault.in_words();
                 let message =
                     format!("the change may have been made: {words}; look whether it was, and send it again if not");
                 return of_cause(&error, "OUTCOME_UNKNOWN", cause, message);
@@ -253,7 +254,7 @@ mod tests {
 
     #[test]
     fn a_batch_is_told_what_is_certain_and_a_change_is_no_batch() {
-        let full = || Cause::new(Trouble::DiskFull, "code 13");
+        let full = || Cause::new(StorageFault::DiskFull, "code 13");
         let certain = StoreError::Aborted(full()).of_batch();
         assert_eq!(
             certain.message,
@@ -263,7 +264,8 @@ mod tests {
             (certain.reason, certain.details),
             ("STORE_UNAVAILABLE", vec![("cause", "disk_full".to_owned())])
         );
-        let uncertain = StoreError::OutcomeUnknown(Cause::new(Trouble::InputOutput, "code 1034"));
+        let uncertain =
+            StoreError::OutcomeUnknown(Cause::new(StorageFault::InputOutput, "code 1034"));
         let told = "the batch may have been counted: the disk failed to read or to write; resume and send it again, it counts once";
         assert_eq!(uncertain.clone().of_batch().message, told);
         for error in [StoreError::Aborted(full()), uncertain] {

@@ -74,11 +74,13 @@ pub fn write_plain(content: &impl Serialize) -> String {
 
 /// Returns the version of a text.
 pub fn version(text: &str) -> Result<u32, Unreadable> {
-    Ok(read::<Version>(text)?.form.map_or(1, NonZeroU32::get))
+    Ok(read_content::<Version>(text)?
+        .form
+        .map_or(1, NonZeroU32::get))
 }
 
 /// Reads the content of a text whose version is known.
-pub fn read<T: DeserializeOwned>(text: &str) -> Result<T, Unreadable> {
+pub fn read_content<T: DeserializeOwned>(text: &str) -> Result<T, Unreadable> {
     serde_json::from_str(text).map_err(Unreadable::spoiled)
 }
 
@@ -105,7 +107,7 @@ mod tests {
             text.starts_with(r#"{"form":7,"n":18446744073709551615,"#),
             "{text}"
         );
-        assert_eq!((version(&text), read(&text)), (Ok(7), Ok(content)));
+        assert_eq!((version(&text), read_content(&text)), (Ok(7), Ok(content)));
     }
 
     #[test]

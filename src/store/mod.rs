@@ -1,8 +1,9 @@
-//! What was counted and what was made of it, durably: the [`Store`] trait with its promise, SQLite
-//! behind it, a bounded cache of counts, and the versions of what is kept as text ([`form`]).
+//! Durable, idempotent storage of counts and of what was made of them: the [`Store`] trait with its
+//! promise, the pure exactly-once rule (`ledger`), SQLite behind both, and the schema versions of
+//! what is kept as text ([`form`]).
 //!
-//! Absent on purpose: nothing here validates (it takes [`Increment`]s), waits in a queue, or knows
-//! a wire format.
+//! Absent on purpose: nothing here validates (it takes [`Increment`](crate::domain::Increment)s),
+//! waits in a queue, or knows a wire format.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -10,21 +11,23 @@ use std::time::Duration;
 use async_trait::async_trait;
 
 use crate::domain::{
-    Acknowledged, ActionTotals, Counts, Digest, Environment, EnvironmentId, FitId, Increment,
-    Label, Name, ProducerId, Receipt, Schema, SegmentId, Sequence, StateKey, UnreadableEnvironment,
-    Worded, WrittenRule,
+    ActionTotals, Counts, Environment, EnvironmentId, FitId, Label, Name, ProducerId, Schema,
+    SegmentId, Sequence, StateKey, UnreadableEnvironment, WrittenRule,
 };
 
 mod error;
 pub mod form;
+mod ledger;
+mod map;
 mod sqlite;
 mod stage;
 
-pub use error::{Cause, StoreError, Trouble};
+pub use error::{Cause, StorageFault, StoreError};
+pub use ledger::{Numbered, Outcome, Quotas, Refusal};
 pub use sqlite::{Options, SqliteStore};
 pub use stage::Stage;
 
-/// Keeps environments and counts each batch exactly once.
+/// Keeps environments and counts each batch exactly once: an idempotent, transactional store.
 ///
 /// **The promise.** When [`Store::commit`] returns `Ok`, every batch it calls `Applied` or
 /// `Rejected` is on stable storage with its counts, its receipt and its number, all in one
@@ -91,7 +94,8 @@ pub trait Store: Send + Sync {
     /// Returns what deleted environments have left. From memory.
     fn leftovers(&self) -> Leftovers;
 
-    /// Returns the last committed sequence of a producer, as the next commit would find it.
+    /// Returns the watermark of a producer: its last committed sequence, as the next commit would
+    /// find it.
     async fn watermark(
         &self,
         id: EnvironmentId,
@@ -106,7 +110,8 @@ pub trait Store: Send + Sync {
         producer: &ProducerId,
     ) -> Result<Option<Name>, StoreError>;
 
-    /// Commits batches in their order, in one transaction, and returns an outcome each.
+    /// Commits batches in their order, in one transaction (group commit), and returns an outcome
+    /// each.
     async fn commit(&self, batches: &[Numbered]) -> Result<Vec<Outcome>, StoreError>;
 
     /// Returns the counts of states, in the order asked; a state never seen has none.
@@ -215,91 +220,6 @@ pub trait Store: Send + Sync {
 
     /// Moves the journal into the database and closes it. No call may follow.
     async fn close(&self);
-}
-
-/// A validated batch with its number: what [`Store::commit`] takes.
-#[derive(Debug, Clone)]
-pub struct Numbered {
-    /// Whom it is for.
-    pub environment: EnvironmentId,
-    /// Who sent it.
-    pub producer: ProducerId,
-    /// The name of the key that spoke for the producer; `None` where nobody needs one.
-    pub owner: Option<Name>,
-    /// Its number.
-    pub sequence: Sequence,
-    /// Of its decoded content.
-    pub digest: Digest,
-    /// For what earlier builds kept instead, if they did. In a box, because it is large and rare.
-    pub worded: Option<Box<Worded>>,
-    /// What it adds.
-    pub increment: Increment,
-    /// What its sender is told, now and whenever it is sent again.
-    pub receipt: Receipt,
-}
-
-/// What became of one batch of a commit.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Outcome {
-    /// It is counted, once.
-    Acknowledged(Acknowledged),
-    /// It counts nothing, and its number is not used.
-    Refused(Refusal),
-}
-
-/// Why a whole batch was refused.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Refusal {
-    /// The environment was deleted.
-    Gone,
-    /// The environment is damaged: its totals do not match its cells, or something of it cannot be
-    /// read.
-    ReadOnly,
-    /// The producer belongs to another key's name.
-    Foreign,
-    /// The number is ahead of the one expected.
-    OutOfOrder {
-        /// The number that would be applied.
-        expected: Sequence,
-    },
-    /// The number was used with another content.
-    Reused,
-    /// A quota of the environment would be passed.
-    Quota {
-        /// `cells`, `segments` or `producers`.
-        what: &'static str,
-        /// The most there may be.
-        limit: u64,
-    },
-    /// The environment's transitions would pass 2^63 - 1.
-    Overflow,
-}
-
-/// The most that may be held. What is stored already stays where a quota is lower.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Quotas {
-    /// Cells of an environment.
-    pub cells: u64,
-    /// Segments of an environment.
-    pub segments: u64,
-    /// Producers of an environment.
-    pub producers: u64,
-    /// Models of an environment.
-    pub models: u64,
-    /// Environments.
-    pub environments: u64,
-}
-
-impl Default for Quotas {
-    fn default() -> Self {
-        Self {
-            cells: 5_000_000,
-            segments: 4_096,
-            producers: 10_000,
-            models: 256,
-            environments: 1_000,
-        }
-    }
 }
 
 /// The counts of one state, and what they stand on.
@@ -415,7 +335,7 @@ pub struct Held {
     pub active: u64,
 }
 
-/// What deleted environments have left in the database.
+/// What deleted environments have left in the database, for garbage collection.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Leftovers {
     /// Deleted environments with rows left.
@@ -448,16 +368,15 @@ impl Audit {
         match &self.unreadable {
             Some(why) => Some(format!("its counts cannot be read: {why}")),
             None if self.is_sound() => None,
-            None => {
-                let told = |[transitions, states, cells]: [u64; 3]| {
-                    format!("{transitions} transitions, {states} states, {cells} cells")
-                };
-                Some(format!(
-                    "its totals do not match its cells: kept {}, found {}",
-                    told(self.kept),
-                    told(self.found)
-                ))
-            }
+            None => Some(format!(
+                "its totals do not match its cells: kept {}, found {}",
+                totals_in_words(self.kept),
+                totals_in_words(self.found)
+            )),
         }
     }
+}
+
+fn totals_in_words([transitions, states, cells]: [u64; 3]) -> String {
+    format!("{transitions} transitions, {states} states, {cells} cells")
 }

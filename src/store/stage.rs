@@ -1,4 +1,4 @@
-//! How far a store is that is being opened, for those who wait.
+//! Progress of a store that is being opened, for those who wait.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -8,7 +8,7 @@ pub struct Stage(Arc<Mutex<String>>);
 
 impl Stage {
     /// Returns what is done now: "opening the database".
-    pub fn told(&self) -> String {
+    pub fn in_words(&self) -> String {
         self.0
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
@@ -16,7 +16,7 @@ impl Stage {
     }
 
     /// Says what is done from now on.
-    pub fn tell(&self, what: impl Into<String>) {
+    pub fn begin_step(&self, what: impl Into<String>) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = what.into();
     }
 }

@@ -1,12 +1,17 @@
 //! Databases of every landed build are opened by this one, and what was told of them is told again.
 
+use std::path::Path;
+
 use nudge::domain::Pair;
 use nudge::priors::Fits;
+use nudge::store::Options;
 use serde_json::{Value, json};
+use sqlx::sqlite::SqliteConnectOptions;
+use sqlx::{ConnectOptions, Connection};
 
 use crate::cli::{nudge, output, told};
-use crate::support::TestApp;
 use crate::support::fixtures::{BEFORE_VERSIONS, Fixture};
+use crate::support::{TestApp, open};
 
 const ENVIRONMENTS: &str = "/v1/environments";
 
@@ -68,6 +73,47 @@ fn fixtures() -> Vec<Fixture> {
         );
     }
     fixtures
+}
+
+/// What a database keeps of its migrations: the table's definition, and each record with the types of
+/// its columns, but for when and how fast it was.
+async fn migrations(path: &Path) -> (String, Vec<(i64, String, bool, Vec<u8>, String)>) {
+    let options = SqliteConnectOptions::new().filename(path);
+    let mut raw = options.connect().await.expect("a database");
+    let table = sqlx::query_scalar("select sql from sqlite_schema where name = '_sqlx_migrations'")
+        .fetch_one(&mut raw)
+        .await
+        .expect("a table");
+    let records = sqlx::query_as(
+        "select version, description, success, checksum, typeof(version) || typeof(description)
+             || typeof(success) || typeof(checksum) || typeof(installed_on) || typeof(execution_time)
+         from _sqlx_migrations where execution_time > 0 order by version",
+    );
+    let records = records.fetch_all(&mut raw).await.expect("records");
+    raw.close().await.expect("closed");
+    (table, records)
+}
+
+/// Those of the first builds were written by the driver.
+#[tokio::test]
+async fn migrations_are_recorded_as_they_always_were() {
+    let directory = tempfile::tempdir().expect("a directory");
+    open(directory.path(), Options::default())
+        .await
+        .close()
+        .await;
+    let (table, records) = migrations(&directory.path().join("nudge.db")).await;
+    for fixture in fixtures() {
+        let (old_table, old_records) = migrations(&fixture.path()).await;
+        assert_eq!(old_table, table, "{}", fixture.name);
+        assert!(!old_records.is_empty(), "{}", fixture.name);
+        assert_eq!(
+            old_records,
+            records[..old_records.len()],
+            "{}",
+            fixture.name
+        );
+    }
 }
 
 /// Looked at before they are opened, and after.

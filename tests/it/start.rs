@@ -58,7 +58,7 @@ async fn every_face_says_what_it_waits_for_until_the_database_is_open() {
         "opening the database",
         "migrating the database, step 2 of 3",
     ] {
-        stage.tell(words);
+        stage.begin_step(words);
         assert_eq!(
             asked("GET", &url("/livez")).await,
             (200, None, "ok\n".into())

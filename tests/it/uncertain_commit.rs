@@ -11,7 +11,8 @@ use tonic::Code;
 use crate::support::faulty::{Failure, Faulty};
 use crate::support::{RawStream, TestApp, hello, open, reason, row, rows};
 
-async fn resumes_after(failure: Failure, committed: u64) {
+/// A client must hear which it was: the reason and the words are different promises.
+async fn resumes_after(failure: Failure, expected: (&str, &str), committed: u64) {
     let directory = Arc::new(TempDir::new().expect("a temporary directory"));
     let store = open(directory.path(), Options::default()).await;
     let faulty = Faulty::new(store, failure);
@@ -30,7 +31,7 @@ async fn resumes_after(failure: Failure, committed: u64) {
         .await
         .expect_err("it must not be acknowledged");
     assert_eq!(end.code(), Code::Unavailable, "{end}");
-    assert!(["OUTCOME_UNKNOWN", "STORE_UNAVAILABLE"].contains(&reason(&end).as_str()));
+    assert_eq!((reason(&end).as_str(), end.message()), expected);
     let (welcome, stream) = RawStream::open(app.ingest().await, hello("p"))
         .await
         .expect("welcome");
@@ -66,10 +67,18 @@ async fn resumes_after(failure: Failure, committed: u64) {
 
 #[tokio::test]
 async fn a_commit_that_lies_about_failing_is_found_by_resuming() {
-    resumes_after(Failure::AfterCommit, 2).await;
+    let uncertain = (
+        "OUTCOME_UNKNOWN",
+        "the batch may have been counted: the database refused; resume and send it again, it counts once",
+    );
+    resumes_after(Failure::AfterCommit, uncertain, 2).await;
 }
 
 #[tokio::test]
 async fn a_commit_that_failed_is_sent_again() {
-    resumes_after(Failure::BeforeCommit, 1).await;
+    let certain = (
+        "STORE_UNAVAILABLE",
+        "nothing was counted: the database refused; send it again",
+    );
+    resumes_after(Failure::BeforeCommit, certain, 1).await;
 }

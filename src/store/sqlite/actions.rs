@@ -73,6 +73,8 @@ pub(super) async fn actions(
     if let Some(kept) = memory.get(environment.id) {
         return Ok(kept);
     }
+
+    // Whoever had the turn before may have loaded the same.
     let turn = memory.turn.lock().await;
     if let Some(kept) = memory.get(environment.id) {
         return Ok(kept);
@@ -83,6 +85,7 @@ pub(super) async fn actions(
     if memory.is_suspended() {
         settling.await.ok();
     }
+
     let mut reader = readers.acquire().await.map_err(unreadable)?;
     match load(
         &mut reader,
@@ -132,8 +135,10 @@ async fn load(
         " on states.environment = totals.environment where totals.environment = ?1"
     );
     let text = if walk == Walk::All { all } else { own };
+
     let mut rows = sqlx::query(text).bind(environment.id.0).fetch(reader);
     let mut next = rows.try_next().await.map_err(unreadable)?;
+
     let revision = next
         .as_ref()
         .map(|row| whole(row, 0))
@@ -149,6 +154,7 @@ async fn load(
         tokio::task::consume_budget().await;
         next = rows.try_next().await.map_err(unreadable)?;
     }
+
     totals.revision = revision;
     Ok(load.finish(totals))
 }
@@ -267,6 +273,7 @@ impl Load<'_> {
         let Some((_, later)) = &mut inner.loading else {
             return;
         };
+
         let mut sum = ActionTotals::new(schema);
         sum.revision = revision;
         if let Later::Listed(commits) = later {
@@ -283,6 +290,7 @@ impl Load<'_> {
         let Some((environment, Later::Summed(later))) = inner.loading.take() else {
             return Arc::new(totals);
         };
+
         totals.append(&later);
         let totals = Arc::new(totals);
         inner.kept.put(environment, Arc::clone(&totals));

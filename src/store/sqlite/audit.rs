@@ -1,6 +1,6 @@
-//! Compares the totals that every commit kept with what the cells add up to, and reads every row
-//! that a commit may meet. SQLite's own check passes a flipped bit in a count, and a cell of an
-//! action or a segment that its environment does not have.
+//! Integrity audit (a checksum by sums): compares the totals that every commit kept with what the
+//! cells add up to, and reads every row that a commit may meet. SQLite's own check passes a flipped
+//! bit in a count, and a cell of an action or a segment that its environment does not have.
 
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, SqlitePool};
@@ -8,7 +8,7 @@ use sqlx::{Row, SqlitePool};
 use super::directory::Directory;
 use super::error::unreadable;
 use crate::domain::Environment;
-use crate::store::{Audit, Cause, StoreError, Trouble};
+use crate::store::{Audit, Cause, StorageFault, StoreError};
 
 /// Audits every environment, and makes those read-only that do not add up or cannot be read.
 pub(super) async fn audit(
@@ -38,19 +38,21 @@ async fn audit_patiently(
     let mut audited = audit_one(readers, environment, Bound::None).await;
     if audited
         .as_ref()
-        .is_err_and(|cause| cause.trouble == Trouble::InputOutput)
+        .is_err_and(|cause| cause.fault == StorageFault::InputOutput)
     {
         audited = audit_one(readers, environment, Bound::None).await;
     }
+
     // What was damaged may be where the next environment begins.
     if audited
         .as_ref()
-        .is_err_and(|cause| cause.trouble == Trouble::Damaged)
+        .is_err_and(|cause| cause.fault == StorageFault::Damaged)
     {
         audited = audit_one(readers, environment, Bound::Kept).await;
     }
+
     match audited {
-        Err(cause) if [Trouble::Damaged, Trouble::InputOutput].contains(&cause.trouble) => {
+        Err(cause) if [StorageFault::Damaged, StorageFault::InputOutput].contains(&cause.fault) => {
             let environment = environment.name.clone();
             Ok(Some(Audit {
                 environment,
@@ -115,24 +117,27 @@ async fn audit_one(
     .bind(bound == Bound::Kept)
     .fetch_optional(readers)
     .await?;
-    let read = |row: SqliteRow| {
-        let number = |at| row.try_get::<i64, _>(at).map(i128::from);
-        let transitions = (number(3)? << 32) + number(4)?;
-        let kept = [number(0)?, number(1)?, number(2)?];
-        let found = [transitions, number(5)?, number(6)?];
-        let environment = environment.name.clone();
-        let strays = number(7)?;
-        let told_strays =
-            format!("{strays} of its cells are of an action or a segment that it does not have");
-        let unreadable = (strays > 0 && kept == found).then_some(told_strays);
-        Ok::<_, sqlx::Error>(Audit {
-            environment,
-            kept: told(kept),
-            found: told(found),
-            unreadable,
-        })
-    };
-    Ok(row.map(read).transpose()?)
+    let audit = row.map(|row| read_audit(&row, environment));
+    Ok(audit.transpose()?)
+}
+
+fn read_audit(row: &SqliteRow, environment: &Environment) -> Result<Audit, sqlx::Error> {
+    let number = |at| row.try_get::<i64, _>(at).map(i128::from);
+    let kept = [number(0)?, number(1)?, number(2)?];
+    let transitions = (number(3)? << 32) + number(4)?;
+    let found = [transitions, number(5)?, number(6)?];
+
+    // Sums that differ say more than cells that cannot be.
+    let strays = number(7)?;
+    let unreadable = (strays > 0 && kept == found).then(|| {
+        format!("{strays} of its cells are of an action or a segment that it does not have")
+    });
+    Ok(Audit {
+        environment: environment.name.clone(),
+        kept: as_unsigned(kept),
+        found: as_unsigned(found),
+        unreadable,
+    })
 }
 
 /// Reads every producer and receipt to its end.
@@ -150,6 +155,6 @@ async fn read_producers(readers: &SqlitePool, environment: &Environment) -> Resu
 }
 
 /// Damage can make a sum negative or larger than any number we tell.
-fn told(numbers: [i128; 3]) -> [u64; 3] {
+fn as_unsigned(numbers: [i128; 3]) -> [u64; 3] {
     numbers.map(|number| u64::try_from(number.max(0)).unwrap_or(u64::MAX))
 }

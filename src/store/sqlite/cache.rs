@@ -1,5 +1,6 @@
-//! A bounded cache of the counts of states. It never serves counts that lack an acknowledged batch,
-//! nor some that go back in time.
+//! A bounded least-recently-used cache of the counts of states, kept coherent with commits by
+//! revisions. It never serves counts that lack an acknowledged batch, nor some that go back in
+//! time.
 //!
 //! The only danger is a race between a reader that loads a state and a commit that changes it. A
 //! **revision** settles it: an environment's number of transitions, which grows with every commit
@@ -26,9 +27,9 @@ use std::sync::{Arc, Mutex, MutexGuard};
 
 use lru::LruCache;
 
-use super::map::Map;
 use crate::domain::{Cell, Counts, EnvironmentId, StateKey};
 use crate::store::StateCounts;
+use crate::store::map::Map;
 
 /// What a cached state weighs beside its cells, in cells of 40 bytes: its key, its place in the
 /// list and the map, and three allocations.
@@ -91,6 +92,7 @@ impl CountsCache {
             .revisions
             .get(&environment)
             .map_or(0, |revisions| revisions.applied);
+
         let found = keys.iter().map(|key| {
             let entry = inner.entries.get(&(environment, key.clone()))?;
             Some(StateCounts {
@@ -114,6 +116,7 @@ impl CountsCache {
         if inner.suspended || inner.epoch != epoch || !inner.raise_floor(environment, revision) {
             return;
         }
+
         for (key, counts) in loaded {
             inner.put((environment, key), Entry { counts, revision });
         }
@@ -136,6 +139,7 @@ impl CountsCache {
         if inner.entries.is_empty() {
             return;
         }
+
         for (key, cells) in delta {
             inner.add((environment, key.clone()), revision, cells);
         }
@@ -154,6 +158,7 @@ impl CountsCache {
         for key in gone.collect::<Vec<_>>() {
             inner.remove(&key);
         }
+
         inner.revisions.remove(&environment);
         inner.epoch.0 += 1;
     }
@@ -211,6 +216,7 @@ impl Inner {
         else {
             return;
         };
+
         let before = weight(entry);
         let counts = Arc::make_mut(&mut entry.counts);
         cells

@@ -1,4 +1,4 @@
-//! Interrupting reads when a store closes.
+//! Cancellation of reads when a store closes.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -1,4 +1,5 @@
-//! The environments, in memory. It is changed after the database has been, and read by everything.
+//! The catalogue of environments, in memory. It is changed after the database has been, and read by
+//! everything.
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::{Arc, PoisonError, RwLock};
@@ -20,17 +21,17 @@ pub(super) struct Directory {
 impl Directory {
     /// Returns every environment, in order of name.
     pub(super) fn all(&self) -> Vec<Arc<Environment>> {
-        self.read(|environments| environments.values().cloned().collect())
+        self.look_up(|environments| environments.values().cloned().collect())
     }
 
     /// Returns the environment of that name.
     pub(super) fn named(&self, name: &str) -> Option<Arc<Environment>> {
-        self.read(|environments| environments.get(name).cloned())
+        self.look_up(|environments| environments.get(name).cloned())
     }
 
     /// Returns the environment of that id.
     pub(super) fn of_id(&self, id: EnvironmentId) -> Option<Arc<Environment>> {
-        self.read(|environments| {
+        self.look_up(|environments| {
             environments
                 .values()
                 .find(|environment| environment.id == id)
@@ -59,12 +60,12 @@ impl Directory {
 
     /// Adds an environment, or replaces it.
     pub(super) fn put(&self, environment: Arc<Environment>) {
-        self.write(|environments| environments.insert(environment.name.clone(), environment));
+        self.change(|environments| environments.insert(environment.name.clone(), environment));
     }
 
     /// Removes an environment.
     pub(super) fn remove(&self, id: EnvironmentId) {
-        self.write(|environments| environments.retain(|_, environment| environment.id != id));
+        self.change(|environments| environments.retain(|_, environment| environment.id != id));
         self.unreadable
             .write()
             .unwrap_or_else(PoisonError::into_inner)
@@ -89,7 +90,7 @@ impl Directory {
                 }
             }
         }
-        self.write(|environments| *environments = read);
+        self.change(|environments| *environments = read);
 
         let mut present = self
             .unreadable
@@ -111,10 +112,12 @@ impl Directory {
         let Some(environment) = self.of_id(id) else {
             return false;
         };
+
         let mut read_only = self
             .read_only
             .write()
             .unwrap_or_else(PoisonError::into_inner);
+
         // What was found first is told: what comes of it later says less.
         let is_new = !read_only.contains_key(&id);
         if is_new {
@@ -144,16 +147,17 @@ impl Directory {
             .read_only
             .read()
             .unwrap_or_else(PoisonError::into_inner);
-        let told = |environment: Arc<Environment>| {
-            Some((
-                environment.name.clone(),
-                read_only.get(&environment.id)?.clone(),
-            ))
-        };
-        self.all().into_iter().filter_map(told).collect()
+
+        let mut told = Vec::with_capacity(read_only.len());
+        for environment in self.all() {
+            if let Some(why) = read_only.get(&environment.id) {
+                told.push((environment.name.clone(), why.clone()));
+            }
+        }
+        told
     }
 
-    fn read<R>(&self, look: impl FnOnce(&BTreeMap<Name, Arc<Environment>>) -> R) -> R {
+    fn look_up<R>(&self, look: impl FnOnce(&BTreeMap<Name, Arc<Environment>>) -> R) -> R {
         look(
             &self
                 .environments
@@ -162,7 +166,7 @@ impl Directory {
         )
     }
 
-    fn write<R>(&self, change: impl FnOnce(&mut BTreeMap<Name, Arc<Environment>>) -> R) -> R {
+    fn change<R>(&self, change: impl FnOnce(&mut BTreeMap<Name, Arc<Environment>>) -> R) -> R {
         change(
             &mut self
                 .environments

@@ -1,4 +1,5 @@
-//! The worlds in the database: made and changed. They are read in `load`, and removed in `removal`.
+//! Writes to the catalogue of environments: made and changed. They are read in `load`, and removed
+//! in `removal`.
 
 use std::sync::Arc;
 
@@ -6,9 +7,9 @@ use sqlx::sqlite::SqliteConnection;
 
 use super::directory::Directory;
 use super::error::aborted;
-use super::known::Known;
 use super::memory::Memory;
-use super::text;
+use super::row_id_cache::RowIdCache;
+use super::stored_forms;
 use super::writer::Writer;
 use crate::domain::{Environment, EnvironmentId, Name, Schema, Uid, WrittenRule};
 use crate::store::{Quotas, StoreError};
@@ -22,6 +23,7 @@ pub(super) async fn create(
 ) -> Result<Arc<Environment>, StoreError> {
     let uid = Uid(uuid::Uuid::new_v4().to_string());
     let mut transaction = writer.begin().await?;
+
     if is_taken(transaction.connection(), name).await? {
         transaction.end().await?;
         return Err(StoreError::AlreadyExists(name.to_string()));
@@ -30,6 +32,7 @@ pub(super) async fn create(
         transaction.end().await?;
         return Err(StoreError::too_many_environments(quotas.environments));
     }
+
     let id = insert(transaction.connection(), &uid, name, schema, rule)
         .await
         .map_err(aborted)?;
@@ -40,7 +43,8 @@ pub(super) async fn create(
         schema: schema.clone(),
         rule,
     });
-    let remember = |memory: &Memory, _: &mut Known| {
+
+    let remember = |memory: &Memory, _: &mut RowIdCache| {
         memory.directory.put(Arc::clone(&made));
         memory.actions.begin(&made);
     };
@@ -60,12 +64,14 @@ pub(super) async fn set_rule(
         transaction.end().await?;
         return Err(StoreError::UnknownEnvironment);
     };
+
     sqlx::query("update environments set rule = ? where id = ?")
-        .bind(text::of_rule(&rule))
+        .bind(stored_forms::write_rule(&rule))
         .bind(id.0)
         .execute(transaction.connection())
         .await
         .map_err(aborted)?;
+
     let changed = Arc::new(Environment {
         rule,
         ..Environment::clone(&present)
@@ -105,11 +111,12 @@ async fn insert(
     let done = sqlx::query(text)
         .bind(&uid.0)
         .bind(name.as_str())
-        .bind(text::of_schema(schema))
+        .bind(stored_forms::write_schema(schema))
         .bind(schema.hash().0.to_vec())
-        .bind(text::of_rule(&rule))
+        .bind(stored_forms::write_rule(&rule))
         .execute(&mut *connection)
         .await?;
+
     let id = done.last_insert_rowid();
     sqlx::query("insert into totals (environment) values (?)")
         .bind(id)

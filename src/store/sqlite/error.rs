@@ -1,12 +1,10 @@
-//! Turns the database's errors into ours: the only place that looks at its codes.
+//! Error mapping: turns the database's errors into ours, the only place that looks at its codes.
 
 use std::fmt;
 use std::io::ErrorKind;
 use std::path::Path;
 
-use sqlx::migrate::MigrateError;
-
-use crate::store::{Cause, StoreError, Trouble};
+use crate::store::{Cause, StorageFault, StoreError};
 
 // Primary result codes: https://www.sqlite.org/rescode.html
 const BUSY: i32 = 5;
@@ -36,7 +34,7 @@ pub(super) fn made_by_newer(path: &Path) -> StoreError {
 pub(super) fn aborted(error: impl Into<Cause>) -> StoreError {
     match error.into() {
         Cause {
-            trouble: Trouble::Damaged,
+            fault: StorageFault::Damaged,
             said,
         } => StoreError::Damaged(said),
         cause => StoreError::Aborted(cause),
@@ -51,7 +49,7 @@ pub(super) fn aborted(error: impl Into<Cause>) -> StoreError {
 pub(super) fn uncommitted(error: sqlx::Error) -> StoreError {
     match error.into() {
         cause @ Cause {
-            trouble: Trouble::DiskFull,
+            fault: StorageFault::DiskFull,
             ..
         } => StoreError::Aborted(cause),
         cause => StoreError::OutcomeUnknown(cause),
@@ -62,11 +60,11 @@ pub(super) fn uncommitted(error: sqlx::Error) -> StoreError {
 pub(super) fn unreadable(error: impl Into<Cause>) -> StoreError {
     match error.into() {
         Cause {
-            trouble: Trouble::Damaged,
+            fault: StorageFault::Damaged,
             said,
         } => StoreError::Damaged(said),
         Cause {
-            trouble: Trouble::Other,
+            fault: StorageFault::Other,
             said,
         } => StoreError::Unreadable(said),
         cause => StoreError::Unreadable(cause.to_string()),
@@ -82,17 +80,17 @@ pub(super) fn spoiled(what: &str) -> StoreError {
 
 impl From<sqlx::Error> for Cause {
     fn from(error: sqlx::Error) -> Self {
-        Self::new(trouble(&error), error.to_string())
+        Self::new(fault_of(&error), error.to_string())
     }
 }
 
 impl From<std::io::Error> for Cause {
     fn from(error: std::io::Error) -> Self {
-        Self::new(trouble_of(error.kind()), error.to_string())
+        Self::new(fault_of_io(error.kind()), error.to_string())
     }
 }
 
-fn trouble(error: &sqlx::Error) -> Trouble {
+fn fault_of(error: &sqlx::Error) -> StorageFault {
     match (error, primary_code(error)) {
         // Nobody but us writes, by rules that no input can break, and a value of another type was
         // not written by us.
@@ -100,25 +98,25 @@ fn trouble(error: &sqlx::Error) -> Trouble {
         | (
             sqlx::Error::ColumnDecode { .. } | sqlx::Error::Decode(_) | sqlx::Error::RowNotFound,
             _,
-        ) => Trouble::Damaged,
-        (_, Some(FULL)) => Trouble::DiskFull,
-        (_, Some(READ_ONLY)) => Trouble::ReadOnly,
-        (_, Some(INPUT_OUTPUT)) => Trouble::InputOutput,
-        (_, Some(BUSY | LOCKED)) => Trouble::Locked,
-        (_, Some(CANNOT_OPEN)) => Trouble::Unopenable,
-        _ => Trouble::Other,
+        ) => StorageFault::Damaged,
+        (_, Some(FULL)) => StorageFault::DiskFull,
+        (_, Some(READ_ONLY)) => StorageFault::ReadOnly,
+        (_, Some(INPUT_OUTPUT)) => StorageFault::InputOutput,
+        (_, Some(BUSY | LOCKED)) => StorageFault::Locked,
+        (_, Some(CANNOT_OPEN)) => StorageFault::Unopenable,
+        _ => StorageFault::Other,
     }
 }
 
 /// Returns what keeps a file from being written.
-pub(super) fn trouble_of(kind: ErrorKind) -> Trouble {
+pub(super) fn fault_of_io(kind: ErrorKind) -> StorageFault {
     match kind {
         ErrorKind::StorageFull | ErrorKind::QuotaExceeded | ErrorKind::FileTooLarge => {
-            Trouble::DiskFull
+            StorageFault::DiskFull
         }
-        ErrorKind::ReadOnlyFilesystem | ErrorKind::PermissionDenied => Trouble::ReadOnly,
-        ErrorKind::NotFound => Trouble::Moved,
-        _ => Trouble::InputOutput,
+        ErrorKind::ReadOnlyFilesystem | ErrorKind::PermissionDenied => StorageFault::ReadOnly,
+        ErrorKind::NotFound => StorageFault::Moved,
+        _ => StorageFault::InputOutput,
     }
 }
 
@@ -132,10 +130,10 @@ pub(super) fn unopenable(path: &Path, why: impl fmt::Display) -> StoreError {
 
 /// Returns whether an error says that pages of a database of ours are damaged.
 pub(super) fn is_damage(error: &sqlx::Error) -> bool {
-    primary_code(error) != Some(NOT_A_DATABASE) && trouble(error) == Trouble::Damaged
+    primary_code(error) != Some(NOT_A_DATABASE) && fault_of(error) == StorageFault::Damaged
 }
 
-/// An error while opening.
+/// An error while opening, or while bringing the tables up to date.
 pub(super) fn opening(path: &Path, error: &sqlx::Error) -> StoreError {
     match primary_code(error) {
         Some(NOT_A_DATABASE) => unopenable(
@@ -148,17 +146,6 @@ pub(super) fn opening(path: &Path, error: &sqlx::Error) -> StoreError {
             "it cannot be written; give this user the right to write the file and its directory",
         ),
         _ => unopenable(path, error),
-    }
-}
-
-/// An error while bringing the tables up to date.
-pub(super) fn migrating(path: &Path, error: &MigrateError) -> StoreError {
-    match error {
-        MigrateError::Execute(error) | MigrateError::ExecuteMigration(error, _) => {
-            opening(path, error)
-        }
-        MigrateError::VersionMissing(_) => made_by_newer(path),
-        other => unopenable(path, other),
     }
 }
 

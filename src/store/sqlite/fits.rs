@@ -1,4 +1,4 @@
-//! What was fitted to the counts of an environment.
+//! Persistence of fits: the last prior that was fitted (empirical Bayes) to each pair of agents.
 
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, SqlitePool};
@@ -22,11 +22,11 @@ pub(super) async fn fits(
     .await
     .map_err(unreadable)?;
     rows.iter()
-        .map(|row| read(row).map_err(unreadable))
+        .map(|row| read_fit(row).map_err(unreadable))
         .collect()
 }
 
-fn read(row: &SqliteRow) -> Result<FitRecord, sqlx::Error> {
+fn read_fit(row: &SqliteRow) -> Result<FitRecord, sqlx::Error> {
     let whole = |name| row.try_get::<i64, _>(name).map(i64::unsigned_abs);
     Ok(FitRecord {
         pair: row.try_get("pair")?,
@@ -51,6 +51,7 @@ pub(super) async fn keep(
         transaction.end().await?;
         return Err(StoreError::UnknownEnvironment);
     }
+
     sqlx::query("insert or replace into fits (environment, pair, version, revision, body) values (?, ?, ?, ?, ?)")
         .bind(id.0)
         .bind(&fit.pair)

@@ -1,10 +1,10 @@
-//! Readiness: whether a commit would succeed, by what became of the last writes. A failed one says
-//! no at once, and only one that reached the disk says yes again.
+//! Readiness probe: whether a commit would succeed, by what became of the last writes. A failed one
+//! says no at once, and only one that reached the disk says yes again.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use crate::store::{Cause, StoreError, Trouble};
+use crate::store::{Cause, StorageFault, StoreError};
 use crate::telemetry::Seldom;
 
 /// How long after a failure it is tried again, while nobody else does.
@@ -47,7 +47,7 @@ impl Health {
 
     /// Notes that a write reached the disk.
     pub(super) fn succeeded(&self, now: Instant) {
-        let mut state = self.state();
+        let mut state = self.lock_state();
         state.last = Some(now);
         state.waiting = None;
         if let Some((cause, since)) = state.failing.take() {
@@ -58,11 +58,13 @@ impl Health {
 
     /// Notes that a write failed.
     pub(super) fn failed(&self, cause: &Cause, now: Instant) {
-        let mut state = self.state();
+        let mut state = self.lock_state();
         state.last = Some(now);
         state.waiting = None;
         let since = state.failing.as_ref().map_or(now, |(_, since)| *since);
         state.failing = Some((cause.clone(), since));
+
+        // The log may be slow.
         drop(state);
         if let Some(left_out) = self.told.admits(now) {
             tracing::error!(why = %cause, left_out, "not ready: a write failed");
@@ -75,28 +77,30 @@ impl Health {
             StoreError::Aborted(cause) | StoreError::OutcomeUnknown(cause) => {
                 self.failed(cause, Instant::now())
             }
-            StoreError::Damaged(said) => {
-                self.failed(&Cause::new(Trouble::Damaged, said.as_str()), Instant::now())
-            }
+            StoreError::Damaged(said) => self.failed(
+                &Cause::new(StorageFault::Damaged, said.as_str()),
+                Instant::now(),
+            ),
             _ => {}
         }
     }
 
     /// Says more exactly what was wrong with the last write, where that was found out.
-    pub(super) fn diagnosed(&self, trouble: Trouble) {
-        if let Some((cause, _)) = &mut self.state().failing {
-            cause.trouble = trouble;
+    pub(super) fn diagnosed(&self, fault: StorageFault) {
+        if let Some((cause, _)) = &mut self.lock_state().failing {
+            cause.fault = fault;
         }
     }
 
     /// Returns whether a proof is due where one so old is enough, and begins to wait for it if so.
     pub(super) fn wants_proof(&self, oldest: Duration, now: Instant) -> bool {
-        let mut state = self.state();
+        let mut state = self.lock_state();
         let enough = if state.failing.is_some() {
             oldest.min(RETRY)
         } else {
             oldest
         };
+
         let is_due = state
             .last
             .is_none_or(|last| now.duration_since(last) >= enough);
@@ -107,29 +111,30 @@ impl Health {
     }
 
     /// Returns what is wrong with the writes, if they fail.
-    pub(super) fn trouble(&self) -> Option<Trouble> {
-        self.state()
+    pub(super) fn fault(&self) -> Option<StorageFault> {
+        self.lock_state()
             .failing
             .as_ref()
-            .map(|(cause, _)| cause.trouble)
+            .map(|(cause, _)| cause.fault)
     }
 
     /// Returns whether a commit would succeed, or why not.
     pub(super) fn ready(&self, now: Instant) -> Result<(), Cause> {
-        let state = self.state();
+        let state = self.lock_state();
         if let Some((cause, _)) = &state.failing {
             return Err(cause.clone());
         }
+
         match state.waiting.map(|since| now.duration_since(since)) {
             Some(waited) if waited > PATIENCE => Err(Cause::new(
-                Trouble::Stuck,
+                StorageFault::Stuck,
                 format!("no write has ended for {} s", waited.as_secs()),
             )),
             _ => Ok(()),
         }
     }
 
-    fn state(&self) -> MutexGuard<'_, State> {
+    fn lock_state(&self) -> MutexGuard<'_, State> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -141,7 +146,7 @@ mod tests {
     const PROOF: Duration = Duration::from_secs(3);
 
     fn full() -> Cause {
-        Cause::new(Trouble::DiskFull, "code 13")
+        Cause::new(StorageFault::DiskFull, "code 13")
     }
 
     #[test]
@@ -185,8 +190,8 @@ mod tests {
         assert!(health.wants_proof(PROOF, after(4)), "nothing has ended yet");
         assert_eq!(health.ready(after(13)), Ok(()));
         assert_eq!(
-            health.ready(after(14)).map_err(|cause| cause.trouble),
-            Err(Trouble::Stuck)
+            health.ready(after(14)).map_err(|cause| cause.fault),
+            Err(StorageFault::Stuck)
         );
         health.succeeded(after(15));
         assert_eq!(health.ready(after(15)), Ok(()));

@@ -1,5 +1,5 @@
-//! Looking at a database without changing it and without its lock: beside a service that has it
-//! open, or at a copy.
+//! Read-only inspection of a database, without its lock: beside a service that has it open, or of a
+//! copy.
 
 use std::path::Path;
 use std::sync::{Arc, Mutex};
@@ -23,12 +23,13 @@ const MOST_TOLD: usize = 100;
 
 /// Opens a database for reading. Every call that would write fails.
 pub(super) async fn inspect(path: &Path, options: Options) -> Result<SqliteStore, StoreError> {
-    let file = Identity::of(path)?;
+    let file = Identity::of_file(path)?;
     let closing = Closing::default();
     let readers = readers(&file, &closing)
         .await
         .map_err(|error| unseen(path, error))?;
     let memory = Arc::new(Memory::new(options.cache_cells));
+
     let mut reader = readers
         .acquire()
         .await
@@ -80,6 +81,7 @@ pub(super) async fn integrity(readers: &SqlitePool) -> Result<Vec<String>, Store
     let rows = sqlx::query("pragma integrity_check(100)")
         .fetch_all(readers)
         .await;
+
     let lines = rows.and_then(|rows| {
         rows.iter()
             .map(|row| row.try_get::<String, _>(0))

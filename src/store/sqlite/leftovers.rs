@@ -1,5 +1,5 @@
-//! What deleted environments have left: which wait for their rows to be removed, and how many rows
-//! go at a time.
+//! The queue of garbage collection: which deleted environments wait for their rows to be removed,
+//! and how many rows go at a time (a pace that adapts to how long a step holds up the commits).
 
 use std::collections::VecDeque;
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -40,9 +40,13 @@ impl Removal {
 /// Returns the environments that are gone and have rows left.
 pub(super) async fn gone(connection: &mut SqliteConnection) -> Result<Vec<Removal>, sqlx::Error> {
     let rows = sqlx::query("select id, uid from environments where name is null order by id")
-        .fetch_all(connection);
-    let read = |row: &SqliteRow| Ok(Removal::new(row.try_get("id")?, row.try_get("uid")?));
-    rows.await?.iter().map(read).collect()
+        .fetch_all(connection)
+        .await?;
+    rows.iter().map(read_removal).collect()
+}
+
+fn read_removal(row: &SqliteRow) -> Result<Removal, sqlx::Error> {
+    Ok(Removal::new(row.try_get("id")?, row.try_get("uid")?))
 }
 
 /// The environments that are gone and have rows left: one after another is removed.
@@ -79,9 +83,11 @@ impl Removals {
         inner
             .queue
             .retain(|known| gone.iter().any(|removal| removal.id == known.id));
+
         let unknown = |removal: &Removal| inner.queue.iter().all(|known| known.id != removal.id);
         let new: Vec<Removal> = gone.into_iter().filter(unknown).collect();
         inner.queue.extend(new);
+
         drop(inner);
         self.added.notify_one();
     }
@@ -141,9 +147,11 @@ impl Removals {
                 );
             }
         });
+
         if !step.is_last {
             return;
         }
+
         let mut inner = self.inner();
         let at = inner.queue.iter().position(|removal| removal.id == id);
         if let Some(removal) = at.and_then(|at| inner.queue.remove(at)) {
@@ -161,6 +169,7 @@ impl Removals {
                 tracing::warn!(uid = removal.uid, %error, "what a deleted environment has left cannot be removed: it is tried again until it can");
             }
         });
+
         let mut inner = self.inner();
         if inner.queue.front().is_some_and(|removal| removal.id == id) {
             inner.queue.rotate_left(1);

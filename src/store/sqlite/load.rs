@@ -1,11 +1,12 @@
-//! Reading every environment when a connection is new, each as far as it can be read.
+//! Recovery of the catalogue: reading every environment when a connection is new, each as far as it
+//! can be read.
 
 use sqlx::Row;
 use sqlx::sqlite::{SqliteConnection, SqliteRow};
 
 use super::directory::Loaded;
 use super::error::unreadable;
-use super::text;
+use super::stored_forms;
 use crate::domain::{
     Environment, EnvironmentId, Name, Schema, Uid, UnreadableEnvironment, WrittenRule,
 };
@@ -15,25 +16,25 @@ use crate::store::StoreError;
 pub(super) async fn environments(
     connection: &mut SqliteConnection,
 ) -> Result<Vec<Loaded>, StoreError> {
-    match all(connection).await.map_err(unreadable) {
-        Err(StoreError::Damaged(_)) => one_by_one(connection).await,
+    match read_all(connection).await.map_err(unreadable) {
+        Err(StoreError::Damaged(_)) => read_one_by_one(connection).await,
         all => all,
     }
 }
 
-async fn all(connection: &mut SqliteConnection) -> Result<Vec<Loaded>, sqlx::Error> {
+async fn read_all(connection: &mut SqliteConnection) -> Result<Vec<Loaded>, sqlx::Error> {
     let rows = sqlx::query(
         "select id, uid, name, schema, schema_hash, rule from environments where name is not null",
     )
     .fetch_all(connection)
     .await?;
     rows.iter()
-        .map(|row| read(row, row.try_get("id")?, row.try_get("name")?))
+        .map(|row| read_environment(row, row.try_get("id")?, row.try_get("name")?))
         .collect()
 }
 
 /// Reads what a damaged table still has. Names and ids come from the index of names alone.
-async fn one_by_one(connection: &mut SqliteConnection) -> Result<Vec<Loaded>, StoreError> {
+async fn read_one_by_one(connection: &mut SqliteConnection) -> Result<Vec<Loaded>, StoreError> {
     let rows =
         sqlx::query("select id, name from environments where name is not null order by name");
     let mut loaded = Vec::new();
@@ -44,23 +45,26 @@ async fn one_by_one(connection: &mut SqliteConnection) -> Result<Vec<Loaded>, St
             .unwrap_or_else(|_| format!("damaged-{id}"));
         let text = "select uid, schema, schema_hash, rule from environments where id = ?";
         let found = sqlx::query(text).bind(id).fetch_one(&mut *connection).await;
-        loaded.push(match found.and_then(|row| read(&row, id, &name)) {
-            Ok(environment) => environment,
-            Err(error) => {
-                let why = format!("the database is damaged: {error}");
-                Err(UnreadableEnvironment {
-                    id: EnvironmentId(id),
-                    uid: Uid(String::new()),
-                    name,
-                    why,
-                })
-            }
-        });
+
+        loaded.push(
+            match found.and_then(|row| read_environment(&row, id, &name)) {
+                Ok(environment) => environment,
+                Err(error) => {
+                    let why = format!("the database is damaged: {error}");
+                    Err(UnreadableEnvironment {
+                        id: EnvironmentId(id),
+                        uid: Uid(String::new()),
+                        name,
+                        why,
+                    })
+                }
+            },
+        );
     }
     Ok(loaded)
 }
 
-fn read(row: &SqliteRow, id: i64, name: &str) -> Result<Loaded, sqlx::Error> {
+fn read_environment(row: &SqliteRow, id: i64, name: &str) -> Result<Loaded, sqlx::Error> {
     let (id, uid) = (EnvironmentId(id), Uid(row.try_get("uid")?));
     Ok(match parse(row, name) {
         Ok((name, schema, rule)) => Ok(Environment {
@@ -89,14 +93,15 @@ fn parse(row: &SqliteRow, name: &str) -> Result<(Name, Schema, WrittenRule), Str
         .try_get("schema_hash")
         .map_err(|error| format!("its schema_hash: {error}"))?;
 
-    let schema = text::schema(text("schema")?).map_err(|why| format!("its schema: {why}"))?;
+    let schema =
+        stored_forms::read_schema(text("schema")?).map_err(|why| format!("its schema: {why}"))?;
     if schema.hash().0[..] != *hash {
         return Err(format!(
             "its schema: it hashes to {}, not to what is kept beside it",
             schema.hash()
         ));
     }
-    let rule = text::rule(text("rule")?).map_err(|why| format!("its rule: {why}"))?;
+    let rule = stored_forms::read_rule(text("rule")?).map_err(|why| format!("its rule: {why}"))?;
     let name = name
         .parse()
         .map_err(|why: String| format!("its name: {why}"))?;

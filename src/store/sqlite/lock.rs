@@ -1,5 +1,5 @@
-//! The lock that says "a nudge serves this": `flock` on the inode of the database itself, so that
-//! no other name of the file leads around it.
+//! Advisory lock of the database file (`flock`), which keeps it to a single writing process. It is
+//! on the inode of the database itself, so that no other name of the file leads around it.
 //!
 //! * The kernel lets go of it when the process ends, however it ends. SQLite's own locks are let go
 //!   between transactions.
@@ -54,7 +54,7 @@ struct Beside(File);
 
 impl Identity {
     /// Returns the file that a name leads to.
-    pub(super) fn of(path: &Path) -> Result<Self, StoreError> {
+    pub(super) fn of_file(path: &Path) -> Result<Self, StoreError> {
         let found = std::fs::metadata(path).map_err(|error| unopenable(path, error))?;
         Ok(Self {
             path: path.to_owned(),
@@ -105,12 +105,14 @@ impl Lock {
             path: path.to_owned(),
             inode,
         };
+
         // From here on the file is let go again if the rest fails.
         let mut lock = Self {
             identity,
             file: Some(file),
             beside: Vec::new(),
         };
+
         for name in names(path) {
             lock.beside.extend(Beside::take(&name, path)?);
         }
@@ -157,6 +159,7 @@ impl Beside {
                 return Ok(None);
             }
         };
+
         match file.try_lock() {
             Ok(()) => Ok(Some(Self(file))),
             Err(TryLockError::WouldBlock) => Err(in_use(database)),
@@ -188,6 +191,7 @@ fn locked(path: &Path) -> Result<(Inode, File), StoreError> {
         };
         let found = file.metadata().map_err(|error| unopenable(path, error))?;
         let inode = inode(&found);
+
         match file.try_lock() {
             Ok(())
                 if (Identity {
@@ -244,19 +248,21 @@ fn warn_of_names(path: &Path, found: &Metadata) {
 /// Returns the lock files of earlier builds: beside the name that was given, and beside the one
 /// that it leads to.
 fn names(path: &Path) -> Vec<PathBuf> {
-    let beside = |path: &Path| {
-        let mut name = OsString::from(path);
-        name.push(".lock");
-        PathBuf::from(name)
-    };
-    let directory = |path: &Path| path.parent().and_then(|parent| parent.canonicalize().ok());
-    let mut names = vec![beside(path)];
+    let mut names = vec![lock_file(path)];
+    let directory = path.parent().and_then(|parent| parent.canonicalize().ok());
+
     if let Ok(real) = path.canonicalize()
-        && (directory(path).as_deref(), path.file_name()) != (real.parent(), real.file_name())
+        && (directory.as_deref(), path.file_name()) != (real.parent(), real.file_name())
     {
-        names.push(beside(&real));
+        names.push(lock_file(&real));
     }
     names
+}
+
+fn lock_file(database: &Path) -> PathBuf {
+    let mut name = OsString::from(database);
+    name.push(".lock");
+    PathBuf::from(name)
 }
 
 fn inode(of: &Metadata) -> Inode {

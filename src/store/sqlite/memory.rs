@@ -1,4 +1,4 @@
-//! What is remembered of the database, beside each other.
+//! The write-through caches of the database, side by side.
 
 use super::actions::ActionsMemory;
 use super::cache::CountsCache;

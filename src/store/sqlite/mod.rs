@@ -1,13 +1,13 @@
-//! The store in one SQLite file: one connection that writes, a few that read, and what is
-//! remembered of it in memory.
+//! The store in one SQLite file, in write-ahead-log mode: a single writer, a small pool of readers,
+//! and caches that are brought up to date with each commit.
 //!
-//! `open` makes a `handle` on it by its `options`, `tables` says whose it is, `inspect` and
-//! `receipts` look at it from outside, `lock` says that it is in use, `writer` owns the connection
-//! that writes, `health` says whether it would, `closing` interrupts those that read. `commit`
-//! decides and counts; `read` and `audit` look, by a `walk`; `load`, `environments`, `fits`,
-//! `models`, `removal` and its `leftovers` keep the worlds. In `memory` are `actions`, `cache` and
-//! `directory`, beside the writer is `known`, a `map` that is `recent`. `text`, `packed` and `rows`
-//! say how things are written, `error` what its errors mean.
+//! `open` makes a `handle` on it by its `options`, `tables` says whose it is, `migrations` brings
+//! it up to date, `inspect` and `receipts` look at it from outside, `lock` says that it is in use,
+//! `writer` owns the connection that writes, `health` says whether it would, `closing` interrupts
+//! those that read. `commit` counts; `read` and `audit` look, by a `walk`; `load`, `environments`,
+//! `fits`, `models`, `removal` and its `leftovers` keep the worlds. In `memory` are `actions`,
+//! `cache` and `directory`, beside the writer is the `row_id_cache`, which is `recent`.
+//! `stored_forms`, `packed` and `rows` say how things are written, `error` what its errors mean.
 
 use std::path::Path;
 use std::sync::{Arc, PoisonError};
@@ -36,12 +36,11 @@ mod fits;
 mod handle;
 mod health;
 mod inspect;
-mod known;
 mod leftovers;
 mod load;
 mod lock;
-mod map;
 mod memory;
+mod migrations;
 mod models;
 mod open;
 mod options;
@@ -50,9 +49,10 @@ mod read;
 mod receipts;
 mod recent;
 mod removal;
+mod row_id_cache;
 mod rows;
+mod stored_forms;
 mod tables;
-mod text;
 mod walk;
 mod writer;
 
@@ -193,6 +193,7 @@ impl Store for SqliteStore {
             Some(id),
             read::watermark(transaction.connection(), id, producer).await,
         )?;
+
         transaction.end().await?;
         watermark.ok_or(StoreError::UnknownEnvironment)
     }
@@ -208,8 +209,9 @@ impl Store for SqliteStore {
             read::owner(transaction.connection(), id, producer).await,
         )?;
         transaction.end().await?;
-        let of_key = |owner: String| owner.parse().map_err(StoreError::Unreadable);
-        owner.map(of_key).transpose()
+
+        let name = owner.map(|owner| owner.parse().map_err(StoreError::Unreadable));
+        name.transpose()
     }
 
     async fn commit(&self, batches: &[Numbered]) -> Result<Vec<Outcome>, StoreError> {
@@ -368,11 +370,14 @@ impl Store for SqliteStore {
     }
 
     async fn close(&self) {
+        // Reads first: one that goes on holds up the journal.
         self.closing.interrupt();
         self.readers.close().await;
+
         if let Err(error) = self.writer.close().await {
             tracing::warn!(%error, "the journal was not moved into the database; the next start does it");
         }
+
         let lock = self
             .lock
             .lock()

@@ -1,5 +1,5 @@
-//! The registry of trained networks: which versions there are, which of them is active, and their
-//! weights.
+//! The model registry: which versions of trained networks there are, which of them is active, and
+//! their weights.
 //!
 //! Not for what they say: cards and weights are kept as they come.
 
@@ -36,7 +36,7 @@ pub(super) async fn models(
     .await
     .map_err(unreadable)?;
     rows.iter()
-        .map(|row| read(row).map_err(unreadable))
+        .map(|row| read_record(row).map_err(unreadable))
         .collect()
 }
 
@@ -58,12 +58,15 @@ pub(super) async fn model(
         .fetch_optional(readers)
         .await
         .map_err(unreadable)?;
-    let with_weights =
-        |row: SqliteRow| Ok::<_, sqlx::Error>((read(&row)?, row.try_get("weights")?));
-    row.map(with_weights).transpose().map_err(unreadable)
+    let with_weights = row.as_ref().map(read_with_weights);
+    with_weights.transpose().map_err(unreadable)
 }
 
-fn read(row: &SqliteRow) -> Result<ModelRecord, sqlx::Error> {
+fn read_with_weights(row: &SqliteRow) -> Result<(ModelRecord, Vec<u8>), sqlx::Error> {
+    Ok((read_record(row)?, row.try_get("weights")?))
+}
+
+fn read_record(row: &SqliteRow) -> Result<ModelRecord, sqlx::Error> {
     let whole = |name| row.try_get::<i64, _>(name).map(i64::unsigned_abs);
     Ok(ModelRecord {
         version: whole("version")?,
@@ -91,6 +94,7 @@ pub(super) async fn keep(
         transaction.end().await?;
         return Err(StoreError::too_many_models(quotas.models));
     }
+
     let Some(version) = next_version(transaction.connection(), id)
         .await
         .map_err(aborted)?
@@ -98,6 +102,7 @@ pub(super) async fn keep(
         transaction.end().await?;
         return Err(StoreError::VersionsUsedUp("network"));
     };
+
     insert(transaction.connection(), id, version, model)
         .await
         .map_err(aborted)?;
@@ -144,6 +149,7 @@ async fn insert(
         .bind(&model.card)
         .execute(&mut *connection)
         .await?;
+
     let text = "insert into model_weights (environment, version, weights) values (?, ?, ?)";
     sqlx::query(text)
         .bind(id.0)
@@ -209,6 +215,7 @@ async fn change(
         .execute(transaction.connection())
         .await
         .map_err(aborted)?;
+
     if done.rows_affected() == 0 {
         transaction.end().await?;
         return Err(StoreError::UnknownModel(version));

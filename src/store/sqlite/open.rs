@@ -1,26 +1,27 @@
-//! Opening a database: its directory, its lock, its tables, its connections.
+//! Opening a database: its directory, its lock, its migrations, its connection pool.
 
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use sqlx::migrate::MigrateError;
 use sqlx::sqlite::{
     SqliteConnectOptions, SqliteConnection, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous,
 };
 use sqlx::{ConnectOptions, Connection, SqlitePool};
 
 use super::closing::Closing;
-use super::error::{damaged, made_by_newer, migrating, opening, unopenable};
+use super::error::{damaged, made_by_newer, opening, unopenable};
 use super::handle::SqliteStore;
 use super::lock::{Identity, Lock};
 use super::memory::Memory;
+use super::migrations::{MIGRATIONS, make_records};
 use super::options::Options;
-use super::tables::{self, MIGRATIONS, Tables};
-use super::text;
+use super::stored_forms;
+use super::tables::{self, Tables};
 use super::writer::Writer;
 use crate::store::{Stage, StoreError};
 
+/// Connections that read.
 const READERS: u32 = 3;
 
 /// Kibibytes of pages that the writer keeps. More is faster only while many cells are new.
@@ -41,9 +42,12 @@ pub(super) async fn open(
         std::fs::create_dir_all(directory)
             .map_err(|error| unopenable(path, format!("cannot make its directory: {error}")))?;
     }
+
+    // Before anything else touches the file.
     let lock = Lock::take(path)?;
     let writing = writing(path);
     migrate(path, &writing, stage).await?;
+
     let memory = Arc::new(Memory::new(options.cache_cells));
     let writer = Writer::new(writing, lock.identity().clone(), Arc::clone(&memory));
     // The first transaction fills memory.
@@ -52,13 +56,16 @@ pub(super) async fn open(
         StoreError::Damaged(what) => unopenable(path, damaged(&what)),
         error => error,
     })?;
+
     // A disk that is full keeps nobody from asking: what is wrong is told by readiness.
     let _ = writer.prove(Duration::ZERO).await;
+
     let closing = Closing::default();
     let readers = readers(lock.identity(), &closing)
         .await
         .map_err(|error| opening(path, &error))?;
     writer.share().await;
+
     let lock = Mutex::new(Some(lock));
     Ok(SqliteStore {
         path: path.to_owned(),
@@ -80,7 +87,8 @@ async fn migrate(
         .connect()
         .await
         .map_err(|error| opening(path, &error))?;
-    match tables::look(&mut connection)
+
+    let applied = match tables::look(&mut connection)
         .await
         .map_err(|error| opening(path, &error))?
     {
@@ -92,72 +100,52 @@ async fn migrate(
         }
         Tables::Newer => return Err(made_by_newer(path)),
         Tables::Damaged(what) => return Err(unopenable(path, damaged(&what))),
-        Tables::None | Tables::Ours(_) => {}
-    }
-    run_migrations(&mut connection, stage)
+        Tables::None => 0,
+        Tables::Ours(applied) => applied,
+    };
+
+    run_migrations(&mut connection, applied, stage)
         .await
-        .map_err(|error| migrating(path, &error))?;
+        .map_err(|error| opening(path, &error))?;
+
     connection
         .close()
         .await
         .map_err(|error| opening(path, &error))
 }
 
-/// Brings the tables up to date, one transaction a migration. Interrupted anywhere, the next
-/// opening goes on.
+/// Brings the tables up to date after so many migrations, one transaction each. Interrupted
+/// anywhere, the next opening goes on.
 async fn run_migrations(
     connection: &mut SqliteConnection,
+    applied: usize,
     stage: &Stage,
-) -> Result<(), MigrateError> {
-    let last = last_migration(connection)
-        .await
-        .map_err(MigrateError::Execute)?;
-    let missing = MIGRATIONS
-        .iter()
-        .map(|migration| migration.version)
-        .filter(|version| Some(*version) > last);
-    let missing: Vec<i64> = if last.is_some() {
-        missing.collect()
-    } else {
-        Vec::new()
+) -> Result<(), sqlx::Error> {
+    let missing = &MIGRATIONS[applied..];
+    // A new database is made at once, and nobody need be told.
+    let Some(last) = MIGRATIONS[..applied].last() else {
+        make_records(connection).await?;
+        for migration in missing {
+            migration.apply(connection).await?;
+        }
+        return Ok(());
     };
 
     let started = Instant::now();
-    for (step, version) in missing.iter().enumerate() {
-        stage.tell(format!(
-            "migrating the database, step {} of {}",
-            step + 1,
-            missing.len()
-        ));
-        tracing::info!(from = last, to = version, "migrating the database");
-        // `run` would do the same, but its future cannot be sent to another thread.
-        MIGRATIONS
-            .run_direct(Some(*version), connection, false)
-            .await?;
+    for (step, migration) in missing.iter().enumerate() {
+        let (step, steps) = (step + 1, missing.len());
+        stage.begin_step(format!("migrating the database, step {step} of {steps}"));
+        let (from, to) = (last.version, migration.version);
+        tracing::info!(from, to, "migrating the database");
+        migration.apply(connection).await?;
     }
-    if !missing.is_empty() {
-        tracing::info!(
-            duration_ms = started.elapsed().as_millis() as u64,
-            "the database is up to date"
-        );
-    }
-    stage.tell("opening the database");
-    // What is applied is checked; and a new database has none.
-    MIGRATIONS.run_direct(None, connection, false).await
-}
 
-/// Returns the last migration that the database has had; `None` where it is new.
-async fn last_migration(connection: &mut SqliteConnection) -> Result<Option<i64>, sqlx::Error> {
-    let text = "select exists (select 1 from sqlite_schema where name = '_sqlx_migrations')";
-    let is_new = !sqlx::query_scalar::<_, bool>(text)
-        .fetch_one(&mut *connection)
-        .await?;
-    if is_new {
-        return Ok(None);
+    if !missing.is_empty() {
+        let duration_ms = started.elapsed().as_millis() as u64;
+        tracing::info!(duration_ms, "the database is up to date");
     }
-    sqlx::query_scalar("select max(version) from _sqlx_migrations")
-        .fetch_one(connection)
-        .await
+    stage.begin_step("opening the database");
+    Ok(())
 }
 
 fn connecting(path: &Path, cache_kib: u32) -> SqliteConnectOptions {
@@ -166,7 +154,7 @@ fn connecting(path: &Path, cache_kib: u32) -> SqliteConnectOptions {
         .busy_timeout(Duration::from_secs(5))
         .pragma("cache_size", format!("-{cache_kib}"))
         .pragma("temp_store", "memory")
-        .collation("bins", text::compare_keys)
+        .collation("bins", stored_forms::compare_keys)
         .thread_name(|number| format!("nudge-sqlite-{number}"))
         .disable_statement_logging()
 }

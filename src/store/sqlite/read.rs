@@ -1,5 +1,5 @@
-//! Reads. Each is one statement, so it sees one moment, and ends before it returns, so it does not
-//! hold up the journal.
+//! Snapshot reads. Each is one statement, so it sees one moment, and ends before it returns, so it
+//! does not hold up checkpoints of the write-ahead log.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -11,7 +11,7 @@ use sqlx::{Row, SqlitePool};
 use super::cache::{CountsCache, Epoch};
 use super::error::{spoiled, unreadable};
 use super::packed::{self, packed_cells};
-use super::text;
+use super::stored_forms;
 use super::walk::{Walk, all_states, own_states};
 use crate::domain::{
     Cell, Counts, Environment, EnvironmentId, Label, ProducerId, SegmentId, Sequence, StateKey,
@@ -30,6 +30,7 @@ pub(super) async fn counts(
     let (mut found, epoch) = cache.get(id, keys);
     let missing: Vec<usize> = (0..keys.len()).filter(|at| found[*at].is_none()).collect();
     telemetry::cached(keys.len() - missing.len(), missing.len());
+
     if !missing.is_empty() {
         let wanted: Vec<&StateKey> = missing.iter().map(|at| &keys[*at]).collect();
         let loaded = load(readers, environment, &wanted).await?;
@@ -72,7 +73,8 @@ async fn load(
     );
     let query = sqlx::query(text)
         .bind(environment.id.0)
-        .bind(text::of_list(keys));
+        .bind(stored_forms::json_texts(keys));
+
     let mut loaded: Vec<Option<StateCounts>> = vec![None; keys.len()];
     // As they come: the rows of thousands of states together would be larger than their counts.
     let mut rows = query.fetch(readers);
@@ -84,6 +86,7 @@ async fn load(
             revision,
         });
     }
+
     loaded
         .into_iter()
         .collect::<Option<_>>()
@@ -118,6 +121,7 @@ pub(super) async fn scan(
         .bind(after.0)
         .bind(states)
         .fetch(readers);
+
     let mut page = Vec::new();
     while let Some(row) = rows.try_next().await.map_err(unreadable)? {
         page.push(scanned(&row, environment)?);
@@ -169,6 +173,7 @@ pub(super) async fn by_visits(
         after,
         states,
     } = wanted;
+
     let sign = if *descending { -1 } else { 1 };
     // No state has more visits than fit.
     let (least, states) =
@@ -176,18 +181,20 @@ pub(super) async fn by_visits(
     let rank = after
         .as_ref()
         .map(|(visits, _)| sign * i64::try_from(*visits).unwrap_or(i64::MAX));
+
     let query = sqlx::query(text)
         .bind(environment.id.0)
         .bind(sign)
         .bind(
             segments
                 .as_ref()
-                .map(|ids| text::of_numbers(ids.iter().map(|id| id.0))),
+                .map(|ids| stored_forms::json_numbers(ids.iter().map(|id| id.0))),
         )
         .bind(least)
         .bind(rank)
         .bind(after.as_ref().map(|(_, key)| key.to_string()))
         .bind(states);
+
     let (mut rows, mut page, mut revision) = (query.fetch(readers), Vec::new(), None);
     while let Some(row) = rows.try_next().await.map_err(unreadable)? {
         revision = Some(whole(&row, 3).map_err(unreadable)?);
@@ -200,6 +207,7 @@ pub(super) async fn by_visits(
             page.push(scanned(&row, environment)?);
         }
     }
+
     Ok((page, revision.ok_or(StoreError::UnknownEnvironment)?))
 }
 
@@ -268,6 +276,7 @@ pub(super) async fn totals(readers: &SqlitePool, id: EnvironmentId) -> Result<To
     .await
     .map_err(unreadable)?
     .ok_or(StoreError::UnknownEnvironment)?;
+
     let number = |at| whole(&row, at).map_err(unreadable);
     Ok(Totals {
         transitions: number(0)?,
@@ -331,6 +340,7 @@ pub(super) async fn disk(path: &Path) -> Result<[u64; 2], StoreError> {
     let asked = tokio::task::spawn_blocking(move || rustix::fs::statvfs(&path))
         .await
         .map_err(std::io::Error::from);
+
     let disk = asked
         .map_err(unreadable)?
         .map_err(std::io::Error::from)
@@ -352,29 +362,26 @@ pub(super) async fn held(readers: &SqlitePool) -> Result<Vec<(EnvironmentId, Hel
     .fetch_all(readers)
     .await
     .map_err(unreadable)?;
-    let held = |row: &SqliteRow| {
-        let [transitions, states, cells, segments, producers] =
-            [1, 2, 3, 4, 5].map(|at| whole(row, at));
-        let totals = Totals {
-            transitions: transitions?,
-            states: states?,
-            cells: cells?,
-            segments: segments?,
-            producers: producers?,
-        };
-        Ok((
-            EnvironmentId(row.try_get(0)?),
-            Held {
-                totals,
-                models: whole(row, 6)?,
-                active: whole(row, 7)?,
-            },
-        ))
-    };
     rows.iter()
-        .map(held)
-        .collect::<Result<_, sqlx::Error>>()
+        .map(read_held)
+        .collect::<Result<_, _>>()
         .map_err(unreadable)
+}
+
+fn read_held(row: &SqliteRow) -> Result<(EnvironmentId, Held), sqlx::Error> {
+    let totals = Totals {
+        transitions: whole(row, 1)?,
+        states: whole(row, 2)?,
+        cells: whole(row, 3)?,
+        segments: whole(row, 4)?,
+        producers: whole(row, 5)?,
+    };
+    let held = Held {
+        totals,
+        models: whole(row, 6)?,
+        active: whole(row, 7)?,
+    };
+    Ok((EnvironmentId(row.try_get(0)?), held))
 }
 
 /// Reads a number that the tables keep from being negative.

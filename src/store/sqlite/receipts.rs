@@ -1,15 +1,16 @@
-//! Looks whether the numbers and receipts of batches can be what was written: they follow from each
-//! other in part. A digest follows from nothing that is kept.
+//! Consistency check of the deduplication window: looks whether the numbers and receipts of batches
+//! can be what was written: they follow from each other in part. A digest follows from nothing that
+//! is kept.
 
 use futures::TryStreamExt;
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, SqlitePool};
 
-use super::commit::KEPT;
 use super::error::unreadable;
-use super::text;
-use crate::domain::{EnvironmentId, ProducerId, Receipt};
+use super::stored_forms;
+use crate::domain::{EnvironmentId, ProducerId, Sequence};
 use crate::store::StoreError;
+use crate::store::ledger::{inconsistency, last_dropped};
 
 /// The most faults that are told.
 const MOST_TOLD: usize = 100;
@@ -34,11 +35,13 @@ pub(super) async fn faults(
             faults.extend(looking.take().and_then(Looking::ended));
             looking = Some(Looking::begin(&row).map_err(unreadable)?);
         }
+
         let looking = looking.as_mut().expect("there is one now");
         if let Some(sequence) = row.try_get(3).map_err(unreadable)? {
             faults.extend(looking.batch(sequence, row.try_get(4).map_err(unreadable)?));
         }
     }
+
     faults.extend(looking.and_then(Looking::ended));
     faults.truncate(MOST_TOLD);
     Ok(faults)
@@ -57,7 +60,7 @@ struct Looking {
 impl Looking {
     fn begin(row: &SqliteRow) -> Result<Self, sqlx::Error> {
         let (id, name, last) = (row.try_get(0)?, row.try_get(1)?, row.try_get::<i64, _>(2)?);
-        let next = last.saturating_sub(KEPT as i64).max(0) + 1;
+        let next = last_dropped(Sequence::from_stored(last)).next().get() as i64;
         Ok(Self {
             id,
             name,
@@ -70,8 +73,9 @@ impl Looking {
     fn batch(&mut self, sequence: i64, receipt: &str) -> Option<String> {
         self.is_in_order &= sequence == self.next;
         self.next = sequence.saturating_add(1);
-        let why = match text::receipt(receipt) {
-            Ok(receipt) => amiss(&receipt)?.to_owned(),
+
+        let why = match stored_forms::read_receipt(receipt) {
+            Ok(receipt) => inconsistency(&receipt)?.to_owned(),
             Err(why) => why.to_string(),
         };
         Some(format!(
@@ -98,25 +102,4 @@ impl Looking {
             )
         })
     }
-}
-
-/// Returns what no receipt has.
-fn amiss(receipt: &Receipt) -> Option<&'static str> {
-    let Receipt {
-        accepted,
-        rejected_count,
-        rejected,
-    } = receipt;
-    let told = (*rejected_count).min(Receipt::MOST_TOLD as u64);
-    let Some(records) = accepted.checked_add(*rejected_count) else {
-        return Some("it has more records than there are numbers");
-    };
-    if rejected.len() as u64 != told {
-        return Some("it tells of more or fewer rejected records than it counts");
-    }
-    let is_so = rejected.iter().all(|one| u64::from(one.index) < records)
-        && rejected
-            .windows(2)
-            .all(|pair| pair[0].index <= pair[1].index);
-    (!is_so).then_some("it tells of rejected records that the batch cannot have")
 }

@@ -1,4 +1,4 @@
-//! A bounded map that keeps what is used.
+//! A bounded cache with generational eviction, which approximates least-recently-used.
 //!
 //! Two generations bound it: what is used moves to the young one, and when that is full the old one
 //! is dropped. This costs one look into a map, where a list in order of use would be rewritten at
@@ -6,7 +6,7 @@
 
 use std::hash::Hash;
 
-use super::map::Map;
+use crate::store::map::Map;
 
 /// A map of at most two generations of keys.
 pub(super) struct Recent<K, V> {

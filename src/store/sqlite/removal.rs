@@ -12,9 +12,9 @@ use sqlx::SqlitePool;
 use sqlx::sqlite::SqliteConnection;
 
 use super::error::aborted;
-use super::known::Known;
 use super::leftovers::{Removal, Removals, Step};
 use super::memory::Memory;
+use super::row_id_cache::RowIdCache;
 use super::writer::Writer;
 use crate::domain::EnvironmentId;
 use crate::store::StoreError;
@@ -26,11 +26,12 @@ pub(super) async fn delete(writer: &Writer, id: EnvironmentId) -> Result<(), Sto
         transaction.end().await?;
         return Err(StoreError::UnknownEnvironment);
     };
-    let forget = |memory: &Memory, known: &mut Known| {
+
+    let forget = |memory: &Memory, row_ids: &mut RowIdCache| {
         memory.directory.remove(id);
         memory.cache.forget(id);
         memory.actions.forget(id);
-        known.forget(id);
+        row_ids.forget(id);
         memory.removals.add(left);
     };
     transaction.commit(forget).await
@@ -49,6 +50,7 @@ async fn hide(
     else {
         return Ok(None);
     };
+
     let text = "delete from totals where environment = ? returning states";
     let states: Option<i64> = sqlx::query_scalar(text)
         .bind(id.0)
@@ -70,6 +72,7 @@ pub(super) async fn sweep(
     if !removal.begun {
         begin(readers, removals).await;
     }
+
     let swept = step(writer, removal.id, removals.rows()).await;
     match &swept {
         Ok(step) => {
@@ -91,6 +94,7 @@ async fn begin(readers: &SqlitePool, removals: &Removals) {
             // Only told: where it cannot be counted, the removal itself says why.
             removal.states = counted.fetch_one(readers).await.ok().map(i64::unsigned_abs);
         }
+
         let Removal { uid, states, .. } = &removal;
         tracing::info!(
             uid,
@@ -138,6 +142,7 @@ async fn step(writer: &Writer, id: i64, rows: u32) -> Result<Step, StoreError> {
         took: Duration::ZERO,
         is_last: true,
     };
+
     for (at, part) in PARTS.iter().enumerate() {
         let removed = remove(transaction.connection(), part, id, rows)
             .await
@@ -148,6 +153,7 @@ async fn step(writer: &Writer, id: i64, rows: u32) -> Result<Step, StoreError> {
             break;
         }
     }
+
     step.took = started.elapsed();
     transaction.commit(|_, _| ()).await?;
     Ok(step)

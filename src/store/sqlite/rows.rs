@@ -1,4 +1,4 @@
-//! Statements over many rows: one prepared text for each of a few chunk sizes.
+//! Multi-row statements: one prepared text for each of a few chunk sizes.
 //!
 //! The driver's cost is per statement, so rows go by the hundred. A few sizes are enough for any
 //! number of rows, and each text stays prepared.

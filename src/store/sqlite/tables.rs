@@ -1,15 +1,13 @@
-//! What the database says of its own tables: which migrations it has had, and how each table is
-//! defined. SQLite's own check passes a flipped bit in either, as long as the text can still be
-//! read.
+//! Schema validation: what the database says of its own tables, which migrations it has had, and
+//! how each table is defined. SQLite's own check passes a flipped bit in either, as long as the
+//! text can still be read.
 
 use std::collections::HashMap;
 
-use sqlx::migrate::{Migration, Migrator};
-use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
+use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection, SqliteRow};
 use sqlx::{ConnectOptions, Connection, Row};
 
-/// Every migration of this build, in order.
-pub(super) static MIGRATIONS: Migrator = sqlx::migrate!();
+use super::migrations::{MIGRATIONS, Migration};
 
 /// Whose tables a database has.
 #[derive(Debug, PartialEq, Eq)]
@@ -32,35 +30,37 @@ pub(super) async fn look(connection: &mut SqliteConnection) -> Result<Tables, sq
     if defined.is_empty() {
         return Ok(Tables::None);
     }
+
     if !defined.contains_key("_sqlx_migrations") {
         let is_ours = ["environments", "totals", "states", "cells"]
             .iter()
             .all(|table| defined.contains_key(*table));
-        let missing = || Tables::Damaged("its list of migrations is missing".to_owned());
-        return Ok(if is_ours { missing() } else { Tables::Foreign });
+        if is_ours {
+            let missing = "its list of migrations is missing".to_owned();
+            return Ok(Tables::Damaged(missing));
+        }
+        return Ok(Tables::Foreign);
     }
-    let known: Vec<&Migration> = MIGRATIONS.iter().collect();
+
     let applied = applied(connection).await?;
-    if let Some(wrong) = known
+    if let Some(wrong) = MIGRATIONS
         .iter()
         .zip(&applied)
         .find_map(|(known, applied)| applied.is_not(known))
     {
         return Ok(Tables::Damaged(wrong));
     }
-    if applied.len() > known.len() {
+    if applied.len() > MIGRATIONS.len() {
         return Ok(Tables::Newer);
     }
-    let expected = after(applied.len()).await?;
-    let other = expected
-        .into_iter()
-        .find(|(name, text)| defined.get(name) != Some(text));
-    let wrong = |(name, _)| {
-        Tables::Damaged(format!(
-            "the definition of `{name}` is not as it was written"
-        ))
-    };
-    Ok(other.map_or(Tables::Ours(applied.len()), wrong))
+
+    for (name, text) in after(applied.len()).await? {
+        if defined.get(&name) != Some(&text) {
+            let wrong = format!("the definition of `{name}` is not as it was written");
+            return Ok(Tables::Damaged(wrong));
+        }
+    }
+    Ok(Tables::Ours(applied.len()))
 }
 
 /// A migration as the database remembers it.
@@ -78,7 +78,7 @@ impl Applied {
         let is_so = self.version == known.version
             && self.description == known.description
             && self.success
-            && self.checksum == *known.checksum;
+            && self.checksum == known.checksum;
         (!is_so).then(|| {
             format!(
                 "its record of migration {} is not as it was written",
@@ -92,15 +92,16 @@ async fn applied(connection: &mut SqliteConnection) -> Result<Vec<Applied>, sqlx
     let text =
         "select version, description, success, checksum from _sqlx_migrations order by version";
     let rows = sqlx::query(text).fetch_all(connection).await?;
-    let applied = |row: &sqlx::sqlite::SqliteRow| {
-        Ok(Applied {
-            version: row.try_get(0)?,
-            description: row.try_get(1)?,
-            success: row.try_get(2)?,
-            checksum: row.try_get(3)?,
-        })
-    };
-    rows.iter().map(applied).collect()
+    rows.iter().map(read_applied).collect()
+}
+
+fn read_applied(row: &SqliteRow) -> Result<Applied, sqlx::Error> {
+    Ok(Applied {
+        version: row.try_get(0)?,
+        description: row.try_get(1)?,
+        success: row.try_get(2)?,
+        checksum: row.try_get(3)?,
+    })
 }
 
 /// Returns every table and index by name, with the text that defines it.
@@ -122,10 +123,9 @@ async fn after(migrations: usize) -> Result<HashMap<String, Option<String>>, sql
         .connect()
         .await?;
     for migration in MIGRATIONS.iter().take(migrations) {
-        sqlx::raw_sql(migration.sql.clone())
-            .execute(&mut scratch)
-            .await?;
+        sqlx::raw_sql(migration.sql).execute(&mut scratch).await?;
     }
+
     let defined = definitions(&mut scratch).await?;
     scratch.close().await?;
     Ok(defined)

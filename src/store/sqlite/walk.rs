@@ -1,6 +1,7 @@
-//! Two ways to walk the states of an environment. All states of the database in the order of their
-//! ids, beside which their cells lie, is fast. The environment's own, found by its index, is slow,
-//! and meets no page that has nothing of it: for where there is damage that may be another's.
+//! Access paths: two ways to walk the states of an environment. All states of the database in the
+//! order of their ids, beside which their cells lie, is fast. The environment's own, found by its
+//! index, is slow, and meets no page that has nothing of it: for where there is damage that may be
+//! another's.
 
 use crate::store::StoreError;
 

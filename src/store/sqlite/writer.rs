@@ -1,4 +1,4 @@
-//! The one connection that writes, and its transactions.
+//! The single writer: the one connection that writes, and its transactions.
 //!
 //! A transaction takes the connection out of its place and puts it back only after a clean end. So
 //! whatever ends it otherwise (an error, a dropped future) drops the connection, and the database
@@ -14,13 +14,13 @@ use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
 use sqlx::{AssertSqlSafe, ConnectOptions, Connection};
 use tokio::sync::{Mutex, MutexGuard};
 
-use super::error::{aborted, trouble_of, uncommitted};
+use super::error::{aborted, fault_of_io, uncommitted};
 use super::health::Health;
-use super::known::Known;
 use super::lock::Identity;
 use super::memory::Memory;
+use super::row_id_cache::RowIdCache;
 use super::{leftovers, load};
-use crate::store::{Cause, StoreError, Trouble};
+use crate::store::{Cause, StorageFault, StoreError};
 
 /// The door to the writing connection: one transaction at a time.
 pub(super) struct Writer {
@@ -48,7 +48,7 @@ struct Place {
     /// SQLite makes another one only after every connection was closed: a new connection that finds
     /// another beside those that are open would mix the two.
     journal: Option<Identity>,
-    known: Known,
+    row_ids: RowIdCache,
     closed: bool,
     /// Whether a connection was dropped, which goes on closing for a while.
     has_dropped: bool,
@@ -84,17 +84,19 @@ impl Place {
             .fetch_one(connection)
             .await
             .map_err(aborted)?;
+
         if self.journal.is_none() && mode == "wal" {
             self.journal =
                 Some(Identity::of_journal(file.path()).map_err(|why| aborted(moved(why)))?);
         }
+
         // It was there before the connection opened it, and is now: so it is what was opened.
         self.check(file).map_err(aborted)
     }
 }
 
 fn moved(why: String) -> Cause {
-    Cause::new(Trouble::Moved, why)
+    Cause::new(StorageFault::Moved, why)
 }
 
 impl Writer {
@@ -133,15 +135,17 @@ impl Writer {
         if !self.health.wants_proof(oldest, Instant::now()) {
             return Ok(());
         }
+
         let proven = self.write_a_page().await;
         if let Err(error) = &proven {
             self.health.heed(error);
         }
+
         // The database only says that it failed to write; the directory knows better why.
-        if self.health.trouble() == Some(Trouble::InputOutput)
+        if self.health.fault() == Some(StorageFault::InputOutput)
             && let Err(error) = try_to_write(self.file.path(), 1).await
         {
-            self.health.diagnosed(trouble_of(error.kind()));
+            self.health.diagnosed(fault_of_io(error.kind()));
         }
         proven
     }
@@ -152,11 +156,12 @@ impl Writer {
         let place = self.place.lock().await;
         // Nobody else can write now, so nobody fails because of the room that is taken for a
         // moment.
-        if self.health.trouble() == Some(Trouble::DiskFull) && !place.closed {
+        if self.health.fault() == Some(StorageFault::DiskFull) && !place.closed {
             try_to_write(self.file.path(), ROOM)
                 .await
                 .map_err(aborted)?;
         }
+
         let mut transaction = self.begin_in(place).await?;
         let connection = transaction.connection();
         let same: i64 = sqlx::query_scalar("pragma user_version")
@@ -179,6 +184,7 @@ impl Writer {
             Some(connection) => connection,
             None => self.connect_aside().await?,
         };
+
         sqlx::query("pragma wal_checkpoint(passive)")
             .execute(&mut connection)
             .await?;
@@ -216,6 +222,7 @@ impl Writer {
         let Some(mut connection) = place.connection.take() else {
             return Ok(());
         };
+
         sqlx::query("pragma wal_checkpoint(truncate)")
             .execute(&mut connection)
             .await?;
@@ -248,12 +255,14 @@ impl Writer {
         // a new connection would open another file. The one that is kept is still right when the
         // file is back, and moves its journal into the database if the service is stopped before.
         place.check(&self.file).map_err(aborted)?;
+
         let kept = place.connection.take();
         let is_new = kept.is_none();
         let connection = match kept {
             Some(connection) => connection,
             None => self.options.connect().await.map_err(aborted)?,
         };
+
         let (file, health) = (&self.file, &self.health);
         let mut transaction = Transaction {
             place,
@@ -266,6 +275,8 @@ impl Writer {
             .execute(transaction.connection())
             .await
             .map_err(aborted)?;
+
+        // From here on it is known what was committed.
         if is_new {
             transaction.remember_journal().await?;
             let all = load::environments(transaction.connection()).await?;
@@ -298,13 +309,13 @@ impl Transaction<'_> {
             .expect("it is taken only when the transaction ends")
     }
 
-    /// Returns the connection and what is known to exist beside it.
-    pub(super) fn parts(&mut self) -> (&mut SqliteConnection, &mut Known) {
+    /// Returns the connection and the row ids cached beside it.
+    pub(super) fn parts(&mut self) -> (&mut SqliteConnection, &mut RowIdCache) {
         let connection = self
             .connection
             .as_mut()
             .expect("it is taken only when the transaction ends");
-        (connection, &mut self.place.known)
+        (connection, &mut self.place.row_ids)
     }
 
     async fn remember_journal(&mut self) -> Result<(), StoreError> {
@@ -318,14 +329,14 @@ impl Transaction<'_> {
     /// Commits, and lets `remember` bring memory up to date before anybody else can begin.
     pub(super) async fn commit(
         mut self,
-        remember: impl FnOnce(&Memory, &mut Known),
+        remember: impl FnOnce(&Memory, &mut RowIdCache),
     ) -> Result<(), StoreError> {
         let committed = sqlx::query("commit")
             .execute(self.connection())
             .await
             .map_err(uncommitted);
         committed.inspect_err(|error| self.health.heed(error))?;
-        remember(self.memory, &mut self.place.known);
+        remember(self.memory, &mut self.place.row_ids);
         self.place.connection = self.connection.take();
 
         // For this process it is committed. Whether the next one finds it, only the file that was
@@ -358,7 +369,7 @@ impl Drop for Transaction<'_> {
             // Memory first: once the connection is gone, its last COMMIT may come true at any
             // moment.
             self.memory.suspend();
-            self.place.known = Known::default();
+            self.place.row_ids = RowIdCache::default();
             self.place.has_dropped = true;
             drop(connection);
         }

@@ -1,9 +1,10 @@
 //! The house rules as a test: who may import whom, who alone may use which crate, who does no I/O,
-//! and that no files import each other in a circle. `imports` reads who imports whom; `seen` tests
-//! the test.
+//! that the exactly-once rule knows no database, and that no files import each other in a circle.
+//! `imports` reads who imports whom; `seen` tests the test.
 
 mod imports;
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
@@ -35,6 +36,7 @@ const RANKS: &[&[&str]] = &[
 /// Crates, and the only rooms that may name them.
 const RESERVED: &[(&str, &[&str])] = &[
     ("sqlx", &["store"]),
+    ("sha2", &["store"]),
     ("prost", &["api"]),
     ("tonic", &["api", "client", "serve", "cli"]),
     ("axum", &["serve"]),
@@ -67,6 +69,22 @@ const RESERVED: &[(&str, &[&str])] = &[
 
 /// Rooms that are mathematics and words: they neither read nor write nor look at a clock.
 const PURE: &[&str] = &["special_functions", "information", "domain", "evidence"];
+
+/// A part of a room that is a rule and nothing else, and all that it may name: a database carries it
+/// out, and it knows of none.
+const RULE: &str = "store::ledger";
+
+/// What the rule may name, by the beginnings of paths. `Books` are asked, so `async_trait` is among
+/// them.
+const RULE_MAY_NAME: &[&[&str]] = &[
+    &["crate", "domain"],
+    &["crate", "store", "ledger"],
+    &["crate", "store", "map"],
+    &["std", "cmp"],
+    &["std", "collections"],
+    &["std", "mem"],
+    &["async_trait"],
+];
 
 /// What the standard library has for that.
 const IO: &[&[&str]] = &[
@@ -152,6 +170,65 @@ fn impure(sources: &Sources) -> Vec<String> {
             .any(|io| path.iter().zip(*io).filter(|(part, io)| part == io).count() == io.len());
         (PURE.contains(&from) && is_io).then(|| format!("{from} uses {}", path.join("::")))
     })
+}
+
+/// Returns what the rule names that it may not: of other crates, of the standard library and of the
+/// house. Its tests may.
+fn beyond_the_rule(sources: &Sources) -> Vec<String> {
+    let is_rule = |module: &str| {
+        let inside = module.strip_prefix(RULE);
+        inside.is_some_and(|rest| {
+            rest.is_empty() || (rest.starts_with("::") && !rest.starts_with("::tests"))
+        })
+    };
+    let named = |(module, source): (String, &Source)| {
+        let strange = source.paths().filter(|path| is_beyond_the_rule(path));
+        strange
+            .map(|path| format!("{module} uses {}", path.join("::")))
+            .collect::<Vec<_>>()
+    };
+    let rule = sources.files().filter(|(module, _)| is_rule(module));
+    rule.flat_map(named).collect()
+}
+
+/// Names from outside begin with a crate; all others are the file's own, or in its prelude.
+fn is_beyond_the_rule(path: &[String]) -> bool {
+    let is_outside = ["crate", "std", "core", "alloc"].contains(&path[0].as_str())
+        || DEPENDENCIES.contains(&path[0]);
+    let is_allowed = RULE_MAY_NAME.iter().any(|allowed| {
+        let common = path
+            .iter()
+            .zip(*allowed)
+            .filter(|(part, allowed)| part == allowed);
+        common.count() == allowed.len()
+    });
+    is_outside && !is_allowed
+}
+
+/// The crates that the service depends on, as code names them.
+static DEPENDENCIES: LazyLock<BTreeSet<String>> = LazyLock::new(|| {
+    let manifest = Path::new(env!("CARGO_MANIFEST_DIR")).join("Cargo.toml");
+    let text = fs::read_to_string(manifest).expect("Cargo.toml can be read");
+    let names = text
+        .lines()
+        .skip_while(|line| *line != "[dependencies]")
+        .skip(1);
+    names
+        .take_while(|line| !line.starts_with('['))
+        .filter_map(|line| Some(line.split_once('=')?.0.trim().replace('-', "_")))
+        .collect()
+});
+
+#[test]
+fn the_exactly_once_rule_is_pure() {
+    let wrong = beyond_the_rule(sources());
+    assert!(
+        wrong.is_empty(),
+        "the ledger is for every database, and does no I/O:\n{}",
+        wrong.join("\n")
+    );
+    let is_there = |(module, _): (String, &Source)| module == "store::ledger::decide";
+    assert!(sources().files().any(is_there), "the rule has moved");
 }
 
 #[test]
@@ -328,6 +405,43 @@ mod seen {
             );
         }
         assert!(impure(&Sources::of(&[("evidence", "use std::time::Duration;")])).is_empty());
+    }
+
+    #[test]
+    fn what_the_exactly_once_rule_may_not_name() {
+        for text in [
+            "use sqlx::Row;",
+            "use tokio::sync::Mutex;",
+            "fn f() { tracing::warn!(\"\"); }",
+            "use std::{cmp, fs};",
+            "use std::time::Duration;",
+            "use crate::store::sqlite::SqliteStore;",
+            "use crate::store::{StoreError};",
+            "use super::super::sqlite::text;",
+            "use std::collections as c; fn f() { std::thread::sleep(d); }",
+        ] {
+            assert_eq!(
+                beyond_the_rule(&Sources::of(&[("store::ledger::quota", text)])).len(),
+                1,
+                "{text}"
+            );
+            for elsewhere in [
+                "store::sqlite",
+                "store::ledger::tests::laws",
+                "store::ledgers",
+            ] {
+                let sources = Sources::of(&[(elsewhere, text)]);
+                assert!(beyond_the_rule(&sources).is_empty(), "{elsewhere}: {text}");
+            }
+        }
+        for allowed in [
+            "use crate::domain::{Name, Sequence}; use super::books::Books;",
+            "use std::collections::BTreeMap; fn f(m: BTreeMap<u8, u8>) { Some(m); u64::from(1_u8); }",
+            "use crate::store::map::Map; #[async_trait::async_trait] trait T {}",
+        ] {
+            let sources = Sources::of(&[("store::ledger::quota", allowed)]);
+            assert_eq!(beyond_the_rule(&sources), Vec::<String>::new(), "{allowed}");
+        }
     }
 
     #[test]

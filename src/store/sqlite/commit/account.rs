@@ -1,17 +1,15 @@
-//! Writing the numbers that were used: each producer's sequence, and what is needed to answer
-//! duplicates.
+//! Writing idempotency keys: each producer's watermark, and the receipts that answer duplicates.
 
 use std::sync::LazyLock;
 
 use sqlx::sqlite::SqliteConnection;
 
-use super::ledger::Account;
 use super::signed::signed;
-use super::window::KEPT;
-use crate::domain::EnvironmentId;
+use crate::domain::{EnvironmentId, Sequence};
+use crate::store::ledger::{Account, last_dropped};
 use crate::store::sqlite::error::aborted;
 use crate::store::sqlite::rows::ManyRows;
-use crate::store::sqlite::text;
+use crate::store::sqlite::stored_forms;
 use crate::store::{Numbered, StoreError};
 
 /// Advances a producer over its batches, and keeps their digests and receipts. The sequence is
@@ -22,17 +20,18 @@ pub(super) async fn write_account(
     producer: &str,
     account: &Account<'_>,
 ) -> Result<(), StoreError> {
-    let id = match account.stored {
-        Some((id, _)) => id,
+    let id = match account.id() {
+        Some(id) => id.0,
         None => insert_producer(connection, environment, producer)
             .await
             .map_err(aborted)?,
     };
+
     let (before, last) = (signed(account.before().get()), signed(account.last().get()));
     let text = "update producers set sequence = ?, owner = coalesce(owner, ?) where id = ? and sequence = ?";
     let done = sqlx::query(text)
         .bind(last)
-        .bind(account.owner.clone())
+        .bind(account.owner().map(str::to_owned))
         .bind(id)
         .bind(before)
         .execute(&mut *connection)
@@ -43,10 +42,13 @@ pub(super) async fn write_account(
             "the sequence of producer `{producer}` is no longer {before}"
         )));
     }
-    insert_batches(connection, id, &account.accepted)
+
+    insert_batches(connection, id, account.accepted())
         .await
         .map_err(aborted)?;
-    prune_batches(connection, id, last).await.map_err(aborted)
+    prune_batches(connection, id, account.last())
+        .await
+        .map_err(aborted)
 }
 
 async fn insert_producer(
@@ -75,13 +77,14 @@ async fn insert_batches(
             "",
         )
     });
+
     for (sql, chunk) in INSERT.chunks(batches) {
         let mut query = sqlx::query(sql);
         for batch in chunk {
             query = query.bind(producer).bind(signed(batch.sequence.get()));
             query = query
                 .bind(batch.digest.0.to_vec())
-                .bind(text::of_receipt(&batch.receipt));
+                .bind(stored_forms::write_receipt(&batch.receipt));
         }
         query.execute(&mut *connection).await?;
     }
@@ -91,14 +94,14 @@ async fn insert_batches(
 async fn prune_batches(
     connection: &mut SqliteConnection,
     producer: i64,
-    last: i64,
+    watermark: Sequence,
 ) -> Result<(), sqlx::Error> {
-    let oldest_kept = last - signed(KEPT);
-    if oldest_kept > 0 {
+    let dropped = last_dropped(watermark);
+    if dropped != Sequence::NONE {
         let text = "delete from batches where producer = ? and sequence <= ?";
         sqlx::query(text)
             .bind(producer)
-            .bind(oldest_kept)
+            .bind(signed(dropped.get()))
             .execute(connection)
             .await?;
     }

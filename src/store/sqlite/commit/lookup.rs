@@ -1,4 +1,4 @@
-//! Finding states and cells that exist.
+//! Look-ups of states and cells that exist, through the row id cache.
 
 use std::sync::LazyLock;
 
@@ -6,9 +6,9 @@ use sqlx::Row;
 use sqlx::sqlite::SqliteConnection;
 
 use crate::domain::{EnvironmentId, StateKey};
-use crate::store::sqlite::known::{CellKey, Known};
+use crate::store::sqlite::row_id_cache::{CellKey, RowIdCache};
 use crate::store::sqlite::rows::ManyRows;
-use crate::store::sqlite::text;
+use crate::store::sqlite::stored_forms;
 
 /// States a statement; their keys are one text.
 const KEYS: usize = 1_000;
@@ -16,14 +16,15 @@ const KEYS: usize = 1_000;
 /// Returns the id of each state that exists. Hot states come from memory.
 pub(super) async fn states(
     connection: &mut SqliteConnection,
-    known: &mut Known,
+    row_ids: &mut RowIdCache,
     environment: EnvironmentId,
     keys: &[&StateKey],
 ) -> Result<Vec<Option<i64>>, sqlx::Error> {
     let mut found: Vec<Option<i64>> = keys
         .iter()
-        .map(|key| known.state(environment, key))
+        .map(|key| row_ids.state_id(environment, key))
         .collect();
+
     let missing: Vec<usize> = (0..keys.len()).filter(|at| found[*at].is_none()).collect();
     for chunk in missing.chunks(KEYS) {
         for (at, id) in
@@ -31,7 +32,7 @@ pub(super) async fn states(
         {
             let at = chunk[at];
             found[at] = Some(id);
-            known.add_state(environment, keys[at], id);
+            row_ids.add_state(environment, keys[at], id);
         }
     }
     Ok(found)
@@ -47,7 +48,7 @@ async fn select_states(
          cross join states on states.environment = ?1 and states.key = wanted.value",
     )
     .bind(environment.0)
-    .bind(text::of_list(keys))
+    .bind(stored_forms::json_texts(keys))
     .fetch_all(connection)
     .await?;
     rows.iter()
@@ -58,15 +59,17 @@ async fn select_states(
 /// Returns how many of these cells exist; each is given once. Hot cells come from memory.
 pub(super) async fn count_cells(
     connection: &mut SqliteConnection,
-    known: &mut Known,
+    row_ids: &mut RowIdCache,
     cells: &[CellKey],
 ) -> Result<u64, sqlx::Error> {
     let mut unknown: Vec<CellKey> = cells
         .iter()
-        .filter(|cell| !known.has_cell(cell))
+        .filter(|cell| !row_ids.has_cell(cell))
         .copied()
         .collect();
+    // In the order of the table, so that neighbours are on one page.
     unknown.sort_unstable();
+
     let remembered = (cells.len() - unknown.len()) as u64;
     Ok(remembered + select_count(connection, &unknown).await?)
 }
@@ -83,16 +86,14 @@ async fn select_count(
              on cells.state = wanted.column1 and cells.segment = wanted.column2 and cells.joint = wanted.column3",
         )
     });
+
     let mut present = 0;
     for (text, chunk) in COUNT.chunks(cells) {
-        let bind = |query: sqlx::query::QueryScalar<'static, _, i64, _>, cell: &CellKey| {
-            query.bind(cell.0).bind(cell.1).bind(cell.2)
-        };
-        let count = chunk
-            .iter()
-            .fold(sqlx::query_scalar(text), bind)
-            .fetch_one(&mut *connection)
-            .await?;
+        let mut query = sqlx::query_scalar(text);
+        for (state, segment, joint) in chunk {
+            query = query.bind(*state).bind(*segment).bind(*joint);
+        }
+        let count: i64 = query.fetch_one(&mut *connection).await?;
         present += count.unsigned_abs();
     }
     Ok(present)

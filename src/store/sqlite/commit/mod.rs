@@ -1,28 +1,22 @@
-//! Counting batches exactly once: decide each by the table of [`crate::store::Store`], merge what
-//! is accepted, write it, commit.
+//! Group commit: all batches that wait are counted in one transaction, exactly once.
 //!
-//! `ledger` is what the database says before, and what is accepted on top of it; `decide` is the
-//! table; `quota` its last row; `merge` adds equal cells together; `write` and `account` put it all
-//! into the database. Whoever asks again within the `window` hears what was said first.
+//! What counts is for [`crate::store::ledger`] to say. `books` answers its questions; `write` and
+//! `account` put into the database what it accepts; `lookup` finds what exists. `failed` says whose
+//! rows were at fault.
 
+use self::books::SqliteBooks;
 use self::failed::Failed;
-use self::ledger::Ledgers;
 use super::directory::Directory;
 use super::writer::Writer;
+use crate::store::ledger::{Ledger, Ledgers};
 use crate::store::{Numbered, Outcome, Quotas, StoreError};
 
 mod account;
-mod decide;
+mod books;
 mod failed;
-mod ledger;
 mod lookup;
-mod merge;
-mod quota;
 mod signed;
-mod window;
 mod write;
-
-pub(super) use self::window::KEPT;
 
 /// Commits batches in their order, in one transaction, and returns an outcome each. An environment
 /// that turns out to be damaged holds up no other: it takes no more batches, and the rest is begun
@@ -51,17 +45,24 @@ async fn attempt(
     batches: &[Numbered],
 ) -> Result<Vec<Outcome>, Failed> {
     let mut transaction = writer.begin().await?;
-    let mut ledgers = Ledgers::read(transaction.connection(), directory, quotas, batches).await?;
+    let mut books = SqliteBooks {
+        transaction: &mut transaction,
+        directory,
+    };
+    let mut ledgers = Ledgers::open(&mut books, quotas, batches).await?;
+
     let mut outcomes = Vec::with_capacity(batches.len());
     for batch in batches {
-        let decided = decide::decide(&mut transaction, &mut ledgers, batch).await;
-        outcomes.push(decided.map_err(|error| Failed::in_environment(batch.environment, error))?);
+        outcomes.push(ledgers.decide(&mut books, batch).await?);
     }
-    if ledgers.accepted_nothing() {
+
+    let accepted: Vec<Ledger<'_>> = ledgers.into_accepted().collect();
+    if accepted.is_empty() {
         transaction.end().await?;
         return Ok(outcomes);
     }
-    let deltas = write::write(&mut transaction, ledgers).await?;
+
+    let deltas = write::write(&mut transaction, accepted).await?;
     transaction
         .commit(|memory, _| deltas.iter().for_each(|delta| delta.apply_to(memory)))
         .await?;

@@ -1,5 +1,5 @@
-//! Writing what was accepted: segments and states that are new, cells and totals. The numbers that
-//! were used are in `account`.
+//! Batch upserts of what was accepted: segments and states that are new, cells and totals. The
+//! numbers that were used are in `account`.
 
 use std::sync::LazyLock;
 
@@ -7,14 +7,14 @@ use sqlx::sqlite::SqliteConnection;
 
 use super::account::write_account;
 use super::failed::Failed;
-use super::ledger::{Ledger, Ledgers};
 use super::lookup;
 use super::signed::signed;
 use crate::domain::{Cell, EnvironmentId, SegmentId, StateKey, Tally};
 use crate::store::StoreError;
+use crate::store::ledger::Ledger;
 use crate::store::sqlite::error::aborted;
-use crate::store::sqlite::known::{CellKey, Known};
 use crate::store::sqlite::memory::Memory;
+use crate::store::sqlite::row_id_cache::{CellKey, RowIdCache};
 use crate::store::sqlite::rows::ManyRows;
 use crate::store::sqlite::writer::Transaction;
 
@@ -46,6 +46,7 @@ impl Delta<'_> {
             )
         });
         memory.cache.apply(self.environment, self.revision, delta);
+
         let actions = self.rows.iter().map(|row| (row.key.2 as u64, row.tally));
         memory
             .actions
@@ -66,13 +67,13 @@ impl CellRow {
 /// Writes everything, and returns what memory has to be told after COMMIT.
 pub(super) async fn write<'a>(
     transaction: &mut Transaction<'_>,
-    ledgers: Ledgers<'a>,
+    accepted: Vec<Ledger<'a>>,
 ) -> Result<Vec<Delta<'a>>, Failed> {
-    let (connection, known) = transaction.parts();
+    let (connection, row_ids) = transaction.parts();
     let mut deltas = Vec::new();
-    for ledger in ledgers.into_accepted() {
+    for ledger in accepted {
         let environment = ledger.environment;
-        let written = write_ledger(connection, known, ledger).await;
+        let written = write_ledger(connection, row_ids, ledger).await;
         deltas.extend(written.map_err(|error| Failed::in_environment(environment, error))?);
     }
     Ok(deltas)
@@ -80,20 +81,17 @@ pub(super) async fn write<'a>(
 
 async fn write_ledger<'a>(
     connection: &mut SqliteConnection,
-    known: &mut Known,
+    row_ids: &mut RowIdCache,
     mut ledger: Ledger<'a>,
 ) -> Result<Option<Delta<'a>>, StoreError> {
-    for (name, account) in ledger
-        .accounts
-        .iter()
-        .filter(|(_, account)| !account.accepted.is_empty())
-    {
+    for (name, account) in ledger.advanced() {
         write_account(connection, ledger.environment, name, account).await?;
     }
+
     if ledger.merged.len() == 0 {
         return Ok(None);
     }
-    write_counts(connection, known, &mut ledger)
+    write_counts(connection, row_ids, &mut ledger)
         .await
         .map(Some)
         .map_err(aborted)
@@ -101,26 +99,28 @@ async fn write_ledger<'a>(
 
 async fn write_counts<'a>(
     connection: &mut SqliteConnection,
-    known: &mut Known,
+    row_ids: &mut RowIdCache,
     ledger: &mut Ledger<'a>,
 ) -> Result<Delta<'a>, sqlx::Error> {
     let environment = ledger.environment;
     let segments = segments(connection, ledger).await?;
-    let states = states(connection, known, environment, ledger.merged.states()).await?;
+    let states = states(connection, row_ids, environment, ledger.merged.states()).await?;
     let rows = cell_rows(ledger, &segments, &states.ids);
-    let fresh = count_fresh(connection, known, &rows, states.first_new).await?;
+
+    // Counted before they are written, for afterwards all of them exist.
+    let fresh = count_fresh(connection, row_ids, &rows, states.first_new).await?;
     upsert_cells(connection, &rows).await?;
-    rows.iter().for_each(|row| known.add_cell(row.key));
+    rows.iter().for_each(|row| row_ids.add_cell(row.key));
+
     add_totals(
         connection,
         environment,
         [ledger.merged.transitions(), states.new, fresh],
     )
     .await?;
-    let revision = ledger.transitions + ledger.merged.transitions();
     Ok(Delta {
         environment,
-        revision,
+        revision: ledger.revision(),
         states: ledger.merged.states().to_vec(),
         rows,
     })
@@ -133,8 +133,8 @@ async fn segments(
 ) -> Result<Vec<i64>, sqlx::Error> {
     let mut ids = Vec::new();
     for label in ledger.merged.segments() {
-        ids.push(match ledger.segments.get(label) {
-            Some(id) => *id,
+        ids.push(match ledger.segment(label) {
+            Some(id) => id.0,
             None => insert_segment(connection, ledger.environment, label).await?,
         });
     }
@@ -166,20 +166,23 @@ struct States {
 /// itself, so it needs no answer from the database.
 async fn states(
     connection: &mut SqliteConnection,
-    known: &mut Known,
+    row_ids: &mut RowIdCache,
     environment: EnvironmentId,
     keys: &[&StateKey],
 ) -> Result<States, sqlx::Error> {
-    let found = lookup::states(connection, known, environment, keys).await?;
+    let found = lookup::states(connection, row_ids, environment, keys).await?;
     let text = "select coalesce(max(id), 0) + 1 from states";
     let first_new: i64 = sqlx::query_scalar(text).fetch_one(&mut *connection).await?;
+
     let mut new: Vec<usize> = (0..keys.len()).filter(|at| found[*at].is_none()).collect();
     new.sort_unstable_by_key(|at| keys[*at]);
+
     let mut ids: Vec<i64> = found.into_iter().map(|id| id.unwrap_or_default()).collect();
     for (id, at) in (first_new..).zip(&new) {
         ids[*at] = id;
-        known.add_state(environment, keys[*at], id);
+        row_ids.add_state(environment, keys[*at], id);
     }
+
     let rows: Vec<(i64, &StateKey)> = new.iter().map(|at| (ids[*at], keys[*at])).collect();
     insert_states(connection, environment, &rows).await?;
     Ok(States {
@@ -201,6 +204,7 @@ async fn insert_states(
             "",
         )
     });
+
     for (text, chunk) in INSERT.chunks(rows) {
         let mut query = sqlx::query(text);
         for (id, key) in chunk {
@@ -223,6 +227,7 @@ fn cell_rows(ledger: &mut Ledger<'_>, segments: &[i64], states: &[i64]) -> Vec<C
         tally,
         state,
     };
+
     let mut rows: Vec<CellRow> = ledger.merged.take_cells().map(row).collect();
     rows.sort_unstable_by_key(|row| row.key);
     rows
@@ -232,13 +237,13 @@ fn cell_rows(ledger: &mut Ledger<'_>, segments: &[i64], states: &[i64]) -> Vec<C
 /// found.
 async fn count_fresh(
     connection: &mut SqliteConnection,
-    known: &mut Known,
+    row_ids: &mut RowIdCache,
     rows: &[CellRow],
     first_new_state: i64,
 ) -> Result<u64, sqlx::Error> {
     let of_older = rows.partition_point(|row| row.key.0 < first_new_state);
     let candidates: Vec<CellKey> = rows[..of_older].iter().map(|row| row.key).collect();
-    Ok(rows.len() as u64 - lookup::count_cells(connection, known, &candidates).await?)
+    Ok(rows.len() as u64 - lookup::count_cells(connection, row_ids, &candidates).await?)
 }
 
 async fn upsert_cells(
@@ -252,6 +257,7 @@ async fn upsert_cells(
             "on conflict do update set n = n + excluded.n, entries = entries + excluded.entries",
         )
     });
+
     for (text, chunk) in UPSERT.chunks(rows) {
         let mut query = sqlx::query(text);
         for CellRow {

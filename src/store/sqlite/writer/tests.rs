@@ -92,8 +92,8 @@ async fn a_failed_commit_has_an_unknown_outcome_and_is_settled_by_the_next_trans
     );
     assert_eq!(children(&writer).await, 0);
     assert!(remember_a_state(&writer.memory.cache));
-    let known = &mut writer.place.lock().await.known;
-    assert_eq!(known.state(ENVIRONMENT, &StateKey::new(&[1])), None);
+    let row_ids = &mut writer.place.lock().await.row_ids;
+    assert_eq!(row_ids.state_id(ENVIRONMENT, &StateKey::new(&[1])), None);
 }
 
 #[tokio::test]
@@ -144,7 +144,7 @@ async fn a_journal_that_vanishes_before_the_commit_is_told_makes_it_uncertain() 
     .await;
     std::fs::rename(&journal, &away).expect("moved");
     let told = transaction.commit(|_, _| ()).await;
-    let is_moved = |cause: &Cause| cause.trouble == Trouble::Moved;
+    let is_moved = |cause: &Cause| cause.fault == StorageFault::Moved;
     assert!(
         matches!(&told, Err(StoreError::OutcomeUnknown(cause)) if is_moved(cause)),
         "{told:?}"

@@ -1,5 +1,5 @@
-//! States and cells that are known to exist, so that writing to hot ones needs no look-up. It
-//! belongs to the writer, and a transaction that fails empties it.
+//! Write-through cache of the row ids of states and of the cells that exist, so that writing to hot
+//! ones needs no look-up. It belongs to the writer, and a transaction that fails empties it.
 
 use super::recent::Recent;
 use crate::domain::{EnvironmentId, StateKey};
@@ -10,13 +10,13 @@ pub(super) type CellKey = (i64, i64, i64);
 /// States and cells a generation: about 100 bytes a state and 30 a cell.
 const GENERATION: usize = 65_536;
 
-/// A bounded memory of what exists.
-pub(super) struct Known {
+/// A bounded cache of rows that exist.
+pub(super) struct RowIdCache {
     states: Recent<(EnvironmentId, StateKey), i64>,
     cells: Recent<CellKey, ()>,
 }
 
-impl Default for Known {
+impl Default for RowIdCache {
     fn default() -> Self {
         Self {
             states: Recent::new(GENERATION),
@@ -25,9 +25,9 @@ impl Default for Known {
     }
 }
 
-impl Known {
+impl RowIdCache {
     /// Returns the id of a state, where it is remembered.
-    pub(super) fn state(&mut self, environment: EnvironmentId, key: &StateKey) -> Option<i64> {
+    pub(super) fn state_id(&mut self, environment: EnvironmentId, key: &StateKey) -> Option<i64> {
         self.states.get(&(environment, key.clone()))
     }
 

@@ -2,4 +2,4 @@
 
 /// A map of keys that came from outside: fast, and seeded so that nobody can choose them to
 /// collide.
-pub(super) type Map<K, V> = foldhash::HashMap<K, V>;
+pub(in crate::store) type Map<K, V> = foldhash::HashMap<K, V>;

@@ -1,5 +1,5 @@
-//! How schemas, rules and receipts are written in the database: JSON of our own, apart from every
-//! face's, because it is kept for ever.
+//! Serialised forms of schemas, rules and receipts in the database: versioned JSON of our own,
+//! apart from every face's, because it is kept for ever.
 //!
 //! Floats are texts in it: the shortest decimal, which the standard library reads back to the same
 //! bits. JSON numbers would be read by rules of somebody else's.
@@ -80,30 +80,33 @@ struct ReceiptText {
     #[serde(default, skip_serializing_if = "is_zero")]
     rejected_count: u64,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    rejected: Vec<(u32, String, String)>,
+    rejected: Vec<RejectionText>,
 }
 
+/// Index, field and reason.
+type RejectionText = (u32, String, String);
+
 /// Writes a schema.
-pub(super) fn of_schema(schema: &Schema) -> String {
+pub(super) fn write_schema(schema: &Schema) -> String {
     let draft = schema.draft();
-    let agent = |agent: AgentDraft| AgentText {
+    let text = SchemaText {
+        state: features_text(draft.state),
+        agents: draft.agents.into_iter().map(agent_text).collect(),
+    };
+    form::write(SCHEMA_FORM, &text)
+}
+
+fn agent_text(agent: AgentDraft) -> AgentText {
+    AgentText {
         name: agent.name,
         action: features_text(agent.action),
-    };
-    let agents = draft.agents.into_iter().map(agent).collect();
-    form::write(
-        SCHEMA_FORM,
-        &SchemaText {
-            state: features_text(draft.state),
-            agents,
-        },
-    )
+    }
 }
 
 /// Reads a schema back.
-pub(super) fn schema(text: &str) -> Result<Schema, Unreadable> {
+pub(super) fn read_schema(text: &str) -> Result<Schema, Unreadable> {
     match form::version(text)? {
-        1 => first_schema(form::read(text)?),
+        1 => first_schema(form::read_content(text)?),
         found => Err(Unreadable::Newer {
             found,
             newest: SCHEMA_FORM,
@@ -112,31 +115,30 @@ pub(super) fn schema(text: &str) -> Result<Schema, Unreadable> {
 }
 
 fn first_schema(text: SchemaText) -> Result<Schema, Unreadable> {
-    let agent = |agent: AgentText| {
-        Ok(AgentDraft {
-            name: agent.name,
-            action: features(agent.action)?,
-        })
-    };
-    let agents = text
-        .agents
-        .into_iter()
-        .map(agent)
-        .collect::<Result<_, Unreadable>>()?;
+    let agents = text.agents.into_iter().map(agent);
     let draft = SchemaDraft {
+        agents: agents.collect::<Result<_, Unreadable>>()?,
         state: features(text.state)?,
-        agents,
     };
+
     Schema::try_from(&draft)
         .map_err(|faults| Unreadable::spoiled(Problem::invalid("schema", faults)))
 }
 
+fn agent(text: AgentText) -> Result<AgentDraft, Unreadable> {
+    Ok(AgentDraft {
+        name: text.name,
+        action: features(text.action)?,
+    })
+}
+
 /// Writes a rule.
-pub(super) fn of_rule(rule: &WrittenRule) -> String {
+pub(super) fn write_rule(rule: &WrittenRule) -> String {
     let (threshold, share) = match rule.threshold {
         Threshold::Information(threshold) => (Some(threshold.to_string()), None),
         Threshold::Share(share) => (None, Some(share.to_string())),
     };
+
     let text = RuleText {
         kind: rule.kind.as_str().into(),
         threshold,
@@ -154,9 +156,9 @@ pub(super) fn of_rule(rule: &WrittenRule) -> String {
 }
 
 /// Reads a rule back.
-pub(super) fn rule(text: &str) -> Result<WrittenRule, Unreadable> {
+pub(super) fn read_rule(text: &str) -> Result<WrittenRule, Unreadable> {
     match form::version(text)? {
-        1 => first_rule(form::read(text)?),
+        1 => first_rule(form::read_content(text)?),
         found => Err(Unreadable::Newer {
             found,
             newest: RULE_FORM,
@@ -165,8 +167,6 @@ pub(super) fn rule(text: &str) -> Result<WrittenRule, Unreadable> {
 }
 
 fn first_rule(text: RuleText) -> Result<WrittenRule, Unreadable> {
-    let number =
-        |name, text: Option<String>| text.map(|text| parsed::<f64>(name, &text)).transpose();
     let draft = RuleDraft {
         kind: Some(text.kind),
         threshold: number("threshold", text.threshold)?,
@@ -176,28 +176,42 @@ fn first_rule(text: RuleText) -> Result<WrittenRule, Unreadable> {
         confidence: number("confidence", Some(text.confidence))?,
         estimators: Some(text.estimators),
     };
+
     // A rule is merged over another one, which has a threshold.
     if draft.threshold.is_none() && draft.share.is_none() {
         return Err(Unreadable::spoiled("it has neither threshold nor share"));
     }
+
     let merged = WrittenRule::default().merged(&draft);
     merged.map_err(|faults| Unreadable::spoiled(Problem::invalid("rule", faults)))
 }
 
+fn number(name: &str, text: Option<String>) -> Result<Option<f64>, Unreadable> {
+    text.map(|text| parsed(name, &text)).transpose()
+}
+
 /// Writes a receipt.
-pub(super) fn of_receipt(receipt: &Receipt) -> String {
-    let rejection = |r: &Rejection| (r.index, r.field.clone(), r.reason.clone());
+pub(super) fn write_receipt(receipt: &Receipt) -> String {
     form::write_plain(&ReceiptText {
         accepted: receipt.accepted,
         rejected_count: receipt.rejected_count,
-        rejected: receipt.rejected.iter().map(rejection).collect(),
+        rejected: receipt.rejected.iter().map(rejection_text).collect(),
     })
 }
 
+fn rejection_text(rejection: &Rejection) -> RejectionText {
+    let Rejection {
+        index,
+        field,
+        reason,
+    } = rejection;
+    (*index, field.clone(), reason.clone())
+}
+
 /// Reads a receipt back.
-pub(super) fn receipt(text: &str) -> Result<Receipt, Unreadable> {
+pub(super) fn read_receipt(text: &str) -> Result<Receipt, Unreadable> {
     match form::version(text)? {
-        1 => Ok(first_receipt(form::read(text)?)),
+        1 => Ok(first_receipt(form::read_content(text)?)),
         found => Err(Unreadable::Newer {
             found,
             newest: RECEIPT_FORM,
@@ -206,11 +220,6 @@ pub(super) fn receipt(text: &str) -> Result<Receipt, Unreadable> {
 }
 
 fn first_receipt(text: ReceiptText) -> Receipt {
-    let rejection = |(index, field, reason)| Rejection {
-        index,
-        field,
-        reason,
-    };
     Receipt {
         accepted: text.accepted,
         rejected_count: text.rejected_count,
@@ -218,8 +227,16 @@ fn first_receipt(text: ReceiptText) -> Receipt {
     }
 }
 
+fn rejection((index, field, reason): RejectionText) -> Rejection {
+    Rejection {
+        index,
+        field,
+        reason,
+    }
+}
+
 /// Writes a list of texts.
-pub(super) fn of_list<T: Display>(texts: impl IntoIterator<Item = T>) -> String {
+pub(super) fn json_texts<T: Display>(texts: impl IntoIterator<Item = T>) -> String {
     form::write_plain(
         &texts
             .into_iter()
@@ -229,7 +246,7 @@ pub(super) fn of_list<T: Display>(texts: impl IntoIterator<Item = T>) -> String 
 }
 
 /// Writes a list of numbers.
-pub(super) fn of_numbers(numbers: impl IntoIterator<Item = i64>) -> String {
+pub(super) fn json_numbers(numbers: impl IntoIterator<Item = i64>) -> String {
     form::write_plain(&numbers.into_iter().collect::<Vec<_>>())
 }
 
@@ -243,20 +260,21 @@ pub(super) fn compare_keys(a: &str, b: &str) -> Ordering {
 }
 
 fn features_text(features: Vec<FeatureDraft>) -> Vec<FeatureText> {
-    let feature = |feature: FeatureDraft| {
-        let kind = feature
-            .kinds
-            .into_iter()
-            .next()
-            .map(kind_text)
-            .expect("a schema's feature has one kind");
-        FeatureText {
-            name: feature.name,
-            unit: feature.unit,
-            kind,
-        }
-    };
-    features.into_iter().map(feature).collect()
+    features.into_iter().map(feature_text).collect()
+}
+
+fn feature_text(feature: FeatureDraft) -> FeatureText {
+    let kind = feature
+        .kinds
+        .into_iter()
+        .next()
+        .map(kind_text)
+        .expect("a schema's feature has one kind");
+    FeatureText {
+        name: feature.name,
+        unit: feature.unit,
+        kind,
+    }
 }
 
 fn kind_text(kind: KindDraft) -> KindText {
@@ -275,22 +293,22 @@ fn kind_text(kind: KindDraft) -> KindText {
 }
 
 fn features(texts: Vec<FeatureText>) -> Result<Vec<FeatureDraft>, Unreadable> {
-    let feature = |text: FeatureText| {
-        Ok(FeatureDraft {
-            name: text.name,
-            unit: text.unit,
-            kinds: vec![kind(text.kind)?],
-        })
-    };
     texts.into_iter().map(feature).collect()
+}
+
+fn feature(text: FeatureText) -> Result<FeatureDraft, Unreadable> {
+    Ok(FeatureDraft {
+        name: text.name,
+        unit: text.unit,
+        kinds: vec![kind(text.kind)?],
+    })
 }
 
 fn kind(text: KindText) -> Result<KindDraft, Unreadable> {
     Ok(match text {
-        // Widening an f32 is exact, so it cannot be rounded twice.
         KindText::Continuous(edges) => {
-            let edge = |edge: &String| parsed::<f32>("edges", edge).map(f64::from);
-            KindDraft::Continuous(edges.iter().map(edge).collect::<Result<_, _>>()?)
+            let edges = edges.iter().map(|text| edge(text));
+            KindDraft::Continuous(edges.collect::<Result<_, _>>()?)
         }
         KindText::Circular(bins) => KindDraft::Circular(bins, Some(Angle::Radians.as_str().into())),
         KindText::CircularDegrees(bins) => {
@@ -299,6 +317,11 @@ fn kind(text: KindText) -> Result<KindDraft, Unreadable> {
         KindText::Integer(min, max) => KindDraft::Integer(min, max),
         KindText::Categorical(labels) => KindDraft::Categorical(labels),
     })
+}
+
+/// Widening an f32 is exact, so it cannot be rounded twice.
+fn edge(text: &str) -> Result<f64, Unreadable> {
+    parsed::<f32>("edges", text).map(f64::from)
 }
 
 /// Reads a number or a word of ours.
@@ -316,7 +339,7 @@ mod tests {
     use super::*;
     use crate::domain::{Estimator, RuleKind, Unit};
 
-    fn feature(name: &str, kind: KindDraft) -> FeatureDraft {
+    fn named(name: &str, kind: KindDraft) -> FeatureDraft {
         FeatureDraft {
             name: name.into(),
             unit: Some("m/s²".into()),
@@ -328,16 +351,16 @@ mod tests {
         let labels = KindDraft::Categorical(vec!["a\"b\\".into(), "左".into()]);
         let agent = |name: &str| AgentDraft {
             name: name.into(),
-            action: vec![feature("move", labels.clone())],
+            action: vec![named("move", labels.clone())],
         };
         let state = vec![
-            feature("x", KindDraft::Continuous(edges)),
-            feature("y", KindDraft::Circular(8, Some("radians".into()))),
+            named("x", KindDraft::Continuous(edges)),
+            named("y", KindDraft::Circular(8, Some("radians".into()))),
             FeatureDraft {
                 unit: Some("°".into()),
-                ..feature("w", KindDraft::Circular(8, None))
+                ..named("w", KindDraft::Circular(8, None))
             },
-            feature("z", KindDraft::Integer(-3, 3)),
+            named("z", KindDraft::Integer(-3, 3)),
         ];
         Schema::try_from(&SchemaDraft {
             state,
@@ -357,11 +380,11 @@ mod tests {
             3.4e38,
         ];
         let written = schema_with_edges(awkward.map(f64::from).to_vec());
-        let text = of_schema(&written);
+        let text = write_schema(&written);
         assert!(text.contains("\"0.7\""), "{text}");
-        let read = schema(&text).expect("what we wrote");
+        let read = read_schema(&text).expect("what we wrote");
         assert_eq!((read.hash(), &read), (written.hash(), &written));
-        assert!(schema("{}").is_err());
+        assert!(read_schema("{}").is_err());
     }
 
     proptest::proptest! {
@@ -370,7 +393,7 @@ mod tests {
             let edge = f32::from_bits(bits);
             proptest::prop_assume!(edge.is_finite());
             let written = schema_with_edges(vec![f64::from(edge)]);
-            proptest::prop_assert_eq!(schema(&of_schema(&written)), Ok(written));
+            proptest::prop_assert_eq!(read_schema(&write_schema(&written)), Ok(written));
         }
 
         #[test]
@@ -384,7 +407,7 @@ mod tests {
                     confidence,
                     estimators: [Estimator::Nsb].into_iter().collect(),
                 };
-                proptest::prop_assert_eq!(rule(&of_rule(&written)), Ok(written));
+                proptest::prop_assert_eq!(read_rule(&write_rule(&written)), Ok(written));
             }
         }
     }
@@ -393,7 +416,7 @@ mod tests {
     fn what_was_written_before_units_and_shares_reads_as_it_was_meant() {
         let text = r#"{"state":[{"name":"x","unit":"deg","circular":8},{"name":"y","unit":"turns","circular":3},{"name":"z","circular":4}],
             "agents":[{"name":"a","action":[{"name":"go","integer":[0,1]}]},{"name":"b","action":[{"name":"go","integer":[0,1]}]}]}"#;
-        let read = schema(text).expect("an old schema");
+        let read = read_schema(text).expect("an old schema");
         assert_eq!(
             [0, 1, 2].map(|at| read.state()[at].kind.expected()),
             ["a finite angle in radians"; 3]
@@ -403,15 +426,15 @@ mod tests {
             read.hash().to_string(),
             "4051a8fd0e83a1b3fde790816df0ae25c5bca55026ff916017b5a38b6f79254a"
         );
-        assert_eq!(schema(&of_schema(&read)), Ok(read));
+        assert_eq!(read_schema(&write_schema(&read)), Ok(read));
         let old =
             r#"{"kind":"paper","threshold":"0.8","unit":"nats","min_visits":8,"confidence":"0.8"}"#;
         assert_eq!(
-            rule(old).expect("an old rule").threshold,
+            read_rule(old).expect("an old rule").threshold,
             Threshold::Information(0.8)
         );
         assert_eq!(
-            of_rule(&rule(old).expect("an old rule")),
+            write_rule(&read_rule(old).expect("an old rule")),
             old.replacen('{', "{\"form\":1,", 1)
         );
     }
@@ -420,19 +443,19 @@ mod tests {
     fn degrees_and_shares_are_written_so() {
         let degrees = r#"{"form":1,"state":[{"name":"x","unit":"deg","circular_degrees":8}],
             "agents":[{"name":"a","action":[{"name":"go","integer":[0,1]}]},{"name":"b","action":[{"name":"go","integer":[0,1]}]}]}"#;
-        let read = schema(degrees).expect("a schema");
+        let read = read_schema(degrees).expect("a schema");
         assert_eq!(read.state()[0].kind.expected(), "a finite angle in degrees");
-        assert_eq!(schema(&of_schema(&read)), Ok(read));
+        assert_eq!(read_schema(&write_schema(&read)), Ok(read));
 
         let share = r#"{"form":1,"kind":"evidence","share":"0.7","unit":"bits","min_visits":8,"confidence":"0.8"}"#;
-        let read = rule(share).expect("a rule");
+        let read = read_rule(share).expect("a rule");
         assert_eq!(read.threshold, Threshold::Share(0.7));
-        assert_eq!(of_rule(&read), share);
+        assert_eq!(write_rule(&read), share);
     }
 
     #[test]
     fn a_rule_that_nobody_could_give_is_spoiled() {
-        let written = of_rule(&WrittenRule::default());
+        let written = write_rule(&WrittenRule::default());
         let share = written.replace("\"threshold\":\"0.5\"", "\"share\":\"0.5\"");
         for (text, right, wrong, why) in [
             (
@@ -493,7 +516,7 @@ mod tests {
             (&written, "nats", "hartleys", "/unit: got \"hartleys\""),
         ] {
             assert!(text.contains(right), "{text}");
-            let told = rule(&text.replacen(right, wrong, 1))
+            let told = read_rule(&text.replacen(right, wrong, 1))
                 .expect_err("no rule")
                 .to_string();
             assert!(
@@ -509,7 +532,7 @@ mod tests {
             accepted: 7,
             ..Receipt::default()
         };
-        assert_eq!(of_receipt(&plain), r#"{"accepted":7}"#);
+        assert_eq!(write_receipt(&plain), r#"{"accepted":7}"#);
         let rejection = Rejection {
             index: 3,
             field: "/state/x".into(),
@@ -521,25 +544,25 @@ mod tests {
             rejected: vec![rejection],
         };
         for written in [plain, full] {
-            assert_eq!(receipt(&of_receipt(&written)), Ok(written));
+            assert_eq!(read_receipt(&write_receipt(&written)), Ok(written));
         }
     }
 
     #[test]
     fn schemas_and_rules_say_their_version_and_the_first_said_none() {
         let (schema_text, rule_text) = (
-            of_schema(&schema_with_edges(vec![0.7])),
-            of_rule(&WrittenRule::default()),
+            write_schema(&schema_with_edges(vec![0.7])),
+            write_rule(&WrittenRule::default()),
         );
         for text in [&schema_text, &rule_text] {
             assert!(text.starts_with(r#"{"form":1,"#), "{text}");
         }
         let before = |text: &str| text.replacen("\"form\":1,", "", 1);
         assert_eq!(
-            schema(&before(&schema_text)),
+            read_schema(&before(&schema_text)),
             Ok(schema_with_edges(vec![0.7]))
         );
-        assert_eq!(rule(&before(&rule_text)), Ok(WrittenRule::default()));
+        assert_eq!(read_rule(&before(&rule_text)), Ok(WrittenRule::default()));
     }
 
     #[test]
@@ -550,23 +573,23 @@ mod tests {
             newest: 1,
         };
         assert_eq!(
-            schema(&newer(of_schema(&schema_with_edges(vec![0.7])))),
+            read_schema(&newer(write_schema(&schema_with_edges(vec![0.7])))),
             Err(told.clone())
         );
         assert_eq!(
-            rule(&newer(of_rule(&WrittenRule::default()))),
+            read_rule(&newer(write_rule(&WrittenRule::default()))),
             Err(told.clone())
         );
-        assert_eq!(receipt(r#"{"form":4,"accepted":7}"#), Err(told));
+        assert_eq!(read_receipt(r#"{"form":4,"accepted":7}"#), Err(told));
 
-        let why = |text: &str| schema(text).expect_err("no schema").to_string();
+        let why = |text: &str| read_schema(text).expect_err("no schema").to_string();
         let one_agent = r#"{"state":[],"agents":[]}"#;
         assert!(
             why(one_agent).starts_with("it is not as it was written: invalid schema: "),
             "{}",
             why(one_agent)
         );
-        let edge = of_schema(&schema_with_edges(vec![0.7])).replace("\"0.7\"", "\"high\"");
+        let edge = write_schema(&schema_with_edges(vec![0.7])).replace("\"0.7\"", "\"high\"");
         assert!(
             why(&edge).contains("edges \"high\": invalid float"),
             "{}",

@@ -1,0 +1,127 @@
+//! Quotas and overflow: what an environment has no room for. Exact, and free of look-ups until a
+//! quota is near.
+
+use super::batch::{Numbered, Refusal};
+use super::book::Ledger;
+use super::books::{Books, CellAt};
+use super::merge::{CellName, stored_label};
+
+/// The largest number that a database holds.
+const MOST: u64 = i64::MAX as u64;
+
+/// Returns why a batch, which comes next in order, cannot be counted.
+pub(super) async fn refusal<B: Books>(
+    books: &mut B,
+    ledger: &mut Ledger<'_>,
+    batch: &Numbered,
+) -> Result<Option<Refusal>, B::Error> {
+    if overflows(ledger, batch) {
+        return Ok(Some(Refusal::Overflow));
+    }
+
+    let quotas = ledger.quotas;
+    if !has_room_for_producer(books, ledger, batch).await? {
+        return Ok(Some(over_quota("producers", quotas.producers)));
+    }
+    if !has_room_for_segment(books, ledger, batch).await? {
+        return Ok(Some(over_quota("segments", quotas.segments)));
+    }
+    // Last, because what it adds to the ledger's count of cells is counted from here on.
+    if !has_room_for_cells(books, ledger, batch).await? {
+        return Ok(Some(over_quota("cells", quotas.cells)));
+    }
+    Ok(None)
+}
+
+fn over_quota(what: &'static str, limit: u64) -> Refusal {
+    Refusal::Quota { what, limit }
+}
+
+/// The sum of all visits bounds every visit and every entry, so it is the only sum to check.
+fn overflows(ledger: &Ledger<'_>, batch: &Numbered) -> bool {
+    let sum = ledger.revision().checked_add(batch.increment.transitions);
+    let mut cells = batch.increment.cells.iter();
+    sum.is_none_or(|sum| sum > MOST) || cells.any(|(_, joint, _)| *joint > MOST)
+}
+
+async fn has_room_for_producer<B: Books>(
+    books: &mut B,
+    ledger: &Ledger<'_>,
+    batch: &Numbered,
+) -> Result<bool, B::Error> {
+    if ledger.account(batch).is_known() {
+        return Ok(true);
+    }
+
+    let stored = books.count_producers(ledger.environment).await?;
+    let new = ledger.accounts().filter(|account| account.is_new()).count() as u64;
+    Ok(stored + new < ledger.quotas.producers)
+}
+
+/// A segment begins with the first cell that is counted in it.
+async fn has_room_for_segment<B: Books>(
+    books: &mut B,
+    ledger: &Ledger<'_>,
+    batch: &Numbered,
+) -> Result<bool, B::Error> {
+    let label = stored_label(batch.increment.segment.as_ref());
+    let is_known = ledger.segment(label).is_some() || ledger.merged.segments().contains(&label);
+    if batch.increment.cells.is_empty() || is_known {
+        return Ok(true);
+    }
+
+    let stored = books.count_segments(ledger.environment).await?;
+    let mut new = 0;
+    for label in ledger.merged.segments() {
+        new += u64::from(ledger.segment(label).is_none());
+    }
+    Ok(stored + new < ledger.quotas.segments)
+}
+
+/// First as if every cell were new. Only where that does not fit are cells looked up, and from then
+/// on this commit keeps an exact count.
+async fn has_room_for_cells<B: Books>(
+    books: &mut B,
+    ledger: &mut Ledger<'_>,
+    batch: &Numbered,
+) -> Result<bool, B::Error> {
+    let room = ledger.quotas.cells.saturating_sub(ledger.cells);
+    let most = ledger.merged.len() + batch.increment.cells.len();
+    if ledger.fresh_cells.is_none() && most as u64 <= room {
+        return Ok(true);
+    }
+
+    let accepted = match ledger.fresh_cells {
+        Some(accepted) => accepted,
+        None => count_fresh(books, ledger, ledger.merged.cells().collect()).await?,
+    };
+    let added = count_fresh(books, ledger, ledger.merged.absent(&batch.increment)).await?;
+
+    // A quota that was lowered below what is stored keeps nobody from counting in known cells.
+    let fits = accepted + added <= room || added == 0;
+    ledger.fresh_cells = Some(if fits { accepted + added } else { accepted });
+    Ok(fits)
+}
+
+/// Returns how many of these cells the database does not have.
+async fn count_fresh<B: Books>(
+    books: &mut B,
+    ledger: &Ledger<'_>,
+    cells: Vec<CellName<'_>>,
+) -> Result<u64, B::Error> {
+    let candidates: Vec<CellAt<'_>> = cells
+        .iter()
+        .filter_map(|cell| in_stored_segment(ledger, cell))
+        .collect();
+    let present = books.count_cells(ledger.environment, &candidates).await?;
+    Ok(cells.len() as u64 - present)
+}
+
+/// A segment that is new has no cells yet.
+fn in_stored_segment<'k>(ledger: &Ledger<'_>, cell: &CellName<'k>) -> Option<CellAt<'k>> {
+    Some(CellAt {
+        state: cell.state,
+        segment: ledger.segment(cell.segment)?,
+        joint: cell.joint,
+    })
+}

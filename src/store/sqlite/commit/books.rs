@@ -1,0 +1,201 @@
+//! The ports of the exactly-once rule on SQLite: what it asks of a commit's environments,
+//! producers, kept batches and cells, as SQL in the transaction of that commit.
+
+use async_trait::async_trait;
+use sqlx::Row;
+use sqlx::sqlite::SqliteConnection;
+
+use super::failed::Failed;
+use super::lookup;
+use crate::domain::{Digest, EnvironmentId, Sequence, StateKey};
+use crate::store::StoreError;
+use crate::store::ledger::{Books, CellAt, Kept, Named, Opened, Opening, RowId, StoredProducer};
+use crate::store::sqlite::directory::Directory;
+use crate::store::sqlite::error::{aborted, spoiled};
+use crate::store::sqlite::row_id_cache::CellKey;
+use crate::store::sqlite::stored_forms;
+use crate::store::sqlite::writer::Transaction;
+
+/// What a transaction answers.
+pub(super) struct SqliteBooks<'t, 'w> {
+    pub(super) transaction: &'t mut Transaction<'w>,
+    pub(super) directory: &'t Directory,
+}
+
+#[async_trait]
+impl Books for SqliteBooks<'_, '_> {
+    type Error = Failed;
+
+    async fn open(
+        &mut self,
+        environment: EnvironmentId,
+        named: &Named<'_>,
+    ) -> Result<Opening, Failed> {
+        if self.directory.is_read_only(environment) {
+            return Ok(Opening::ReadOnly);
+        }
+
+        let opened = open(self.transaction.connection(), environment, named).await;
+        let opened = opened.map_err(|error| failed(environment, error))?;
+        Ok(opened.map_or(Opening::Gone, Opening::Open))
+    }
+
+    async fn count_producers(&mut self, environment: EnvironmentId) -> Result<u64, Failed> {
+        let text = "select count(*) from producers where environment = ?";
+        self.count(text, environment).await
+    }
+
+    async fn count_segments(&mut self, environment: EnvironmentId) -> Result<u64, Failed> {
+        let text = "select count(*) from segments where environment = ?";
+        self.count(text, environment).await
+    }
+
+    async fn count_cells(
+        &mut self,
+        environment: EnvironmentId,
+        cells: &[CellAt<'_>],
+    ) -> Result<u64, Failed> {
+        let present = count_cells(self.transaction, environment, cells).await;
+        present.map_err(|error| failed(environment, error))
+    }
+
+    async fn kept(
+        &mut self,
+        environment: EnvironmentId,
+        producer: RowId,
+        sequence: Sequence,
+    ) -> Result<Kept, Failed> {
+        let kept = kept(self.transaction.connection(), producer, sequence).await;
+        kept.map_err(|error| Failed::in_environment(environment, error))
+    }
+}
+
+impl SqliteBooks<'_, '_> {
+    async fn count(
+        &mut self,
+        text: &'static str,
+        environment: EnvironmentId,
+    ) -> Result<u64, Failed> {
+        let count = sqlx::query_scalar(text)
+            .bind(environment.0)
+            .fetch_one(self.transaction.connection())
+            .await;
+        let count: i64 = count.map_err(|error| failed(environment, error))?;
+        Ok(count.unsigned_abs())
+    }
+}
+
+fn failed(environment: EnvironmentId, error: sqlx::Error) -> Failed {
+    Failed::in_environment(environment, aborted(error))
+}
+
+async fn open(
+    connection: &mut SqliteConnection,
+    environment: EnvironmentId,
+    named: &Named<'_>,
+) -> Result<Option<Opened>, sqlx::Error> {
+    let row = sqlx::query("select transitions, cells from totals where environment = ?")
+        .bind(environment.0)
+        .fetch_optional(&mut *connection)
+        .await?;
+    let Some(row) = row else { return Ok(None) };
+
+    Ok(Some(Opened {
+        transitions: row.try_get::<i64, _>(0)?.unsigned_abs(),
+        cells: row.try_get::<i64, _>(1)?.unsigned_abs(),
+        producers: producers(connection, environment, &named.producers).await?,
+        segments: segments(connection, environment, &named.segments).await?,
+    }))
+}
+
+async fn producers(
+    connection: &mut SqliteConnection,
+    environment: EnvironmentId,
+    names: &[&str],
+) -> Result<Vec<(String, StoredProducer)>, sqlx::Error> {
+    let rows = sqlx::query(
+        "select producers.id, producers.name, producers.sequence, producers.owner
+         from json_each(?2) as wanted
+         cross join producers on producers.environment = ?1 and producers.name = wanted.value",
+    )
+    .bind(environment.0)
+    .bind(stored_forms::json_texts(names))
+    .fetch_all(connection)
+    .await?;
+
+    let mut found = Vec::with_capacity(rows.len());
+    for row in rows {
+        let producer = StoredProducer {
+            id: RowId(row.try_get(0)?),
+            sequence: Sequence::from_stored(row.try_get(2)?),
+            owner: row.try_get(3)?,
+        };
+        found.push((row.try_get(1)?, producer));
+    }
+    Ok(found)
+}
+
+async fn segments(
+    connection: &mut SqliteConnection,
+    environment: EnvironmentId,
+    labels: &[&str],
+) -> Result<Vec<(String, RowId)>, sqlx::Error> {
+    let rows = sqlx::query(
+        "select segments.id, segments.label
+         from json_each(?2) as wanted
+         cross join segments on segments.environment = ?1 and segments.label = wanted.value",
+    )
+    .bind(environment.0)
+    .bind(stored_forms::json_texts(labels))
+    .fetch_all(connection)
+    .await?;
+
+    let mut found = Vec::with_capacity(rows.len());
+    for row in rows {
+        found.push((row.try_get(1)?, RowId(row.try_get(0)?)));
+    }
+    Ok(found)
+}
+
+async fn count_cells(
+    transaction: &mut Transaction<'_>,
+    environment: EnvironmentId,
+    cells: &[CellAt<'_>],
+) -> Result<u64, sqlx::Error> {
+    let (connection, row_ids) = transaction.parts();
+    let keys: Vec<&StateKey> = cells.iter().map(|cell| cell.state).collect();
+    let states = lookup::states(connection, row_ids, environment, &keys).await?;
+
+    let mut candidates: Vec<CellKey> = Vec::with_capacity(cells.len());
+    for (cell, state) in cells.iter().zip(states) {
+        // A state that is new has no cells yet.
+        candidates.extend(state.map(|state| (state, cell.segment.0, cell.joint as i64)));
+    }
+    lookup::count_cells(connection, row_ids, &candidates).await
+}
+
+async fn kept(
+    connection: &mut SqliteConnection,
+    producer: RowId,
+    sequence: Sequence,
+) -> Result<Kept, StoreError> {
+    let row =
+        sqlx::query("select digest, receipt from batches where producer = ? and sequence = ?")
+            .bind(producer.0)
+            .bind(sequence.get() as i64)
+            .fetch_one(connection)
+            .await
+            .map_err(aborted)?;
+
+    let digest = row.try_get::<&[u8], _>(0).map_err(aborted)?.try_into();
+    let digest = digest.map_err(|_| spoiled(&format!("the digest of batch {sequence}")))?;
+    let receipt = stored_forms::read_receipt(row.try_get(1).map_err(aborted)?);
+    if let Err(why) = &receipt {
+        let (producer, sequence) = (producer.0, sequence.get());
+        tracing::warn!(producer, sequence, %why, "a receipt cannot be read");
+    }
+    Ok(Kept {
+        digest: Digest(digest),
+        receipt: receipt.ok(),
+    })
+}
