@@ -46,7 +46,7 @@ use crate::domain::{
 };
 use crate::error::{Fault, Problem};
 use crate::model::Networks;
-use crate::priors::Fits;
+use crate::priors::PriorRegistry;
 use crate::store::{ByVisits, Store, Totals};
 use crate::telemetry;
 use crate::work::{Jobs, Progress, Work, aside};
@@ -64,7 +64,7 @@ type Fitting = (EnvironmentId, Option<Pair>);
 #[derive(Clone)]
 pub struct Influence {
     store: Arc<dyn Store>,
-    fits: Fits,
+    fits: PriorRegistry,
     networks: Networks,
     work: Work,
     ranks: Shared<survey::RanksKey, Ranks>,
@@ -77,7 +77,7 @@ pub struct Influence {
 impl Influence {
     /// Makes a handle on the answers from a store, the priors fitted to it and the networks that
     /// are asked where counts do not decide.
-    pub fn new(store: Arc<dyn Store>, fits: Fits, networks: Networks, work: Work) -> Self {
+    pub fn new(store: Arc<dyn Store>, fits: PriorRegistry, networks: Networks, work: Work) -> Self {
         let stopping = || work.stopping.clone();
         Self {
             ranks: Shared::new("the ranking", stopping()),

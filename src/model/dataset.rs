@@ -14,7 +14,7 @@ use crate::domain::{Environment, FitId, Pair, StateKey, Within};
 use crate::error::Problem;
 use crate::evidence::{Base, Counted, Ego};
 use crate::information::{Alphabet, Table};
-use crate::priors::{self, Draws, Fits, Fitted, Pages, Sample, Tables};
+use crate::priors::{self, Draws, Fitted, Pages, PriorRegistry, Sample, Tables};
 use crate::store::Store;
 use crate::work::beside;
 
@@ -53,7 +53,7 @@ impl Dataset {
     /// where the alphabets are too large for it.
     pub async fn read(
         store: &dyn Store,
-        fits: &Fits,
+        fits: &PriorRegistry,
         environment: &Environment,
         pair: &Pair,
     ) -> Result<Option<Self>, Problem> {

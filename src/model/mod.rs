@@ -64,7 +64,7 @@ use crate::domain::{
 };
 use crate::error::{ErrorKind, Fault, Problem};
 use crate::evidence::MOST_CELLS;
-use crate::priors::Fits;
+use crate::priors::PriorRegistry;
 use crate::store::Store;
 use crate::telemetry;
 use crate::work::STOPPING;
@@ -77,7 +77,7 @@ pub use network::{Network, Prediction};
 #[derive(Clone)]
 pub struct Networks {
     store: Arc<dyn Store>,
-    fits: Fits,
+    fits: PriorRegistry,
     registry: Registry,
     jobs: Jobs,
     /// One training at a time: in the order of asking.
@@ -88,7 +88,7 @@ pub struct Networks {
 
 impl Networks {
     /// Makes a handle on the networks of a store, judged by the priors fitted to it.
-    pub fn new(store: Arc<dyn Store>, fits: Fits) -> Self {
+    pub fn new(store: Arc<dyn Store>, fits: PriorRegistry) -> Self {
         Self {
             registry: Registry::new(store.clone()),
             store,

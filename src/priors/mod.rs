@@ -116,7 +116,7 @@ type Key = (EnvironmentId, Pair);
 
 /// The fits of every environment. Cloning is cheap.
 #[derive(Clone)]
-pub struct Fits {
+pub struct PriorRegistry {
     store: Arc<dyn Store>,
     kept: Arc<Mutex<LruCache<Key, Arc<Fitted>>>>,
     asked: Arc<Asked>,
@@ -124,7 +124,7 @@ pub struct Fits {
     gate: Gate,
 }
 
-impl Fits {
+impl PriorRegistry {
     /// Keeps the fits of a store, made on a thread of their own.
     pub fn new(store: Arc<dyn Store>) -> Self {
         Self::made_in(
@@ -299,8 +299,8 @@ impl Fits {
         Some((oldest.id.revision, oldest.made))
     }
 
-    /// Says in the log which fits cannot be read, and why. [`Fits::keep_up`] and [`Fits::fit`] make
-    /// others.
+    /// Says in the log which fits cannot be read, and why. [`PriorRegistry::keep_up`] and
+    /// [`PriorRegistry::fit`] make others.
     pub async fn tell_unreadable(&self) {
         for environment in self.store.environments() {
             match self.store.fits(environment.id).await {
