@@ -24,8 +24,8 @@ mod asked;
 mod known;
 mod sample;
 mod scan;
+mod stored_forms;
 mod tables;
-mod text;
 
 pub use scan::Pages;
 pub use tables::{Draws, Tables};
@@ -163,13 +163,17 @@ impl PriorRegistry {
         let records = self.store.fits(environment.id).await?;
         let record = records
             .into_iter()
-            .find(|record| record.pair == text::of_pair(&key.1));
+            .find(|record| record.pair == stored_forms::write_pair(&key.1));
         let last_version = record.as_ref().map_or(0, |record| record.id.version);
 
         // One that cannot be read was told at the start, and is made again. Until then answers say
         // that nothing was fitted.
-        let stored =
-            record.and_then(|record| Some((record.id, text::fit(&record.body, alphabet).ok()?)));
+        let stored = record.and_then(|record| {
+            Some((
+                record.id,
+                stored_forms::read_fit(&record.body, alphabet).ok()?,
+            ))
+        });
         let (id, fit) = stored.unwrap_or_else(|| (FitId::default(), Fit::cold(alphabet)));
         Ok(Some(self.keep(key, id, last_version, None, fit)))
     }
@@ -262,9 +266,9 @@ impl PriorRegistry {
             revision: totals.transitions,
         };
         let record = FitRecord {
-            pair: text::of_pair(&pair),
+            pair: stored_forms::write_pair(&pair),
             id,
-            body: text::of_fit(&fit),
+            body: stored_forms::write_fit(&fit),
         };
         self.store
             .keep_fit(environment.id, &record)
@@ -509,11 +513,11 @@ fn unreadable(schema: &Schema, record: &FitRecord) -> Option<Unreadable> {
             .chain(&pair.given)
             .all(|agent| agents.contains(agent))
     };
-    match text::pair(&record.pair)
+    match stored_forms::read_pair(&record.pair)
         .filter(known)
         .and_then(|pair| alphabet(schema, &pair))
     {
-        Some(alphabet) => text::fit(&record.body, alphabet).err(),
+        Some(alphabet) => stored_forms::read_fit(&record.body, alphabet).err(),
         None => Some(Unreadable::spoiled("nothing is fitted to this pair")),
     }
 }
