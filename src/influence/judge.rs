@@ -7,7 +7,7 @@ use crate::domain::{
 use crate::evidence::{self, Believed};
 use crate::information::plug_in;
 use crate::model::{Network, Prediction};
-use crate::priors::{Draws, Found, Ground, Informed, Tables};
+use crate::priors::{Draws, EvidenceInputs, Informed, StateEvidence, Tables};
 
 /// Who judges: a schema, a question's scope and the fit that the evidence rests on.
 #[derive(Clone, Copy)]
@@ -159,23 +159,23 @@ impl Judge<'_> {
         informed: &Informed,
         key: &StateKey,
         tally: Tally,
-        find: impl FnOnce() -> Found,
-    ) -> Found {
+        find: impl FnOnce() -> StateEvidence,
+    ) -> StateEvidence {
         if !self.remembers {
             return find();
         }
         let threshold = self.scope.rule.threshold_nats();
-        let ground = Ground {
+        let inputs = EvidenceInputs {
             tally,
             revision: informed.revision,
             threshold,
             within: self.scope.within,
         };
-        informed.known.get_or_find(key, ground, find)
+        informed.evidence_cache.get_or_find(key, inputs, find)
     }
 
     /// Returns what the draws of a state support, in nats.
-    fn found(&self, informed: &Informed, draws: &Draws<'_>) -> Found {
+    fn found(&self, informed: &Informed, draws: &Draws<'_>) -> StateEvidence {
         let threshold = self.scope.rule.threshold_nats();
         let posterior = informed.prior.posterior(&informed.habits, draws.counted());
         let believed = Believed::new(
@@ -195,6 +195,6 @@ impl Judge<'_> {
             differ: posterior.by_segment().map(|by_segment| by_segment.differ),
             pooled: posterior.by_segment().map(|by_segment| by_segment.pooled),
         };
-        Found { evidence, believed }
+        StateEvidence { evidence, believed }
     }
 }

@@ -21,7 +21,7 @@ use crate::store::{FitRecord, Scanned, Store, StoreError};
 use crate::work::{Gate, Progress, Stopped};
 
 mod asked;
-mod known;
+mod evidence_cache;
 mod sample;
 mod scan;
 mod stored_forms;
@@ -30,10 +30,10 @@ mod tables;
 pub use scan::Pages;
 pub use tables::{Draws, Tables};
 
-pub use known::{Found, Ground};
+pub use evidence_cache::{EvidenceInputs, StateEvidence};
 
 use asked::Asked;
-use known::Known;
+use evidence_cache::EvidenceCache;
 pub use sample::Sample;
 
 /// Fits kept in memory.
@@ -60,7 +60,7 @@ pub struct Fitted {
     /// What answers are computed with.
     pub prior: Prior,
     /// What was found about single states.
-    pub known: Known,
+    pub evidence_cache: EvidenceCache,
     /// The last threshold asked for, and what is believed of it without counts: nearly all
     /// questions have the same.
     unseen: Mutex<Option<(f64, Beliefs)>>,
@@ -418,14 +418,15 @@ impl PriorRegistry {
         made: Option<Instant>,
         fit: Fit,
     ) -> Arc<Fitted> {
-        let (prior, known, unseen) = (Prior::new(&fit), Known::default(), Mutex::default());
+        let (prior, evidence_cache, unseen) =
+            (Prior::new(&fit), EvidenceCache::default(), Mutex::default());
         let fitted = Arc::new(Fitted {
             id,
             last_version,
             made,
             prior,
             fit,
-            known,
+            evidence_cache,
             unseen,
         });
         let mut kept = self.lock();
