@@ -1,7 +1,7 @@
 //! What each of the ego's actions does: how often it was taken, how far it moves the other, and how
 //! the other answers it.
 
-use super::judge::Judge;
+use super::assessor::Assessor;
 use crate::domain::{ActionFigures, Interval};
 use crate::evidence::ActionPosterior;
 use crate::information::Table;
@@ -9,9 +9,9 @@ use crate::priors::{self, Draws, Tables};
 
 /// Returns the figures of every ego action, seen or not, in index order; `draws` is what the
 /// evidence rests on.
-pub fn by_action(judge: Judge<'_>, tables: &Tables, draws: &Draws<'_>) -> Vec<ActionFigures> {
-    let pair = &judge.scope.pair;
-    let believed = judge.informed.and_then(|informed| {
+pub fn by_action(assessor: Assessor<'_>, tables: &Tables, draws: &Draws<'_>) -> Vec<ActionFigures> {
+    let pair = &assessor.scope.pair;
+    let believed = assessor.informed.and_then(|informed| {
         Some(
             informed
                 .in_detail()?
@@ -19,21 +19,21 @@ pub fn by_action(judge: Judge<'_>, tables: &Tables, draws: &Draws<'_>) -> Vec<Ac
         )
     });
     let mut believed = believed.unwrap_or_default().into_iter();
-    let figures = |index: u64| figures(judge, tables, index, believed.next());
-    (0..judge.schema.agents()[pair.ego].actions())
+    let figures = |index: u64| figures(assessor, tables, index, believed.next());
+    (0..assessor.schema.agents()[pair.ego].actions())
         .map(figures)
         .collect()
 }
 
 fn figures(
-    judge: Judge<'_>,
+    assessor: Assessor<'_>,
     tables: &Tables,
     index: u64,
     believed: Option<ActionPosterior>,
 ) -> ActionFigures {
-    let [ego, other] =
-        [judge.scope.pair.ego, judge.scope.pair.other].map(|agent| &judge.schema.agents()[agent]);
-    let unit = |nats: f64| judge.scope.unit.from_nats(nats);
+    let [ego, other] = [assessor.scope.pair.ego, assessor.scope.pair.other]
+        .map(|agent| &assessor.schema.agents()[agent]);
+    let unit = |nats: f64| assessor.scope.unit.from_nats(nats);
     let row = tables.whole.row_labels().binary_search(&index).ok();
     let seen = ActionFigures {
         index,

@@ -5,7 +5,7 @@ use std::cell::LazyCell;
 use rayon::prelude::*;
 
 use super::actions;
-use super::judge::{Judge, Judged};
+use super::assessor::{Assessment, Assessor};
 use super::store_errors::logged;
 use super::stratified::{self, Tested};
 use super::survey::Plan;
@@ -84,29 +84,29 @@ pub async fn answers(
 
 /// Returns a warning where pooled and stratified answers disagree: by their tests, where those were
 /// asked for, else by the evidence.
-fn warning(tested: Option<Tested>, judged: &Judged) -> Option<String> {
+fn warning(tested: Option<Tested>, assessment: &Assessment) -> Option<String> {
     match tested {
         Some(tested) => tested.warning(),
-        None => stratified::warning(&judged.evidence?),
+        None => stratified::warning(&assessment.evidence?),
     }
 }
 
 impl Ground {
-    fn judge(&self) -> Judge<'_> {
-        self.plan.judge(self.question.view)
+    fn assessor(&self) -> Assessor<'_> {
+        self.plan.assessor(self.question.view)
     }
 
     /// Answers one state after another.
     pub fn answers_here(&self, counts: &[StateCounts]) -> Vec<Answer> {
-        let (judge, keys) = (self.judge(), &self.question.states);
-        let told = keys.iter().zip(counts).zip(judge.predictions(keys));
-        told.map(|((key, counts), predicted)| self.answer(judge, key, counts, predicted))
+        let (assessor, keys) = (self.assessor(), &self.question.states);
+        let told = keys.iter().zip(counts).zip(assessor.predictions(keys));
+        told.map(|((key, counts), predicted)| self.answer(assessor, key, counts, predicted))
             .collect()
     }
 
     /// Answers by several threads.
     fn answers(&self, counts: &[StateCounts], stop: &Stop) -> Result<Vec<Answer>, Stopped> {
-        let judge = self.judge();
+        let assessor = self.assessor();
         let mut answers = Vec::with_capacity(counts.len());
         for (keys, counts) in self
             .question
@@ -115,10 +115,10 @@ impl Ground {
             .zip(counts.chunks(TOGETHER))
         {
             stop.check()?;
-            let told = keys.par_iter().zip(counts).zip(judge.predictions(keys));
+            let told = keys.par_iter().zip(counts).zip(assessor.predictions(keys));
             let answer = |((key, counts), predicted)| {
                 stop.check()?;
-                Ok(self.answer(judge, key, counts, predicted))
+                Ok(self.answer(assessor, key, counts, predicted))
             };
             answers.extend(told.map(answer).collect::<Result<Vec<Answer>, Stopped>>()?);
         }
@@ -128,22 +128,22 @@ impl Ground {
     /// Returns the answer for a state with these counts.
     fn answer(
         &self,
-        judge: Judge<'_>,
+        assessor: Assessor<'_>,
         key: &StateKey,
         state: &StateCounts,
         predicted: Option<Prediction>,
     ) -> Answer {
         let cells = || state.counts.of_segments(self.plan.segments.as_deref());
-        let judged = judge.judge(key, cells(), predicted);
-        let visits = judged.tables.whole.total();
+        let assessment = assessor.assess(key, cells(), predicted);
+        let visits = assessment.tables.whole.total();
         // What the evidence rests on, for those figures that need the tables themselves.
-        let (schema, Scope { pair, within, .. }) = (judge.schema, judge.scope);
-        let draws = LazyCell::new(|| judged.tables.evidence(schema, pair, *within, cells()));
-        let figures = (judge.view != View::Verdict).then(|| {
+        let (schema, Scope { pair, within, .. }) = (assessor.schema, assessor.scope);
+        let draws = LazyCell::new(|| assessment.tables.evidence(schema, pair, *within, cells()));
+        let figures = (assessor.view != View::Verdict).then(|| {
             let tested = self.question.significance.map(|how| {
-                let strata = (judged.tables.segments > 1)
+                let strata = (assessment.tables.segments > 1)
                     .then(|| Tables::draws_by_segment(schema, pair, cells()));
-                let pooled = judged.tables.draws(schema, pair, cells());
+                let pooled = assessment.tables.draws(schema, pair, cells());
                 (
                     Tested::new(&pooled, strata.as_deref(), key.seed()),
                     how.exchange(*within),
@@ -152,60 +152,60 @@ impl Ground {
             let visits_to_decide = self
                 .question
                 .visits_to_decide
-                .then(|| self.visits_to_decide(judge, &draws))
+                .then(|| self.visits_to_decide(assessor, &draws))
                 .flatten();
             Box::new(Figures {
-                bins: bins(judge.schema, key),
+                bins: bins(assessor.schema, key),
                 significance: tested.map(|(tested, exchange)| tested.told(exchange)),
-                warnings: warning(tested.map(|(tested, _)| tested), &judged)
+                warnings: warning(tested.map(|(tested, _)| tested), &assessment)
                     .into_iter()
                     .collect(),
                 visits_to_decide,
-                model: predicted.and_then(|predicted| self.model(judge, key, predicted)),
+                model: predicted.and_then(|predicted| self.model(assessor, key, predicted)),
                 revision: state.revision,
-                ..self.figures(judge, &judged)
+                ..self.figures(assessor, &assessment)
             })
         });
-        let by_action =
-            (judge.view == View::Full).then(|| actions::by_action(judge, &judged.tables, &draws));
+        let by_action = (assessor.view == View::Full)
+            .then(|| actions::by_action(assessor, &assessment.tables, &draws));
         Answer {
             key: key.clone(),
             visits,
-            verdict: judged.verdict,
-            basis: judged.basis,
+            verdict: assessment.verdict,
+            basis: assessment.basis,
             figures,
             by_action,
         }
     }
 
     /// Returns how many more visits a verdict would take, if there are not too many actions for it.
-    fn visits_to_decide(&self, judge: Judge<'_>, draws: &Draws<'_>) -> Option<Option<u64>> {
-        let informed = judge.informed?;
-        let (prior, scope) = (informed.in_detail()?, judge.scope);
+    fn visits_to_decide(&self, assessor: Assessor<'_>, draws: &Draws<'_>) -> Option<Option<u64>> {
+        let informed = assessor.informed?;
+        let (prior, scope) = (informed.in_detail()?, assessor.scope);
         let visits = prior.visits_to_decide(
             &informed.habits,
             draws.counted(),
             priors::ego(&scope.pair),
             &scope.rule,
         );
-        Some(visits.filter(|_| judge.is_open()))
+        Some(visits.filter(|_| assessor.is_open()))
     }
 
     /// Returns what the network says of a state, in the question's unit.
     fn model(
         &self,
-        judge: Judge<'_>,
+        assessor: Assessor<'_>,
         key: &StateKey,
         predicted: Prediction,
     ) -> Option<ModelFigures> {
-        let network = judge.network?;
-        let unit = judge.scope.unit;
+        let network = assessor.network?;
+        let unit = assessor.scope.unit;
         let in_unit = |action: ModelAction| ModelAction {
             divergence: unit.from_nats(action.divergence),
             ..action
         };
         let by_action =
-            (judge.view == View::Full).then(|| network.by_action(&self.plan.environment, key));
+            (assessor.view == View::Full).then(|| network.by_action(&self.plan.environment, key));
         Some(ModelFigures {
             version: network.version,
             kind: network.kind,
@@ -219,30 +219,30 @@ impl Ground {
         })
     }
 
-    fn figures(&self, judge: Judge<'_>, judged: &Judged) -> Figures {
-        let unit = judge.scope.unit;
-        let (expected, method) = judged.tables.expected_if_independent();
-        let alphabet = judge.scope.pair.alphabet(judge.schema);
+    fn figures(&self, assessor: Assessor<'_>, assessment: &Assessment) -> Figures {
+        let unit = assessor.scope.unit;
+        let (expected, method) = assessment.tables.expected_if_independent();
+        let alphabet = assessor.scope.pair.alphabet(assessor.schema);
         let estimate = |estimator: Estimator| {
             (
                 estimator.as_str(),
-                estimated(estimator, &judged.tables, alphabet, unit),
+                estimated(estimator, &assessment.tables, alphabet, unit),
             )
         };
         Figures {
             bins: Vec::new(),
-            entries: judged.tally.entries,
+            entries: assessment.tally.entries,
             unit,
-            threshold: judge.scope.rule.in_unit(unit).threshold,
-            share: judge.scope.share(judge.schema),
-            rule: judge.scope.rule.kind,
-            plug_in: unit.from_nats(judged.plug_in),
+            threshold: assessor.scope.rule.in_unit(unit).threshold,
+            share: assessor.scope.share(assessor.schema),
+            rule: assessor.scope.rule.kind,
+            plug_in: unit.from_nats(assessment.plug_in),
             expected_if_independent: unit.from_nats(expected),
             expected_method: method.as_str(),
             estimates: self.question.estimators.iter().map(estimate).collect(),
-            independence: judged.tally.into(),
-            evidence: judged.evidence.map(|evidence| evidence.in_unit(unit)),
-            segmentation: judged.segmentation(),
+            independence: assessment.tally.into(),
+            evidence: assessment.evidence.map(|evidence| evidence.in_unit(unit)),
+            segmentation: assessment.segmentation(),
             significance: None,
             warnings: Vec::new(),
             visits_to_decide: None,

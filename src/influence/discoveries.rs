@@ -213,7 +213,7 @@ async fn refined(
 ) -> Result<(Vec<Testable>, Vec<bool>), Problem> {
     let most = (LAST * testable.len() as f64 / fdr).ceil() as u64;
     loop {
-        let judging = gate.run(move |_| {
+        let deciding = gate.run(move |_| {
             let passed = benjamini_hochberg(
                 &testable
                     .iter()
@@ -230,8 +230,8 @@ async fn refined(
             );
             Ok((testable, passed, may_pass))
         });
-        let (judged, passed, may_pass) = judging.await?;
-        testable = judged;
+        let (tested, passed, may_pass) = deciding.await?;
+        testable = tested;
         let is_open = |at: &usize| {
             let state = &testable[*at];
             !passed[*at] && may_pass[*at] && !state.is_exact && state.permutations < most

@@ -14,10 +14,10 @@ use tracing::instrument;
 
 mod actions;
 mod answer;
+mod assessor;
 mod discoveries;
 mod explore;
 mod graph;
-mod judge;
 mod listing;
 mod order;
 mod ranks;
@@ -180,7 +180,7 @@ impl Influence {
     }
 
     /// Returns a page in an order of visits: the store finds it in one pass, and only its own
-    /// states are judged.
+    /// states are assessed.
     async fn by_visits(
         &self,
         plan: Plan,
@@ -215,7 +215,7 @@ impl Influence {
         .await
     }
 
-    /// Returns a page in an order that needs no evidence: only its own states are judged.
+    /// Returns a page in an order that needs no evidence: only its own states are assessed.
     async fn ranked(&self, plan: Plan, listing: Listing) -> Result<StatePage, Problem> {
         let ranks = self.ranks(&plan).await?;
         let (as_of, environment) = (ranks.as_of, plan.environment.clone());
@@ -237,7 +237,7 @@ impl Influence {
             .map(|(key, state)| (key, state.counts))
             .collect();
         let unit = plan.scope.unit;
-        let judging = turn.run(move |stop| {
+        let assessing = turn.run(move |stop| {
             let schema = &plan.environment.schema;
             let rows = survey::measured(&plan, states, stop)?;
             Ok(rows
@@ -246,7 +246,7 @@ impl Influence {
                 .collect())
         });
         Ok(StatePage {
-            states: judging.await?,
+            states: assessing.await?,
             next_page_token,
             as_of,
             unit,

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::judge::Judge;
+use super::assessor::Assessor;
 use super::order::{Orders, Ranked};
 use super::store_errors::logged;
 use crate::domain::{
@@ -129,9 +129,9 @@ impl Plan {
         (environment, pair, segments, within)
     }
 
-    /// Returns who judges by this plan.
-    pub fn judge(&self, view: View) -> Judge<'_> {
-        Judge {
+    /// Returns what assesses states by this plan.
+    pub fn assessor(&self, view: View) -> Assessor<'_> {
+        Assessor {
             schema: &self.environment.schema,
             scope: &self.scope,
             informed: self.informed.as_ref(),
@@ -216,28 +216,28 @@ pub fn measured(
     stop: &Stop,
 ) -> Result<Vec<Row>, Stopped> {
     // So many are looked at once that nothing is worth remembering.
-    let judge = Judge {
+    let assessor = Assessor {
         remembers: false,
-        ..plan.judge(View::Figures)
+        ..plan.assessor(View::Figures)
     };
     let keys: Vec<StateKey> = states.iter().map(|(key, _)| key.clone()).collect();
-    let predictions = judge.predictions(&keys);
+    let predictions = assessor.predictions(&keys);
     let row = |((key, counts), predicted): ((StateKey, Arc<Counts>), Option<Prediction>)| {
         stop.check()?;
-        let judged = judge.judge(
+        let assessment = assessor.assess(
             &key,
             counts.of_segments(plan.segments.as_deref()),
             predicted,
         );
-        let visits = judged.tables.whole.total();
+        let visits = assessment.tables.whole.total();
         Ok((visits > 0).then(|| Row {
             key,
             visits,
-            plug_in: judged.plug_in,
-            expected: judged.tables.expected_if_independent().0,
-            evidence: judged.evidence,
-            verdict: judged.verdict,
-            basis: judged.basis,
+            plug_in: assessment.plug_in,
+            expected: assessment.tables.expected_if_independent().0,
+            evidence: assessment.evidence,
+            verdict: assessment.verdict,
+            basis: assessment.basis,
         }))
     };
     let rows: Result<Vec<Option<Row>>, Stopped> =

@@ -1,4 +1,5 @@
-//! One state's counts, judged: its tables, what the evidence says of them, and the verdict.
+//! The assessment of one state by its counts: its tables, what the evidence says of them, and the
+//! verdict. Where the counts do not decide, a network's prediction may.
 
 use crate::domain::{
     Basis, Cell, Dependence, Evidence, Probability, Rule, RuleKind, Schema, Scope, Segmentation,
@@ -9,9 +10,10 @@ use crate::information::plug_in;
 use crate::model::{Network, Prediction};
 use crate::priors::{Draws, EvidenceInputs, Informed, StateEvidence, Tables};
 
-/// Who judges: a schema, a question's scope and the fit that the evidence rests on.
+/// What assesses states: a schema, a question's scope, the fitted prior that the evidence rests on,
+/// and the network that is asked where the counts do not decide.
 #[derive(Clone, Copy)]
-pub struct Judge<'a> {
+pub struct Assessor<'a> {
     pub schema: &'a Schema,
     pub scope: &'a Scope,
     pub informed: Option<&'a Informed>,
@@ -24,7 +26,7 @@ pub struct Judge<'a> {
 }
 
 /// What was found about one state, in nats.
-pub struct Judged {
+pub struct Assessment {
     /// Its tables.
     pub tables: Tables,
     /// The sum of its cells.
@@ -39,7 +41,7 @@ pub struct Judged {
     pub basis: Basis,
 }
 
-impl Judged {
+impl Assessment {
     /// Returns which segments the counts come from, and whether habits differ by them.
     pub fn segmentation(&self) -> Segmentation {
         Segmentation {
@@ -49,7 +51,7 @@ impl Judged {
     }
 }
 
-impl Judge<'_> {
+impl Assessor<'_> {
     /// Returns what the network says of states; `None` where there is none.
     pub fn predictions(&self, keys: &[StateKey]) -> Vec<Option<Prediction>> {
         let Some(network) = self.network else {
@@ -64,13 +66,13 @@ impl Judge<'_> {
         told.into_iter().map(Some).collect()
     }
 
-    /// Judges a state by its cells, and where they do not decide, by what the network says of it.
-    pub fn judge<'c>(
+    /// Assesses a state by its cells, and where they do not decide, by what the network says of it.
+    pub fn assess<'c>(
         &self,
         key: &StateKey,
         cells: impl Iterator<Item = &'c Cell> + Clone,
         predicted: Option<Prediction>,
-    ) -> Judged {
+    ) -> Assessment {
         let Scope {
             pair, rule, within, ..
         } = self.scope;
@@ -106,7 +108,7 @@ impl Judge<'_> {
             _ => None,
         };
         let (verdict, basis) = told.unwrap_or((counted, evidence::basis(visits)));
-        Judged {
+        Assessment {
             tables,
             tally,
             plug_in,
