@@ -8,7 +8,7 @@ use super::actions;
 use super::assessor::{Assessment, Assessor};
 use super::store_errors::logged;
 use super::stratified::{self, Tested};
-use super::survey::Plan;
+use super::survey::QueryContext;
 use crate::domain::{
     Answer, Bin, Estimator, Figures, ModelAction, ModelFigures, Question, Schema, Scope, StateKey,
     Unit, View,
@@ -36,9 +36,9 @@ const FEW_CELLS: usize = 1_024;
 
 /// What an answer is made from, beside the counts of its state.
 #[derive(Clone)]
-pub struct Ground {
+pub struct AnswerContext {
     /// The environment, the segments and the fit.
-    pub plan: Plan,
+    pub query: QueryContext,
     /// The question.
     pub question: Question,
 }
@@ -62,24 +62,24 @@ fn is_light(schema: &Schema, question: &Question) -> bool {
 pub async fn answers(
     store: &dyn Store,
     gate: &Gate,
-    ground: Ground,
+    context: AnswerContext,
 ) -> Result<Vec<Answer>, Problem> {
-    let environment = &ground.plan.environment;
-    let turn = match is_light(&environment.schema, &ground.question) {
+    let environment = &context.query.environment;
+    let turn = match is_light(&environment.schema, &context.question) {
         true => None,
         false => Some(gate.enter().await?),
     };
     let counts = store
-        .counts(environment.id, &ground.question.states)
+        .counts(environment.id, &context.question.states)
         .await
         .map_err(logged)?;
     let cells: usize = counts.iter().map(|state| state.counts.cells().len()).sum();
     let turn = match turn {
-        None if cells <= FEW_CELLS => return Ok(ground.answers_here(&counts)),
+        None if cells <= FEW_CELLS => return Ok(context.answers_here(&counts)),
         None => gate.enter().await?,
         Some(turn) => turn,
     };
-    turn.run(move |stop| ground.answers(&counts, stop)).await
+    turn.run(move |stop| context.answers(&counts, stop)).await
 }
 
 /// Returns a warning where pooled and stratified answers disagree: by their tests, where those were
@@ -91,9 +91,9 @@ fn warning(tested: Option<Tested>, assessment: &Assessment) -> Option<String> {
     }
 }
 
-impl Ground {
+impl AnswerContext {
     fn assessor(&self) -> Assessor<'_> {
-        self.plan.assessor(self.question.view)
+        self.query.assessor(self.question.view)
     }
 
     /// Answers one state after another.
@@ -133,7 +133,7 @@ impl Ground {
         state: &StateCounts,
         predicted: Option<Prediction>,
     ) -> Answer {
-        let cells = || state.counts.of_segments(self.plan.segments.as_deref());
+        let cells = || state.counts.of_segments(self.query.segments.as_deref());
         let assessment = assessor.assess(key, cells(), predicted);
         let visits = assessment.tables.whole.total();
         // What the evidence rests on, for those figures that need the tables themselves.
@@ -205,7 +205,7 @@ impl Ground {
             ..action
         };
         let by_action =
-            (assessor.view == View::Full).then(|| network.by_action(&self.plan.environment, key));
+            (assessor.view == View::Full).then(|| network.by_action(&self.query.environment, key));
         Some(ModelFigures {
             version: network.version,
             kind: network.kind,
@@ -214,7 +214,7 @@ impl Ground {
                 .mutual_information
                 .map(|nats| unit.from_nats(nats)),
             agrees: predicted.agrees,
-            out_of_range: network.out_of_range(&self.plan.environment, key),
+            out_of_range: network.out_of_range(&self.query.environment, key),
             by_action: by_action.into_iter().flatten().map(in_unit).collect(),
         })
     }
@@ -247,7 +247,7 @@ impl Ground {
             warnings: Vec::new(),
             visits_to_decide: None,
             model: None,
-            fit: self.plan.fit(),
+            fit: self.query.fit(),
             revision: 0,
         }
     }

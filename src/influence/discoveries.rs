@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use super::shared::Made;
 use super::store_errors::logged;
 use super::stratified::{Disagreement, Disagreements};
-use super::survey::{Plan, Survey};
+use super::survey::{QueryContext, Survey};
 use crate::domain::{Discoveries, Discovery, DiscoveryMethod, Exchange, StateKey};
 use crate::error::Problem;
 use crate::information::{
@@ -59,7 +59,7 @@ const PIECE: u64 = 1 << 18;
 pub async fn find(
     store: &dyn Store,
     gate: &Gate,
-    plan: &Plan,
+    context: &QueryContext,
     survey: &Arc<Made<Survey>>,
     discovery: Discovery,
     progress: &Progress,
@@ -70,7 +70,7 @@ pub async fn find(
             gate.run(move |_| Ok(by_posterior(&survey, discovery)))
                 .await
         }
-        DiscoveryMethod::Bh => by_tests(store, gate, plan, survey, discovery, progress).await,
+        DiscoveryMethod::Bh => by_tests(store, gate, context, survey, discovery, progress).await,
     }
 }
 
@@ -126,7 +126,7 @@ type Tested = (Option<Testable>, Option<Disagreement>);
 async fn by_tests(
     store: &dyn Store,
     gate: &Gate,
-    plan: &Plan,
+    context: &QueryContext,
     survey: &Survey,
     discovery: Discovery,
     progress: &Progress,
@@ -134,16 +134,16 @@ async fn by_tests(
     let mut testable = Vec::new();
     let mut disagreements = Disagreements::default();
     progress.begin("states tested", survey.rows.len() as u64);
-    let mut pages = Pages::new(store, plan.environment.id);
+    let mut pages = Pages::new(store, context.environment.id);
     while let Some(page) = pages.next().await.map_err(logged)? {
         let mut states = page.into_iter().peekable();
         // Tests take longer than measuring does: a part of a page is long enough for one piece of
         // work.
         while states.peek().is_some() {
             let part: Vec<Scanned> = states.by_ref().take(TESTED_TOGETHER).collect();
-            let (plan, size) = (plan.clone(), part.len() as u64);
+            let (context, size) = (context.clone(), part.len() as u64);
             for (state, disagreement) in gate
-                .run(move |stop| tested(&plan, part, discovery.fdr, stop))
+                .run(move |stop| tested(&context, part, discovery.fdr, stop))
                 .await?
             {
                 testable.extend(state);
@@ -174,18 +174,18 @@ async fn by_tests(
 
 /// Tests states: those that can pass, and where pooled and stratified tests disagree.
 fn tested(
-    plan: &Plan,
+    context: &QueryContext,
     states: Vec<Scanned>,
     fdr: f64,
     stop: &Stop,
 ) -> Result<Vec<Tested>, Stopped> {
-    let (schema, pair) = (&plan.environment.schema, &plan.scope.pair);
+    let (schema, pair) = (&context.environment.schema, &context.scope.pair);
     let test = |scanned: Scanned| {
         stop.check()?;
-        let cells = || scanned.counts.of_segments(plan.segments.as_deref());
+        let cells = || scanned.counts.of_segments(context.segments.as_deref());
         let tables = Tables::new(schema, pair, cells());
         let draws = |exchange| tables.exchangeable(schema, pair, exchange, cells());
-        let (exchange, seed) = (plan.scope.within.exchange(), scanned.key.seed());
+        let (exchange, seed) = (context.scope.within.exchange(), scanned.key.seed());
         let disagreement = (tables.segments > 1).then(|| {
             Disagreement::between(
                 &draws(Exchange::Pooled),

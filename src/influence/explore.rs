@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use super::answer::bins;
 use super::shared::Made;
 use super::store_errors::logged;
-use super::survey::{Plan, Row, Survey};
+use super::survey::{QueryContext, Row, Survey};
 use crate::domain::{Exploration, StateKey, Trial, Verdict};
 use crate::error::Problem;
 use crate::priors::{self, Tables};
@@ -74,7 +74,7 @@ impl Explored {
 pub async fn explore(
     store: &dyn Store,
     gate: &Gate,
-    plan: &Plan,
+    context: &QueryContext,
     survey: Arc<Made<Survey>>,
     min_visits: u64,
     progress: &Progress,
@@ -84,12 +84,12 @@ pub async fn explore(
     let mut trials = Vec::new();
     for keys in keys.chunks(TOGETHER) {
         let counts = store
-            .counts(plan.environment.id, keys)
+            .counts(context.environment.id, keys)
             .await
             .map_err(logged)?;
-        let (plan, states, size) = (plan.clone(), keys.to_vec(), keys.len() as u64);
+        let (context, states, size) = (context.clone(), keys.to_vec(), keys.len() as u64);
         trials.extend(
-            gate.run(move |stop| explored(&plan, &states, &counts, stop))
+            gate.run(move |stop| explored(&context, &states, &counts, stop))
                 .await?,
         );
         progress.add(size);
@@ -109,25 +109,25 @@ pub async fn explore(
 }
 
 fn explored(
-    plan: &Plan,
+    context: &QueryContext,
     keys: &[StateKey],
     counts: &[StateCounts],
     stop: &Stop,
 ) -> Result<Vec<Trial>, Stopped> {
-    let state = |(key, state)| stop.check().map(|()| trials(plan, key, state));
+    let state = |(key, state)| stop.check().map(|()| trials(context, key, state));
     let trials: Result<Vec<Vec<Trial>>, Stopped> = keys.par_iter().zip(counts).map(state).collect();
     Ok(trials?.into_iter().flatten().collect())
 }
 
-fn trials(plan: &Plan, key: &StateKey, state: &StateCounts) -> Vec<Trial> {
-    let Some(informed) = &plan.informed else {
+fn trials(context: &QueryContext, key: &StateKey, state: &StateCounts) -> Vec<Trial> {
+    let Some(informed) = &context.informed else {
         return Vec::new();
     };
     let Some(prior) = informed.in_detail() else {
         return Vec::new();
     };
-    let (schema, scope) = (&plan.environment.schema, &plan.scope);
-    let cells = || state.counts.of_segments(plan.segments.as_deref());
+    let (schema, scope) = (&context.environment.schema, &context.scope);
+    let cells = || state.counts.of_segments(context.segments.as_deref());
     let tables = Tables::new(schema, &scope.pair, cells());
     let draws = tables.evidence(schema, &scope.pair, scope.within, cells());
     let threshold = scope.rule.threshold_nats();

@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
-use super::answer::{self, Ground};
+use super::answer::{self, AnswerContext};
 use super::skeleton::{self, Found, Margin};
 use super::store_errors::logged;
 use super::{Influence, size, told};
@@ -44,14 +44,14 @@ impl Influence {
         let pairs = Pair::every(schema);
         size::check_graph(schema, &key, pairs.len())?;
         let started = Instant::now();
-        let mut grounds = Vec::with_capacity(pairs.len());
+        let mut contexts = Vec::with_capacity(pairs.len());
         for pair in &pairs {
             let question = Question {
                 scope: question.scope.of_pair(schema, pair.clone()),
                 ..question.clone()
             };
-            let plan = self.plan(environment, question.scope.clone()).await?;
-            grounds.push(Ground { plan, question });
+            let context = self.query_context(environment, question.scope.clone()).await?;
+            contexts.push(AnswerContext { query: context, question });
         }
 
         // Read once: all pairs, and all tests of them, are of the same counts.
@@ -73,13 +73,13 @@ impl Influence {
             cells,
             within: question.scope.within,
             seed: key.seed(),
-            informed: grounds
+            informed: contexts
                 .iter()
-                .map(|ground| ground.plan.informed.clone())
+                .map(|context| context.query.informed.clone())
                 .collect(),
         };
         let (answers, found) = turn
-            .run(move |stop| tests.graph(&pairs, &grounds, &counts, stop))
+            .run(move |stop| tests.graph(&pairs, &contexts, &counts, stop))
             .await?;
         told(started, &answers);
         let edges = Pair::every(schema).into_iter().zip(answers).zip(found);
@@ -117,12 +117,12 @@ impl State {
     fn graph(
         &self,
         pairs: &[Pair],
-        grounds: &[Ground],
+        contexts: &[AnswerContext],
         counts: &[StateCounts],
         stop: &Stop,
     ) -> Result<(Vec<Answer>, Vec<Found>), Stopped> {
-        let answered = |ground: &Ground| stop.check().map(|()| ground.answers_here(counts));
-        let answers: Result<Vec<Vec<Answer>>, Stopped> = grounds.par_iter().map(answered).collect();
+        let answered = |context: &AnswerContext| stop.check().map(|()| context.answers_here(counts));
+        let answers: Result<Vec<Vec<Answer>>, Stopped> = contexts.par_iter().map(answered).collect();
         let answers: Vec<Answer> = answers?.into_iter().flatten().collect();
         let margins: Vec<Margin> = pairs
             .iter()

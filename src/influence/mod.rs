@@ -29,14 +29,14 @@ mod stratified;
 mod summary;
 mod survey;
 
-use answer::Ground;
+use answer::AnswerContext;
 use discoveries::Searched;
 use explore::Explored;
 use listing::Listing;
 use ranks::Ranks;
 use shared::{Made, Shared};
 use store_errors::logged;
-use survey::{Plan, Survey};
+use survey::{QueryContext, Survey};
 
 use crate::domain::draft::{ExplorationDraft, ListingDraft, PairDraft, SummaryDraft};
 use crate::domain::{
@@ -102,13 +102,13 @@ impl Influence {
         let started = Instant::now();
         let schema = &environment.schema;
         size::check(schema, &question)?;
-        let plan = self.plan(environment, question.scope.clone()).await?;
-        size::check_informed(&plan, &question)?;
+        let context = self.query_context(environment, question.scope.clone()).await?;
+        size::check_informed(&context, &question)?;
         let labels = labels(schema, &question.scope.pair);
         let answers = answer::answers(
             &*self.store,
             &self.work.questions,
-            Ground { plan, question },
+            AnswerContext { query: context, question },
         )
         .await?;
         told(started, &answers);
@@ -156,24 +156,24 @@ impl Influence {
     ) -> Result<StatePage, Problem> {
         let scope = Scope::new(environment, &listing.pair)?;
         let listing = Listing::new(&environment.schema, listing)?;
-        let plan = self.plan(environment, scope).await?;
+        let context = self.query_context(environment, scope).await?;
         let (survey, searched) = match listing.discovery {
             Some(discovery) => {
-                let searched = self.searched(&plan, discovery).await?;
+                let searched = self.searched(&context, discovery).await?;
                 (searched.survey.clone(), Some(searched))
             }
-            None if listing.needs_evidence() => (self.survey(&plan).await?, None),
-            None => match self.fresh_survey(&plan).await? {
+            None if listing.needs_evidence() => (self.survey(&context).await?, None),
+            None => match self.fresh_survey(&context).await? {
                 Some(survey) => (survey, None),
-                None => match listing.by_visits(plan.segments.as_deref()) {
-                    Some(wanted) => return self.by_visits(plan, listing, wanted).await,
-                    None => return self.ranked(plan, listing).await,
+                None => match listing.by_visits(context.segments.as_deref()) {
+                    Some(wanted) => return self.by_visits(context, listing, wanted).await,
+                    None => return self.ranked(context, listing).await,
                 },
             },
         };
         let page = move || {
             let found = searched.as_ref().map(|searched| &searched.found);
-            listing.page(&plan.environment.schema, &plan.scope, &survey, found)
+            listing.page(&context.environment.schema, &context.scope, &survey, found)
         };
         // The first page of an order sorts it.
         self.work.passes.run(move |_| Ok(page())).await
@@ -183,14 +183,14 @@ impl Influence {
     /// states are assessed.
     async fn by_visits(
         &self,
-        plan: Plan,
+        context: QueryContext,
         listing: Listing,
         wanted: ByVisits,
     ) -> Result<StatePage, Problem> {
         let turn = self.work.questions.enter().await?;
         let (found, as_of) = self
             .store
-            .by_visits(plan.environment.id, &wanted)
+            .by_visits(context.environment.id, &wanted)
             .await
             .map_err(logged)?;
         let states = found
@@ -198,8 +198,8 @@ impl Influence {
             .map(|scanned| (scanned.key, Arc::new(scanned.counts)))
             .collect();
         turn.run(move |stop| {
-            let (schema, unit) = (&plan.environment.schema, plan.scope.unit);
-            let rows = survey::measured(&plan, states, stop)?;
+            let (schema, unit) = (&context.environment.schema, context.scope.unit);
+            let rows = survey::measured(&context, states, stop)?;
             let (size, next_page_token) = listing.cut(schema, &rows);
             let states = rows[..size]
                 .iter()
@@ -216,9 +216,9 @@ impl Influence {
     }
 
     /// Returns a page in an order that needs no evidence: only its own states are assessed.
-    async fn ranked(&self, plan: Plan, listing: Listing) -> Result<StatePage, Problem> {
-        let ranks = self.ranks(&plan).await?;
-        let (as_of, environment) = (ranks.as_of, plan.environment.clone());
+    async fn ranked(&self, context: QueryContext, listing: Listing) -> Result<StatePage, Problem> {
+        let ranks = self.ranks(&context).await?;
+        let (as_of, environment) = (ranks.as_of, context.environment.clone());
         let choosing = self
             .work
             .passes
@@ -228,7 +228,7 @@ impl Influence {
         let turn = self.work.questions.enter().await?;
         let counts = self
             .store
-            .counts(plan.environment.id, &keys)
+            .counts(context.environment.id, &keys)
             .await
             .map_err(logged)?;
         let states = keys
@@ -236,10 +236,10 @@ impl Influence {
             .zip(counts)
             .map(|(key, state)| (key, state.counts))
             .collect();
-        let unit = plan.scope.unit;
+        let unit = context.scope.unit;
         let assessing = turn.run(move |stop| {
-            let schema = &plan.environment.schema;
-            let rows = survey::measured(&plan, states, stop)?;
+            let schema = &context.environment.schema;
+            let rows = survey::measured(&context, states, stop)?;
             Ok(rows
                 .iter()
                 .map(|row| listing::figures(schema, unit, row))
@@ -263,11 +263,11 @@ impl Influence {
         let scope = Scope::new(environment, &draft.pair)?;
         let discovery = Discovery::new(&draft.discovery)
             .map_err(|faults| Problem::invalid("question", faults))?;
-        let plan = self.plan(environment, scope).await?;
+        let context = self.query_context(environment, scope).await?;
         let (survey, searched) = match discovery {
-            None => (self.survey(&plan).await?, None),
+            None => (self.survey(&context).await?, None),
             Some(discovery) => {
-                let searched = self.searched(&plan, discovery).await?;
+                let searched = self.searched(&context, discovery).await?;
                 (searched.survey.clone(), Some(searched))
             }
         };
@@ -279,7 +279,7 @@ impl Influence {
         let rows = survey.rows.len();
         let summary = move || {
             let found = searched.as_ref().map(|searched| &searched.found);
-            summary::summary(&plan.environment.schema, &plan.scope, named, &survey, found)
+            summary::summary(&context.environment.schema, &context.scope, named, &survey, found)
         };
         aside(rows * size_of::<u64>(), summary).await
     }
@@ -294,23 +294,23 @@ impl Influence {
         let scope = Scope::new(environment, &draft.pair)?;
         let limit = page_size(draft.limit)
             .map_err(|_| Problem::invalid("question", vec![limit_fault(draft.limit)]))?;
-        let plan = self.plan(environment, scope).await?;
-        let (totals, min_visits) = (self.totals(&plan).await?, draft.min_visits);
+        let context = self.query_context(environment, scope).await?;
+        let (totals, min_visits) = (self.totals(&context).await?, draft.min_visits);
         let made = |progress: Progress| {
-            let (this, plan) = (self.clone(), plan.clone());
+            let (this, context) = (self.clone(), context.clone());
             async move {
-                let survey = this.survey_for(&progress, &plan).await?;
+                let survey = this.survey_for(&progress, &context).await?;
                 let (store, gate, as_of) = (&*this.store, &this.work.passes, survey.as_of);
                 Ok((
-                    explore::explore(store, gate, &plan, survey, min_visits, &progress).await?,
+                    explore::explore(store, gate, &context, survey, min_visits, &progress).await?,
                     as_of,
                 ))
             }
         };
-        let is_current = |explored: &Explored| plan.is_of(&explored.survey);
+        let is_current = |explored: &Explored| context.is_of(&explored.survey);
         let explored = self
             .explored
-            .get((plan.key(), min_visits), totals, is_current, made)
+            .get((context.key(), min_visits), totals, is_current, made)
             .await?;
         size::check_states(
             &environment.schema,
@@ -367,15 +367,15 @@ impl Influence {
         }))
     }
 
-    /// Returns the survey of a plan.
-    async fn survey(&self, plan: &Plan) -> Result<Arc<Made<Survey>>, Problem> {
-        let totals = self.totals(plan).await?;
+    /// Returns the survey of a query.
+    async fn survey(&self, context: &QueryContext) -> Result<Arc<Made<Survey>>, Problem> {
+        let totals = self.totals(context).await?;
         self.surveys
             .get(
-                plan.key(),
+                context.key(),
                 totals,
-                |survey| plan.is_of(survey),
-                |progress| self.surveyed(plan, progress),
+                |survey| context.is_of(survey),
+                |progress| self.surveyed(context, progress),
             )
             .await
     }
@@ -384,57 +384,57 @@ impl Influence {
     async fn survey_for(
         &self,
         other: &Progress,
-        plan: &Plan,
+        context: &QueryContext,
     ) -> Result<Arc<Made<Survey>>, Problem> {
-        let totals = self.totals(plan).await?;
-        let make = |progress| self.surveyed(plan, progress);
+        let totals = self.totals(context).await?;
+        let make = |progress| self.surveyed(context, progress);
         self.surveys
-            .get_for(other, plan.key(), totals, |survey| plan.is_of(survey), make)
+            .get_for(other, context.key(), totals, |survey| context.is_of(survey), make)
             .await
     }
 
-    /// Returns the survey of a plan if there is one that nothing was counted since.
-    async fn fresh_survey(&self, plan: &Plan) -> Result<Option<Arc<Made<Survey>>>, Problem> {
-        let totals = self.totals(plan).await?;
-        let last = self.surveys.last(&plan.key());
-        Ok(last.filter(|survey| survey.as_of >= totals.transitions && plan.is_of(survey)))
+    /// Returns the survey of a query if there is one that nothing was counted since.
+    async fn fresh_survey(&self, context: &QueryContext) -> Result<Option<Arc<Made<Survey>>>, Problem> {
+        let totals = self.totals(context).await?;
+        let last = self.surveys.last(&context.key());
+        Ok(last.filter(|survey| survey.as_of >= totals.transitions && context.is_of(survey)))
     }
 
     fn surveyed(
         &self,
-        plan: &Plan,
+        context: &QueryContext,
         progress: Progress,
     ) -> impl Future<Output = Result<(Survey, u64), Problem>> + Send + 'static {
-        let (this, plan) = (self.clone(), plan.clone());
-        async move { survey::make(&*this.store, &this.work.passes, &plan, &progress).await }
+        let (this, context) = (self.clone(), context.clone());
+        async move { survey::make(&*this.store, &this.work.passes, &context, &progress).await }
     }
 
-    async fn ranks(&self, plan: &Plan) -> Result<Arc<Made<Ranks>>, Problem> {
-        let totals = self.totals(plan).await?;
+    async fn ranks(&self, context: &QueryContext) -> Result<Arc<Made<Ranks>>, Problem> {
+        let totals = self.totals(context).await?;
         let make = |progress: Progress| {
-            let (this, plan) = (self.clone(), plan.clone());
-            async move { ranks::make(&*this.store, &this.work.passes, &plan, &progress).await }
+            let (this, context) = (self.clone(), context.clone());
+            async move { ranks::make(&*this.store, &this.work.passes, &context, &progress).await }
         };
         self.ranks
-            .get(plan.ranks_key(), totals, |_| true, make)
+            .get(context.ranks_key(), totals, |_| true, make)
             .await
     }
 
-    /// Returns the discoveries by a plan, with the survey that they were looked for in.
+    /// Returns the discoveries by a query, with the survey that they were looked for in.
     async fn searched(
         &self,
-        plan: &Plan,
+        context: &QueryContext,
         discovery: Discovery,
     ) -> Result<Arc<Made<Searched>>, Problem> {
-        let totals = self.totals(plan).await?;
+        let totals = self.totals(context).await?;
         let make = |progress: Progress| {
-            let (this, plan) = (self.clone(), plan.clone());
+            let (this, context) = (self.clone(), context.clone());
             async move {
-                let survey = this.survey_for(&progress, &plan).await?;
+                let survey = this.survey_for(&progress, &context).await?;
                 let found = discoveries::find(
                     &*this.store,
                     &this.work.passes,
-                    &plan,
+                    &context,
                     &survey,
                     discovery,
                     &progress,
@@ -444,18 +444,18 @@ impl Influence {
                 Ok((Searched { survey, found }, as_of))
             }
         };
-        let key = (plan.key(), discovery.fdr.to_bits(), discovery.method);
+        let key = (context.key(), discovery.fdr.to_bits(), discovery.method);
         self.searched
-            .get(key, totals, |searched| plan.is_of(&searched.survey), make)
+            .get(key, totals, |searched| context.is_of(&searched.survey), make)
             .await
     }
 
-    async fn totals(&self, plan: &Plan) -> Result<Totals, Problem> {
-        self.store.totals(plan.environment.id).await.map_err(logged)
+    async fn totals(&self, context: &QueryContext) -> Result<Totals, Problem> {
+        self.store.totals(context.environment.id).await.map_err(logged)
     }
 
     /// Finds out what questions of that scope rest on: the numbers of their segments and the fit.
-    async fn plan(&self, environment: &Arc<Environment>, scope: Scope) -> Result<Plan, Problem> {
+    async fn query_context(&self, environment: &Arc<Environment>, scope: Scope) -> Result<QueryContext, Problem> {
         let segments = self
             .segments(environment, scope.segments.as_deref())
             .await?;
@@ -465,7 +465,7 @@ impl Influence {
             .await
             .map_err(logged)?;
         let network = self.networks.active(environment, &scope.pair).await?;
-        Ok(Plan {
+        Ok(QueryContext {
             environment: environment.clone(),
             scope,
             segments,

@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::order::{Orders, Ranked};
 use super::store_errors::logged;
-use super::survey::Plan;
+use super::survey::QueryContext;
 use crate::domain::{Evidence, StateKey};
 use crate::error::Problem;
 use crate::information::plug_in;
@@ -48,17 +48,17 @@ impl Ranked for Rank {
 pub async fn make(
     store: &dyn Store,
     gate: &Gate,
-    plan: &Plan,
+    context: &QueryContext,
     progress: &Progress,
 ) -> Result<(Ranks, u64), Problem> {
-    let totals = store.totals(plan.environment.id).await.map_err(logged)?;
+    let totals = store.totals(context.environment.id).await.map_err(logged)?;
     progress.begin("states looked at", totals.states);
     let mut rows = Vec::new();
-    let mut pages = Pages::new(store, plan.environment.id);
+    let mut pages = Pages::new(store, context.environment.id);
     while let Some(page) = pages.next().await.map_err(logged)? {
-        let (plan, states) = (plan.clone(), page.len() as u64);
+        let (context, states) = (context.clone(), page.len() as u64);
         rows.extend(
-            gate.run(move |stop| stop.check().map(|()| ranks(&plan, page)))
+            gate.run(move |stop| stop.check().map(|()| ranks(&context, page)))
                 .await?,
         );
         progress.add(states);
@@ -76,13 +76,13 @@ pub async fn make(
     ))
 }
 
-fn ranks(plan: &Plan, page: Vec<Scanned>) -> Vec<Rank> {
+fn ranks(context: &QueryContext, page: Vec<Scanned>) -> Vec<Rank> {
     let rank = |scanned: Scanned| {
-        let cells = scanned.counts.of_segments(plan.segments.as_deref());
+        let cells = scanned.counts.of_segments(context.segments.as_deref());
         let tables = Tables::within(
-            &plan.environment.schema,
-            &plan.scope.pair,
-            plan.scope.within,
+            &context.environment.schema,
+            &context.scope.pair,
+            context.scope.within,
             cells,
         );
         let visits = tables.whole.total();

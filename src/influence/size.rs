@@ -1,7 +1,7 @@
 //! Whether an answer can fit into a message, asked before it is made: by what is known of it
 //! beforehand, of which it has at least so many bytes. The rest is measured when it is encoded.
 
-use super::survey::Plan;
+use super::survey::QueryContext;
 use crate::api::{MOST_MESSAGE_BYTES, too_large};
 use crate::domain::{Counts, Feature, FeatureKind, Question, Schema, StateKey, View};
 use crate::error::Problem;
@@ -36,24 +36,24 @@ pub fn check(schema: &Schema, question: &Question) -> Result<(), Problem> {
 
 /// Refuses the same once it is known that there is evidence: intervals then stand beside responses,
 /// and what the network expects beside both.
-pub fn check_informed(plan: &Plan, question: &Question) -> Result<(), Problem> {
+pub fn check_informed(context: &QueryContext, question: &Question) -> Result<(), Problem> {
     if question.view != View::Full {
         return Ok(());
     }
-    let is_told = plan
+    let is_told = context
         .informed
         .as_ref()
         .is_some_and(|informed| informed.in_detail().is_some());
     let [evidence, network] = [
         is_told,
-        plan.network
+        context.network
             .as_ref()
             .is_some_and(|network| network.tells_actions()),
     ]
     .map(u64::from);
     let each = PROBABILITY + evidence * INTERVAL + network * PROBABILITY;
     fits(
-        actions_bytes(&plan.environment.schema, question, each),
+        actions_bytes(&context.environment.schema, question, each),
         question.view,
     )
 }

@@ -93,9 +93,10 @@ fn of_rule(rule: &Rule) -> (RuleKind, u64, u64, u64) {
     )
 }
 
-/// What a survey is made of.
+/// What questions of one scope rest on: the environment, the segments, the fitted prior and the
+/// network.
 #[derive(Clone)]
-pub struct Plan {
+pub struct QueryContext {
     /// The environment.
     pub environment: Arc<Environment>,
     /// The pair and the rule.
@@ -108,8 +109,8 @@ pub struct Plan {
     pub network: Option<Arc<Network>>,
 }
 
-impl Plan {
-    /// Returns what a survey by this plan is of.
+impl QueryContext {
+    /// Returns what a survey by this query is of.
     pub fn key(&self) -> Key {
         let Scope {
             pair, within, rule, ..
@@ -129,7 +130,7 @@ impl Plan {
         (environment, pair, segments, within)
     }
 
-    /// Returns what assesses states by this plan.
+    /// Returns what assesses states for this query.
     pub fn assessor(&self, view: View) -> Assessor<'_> {
         Assessor {
             schema: &self.environment.schema,
@@ -160,23 +161,23 @@ impl Plan {
 pub async fn make(
     store: &dyn Store,
     gate: &Gate,
-    plan: &Plan,
+    context: &QueryContext,
     progress: &Progress,
 ) -> Result<(Survey, u64), Problem> {
-    let totals = store.totals(plan.environment.id).await.map_err(logged)?;
+    let totals = store.totals(context.environment.id).await.map_err(logged)?;
     progress.begin("states measured", totals.states);
     let mut rows = Vec::new();
     let mut segments = HashSet::new();
-    let mut pages = Pages::new(store, plan.environment.id);
+    let mut pages = Pages::new(store, context.environment.id);
     while let Some(page) = pages.next().await.map_err(logged)? {
-        let (plan, states) = (plan.clone(), page.len() as u64);
+        let (context, states) = (context.clone(), page.len() as u64);
         let measuring = gate.run(move |stop| {
-            let named = named(&plan, &page);
+            let named = named(&context, &page);
             let states = page
                 .into_iter()
                 .map(|scanned| (scanned.key, Arc::new(scanned.counts)))
                 .collect();
-            Ok((named, measured(&plan, states, stop)?))
+            Ok((named, measured(&context, states, stop)?))
         });
         let (named, measured) = measuring.await?;
         segments.extend(named);
@@ -190,9 +191,9 @@ pub async fn make(
     let survey = Survey {
         rows: rows.await?,
         segments: segments.len() as u64,
-        fit: plan.fit(),
-        network: plan.network.as_ref().map(|network| network.version),
-        dependent_share: plan
+        fit: context.fit(),
+        network: context.network.as_ref().map(|network| network.version),
+        dependent_share: context
             .informed
             .as_ref()
             .map(|informed| informed.fit.parameters.dependent),
@@ -202,23 +203,23 @@ pub async fn make(
 }
 
 /// Returns the segments that have visits in the states of a page, of those asked for.
-fn named(plan: &Plan, page: &[Scanned]) -> HashSet<SegmentId> {
+fn named(context: &QueryContext, page: &[Scanned]) -> HashSet<SegmentId> {
     let cells = page
         .iter()
-        .flat_map(|scanned| scanned.counts.of_segments(plan.segments.as_deref()));
+        .flat_map(|scanned| scanned.counts.of_segments(context.segments.as_deref()));
     cells.map(|cell| cell.segment).collect()
 }
 
 /// Measures states; those not seen in the segments asked for are left out.
 pub fn measured(
-    plan: &Plan,
+    context: &QueryContext,
     states: Vec<(StateKey, Arc<Counts>)>,
     stop: &Stop,
 ) -> Result<Vec<Row>, Stopped> {
     // So many are looked at once that nothing is worth remembering.
     let assessor = Assessor {
         remembers: false,
-        ..plan.assessor(View::Figures)
+        ..context.assessor(View::Figures)
     };
     let keys: Vec<StateKey> = states.iter().map(|(key, _)| key.clone()).collect();
     let predictions = assessor.predictions(&keys);
@@ -226,7 +227,7 @@ pub fn measured(
         stop.check()?;
         let assessment = assessor.assess(
             &key,
-            counts.of_segments(plan.segments.as_deref()),
+            counts.of_segments(context.segments.as_deref()),
             predicted,
         );
         let visits = assessment.tables.whole.total();

@@ -1,5 +1,5 @@
-//! A cache of evidence: what the counts of single states support by one fit, for those who ask again
-//! before anything more was counted there. Least recently used states go first.
+//! A cache of evidence: what the counts of single states support by one fit, for those who ask
+//! again before anything more was counted there. Least recently used states go first.
 
 use std::sync::{Mutex, PoisonError};
 

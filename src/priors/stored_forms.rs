@@ -30,7 +30,8 @@ struct StoredSide {
     segments: Vec<f64>,
 }
 
-/// Writes a pair as the store knows it: the positions of its agents, then those held fixed: `0,2|1`.
+/// Writes a pair as the store knows it: the positions of its agents, then those held fixed:
+/// `0,2|1`.
 pub fn write_pair(pair: &Pair) -> String {
     let given: Vec<String> = pair.given.iter().map(ToString::to_string).collect();
     let fixed = if given.is_empty() {
