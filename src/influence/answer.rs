@@ -6,9 +6,9 @@ use rayon::prelude::*;
 
 use super::actions;
 use super::assessor::{Assessment, Assessor};
+use super::state_ranking::QueryContext;
 use super::store_errors::logged;
 use super::stratified::{self, Tested};
-use super::survey::QueryContext;
 use crate::domain::{
     Answer, Bin, Estimator, Figures, ModelAction, ModelFigures, Question, Schema, Scope, StateKey,
     Unit, View,

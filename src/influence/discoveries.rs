@@ -1,14 +1,15 @@
-//! Which states are called dependent when thousands are looked at: at a rate of false ones that the
-//! caller accepts.
+//! Multiple testing: which states are called dependent when thousands are looked at, at a false
+//! discovery rate that the caller accepts. By posterior probabilities (Bayesian FDR), or by
+//! permutation tests and Benjamini-Hochberg.
 
 use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::shared::Made;
+use super::pass_cache::PassResult;
+use super::state_ranking::{QueryContext, StateRanking};
 use super::store_errors::logged;
 use super::stratified::{Disagreement, Disagreements};
-use super::survey::{QueryContext, Survey};
 use crate::domain::{Discoveries, Discovery, DiscoveryMethod, Exchange, StateKey};
 use crate::error::Problem;
 use crate::information::{
@@ -32,8 +33,8 @@ const TESTED_TOGETHER: usize = 100;
 /// Standard deviations by which a p-value may be smaller than its permutations say.
 const DOUBT: f64 = 4.0;
 
-/// The discoveries among the rows of a survey.
-pub struct Found {
+/// The discoveries among the rows of a ranking.
+pub struct FoundDiscoveries {
     /// How many they are.
     pub discoveries: Discoveries,
     /// For each row, whether it is one.
@@ -44,38 +45,38 @@ pub struct Found {
     pub warnings: Vec<String>,
 }
 
-/// A survey with the discoveries in it.
-pub struct Searched {
+/// A ranking with the discoveries in it.
+pub struct DiscoverySearch {
     /// What they were looked for in.
-    pub survey: Arc<Made<Survey>>,
+    pub ranking: Arc<PassResult<StateRanking>>,
     /// What was found.
-    pub found: Found,
+    pub found: FoundDiscoveries,
 }
 
 /// Permutations of one piece of work: some seconds at most.
 const PIECE: u64 = 1 << 18;
 
-/// Finds the discoveries in a survey.
+/// Finds the discoveries in a ranking.
 pub async fn find(
     store: &dyn Store,
     gate: &Gate,
     context: &QueryContext,
-    survey: &Arc<Made<Survey>>,
+    ranking: &Arc<PassResult<StateRanking>>,
     discovery: Discovery,
     progress: &Progress,
-) -> Result<Found, Problem> {
+) -> Result<FoundDiscoveries, Problem> {
     match discovery.method {
         DiscoveryMethod::Bayes => {
-            let survey = survey.clone();
-            gate.run(move |_| Ok(by_posterior(&survey, discovery)))
+            let ranking = ranking.clone();
+            gate.run(move |_| Ok(by_posterior(&ranking, discovery)))
                 .await
         }
-        DiscoveryMethod::Bh => by_tests(store, gate, context, survey, discovery, progress).await,
+        DiscoveryMethod::Bh => by_tests(store, gate, context, ranking, discovery, progress).await,
     }
 }
 
-fn by_posterior(survey: &Survey, discovery: Discovery) -> Found {
-    let dependent: Vec<f64> = survey
+fn by_posterior(ranking: &StateRanking, discovery: Discovery) -> FoundDiscoveries {
+    let dependent: Vec<f64> = ranking
         .rows
         .iter()
         .map(|row| {
@@ -86,7 +87,7 @@ fn by_posterior(survey: &Survey, discovery: Discovery) -> Found {
     found(
         discovery,
         bayesian_fdr(&dependent, discovery.fdr),
-        survey.rows.len() as u64,
+        ranking.rows.len() as u64,
         Vec::new(),
     )
 }
@@ -96,9 +97,9 @@ fn found(
     rows: Vec<bool>,
     testable: u64,
     p_values: Vec<Option<f64>>,
-) -> Found {
+) -> FoundDiscoveries {
     let states = rows.iter().filter(|row| **row).count() as u64;
-    Found {
+    FoundDiscoveries {
         discoveries: Discoveries {
             discovery,
             states,
@@ -127,13 +128,13 @@ async fn by_tests(
     store: &dyn Store,
     gate: &Gate,
     context: &QueryContext,
-    survey: &Survey,
+    ranking: &StateRanking,
     discovery: Discovery,
     progress: &Progress,
-) -> Result<Found, Problem> {
+) -> Result<FoundDiscoveries, Problem> {
     let mut testable = Vec::new();
     let mut disagreements = Disagreements::default();
-    progress.begin("states tested", survey.rows.len() as u64);
+    progress.begin("states tested", ranking.rows.len() as u64);
     let mut pages = Pages::new(store, context.environment.id);
     while let Some(page) = pages.next().await.map_err(logged)? {
         let mut states = page.into_iter().peekable();
@@ -157,16 +158,16 @@ async fn by_tests(
     // In order of key, so that ties are broken alike whatever the order of the scan.
     testable.sort_unstable_by(|a, b| a.key.cmp(&b.key));
     let (testable, passed) = refined(gate, testable, discovery.fdr, progress).await?;
-    let mut rows = vec![false; survey.rows.len()];
-    let mut p_values = vec![None; survey.rows.len()];
+    let mut rows = vec![false; ranking.rows.len()];
+    let mut p_values = vec![None; ranking.rows.len()];
     for (state, passed) in testable.iter().zip(passed) {
-        // A state that was seen for the first time after the survey has no row.
-        if let Ok(row) = survey.rows.binary_search_by(|row| row.key.cmp(&state.key)) {
+        // A state that was seen for the first time after the ranking has no row.
+        if let Ok(row) = ranking.rows.binary_search_by(|row| row.key.cmp(&state.key)) {
             rows[row] = passed;
             p_values[row] = Some(state.p_value);
         }
     }
-    Ok(Found {
+    Ok(FoundDiscoveries {
         warnings: disagreements.warnings(),
         ..found(discovery, rows, testable.len() as u64, p_values)
     })

@@ -5,9 +5,9 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::answer::bins;
-use super::shared::Made;
+use super::pass_cache::PassResult;
+use super::state_ranking::{QueryContext, Row, StateRanking};
 use super::store_errors::logged;
-use super::survey::{QueryContext, Row, Survey};
 use crate::domain::{Exploration, StateKey, Trial, Verdict};
 use crate::error::Problem;
 use crate::priors::{self, Tables};
@@ -17,15 +17,15 @@ use crate::work::{Gate, Progress, Stop, Stopped};
 /// The most states looked at.
 const CONSIDERED: usize = 500;
 
-/// Returns the undecided states of a survey that were seen at least so often, the most uncertain
+/// Returns the undecided states of a ranking that were seen at least so often, the most uncertain
 /// first.
-fn candidates(survey: &Survey, min_visits: u64) -> Vec<StateKey> {
+fn candidates(ranking: &StateRanking, min_visits: u64) -> Vec<StateKey> {
     let open = |row: &&Row| row.verdict == Verdict::Undecided && row.visits >= min_visits;
     let far = |row: &Row| {
         row.evidence
             .map(|evidence| (evidence.probability.above_threshold - 0.5).abs())
     };
-    let mut rows: Vec<(&Row, f64)> = survey
+    let mut rows: Vec<(&Row, f64)> = ranking
         .rows
         .iter()
         .filter(open)
@@ -46,7 +46,7 @@ const TOGETHER: usize = 16;
 /// What was found.
 pub struct Explored {
     /// What it was looked for in.
-    pub survey: Arc<Made<Survey>>,
+    pub ranking: Arc<PassResult<StateRanking>>,
     /// The most valuable actions first.
     trials: Vec<Trial>,
     considered: u64,
@@ -59,7 +59,7 @@ impl Explored {
         Exploration {
             trials,
             considered: self.considered,
-            as_of: self.survey.as_of,
+            as_of: self.ranking.as_of,
         }
     }
 
@@ -69,17 +69,17 @@ impl Explored {
     }
 }
 
-/// Looks for the most valuable actions in the undecided states of a survey that were seen at least
+/// Looks for the most valuable actions in the undecided states of a ranking that were seen at least
 /// so often.
 pub async fn explore(
     store: &dyn Store,
     gate: &Gate,
     context: &QueryContext,
-    survey: Arc<Made<Survey>>,
+    ranking: Arc<PassResult<StateRanking>>,
     min_visits: u64,
     progress: &Progress,
 ) -> Result<Explored, Problem> {
-    let keys = candidates(&survey, min_visits);
+    let keys = candidates(&ranking, min_visits);
     progress.begin("states explored", keys.len() as u64);
     let mut trials = Vec::new();
     for keys in keys.chunks(TOGETHER) {
@@ -104,7 +104,7 @@ pub async fn explore(
     Ok(Explored {
         trials,
         considered: keys.len() as u64,
-        survey,
+        ranking,
     })
 }
 

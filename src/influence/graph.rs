@@ -7,7 +7,7 @@ use std::time::Instant;
 use rayon::prelude::*;
 
 use super::answer::{self, AnswerContext};
-use super::skeleton::{self, Found, Margin};
+use super::skeleton::{self, EdgeFinding, Margin};
 use super::store_errors::logged;
 use super::{Influence, size, told};
 use crate::domain::draft::{PairDraft, QuestionDraft};
@@ -50,8 +50,13 @@ impl Influence {
                 scope: question.scope.of_pair(schema, pair.clone()),
                 ..question.clone()
             };
-            let context = self.query_context(environment, question.scope.clone()).await?;
-            contexts.push(AnswerContext { query: context, question });
+            let context = self
+                .query_context(environment, question.scope.clone())
+                .await?;
+            contexts.push(AnswerContext {
+                query: context,
+                question,
+            });
         }
 
         // Read once: all pairs, and all tests of them, are of the same counts.
@@ -68,7 +73,7 @@ impl Influence {
             .of_segments(segments.as_deref())
             .copied()
             .collect();
-        let tests = State {
+        let tests = TestedState {
             environment: environment.clone(),
             cells,
             within: question.scope.within,
@@ -102,7 +107,7 @@ impl Influence {
 const DIFFER: f64 = 0.5;
 
 /// One state, for tests of its pairs.
-struct State {
+struct TestedState {
     environment: Arc<Environment>,
     cells: Vec<Cell>,
     within: Within,
@@ -112,7 +117,7 @@ struct State {
     informed: Vec<Option<Informed>>,
 }
 
-impl State {
+impl TestedState {
     /// Answers for each pair, and finds what it is beside the others.
     fn graph(
         &self,
@@ -120,16 +125,18 @@ impl State {
         contexts: &[AnswerContext],
         counts: &[StateCounts],
         stop: &Stop,
-    ) -> Result<(Vec<Answer>, Vec<Found>), Stopped> {
-        let answered = |context: &AnswerContext| stop.check().map(|()| context.answers_here(counts));
-        let answers: Result<Vec<Vec<Answer>>, Stopped> = contexts.par_iter().map(answered).collect();
+    ) -> Result<(Vec<Answer>, Vec<EdgeFinding>), Stopped> {
+        let answered =
+            |context: &AnswerContext| stop.check().map(|()| context.answers_here(counts));
+        let answers: Result<Vec<Vec<Answer>>, Stopped> =
+            contexts.par_iter().map(answered).collect();
         let answers: Vec<Answer> = answers?.into_iter().flatten().collect();
         let margins: Vec<Margin> = pairs
             .iter()
             .zip(&answers)
             .map(|(pair, answer)| margin(pair, answer))
             .collect();
-        let tests = Asked {
+        let tests = StateTests {
             state: self,
             pairs: &margins,
             stop,
@@ -141,15 +148,15 @@ impl State {
     }
 }
 
-/// The tests of a state's pairs.
-struct Asked<'a> {
-    state: &'a State,
+/// The conditional independence tests of a state's pairs.
+struct StateTests<'a> {
+    state: &'a TestedState,
     pairs: &'a [Margin],
     /// Once it is stopped, nothing more is asked.
     stop: &'a Stop,
 }
 
-impl Asked<'_> {
+impl StateTests<'_> {
     /// Returns whether a pair is tested within segments: the slices of a conditional test are too
     /// small to tell how habits go with segments, so that it is the pair by itself that tells.
     fn exchange(&self, pair: usize) -> Exchange {
@@ -180,7 +187,7 @@ impl Asked<'_> {
     }
 }
 
-impl skeleton::Tests for Asked<'_> {
+impl skeleton::IndependenceTests for StateTests<'_> {
     /// By the pair's own prior: nothing is fitted for it.
     fn believed(&self, pair: usize, fixed: &[usize]) -> Option<Believed> {
         self.stop.check().ok()?;
@@ -219,11 +226,11 @@ fn margin(pair: &Pair, answer: &Answer) -> Margin {
 fn edge(
     pair: &Pair,
     answer: Answer,
-    Found {
+    EdgeFinding {
         kind,
         explained_by,
         opened_by,
-    }: Found,
+    }: EdgeFinding,
 ) -> Edge {
     Edge {
         from: pair.ego,

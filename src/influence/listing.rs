@@ -1,12 +1,12 @@
 //! Pages of states in an order.
 
 use super::answer::bins;
-use super::discoveries::Found;
+use super::count_ranking::CountRanking;
+use super::discoveries::FoundDiscoveries;
 use super::order::{Order, OrderBy, Orders, Ranked};
-use super::ranks::Ranks;
-use super::shared::Made;
+use super::pass_cache::PassResult;
 use super::size;
-use super::survey::{Row, Survey};
+use super::state_ranking::{Row, StateRanking};
 use crate::api::{self, proto};
 use crate::domain::draft::ListingDraft;
 use crate::domain::{
@@ -106,13 +106,13 @@ impl Listing {
         (page.items.len(), next_page_token)
     }
 
-    /// Returns the page of a survey; of the discoveries only, if there are any to tell.
+    /// Returns the page of a ranking; of the discoveries only, if there are any to tell.
     pub fn page(
         &self,
         schema: &Schema,
         scope: &Scope,
-        survey: &Made<Survey>,
-        found: Option<&Found>,
+        ranking: &PassResult<StateRanking>,
+        found: Option<&FoundDiscoveries>,
     ) -> StatePage {
         let told = |position: usize| found.is_none_or(|found| found.rows[position]);
         let wants = |position: usize, row: &Row| {
@@ -120,24 +120,24 @@ impl Listing {
         };
         let figures = |at: usize| StateFigures {
             p_value: found.and_then(|found| found.p_values.get(at).copied().flatten()),
-            ..figures(schema, scope.unit, &survey.rows[at])
+            ..figures(schema, scope.unit, &ranking.rows[at])
         };
         let bytes = |at: usize| api::bytes(&proto::StateFigures::from(figures(at)));
         let Chosen {
             positions,
             next_page_token,
-        } = self.chosen(&survey.rows, &survey.orders, wants, bytes);
+        } = self.chosen(&ranking.rows, &ranking.orders, wants, bytes);
         let states = positions.into_iter().map(figures).collect();
         StatePage {
             states,
             next_page_token,
-            as_of: survey.as_of,
+            as_of: ranking.as_of,
             unit: scope.unit,
         }
     }
 
     /// Returns the states of the page by ranks alone.
-    pub fn keys(&self, schema: &Schema, ranks: &Ranks) -> (Vec<StateKey>, Option<String>) {
+    pub fn keys(&self, schema: &Schema, ranks: &CountRanking) -> (Vec<StateKey>, Option<String>) {
         let bytes = |at: usize| size::most_listed(schema, ranks.rows[at].key());
         let Chosen {
             positions,

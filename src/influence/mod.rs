@@ -15,28 +15,28 @@ use tracing::instrument;
 mod actions;
 mod answer;
 mod assessor;
+mod count_ranking;
 mod discoveries;
 mod explore;
 mod graph;
 mod listing;
 mod order;
-mod ranks;
-mod shared;
+mod pass_cache;
 mod size;
 mod skeleton;
+mod state_ranking;
 mod store_errors;
 mod stratified;
 mod summary;
-mod survey;
 
 use answer::AnswerContext;
-use discoveries::Searched;
+use count_ranking::CountRanking;
+use discoveries::DiscoverySearch;
 use explore::Explored;
 use listing::Listing;
-use ranks::Ranks;
-use shared::{Made, Shared};
+use pass_cache::{PassCache, PassResult};
+use state_ranking::{QueryContext, StateRanking};
 use store_errors::logged;
-use survey::{QueryContext, Survey};
 
 use crate::domain::draft::{ExplorationDraft, ListingDraft, PairDraft, SummaryDraft};
 use crate::domain::{
@@ -54,8 +54,8 @@ use crate::work::{Jobs, Progress, Work, aside};
 /// For how long fits that nobody was told are kept for whoever asked for them.
 const FITTED: Duration = Duration::from_secs(120);
 
-/// Which discoveries: the survey they are looked for in, the bits of the rate, and the method.
-type Sought = (survey::Key, u64, DiscoveryMethod);
+/// Which discoveries: the ranking they are looked for in, the bits of the rate, and the method.
+type Sought = (state_ranking::RankingKey, u64, DiscoveryMethod);
 
 /// Which priors: of one pair, or of all.
 type Fitting = (EnvironmentId, Option<Pair>);
@@ -67,10 +67,10 @@ pub struct Influence {
     fits: PriorRegistry,
     networks: Networks,
     work: Work,
-    ranks: Shared<survey::RanksKey, Ranks>,
-    surveys: Shared<survey::Key, Survey>,
-    searched: Shared<Sought, Searched>,
-    explored: Shared<(survey::Key, u64), Explored>,
+    count_rankings: PassCache<state_ranking::CountRankingKey, CountRanking>,
+    rankings: PassCache<state_ranking::RankingKey, StateRanking>,
+    searched: PassCache<Sought, DiscoverySearch>,
+    explored: PassCache<(state_ranking::RankingKey, u64), Explored>,
     fitting: Jobs<Fitting, Vec<FittedPrior>>,
 }
 
@@ -80,10 +80,10 @@ impl Influence {
     pub fn new(store: Arc<dyn Store>, fits: PriorRegistry, networks: Networks, work: Work) -> Self {
         let stopping = || work.stopping.clone();
         Self {
-            ranks: Shared::new("the ranking", stopping()),
-            surveys: Shared::new("the ranking", stopping()),
-            searched: Shared::new("the list of discoveries", stopping()),
-            explored: Shared::new("the exploration", stopping()),
+            count_rankings: PassCache::new("the ranking", stopping()),
+            rankings: PassCache::new("the ranking", stopping()),
+            searched: PassCache::new("the list of discoveries", stopping()),
+            explored: PassCache::new("the exploration", stopping()),
             fitting: Jobs::new("the fit", FITTED, stopping()),
             store,
             fits,
@@ -102,13 +102,18 @@ impl Influence {
         let started = Instant::now();
         let schema = &environment.schema;
         size::check(schema, &question)?;
-        let context = self.query_context(environment, question.scope.clone()).await?;
+        let context = self
+            .query_context(environment, question.scope.clone())
+            .await?;
         size::check_informed(&context, &question)?;
         let labels = labels(schema, &question.scope.pair);
         let answers = answer::answers(
             &*self.store,
             &self.work.questions,
-            AnswerContext { query: context, question },
+            AnswerContext {
+                query: context,
+                question,
+            },
         )
         .await?;
         told(started, &answers);
@@ -157,14 +162,14 @@ impl Influence {
         let scope = Scope::new(environment, &listing.pair)?;
         let listing = Listing::new(&environment.schema, listing)?;
         let context = self.query_context(environment, scope).await?;
-        let (survey, searched) = match listing.discovery {
+        let (ranking, searched) = match listing.discovery {
             Some(discovery) => {
                 let searched = self.searched(&context, discovery).await?;
-                (searched.survey.clone(), Some(searched))
+                (searched.ranking.clone(), Some(searched))
             }
-            None if listing.needs_evidence() => (self.survey(&context).await?, None),
-            None => match self.fresh_survey(&context).await? {
-                Some(survey) => (survey, None),
+            None if listing.needs_evidence() => (self.ranking(&context).await?, None),
+            None => match self.fresh_ranking(&context).await? {
+                Some(ranking) => (ranking, None),
                 None => match listing.by_visits(context.segments.as_deref()) {
                     Some(wanted) => return self.by_visits(context, listing, wanted).await,
                     None => return self.ranked(context, listing).await,
@@ -173,7 +178,7 @@ impl Influence {
         };
         let page = move || {
             let found = searched.as_ref().map(|searched| &searched.found);
-            listing.page(&context.environment.schema, &context.scope, &survey, found)
+            listing.page(&context.environment.schema, &context.scope, &ranking, found)
         };
         // The first page of an order sorts it.
         self.work.passes.run(move |_| Ok(page())).await
@@ -199,7 +204,7 @@ impl Influence {
             .collect();
         turn.run(move |stop| {
             let (schema, unit) = (&context.environment.schema, context.scope.unit);
-            let rows = survey::measured(&context, states, stop)?;
+            let rows = state_ranking::measured(&context, states, stop)?;
             let (size, next_page_token) = listing.cut(schema, &rows);
             let states = rows[..size]
                 .iter()
@@ -217,7 +222,7 @@ impl Influence {
 
     /// Returns a page in an order that needs no evidence: only its own states are assessed.
     async fn ranked(&self, context: QueryContext, listing: Listing) -> Result<StatePage, Problem> {
-        let ranks = self.ranks(&context).await?;
+        let ranks = self.count_ranking(&context).await?;
         let (as_of, environment) = (ranks.as_of, context.environment.clone());
         let choosing = self
             .work
@@ -239,7 +244,7 @@ impl Influence {
         let unit = context.scope.unit;
         let assessing = turn.run(move |stop| {
             let schema = &context.environment.schema;
-            let rows = survey::measured(&context, states, stop)?;
+            let rows = state_ranking::measured(&context, states, stop)?;
             Ok(rows
                 .iter()
                 .map(|row| listing::figures(schema, unit, row))
@@ -264,11 +269,11 @@ impl Influence {
         let discovery = Discovery::new(&draft.discovery)
             .map_err(|faults| Problem::invalid("question", faults))?;
         let context = self.query_context(environment, scope).await?;
-        let (survey, searched) = match discovery {
-            None => (self.survey(&context).await?, None),
+        let (ranking, searched) = match discovery {
+            None => (self.ranking(&context).await?, None),
             Some(discovery) => {
                 let searched = self.searched(&context, discovery).await?;
-                (searched.survey.clone(), Some(searched))
+                (searched.ranking.clone(), Some(searched))
             }
         };
         let named = match draft.omit_segments {
@@ -276,10 +281,16 @@ impl Influence {
             false => self.store.segments(environment.id).await.map_err(logged)?,
         };
         let named = named.into_iter().filter_map(|(_, label)| label).collect();
-        let rows = survey.rows.len();
+        let rows = ranking.rows.len();
         let summary = move || {
             let found = searched.as_ref().map(|searched| &searched.found);
-            summary::summary(&context.environment.schema, &context.scope, named, &survey, found)
+            summary::summary(
+                &context.environment.schema,
+                &context.scope,
+                named,
+                &ranking,
+                found,
+            )
         };
         aside(rows * size_of::<u64>(), summary).await
     }
@@ -299,15 +310,15 @@ impl Influence {
         let made = |progress: Progress| {
             let (this, context) = (self.clone(), context.clone());
             async move {
-                let survey = this.survey_for(&progress, &context).await?;
-                let (store, gate, as_of) = (&*this.store, &this.work.passes, survey.as_of);
+                let ranking = this.ranking_for(&progress, &context).await?;
+                let (store, gate, as_of) = (&*this.store, &this.work.passes, ranking.as_of);
                 Ok((
-                    explore::explore(store, gate, &context, survey, min_visits, &progress).await?,
+                    explore::explore(store, gate, &context, ranking, min_visits, &progress).await?,
                     as_of,
                 ))
             }
         };
-        let is_current = |explored: &Explored| context.is_of(&explored.survey);
+        let is_current = |explored: &Explored| context.is_of(&explored.ranking);
         let explored = self
             .explored
             .get((context.key(), min_visits), totals, is_current, made)
@@ -367,95 +378,124 @@ impl Influence {
         }))
     }
 
-    /// Returns the survey of a query.
-    async fn survey(&self, context: &QueryContext) -> Result<Arc<Made<Survey>>, Problem> {
+    /// Returns the ranking of a query.
+    async fn ranking(
+        &self,
+        context: &QueryContext,
+    ) -> Result<Arc<PassResult<StateRanking>>, Problem> {
         let totals = self.totals(context).await?;
-        self.surveys
+        self.rankings
             .get(
                 context.key(),
                 totals,
-                |survey| context.is_of(survey),
-                |progress| self.surveyed(context, progress),
+                |ranking| context.is_of(ranking),
+                |progress| self.make_ranking(context, progress),
             )
             .await
     }
 
     /// Returns the same to a job that needs it.
-    async fn survey_for(
+    async fn ranking_for(
         &self,
         other: &Progress,
         context: &QueryContext,
-    ) -> Result<Arc<Made<Survey>>, Problem> {
+    ) -> Result<Arc<PassResult<StateRanking>>, Problem> {
         let totals = self.totals(context).await?;
-        let make = |progress| self.surveyed(context, progress);
-        self.surveys
-            .get_for(other, context.key(), totals, |survey| context.is_of(survey), make)
+        let make = |progress| self.make_ranking(context, progress);
+        self.rankings
+            .get_for(
+                other,
+                context.key(),
+                totals,
+                |ranking| context.is_of(ranking),
+                make,
+            )
             .await
     }
 
-    /// Returns the survey of a query if there is one that nothing was counted since.
-    async fn fresh_survey(&self, context: &QueryContext) -> Result<Option<Arc<Made<Survey>>>, Problem> {
+    /// Returns the ranking of a query if there is one that nothing was counted since.
+    async fn fresh_ranking(
+        &self,
+        context: &QueryContext,
+    ) -> Result<Option<Arc<PassResult<StateRanking>>>, Problem> {
         let totals = self.totals(context).await?;
-        let last = self.surveys.last(&context.key());
-        Ok(last.filter(|survey| survey.as_of >= totals.transitions && context.is_of(survey)))
+        let last = self.rankings.last(&context.key());
+        Ok(last.filter(|ranking| ranking.as_of >= totals.transitions && context.is_of(ranking)))
     }
 
-    fn surveyed(
+    fn make_ranking(
         &self,
         context: &QueryContext,
         progress: Progress,
-    ) -> impl Future<Output = Result<(Survey, u64), Problem>> + Send + 'static {
+    ) -> impl Future<Output = Result<(StateRanking, u64), Problem>> + Send + 'static {
         let (this, context) = (self.clone(), context.clone());
-        async move { survey::make(&*this.store, &this.work.passes, &context, &progress).await }
+        async move { state_ranking::make(&*this.store, &this.work.passes, &context, &progress).await }
     }
 
-    async fn ranks(&self, context: &QueryContext) -> Result<Arc<Made<Ranks>>, Problem> {
-        let totals = self.totals(context).await?;
-        let make = |progress: Progress| {
-            let (this, context) = (self.clone(), context.clone());
-            async move { ranks::make(&*this.store, &this.work.passes, &context, &progress).await }
-        };
-        self.ranks
-            .get(context.ranks_key(), totals, |_| true, make)
-            .await
-    }
-
-    /// Returns the discoveries by a query, with the survey that they were looked for in.
-    async fn searched(
+    async fn count_ranking(
         &self,
         context: &QueryContext,
-        discovery: Discovery,
-    ) -> Result<Arc<Made<Searched>>, Problem> {
+    ) -> Result<Arc<PassResult<CountRanking>>, Problem> {
         let totals = self.totals(context).await?;
         let make = |progress: Progress| {
             let (this, context) = (self.clone(), context.clone());
             async move {
-                let survey = this.survey_for(&progress, &context).await?;
+                count_ranking::make(&*this.store, &this.work.passes, &context, &progress).await
+            }
+        };
+        self.count_rankings
+            .get(context.count_ranking_key(), totals, |_| true, make)
+            .await
+    }
+
+    /// Returns the discoveries by a query, with the ranking that they were looked for in.
+    async fn searched(
+        &self,
+        context: &QueryContext,
+        discovery: Discovery,
+    ) -> Result<Arc<PassResult<DiscoverySearch>>, Problem> {
+        let totals = self.totals(context).await?;
+        let make = |progress: Progress| {
+            let (this, context) = (self.clone(), context.clone());
+            async move {
+                let ranking = this.ranking_for(&progress, &context).await?;
                 let found = discoveries::find(
                     &*this.store,
                     &this.work.passes,
                     &context,
-                    &survey,
+                    &ranking,
                     discovery,
                     &progress,
                 )
                 .await?;
-                let as_of = survey.as_of;
-                Ok((Searched { survey, found }, as_of))
+                let as_of = ranking.as_of;
+                Ok((DiscoverySearch { ranking, found }, as_of))
             }
         };
         let key = (context.key(), discovery.fdr.to_bits(), discovery.method);
         self.searched
-            .get(key, totals, |searched| context.is_of(&searched.survey), make)
+            .get(
+                key,
+                totals,
+                |searched| context.is_of(&searched.ranking),
+                make,
+            )
             .await
     }
 
     async fn totals(&self, context: &QueryContext) -> Result<Totals, Problem> {
-        self.store.totals(context.environment.id).await.map_err(logged)
+        self.store
+            .totals(context.environment.id)
+            .await
+            .map_err(logged)
     }
 
     /// Finds out what questions of that scope rest on: the numbers of their segments and the fit.
-    async fn query_context(&self, environment: &Arc<Environment>, scope: Scope) -> Result<QueryContext, Problem> {
+    async fn query_context(
+        &self,
+        environment: &Arc<Environment>,
+        scope: Scope,
+    ) -> Result<QueryContext, Problem> {
         let segments = self
             .segments(environment, scope.segments.as_deref())
             .await?;

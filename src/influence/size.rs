@@ -1,7 +1,7 @@
 //! Whether an answer can fit into a message, asked before it is made: by what is known of it
 //! beforehand, of which it has at least so many bytes. The rest is measured when it is encoded.
 
-use super::survey::QueryContext;
+use super::state_ranking::QueryContext;
 use crate::api::{MOST_MESSAGE_BYTES, too_large};
 use crate::domain::{Counts, Feature, FeatureKind, Question, Schema, StateKey, View};
 use crate::error::Problem;
@@ -46,7 +46,8 @@ pub fn check_informed(context: &QueryContext, question: &Question) -> Result<(),
         .is_some_and(|informed| informed.in_detail().is_some());
     let [evidence, network] = [
         is_told,
-        context.network
+        context
+            .network
             .as_ref()
             .is_some_and(|network| network.tells_actions()),
     ]

@@ -1,5 +1,5 @@
-//! One pass over every state of an environment for one pair: where influence is highest, and what
-//! all states say together.
+//! The ranking of all states of an environment for one pair, made in one pass over them: where
+//! influence is highest, and what all states say together.
 
 use std::collections::HashSet;
 use std::sync::Arc;
@@ -38,8 +38,9 @@ pub struct Row {
     pub basis: Basis,
 }
 
-/// The rows of one environment, pair, choice of segments and rule, within segments or not.
-pub struct Survey {
+/// A ranking of states: the rows of one environment, pair, choice of segments and rule, within
+/// segments or not.
+pub struct StateRanking {
     /// Every state seen, in order of key.
     pub rows: Vec<Row>,
     /// How many segments have visits in them, of those asked for.
@@ -72,8 +73,8 @@ impl Ranked for Row {
     }
 }
 
-/// What a survey is of: its rule by what decides, bit by bit.
-pub type Key = (
+/// What a ranking is of: its rule by what decides, bit by bit.
+pub type RankingKey = (
     EnvironmentId,
     Pair,
     Option<Vec<SegmentId>>,
@@ -82,9 +83,9 @@ pub type Key = (
 );
 
 /// The same without the rule.
-pub type RanksKey = (EnvironmentId, Pair, Option<Vec<SegmentId>>, Within);
+pub type CountRankingKey = (EnvironmentId, Pair, Option<Vec<SegmentId>>, Within);
 
-fn of_rule(rule: &Rule) -> (RuleKind, u64, u64, u64) {
+fn rule_bits(rule: &Rule) -> (RuleKind, u64, u64, u64) {
     (
         rule.kind,
         rule.threshold_nats().to_bits(),
@@ -110,8 +111,8 @@ pub struct QueryContext {
 }
 
 impl QueryContext {
-    /// Returns what a survey by this query is of.
-    pub fn key(&self) -> Key {
+    /// Returns what a ranking by this query is of.
+    pub fn key(&self) -> RankingKey {
         let Scope {
             pair, within, rule, ..
         } = &self.scope;
@@ -120,12 +121,12 @@ impl QueryContext {
             pair.clone(),
             self.segments.clone(),
             *within,
-            of_rule(rule),
+            rule_bits(rule),
         )
     }
 
     /// Returns what ranks that need no evidence are of: no rule decides them.
-    pub fn ranks_key(&self) -> RanksKey {
+    pub fn count_ranking_key(&self) -> CountRankingKey {
         let (environment, pair, segments, within, _) = self.key();
         (environment, pair, segments, within)
     }
@@ -142,10 +143,10 @@ impl QueryContext {
         }
     }
 
-    /// Returns whether a survey was made by the same fit and the same network.
-    pub fn is_of(&self, survey: &Survey) -> bool {
-        survey.fit == self.fit()
-            && survey.network == self.network.as_ref().map(|network| network.version)
+    /// Returns whether a ranking was made by the same fit and the same network.
+    pub fn is_of(&self, ranking: &StateRanking) -> bool {
+        ranking.fit == self.fit()
+            && ranking.network == self.network.as_ref().map(|network| network.version)
     }
 
     /// Returns which fit it is.
@@ -157,13 +158,13 @@ impl QueryContext {
     }
 }
 
-/// Passes over all states; returns the survey, and how many transitions there were before.
+/// Passes over all states; returns the ranking, and how many transitions there were before.
 pub async fn make(
     store: &dyn Store,
     gate: &Gate,
     context: &QueryContext,
     progress: &Progress,
-) -> Result<(Survey, u64), Problem> {
+) -> Result<(StateRanking, u64), Problem> {
     let totals = store.totals(context.environment.id).await.map_err(logged)?;
     progress.begin("states measured", totals.states);
     let mut rows = Vec::new();
@@ -188,7 +189,7 @@ pub async fn make(
         rows.sort_unstable_by(|a: &Row, b| a.key.cmp(&b.key));
         Ok(rows)
     });
-    let survey = Survey {
+    let ranking = StateRanking {
         rows: rows.await?,
         segments: segments.len() as u64,
         fit: context.fit(),
@@ -199,7 +200,7 @@ pub async fn make(
             .map(|informed| informed.fit.parameters.dependent),
         orders: Orders::default(),
     };
-    Ok((survey, totals.transitions))
+    Ok((ranking, totals.transitions))
 }
 
 /// Returns the segments that have visits in the states of a page, of those asked for.

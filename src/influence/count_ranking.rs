@@ -1,10 +1,11 @@
-//! Ranks that need no evidence: how often each state was seen, and its plug-in mutual information.
+//! A ranking that needs no evidence: of all states by how often each was seen, or by its plug-in
+//! mutual information.
 
 use rayon::prelude::*;
 
 use super::order::{Orders, Ranked};
+use super::state_ranking::QueryContext;
 use super::store_errors::logged;
-use super::survey::QueryContext;
 use crate::domain::{Evidence, StateKey};
 use crate::error::Problem;
 use crate::information::plug_in;
@@ -12,16 +13,16 @@ use crate::priors::{Pages, Tables};
 use crate::store::{Scanned, Store};
 use crate::work::{Gate, Progress};
 
-/// One state.
+/// What one state is ranked by.
 pub struct Rank {
     key: StateKey,
     visits: u64,
     plug_in: f64,
 }
 
-/// Every state seen, in order of key.
+/// The ranks of every state seen, in order of key.
 #[derive(Default)]
-pub struct Ranks {
+pub struct CountRanking {
     pub rows: Vec<Rank>,
     pub orders: Orders,
 }
@@ -50,7 +51,7 @@ pub async fn make(
     gate: &Gate,
     context: &QueryContext,
     progress: &Progress,
-) -> Result<(Ranks, u64), Problem> {
+) -> Result<(CountRanking, u64), Problem> {
     let totals = store.totals(context.environment.id).await.map_err(logged)?;
     progress.begin("states looked at", totals.states);
     let mut rows = Vec::new();
@@ -68,7 +69,7 @@ pub async fn make(
         Ok(rows)
     });
     Ok((
-        Ranks {
+        CountRanking {
             rows: rows.await?,
             orders: Orders::default(),
         },
