@@ -5,18 +5,22 @@ use super::assessor::Assessor;
 use crate::domain::{ActionFigures, Interval};
 use crate::evidence::ActionPosterior;
 use crate::information::Table;
-use crate::priors::{self, Draws, Tables};
+use crate::priors::{self, Observations, Tables};
 
-/// Returns the figures of every ego action, seen or not, in index order; `draws` is what the
+/// Returns the figures of every ego action, seen or not, in index order; `observations` is what the
 /// evidence rests on.
-pub fn by_action(assessor: Assessor<'_>, tables: &Tables, draws: &Draws<'_>) -> Vec<ActionFigures> {
+pub fn by_action(
+    assessor: Assessor<'_>,
+    tables: &Tables,
+    observations: &Observations<'_>,
+) -> Vec<ActionFigures> {
     let pair = &assessor.scope.pair;
     let believed = assessor.informed.and_then(|informed| {
-        Some(
-            informed
-                .in_detail()?
-                .by_action(&informed.habits, draws.counted(), priors::ego(pair)),
-        )
+        Some(informed.in_detail()?.by_action(
+            &informed.habits,
+            observations.counted(),
+            priors::ego(pair),
+        ))
     });
     let mut believed = believed.unwrap_or_default().into_iter();
     let figures = |index: u64| figures(assessor, tables, index, believed.next());

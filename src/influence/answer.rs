@@ -16,7 +16,7 @@ use crate::domain::{
 use crate::error::Problem;
 use crate::information::{self, Alphabet};
 use crate::model::Prediction;
-use crate::priors::{self, Draws, Tables};
+use crate::priors::{self, Observations, Tables};
 use crate::store::{StateCounts, Store};
 use crate::work::{Gate, Stop, Stopped};
 
@@ -138,12 +138,18 @@ impl AnswerContext {
         let visits = assessment.tables.whole.total();
         // What the evidence rests on, for those figures that need the tables themselves.
         let (schema, Scope { pair, within, .. }) = (assessor.schema, assessor.scope);
-        let draws = LazyCell::new(|| assessment.tables.evidence(schema, pair, *within, cells()));
+        let observations = LazyCell::new(|| {
+            assessment
+                .tables
+                .observations(schema, pair, *within, cells())
+        });
         let figures = (assessor.view != View::Verdict).then(|| {
             let tested = self.question.significance.map(|how| {
                 let strata = (assessment.tables.segments > 1)
-                    .then(|| Tables::draws_by_segment(schema, pair, cells()));
-                let pooled = assessment.tables.draws(schema, pair, cells());
+                    .then(|| Tables::strata_by_segment(schema, pair, cells()));
+                let pooled = assessment
+                    .tables
+                    .strata_of_observations(schema, pair, cells());
                 (
                     Tested::new(&pooled, strata.as_deref(), key.seed()),
                     how.exchange(*within),
@@ -152,7 +158,7 @@ impl AnswerContext {
             let visits_to_decide = self
                 .question
                 .visits_to_decide
-                .then(|| self.visits_to_decide(assessor, &draws))
+                .then(|| self.visits_to_decide(assessor, &observations))
                 .flatten();
             Box::new(Figures {
                 bins: bins(assessor.schema, key),
@@ -167,7 +173,7 @@ impl AnswerContext {
             })
         });
         let by_action = (assessor.view == View::Full)
-            .then(|| actions::by_action(assessor, &assessment.tables, &draws));
+            .then(|| actions::by_action(assessor, &assessment.tables, &observations));
         Answer {
             key: key.clone(),
             visits,
@@ -179,12 +185,16 @@ impl AnswerContext {
     }
 
     /// Returns how many more visits a verdict would take, if there are not too many actions for it.
-    fn visits_to_decide(&self, assessor: Assessor<'_>, draws: &Draws<'_>) -> Option<Option<u64>> {
+    fn visits_to_decide(
+        &self,
+        assessor: Assessor<'_>,
+        observations: &Observations<'_>,
+    ) -> Option<Option<u64>> {
         let informed = assessor.informed?;
         let (prior, scope) = (informed.in_detail()?, assessor.scope);
         let visits = prior.visits_to_decide(
             &informed.habits,
-            draws.counted(),
+            observations.counted(),
             priors::ego(&scope.pair),
             &scope.rule,
         );

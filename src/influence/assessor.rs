@@ -8,7 +8,7 @@ use crate::domain::{
 use crate::evidence::{self, Believed};
 use crate::information::plug_in;
 use crate::model::{Network, Prediction};
-use crate::priors::{Draws, EvidenceInputs, Informed, StateEvidence, Tables};
+use crate::priors::{EvidenceInputs, Informed, Observations, StateEvidence, Tables};
 
 /// What assesses states: a schema, a question's scope, the fitted prior that the evidence rests on,
 /// and the network that is asked where the counts do not decide.
@@ -85,9 +85,9 @@ impl Assessor<'_> {
         let wanted = self.informed.filter(|_| is_wanted);
         let found = wanted.map(|informed| {
             self.remembered(informed, key, tally, || {
-                self.found(
+                self.weigh_evidence(
                     informed,
-                    &tables.evidence(self.schema, pair, *within, cells),
+                    &tables.observations(self.schema, pair, *within, cells),
                 )
             })
         });
@@ -176,14 +176,20 @@ impl Assessor<'_> {
         informed.evidence_cache.get_or_find(key, inputs, find)
     }
 
-    /// Returns what the draws of a state support, in nats.
-    fn found(&self, informed: &Informed, draws: &Draws<'_>) -> StateEvidence {
+    /// Returns what the observations of a state support, in nats.
+    fn weigh_evidence(
+        &self,
+        informed: &Informed,
+        observations: &Observations<'_>,
+    ) -> StateEvidence {
         let threshold = self.scope.rule.threshold_nats();
-        let posterior = informed.prior.posterior(&informed.habits, draws.counted());
+        let posterior = informed
+            .prior
+            .posterior(&informed.habits, observations.counted());
         let believed = Believed::new(
             posterior.beliefs(threshold),
             informed.unseen(threshold),
-            &draws.slices,
+            &observations.strata,
         );
         let evidence = Evidence {
             dependence: evidence::dependence(&believed),

@@ -114,7 +114,7 @@ fn found(
 /// A state whose margins allow a p-value small enough.
 struct Testable {
     key: StateKey,
-    slices: Arc<[Table]>,
+    strata: Arc<[Table]>,
     p_value: f64,
     /// Whether it was computed without permutations.
     is_exact: bool,
@@ -185,18 +185,18 @@ fn tested(
         stop.check()?;
         let cells = || scanned.counts.of_segments(context.segments.as_deref());
         let tables = Tables::new(schema, pair, cells());
-        let draws = |exchange| tables.exchangeable(schema, pair, exchange, cells());
+        let strata = |exchange| tables.exchangeable(schema, pair, exchange, cells());
         let (exchange, seed) = (context.scope.within.exchange(), scanned.key.seed());
         let disagreement = (tables.segments > 1).then(|| {
             Disagreement::between(
-                &draws(Exchange::Pooled),
-                &draws(Exchange::WithinSegments),
+                &strata(Exchange::Pooled),
+                &strata(Exchange::WithinSegments),
                 FIRST,
                 seed,
             )
         });
         Ok((
-            Testable::new(scanned.key.clone(), draws(exchange).into_owned(), fdr),
+            Testable::new(scanned.key.clone(), strata(exchange).into_owned(), fdr),
             disagreement.flatten(),
         ))
     };
@@ -261,14 +261,14 @@ async fn refined(
 
 /// A test of more permutations.
 struct Refined {
-    slices: Arc<[Table]>,
+    strata: Arc<[Table]>,
     permutations: u64,
     seed: u64,
 }
 
 impl Refined {
     fn p_value(&self, stop: &Stop) -> Result<f64, Stopped> {
-        let tested = p_value_while(&self.slices, self.permutations, self.seed, &|| {
+        let tested = p_value_while(&self.strata, self.permutations, self.seed, &|| {
             stop.goes_on()
         });
         tested.map(|tested| tested.p_value).ok_or(Stopped)
@@ -277,12 +277,12 @@ impl Refined {
 
 impl Testable {
     /// Tests a state, if its margins allow a p-value that can pass.
-    fn new(key: StateKey, slices: Vec<Table>, fdr: f64) -> Option<Self> {
-        (smallest_p(&slices) <= fdr).then(|| {
-            let Significance { p_value, method } = p_value(&slices, FIRST, key.seed());
+    fn new(key: StateKey, strata: Vec<Table>, fdr: f64) -> Option<Self> {
+        (smallest_p(&strata) <= fdr).then(|| {
+            let Significance { p_value, method } = p_value(&strata, FIRST, key.seed());
             Self {
                 key,
-                slices: slices.into(),
+                strata: strata.into(),
                 p_value,
                 is_exact: method != Method::Permutation,
                 permutations: FIRST,
@@ -305,7 +305,7 @@ impl Testable {
 
     fn refined(&self, most: u64) -> Refined {
         Refined {
-            slices: self.slices.clone(),
+            strata: self.strata.clone(),
             permutations: self.more(most),
             seed: self.key.seed(),
         }

@@ -129,10 +129,10 @@ fn trials(context: &QueryContext, key: &StateKey, state: &StateCounts) -> Vec<Tr
     let (schema, scope) = (&context.environment.schema, &context.scope);
     let cells = || state.counts.of_segments(context.segments.as_deref());
     let tables = Tables::new(schema, &scope.pair, cells());
-    let draws = tables.evidence(schema, &scope.pair, scope.within, cells());
+    let observations = tables.observations(schema, &scope.pair, scope.within, cells());
     let threshold = scope.rule.threshold_nats();
     let above_threshold = prior
-        .posterior(&informed.habits, draws.counted())
+        .posterior(&informed.habits, observations.counted())
         .above(threshold);
     let trial = |(index, information_gain): (u64, f64)| Trial {
         key: key.clone(),
@@ -147,7 +147,7 @@ fn trials(context: &QueryContext, key: &StateKey, state: &StateCounts) -> Vec<Tr
     (0..)
         .zip(prior.information_gain(
             &informed.habits,
-            draws.counted(),
+            observations.counted(),
             priors::ego(&scope.pair),
             threshold,
         ))

@@ -157,7 +157,7 @@ struct StateTests<'a> {
 }
 
 impl StateTests<'_> {
-    /// Returns whether a pair is tested within segments: the slices of a conditional test are too
+    /// Returns whether a pair is tested within segments: the strata of a conditional test are too
     /// small to tell how habits go with segments, so that it is the pair by itself that tells.
     fn exchange(&self, pair: usize) -> Exchange {
         let is_cut = self.state.within != Within::Pooled
@@ -173,7 +173,7 @@ impl StateTests<'_> {
 
     /// Returns the tables of a pair, one for each joint action of those held fixed, and for each
     /// segment if it is tested within them.
-    fn slices(&self, pair: usize, fixed: &[usize]) -> Vec<Table> {
+    fn strata(&self, pair: usize, fixed: &[usize]) -> Vec<Table> {
         let (schema, cells) = (&self.state.environment.schema, self.state.cells.iter());
         let (exchange, [ego, other]) = (self.exchange(pair), self.pairs[pair].ends);
         let pair = Pair {
@@ -192,17 +192,17 @@ impl skeleton::IndependenceTests for StateTests<'_> {
     fn believed(&self, pair: usize, fixed: &[usize]) -> Option<Believed> {
         self.stop.check().ok()?;
         let prior = &self.state.informed[pair].as_ref()?.prior;
-        let slices = self.slices(pair, fixed);
+        let strata = self.strata(pair, fixed);
         Some(Believed::of_dependence(
-            prior.dependent(&slices),
+            prior.dependent(&strata),
             prior.unseen().dependent(),
-            &slices,
+            &strata,
         ))
     }
 
     fn p_value(&self, pair: usize, fixed: &[usize], permutations: u64) -> f64 {
-        let slices = self.slices(pair, fixed);
-        let tested = information::p_value_while(&slices, permutations, self.state.seed, &|| {
+        let strata = self.strata(pair, fixed);
+        let tested = information::p_value_while(&strata, permutations, self.state.seed, &|| {
             self.stop.goes_on()
         });
         tested.map_or(1.0, |tested| tested.p_value)

@@ -1,5 +1,5 @@
-//! A stale-while-revalidate cache of what is made in a pass over all states of an environment: kept,
-//! and made again when more was counted.
+//! A stale-while-revalidate cache of what is made in a pass over all states of an environment:
+//! kept, and made again when more was counted.
 //!
 //! Where that is quick it is made while the caller waits, so that every acknowledged transition is
 //! seen. Where it is not (a large environment, or one whose states take long), it is told as it was

@@ -162,7 +162,7 @@ impl<T: IndependenceTests> Search<'_, T> {
     }
 
     /// Returns the set that opens a pair most, if one does. It must be confirmed by a test that
-    /// needs no prior: what the evidence of dozens of small slices is off by adds up, and in
+    /// needs no prior: what the evidence of dozens of small strata is off by adds up, and in
     /// independent states of four agents whose pairs mostly depend, one in three was opened
     /// without.
     fn opening(&self, at: usize, told: Vec<(Vec<usize>, Believed)>) -> Option<Vec<usize>> {
@@ -281,11 +281,11 @@ mod tests {
 
     impl<F: Fn(usize, &[usize]) -> Option<f64> + Sync> IndependenceTests for Said<F> {
         fn believed(&self, pair: usize, fixed: &[usize]) -> Option<Believed> {
-            let slice = Table::from_counts([(0, 0, 50), (0, 1, 50), (1, 0, 50), (1, 1, 50)]);
+            let stratum = Table::from_counts([(0, 0, 50), (0, 1, 50), (1, 0, 50), (1, 1, 50)]);
             Some(Believed::of_dependence(
                 (self.given)(pair, fixed)?,
                 UNSEEN,
-                &[slice],
+                &[stratum],
             ))
         }
 

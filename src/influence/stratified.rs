@@ -26,9 +26,10 @@ pub struct Tested {
 }
 
 impl Tested {
-    /// Tests a state by its draws, and where it has several segments, by the same cut by segment.
-    pub fn new(draws: &[Table], strata: Option<&[Table]>, seed: u64) -> Self {
-        let pooled = test(draws, seed);
+    /// Tests a state by its observations, and where it has several segments, by the same cut by
+    /// segment.
+    pub fn new(observations: &[Table], strata: Option<&[Table]>, seed: u64) -> Self {
+        let pooled = test(observations, seed);
         let stratified = strata.map(|strata| {
             let stratified = test(strata, seed);
             (
@@ -58,8 +59,8 @@ impl Tested {
     }
 }
 
-fn test(slices: &[Table], seed: u64) -> Significance {
-    let test = information::p_value(slices, PERMUTATIONS, seed);
+fn test(strata: &[Table], seed: u64) -> Significance {
+    let test = information::p_value(strata, PERMUTATIONS, seed);
     Significance {
         p_value: test.p_value,
         method: test.method.as_str(),
@@ -89,7 +90,7 @@ impl Disagreement {
         permutations: u64,
         seed: u64,
     ) -> Option<Self> {
-        let p_value = |slices| information::p_value(slices, permutations, seed).p_value;
+        let p_value = |strata| information::p_value(strata, permutations, seed).p_value;
         // Where no test within segments could find anything, none need be made.
         let smallest = smallest_p(strata);
         let stratified = if smallest > MISSED {

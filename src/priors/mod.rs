@@ -28,7 +28,7 @@ mod stored_forms;
 mod tables;
 
 pub use scan::Pages;
-pub use tables::{Draws, Tables};
+pub use tables::{Observations, Tables};
 
 pub use evidence_cache::{EvidenceInputs, StateEvidence};
 
@@ -103,7 +103,7 @@ impl Fitted {
     }
 }
 
-/// Returns where the ego of a pair stands in the tables of its draws.
+/// Returns where the ego of a pair stands in the tables of its observations.
 pub fn ego(pair: &Pair) -> Ego {
     if pair.ego < pair.other {
         Ego::Rows
@@ -253,9 +253,9 @@ impl PriorRegistry {
         let telling = progress.clone();
         let fitting = self.gate.run(move |stop| {
             let mut fitter = Fitter::new(alphabet, &uses);
-            for (_, draws) in &states {
+            for (_, observations) in &states {
                 stop.check()?;
-                fitter.add(draws.counted());
+                fitter.add(observations.counted());
                 telling.add(1);
             }
             fitter.fit_while(&|| stop.goes_on()).ok_or(Stopped)
@@ -377,7 +377,7 @@ impl PriorRegistry {
             .is_some())
     }
 
-    /// Returns how all states use the actions of both agents, and the draws of the states that can
+    /// Returns how all states use the actions of both agents, and the observations of the states that can
     /// tell dependence from independence, in order of key.
     async fn states(
         &self,
@@ -385,7 +385,7 @@ impl PriorRegistry {
         environment: &Environment,
         pair: &Pair,
         alphabet: Alphabet,
-    ) -> Result<(Uses, Vec<(StateKey, Draws<'static>)>), Problem> {
+    ) -> Result<(Uses, Vec<(StateKey, Observations<'static>)>), Problem> {
         let mut read = Read {
             schema: environment.schema.clone(),
             pair: pair.clone(),
@@ -450,18 +450,19 @@ struct Read {
     schema: Schema,
     pair: Pair,
     uses: Uses,
-    sample: Sample<Draws<'static>>,
+    sample: Sample<Observations<'static>>,
 }
 
 impl Read {
     fn add(&mut self, scanned: Scanned) {
         let cells = scanned.counts.cells().iter();
         let tables = Tables::new(&self.schema, &self.pair, cells.clone());
-        let draws = tables.evidence(&self.schema, &self.pair, Within::Auto, cells);
-        self.uses.add(draws.counted());
-        if !draws.slices.iter().all(Table::is_line) {
-            let tables = draws.tables();
-            self.sample.add(scanned.key, draws.into_owned(), tables);
+        let observations = tables.observations(&self.schema, &self.pair, Within::Auto, cells);
+        self.uses.add(observations.counted());
+        if !observations.strata.iter().all(Table::is_line) {
+            let tables = observations.tables();
+            self.sample
+                .add(scanned.key, observations.into_owned(), tables);
         }
     }
 }
