@@ -99,8 +99,9 @@ impl AnswerContext {
     /// Answers one state after another.
     pub fn answers_here(&self, counts: &[StateCounts]) -> Vec<Answer> {
         let (assessor, keys) = (self.assessor(), &self.question.states);
-        let told = keys.iter().zip(counts).zip(assessor.predictions(keys));
-        told.map(|((key, counts), predicted)| self.answer(assessor, key, counts, predicted))
+        let states = keys.iter().zip(counts).zip(assessor.predictions(keys));
+        states
+            .map(|((key, counts), predicted)| self.answer(assessor, key, counts, predicted))
             .collect()
     }
 
@@ -115,12 +116,16 @@ impl AnswerContext {
             .zip(counts.chunks(TOGETHER))
         {
             stop.check()?;
-            let told = keys.par_iter().zip(counts).zip(assessor.predictions(keys));
+            let states = keys.par_iter().zip(counts).zip(assessor.predictions(keys));
             let answer = |((key, counts), predicted)| {
                 stop.check()?;
                 Ok(self.answer(assessor, key, counts, predicted))
             };
-            answers.extend(told.map(answer).collect::<Result<Vec<Answer>, Stopped>>()?);
+            answers.extend(
+                states
+                    .map(answer)
+                    .collect::<Result<Vec<Answer>, Stopped>>()?,
+            );
         }
         Ok(answers)
     }
@@ -162,7 +167,7 @@ impl AnswerContext {
                 .flatten();
             Box::new(Figures {
                 bins: bins(assessor.schema, key),
-                significance: tested.map(|(tested, exchange)| tested.told(exchange)),
+                significance: tested.map(|(tested, exchange)| tested.significance(exchange)),
                 warnings: warning(tested.map(|(tested, _)| tested), &assessment)
                     .into_iter()
                     .collect(),

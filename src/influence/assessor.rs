@@ -58,12 +58,12 @@ impl Assessor<'_> {
             return vec![None; keys.len()];
         };
         let threshold = self.scope.rule.threshold_nats();
-        let told = if self.remembers {
+        let predictions = if self.remembers {
             network.predict(keys, threshold)
         } else {
             network.predict_once(keys, threshold)
         };
-        told.into_iter().map(Some).collect()
+        predictions.into_iter().map(Some).collect()
     }
 
     /// Assesses a state by its cells, and where they do not decide, by what the network says of it.
@@ -103,11 +103,13 @@ impl Assessor<'_> {
             false => Verdict::Undecided,
         };
         let counted = decide(rule.kind);
-        let told = match counted {
-            Verdict::Undecided => self.asked(decide(RuleKind::Evidence), evidence, predicted),
+        let predicted = match counted {
+            Verdict::Undecided => {
+                self.predicted_verdict(decide(RuleKind::Evidence), evidence, predicted)
+            }
             _ => None,
         };
-        let (verdict, basis) = told.unwrap_or((counted, evidence::basis(visits)));
+        let (verdict, basis) = predicted.unwrap_or((counted, evidence::basis(visits)));
         Assessment {
             tables,
             tally,
@@ -122,7 +124,7 @@ impl Assessor<'_> {
     /// and does not say what the counts exclude: many visits may be too sure of the answer to have
     /// moved a prior that was as sure, and the paper's rule may be open where the evidence has
     /// `settled` it.
-    fn asked(
+    fn predicted_verdict(
         &self,
         settled: Verdict,
         evidence: Option<Evidence>,

@@ -54,7 +54,7 @@ pub struct Explored {
 
 impl Explored {
     /// Returns at most so many of the trials.
-    pub fn told(&self, limit: usize) -> Exploration {
+    pub fn first(&self, limit: usize) -> Exploration {
         let trials = self.trials(limit).to_vec();
         Exploration {
             trials,

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::answer::{self, AnswerContext};
 use super::skeleton::{self, EdgeFinding, Margin};
 use super::store_errors::logged;
-use super::{Influence, size, told};
+use super::{Influence, count_answers, size};
 use crate::domain::draft::{PairDraft, QuestionDraft};
 use crate::domain::{
     Answer, Cell, Dependence, Edge, Environment, Exchange, Graph, Pair, Question, Schema, View,
@@ -33,7 +33,7 @@ impl Influence {
         let schema = &environment.schema;
         let question = Question {
             view: View::Figures,
-            ..Question::new(environment, &of_widest(schema, draft))?
+            ..Question::new(environment, &about_widest_pair(schema, draft))?
         };
         let nothing = || Problem::invalid("question", Vec::new());
         let key = question.states.first().cloned().ok_or_else(nothing)?;
@@ -86,7 +86,7 @@ impl Influence {
         let (answers, found) = turn
             .run(move |stop| tests.graph(&pairs, &contexts, &counts, stop))
             .await?;
-        told(started, &answers);
+        count_answers(started, &answers);
         let edges = Pair::every(schema).into_iter().zip(answers).zip(found);
         Ok(Graph {
             bins: answer::bins(schema, &key),
@@ -244,7 +244,7 @@ fn edge(
 
 /// Returns a question about all pairs for the one that can have the most: a threshold that it
 /// cannot reach is beyond every pair.
-fn of_widest(schema: &Schema, draft: &QuestionDraft) -> QuestionDraft {
+fn about_widest_pair(schema: &Schema, draft: &QuestionDraft) -> QuestionDraft {
     let Pair { ego, other, .. } = Pair::widest(schema);
     let name = |agent: usize| Some(schema.agents()[agent].name.to_string());
     let pair = PairDraft {

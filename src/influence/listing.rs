@@ -114,9 +114,9 @@ impl Listing {
         ranking: &PassResult<StateRanking>,
         found: Option<&FoundDiscoveries>,
     ) -> StatePage {
-        let told = |position: usize| found.is_none_or(|found| found.rows[position]);
+        let is_found = |position: usize| found.is_none_or(|found| found.rows[position]);
         let wants = |position: usize, row: &Row| {
-            told(position) && self.verdict.is_none_or(|wanted| row.verdict == wanted)
+            is_found(position) && self.verdict.is_none_or(|wanted| row.verdict == wanted)
         };
         let figures = |at: usize| StateFigures {
             p_value: found.and_then(|found| found.p_values.get(at).copied().flatten()),
@@ -166,7 +166,7 @@ impl Listing {
                 .as_ref()
                 .is_some_and(|after| self.place_of(row(*position)) <= *after)
         };
-        let positions = orders.of(rows, self.order);
+        let positions = orders.positions(rows, self.order);
         let start = positions.partition_point(passed);
         let wanted = positions[start..]
             .iter()

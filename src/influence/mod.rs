@@ -116,12 +116,16 @@ impl Influence {
             },
         )
         .await?;
-        told(started, &answers);
+        count_answers(started, &answers);
         Ok(Answers { labels, answers })
     }
 
     /// Returns the counts of the state of that key.
-    pub async fn state(&self, environment: &Environment, key: &str) -> Result<StateView, Problem> {
+    pub async fn state_view(
+        &self,
+        environment: &Environment,
+        key: &str,
+    ) -> Result<StateView, Problem> {
         let schema = environment.schema.clone();
         let wrong = |detail| Problem::invalid("state key", vec![Fault::new("/key", detail)]);
         let key = schema.key_of_text(key).map_err(wrong)?;
@@ -327,7 +331,7 @@ impl Influence {
             &environment.schema,
             explored.trials(limit).iter().map(|trial| &trial.key),
         )?;
-        Ok(explored.told(limit))
+        Ok(explored.first(limit))
     }
 
     /// Fits the prior of a pair, or of every pair, to the counts as they are now. Whoever could not
@@ -551,7 +555,7 @@ impl Influence {
 }
 
 /// Counts a question that was answered.
-fn told(since: Instant, answers: &[Answer]) {
+fn count_answers(since: Instant, answers: &[Answer]) {
     telemetry::answered(since.elapsed());
     let mut verdicts: BTreeMap<_, u64> = BTreeMap::new();
     for answer in answers {
@@ -598,8 +602,8 @@ fn labels(schema: &Schema, pair: &Pair) -> Labels {
 }
 
 fn variable(agent: &Agent) -> Variable {
-    let told = agent.actions() <= Variable::MOST_LABELS;
-    let actions = if told {
+    let are_told = agent.actions() <= Variable::MOST_LABELS;
+    let actions = if are_told {
         (0..agent.actions())
             .map(|index| agent.action_label(index))
             .collect()

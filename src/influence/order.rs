@@ -84,7 +84,7 @@ pub struct Orders([OnceLock<Vec<u32>>; 8]);
 impl Orders {
     /// Returns the positions of all rows, which are always the same and in order of key, in an
     /// order.
-    pub fn of(&self, rows: &[impl Ranked], order: Order) -> &[u32] {
+    pub fn positions(&self, rows: &[impl Ranked], order: Order) -> &[u32] {
         let slot = order.by as usize * 2 + usize::from(order.descending);
         self.0[slot].get_or_init(|| {
             let mut positions: Vec<u32> = (0..rows.len() as u32).collect();

@@ -117,9 +117,9 @@ impl<T: IndependenceTests> Search<'_, T> {
             sets
         };
         let is_wanted = |found: &EdgeFinding| found.kind == EdgeKind::Direct;
-        let told = self.told(is_wanted, sets);
-        for (found, told) in self.found.iter_mut().zip(told) {
-            let explaining = told
+        let beliefs = self.conditional_beliefs(is_wanted, sets);
+        for (found, beliefs) in self.found.iter_mut().zip(beliefs) {
+            let explaining = beliefs
                 .into_iter()
                 .filter(|(_, believed)| evidence::is_explained(believed));
             if let Some((set, _)) =
@@ -148,11 +148,11 @@ impl<T: IndependenceTests> Search<'_, T> {
         let is_wanted = |found: &EdgeFinding| {
             found.opened_by.is_empty() && matches!(found.kind, EdgeKind::Open | EdgeKind::Absent)
         };
-        let told = self.told(is_wanted, sets);
-        let opening: Vec<_> = told
+        let beliefs = self.conditional_beliefs(is_wanted, sets);
+        let opening: Vec<_> = beliefs
             .into_par_iter()
             .enumerate()
-            .map(|(at, told)| self.opening(at, told))
+            .map(|(at, beliefs)| self.opening(at, beliefs))
             .collect();
         for (found, set) in self.found.iter_mut().zip(opening) {
             if let Some(set) = set {
@@ -165,9 +165,9 @@ impl<T: IndependenceTests> Search<'_, T> {
     /// needs no prior: what the evidence of dozens of small strata is off by adds up, and in
     /// independent states of four agents whose pairs mostly depend, one in three was opened
     /// without.
-    fn opening(&self, at: usize, told: Vec<(Vec<usize>, Believed)>) -> Option<Vec<usize>> {
-        let sets = told.len() as u64;
-        let opening = told
+    fn opening(&self, at: usize, beliefs: Vec<(Vec<usize>, Believed)>) -> Option<Vec<usize>> {
+        let sets = beliefs.len() as u64;
+        let opening = beliefs
             .into_iter()
             .filter(|(_, believed)| evidence::is_opened(believed, sets));
         let (set, _) =
@@ -180,12 +180,12 @@ impl<T: IndependenceTests> Search<'_, T> {
 
     /// Tests every pair that is wanted with each of its sets, by several threads, and returns what
     /// is believed with each.
-    fn told(
+    fn conditional_beliefs(
         &self,
         is_wanted: impl Fn(&EdgeFinding) -> bool + Sync,
         sets: impl Fn(Ends) -> Vec<Vec<usize>> + Sync,
     ) -> Vec<Vec<(Vec<usize>, Believed)>> {
-        let told = |(at, found): (usize, &EdgeFinding)| {
+        let beliefs = |(at, found): (usize, &EdgeFinding)| {
             let sets = if is_wanted(found) {
                 sets(self.pairs[at].ends)
             } else {
@@ -199,7 +199,7 @@ impl<T: IndependenceTests> Search<'_, T> {
                 })
                 .collect()
         };
-        self.found.par_iter().enumerate().map(told).collect()
+        self.found.par_iter().enumerate().map(beliefs).collect()
     }
 
     /// Returns, for each agent, those to whom it is joined by such a pair.

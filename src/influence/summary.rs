@@ -76,12 +76,13 @@ fn warnings(ranking: &StateRanking, found: Option<&FoundDiscoveries>) -> Vec<Str
 /// Returns which segments the counts come from, and the mean over the states whose evidence tells
 /// whether habits differ there.
 fn segmentation(ranking: &StateRanking) -> Segmentation {
-    let told: Vec<f64> = ranking
+    let differing: Vec<f64> = ranking
         .rows
         .iter()
         .filter_map(|row| row.evidence?.differ)
         .collect();
-    let differ = (!told.is_empty()).then(|| told.iter().sum::<f64>() / told.len() as f64);
+    let differ =
+        (!differing.is_empty()).then(|| differing.iter().sum::<f64>() / differing.len() as f64);
     Segmentation {
         count: ranking.segments,
         differ,

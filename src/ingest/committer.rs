@@ -8,7 +8,7 @@ use std::time::{Duration, Instant, SystemTime};
 
 use tokio::sync::{OwnedSemaphorePermit, mpsc, oneshot};
 
-use super::figures::Counted;
+use super::figures::BatchTotals;
 use super::streams::Lease;
 use crate::domain::{Acknowledged, EnvironmentId, ProducerId, Sequence};
 use crate::error::{ErrorKind, Problem};
@@ -28,7 +28,7 @@ static FAILURES: Seldom = Seldom::every(Duration::from_secs(5));
 static UNREAD: Seldom = Seldom::every(Duration::from_secs(5));
 
 /// What the committer does, in the order in which it was asked.
-pub enum Work {
+pub enum Command {
     /// Commit a batch.
     Batch(Pending),
     /// Tell a producer how far it is, after everything that it sent before.
@@ -60,7 +60,7 @@ pub struct Resume {
 }
 
 /// Commits until it is told to stop or nobody can ask any more.
-pub async fn run(store: Arc<dyn Store>, counted: Counted, mut queue: mpsc::Receiver<Work>) {
+pub async fn run(store: Arc<dyn Store>, counted: BatchTotals, mut queue: mpsc::Receiver<Command>) {
     let mut group = Group {
         counted,
         ..Group::default()
@@ -69,12 +69,12 @@ pub async fn run(store: Arc<dyn Store>, counted: Counted, mut queue: mpsc::Recei
         let mut next = Some(first);
         while let Some(work) = next {
             match work {
-                Work::Batch(pending) => group.add(pending),
-                Work::Resume(resume) => {
+                Command::Batch(pending) => group.add(pending),
+                Command::Resume(resume) => {
                     group.commit(&*store).await;
                     answer_resume(&*store, resume).await;
                 }
-                Work::Stop => {
+                Command::Stop => {
                     queue.close();
                 }
             }
@@ -91,7 +91,7 @@ pub async fn run(store: Arc<dyn Store>, counted: Counted, mut queue: mpsc::Recei
 /// The batches of one commit.
 #[derive(Default)]
 struct Group {
-    counted: Counted,
+    counted: BatchTotals,
     batches: Vec<Numbered>,
     replies: Vec<(
         oneshot::Sender<Result<Acknowledged, Problem>>,
@@ -134,7 +134,7 @@ impl Group {
             Ok(outcomes) => outcomes
                 .into_iter()
                 .zip(&batches)
-                .map(|(outcome, batch)| self.told(batch, outcome))
+                .map(|(outcome, batch)| self.answer(batch, outcome))
                 .collect(),
             Err(error) => failed(error, batches.len()),
         };
@@ -148,12 +148,12 @@ impl Group {
         }
     }
 
-    fn told(&self, batch: &Numbered, outcome: Outcome) -> Result<Acknowledged, Problem> {
+    fn answer(&self, batch: &Numbered, outcome: Outcome) -> Result<Acknowledged, Problem> {
         match outcome {
-            Outcome::Acknowledged(told) => {
+            Outcome::Acknowledged(acknowledged) => {
                 self.counted
-                    .note(batch.environment, &told, SystemTime::now());
-                Ok(told)
+                    .note(batch.environment, &acknowledged, SystemTime::now());
+                Ok(acknowledged)
             }
             Outcome::Refused(refusal) => Err(refused(batch, refusal)),
         }

@@ -21,8 +21,8 @@ mod room;
 mod streams;
 mod validate;
 
-use committer::{Pending, Resume, Work, foreign};
-use figures::Counted;
+use committer::{Command, Pending, Resume, foreign};
+use figures::BatchTotals;
 pub use figures::Figures;
 use room::Room;
 use streams::{Lease, Registration, Streams};
@@ -45,10 +45,10 @@ pub const WINDOW: usize = 320;
 /// A handle on ingestion. Cloning is cheap.
 #[derive(Clone)]
 pub struct Ingest {
-    queue: mpsc::Sender<Work>,
+    queue: mpsc::Sender<Command>,
     room: Room,
     streams: Streams,
-    counted: Counted,
+    counted: BatchTotals,
     committer: TaskTracker,
     store: Arc<dyn Store>,
     principal: Arc<Principal>,
@@ -58,7 +58,7 @@ impl Ingest {
     /// Starts the committer on a store.
     pub fn start(store: Arc<dyn Store>) -> Self {
         let (queue, work) = mpsc::channel(MOST_WORK);
-        let (committer, counted) = (TaskTracker::new(), Counted::default());
+        let (committer, counted) = (TaskTracker::new(), BatchTotals::default());
         committer.spawn(committer::run(store.clone(), counted.clone(), work));
         committer.close();
         let (room, streams, principal) = (
@@ -103,7 +103,7 @@ impl Ingest {
             .await?
             .acknowledged()
             .await
-            .map(|(_, told)| told)
+            .map(|(_, acknowledged)| acknowledged)
     }
 
     /// Opens a stream of a producer: fences its older one, and asks for the resume point behind
@@ -155,7 +155,7 @@ impl Ingest {
             reply,
         };
         self.queue
-            .send(Work::Resume(resume))
+            .send(Command::Resume(resume))
             .await
             .map_err(|_| stopped())?;
         answer.await.map_err(|_| stopped())?
@@ -174,7 +174,7 @@ impl Ingest {
     /// Returns what became of the batches of these environments since the start; those of all
     /// others are forgotten.
     pub fn figures(&self, environments: &[EnvironmentId]) -> Vec<Figures> {
-        self.counted.of(environments)
+        self.counted.figures_of(environments)
     }
 
     /// Returns whether the committer still takes batches.
@@ -186,7 +186,7 @@ impl Ingest {
     /// retryably.
     pub async fn close(&self) {
         // An error means that the committer is stopping already.
-        let _ = self.queue.send(Work::Stop).await;
+        let _ = self.queue.send(Command::Stop).await;
         self.committer.wait().await;
     }
 
@@ -230,7 +230,7 @@ impl Ingest {
             reply,
         };
         self.queue
-            .send(Work::Batch(pending))
+            .send(Command::Batch(pending))
             .await
             .map_err(|_| stopped())
             .inspect_err(refused)?;
@@ -288,8 +288,8 @@ pub struct Ticket {
 impl Ticket {
     /// Waits until the batch is on stable storage, or refused.
     pub async fn acknowledged(self) -> Result<(Sequence, Acknowledged), Problem> {
-        let told = self.answer.await.map_err(|_| stopped())??;
-        Ok((self.sequence, told))
+        let acknowledged = self.answer.await.map_err(|_| stopped())??;
+        Ok((self.sequence, acknowledged))
     }
 }
 

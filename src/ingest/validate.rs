@@ -75,7 +75,7 @@ impl<'a> Sum<'a> {
         let (Some(()), Some(joint), Some(sum)) = (
             self.discretise(state),
             self.schema.joint_action(actions),
-            self.sum(n),
+            self.sum_with(n),
         ) else {
             return Err(self.rejection(index, state, actions, n));
         };
@@ -85,7 +85,7 @@ impl<'a> Sum<'a> {
             Entry::Entered => Some(n),
         };
         self.transitions = sum;
-        let state = self.state();
+        let state = self.state_position();
         self.cells.push((state, joint, Tally { n, entries }));
         Ok(())
     }
@@ -99,13 +99,13 @@ impl<'a> Sum<'a> {
     }
 
     /// Returns the transitions with `n` more, if `n` is a count and the sum still is one.
-    fn sum(&self, n: u64) -> Option<u64> {
+    fn sum_with(&self, n: u64) -> Option<u64> {
         self.transitions
             .checked_add(n)
             .filter(|sum| n > 0 && i64::try_from(*sum).is_ok())
     }
 
-    fn state(&mut self) -> u32 {
+    fn state_position(&mut self) -> u32 {
         if let Some(known) = self.states.get(self.bins.as_slice()) {
             return *known;
         }
@@ -143,7 +143,7 @@ impl<'a> Sum<'a> {
                         .map(misfit(format!("/actions/{}/{}", agent.name, feature.name)))
                 });
         let mut faults: Vec<(String, String)> = state.chain(actions).collect();
-        if self.sum(n).is_none() {
+        if self.sum_with(n).is_none() {
             let reason = format!(
                 "got {n}, expected 1 to 2^63 - 1, together with the counts of the batch before it"
             );

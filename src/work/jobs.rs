@@ -150,8 +150,8 @@ where
         match Deadline::current() {
             None => waiting.outcome().await,
             Some(Deadline { patience, .. }) => {
-                let told = tokio::time::timeout_at(patience, waiting.outcome()).await;
-                told.unwrap_or_else(|_| Err(self.goes_on(&waiting.entry.progress)))
+                let outcome = tokio::time::timeout_at(patience, waiting.outcome()).await;
+                outcome.unwrap_or_else(|_| Err(self.goes_on(&waiting.entry.progress)))
             }
         }
     }
@@ -251,7 +251,7 @@ where
             () = entry.given_up.cancelled() => Err(jobs.given_up()),
             () = abandoned(entry) => Err(jobs.given_up()),
         };
-        ending.is_kept = ending.told(outcome);
+        ending.is_kept = ending.publish(outcome);
         if ending.is_kept {
             let Ending { jobs, .. } = &ending;
             jobs.0
@@ -270,7 +270,7 @@ where
     }
 
     fn goes_on(&self, progress: &Progress) -> Problem {
-        let (done, total, step) = progress.told();
+        let (done, total, step) = progress.snapshot();
         let far = if total == 0 {
             "it has just begun".to_owned()
         } else {
@@ -337,7 +337,7 @@ struct Ending<K: Eq + Hash, T> {
 
 impl<K: Eq + Hash, T> Ending<K, T> {
     /// Tells what came out, and returns whether it is kept, since nobody waited for it.
-    fn told(&self, outcome: Result<T, Problem>) -> bool {
+    fn publish(&self, outcome: Result<T, Problem>) -> bool {
         // Whoever asks meanwhile finds it going on, or over, but never neither.
         let mut entries = self
             .jobs

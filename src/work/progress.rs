@@ -49,10 +49,10 @@ impl Progress {
 
     /// Returns what is done, of how many, and in words; what grows meanwhile does not pass its
     /// total.
-    pub(super) fn told(&self) -> (u64, u64, &'static str) {
+    pub(super) fn snapshot(&self) -> (u64, u64, &'static str) {
         let step = self.step().clone();
         match step {
-            Step::Of(other) => other.told(),
+            Step::Of(other) => other.snapshot(),
             Step::Own(step) => {
                 let [done, total] =
                     [&self.0.done, &self.0.total].map(|figure| figure.load(Ordering::Relaxed));
