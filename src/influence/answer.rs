@@ -6,12 +6,13 @@ use rayon::prelude::*;
 
 use super::actions;
 use super::assessor::{Assessment, Assessor};
-use super::state_ranking::QueryContext;
+use super::labels::bins;
+use super::query_context::QueryContext;
 use super::store_errors::logged;
 use super::stratified::{self, Tested};
 use crate::domain::{
-    Answer, Bin, Estimator, Figures, ModelAction, ModelFigures, Question, Schema, Scope, StateKey,
-    Unit, View,
+    Answer, Estimator, Figures, ModelAction, ModelFigures, Question, Schema, Scope, StateKey, Unit,
+    View,
 };
 use crate::error::Problem;
 use crate::information::{self, Alphabet};
@@ -266,16 +267,6 @@ impl AnswerContext {
             revision: 0,
         }
     }
-}
-
-/// Returns the bins of a state with their labels.
-pub fn bins(schema: &Schema, key: &StateKey) -> Vec<Bin> {
-    let bin = |(feature, bin): (&crate::domain::Feature, &u32)| Bin {
-        feature: feature.name.to_string(),
-        bin: *bin,
-        label: feature.kind.bin_label(*bin),
-    };
-    schema.state().iter().zip(key.bins()).map(bin).collect()
 }
 
 /// Returns an estimate in a unit.

@@ -4,7 +4,7 @@
 use rayon::prelude::*;
 
 use super::order::{Orders, Ranked};
-use super::state_ranking::QueryContext;
+use super::query_context::QueryContext;
 use super::store_errors::logged;
 use crate::domain::{Evidence, StateKey};
 use crate::error::Problem;

@@ -7,7 +7,8 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::pass_cache::PassResult;
-use super::state_ranking::{QueryContext, StateRanking};
+use super::query_context::QueryContext;
+use super::state_ranking::StateRanking;
 use super::store_errors::logged;
 use super::stratified::{Disagreement, Disagreements};
 use crate::domain::{Discoveries, Discovery, DiscoveryMethod, Exchange, StateKey};

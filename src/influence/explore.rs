@@ -4,9 +4,11 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::answer::bins;
+use super::labels::bins;
 use super::pass_cache::PassResult;
-use super::state_ranking::{QueryContext, Row, StateRanking};
+use super::query_context::QueryContext;
+use super::row::Row;
+use super::state_ranking::StateRanking;
 use super::store_errors::logged;
 use crate::domain::{Exploration, StateKey, Trial, Verdict};
 use crate::error::Problem;

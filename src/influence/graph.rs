@@ -6,10 +6,12 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
-use super::answer::{self, AnswerContext};
+use super::answer::AnswerContext;
+use super::labels::bins;
+use super::questions::count_answers;
 use super::skeleton::{self, EdgeFinding, Margin};
 use super::store_errors::logged;
-use super::{Influence, count_answers, size};
+use super::{Influence, size};
 use crate::domain::draft::{PairDraft, QuestionDraft};
 use crate::domain::{
     Answer, Cell, Dependence, Edge, Environment, Exchange, Graph, Pair, Question, Schema, View,
@@ -89,7 +91,7 @@ impl Influence {
         count_answers(started, &answers);
         let edges = Pair::every(schema).into_iter().zip(answers).zip(found);
         Ok(Graph {
-            bins: answer::bins(schema, &key),
+            bins: bins(schema, &key),
             key,
             nodes: schema
                 .agents()

@@ -1,12 +1,13 @@
 //! Pages of states in an order.
 
-use super::answer::bins;
 use super::count_ranking::CountRanking;
 use super::discoveries::FoundDiscoveries;
+use super::labels::bins;
 use super::order::{Order, OrderBy, Orders, Ranked};
 use super::pass_cache::PassResult;
+use super::row::Row;
 use super::size;
-use super::state_ranking::{Row, StateRanking};
+use super::state_ranking::StateRanking;
 use crate::api::{self, proto};
 use crate::domain::draft::ListingDraft;
 use crate::domain::{
