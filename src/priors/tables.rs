@@ -4,7 +4,7 @@
 use std::borrow::Cow;
 
 use crate::domain::{Cell, Exchange, Independence, Pair, Schema, SegmentId, Tally, Within};
-use crate::evidence;
+use crate::evidence::{self, Ego};
 use crate::information::{self, ExpectedMethod, Table};
 
 /// The tables of one state for one pair.
@@ -52,6 +52,15 @@ impl Observations<'_> {
             strata: self.strata.into_owned().into(),
             parts: self.parts,
         }
+    }
+}
+
+/// Returns where the ego of a pair stands in the tables of its observations.
+pub fn ego(pair: &Pair) -> Ego {
+    if pair.ego < pair.other {
+        Ego::Rows
+    } else {
+        Ego::Columns
     }
 }
 
