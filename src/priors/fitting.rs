@@ -1,6 +1,9 @@
 //! Fitting a prior: empirical Bayes, by one pass over all states of an environment.
 
+use std::sync::Arc;
 use std::time::Instant;
+
+use tokio::sync::MutexGuard;
 
 use super::fitted::{Fitted, alphabet};
 use super::registry::PriorRegistry;
@@ -14,7 +17,6 @@ use crate::evidence::{Fitter, Uses};
 use crate::information::{Alphabet, Table};
 use crate::store::{FitRecord, Scanned, StoreError};
 use crate::work::{Progress, Stopped};
-use std::sync::Arc;
 
 impl PriorRegistry {
     /// Fits a pair to the counts as they are now; `None` where the alphabets are too large for
@@ -37,11 +39,15 @@ impl PriorRegistry {
     ) -> Result<Option<Arc<Fitted>>, Problem> {
         self.asked
             .note((environment.id, pair.undirected()), Instant::now());
-        self.make(progress, environment, pair).await
+        let turn = self.making.lock().await;
+        self.make(&turn, progress, environment, pair).await
     }
 
+    /// Fits a pair. The caller has the turn to: fits are made one at a time, and versions are
+    /// numbered in their order.
     pub(super) async fn make(
         &self,
+        _turn: &MutexGuard<'_, ()>,
         progress: &Progress,
         environment: &Environment,
         pair: &Pair,
@@ -50,7 +56,6 @@ impl PriorRegistry {
         let Some(alphabet) = alphabet(&environment.schema, &pair) else {
             return Ok(None);
         };
-        let _turn = self.making.lock().await;
         let last = self
             .get(environment, &pair)
             .await
@@ -82,6 +87,7 @@ impl PriorRegistry {
             version,
             revision: totals.transitions,
         };
+
         let record = FitRecord {
             pair: stored_forms::write_pair(&pair),
             id,
@@ -91,6 +97,7 @@ impl PriorRegistry {
             .keep_fit(environment.id, &record)
             .await
             .map_err(logged)?;
+
         tracing::debug!(environment = %environment.name, pair = record.pair, version, states = fit.states, "fitted");
         Ok(Some(self.keep(
             (environment.id, pair),
@@ -116,6 +123,7 @@ impl PriorRegistry {
             uses: Uses::new(alphabet),
             sample: Sample::default(),
         };
+
         let mut pages = Pages::new(&*self.store, environment.id);
         while let Some(page) = pages.next().await.map_err(logged)? {
             let states = page.len() as u64;
@@ -131,6 +139,7 @@ impl PriorRegistry {
                 .await?;
             progress.add(states);
         }
+
         Ok((read.uses, read.sample.sorted()))
     }
 }

@@ -61,17 +61,22 @@ impl PriorRegistry {
         }
     }
 
+    /// Fits a pair if that is due, and returns whether it was.
     async fn fit_if_due(&self, environment: &Environment, pair: &Pair) -> Result<bool, Problem> {
+        // The turn comes first: what was due before it may have been made on request meanwhile.
+        let turn = self.making.lock().await;
         let Some(fitted) = self.get(environment, pair).await? else {
             return Ok(false);
         };
+
         let counted = self.store.totals(environment.id).await?.transitions;
         let due = fitted.id.revision as f64 * (1.0 + GROWTH);
         if counted == fitted.id.revision || (counted as f64) < due {
             return Ok(false);
         }
+
         Ok(self
-            .make(&Progress::default(), environment, pair)
+            .make(&turn, &Progress::default(), environment, pair)
             .await?
             .is_some())
     }
