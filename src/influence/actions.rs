@@ -22,6 +22,7 @@ pub fn by_action(
             priors::ego(pair),
         ))
     });
+
     let mut believed = believed.unwrap_or_default().into_iter();
     let figures = |index: u64| figures(assessor, tables, index, believed.next());
     (0..assessor.schema.agents()[pair.ego].actions())
@@ -38,6 +39,7 @@ fn figures(
     let [ego, other] = [assessor.scope.pair.ego, assessor.scope.pair.other]
         .map(|agent| &assessor.schema.agents()[agent]);
     let unit = |nats: f64| assessor.scope.unit.from_nats(nats);
+
     let row = tables.whole.row_labels().binary_search(&index).ok();
     let seen = ActionFigures {
         index,
@@ -48,6 +50,7 @@ fn figures(
         response: row.map(|row| frequencies(&tables.whole, row, other.actions())),
         response_intervals: Vec::new(),
     };
+
     match believed {
         None => seen,
         Some(believed) => ActionFigures {

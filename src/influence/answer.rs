@@ -11,8 +11,8 @@ use super::query_context::QueryContext;
 use super::store_errors::logged;
 use super::stratified::{self, Tested};
 use crate::domain::{
-    Answer, Estimator, Figures, ModelAction, ModelFigures, Question, Schema, Scope, StateKey, Unit,
-    View,
+    Answer, Cell, Estimator, Figures, ModelAction, ModelFigures, Question, Schema, Scope, StateKey,
+    Unit, View,
 };
 use crate::error::Problem;
 use crate::information::{self, Alphabet};
@@ -51,9 +51,11 @@ fn is_light(schema: &Schema, question: &Question) -> bool {
         question.states.len() as u64,
         if question.view == View::Full { FULL } else { 1 },
     );
+
     let figures = states
         .saturating_mul(rows.saturating_mul(columns))
         .saturating_mul(detail);
+
     let is_slow = question.significance.is_some() || question.visits_to_decide;
     !is_slow && states <= FEW_STATES && figures <= LIGHT
 }
@@ -70,10 +72,12 @@ pub async fn answers(
         true => None,
         false => Some(gate.enter().await?),
     };
+
     let counts = store
         .counts(environment.id, &context.question.states)
         .await
         .map_err(logged)?;
+
     let cells: usize = counts.iter().map(|state| state.counts.cells().len()).sum();
     let turn = match turn {
         None if cells <= FEW_CELLS => return Ok(context.answers_here(&counts)),
@@ -90,6 +94,21 @@ fn warning(tested: Option<Tested>, assessment: &Assessment) -> Option<String> {
         Some(tested) => tested.warning(),
         None => stratified::warning(&assessment.evidence?),
     }
+}
+
+/// Tests a state for independence by permutations, pooled and where it has several segments within
+/// them too.
+fn independence_tests<'a>(
+    assessor: Assessor<'_>,
+    tables: &Tables,
+    cells: impl Iterator<Item = &'a Cell> + Clone,
+    seed: u64,
+) -> Tested {
+    let (schema, pair) = (assessor.schema, &assessor.scope.pair);
+    let strata =
+        (tables.segments > 1).then(|| Tables::strata_by_segment(schema, pair, cells.clone()));
+    let pooled = tables.strata_of_observations(schema, pair, cells);
+    Tested::new(&pooled, strata.as_deref(), seed)
 }
 
 impl AnswerContext {
@@ -141,31 +160,23 @@ impl AnswerContext {
     ) -> Answer {
         let cells = || state.counts.of_segments(self.query.segments.as_deref());
         let assessment = assessor.assess(key, cells(), predicted);
-        let visits = assessment.tables.whole.total();
+        let tables = &assessment.tables;
+
         // What the evidence rests on, for those figures that need the tables themselves.
         let (schema, Scope { pair, within, .. }) = (assessor.schema, assessor.scope);
-        let observations = LazyCell::new(|| {
-            assessment
-                .tables
-                .observations(schema, pair, *within, cells())
-        });
+        let observations = LazyCell::new(|| tables.observations(schema, pair, *within, cells()));
+
         let figures = (assessor.view != View::Verdict).then(|| {
             let tested = self.question.significance.map(|how| {
-                let strata = (assessment.tables.segments > 1)
-                    .then(|| Tables::strata_by_segment(schema, pair, cells()));
-                let pooled = assessment
-                    .tables
-                    .strata_of_observations(schema, pair, cells());
-                (
-                    Tested::new(&pooled, strata.as_deref(), key.seed()),
-                    how.exchange(*within),
-                )
+                let tested = independence_tests(assessor, tables, cells(), key.seed());
+                (tested, how.exchange(*within))
             });
             let visits_to_decide = self
                 .question
                 .visits_to_decide
                 .then(|| self.visits_to_decide(assessor, &observations))
                 .flatten();
+
             Box::new(Figures {
                 bins: bins(assessor.schema, key),
                 significance: tested.map(|(tested, exchange)| tested.significance(exchange)),
@@ -179,10 +190,11 @@ impl AnswerContext {
             })
         });
         let by_action = (assessor.view == View::Full)
-            .then(|| actions::by_action(assessor, &assessment.tables, &observations));
+            .then(|| actions::by_action(assessor, tables, &observations));
+
         Answer {
             key: key.clone(),
-            visits,
+            visits: tables.whole.total(),
             verdict: assessment.verdict,
             basis: assessment.basis,
             figures,
@@ -222,6 +234,7 @@ impl AnswerContext {
         };
         let by_action =
             (assessor.view == View::Full).then(|| network.by_action(&self.query.environment, key));
+
         Some(ModelFigures {
             version: network.version,
             kind: network.kind,
@@ -239,6 +252,7 @@ impl AnswerContext {
         let unit = assessor.scope.unit;
         let (expected, method) = assessment.tables.expected_if_independent();
         let alphabet = assessor.scope.pair.alphabet(assessor.schema);
+
         let estimate = |estimator: Estimator| {
             (
                 estimator.as_str(),
@@ -282,6 +296,7 @@ fn estimated(estimator: Estimator, tables: &Tables, alphabet: Alphabet, unit: Un
         Estimator::Adjusted => information::adjusted(table),
         Estimator::UniformPolicy => information::uniform_policy(table),
     });
+
     // A share has no unit.
     if estimator == Estimator::Adjusted {
         nats

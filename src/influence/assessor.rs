@@ -79,6 +79,7 @@ impl Assessor<'_> {
         let tables = Tables::within(self.schema, pair, *within, cells.clone());
         let plug_in = tables.figure(plug_in);
         let tally = Tally::of(cells.clone());
+
         // What the network says is held against the evidence, whatever the rule and the view.
         let is_wanted =
             self.view != View::Verdict || rule.kind == RuleKind::Evidence || self.network.is_some();
@@ -92,23 +93,18 @@ impl Assessor<'_> {
             })
         });
         let evidence = found.map(|found| found.evidence);
+
         let visits = tables.whole.total();
-        let decide = |kind: RuleKind| match self.is_open() {
-            true => evidence::decide(
-                &Rule { kind, ..*rule },
-                visits,
-                plug_in,
-                found.as_ref().map(|found| &found.believed),
-            ),
-            false => Verdict::Undecided,
-        };
-        let counted = decide(rule.kind);
+        let believed = found.as_ref().map(|found| &found.believed);
+        let counted = self.decide(rule.kind, visits, plug_in, believed);
         let predicted = match counted {
             Verdict::Undecided => {
-                self.predicted_verdict(decide(RuleKind::Evidence), evidence, predicted)
+                let settled = self.decide(RuleKind::Evidence, visits, plug_in, believed);
+                self.predicted_verdict(settled, evidence, predicted)
             }
             _ => None,
         };
+
         let (verdict, basis) = predicted.unwrap_or((counted, evidence::basis(visits)));
         Assessment {
             tables,
@@ -117,6 +113,24 @@ impl Assessor<'_> {
             evidence,
             verdict,
             basis,
+        }
+    }
+
+    /// Returns the verdict of the counts by a kind of rule.
+    fn decide(
+        &self,
+        kind: RuleKind,
+        visits: u64,
+        plug_in: f64,
+        believed: Option<&Believed>,
+    ) -> Verdict {
+        let rule = Rule {
+            kind,
+            ..self.scope.rule
+        };
+        match self.is_open() {
+            true => evidence::decide(&rule, visits, plug_in, believed),
+            false => Verdict::Undecided,
         }
     }
 
@@ -134,14 +148,17 @@ impl Assessor<'_> {
         if !self.is_open() || !network.can_decide(&predicted) {
             return None;
         }
+
         let threshold = self.scope.rule.threshold_nats();
         let unseen = self.informed?.unseen(threshold).above;
         let verdict = network.decide(&predicted, self.scope.rule.confidence, unseen);
+
         let [lower, upper] = evidence.map_or([f64::NEG_INFINITY, f64::INFINITY], |evidence| {
             evidence.interval
         });
         let is_independent =
             evidence.is_some_and(|evidence| evidence.dependence == Dependence::Excluded);
+
         let is_excluded = match verdict {
             Verdict::Influences => {
                 upper < threshold || is_independent || settled == Verdict::NoInfluence

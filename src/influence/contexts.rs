@@ -24,7 +24,9 @@ impl Influence {
             .informed(environment, &scope.pair)
             .await
             .map_err(logged)?;
+
         let network = self.networks.active(environment, &scope.pair).await?;
+
         Ok(QueryContext {
             environment: environment.clone(),
             scope,
@@ -42,6 +44,7 @@ impl Influence {
     ) -> Result<Option<Vec<SegmentId>>, Problem> {
         let Some(named) = named else { return Ok(None) };
         let known = self.store.segments(environment.id).await.map_err(logged)?;
+
         let mut faults = Vec::new();
         let mut ids = Vec::with_capacity(named.len());
         for label in named {
@@ -62,6 +65,7 @@ impl Influence {
                 }
             }
         }
+
         if faults.is_empty() {
             Ok(Some(ids))
         } else {

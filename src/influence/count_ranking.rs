@@ -54,6 +54,7 @@ pub async fn make(
 ) -> Result<(CountRanking, u64), Problem> {
     let totals = store.totals(context.environment.id).await.map_err(logged)?;
     progress.begin("states looked at", totals.states);
+
     let mut rows = Vec::new();
     let mut pages = Pages::new(store, context.environment.id);
     while let Some(page) = pages.next().await.map_err(logged)? {
@@ -64,6 +65,7 @@ pub async fn make(
         );
         progress.add(states);
     }
+
     let rows = gate.run(move |_| {
         rows.sort_unstable_by(|a: &Rank, b| a.key.cmp(&b.key));
         Ok(rows)
@@ -86,6 +88,7 @@ fn ranks(context: &QueryContext, page: Vec<Scanned>) -> Vec<Rank> {
             context.scope.within,
             cells,
         );
+
         let visits = tables.whole.total();
         (visits > 0).then(|| Rank {
             key: scanned.key,

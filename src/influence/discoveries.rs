@@ -156,9 +156,11 @@ async fn by_tests(
             progress.add(size);
         }
     }
+
     // In order of key, so that ties are broken alike whatever the order of the scan.
     testable.sort_unstable_by(|a, b| a.key.cmp(&b.key));
     let (testable, passed) = refined(gate, testable, discovery.fdr, progress).await?;
+
     let mut rows = vec![false; ranking.rows.len()];
     let mut p_values = vec![None; ranking.rows.len()];
     for (state, passed) in testable.iter().zip(passed) {
@@ -216,24 +218,13 @@ async fn refined(
     let most = (LAST * testable.len() as f64 / fdr).ceil() as u64;
     loop {
         let deciding = gate.run(move |_| {
-            let passed = benjamini_hochberg(
-                &testable
-                    .iter()
-                    .map(|state| state.p_value)
-                    .collect::<Vec<_>>(),
-                fdr,
-            );
-            let may_pass = benjamini_hochberg(
-                &testable
-                    .iter()
-                    .map(Testable::smallest_likely)
-                    .collect::<Vec<_>>(),
-                fdr,
-            );
+            let passed = passing(&testable, fdr, |state| state.p_value);
+            let may_pass = passing(&testable, fdr, Testable::smallest_likely);
             Ok((testable, passed, may_pass))
         });
         let (tested, passed, may_pass) = deciding.await?;
         testable = tested;
+
         let is_open = |at: &usize| {
             let state = &testable[*at];
             !passed[*at] && may_pass[*at] && !state.is_exact && state.permutations < most
@@ -242,6 +233,7 @@ async fn refined(
         if open.is_empty() {
             return Ok((testable, passed));
         }
+
         progress.begin("states tested more closely", open.len() as u64);
         while let Some(first) = open.first() {
             let together =
@@ -251,6 +243,7 @@ async fn refined(
             let refining =
                 gate.run(move |stop| tests.par_iter().map(|test| test.p_value(stop)).collect());
             let p_values: Vec<f64> = refining.await?;
+
             for (at, p_value) in part.iter().zip(p_values) {
                 testable[*at].p_value = p_value;
                 testable[*at].permutations = testable[*at].more(most);
@@ -258,6 +251,12 @@ async fn refined(
             progress.add(part.len() as u64);
         }
     }
+}
+
+/// Returns which states pass by the Benjamini-Hochberg procedure, by a p-value of each.
+fn passing(testable: &[Testable], fdr: f64, p_value: impl Fn(&Testable) -> f64) -> Vec<bool> {
+    let p_values: Vec<f64> = testable.iter().map(p_value).collect();
+    benjamini_hochberg(&p_values, fdr)
 }
 
 /// A test of more permutations.

@@ -1,4 +1,5 @@
-//! What to try next: the states, and the ego's actions in them, where one more visit is worth most.
+//! Experimental design, what to try next: the states, and the ego's actions in them, where one more
+//! visit has the largest expected information gain.
 
 use std::sync::Arc;
 
@@ -27,12 +28,14 @@ fn candidates(ranking: &StateRanking, min_visits: u64) -> Vec<StateKey> {
         row.evidence
             .map(|evidence| (evidence.probability.above_threshold - 0.5).abs())
     };
+
     let mut rows: Vec<(&Row, f64)> = ranking
         .rows
         .iter()
         .filter(open)
         .filter_map(|row| Some((row, far(row)?)))
         .collect();
+
     // Rows are in order of key and the sort is stable.
     rows.sort_by(|(a, far_a), (b, far_b)| far_a.total_cmp(far_b).then(b.visits.cmp(&a.visits)));
     rows.truncate(CONSIDERED);
@@ -83,6 +86,7 @@ pub async fn explore(
 ) -> Result<Explored, Problem> {
     let keys = candidates(&ranking, min_visits);
     progress.begin("states explored", keys.len() as u64);
+
     let mut trials = Vec::new();
     for keys in keys.chunks(TOGETHER) {
         let counts = store
@@ -96,6 +100,7 @@ pub async fn explore(
         );
         progress.add(size);
     }
+
     trials.sort_by(|a: &Trial, b| {
         b.information_gain
             .total_cmp(&a.information_gain)
@@ -128,14 +133,17 @@ fn trials(context: &QueryContext, key: &StateKey, state: &StateCounts) -> Vec<Tr
     let Some(prior) = informed.in_detail() else {
         return Vec::new();
     };
+
     let (schema, scope) = (&context.environment.schema, &context.scope);
     let cells = || state.counts.of_segments(context.segments.as_deref());
     let tables = Tables::new(schema, &scope.pair, cells());
     let observations = tables.observations(schema, &scope.pair, scope.within, cells());
+
     let threshold = scope.rule.threshold_nats();
     let above_threshold = prior
         .posterior(&informed.habits, observations.counted())
         .above(threshold);
+
     let trial = |(index, information_gain): (u64, f64)| Trial {
         key: key.clone(),
         bins: bins(schema, key),

@@ -23,6 +23,7 @@ impl Influence {
             .map(|pair| Scope::new(environment, pair))
             .transpose()?
             .map(|scope| scope.pair.undirected());
+
         let fits = |progress: Progress| {
             let (this, environment, pair) = (self.clone(), environment.clone(), pair.clone());
             async move {
@@ -35,6 +36,7 @@ impl Influence {
                 Ok(fitted)
             }
         };
+
         self.fitting.ask((environment.id, pair.clone()), fits).await
     }
 
@@ -48,6 +50,7 @@ impl Influence {
         let Some(found) = self.fits.fit_telling(progress, environment, pair).await? else {
             return Ok(None);
         };
+
         let name = |agent: usize| environment.schema.agents()[agent].name.to_string();
         Ok(Some(FittedPrior {
             earlier: name(pair.ego),

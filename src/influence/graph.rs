@@ -133,6 +133,7 @@ impl TestedState {
         let answers: Result<Vec<Vec<Answer>>, Stopped> =
             contexts.par_iter().map(answered).collect();
         let answers: Vec<Answer> = answers?.into_iter().flatten().collect();
+
         let margins: Vec<Margin> = pairs
             .iter()
             .zip(&answers)
@@ -144,6 +145,7 @@ impl TestedState {
             stop,
         };
         let found = skeleton::skeleton(self.environment.schema.agents().len(), &margins, &tests);
+
         // What was told after it was stopped is worth nothing.
         stop.check()?;
         Ok((answers, found))

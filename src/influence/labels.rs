@@ -28,10 +28,12 @@ pub fn labelled(
         .zip(&actions)
         .map(|(agent, index)| agent.action_label(*index))
         .collect();
+
     let segment = segments
         .iter()
         .find(|(id, _)| *id == cell.segment)
         .and_then(|(_, label)| label.clone());
+
     LabelledCell {
         segment,
         actions,

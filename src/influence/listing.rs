@@ -1,4 +1,4 @@
-//! Pages of states in an order.
+//! Pagination of states in an order, by tokens that name the place of the last row.
 
 use super::count_ranking::CountRanking;
 use super::discoveries::FoundDiscoveries;
@@ -39,10 +39,12 @@ impl Listing {
         let order = order(draft.order_by.as_deref())
             .map_err(|detail| keep("/order_by", detail))
             .ok();
+
         let verdict = draft.verdict.as_deref().map(str::parse).transpose();
         let verdict = verdict
             .map_err(|detail| keep("/verdict", detail))
             .unwrap_or_default();
+
         let token = draft
             .page_token
             .as_deref()
@@ -54,12 +56,14 @@ impl Listing {
                 .map_err(|detail| keep("/page_token", detail))
                 .ok()
         });
+
         let size = page_size(draft.page_size)
             .map_err(|problem| faults.extend(problem.faults))
             .ok();
         let discovery = Discovery::new(&draft.discovery)
             .map_err(|found| faults.extend(found))
             .unwrap_or_default();
+
         match (order, after, size) {
             (Some(order), Some(after), Some(size)) if faults.is_empty() => Ok(Self {
                 order,
@@ -124,6 +128,7 @@ impl Listing {
             ..figures(schema, scope.unit, &ranking.rows[at])
         };
         let bytes = |at: usize| api::bytes(&proto::StateFigures::from(figures(at)));
+
         let Chosen {
             positions,
             next_page_token,
@@ -167,6 +172,7 @@ impl Listing {
                 .as_ref()
                 .is_some_and(|after| self.place_of(row(*position)) <= *after)
         };
+
         let positions = orders.positions(rows, self.order);
         let start = positions.partition_point(passed);
         let wanted = positions[start..]
@@ -174,6 +180,7 @@ impl Listing {
             .copied()
             .filter(|at| row(*at).visits() >= self.min_visits && wants(*at as usize, row(*at)))
             .map(|at| at as usize);
+
         let page = api::page_of(wanted, self.size, 0, |at| bytes(*at));
         let next_page_token = page
             .items
@@ -226,11 +233,13 @@ fn order(text: Option<&str>) -> Result<Order, String> {
         "p_dependent" => Some(OrderBy::Dependent),
         _ => None,
     };
+
     let descending = match direction {
         "desc" => Some(true),
         "asc" => Some(false),
         _ => None,
     };
+
     match (by, descending) {
         (Some(by), Some(descending)) => Ok(Order { by, descending }),
         _ => Err(format!(
@@ -258,6 +267,7 @@ fn place(schema: &Schema, order: Order, token: &str) -> Result<Place, String> {
     if parts.next() != Some(order_word(order)) {
         return Err(wrong());
     }
+
     let rank = parts
         .next()
         .and_then(|rank| u64::from_str_radix(rank, 16).ok());

@@ -1,4 +1,4 @@
-//! Orders of states.
+//! Sort orders of states, each sorted at its first use.
 
 use std::sync::OnceLock;
 

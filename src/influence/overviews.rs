@@ -32,11 +32,13 @@ impl Influence {
                 (searched.ranking.clone(), Some(searched))
             }
         };
+
         let named = match draft.omit_segments {
             true => Vec::new(),
             false => self.store.segments(environment.id).await.map_err(logged)?,
         };
         let named = named.into_iter().filter_map(|(_, label)| label).collect();
+
         let rows = ranking.rows.len();
         let summary = move || {
             let found = searched.as_ref().map(|searched| &searched.found);
@@ -62,6 +64,7 @@ impl Influence {
         let limit = page_size(draft.limit)
             .map_err(|_| Problem::invalid("question", vec![limit_fault(draft.limit)]))?;
         let context = self.query_context(environment, scope).await?;
+
         let (totals, min_visits) = (self.totals(&context).await?, draft.min_visits);
         let made = |progress: Progress| {
             let (this, context) = (self.clone(), context.clone());
@@ -74,11 +77,13 @@ impl Influence {
                 ))
             }
         };
+
         let is_current = |explored: &Explored| explored.ranking.is_current(&context);
         let explored = self
             .explored
             .get((context.key(), min_visits), totals, is_current, made)
             .await?;
+
         size::check_states(
             &environment.schema,
             explored.trials(limit).iter().map(|trial| &trial.key),

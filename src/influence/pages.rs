@@ -40,6 +40,7 @@ impl Influence {
                 },
             },
         };
+
         let page = move || {
             let found = searched.as_ref().map(|searched| &searched.found);
             listing.page(&context.environment.schema, &context.scope, &ranking, found)
@@ -62,10 +63,12 @@ impl Influence {
             .by_visits(context.environment.id, &wanted)
             .await
             .map_err(logged)?;
+
         let states = found
             .into_iter()
             .map(|scanned| (scanned.key, Arc::new(scanned.counts)))
             .collect();
+
         turn.run(move |stop| {
             let (schema, unit) = (&context.environment.schema, context.scope.unit);
             let rows = row::measured(&context, states, stop)?;

@@ -110,6 +110,7 @@ impl Influence {
                 Ok((DiscoverySearch { ranking, found }, as_of))
             }
         };
+
         let key = (context.key(), discovery.fdr.to_bits(), discovery.method);
         self.searched
             .get(

@@ -30,6 +30,7 @@ impl Influence {
             .query_context(environment, question.scope.clone())
             .await?;
         size::check_informed(&context, &question)?;
+
         let labels = labels(schema, &question.scope.pair);
         let answers = answer::answers(
             &*self.store,
@@ -53,6 +54,7 @@ impl Influence {
         let schema = environment.schema.clone();
         let wrong = |detail| Problem::invalid("state key", vec![Fault::new("/key", detail)]);
         let key = schema.key_of_text(key).map_err(wrong)?;
+
         let counts = self
             .store
             .counts(environment.id, std::slice::from_ref(&key))
@@ -62,8 +64,10 @@ impl Influence {
         let Some(state) = counts.into_iter().next() else {
             return Err(Problem::invalid("state key", Vec::new()));
         };
+
         size::check_counts(&schema, &state.counts)?;
         let bytes = size_of_val(state.counts.cells());
+
         let view = move || {
             let cells = state.counts.cells();
             StateView {
@@ -84,6 +88,7 @@ impl Influence {
 /// Counts a question that was answered.
 pub fn count_answers(since: Instant, answers: &[Answer]) {
     telemetry::answered(since.elapsed());
+
     let mut verdicts: BTreeMap<_, u64> = BTreeMap::new();
     for answer in answers {
         *verdicts

@@ -59,8 +59,10 @@ pub fn measured(
         remembers: false,
         ..context.assessor(View::Figures)
     };
+
     let keys: Vec<StateKey> = states.iter().map(|(key, _)| key.clone()).collect();
     let predictions = assessor.predictions(&keys);
+
     let row = |((key, counts), predicted): ((StateKey, Arc<Counts>), Option<Prediction>)| {
         stop.check()?;
         let assessment = assessor.assess(
@@ -79,6 +81,7 @@ pub fn measured(
             basis: assessment.basis,
         }))
     };
+
     let rows: Result<Vec<Option<Row>>, Stopped> =
         states.into_par_iter().zip(predictions).map(row).collect();
     Ok(rows?.into_iter().flatten().collect())

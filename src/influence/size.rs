@@ -26,11 +26,13 @@ pub fn check(schema: &Schema, question: &Question) -> Result<(), Problem> {
             .map(|key| state_bytes(schema, key))
             .sum(),
     };
+
     let actions = if question.view == View::Full {
         actions_bytes(schema, question, PROBABILITY)
     } else {
         0
     };
+
     fits(states.saturating_add(actions), question.view)
 }
 
@@ -40,6 +42,7 @@ pub fn check_informed(context: &QueryContext, question: &Question) -> Result<(),
     if question.view != View::Full {
         return Ok(());
     }
+
     let is_told = context
         .informed
         .as_ref()
@@ -106,13 +109,13 @@ fn actions_bytes(schema: &Schema, question: &Question, each: u64) -> u64 {
         .saturating_mul(question.states.len() as u64)
 }
 
-/// Returns the bytes of a key as it is written: a digit and a dot a feature, at least.
 /// Returns the bytes of a state in a list, at most: its bins and its figures.
 pub fn most_listed(schema: &Schema, key: &StateKey) -> usize {
     const FIGURES: u64 = 512;
     (state_bytes(schema, key) + FIGURES) as usize
 }
 
+/// Returns the bytes of a key as it is written: a digit and a dot a feature, at least.
 fn key_bytes(key: &StateKey) -> u64 {
     2 * key.bins().len() as u64
 }

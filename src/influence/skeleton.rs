@@ -116,8 +116,10 @@ impl<T: IndependenceTests> Search<'_, T> {
             sets.dedup();
             sets
         };
+
         let is_wanted = |found: &EdgeFinding| found.kind == EdgeKind::Direct;
         let beliefs = self.conditional_beliefs(is_wanted, sets);
+
         for (found, beliefs) in self.found.iter_mut().zip(beliefs) {
             let explaining = beliefs
                 .into_iter()
@@ -145,10 +147,12 @@ impl<T: IndependenceTests> Search<'_, T> {
             let most = if size == 1 { agents } else { MOST_NEIGHBOURS };
             combinations(&strongest(&others, [a, b], most), size)
         };
+
         let is_wanted = |found: &EdgeFinding| {
             found.opened_by.is_empty() && matches!(found.kind, EdgeKind::Open | EdgeKind::Absent)
         };
         let beliefs = self.conditional_beliefs(is_wanted, sets);
+
         let opening: Vec<_> = beliefs
             .into_par_iter()
             .enumerate()
@@ -172,6 +176,7 @@ impl<T: IndependenceTests> Search<'_, T> {
             .filter(|(_, believed)| evidence::is_opened(believed, sets));
         let (set, _) =
             opening.max_by(|(_, a), (_, b)| a.now.dependent.total_cmp(&b.now.dependent))?;
+
         // Twice as many as the smallest p-value that passes takes.
         let level = LEVEL / sets as f64;
         let permutations = (2.0 / level).ceil() as u64;
@@ -237,6 +242,7 @@ fn strongest(agents: &[Neighbour], ends: Ends, most: usize) -> Vec<usize> {
         .filter(|(_, agent)| !ends.contains(agent))
         .collect();
     agents.sort_unstable_by(|(s, a), (t, b)| t.total_cmp(s).then(a.cmp(b)));
+
     let mut strongest: Vec<usize> = Vec::new();
     for (_, agent) in agents {
         if strongest.len() < most && !strongest.contains(&agent) {

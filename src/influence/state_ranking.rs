@@ -47,6 +47,7 @@ pub async fn make(
 ) -> Result<(StateRanking, u64), Problem> {
     let totals = store.totals(context.environment.id).await.map_err(logged)?;
     progress.begin("states measured", totals.states);
+
     let mut rows = Vec::new();
     let mut segments = HashSet::new();
     let mut pages = Pages::new(store, context.environment.id);
@@ -65,10 +66,12 @@ pub async fn make(
         rows.extend(measured);
         progress.add(states);
     }
+
     let rows = gate.run(move |_| {
         rows.sort_unstable_by(|a: &Row, b| a.key.cmp(&b.key));
         Ok(rows)
     });
+
     let ranking = StateRanking {
         rows: rows.await?,
         segments: segments.len() as u64,

@@ -170,12 +170,14 @@ pub fn warnings<'a>(states: impl Iterator<Item = &'a Evidence> + Clone) -> Vec<S
             .filter(|evidence| Disagreement::in_evidence(evidence) == Some(kind));
         let (states, meaning) = (of_kind.count(), kind.meaning());
         let plural = if states == 1 { "" } else { "s" };
+
         let (pooled, told) = match kind {
             Disagreement::Stratified => (format!("<= {IMPROBABLE}"), format!(">= {PROBABLE}")),
             Disagreement::Pooled | Disagreement::Untestable => {
                 (format!(">= {PROBABLE}"), format!("<= {IMPROBABLE}"))
             }
         };
+
         let said =
             format!("pooled P(dependent) {pooled}, but {told} where segments are told apart");
         (states > 0).then(|| format!("in {states} state{plural} {said}: {meaning}"))

@@ -1,4 +1,4 @@
-//! What all states say together.
+//! Summary statistics of a ranking: what all states say together.
 
 use super::discoveries::FoundDiscoveries;
 use super::pass_cache::PassResult;
@@ -21,21 +21,14 @@ pub fn summary(
     ranking: &PassResult<StateRanking>,
     found: Option<&FoundDiscoveries>,
 ) -> Summary {
-    let visits = |least: u64| -> u64 {
-        ranking
-            .rows
-            .iter()
-            .map(|row| row.visits)
-            .filter(|n| *n >= least)
-            .sum()
-    };
-    let transitions = visits(0);
-    let enough = visits(scope.rule.min_visits);
+    let transitions = visits(ranking, 0);
+    let enough = visits(ranking, scope.rule.min_visits);
     let share = if transitions == 0 {
         0.0
     } else {
         enough as f64 / transitions as f64
     };
+
     Summary {
         transitions,
         states: ranking.rows.len() as u64,
@@ -62,6 +55,12 @@ pub fn summary(
         discoveries: found.map(|found| found.discoveries),
         warnings: warnings(ranking, found),
     }
+}
+
+/// Returns the visits of all states that were seen at least so often.
+fn visits(ranking: &StateRanking, least: u64) -> u64 {
+    let visits = ranking.rows.iter().map(|row| row.visits);
+    visits.filter(|n| *n >= least).sum()
 }
 
 /// Returns where pooled and stratified answers disagree: by their tests, where those were made,
@@ -109,7 +108,9 @@ fn histogram(scope: &Scope, ranking: &StateRanking) -> Vec<HistogramBin> {
         expected_if_independent: 0,
         posterior_mean: 0,
     };
+
     let mut bins: Vec<HistogramBin> = BOUNDS.iter().enumerate().map(bin).collect();
+
     // Every figure is at least 0, the first bound.
     let at = |nats: f64| BOUNDS.partition_point(|bound| *bound <= scope.unit.from_nats(nats)) - 1;
     for row in &ranking.rows {

@@ -65,6 +65,7 @@ pub async fn run(store: Arc<dyn Store>, counted: BatchTotals, mut queue: mpsc::R
         counted,
         ..Group::default()
     };
+
     while let Some(first) = queue.recv().await {
         let mut next = Some(first);
         while let Some(work) = next {
@@ -78,6 +79,7 @@ pub async fn run(store: Arc<dyn Store>, counted: BatchTotals, mut queue: mpsc::R
                     queue.close();
                 }
             }
+
             next = if group.is_full() {
                 None
             } else {
@@ -124,12 +126,15 @@ impl Group {
         if self.batches.is_empty() {
             return;
         }
+
         let started = Instant::now();
         let result = store.commit(&self.batches).await;
         telemetry::committed(started.elapsed(), self.transitions, result.is_ok());
+
         let batches = std::mem::take(&mut self.batches);
         let replies = std::mem::take(&mut self.replies);
         (self.transitions, self.states) = (0, 0);
+
         let answers = match result {
             Ok(outcomes) => outcomes
                 .into_iter()
@@ -138,6 +143,7 @@ impl Group {
                 .collect(),
             Err(error) => failed(error, batches.len()),
         };
+
         for ((reply, room), answer) in replies.into_iter().zip(answers) {
             if let Err(problem) = &answer {
                 telemetry::refused(problem.reason);

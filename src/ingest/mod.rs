@@ -61,6 +61,7 @@ impl Ingest {
         let (committer, counted) = (TaskTracker::new(), BatchTotals::default());
         committer.spawn(committer::run(store.clone(), counted.clone(), work));
         committer.close();
+
         let (room, streams, principal) = (
             Room::default(),
             Streams::default(),
@@ -114,11 +115,13 @@ impl Ingest {
         producer: ProducerId,
     ) -> Result<Session, Problem> {
         self.claim(&environment, &producer).await?;
+
         let owner = self.principal.name().cloned();
         let registration = self
             .streams
             .open(environment.id, producer.clone(), owner)
             .ok_or_else(|| foreign(&producer))?;
+
         let committed = self.committed(&environment, &producer).await?;
         Ok(Session {
             ingest: self.clone(),
@@ -201,6 +204,7 @@ impl Ingest {
         let sequence = batch.sequence;
         let (schema, environment) = (environment.schema.clone(), environment.id);
         let owner = self.principal.name().cloned();
+
         let bytes =
             size_of_val(&batch.records.states[..]) + size_of_val(&batch.records.actions[..]);
         let numbered = aside(bytes, move || {
@@ -221,8 +225,10 @@ impl Ingest {
                 receipt,
             }
         });
+
         let batch = numbered.await.inspect_err(refused)?;
         let (reply, answer) = oneshot::channel();
+
         let pending = Pending {
             batch,
             lease,

@@ -53,6 +53,7 @@ impl Streams {
         if live.get(&key).is_some_and(is_anothers) {
             return None;
         }
+
         let lease = Arc::new(Lease {
             owner,
             ..Lease::default()
@@ -60,6 +61,7 @@ impl Streams {
         if let Some(earlier) = live.insert(key.clone(), lease.clone()) {
             earlier.end(End::Fenced);
         }
+
         drop(live);
         Some(Registration {
             streams: self.clone(),

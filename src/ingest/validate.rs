@@ -79,11 +79,13 @@ impl<'a> Sum<'a> {
         ) else {
             return Err(self.rejection(index, state, actions, n));
         };
+
         let entries = match records.entries.get(index).copied().unwrap_or_default() {
             Entry::Unknown => None,
             Entry::Stayed => Some(0),
             Entry::Entered => Some(n),
         };
+
         self.transitions = sum;
         let state = self.state_position();
         self.cells.push((state, joint, Tally { n, entries }));
@@ -142,13 +144,16 @@ impl<'a> Sum<'a> {
                         .err()
                         .map(misfit(format!("/actions/{}/{}", agent.name, feature.name)))
                 });
+
         let mut faults: Vec<(String, String)> = state.chain(actions).collect();
+
         if self.sum_with(n).is_none() {
             let reason = format!(
                 "got {n}, expected 1 to 2^63 - 1, together with the counts of the batch before it"
             );
             faults.push(("/count".into(), reason));
         }
+
         let mut faults = faults.into_iter();
         let (field, first) = faults
             .next()
@@ -168,6 +173,7 @@ impl<'a> Sum<'a> {
         for (key, position) in self.states {
             states[position as usize] = Some(key);
         }
+
         let states = states
             .into_iter()
             .map(|key| key.expect("positions are dense"))

@@ -97,6 +97,7 @@ impl PriorRegistry {
         let Some(fitted) = self.get(environment, pair).await? else {
             return Ok(None);
         };
+
         let totals = self.store.actions(environment).await?;
         let Pair { ego, other, .. } = pair.undirected();
         let habits = Arc::new(Habits::new(&totals.draws(ego), &totals.draws(other)));
@@ -126,6 +127,7 @@ impl PriorRegistry {
             evidence_cache,
             unseen,
         });
+
         let mut kept = self.lock();
         match kept.get(&key) {
             // Read from the store by one while another made the next.

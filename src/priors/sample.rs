@@ -36,6 +36,7 @@ impl<T> Sample<T> {
         }
         self.states.push((key, kept, tables));
         self.tables += tables;
+
         while self.tables > MOST_TABLES && self.states.len() > FEWEST_STATES {
             self.halvings += 1;
             let states = std::mem::take(&mut self.states);

@@ -30,6 +30,44 @@ struct StoredSide {
     segments: Vec<f64>,
 }
 
+impl From<SideParameters> for StoredSide {
+    fn from(side: SideParameters) -> Self {
+        let SideParameters {
+            nulls,
+            slabs,
+            habit,
+            habit_in_segments,
+            segments,
+        } = side;
+        Self {
+            nulls,
+            slabs,
+            habit,
+            habit_in_segments,
+            segments,
+        }
+    }
+}
+
+impl From<StoredSide> for SideParameters {
+    fn from(side: StoredSide) -> Self {
+        let StoredSide {
+            nulls,
+            slabs,
+            habit,
+            habit_in_segments,
+            segments,
+        } = side;
+        Self {
+            nulls,
+            slabs,
+            habit,
+            habit_in_segments,
+            segments,
+        }
+    }
+}
+
 /// Writes a pair as the store knows it: the positions of its agents, then those held fixed:
 /// `0,2|1`.
 pub fn write_pair(pair: &Pair) -> String {
@@ -66,26 +104,14 @@ pub fn write_fit(fit: &Fit) -> String {
         sides,
         families,
     } = fit.parameters.clone();
+
     let bases = fit.bases.clone().map(|base| base.counts().to_vec());
-    let side = |SideParameters {
-                    nulls,
-                    slabs,
-                    habit,
-                    habit_in_segments,
-                    segments,
-                }| StoredSide {
-        nulls,
-        slabs,
-        habit,
-        habit_in_segments,
-        segments,
-    };
     form::write(
         FORM,
         &StoredFit {
             bases,
             dependent,
-            sides: sides.map(side),
+            sides: sides.map(StoredSide::from),
             families,
             states: fit.states,
         },
@@ -113,6 +139,7 @@ fn read_newest(text: StoredFit, alphabet: Alphabet) -> Result<Fit, Unreadable> {
         families,
         states,
     } = text;
+
     let found = bases.each_ref().map(|base| base.len() as u64);
     if found != [alphabet.rows, alphabet.columns] {
         return Err(Unreadable::spoiled(format!(
@@ -120,33 +147,23 @@ fn read_newest(text: StoredFit, alphabet: Alphabet) -> Result<Fit, Unreadable> {
             alphabet.rows, alphabet.columns
         )));
     }
+
     if !is_inside(dependent) {
         return Err(Unreadable::spoiled(format!(
             "dependent {dependent}, expected above 0 and below 1"
         )));
     }
+
     check(&sides)?;
     if !are_weights(&families) {
         return Err(Unreadable::spoiled(format!(
             "families {families:?}, expected above 0 and summing to 1"
         )));
     }
-    let side = |StoredSide {
-                    nulls,
-                    slabs,
-                    habit,
-                    habit_in_segments,
-                    segments,
-                }| SideParameters {
-        nulls,
-        slabs,
-        habit,
-        habit_in_segments,
-        segments,
-    };
+
     let parameters = Parameters {
         dependent,
-        sides: sides.map(side),
+        sides: sides.map(SideParameters::from),
         families,
     };
     Ok(Fit {
@@ -175,16 +192,19 @@ fn check(sides: &[StoredSide; 2]) -> Result<(), Unreadable> {
                 "it has {found:?} {what}, expected {expected:?}"
             )));
         }
+
         if !are_weights(segments) {
             return Err(Unreadable::spoiled(format!(
                 "segments {segments:?}, expected above 0 and summing to 1"
             )));
         }
+
         if !are_weights(nulls) {
             return Err(Unreadable::spoiled(format!(
                 "nulls {nulls:?}, expected above 0 and summing to 1"
             )));
         }
+
         for (name, habit) in [("habit", habit), ("habit_in_segments", habit_in_segments)] {
             if habit.is_some_and(|habit| habit <= 0.0) {
                 return Err(Unreadable::spoiled(format!(
@@ -193,6 +213,7 @@ fn check(sides: &[StoredSide; 2]) -> Result<(), Unreadable> {
             }
         }
     }
+
     let slabs: Vec<f64> = sides.iter().flat_map(|side| side.slabs.clone()).collect();
     if !are_weights(&slabs) {
         return Err(Unreadable::spoiled(format!(

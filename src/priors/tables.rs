@@ -88,10 +88,12 @@ impl Tables {
         );
         let strata = (!pair.given.is_empty())
             .then(|| tables_of_strata(schema, pair, cells.clone(), visits, no_more));
+
         let segments = segments(cells.clone().map(|cell| cell.segment));
         // Within the only segment everything is what it is pooled.
         let is_cut = within == Within::Segments && segments > 1;
         let by_segment = is_cut.then(|| tables_of_strata(schema, pair, cells, visits, by_segment));
+
         Self {
             whole,
             segments,
@@ -159,6 +161,7 @@ impl Tables {
         cells: impl Iterator<Item = &'a Cell> + Clone,
     ) -> Observations<'_> {
         let strata = self.strata_of_observations(schema, pair, cells.clone());
+
         let is_cut = within != Within::Pooled
             && self.segments > 1
             && strata.iter().any(|stratum| !stratum.is_line());
@@ -314,6 +317,7 @@ fn stratified<'a>(
             counted(schema, pair, cell, count),
         )
     };
+
     let mut counted: Vec<(Stratum, Counted)> = cells.map(of).collect();
     counted.sort_by_key(|(stratum, _)| *stratum);
     let strata = counted.chunk_by(|(a, _), (b, _)| a == b);

@@ -86,6 +86,7 @@ fn unreadable(schema: &Schema, record: &FitRecord) -> Option<Unreadable> {
             .chain(&pair.given)
             .all(|agent| agents.contains(agent))
     };
+
     match stored_forms::read_pair(&record.pair)
         .filter(known)
         .and_then(|pair| alphabet(schema, &pair))

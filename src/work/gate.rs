@@ -61,9 +61,11 @@ impl Gate {
             .thread_name(move |at| format!("{name}-{at}"))
             .start_handler(|_| give_way())
             .build();
+
         let all = workers + waiting;
         let most = workers;
         let [places, workers] = [all, workers].map(|permits| Arc::new(Semaphore::new(permits)));
+
         Self(Arc::new(Inner {
             places,
             all,
@@ -86,6 +88,7 @@ impl Gate {
             .clone()
             .try_acquire_owned()
             .map_err(|_| overloaded())?;
+
         let worker = stopping
             .run_until_cancelled(workers.clone().acquire_owned())
             .await;
@@ -137,6 +140,7 @@ impl Turn {
         let stop = StopOnDrop(Stop::under(stopping));
         let (tell, told) = oneshot::channel();
         let stop_there = stop.0.clone();
+
         let work = move || {
             let done = catch_unwind(AssertUnwindSafe(|| {
                 stop_there.check().and_then(|()| work(&stop_there))

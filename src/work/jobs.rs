@@ -241,6 +241,7 @@ where
             entry,
             is_kept: false,
         };
+
         let Ending { jobs, entry, .. } = &ending;
         let outcome = tokio::select! {
             // The stop first: what is made may fail of it too, as by a closed database, and would
@@ -251,6 +252,7 @@ where
             () = entry.given_up.cancelled() => Err(jobs.given_up()),
             () = abandoned(entry) => Err(jobs.given_up()),
         };
+
         ending.is_kept = ending.publish(outcome);
         if ending.is_kept {
             let Ending { jobs, .. } = &ending;
@@ -345,6 +347,7 @@ impl<K: Eq + Hash, T> Ending<K, T> {
             .entries
             .lock()
             .unwrap_or_else(PoisonError::into_inner);
+
         let is_kept =
             outcome.is_ok() && self.entry.asked().waiting == 0 && !self.jobs.0.kept.is_zero();
         self.entry.outcome.send_replace(Some(outcome));
