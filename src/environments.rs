@@ -1,5 +1,5 @@
-//! Which worlds there are: their beginning, their rule and their end. The store keeps them; what is
-//! decided here is what a repeated or changed description means.
+//! The life cycle of environments: idempotent creation, changes of the rule, removal. The store
+//! keeps them; what is decided here is what a repeated or changed description means.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};

@@ -1,5 +1,5 @@
-//! What each of the ego's actions does: how often it was taken, how far it moves the other, and how
-//! the other answers it.
+//! Figures of each of the ego's actions: how often it was taken, how far it moves the other
+//! (Kullback-Leibler divergence), and how the other responds, with credible intervals.
 
 use super::assessor::Assessor;
 use crate::domain::{ActionFigures, Interval};

@@ -1,4 +1,5 @@
-//! Answers: of one state at once, of thousands by several threads, when it is their turn.
+//! Answers about states: point estimates, credible intervals, p-values and verdicts; of one state
+//! at once, of thousands by several threads, when it is their turn.
 
 use std::cell::LazyCell;
 

@@ -31,7 +31,7 @@ const LAST: f64 = 20.0;
 /// States that are tested in one piece of work.
 const TESTED_TOGETHER: usize = 100;
 
-/// Standard deviations by which a p-value may be smaller than its permutations say.
+/// Standard errors (of Monte Carlo) by which a p-value may be smaller than its permutations say.
 const DOUBT: f64 = 4.0;
 
 /// The discoveries among the rows of a ranking.

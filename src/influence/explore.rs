@@ -74,8 +74,8 @@ impl Explored {
     }
 }
 
-/// Looks for the most valuable actions in the undecided states of a ranking that were seen at least
-/// so often.
+/// Ranks actions by expected information gain, in the undecided states of a ranking that were seen
+/// at least so often.
 pub async fn explore(
     store: &dyn Store,
     gate: &Gate,

@@ -1,5 +1,5 @@
-//! The causal graph of one state: what every pair of agents is, beside all others. At lag 0 nothing
-//! has a direction: what is found is a skeleton.
+//! The causal graph of one state, by conditional independence tests: what every pair of agents is,
+//! beside all others. At lag 0 nothing has a direction: what is found is a skeleton.
 
 use std::sync::Arc;
 use std::time::Instant;

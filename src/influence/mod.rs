@@ -75,7 +75,7 @@ type SearchKey = (RankingKey, u64, DiscoveryMethod);
 /// Which priors: of one pair, or of all.
 type FitKey = (EnvironmentId, Option<Pair>);
 
-/// A handle on the answers. Cloning is cheap.
+/// The service that answers questions of influence. Cloning is cheap.
 #[derive(Clone)]
 pub struct Influence {
     store: Arc<dyn Store>,

@@ -4,7 +4,7 @@ use std::sync::OnceLock;
 
 use crate::domain::{Evidence, StateKey};
 
-/// What rows are ordered by.
+/// The sort key of rows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum OrderBy {
     /// How often a state was seen.
@@ -24,7 +24,7 @@ impl OrderBy {
     }
 }
 
-/// An order of rows; equal rows are in order of key.
+/// A sort order of rows; equal rows are in order of key.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Order {
     /// What counts.
@@ -77,7 +77,7 @@ impl Order {
     }
 }
 
-/// The orders of some rows, each sorted at its first use.
+/// The permutations that sort some rows, each made at its first use.
 #[derive(Default)]
 pub struct Orders([OnceLock<Vec<u32>>; 8]);
 

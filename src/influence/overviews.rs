@@ -1,5 +1,5 @@
-//! Questions about all states together: what they say in sum, and where one more visit is worth
-//! most.
+//! Questions about all states together: summary statistics, and experimental design, where one more
+//! visit is worth most.
 
 use std::sync::Arc;
 

@@ -67,7 +67,10 @@ impl Influence {
         progress: Progress,
     ) -> impl Future<Output = Result<(StateRanking, u64), Problem>> + Send + 'static {
         let (this, context) = (self.clone(), context.clone());
-        async move { state_ranking::make(&*this.store, &this.work.passes, &context, &progress).await }
+        async move {
+            let (store, gate) = (&*this.store, &this.work.passes);
+            state_ranking::make(store, gate, &context, &progress).await
+        }
     }
 
     pub(super) async fn count_ranking(

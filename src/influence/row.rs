@@ -1,4 +1,4 @@
-//! A row of a ranking: what one state measures.
+//! A row of a ranking: what one state measures, in nats, and its verdict.
 
 use std::sync::Arc;
 

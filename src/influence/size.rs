@@ -1,5 +1,6 @@
-//! Whether an answer can fit into a message, asked before it is made: by what is known of it
-//! beforehand, of which it has at least so many bytes. The rest is measured when it is encoded.
+//! Size limits: whether an answer can fit into a message, asked before it is made, by what is known
+//! of it beforehand, of which it has at least so many bytes. The rest is measured when it is
+//! encoded.
 
 use super::query_context::QueryContext;
 use crate::api::{MOST_MESSAGE_BYTES, too_large};

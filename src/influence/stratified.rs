@@ -1,5 +1,5 @@
-//! Pooled and stratified tests of independence, and what it means where they disagree (Simpson's
-//! paradox).
+//! Stratified permutation tests of independence beside pooled ones, and what it means where they
+//! disagree (Simpson's paradox).
 
 use crate::domain::{Evidence, Exchange, Significance};
 use crate::information::{self, Table, smallest_p};
@@ -17,7 +17,7 @@ const IMPROBABLE: f64 = 0.5;
 /// A test with a p-value above this finds none.
 const MISSED: f64 = 0.1;
 
-/// The tests of one state.
+/// The permutation tests of one state.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tested {
     pooled: Significance,

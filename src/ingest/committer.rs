@@ -1,5 +1,5 @@
-//! The one task that commits. It takes everything that waits, commits it together, and only then
-//! answers.
+//! Group commit by a single writer task. It takes everything that waits, commits it together, and
+//! only then answers.
 //!
 //! No client can cancel it, and it never talks to anything but the store.
 
@@ -27,7 +27,7 @@ const MOST_COMMIT_STATES: usize = 50_000;
 static FAILURES: Seldom = Seldom::every(Duration::from_secs(5));
 static UNREAD: Seldom = Seldom::every(Duration::from_secs(5));
 
-/// What the committer does, in the order in which it was asked.
+/// A command to the committer, carried out in the order of the queue.
 pub enum Command {
     /// Commit a batch.
     Batch(Pending),
@@ -59,7 +59,7 @@ pub struct Resume {
     pub reply: oneshot::Sender<Result<Sequence, Problem>>,
 }
 
-/// Commits until it is told to stop or nobody can ask any more.
+/// Runs the committer until it is told to stop or nobody can ask any more.
 pub async fn run(store: Arc<dyn Store>, counted: BatchTotals, mut queue: mpsc::Receiver<Command>) {
     let mut group = Group {
         counted,
@@ -90,7 +90,7 @@ pub async fn run(store: Arc<dyn Store>, counted: BatchTotals, mut queue: mpsc::R
     }
 }
 
-/// The batches of one commit.
+/// The batches of one group commit.
 #[derive(Default)]
 struct Group {
     counted: BatchTotals,

@@ -1,5 +1,5 @@
-//! What became of the batches of each environment since the start, for operators. An environment
-//! that is gone takes its figures along.
+//! Counters for operators: what became of the batches of each environment since the start. An
+//! environment that is gone takes its figures along.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -8,7 +8,7 @@ use std::time::SystemTime;
 use crate::domain::{Acknowledged, EnvironmentId, Receipt};
 use crate::telemetry::PARTS;
 
-/// What became of the batches of one environment.
+/// Counters of what became of the batches of one environment.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Figures {
     /// Records counted.
@@ -23,7 +23,7 @@ pub struct Figures {
     pub last: Option<SystemTime>,
 }
 
-/// The figures of every environment that had a batch. Cloning shares them.
+/// The counters of every environment that had a batch. Cloning shares them.
 #[derive(Clone, Default)]
 pub struct BatchTotals(Arc<Mutex<HashMap<EnvironmentId, Figures>>>);
 

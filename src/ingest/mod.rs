@@ -1,4 +1,5 @@
-//! How transitions become counts: validate, sequence, commit together, then acknowledge.
+//! Ingestion, how transitions become counts: validate, sequence, commit together (group commit),
+//! then acknowledge. A producer's numbers make it idempotent: what is sent again counts once.
 //!
 //! ```text
 //! Batch --validate--> Numbered --queue (bounded)--> committer --store.commit--> Acknowledged
@@ -42,7 +43,7 @@ const MOST_WORK: usize = 8_192;
 /// How many batches of one stream may wait for their acknowledgement.
 pub const WINDOW: usize = 320;
 
-/// A handle on ingestion. Cloning is cheap.
+/// The ingestion service. Cloning is cheap.
 #[derive(Clone)]
 pub struct Ingest {
     queue: mpsc::Sender<Command>,

@@ -1,5 +1,5 @@
-//! From decoded records to what they add: every value gets its bin, and every record that has none
-//! is rejected.
+//! Validation and discretisation, from decoded records to what they add: every value gets its bin,
+//! and every record that has none is rejected.
 //!
 //! A pure function of the schema, so a batch that is sent again gets the same receipt.
 
@@ -11,7 +11,7 @@ use crate::domain::{
     Entry, Increment, Label, Misfit, Receipt, Records, Rejection, Schema, StateKey, Tally, Widths,
 };
 
-/// Returns what the records add under a segment, and the receipt.
+/// Validates records; returns the increment that they are under a segment, and the receipt.
 pub fn validate(
     schema: &Schema,
     segment: Option<Label>,
@@ -42,7 +42,7 @@ fn reject(receipt: &mut Receipt, rejection: Rejection) {
 /// States that a batch has room for before it grows.
 const USUAL_STATES: usize = 256;
 
-/// What was added so far.
+/// The increment so far, with equal states merged.
 struct Sum<'a> {
     schema: &'a Schema,
     widths: Widths,

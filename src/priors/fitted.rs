@@ -8,7 +8,7 @@ use crate::domain::{FitId, Pair, Schema};
 use crate::evidence::{self, Beliefs, Fit, Habits, Prior};
 use crate::information::Alphabet;
 
-/// A fit with what is computed from it.
+/// A fitted prior (spike and slab) with what is computed from it.
 pub struct Fitted {
     /// Its version and revision.
     pub id: FitId,

@@ -16,12 +16,12 @@ use crate::evidence::{Fit, Habits, Prior};
 use crate::store::{Store, StoreError};
 use crate::work::Gate;
 
-/// Fits kept in memory.
+/// The capacity of the cache: fits kept in memory.
 const KEPT: NonZeroUsize = NonZeroUsize::new(256).expect("not zero");
 
 type Key = (EnvironmentId, Pair);
 
-/// The fits of every environment. Cloning is cheap.
+/// A registry of the fitted priors of every environment. Cloning is cheap.
 #[derive(Clone)]
 pub struct PriorRegistry {
     pub(super) store: Arc<dyn Store>,

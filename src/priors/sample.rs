@@ -1,4 +1,4 @@
-//! Which states a fit is made from, where there are very many.
+//! Subsampling by hash: which states a fit is made from, where there are very many.
 
 use crate::domain::StateKey;
 
@@ -9,8 +9,8 @@ const MOST_TABLES: usize = 50_000;
 /// So few states all stay, however many tables they have.
 const FEWEST_STATES: usize = 100;
 
-/// States, thinned by half whenever they become too many: which ones stay depends on their keys
-/// alone.
+/// A sample of states, thinned by half whenever they become too many: which ones stay depends on
+/// the hash of their keys alone, so that the order of adding does not matter.
 pub struct Sample<T> {
     halvings: u32,
     tables: usize,

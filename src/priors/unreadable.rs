@@ -43,7 +43,7 @@ impl PriorRegistry {
     }
 }
 
-/// A fit that cannot be read.
+/// A stored fit that this build cannot read.
 pub struct UnreadableFit {
     /// The environment's name.
     pub environment: String,

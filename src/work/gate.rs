@@ -1,5 +1,5 @@
-//! Admission control: so many workers, so many that may wait for one, and a refusal for everybody
-//! else.
+//! Admission control by semaphores: so many workers, so many that may wait for one, and a refusal
+//! (load shedding) for everybody else.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
@@ -17,7 +17,7 @@ const RETRY_AFTER: Duration = Duration::from_secs(2);
 /// The reason word of work that a stop of the service ended.
 pub const STOPPING: &str = "STOPPING";
 
-/// A bounded number of workers behind a bounded queue. Cloning shares them.
+/// A thread pool of bounded size behind a bounded queue. Cloning shares it.
 ///
 /// Its threads give way to those that serve connections and commit. They are the gate's own: what
 /// computes in parallel within a turn shares them, and a process that ends does not wait for them.
@@ -38,7 +38,7 @@ struct Inner {
     stopping: CancellationToken,
 }
 
-/// A worker of one's own, until the turn is dropped or what it runs has ended.
+/// A permit for one worker, until it is dropped or what it runs has ended.
 pub struct Turn {
     gate: Gate,
     held: [OwnedSemaphorePermit; 2],

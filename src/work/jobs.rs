@@ -1,5 +1,5 @@
-//! Shared results, by what they are made from: who asks for one that is being made waits for the
-//! same, and it goes on when who asked has left.
+//! Single flight: results that are shared by what they are made from. Who asks for one that is
+//! being made waits for the same, and it goes on when who asked has left.
 
 use std::collections::HashMap;
 use std::hash::Hash;
@@ -15,7 +15,7 @@ use super::gate::stopped;
 use super::progress::Progress;
 use crate::error::{ErrorKind, Problem};
 
-/// A job that nobody has asked about for so long is given up.
+/// The idle timeout: a job that nobody has asked about for so long is given up.
 const ABANDONED: Duration = Duration::from_secs(2 * 60);
 
 /// Jobs of one kind that go on although nobody waits for them. When another is asked for, those go
@@ -25,7 +25,7 @@ const MOST_UNASKED: usize = 4;
 /// Jobs of one kind that may go on at once.
 const MOST: usize = 32;
 
-/// The jobs of one kind. Cloning shares them.
+/// A single-flight group: the jobs of one kind, by key. Cloning shares them.
 pub struct Jobs<K, T>(Arc<Inner<K, T>>);
 
 impl<K, T> Clone for Jobs<K, T> {

@@ -1,4 +1,4 @@
-//! Progress of a job: what is done, of how much, and in words.
+//! Progress reporting of a job: what is done, of how much, and in words.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
