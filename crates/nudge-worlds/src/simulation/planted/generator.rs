@@ -143,6 +143,7 @@ impl Generator {
                 let mut stay = vec![0.0; 9];
                 stay[5] = 1.0;
                 let policy = mixed(&stay, &dirichlet(0.5, 9, rng), 0.65);
+
                 let shared = mixed(&stay, &dirichlet(0.3, 9, rng), 0.65);
                 let mut row = |_| {
                     let drawn = dependent && rng.random_bool(0.8);

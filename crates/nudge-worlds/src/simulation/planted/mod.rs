@@ -92,6 +92,7 @@ fn state(generator: Generator, options: &Options, rng: &mut Pcg64) -> Planted {
     if leak_free && !dependent {
         joint = product_of_margins(&joint);
     }
+
     let visits = generator.visits().sample(rng);
     let table = match options.arm {
         Arm::Shuffled => shuffled(&joint, visits, rng),
@@ -102,6 +103,7 @@ fn state(generator: Generator, options: &Options, rng: &mut Pcg64) -> Planted {
                 .map(|(ego, other)| (ego, other, 1)),
         ),
     };
+
     Planted {
         table,
         information: information(&joint),
@@ -128,6 +130,7 @@ fn in_segments(rng: &mut Pcg64) -> Planted {
         all.extend_from_slice(&seen);
         Table::from_counts(seen.into_iter().map(|(ego, other)| (ego, other, 1)))
     };
+
     let segments = (0..SEGMENTS).map(|_| segment()).collect();
     let table = Table::from_counts(all.into_iter().map(|(ego, other)| (ego, other, 1)));
     Planted {

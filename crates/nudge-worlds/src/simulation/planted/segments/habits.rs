@@ -14,6 +14,7 @@ const STEP: f64 = 0.25;
 pub(super) fn opposite(segments: usize, letters: usize, rng: &mut Pcg64) -> Vec<Vec<f64>> {
     let mut sorted = dirichlet(1.0, letters, rng);
     sorted.sort_by(f64::total_cmp);
+
     let mut ranks: Vec<usize> = (0..letters).collect();
     shuffle(&mut ranks, rng);
     let habit = |segment: usize| {

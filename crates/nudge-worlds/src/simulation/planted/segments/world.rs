@@ -83,6 +83,7 @@ impl World {
                 }
             }
         };
+
         let sum: f64 = (0..self.segments).map(size).sum();
         (0..self.segments)
             .map(|segment| size(segment) / sum)
