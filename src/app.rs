@@ -14,7 +14,7 @@ use crate::environments::Environments;
 use crate::influence::Influence;
 use crate::ingest::Ingest;
 use crate::model::Networks;
-use crate::priors::Fits;
+use crate::priors::PriorRegistry;
 use crate::store::{Audit, Store, StoreError};
 use crate::work::Work;
 
@@ -50,7 +50,7 @@ pub struct App {
     /// How transitions become counts.
     pub ingest: Ingest,
     /// The priors that answers stand on.
-    pub fits: Fits,
+    pub fits: PriorRegistry,
     /// What to expect where little was counted.
     pub networks: Networks,
     /// The question itself.
@@ -75,7 +75,7 @@ impl App {
     pub fn open_until(draining: CancellationToken, store: Arc<dyn Store>, upkeep: Upkeep) -> Self {
         let work = Work::new(draining.clone());
         let ingest = Ingest::start(store.clone());
-        let fits = Fits::made_in(work.fits.clone(), store.clone());
+        let fits = PriorRegistry::made_in(work.fits.clone(), store.clone());
         let networks = Networks::new(store.clone(), fits.clone());
         let app = Self {
             environments: Environments::new(store.clone(), ingest.clone(), networks.clone()),
@@ -173,7 +173,7 @@ async fn unless_stopped(draining: CancellationToken, work: impl Future<Output = 
 
 /// Says at the start which fits and networks this build cannot read. The store has told of
 /// environments when it was opened.
-async fn tell_unreadable(fits: Fits, networks: Networks, _looking: Chore) {
+async fn tell_unreadable(fits: PriorRegistry, networks: Networks, _looking: Chore) {
     fits.tell_unreadable().await;
     networks.tell_unreadable().await;
 }

@@ -1,5 +1,5 @@
-//! Which worlds there are: their beginning, their rule and their end. The store keeps them; what is
-//! decided here is what a repeated or changed description means.
+//! The life cycle of environments: idempotent creation, changes of the rule, removal. The store
+//! keeps them; what is decided here is what a repeated or changed description means.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -159,10 +159,12 @@ impl Environments {
         {
             description.schema.within_bytes()?;
         }
+
         let (named, kept) = (name.to_owned(), existing.clone());
         // A description may have a million labels.
         let (name, schema, rule) =
             beside(move || checked(&named, &description, kept.as_deref())).await??;
+
         if let Some(existing) = existing {
             return self.confirm(existing, &schema, rule).await;
         }
@@ -282,6 +284,7 @@ impl Environments {
                     .with("schema_hash", existing.schema.hash()),
             );
         }
+
         match rule {
             Some(rule) if rule != existing.rule => {
                 Ok((self.set_rule(&existing, rule).await?, false))
@@ -357,10 +360,12 @@ fn checked(
     let name = name
         .parse::<Name>()
         .map_err(|detail| faults.push(Fault::new("/name", detail)));
+
     let kept = existing.map(|environment| environment.schema.hash());
     let schema = Schema::described(description, kept)
         .map_err(|found| faults.extend(found))
         .ok();
+
     let kept = existing.map(|environment| environment.rule);
     let given = |draft: &RuleDraft| match (WrittenRule::default().merged(draft), &schema) {
         (Ok(rule), Some(schema)) => within_reach(rule, draft, schema, kept),
@@ -368,6 +373,7 @@ fn checked(
     };
     let rule = description.rule.as_ref().map(given).transpose();
     let rule = rule.map_err(|found| faults.extend(under_rule(found)));
+
     match (name, schema, rule) {
         (Ok(name), Some(schema), Ok(rule)) => {
             let alike = if existing.is_none() {

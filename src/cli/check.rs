@@ -12,7 +12,7 @@ use crate::config::Config;
 use crate::domain::{Model, UnreadableEnvironment};
 use crate::error::Problem;
 use crate::model::Networks;
-use crate::priors::Fits;
+use crate::priors::PriorRegistry;
 use crate::store::{Audit, Options, SqliteStore, Store, StoreError};
 
 /// Audit a database, changing nothing
@@ -192,7 +192,7 @@ async fn receipts(store: &SqliteStore) -> Result<Vec<String>, Failure> {
 /// Looks at the fits of every environment: those that are damaged, not those of an older form,
 /// which are made again.
 async fn fits(store: &Arc<SqliteStore>) -> Vec<String> {
-    let unread = Fits::new(store.clone())
+    let unread = PriorRegistry::new(store.clone())
         .unreadable()
         .await
         .into_iter()
@@ -208,7 +208,7 @@ async fn fits(store: &Arc<SqliteStore>) -> Vec<String> {
 }
 
 async fn unreadable_networks(store: Arc<dyn Store>) -> Result<Vec<UnreadableNetwork>, Problem> {
-    let registry = Networks::new(store.clone(), Fits::new(store.clone()));
+    let registry = Networks::new(store.clone(), PriorRegistry::new(store.clone()));
     let mut networks = Vec::new();
     for environment in store.environments() {
         let listed = registry.list(&environment).await?;

@@ -1,39 +1,45 @@
-//! What each of the ego's actions does: how often it was taken, how far it moves the other, and how
-//! the other answers it.
+//! Figures of each of the ego's actions: how often it was taken, how far it moves the other
+//! (Kullback-Leibler divergence), and how the other responds, with credible intervals.
 
-use super::judge::Judge;
+use super::assessor::Assessor;
 use crate::domain::{ActionFigures, Interval};
 use crate::evidence::ActionPosterior;
 use crate::information::Table;
-use crate::priors::{self, Draws, Tables};
+use crate::priors::{self, Observations, Tables};
 
-/// Returns the figures of every ego action, seen or not, in index order; `draws` is what the
+/// Returns the figures of every ego action, seen or not, in index order; `observations` is what the
 /// evidence rests on.
-pub fn by_action(judge: Judge<'_>, tables: &Tables, draws: &Draws<'_>) -> Vec<ActionFigures> {
-    let pair = &judge.scope.pair;
-    let believed = judge.informed.and_then(|informed| {
-        Some(
-            informed
-                .in_detail()?
-                .by_action(&informed.habits, draws.counted(), priors::ego(pair)),
-        )
+pub fn by_action(
+    assessor: Assessor<'_>,
+    tables: &Tables,
+    observations: &Observations<'_>,
+) -> Vec<ActionFigures> {
+    let pair = &assessor.scope.pair;
+    let believed = assessor.informed.and_then(|informed| {
+        Some(informed.in_detail()?.by_action(
+            &informed.habits,
+            observations.counted(),
+            priors::ego(pair),
+        ))
     });
+
     let mut believed = believed.unwrap_or_default().into_iter();
-    let figures = |index: u64| figures(judge, tables, index, believed.next());
-    (0..judge.schema.agents()[pair.ego].actions())
+    let figures = |index: u64| figures(assessor, tables, index, believed.next());
+    (0..assessor.schema.agents()[pair.ego].actions())
         .map(figures)
         .collect()
 }
 
 fn figures(
-    judge: Judge<'_>,
+    assessor: Assessor<'_>,
     tables: &Tables,
     index: u64,
     believed: Option<ActionPosterior>,
 ) -> ActionFigures {
-    let [ego, other] =
-        [judge.scope.pair.ego, judge.scope.pair.other].map(|agent| &judge.schema.agents()[agent]);
-    let unit = |nats: f64| judge.scope.unit.from_nats(nats);
+    let [ego, other] = [assessor.scope.pair.ego, assessor.scope.pair.other]
+        .map(|agent| &assessor.schema.agents()[agent]);
+    let unit = |nats: f64| assessor.scope.unit.from_nats(nats);
+
     let row = tables.whole.row_labels().binary_search(&index).ok();
     let seen = ActionFigures {
         index,
@@ -44,6 +50,7 @@ fn figures(
         response: row.map(|row| frequencies(&tables.whole, row, other.actions())),
         response_intervals: Vec::new(),
     };
+
     match believed {
         None => seen,
         Some(believed) => ActionFigures {

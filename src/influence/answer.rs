@@ -1,22 +1,24 @@
-//! Answers: of one state at once, of thousands by several threads, when it is their turn.
+//! Answers about states: point estimates, credible intervals, p-values and verdicts; of one state
+//! at once, of thousands by several threads, when it is their turn.
 
 use std::cell::LazyCell;
 
 use rayon::prelude::*;
 
 use super::actions;
-use super::judge::{Judge, Judged};
+use super::assessor::{Assessment, Assessor};
+use super::labels::bins;
+use super::query_context::QueryContext;
 use super::store_errors::logged;
 use super::stratified::{self, Tested};
-use super::survey::Plan;
 use crate::domain::{
-    Answer, Bin, Estimator, Figures, ModelAction, ModelFigures, Question, Schema, Scope, StateKey,
+    Answer, Cell, Estimator, Figures, ModelAction, ModelFigures, Question, Schema, Scope, StateKey,
     Unit, View,
 };
 use crate::error::Problem;
 use crate::information::{self, Alphabet};
 use crate::model::Prediction;
-use crate::priors::{self, Draws, Tables};
+use crate::priors::{self, Observations, Tables};
 use crate::store::{StateCounts, Store};
 use crate::work::{Gate, Stop, Stopped};
 
@@ -36,9 +38,9 @@ const FEW_CELLS: usize = 1_024;
 
 /// What an answer is made from, beside the counts of its state.
 #[derive(Clone)]
-pub struct Ground {
+pub struct AnswerContext {
     /// The environment, the segments and the fit.
-    pub plan: Plan,
+    pub query: QueryContext,
     /// The question.
     pub question: Question,
 }
@@ -50,9 +52,11 @@ fn is_light(schema: &Schema, question: &Question) -> bool {
         question.states.len() as u64,
         if question.view == View::Full { FULL } else { 1 },
     );
+
     let figures = states
         .saturating_mul(rows.saturating_mul(columns))
         .saturating_mul(detail);
+
     let is_slow = question.significance.is_some() || question.visits_to_decide;
     !is_slow && states <= FEW_STATES && figures <= LIGHT
 }
@@ -62,51 +66,69 @@ fn is_light(schema: &Schema, question: &Question) -> bool {
 pub async fn answers(
     store: &dyn Store,
     gate: &Gate,
-    ground: Ground,
+    context: AnswerContext,
 ) -> Result<Vec<Answer>, Problem> {
-    let environment = &ground.plan.environment;
-    let turn = match is_light(&environment.schema, &ground.question) {
+    let environment = &context.query.environment;
+    let turn = match is_light(&environment.schema, &context.question) {
         true => None,
         false => Some(gate.enter().await?),
     };
+
     let counts = store
-        .counts(environment.id, &ground.question.states)
+        .counts(environment.id, &context.question.states)
         .await
         .map_err(logged)?;
+
     let cells: usize = counts.iter().map(|state| state.counts.cells().len()).sum();
     let turn = match turn {
-        None if cells <= FEW_CELLS => return Ok(ground.answers_here(&counts)),
+        None if cells <= FEW_CELLS => return Ok(context.answers_here(&counts)),
         None => gate.enter().await?,
         Some(turn) => turn,
     };
-    turn.run(move |stop| ground.answers(&counts, stop)).await
+    turn.run(move |stop| context.answers(&counts, stop)).await
 }
 
 /// Returns a warning where pooled and stratified answers disagree: by their tests, where those were
 /// asked for, else by the evidence.
-fn warning(tested: Option<Tested>, judged: &Judged) -> Option<String> {
+fn warning(tested: Option<Tested>, assessment: &Assessment) -> Option<String> {
     match tested {
         Some(tested) => tested.warning(),
-        None => stratified::warning(&judged.evidence?),
+        None => stratified::warning(&assessment.evidence?),
     }
 }
 
-impl Ground {
-    fn judge(&self) -> Judge<'_> {
-        self.plan.judge(self.question.view)
+/// Tests a state for independence by permutations, pooled and where it has several segments within
+/// them too.
+fn independence_tests<'a>(
+    assessor: Assessor<'_>,
+    tables: &Tables,
+    cells: impl Iterator<Item = &'a Cell> + Clone,
+    seed: u64,
+) -> Tested {
+    let (schema, pair) = (assessor.schema, &assessor.scope.pair);
+    let strata =
+        (tables.segments > 1).then(|| Tables::strata_by_segment(schema, pair, cells.clone()));
+    let pooled = tables.strata_of_observations(schema, pair, cells);
+    Tested::new(&pooled, strata.as_deref(), seed)
+}
+
+impl AnswerContext {
+    fn assessor(&self) -> Assessor<'_> {
+        self.query.assessor(self.question.view)
     }
 
     /// Answers one state after another.
     pub fn answers_here(&self, counts: &[StateCounts]) -> Vec<Answer> {
-        let (judge, keys) = (self.judge(), &self.question.states);
-        let told = keys.iter().zip(counts).zip(judge.predictions(keys));
-        told.map(|((key, counts), predicted)| self.answer(judge, key, counts, predicted))
+        let (assessor, keys) = (self.assessor(), &self.question.states);
+        let states = keys.iter().zip(counts).zip(assessor.predictions(keys));
+        states
+            .map(|((key, counts), predicted)| self.answer(assessor, key, counts, predicted))
             .collect()
     }
 
     /// Answers by several threads.
     fn answers(&self, counts: &[StateCounts], stop: &Stop) -> Result<Vec<Answer>, Stopped> {
-        let judge = self.judge();
+        let assessor = self.assessor();
         let mut answers = Vec::with_capacity(counts.len());
         for (keys, counts) in self
             .question
@@ -115,12 +137,16 @@ impl Ground {
             .zip(counts.chunks(TOGETHER))
         {
             stop.check()?;
-            let told = keys.par_iter().zip(counts).zip(judge.predictions(keys));
+            let states = keys.par_iter().zip(counts).zip(assessor.predictions(keys));
             let answer = |((key, counts), predicted)| {
                 stop.check()?;
-                Ok(self.answer(judge, key, counts, predicted))
+                Ok(self.answer(assessor, key, counts, predicted))
             };
-            answers.extend(told.map(answer).collect::<Result<Vec<Answer>, Stopped>>()?);
+            answers.extend(
+                states
+                    .map(answer)
+                    .collect::<Result<Vec<Answer>, Stopped>>()?,
+            );
         }
         Ok(answers)
     }
@@ -128,84 +154,88 @@ impl Ground {
     /// Returns the answer for a state with these counts.
     fn answer(
         &self,
-        judge: Judge<'_>,
+        assessor: Assessor<'_>,
         key: &StateKey,
         state: &StateCounts,
         predicted: Option<Prediction>,
     ) -> Answer {
-        let cells = || state.counts.of_segments(self.plan.segments.as_deref());
-        let judged = judge.judge(key, cells(), predicted);
-        let visits = judged.tables.whole.total();
+        let cells = || state.counts.of_segments(self.query.segments.as_deref());
+        let assessment = assessor.assess(key, cells(), predicted);
+        let tables = &assessment.tables;
+
         // What the evidence rests on, for those figures that need the tables themselves.
-        let (schema, Scope { pair, within, .. }) = (judge.schema, judge.scope);
-        let draws = LazyCell::new(|| judged.tables.evidence(schema, pair, *within, cells()));
-        let figures = (judge.view != View::Verdict).then(|| {
+        let (schema, Scope { pair, within, .. }) = (assessor.schema, assessor.scope);
+        let observations = LazyCell::new(|| tables.observations(schema, pair, *within, cells()));
+
+        let figures = (assessor.view != View::Verdict).then(|| {
             let tested = self.question.significance.map(|how| {
-                let strata = (judged.tables.segments > 1)
-                    .then(|| Tables::draws_by_segment(schema, pair, cells()));
-                let pooled = judged.tables.draws(schema, pair, cells());
-                (
-                    Tested::new(&pooled, strata.as_deref(), key.seed()),
-                    how.exchange(*within),
-                )
+                let tested = independence_tests(assessor, tables, cells(), key.seed());
+                (tested, how.exchange(*within))
             });
             let visits_to_decide = self
                 .question
                 .visits_to_decide
-                .then(|| self.visits_to_decide(judge, &draws))
+                .then(|| self.visits_to_decide(assessor, &observations))
                 .flatten();
+
             Box::new(Figures {
-                bins: bins(judge.schema, key),
-                significance: tested.map(|(tested, exchange)| tested.told(exchange)),
-                warnings: warning(tested.map(|(tested, _)| tested), &judged)
+                bins: bins(assessor.schema, key),
+                significance: tested.map(|(tested, exchange)| tested.significance(exchange)),
+                warnings: warning(tested.map(|(tested, _)| tested), &assessment)
                     .into_iter()
                     .collect(),
                 visits_to_decide,
-                model: predicted.and_then(|predicted| self.model(judge, key, predicted)),
+                model: predicted.and_then(|predicted| self.model(assessor, key, predicted)),
                 revision: state.revision,
-                ..self.figures(judge, &judged)
+                ..self.figures(assessor, &assessment)
             })
         });
-        let by_action =
-            (judge.view == View::Full).then(|| actions::by_action(judge, &judged.tables, &draws));
+        let by_action = (assessor.view == View::Full)
+            .then(|| actions::by_action(assessor, tables, &observations));
+
         Answer {
             key: key.clone(),
-            visits,
-            verdict: judged.verdict,
-            basis: judged.basis,
+            visits: tables.whole.total(),
+            verdict: assessment.verdict,
+            basis: assessment.basis,
             figures,
             by_action,
         }
     }
 
     /// Returns how many more visits a verdict would take, if there are not too many actions for it.
-    fn visits_to_decide(&self, judge: Judge<'_>, draws: &Draws<'_>) -> Option<Option<u64>> {
-        let informed = judge.informed?;
-        let (prior, scope) = (informed.in_detail()?, judge.scope);
+    fn visits_to_decide(
+        &self,
+        assessor: Assessor<'_>,
+        observations: &Observations<'_>,
+    ) -> Option<Option<u64>> {
+        let informed = assessor.informed?;
+        let (prior, scope) = (informed.in_detail()?, assessor.scope);
         let visits = prior.visits_to_decide(
             &informed.habits,
-            draws.counted(),
+            observations.counted(),
             priors::ego(&scope.pair),
             &scope.rule,
         );
-        Some(visits.filter(|_| judge.is_open()))
+        Some(visits.filter(|_| assessor.is_open()))
     }
 
     /// Returns what the network says of a state, in the question's unit.
     fn model(
         &self,
-        judge: Judge<'_>,
+        assessor: Assessor<'_>,
         key: &StateKey,
         predicted: Prediction,
     ) -> Option<ModelFigures> {
-        let network = judge.network?;
-        let unit = judge.scope.unit;
+        let network = assessor.network?;
+        let unit = assessor.scope.unit;
         let in_unit = |action: ModelAction| ModelAction {
             divergence: unit.from_nats(action.divergence),
             ..action
         };
         let by_action =
-            (judge.view == View::Full).then(|| network.by_action(&self.plan.environment, key));
+            (assessor.view == View::Full).then(|| network.by_action(&self.query.environment, key));
+
         Some(ModelFigures {
             version: network.version,
             kind: network.kind,
@@ -214,53 +244,44 @@ impl Ground {
                 .mutual_information
                 .map(|nats| unit.from_nats(nats)),
             agrees: predicted.agrees,
-            out_of_range: network.out_of_range(&self.plan.environment, key),
+            out_of_range: network.out_of_range(&self.query.environment, key),
             by_action: by_action.into_iter().flatten().map(in_unit).collect(),
         })
     }
 
-    fn figures(&self, judge: Judge<'_>, judged: &Judged) -> Figures {
-        let unit = judge.scope.unit;
-        let (expected, method) = judged.tables.expected_if_independent();
-        let alphabet = judge.scope.pair.alphabet(judge.schema);
+    fn figures(&self, assessor: Assessor<'_>, assessment: &Assessment) -> Figures {
+        let unit = assessor.scope.unit;
+        let (expected, method) = assessment.tables.expected_if_independent();
+        let alphabet = assessor.scope.pair.alphabet(assessor.schema);
+
         let estimate = |estimator: Estimator| {
             (
                 estimator.as_str(),
-                estimated(estimator, &judged.tables, alphabet, unit),
+                estimated(estimator, &assessment.tables, alphabet, unit),
             )
         };
         Figures {
             bins: Vec::new(),
-            entries: judged.tally.entries,
+            entries: assessment.tally.entries,
             unit,
-            threshold: judge.scope.rule.in_unit(unit).threshold,
-            share: judge.scope.share(judge.schema),
-            rule: judge.scope.rule.kind,
-            plug_in: unit.from_nats(judged.plug_in),
+            threshold: assessor.scope.rule.in_unit(unit).threshold,
+            share: assessor.scope.share(assessor.schema),
+            rule: assessor.scope.rule.kind,
+            plug_in: unit.from_nats(assessment.plug_in),
             expected_if_independent: unit.from_nats(expected),
             expected_method: method.as_str(),
             estimates: self.question.estimators.iter().map(estimate).collect(),
-            independence: judged.tally.into(),
-            evidence: judged.evidence.map(|evidence| evidence.in_unit(unit)),
-            segmentation: judged.segmentation(),
+            independence: assessment.tally.into(),
+            evidence: assessment.evidence.map(|evidence| evidence.in_unit(unit)),
+            segmentation: assessment.segmentation(),
             significance: None,
             warnings: Vec::new(),
             visits_to_decide: None,
             model: None,
-            fit: self.plan.fit(),
+            fit: self.query.fit(),
             revision: 0,
         }
     }
-}
-
-/// Returns the bins of a state with their labels.
-pub fn bins(schema: &Schema, key: &StateKey) -> Vec<Bin> {
-    let bin = |(feature, bin): (&crate::domain::Feature, &u32)| Bin {
-        feature: feature.name.to_string(),
-        bin: *bin,
-        label: feature.kind.bin_label(*bin),
-    };
-    schema.state().iter().zip(key.bins()).map(bin).collect()
 }
 
 /// Returns an estimate in a unit.
@@ -276,6 +297,7 @@ fn estimated(estimator: Estimator, tables: &Tables, alphabet: Alphabet, unit: Un
         Estimator::Adjusted => information::adjusted(table),
         Estimator::UniformPolicy => information::uniform_policy(table),
     });
+
     // A share has no unit.
     if estimator == Estimator::Adjusted {
         nats

@@ -1,14 +1,16 @@
-//! Which states are called dependent when thousands are looked at: at a rate of false ones that the
-//! caller accepts.
+//! Multiple testing: which states are called dependent when thousands are looked at, at a false
+//! discovery rate that the caller accepts. By posterior probabilities (Bayesian FDR), or by
+//! permutation tests and Benjamini-Hochberg.
 
 use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::shared::Made;
+use super::pass_cache::PassResult;
+use super::query_context::QueryContext;
+use super::state_ranking::StateRanking;
 use super::store_errors::logged;
 use super::stratified::{Disagreement, Disagreements};
-use super::survey::{Plan, Survey};
 use crate::domain::{Discoveries, Discovery, DiscoveryMethod, Exchange, StateKey};
 use crate::error::Problem;
 use crate::information::{
@@ -29,11 +31,11 @@ const LAST: f64 = 20.0;
 /// States that are tested in one piece of work.
 const TESTED_TOGETHER: usize = 100;
 
-/// Standard deviations by which a p-value may be smaller than its permutations say.
+/// Standard errors (of Monte Carlo) by which a p-value may be smaller than its permutations say.
 const DOUBT: f64 = 4.0;
 
-/// The discoveries among the rows of a survey.
-pub struct Found {
+/// The discoveries among the rows of a ranking.
+pub struct FoundDiscoveries {
     /// How many they are.
     pub discoveries: Discoveries,
     /// For each row, whether it is one.
@@ -44,38 +46,38 @@ pub struct Found {
     pub warnings: Vec<String>,
 }
 
-/// A survey with the discoveries in it.
-pub struct Searched {
+/// A ranking with the discoveries in it.
+pub struct DiscoverySearch {
     /// What they were looked for in.
-    pub survey: Arc<Made<Survey>>,
+    pub ranking: Arc<PassResult<StateRanking>>,
     /// What was found.
-    pub found: Found,
+    pub found: FoundDiscoveries,
 }
 
 /// Permutations of one piece of work: some seconds at most.
 const PIECE: u64 = 1 << 18;
 
-/// Finds the discoveries in a survey.
+/// Finds the discoveries in a ranking.
 pub async fn find(
     store: &dyn Store,
     gate: &Gate,
-    plan: &Plan,
-    survey: &Arc<Made<Survey>>,
+    context: &QueryContext,
+    ranking: &Arc<PassResult<StateRanking>>,
     discovery: Discovery,
     progress: &Progress,
-) -> Result<Found, Problem> {
+) -> Result<FoundDiscoveries, Problem> {
     match discovery.method {
         DiscoveryMethod::Bayes => {
-            let survey = survey.clone();
-            gate.run(move |_| Ok(by_posterior(&survey, discovery)))
+            let ranking = ranking.clone();
+            gate.run(move |_| Ok(by_posterior(&ranking, discovery)))
                 .await
         }
-        DiscoveryMethod::Bh => by_tests(store, gate, plan, survey, discovery, progress).await,
+        DiscoveryMethod::Bh => by_tests(store, gate, context, ranking, discovery, progress).await,
     }
 }
 
-fn by_posterior(survey: &Survey, discovery: Discovery) -> Found {
-    let dependent: Vec<f64> = survey
+fn by_posterior(ranking: &StateRanking, discovery: Discovery) -> FoundDiscoveries {
+    let dependent: Vec<f64> = ranking
         .rows
         .iter()
         .map(|row| {
@@ -86,7 +88,7 @@ fn by_posterior(survey: &Survey, discovery: Discovery) -> Found {
     found(
         discovery,
         bayesian_fdr(&dependent, discovery.fdr),
-        survey.rows.len() as u64,
+        ranking.rows.len() as u64,
         Vec::new(),
     )
 }
@@ -96,9 +98,9 @@ fn found(
     rows: Vec<bool>,
     testable: u64,
     p_values: Vec<Option<f64>>,
-) -> Found {
+) -> FoundDiscoveries {
     let states = rows.iter().filter(|row| **row).count() as u64;
-    Found {
+    FoundDiscoveries {
         discoveries: Discoveries {
             discovery,
             states,
@@ -113,7 +115,7 @@ fn found(
 /// A state whose margins allow a p-value small enough.
 struct Testable {
     key: StateKey,
-    slices: Arc<[Table]>,
+    strata: Arc<[Table]>,
     p_value: f64,
     /// Whether it was computed without permutations.
     is_exact: bool,
@@ -126,24 +128,24 @@ type Tested = (Option<Testable>, Option<Disagreement>);
 async fn by_tests(
     store: &dyn Store,
     gate: &Gate,
-    plan: &Plan,
-    survey: &Survey,
+    context: &QueryContext,
+    ranking: &StateRanking,
     discovery: Discovery,
     progress: &Progress,
-) -> Result<Found, Problem> {
+) -> Result<FoundDiscoveries, Problem> {
     let mut testable = Vec::new();
     let mut disagreements = Disagreements::default();
-    progress.begin("states tested", survey.rows.len() as u64);
-    let mut pages = Pages::new(store, plan.environment.id);
+    progress.begin("states tested", ranking.rows.len() as u64);
+    let mut pages = Pages::new(store, context.environment.id);
     while let Some(page) = pages.next().await.map_err(logged)? {
         let mut states = page.into_iter().peekable();
         // Tests take longer than measuring does: a part of a page is long enough for one piece of
         // work.
         while states.peek().is_some() {
             let part: Vec<Scanned> = states.by_ref().take(TESTED_TOGETHER).collect();
-            let (plan, size) = (plan.clone(), part.len() as u64);
+            let (context, size) = (context.clone(), part.len() as u64);
             for (state, disagreement) in gate
-                .run(move |stop| tested(&plan, part, discovery.fdr, stop))
+                .run(move |stop| tested(&context, part, discovery.fdr, stop))
                 .await?
             {
                 testable.extend(state);
@@ -154,19 +156,21 @@ async fn by_tests(
             progress.add(size);
         }
     }
+
     // In order of key, so that ties are broken alike whatever the order of the scan.
     testable.sort_unstable_by(|a, b| a.key.cmp(&b.key));
     let (testable, passed) = refined(gate, testable, discovery.fdr, progress).await?;
-    let mut rows = vec![false; survey.rows.len()];
-    let mut p_values = vec![None; survey.rows.len()];
+
+    let mut rows = vec![false; ranking.rows.len()];
+    let mut p_values = vec![None; ranking.rows.len()];
     for (state, passed) in testable.iter().zip(passed) {
-        // A state that was seen for the first time after the survey has no row.
-        if let Ok(row) = survey.rows.binary_search_by(|row| row.key.cmp(&state.key)) {
+        // A state that was seen for the first time after the ranking has no row.
+        if let Ok(row) = ranking.rows.binary_search_by(|row| row.key.cmp(&state.key)) {
             rows[row] = passed;
             p_values[row] = Some(state.p_value);
         }
     }
-    Ok(Found {
+    Ok(FoundDiscoveries {
         warnings: disagreements.warnings(),
         ..found(discovery, rows, testable.len() as u64, p_values)
     })
@@ -174,28 +178,28 @@ async fn by_tests(
 
 /// Tests states: those that can pass, and where pooled and stratified tests disagree.
 fn tested(
-    plan: &Plan,
+    context: &QueryContext,
     states: Vec<Scanned>,
     fdr: f64,
     stop: &Stop,
 ) -> Result<Vec<Tested>, Stopped> {
-    let (schema, pair) = (&plan.environment.schema, &plan.scope.pair);
+    let (schema, pair) = (&context.environment.schema, &context.scope.pair);
     let test = |scanned: Scanned| {
         stop.check()?;
-        let cells = || scanned.counts.of_segments(plan.segments.as_deref());
+        let cells = || scanned.counts.of_segments(context.segments.as_deref());
         let tables = Tables::new(schema, pair, cells());
-        let draws = |exchange| tables.exchangeable(schema, pair, exchange, cells());
-        let (exchange, seed) = (plan.scope.within.exchange(), scanned.key.seed());
+        let strata = |exchange| tables.exchangeable(schema, pair, exchange, cells());
+        let (exchange, seed) = (context.scope.within.exchange(), scanned.key.seed());
         let disagreement = (tables.segments > 1).then(|| {
             Disagreement::between(
-                &draws(Exchange::Pooled),
-                &draws(Exchange::WithinSegments),
+                &strata(Exchange::Pooled),
+                &strata(Exchange::WithinSegments),
                 FIRST,
                 seed,
             )
         });
         Ok((
-            Testable::new(scanned.key.clone(), draws(exchange).into_owned(), fdr),
+            Testable::new(scanned.key.clone(), strata(exchange).into_owned(), fdr),
             disagreement.flatten(),
         ))
     };
@@ -213,25 +217,14 @@ async fn refined(
 ) -> Result<(Vec<Testable>, Vec<bool>), Problem> {
     let most = (LAST * testable.len() as f64 / fdr).ceil() as u64;
     loop {
-        let judging = gate.run(move |_| {
-            let passed = benjamini_hochberg(
-                &testable
-                    .iter()
-                    .map(|state| state.p_value)
-                    .collect::<Vec<_>>(),
-                fdr,
-            );
-            let may_pass = benjamini_hochberg(
-                &testable
-                    .iter()
-                    .map(Testable::smallest_likely)
-                    .collect::<Vec<_>>(),
-                fdr,
-            );
+        let deciding = gate.run(move |_| {
+            let passed = passing(&testable, fdr, |state| state.p_value);
+            let may_pass = passing(&testable, fdr, Testable::smallest_likely);
             Ok((testable, passed, may_pass))
         });
-        let (judged, passed, may_pass) = judging.await?;
-        testable = judged;
+        let (tested, passed, may_pass) = deciding.await?;
+        testable = tested;
+
         let is_open = |at: &usize| {
             let state = &testable[*at];
             !passed[*at] && may_pass[*at] && !state.is_exact && state.permutations < most
@@ -240,6 +233,7 @@ async fn refined(
         if open.is_empty() {
             return Ok((testable, passed));
         }
+
         progress.begin("states tested more closely", open.len() as u64);
         while let Some(first) = open.first() {
             let together =
@@ -249,6 +243,7 @@ async fn refined(
             let refining =
                 gate.run(move |stop| tests.par_iter().map(|test| test.p_value(stop)).collect());
             let p_values: Vec<f64> = refining.await?;
+
             for (at, p_value) in part.iter().zip(p_values) {
                 testable[*at].p_value = p_value;
                 testable[*at].permutations = testable[*at].more(most);
@@ -258,16 +253,22 @@ async fn refined(
     }
 }
 
+/// Returns which states pass by the Benjamini-Hochberg procedure, by a p-value of each.
+fn passing(testable: &[Testable], fdr: f64, p_value: impl Fn(&Testable) -> f64) -> Vec<bool> {
+    let p_values: Vec<f64> = testable.iter().map(p_value).collect();
+    benjamini_hochberg(&p_values, fdr)
+}
+
 /// A test of more permutations.
 struct Refined {
-    slices: Arc<[Table]>,
+    strata: Arc<[Table]>,
     permutations: u64,
     seed: u64,
 }
 
 impl Refined {
     fn p_value(&self, stop: &Stop) -> Result<f64, Stopped> {
-        let tested = p_value_while(&self.slices, self.permutations, self.seed, &|| {
+        let tested = p_value_while(&self.strata, self.permutations, self.seed, &|| {
             stop.goes_on()
         });
         tested.map(|tested| tested.p_value).ok_or(Stopped)
@@ -276,12 +277,12 @@ impl Refined {
 
 impl Testable {
     /// Tests a state, if its margins allow a p-value that can pass.
-    fn new(key: StateKey, slices: Vec<Table>, fdr: f64) -> Option<Self> {
-        (smallest_p(&slices) <= fdr).then(|| {
-            let Significance { p_value, method } = p_value(&slices, FIRST, key.seed());
+    fn new(key: StateKey, strata: Vec<Table>, fdr: f64) -> Option<Self> {
+        (smallest_p(&strata) <= fdr).then(|| {
+            let Significance { p_value, method } = p_value(&strata, FIRST, key.seed());
             Self {
                 key,
-                slices: slices.into(),
+                strata: strata.into(),
                 p_value,
                 is_exact: method != Method::Permutation,
                 permutations: FIRST,
@@ -304,7 +305,7 @@ impl Testable {
 
     fn refined(&self, most: u64) -> Refined {
         Refined {
-            slices: self.slices.clone(),
+            strata: self.strata.clone(),
             permutations: self.more(most),
             seed: self.key.seed(),
         }

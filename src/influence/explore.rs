@@ -1,13 +1,16 @@
-//! What to try next: the states, and the ego's actions in them, where one more visit is worth most.
+//! Experimental design, what to try next: the states, and the ego's actions in them, where one more
+//! visit has the largest expected information gain.
 
 use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::answer::bins;
-use super::shared::Made;
+use super::labels::bins;
+use super::pass_cache::PassResult;
+use super::query_context::QueryContext;
+use super::row::Row;
+use super::state_ranking::StateRanking;
 use super::store_errors::logged;
-use super::survey::{Plan, Row, Survey};
 use crate::domain::{Exploration, StateKey, Suggestion, Verdict};
 use crate::error::Problem;
 use crate::priors::{self, Tables};
@@ -17,20 +20,22 @@ use crate::work::{Gate, Progress, Stop, Stopped};
 /// The most states looked at.
 const CONSIDERED: usize = 500;
 
-/// Returns the undecided states of a survey that were seen at least so often, the most uncertain
+/// Returns the undecided states of a ranking that were seen at least so often, the most uncertain
 /// first.
-fn candidates(survey: &Survey, min_visits: u64) -> Vec<StateKey> {
+fn candidates(ranking: &StateRanking, min_visits: u64) -> Vec<StateKey> {
     let open = |row: &&Row| row.verdict == Verdict::Undecided && row.visits >= min_visits;
     let far = |row: &Row| {
         row.evidence
             .map(|evidence| (evidence.probability.above_threshold - 0.5).abs())
     };
-    let mut rows: Vec<(&Row, f64)> = survey
+
+    let mut rows: Vec<(&Row, f64)> = ranking
         .rows
         .iter()
         .filter(open)
         .filter_map(|row| Some((row, far(row)?)))
         .collect();
+
     // Rows are in order of key and the sort is stable.
     rows.sort_by(|(a, far_a), (b, far_b)| far_a.total_cmp(far_b).then(b.visits.cmp(&a.visits)));
     rows.truncate(CONSIDERED);
@@ -46,7 +51,7 @@ const TOGETHER: usize = 16;
 /// What was found.
 pub struct Explored {
     /// What it was looked for in.
-    pub survey: Arc<Made<Survey>>,
+    pub ranking: Arc<PassResult<StateRanking>>,
     /// The most valuable actions first.
     trials: Vec<Suggestion>,
     considered: u64,
@@ -54,12 +59,12 @@ pub struct Explored {
 
 impl Explored {
     /// Returns at most so many of the trials.
-    pub fn told(&self, limit: usize) -> Exploration {
+    pub fn first(&self, limit: usize) -> Exploration {
         let trials = self.trials(limit).to_vec();
         Exploration {
             trials,
             considered: self.considered,
-            as_of: self.survey.as_of,
+            as_of: self.ranking.as_of,
         }
     }
 
@@ -69,31 +74,33 @@ impl Explored {
     }
 }
 
-/// Looks for the most valuable actions in the undecided states of a survey that were seen at least
-/// so often.
+/// Ranks actions by expected information gain, in the undecided states of a ranking that were seen
+/// at least so often.
 pub async fn explore(
     store: &dyn Store,
     gate: &Gate,
-    plan: &Plan,
-    survey: Arc<Made<Survey>>,
+    context: &QueryContext,
+    ranking: Arc<PassResult<StateRanking>>,
     min_visits: u64,
     progress: &Progress,
 ) -> Result<Explored, Problem> {
-    let keys = candidates(&survey, min_visits);
+    let keys = candidates(&ranking, min_visits);
     progress.begin("states explored", keys.len() as u64);
+
     let mut trials = Vec::new();
     for keys in keys.chunks(TOGETHER) {
         let counts = store
-            .counts(plan.environment.id, keys)
+            .counts(context.environment.id, keys)
             .await
             .map_err(logged)?;
-        let (plan, states, size) = (plan.clone(), keys.to_vec(), keys.len() as u64);
+        let (context, states, size) = (context.clone(), keys.to_vec(), keys.len() as u64);
         trials.extend(
-            gate.run(move |stop| explored(&plan, &states, &counts, stop))
+            gate.run(move |stop| explored(&context, &states, &counts, stop))
                 .await?,
         );
         progress.add(size);
     }
+
     trials.sort_by(|a: &Suggestion, b| {
         b.information_gain
             .total_cmp(&a.information_gain)
@@ -104,37 +111,39 @@ pub async fn explore(
     Ok(Explored {
         trials,
         considered: keys.len() as u64,
-        survey,
+        ranking,
     })
 }
 
 fn explored(
-    plan: &Plan,
+    context: &QueryContext,
     keys: &[StateKey],
     counts: &[StateCounts],
     stop: &Stop,
 ) -> Result<Vec<Suggestion>, Stopped> {
-    let state = |(key, state)| stop.check().map(|()| suggestions(plan, key, state));
-    let trials: Result<Vec<Vec<Suggestion>>, Stopped> =
-        keys.par_iter().zip(counts).map(state).collect();
+    let state = |(key, state)| stop.check().map(|()| suggestions(context, key, state));
+    let trials: Result<Vec<Vec<Suggestion>>, Stopped> = keys.par_iter().zip(counts).map(state).collect();
     Ok(trials?.into_iter().flatten().collect())
 }
 
-fn suggestions(plan: &Plan, key: &StateKey, state: &StateCounts) -> Vec<Suggestion> {
-    let Some(informed) = &plan.informed else {
+fn suggestions(context: &QueryContext, key: &StateKey, state: &StateCounts) -> Vec<Suggestion> {
+    let Some(informed) = &context.informed else {
         return Vec::new();
     };
     let Some(prior) = informed.in_detail() else {
         return Vec::new();
     };
-    let (schema, scope) = (&plan.environment.schema, &plan.scope);
-    let cells = || state.counts.of_segments(plan.segments.as_deref());
+
+    let (schema, scope) = (&context.environment.schema, &context.scope);
+    let cells = || state.counts.of_segments(context.segments.as_deref());
     let tables = Tables::new(schema, &scope.pair, cells());
-    let draws = tables.evidence(schema, &scope.pair, scope.within, cells());
+    let observations = tables.observations(schema, &scope.pair, scope.within, cells());
+
     let threshold = scope.rule.threshold_nats();
     let above_threshold = prior
-        .posterior(&informed.habits, draws.counted())
+        .posterior(&informed.habits, observations.counted())
         .above(threshold);
+
     let trial = |(index, information_gain): (u64, f64)| Suggestion {
         key: key.clone(),
         bins: bins(schema, key),
@@ -148,7 +157,7 @@ fn suggestions(plan: &Plan, key: &StateKey, state: &StateCounts) -> Vec<Suggesti
     (0..)
         .zip(prior.information_gain(
             &informed.habits,
-            draws.counted(),
+            observations.counted(),
             priors::ego(&scope.pair),
             threshold,
         ))

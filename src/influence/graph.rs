@@ -1,15 +1,17 @@
-//! The causal graph of one state: what every pair of agents is, beside all others. At lag 0 nothing
-//! has a direction: what is found is a skeleton.
+//! The causal graph of one state, by conditional independence tests: what every pair of agents is,
+//! beside all others. At lag 0 nothing has a direction: what is found is a skeleton.
 
 use std::sync::Arc;
 use std::time::Instant;
 
 use rayon::prelude::*;
 
-use super::answer::{self, Ground};
-use super::skeleton::{self, Found, Margin};
+use super::answer::AnswerContext;
+use super::labels::bins;
+use super::questions::count_answers;
+use super::skeleton::{self, EdgeFinding, Margin};
 use super::store_errors::logged;
-use super::{Influence, size, told};
+use super::{Influence, size};
 use crate::domain::draft::{PairDraft, QuestionDraft};
 use crate::domain::{
     Answer, Cell, Dependence, Edge, Environment, Exchange, Graph, Pair, Question, Schema, View,
@@ -33,7 +35,7 @@ impl Influence {
         let schema = &environment.schema;
         let question = Question {
             view: View::Figures,
-            ..Question::new(environment, &of_widest(schema, draft))?
+            ..Question::new(environment, &about_widest_pair(schema, draft))?
         };
         let nothing = || Problem::invalid("question", Vec::new());
         let key = question.states.first().cloned().ok_or_else(nothing)?;
@@ -44,14 +46,19 @@ impl Influence {
         let pairs = Pair::every(schema);
         size::check_graph(schema, &key, pairs.len())?;
         let started = Instant::now();
-        let mut grounds = Vec::with_capacity(pairs.len());
+        let mut contexts = Vec::with_capacity(pairs.len());
         for pair in &pairs {
             let question = Question {
                 scope: question.scope.of_pair(schema, pair.clone()),
                 ..question.clone()
             };
-            let plan = self.plan(environment, question.scope.clone()).await?;
-            grounds.push(Ground { plan, question });
+            let context = self
+                .query_context(environment, question.scope.clone())
+                .await?;
+            contexts.push(AnswerContext {
+                query: context,
+                question,
+            });
         }
 
         // Read once: all pairs, and all tests of them, are of the same counts.
@@ -68,23 +75,23 @@ impl Influence {
             .of_segments(segments.as_deref())
             .copied()
             .collect();
-        let tests = State {
+        let tests = TestedState {
             environment: environment.clone(),
             cells,
             within: question.scope.within,
             seed: key.seed(),
-            informed: grounds
+            informed: contexts
                 .iter()
-                .map(|ground| ground.plan.informed.clone())
+                .map(|context| context.query.informed.clone())
                 .collect(),
         };
         let (answers, found) = turn
-            .run(move |stop| tests.graph(&pairs, &grounds, &counts, stop))
+            .run(move |stop| tests.graph(&pairs, &contexts, &counts, stop))
             .await?;
-        told(started, &answers);
+        count_answers(started, &answers);
         let edges = Pair::every(schema).into_iter().zip(answers).zip(found);
         Ok(Graph {
-            bins: answer::bins(schema, &key),
+            bins: bins(schema, &key),
             key,
             nodes: schema
                 .agents()
@@ -102,7 +109,7 @@ impl Influence {
 const DIFFER: f64 = 0.5;
 
 /// One state, for tests of its pairs.
-struct State {
+struct TestedState {
     environment: Arc<Environment>,
     cells: Vec<Cell>,
     within: Within,
@@ -112,45 +119,49 @@ struct State {
     informed: Vec<Option<Informed>>,
 }
 
-impl State {
+impl TestedState {
     /// Answers for each pair, and finds what it is beside the others.
     fn graph(
         &self,
         pairs: &[Pair],
-        grounds: &[Ground],
+        contexts: &[AnswerContext],
         counts: &[StateCounts],
         stop: &Stop,
-    ) -> Result<(Vec<Answer>, Vec<Found>), Stopped> {
-        let answered = |ground: &Ground| stop.check().map(|()| ground.answers_here(counts));
-        let answers: Result<Vec<Vec<Answer>>, Stopped> = grounds.par_iter().map(answered).collect();
+    ) -> Result<(Vec<Answer>, Vec<EdgeFinding>), Stopped> {
+        let answered =
+            |context: &AnswerContext| stop.check().map(|()| context.answers_here(counts));
+        let answers: Result<Vec<Vec<Answer>>, Stopped> =
+            contexts.par_iter().map(answered).collect();
         let answers: Vec<Answer> = answers?.into_iter().flatten().collect();
+
         let margins: Vec<Margin> = pairs
             .iter()
             .zip(&answers)
             .map(|(pair, answer)| margin(pair, answer))
             .collect();
-        let tests = Asked {
+        let tests = StateTests {
             state: self,
             pairs: &margins,
             stop,
         };
         let found = skeleton::skeleton(self.environment.schema.agents().len(), &margins, &tests);
+
         // What was told after it was stopped is worth nothing.
         stop.check()?;
         Ok((answers, found))
     }
 }
 
-/// The tests of a state's pairs.
-struct Asked<'a> {
-    state: &'a State,
+/// The conditional independence tests of a state's pairs.
+struct StateTests<'a> {
+    state: &'a TestedState,
     pairs: &'a [Margin],
     /// Once it is stopped, nothing more is asked.
     stop: &'a Stop,
 }
 
-impl Asked<'_> {
-    /// Returns whether a pair is tested within segments: the slices of a conditional test are too
+impl StateTests<'_> {
+    /// Returns whether a pair is tested within segments: the strata of a conditional test are too
     /// small to tell how habits go with segments, so that it is the pair by itself that tells.
     fn exchange(&self, pair: usize) -> Exchange {
         let is_cut = self.state.within != Within::Pooled
@@ -166,7 +177,7 @@ impl Asked<'_> {
 
     /// Returns the tables of a pair, one for each joint action of those held fixed, and for each
     /// segment if it is tested within them.
-    fn slices(&self, pair: usize, fixed: &[usize]) -> Vec<Table> {
+    fn strata(&self, pair: usize, fixed: &[usize]) -> Vec<Table> {
         let (schema, cells) = (&self.state.environment.schema, self.state.cells.iter());
         let (exchange, [ego, other]) = (self.exchange(pair), self.pairs[pair].ends);
         let pair = Pair {
@@ -180,22 +191,22 @@ impl Asked<'_> {
     }
 }
 
-impl skeleton::Tests for Asked<'_> {
+impl skeleton::IndependenceTests for StateTests<'_> {
     /// By the pair's own prior: nothing is fitted for it.
     fn believed(&self, pair: usize, fixed: &[usize]) -> Option<Believed> {
         self.stop.check().ok()?;
         let prior = &self.state.informed[pair].as_ref()?.prior;
-        let slices = self.slices(pair, fixed);
+        let strata = self.strata(pair, fixed);
         Some(Believed::of_dependence(
-            prior.dependent(&slices),
+            prior.dependent(&strata),
             prior.unseen().dependent(),
-            &slices,
+            &strata,
         ))
     }
 
     fn p_value(&self, pair: usize, fixed: &[usize], permutations: u64) -> f64 {
-        let slices = self.slices(pair, fixed);
-        let tested = information::p_value_while(&slices, permutations, self.state.seed, &|| {
+        let strata = self.strata(pair, fixed);
+        let tested = information::p_value_while(&strata, permutations, self.state.seed, &|| {
             self.stop.goes_on()
         });
         tested.map_or(1.0, |tested| tested.p_value)
@@ -219,11 +230,11 @@ fn margin(pair: &Pair, answer: &Answer) -> Margin {
 fn edge(
     pair: &Pair,
     answer: Answer,
-    Found {
+    EdgeFinding {
         kind,
         explained_by,
         opened_by,
-    }: Found,
+    }: EdgeFinding,
 ) -> Edge {
     Edge {
         from: pair.ego,
@@ -237,7 +248,7 @@ fn edge(
 
 /// Returns a question about all pairs for the one that can have the most: a threshold that it
 /// cannot reach is beyond every pair.
-fn of_widest(schema: &Schema, draft: &QuestionDraft) -> QuestionDraft {
+fn about_widest_pair(schema: &Schema, draft: &QuestionDraft) -> QuestionDraft {
     let Pair { ego, other, .. } = Pair::widest(schema);
     let name = |agent: usize| Some(schema.agents()[agent].name.to_string());
     let pair = PairDraft {

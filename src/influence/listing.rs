@@ -1,12 +1,13 @@
-//! Pages of states in an order.
+//! Pagination of states in an order, by tokens that name the place of the last row.
 
-use super::answer::bins;
-use super::discoveries::Found;
+use super::count_ranking::CountRanking;
+use super::discoveries::FoundDiscoveries;
+use super::labels::bins;
 use super::order::{Order, OrderBy, Orders, Ranked};
-use super::ranks::Ranks;
-use super::shared::Made;
+use super::pass_cache::PassResult;
+use super::row::Row;
 use super::size;
-use super::survey::{Row, Survey};
+use super::state_ranking::StateRanking;
 use crate::api::{self, proto};
 use crate::domain::draft::ListingDraft;
 use crate::domain::{
@@ -38,10 +39,12 @@ impl Listing {
         let order = order(draft.order_by.as_deref())
             .map_err(|detail| keep("/order_by", detail))
             .ok();
+
         let verdict = draft.verdict.as_deref().map(str::parse).transpose();
         let verdict = verdict
             .map_err(|detail| keep("/verdict", detail))
             .unwrap_or_default();
+
         let token = draft
             .page_token
             .as_deref()
@@ -53,12 +56,14 @@ impl Listing {
                 .map_err(|detail| keep("/page_token", detail))
                 .ok()
         });
+
         let size = page_size(draft.page_size)
             .map_err(|problem| faults.extend(problem.faults))
             .ok();
         let discovery = Discovery::new(&draft.discovery)
             .map_err(|found| faults.extend(found))
             .unwrap_or_default();
+
         match (order, after, size) {
             (Some(order), Some(after), Some(size)) if faults.is_empty() => Ok(Self {
                 order,
@@ -106,38 +111,39 @@ impl Listing {
         (page.items.len(), next_page_token)
     }
 
-    /// Returns the page of a survey; of the discoveries only, if there are any to tell.
+    /// Returns the page of a ranking; of the discoveries only, if there are any to tell.
     pub fn page(
         &self,
         schema: &Schema,
         scope: &Scope,
-        survey: &Made<Survey>,
-        found: Option<&Found>,
+        ranking: &PassResult<StateRanking>,
+        found: Option<&FoundDiscoveries>,
     ) -> StatePage {
-        let told = |position: usize| found.is_none_or(|found| found.rows[position]);
+        let is_found = |position: usize| found.is_none_or(|found| found.rows[position]);
         let wants = |position: usize, row: &Row| {
-            told(position) && self.verdict.is_none_or(|wanted| row.verdict == wanted)
+            is_found(position) && self.verdict.is_none_or(|wanted| row.verdict == wanted)
         };
         let figures = |at: usize| StateFigures {
             p_value: found.and_then(|found| found.p_values.get(at).copied().flatten()),
-            ..figures(schema, scope.unit, &survey.rows[at])
+            ..figures(schema, scope.unit, &ranking.rows[at])
         };
         let bytes = |at: usize| api::bytes(&proto::StateFigures::from(figures(at)));
+
         let Chosen {
             positions,
             next_page_token,
-        } = self.chosen(&survey.rows, &survey.orders, wants, bytes);
+        } = self.chosen(&ranking.rows, &ranking.orders, wants, bytes);
         let states = positions.into_iter().map(figures).collect();
         StatePage {
             states,
             next_page_token,
-            as_of: survey.as_of,
+            as_of: ranking.as_of,
             unit: scope.unit,
         }
     }
 
     /// Returns the states of the page by ranks alone.
-    pub fn keys(&self, schema: &Schema, ranks: &Ranks) -> (Vec<StateKey>, Option<String>) {
+    pub fn keys(&self, schema: &Schema, ranks: &CountRanking) -> (Vec<StateKey>, Option<String>) {
         let bytes = |at: usize| size::most_listed(schema, ranks.rows[at].key());
         let Chosen {
             positions,
@@ -166,13 +172,15 @@ impl Listing {
                 .as_ref()
                 .is_some_and(|after| self.place_of(row(*position)) <= *after)
         };
-        let positions = orders.of(rows, self.order);
+
+        let positions = orders.positions(rows, self.order);
         let start = positions.partition_point(passed);
         let wanted = positions[start..]
             .iter()
             .copied()
             .filter(|at| row(*at).visits() >= self.min_visits && wants(*at as usize, row(*at)))
             .map(|at| at as usize);
+
         let page = api::page_of(wanted, self.size, 0, |at| bytes(*at));
         let next_page_token = page
             .items
@@ -225,11 +233,13 @@ fn order(text: Option<&str>) -> Result<Order, String> {
         "p_dependent" => Some(OrderBy::Dependent),
         _ => None,
     };
+
     let descending = match direction {
         "desc" => Some(true),
         "asc" => Some(false),
         _ => None,
     };
+
     match (by, descending) {
         (Some(by), Some(descending)) => Ok(Order { by, descending }),
         _ => Err(format!(
@@ -257,6 +267,7 @@ fn place(schema: &Schema, order: Order, token: &str) -> Result<Place, String> {
     if parts.next() != Some(order_word(order)) {
         return Err(wrong());
     }
+
     let rank = parts
         .next()
         .and_then(|rank| u64::from_str_radix(rank, 16).ok());

@@ -1,573 +1,109 @@
 //! The question itself: in this state, does the ego's action influence the other's, how strongly,
 //! and which of its actions do it?
 //!
-//! Reads counts from the store, makes tables of them, lets `information` measure and `evidence`
-//! decide. Nothing here counts, and nothing here knows a wire format but for the size that an
-//! answer may have; what is fitted to all counts of an environment is kept in the store beside
-//! them.
+//! Reads counts from the store, makes contingency tables of them, lets `information` measure and
+//! `evidence` decide.
+//!
+//! # The map
+//!
+//! | what is asked | file | by |
+//! |---|---|---|
+//! | states that are named | `questions` | `answer`, `actions`, `stratified`: tests, figures |
+//! | the causal graph of a state | `graph` | `skeleton`: the PC algorithm |
+//! | a page of all states | `pages` | `listing`, `order` |
+//! | all states in sum, what to try next | `overviews` | `summary`, `explore` |
+//! | a fit | `fits` | [`crate::priors`] |
+//!
+//! Each begins with its `query_context`, which `contexts` finds. An `assessor` says of one state's
+//! counts what they are worth: `row` keeps that for all states, `state_ranking` and `count_ranking`
+//! order them, and `discoveries` tests many at once. `passes` gets those from a `pass_cache`, made
+//! once for all who ask. `labels` names what has numbers, and `size` refuses what no message holds.
+//!
+//! # Deliberately absent
+//!
+//! Nothing here counts, and nothing here knows a wire format but for the size that an answer may
+//! have; what is fitted to all counts of an environment is kept in the store beside them.
 
-use std::collections::BTreeMap;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
-
-use tracing::instrument;
+use std::time::Duration;
 
 mod actions;
 mod answer;
+mod assessor;
+mod contexts;
+mod count_ranking;
 mod discoveries;
 mod explore;
+mod fits;
 mod graph;
-mod judge;
+mod labels;
 mod listing;
 mod order;
-mod ranks;
-mod shared;
+mod overviews;
+mod pages;
+mod pass_cache;
+mod passes;
+mod query_context;
+mod questions;
+mod row;
 mod size;
 mod skeleton;
+mod state_ranking;
 mod store_errors;
 mod stratified;
 mod summary;
-mod survey;
 
-use answer::Ground;
-use discoveries::Searched;
+use count_ranking::CountRanking;
+use discoveries::DiscoverySearch;
 use explore::Explored;
-use listing::Listing;
-use ranks::Ranks;
-use shared::{Made, Shared};
-use store_errors::logged;
-use survey::{Plan, Survey};
+use pass_cache::PassCache;
+use query_context::{CountRankingKey, RankingKey};
+use state_ranking::StateRanking;
 
-use crate::domain::draft::{ExplorationDraft, ListingDraft, PairDraft, SummaryDraft};
-use crate::domain::{
-    Agent, Answer, Answers, Cell, Discovery, DiscoveryMethod, Environment, EnvironmentId,
-    Exploration, FittedPrior, Label, LabelledCell, Labels, Pair, Question, Schema, Scope,
-    SegmentId, StatePage, StateView, Summary, Tally, Variable, hint, page_size,
-};
-use crate::error::{Fault, Problem};
+use crate::domain::{DiscoveryMethod, EnvironmentId, FittedPrior, Pair};
 use crate::model::Networks;
-use crate::priors::Fits;
-use crate::store::{ByVisits, Store, Totals};
-use crate::telemetry;
-use crate::work::{Jobs, Progress, Work, aside};
+use crate::priors::PriorRegistry;
+use crate::store::Store;
+use crate::work::{Jobs, Work};
 
 /// For how long fits that nobody was told are kept for whoever asked for them.
 const FITTED: Duration = Duration::from_secs(120);
 
-/// Which discoveries: the survey they are looked for in, the bits of the rate, and the method.
-type Sought = (survey::Key, u64, DiscoveryMethod);
+/// Which discoveries: the ranking they are looked for in, the bits of the rate, and the method.
+type SearchKey = (RankingKey, u64, DiscoveryMethod);
 
 /// Which priors: of one pair, or of all.
-type Fitting = (EnvironmentId, Option<Pair>);
+type FitKey = (EnvironmentId, Option<Pair>);
 
-/// A handle on the answers. Cloning is cheap.
+/// The service that answers questions of influence. Cloning is cheap.
 #[derive(Clone)]
 pub struct Influence {
     store: Arc<dyn Store>,
-    fits: Fits,
+    fits: PriorRegistry,
     networks: Networks,
     work: Work,
-    ranks: Shared<survey::RanksKey, Ranks>,
-    surveys: Shared<survey::Key, Survey>,
-    searched: Shared<Sought, Searched>,
-    explored: Shared<(survey::Key, u64), Explored>,
-    fitting: Jobs<Fitting, Vec<FittedPrior>>,
+    count_rankings: PassCache<CountRankingKey, CountRanking>,
+    rankings: PassCache<RankingKey, StateRanking>,
+    searched: PassCache<SearchKey, DiscoverySearch>,
+    explored: PassCache<(RankingKey, u64), Explored>,
+    fitting: Jobs<FitKey, Vec<FittedPrior>>,
 }
 
 impl Influence {
     /// Makes a handle on the answers from a store, the priors fitted to it and the networks that
     /// are asked where counts do not decide.
-    pub fn new(store: Arc<dyn Store>, fits: Fits, networks: Networks, work: Work) -> Self {
+    pub fn new(store: Arc<dyn Store>, fits: PriorRegistry, networks: Networks, work: Work) -> Self {
         let stopping = || work.stopping.clone();
         Self {
-            ranks: Shared::new("the ranking", stopping()),
-            surveys: Shared::new("the ranking", stopping()),
-            searched: Shared::new("the list of discoveries", stopping()),
-            explored: Shared::new("the exploration", stopping()),
+            count_rankings: PassCache::new("the ranking", stopping()),
+            rankings: PassCache::new("the ranking", stopping()),
+            searched: PassCache::new("the list of discoveries", stopping()),
+            explored: PassCache::new("the exploration", stopping()),
             fitting: Jobs::new("the fit", FITTED, stopping()),
             store,
             fits,
             networks,
             work,
         }
-    }
-
-    /// Answers a question. Its answers stand on every transition acknowledged before it was asked.
-    #[instrument(level = "debug", skip_all, fields(environment = %environment.name))]
-    pub async fn answer(
-        &self,
-        environment: &Arc<Environment>,
-        question: Question,
-    ) -> Result<Answers, Problem> {
-        let started = Instant::now();
-        let schema = &environment.schema;
-        size::check(schema, &question)?;
-        let plan = self.plan(environment, question.scope.clone()).await?;
-        size::check_informed(&plan, &question)?;
-        let labels = labels(schema, &question.scope.pair);
-        let answers = answer::answers(
-            &*self.store,
-            &self.work.questions,
-            Ground { plan, question },
-        )
-        .await?;
-        told(started, &answers);
-        Ok(Answers { labels, answers })
-    }
-
-    /// Returns the counts of the state of that key.
-    pub async fn state(&self, environment: &Environment, key: &str) -> Result<StateView, Problem> {
-        let schema = environment.schema.clone();
-        let wrong = |detail| Problem::invalid("state key", vec![Fault::new("/key", detail)]);
-        let key = schema.key_of_text(key).map_err(wrong)?;
-        let counts = self
-            .store
-            .counts(environment.id, std::slice::from_ref(&key))
-            .await
-            .map_err(logged)?;
-        let segments = self.store.segments(environment.id).await.map_err(logged)?;
-        let Some(state) = counts.into_iter().next() else {
-            return Err(Problem::invalid("state key", Vec::new()));
-        };
-        size::check_counts(&schema, &state.counts)?;
-        let bytes = size_of_val(state.counts.cells());
-        let view = move || {
-            let cells = state.counts.cells();
-            StateView {
-                bins: answer::bins(&schema, &key),
-                total: Tally::sum(cells.iter()),
-                cells: cells
-                    .iter()
-                    .map(|cell| labelled(&schema, &segments, cell))
-                    .collect(),
-                revision: state.revision,
-                key,
-            }
-        };
-        aside(bytes, view).await
-    }
-
-    /// Returns a page of states in an order.
-    #[instrument(level = "debug", skip_all, fields(environment = %environment.name))]
-    pub async fn states(
-        &self,
-        environment: &Arc<Environment>,
-        listing: &ListingDraft,
-    ) -> Result<StatePage, Problem> {
-        let scope = Scope::new(environment, &listing.pair)?;
-        let listing = Listing::new(&environment.schema, listing)?;
-        let plan = self.plan(environment, scope).await?;
-        let (survey, searched) = match listing.discovery {
-            Some(discovery) => {
-                let searched = self.searched(&plan, discovery).await?;
-                (searched.survey.clone(), Some(searched))
-            }
-            None if listing.needs_evidence() => (self.survey(&plan).await?, None),
-            None => match self.fresh_survey(&plan).await? {
-                Some(survey) => (survey, None),
-                None => match listing.by_visits(plan.segments.as_deref()) {
-                    Some(wanted) => return self.by_visits(plan, listing, wanted).await,
-                    None => return self.ranked(plan, listing).await,
-                },
-            },
-        };
-        let page = move || {
-            let found = searched.as_ref().map(|searched| &searched.found);
-            listing.page(&plan.environment.schema, &plan.scope, &survey, found)
-        };
-        // The first page of an order sorts it.
-        self.work.passes.run(move |_| Ok(page())).await
-    }
-
-    /// Returns a page in an order of visits: the store finds it in one pass, and only its own
-    /// states are judged.
-    async fn by_visits(
-        &self,
-        plan: Plan,
-        listing: Listing,
-        wanted: ByVisits,
-    ) -> Result<StatePage, Problem> {
-        let turn = self.work.questions.enter().await?;
-        let (found, as_of) = self
-            .store
-            .by_visits(plan.environment.id, &wanted)
-            .await
-            .map_err(logged)?;
-        let states = found
-            .into_iter()
-            .map(|scanned| (scanned.key, Arc::new(scanned.counts)))
-            .collect();
-        turn.run(move |stop| {
-            let (schema, unit) = (&plan.environment.schema, plan.scope.unit);
-            let rows = survey::measured(&plan, states, stop)?;
-            let (size, next_page_token) = listing.cut(schema, &rows);
-            let states = rows[..size]
-                .iter()
-                .map(|row| listing::figures(schema, unit, row))
-                .collect();
-            Ok(StatePage {
-                states,
-                next_page_token,
-                as_of,
-                unit,
-            })
-        })
-        .await
-    }
-
-    /// Returns a page in an order that needs no evidence: only its own states are judged.
-    async fn ranked(&self, plan: Plan, listing: Listing) -> Result<StatePage, Problem> {
-        let ranks = self.ranks(&plan).await?;
-        let (as_of, environment) = (ranks.as_of, plan.environment.clone());
-        let choosing = self
-            .work
-            .passes
-            .run(move |_| Ok(listing.keys(&environment.schema, &ranks)));
-        let (keys, next_page_token) = choosing.await?;
-
-        let turn = self.work.questions.enter().await?;
-        let counts = self
-            .store
-            .counts(plan.environment.id, &keys)
-            .await
-            .map_err(logged)?;
-        let states = keys
-            .into_iter()
-            .zip(counts)
-            .map(|(key, state)| (key, state.counts))
-            .collect();
-        let unit = plan.scope.unit;
-        let judging = turn.run(move |stop| {
-            let schema = &plan.environment.schema;
-            let rows = survey::measured(&plan, states, stop)?;
-            Ok(rows
-                .iter()
-                .map(|row| listing::figures(schema, unit, row))
-                .collect())
-        });
-        Ok(StatePage {
-            states: judging.await?,
-            next_page_token,
-            as_of,
-            unit,
-        })
-    }
-
-    /// Returns what all states say together.
-    #[instrument(level = "debug", skip_all, fields(environment = %environment.name))]
-    pub async fn summary(
-        &self,
-        environment: &Arc<Environment>,
-        draft: &SummaryDraft,
-    ) -> Result<Summary, Problem> {
-        let scope = Scope::new(environment, &draft.pair)?;
-        let discovery = Discovery::new(&draft.discovery)
-            .map_err(|faults| Problem::invalid("question", faults))?;
-        let plan = self.plan(environment, scope).await?;
-        let (survey, searched) = match discovery {
-            None => (self.survey(&plan).await?, None),
-            Some(discovery) => {
-                let searched = self.searched(&plan, discovery).await?;
-                (searched.survey.clone(), Some(searched))
-            }
-        };
-        let named = match draft.omit_segments {
-            true => Vec::new(),
-            false => self.store.segments(environment.id).await.map_err(logged)?,
-        };
-        let named = named.into_iter().filter_map(|(_, label)| label).collect();
-        let rows = survey.rows.len();
-        let summary = move || {
-            let found = searched.as_ref().map(|searched| &searched.found);
-            summary::summary(&plan.environment.schema, &plan.scope, named, &survey, found)
-        };
-        aside(rows * size_of::<u64>(), summary).await
-    }
-
-    /// Returns the states, and the ego's actions in them, where one more visit is worth most.
-    #[instrument(level = "debug", skip_all, fields(environment = %environment.name))]
-    pub async fn explore(
-        &self,
-        environment: &Arc<Environment>,
-        draft: &ExplorationDraft,
-    ) -> Result<Exploration, Problem> {
-        let scope = Scope::new(environment, &draft.pair)?;
-        let limit = page_size(draft.limit)
-            .map_err(|_| Problem::invalid("question", vec![limit_fault(draft.limit)]))?;
-        let plan = self.plan(environment, scope).await?;
-        let (totals, min_visits) = (self.totals(&plan).await?, draft.min_visits);
-        let made = |progress: Progress| {
-            let (this, plan) = (self.clone(), plan.clone());
-            async move {
-                let survey = this.survey_for(&progress, &plan).await?;
-                let (store, gate, as_of) = (&*this.store, &this.work.passes, survey.as_of);
-                Ok((
-                    explore::explore(store, gate, &plan, survey, min_visits, &progress).await?,
-                    as_of,
-                ))
-            }
-        };
-        let is_current = |explored: &Explored| plan.is_of(&explored.survey);
-        let explored = self
-            .explored
-            .get((plan.key(), min_visits), totals, is_current, made)
-            .await?;
-        size::check_states(
-            &environment.schema,
-            explored.trials(limit).iter().map(|trial| &trial.key),
-        )?;
-        Ok(explored.told(limit))
-    }
-
-    /// Fits the prior of a pair, or of every pair, to the counts as they are now. Whoever could not
-    /// wait for it is told of it when it asks again.
-    #[instrument(level = "debug", skip_all, fields(environment = %environment.name))]
-    pub async fn fit(
-        &self,
-        environment: &Arc<Environment>,
-        pair: Option<&PairDraft>,
-    ) -> Result<Vec<FittedPrior>, Problem> {
-        let pair = pair
-            .map(|pair| Scope::new(environment, pair))
-            .transpose()?
-            .map(|scope| scope.pair.undirected());
-        let fits = |progress: Progress| {
-            let (this, environment, pair) = (self.clone(), environment.clone(), pair.clone());
-            async move {
-                let pairs =
-                    pair.map_or_else(|| Pair::every(&environment.schema), |pair| vec![pair]);
-                let mut fitted = Vec::with_capacity(pairs.len());
-                for pair in pairs {
-                    fitted.extend(this.fitted(&progress, &environment, &pair).await?);
-                }
-                Ok(fitted)
-            }
-        };
-        self.fitting.ask((environment.id, pair.clone()), fits).await
-    }
-
-    /// Fits one prior; `None` where the alphabets are too large for evidence.
-    async fn fitted(
-        &self,
-        progress: &Progress,
-        environment: &Environment,
-        pair: &Pair,
-    ) -> Result<Option<FittedPrior>, Problem> {
-        let Some(found) = self.fits.fit_telling(progress, environment, pair).await? else {
-            return Ok(None);
-        };
-        let name = |agent: usize| environment.schema.agents()[agent].name.to_string();
-        Ok(Some(FittedPrior {
-            earlier: name(pair.ego),
-            later: name(pair.other),
-            given: pair.given.iter().map(|agent| name(*agent)).collect(),
-            fit: found.id,
-            states: found.fit.states,
-            dependent_share: found.fit.parameters.dependent,
-        }))
-    }
-
-    /// Returns the survey of a plan.
-    async fn survey(&self, plan: &Plan) -> Result<Arc<Made<Survey>>, Problem> {
-        let totals = self.totals(plan).await?;
-        self.surveys
-            .get(
-                plan.key(),
-                totals,
-                |survey| plan.is_of(survey),
-                |progress| self.surveyed(plan, progress),
-            )
-            .await
-    }
-
-    /// Returns the same to a job that needs it.
-    async fn survey_for(
-        &self,
-        other: &Progress,
-        plan: &Plan,
-    ) -> Result<Arc<Made<Survey>>, Problem> {
-        let totals = self.totals(plan).await?;
-        let make = |progress| self.surveyed(plan, progress);
-        self.surveys
-            .get_for(other, plan.key(), totals, |survey| plan.is_of(survey), make)
-            .await
-    }
-
-    /// Returns the survey of a plan if there is one that nothing was counted since.
-    async fn fresh_survey(&self, plan: &Plan) -> Result<Option<Arc<Made<Survey>>>, Problem> {
-        let totals = self.totals(plan).await?;
-        let last = self.surveys.last(&plan.key());
-        Ok(last.filter(|survey| survey.as_of >= totals.transitions && plan.is_of(survey)))
-    }
-
-    fn surveyed(
-        &self,
-        plan: &Plan,
-        progress: Progress,
-    ) -> impl Future<Output = Result<(Survey, u64), Problem>> + Send + 'static {
-        let (this, plan) = (self.clone(), plan.clone());
-        async move { survey::make(&*this.store, &this.work.passes, &plan, &progress).await }
-    }
-
-    async fn ranks(&self, plan: &Plan) -> Result<Arc<Made<Ranks>>, Problem> {
-        let totals = self.totals(plan).await?;
-        let make = |progress: Progress| {
-            let (this, plan) = (self.clone(), plan.clone());
-            async move { ranks::make(&*this.store, &this.work.passes, &plan, &progress).await }
-        };
-        self.ranks
-            .get(plan.ranks_key(), totals, |_| true, make)
-            .await
-    }
-
-    /// Returns the discoveries by a plan, with the survey that they were looked for in.
-    async fn searched(
-        &self,
-        plan: &Plan,
-        discovery: Discovery,
-    ) -> Result<Arc<Made<Searched>>, Problem> {
-        let totals = self.totals(plan).await?;
-        let make = |progress: Progress| {
-            let (this, plan) = (self.clone(), plan.clone());
-            async move {
-                let survey = this.survey_for(&progress, &plan).await?;
-                let found = discoveries::find(
-                    &*this.store,
-                    &this.work.passes,
-                    &plan,
-                    &survey,
-                    discovery,
-                    &progress,
-                )
-                .await?;
-                let as_of = survey.as_of;
-                Ok((Searched { survey, found }, as_of))
-            }
-        };
-        let key = (plan.key(), discovery.fdr.to_bits(), discovery.method);
-        self.searched
-            .get(key, totals, |searched| plan.is_of(&searched.survey), make)
-            .await
-    }
-
-    async fn totals(&self, plan: &Plan) -> Result<Totals, Problem> {
-        self.store.totals(plan.environment.id).await.map_err(logged)
-    }
-
-    /// Finds out what questions of that scope rest on: the numbers of their segments and the fit.
-    async fn plan(&self, environment: &Arc<Environment>, scope: Scope) -> Result<Plan, Problem> {
-        let segments = self
-            .segments(environment, scope.segments.as_deref())
-            .await?;
-        let informed = self
-            .fits
-            .informed(environment, &scope.pair)
-            .await
-            .map_err(logged)?;
-        let network = self.networks.active(environment, &scope.pair).await?;
-        Ok(Plan {
-            environment: environment.clone(),
-            scope,
-            segments,
-            informed,
-            network,
-        })
-    }
-
-    /// Returns the numbers of the segments named, or every unknown one as a fault.
-    async fn segments(
-        &self,
-        environment: &Environment,
-        named: Option<&[Label]>,
-    ) -> Result<Option<Vec<SegmentId>>, Problem> {
-        let Some(named) = named else { return Ok(None) };
-        let known = self.store.segments(environment.id).await.map_err(logged)?;
-        let mut faults = Vec::new();
-        let mut ids = Vec::with_capacity(named.len());
-        for label in named {
-            match known
-                .iter()
-                .find(|(_, known)| known.as_ref() == Some(label))
-            {
-                Some((id, _)) => ids.push(*id),
-                None => {
-                    let known = known
-                        .iter()
-                        .filter_map(|(_, label)| Some(label.as_ref()?.as_str()));
-                    let hint = hint(label.as_str(), known);
-                    faults.push(Fault::new(
-                        "/segments",
-                        format!("unknown segment {:?}{hint}", label.as_str()),
-                    ));
-                }
-            }
-        }
-        if faults.is_empty() {
-            Ok(Some(ids))
-        } else {
-            Err(Problem::invalid("question", faults))
-        }
-    }
-}
-
-/// Counts a question that was answered.
-fn told(since: Instant, answers: &[Answer]) {
-    telemetry::answered(since.elapsed());
-    let mut verdicts: BTreeMap<_, u64> = BTreeMap::new();
-    for answer in answers {
-        *verdicts
-            .entry((answer.verdict.as_str(), answer.basis.as_str()))
-            .or_default() += 1;
-    }
-    verdicts
-        .into_iter()
-        .for_each(|((verdict, basis), number)| telemetry::decided(verdict, basis, number));
-}
-
-fn limit_fault(limit: u64) -> Fault {
-    Fault::new("/limit", format!("got {limit}, expected 1 to 1000"))
-}
-
-fn labelled(schema: &Schema, segments: &[(SegmentId, Option<Label>)], cell: &Cell) -> LabelledCell {
-    let actions = schema.actions_of(cell.joint);
-    let labels = schema
-        .agents()
-        .iter()
-        .zip(&actions)
-        .map(|(agent, index)| agent.action_label(*index))
-        .collect();
-    let segment = segments
-        .iter()
-        .find(|(id, _)| *id == cell.segment)
-        .and_then(|(_, label)| label.clone());
-    LabelledCell {
-        segment,
-        actions,
-        labels,
-        tally: cell.tally,
-    }
-}
-
-fn labels(schema: &Schema, pair: &Pair) -> Labels {
-    let variable = |agent: &usize| variable(&schema.agents()[*agent]);
-    Labels {
-        ego: variable(&pair.ego),
-        other: variable(&pair.other),
-        given: pair.given.iter().map(variable).collect(),
-    }
-}
-
-fn variable(agent: &Agent) -> Variable {
-    let told = agent.actions() <= Variable::MOST_LABELS;
-    let actions = if told {
-        (0..agent.actions())
-            .map(|index| agent.action_label(index))
-            .collect()
-    } else {
-        Vec::new()
-    };
-    Variable {
-        name: agent.name.to_string(),
-        actions,
     }
 }

@@ -1,10 +1,10 @@
-//! Orders of states.
+//! Sort orders of states, each sorted at its first use.
 
 use std::sync::OnceLock;
 
 use crate::domain::{Evidence, StateKey};
 
-/// What rows are ordered by.
+/// The sort key of rows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum OrderBy {
     /// How often a state was seen.
@@ -24,7 +24,7 @@ impl OrderBy {
     }
 }
 
-/// An order of rows; equal rows are in order of key.
+/// A sort order of rows; equal rows are in order of key.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Order {
     /// What counts.
@@ -77,14 +77,14 @@ impl Order {
     }
 }
 
-/// The orders of some rows, each sorted at its first use.
+/// The permutations that sort some rows, each made at its first use.
 #[derive(Default)]
 pub struct Orders([OnceLock<Vec<u32>>; 8]);
 
 impl Orders {
     /// Returns the positions of all rows, which are always the same and in order of key, in an
     /// order.
-    pub fn of(&self, rows: &[impl Ranked], order: Order) -> &[u32] {
+    pub fn positions(&self, rows: &[impl Ranked], order: Order) -> &[u32] {
         let slot = order.by as usize * 2 + usize::from(order.descending);
         self.0[slot].get_or_init(|| {
             let mut positions: Vec<u32> = (0..rows.len() as u32).collect();

@@ -1,7 +1,8 @@
-//! Whether an answer can fit into a message, asked before it is made: by what is known of it
-//! beforehand, of which it has at least so many bytes. The rest is measured when it is encoded.
+//! Size limits: whether an answer can fit into a message, asked before it is made, by what is known
+//! of it beforehand, of which it has at least so many bytes. The rest is measured when it is
+//! encoded.
 
-use super::survey::Plan;
+use super::query_context::QueryContext;
 use crate::api::{MOST_MESSAGE_BYTES, too_large};
 use crate::domain::{Counts, Feature, FeatureKind, Question, Schema, StateKey, View};
 use crate::error::Problem;
@@ -26,34 +27,38 @@ pub fn check(schema: &Schema, question: &Question) -> Result<(), Problem> {
             .map(|key| state_bytes(schema, key))
             .sum(),
     };
+
     let actions = if question.view == View::Full {
         actions_bytes(schema, question, PROBABILITY)
     } else {
         0
     };
+
     fits(states.saturating_add(actions), question.view)
 }
 
 /// Refuses the same once it is known that there is evidence: intervals then stand beside responses,
 /// and what the network expects beside both.
-pub fn check_informed(plan: &Plan, question: &Question) -> Result<(), Problem> {
+pub fn check_informed(context: &QueryContext, question: &Question) -> Result<(), Problem> {
     if question.view != View::Full {
         return Ok(());
     }
-    let is_told = plan
+
+    let is_told = context
         .informed
         .as_ref()
         .is_some_and(|informed| informed.in_detail().is_some());
     let [evidence, network] = [
         is_told,
-        plan.network
+        context
+            .network
             .as_ref()
             .is_some_and(|network| network.tells_actions()),
     ]
     .map(u64::from);
     let each = PROBABILITY + evidence * INTERVAL + network * PROBABILITY;
     fits(
-        actions_bytes(&plan.environment.schema, question, each),
+        actions_bytes(&context.environment.schema, question, each),
         question.view,
     )
 }
@@ -105,13 +110,13 @@ fn actions_bytes(schema: &Schema, question: &Question, each: u64) -> u64 {
         .saturating_mul(question.states.len() as u64)
 }
 
-/// Returns the bytes of a key as it is written: a digit and a dot a feature, at least.
 /// Returns the bytes of a state in a list, at most: its bins and its figures.
 pub fn most_listed(schema: &Schema, key: &StateKey) -> usize {
     const FIGURES: u64 = 512;
     (state_bytes(schema, key) + FIGURES) as usize
 }
 
+/// Returns the bytes of a key as it is written: a digit and a dot a feature, at least.
 fn key_bytes(key: &StateKey) -> u64 {
     2 * key.bins().len() as u64
 }

@@ -23,8 +23,9 @@ const MOST_NEIGHBOURS: usize = 6;
 /// one size.
 const LEVEL: f64 = 0.05;
 
-/// What is asked of a pair, by its position, while some other agents' actions are held fixed.
-pub trait Tests: Sync {
+/// Conditional independence tests: what is asked of a pair, by its position, while some other
+/// agents' actions are held fixed.
+pub trait IndependenceTests: Sync {
     /// Returns what is believed of it by its prior; `None` where that cannot be asked.
     fn believed(&self, pair: usize, fixed: &[usize]) -> Option<Believed>;
 
@@ -35,7 +36,7 @@ pub trait Tests: Sync {
 
 /// What was found of one pair.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Found {
+pub struct EdgeFinding {
     pub kind: EdgeKind,
     /// The agents whose actions, held fixed, leave no dependence.
     pub explained_by: Vec<usize>,
@@ -59,7 +60,11 @@ pub struct Margin {
 }
 
 /// Finds what each pair is, given what the evidence says of it by itself.
-pub fn skeleton(agents: usize, pairs: &[Margin], tests: &impl Tests) -> Vec<Found> {
+pub fn skeleton(
+    agents: usize,
+    pairs: &[Margin],
+    tests: &impl IndependenceTests,
+) -> Vec<EdgeFinding> {
     let found = pairs
         .iter()
         .map(|pair| at_margin(pair.dependence))
@@ -75,13 +80,13 @@ pub fn skeleton(agents: usize, pairs: &[Margin], tests: &impl Tests) -> Vec<Foun
     search.found
 }
 
-fn at_margin(margin: Dependence) -> Found {
+fn at_margin(margin: Dependence) -> EdgeFinding {
     let kind = match margin {
         Dependence::Established => EdgeKind::Direct,
         Dependence::Open => EdgeKind::Open,
         Dependence::Excluded => EdgeKind::Absent,
     };
-    Found {
+    EdgeFinding {
         kind,
         explained_by: Vec::new(),
         opened_by: Vec::new(),
@@ -91,11 +96,11 @@ fn at_margin(margin: Dependence) -> Found {
 struct Search<'a, T> {
     agents: usize,
     pairs: &'a [Margin],
-    found: Vec<Found>,
+    found: Vec<EdgeFinding>,
     tests: &'a T,
 }
 
-impl<T: Tests> Search<'_, T> {
+impl<T: IndependenceTests> Search<'_, T> {
     /// Looks for what explains each edge that is left: sets of so many agents that may be next to
     /// one of its ends.
     fn explain(&mut self, size: usize) {
@@ -111,10 +116,12 @@ impl<T: Tests> Search<'_, T> {
             sets.dedup();
             sets
         };
-        let is_wanted = |found: &Found| found.kind == EdgeKind::Direct;
-        let told = self.told(is_wanted, sets);
-        for (found, told) in self.found.iter_mut().zip(told) {
-            let explaining = told
+
+        let is_wanted = |found: &EdgeFinding| found.kind == EdgeKind::Direct;
+        let beliefs = self.conditional_beliefs(is_wanted, sets);
+
+        for (found, beliefs) in self.found.iter_mut().zip(beliefs) {
+            let explaining = beliefs
                 .into_iter()
                 .filter(|(_, believed)| evidence::is_explained(believed));
             if let Some((set, _)) =
@@ -140,14 +147,16 @@ impl<T: Tests> Search<'_, T> {
             let most = if size == 1 { agents } else { MOST_NEIGHBOURS };
             combinations(&strongest(&others, [a, b], most), size)
         };
-        let is_wanted = |found: &Found| {
+
+        let is_wanted = |found: &EdgeFinding| {
             found.opened_by.is_empty() && matches!(found.kind, EdgeKind::Open | EdgeKind::Absent)
         };
-        let told = self.told(is_wanted, sets);
-        let opening: Vec<_> = told
+        let beliefs = self.conditional_beliefs(is_wanted, sets);
+
+        let opening: Vec<_> = beliefs
             .into_par_iter()
             .enumerate()
-            .map(|(at, told)| self.opening(at, told))
+            .map(|(at, beliefs)| self.opening(at, beliefs))
             .collect();
         for (found, set) in self.found.iter_mut().zip(opening) {
             if let Some(set) = set {
@@ -157,16 +166,17 @@ impl<T: Tests> Search<'_, T> {
     }
 
     /// Returns the set that opens a pair most, if one does. It must be confirmed by a test that
-    /// needs no prior: what the evidence of dozens of small slices is off by adds up, and in
+    /// needs no prior: what the evidence of dozens of small strata is off by adds up, and in
     /// independent states of four agents whose pairs mostly depend, one in three was opened
     /// without.
-    fn opening(&self, at: usize, told: Vec<(Vec<usize>, Believed)>) -> Option<Vec<usize>> {
-        let sets = told.len() as u64;
-        let opening = told
+    fn opening(&self, at: usize, beliefs: Vec<(Vec<usize>, Believed)>) -> Option<Vec<usize>> {
+        let sets = beliefs.len() as u64;
+        let opening = beliefs
             .into_iter()
             .filter(|(_, believed)| evidence::is_opened(believed, sets));
         let (set, _) =
             opening.max_by(|(_, a), (_, b)| a.now.dependent.total_cmp(&b.now.dependent))?;
+
         // Twice as many as the smallest p-value that passes takes.
         let level = LEVEL / sets as f64;
         let permutations = (2.0 / level).ceil() as u64;
@@ -175,12 +185,12 @@ impl<T: Tests> Search<'_, T> {
 
     /// Tests every pair that is wanted with each of its sets, by several threads, and returns what
     /// is believed with each.
-    fn told(
+    fn conditional_beliefs(
         &self,
-        is_wanted: impl Fn(&Found) -> bool + Sync,
+        is_wanted: impl Fn(&EdgeFinding) -> bool + Sync,
         sets: impl Fn(Ends) -> Vec<Vec<usize>> + Sync,
     ) -> Vec<Vec<(Vec<usize>, Believed)>> {
-        let told = |(at, found): (usize, &Found)| {
+        let beliefs = |(at, found): (usize, &EdgeFinding)| {
             let sets = if is_wanted(found) {
                 sets(self.pairs[at].ends)
             } else {
@@ -194,11 +204,11 @@ impl<T: Tests> Search<'_, T> {
                 })
                 .collect()
         };
-        self.found.par_iter().enumerate().map(told).collect()
+        self.found.par_iter().enumerate().map(beliefs).collect()
     }
 
     /// Returns, for each agent, those to whom it is joined by such a pair.
-    fn neighbours(&self, is_joined: impl Fn(&Found) -> bool) -> Vec<Vec<Neighbour>> {
+    fn neighbours(&self, is_joined: impl Fn(&EdgeFinding) -> bool) -> Vec<Vec<Neighbour>> {
         let mut neighbours = vec![Vec::new(); self.agents];
         for (
             Margin {
@@ -232,6 +242,7 @@ fn strongest(agents: &[Neighbour], ends: Ends, most: usize) -> Vec<usize> {
         .filter(|(_, agent)| !ends.contains(agent))
         .collect();
     agents.sort_unstable_by(|(s, a), (t, b)| t.total_cmp(s).then(a.cmp(b)));
+
     let mut strongest: Vec<usize> = Vec::new();
     for (_, agent) in agents {
         if strongest.len() < most && !strongest.contains(&agent) {
@@ -274,13 +285,13 @@ mod tests {
         p_value: f64,
     }
 
-    impl<F: Fn(usize, &[usize]) -> Option<f64> + Sync> Tests for Said<F> {
+    impl<F: Fn(usize, &[usize]) -> Option<f64> + Sync> IndependenceTests for Said<F> {
         fn believed(&self, pair: usize, fixed: &[usize]) -> Option<Believed> {
-            let slice = Table::from_counts([(0, 0, 50), (0, 1, 50), (1, 0, 50), (1, 1, 50)]);
+            let stratum = Table::from_counts([(0, 0, 50), (0, 1, 50), (1, 0, 50), (1, 1, 50)]);
             Some(Believed::of_dependence(
                 (self.given)(pair, fixed)?,
                 UNSEEN,
-                &[slice],
+                &[stratum],
             ))
         }
 
@@ -295,7 +306,7 @@ mod tests {
         agents: usize,
         margin: impl Fn(Ends) -> Dependence,
         given: impl Fn(Ends, &[usize]) -> f64 + Sync,
-    ) -> Vec<Found> {
+    ) -> Vec<EdgeFinding> {
         let ends = (0..agents).flat_map(|a| (a + 1..agents).map(move |b| [a, b]));
         let pairs: Vec<Margin> = ends.map(|ends| by_itself(ends, margin(ends))).collect();
         skeleton(
@@ -317,23 +328,23 @@ mod tests {
         }
     }
 
-    fn kind(kind: EdgeKind) -> Found {
-        Found {
+    fn kind(kind: EdgeKind) -> EdgeFinding {
+        EdgeFinding {
             kind,
             explained_by: Vec::new(),
             opened_by: Vec::new(),
         }
     }
 
-    fn explained(by: &[usize]) -> Found {
-        Found {
+    fn explained(by: &[usize]) -> EdgeFinding {
+        EdgeFinding {
             explained_by: by.to_vec(),
             ..kind(EdgeKind::Explained)
         }
     }
 
-    fn opened(by: &[usize]) -> Found {
-        Found {
+    fn opened(by: &[usize]) -> EdgeFinding {
+        EdgeFinding {
             opened_by: by.to_vec(),
             ..kind(EdgeKind::Open)
         }

@@ -1,5 +1,5 @@
-//! Pooled and stratified tests of independence, and what it means where they disagree (Simpson's
-//! paradox).
+//! Stratified permutation tests of independence beside pooled ones, and what it means where they
+//! disagree (Simpson's paradox).
 
 use crate::domain::{Evidence, Exchange, Significance};
 use crate::information::{self, Table, smallest_p};
@@ -17,7 +17,7 @@ const IMPROBABLE: f64 = 0.5;
 /// A test with a p-value above this finds none.
 const MISSED: f64 = 0.1;
 
-/// The tests of one state.
+/// The permutation tests of one state.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tested {
     pooled: Significance,
@@ -26,21 +26,26 @@ pub struct Tested {
 }
 
 impl Tested {
-    /// Tests a state by its draws, and where it has several segments, by the same cut by segment.
-    pub fn new(draws: &[Table], strata: Option<&[Table]>, seed: u64) -> Self {
-        let pooled = test(draws, seed);
+    /// Tests a state by its observations, and where it has several segments, by the same cut by
+    /// segment.
+    pub fn new(observations: &[Table], strata: Option<&[Table]>, seed: u64) -> Self {
+        let pooled = permutation_test(observations, seed);
         let stratified = strata.map(|strata| {
-            let stratified = test(strata, seed);
+            let stratified = permutation_test(strata, seed);
             (
                 stratified,
-                Disagreement::of(pooled.p_value, stratified.p_value, smallest_p(strata)),
+                Disagreement::between_p_values(
+                    pooled.p_value,
+                    stratified.p_value,
+                    smallest_p(strata),
+                ),
             )
         });
         Self { pooled, stratified }
     }
 
     /// Returns the test that is asked for.
-    pub fn told(&self, exchange: Exchange) -> Significance {
+    pub fn significance(&self, exchange: Exchange) -> Significance {
         match (exchange, self.stratified) {
             (Exchange::WithinSegments, Some((stratified, _))) => stratified,
             (Exchange::WithinSegments, None) | (Exchange::Pooled, _) => self.pooled,
@@ -50,7 +55,8 @@ impl Tested {
     /// Returns a warning where the two disagree.
     pub fn warning(&self) -> Option<String> {
         let (stratified, disagreement) = self.stratified?;
-        let [pooled, stratified] = [self.pooled, stratified].map(|test| told(test.p_value));
+        let [pooled, stratified] =
+            [self.pooled, stratified].map(|test| written_p_value(test.p_value));
         Some(format!(
             "pooled p {pooled}, but within segments p {stratified}: {}",
             disagreement?.meaning()
@@ -58,8 +64,8 @@ impl Tested {
     }
 }
 
-fn test(slices: &[Table], seed: u64) -> Significance {
-    let test = information::p_value(slices, PERMUTATIONS, seed);
+fn permutation_test(strata: &[Table], seed: u64) -> Significance {
+    let test = information::p_value(strata, PERMUTATIONS, seed);
     Significance {
         p_value: test.p_value,
         method: test.method.as_str(),
@@ -89,7 +95,7 @@ impl Disagreement {
         permutations: u64,
         seed: u64,
     ) -> Option<Self> {
-        let p_value = |slices| information::p_value(slices, permutations, seed).p_value;
+        let p_value = |strata| information::p_value(strata, permutations, seed).p_value;
         // Where no test within segments could find anything, none need be made.
         let smallest = smallest_p(strata);
         let stratified = if smallest > MISSED {
@@ -97,12 +103,12 @@ impl Disagreement {
         } else {
             p_value(strata)
         };
-        Self::of(p_value(pooled), stratified, smallest)
+        Self::between_p_values(p_value(pooled), stratified, smallest)
     }
 
     /// Compares the p-values of two tests; `smallest` is the smallest that the stratified one could
     /// have.
-    fn of(pooled: f64, stratified: f64, smallest: f64) -> Option<Self> {
+    fn between_p_values(pooled: f64, stratified: f64, smallest: f64) -> Option<Self> {
         if stratified <= FOUND && pooled > MISSED {
             Some(Self::Stratified)
         } else if pooled <= FOUND && stratified > MISSED {
@@ -118,7 +124,7 @@ impl Disagreement {
 
     /// Compares what the evidence says of a state with what it would say of the pooled table;
     /// `None` too where there is nothing to compare.
-    pub fn of_evidence(evidence: &Evidence) -> Option<Self> {
+    pub fn in_evidence(evidence: &Evidence) -> Option<Self> {
         let (pooled, told) = (evidence.pooled?, evidence.probability.dependent);
         if pooled >= PROBABLE && told <= IMPROBABLE {
             Some(Self::Pooled)
@@ -139,7 +145,7 @@ impl Disagreement {
     }
 }
 
-fn told(p_value: f64) -> String {
+fn written_p_value(p_value: f64) -> String {
     if p_value < 1e-4 {
         "< 0.0001".into()
     } else {
@@ -149,7 +155,7 @@ fn told(p_value: f64) -> String {
 
 /// Returns a warning where the evidence says of a state what it would not of the pooled table.
 pub fn warning(evidence: &Evidence) -> Option<String> {
-    let meaning = Disagreement::of_evidence(evidence)?.meaning();
+    let meaning = Disagreement::in_evidence(evidence)?.meaning();
     let (pooled, told) = (evidence.pooled?, evidence.probability.dependent);
     Some(format!(
         "pooled P(dependent) {pooled:.4}, but {told:.4} where segments are told apart: {meaning}"
@@ -161,15 +167,17 @@ pub fn warnings<'a>(states: impl Iterator<Item = &'a Evidence> + Clone) -> Vec<S
     let kind = |kind: Disagreement| {
         let of_kind = states
             .clone()
-            .filter(|evidence| Disagreement::of_evidence(evidence) == Some(kind));
+            .filter(|evidence| Disagreement::in_evidence(evidence) == Some(kind));
         let (states, meaning) = (of_kind.count(), kind.meaning());
         let plural = if states == 1 { "" } else { "s" };
+
         let (pooled, told) = match kind {
             Disagreement::Stratified => (format!("<= {IMPROBABLE}"), format!(">= {PROBABLE}")),
             Disagreement::Pooled | Disagreement::Untestable => {
                 (format!(">= {PROBABLE}"), format!("<= {IMPROBABLE}"))
             }
         };
+
         let said =
             format!("pooled P(dependent) {pooled}, but {told} where segments are told apart");
         (states > 0).then(|| format!("in {states} state{plural} {said}: {meaning}"))
@@ -235,9 +243,12 @@ mod tests {
             [[82, 18], [18, 82]],
             &[[[81, 9], [9, 1]], [[1, 9], [9, 81]]],
         );
-        assert!(tested.told(Exchange::Pooled).p_value < 1e-4, "{tested:?}");
         assert!(
-            tested.told(Exchange::WithinSegments).p_value > 1.0 - 1e-9,
+            tested.significance(Exchange::Pooled).p_value < 1e-4,
+            "{tested:?}"
+        );
+        assert!(
+            tested.significance(Exchange::WithinSegments).p_value > 1.0 - 1e-9,
             "{tested:?}"
         );
         let expected = "pooled p < 0.0001, but within segments p = 1.0000: \
@@ -288,8 +299,8 @@ mod tests {
         );
         let alone = Tested::new(&[table([[40, 0], [0, 40]])], None, 1);
         assert_eq!(
-            alone.told(Exchange::Pooled),
-            alone.told(Exchange::WithinSegments)
+            alone.significance(Exchange::Pooled),
+            alone.significance(Exchange::WithinSegments)
         );
     }
 

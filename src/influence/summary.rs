@@ -1,9 +1,9 @@
-//! What all states say together.
+//! Summary statistics of a ranking: what all states say together.
 
-use super::discoveries::Found;
-use super::shared::Made;
+use super::discoveries::FoundDiscoveries;
+use super::pass_cache::PassResult;
+use super::state_ranking::StateRanking;
 use super::stratified;
-use super::survey::Survey;
 use crate::domain::{
     Dependence, HistogramBin, Label, Schema, Scope, Segmentation, Summary, Verdict,
 };
@@ -13,77 +13,77 @@ const BOUNDS: [f64; 12] = [
     0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 0.75, 1.0, 1.5, 2.0,
 ];
 
-/// Sums up a survey.
+/// Sums up a ranking.
 pub fn summary(
     schema: &Schema,
     scope: &Scope,
     segments: Vec<Label>,
-    survey: &Made<Survey>,
-    found: Option<&Found>,
+    ranking: &PassResult<StateRanking>,
+    found: Option<&FoundDiscoveries>,
 ) -> Summary {
-    let visits = |least: u64| -> u64 {
-        survey
-            .rows
-            .iter()
-            .map(|row| row.visits)
-            .filter(|n| *n >= least)
-            .sum()
-    };
-    let transitions = visits(0);
-    let enough = visits(scope.rule.min_visits);
+    let transitions = visits(ranking, 0);
+    let enough = visits(ranking, scope.rule.min_visits);
     let share = if transitions == 0 {
         0.0
     } else {
         enough as f64 / transitions as f64
     };
+
     Summary {
         transitions,
-        states: survey.rows.len() as u64,
+        states: ranking.rows.len() as u64,
         segments,
-        segmentation: segmentation(survey),
+        segmentation: segmentation(ranking),
         min_visits: scope.rule.min_visits,
         share_of_visits_with_enough_data: share,
-        verdicts: tally(&Verdict::ALL, survey.rows.iter().map(|row| row.verdict)),
-        histogram: histogram(scope, survey),
-        as_of: survey.as_of,
+        verdicts: tally(&Verdict::ALL, ranking.rows.iter().map(|row| row.verdict)),
+        histogram: histogram(scope, ranking),
+        as_of: ranking.as_of,
         unit: scope.unit,
         threshold: scope.rule.in_unit(scope.unit).threshold,
         threshold_nats: scope.rule.threshold_nats(),
         threshold_share: scope.share(schema),
         dependence: tally(
             &Dependence::ALL,
-            survey
+            ranking
                 .rows
                 .iter()
                 .filter_map(|row| Some(row.evidence?.dependence)),
         ),
-        fit: survey.fit,
-        dependent_share: survey.dependent_share,
+        fit: ranking.fit,
+        dependent_share: ranking.dependent_share,
         discoveries: found.map(|found| found.discoveries),
-        warnings: warnings(survey, found),
+        warnings: warnings(ranking, found),
     }
+}
+
+/// Returns the visits of all states that were seen at least so often.
+fn visits(ranking: &StateRanking, least: u64) -> u64 {
+    let visits = ranking.rows.iter().map(|row| row.visits);
+    visits.filter(|n| *n >= least).sum()
 }
 
 /// Returns where pooled and stratified answers disagree: by their tests, where those were made,
 /// else by the evidence.
-fn warnings(survey: &Survey, found: Option<&Found>) -> Vec<String> {
+fn warnings(ranking: &StateRanking, found: Option<&FoundDiscoveries>) -> Vec<String> {
     match found {
         Some(found) if !found.warnings.is_empty() => found.warnings.clone(),
-        _ => stratified::warnings(survey.rows.iter().filter_map(|row| row.evidence.as_ref())),
+        _ => stratified::warnings(ranking.rows.iter().filter_map(|row| row.evidence.as_ref())),
     }
 }
 
 /// Returns which segments the counts come from, and the mean over the states whose evidence tells
 /// whether habits differ there.
-fn segmentation(survey: &Survey) -> Segmentation {
-    let told: Vec<f64> = survey
+fn segmentation(ranking: &StateRanking) -> Segmentation {
+    let differing: Vec<f64> = ranking
         .rows
         .iter()
         .filter_map(|row| row.evidence?.differ)
         .collect();
-    let differ = (!told.is_empty()).then(|| told.iter().sum::<f64>() / told.len() as f64);
+    let differ =
+        (!differing.is_empty()).then(|| differing.iter().sum::<f64>() / differing.len() as f64);
     Segmentation {
-        count: survey.segments,
+        count: ranking.segments,
         differ,
     }
 }
@@ -100,7 +100,7 @@ fn tally<T: PartialEq>(words: &[T; 3], said: impl Iterator<Item = T>) -> [u64; 3
     counted
 }
 
-fn histogram(scope: &Scope, survey: &Survey) -> Vec<HistogramBin> {
+fn histogram(scope: &Scope, ranking: &StateRanking) -> Vec<HistogramBin> {
     let bin = |(i, from): (usize, &f64)| HistogramBin {
         from: *from,
         to: BOUNDS.get(i + 1).copied(),
@@ -108,10 +108,12 @@ fn histogram(scope: &Scope, survey: &Survey) -> Vec<HistogramBin> {
         expected_if_independent: 0,
         posterior_mean: 0,
     };
+
     let mut bins: Vec<HistogramBin> = BOUNDS.iter().enumerate().map(bin).collect();
+
     // Every figure is at least 0, the first bound.
     let at = |nats: f64| BOUNDS.partition_point(|bound| *bound <= scope.unit.from_nats(nats)) - 1;
-    for row in &survey.rows {
+    for row in &ranking.rows {
         bins[at(row.plug_in)].plug_in += 1;
         bins[at(row.expected)].expected_if_independent += 1;
         if let Some(evidence) = row.evidence {

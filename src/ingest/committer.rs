@@ -1,5 +1,5 @@
-//! The one task that commits. It takes everything that waits, commits it together, and only then
-//! answers.
+//! Group commit by a single writer task. It takes everything that waits, commits it together, and
+//! only then answers.
 //!
 //! No client can cancel it, and it never talks to anything but the store.
 
@@ -8,7 +8,7 @@ use std::time::{Duration, Instant, SystemTime};
 
 use tokio::sync::{OwnedSemaphorePermit, mpsc, oneshot};
 
-use super::figures::Counted;
+use super::figures::BatchTotals;
 use super::streams::Lease;
 use crate::domain::{Acknowledged, EnvironmentId, ProducerId, Sequence};
 use crate::error::{ErrorKind, Problem};
@@ -27,8 +27,8 @@ const MOST_COMMIT_STATES: usize = 50_000;
 static FAILURES: Seldom = Seldom::every(Duration::from_secs(5));
 static UNREAD: Seldom = Seldom::every(Duration::from_secs(5));
 
-/// What the committer does, in the order in which it was asked.
-pub enum Work {
+/// A command to the committer, carried out in the order of the queue.
+pub enum Command {
     /// Commit a batch.
     Batch(Pending),
     /// Tell a producer how far it is, after everything that it sent before.
@@ -59,25 +59,27 @@ pub struct Resume {
     pub reply: oneshot::Sender<Result<Sequence, Problem>>,
 }
 
-/// Commits until it is told to stop or nobody can ask any more.
-pub async fn run(store: Arc<dyn Store>, counted: Counted, mut queue: mpsc::Receiver<Work>) {
+/// Runs the committer until it is told to stop or nobody can ask any more.
+pub async fn run(store: Arc<dyn Store>, counted: BatchTotals, mut queue: mpsc::Receiver<Command>) {
     let mut group = Group {
         counted,
         ..Group::default()
     };
+
     while let Some(first) = queue.recv().await {
         let mut next = Some(first);
         while let Some(work) = next {
             match work {
-                Work::Batch(pending) => group.add(pending),
-                Work::Resume(resume) => {
+                Command::Batch(pending) => group.add(pending),
+                Command::Resume(resume) => {
                     group.commit(&*store).await;
                     answer_resume(&*store, resume).await;
                 }
-                Work::Stop => {
+                Command::Stop => {
                     queue.close();
                 }
             }
+
             next = if group.is_full() {
                 None
             } else {
@@ -88,10 +90,10 @@ pub async fn run(store: Arc<dyn Store>, counted: Counted, mut queue: mpsc::Recei
     }
 }
 
-/// The batches of one commit.
+/// The batches of one group commit.
 #[derive(Default)]
 struct Group {
-    counted: Counted,
+    counted: BatchTotals,
     batches: Vec<Numbered>,
     replies: Vec<(
         oneshot::Sender<Result<Acknowledged, Problem>>,
@@ -124,20 +126,24 @@ impl Group {
         if self.batches.is_empty() {
             return;
         }
+
         let started = Instant::now();
         let result = store.commit(&self.batches).await;
         telemetry::committed(started.elapsed(), self.transitions, result.is_ok());
+
         let batches = std::mem::take(&mut self.batches);
         let replies = std::mem::take(&mut self.replies);
         (self.transitions, self.states) = (0, 0);
+
         let answers = match result {
             Ok(outcomes) => outcomes
                 .into_iter()
                 .zip(&batches)
-                .map(|(outcome, batch)| self.told(batch, outcome))
+                .map(|(outcome, batch)| self.answer(batch, outcome))
                 .collect(),
             Err(error) => failed(error, batches.len()),
         };
+
         for ((reply, room), answer) in replies.into_iter().zip(answers) {
             if let Err(problem) = &answer {
                 telemetry::refused(problem.reason);
@@ -148,12 +154,12 @@ impl Group {
         }
     }
 
-    fn told(&self, batch: &Numbered, outcome: Outcome) -> Result<Acknowledged, Problem> {
+    fn answer(&self, batch: &Numbered, outcome: Outcome) -> Result<Acknowledged, Problem> {
         match outcome {
-            Outcome::Acknowledged(told) => {
+            Outcome::Acknowledged(acknowledged) => {
                 self.counted
-                    .note(batch.environment, &told, SystemTime::now());
-                Ok(told)
+                    .note(batch.environment, &acknowledged, SystemTime::now());
+                Ok(acknowledged)
             }
             Outcome::Refused(refusal) => Err(refused(batch, refusal)),
         }

@@ -1,5 +1,5 @@
-//! What became of the batches of each environment since the start, for operators. An environment
-//! that is gone takes its figures along.
+//! Counters for operators: what became of the batches of each environment since the start. An
+//! environment that is gone takes its figures along.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -8,7 +8,7 @@ use std::time::SystemTime;
 use crate::domain::{Acknowledged, EnvironmentId, Receipt};
 use crate::telemetry::PARTS;
 
-/// What became of the batches of one environment.
+/// Counters of what became of the batches of one environment.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Figures {
     /// Records counted.
@@ -23,17 +23,17 @@ pub struct Figures {
     pub last: Option<SystemTime>,
 }
 
-/// The figures of every environment that had a batch. Cloning shares them.
+/// The counters of every environment that had a batch. Cloning shares them.
 #[derive(Clone, Default)]
-pub struct Counted(Arc<Mutex<HashMap<EnvironmentId, Figures>>>);
+pub struct BatchTotals(Arc<Mutex<HashMap<EnvironmentId, Figures>>>);
 
-impl Counted {
+impl BatchTotals {
     /// Notes that a batch was acknowledged.
-    pub fn note(&self, environment: EnvironmentId, told: &Acknowledged, now: SystemTime) {
+    pub fn note(&self, environment: EnvironmentId, acknowledged: &Acknowledged, now: SystemTime) {
         let mut all = self.lock();
         let figures = all.entry(environment).or_default();
         figures.last = Some(now);
-        match told {
+        match acknowledged {
             Acknowledged::Applied(receipt) | Acknowledged::Rejected(receipt) => {
                 figures.add(receipt)
             }
@@ -43,7 +43,7 @@ impl Counted {
     }
 
     /// Returns the figures of these environments, and forgets those of all others: they are gone.
-    pub fn of(&self, environments: &[EnvironmentId]) -> Vec<Figures> {
+    pub fn figures_of(&self, environments: &[EnvironmentId]) -> Vec<Figures> {
         let mut all = self.lock();
         all.retain(|id, _| environments.contains(id));
         environments
@@ -92,7 +92,7 @@ mod tests {
 
     #[test]
     fn figures_are_of_environments_that_exist() {
-        let (counted, now) = (Counted::default(), SystemTime::UNIX_EPOCH);
+        let (counted, now) = (BatchTotals::default(), SystemTime::UNIX_EPOCH);
         let rejected = |field: &str| Rejection {
             index: 0,
             field: field.into(),
@@ -109,7 +109,7 @@ mod tests {
         counted.note(EnvironmentId(2), &Acknowledged::Unverified, now);
 
         let [first, second, third] = [1, 2, 3].map(EnvironmentId);
-        let all = counted.of(&[first, second, third]);
+        let all = counted.figures_of(&[first, second, third]);
         assert_eq!((all[0].accepted, all[0].rejected), (5, [1, 0, 0, 0, 2, 4]));
         assert_eq!(
             (all[1].duplicates, all[1].unverified, all[1].last),
@@ -117,9 +117,9 @@ mod tests {
         );
         assert_eq!(all[2], Figures::default());
 
-        counted.of(&[second]);
+        counted.figures_of(&[second]);
         assert_eq!(
-            counted.of(&[first, second])[0],
+            counted.figures_of(&[first, second])[0],
             Figures::default(),
             "it was gone"
         );

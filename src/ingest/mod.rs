@@ -1,4 +1,5 @@
-//! How transitions become counts: validate, sequence, commit together, then acknowledge.
+//! Ingestion, how transitions become counts: validate, sequence, commit together (group commit),
+//! then acknowledge. A producer's numbers make it idempotent: what is sent again counts once.
 //!
 //! ```text
 //! Batch --validate--> Numbered --queue (bounded)--> committer --store.commit--> Acknowledged
@@ -21,8 +22,8 @@ mod room;
 mod streams;
 mod validate;
 
-use committer::{Pending, Resume, Work, foreign};
-use figures::Counted;
+use committer::{Command, Pending, Resume, foreign};
+use figures::BatchTotals;
 pub use figures::Figures;
 use room::Room;
 use streams::{Lease, Registration, Streams};
@@ -42,13 +43,13 @@ const MOST_WORK: usize = 8_192;
 /// How many batches of one stream may wait for their acknowledgement.
 pub const WINDOW: usize = 320;
 
-/// A handle on ingestion. Cloning is cheap.
+/// The ingestion service. Cloning is cheap.
 #[derive(Clone)]
 pub struct Ingest {
-    queue: mpsc::Sender<Work>,
+    queue: mpsc::Sender<Command>,
     room: Room,
     streams: Streams,
-    counted: Counted,
+    counted: BatchTotals,
     committer: TaskTracker,
     store: Arc<dyn Store>,
     principal: Arc<Principal>,
@@ -58,9 +59,10 @@ impl Ingest {
     /// Starts the committer on a store.
     pub fn start(store: Arc<dyn Store>) -> Self {
         let (queue, work) = mpsc::channel(MOST_WORK);
-        let (committer, counted) = (TaskTracker::new(), Counted::default());
+        let (committer, counted) = (TaskTracker::new(), BatchTotals::default());
         committer.spawn(committer::run(store.clone(), counted.clone(), work));
         committer.close();
+
         let (room, streams, principal) = (
             Room::default(),
             Streams::default(),
@@ -103,7 +105,7 @@ impl Ingest {
             .await?
             .acknowledged()
             .await
-            .map(|(_, told)| told)
+            .map(|(_, acknowledged)| acknowledged)
     }
 
     /// Opens a stream of a producer: fences its older one, and asks for the resume point behind
@@ -114,11 +116,13 @@ impl Ingest {
         producer: ProducerId,
     ) -> Result<Session, Problem> {
         self.claim(&environment, &producer).await?;
+
         let owner = self.principal.name().cloned();
         let registration = self
             .streams
             .open(environment.id, producer.clone(), owner)
             .ok_or_else(|| foreign(&producer))?;
+
         let committed = self.committed(&environment, &producer).await?;
         Ok(Session {
             ingest: self.clone(),
@@ -155,7 +159,7 @@ impl Ingest {
             reply,
         };
         self.queue
-            .send(Work::Resume(resume))
+            .send(Command::Resume(resume))
             .await
             .map_err(|_| stopped())?;
         answer.await.map_err(|_| stopped())?
@@ -174,7 +178,7 @@ impl Ingest {
     /// Returns what became of the batches of these environments since the start; those of all
     /// others are forgotten.
     pub fn figures(&self, environments: &[EnvironmentId]) -> Vec<Figures> {
-        self.counted.of(environments)
+        self.counted.figures_of(environments)
     }
 
     /// Returns whether the committer still takes batches.
@@ -186,7 +190,7 @@ impl Ingest {
     /// retryably.
     pub async fn close(&self) {
         // An error means that the committer is stopping already.
-        let _ = self.queue.send(Work::Stop).await;
+        let _ = self.queue.send(Command::Stop).await;
         self.committer.wait().await;
     }
 
@@ -201,6 +205,7 @@ impl Ingest {
         let sequence = batch.sequence;
         let (schema, environment) = (environment.schema.clone(), environment.id);
         let owner = self.principal.name().cloned();
+
         let bytes =
             size_of_val(&batch.records.states[..]) + size_of_val(&batch.records.actions[..]);
         let numbered = aside(bytes, move || {
@@ -221,8 +226,10 @@ impl Ingest {
                 receipt,
             }
         });
+
         let batch = numbered.await.inspect_err(refused)?;
         let (reply, answer) = oneshot::channel();
+
         let pending = Pending {
             batch,
             lease,
@@ -230,7 +237,7 @@ impl Ingest {
             reply,
         };
         self.queue
-            .send(Work::Batch(pending))
+            .send(Command::Batch(pending))
             .await
             .map_err(|_| stopped())
             .inspect_err(refused)?;
@@ -288,8 +295,8 @@ pub struct Ticket {
 impl Ticket {
     /// Waits until the batch is on stable storage, or refused.
     pub async fn acknowledged(self) -> Result<(Sequence, Acknowledged), Problem> {
-        let told = self.answer.await.map_err(|_| stopped())??;
-        Ok((self.sequence, told))
+        let acknowledged = self.answer.await.map_err(|_| stopped())??;
+        Ok((self.sequence, acknowledged))
     }
 }
 

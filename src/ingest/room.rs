@@ -1,5 +1,5 @@
-//! Room in the queue, in transitions: admission control, with fair shares for streams and for
-//! single calls.
+//! Admission control and back-pressure: room in the queue, in transitions, with fair shares for
+//! streams and for single calls.
 //!
 //! Streams wait in line for as long as it takes, so a share that both could take would never be
 //! free when a single call looks. Single calls have a share of their own beside it. The sum of both
@@ -23,7 +23,7 @@ const CALLS: usize = MOST_COMMIT_TRANSITIONS / 4;
 /// How long a single call waits for room: some commits, and shorter than anybody's patience.
 const PATIENCE: Duration = Duration::from_secs(2);
 
-/// What is free of the queue. Cloning is cheap.
+/// The capacity of the queue that is free, as two semaphores. Cloning is cheap.
 #[derive(Clone)]
 pub struct Room {
     streams: Arc<Semaphore>,

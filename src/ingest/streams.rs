@@ -1,5 +1,5 @@
-//! Which stream speaks for a producer. A later stream fences the earlier one, and an environment
-//! that goes takes its streams with it.
+//! Leases and fencing: which stream speaks for a producer. A later stream fences the earlier one,
+//! and an environment that goes takes its streams with it.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
@@ -11,7 +11,7 @@ use crate::error::{ErrorKind, Problem};
 
 type Key = (EnvironmentId, ProducerId);
 
-/// The live streams. Cloning is cheap.
+/// A registry of the live streams, a lease for each producer. Cloning is cheap.
 #[derive(Clone, Default)]
 pub struct Streams(Arc<Mutex<HashMap<Key, Arc<Lease>>>>);
 
@@ -53,6 +53,7 @@ impl Streams {
         if live.get(&key).is_some_and(is_anothers) {
             return None;
         }
+
         let lease = Arc::new(Lease {
             owner,
             ..Lease::default()
@@ -60,6 +61,7 @@ impl Streams {
         if let Some(earlier) = live.insert(key.clone(), lease.clone()) {
             earlier.end(End::Fenced);
         }
+
         drop(live);
         Some(Registration {
             streams: self.clone(),

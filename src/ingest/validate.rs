@@ -1,5 +1,5 @@
-//! From decoded records to what they add: every value gets its bin, and every record that has none
-//! is rejected.
+//! Validation and discretisation, from decoded records to what they add: every value gets its bin,
+//! and every record that has none is rejected.
 //!
 //! A pure function of the schema, so a batch that is sent again gets the same receipt.
 
@@ -11,7 +11,7 @@ use crate::domain::{
     BinError, Entry, Increment, Label, Receipt, Records, Rejection, Schema, StateKey, Tally, Widths,
 };
 
-/// Returns what the records add under a segment, and the receipt.
+/// Validates records; returns the increment that they are under a segment, and the receipt.
 pub fn validate(
     schema: &Schema,
     segment: Option<Label>,
@@ -42,7 +42,7 @@ fn reject(receipt: &mut Receipt, rejection: Rejection) {
 /// States that a batch has room for before it grows.
 const USUAL_STATES: usize = 256;
 
-/// What was added so far.
+/// The increment so far, with equal states merged.
 struct Sum<'a> {
     schema: &'a Schema,
     widths: Widths,
@@ -75,17 +75,19 @@ impl<'a> Sum<'a> {
         let (Some(()), Some(joint), Some(sum)) = (
             self.discretise(state),
             self.schema.joint_action(actions),
-            self.sum(n),
+            self.sum_with(n),
         ) else {
             return Err(self.rejection(index, state, actions, n));
         };
+
         let entries = match records.entries.get(index).copied().unwrap_or_default() {
             Entry::Unknown => None,
             Entry::Stayed => Some(0),
             Entry::Entered => Some(n),
         };
+
         self.transitions = sum;
-        let state = self.state();
+        let state = self.state_position();
         self.cells.push((state, joint, Tally { n, entries }));
         Ok(())
     }
@@ -99,13 +101,13 @@ impl<'a> Sum<'a> {
     }
 
     /// Returns the transitions with `n` more, if `n` is a count and the sum still is one.
-    fn sum(&self, n: u64) -> Option<u64> {
+    fn sum_with(&self, n: u64) -> Option<u64> {
         self.transitions
             .checked_add(n)
             .filter(|sum| n > 0 && i64::try_from(*sum).is_ok())
     }
 
-    fn state(&mut self) -> u32 {
+    fn state_position(&mut self) -> u32 {
         if let Some(known) = self.states.get(self.bins.as_slice()) {
             return *known;
         }
@@ -141,13 +143,16 @@ impl<'a> Sum<'a> {
                         agent.name, feature.name
                     )))
                 });
+
         let mut faults: Vec<(String, String)> = state.chain(actions).collect();
-        if self.sum(n).is_none() {
+
+        if self.sum_with(n).is_none() {
             let reason = format!(
                 "got {n}, expected 1 to 2^63 - 1, together with the counts of the batch before it"
             );
             faults.push(("/count".into(), reason));
         }
+
         let mut faults = faults.into_iter();
         let (field, first) = faults
             .next()
@@ -167,6 +172,7 @@ impl<'a> Sum<'a> {
         for (key, position) in self.states {
             states[position as usize] = Some(key);
         }
+
         let states = states
             .into_iter()
             .map(|key| key.expect("positions are dense"))

@@ -14,7 +14,7 @@ use crate::domain::{Environment, FitId, Pair, StateKey, Within};
 use crate::error::Problem;
 use crate::evidence::{Base, Counted, Ego};
 use crate::information::{Alphabet, Table};
-use crate::priors::{self, Draws, Fits, Fitted, Pages, Sample, Tables};
+use crate::priors::{self, Fitted, Observations, Pages, PriorRegistry, Sample, Tables};
 use crate::store::Store;
 use crate::work::beside;
 
@@ -53,7 +53,7 @@ impl Dataset {
     /// where the alphabets are too large for it.
     pub async fn from_store(
         store: &dyn Store,
-        fits: &Fits,
+        fits: &PriorRegistry,
         environment: &Environment,
         pair: &Pair,
     ) -> Result<Option<Self>, Problem> {
@@ -85,10 +85,10 @@ impl Dataset {
             let drawn = wanted.map(|scanned| {
                 let cells = scanned.counts.cells().iter();
                 let tables = Tables::new(&environment.schema, pair, cells.clone());
-                let draws = tables
-                    .evidence(&environment.schema, pair, Within::Auto, cells)
+                let observations = tables
+                    .observations(&environment.schema, pair, Within::Auto, cells)
                     .into_owned();
-                (scanned.key, draws)
+                (scanned.key, observations)
             });
             // Page by page, since a state may have hundreds of parts: what is kept of it is one
             // table.
@@ -111,16 +111,16 @@ impl Dataset {
     }
 
     /// Asks the evidence about states, whose draws have the prior's rows.
-    fn weighed(&self, states: Vec<(StateKey, Draws<'static>)>) -> Vec<Example> {
-        let example = |(key, draws): (StateKey, Draws<'static>)| {
-            let table = draws.slices.first()?;
+    fn weighed(&self, states: Vec<(StateKey, Observations<'static>)>) -> Vec<Example> {
+        let example = |(key, observations): (StateKey, Observations<'static>)| {
+            let table = observations.strata.first()?;
             let table = if self.ego == Ego::Rows {
                 table.clone()
             } else {
                 table.transposed()
             };
             (table.total() > 0).then(|| Example {
-                above: self.given(draws.counted()),
+                above: self.given(observations.counted()),
                 key,
                 table,
             })

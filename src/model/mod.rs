@@ -59,7 +59,7 @@ use tokio_util::task::TaskTracker;
 use self::jobs::Jobs;
 use self::registry::Registry;
 use crate::domain::{EnvironmentId, JobState};
-use crate::priors::Fits;
+use crate::priors::PriorRegistry;
 use crate::store::Store;
 
 pub use back_off::BackOff;
@@ -70,7 +70,7 @@ pub use network::{Network, Prediction};
 #[derive(Clone)]
 pub struct Networks {
     store: Arc<dyn Store>,
-    fits: Fits,
+    fits: PriorRegistry,
     registry: Registry,
     jobs: Jobs,
     /// One training at a time: in the order of asking.
@@ -81,7 +81,7 @@ pub struct Networks {
 
 impl Networks {
     /// Makes a handle on the networks of a store, judged by the priors fitted to it.
-    pub fn new(store: Arc<dyn Store>, fits: Fits) -> Self {
+    pub fn new(store: Arc<dyn Store>, fits: PriorRegistry) -> Self {
         Self {
             registry: Registry::new(store.clone()),
             store,

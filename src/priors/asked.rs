@@ -1,5 +1,5 @@
-//! Which priors were asked for lately: only those are kept up in the background. Nothing here looks
-//! at a clock.
+//! Recency of use: which priors were asked for lately, since only those are kept up in the
+//! background. Nothing here looks at a clock.
 
 use std::collections::HashMap;
 use std::sync::{Mutex, PoisonError};
@@ -10,7 +10,7 @@ use crate::domain::{EnvironmentId, Pair};
 /// For how long a prior is kept up after it was asked for.
 pub const LATELY: Duration = Duration::from_secs(60 * 60);
 
-/// When each prior was last asked for; those of more than an hour ago are forgotten.
+/// When each prior was last used; those of more than an hour ago are forgotten.
 #[derive(Default)]
 pub struct Asked(Mutex<HashMap<(EnvironmentId, Pair), Instant>>);
 

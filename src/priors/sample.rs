@@ -1,4 +1,4 @@
-//! Which states a fit is made from, where there are very many.
+//! Subsampling by hash: which states a fit is made from, where there are very many.
 
 use crate::domain::StateKey;
 
@@ -9,8 +9,8 @@ const MOST_TABLES: usize = 50_000;
 /// So few states all stay, however many tables they have.
 const FEWEST_STATES: usize = 100;
 
-/// States, thinned by half whenever they become too many: which ones stay depends on their keys
-/// alone.
+/// A sample of states, thinned by half whenever they become too many: which ones stay depends on
+/// the hash of their keys alone, so that the order of adding does not matter.
 pub struct Sample<T> {
     halvings: u32,
     tables: usize,
@@ -36,6 +36,7 @@ impl<T> Sample<T> {
         }
         self.states.push((key, kept, tables));
         self.tables += tables;
+
         while self.tables > MOST_TABLES && self.states.len() > FEWEST_STATES {
             self.halvings += 1;
             let states = std::mem::take(&mut self.states);

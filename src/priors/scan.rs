@@ -1,4 +1,5 @@
-//! One pass over every state of an environment.
+//! A full scan of the states of an environment, by pages: keyset pagination, so that no read
+//! transaction is long.
 
 use crate::domain::EnvironmentId;
 use crate::store::{Cursor, Scanned, Store, StoreError};
@@ -6,7 +7,7 @@ use crate::store::{Cursor, Scanned, Store, StoreError};
 /// States read at a time, so that no read transaction is long.
 const STEP: u32 = 1_000;
 
-/// Every state of an environment, a page at a time and in an order of the store's own.
+/// A scan over every state of an environment, a page at a time and in an order of the store's own.
 pub struct Pages<'a> {
     store: &'a dyn Store,
     id: EnvironmentId,

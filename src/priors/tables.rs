@@ -1,10 +1,10 @@
-//! From a state's cells to contingency tables: whole, and one for each joint action of the agents
-//! held fixed.
+//! Contingency tables of a state's cells: whole, and stratified by the joint action of the agents
+//! held fixed, and by segment.
 
 use std::borrow::Cow;
 
 use crate::domain::{Cell, Exchange, Independence, Pair, Schema, SegmentId, Tally, Within};
-use crate::evidence;
+use crate::evidence::{self, Ego};
 use crate::information::{self, ExpectedMethod, Table};
 
 /// The tables of one state for one pair.
@@ -13,43 +13,54 @@ pub struct Tables {
     pub whole: Table,
     /// How many segments have visits here.
     pub segments: u64,
-    /// One for each joint action of the agents held fixed, in their order; empty where none is.
-    slices: Vec<Table>,
+    /// The strata: one for each joint action of the agents held fixed, in their order; empty where
+    /// none is.
+    strata: Vec<Table>,
     /// The same cut further by segment, where figures are means over segments and there are
     /// several; else empty.
-    strata: Vec<Table>,
+    by_segment: Vec<Table>,
 }
 
-/// What the evidence about a state rests on: independent draws, rows for the earlier agent.
+/// The observations that the evidence about a state rests on, as independent draws: rows for the
+/// earlier agent.
 #[derive(Debug, Clone)]
-pub struct Draws<'a> {
-    /// A table for each joint action of the agents held fixed.
-    pub slices: Cow<'a, [Table]>,
-    /// The parts by segment of those slices that can tell dependence from independence; none where
+pub struct Observations<'a> {
+    /// The strata: a table for each joint action of the agents held fixed.
+    pub strata: Cow<'a, [Table]>,
+    /// The parts by segment of those strata that can tell dependence from independence; none where
     /// there is one segment, or segments are of no concern.
     parts: Vec<Table>,
 }
 
-impl Draws<'_> {
+impl Observations<'_> {
     /// Returns them as the evidence takes them.
     pub fn counted(&self) -> evidence::Counted<'_> {
         evidence::Counted {
-            slices: &self.slices,
+            slices: &self.strata,
             parts: &self.parts,
         }
     }
 
     /// Returns how many tables they are.
     pub fn tables(&self) -> usize {
-        self.slices.len() + self.parts.len()
+        self.strata.len() + self.parts.len()
     }
 
     /// Returns the same for those who keep them.
-    pub fn into_owned(self) -> Draws<'static> {
-        Draws {
-            slices: self.slices.into_owned().into(),
+    pub fn into_owned(self) -> Observations<'static> {
+        Observations {
+            strata: self.strata.into_owned().into(),
             parts: self.parts,
         }
+    }
+}
+
+/// Returns where the ego of a pair stands in the tables of its observations.
+pub fn ego(pair: &Pair) -> Ego {
+    if pair.ego < pair.other {
+        Ego::Rows
+    } else {
+        Ego::Columns
     }
 }
 
@@ -75,24 +86,26 @@ impl Tables {
                 .clone()
                 .map(|cell| counted(schema, pair, cell, visits)),
         );
-        let sliced =
-            (!pair.given.is_empty()).then(|| slices(schema, pair, cells.clone(), visits, no_more));
+        let strata = (!pair.given.is_empty())
+            .then(|| tables_of_strata(schema, pair, cells.clone(), visits, no_more));
+
         let segments = segments(cells.clone().map(|cell| cell.segment));
         // Within the only segment everything is what it is pooled.
         let is_cut = within == Within::Segments && segments > 1;
-        let strata = is_cut.then(|| slices(schema, pair, cells, visits, by_segment));
+        let by_segment = is_cut.then(|| tables_of_strata(schema, pair, cells, visits, by_segment));
+
         Self {
             whole,
             segments,
-            slices: sliced.unwrap_or_default(),
             strata: strata.unwrap_or_default(),
+            by_segment: by_segment.unwrap_or_default(),
         }
     }
 
-    /// Returns what the evidence rests on: the tables of what counts as independent draws, rows for
-    /// the earlier agent, a slice for each joint action of the agents held fixed. These are entries
-    /// where every transition carried the flag, else visits.
-    pub fn draws<'a>(
+    /// Returns the strata of a conditional independence test: tables of what counts as independent
+    /// draws, rows for the earlier agent, one for each joint action of the agents held fixed. Draws
+    /// are entries where every transition carried the flag, else visits.
+    pub fn strata_of_observations<'a>(
         &self,
         schema: &Schema,
         pair: &Pair,
@@ -100,24 +113,27 @@ impl Tables {
     ) -> Cow<'_, [Table]> {
         let undirected = pair.undirected();
         let independence = Independence::from(Tally::sum(cells.clone()));
-        match (independence, undirected == *pair, self.slices.is_empty()) {
+        match (independence, undirected == *pair, self.strata.is_empty()) {
             (Independence::Assumed, true, true) => std::slice::from_ref(&self.whole).into(),
-            (Independence::Assumed, true, false) => self.slices.as_slice().into(),
-            _ => slices(schema, &undirected, cells, drawn(independence), no_more).into(),
+            (Independence::Assumed, true, false) => self.strata.as_slice().into(),
+            _ => {
+                tables_of_strata(schema, &undirected, cells, observed(independence), no_more).into()
+            }
         }
     }
 
     /// Returns the same cut further, by segment.
-    pub fn draws_by_segment<'a>(
+    pub fn strata_by_segment<'a>(
         schema: &Schema,
         pair: &Pair,
         cells: impl Iterator<Item = &'a Cell> + Clone,
     ) -> Vec<Table> {
-        let drawn = drawn(Independence::from(Tally::sum(cells.clone())));
-        slices(schema, &pair.undirected(), cells, drawn, by_segment)
+        let count = observed(Independence::from(Tally::sum(cells.clone())));
+        tables_of_strata(schema, &pair.undirected(), cells, count, by_segment)
     }
 
-    /// Returns what a test of independence may exchange: the draws, cut by segment or not.
+    /// Returns the strata within which a permutation test may exchange draws: cut by segment or
+    /// not.
     pub fn exchangeable<'a>(
         &self,
         schema: &Schema,
@@ -127,62 +143,65 @@ impl Tables {
     ) -> Cow<'_, [Table]> {
         match exchange {
             Exchange::WithinSegments if self.segments > 1 => {
-                Self::draws_by_segment(schema, pair, cells).into()
+                Self::strata_by_segment(schema, pair, cells).into()
             }
-            Exchange::WithinSegments | Exchange::Pooled => self.draws(schema, pair, cells),
+            Exchange::WithinSegments | Exchange::Pooled => {
+                self.strata_of_observations(schema, pair, cells)
+            }
         }
     }
 
-    /// Returns what the evidence rests on: the pooled draws, with their parts by segment unless
-    /// they are to be pooled.
-    pub fn evidence<'a>(
+    /// Returns the observations that the evidence rests on: the pooled ones, with their parts by
+    /// segment unless they are to be pooled.
+    pub fn observations<'a>(
         &self,
         schema: &Schema,
         pair: &Pair,
         within: Within,
         cells: impl Iterator<Item = &'a Cell> + Clone,
-    ) -> Draws<'_> {
-        let slices = self.draws(schema, pair, cells.clone());
+    ) -> Observations<'_> {
+        let strata = self.strata_of_observations(schema, pair, cells.clone());
+
         let is_cut = within != Within::Pooled
             && self.segments > 1
-            && slices.iter().any(|slice| !slice.is_line());
+            && strata.iter().any(|stratum| !stratum.is_line());
         let parts = if is_cut {
-            telling(&slices, Self::draws_cut(schema, pair, cells))
+            telling(&strata, Self::strata_cut(schema, pair, cells))
         } else {
             Vec::new()
         };
-        Draws { slices, parts }
+        Observations { strata, parts }
     }
 
-    /// Returns the draws cut by segment, slice by slice, but for segments without any.
-    fn draws_cut<'a>(
+    /// Returns the observations cut by segment, stratum by stratum, but for segments without any.
+    fn strata_cut<'a>(
         schema: &Schema,
         pair: &Pair,
         cells: impl Iterator<Item = &'a Cell> + Clone,
     ) -> Vec<Vec<Table>> {
-        let drawn = drawn(Independence::from(Tally::sum(cells.clone())));
-        let cut = strata(schema, &pair.undirected(), cells, drawn, by_segment);
-        let by_slice = cut.chunk_by(|((a, _), _), ((b, _), _)| a == b);
-        let parts = |slice: &[(Stratum, Table)]| {
-            slice
+        let count = observed(Independence::from(Tally::sum(cells.clone())));
+        let cut = stratified(schema, &pair.undirected(), cells, count, by_segment);
+        let by_stratum = cut.chunk_by(|((a, _), _), ((b, _), _)| a == b);
+        let parts = |stratum: &[(Stratum, Table)]| {
+            stratum
                 .iter()
                 .map(|(_, part)| part.clone())
                 .filter(|part| part.total() > 0)
                 .collect()
         };
-        by_slice.map(parts).collect()
+        by_stratum.map(parts).collect()
     }
 
     /// Returns the tables that figures are a mean over; none where they are of the whole.
     fn averaged(&self) -> &[Table] {
-        if self.strata.is_empty() {
-            &self.slices
-        } else {
+        if self.by_segment.is_empty() {
             &self.strata
+        } else {
+            &self.by_segment
         }
     }
 
-    /// Returns a figure of the table, or its mean over the slices where agents are held fixed, or
+    /// Returns a figure of the table, or its mean over the strata where agents are held fixed, or
     /// over segments where it is within them.
     pub fn figure(&self, figure: impl Fn(&Table) -> f64) -> f64 {
         match self.averaged() {
@@ -199,10 +218,10 @@ impl Tables {
             return information::expected_if_independent(&self.whole);
         }
         let mut method = ExpectedMethod::Hypergeometric;
-        let mean = information::conditional(averaged, |slice| {
-            let (expected, of_slice) = information::expected_if_independent(slice);
-            if of_slice == ExpectedMethod::Asymptotic {
-                method = of_slice;
+        let mean = information::conditional(averaged, |stratum| {
+            let (expected, of_stratum) = information::expected_if_independent(stratum);
+            if of_stratum == ExpectedMethod::Asymptotic {
+                method = of_stratum;
             }
             expected
         });
@@ -210,7 +229,7 @@ impl Tables {
     }
 
     /// Returns the plug-in divergence of the ego's action at a row of the whole table, in nats: its
-    /// mean over the slices or segments, weighted by how often the action was seen in each, so that
+    /// mean over the strata or segments, weighted by how often the action was seen in each, so that
     /// plug-in mutual information is its mean over the ego's actions.
     pub fn divergence(&self, row: usize) -> f64 {
         let averaged = self.averaged();
@@ -218,9 +237,9 @@ impl Tables {
             return information::divergence(&self.whole, row);
         }
         let label = self.whole.row_labels()[row];
-        let parts = averaged.iter().filter_map(|slice| {
-            let at = slice.row_labels().binary_search(&label).ok()?;
-            Some(slice.rows()[at] as f64 * information::divergence(slice, at))
+        let parts = averaged.iter().filter_map(|stratum| {
+            let at = stratum.row_labels().binary_search(&label).ok()?;
+            Some(stratum.rows()[at] as f64 * information::divergence(stratum, at))
         });
         parts.sum::<f64>() / self.whole.rows()[row] as f64
     }
@@ -229,7 +248,7 @@ impl Tables {
 /// The row, the column and the count of a cell of a table.
 type Counted = (u64, u64, u64);
 
-/// What a slice is of: the joint action of the agents held fixed, and what it is cut by further.
+/// What a stratum is of: the joint action of the agents held fixed, and what it is cut by further.
 type Stratum = (u64, Option<SegmentId>);
 
 fn visits(cell: &Cell) -> u64 {
@@ -246,13 +265,13 @@ fn segments(mut named: impl Iterator<Item = SegmentId>) -> u64 {
     1 + others.len() as u64
 }
 
-/// Returns the parts of those slices that can tell dependence from independence; none where each
+/// Returns the parts of those strata that can tell dependence from independence; none where each
 /// has a single one.
-fn telling(slices: &[Table], parts: Vec<Vec<Table>>) -> Vec<Table> {
-    let telling = slices
+fn telling(strata: &[Table], parts: Vec<Vec<Table>>) -> Vec<Table> {
+    let telling = strata
         .iter()
         .zip(parts)
-        .filter(|(slice, _)| !slice.is_line())
+        .filter(|(stratum, _)| !stratum.is_line())
         .map(|(_, parts)| parts);
     let telling: Vec<Vec<Table>> = telling.collect();
     if telling.iter().all(|parts| parts.len() < 2) {
@@ -262,7 +281,7 @@ fn telling(slices: &[Table], parts: Vec<Vec<Table>>) -> Vec<Table> {
     }
 }
 
-fn drawn(independence: Independence) -> impl Fn(&Cell) -> u64 + Copy {
+fn observed(independence: Independence) -> impl Fn(&Cell) -> u64 + Copy {
     move |cell| match independence {
         Independence::Entries => cell.tally.entries.unwrap_or(0),
         Independence::Assumed => cell.tally.n,
@@ -271,21 +290,21 @@ fn drawn(independence: Independence) -> impl Fn(&Cell) -> u64 + Copy {
 
 /// Returns a table for each joint action of the agents held fixed and each value of `further`, in
 /// their order.
-fn slices<'a>(
+fn tables_of_strata<'a>(
     schema: &Schema,
     pair: &Pair,
     cells: impl Iterator<Item = &'a Cell>,
     count: impl Fn(&Cell) -> u64 + Copy,
     further: impl Fn(&Cell) -> Option<SegmentId>,
 ) -> Vec<Table> {
-    strata(schema, pair, cells, count, further)
+    stratified(schema, pair, cells, count, further)
         .into_iter()
         .map(|(_, table)| table)
         .collect()
 }
 
 /// Returns the same with what each is of.
-fn strata<'a>(
+fn stratified<'a>(
     schema: &Schema,
     pair: &Pair,
     cells: impl Iterator<Item = &'a Cell>,
@@ -298,6 +317,7 @@ fn strata<'a>(
             counted(schema, pair, cell, count),
         )
     };
+
     let mut counted: Vec<(Stratum, Counted)> = cells.map(of).collect();
     counted.sort_by_key(|(stratum, _)| *stratum);
     let strata = counted.chunk_by(|(a, _), (b, _)| a == b);
@@ -403,9 +423,9 @@ mod tests {
     }
 
     #[test]
-    fn draws_are_cut_by_segment_in_their_order() {
+    fn observations_are_cut_by_segment_in_their_order() {
         let (schema, cells) = (schema(&[2, 2]), opposite());
-        let cuts = Tables::draws_cut(&schema, &pair(0, 1, &[]), cells.iter());
+        let cuts = Tables::strata_cut(&schema, &pair(0, 1, &[]), cells.iter());
         let [parts] = &cuts[..] else {
             panic!("nobody is held fixed: {cuts:?}")
         };
@@ -420,7 +440,7 @@ mod tests {
     }
 
     #[test]
-    fn each_slice_is_cut_by_itself() {
+    fn each_stratum_is_cut_by_itself() {
         let schema = schema(&[2, 3, 2]);
         // Agent 2 is held fixed; it did nothing but 1 in segment 5.
         let cells = [
@@ -432,11 +452,11 @@ mod tests {
         ];
         for pair in [pair(0, 1, &[2]), pair(1, 0, &[2])] {
             let tables = Tables::new(&schema, &pair, cells.iter());
-            let cuts = Tables::draws_cut(&schema, &pair, cells.iter());
+            let cuts = Tables::strata_cut(&schema, &pair, cells.iter());
             let sum = |parts: &Vec<Table>| Table::from_counts(parts.iter().flat_map(counts));
             assert_eq!(
                 cuts.iter().map(sum).collect::<Vec<_>>(),
-                *tables.draws(&schema, &pair, cells.iter()),
+                *tables.strata_of_observations(&schema, &pair, cells.iter()),
                 "as without cutting: entries, earlier agent in rows"
             );
             let parts: Vec<Vec<u64>> = cuts
@@ -445,7 +465,7 @@ mod tests {
                 .collect();
             // Without an entry (joint action 9) there is nothing to add.
             assert_eq!(parts, [vec![2], vec![6, 2]]);
-            let by_segment = Tables::draws_by_segment(&schema, &pair, cells.iter());
+            let by_segment = Tables::strata_by_segment(&schema, &pair, cells.iter());
             assert_eq!(by_segment, cuts.concat());
         }
     }
@@ -458,7 +478,7 @@ mod tests {
         let tables = Tables::within(&schema, &pair, Within::Segments, cells.iter());
         assert_eq!(tables.segments, 1);
         assert_eq!(
-            Tables::draws_cut(&schema, &pair, cells.iter()),
+            Tables::strata_cut(&schema, &pair, cells.iter()),
             [[tables.whole.clone()]]
         );
         let pooled = Tables::new(&schema, &pair, cells.iter());
@@ -480,10 +500,13 @@ mod tests {
             exchangeable(Exchange::Pooled)
         );
         for within in Within::ALL {
-            let draws = tables.evidence(&schema, &pair, within, cells.iter());
+            let observations = tables.observations(&schema, &pair, within, cells.iter());
             assert_eq!(
-                (&*draws.slices, draws.parts.len()),
-                (&*pooled.draws(&schema, &pair, cells.iter()), 0),
+                (&*observations.strata, observations.parts.len()),
+                (
+                    &*pooled.strata_of_observations(&schema, &pair, cells.iter()),
+                    0
+                ),
                 "{within:?}"
             );
         }
@@ -497,10 +520,10 @@ mod tests {
             (tables.segments, tables.figure(information::plug_in)),
             (0, 0.0)
         );
-        assert!(Tables::draws_cut(&schema, &pair, [].iter()).is_empty());
+        assert!(Tables::strata_cut(&schema, &pair, [].iter()).is_empty());
         // Seen, but not entered.
         let stays = [cell(0, 1, 4, 0), cell(1, 2, 4, 0)];
-        assert_eq!(Tables::draws_cut(&schema, &pair, stays.iter()), [[]]);
+        assert_eq!(Tables::strata_cut(&schema, &pair, stays.iter()), [[]]);
         assert_eq!(Tables::new(&schema, &pair, stays.iter()).segments, 2);
     }
 
@@ -528,8 +551,8 @@ mod tests {
             "three tables"
         );
         assert_eq!(
-            segments.draws(&schema, &pair, cells.iter()),
-            pooled.draws(&schema, &pair, cells.iter())
+            segments.strata_of_observations(&schema, &pair, cells.iter()),
+            pooled.strata_of_observations(&schema, &pair, cells.iter())
         );
         let mean: f64 = (0..2)
             .map(|row| segments.divergence(row) * segments.whole.rows()[row] as f64 / 300.0)
@@ -538,13 +561,17 @@ mod tests {
             (mean - segments.figure(information::plug_in)).abs() < 1e-12,
             "the mean of the ego's actions"
         );
-        let draws = |within| auto.evidence(&schema, &pair, within, cells.iter());
-        let sizes =
-            Within::ALL.map(|within| (draws(within).slices.len(), draws(within).parts.len()));
+        let observations = |within| auto.observations(&schema, &pair, within, cells.iter());
+        let sizes = Within::ALL.map(|within| {
+            (
+                observations(within).strata.len(),
+                observations(within).parts.len(),
+            )
+        });
         assert_eq!(sizes, [(1, 3), (1, 3), (1, 0)]);
         assert_eq!(
-            *draws(Within::Auto).slices,
-            *pooled.draws(&schema, &pair, cells.iter())
+            *observations(Within::Auto).strata,
+            *pooled.strata_of_observations(&schema, &pair, cells.iter())
         );
     }
 }

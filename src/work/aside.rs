@@ -1,5 +1,5 @@
-//! Work of milliseconds: too long for a thread that serves connections, and too short to wait for a
-//! place in a queue.
+//! Offloading to blocking threads of work that takes milliseconds: too long for a thread that
+//! serves connections, and too short to wait for a place in a queue.
 
 use crate::error::{ErrorKind, Problem};
 

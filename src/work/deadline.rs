@@ -1,6 +1,6 @@
-//! Deadlines: until when a caller waits for an answer. The faces set one around each call; whoever
-//! makes something that goes on without the caller looks at it, to tell how far it is while
-//! somebody still listens. It is bound to the task of the call: what is spawned has none.
+//! Deadlines and patience: until when a caller waits for an answer. The faces set one around each
+//! call; whoever makes something that goes on without the caller looks at it, to tell how far it is
+//! while somebody still listens. It is bound to the task of the call: what is spawned has none.
 
 use std::time::Duration;
 

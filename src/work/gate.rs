@@ -1,5 +1,5 @@
-//! Admission control: so many workers, so many that may wait for one, and a refusal for everybody
-//! else.
+//! Admission control by semaphores: so many workers, so many that may wait for one, and a refusal
+//! (load shedding) for everybody else.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
@@ -17,7 +17,7 @@ const RETRY_AFTER: Duration = Duration::from_secs(2);
 /// The reason word of work that a stop of the service ended.
 pub const STOPPING: &str = "STOPPING";
 
-/// A bounded number of workers behind a bounded queue. Cloning shares them.
+/// A thread pool of bounded size behind a bounded queue. Cloning shares it.
 ///
 /// Its threads give way to those that serve connections and commit. They are the gate's own: what
 /// computes in parallel within a turn shares them, and a process that ends does not wait for them.
@@ -38,7 +38,7 @@ struct Inner {
     stopping: CancellationToken,
 }
 
-/// A worker of one's own, until the turn is dropped or what it runs has ended.
+/// A permit for one worker, until it is dropped or what it runs has ended.
 pub struct Turn {
     gate: Gate,
     held: [OwnedSemaphorePermit; 2],
@@ -61,9 +61,11 @@ impl Gate {
             .thread_name(move |at| format!("{name}-{at}"))
             .start_handler(|_| give_way())
             .build();
+
         let all = workers + waiting;
         let most = workers;
         let [places, workers] = [all, workers].map(|permits| Arc::new(Semaphore::new(permits)));
+
         Self(Arc::new(Inner {
             places,
             all,
@@ -86,6 +88,7 @@ impl Gate {
             .clone()
             .try_acquire_owned()
             .map_err(|_| overloaded())?;
+
         let worker = stopping
             .run_until_cancelled(workers.clone().acquire_owned())
             .await;
@@ -137,6 +140,7 @@ impl Turn {
         let stop = StopOnDrop(Stop::under(stopping));
         let (tell, told) = oneshot::channel();
         let stop_there = stop.0.clone();
+
         let work = move || {
             let done = catch_unwind(AssertUnwindSafe(|| {
                 stop_there.check().and_then(|()| work(&stop_there))

@@ -1,5 +1,5 @@
-//! Shared results, by what they are made from: who asks for one that is being made waits for the
-//! same, and it goes on when who asked has left.
+//! Single flight: results that are shared by what they are made from. Who asks for one that is
+//! being made waits for the same, and it goes on when who asked has left.
 
 use std::collections::HashMap;
 use std::hash::Hash;
@@ -15,7 +15,7 @@ use super::gate::stopped;
 use super::progress::Progress;
 use crate::error::{ErrorKind, Problem};
 
-/// A job that nobody has asked about for so long is given up.
+/// The idle timeout: a job that nobody has asked about for so long is given up.
 const ABANDONED: Duration = Duration::from_secs(2 * 60);
 
 /// Jobs of one kind that go on although nobody waits for them. When another is asked for, those go
@@ -25,7 +25,7 @@ const MOST_UNASKED: usize = 4;
 /// Jobs of one kind that may go on at once.
 const MOST: usize = 32;
 
-/// The jobs of one kind. Cloning shares them.
+/// A single-flight group: the jobs of one kind, by key. Cloning shares them.
 pub struct Jobs<K, T>(Arc<Inner<K, T>>);
 
 impl<K, T> Clone for Jobs<K, T> {
@@ -150,8 +150,8 @@ where
         match Deadline::current() {
             None => waiting.outcome().await,
             Some(Deadline { patience, .. }) => {
-                let told = tokio::time::timeout_at(patience, waiting.outcome()).await;
-                told.unwrap_or_else(|_| Err(self.goes_on(&waiting.entry.progress)))
+                let outcome = tokio::time::timeout_at(patience, waiting.outcome()).await;
+                outcome.unwrap_or_else(|_| Err(self.goes_on(&waiting.entry.progress)))
             }
         }
     }
@@ -241,6 +241,7 @@ where
             entry,
             is_kept: false,
         };
+
         let Ending { jobs, entry, .. } = &ending;
         let outcome = tokio::select! {
             // The stop first: what is made may fail of it too, as by a closed database, and would
@@ -251,7 +252,8 @@ where
             () = entry.given_up.cancelled() => Err(jobs.given_up()),
             () = abandoned(entry) => Err(jobs.given_up()),
         };
-        ending.is_kept = ending.told(outcome);
+
+        ending.is_kept = ending.publish(outcome);
         if ending.is_kept {
             let Ending { jobs, .. } = &ending;
             jobs.0
@@ -270,7 +272,7 @@ where
     }
 
     fn goes_on(&self, progress: &Progress) -> Problem {
-        let (done, total, step) = progress.told();
+        let (done, total, step) = progress.snapshot();
         let far = if total == 0 {
             "it has just begun".to_owned()
         } else {
@@ -337,7 +339,7 @@ struct Ending<K: Eq + Hash, T> {
 
 impl<K: Eq + Hash, T> Ending<K, T> {
     /// Tells what came out, and returns whether it is kept, since nobody waited for it.
-    fn told(&self, outcome: Result<T, Problem>) -> bool {
+    fn publish(&self, outcome: Result<T, Problem>) -> bool {
         // Whoever asks meanwhile finds it going on, or over, but never neither.
         let mut entries = self
             .jobs
@@ -345,6 +347,7 @@ impl<K: Eq + Hash, T> Ending<K, T> {
             .entries
             .lock()
             .unwrap_or_else(PoisonError::into_inner);
+
         let is_kept =
             outcome.is_ok() && self.entry.asked().waiting == 0 && !self.jobs.0.kept.is_zero();
         self.entry.outcome.send_replace(Some(outcome));

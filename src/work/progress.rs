@@ -1,4 +1,4 @@
-//! Progress of a job: what is done, of how much, and in words.
+//! Progress reporting of a job: what is done, of how much, and in words.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -49,10 +49,10 @@ impl Progress {
 
     /// Returns what is done, of how many, and in words; what grows meanwhile does not pass its
     /// total.
-    pub(super) fn told(&self) -> (u64, u64, &'static str) {
+    pub(super) fn snapshot(&self) -> (u64, u64, &'static str) {
         let step = self.step().clone();
         match step {
-            Step::Of(other) => other.told(),
+            Step::Of(other) => other.snapshot(),
             Step::Own(step) => {
                 let [done, total] =
                     [&self.0.done, &self.0.total].map(|figure| figure.load(Ordering::Relaxed));

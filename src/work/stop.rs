@@ -1,4 +1,5 @@
-//! Cancellation tokens: how a computation learns that nobody waits for it any more.
+//! Cooperative cancellation: the token by which a computation learns that nobody waits for it any
+//! more.
 
 use tokio_util::sync::CancellationToken;
 

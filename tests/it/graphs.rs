@@ -14,7 +14,7 @@ use nudge::domain::{
     Acknowledged, Batch, EdgeKind, Entry, Environment, Graph, Pair, Record, Records, Sequence,
     Widths,
 };
-use nudge::priors::Fits;
+use nudge::priors::PriorRegistry;
 use nudge::simulation::planted::graphs::{Options, Played, Structure, played};
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
@@ -496,7 +496,7 @@ async fn eight_agents_are_drawn_while_one_waits() {
 async fn fits_are_kept_up_for_an_hour_after_somebody_asked() {
     let app = TestApp::start().await;
     let environment = environment(&app.app, "street", 1, 5, 3).await;
-    let fits = Fits::new(app.app.store.clone());
+    let fits = PriorRegistry::new(app.app.store.clone());
     let [plain, given, never] = [(0, 1, vec![]), (0, 3, vec![2]), (1, 4, vec![])]
         .map(|(ego, other, given)| Pair { ego, other, given });
     let versions = async || {

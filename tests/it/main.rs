@@ -33,6 +33,7 @@ mod proxy;
 mod quotas;
 mod readiness;
 mod receipts;
+mod refits;
 mod removal;
 mod rules;
 mod segments;

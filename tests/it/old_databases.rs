@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use nudge::domain::Pair;
-use nudge::priors::Fits;
+use nudge::priors::PriorRegistry;
 use nudge::store::Options;
 use serde_json::{Value, json};
 use sqlx::sqlite::SqliteConnectOptions;
@@ -253,7 +253,10 @@ async fn fits_are_read_or_made_again_under_the_next_version() {
     let mut stored = 0;
     for fixture in fixtures() {
         let app = opened(&fixture).await;
-        let (store, fits) = (app.app.store.clone(), Fits::new(app.app.store.clone()));
+        let (store, fits) = (
+            app.app.store.clone(),
+            PriorRegistry::new(app.app.store.clone()),
+        );
         for (name, given) in [("corner", vec![]), ("trio", vec![2])] {
             let environment = store.environment(name).expect("there");
             let Some(record) = store.fits(environment.id).await.expect("read").pop() else {

@@ -7,7 +7,7 @@ use std::process::{Command, Stdio};
 
 use nudge::api::{json as dto, proto};
 use nudge::domain::Pair;
-use nudge::priors::Fits;
+use nudge::priors::PriorRegistry;
 use nudge::store::{NewModel, Options, StoreError};
 use serde_json::{Value, json};
 use sqlx::sqlite::SqliteConnectOptions;
@@ -403,7 +403,10 @@ async fn a_store_that_cannot_be_read_for_a_moment_switches_no_network_off() {
 async fn fits_are_made_again_and_no_version_is_used_twice() {
     let fixture = spoiled(&[NEWER_FIT, FIT_OF_ANOTHER_SHAPE]).await;
     let app = TestApp::on(fixture.directory.clone()).await;
-    let (store, fits) = (app.app.store.clone(), Fits::new(app.app.store.clone()));
+    let (store, fits) = (
+        app.app.store.clone(),
+        PriorRegistry::new(app.app.store.clone()),
+    );
     for (name, given) in [("corner", vec![]), ("trio", vec![2])] {
         let environment = store.environment(name).expect("there");
         let stored = store
@@ -438,7 +441,7 @@ async fn fits_are_made_again_and_no_version_is_used_twice() {
             (stored.version + 1, stored.revision),
             "{name}"
         );
-        let again = Fits::new(store.clone())
+        let again = PriorRegistry::new(store.clone())
             .get(&environment, &pair)
             .await
             .expect("read")

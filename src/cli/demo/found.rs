@@ -142,7 +142,7 @@ pub(super) async fn train(connection: &Connection, environment: &str) -> Result<
     ))
 }
 
-/// Fits the prior of an environment, and waits until what is told of all its states stands on that
+/// PriorRegistry the prior of an environment, and waits until what is told of all its states stands on that
 /// fit and on everything counted.
 async fn settle(connection: &Connection, environment: &str) -> Result<(), Failure> {
     let fit = proto::FitPriorRequest {

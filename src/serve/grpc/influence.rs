@@ -76,7 +76,7 @@ impl InfluenceService for Face {
         call("GetState", async {
             let GetStateRequest { environment, key } = request.into_inner();
             let environment = face.app.environments.find(&environment)?;
-            let view = face.app.influence.state(&environment, &key).await?;
+            let view = face.app.influence.state_view(&environment, &key).await?;
             aside(view.cells.len() * STATE_BYTES, move || {
                 fitting(view.into(), View::Full)
             })

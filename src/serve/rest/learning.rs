@@ -44,7 +44,7 @@ pub async fn explore(
     .await
 }
 
-/// Fits the prior of the evidence to all states, now, and answers when it is done. It is done by
+/// PriorRegistry the prior of the evidence to all states, now, and answers when it is done. It is done by
 /// itself as counts grow.
 ///
 /// Where that takes longer than its caller waits, 503 tells how far it is; it goes on, so that

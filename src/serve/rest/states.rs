@@ -61,7 +61,7 @@ pub async fn get_state(
     Path((name, key)): Path<(String, String)>,
 ) -> Result<Response, Failure> {
     let environment = app.environments.find(&name)?;
-    let view = app.influence.state(&environment, &key).await?;
+    let view = app.influence.state_view(&environment, &key).await?;
     told(view.cells.len() * CELL_BYTES, move || {
         fitting(proto::GetStateResponse::from(view), View::Full).map(json::Counts::from)
     })

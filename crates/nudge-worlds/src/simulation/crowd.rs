@@ -161,10 +161,12 @@ impl Crowd {
             .iter()
             .map(|obstacle| obstacle.reach)
             .fold(0.0, f64::max);
+
         if !self.neighbours.cover(farthest) {
             let places: Vec<DVec2> = obstacles.iter().map(|obstacle| obstacle.position).collect();
             self.neighbours = Neighbours::search(&places, farthest);
         }
+
         let force = |i| self.force(i, &obstacles);
         if obstacles.len() < PARALLEL_FROM {
             (0..obstacles.len()).map(force).collect()
@@ -190,6 +192,7 @@ impl Crowd {
             desired_speed,
             ..
         } = self.pedestrians[i];
+
         let drive = self.model.driving_force(desired_speed, direction, velocity);
         let walls = self
             .walls
@@ -201,6 +204,7 @@ impl Crowd {
             (r.length_squared() <= other.reach * other.reach)
                 .then(|| self.model.pair_force(r, other.step, direction))
         });
+
         drive + walls.sum::<DVec2>() + pairs.sum::<DVec2>()
     }
 }

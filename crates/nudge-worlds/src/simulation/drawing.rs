@@ -111,6 +111,7 @@ impl Picture<'_> {
         // One scale for both axes: a metre is a metre.
         let plot = shown * (PLOT / shown).min_element();
         let size = (plot.x as u32 + LEFT + RIGHT, plot.y as u32 + TOP + BOTTOM);
+
         let sheet = SVGBackend::with_string(text, size).into_drawing_area();
         sheet.fill(&WHITE)?;
         let mut chart = ChartBuilder::on(&sheet)
@@ -121,6 +122,7 @@ impl Picture<'_> {
             .x_label_area_size(BOTTOM - MARGIN)
             .y_label_area_size(LEFT - MARGIN)
             .build_cartesian_2d(-BEYOND..shown.x - BEYOND, -BEYOND..shown.y - BEYOND)?;
+
         axes(&mut chart)?;
         self.tracks(&mut chart)?;
         self.pedestrians(&mut chart)?;
@@ -171,9 +173,11 @@ impl Picture<'_> {
             now.iter()
                 .map(|one| Polygon::new(outline(one), colour(one).mix(0.10))),
         )?;
+
         let closed =
             |one: &Pedestrian| PathElement::new(outline(one), colour(one).mix(0.7).stroke_width(1));
         chart.draw_series(now.iter().map(closed))?;
+
         let dot = |one: &Pedestrian| {
             Circle::new((one.position.x, one.position.y), 6, colour(one).filled())
         };
@@ -191,11 +195,13 @@ impl Picture<'_> {
             record_interval,
             ..
         } = self.protocol;
+
         let time = self.now as f64 * record_interval;
         let title = format!(
             "Hallway {length} x {width} m, {scenario}, {pedestrians} pedestrians: seed {seed}, trial {} at {time:.1} s",
             self.number
         );
+
         let left = LEFT as i32;
         sheet.draw(&Text::new(title, (left, 10), font(20, HPos::Left)))?;
         let told = format!(

@@ -52,6 +52,7 @@ impl Neighbours {
         for (i, place) in (0..).zip(places) {
             index.add(place.to_array(), i).expect(FINITE);
         }
+
         let near = |(i, place): (usize, &DVec2)| {
             let found = index
                 .within(&place.to_array(), radius * radius, &squared_euclidean)

@@ -91,6 +91,7 @@ impl Observer {
             .map(|pedestrian| (pedestrian.id, pedestrian))
             .collect();
         let closest = two_closest(before);
+
         let mut earlier = std::mem::take(&mut self.tracks);
         let mut observations = Vec::new();
         for (i, ego) in before.iter().enumerate() {
@@ -101,6 +102,7 @@ impl Observer {
                 else {
                     continue;
                 };
+
                 let pair = (ego.id, neighbour.id);
                 let mut track = earlier
                     .remove(&pair)
@@ -167,6 +169,7 @@ fn two_closest(pedestrians: &[Pedestrian]) -> Vec<Vec<usize>> {
     for (i, one) in pedestrians.iter().enumerate() {
         index.add(one.position.to_array(), i).expect(FINITE);
     }
+
     let closest = |(i, one): (usize, &Pedestrian)| {
         // One of the three closest to a place is who stands there.
         let mut found = index

@@ -124,11 +124,13 @@ impl World {
             };
             state.extend(self.kitchen.pots.iter().map(pot));
         }
+
         let moves = || categorical("move".into(), labels(Move::ALL, Move::label));
         let agents = PLAYERS.map(|name| AgentDraft {
             name: name.into(),
             action: vec![moves()],
         });
+
         SchemaDraft {
             state,
             agents: agents.to_vec(),
@@ -139,6 +141,7 @@ impl World {
         let positions = labels(&self.kitchen.walkable, |cell| {
             format!("{},{}", cell.x, cell.y)
         });
+
         let mut features = vec![categorical(format!("{player}.position"), positions)];
         if self.abstraction.has_orientation() {
             features.push(categorical(

@@ -145,6 +145,7 @@ impl Games {
         } else {
             self.begin(row, layout, trial)?;
         }
+
         self.next_t = t + 1;
         let step = row.step(&self.kitchens[layout])?;
         if let Some(game) = self.games.last_mut() {
@@ -159,12 +160,14 @@ impl Games {
         if !self.kitchens.contains_key(layout) {
             self.kitchens.insert(layout.into(), row.field(0, known)?);
         }
+
         let is_new = self.seen.insert((layout.into(), trial.into()));
         row.field(1, |_| {
             is_new.then_some(()).ok_or_else(|| {
                 format!("{trial:?} was read before, its rows must follow each other")
             })
         })?;
+
         self.games.push(Game {
             layout: layout.into(),
             trial: trial.into(),

@@ -56,12 +56,14 @@ fn attempt(protocol: &Protocol, count: u32, random: &mut Pcg64) -> Vec<Pedestria
                 .iter()
                 .all(|one| one.position.distance(*place) >= protocol.start_gap)
         };
+
         let Some(place) = (0..ATTEMPTS)
             .map(|_| place(protocol, to_right, random))
             .find(is_free)
         else {
             break;
         };
+
         let direction = if to_right { DVec2::X } else { DVec2::NEG_X };
         placed.push(pedestrian(id, place, direction, protocol, random));
     }

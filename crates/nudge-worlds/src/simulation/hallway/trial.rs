@@ -104,6 +104,7 @@ impl Trial {
             start_gap,
             ..
         } = *self.protocol;
+
         let due = (length - start_zone - width) / 2.0 / speed_mean;
         let is_due = self.time() >= due;
         let pedestrians = self.crowd.pedestrians();
@@ -112,6 +113,7 @@ impl Trial {
                 .iter()
                 .all(|one| one.position.distance(place) >= start_gap)
         };
+
         if let Some(entering) = self.waiting.take_if(|one| is_due && is_free(one.position)) {
             self.crowd.add(entering);
         }
@@ -127,6 +129,7 @@ impl Trial {
             pedestrians,
             ..
         } = *self.protocol;
+
         if scenario == Scenario::Crossing {
             let id = pedestrians - 1;
             let beyond = dvec2(length / 2.0, width + doorway / 2.0);
@@ -153,10 +156,12 @@ pub fn walls(protocol: &Protocol) -> Vec<Wall> {
         doorway,
         ..
     } = *protocol;
+
     let piece = |from: f64, to: f64, y: f64| Segment {
         from: dvec2(from, y),
         to: dvec2(to, y),
     };
+
     let posts = [(length - doorway) / 2.0, (length + doorway) / 2.0];
     let wall = |y: f64| match scenario {
         Scenario::CounterFlow => Wall::along(y),
@@ -186,6 +191,7 @@ fn has_left(protocol: &Protocol, pedestrian: &Pedestrian) -> bool {
         direction,
         ..
     } = *pedestrian;
+
     if scenario == Scenario::Crossing && pedestrian.id == pedestrians - 1 {
         return position.y >= width - WALL_BAND
             && (position.x - length / 2.0).abs() <= doorway / 2.0;

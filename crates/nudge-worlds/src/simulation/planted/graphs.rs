@@ -205,6 +205,7 @@ impl Agents {
                 rng.random_range(0..letters)
             };
         }
+
         let to = if seen.len() > 1 {
             rng.random_range(0..seen.len())
         } else {

@@ -82,6 +82,7 @@ pub fn copy(letters: usize, permuted: bool, dependent: bool, rng: &mut Pcg64) ->
     } else {
         rng.random_range(0.1..0.9)
     };
+
     let mut answers: Vec<usize> = (0..letters).collect();
     if permuted {
         shuffle(&mut answers, rng);
@@ -101,10 +102,12 @@ pub fn weak(letters: usize, dependent: bool, rng: &mut Pcg64) -> Vec<Vec<f64>> {
     if !dependent {
         return product;
     }
+
     let noise: Vec<f64> = (0..letters * letters)
         .map(|_| StandardNormal.sample(rng))
         .collect();
     let wanted = rng.random_range(WEAK[0].ln()..WEAK[1].ln()).exp();
+
     let [mut low, mut high] = [0.0, 4.0];
     for _ in 0..60 {
         let middle = 0.5 * (low + high);

@@ -106,6 +106,7 @@ pub(super) fn draw(joint: &[Vec<f64>], visits: usize, rng: &mut Pcg64) -> Vec<(u
             reached
         })
         .collect();
+
     let mut visit = || {
         let point = rng.random::<f64>() * reached;
         let at = cumulative

@@ -1,4 +1,5 @@
-//! One state's counts, judged: its tables, what the evidence says of them, and the verdict.
+//! The assessment of one state by its counts: its tables, what the evidence says of them, and the
+//! verdict. Where the counts do not decide, a network's prediction may.
 
 use crate::domain::{
     Basis, Cell, Dependence, Evidence, Probability, Rule, RuleKind, Schema, Scope, Segmentation,
@@ -7,11 +8,12 @@ use crate::domain::{
 use crate::evidence::{self, Believed};
 use crate::information::plug_in;
 use crate::model::{Network, Prediction};
-use crate::priors::{Draws, Found, Ground, Informed, Tables};
+use crate::priors::{EvidenceInputs, Informed, Observations, StateEvidence, Tables};
 
-/// Who judges: a schema, a question's scope and the fit that the evidence rests on.
+/// What assesses states: a schema, a question's scope, the fitted prior that the evidence rests on,
+/// and the network that is asked where the counts do not decide.
 #[derive(Clone, Copy)]
-pub struct Judge<'a> {
+pub struct Assessor<'a> {
     pub schema: &'a Schema,
     pub scope: &'a Scope,
     pub informed: Option<&'a Informed>,
@@ -24,7 +26,7 @@ pub struct Judge<'a> {
 }
 
 /// What was found about one state, in nats.
-pub struct Judged {
+pub struct Assessment {
     /// Its tables.
     pub tables: Tables,
     /// The sum of its cells.
@@ -39,7 +41,7 @@ pub struct Judged {
     pub basis: Basis,
 }
 
-impl Judged {
+impl Assessment {
     /// Returns which segments the counts come from, and whether habits differ by them.
     pub fn segmentation(&self) -> Segmentation {
         Segmentation {
@@ -49,64 +51,62 @@ impl Judged {
     }
 }
 
-impl Judge<'_> {
+impl Assessor<'_> {
     /// Returns what the network says of states; `None` where there is none.
     pub fn predictions(&self, keys: &[StateKey]) -> Vec<Option<Prediction>> {
         let Some(network) = self.network else {
             return vec![None; keys.len()];
         };
         let threshold = self.scope.rule.threshold_nats();
-        let told = if self.remembers {
+        let predictions = if self.remembers {
             network.predict(keys, threshold)
         } else {
             network.predict_once(keys, threshold)
         };
-        told.into_iter().map(Some).collect()
+        predictions.into_iter().map(Some).collect()
     }
 
-    /// Judges a state by its cells, and where they do not decide, by what the network says of it.
-    pub fn judge<'c>(
+    /// Assesses a state by its cells, and where they do not decide, by what the network says of it.
+    pub fn assess<'c>(
         &self,
         key: &StateKey,
         cells: impl Iterator<Item = &'c Cell> + Clone,
         predicted: Option<Prediction>,
-    ) -> Judged {
+    ) -> Assessment {
         let Scope {
             pair, rule, within, ..
         } = self.scope;
         let tables = Tables::within(self.schema, pair, *within, cells.clone());
         let plug_in = tables.figure(plug_in);
         let tally = Tally::sum(cells.clone());
+
         // What the network says is held against the evidence, whatever the rule and the view.
         let is_wanted =
             self.view != View::Verdict || rule.kind == RuleKind::Evidence || self.network.is_some();
         let wanted = self.informed.filter(|_| is_wanted);
         let found = wanted.map(|informed| {
             self.remembered(informed, key, tally, || {
-                self.found(
+                self.weigh_evidence(
                     informed,
-                    &tables.evidence(self.schema, pair, *within, cells),
+                    &tables.observations(self.schema, pair, *within, cells),
                 )
             })
         });
         let evidence = found.map(|found| found.evidence);
+
         let visits = tables.whole.total();
-        let decide = |kind: RuleKind| match self.is_open() {
-            true => evidence::decide(
-                &Rule { kind, ..*rule },
-                visits,
-                plug_in,
-                found.as_ref().map(|found| &found.believed),
-            ),
-            false => Verdict::Undecided,
-        };
-        let counted = decide(rule.kind);
-        let told = match counted {
-            Verdict::Undecided => self.asked(decide(RuleKind::Evidence), evidence, predicted),
+        let believed = found.as_ref().map(|found| &found.believed);
+        let counted = self.decide(rule.kind, visits, plug_in, believed);
+        let predicted = match counted {
+            Verdict::Undecided => {
+                let settled = self.decide(RuleKind::Evidence, visits, plug_in, believed);
+                self.predicted_verdict(settled, evidence, predicted)
+            }
             _ => None,
         };
-        let (verdict, basis) = told.unwrap_or((counted, evidence::basis(visits)));
-        Judged {
+
+        let (verdict, basis) = predicted.unwrap_or((counted, evidence::basis(visits)));
+        Assessment {
             tables,
             tally,
             plug_in,
@@ -116,11 +116,29 @@ impl Judge<'_> {
         }
     }
 
+    /// Returns the verdict of the counts by a kind of rule.
+    fn decide(
+        &self,
+        kind: RuleKind,
+        visits: u64,
+        plug_in: f64,
+        believed: Option<&Believed>,
+    ) -> Verdict {
+        let rule = Rule {
+            kind,
+            ..self.scope.rule
+        };
+        match self.is_open() {
+            true => evidence::decide(&rule, visits, plug_in, believed),
+            false => Verdict::Undecided,
+        }
+    }
+
     /// Returns the verdict of the network, if it can tell anything of this state at this threshold
     /// and does not say what the counts exclude: many visits may be too sure of the answer to have
     /// moved a prior that was as sure, and the paper's rule may be open where the evidence has
     /// `settled` it.
-    fn asked(
+    fn predicted_verdict(
         &self,
         settled: Verdict,
         evidence: Option<Evidence>,
@@ -130,14 +148,17 @@ impl Judge<'_> {
         if !self.is_open() || !network.can_decide(&predicted) {
             return None;
         }
+
         let threshold = self.scope.rule.threshold_nats();
         let unseen = self.informed?.unseen(threshold).above;
         let verdict = network.decide(&predicted, self.scope.rule.confidence, unseen);
+
         let [lower, upper] = evidence.map_or([f64::NEG_INFINITY, f64::INFINITY], |evidence| {
             evidence.interval
         });
         let is_independent =
             evidence.is_some_and(|evidence| evidence.dependence == Dependence::Excluded);
+
         let is_excluded = match verdict {
             Verdict::Influences => {
                 upper < threshold || is_independent || settled == Verdict::NoInfluence
@@ -159,29 +180,35 @@ impl Judge<'_> {
         informed: &Informed,
         key: &StateKey,
         tally: Tally,
-        find: impl FnOnce() -> Found,
-    ) -> Found {
+        find: impl FnOnce() -> StateEvidence,
+    ) -> StateEvidence {
         if !self.remembers {
             return find();
         }
         let threshold = self.scope.rule.threshold_nats();
-        let ground = Ground {
+        let inputs = EvidenceInputs {
             tally,
             revision: informed.revision,
             threshold,
             within: self.scope.within,
         };
-        informed.known.get_or_find(key, ground, find)
+        informed.evidence_cache.get_or_find(key, inputs, find)
     }
 
-    /// Returns what the draws of a state support, in nats.
-    fn found(&self, informed: &Informed, draws: &Draws<'_>) -> Found {
+    /// Returns what the observations of a state support, in nats.
+    fn weigh_evidence(
+        &self,
+        informed: &Informed,
+        observations: &Observations<'_>,
+    ) -> StateEvidence {
         let threshold = self.scope.rule.threshold_nats();
-        let posterior = informed.prior.posterior(&informed.habits, draws.counted());
+        let posterior = informed
+            .prior
+            .posterior(&informed.habits, observations.counted());
         let believed = Believed::new(
             posterior.beliefs(threshold),
             informed.unseen(threshold),
-            &draws.slices,
+            &observations.strata,
         );
         let evidence = Evidence {
             dependence: evidence::dependence(&believed),
@@ -195,6 +222,6 @@ impl Judge<'_> {
             differ: posterior.by_segment().map(|by_segment| by_segment.differ),
             pooled: posterior.by_segment().map(|by_segment| by_segment.pooled),
         };
-        Found { evidence, believed }
+        StateEvidence { evidence, believed }
     }
 }

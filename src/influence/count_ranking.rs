@@ -1,10 +1,11 @@
-//! Ranks that need no evidence: how often each state was seen, and its plug-in mutual information.
+//! A ranking that needs no evidence: of all states by how often each was seen, or by its plug-in
+//! mutual information.
 
 use rayon::prelude::*;
 
 use super::order::{Orders, Ranked};
+use super::query_context::QueryContext;
 use super::store_errors::logged;
-use super::survey::Plan;
 use crate::domain::{Evidence, StateKey};
 use crate::error::Problem;
 use crate::information::plug_in;
@@ -12,16 +13,16 @@ use crate::priors::{Pages, Tables};
 use crate::store::{Scanned, Store};
 use crate::work::{Gate, Progress};
 
-/// One state.
+/// What one state is ranked by.
 pub struct Rank {
     key: StateKey,
     visits: u64,
     plug_in: f64,
 }
 
-/// Every state seen, in order of key.
+/// The ranks of every state seen, in order of key.
 #[derive(Default)]
-pub struct Ranks {
+pub struct CountRanking {
     pub rows: Vec<Rank>,
     pub orders: Orders,
 }
@@ -48,27 +49,29 @@ impl Ranked for Rank {
 pub async fn make(
     store: &dyn Store,
     gate: &Gate,
-    plan: &Plan,
+    context: &QueryContext,
     progress: &Progress,
-) -> Result<(Ranks, u64), Problem> {
-    let totals = store.totals(plan.environment.id).await.map_err(logged)?;
+) -> Result<(CountRanking, u64), Problem> {
+    let totals = store.totals(context.environment.id).await.map_err(logged)?;
     progress.begin("states looked at", totals.states);
+
     let mut rows = Vec::new();
-    let mut pages = Pages::new(store, plan.environment.id);
+    let mut pages = Pages::new(store, context.environment.id);
     while let Some(page) = pages.next().await.map_err(logged)? {
-        let (plan, states) = (plan.clone(), page.len() as u64);
+        let (context, states) = (context.clone(), page.len() as u64);
         rows.extend(
-            gate.run(move |stop| stop.check().map(|()| ranks(&plan, page)))
+            gate.run(move |stop| stop.check().map(|()| ranks(&context, page)))
                 .await?,
         );
         progress.add(states);
     }
+
     let rows = gate.run(move |_| {
         rows.sort_unstable_by(|a: &Rank, b| a.key.cmp(&b.key));
         Ok(rows)
     });
     Ok((
-        Ranks {
+        CountRanking {
             rows: rows.await?,
             orders: Orders::default(),
         },
@@ -76,15 +79,16 @@ pub async fn make(
     ))
 }
 
-fn ranks(plan: &Plan, page: Vec<Scanned>) -> Vec<Rank> {
+fn ranks(context: &QueryContext, page: Vec<Scanned>) -> Vec<Rank> {
     let rank = |scanned: Scanned| {
-        let cells = scanned.counts.of_segments(plan.segments.as_deref());
+        let cells = scanned.counts.of_segments(context.segments.as_deref());
         let tables = Tables::within(
-            &plan.environment.schema,
-            &plan.scope.pair,
-            plan.scope.within,
+            &context.environment.schema,
+            &context.scope.pair,
+            context.scope.within,
             cells,
         );
+
         let visits = tables.whole.total();
         (visits > 0).then(|| Rank {
             key: scanned.key,

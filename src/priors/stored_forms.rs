@@ -1,4 +1,4 @@
-//! How a fit is kept: JSON of our own, whose numbers read back to the same bits.
+//! The stored form of a fitted prior: versioned JSON whose numbers read back to the same bits.
 
 use serde::{Deserialize, Serialize};
 
@@ -13,16 +13,16 @@ use crate::store::form::{self, Unreadable};
 const FORM: u32 = 3;
 
 #[derive(Serialize, Deserialize)]
-struct FitText {
+struct StoredFit {
     bases: [Vec<u64>; 2],
     dependent: f64,
-    sides: [SideText; 2],
+    sides: [StoredSide; 2],
     families: [f64; 3],
     states: u64,
 }
 
 #[derive(Serialize, Deserialize)]
-struct SideText {
+struct StoredSide {
     nulls: Vec<f64>,
     slabs: Vec<f64>,
     habit: Option<f64>,
@@ -30,8 +30,47 @@ struct SideText {
     segments: Vec<f64>,
 }
 
-/// Returns what a pair is called: the positions of its agents, then those held fixed: `0,2|1`.
-pub fn of_pair(pair: &Pair) -> String {
+impl From<SideParameters> for StoredSide {
+    fn from(side: SideParameters) -> Self {
+        let SideParameters {
+            nulls,
+            slabs,
+            habit,
+            habit_in_segments,
+            segments,
+        } = side;
+        Self {
+            nulls,
+            slabs,
+            habit,
+            habit_in_segments,
+            segments,
+        }
+    }
+}
+
+impl From<StoredSide> for SideParameters {
+    fn from(side: StoredSide) -> Self {
+        let StoredSide {
+            nulls,
+            slabs,
+            habit,
+            habit_in_segments,
+            segments,
+        } = side;
+        Self {
+            nulls,
+            slabs,
+            habit,
+            habit_in_segments,
+            segments,
+        }
+    }
+}
+
+/// Writes a pair as the store knows it: the positions of its agents, then those held fixed:
+/// `0,2|1`.
+pub fn write_pair(pair: &Pair) -> String {
     let given: Vec<String> = pair.given.iter().map(ToString::to_string).collect();
     let fixed = if given.is_empty() {
         String::new()
@@ -42,7 +81,7 @@ pub fn of_pair(pair: &Pair) -> String {
 }
 
 /// Reads a pair back; `None` where nothing is called so.
-pub fn pair(text: &str) -> Option<Pair> {
+pub fn read_pair(text: &str) -> Option<Pair> {
     let positions = |text: &str| {
         text.split(',')
             .map(|position| position.parse().ok())
@@ -59,32 +98,20 @@ pub fn pair(text: &str) -> Option<Pair> {
 }
 
 /// Writes a fit.
-pub fn of_fit(fit: &Fit) -> String {
+pub fn write_fit(fit: &Fit) -> String {
     let Parameters {
         dependent,
         sides,
         families,
     } = fit.parameters.clone();
+
     let bases = fit.bases.clone().map(|base| base.counts().to_vec());
-    let side = |SideParameters {
-                    nulls,
-                    slabs,
-                    habit,
-                    habit_in_segments,
-                    segments,
-                }| SideText {
-        nulls,
-        slabs,
-        habit,
-        habit_in_segments,
-        segments,
-    };
     form::write(
         FORM,
-        &FitText {
+        &StoredFit {
             bases,
             dependent,
-            sides: sides.map(side),
+            sides: sides.map(StoredSide::from),
             families,
             states: fit.states,
         },
@@ -93,10 +120,10 @@ pub fn of_fit(fit: &Fit) -> String {
 
 /// Reads a fit of these alphabets back. One that cannot be read is made again; a version whose
 /// content says too little for that is [`Unreadable::Older`].
-pub fn fit(text: &str, alphabet: Alphabet) -> Result<Fit, Unreadable> {
+pub fn read_fit(text: &str, alphabet: Alphabet) -> Result<Fit, Unreadable> {
     match form::version(text)? {
         older @ 1..FORM => Err(Unreadable::Older(older)),
-        FORM => newest(form::read_content(text)?, alphabet),
+        FORM => read_newest(form::read_content(text)?, alphabet),
         found => Err(Unreadable::Newer {
             found,
             newest: FORM,
@@ -104,14 +131,15 @@ pub fn fit(text: &str, alphabet: Alphabet) -> Result<Fit, Unreadable> {
     }
 }
 
-fn newest(text: FitText, alphabet: Alphabet) -> Result<Fit, Unreadable> {
-    let FitText {
+fn read_newest(text: StoredFit, alphabet: Alphabet) -> Result<Fit, Unreadable> {
+    let StoredFit {
         bases,
         dependent,
         sides,
         families,
         states,
     } = text;
+
     let found = bases.each_ref().map(|base| base.len() as u64);
     if found != [alphabet.rows, alphabet.columns] {
         return Err(Unreadable::spoiled(format!(
@@ -119,33 +147,23 @@ fn newest(text: FitText, alphabet: Alphabet) -> Result<Fit, Unreadable> {
             alphabet.rows, alphabet.columns
         )));
     }
+
     if !is_inside(dependent) {
         return Err(Unreadable::spoiled(format!(
             "dependent {dependent}, expected above 0 and below 1"
         )));
     }
+
     check(&sides)?;
     if !are_weights(&families) {
         return Err(Unreadable::spoiled(format!(
             "families {families:?}, expected above 0 and summing to 1"
         )));
     }
-    let side = |SideText {
-                    nulls,
-                    slabs,
-                    habit,
-                    habit_in_segments,
-                    segments,
-                }| SideParameters {
-        nulls,
-        slabs,
-        habit,
-        habit_in_segments,
-        segments,
-    };
+
     let parameters = Parameters {
         dependent,
-        sides: sides.map(side),
+        sides: sides.map(SideParameters::from),
         families,
     };
     Ok(Fit {
@@ -156,9 +174,9 @@ fn newest(text: FitText, alphabet: Alphabet) -> Result<Fit, Unreadable> {
     })
 }
 
-fn check(sides: &[SideText; 2]) -> Result<(), Unreadable> {
+fn check(sides: &[StoredSide; 2]) -> Result<(), Unreadable> {
     let cold = &Parameters::cold().sides[0];
-    for SideText {
+    for StoredSide {
         nulls,
         slabs,
         habit,
@@ -174,16 +192,19 @@ fn check(sides: &[SideText; 2]) -> Result<(), Unreadable> {
                 "it has {found:?} {what}, expected {expected:?}"
             )));
         }
+
         if !are_weights(segments) {
             return Err(Unreadable::spoiled(format!(
                 "segments {segments:?}, expected above 0 and summing to 1"
             )));
         }
+
         if !are_weights(nulls) {
             return Err(Unreadable::spoiled(format!(
                 "nulls {nulls:?}, expected above 0 and summing to 1"
             )));
         }
+
         for (name, habit) in [("habit", habit), ("habit_in_segments", habit_in_segments)] {
             if habit.is_some_and(|habit| habit <= 0.0) {
                 return Err(Unreadable::spoiled(format!(
@@ -192,6 +213,7 @@ fn check(sides: &[SideText; 2]) -> Result<(), Unreadable> {
             }
         }
     }
+
     let slabs: Vec<f64> = sides.iter().flat_map(|side| side.slabs.clone()).collect();
     if !are_weights(&slabs) {
         return Err(Unreadable::spoiled(format!(
@@ -241,33 +263,33 @@ mod tests {
     fn pairs_read_back() {
         for (ego, other, given) in [(0, 1, vec![]), (2, 0, vec![1]), (0, 7, vec![1, 12])] {
             let written = Pair { ego, other, given };
-            assert_eq!(pair(&of_pair(&written)), Some(written));
+            assert_eq!(read_pair(&write_pair(&written)), Some(written));
         }
         for wrong in ["", "0", "0,1,2", "0,1|", "a,b", "0,-1"] {
-            assert_eq!(pair(wrong), None, "{wrong}");
+            assert_eq!(read_pair(wrong), None, "{wrong}");
         }
     }
 
     #[test]
     fn a_fit_reads_back_to_the_same_bits() {
-        let text = of_fit(&made());
+        let text = write_fit(&made());
         assert!(
             text.starts_with(
                 r#"{"form":3,"bases":[[5,6],[3,0,4294967295]],"dependent":0.30000000000000004,"#
             ),
             "{text}"
         );
-        assert_eq!(fit(&text, ALPHABET).expect("a fit"), made());
+        assert_eq!(read_fit(&text, ALPHABET).expect("a fit"), made());
     }
 
     #[test]
     fn what_was_fitted_to_something_else_says_so() {
         let why = |text: &str, columns| {
-            fit(text, Alphabet { rows: 2, columns })
+            read_fit(text, Alphabet { rows: 2, columns })
                 .expect_err("not its fit")
                 .to_string()
         };
-        let text = of_fit(&made());
+        let text = write_fit(&made());
         assert!(
             why(&text, 4).starts_with("it is not as it was written: it has [2, 3] actions"),
             "{}",
@@ -276,7 +298,7 @@ mod tests {
         assert!(why(r#"{"form":3}"#, 3).contains("missing field `bases`"));
         assert!(why(&text.replacen("3", "4", 1), 3).contains("form 4 of a newer build"));
         assert_eq!(
-            fit(&text.replacen("3", "2", 1), ALPHABET),
+            read_fit(&text.replacen("3", "2", 1), ALPHABET),
             Err(Unreadable::Older(2))
         );
         // As builds before this one wrote it, with a version and without.
@@ -284,7 +306,7 @@ mod tests {
             r#"{"form":1,"base":[3,0,9]}"#,
             r#"{"base":[3,0,9],"dependent":0.3,"nulls":[1.0],"slabs":[1.0],"states":1}"#,
         ] {
-            assert_eq!(fit(first, ALPHABET), Err(Unreadable::Older(1)));
+            assert_eq!(read_fit(first, ALPHABET), Err(Unreadable::Older(1)));
         }
     }
 
@@ -293,7 +315,7 @@ mod tests {
         let why = |change: &dyn Fn(&mut Parameters)| {
             let mut wrong = made();
             change(&mut wrong.parameters);
-            fit(&of_fit(&wrong), ALPHABET)
+            read_fit(&write_fit(&wrong), ALPHABET)
                 .expect_err("no fit")
                 .to_string()
         };

@@ -1,4 +1,5 @@
-//! What is made of all states of an environment: kept, and made again when more was counted.
+//! A stale-while-revalidate cache of what is made in a pass over all states of an environment:
+//! kept, and made again when more was counted.
 //!
 //! Where that is quick it is made while the caller waits, so that every acknowledged transition is
 //! seen. Where it is not (a large environment, or one whose states take long), it is told as it was
@@ -27,8 +28,8 @@ const QUICK: Duration = Duration::from_secs(5);
 /// Results kept, of a kind.
 const KEPT: NonZeroUsize = NonZeroUsize::new(16).expect("not zero");
 
-/// A result that was made of all states.
-pub struct Made<T> {
+/// The result of a pass over all states.
+pub struct PassResult<T> {
     /// What was made.
     pub value: T,
     /// How many transitions the environment had when the pass over its states began.
@@ -37,7 +38,7 @@ pub struct Made<T> {
     took: Duration,
 }
 
-impl<T> std::ops::Deref for Made<T> {
+impl<T> std::ops::Deref for PassResult<T> {
     type Target = T;
 
     fn deref(&self) -> &T {
@@ -45,13 +46,13 @@ impl<T> std::ops::Deref for Made<T> {
     }
 }
 
-/// Results of one kind. Cloning shares them.
-pub struct Shared<K, T> {
-    jobs: Jobs<K, Arc<Made<T>>>,
-    kept: Arc<Mutex<LruCache<K, Arc<Made<T>>>>>,
+/// A cache of the results of one kind of pass. Cloning shares it.
+pub struct PassCache<K, T> {
+    jobs: Jobs<K, Arc<PassResult<T>>>,
+    kept: Arc<Mutex<LruCache<K, Arc<PassResult<T>>>>>,
 }
 
-impl<K, T> Clone for Shared<K, T> {
+impl<K, T> Clone for PassCache<K, T> {
     fn clone(&self) -> Self {
         Self {
             jobs: self.jobs.clone(),
@@ -60,7 +61,7 @@ impl<K, T> Clone for Shared<K, T> {
     }
 }
 
-impl<K, T> Shared<K, T>
+impl<K, T> PassCache<K, T>
 where
     K: Clone + Eq + Hash + Send + Sync + 'static,
     T: Send + Sync + 'static,
@@ -82,12 +83,13 @@ where
         totals: Totals,
         is_current: impl Fn(&T) -> bool,
         make: impl Fn(Progress) -> F,
-    ) -> Result<Arc<Made<T>>, Problem>
+    ) -> Result<Arc<PassResult<T>>, Problem>
     where
         F: Future<Output = Result<(T, u64), Problem>> + Send + 'static,
     {
-        let is_fresh = |made: &Made<T>| made.as_of >= totals.transitions && is_current(&made.value);
-        let is_slow = |made: &Made<T>| totals.cells > SMALL || made.took > QUICK;
+        let is_fresh =
+            |made: &PassResult<T>| made.as_of >= totals.transitions && is_current(&made.value);
+        let is_slow = |made: &PassResult<T>| totals.cells > SMALL || made.took > QUICK;
         match self.last(&key) {
             Some(made) if is_fresh(&made) => return Ok(made),
             Some(stale) if is_slow(&stale) => {
@@ -114,11 +116,12 @@ where
         totals: Totals,
         is_current: impl Fn(&T) -> bool,
         make: impl Fn(Progress) -> F,
-    ) -> Result<Arc<Made<T>>, Problem>
+    ) -> Result<Arc<PassResult<T>>, Problem>
     where
         F: Future<Output = Result<(T, u64), Problem>> + Send + 'static,
     {
-        let is_fresh = |made: &Made<T>| made.as_of >= totals.transitions && is_current(&made.value);
+        let is_fresh =
+            |made: &PassResult<T>| made.as_of >= totals.transitions && is_current(&made.value);
         if let Some(made) = self.last(&key).filter(|made| is_fresh(made)) {
             return Ok(made);
         }
@@ -131,7 +134,7 @@ where
     }
 
     /// Returns the last result that was made, if it is kept.
-    pub fn last(&self, key: &K) -> Option<Arc<Made<T>>> {
+    pub fn last(&self, key: &K) -> Option<Arc<PassResult<T>>> {
         self.kept
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
@@ -143,10 +146,10 @@ where
         self,
         key: K,
         make: impl Future<Output = Result<(T, u64), Problem>>,
-    ) -> Result<Arc<Made<T>>, Problem> {
+    ) -> Result<Arc<PassResult<T>>, Problem> {
         let began = Instant::now();
         let (value, as_of) = make.await?;
-        let made = Arc::new(Made {
+        let made = Arc::new(PassResult {
             value,
             as_of,
             took: began.elapsed(),
@@ -163,10 +166,10 @@ where
 /// begun before the question was asked, the next cannot have.
 async fn joined<T, F>(
     ask: impl Fn() -> F,
-    will_do: impl Fn(&Made<T>) -> bool,
-) -> Result<Arc<Made<T>>, Problem>
+    will_do: impl Fn(&PassResult<T>) -> bool,
+) -> Result<Arc<PassResult<T>>, Problem>
 where
-    F: Future<Output = Result<Arc<Made<T>>, Problem>>,
+    F: Future<Output = Result<Arc<PassResult<T>>, Problem>>,
 {
     let made = ask().await?;
     if will_do(&made) {
@@ -196,7 +199,7 @@ mod tests {
     impl Maker {
         async fn get(
             &self,
-            shared: &Shared<(), u64>,
+            shared: &PassCache<(), u64>,
             counted: Totals,
             took: Duration,
         ) -> (u64, u64) {
@@ -217,7 +220,7 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn what_is_quick_is_of_this_moment() {
         let (shared, maker) = (
-            Shared::new("it", CancellationToken::new()),
+            PassCache::new("it", CancellationToken::new()),
             Maker(AtomicU64::new(0)),
         );
         assert_eq!(maker.get(&shared, totals(5, 1), SECOND).await, (1, 5));
@@ -233,7 +236,7 @@ mod tests {
     async fn what_is_slow_is_told_as_it_was_while_the_next_is_made() {
         for (cells, took) in [(1, QUICK + SECOND), (SMALL + 1, SECOND)] {
             let (shared, maker) = (
-                Shared::new("it", CancellationToken::new()),
+                PassCache::new("it", CancellationToken::new()),
                 Maker(AtomicU64::new(0)),
             );
             assert_eq!(maker.get(&shared, totals(5, cells), took).await, (1, 5));
@@ -252,7 +255,7 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn who_joins_what_began_before_waits_for_another() {
         let (shared, maker) = (
-            Shared::new("it", CancellationToken::new()),
+            PassCache::new("it", CancellationToken::new()),
             Maker(AtomicU64::new(0)),
         );
         let (first, second) = tokio::join!(
@@ -265,7 +268,7 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn what_is_made_anew_behind_a_stale_answer_is_given_up_where_nobody_asks_again() {
         let (shared, maker) = (
-            Shared::new("it", CancellationToken::new()),
+            PassCache::new("it", CancellationToken::new()),
             Maker(AtomicU64::new(0)),
         );
         let many = SMALL + 1;

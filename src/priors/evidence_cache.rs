@@ -1,5 +1,5 @@
-//! What was found about single states by one fit, for those who ask again before anything more was
-//! counted there.
+//! A cache of evidence: what the counts of single states support by one fit, for those who ask
+//! again before anything more was counted there. Least recently used states go first.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -12,22 +12,23 @@ use crate::evidence::Believed;
 const KEPT: std::num::NonZeroUsize =
     std::num::NonZeroUsize::new(crate::domain::MOST_STATES).expect("not zero");
 
-/// The evidence on the states that were asked about last.
-pub struct Known(Mutex<LruCache<StateKey, Entry>>);
+/// A cache of the evidence on the states that were asked about last.
+pub struct EvidenceCache(Mutex<LruCache<StateKey, Entry>>);
 
-/// What was found about a state.
+/// The evidence on a state, as it is answered and as it decides.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Found {
+pub struct StateEvidence {
     /// What is told.
     pub evidence: Evidence,
     /// What decides.
     pub believed: Believed,
 }
 
-/// What evidence rests on. Counts only grow, so that the same sum stands for the same counts: of
-/// the state, and of the environment, whose habits count.
+/// What evidence is computed from, by which a cached entry is valid or stale. Counts only grow, so
+/// that the same sum stands for the same counts: of the state, and of the environment, whose habits
+/// count.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Ground {
+pub struct EvidenceInputs {
     /// The sum of the state's counts.
     pub tally: Tally,
     /// How many transitions the environment had.
@@ -40,32 +41,32 @@ pub struct Ground {
 
 #[derive(Clone, Copy)]
 struct Entry {
-    ground: Ground,
-    found: Found,
+    inputs: EvidenceInputs,
+    found: StateEvidence,
 }
 
-impl Default for Known {
+impl Default for EvidenceCache {
     fn default() -> Self {
         Self(Mutex::new(LruCache::new(KEPT)))
     }
 }
 
-impl Known {
-    /// Returns what was found about a state on the same ground, or finds and remembers it.
+impl EvidenceCache {
+    /// Returns what was found about a state from the same inputs, or finds and remembers it.
     pub fn get_or_find(
         &self,
         key: &StateKey,
-        ground: Ground,
-        find: impl FnOnce() -> Found,
-    ) -> Found {
-        let known = self
+        inputs: EvidenceInputs,
+        find: impl FnOnce() -> StateEvidence,
+    ) -> StateEvidence {
+        let remembered = self
             .lock()
             .get(key)
-            .filter(|entry| entry.ground == ground)
+            .filter(|entry| entry.inputs == inputs)
             .map(|entry| entry.found);
-        known.unwrap_or_else(|| {
+        remembered.unwrap_or_else(|| {
             let found = find();
-            self.lock().put(key.clone(), Entry { ground, found });
+            self.lock().put(key.clone(), Entry { inputs, found });
             found
         })
     }

@@ -1,0 +1,75 @@
+//! The context of each query: its scope with the segments that it names, the prior that was fitted
+//! last and the network that is active.
+
+use std::sync::Arc;
+
+use super::Influence;
+use super::query_context::QueryContext;
+use super::store_errors::logged;
+use crate::domain::{Environment, Label, Scope, SegmentId, hint};
+use crate::error::{Fault, Problem};
+
+impl Influence {
+    /// Finds out what questions of that scope rest on: the numbers of their segments and the fit.
+    pub(super) async fn query_context(
+        &self,
+        environment: &Arc<Environment>,
+        scope: Scope,
+    ) -> Result<QueryContext, Problem> {
+        let segments = self
+            .segments(environment, scope.segments.as_deref())
+            .await?;
+        let informed = self
+            .fits
+            .informed(environment, &scope.pair)
+            .await
+            .map_err(logged)?;
+
+        let network = self.networks.active(environment, &scope.pair).await?;
+
+        Ok(QueryContext {
+            environment: environment.clone(),
+            scope,
+            segments,
+            informed,
+            network,
+        })
+    }
+
+    /// Returns the numbers of the segments named, or every unknown one as a fault.
+    pub(super) async fn segments(
+        &self,
+        environment: &Environment,
+        named: Option<&[Label]>,
+    ) -> Result<Option<Vec<SegmentId>>, Problem> {
+        let Some(named) = named else { return Ok(None) };
+        let known = self.store.segments(environment.id).await.map_err(logged)?;
+
+        let mut faults = Vec::new();
+        let mut ids = Vec::with_capacity(named.len());
+        for label in named {
+            match known
+                .iter()
+                .find(|(_, known)| known.as_ref() == Some(label))
+            {
+                Some((id, _)) => ids.push(*id),
+                None => {
+                    let known = known
+                        .iter()
+                        .filter_map(|(_, label)| Some(label.as_ref()?.as_str()));
+                    let hint = hint(label.as_str(), known);
+                    faults.push(Fault::new(
+                        "/segments",
+                        format!("unknown segment {:?}{hint}", label.as_str()),
+                    ));
+                }
+            }
+        }
+
+        if faults.is_empty() {
+            Ok(Some(ids))
+        } else {
+            Err(Problem::invalid("question", faults))
+        }
+    }
+}

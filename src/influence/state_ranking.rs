@@ -1,0 +1,95 @@
+//! The ranking of all states of an environment for one pair, made in one pass over them: where
+//! influence is highest, and what all states say together.
+
+use std::collections::HashSet;
+use std::sync::Arc;
+
+use super::order::Orders;
+use super::query_context::QueryContext;
+use super::row::{Row, measured};
+use super::store_errors::logged;
+use crate::domain::{FitId, SegmentId};
+use crate::error::Problem;
+use crate::priors::Pages;
+use crate::store::{Scanned, Store};
+use crate::work::{Gate, Progress};
+
+/// A ranking of states: the rows of one environment, pair, choice of segments and rule, within
+/// segments or not.
+pub struct StateRanking {
+    /// Every state seen, in order of key.
+    pub rows: Vec<Row>,
+    /// How many segments have visits in them, of those asked for.
+    pub segments: u64,
+    /// The fit that the evidence rests on.
+    pub fit: FitId,
+    /// The version of the network that was asked where the counts did not decide.
+    pub network: Option<u64>,
+    /// The share of dependent states by that fit.
+    pub dependent_share: Option<f64>,
+    /// Its orders.
+    pub orders: Orders,
+}
+
+impl StateRanking {
+    /// Returns whether it was made by the fit and the network of a query.
+    pub fn is_current(&self, context: &QueryContext) -> bool {
+        self.fit == context.fit() && self.network == context.network_version()
+    }
+}
+
+/// Passes over all states; returns the ranking, and how many transitions there were before.
+pub async fn make(
+    store: &dyn Store,
+    gate: &Gate,
+    context: &QueryContext,
+    progress: &Progress,
+) -> Result<(StateRanking, u64), Problem> {
+    let totals = store.totals(context.environment.id).await.map_err(logged)?;
+    progress.begin("states measured", totals.states);
+
+    let mut rows = Vec::new();
+    let mut segments = HashSet::new();
+    let mut pages = Pages::new(store, context.environment.id);
+    while let Some(page) = pages.next().await.map_err(logged)? {
+        let (context, states) = (context.clone(), page.len() as u64);
+        let measuring = gate.run(move |stop| {
+            let named = named(&context, &page);
+            let states = page
+                .into_iter()
+                .map(|scanned| (scanned.key, Arc::new(scanned.counts)))
+                .collect();
+            Ok((named, measured(&context, states, stop)?))
+        });
+        let (named, measured) = measuring.await?;
+        segments.extend(named);
+        rows.extend(measured);
+        progress.add(states);
+    }
+
+    let rows = gate.run(move |_| {
+        rows.sort_unstable_by(|a: &Row, b| a.key.cmp(&b.key));
+        Ok(rows)
+    });
+
+    let ranking = StateRanking {
+        rows: rows.await?,
+        segments: segments.len() as u64,
+        fit: context.fit(),
+        network: context.network_version(),
+        dependent_share: context
+            .informed
+            .as_ref()
+            .map(|informed| informed.fit.parameters.dependent),
+        orders: Orders::default(),
+    };
+    Ok((ranking, totals.transitions))
+}
+
+/// Returns the segments that have visits in the states of a page, of those asked for.
+fn named(context: &QueryContext, page: &[Scanned]) -> HashSet<SegmentId> {
+    let cells = page
+        .iter()
+        .flat_map(|scanned| scanned.counts.of_segments(context.segments.as_deref()));
+    cells.map(|cell| cell.segment).collect()
+}
