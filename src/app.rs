@@ -66,13 +66,8 @@ pub struct App {
 impl App {
     /// Opens the rooms on a store, and begins what goes on behind them: to remove what deleted
     /// environments have left, to compare totals with cells and to look at what is kept beside
-    /// them.
-    pub fn open(store: Arc<dyn Store>, upkeep: Upkeep) -> Self {
-        Self::open_until(CancellationToken::new(), store, upkeep)
-    }
-
-    /// Opens the rooms as [`App::open`] does, to be stopped by a token of the caller's.
-    pub fn open_until(draining: CancellationToken, store: Arc<dyn Store>, upkeep: Upkeep) -> Self {
+    /// them. All of it stops by the caller's token.
+    pub fn open(draining: CancellationToken, store: Arc<dyn Store>, upkeep: Upkeep) -> Self {
         let work = Work::new(draining.clone());
         let ingest = Ingest::start(store.clone());
         let fits = Fits::made_in(work.fits.clone(), store.clone());

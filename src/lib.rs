@@ -34,7 +34,7 @@
 //! * [`influence`]: the question itself.
 //! * [`app`]: one handle of each room.
 //! * [`serve`]: everything on a listening socket.
-//! * [`experiments`]: claims about the whole, measured through [`app`].
+//! * [`experiments`]: claims about the whole, measured on a service of their own.
 //! * [`cli`]: the commands.
 //!
 //! # A write, a read, and what is learned

@@ -87,7 +87,7 @@ impl Demo {
             config.database().display()
         ))?;
         if !self.fresh {
-            print(&counted_before(&service.app).await)?;
+            print(&counted_before(&service.running.app).await)?;
         }
         let shown = tokio::select! {
             shown = self.show(address) => shown,

@@ -8,19 +8,17 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use clap::{Args, ValueEnum};
-use tokio::net::TcpListener;
-use tokio_util::sync::CancellationToken;
 
 use super::duration::duration;
 use super::key::KeysFile;
 use super::{Failure, output};
 use crate::access::redacted;
-use crate::app::{App, Upkeep};
+use crate::app::Upkeep;
 use crate::config::Config;
 use crate::serve::connections::files;
 use crate::serve::connections::limits::Limits;
-use crate::serve::tls::{Socket, Tls, TlsFiles};
-use crate::serve::{Doors, Settings};
+use crate::serve::tls::{Tls, TlsFiles};
+use crate::serve::{Running, Settings, Starting};
 use crate::store::{Options, Quotas, SqliteStore, Stage};
 use crate::telemetry::{self, LogFormat};
 
@@ -189,11 +187,10 @@ impl Serve {
 
 /// A service that runs in this process.
 pub struct Service {
-    /// Its rooms.
-    pub app: App,
+    /// Its rooms and its end.
+    pub running: Running,
     /// Where it listens.
     pub address: SocketAddr,
-    serving: tokio::task::JoinHandle<()>,
     keys: KeysFile,
 }
 
@@ -216,58 +213,45 @@ impl Service {
         let keys = KeysFile::read(config.keys.as_deref())?;
         let tls = tls(config)?;
         // The port first: whoever finds it taken should not have touched the data.
-        let listener = TcpListener::bind(config.listen)
+        let mut starting = Starting::new(Settings {
+            keys: keys.ring.clone(),
+            hosts: config.hosts.clone(),
+            cors_origins: config.cors_origins.clone(),
+            limits: Limits {
+                connections: files::leave_room_for(config.max_connections),
+                age: config.max_connection_age,
+                ..Limits::default()
+            },
+        });
+        let address = starting
+            .listen(config.listen, tls)
             .await
             .map_err(|error| cannot_listen(config.listen, &error))?;
-        let address = listener
-            .local_addr()
-            .map_err(|error| cannot_listen(config.listen, &error))?;
-        let limits = Limits {
-            connections: files::leave_room_for(config.max_connections),
-            age: config.max_connection_age,
-            ..Limits::default()
-        };
-        let (stage, draining) = (Stage::default(), CancellationToken::new());
-        let doors = Doors::closed(stage.clone());
-        let serving = tokio::spawn(doors.clone().serve(
-            Socket { listener, tls },
-            draining.clone(),
-            limits.clone(),
-        ));
 
         let database = config.database();
         let store = tokio::select! {
-            store = SqliteStore::open_telling(&database, options, &stage) => store,
+            store = SqliteStore::open_telling(&database, options, starting.stage()) => store,
             () = signals.next() => {
                 // Whatever it was at is done or undone by the next opening, as after kill -9.
                 tracing::info!("stopped before the database was open");
                 return Ok(None);
             }
-            never = tell_waiting(address, &stage) => match never {},
+            never = tell_waiting(address, starting.stage()) => match never {},
         };
         let store = Arc::new(store.map_err(|error| Failure::usage(error.to_string()))?);
+
         let upkeep = Upkeep {
             fit_every: config.fit_every,
             train_every: config.train_every,
         };
-        let app = App::open_until(draining, store, upkeep);
-        let settings = Settings {
-            keys: keys.ring.clone(),
-            listen: Some(config.listen.ip()),
-            hosts: config.hosts.clone(),
-            cors_origins: config.cors_origins.clone(),
-            speaks_tls: config.tls_cert.is_some(),
-            limits,
-        };
-        doors
-            .open(app.clone(), &settings)
+        let running = starting
+            .open(store, upkeep)
             .await
             .map_err(|error| Failure::usage(error.to_string()))?;
         tracing::info!(%address, database = %database.display(), "serving");
         Ok(Some(Self {
-            app,
+            running,
             address,
-            serving,
             keys,
         }))
     }
@@ -288,10 +272,10 @@ impl Service {
 
     /// Ends streams after their last receipt, commits what is queued, and closes the database.
     pub async fn stop(self) -> Result<(), Failure> {
-        self.app.draining.cancel();
-        let served = self.serving.await;
-        self.app.close().await;
-        served.map_err(|error| Failure::usage(error.to_string()))
+        self.running
+            .shutdown()
+            .await
+            .map_err(|error| Failure::usage(error.to_string()))
     }
 }
 

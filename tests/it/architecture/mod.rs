@@ -26,7 +26,8 @@ const RANKS: &[&[&str]] = &[
     &["model"],
     &["environments", "influence"],
     &["app"],
-    &["serve", "experiments"],
+    &["serve"],
+    &["experiments"],
     &["cli"],
     &["main"],
 ];
