@@ -14,17 +14,19 @@ use clap::Args;
 use self::found::{Best, Found};
 use self::live::Live;
 use super::Failure;
-use super::duration::duration;
+use super::addresses::{address, reachable};
+use super::config::{Config, database};
+use super::duration::{Period, duration};
 use super::ingest::{self, Part};
 use super::output::{count, print};
 use super::progress::Progress;
 use super::report::Report;
-use super::serve::{Service, Signals, address, reachable};
+use super::serve::Service;
+use super::signals::Signals;
 use super::simulate::{Pace, Run};
 use crate::api::proto;
 use crate::app::App;
 use crate::client::Connection;
-use crate::config::Config;
 use crate::error::Problem;
 use crate::recordings::overcooked::{self, Abstraction};
 use crate::simulation::hallway::{Hallway, Protocol};
@@ -75,7 +77,7 @@ impl Demo {
             listen,
             data,
             insecure,
-            fit_every: FIT_EVERY,
+            fit_every: Period(FIT_EVERY),
             ..Config::default()
         };
         let Some(service) = Service::start(&config, &signals).await? else {
@@ -84,7 +86,7 @@ impl Demo {
         let address = reachable(service.address);
         print(&format!(
             "listening on http://{address}, counting in {}",
-            config.database().display()
+            database(&config.data).display()
         ))?;
         if !self.fresh {
             print(&counted_before(&service.running.app).await)?;

@@ -7,8 +7,8 @@ use clap::Args;
 
 use super::model::{all, shown};
 use super::progress::Progress;
-use super::serve::Signals;
 use super::server::Server;
+use super::signals::Signals;
 use super::{Failure, card};
 use crate::api::proto::{self, JobState};
 use crate::client::{ClientError, Connection, patiently, patiently_telling};

@@ -12,7 +12,7 @@ use imports::{Source, Sources};
 
 /// Rooms by rank. A room may import any lower rank, never its own or a higher one.
 const RANKS: &[&[&str]] = &[
-    &["information", "error", "config", "telemetry", "tls"],
+    &["information", "error", "telemetry", "tls"],
     &["domain", "work"],
     &[
         "evidence",
