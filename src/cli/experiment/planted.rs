@@ -1,4 +1,4 @@
-//! `nudge experiment planted`: every decision beside every other, in worlds whose influence was
+//! `nudge experiment planted`: every method beside every other, in worlds whose influence was
 //! planted.
 
 mod figures;
@@ -58,7 +58,7 @@ pub(in crate::cli) struct Planted {
     /// The first seed; the others follow it
     #[arg(long, value_name = "NUMBER", default_value_t = of_tables::Options::default().seeds.first)]
     seed: u32,
-    /// States of the worlds of tables on which decisions are compared [default: 2500], the most of
+    /// States of the worlds of tables on which methods are compared [default: 2500], the most of
     /// a hard world [default: 150 to 1500], and those of a world of segments [default: 200]
     #[arg(long, value_name = "NUMBER", value_parser = clap::value_parser!(u32).range(1..=50_000))]
     states: Option<u32>,

@@ -38,7 +38,7 @@ fn of(findings: &Findings, world: World, (figure, bound): (Figure, Bound)) -> Op
     let told = is_told(findings, &world, figure);
     told.then_some(Target {
         world,
-        decision: Within::JUDGED,
+        method: Within::JUDGED,
         figure,
         bound,
         measured: Some(measured),
