@@ -1,4 +1,5 @@
-//! The service without its socket: one handle of each room, opened and closed in one place.
+//! The state of the application, without its socket: one handle of each room, opened and closed in
+//! one place.
 
 mod chores;
 
@@ -72,6 +73,7 @@ impl App {
         let ingest = Ingest::start(store.clone());
         let fits = Fits::made_in(work.fits.clone(), store.clone());
         let networks = Networks::new(store.clone(), fits.clone());
+
         let app = Self {
             environments: Environments::new(store.clone(), ingest.clone(), networks.clone()),
             influence: Influence::new(store.clone(), fits.clone(), networks.clone(), work.clone()),
@@ -84,11 +86,14 @@ impl App {
             background: TaskTracker::new(),
             chores: Chores::default(),
         };
+
         app.in_background(app.environments.clone().sweep());
         app.in_background(prove(app.store.clone()));
         app.in_background(look_at_cells(app.store.clone(), app.chores.clone()));
+        // Begun here, not in its task: whoever asks at once is told of it.
         let looking = app.chores.begin("looking at fits and networks");
         app.in_background(tell_unreadable(fits.clone(), app.networks.clone(), looking));
+
         if !upkeep.fit_every.is_zero() {
             app.in_background(fits.keep_up(upkeep.fit_every));
         }
@@ -118,7 +123,7 @@ impl App {
     /// Tells what goes on behind the answers: "removing 1 environment, 120,000 states left", or
     /// "idle".
     pub fn in_the_background(&self) -> String {
-        self.chores.told(self.environments.leftovers())
+        self.chores.describe(self.environments.leftovers())
     }
 
     /// Lets readiness rest on a write of this moment, so that nobody is told what was so some
@@ -127,6 +132,7 @@ impl App {
         if self.draining.is_cancelled() {
             return;
         }
+
         // In a task of its own, as in the background: the caller may leave.
         let store = self.store.clone();
         let proving = self
@@ -142,6 +148,7 @@ impl App {
         self.background.close();
         self.background.wait().await;
         self.ingest.close().await;
+
         // Last, for a training looks only now and then whether it is to end, and what was sent must
         // not wait for it.
         if tokio::time::timeout(TRAINING, self.networks.close())
@@ -152,6 +159,7 @@ impl App {
                 "a training is left behind: it did not end in time, and what it learned is not kept"
             );
         }
+
         self.store.close().await;
     }
 }

@@ -140,16 +140,16 @@ impl Planted {
         let wanted = |part| self.is_wanted(part);
         let mut parts = Vec::new();
         if wanted(Part::Tables) {
-            parts.push(self.told(self.tables().await?)?);
+            parts.push(self.write_part(self.tables().await?)?);
         }
         if wanted(Part::Kitchens) {
-            parts.push(self.told(self.kitchens().await?)?);
+            parts.push(self.write_part(self.kitchens().await?)?);
         }
         if wanted(Part::Hard) {
-            parts.push(self.told(self.hard().await?)?);
+            parts.push(self.write_part(self.hard().await?)?);
         }
         if wanted(Part::Segments) {
-            parts.push(self.told(self.segments())?);
+            parts.push(self.write_part(self.segments())?);
         }
         match &parts[..] {
             [part] if self.json => print_json(&part.json),
@@ -309,7 +309,7 @@ impl Planted {
     }
 
     /// Writes what a part found, as soon as it is found.
-    fn told(&self, part: Told) -> Result<Told, Failure> {
+    fn write_part(&self, part: Told) -> Result<Told, Failure> {
         if let Some(directory) = &self.out {
             let name = part.name;
             write(directory, &format!("{name}.csv"), &part.csv)?;

@@ -51,7 +51,7 @@ impl Scene {
         let states = visits
             .situations
             .iter()
-            .map(|situation| state(situation, visits, response_model))
+            .map(|situation| planted_state(situation, visits, response_model))
             .collect();
         let mut unseen: BTreeMap<usize, usize> = BTreeMap::new();
         visits
@@ -136,7 +136,7 @@ impl State {
     }
 }
 
-fn state(situation: &Situation, visits: &Visits, response_model: ResponseModel) -> State {
+fn planted_state(situation: &Situation, visits: &Visits, response_model: ResponseModel) -> State {
     let Situation { values, players } = situation;
     let [ego, other] = [0, 1].map(|player| visits.habits[player].policy(&players[player]));
     let responses = response_model.responses(players, &other);

@@ -69,8 +69,8 @@ async fn learned(
 ) -> Result<Vec<(Method, Vec<Said>)>, Problem> {
     let service = counted(scene, drawn).await?;
     let look_up = asked(&service, scene).await?;
-    let joint = told(&service, scene, ModelKind::Joint, seed, epochs).await?;
-    let direct = told(&service, scene, ModelKind::Direct, seed, epochs).await?;
+    let joint = train_and_ask(&service, scene, ModelKind::Joint, seed, epochs).await?;
+    let direct = train_and_ask(&service, scene, ModelKind::Direct, seed, epochs).await?;
     let back_off = backed_off(&service, scene).await?;
     service.close().await?;
     Ok(vec![
@@ -88,7 +88,7 @@ async fn shuffled(
     epochs: u32,
 ) -> Result<Vec<Said>, Problem> {
     let service = counted(scene, &scene.shuffled(drawn, seed)).await?;
-    let said = told(&service, scene, ModelKind::Joint, seed, epochs).await?;
+    let said = train_and_ask(&service, scene, ModelKind::Joint, seed, epochs).await?;
     service.close().await?;
     Ok(said)
 }
@@ -101,7 +101,7 @@ async fn counted(scene: &Scene, actions: &[Actions]) -> Result<Service, Problem>
 }
 
 /// Trains a network, makes it active whatever it says of itself, and asks it.
-async fn told(
+async fn train_and_ask(
     service: &Service,
     scene: &Scene,
     kind: ModelKind,

@@ -12,12 +12,12 @@ pub(super) fn targets(options: &Options, findings: &Findings) -> Vec<Target> {
     let targets = |world: World| {
         bounds(world.generator)
             .into_iter()
-            .filter_map(move |bound| of(findings, world, bound))
+            .filter_map(move |bound| target(findings, world, bound))
     };
     options.worlds().into_iter().flat_map(targets).collect()
 }
 
-fn of(findings: &Findings, world: World, (figure, bound): (Figure, Bound)) -> Option<Target> {
+fn target(findings: &Findings, world: World, (figure, bound): (Figure, Bound)) -> Option<Target> {
     let measured = findings.find(&world, METHOD, figure)?.mean;
     let told = is_told(findings, &world, METHOD, figure);
     told.then_some(Target {
