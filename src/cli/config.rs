@@ -1,4 +1,4 @@
-//! The one configuration of a service. A field of [`Config`] is a flag, its environment variable, its
+//! The configuration of a service. A field of [`Config`] is a flag, its environment variable, its
 //! default, its line of `--print-config` and its row of the README's table (a test compares them).
 
 use std::net::SocketAddr;

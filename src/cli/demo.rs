@@ -83,6 +83,7 @@ impl Demo {
         let Some(service) = Service::start(&config, &signals).await? else {
             return Ok(());
         };
+
         let address = reachable(service.address);
         print(&format!(
             "listening on http://{address}, counting in {}",
@@ -91,6 +92,7 @@ impl Demo {
         if !self.fresh {
             print(&counted_before(&service.running.app).await)?;
         }
+
         let shown = tokio::select! {
             shown = self.show(address) => shown,
             () = signals.next() => Ok(()),
@@ -105,18 +107,22 @@ impl Demo {
         let shown = async {
             let connection = Connection::open(&address.to_string()).await?;
             let environments = self.play(&connection).await?;
+
             so_far.borrow_mut().stage = Stage::Looking(environments.clone());
             for environment in &environments {
                 let seen = found::look(&connection, environment).await?;
                 so_far.borrow_mut().saw(seen, environment);
             }
+
             let best = so_far.borrow_mut().tell()?;
             print(&to_try(address, &best))?;
+
             so_far.borrow_mut().stage = Stage::Training;
             found::train(&connection, HALLWAY).await?;
             so_far.borrow_mut().stage = Stage::Told;
             std::future::pending().await
         };
+
         tokio::select! {
             shown = shown => shown,
             () = ended => self.end(&so_far.borrow()),
@@ -152,6 +158,7 @@ impl Demo {
         if self.fresh {
             forget(connection, &names).await?;
         }
+
         let hallway = Hallway::try_from(Protocol {
             trials: TRIALS,
             ..Protocol::default()
@@ -162,6 +169,7 @@ impl Demo {
             environment: HALLWAY.into(),
             pace: Pace::Fast,
         };
+
         let silent = Progress::silent();
         let mut live = Live::begin(connection, names.clone()).await?;
         let played = tokio::select! {
@@ -169,6 +177,7 @@ impl Demo {
             stopped = live.run() => match stopped? {},
         };
         live.finish();
+
         let (mut report, hallway) = played;
         report.add(HALLWAY.into(), hallway);
         print(&format!(

@@ -1,5 +1,5 @@
-//! The socket before and after the database is open: until then it says that the service is alive,
-//! not ready, and why.
+//! Liveness and readiness while the service starts: until the database is open the socket says that
+//! it is alive, not ready, and why.
 
 use std::convert::Infallible;
 use std::sync::{Arc, OnceLock};

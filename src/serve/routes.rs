@@ -29,11 +29,13 @@ pub async fn router(
     let grpc = grpc
         .layer(tonic_web::GrpcWebLayer::new())
         .layer(middleware::from_fn(grpc::over_http_2));
+
     let router = rest::router(app.clone())
         .merge(inference::router(app.clone()))
         .merge(operations::router(app))
         .merge(grpc);
     requests::expect(rest::documented());
+
     let guard = Guard::new(settings, endpoint);
     let router = router.layer(middleware::from_fn_with_state(guard, access::admit));
     Ok(

@@ -1,5 +1,6 @@
-//! The lifecycle of the service: it listens before it is ready, is ready once its store is open, and
-//! shuts down gracefully. Commands, the demo, experiments, tests and benchmarks all run it by this.
+//! The lifecycle of the service: it listens before it is ready, is ready once its store is open,
+//! and shuts down gracefully. Commands, the demo, experiments, tests and benchmarks all run it by
+//! this.
 //!
 //! ```text
 //! Starting::new --listen--> alive, not ready --open(store)--> Running: ready --shutdown--> drained, committed, closed

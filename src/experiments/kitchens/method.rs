@@ -1,4 +1,5 @@
-//! Methods to decide about a state that was never counted, networks and baselines beside each other.
+//! Methods to decide about a state that was never counted: networks and baselines beside each
+//! other.
 
 use crate::domain::{Answer, Rule, Verdict};
 
