@@ -1,4 +1,5 @@
-//! The service without its socket: one handle of each room, opened and closed in one place.
+//! The state of the application, without its socket: one handle of each room, opened and closed in
+//! one place.
 
 mod chores;
 
@@ -66,17 +67,13 @@ pub struct App {
 impl App {
     /// Opens the rooms on a store, and begins what goes on behind them: to remove what deleted
     /// environments have left, to compare totals with cells and to look at what is kept beside
-    /// them.
-    pub fn open(store: Arc<dyn Store>, upkeep: Upkeep) -> Self {
-        Self::open_until(CancellationToken::new(), store, upkeep)
-    }
-
-    /// Opens the rooms as [`App::open`] does, to be stopped by a token of the caller's.
-    pub fn open_until(draining: CancellationToken, store: Arc<dyn Store>, upkeep: Upkeep) -> Self {
+    /// them. All of it stops by the caller's token.
+    pub fn open(draining: CancellationToken, store: Arc<dyn Store>, upkeep: Upkeep) -> Self {
         let work = Work::new(draining.clone());
         let ingest = Ingest::start(store.clone());
         let fits = PriorRegistry::made_in(work.fits.clone(), store.clone());
         let networks = Networks::new(store.clone(), fits.clone());
+
         let app = Self {
             environments: Environments::new(store.clone(), ingest.clone(), networks.clone()),
             influence: Influence::new(store.clone(), fits.clone(), networks.clone(), work.clone()),
@@ -89,11 +86,14 @@ impl App {
             background: TaskTracker::new(),
             chores: Chores::default(),
         };
+
         app.in_background(app.environments.clone().sweep());
         app.in_background(prove(app.store.clone()));
         app.in_background(look_at_cells(app.store.clone(), app.chores.clone()));
+        // Begun here, not in its task: whoever asks at once is told of it.
         let looking = app.chores.begin("looking at fits and networks");
         app.in_background(tell_unreadable(fits.clone(), app.networks.clone(), looking));
+
         if !upkeep.fit_every.is_zero() {
             app.in_background(fits.keep_up(upkeep.fit_every));
         }
@@ -123,7 +123,7 @@ impl App {
     /// Tells what goes on behind the answers: "removing 1 environment, 120,000 states left", or
     /// "idle".
     pub fn in_the_background(&self) -> String {
-        self.chores.told(self.environments.leftovers())
+        self.chores.describe(self.environments.leftovers())
     }
 
     /// Lets readiness rest on a write of this moment, so that nobody is told what was so some
@@ -132,6 +132,7 @@ impl App {
         if self.draining.is_cancelled() {
             return;
         }
+
         // In a task of its own, as in the background: the caller may leave.
         let store = self.store.clone();
         let proving = self
@@ -147,6 +148,7 @@ impl App {
         self.background.close();
         self.background.wait().await;
         self.ingest.close().await;
+
         // Last, for a training looks only now and then whether it is to end, and what was sent must
         // not wait for it.
         if tokio::time::timeout(TRAINING, self.networks.close())
@@ -157,6 +159,7 @@ impl App {
                 "a training is left behind: it did not end in time, and what it learned is not kept"
             );
         }
+
         self.store.close().await;
     }
 }

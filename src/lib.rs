@@ -11,8 +11,7 @@
 //! each other in a circle: what two of them need has a file of its own (`tests/it/architecture`).
 //!
 //! * [`information`]: the mathematics of contingency tables. Slices in, numbers out.
-//! * [`error`], [`config`], [`telemetry`]: kinds of error, the one configuration, logs and the one
-//!   list of metrics.
+//! * [`error`], [`telemetry`]: kinds of error, logs and the one list of metrics.
 //! * [`tls`]: certificates and private keys in PEM files, for either side of a connection.
 //! * [`domain`]: environments, features, states, transitions, counts, questions, answers. Types
 //!   that cannot be wrong.
@@ -34,7 +33,7 @@
 //! * [`influence`]: the question itself.
 //! * [`app`]: one handle of each room.
 //! * [`serve`]: everything on a listening socket.
-//! * [`experiments`]: claims about the whole, measured through [`app`].
+//! * [`experiments`]: claims about the whole, measured on a service of their own.
 //! * [`cli`]: the commands.
 //!
 //! # A write, a read, and what is learned
@@ -59,7 +58,6 @@ pub mod api;
 pub mod app;
 pub mod cli;
 pub mod client;
-pub mod config;
 pub mod environments;
 pub mod experiments;
 pub mod influence;

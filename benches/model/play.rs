@@ -176,7 +176,7 @@ impl Play {
     }
 
     /// Returns what a network says of the unseen states.
-    pub fn told(&self, network: &Network) -> Vec<Joint> {
+    pub fn predictions(&self, network: &Network) -> Vec<Joint> {
         let told = |(state, _): &(State, Joint)| {
             let actions = network.by_action(&self.environment, &StateKey::new(state));
             std::array::from_fn(|i| {

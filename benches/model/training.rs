@@ -30,7 +30,7 @@ pub async fn report(play: &Play) {
         let trained = play.train(Some(epochs)).await;
         let run = Run {
             seconds: trained.took.as_secs_f64(),
-            quality: play.quality(&play.told(&trained.network)),
+            quality: play.quality(&play.predictions(&trained.network)),
         };
         tell(
             &format!("training, {epochs} epochs at most, with prior, twins and judging"),

@@ -21,15 +21,14 @@ use nudge::api::proto::{self, IngestRequest, ingest_request, ingest_response};
 use nudge::app::{App, Upkeep};
 use nudge::client::{Connection, Wire};
 use nudge::serve::access::Keyring;
-use nudge::serve::tls::{Socket, Tls};
-use nudge::serve::{Settings, serve};
+use nudge::serve::tls::Tls;
+use nudge::serve::{Running, Settings, Starting};
 use nudge::store::{Options, SqliteStore};
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 use tempfile::TempDir;
 use tokio::net::TcpListener;
 use tokio::sync::mpsc;
-use tokio::task::JoinHandle;
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::transport::Channel;
 
@@ -42,7 +41,7 @@ pub struct Service {
     pub address: SocketAddr,
     pub app: App,
     pub directory: Arc<TempDir>,
-    serving: JoinHandle<()>,
+    running: Running,
 }
 
 impl Service {
@@ -57,30 +56,25 @@ impl Service {
         let store = SqliteStore::open(&path, Options::default())
             .await
             .expect("a database");
-        let app = App::open(Arc::new(store), Upkeep::default());
-        let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
-        let address = listener.local_addr().expect("bound");
-        let serving = serve(
-            app.clone(),
-            Socket { listener, tls },
-            Settings {
-                keys,
-                ..Settings::default()
-            },
-        );
-        let serving = tokio::spawn(async { serving.await.expect("the service runs") });
+
+        let mut starting = Starting::new(Settings {
+            keys,
+            ..Settings::default()
+        });
+        let free_port = SocketAddr::from(([127, 0, 0, 1], 0));
+        let address = starting.listen(free_port, tls).await.expect("a free port");
+        let running = starting.open(Arc::new(store), Upkeep::default());
+        let running = running.await.expect("the service runs");
         Self {
             address,
-            app,
+            app: running.app.clone(),
             directory,
-            serving,
+            running,
         }
     }
 
     pub async fn stop(self) {
-        self.app.draining.cancel();
-        self.serving.await.expect("the service ends");
-        self.app.close().await;
+        self.running.shutdown().await.expect("the service ends");
     }
 }
 

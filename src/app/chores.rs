@@ -1,4 +1,4 @@
-//! What the service does behind its answers, in words for operators.
+//! Background tasks, as operators are told of them: what the service does behind its answers.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -26,7 +26,7 @@ impl Chores {
 
     /// Tells everything that is being done, with what deleted environments have left; `idle` where
     /// nothing is.
-    pub fn told(&self, left: Leftovers) -> String {
+    pub fn describe(&self, left: Leftovers) -> String {
         let removing = (left.environments > 0).then(|| removing(left));
         let chores = self
             .lock()
@@ -85,7 +85,7 @@ mod tests {
     #[test]
     fn chores_are_told_while_they_go_on() {
         let chores = Chores::default();
-        assert_eq!(chores.told(Leftovers::default()), "idle");
+        assert_eq!(chores.describe(Leftovers::default()), "idle");
         let audit = chores.begin("comparing totals with cells");
         let looking = chores.begin("looking at fits and networks");
         let left = Leftovers {
@@ -94,12 +94,12 @@ mod tests {
         };
         let removing = "removing 2 environments, 1,234,567 states left";
         assert_eq!(
-            chores.told(left),
+            chores.describe(left),
             format!("{removing}; comparing totals with cells; looking at fits and networks")
         );
         drop(audit);
         drop(looking);
-        assert_eq!(chores.told(left), removing);
+        assert_eq!(chores.describe(left), removing);
     }
 
     #[test]

@@ -25,7 +25,7 @@ pub(super) fn render(environment: &str, response: &proto::BatchGetInfluenceRespo
 }
 
 /// Tells a threshold, which as a share or in another unit has digits without end.
-fn told(threshold: f64) -> String {
+fn written_threshold(threshold: f64) -> String {
     significant(threshold, 6)
 }
 
@@ -51,7 +51,7 @@ fn heading(environment: &str, labels: &proto::Labels, answers: &[proto::Answer])
         .first()
         .filter(|answer| answer.mutual_information.is_some());
     let rule = first.map(|answer| {
-        let threshold = told(answer.threshold.unwrap_or_default());
+        let threshold = written_threshold(answer.threshold.unwrap_or_default());
         let share = answer
             .share
             .map(|share| format!(", {} of the most the two can have", percent(share)));
@@ -97,7 +97,10 @@ fn one(answer: &proto::Answer, labels: &proto::Labels) -> String {
 fn evidence(answer: &proto::Answer) -> String {
     let mut lines = Vec::new();
     if let (Some(probability), Some(threshold)) = (&answer.probability, answer.threshold) {
-        let (threshold, above) = (told(threshold), figure(probability.above_threshold));
+        let (threshold, above) = (
+            written_threshold(threshold),
+            figure(probability.above_threshold),
+        );
         let above = format!("by the counts P(above {threshold} {}) {above}", answer.unit);
         let dependence = dependence(answer.dependence).unwrap_or("unknown");
         lines.push(format!(
@@ -151,7 +154,7 @@ fn network(model: &proto::ModelFigures, answer: &proto::Answer) -> String {
     let above = match (model.probability, answer.threshold) {
         (Some(probability), Some(threshold)) => format!(
             "P(above {} {unit}) {}",
-            told(threshold),
+            written_threshold(threshold),
             figure(probability)
         ),
         _ => "cannot tell at this threshold".into(),

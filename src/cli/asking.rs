@@ -1,5 +1,5 @@
-//! Questions of commands: asked again by themselves while the service makes the answer or is away,
-//! with a line that says so.
+//! Retries of questions that commands ask: again by themselves while the service makes the answer
+//! or is away, with a line that says so.
 
 use std::io::{IsTerminal, Write};
 use std::time::Duration;

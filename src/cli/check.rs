@@ -7,8 +7,8 @@ use std::sync::Arc;
 use clap::Args;
 use serde_json::json;
 
+use super::config::{Config, database};
 use super::{Failure, output};
-use crate::config::Config;
 use crate::domain::{Model, UnreadableEnvironment};
 use crate::error::Problem;
 use crate::model::Networks;
@@ -36,11 +36,7 @@ pub struct Check {
 impl Check {
     /// Audits every environment.
     pub async fn run(self) -> Result<(), Failure> {
-        let path = Config {
-            data: self.data,
-            ..Config::default()
-        }
-        .database();
+        let path = database(&self.data);
         if !path.exists() {
             return Err(Failure::usage(format!(
                 "no database at {}: name its directory with --data",

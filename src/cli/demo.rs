@@ -14,17 +14,19 @@ use clap::Args;
 use self::found::{Best, Found};
 use self::live::Live;
 use super::Failure;
-use super::duration::duration;
+use super::addresses::{address, reachable};
+use super::config::{Config, database};
+use super::duration::{Period, duration};
 use super::ingest::{self, Part};
 use super::output::{count, print};
 use super::progress::Progress;
 use super::report::Report;
-use super::serve::{Service, Signals, address, reachable};
+use super::serve::Service;
+use super::signals::Signals;
 use super::simulate::{Pace, Run};
 use crate::api::proto;
 use crate::app::App;
 use crate::client::Connection;
-use crate::config::Config;
 use crate::error::Problem;
 use crate::recordings::overcooked::{self, Abstraction};
 use crate::simulation::hallway::{Hallway, Protocol};
@@ -75,20 +77,22 @@ impl Demo {
             listen,
             data,
             insecure,
-            fit_every: FIT_EVERY,
+            fit_every: Period(FIT_EVERY),
             ..Config::default()
         };
         let Some(service) = Service::start(&config, &signals).await? else {
             return Ok(());
         };
+
         let address = reachable(service.address);
         print(&format!(
             "listening on http://{address}, counting in {}",
-            config.database().display()
+            database(&config.data).display()
         ))?;
         if !self.fresh {
-            print(&counted_before(&service.app).await)?;
+            print(&counted_before(&service.running.app).await)?;
         }
+
         let shown = tokio::select! {
             shown = self.show(address) => shown,
             () = signals.next() => Ok(()),
@@ -103,18 +107,22 @@ impl Demo {
         let shown = async {
             let connection = Connection::open(&address.to_string()).await?;
             let environments = self.play(&connection).await?;
+
             so_far.borrow_mut().stage = Stage::Looking(environments.clone());
             for environment in &environments {
                 let seen = found::look(&connection, environment).await?;
                 so_far.borrow_mut().saw(seen, environment);
             }
+
             let best = so_far.borrow_mut().tell()?;
             print(&to_try(address, &best))?;
+
             so_far.borrow_mut().stage = Stage::Training;
             found::train(&connection, HALLWAY).await?;
             so_far.borrow_mut().stage = Stage::Told;
             std::future::pending().await
         };
+
         tokio::select! {
             shown = shown => shown,
             () = ended => self.end(&so_far.borrow()),
@@ -150,6 +158,7 @@ impl Demo {
         if self.fresh {
             forget(connection, &names).await?;
         }
+
         let hallway = Hallway::try_from(Protocol {
             trials: TRIALS,
             ..Protocol::default()
@@ -160,6 +169,7 @@ impl Demo {
             environment: HALLWAY.into(),
             pace: Pace::Fast,
         };
+
         let silent = Progress::silent();
         let mut live = Live::begin(connection, names.clone()).await?;
         let played = tokio::select! {
@@ -167,6 +177,7 @@ impl Demo {
             stopped = live.run() => match stopped? {},
         };
         live.finish();
+
         let (mut report, hallway) = played;
         report.add(HALLWAY.into(), hallway);
         print(&format!(

@@ -1,10 +1,44 @@
-//! Times on the command line: a whole number and its unit.
+//! Durations on the command line: a whole number and its unit.
 
+use std::fmt;
+use std::str::FromStr;
 use std::time::Duration;
+
+use serde::{Serialize, Serializer};
 
 /// The longest that is taken: what is longer is a slip, and no clock can be asked for the end of
 /// all of them.
 const LONGEST_HOURS: u64 = 365 * 24;
+
+/// How often or how long, in whole seconds; written as it is read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Period(pub(super) Duration);
+
+impl FromStr for Period {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        duration(text).map(Self)
+    }
+}
+
+impl fmt::Display for Period {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.0.as_secs() {
+            seconds if seconds > 0 && seconds % 3_600 == 0 => {
+                write!(formatter, "{}h", seconds / 3_600)
+            }
+            seconds if seconds > 0 && seconds % 60 == 0 => write!(formatter, "{}m", seconds / 60),
+            seconds => write!(formatter, "{seconds}s"),
+        }
+    }
+}
+
+impl Serialize for Period {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
 
 /// Reads a time: 20s, 5m or 1h, up to a year.
 pub(super) fn duration(text: &str) -> Result<Duration, String> {
@@ -49,6 +83,16 @@ mod tests {
         ] {
             assert!(duration(bad).is_err(), "{bad}");
         }
+    }
+
+    #[test]
+    fn periods_are_written_as_they_are_read() {
+        for written in ["0s", "5s", "90s", "2m", "1h", "25h", "8760h"] {
+            let period: Period = written.parse().expect("a period");
+            assert_eq!(period.to_string(), written);
+        }
+        let minute = "60s".parse::<Period>().expect("a period");
+        assert_eq!(minute.to_string(), "1m", "in the largest unit");
     }
 
     #[test]

@@ -6,12 +6,13 @@ use std::time::Duration;
 
 use clap::Args;
 
+use super::Failure;
+use super::addresses::{address, reachable};
+use super::config::Config;
 use super::duration::duration;
 use super::output::print;
 use super::server::Tls;
-use super::{Failure, serve};
 use crate::client::{ClientTls, Options, Readiness, Trust, readiness};
-use crate::config::Config;
 
 /// Ask a service whether it is ready
 #[derive(Debug, Args)]
@@ -27,7 +28,7 @@ pub(super) struct Health {
     #[arg(long, value_name = "ADDRESS", env = "NUDGE_SERVER")]
     server: Option<String>,
     /// Where the service on this machine listens
-    #[arg(long, env = "NUDGE_LISTEN", value_name = "ADDR", value_parser = serve::address, default_value_t = Config::default().listen)]
+    #[arg(long, env = "NUDGE_LISTEN", value_name = "ADDR", value_parser = address, default_value_t = Config::default().listen)]
     listen: SocketAddr,
     /// The certificate of the service on this machine, where it speaks TLS
     #[arg(long, env = "NUDGE_TLS_CERT", value_name = "FILE")]
@@ -68,12 +69,12 @@ impl Health {
         let mut tls = self.tls.client()?;
         let address = match (&self.server, &self.tls_cert) {
             (Some(server), _) => server.clone(),
-            (None, None) => format!("http://{}", serve::reachable(self.listen)),
+            (None, None) => format!("http://{}", reachable(self.listen)),
             (None, Some(certificate)) => {
                 if tls.trust == Trust::System {
                     tls.trust = Trust::Exactly(certificate.clone());
                 }
-                format!("https://{}", serve::reachable(self.listen))
+                format!("https://{}", reachable(self.listen))
             }
         };
         if self.no_verify {

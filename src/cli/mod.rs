@@ -5,10 +5,12 @@
 //! service refused, or rejected something; 2: the command cannot be done as it was given (a wrong
 //! flag, no such file, no service there); 130: a signal ended what it waited for.
 
+mod addresses;
 mod answers;
 mod asking;
 mod card;
 mod check;
+mod config;
 mod demo;
 mod duration;
 mod env;
@@ -25,6 +27,7 @@ mod query;
 mod report;
 mod serve;
 mod server;
+mod signals;
 mod simulate;
 mod train;
 
@@ -56,7 +59,7 @@ pub struct Cli {
 /// A comment on a variant would replace the help of the command's own type, so there is none.
 #[derive(Debug, Subcommand)]
 enum Command {
-    Serve(serve::Serve),
+    Serve(Box<serve::Serve>),
     Demo(demo::Demo),
     #[command(subcommand)]
     Env(env::Env),

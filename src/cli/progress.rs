@@ -1,4 +1,4 @@
-//! How far a long command is: a bar on a terminal, plain lines in a pipe. Both on standard error.
+//! Progress of a long command: a bar on a terminal, plain lines in a pipe. Both on standard error.
 
 use std::io::{IsTerminal, Write};
 

@@ -1,18 +1,19 @@
 //! `nudge train`: a network for a pair of agents, trained by the service and judged beside its
 //! baselines.
 
+use std::fmt::Display;
 use std::time::{Duration, Instant};
 
 use clap::Args;
 
 use super::model::{all, shown};
 use super::progress::Progress;
-use super::serve::Signals;
 use super::server::Server;
+use super::signals::Signals;
 use super::{Failure, card};
 use crate::api::proto::{self, JobState};
 use crate::client::{ClientError, Connection, patiently, patiently_telling};
-use crate::domain::{ModelId, ModelKind, Weighting};
+use crate::domain::{ModelId, ModelKind, Training, Weighting};
 
 /// How often the service is asked how far it is: often at first, for a short training, then less
 /// and less.
@@ -45,25 +46,19 @@ pub(super) struct Train {
     /// above the threshold); joint unless given
     #[arg(long, value_name = "KIND")]
     kind: Option<ModelKind>,
-    /// Units of the hidden layer; 64 unless given
-    #[arg(long, value_name = "NUMBER")]
+    #[arg(long, value_name = "NUMBER", help = usual("Units of the hidden layer", Training::default().width))]
     width: Option<u64>,
-    /// Networks that are trained and averaged; 3 unless given
-    #[arg(long, value_name = "NUMBER")]
+    #[arg(long, value_name = "NUMBER", help = usual("Networks that are trained and averaged", Training::default().members))]
     members: Option<u64>,
-    /// Parts that the states are cut into; each member is stopped and judged by one that it does
-    /// not learn from; 5 unless given
-    #[arg(long, value_name = "NUMBER")]
+    #[arg(long, value_name = "NUMBER", help = usual("Parts that the states are cut into; each member is stopped and judged by one that it does not learn from", Training::default().folds))]
     folds: Option<u64>,
-    /// The most passes over the states; 140 unless given
-    #[arg(long, value_name = "NUMBER")]
+    #[arg(long, value_name = "NUMBER", help = usual("The most passes over the states", Training::default().epochs))]
     epochs: Option<u64>,
     /// How much a state counts: visits (as often as it was seen) or states (once); visits unless
     /// given
     #[arg(long, value_name = "WEIGHTING")]
     weighting: Option<Weighting>,
-    /// Where all randomness comes from; 0 unless given
-    #[arg(long, value_name = "NUMBER")]
+    #[arg(long, value_name = "NUMBER", help = usual("Where all randomness comes from", Training::default().seed))]
     seed: Option<u64>,
     /// Make it active even where it does not beat its baselines
     #[arg(long)]
@@ -73,6 +68,11 @@ pub(super) struct Train {
     json: bool,
     #[command(flatten)]
     server: Server,
+}
+
+/// Returns the help of a flag whose default is the service's.
+fn usual(what: &str, default: impl Display) -> String {
+    format!("{what}; {default} unless given")
 }
 
 impl Train {

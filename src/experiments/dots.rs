@@ -1,4 +1,4 @@
-//! A plot of dots: panels beside and below each other, in each a row a decision, in each row a dot
+//! A plot of dots: panels beside and below each other, in each a row a method, in each row a dot
 //! a mark with its spread over seeds.
 
 use std::ops::Range;

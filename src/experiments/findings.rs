@@ -1,4 +1,4 @@
-//! What experiments found: figures of decisions in worlds over seeds, where they have to lie, and
+//! What experiments found: figures of methods in worlds over seeds, where they have to lie, and
 //! both as JSON and CSV.
 
 use serde_json::{Value, json};
@@ -29,31 +29,31 @@ macro_rules! named {
 }
 pub(super) use named;
 
-/// The figures of some decisions for one seed; `None` where one is not defined.
+/// The figures of some methods for one seed; `None` where one is not defined.
 pub type Measured<D, F> = Vec<(D, F, Option<f64>)>;
 
-/// A figure of a decision in a world.
+/// A figure of a method in a world.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Finding<W, D, F> {
     /// The world.
     pub world: W,
-    /// The decision.
-    pub decision: D,
+    /// The method.
+    pub method: D,
     /// The figure.
     pub figure: F,
     /// Its values over the seeds.
     pub spread: Spread,
 }
 
-/// Everything that an experiment found: world after world, decision after decision.
+/// Everything that an experiment found: world after world, method after method.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Findings<W, D, F>(pub Vec<Finding<W, D, F>>);
 
 impl<W: PartialEq, D: PartialEq, F: PartialEq> Findings<W, D, F> {
     /// Returns a figure over the seeds, where it is defined.
-    pub fn find(&self, world: &W, decision: D, figure: F) -> Option<Spread> {
+    pub fn find(&self, world: &W, method: D, figure: F) -> Option<Spread> {
         let is_it = |finding: &&Finding<W, D, F>| {
-            finding.world == *world && finding.decision == decision && finding.figure == figure
+            finding.world == *world && finding.method == method && finding.figure == figure
         };
         self.0.iter().find(is_it).map(|finding| finding.spread)
     }
@@ -72,14 +72,14 @@ pub fn over_seeds<W: Copy, D: Copy, F: Copy>(
     of_seeds: &[Measured<D, F>],
 ) -> Vec<Finding<W, D, F>> {
     let measured = of_seeds.first().into_iter().flatten().enumerate();
-    let finding = |(at, (decision, figure, _)): (usize, &(D, F, Option<f64>))| {
+    let finding = |(at, (method, figure, _)): (usize, &(D, F, Option<f64>))| {
         let values: Vec<f64> = of_seeds
             .iter()
             .filter_map(|measured| measured[at].2)
             .collect();
         Some(Finding {
             world,
-            decision: *decision,
+            method: *method,
             figure: *figure,
             spread: Spread::of(&values)?,
         })
@@ -90,12 +90,7 @@ pub fn over_seeds<W: Copy, D: Copy, F: Copy>(
 impl<W: Cells, D: Cells, F: Cells> Cells for Finding<W, D, F> {
     fn cells(&self) -> Row {
         let Spread { mean, sd, seeds } = self.spread;
-        let named = [
-            self.world.cells(),
-            self.decision.cells(),
-            self.figure.cells(),
-        ]
-        .concat();
+        let named = [self.world.cells(), self.method.cells(), self.figure.cells()].concat();
         [
             named,
             vec![
@@ -132,8 +127,8 @@ impl Bound {
 pub struct Target<W, D, F> {
     /// Of which world.
     pub world: W,
-    /// Of which decision.
-    pub decision: D,
+    /// Of which method.
+    pub method: D,
     /// Which figure.
     pub figure: F,
     /// Where it has to lie.
@@ -156,12 +151,7 @@ impl<W: Cells, D: Cells, F: Cells> Cells for Target<W, D, F> {
             Bound::AtLeast(at) => ("at_least", at),
             Bound::AtMost(at) => ("at_most", at),
         };
-        let named = [
-            self.world.cells(),
-            self.decision.cells(),
-            self.figure.cells(),
-        ]
-        .concat();
+        let named = [self.world.cells(), self.method.cells(), self.figure.cells()].concat();
         [
             named,
             vec![

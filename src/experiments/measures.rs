@@ -1,5 +1,5 @@
-//! How good scores, decisions, estimates and intervals are where the truth is known. What is not
-//! defined is `None`, never a number.
+//! Measures of scores, decisions, estimates and intervals where the truth is known (AUROC, F1,
+//! RMSE). What is not defined is `None`, never a number.
 
 /// Returns the area under the ROC curve: the probability that a state with the property scores
 /// higher than one without, ties counted half.

@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use tempfile::TempDir;
 
-use crate::app::{App, Upkeep};
+use crate::app::Upkeep;
 use crate::domain::draft::{PairDraft, QuestionDraft, SchemaDraft, StatesDraft, TrainingDraft};
 use crate::domain::{
     Acknowledged, Answer, Batch, Environment, Job, JobState, Label, Pair, ProducerId, Question,
@@ -14,6 +14,7 @@ use crate::domain::{
 };
 use crate::error::{ErrorKind, Problem};
 use crate::model::Dataset;
+use crate::serve::{Running, Settings, Starting};
 use crate::store::{Options, SqliteStore};
 
 /// Records of one batch.
@@ -24,7 +25,7 @@ const ASKED_TOGETHER: usize = 250;
 
 /// A service with one environment.
 pub struct Service {
-    app: App,
+    running: Running,
     environment: Arc<Environment>,
     sequence: Sequence,
     /// Removed with the service.
@@ -38,13 +39,19 @@ impl Service {
             .map_err(|error| unavailable("make a temporary directory", error))?;
         let store = SqliteStore::open(&directory.path().join("nudge.db"), Options::default()).await;
         let store = store.map_err(|error| unavailable("open a temporary database", error))?;
-        let app = App::open(Arc::new(store), Upkeep::default());
-        let (environment, _) = app
+        // It listens nowhere: whoever measures calls its rooms.
+        let running = Starting::new(Settings::default())
+            .open(Arc::new(store), Upkeep::default())
+            .await
+            .map_err(|error| unavailable("start a service", error))?;
+
+        let (environment, _) = running
+            .app
             .environments
             .apply("experiment", schema.clone().into())
             .await?;
         Ok(Self {
-            app,
+            running,
             environment,
             sequence: Sequence::NONE,
             directory,
@@ -68,6 +75,7 @@ impl Service {
                 records,
             };
             match self
+                .running
                 .app
                 .ingest
                 .write(&self.environment, producer.clone(), batch)
@@ -84,7 +92,8 @@ impl Service {
 
     /// Fits the priors to what is counted.
     pub async fn fit(&self) -> Result<(), Problem> {
-        self.app
+        self.running
+            .app
             .influence
             .fit(&self.environment, None)
             .await
@@ -93,7 +102,7 @@ impl Service {
 
     /// Trains a network and waits until it answers.
     pub async fn train(&self, draft: &TrainingDraft) -> Result<(), Problem> {
-        let networks = &self.app.networks;
+        let networks = &self.running.app.networks;
         let Job { id, .. } = networks.train(&self.environment, draft).await?;
         match networks.finished(&self.environment, id).await? {
             Job {
@@ -108,7 +117,11 @@ impl Service {
     pub async fn dataset(&self) -> Result<Dataset, Problem> {
         let pair = Pair::named(&self.environment.schema, &PairDraft::default());
         let pair = pair.map_err(|faults| Problem::invalid("question", faults))?;
-        self.app.networks.dataset(&self.environment, &pair).await
+        self.running
+            .app
+            .networks
+            .dataset(&self.environment, &pair)
+            .await
     }
 
     /// Returns the key of a state that is given by its values.
@@ -134,7 +147,8 @@ impl Service {
             };
             let question = Question::new(&self.environment, &draft)?;
             answers.extend(
-                self.app
+                self.running
+                    .app
                     .influence
                     .answer(&self.environment, question)
                     .await?
@@ -146,7 +160,10 @@ impl Service {
 
     /// Closes the service and forgets what it counted.
     pub async fn close(self) -> Result<(), Problem> {
-        self.app.close().await;
+        self.running
+            .shutdown()
+            .await
+            .map_err(|error| unavailable("stop a service", error))?;
         self.directory
             .close()
             .map_err(|error| unavailable("remove a temporary directory", error))

@@ -1,5 +1,5 @@
-//! The socket before and after the database is open: until then it says that the service is alive,
-//! not ready, and why.
+//! Liveness and readiness while the service starts: until the database is open the socket says that
+//! it is alive, not ready, and why.
 
 use std::convert::Infallible;
 use std::sync::{Arc, OnceLock};
@@ -14,7 +14,7 @@ use tower::ServiceExt;
 
 use super::connections::limits::Limits;
 use super::requests::{self, is_grpc};
-use super::settings::Settings;
+use super::settings::{Endpoint, Settings};
 use super::status::{self, Failure};
 use super::tls::Socket;
 use super::{listen, operations, routes};
@@ -46,20 +46,16 @@ impl Doors {
         &self,
         app: App,
         settings: &Settings,
+        endpoint: &Endpoint,
     ) -> Result<(), tonic_reflection::server::Error> {
-        let router = routes::router(app, settings).await?;
+        let router = routes::router(app, settings, endpoint).await?;
         // A service is opened once.
         let _ = self.open.set(router);
         Ok(())
     }
 
     /// Serves connections until it drains and they have ended.
-    pub async fn serve(
-        self,
-        socket: impl Into<Socket>,
-        draining: CancellationToken,
-        limits: Limits,
-    ) {
+    pub async fn serve(self, socket: Socket, draining: CancellationToken, limits: Limits) {
         let router = Router::new().fallback(enter).with_state(self);
         listen::accept(socket, router, draining, limits).await;
     }

@@ -1,4 +1,4 @@
-//! The accept loop, and its graceful end.
+//! The accept loop and its graceful shutdown.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -26,6 +26,7 @@ pub async fn accept(
     let (over, longest) = (CancellationToken::new(), limits.drain);
     let host = Host::new(router, limits, tls.clone(), draining.clone(), over.clone());
     let connections = TaskTracker::new();
+
     let renewing = async {
         if let Some(tls) = tls {
             tls.keep_up().await;
@@ -33,6 +34,8 @@ pub async fn accept(
     };
     let receiving = async { tokio::join!(receive(&listener, &host, &connections), renewing) };
     draining.run_until_cancelled(receiving).await;
+
+    // Whoever connects now is refused, and finds another service or comes again.
     drop(listener);
     connections.close();
     if tokio::time::timeout(longest, connections.wait())

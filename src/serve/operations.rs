@@ -1,4 +1,5 @@
-//! What operators ask: is the process alive, can it work, what does it measure.
+//! Probes and metrics: liveness (is the process alive?), readiness (can it work?), and what
+//! Prometheus scrapes.
 
 use axum::extract::{Request, State};
 use axum::http::{StatusCode, Uri};
@@ -83,18 +84,18 @@ type Check = (&'static str, Result<(), String>);
 
 /// Says whether the service can take and answer, or why not.
 pub async fn ready(app: &App) -> Result<(), Problem> {
-    let failed = checks(app)
-        .await
-        .into_iter()
-        .find_map(|(name, check)| check.err().map(|why| (name, why)));
-    let problem = |(name, why)| {
-        Problem::new(
-            ErrorKind::Unavailable,
-            "NOT_READY",
-            format!("not ready: {name}: {why}"),
-        )
-    };
-    failed.map_or(Ok(()), |failed| Err(problem(failed)))
+    for (name, check) in checks(app).await {
+        check.map_err(|why| not_ready(name, &why))?;
+    }
+    Ok(())
+}
+
+fn not_ready(name: &str, why: &str) -> Problem {
+    Problem::new(
+        ErrorKind::Unavailable,
+        "NOT_READY",
+        format!("not ready: {name}: {why}"),
+    )
 }
 
 async fn checks(app: &App) -> [Check; 3] {
@@ -123,6 +124,7 @@ async fn readyz(State(app): State<App>, uri: Uri) -> Response {
     if let Some(refusal) = refusal(&uri, &["verbose"]) {
         return refusal;
     }
+
     app.prove().await;
     let checks = checks(&app).await;
     let ready = checks.iter().all(|(_, check)| check.is_ok());
@@ -131,19 +133,19 @@ async fn readyz(State(app): State<App>, uri: Uri) -> Response {
     } else {
         StatusCode::SERVICE_UNAVAILABLE
     };
+
     if !is_verbose(uri.query()) {
         return (status, if ready { "ready\n" } else { "not ready\n" }).into_response();
     }
-    let told = |(name, check): Check| {
-        (
-            name.to_owned(),
-            check.err().unwrap_or_else(|| passed(name).into()).into(),
-        )
-    };
-    let checks: serde_json::Map<String, serde_json::Value> = checks.into_iter().map(told).collect();
+
+    let checks: serde_json::Map<String, serde_json::Value> = checks
+        .into_iter()
+        .map(|(name, check)| (name.to_owned(), outcome(name, check).into()))
+        .collect();
     let background = app.in_the_background();
     let mut told =
         serde_json::json!({ "ready": ready, "checks": checks, "background": background });
+
     let damaged = app.store.read_only();
     if !damaged.is_empty() {
         let environments = damaged
@@ -152,6 +154,11 @@ async fn readyz(State(app): State<App>, uri: Uri) -> Response {
         told["read_only"] = serde_json::Value::Object(environments.collect());
     }
     (status, Json(told)).into_response()
+}
+
+/// Returns what is said of a check.
+fn outcome(name: &str, check: Result<(), String>) -> String {
+    check.err().unwrap_or_else(|| passed(name).into())
 }
 
 /// Returns what is said of a check that passed: of one that is named after its trouble, that there
@@ -179,6 +186,7 @@ async fn metrics(State(app): State<App>, uri: Uri) -> Response {
         .iter()
         .map(|(check, outcome)| (*check, outcome.is_ok()))
         .collect();
+
     let standing = figures::standing(&app, checks).await;
     (
         [("content-type", "text/plain; version=0.0.4; charset=utf-8")],

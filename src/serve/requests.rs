@@ -97,13 +97,13 @@ impl Call {
         // Nobody reads the body of such an answer.
         self.is_told = self.is_head;
         // Not every refusal has been through gRPC.
-        self.noted.read(response.headers());
+        self.noted.note_grpc_status(response.headers());
         response.headers_mut().insert(REQUEST_ID, self.id.clone());
         response
     }
 
     /// Notes that the answer was told to its end.
-    pub fn told(&mut self) {
+    pub fn completed(&mut self) {
         self.is_told = true;
     }
 
@@ -180,13 +180,13 @@ pub async fn note_code(request: Request, next: Next) -> Response {
         return next.run(request).await;
     };
     let response = next.run(request).await;
-    if noted.read(response.headers()) {
+    if noted.note_grpc_status(response.headers()) {
         return response;
     }
     response.map(|body| {
         Body::new(body.map_frame(move |frame| {
             if let Some(trailers) = frame.trailers_ref() {
-                noted.read(trailers);
+                noted.note_grpc_status(trailers);
             }
             frame
         }))
@@ -208,7 +208,7 @@ impl Noted {
     }
 
     /// Takes note of a code if there is one, and tells whether there was.
-    fn read(&self, headers: &HeaderMap) -> bool {
+    fn note_grpc_status(&self, headers: &HeaderMap) -> bool {
         let Some(code) = headers.get("grpc-status") else {
             return false;
         };
@@ -448,7 +448,7 @@ mod tests {
                 .expect("an answer");
             drop(call.answered(response));
             if is_read {
-                call.told();
+                call.completed();
             }
             call.code()
         };
@@ -472,7 +472,7 @@ mod tests {
             let (mut call, _) = begun(request);
             call.noted().left();
             drop(call.answered(tonic::Status::internal("its body ended early").into_http::<()>()));
-            call.told();
+            call.completed();
             assert_eq!(call.code(), code, "it left in mid-body");
         }
     }

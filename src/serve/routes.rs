@@ -5,7 +5,7 @@ use axum::{Router, middleware};
 use tower_http::catch_panic::CatchPanicLayer;
 
 use super::access::{self, Guard};
-use super::settings::Settings;
+use super::settings::{Endpoint, Settings};
 use super::{cors, grpc, inference, operations, requests, rest};
 use crate::app::App;
 
@@ -13,6 +13,7 @@ use crate::app::App;
 pub async fn router(
     app: App,
     settings: &Settings,
+    endpoint: &Endpoint,
 ) -> Result<Router, tonic_reflection::server::Error> {
     // Without this an unknown REST path would answer 200 with a gRPC status.
     let grpc = grpc::routes(app.clone())
@@ -28,12 +29,14 @@ pub async fn router(
     let grpc = grpc
         .layer(tonic_web::GrpcWebLayer::new())
         .layer(middleware::from_fn(grpc::over_http_2));
+
     let router = rest::router(app.clone())
         .merge(inference::router(app.clone()))
         .merge(operations::router(app))
         .merge(grpc);
     requests::expect(rest::documented());
-    let guard = Guard::new(settings);
+
+    let guard = Guard::new(settings, endpoint);
     let router = router.layer(middleware::from_fn_with_state(guard, access::admit));
     Ok(
         cors::allow(router, &settings.cors_origins)

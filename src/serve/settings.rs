@@ -1,4 +1,4 @@
-//! What may be set about the faces.
+//! What may be set about the faces, and where they are reached.
 
 use std::net::IpAddr;
 
@@ -13,13 +13,18 @@ pub struct Settings {
     pub cors_origins: Vec<String>,
     /// Who is let in; everybody where it is absent.
     pub keys: Option<Keyring>,
-    /// The address that is listened on.
-    pub listen: Option<IpAddr>,
     /// Names, beside loopback names and the address that is listened on, by which the service may
     /// be asked for: `nudge.example.org`, `*.example.org`.
     pub hosts: Vec<String>,
-    /// Whether the port speaks TLS.
-    pub speaks_tls: bool,
     /// What connections may take.
     pub limits: Limits,
+}
+
+/// Where the service is reached.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Endpoint {
+    /// The address that is listened on, if any is.
+    pub ip: Option<IpAddr>,
+    /// Whether the port speaks TLS.
+    pub speaks_tls: bool,
 }

@@ -58,7 +58,7 @@ const MOST_FAULTS: usize = 2_000;
 /// besides.
 pub fn grpc(problem: Problem) -> Status {
     let (_, code) = codes(problem.kind);
-    let told = told(&problem.faults);
+    let told = field_violations(&problem.faults);
     let more = problem.faults.len() - told.len();
     let more = (more > 0).then(|| ("more_faults".to_owned(), more.to_string()));
     let given = problem
@@ -81,7 +81,7 @@ pub fn grpc(problem: Problem) -> Status {
 }
 
 /// Returns the pointers and details of the first faults, as many as fit into headers.
-fn told(faults: &[Fault]) -> Vec<(String, String)> {
+fn field_violations(faults: &[Fault]) -> Vec<(String, String)> {
     let mut left = MOST_FAULTS;
     let first = faults.iter().take(MOST_TOLD).map(|fault| {
         (

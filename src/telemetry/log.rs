@@ -1,4 +1,5 @@
-//! Logs: where they go, how they look, and how a flood of the same line becomes a few.
+//! Structured logs: where they go, how they look, and rate limiting, by which a flood of the same
+//! line becomes a few.
 
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};

@@ -229,7 +229,7 @@ fn line(
     // An empty label is none.
     let told: Vec<String> = all
         .filter(|(_, value)| !value.is_empty())
-        .map(|(name, value)| told(name, value))
+        .map(|(name, value)| label(name, value))
         .collect();
     let labels = if told.is_empty() {
         String::new()
@@ -239,7 +239,8 @@ fn line(
     let _ = writeln!(text, "{name}{suffix}{labels} {number}");
 }
 
-fn told(name: &str, value: &str) -> String {
+/// Returns a label as the exposition format writes it.
+fn label(name: &str, value: &str) -> String {
     format!(
         "{name}=\"{}\"",
         value

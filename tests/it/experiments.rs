@@ -5,9 +5,9 @@ use std::path::Path;
 use std::process::{Command, Output};
 
 use nudge::domain::{Dependence, Independence, Verdict};
-use nudge::experiments::kitchens::{self, Layout, Manner};
+use nudge::experiments::kitchens::{self, Layout, ResponseModel};
 use nudge::experiments::planted::{
-    Case, Decision, Figure, Options, Report, Target, World, hard, measure, run,
+    Case, Figure, Method, Options, Report, Target, World, hard, measure, run,
 };
 use nudge::experiments::seeds::Seeds;
 use nudge::simulation::planted::{Arm, Generator};
@@ -22,16 +22,10 @@ const SMALL: Options = Options {
     states: 120,
 };
 
-fn mean(
-    report: &Report,
-    generator: Generator,
-    arm: Arm,
-    decision: Decision,
-    figure: Figure,
-) -> f64 {
+fn mean(report: &Report, generator: Generator, arm: Arm, method: Method, figure: Figure) -> f64 {
     report
         .findings
-        .find(&SMALL.compared(generator, arm), decision, figure)
+        .find(&SMALL.compared(generator, arm), method, figure)
         .expect("defined")
         .mean
 }
@@ -44,30 +38,30 @@ async fn the_default_rule_finds_what_is_planted_and_nothing_else() {
         .expect("a temporary directory");
     assert_eq!(worlds, SMALL.worlds().len() * 2);
     for generator in Generator::USUAL {
-        let of = |arm, decision, figure| mean(&report, generator, arm, decision, figure);
-        let area = |decision| of(Arm::Plain, decision, Figure::AucPlanted);
+        let of = |arm, method, figure| mean(&report, generator, arm, method, figure);
+        let area = |method| of(Arm::Plain, method, Figure::AucPlanted);
         assert!(
-            area(Decision::SpikeAndSlab) > area(Decision::PlugIn) + 0.03,
+            area(Method::SpikeAndSlab) > area(Method::PlugIn) + 0.03,
             "{generator:?}"
         );
-        let error = |decision| of(Arm::Plain, decision, Figure::Rmse);
+        let error = |method| of(Arm::Plain, method, Figure::Rmse);
         assert!(
-            error(Decision::SpikeAndSlab) < 0.7 * error(Decision::PlugIn),
+            error(Method::SpikeAndSlab) < 0.7 * error(Method::PlugIn),
             "{generator:?}"
         );
 
-        let shuffled = |decision, figure| of(Arm::Shuffled, decision, figure);
+        let shuffled = |method, figure| of(Arm::Shuffled, method, figure);
         assert!(
-            shuffled(Decision::SpikeAndSlab, Figure::MeanProbability) < 0.1,
+            shuffled(Method::SpikeAndSlab, Figure::MeanProbability) < 0.1,
             "{generator:?}"
         );
         assert!(
-            shuffled(Decision::PapersFilter, Figure::FalselyCalled) > 0.05,
+            shuffled(Method::PapersFilter, Figure::FalselyCalled) > 0.05,
             "bias passes for influence there"
         );
         for never in [Figure::FalselyCalled, Figure::FalselyEstablished] {
             assert!(
-                shuffled(Decision::SpikeAndSlab, never) < 0.01,
+                shuffled(Method::SpikeAndSlab, never) < 0.01,
                 "{generator:?}: {never:?}"
             );
         }
@@ -96,11 +90,14 @@ async fn what_was_never_counted_is_told_by_what_was() {
         number: 1,
         first: 1,
     };
-    let (layouts, manners) = (vec![Layout::AsymmetricAdvantages], vec![Manner::Yield]);
+    let (layouts, response_models) = (
+        vec![Layout::AsymmetricAdvantages],
+        vec![ResponseModel::Yield],
+    );
     let options = kitchens::Options {
         seeds,
         layouts,
-        manners,
+        response_models,
         epochs: 10,
         steps: Some(2_500),
     };
@@ -111,30 +108,30 @@ async fn what_was_never_counted_is_told_by_what_was() {
     assert_eq!((worlds, report.worlds[0].1.unseen), (1, 1_445));
 
     let world = options.worlds()[0];
-    let of = |decision, figure| {
+    let of = |method, figure| {
         report
             .findings
-            .find(&world, decision, figure)
+            .find(&world, method, figure)
             .expect("defined")
             .mean
     };
-    for decision in kitchens::Decision::ALL {
+    for method in kitchens::Method::ALL {
         kitchens::Figure::ALL
             .iter()
-            .for_each(|figure| assert!(of(decision, *figure).is_finite()));
+            .for_each(|figure| assert!(of(method, *figure).is_finite()));
     }
-    let f1 = |decision| of(decision, kitchens::Figure::F1);
-    assert!(f1(kitchens::Decision::Oracle) > 0.99);
+    let f1 = |method| of(method, kitchens::Figure::F1);
+    assert!(f1(kitchens::Method::Oracle) > 0.99);
     assert_eq!(
         (
-            f1(kitchens::Decision::LookUp),
-            of(kitchens::Decision::LookUp, kitchens::Figure::Undecided)
+            f1(kitchens::Method::LookUp),
+            of(kitchens::Method::LookUp, kitchens::Figure::Undecided)
         ),
         (0.0, 1.0)
     );
-    assert!(f1(kitchens::Decision::Joint) > f1(kitchens::Decision::AllPositive) + 0.2);
+    assert!(f1(kitchens::Method::Joint) > f1(kitchens::Method::AllPositive) + 0.2);
     assert_eq!(
-        of(kitchens::Decision::Shuffled, kitchens::Figure::Called),
+        of(kitchens::Method::Shuffled, kitchens::Figure::Called),
         0.0
     );
     assert!(
@@ -247,7 +244,7 @@ async fn hard_worlds_are_judged_where_there_are_states_to_judge_by() {
     let of = |world, figure| {
         report
             .findings
-            .find(&world, hard::DECISION, figure)
+            .find(&world, hard::METHOD, figure)
             .map(|spread| spread.mean)
     };
     for world in [none, all, two, weak, segments] {
@@ -316,7 +313,7 @@ async fn visits_are_sent_as_counts_of_entries_in_their_segments() {
             dependent: 50,
         };
         let cases = world
-            .cases(1, &[Decision::SpikeAndSlab])
+            .cases(1, &[Method::SpikeAndSlab])
             .await
             .expect("a temporary directory");
         assert_eq!(cases.len(), 3);
@@ -345,7 +342,7 @@ async fn cases(said: &[Said]) -> Vec<Case> {
         dependent: 30,
     };
     let mut cases = world
-        .cases(1, &[Decision::SpikeAndSlab])
+        .cases(1, &[Method::SpikeAndSlab])
         .await
         .expect("a temporary directory");
     for (case, (visits, information, verdict, dependence)) in cases.iter_mut().zip(said) {
@@ -366,7 +363,7 @@ async fn cases(said: &[Said]) -> Vec<Case> {
 }
 
 fn measured(cases: &[Case], figures: &[Figure]) -> Vec<Option<f64>> {
-    measure(&[Decision::SpikeAndSlab], figures, cases)
+    measure(&[Method::SpikeAndSlab], figures, cases)
         .into_iter()
         .map(|(.., figure)| figure)
         .collect()

@@ -9,6 +9,7 @@ use nudge::app::{App, Upkeep};
 use nudge::domain::draft::TrainingDraft;
 use nudge::domain::{Card, Environment, Job, JobState, Model, RuleDraft, StateKey};
 use nudge::model::Prediction;
+use nudge::serve::{Settings, Starting};
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 use safetensors::SafeTensors;
@@ -814,15 +815,15 @@ async fn what_has_grown_is_trained_again_by_itself_if_asked() {
     count(&app, 1, seen(15, COPIES)).await;
     app.stop().await;
     let store = open(directory.path(), Default::default()).await;
-    let app = App::open(
-        store,
-        Upkeep {
-            train_every: Duration::from_millis(10),
-            ..Upkeep::default()
-        },
-    );
-    let environment = environment(&app);
-    let job = ended(&app, &environment, 0).await;
+    let upkeep = Upkeep {
+        train_every: Duration::from_millis(10),
+        ..Upkeep::default()
+    };
+    let running = Starting::new(Settings::default()).open(store, upkeep);
+    let running = running.await.expect("it starts");
+    let app = &running.app;
+    let environment = environment(app);
+    let job = ended(app, &environment, 0).await;
     assert_eq!(
         (job.state, job.version),
         (JobState::Done, Some(1)),
@@ -838,7 +839,7 @@ async fn what_has_grown_is_trained_again_by_itself_if_asked() {
         .update_rule("street", &threshold)
         .await
         .expect("valid");
-    let job = ended(&app, &environment, 1).await;
+    let job = ended(app, &environment, 1).await;
     assert_eq!(
         (job.state, job.version),
         (JobState::Done, Some(2)),
@@ -858,7 +859,7 @@ async fn what_has_grown_is_trained_again_by_itself_if_asked() {
     tokio::time::sleep(Duration::from_millis(100)).await;
     let jobs = app.networks.list(&environment).await.expect("listed").jobs;
     assert_eq!(jobs.len(), 2, "nothing has changed since");
-    app.close().await;
+    running.shutdown().await.expect("it ends");
 }
 
 /// Awaits the end of an environment's nth job, which somebody asks for sooner or later.

@@ -1,4 +1,4 @@
-//! The decision by evidence, measured where the truth is known: a small copy of what the planted
+//! The method by evidence, measured where the truth is known: a small copy of what the planted
 //! experiment reports.
 
 use nudge::domain::{Dependence, Rule, RuleKind, Verdict};
@@ -10,7 +10,7 @@ use nudge::simulation::planted::{Arm, Generator, Options, Planted, planted};
 const SEEDS: [u64; 3] = [1, 2, 3];
 const STATES: usize = 600;
 
-/// What a decision is worth, over all seeds.
+/// What a method is worth, over all seeds.
 #[derive(Default)]
 struct Score {
     /// Area under the curve of "there is influence".

@@ -58,10 +58,15 @@ impl Server {
 
     /// Asks it to stop, as an operator does.
     pub fn ask_to_stop(&self) {
-        let asked = Command::new("kill")
-            .args(["-TERM", &self.pid().to_string()])
+        self.signal("TERM");
+    }
+
+    /// Sends it a signal: `TERM`, `INT`, `HUP`.
+    pub fn signal(&self, name: &str) {
+        let sent = Command::new("kill")
+            .args([&format!("-{name}"), &self.pid().to_string()])
             .status();
-        assert!(asked.expect("kill is there").success());
+        assert!(sent.expect("kill is there").success());
     }
 
     /// Waits for its end, and returns how it ended, or nothing where it goes on.

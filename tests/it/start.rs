@@ -9,21 +9,18 @@ use std::time::Duration;
 
 use nudge::api::proto;
 use nudge::api::proto::environment_service_client::EnvironmentServiceClient;
-use nudge::app::{App, Upkeep};
-use nudge::serve::connections::limits::Limits;
-use nudge::serve::{Doors, Settings};
-use nudge::store::{Options, Stage};
+use nudge::app::Upkeep;
+use nudge::serve::{Settings, Starting};
+use nudge::store::Options;
 use serde_json::{Value, json};
 use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{ConnectOptions, Connection};
 use tempfile::TempDir;
-use tokio::net::TcpListener;
-use tokio_util::sync::CancellationToken;
 use tonic_types::StatusExt;
 
 use crate::server::Server;
 use crate::support::fixtures::Fixture;
-use crate::support::{channel, open, reason};
+use crate::support::{FREE_PORT, channel, open, reason};
 
 async fn asked(method: &str, url: &str) -> (u16, Option<String>, String) {
     let request = reqwest::Client::new().request(method.parse().expect("a method"), url);
@@ -41,15 +38,8 @@ async fn asked(method: &str, url: &str) -> (u16, Option<String>, String) {
 
 #[tokio::test]
 async fn every_face_says_what_it_waits_for_until_the_database_is_open() {
-    let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
-    let address = listener.local_addr().expect("bound");
-    let (stage, draining) = (Stage::default(), CancellationToken::new());
-    let doors = Doors::closed(stage.clone());
-    let serving = tokio::spawn(
-        doors
-            .clone()
-            .serve(listener, draining.clone(), Limits::default()),
-    );
+    let mut starting = Starting::new(Settings::default());
+    let address = starting.listen(FREE_PORT, None).await.expect("a free port");
     let url = |path: &str| format!("http://{address}{path}");
     let mut grpc = EnvironmentServiceClient::new(channel(address).await.expect("it listens"));
     let list = proto::ListEnvironmentsRequest::default;
@@ -58,7 +48,7 @@ async fn every_face_says_what_it_waits_for_until_the_database_is_open() {
         "opening the database",
         "migrating the database, step 2 of 3",
     ] {
-        stage.begin_step(words);
+        starting.stage().begin_step(words);
         assert_eq!(
             asked("GET", &url("/livez")).await,
             (200, None, "ok\n".into())
@@ -115,11 +105,8 @@ async fn every_face_says_what_it_waits_for_until_the_database_is_open() {
 
     let directory = TempDir::new().expect("a temporary directory");
     let store = open(directory.path(), Options::default()).await;
-    let app = App::open_until(draining.clone(), store, Upkeep::default());
-    doors
-        .open(app.clone(), &Settings::default())
-        .await
-        .expect("opened");
+    let running = starting.open(store, Upkeep::default());
+    let running = running.await.expect("opened");
     // On the connection that was refused before, too.
     assert!(grpc.list_environments(list()).await.is_ok());
     let told = asked("GET", &url("/metrics")).await.2;
@@ -148,9 +135,7 @@ async fn every_face_says_what_it_waits_for_until_the_database_is_open() {
     );
     assert_eq!(asked("GET", &url("/v1/environments")).await.0, 200);
     drop(grpc);
-    draining.cancel();
-    serving.await.expect("it ends");
-    app.close().await;
+    running.shutdown().await.expect("it ends");
 }
 
 async fn execute(path: &Path, sql: &'static str) {

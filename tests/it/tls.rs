@@ -13,22 +13,21 @@ use nudge::client::{self, ClientError, ClientTls, Connection, Trust};
 use nudge::domain::{Entry, Record};
 use nudge::serve::connections::limits::Limits;
 use nudge::serve::tls::{Tls, TlsFiles};
-use nudge::serve::{Doors, Settings};
-use nudge::store::{Options, Stage};
+use nudge::serve::{Settings, Starting};
+use nudge::store::Options;
 use rustls::ClientConfig;
 use serde_json::{Value, json};
 use tempfile::TempDir;
 use tokio::io::AsyncWriteExt;
 use tokio::task::JoinSet;
 use tokio::time::{sleep, timeout};
-use tokio_util::sync::CancellationToken;
 
 use crate::cli::{nudge, output, told};
 use crate::server::Server;
 use crate::support::certificates::{Authority, Certificate, client, config, connect, write};
 use crate::support::exchange::exchange;
 use crate::support::raw::{LONG, PREFACE, Raw, call};
-use crate::support::{RawStream, TestApp, hello, lane_json, open, row, rows};
+use crate::support::{FREE_PORT, RawStream, TestApp, hello, lane_json, open, row, rows};
 
 const ALIVE: &[u8] = b"GET /livez HTTP/1.1\r\nhost: localhost\r\n\r\n";
 
@@ -994,16 +993,16 @@ async fn health_tells_ready_from_not_ready_from_nobody() {
     let (ended, _, stderr) = told(&output(nudge(&silent_at, &["health", "--timeout", "1s"])).await);
     assert_eq!(ended, 2, "{stderr}");
     assert!(stderr.contains("does not answer within 1s"), "{stderr}");
-    let doors = Doors::closed(Stage::default());
-    let at = silent.local_addr().expect("bound").to_string();
-    let serving = tokio::spawn(doors.serve(silent, CancellationToken::new(), Limits::default()));
+    let mut starting = Starting::new(Settings::default());
+    let at = starting.listen(FREE_PORT, None).await.expect("a free port");
+    let at = at.to_string();
     let (ended, _, stderr) = told(&output(nudge(&at, &["health"])).await);
     assert_eq!(ended, 1, "{stderr}");
     assert!(
         stderr.contains("not ready: opening the database"),
         "{stderr}"
     );
-    serving.abort();
+    starting.shutdown().await.expect("it ends");
 }
 
 /// The real binary: its line says https, SIGHUP reads the files at once and ends nothing, and one

@@ -1,4 +1,4 @@
-//! `nudge experiment planted`: every decision beside every other, in worlds whose influence was
+//! `nudge experiment planted`: every method beside every other, in worlds whose influence was
 //! planted.
 
 mod figures;
@@ -58,7 +58,7 @@ pub(in crate::cli) struct Planted {
     /// The first seed; the others follow it
     #[arg(long, value_name = "NUMBER", default_value_t = of_tables::Options::default().seeds.first)]
     seed: u32,
-    /// States of the worlds of tables on which decisions are compared [default: 2500], the most of
+    /// States of the worlds of tables on which methods are compared [default: 2500], the most of
     /// a hard world [default: 150 to 1500], and those of a world of segments [default: 200]
     #[arg(long, value_name = "NUMBER", value_parser = clap::value_parser!(u32).range(1..=50_000))]
     states: Option<u32>,
@@ -140,16 +140,16 @@ impl Planted {
         let wanted = |part| self.is_wanted(part);
         let mut parts = Vec::new();
         if wanted(Part::Tables) {
-            parts.push(self.told(self.tables().await?)?);
+            parts.push(self.write_part(self.tables().await?)?);
         }
         if wanted(Part::Kitchens) {
-            parts.push(self.told(self.kitchens().await?)?);
+            parts.push(self.write_part(self.kitchens().await?)?);
         }
         if wanted(Part::Hard) {
-            parts.push(self.told(self.hard().await?)?);
+            parts.push(self.write_part(self.hard().await?)?);
         }
         if wanted(Part::Segments) {
-            parts.push(self.told(self.segments())?);
+            parts.push(self.write_part(self.segments())?);
         }
         match &parts[..] {
             [part] if self.json => print_json(&part.json),
@@ -309,7 +309,7 @@ impl Planted {
     }
 
     /// Writes what a part found, as soon as it is found.
-    fn told(&self, part: Told) -> Result<Told, Failure> {
+    fn write_part(&self, part: Told) -> Result<Told, Failure> {
         if let Some(directory) = &self.out {
             let name = part.name;
             write(directory, &format!("{name}.csv"), &part.csv)?;

@@ -1,15 +1,15 @@
-//! The figures by which decisions are judged: a state counts as often as the test games are in it.
+//! The figures by which methods are judged: a state counts as often as the test games are in it.
 
 use std::iter::repeat_n;
 
-use super::Decision;
-use super::decision::Said;
+use super::Method;
+use super::method::Said;
 use super::trial::{Trial, Truth};
 use crate::domain::Verdict;
 use crate::experiments::findings;
 use crate::experiments::measures::{Hits, auc, frequency, mean};
 
-/// By what a decision is judged.
+/// By what a method is judged.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Figure {
     /// How well its probability tells influence from none: area under the ROC curve.
@@ -26,8 +26,8 @@ pub enum Figure {
     Called,
 }
 
-/// The figures of the decisions; `None` where one is not defined.
-pub type Measured = findings::Measured<Decision, Figure>;
+/// The figures of the methods; `None` where one is not defined.
+pub type Measured = findings::Measured<Method, Figure>;
 
 /// From this probability a state is called.
 const CALLED: f64 = 0.5;
@@ -81,10 +81,10 @@ impl Figure {
     }
 }
 
-/// Measures every decision by every figure.
+/// Measures every method by every figure.
 pub fn measure(trial: &Trial) -> Measured {
-    let figures = |(decision, said): &(Decision, Vec<Said>)| {
-        Figure::ALL.map(|figure| (*decision, figure, figure.of(&trial.truths, said)))
+    let figures = |(method, said): &(Method, Vec<Said>)| {
+        Figure::ALL.map(|figure| (*method, figure, figure.of(&trial.truths, said)))
     };
     trial.said.iter().flat_map(figures).collect()
 }

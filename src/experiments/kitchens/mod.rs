@@ -6,14 +6,14 @@
 //! and rules of thumb. Only the actions are drawn: the states and how often they are visited are
 //! those of the recordings, whatever the seed.
 
-mod decision;
 mod figure;
 mod layout;
-mod manner;
+mod method;
 mod options;
 mod plot;
 mod policy;
 mod report;
+mod response_model;
 mod scene;
 mod targets;
 mod trial;
@@ -21,13 +21,13 @@ mod visits;
 
 use futures::{StreamExt, TryStreamExt, stream};
 
-pub use decision::Decision;
 pub use figure::Figure;
 pub use layout::Layout;
-pub use manner::Manner;
+pub use method::Method;
 pub use options::{Options, World};
 pub use plot::plot;
 pub use report::{Facts, Report};
+pub use response_model::ResponseModel;
 pub use targets::Target;
 
 use super::findings;
@@ -78,22 +78,22 @@ fn scenes(options: &Options) -> Vec<(World, Scene)> {
         .iter()
         .map(|layout| (*layout, Visits::of(*layout)))
         .collect();
-    let of = |(layout, visits): &(Layout, Visits), manner: Manner| {
+    let of = |(layout, visits): &(Layout, Visits), response_model: ResponseModel| {
         (
             World {
                 layout: *layout,
-                manner,
+                response_model,
             },
-            Scene::of(visits, manner, options.steps),
+            Scene::of(visits, response_model, options.steps),
         )
     };
     visits
         .iter()
         .flat_map(|visits| {
             options
-                .manners
+                .response_models
                 .iter()
-                .map(move |manner| of(visits, *manner))
+                .map(move |response_model| of(visits, *response_model))
         })
         .collect()
 }

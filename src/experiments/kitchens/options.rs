@@ -1,6 +1,6 @@
 //! What is run: which kinds of worlds, for which seeds, and how large.
 
-use super::{Layout, Manner};
+use super::{Layout, ResponseModel};
 use crate::domain::Training;
 use crate::experiments::seeds::Seeds;
 
@@ -10,7 +10,7 @@ pub struct World {
     /// Where its states come from.
     pub layout: Layout,
     /// How the other answers.
-    pub manner: Manner,
+    pub response_model: ResponseModel,
 }
 
 /// What is run.
@@ -21,7 +21,7 @@ pub struct Options {
     /// Which layouts.
     pub layouts: Vec<Layout>,
     /// In which ways the other answers.
-    pub manners: Vec<Manner>,
+    pub response_models: Vec<ResponseModel>,
     /// The most passes of a network over the states.
     pub epochs: u32,
     /// The most steps of the training games that are counted, from the first; all of them if
@@ -37,7 +37,7 @@ impl Default for Options {
                 first: 1,
             },
             layouts: Layout::ALL.to_vec(),
-            manners: Manner::ALL.to_vec(),
+            response_models: ResponseModel::ALL.to_vec(),
             epochs: Training::default().epochs as u32,
             steps: None,
         }
@@ -48,10 +48,12 @@ impl Options {
     /// Returns the worlds that are drawn, for every seed: layout after layout.
     pub fn worlds(&self) -> Vec<World> {
         let of = |layout: Layout| {
-            self.manners.iter().map(move |manner| World {
-                layout,
-                manner: *manner,
-            })
+            self.response_models
+                .iter()
+                .map(move |response_model| World {
+                    layout,
+                    response_model: *response_model,
+                })
         };
         self.layouts.iter().copied().flat_map(of).collect()
     }

@@ -1,6 +1,6 @@
-//! The plot: how well each decision finds influence in states that were never counted.
+//! The plot: how well each method finds influence in states that were never counted.
 
-use super::{Decision, Figure, Report, World};
+use super::{Figure, Method, Report, World};
 use crate::experiments::dots::{BLUE, Dots, Mark, Panel, Shape, VERMILION};
 
 /// The figures of a row, from the top.
@@ -28,11 +28,11 @@ pub fn plot(report: &Report) -> String {
             report.options.seeds
         ),
         size: (1_140, 74 + HEIGHT * layouts),
-        rows: &Decision::ALL.map(Decision::as_str),
+        rows: &Method::ALL.map(Method::as_str),
         marks: &MARKS,
         dashed: (0.5, "chance, for the area"),
         range: 0.0..1.0,
-        beside: report.options.manners.len(),
+        beside: report.options.response_models.len(),
         panels: report
             .worlds
             .iter()
@@ -43,17 +43,17 @@ pub fn plot(report: &Report) -> String {
 }
 
 fn panel(report: &Report, world: &World) -> Panel {
-    let row = |decision| {
+    let row = |method| {
         FIGURES
-            .map(|figure| report.findings.find(world, decision, figure))
+            .map(|figure| report.findings.find(world, method, figure))
             .to_vec()
     };
     Panel {
         caption: format!(
             "{}: {}",
             world.layout.as_str(),
-            world.manner.as_str().replace('_', " ")
+            world.response_model.as_str().replace('_', " ")
         ),
-        rows: Decision::ALL.map(row).to_vec(),
+        rows: Method::ALL.map(row).to_vec(),
     }
 }

@@ -1,5 +1,5 @@
-//! What a player does where they stand: fitted to what people did, then made varied enough for its
-//! influence to show.
+//! Policies: what a player does where they stand, fitted to what people did, then made varied
+//! enough for its influence to show.
 
 use std::collections::HashMap;
 

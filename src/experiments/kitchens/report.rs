@@ -4,7 +4,7 @@ use serde_json::{Value, json};
 
 use super::scene::Scene;
 use super::targets::{self, Findings, Target};
-use super::{Decision, Figure, Layout, Manner, Options, World};
+use super::{Figure, Layout, Method, Options, ResponseModel, World};
 use crate::experiments::findings::{self, Cells, Row};
 
 /// How large a world is, and how much of it has influence: the same for every seed.
@@ -65,18 +65,22 @@ impl Report {
         let Options {
             seeds,
             layouts,
-            manners,
+            response_models,
             epochs,
             steps,
         } = &self.options;
         let layouts: Vec<&str> = layouts.iter().copied().map(Layout::as_str).collect();
-        let manners: Vec<&str> = manners.iter().copied().map(Manner::as_str).collect();
+        let response_models: Vec<&str> = response_models
+            .iter()
+            .copied()
+            .map(ResponseModel::as_str)
+            .collect();
         json!({
             "experiment": "planted-kitchens",
             "revision": findings::REVISION,
             "parameters": {
                 "seeds": seeds.number, "first_seed": seeds.first,
-                "layouts": layouts, "manners": manners, "epochs": epochs, "steps": steps,
+                "layouts": layouts, "manners": response_models, "epochs": epochs, "steps": steps,
             },
             "worlds": findings::objects(&self.worlds),
             "targets": findings::objects(&self.targets()),
@@ -87,11 +91,14 @@ impl Report {
 
 impl Cells for World {
     fn cells(&self) -> Row {
-        let Self { layout, manner } = self;
+        let Self {
+            layout,
+            response_model,
+        } = self;
         vec![
             ("layout", layout.as_str().into()),
             ("abstraction", layout.abstraction().as_str().into()),
-            ("manner", manner.as_str().into()),
+            ("manner", response_model.as_str().into()),
         ]
     }
 }
@@ -123,4 +130,4 @@ impl Cells for (World, Facts) {
     }
 }
 
-findings::named!(Decision as "decision", Figure as "figure");
+findings::named!(Method as "decision", Figure as "figure");

@@ -7,7 +7,7 @@ use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
-use super::Manner;
+use super::ResponseModel;
 use super::policy::{ACTIONS, Policy};
 use super::visits::{Situation, Visits};
 use crate::domain::{Entry, Record, Rule, SchemaDraft};
@@ -47,11 +47,11 @@ pub struct Scene {
 impl Scene {
     /// Makes the scene of visits of which so many steps are counted. What is unseen does not depend
     /// on that.
-    pub fn of(visits: &Visits, manner: Manner, steps: Option<usize>) -> Self {
+    pub fn of(visits: &Visits, response_model: ResponseModel, steps: Option<usize>) -> Self {
         let states = visits
             .situations
             .iter()
-            .map(|situation| state(situation, visits, manner))
+            .map(|situation| planted_state(situation, visits, response_model))
             .collect();
         let mut unseen: BTreeMap<usize, usize> = BTreeMap::new();
         visits
@@ -136,16 +136,16 @@ impl State {
     }
 }
 
-fn state(situation: &Situation, visits: &Visits, manner: Manner) -> State {
+fn planted_state(situation: &Situation, visits: &Visits, response_model: ResponseModel) -> State {
     let Situation { values, players } = situation;
     let [ego, other] = [0, 1].map(|player| visits.habits[player].policy(&players[player]));
-    let responses = manner.responses(players, &other);
+    let responses = response_model.responses(players, &other);
     let joint: Vec<Vec<f64>> = ego
         .iter()
         .zip(responses)
         .map(|(p, row)| row.map(|q| p * q).to_vec())
         .collect();
-    let is_answered = manner.is_answered(players);
+    let is_answered = response_model.is_answered(players);
     State {
         values: values.clone(),
         ego,

@@ -1,8 +1,8 @@
 //! One seed of a world: counted by a service, learned from, and asked about; and once more with
 //! shuffled actions, everything from scratch.
 
-use super::Decision;
-use super::decision::Said;
+use super::Method;
+use super::method::Said;
 use super::scene::{Actions, Scene};
 use crate::domain::draft::{QuestionDraft, TrainingDraft};
 use crate::domain::{ModelKind, View};
@@ -19,12 +19,12 @@ pub struct Truth {
     pub is_strong: bool,
 }
 
-/// What is true of the unseen states, and what each decision says of them.
+/// What is true of the unseen states, and what each method says of them.
 pub struct Trial {
     /// A truth a state.
     pub truths: Vec<Truth>,
     /// In the same order.
-    pub said: Vec<(Decision, Vec<Said>)>,
+    pub said: Vec<(Method, Vec<Said>)>,
 }
 
 /// Runs a seed of a world.
@@ -37,15 +37,15 @@ pub async fn trial(scene: &Scene, seed: u64, epochs: u32) -> Result<Trial, Probl
     let mut said = learned(scene, &drawn, seed, epochs).await?;
     said.extend([
         (
-            Decision::AllPositive,
+            Method::AllPositive,
             vec![Said::certainly(true); scene.unseen.len()],
         ),
         (
-            Decision::Shuffled,
+            Method::Shuffled,
             shuffled(scene, &drawn, seed, epochs).await?,
         ),
         (
-            Decision::Oracle,
+            Method::Oracle,
             scene
                 .unseen
                 .iter()
@@ -66,18 +66,18 @@ async fn learned(
     drawn: &[Actions],
     seed: u64,
     epochs: u32,
-) -> Result<Vec<(Decision, Vec<Said>)>, Problem> {
+) -> Result<Vec<(Method, Vec<Said>)>, Problem> {
     let service = counted(scene, drawn).await?;
     let look_up = asked(&service, scene).await?;
-    let joint = told(&service, scene, ModelKind::Joint, seed, epochs).await?;
-    let direct = told(&service, scene, ModelKind::Direct, seed, epochs).await?;
+    let joint = train_and_ask(&service, scene, ModelKind::Joint, seed, epochs).await?;
+    let direct = train_and_ask(&service, scene, ModelKind::Direct, seed, epochs).await?;
     let back_off = backed_off(&service, scene).await?;
     service.close().await?;
     Ok(vec![
-        (Decision::Joint, joint),
-        (Decision::Direct, direct),
-        (Decision::LookUp, look_up),
-        (Decision::BackOff, back_off),
+        (Method::Joint, joint),
+        (Method::Direct, direct),
+        (Method::LookUp, look_up),
+        (Method::BackOff, back_off),
     ])
 }
 
@@ -88,7 +88,7 @@ async fn shuffled(
     epochs: u32,
 ) -> Result<Vec<Said>, Problem> {
     let service = counted(scene, &scene.shuffled(drawn, seed)).await?;
-    let said = told(&service, scene, ModelKind::Joint, seed, epochs).await?;
+    let said = train_and_ask(&service, scene, ModelKind::Joint, seed, epochs).await?;
     service.close().await?;
     Ok(said)
 }
@@ -101,7 +101,7 @@ async fn counted(scene: &Scene, actions: &[Actions]) -> Result<Service, Problem>
 }
 
 /// Trains a network, makes it active whatever it says of itself, and asks it.
-async fn told(
+async fn train_and_ask(
     service: &Service,
     scene: &Scene,
     kind: ModelKind,

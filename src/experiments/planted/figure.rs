@@ -1,12 +1,12 @@
-//! The figures by which decisions are judged.
+//! The figures by which methods are judged.
 
 use super::case::Case;
-use super::decision::{Decision, is_strong};
+use super::method::{Method, is_strong};
 use crate::domain::{Dependence, Rule, Verdict};
 use crate::experiments::findings;
 use crate::experiments::measures::{Hits, auc, frequency, mean, rmse};
 
-/// By what a decision is judged. Where it speaks of influence, it is mutual information above half
+/// By what a method is judged. Where it speaks of influence, it is mutual information above half
 /// a nat.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Figure {
@@ -54,8 +54,8 @@ pub enum Figure {
     UndecidedByFew,
 }
 
-/// The figures of some decisions; `None` where one is not defined.
-pub type Measured = findings::Measured<Decision, Figure>;
+/// The figures of some methods; `None` where one is not defined.
+pub type Measured = findings::Measured<Method, Figure>;
 
 /// The level at which p-values raise an alarm.
 const LEVEL: f64 = 0.05;
@@ -129,11 +129,11 @@ impl Figure {
         }
     }
 
-    /// Measures a decision; `None` where this says nothing of it.
-    fn of(self, decision: Decision, cases: &[Case]) -> Option<f64> {
+    /// Measures a method; `None` where this says nothing of it.
+    fn of(self, method: Method, cases: &[Case]) -> Option<f64> {
         let verdicts = || {
             each(cases, |case| {
-                Some((decision.verdict(case)?, is_strong(case.information)))
+                Some((method.verdict(case)?, is_strong(case.information)))
             })
         };
         let called = || {
@@ -143,8 +143,7 @@ impl Figure {
                     .map(|(verdict, strong)| (verdict == Verdict::Influences, strong)),
             )
         };
-        let evidence =
-            || each(cases, Case::evidence).filter(|_| decision == Decision::SpikeAndSlab);
+        let evidence = || each(cases, Case::evidence).filter(|_| method == Method::SpikeAndSlab);
         let covered = |wanted: fn(&Case) -> bool| {
             let holds = |(case, [lower, upper]): (&Case, [f64; 2])| {
                 (lower..=upper).contains(&case.information)
@@ -176,20 +175,20 @@ impl Figure {
         };
         match self {
             Self::AucPlanted => auc(&each(cases, |case| {
-                Some((decision.score(case)?, case.planted))
+                Some((method.score(case)?, case.planted))
             })?),
             Self::AucStrong => auc(&each(cases, |case| {
                 Some((
-                    decision.score_strong(case)?,
+                    method.score_strong(case)?,
                     is_strong(case.planted_information),
                 ))
             })?),
             Self::F1 => Hits::of(each(cases, |case| {
-                Some((decision.calls(case)?, is_strong(case.information)))
+                Some((method.calls(case)?, is_strong(case.information)))
             })?)
             .f1(),
             Self::Rmse => rmse(each(cases, |case| {
-                Some((decision.estimate(case)?, case.information))
+                Some((method.estimate(case)?, case.information))
             })?),
             Self::Coverage => covered(|_| true),
             Self::CoverageDependent => covered(Case::is_dependent),
@@ -216,7 +215,7 @@ impl Figure {
                 let p_values = independent.map(Case::p_value).collect::<Option<Vec<f64>>>();
                 frequency(
                     p_values
-                        .filter(|_| decision == Decision::Permutation)?
+                        .filter(|_| method == Method::Permutation)?
                         .into_iter()
                         .map(|p| p <= LEVEL),
                 )
@@ -235,13 +234,13 @@ impl Figure {
     }
 }
 
-/// Measures decisions by figures.
-pub fn measure(decisions: &[Decision], figures: &[Figure], cases: &[Case]) -> Measured {
-    let pairs = decisions
+/// Measures methods by figures.
+pub fn measure(methods: &[Method], figures: &[Figure], cases: &[Case]) -> Measured {
+    let pairs = methods
         .iter()
-        .flat_map(|decision| figures.iter().map(|figure| (*decision, *figure)));
+        .flat_map(|method| figures.iter().map(|figure| (*method, *figure)));
     pairs
-        .map(|(decision, figure)| (decision, figure, figure.of(decision, cases)))
+        .map(|(method, figure)| (method, figure, figure.of(method, cases)))
         .collect()
 }
 

@@ -8,9 +8,9 @@
 //! built on: other alphabets, other habits, other volumes.
 
 mod case;
-mod decision;
 mod figure;
 pub mod hard;
+mod method;
 mod options;
 mod plot;
 mod report;
@@ -21,8 +21,8 @@ mod world;
 use futures::{StreamExt, TryStreamExt, stream};
 
 pub use case::Case;
-pub use decision::Decision;
 pub use figure::{Figure, measure};
+pub use method::Method;
 pub use options::{Options, SHARES, USUAL_SHARE};
 pub use plot::plot;
 pub use report::Report;
@@ -39,11 +39,11 @@ const AT_ONCE: usize = 2;
 
 /// Runs the experiment; `done` is called after each world of each seed.
 pub async fn run(options: &Options, done: impl FnMut()) -> Result<Report, Problem> {
-    let decisions = |world: &World| options.decisions(world);
+    let methods = |world: &World| options.methods(world);
     let findings = measured(
         &options.worlds(),
         options.seeds,
-        decisions,
+        methods,
         &Figure::USUAL,
         done,
     )
@@ -54,11 +54,11 @@ pub async fn run(options: &Options, done: impl FnMut()) -> Result<Report, Proble
     })
 }
 
-/// Measures the decisions that are made in each world, for every seed.
+/// Measures the methods that are made in each world, for every seed.
 async fn measured(
     worlds: &[World],
     seeds: Seeds,
-    decisions: impl Fn(&World) -> &'static [Decision],
+    methods: impl Fn(&World) -> &'static [Method],
     figures: &[Figure],
     mut done: impl FnMut(),
 ) -> Result<Findings, Problem> {
@@ -66,11 +66,11 @@ async fn measured(
         .iter()
         .flat_map(|world| seeds.iter().map(|seed| (*world, seed)));
     let run = async |(world, seed): (World, u64)| -> Result<Measured, Problem> {
-        let decisions = decisions(&world);
+        let methods = methods(&world);
         Ok(figure::measure(
-            decisions,
+            methods,
             figures,
-            &world.cases(seed, decisions).await?,
+            &world.cases(seed, methods).await?,
         ))
     };
     let measured = stream::iter(runs)

@@ -1,6 +1,6 @@
-//! What is run: which worlds, for which seeds, and which decisions are made in them.
+//! What is run: which worlds, for which seeds, and which methods are made in them.
 
-use super::{Decision, World};
+use super::{Method, World};
 use crate::experiments::seeds::Seeds;
 use crate::simulation::planted::{Arm, Generator};
 
@@ -18,7 +18,7 @@ const FEWER_STATES: [usize; 2] = [50, 200];
 pub struct Options {
     /// Which seeds.
     pub seeds: Seeds,
-    /// States of the largest worlds, on which the decisions are compared.
+    /// States of the largest worlds, on which the methods are compared.
     pub states: usize,
 }
 
@@ -44,7 +44,7 @@ impl Options {
             .collect()
     }
 
-    /// Returns the world of a generator and an arm on which all decisions are compared.
+    /// Returns the world of a generator and an arm on which all methods are compared.
     pub fn compared(&self, generator: Generator, arm: Arm) -> World {
         World {
             generator,
@@ -54,7 +54,7 @@ impl Options {
         }
     }
 
-    /// Returns the worlds that are drawn, for every seed: those on which all decisions are
+    /// Returns the worlds that are drawn, for every seed: those on which all methods are
     /// compared, then those of other sizes and shares.
     pub fn worlds(&self) -> Vec<World> {
         let compared = Generator::USUAL.into_iter().flat_map(|generator| {
@@ -77,14 +77,14 @@ impl Options {
         [compared, varied].concat()
     }
 
-    /// Returns the decisions that are made in a world: all of them where they are compared, else
+    /// Returns the methods that are made in a world: all of them where they are compared, else
     /// only those that end in a verdict.
-    pub(super) fn decisions(&self, world: &World) -> &'static [Decision] {
+    pub(super) fn methods(&self, world: &World) -> &'static [Method] {
         let is_compared = *world == self.compared(world.generator, world.arm);
         if is_compared {
-            &Decision::ALL
+            &Method::ALL
         } else {
-            &Decision::WITH_VERDICT
+            &Method::WITH_VERDICT
         }
     }
 }

@@ -1,20 +1,20 @@
-//! The plot: how well each decision tells states with influence from others, beside the arms in
+//! The plot: how well each method tells states with influence from others, beside the arms in
 //! which there is less to go by, or nothing.
 
 use std::ops::Range;
 
-use super::{Decision, Figure, Report, World, generator_name};
+use super::{Figure, Method, Report, World, generator_name};
 use crate::experiments::dots::{BLUE, Dots, GREY, Mark, Panel, Shape, VERMILION, within_sd};
 use crate::experiments::findings::Finding;
 use crate::simulation::planted::{Arm, Generator};
 
 /// Decisions with a score, from the top.
-const ROWS: [Decision; 5] = [
-    Decision::PlugIn,
-    Decision::Excess,
-    Decision::Nsb,
-    Decision::Permutation,
-    Decision::SpikeAndSlab,
+const ROWS: [Method; 5] = [
+    Method::PlugIn,
+    Method::Excess,
+    Method::Nsb,
+    Method::Permutation,
+    Method::SpikeAndSlab,
 ];
 
 /// The arms of a row, from the top.
@@ -39,7 +39,7 @@ pub fn plot(report: &Report) -> String {
             "Which states have influence? Area under the ROC curve, mean and sd over {seeds}"
         ),
         size: (1_140, 430),
-        rows: &ROWS.map(Decision::as_str),
+        rows: &ROWS.map(Method::as_str),
         marks: &MARKS,
         dashed: (0.5, "chance"),
         range: areas(report),
@@ -53,10 +53,10 @@ pub fn plot(report: &Report) -> String {
 
 fn panel(report: &Report, generator: Generator) -> Panel {
     let letters = generator.alphabet().rows;
-    let area = |decision, arm| {
+    let area = |method, arm| {
         report.findings.find(
             &report.options.compared(generator, arm),
-            decision,
+            method,
             Figure::AucPlanted,
         )
     };
@@ -66,7 +66,7 @@ fn panel(report: &Report, generator: Generator) -> Panel {
             generator_name(generator)
         ),
         rows: ROWS
-            .map(|decision| ARMS.map(|arm| area(decision, arm)).to_vec())
+            .map(|method| ARMS.map(|arm| area(method, arm)).to_vec())
             .to_vec(),
     }
 }
@@ -74,7 +74,7 @@ fn panel(report: &Report, generator: Generator) -> Panel {
 /// Returns what is shown: chance, 1, and a little below the lowest of all.
 fn areas(report: &Report) -> Range<f64> {
     let compared =
-        |finding: &&Finding<World, Decision, Figure>| finding.world.states == report.options.states;
+        |finding: &&Finding<World, Method, Figure>| finding.world.states == report.options.states;
     let areas = report
         .findings
         .0

@@ -3,14 +3,14 @@
 use serde_json::{Value, json};
 
 use super::targets::{self, Findings, Target};
-use super::{Decision, Figure, Options, World, arm_name, generator_name};
+use super::{Figure, Method, Options, World, arm_name, generator_name};
 use crate::experiments::findings::{self, Cells, Plan, Row};
 use crate::experiments::seeds::Seeds;
 
 /// The outcome of the experiment.
-pub type Report = findings::Report<Options, World, Decision, Figure>;
+pub type Report = findings::Report<Options, World, Method, Figure>;
 
-impl Plan<World, Decision, Figure> for Options {
+impl Plan<World, Method, Figure> for Options {
     const EXPERIMENT: &'static str = "planted";
 
     fn parameters(&self) -> Value {
@@ -37,4 +37,4 @@ impl Cells for World {
     }
 }
 
-findings::named!(Decision as "decision", Figure as "figure");
+findings::named!(Method as "decision", Figure as "figure");

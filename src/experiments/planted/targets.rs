@@ -1,14 +1,14 @@
 //! What the experiment must show, beside what it did.
 
-use super::{Decision, Figure, Options, World};
+use super::{Figure, Method, Options, World};
 use crate::experiments::findings::{self, Bound};
 use crate::simulation::planted::{Arm, Generator};
 
 /// Everything that was found.
-pub type Findings = findings::Findings<World, Decision, Figure>;
+pub type Findings = findings::Findings<World, Method, Figure>;
 
 /// A figure, where it has to lie and where it does.
-pub type Target = findings::Target<World, Decision, Figure>;
+pub type Target = findings::Target<World, Method, Figure>;
 
 /// The share of `influences` that is right, at least: a quarter may be wrong.
 pub(super) const RIGHT: f64 = 0.75;
@@ -16,49 +16,49 @@ pub(super) const RIGHT: f64 = 0.75;
 /// So many calls, over all seeds, make a share of them.
 pub(super) const CALLS: f64 = 20.0;
 
-type Bounds = (Decision, Figure, fn(f64) -> Bound, [f64; 3]);
+type Bounds = (Method, Figure, fn(f64) -> Bound, [f64; 3]);
 
 /// For G1, G2 and G3: 2,500 states of which 30 % have influence, seen between once and 500 times;
 /// means over ten seeds and more.
 const TARGETS: [Bounds; 7] = [
     (
-        Decision::SpikeAndSlab,
+        Method::SpikeAndSlab,
         Figure::AucPlanted,
         Bound::AtLeast,
         [0.84, 0.91, 0.88],
     ),
     (
-        Decision::SpikeAndSlab,
+        Method::SpikeAndSlab,
         Figure::F1,
         Bound::AtLeast,
         [0.43, 0.63, 0.50],
     ),
     (
-        Decision::SpikeAndSlab,
+        Method::SpikeAndSlab,
         Figure::Rmse,
         Bound::AtMost,
         [0.139, 0.196, 0.154],
     ),
     (
-        Decision::SpikeAndSlab,
+        Method::SpikeAndSlab,
         Figure::Coverage,
         Bound::AtLeast,
         [0.90; 3],
     ),
     (
-        Decision::SpikeAndSlab,
+        Method::SpikeAndSlab,
         Figure::CoverageDependent,
         Bound::AtLeast,
         [0.90; 3],
     ),
     (
-        Decision::SpikeAndSlab,
+        Method::SpikeAndSlab,
         Figure::Precision,
         Bound::AtLeast,
         [RIGHT; 3],
     ),
     (
-        Decision::Permutation,
+        Method::Permutation,
         Figure::FalseAlarms,
         Bound::AtMost,
         [0.052; 3],
@@ -68,19 +68,19 @@ const TARGETS: [Bounds; 7] = [
 /// Returns every target beside what was measured; that of precision only where enough is called to
 /// tell.
 pub(super) fn targets(options: &Options, findings: &Findings) -> Vec<Target> {
-    let of = |(decision, figure, bound, bounds): Bounds| {
+    let of = |(method, figure, bound, bounds): Bounds| {
         Generator::USUAL
             .into_iter()
             .zip(bounds)
             .filter_map(move |(generator, at)| {
                 let world = options.compared(generator, Arm::Plain);
                 let measured = findings
-                    .find(&world, decision, figure)
+                    .find(&world, method, figure)
                     .map(|spread| spread.mean);
-                let told = is_told(findings, &world, decision, figure);
+                let told = is_told(findings, &world, method, figure);
                 told.then_some(Target {
                     world,
-                    decision,
+                    method,
                     figure,
                     bound: bound(at),
                     measured,
@@ -91,16 +91,11 @@ pub(super) fn targets(options: &Options, findings: &Findings) -> Vec<Target> {
 }
 
 /// Returns whether a figure says something: precision only where enough was called over all seeds.
-pub(super) fn is_told(
-    findings: &Findings,
-    world: &World,
-    decision: Decision,
-    figure: Figure,
-) -> bool {
+pub(super) fn is_told(findings: &Findings, world: &World, method: Method, figure: Figure) -> bool {
     if figure != Figure::Precision {
         return true;
     }
-    let called = findings.find(world, decision, Figure::Called);
+    let called = findings.find(world, method, Figure::Called);
     called.is_some_and(|share| {
         (share.mean * world.states as f64 * share.seeds as f64).round() >= CALLS
     })

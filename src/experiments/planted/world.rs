@@ -1,7 +1,7 @@
 //! From a drawn world to cases: what is true of each state beside what the service answered.
 
 use super::case::Case;
-use super::decision::Decision;
+use super::method::Method;
 use crate::domain::draft::{
     AgentDraft, FeatureDraft, KindDraft, PairDraft, QuestionDraft, RuleDraft, SchemaDraft,
 };
@@ -58,7 +58,7 @@ pub fn arm_name(arm: Arm) -> &'static str {
 
 impl World {
     /// Draws the world, sends it to a service and asks about every state.
-    pub async fn cases(&self, seed: u64, decisions: &[Decision]) -> Result<Vec<Case>, Problem> {
+    pub async fn cases(&self, seed: u64, methods: &[Method]) -> Result<Vec<Case>, Problem> {
         let dependent = f64::from(self.dependent) / 100.0;
         let drawn = planted(
             self.generator,
@@ -75,7 +75,7 @@ impl World {
         }
         service.fit().await?;
         let states: Vec<Vec<f32>> = (0..self.states).map(|i| vec![i as f32]).collect();
-        let answers = service.ask(&states, &question(decisions)).await?;
+        let answers = service.ask(&states, &question(methods)).await?;
         let papers = service.ask(&states, &by_the_paper()).await?;
         service.close().await?;
         let case = |((state, answer), paper): ((Planted, Answer), Answer)| Case {
@@ -168,22 +168,20 @@ fn records(state: usize, table: &Table) -> impl Iterator<Item = Record> {
     })
 }
 
-/// Asks what the decisions rest on.
-fn question(decisions: &[Decision]) -> QuestionDraft {
-    let wanted = |decision| decisions.contains(&decision);
+/// Asks what the methods rest on.
+fn question(methods: &[Method]) -> QuestionDraft {
+    let wanted = |method| methods.contains(&method);
     let estimators = [
-        (Decision::Excess, Estimator::Excess),
-        (Decision::Nsb, Estimator::Nsb),
+        (Method::Excess, Estimator::Excess),
+        (Method::Nsb, Estimator::Nsb),
     ];
-    let estimators = estimators
-        .into_iter()
-        .filter(|(decision, _)| wanted(*decision));
+    let estimators = estimators.into_iter().filter(|(method, _)| wanted(*method));
     QuestionDraft {
         estimators: estimators
             .map(|(_, estimator)| estimator.as_str().into())
             .collect(),
         view: Some(View::Figures.as_str().into()),
-        significance: wanted(Decision::Permutation).then(|| "pooled".into()),
+        significance: wanted(Method::Permutation).then(|| "pooled".into()),
         ..QuestionDraft::default()
     }
 }

@@ -20,7 +20,7 @@ pub(super) fn word(reason: &str) -> &'static str {
 }
 
 /// Returns a text from a request for an error, of which a caller may have made a novel.
-pub(super) fn told(text: &[u8]) -> String {
+pub(super) fn shortened(text: &[u8]) -> String {
     const MOST: usize = 100;
     let text = String::from_utf8_lossy(text);
     let told: String = text.chars().take(MOST).collect();

@@ -7,7 +7,7 @@ use axum::extract::Request;
 use http::header;
 use http::uri::Authority;
 
-use super::denials::told;
+use super::denials::shortened;
 use crate::error::{ErrorKind, Problem};
 
 /// The names that a service goes by.
@@ -87,7 +87,7 @@ pub fn asked_for(request: &Request) -> Vec<Result<Authority, String>> {
         // A user before the name is of another place, and hides the name from whoever reads.
         authority
             .filter(|authority| !authority.as_str().contains('@'))
-            .ok_or_else(|| told(bytes))
+            .ok_or_else(|| shortened(bytes))
     };
     let in_uri = request
         .uri()
@@ -109,7 +109,7 @@ fn plain(name: &str) -> String {
 fn refused(host: &Result<Authority, String>) -> Problem {
     let host = host
         .as_ref()
-        .map_or_else(String::clone, |host| told(host.as_str().as_bytes()));
+        .map_or_else(String::clone, |host| shortened(host.as_str().as_bytes()));
     let message = format!(
         "host {host:?} is no name of this service: expected a loopback name, the address that it listens on, or one that --hosts names"
     );

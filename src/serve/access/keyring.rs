@@ -1,5 +1,5 @@
-//! The keys that are let in now, which a reload replaces while requests are under way, and who asks
-//! with one of them.
+//! The API keys that are in force, which a reload replaces while requests are under way, and who
+//! asks with one of them.
 
 use std::fmt;
 use std::sync::Arc;

@@ -35,7 +35,7 @@ use self::origins::Origins;
 pub use self::wanted::Wanted;
 use super::operations;
 use super::requests::is_grpc;
-use super::settings::Settings;
+use super::settings::{Endpoint, Settings};
 use super::status::{self, Failure};
 use crate::access::{bearer, redacted};
 use crate::error::Problem;
@@ -53,9 +53,10 @@ struct Rules {
 
 impl Guard {
     /// Makes the guard of a service.
-    pub fn new(settings: &Settings) -> Self {
-        let hosts = Hosts::new(settings.listen, &settings.hosts);
-        let origins = Origins::new(&settings.cors_origins, settings.speaks_tls, &settings.hosts);
+    pub fn new(settings: &Settings, endpoint: &Endpoint) -> Self {
+        let hosts = Hosts::new(endpoint.ip, &settings.hosts);
+        let origins = Origins::new(&settings.cors_origins, endpoint.speaks_tls, &settings.hosts);
+
         Self(Arc::new(Rules {
             keys: settings.keys.clone(),
             hosts,

@@ -5,7 +5,7 @@ use axum::extract::Request;
 use http::uri::Authority;
 use http::{HeaderValue, Method, Uri, header};
 
-use super::denials::told;
+use super::denials::shortened;
 use super::hosts::{Hosts, asked_for};
 use super::wanted::is_grpc_path;
 use crate::error::{ErrorKind, Problem};
@@ -42,7 +42,10 @@ impl Origins {
         let mut origins = request.headers().get_all(header::ORIGIN).iter().peekable();
         let names_none = origins.peek().is_none();
         if let Some(foreign) = origins.find(|origin| !self.has(origin, request)) {
-            return Err(refused(&format!("origin {:?}", told(foreign.as_bytes()))));
+            return Err(refused(&format!(
+                "origin {:?}",
+                shortened(foreign.as_bytes())
+            )));
         }
         let mut sites = request.headers().get_all("sec-fetch-site").iter();
         match names_none && sites.any(is_foreign) {

@@ -1,5 +1,5 @@
-//! What each endpoint wants of whoever asks: one table for REST and the inference protocol, one for
-//! gRPC. `docs/access.md` tells it.
+//! Authorization: what each endpoint wants of whoever asks, in one table for REST and the inference
+//! protocol and one for gRPC. `docs/access.md` tells it.
 //!
 //! What is not listed wants a key, whatever for: an endpoint that somebody forgets here is closed,
 //! and a test says so.

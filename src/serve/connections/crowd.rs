@@ -1,4 +1,5 @@
-//! Admission of connections: a bounded number, and who makes room for whom when there are as many.
+//! Admission control of connections: a bounded number, and who makes room for whom when there are
+//! as many.
 //!
 //! A new connection takes the place of one that waited longest without a request. Where all have
 //! requests it is a guest, of whom there are few: operators are answered even then, and everybody

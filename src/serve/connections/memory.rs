@@ -1,5 +1,5 @@
-//! Bytes of messages that are not finished or not answered yet: one budget for all connections,
-//! from which each message takes as it grows.
+//! Back-pressure on memory: one budget of bytes for all messages that are not finished or not
+//! answered yet, from which each takes as it grows.
 //!
 //! Nothing waits for bytes. Messages that wait for each other's memory would all wait for ever; one
 //! that is refused gives back what it holds at once.

@@ -111,6 +111,7 @@ impl Host {
             self.over.child_token(),
         );
         place.take(vitals.clone());
+
         let (standing, budget) = (place.standing(), self.budget.clone());
         let peer = stream.peer_addr().ok().map(|address| address.ip());
         let service = Watched {
@@ -120,6 +121,7 @@ impl Host {
             budget,
             peer,
         };
+
         let Some(tls) = &self.tls else {
             return self
                 .attend(stream, service, &vitals, CancellationToken::new())
@@ -157,6 +159,7 @@ impl Host {
             std::pin::pin!(self.builder.serve_connection(TokioIo::new(stream), service));
         let mut look = std::pin::pin!(sleep_until(Instant::now()));
         let mut is_leaving = false;
+
         loop {
             tokio::select! {
                 biased;
@@ -206,6 +209,7 @@ fn builder() -> Builder<TokioExecutor> {
         .timer(TokioTimer::new())
         .header_read_timeout(None)
         .max_buf_size(MOST_BUFFERED_BYTES);
+
     let (interval, timeout) = KEEP_ALIVE;
     let (stream, connection) = WINDOWS;
     builder

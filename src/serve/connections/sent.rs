@@ -59,7 +59,7 @@ impl http_body::Body for Sent {
         }
         let frame = std::task::ready!(Pin::new(&mut self.body).poll_frame(context));
         if frame.is_none() {
-            self.call.told();
+            self.call.completed();
         }
         Poll::Ready(frame.map(|frame| match frame?.into_data() {
             Ok(data) => {
@@ -90,7 +90,7 @@ impl Drop for Sent {
         self.request.asked();
         // Whoever knows the length of a body does not ask for its end.
         if self.is_end_stream() {
-            self.call.told();
+            self.call.completed();
         }
     }
 }

@@ -1,5 +1,5 @@
-//! The vital signs of one connection: what it does, since when, and from that when and how it is to
-//! end.
+//! Timeouts of one connection, by its vital signs: what it does, since when, and from that when and
+//! how it is to end.
 //!
 //! Looked at now and then by the task of the connection, so nothing is timed for each request.
 

@@ -200,7 +200,7 @@ impl Face {
     ) -> Result<(), End> {
         // Rendezvous only: tickets wait in the acknowledging half, which bounds them by the window.
         let (tickets, taken) = mpsc::channel(1);
-        let reading = self.read(session, inbound, leaving, tickets);
+        let reading = self.read_batches(session, inbound, leaving, tickets);
         // Wherever the reading waits, for a batch, for room or for the rate, a key that is
         // withdrawn ends it at once.
         let mut reading = std::pin::pin!(async {
@@ -230,7 +230,7 @@ impl Face {
 
     /// Takes batches until the client is done or something ends the stream. Giving up the tickets'
     /// sender is what lets the acknowledging half end.
-    async fn read(
+    async fn read_batches(
         &self,
         session: &Session,
         inbound: &mut Streaming<IngestRequest>,

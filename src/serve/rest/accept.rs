@@ -1,5 +1,5 @@
-//! Which of several media types a caller prefers, by its `Accept` header (RFC 9110, 12.5.1), and
-//! that an answer is sent however its bytes are wanted.
+//! Content negotiation: which of several media types a caller prefers, by its `Accept` header (RFC
+//! 9110, 12.5.1), and that an answer is sent however its bytes are wanted.
 
 use axum::extract::Request;
 use http::{HeaderMap, HeaderValue, header};

@@ -6,8 +6,8 @@ use axum::response::{IntoResponse, Response};
 use http::StatusCode;
 
 use super::extract::{Asked, Json, Path, Plain, Query};
+use super::json_answer::json_answer;
 use super::refusals::Refusals;
-use super::told::told;
 use crate::api::{json, proto};
 use crate::domain::Environment;
 use crate::serve::status::Failure;
@@ -78,7 +78,7 @@ pub async fn list_environments(
     let (page_size, page_token) = json::page(query)?;
     let page = app.environments.list(page_size, page_token.as_deref())?;
     // A description may be large, and nobody has measured it.
-    told(usize::MAX, move || {
+    json_answer(usize::MAX, move || {
         Ok(json::EnvironmentPage::from(
             proto::ListEnvironmentsResponse::from(page),
         ))
@@ -127,7 +127,7 @@ pub async fn delete_environment(
 }
 
 async fn shown(environment: Arc<Environment>) -> Result<Response, Failure> {
-    told(usize::MAX, move || {
+    json_answer(usize::MAX, move || {
         Ok(json::Environment::from(proto::Environment::from(
             &*environment,
         )))

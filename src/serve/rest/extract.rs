@@ -199,7 +199,7 @@ impl<S: Send + Sync> FromRequest<S> for Octets {
 /// Collects a body, and unpacks it if it is packed. Its bytes are bounded, and charged as they
 /// come.
 async fn body(request: Request) -> Result<Bytes, Failure> {
-    let packing = Packing::of(request.headers())?;
+    let packing = Packing::from_headers(request.headers())?;
     let MostBytes(most) = request
         .extensions()
         .get()

@@ -5,9 +5,9 @@ use http::{HeaderMap, header};
 
 use super::accept::preferred;
 use super::extract::{Asked, Path, Query};
+use super::json_answer::json_answer;
 use super::parameters::{GraphParameters, RuleParameters};
 use super::refusals::Refusals;
-use super::told::told;
 use crate::api::{fitting, json, proto};
 use crate::domain::View;
 use crate::serve::costs::STATE_BYTES;
@@ -59,6 +59,6 @@ pub async fn get_graph(
         )
             .into_response());
     }
-    let told = told(bytes, move || Ok(json::Graph::from(graph))).await?;
+    let told = json_answer(bytes, move || Ok(json::Graph::from(graph))).await?;
     Ok(([(header::VARY, "accept")], told).into_response())
 }

@@ -3,9 +3,9 @@
 use axum::response::Response;
 
 use super::extract::{Asked, Json, Path, Plain, Query};
+use super::json_answer::json_answer;
 use super::parameters::{PairParameters, RuleParameters, StateParameters};
 use super::refusals::Refusals;
-use super::told::told;
 use crate::api::{fitting, json, proto};
 use crate::app::App;
 use crate::domain::Question;
@@ -66,7 +66,7 @@ async fn answer(app: &App, name: &str, draft: QuestionDraft) -> Answered {
     .await??;
     let view = question.view;
     let answers = app.influence.answer(&environment, question).await?;
-    told(answers.answers.len() * STATE_BYTES, move || {
+    json_answer(answers.answers.len() * STATE_BYTES, move || {
         fitting(proto::BatchGetInfluenceResponse::from(answers), view).map(json::Answers::from)
     })
     .await

@@ -1,5 +1,5 @@
-//! What is done for every request: limits, compression, and errors in the form of their face. Its
-//! id, its trace and its figures are in `serve::requests`.
+//! Middleware of REST, done for every request: limits, compression, and errors in the form of their
+//! face. Its id, its trace and its figures are in `serve::requests`.
 //!
 //! On the REST routes only: a timeout or a body limit would end the streams of the gRPC face.
 

@@ -3,9 +3,9 @@
 use axum::response::Response;
 
 use super::extract::{Asked, Path, Query};
+use super::json_answer::json_answer;
 use super::parameters::{ExplorationParameters, PairParameters, RuleParameters};
 use super::refusals::Refusals;
-use super::told::told;
 use crate::api::{fitting, json, proto};
 use crate::domain::View;
 use crate::error::{Fault, Problem};
@@ -37,7 +37,7 @@ pub async fn explore(
     let draft = json::exploration(query)?;
     let environment = app.environments.find(&name)?;
     let exploration = app.influence.explore(&environment, &draft).await?;
-    told(exploration.trials.len() * STATE_BYTES, move || {
+    json_answer(exploration.trials.len() * STATE_BYTES, move || {
         fitting(proto::ExploreResponse::from(exploration), View::Verdict)
             .map(json::Exploration::from)
     })

@@ -8,6 +8,7 @@ mod environments;
 pub mod extract;
 mod graph;
 mod influence;
+mod json_answer;
 pub mod layers;
 mod learning;
 mod models;
@@ -20,7 +21,6 @@ pub mod problems;
 mod refusals;
 mod states;
 mod summary;
-mod told;
 mod transitions;
 
 use axum::routing::{get, post, put};

@@ -1,5 +1,5 @@
-//! Bodies that were packed by their senders (`Content-Encoding`): read to the last byte, or
-//! refused.
+//! Decompression of bodies that were packed by their senders (`Content-Encoding`): read to the last
+//! byte, or refused.
 
 use std::io::{self, Read};
 
@@ -25,7 +25,7 @@ pub enum Packing {
 
 impl Packing {
     /// Returns how the body of these headers is packed, if it is.
-    pub fn of(headers: &HeaderMap) -> Result<Option<Self>, Failure> {
+    pub fn from_headers(headers: &HeaderMap) -> Result<Option<Self>, Failure> {
         let mut found = headers
             .get_all(header::CONTENT_ENCODING)
             .iter()
@@ -49,8 +49,8 @@ impl Packing {
     ) -> Result<Bytes, Failure> {
         let mut rest = packed;
         let unpacked = match self {
-            Self::Gzip => read(MultiGzDecoder::new(&mut rest), most, charge),
-            Self::Deflate => read(ZlibDecoder::new(&mut rest), most, charge),
+            Self::Gzip => unpacked(MultiGzDecoder::new(&mut rest), most, charge),
+            Self::Deflate => unpacked(ZlibDecoder::new(&mut rest), most, charge),
         }?;
         if rest.is_empty() {
             Ok(unpacked)
@@ -60,7 +60,7 @@ impl Packing {
     }
 }
 
-fn read(mut reader: impl Read, most: usize, charge: Option<&Charge>) -> Result<Bytes, Failure> {
+fn unpacked(mut reader: impl Read, most: usize, charge: Option<&Charge>) -> Result<Bytes, Failure> {
     let mut unpacked = Vec::new();
     loop {
         let before = unpacked.len();
@@ -165,7 +165,7 @@ mod tests {
             for name in names {
                 headers.append(header::CONTENT_ENCODING, name.parse().expect("a value"));
             }
-            Packing::of(&headers).ok()
+            Packing::from_headers(&headers).ok()
         };
         assert_eq!(of(&["GZIP"]), Some(Some(Packing::Gzip)));
         assert_eq!(of(&["Deflate"]), Some(Some(Packing::Deflate)));

@@ -1,4 +1,5 @@
-//! Every error is a problem: what handlers refuse, what the HTTP machinery refuses, and panics.
+//! Problem details (RFC 9457) for every error: what handlers refuse, what the HTTP machinery
+//! refuses, and panics.
 
 use std::any::Any;
 use std::sync::Arc;
@@ -64,12 +65,13 @@ pub async fn tell(State(form): State<Form>, request: Request, next: Next) -> Res
     let response = next.run(request).await;
     let status = response.status();
     match status.is_client_error() || status.is_server_error() {
-        true => told(response, form, uri.path()),
+        true => in_form(response, form, uri.path()),
         false => response,
     }
 }
 
-fn told(response: Response, form: Form, path: &str) -> Response {
+/// Returns an error answer with the body of its face.
+fn in_form(response: Response, form: Form, path: &str) -> Response {
     let (mut parts, _) = response.into_parts();
     let failure = parts
         .extensions

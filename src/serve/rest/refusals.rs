@@ -58,18 +58,18 @@ fn refusal(status: &str, description: &str) -> RefOr<Response> {
     match status {
         "405" => response.header(
             "Allow",
-            told(
+            response_header(
                 "The methods that the path takes, joined by commas",
                 Type::String,
             ),
         ),
         "401" => response.header(
             "WWW-Authenticate",
-            told("How to show a key: `Bearer`", Type::String),
+            response_header("How to show a key: `Bearer`", Type::String),
         ),
         "429" | "503" => response.header(
             "Retry-After",
-            told(
+            response_header(
                 "After how many seconds the same may be sent again",
                 Type::Integer,
             ),
@@ -80,7 +80,7 @@ fn refusal(status: &str, description: &str) -> RefOr<Response> {
     .into()
 }
 
-fn told(description: &str, kind: Type) -> Header {
+fn response_header(description: &str, kind: Type) -> Header {
     let schema = Object::builder().schema_type(kind);
     HeaderBuilder::new()
         .schema(Some(schema.build()))

@@ -3,9 +3,9 @@
 use axum::response::Response;
 
 use super::extract::{Asked, Path, Plain, Query};
+use super::json_answer::json_answer;
 use super::parameters::{DiscoveryParameters, ListingParameters, PairParameters, RuleParameters};
 use super::refusals::Refusals;
-use super::told::told;
 use crate::api::{fitting, json, proto};
 use crate::domain::View;
 use crate::serve::costs::STATE_BYTES;
@@ -39,7 +39,7 @@ pub async fn list_states(
     let listing = json::listing(query)?;
     let environment = app.environments.find(&name)?;
     let page = app.influence.states(&environment, &listing).await?;
-    told(page.states.len() * STATE_BYTES, move || {
+    json_answer(page.states.len() * STATE_BYTES, move || {
         fitting(proto::ListStatesResponse::from(page), View::Verdict).map(json::StatePage::from)
     })
     .await
@@ -62,7 +62,7 @@ pub async fn get_state(
 ) -> Result<Response, Failure> {
     let environment = app.environments.find(&name)?;
     let view = app.influence.state_view(&environment, &key).await?;
-    told(view.cells.len() * CELL_BYTES, move || {
+    json_answer(view.cells.len() * CELL_BYTES, move || {
         fitting(proto::GetStateResponse::from(view), View::Full).map(json::Counts::from)
     })
     .await

@@ -95,7 +95,7 @@ impl Contents {
         };
         let mut config = config
             .with_single_cert(chain, self.key.key()?)
-            .map_err(|error| self.told(&error))?;
+            .map_err(|error| self.rejection(&error))?;
         config.alpn_protocols = PROTOCOLS.map(<[u8]>::to_vec).into();
         let authorities = blake3::hash(self.client_authorities.as_ref().map_or(&[], Pem::bytes));
         Ok(Certified {
@@ -105,7 +105,8 @@ impl Contents {
         })
     }
 
-    fn told(&self, error: &rustls::Error) -> TlsError {
+    /// Returns which file rustls does not take, and why.
+    fn rejection(&self, error: &rustls::Error) -> TlsError {
         match error {
             rustls::Error::InconsistentKeys(InconsistentKeys::KeyMismatch) => {
                 let path = self.certificate.path();

@@ -14,7 +14,7 @@ use imports::{Source, Sources};
 /// Rooms by rank. A room may import any lower rank, never its own or a higher one.
 const RANKS: &[&[&str]] = &[
     &["special_functions"],
-    &["information", "error", "config", "telemetry", "tls"],
+    &["information", "error", "telemetry", "tls"],
     &["domain", "work"],
     &[
         "evidence",
@@ -28,7 +28,8 @@ const RANKS: &[&[&str]] = &[
     &["model"],
     &["environments", "influence"],
     &["app"],
-    &["serve", "experiments"],
+    &["serve"],
+    &["experiments"],
     &["cli"],
     &["main"],
 ];

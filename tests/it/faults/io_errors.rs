@@ -13,7 +13,7 @@ use super::disk::{CHANGES, Disk, EIO, ENOSPC, FOR_EVER, READ, SYNC, TRUNCATE, WR
 use super::{asked, eventually, scaled, settled};
 use crate::server::Server;
 use crate::support::fixtures::Fixture;
-use crate::support::load::{Load, Shape, Voice, assert_exactly_once, make_lane, read};
+use crate::support::load::{Load, Shape, Voice, assert_exactly_once, make_lane, read_held};
 
 const VOICES: [Voice; 4] = [Voice::Stream, Voice::Stream, Voice::Stream, Voice::Rest];
 
@@ -159,7 +159,7 @@ async fn a_refusal_that_says_that_nothing_was_counted_is_right() {
             let (acknowledged, refusal) =
                 post_until_refused(server.address, &disk, calls, errno).await;
             server.kill();
-            let held = read(disk.path(), 1).await.expect("it was made");
+            let held = read_held(disk.path(), 1).await.expect("it was made");
             let committed = held.committed[0];
             let is_certain = refusal.contains("nothing was counted");
             assert!(

@@ -18,7 +18,7 @@ use tempfile::TempDir;
 use super::disk::Disk;
 use super::scaled;
 use crate::server::Server;
-use crate::support::load::{Load, Shape, Voice, expected, make_lane, read};
+use crate::support::load::{Load, Shape, Voice, expected, make_lane, read_held};
 
 const VOICES: [Voice; 4] = [Voice::Stream, Voice::Stream, Voice::Stream, Voice::Rest];
 
@@ -283,7 +283,7 @@ fn after_cut(files: &BTreeMap<&str, OnDisk>, random: &mut StdRng) -> TempDir {
 /// each once.
 async fn has_lost(directory: &Path, acknowledged: &[u64]) -> bool {
     // The environment was acknowledged too.
-    let Some(held) = read(directory, VOICES.len()).await else {
+    let Some(held) = read_held(directory, VOICES.len()).await else {
         return true;
     };
     assert_eq!(

@@ -1,4 +1,4 @@
-//! A store that passes everything on, and fails when it is told to.
+//! Fault injection: a store that passes everything on, and fails when it is told to.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};

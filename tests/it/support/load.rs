@@ -1,5 +1,6 @@
-//! Producers that keep a service busy, and know what it owes them: the batches that they send are
-//! always the same, so what must be counted follows from how far each of them is.
+//! A load generator: producers that keep a service busy, and know what it owes them: the batches
+//! that they send are always the same, so what must be counted follows from how far each of them
+//! is.
 
 use std::collections::{BTreeMap, HashMap};
 use std::net::SocketAddr;
@@ -342,7 +343,7 @@ async fn run(shared: Arc<Shared>, producer: u64, voice: Voice) {
     }
 }
 
-fn told(status: &tonic::Status) -> String {
+fn worded(status: &tonic::Status) -> String {
     format!(
         "{:?} {}: {}",
         status.code(),
@@ -364,7 +365,7 @@ async fn stream(
         .await
         .map_err(|error| format!("no connection: {error}"))?;
     let opened = RawStream::open(IngestServiceClient::new(channel), hello(name)).await;
-    let (welcome, stream) = opened.map_err(|status| told(&status))?;
+    let (welcome, stream) = opened.map_err(|status| worded(&status))?;
     let known = shared.acknowledged(producer);
     let committed = welcome.committed_sequence + offset;
     assert!(
@@ -387,7 +388,10 @@ async fn stream(
         if next == shared.acknowledged(producer) + 1 {
             continue;
         }
-        let response = responses.message().await.map_err(|status| told(&status))?;
+        let response = responses
+            .message()
+            .await
+            .map_err(|status| worded(&status))?;
         match response.ok_or("the stream ended")?.message {
             Some(ingest_response::Message::Acknowledgement(told)) => {
                 shared.acknowledge(producer, told.committed_sequence + offset);
@@ -440,7 +444,7 @@ pub struct Held {
 
 /// Reads a database as a start of the service does, and audits it; nothing where the lane is not
 /// there.
-pub async fn read(directory: &Path, producers: usize) -> Option<Held> {
+pub async fn read_held(directory: &Path, producers: usize) -> Option<Held> {
     let opened = SqliteStore::open(&directory.join("nudge.db"), Options::default()).await;
     let store = opened.expect("what a fault left can be opened");
     let environment = store.environment("lane")?;
@@ -490,7 +494,7 @@ pub async fn read(directory: &Path, producers: usize) -> Option<Held> {
 /// Checks that a database holds everything that was acknowledged, and each batch once or not at
 /// all; returns how many transitions it holds.
 pub async fn assert_exactly_once(directory: &Path, shape: Shape, acknowledged: &[u64]) -> u64 {
-    let held = read(directory, acknowledged.len())
+    let held = read_held(directory, acknowledged.len())
         .await
         .expect("an environment that was made stays");
     for (producer, (committed, acknowledged)) in held.committed.iter().zip(acknowledged).enumerate()

@@ -11,7 +11,7 @@ pub mod fixtures;
 pub mod load;
 pub mod raw;
 
-use std::net::SocketAddr;
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -21,24 +21,25 @@ use nudge::api::proto::ingest_service_client::IngestServiceClient;
 use nudge::api::proto::model_service_client::ModelServiceClient;
 use nudge::api::proto::{self, IngestRequest, IngestResponse, ingest_request, ingest_response};
 use nudge::app::{App, Upkeep};
-use nudge::serve::tls::{Socket, Tls};
-use nudge::serve::{Settings, serve};
+use nudge::serve::tls::Tls;
+use nudge::serve::{Running, Settings, Starting};
 use nudge::store::{Options, SqliteStore, Store};
 use serde_json::{Value, json};
 use tempfile::TempDir;
-use tokio::net::TcpListener;
 use tokio::sync::mpsc;
-use tokio::task::JoinHandle;
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::transport::Channel;
 use tonic::{Status, Streaming};
+
+/// What takes a free port of this machine.
+pub const FREE_PORT: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 0);
 
 /// A running service.
 pub struct TestApp {
     pub address: SocketAddr,
     pub app: App,
     pub directory: Arc<TempDir>,
-    serving: JoinHandle<()>,
+    running: Running,
 }
 
 impl TestApp {
@@ -70,16 +71,15 @@ impl TestApp {
         store: Arc<dyn Store>,
         settings: Settings,
     ) -> Self {
-        let app = App::open(store, Upkeep::default());
-        let listener = TcpListener::bind("127.0.0.1:0").await.expect("a free port");
-        let address = listener.local_addr().expect("bound");
-        let serving = serve(app.clone(), Socket { listener, tls }, settings);
-        let serving = tokio::spawn(async { serving.await.expect("the service runs") });
+        let mut starting = Starting::new(settings);
+        let address = starting.listen(FREE_PORT, tls).await.expect("a free port");
+        let running = starting.open(store, Upkeep::default());
+        let running = running.await.expect("the service runs");
         Self {
             address,
-            app,
+            app: running.app.clone(),
             directory,
-            serving,
+            running,
         }
     }
 
@@ -92,9 +92,7 @@ impl TestApp {
 
     /// Stops the service as a signal would.
     pub async fn stop(self) {
-        self.app.draining.cancel();
-        self.serving.await.expect("the service ends");
-        self.app.close().await;
+        self.running.shutdown().await.expect("the service ends");
     }
 
     pub fn url(&self, path: &str) -> String {

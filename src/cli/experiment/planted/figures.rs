@@ -5,7 +5,7 @@ use crate::cli::output::Table;
 use crate::experiments::findings::{Bound, Target};
 use crate::experiments::measures::Spread;
 
-/// Returns targets beside what was measured, each row with the names of its world, decision and
+/// Returns targets beside what was measured, each row with the names of its world, method and
 /// figure.
 pub(super) fn targets<W, D, F>(
     targets: &[Target<W, D, F>],

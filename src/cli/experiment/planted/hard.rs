@@ -4,7 +4,7 @@ use super::figures::{spread, spread_to, targets};
 use crate::cli::output::{Table, count};
 use crate::experiments::findings::REVISION;
 use crate::experiments::measures::Spread;
-use crate::experiments::planted::hard::{DECISION, Report, name};
+use crate::experiments::planted::hard::{METHOD, Report, name};
 use crate::experiments::planted::{Figure, Target, World};
 use crate::simulation::planted::Generator;
 
@@ -36,7 +36,7 @@ pub(super) fn render(report: &Report) -> String {
          verdicts; of states with 10,000 visits and more those whose mutual information is over 0.03 nats from the threshold\n{}\n\
          targets, stated for worlds of the usual sizes and at least 10 seeds; none where there are no such states, or fewer than 20 are called\n{}{}",
         report.options.seeds,
-        DECISION.as_str(),
+        METHOD.as_str(),
         said(report),
         decided(report),
         targets(&report.targets(), &["world"], named),
@@ -67,7 +67,7 @@ fn said(report: &Report) -> String {
     for world in report.options.worlds() {
         let cells =
             SAID.map(
-                |figure| match (figure, report.findings.find(&world, DECISION, figure)) {
+                |figure| match (figure, report.findings.find(&world, METHOD, figure)) {
                     (Figure::Rmse, error) => spread_to(4, error),
                     (_, told) => spread(told),
                 },
@@ -100,7 +100,7 @@ fn decided(report: &Report) -> String {
     for world in report.options.worlds() {
         let cells =
             DECIDED.map(
-                |figure| match (figure, report.findings.find(&world, DECISION, figure)) {
+                |figure| match (figure, report.findings.find(&world, METHOD, figure)) {
                     (Figure::Called, called) => {
                         spread_to(1, called.map(|share| of_states(share, &world)))
                     }
@@ -125,7 +125,7 @@ fn of_states(Spread { mean, sd, seeds }: Spread, world: &World) -> Spread {
 fn named(target: &Target) -> Vec<String> {
     [
         name(&target.world),
-        target.decision.as_str(),
+        target.method.as_str(),
         target.figure.as_str(),
     ]
     .map(str::to_owned)

@@ -3,7 +3,7 @@
 use super::figures::{spread, targets};
 use crate::cli::output::{Table, count};
 use crate::experiments::findings::REVISION;
-use crate::experiments::kitchens::{Decision, Facts, Figure, Report, Target, World};
+use crate::experiments::kitchens::{Facts, Figure, Method, Report, Target, World};
 
 /// Returns the report as people read it.
 pub(super) fn render(report: &Report) -> String {
@@ -21,14 +21,20 @@ pub(super) fn render(report: &Report) -> String {
     text
 }
 
-fn titled(World { layout, manner }: &World, facts: &Facts) -> String {
+fn titled(
+    World {
+        layout,
+        response_model,
+    }: &World,
+    facts: &Facts,
+) -> String {
     let [counted, unseen, steps] =
         [facts.counted, facts.unseen, facts.steps].map(|number| count(number as u64));
     format!(
         "{} as {}, {}: {counted} steps counted; {unseen} states unseen, {steps} steps in them, {:.1} % with influence",
         layout.as_str(),
         layout.abstraction(),
-        manner.as_str(),
+        response_model.as_str(),
         100.0 * facts.strong_share(),
     )
 }
@@ -36,26 +42,30 @@ fn titled(World { layout, manner }: &World, facts: &Facts) -> String {
 fn compared(report: &Report, world: &World) -> String {
     let mut table =
         Table::new(&[&["decision"], Figure::ALL.map(Figure::as_str).as_slice()].concat());
-    for decision in Decision::ALL {
-        let cells = Figure::ALL.map(|figure| {
-            match (figure, report.findings.find(world, decision, figure)) {
-                (Figure::Called, Some(states)) => {
-                    format!("{:.1} ±{:.1}", states.mean, states.sd.unwrap_or(0.0))
-                }
-                (_, told) => spread(told),
-            }
-        });
-        table.row([decision.as_str().to_owned()].into_iter().chain(cells));
+    for method in Method::ALL {
+        let cells =
+            Figure::ALL.map(
+                |figure| match (figure, report.findings.find(world, method, figure)) {
+                    (Figure::Called, Some(states)) => {
+                        format!("{:.1} ±{:.1}", states.mean, states.sd.unwrap_or(0.0))
+                    }
+                    (_, told) => spread(told),
+                },
+            );
+        table.row([method.as_str().to_owned()].into_iter().chain(cells));
     }
     table.render("")
 }
 
 fn named(target: &Target) -> Vec<String> {
-    let World { layout, manner } = target.world;
+    let World {
+        layout,
+        response_model,
+    } = target.world;
     [
         layout.as_str(),
-        manner.as_str(),
-        target.decision.as_str(),
+        response_model.as_str(),
+        target.method.as_str(),
         target.figure.as_str(),
     ]
     .map(str::to_owned)

@@ -76,7 +76,7 @@ fn named(target: &Target) -> Vec<String> {
     [
         drawn.name,
         &visits.to_string(),
-        target.decision.as_str(),
+        target.method.as_str(),
         target.figure.as_str(),
     ]
     .map(str::to_owned)

@@ -5,11 +5,11 @@ use crate::cli::output::{Table, count};
 use crate::experiments::findings::REVISION;
 use crate::experiments::measures::Spread;
 use crate::experiments::planted::{
-    Decision, Figure, Report, SHARES, Target, USUAL_SHARE, World, arm_name, generator_name,
+    Figure, Method, Report, SHARES, Target, USUAL_SHARE, World, arm_name, generator_name,
 };
 use crate::simulation::planted::{Arm, Generator};
 
-/// The figures by which decisions are compared.
+/// The figures by which methods are compared.
 const COMPARED: [Figure; 9] = [
     Figure::AucPlanted,
     Figure::AucStrong,
@@ -23,26 +23,22 @@ const COMPARED: [Figure; 9] = [
 ];
 
 /// The figures that show what is called influence where there is little of it, or nothing else.
-const CALLED: [(&str, Decision, Figure); 7] = [
+const CALLED: [(&str, Method, Figure); 7] = [
     (
         "mean P(dependent)",
-        Decision::SpikeAndSlab,
+        Method::SpikeAndSlab,
         Figure::MeanProbability,
     ),
-    ("established", Decision::SpikeAndSlab, Figure::Established),
-    (
-        "falsely",
-        Decision::SpikeAndSlab,
-        Figure::FalselyEstablished,
-    ),
-    ("called", Decision::SpikeAndSlab, Figure::Called),
-    ("falsely", Decision::SpikeAndSlab, Figure::FalselyCalled),
+    ("established", Method::SpikeAndSlab, Figure::Established),
+    ("falsely", Method::SpikeAndSlab, Figure::FalselyEstablished),
+    ("called", Method::SpikeAndSlab, Figure::Called),
+    ("falsely", Method::SpikeAndSlab, Figure::FalselyCalled),
     (
         "called by the paper's rule",
-        Decision::PapersFilter,
+        Method::PapersFilter,
         Figure::Called,
     ),
-    ("falsely", Decision::PapersFilter, Figure::FalselyCalled),
+    ("falsely", Method::PapersFilter, Figure::FalselyCalled),
 ];
 
 /// Returns the report as people read it.
@@ -80,11 +76,11 @@ pub(super) fn render(report: &Report) -> String {
 fn compared(report: &Report, generator: Generator) -> String {
     let mut table = Table::new(&[&["decision"], COMPARED.map(Figure::as_str).as_slice()].concat());
     let world = report.options.compared(generator, Arm::Plain);
-    for decision in Decision::ALL {
+    for method in Method::ALL {
         let cells = COMPARED
             .iter()
-            .map(|figure| spread(report.findings.find(&world, decision, *figure)));
-        table.row(std::iter::once(decision.as_str().to_owned()).chain(cells));
+            .map(|figure| spread(report.findings.find(&world, method, *figure)));
+        table.row(std::iter::once(method.as_str().to_owned()).chain(cells));
     }
     table.render("")
 }
@@ -93,18 +89,18 @@ fn arms(report: &Report) -> String {
     let titles = Generator::USUAL.map(generator_name);
     let mut table = Table::new(&[&["arm", "decision"], titles.as_slice()].concat());
     for arm in [Arm::Plain, Arm::LeakFree, Arm::Shuffled] {
-        for decision in Decision::ALL
+        for method in Method::ALL
             .into_iter()
-            .filter(|decision| *decision != Decision::PapersFilter)
+            .filter(|method| *method != Method::PapersFilter)
         {
             let area = |generator| {
                 report.findings.find(
                     &report.options.compared(generator, arm),
-                    decision,
+                    method,
                     Figure::AucPlanted,
                 )
             };
-            let named = [arm_name(arm), decision.as_str()].map(str::to_owned);
+            let named = [arm_name(arm), method.as_str()].map(str::to_owned);
             table.row(
                 named
                     .into_iter()
@@ -120,7 +116,7 @@ fn called(report: &Report) -> String {
     let mut table =
         Table::new(&[&["world", "states", "with influence"], titles.as_slice()].concat());
     let mut row = |name: &str, world: World| {
-        let cell = |(_, decision, figure)| report.findings.find(&world, decision, figure);
+        let cell = |(_, method, figure)| report.findings.find(&world, method, figure);
         let percent = |spread: Option<Spread>| {
             spread.map_or("-".to_owned(), |spread| {
                 format!("{:.1}", spread.mean * 100.0)
@@ -163,7 +159,7 @@ fn called(report: &Report) -> String {
 fn named(target: &Target) -> Vec<String> {
     let names = [
         generator_name(target.world.generator),
-        target.decision.as_str(),
+        target.method.as_str(),
         target.figure.as_str(),
     ];
     names.map(str::to_owned).to_vec()

@@ -13,13 +13,13 @@ const ROUNDING: f64 = 1e-12;
 static VISITS: LazyLock<[Visits; 2]> = LazyLock::new(|| Layout::ALL.map(Visits::of));
 
 fn scenes() -> impl Iterator<Item = Scene> {
-    VISITS
-        .iter()
-        .flat_map(|visits| Manner::ALL.map(|manner| Scene::of(visits, manner, None)))
+    VISITS.iter().flat_map(|visits| {
+        ResponseModel::ALL.map(|response_model| Scene::of(visits, response_model, None))
+    })
 }
 
 fn yielding(layout: Layout) -> Scene {
-    Scene::of(&VISITS[layout as usize], Manner::Yield, None)
+    Scene::of(&VISITS[layout as usize], ResponseModel::Yield, None)
 }
 
 #[test]

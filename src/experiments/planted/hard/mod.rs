@@ -9,7 +9,7 @@ mod plot;
 mod report;
 mod targets;
 
-pub use options::{DECISION, Options, name, named, worlds};
+pub use options::{METHOD, Options, name, named, worlds};
 pub use plot::plot;
 pub use report::Report;
 
@@ -21,7 +21,7 @@ pub async fn run(options: &Options, done: impl FnMut()) -> Result<Report, Proble
     let findings = measured(
         &options.worlds(),
         options.seeds,
-        |_| &[DECISION],
+        |_| &[METHOD],
         &Figure::HARD,
         done,
     )

@@ -1,11 +1,11 @@
 //! What is run: hard worlds by their names, at their usual sizes or smaller, and for which seeds.
 
-use crate::experiments::planted::{Decision, USUAL_SHARE, World, generator_name};
+use crate::experiments::planted::{Method, USUAL_SHARE, World, generator_name};
 use crate::experiments::seeds::Seeds;
 use crate::simulation::planted::{Arm, Generator};
 
 /// The one way to decide that is asked.
-pub const DECISION: Decision = Decision::SpikeAndSlab;
+pub const METHOD: Method = Method::SpikeAndSlab;
 
 /// What is run.
 #[derive(Debug, Clone, PartialEq)]

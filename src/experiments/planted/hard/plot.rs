@@ -1,6 +1,6 @@
 //! The plot: how often the 90 % interval holds the truth, world by world.
 
-use super::{DECISION, Report, name};
+use super::{METHOD, Report, name};
 use crate::experiments::dots::{BLUE, Dots, Mark, Panel, Shape, VERMILION, within_sd};
 use crate::experiments::planted::{Figure, World};
 
@@ -40,7 +40,7 @@ pub fn plot(report: &Report) -> String {
 fn panel(report: &Report, worlds: &[World]) -> Panel {
     let row = |world: &World| {
         FIGURES
-            .map(|figure| report.findings.find(world, DECISION, figure))
+            .map(|figure| report.findings.find(world, METHOD, figure))
             .to_vec()
     };
     Panel {

@@ -1,6 +1,6 @@
 //! What must be shown in hard worlds, beside what was.
 
-use super::{DECISION, Options};
+use super::{METHOD, Options};
 use crate::experiments::findings::Bound;
 use crate::experiments::planted::targets::{RIGHT, is_told};
 use crate::experiments::planted::{Figure, Findings, Target, World};
@@ -12,17 +12,17 @@ pub(super) fn targets(options: &Options, findings: &Findings) -> Vec<Target> {
     let targets = |world: World| {
         bounds(world.generator)
             .into_iter()
-            .filter_map(move |bound| of(findings, world, bound))
+            .filter_map(move |bound| target(findings, world, bound))
     };
     options.worlds().into_iter().flat_map(targets).collect()
 }
 
-fn of(findings: &Findings, world: World, (figure, bound): (Figure, Bound)) -> Option<Target> {
-    let measured = findings.find(&world, DECISION, figure)?.mean;
-    let told = is_told(findings, &world, DECISION, figure);
+fn target(findings: &Findings, world: World, (figure, bound): (Figure, Bound)) -> Option<Target> {
+    let measured = findings.find(&world, METHOD, figure)?.mean;
+    let told = is_told(findings, &world, METHOD, figure);
     told.then_some(Target {
         world,
-        decision: DECISION,
+        method: METHOD,
         figure,
         bound,
         measured: Some(measured),

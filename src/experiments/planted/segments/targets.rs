@@ -28,17 +28,17 @@ pub(super) fn targets(options: &Options, findings: &Findings) -> Vec<Target> {
         let bounds = bounds(&world)
             .into_iter()
             .chain(recall_as_pooled(findings, &world));
-        bounds.filter_map(move |bound| of(findings, world, bound))
+        bounds.filter_map(move |bound| target(findings, world, bound))
     };
     options.worlds().into_iter().flat_map(targets).collect()
 }
 
-fn of(findings: &Findings, world: World, (figure, bound): (Figure, Bound)) -> Option<Target> {
+fn target(findings: &Findings, world: World, (figure, bound): (Figure, Bound)) -> Option<Target> {
     let measured = findings.find(&world, Within::JUDGED, figure)?.mean;
     let told = is_told(findings, &world, figure);
     told.then_some(Target {
         world,
-        decision: Within::JUDGED,
+        method: Within::JUDGED,
         figure,
         bound,
         measured: Some(measured),

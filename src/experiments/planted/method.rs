@@ -1,11 +1,11 @@
-//! Ways to decide from the counts of a state, beside each other.
+//! Methods to decide from the counts of a state, estimators and tests beside each other.
 
 use super::case::Case;
 use crate::domain::{Estimator, Rule, Verdict};
 
-/// A way to decide from the counts of a state.
+/// A method to decide from the counts of a state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Decision {
+pub enum Method {
     /// Plug-in mutual information.
     PlugIn,
     /// The paper's rule: the same where a state was seen at least eight times.
@@ -21,8 +21,8 @@ pub enum Decision {
     SpikeAndSlab,
 }
 
-impl Decision {
-    /// Every decision, in the order in which they are told.
+impl Method {
+    /// Every method, in the order in which they are told.
     pub const ALL: [Self; 6] = [
         Self::PlugIn,
         Self::PapersFilter,

@@ -1,10 +1,11 @@
-//! Ways to decide about a state that was never counted, beside each other.
+//! Methods to decide about a state that was never counted: networks and baselines beside each
+//! other.
 
 use crate::domain::{Answer, Rule, Verdict};
 
-/// A way to decide about a state that was never counted.
+/// A method to decide about a state that was never counted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Decision {
+pub enum Method {
     /// The network that learns what both agents do.
     Joint,
     /// The network that learns what the evidence says.
@@ -21,8 +22,8 @@ pub enum Decision {
     Oracle,
 }
 
-impl Decision {
-    /// Every decision, in the order in which they are told.
+impl Method {
+    /// Every method, in the order in which they are told.
     pub const ALL: [Self; 7] = [
         Self::Joint,
         Self::Direct,
@@ -47,7 +48,7 @@ impl Decision {
     }
 }
 
-/// What a decision says of a state.
+/// What a method says of a state.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Said {
     /// P(MI > threshold).

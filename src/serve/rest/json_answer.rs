@@ -1,4 +1,4 @@
-//! What handlers answer: JSON, encoded where it keeps nobody waiting.
+//! JSON answers, serialised beside the executor where they are long, so that nobody waits for it.
 
 use axum::response::{IntoResponse, Response};
 use http::header;
@@ -8,8 +8,8 @@ use crate::error::{ErrorKind, Problem};
 use crate::serve::status::Failure;
 use crate::work::aside;
 
-/// Answers with what is made, an answer of about so many bytes.
-pub async fn told<T: Serialize>(
+/// Answers with what is made, which takes about so many bytes of JSON.
+pub async fn json_answer<T: Serialize>(
     bytes: usize,
     make: impl FnOnce() -> Result<T, Problem> + Send + 'static,
 ) -> Result<Response, Failure> {

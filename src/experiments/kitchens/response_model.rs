@@ -1,11 +1,11 @@
-//! How the other answers the ego: the influence that is planted.
+//! Response models: how the other answers the ego, which is the influence that is planted.
 
 use super::policy::{ACTIONS, Policy, index};
 use crate::recordings::overcooked::{Held, Move, Player};
 
-/// How the other answers.
+/// A response model: what the other does, given what the ego did.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Manner {
+pub enum ResponseModel {
     /// Where the players are near each other, the other steps aside.
     Yield,
     /// Where they are near each other, the other does the same.
@@ -19,8 +19,8 @@ const NEAR: u8 = 2;
 /// How probable an answer is; otherwise the other does what it always does.
 const ANSWERED: f64 = 0.8;
 
-impl Manner {
-    /// Every manner, in the order in which they are told.
+impl ResponseModel {
+    /// Every response model, in the order in which they are told.
     pub const ALL: [Self; 3] = [Self::Yield, Self::Copy, Self::YieldWhenHolding];
 
     /// Returns its name.
