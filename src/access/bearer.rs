@@ -1,6 +1,6 @@
 //! The `Authorization` header: `Bearer KEY` (RFC 6750, RFC 9110), once.
 
-use super::secret::{self, is_token};
+use crate::domain::Secret;
 
 /// Why a header is no bearer token. None of its text is in here.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -39,8 +39,8 @@ pub fn bearer<'a>(
     }
     let key = rest.trim_ascii();
     match key.len() {
-        longer if longer > secret::LONGEST => Err(Malformed::TooLong),
-        _ if !is_token(key) => Err(Malformed::Key),
+        longer if longer > Secret::LONGEST => Err(Malformed::TooLong),
+        _ if !Secret::is_token(key) => Err(Malformed::Key),
         _ => Ok(Some(key)),
     }
 }

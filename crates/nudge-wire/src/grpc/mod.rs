@@ -1,0 +1,21 @@
+//! Between proto messages and the domain.
+
+mod answer;
+mod environment;
+mod graph;
+mod ingest;
+mod model;
+mod overview;
+mod question;
+
+pub use ingest::{acknowledgements, batch, producer, receipt, sequence};
+pub(crate) use ingest::{segment, within_limit};
+pub use model::training;
+pub use question::{
+    batch_question, exploration, fit, graph, list_states, question, scope, summary,
+};
+
+/// Returns the text, or `None` where proto says "absent" by an empty one.
+fn given(text: String) -> Option<String> {
+    Some(text).filter(|text| !text.is_empty())
+}
