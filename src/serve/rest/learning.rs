@@ -3,7 +3,7 @@
 use axum::response::Response;
 
 use super::extract::{Asked, Path, Query};
-use super::parameters::{ExplorationParameters, PairParameters, RuleParameters};
+use super::parameters::{ExplorationParameters, PairParameters, RuleParameters, SegmentParameters};
 use super::refusals::Refusals;
 use super::told::told;
 use crate::api::{fitting, json, proto};
@@ -24,6 +24,7 @@ use crate::serve::status::Failure;
     params(
         ("environment" = String, Path, description = "The environment's name"),
         PairParameters,
+        SegmentParameters,
         RuleParameters,
         ExplorationParameters,
     ),

@@ -3,7 +3,9 @@
 use axum::response::Response;
 
 use super::extract::{Asked, Path, Plain, Query};
-use super::parameters::{DiscoveryParameters, ListingParameters, PairParameters, RuleParameters};
+use super::parameters::{
+    DiscoveryParameters, ListingParameters, PairParameters, RuleParameters, SegmentParameters,
+};
 use super::refusals::Refusals;
 use super::told::told;
 use crate::api::{fitting, json, proto};
@@ -25,6 +27,7 @@ const CELL_BYTES: usize = 128;
     params(
         ("environment" = String, Path, description = "The environment's name"),
         PairParameters,
+        SegmentParameters,
         RuleParameters,
         ListingParameters,
         DiscoveryParameters,

@@ -55,16 +55,9 @@ pub struct Producer {
 
 impl From<proto::Receipt> for Receipt {
     fn from(receipt: proto::Receipt) -> Self {
-        let status = match receipt.status() {
-            proto::BatchStatus::Applied => "applied",
-            proto::BatchStatus::Duplicate => "duplicate",
-            proto::BatchStatus::Unverified => "unverified",
-            proto::BatchStatus::Rejected => "rejected",
-            proto::BatchStatus::Unspecified => "unknown",
-        };
         Self {
             sequence: receipt.sequence,
-            status,
+            status: words::batch_status(receipt.status()),
             accepted: receipt.accepted,
             rejected_count: receipt.rejected_count,
             rejected: receipt.rejected.into_iter().map(Into::into).collect(),

@@ -1,5 +1,5 @@
 //! Words: the texts that a member may have, for the OpenAPI document. Each list is made of the
-//! domain's own words.
+//! words that are told: the domain's own, or those for the enums of proto.
 
 use std::borrow::Cow;
 
@@ -8,6 +8,8 @@ use nudge_core::information::{ExpectedMethod, Method as SignificanceMethod};
 use utoipa::openapi::schema::{ObjectBuilder, Type};
 use utoipa::openapi::{RefOr, Schema};
 use utoipa::{PartialSchema, ToSchema};
+
+use crate::proto;
 
 macro_rules! words {
     ($($(#[doc = $doc:literal])* $name:ident = $words:expr;)*) => {$(
@@ -41,7 +43,7 @@ words! {
     /// How much is told of a state.
     View = [domain::View::Verdict, domain::View::Figures, domain::View::Full].map(domain::View::as_str);
     /// What a test of independence may exchange.
-    Permutations = PERMUTATIONS;
+    Permutations = domain::Permutations::ALL.map(domain::Permutations::as_str);
     /// Whether there is influence.
     Verdict = domain::Verdict::ALL.map(domain::Verdict::as_str);
     /// Whether there is any dependence at all.
@@ -71,7 +73,7 @@ words! {
     ]
     .map(domain::JobState::as_str);
     /// What became of a batch.
-    BatchStatus = ["applied", "rejected", "duplicate", "unverified"];
+    BatchStatus = BATCH_STATUSES.map(batch_status);
     /// How discoveries are found.
     DiscoveryMethod =
         [domain::DiscoveryMethod::Bayes, domain::DiscoveryMethod::Bh].map(domain::DiscoveryMethod::as_str);
@@ -79,18 +81,20 @@ words! {
     AngleUnit = [domain::Angle::Radians, domain::Angle::Degrees].map(domain::Angle::as_str);
 }
 
-const PERMUTATIONS: [&str; 3] = ["auto", "pooled", "within_segments"];
+const BATCH_STATUSES: [proto::BatchStatus; 4] = [
+    proto::BatchStatus::Applied,
+    proto::BatchStatus::Rejected,
+    proto::BatchStatus::Duplicate,
+    proto::BatchStatus::Unverified,
+];
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn every_exchange_is_read() {
-        assert!(
-            PERMUTATIONS
-                .iter()
-                .all(|word| word.parse::<domain::Permutations>().is_ok())
-        );
+/// Returns the word for what became of a batch.
+pub(super) fn batch_status(status: proto::BatchStatus) -> &'static str {
+    match status {
+        proto::BatchStatus::Applied => "applied",
+        proto::BatchStatus::Duplicate => "duplicate",
+        proto::BatchStatus::Unverified => "unverified",
+        proto::BatchStatus::Rejected => "rejected",
+        proto::BatchStatus::Unspecified => "unknown",
     }
 }
