@@ -27,9 +27,11 @@ pub fn bearer<'a>(
     let Some(header) = headers.next() else {
         return Ok(None);
     };
+
     if headers.next().is_some() {
         return Err(Malformed::Several);
     }
+
     // The name of a scheme is written in any case.
     let (scheme, rest) = header
         .split_at_checked(SCHEME.len())
@@ -37,7 +39,9 @@ pub fn bearer<'a>(
     if !scheme.eq_ignore_ascii_case(SCHEME) || rest.first().is_some_and(|byte| *byte != b' ') {
         return Err(Malformed::Scheme);
     }
+
     let key = rest.trim_ascii();
+
     match key.len() {
         longer if longer > Secret::LONGEST => Err(Malformed::TooLong),
         _ if !Secret::is_token(key) => Err(Malformed::Key),

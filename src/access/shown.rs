@@ -76,6 +76,7 @@ fn words(text: &str) -> String {
         }
         rest = behind;
     }
+
     told
 }
 
@@ -89,8 +90,10 @@ fn is_secret(word: &str) -> bool {
             && has(row, char::is_uppercase)
             && has(row, char::is_numeric)
     };
+
     // Base 64 has slashes too, and no path without a slash or a dot at its beginning is as mixed.
     let is_path = word.starts_with(['/', '.', '~']);
+
     has_key(word)
         || word
             .split(|char: char| !(char.is_ascii_alphanumeric() || char == '+'))

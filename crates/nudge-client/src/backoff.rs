@@ -1,4 +1,4 @@
-//! How long the service has been away, and when to try again.
+//! Exponential back-off with jitter: how long the service has been away, and when to try again.
 
 use std::hash::{BuildHasher, RandomState};
 use std::time::Duration;
@@ -8,7 +8,7 @@ use tokio::time::Instant;
 const FIRST_DELAY: Duration = Duration::from_millis(100);
 const LONGEST_DELAY: Duration = Duration::from_secs(5);
 
-/// A time without progress.
+/// The back-off of one time without progress.
 pub(crate) struct Backoff {
     since: Instant,
     attempts: u32,
@@ -16,7 +16,8 @@ pub(crate) struct Backoff {
 }
 
 impl Backoff {
-    pub(crate) fn begin(now: Instant) -> Self {
+    /// Begins at the first delay.
+    pub(crate) fn since(now: Instant) -> Self {
         Self {
             since: now,
             attempts: 0,
@@ -24,25 +25,25 @@ impl Backoff {
         }
     }
 
-    /// Restarts the clock: before `now` nothing waited, so nobody was kept waiting.
-    pub(crate) fn only_since(&mut self, now: Instant) {
+    /// Restarts the clock, and goes on with the delays: before `now` nothing waited, so nobody was kept waiting.
+    pub(crate) fn restart_clock(&mut self, now: Instant) {
         self.since = now;
     }
 
-    /// Returns how long it has lasted.
-    pub(crate) fn lasted(&self, now: Instant) -> Duration {
+    /// Returns how long there has been no progress.
+    pub(crate) fn elapsed(&self, now: Instant) -> Duration {
         now.duration_since(self.since)
     }
 
-    /// Returns the last error.
-    pub(crate) fn last(&self) -> &str {
+    /// Returns the error of the last attempt.
+    pub(crate) fn last_error(&self) -> &str {
         &self.last
     }
 
     /// Notes a failure and returns how long to wait before the next attempt.
-    pub(crate) fn failed(&mut self, why: String) -> Duration {
+    pub(crate) fn next_delay(&mut self, why: String) -> Duration {
         self.last = why;
-        let delay = delay(self.attempts, spread());
+        let delay = delay(self.attempts, jitter());
         self.attempts += 1;
         delay
     }
@@ -50,14 +51,14 @@ impl Backoff {
 
 /// Returns twice the delay of the attempt before, up to a limit, less up to half of it, so that a
 /// thousand producers do not come back at once.
-fn delay(attempts: u32, spread: f64) -> Duration {
+fn delay(attempts: u32, jitter: f64) -> Duration {
     let doubled = FIRST_DELAY.saturating_mul(2_u32.saturating_pow(attempts));
-    doubled.min(LONGEST_DELAY).mul_f64(1.0 - spread / 2.0)
+    doubled.min(LONGEST_DELAY).mul_f64(1.0 - jitter / 2.0)
 }
 
 /// Returns a number from 0 to 1 that differs from producer to producer; the standard library's
 /// hasher is seeded by the system.
-fn spread() -> f64 {
+fn jitter() -> f64 {
     RandomState::new().hash_one(0) as f64 / u64::MAX as f64
 }
 

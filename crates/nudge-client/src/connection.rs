@@ -19,7 +19,7 @@ use tonic_types::StatusExt;
 use tower::ServiceExt;
 
 use crate::ClientError;
-use crate::error::said;
+use crate::error::words_of;
 use crate::handshake::{Heard, PLAIN, failed_handshake};
 use crate::options::{Bearer, Options, Wire};
 use crate::retry::{PATIENCE, advised, patiently};
@@ -112,6 +112,7 @@ impl Connection {
             schema: Some(schema.clone().into()),
             rule: None,
         };
+
         let ask = || {
             let (mut client, request) = (self.environments(), request.clone());
             async move { client.apply_environment(request).await }
@@ -119,22 +120,24 @@ impl Connection {
         match patiently(ask).await {
             Err(ClientError::Refused(refusal)) if refusal.reason == "SCOPE_MISSING" => {
                 // A key that may only send finds what another made.
-                let found = self
-                    .environment(name)
-                    .await
-                    .ok()
-                    .and_then(|found| schema_of(&found).ok());
-                let is_same = found
-                    .zip(Schema::try_from(schema).ok())
-                    .is_some_and(|(one, other)| one.hash() == other.hash());
-                if is_same {
-                    Ok(())
-                } else {
-                    Err(ClientError::Refused(refusal))
+                match self.has_schema(name, schema).await {
+                    true => Ok(()),
+                    false => Err(ClientError::Refused(refusal)),
                 }
             }
             done => done.map(drop),
         }
+    }
+
+    /// Tells whether there is an environment of that name and of this very description.
+    async fn has_schema(&self, name: &str, expected: &SchemaDraft) -> bool {
+        let found = self.environment(name).await.ok();
+        let found = found.and_then(|found| schema_of(&found).ok());
+        let expected = Schema::try_from(expected).ok();
+
+        found
+            .zip(expected)
+            .is_some_and(|(found, expected)| found.hash() == expected.hash())
     }
 
     async fn dial(address: &str, options: &Options) -> Result<Self, ClientError> {
@@ -142,6 +145,12 @@ impl Connection {
             address: address.into(),
             why,
         };
+        if address.starts_with(PLAIN) && options.tls.is_set() {
+            return Err(unusable(
+                "TLS is asked for (--ca, --cert), expected https://HOST:PORT".into(),
+            ));
+        }
+
         let endpoint = Endpoint::from_shared(address.to_owned())
             .map_err(|error| unusable(innermost(&error)))?;
         let (interval, timeout) = KEEP_ALIVE;
@@ -149,16 +158,13 @@ impl Connection {
             .connect_timeout(CONNECT_TIMEOUT)
             .http2_keep_alive_interval(interval)
             .keep_alive_timeout(timeout);
-        if address.starts_with(PLAIN) && options.tls.is_set() {
-            return Err(unusable(
-                "TLS is asked for (--ca, --cert), expected https://HOST:PORT".into(),
-            ));
-        }
+
         let heard = Heard::default();
         let connected = endpoint
             .connect_with_connector(options.tls.connector(address, heard.clone())?)
             .await;
         let channel = connected.map_err(|error| not_connected(address, &error))?;
+
         Ok(Self {
             address: address.into(),
             channel,
@@ -180,6 +186,7 @@ impl Connection {
                 Ok(_) => return Ok(()),
                 Err(status) => status,
             };
+
             // Whoever has used up the rate of its key has found a Nudge, and waits.
             let wait = advised(&status).filter(|_| status.code() == Code::ResourceExhausted);
             match wait.filter(|_| asking.elapsed() < PATIENCE) {
@@ -192,7 +199,7 @@ impl Connection {
     fn not_answered(&self, status: Status) -> ClientError {
         let is_signed = status.get_details_error_info().is_some();
         if let Some(why) = failed_handshake(&status)
-            .or_else(|| self.heard.said())
+            .or_else(|| self.heard.last_words())
             .filter(|_| !is_signed)
         {
             return ClientError::Untrusted {
@@ -200,9 +207,10 @@ impl Connection {
                 why,
             };
         }
+
         match status.code() {
             _ if is_signed => status.into(),
-            Code::Unavailable => unreachable(&self.address, said(&status)),
+            Code::Unavailable => unreachable(&self.address, words_of(&status)),
             Code::Unimplemented => {
                 let why = "it does not know nudge.v1.EnvironmentService".into();
                 ClientError::NotNudge {
@@ -212,7 +220,7 @@ impl Connection {
             }
             _ => ClientError::NotNudge {
                 address: self.address.clone(),
-                why: said(&status),
+                why: words_of(&status),
             },
         }
     }
@@ -238,21 +246,24 @@ pub async fn readiness(address: &str, options: &Options) -> Result<Readiness, Cl
     let request = http::Request::get("/readyz")
         .body(tonic::body::Body::empty())
         .expect("a path");
+
     let answer = channel
         .oneshot(request)
         .await
-        .map_err(|error| match heard.said() {
+        .map_err(|error| match heard.last_words() {
             Some(why) => ClientError::Untrusted {
                 address: address.clone(),
                 why,
             },
             None => not_connected(&address, &error),
         })?;
+
     let status = answer.status();
     let body = Limited::new(answer.into_body(), MOST_READINESS_BYTES)
         .collect()
         .await;
     let words = body.map_or_else(|_| Bytes::new(), |body| body.to_bytes());
+
     match status.as_u16() {
         200 => Ok(Readiness::Ready),
         503 => Ok(Readiness::NotReady(

@@ -110,25 +110,26 @@ impl From<&Status> for Refusal {
             .error_info()
             .map(|info| info.reason.clone())
             .unwrap_or_default();
-        let fault = |violation: &tonic_types::FieldViolation| {
-            Fault::new(&violation.field, &violation.description)
-        };
-        let faults = details
+        let violations = details
             .bad_request()
-            .map(|bad| bad.field_violations.iter().map(fault).collect());
-        let kind = kind(status.code(), &reason);
+            .map_or(&[][..], |bad| bad.field_violations.as_slice());
+        let faults = violations
+            .iter()
+            .map(|violation| Fault::new(&violation.field, &violation.description))
+            .collect();
+
         Self {
-            kind,
+            kind: kind_of_code(status.code(), &reason),
             reason,
-            message: said(status),
-            faults: faults.unwrap_or_default(),
+            message: words_of(status),
+            faults,
         }
     }
 }
 
 /// Codes become kinds here, as kinds become codes in the service. Two kinds share a code, and the
 /// reason tells them apart.
-fn kind(code: Code, reason: &str) -> ErrorKind {
+fn kind_of_code(code: Code, reason: &str) -> ErrorKind {
     match code {
         Code::InvalidArgument => ErrorKind::Invalid,
         Code::Unauthenticated => ErrorKind::Unauthenticated,
@@ -163,7 +164,7 @@ pub(crate) fn is_transient(status: &Status) -> bool {
 }
 
 /// Returns the status's message, or its code where it has none.
-pub(crate) fn said(status: &Status) -> String {
+pub(crate) fn words_of(status: &Status) -> String {
     if status.message().is_empty() {
         status.code().to_string()
     } else {

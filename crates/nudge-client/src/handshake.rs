@@ -72,6 +72,7 @@ impl ClientTls {
             ClientConfig::builder_with_provider(provider()).with_safe_default_protocol_versions();
         // The provider speaks both versions.
         let config = config.expect("TLS 1.2 and 1.3 are there");
+
         let config = match &self.trust {
             Trust::System => config.with_root_certificates(system()),
             Trust::Authorities(path) => {
@@ -90,6 +91,7 @@ impl ClientTls {
                 .dangerous()
                 .with_custom_certificate_verifier(Unnamed::new(None)),
         };
+
         let mut config = match &self.identity {
             None => config.with_no_client_auth(),
             Some((certificate, key)) => {
@@ -107,6 +109,7 @@ impl ClientTls {
                 })?
             }
         };
+
         config.alpn_protocols = vec![HTTP2.into()];
         Ok(config)
     }
@@ -128,9 +131,11 @@ impl ClientTls {
         } else {
             Some(TlsConnector::from(Arc::new(self.config()?)))
         };
+
         let mut http = HttpConnector::new();
         http.enforce_http(false);
         http.set_nodelay(true);
+
         Ok(service_fn(move |uri: Uri| {
             connect(http.clone(), tls.clone(), uri, heard.clone())
         }))
@@ -141,9 +146,9 @@ impl ClientTls {
 type Io = TokioIo<Listening>;
 
 /// A stream of either kind.
-trait Wire: AsyncRead + AsyncWrite + Unpin + Send {}
+trait ByteStream: AsyncRead + AsyncWrite + Unpin + Send {}
 
-impl<S: AsyncRead + AsyncWrite + Unpin + Send> Wire for S {}
+impl<S: AsyncRead + AsyncWrite + Unpin + Send> ByteStream for S {}
 
 async fn connect(
     http: HttpConnector,
@@ -155,6 +160,7 @@ async fn connect(
         let stream = http.oneshot(uri).await?.into_inner();
         return Ok(TokioIo::new(Listening::new(stream, heard)));
     };
+
     let host = uri
         .host()
         .unwrap_or_default()
@@ -162,11 +168,13 @@ async fn connect(
         .to_owned();
     let name = ServerName::try_from(host.clone())
         .map_err(|_| Untrusted(format!("{host:?} is no name of a host")))?;
+
     let stream = http.oneshot(uri).await?.into_inner();
     let stream = tls
         .connect(name, stream)
         .await
         .map_err(|error| Untrusted(explained(&error)))?;
+
     if stream.get_ref().1.alpn_protocol() != Some(HTTP2) {
         return Err(
             Untrusted("it does not offer HTTP/2 (ALPN h2), which gRPC needs".into()).into(),
@@ -182,15 +190,15 @@ async fn connect(
 pub(crate) struct Heard(Arc<Mutex<Option<String>>>);
 
 impl Heard {
-    /// Returns what was said, if anything.
-    pub(crate) fn said(&self) -> Option<String> {
+    /// Returns what it said last about TLS, if anything.
+    pub(crate) fn last_words(&self) -> Option<String> {
         self.0
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
             .clone()
     }
 
-    fn note(&self, error: &io::Error) {
+    fn note_error(&self, error: &io::Error) {
         if error
             .get_ref()
             .is_some_and(|inner| inner.is::<rustls::Error>())
@@ -206,13 +214,13 @@ impl Heard {
 
 /// A stream that notes how it failed, and what it said first.
 pub(crate) struct Listening {
-    stream: Box<dyn Wire>,
+    stream: Box<dyn ByteStream>,
     heard: Heard,
     is_fresh: bool,
 }
 
 impl Listening {
-    fn new(stream: impl Wire + 'static, heard: Heard) -> Self {
+    fn new(stream: impl ByteStream + 'static, heard: Heard) -> Self {
         Self {
             stream: Box::new(stream),
             heard,
@@ -241,7 +249,7 @@ impl AsyncRead for Listening {
         let before = buffer.filled().len();
         let read = ready!(Pin::new(&mut self.stream).poll_read(context, buffer));
         self.note_first(&buffer.filled()[before..]);
-        Poll::Ready(read.inspect_err(|error| self.heard.note(error)))
+        Poll::Ready(read.inspect_err(|error| self.heard.note_error(error)))
     }
 }
 

@@ -54,12 +54,10 @@ impl Link {
     /// Begins to open a stream.
     pub(crate) fn open(client: IngestServiceClient<Wire>, hello: proto::Hello) -> Self {
         Self::Opening(Box::pin(async move {
-            let late = |_| {
-                Status::unavailable(format!("no welcome within {} s", WELCOME_TIMEOUT.as_secs()))
-            };
-            timeout(WELCOME_TIMEOUT, open(client, hello))
-                .await
-                .map_err(late)?
+            match timeout(WELCOME_TIMEOUT, open_stream(client, hello)).await {
+                Ok(opened) => opened,
+                Err(_) => Err(not_welcomed()),
+            }
         }))
     }
 
@@ -86,7 +84,7 @@ impl Stream {
     }
 }
 
-async fn open(
+async fn open_stream(
     mut client: IngestServiceClient<Wire>,
     hello: proto::Hello,
 ) -> Result<Opened, Status> {
@@ -96,15 +94,22 @@ async fn open(
     let _ = outgoing.send(proto::IngestRequest {
         message: Some(Message::Hello(hello)),
     });
+
     let mut incoming = client
         .ingest(UnboundedReceiverStream::new(requests))
         .await?
         .into_inner();
     let welcome = welcome(incoming.message().await?)?;
+
     Ok(Opened {
         stream: Box::new(Stream { outgoing, incoming }),
         welcome,
     })
+}
+
+fn not_welcomed() -> Status {
+    let seconds = WELCOME_TIMEOUT.as_secs();
+    Status::unavailable(format!("no welcome within {seconds} s"))
 }
 
 fn welcome(first: Option<proto::IngestResponse>) -> Result<proto::Welcome, Status> {

@@ -35,15 +35,17 @@ impl Options {
     }
 
     pub(crate) fn bearer(&self) -> Bearer {
-        let value = |key: &Secret| {
-            let value = MetadataValue::try_from(format!("Bearer {}", key.reveal()));
-            let mut value = value.expect("a key is of the alphabet of tokens");
-            // Nothing shows it, and HTTP/2 keeps it out of its tables.
-            value.set_sensitive(true);
-            value
-        };
-        Bearer(self.key.as_ref().map(value))
+        Bearer(self.key.as_ref().map(authorization))
     }
+}
+
+/// Returns the header that shows a key.
+fn authorization(key: &Secret) -> MetadataValue<Ascii> {
+    let value = MetadataValue::try_from(format!("Bearer {}", key.reveal()));
+    let mut value = value.expect("a key is of the alphabet of tokens");
+    // Nothing shows it, and HTTP/2 keeps it out of its tables.
+    value.set_sensitive(true);
+    value
 }
 
 /// Puts a key on each request, where there is one.

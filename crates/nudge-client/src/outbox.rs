@@ -116,6 +116,7 @@ impl Outbox {
         if !self.is_building() {
             return;
         }
+
         let records = std::mem::take(&mut self.building);
         let (position, len) = (self.totals.sent, records.len as u64);
         self.totals.sent += len;
@@ -125,12 +126,14 @@ impl Outbox {
             self.totals.resumed += len;
             return;
         }
+
         let transitions = Some(proto::batch::Transitions::Columns(columns(records)));
         let batch = proto::Batch {
             sequence,
             segment: self.segment.clone(),
             transitions,
         };
+
         self.waiting.push_back(Waiting {
             batch,
             position,
@@ -184,12 +187,14 @@ impl Outbox {
             );
             return Err(ClientError::Disagreement(message));
         }
+
         if committed > last && !self.limits.replay {
             let message = format!(
                 "the service has {committed} batches of this producer, which sent {last}: another one uses its id"
             );
             return Err(ClientError::Disagreement(message));
         }
+
         Ok(())
     }
 
@@ -207,11 +212,14 @@ impl Outbox {
             let message = format!("the service acknowledged batch {committed}, which was not sent");
             return Err(ClientError::Disagreement(message));
         }
+
         for receipt in acknowledgement.receipts {
             self.receive(receipt, committed);
         }
+
         self.drop_through(committed);
         self.committed = self.committed.max(committed);
+
         Ok(())
     }
 
@@ -221,6 +229,7 @@ impl Outbox {
         if receipt.sequence > committed {
             return;
         }
+
         self.drop_through(receipt.sequence.saturating_sub(1));
         if self
             .waiting

@@ -96,11 +96,13 @@ impl ProducerBuilder {
         let id: ProducerId = self.id.parse().map_err(ClientError::Invalid)?;
         let environment = self.connection.environment(&self.environment).await?;
         let schema = schema_of(&environment)?;
+
         let (sender, commands) = mpsc::channel(COMMANDS);
         let (opened, resume_point) = oneshot::channel();
         let terms = self.terms(id, environment, Widths::of(&schema));
         let task = Task::new(terms, Outbox::new(self.limits()), commands, opened);
         let task = AbortOnDropHandle::new(tokio::spawn(task.run()));
+
         let mut producer = Producer {
             widths: Widths::of(&schema),
             schema,
@@ -110,6 +112,7 @@ impl ProducerBuilder {
             resume_point: 0,
             is_replay: self.replay,
         };
+
         match resume_point.await {
             Ok(committed) => Ok(Producer {
                 resume_point: committed,
@@ -134,6 +137,7 @@ impl ProducerBuilder {
             producer: id.to_string(),
             schema_hash: environment.schema_hash,
         };
+
         Terms {
             hello,
             client: self.connection.ingest(),
@@ -242,6 +246,7 @@ impl Producer {
         if let Some(task) = task {
             task.await.map_err(|_| ClientError::Stopped)??;
         }
+
         if is_replay && totals.last_sequence < resume_point {
             let made = totals.last_sequence;
             let message = format!(
@@ -249,6 +254,7 @@ impl Producer {
             );
             return Err(ClientError::Disagreement(message));
         }
+
         Ok(totals)
     }
 

@@ -9,7 +9,7 @@ use tonic_types::StatusExt;
 
 use crate::ClientError;
 use crate::backoff::Backoff;
-use crate::error::{is_transient, said};
+use crate::error::{is_transient, words_of};
 
 /// How long a question is asked again while nobody answers it.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(60);
@@ -39,32 +39,34 @@ where
     F: Future<Output = Result<Response<T>, Status>>,
 {
     let asking = Instant::now();
-    let mut trouble = Backoff::begin(asking);
+    let mut backoff = Backoff::since(asking);
     loop {
         let status = match ask().await {
             Ok(response) => return Ok(response.into_inner()),
             Err(status) => status,
         };
+
         let goes_on = if is_still_working(&status) {
-            trouble = Backoff::begin(Instant::now());
+            backoff = Backoff::since(Instant::now());
             asking.elapsed() < LONG_PATIENCE
         } else {
-            is_transient(&status) && trouble.lasted(Instant::now()) < PATIENCE
+            is_transient(&status) && backoff.elapsed(Instant::now()) < PATIENCE
         };
         if !goes_on {
             return Err(status.into());
         }
-        tell(&why(&status));
-        let wait = trouble.failed(said(&status));
+
+        tell(&unanswered_because(&status));
+        let wait = backoff.next_delay(words_of(&status));
         tokio::time::sleep(wait.max(advised(&status).unwrap_or_default())).await;
     }
 }
 
 /// Returns why there was no answer: what the service says, or that it says nothing.
-fn why(status: &Status) -> String {
+fn unanswered_because(status: &Status) -> String {
     match status.get_details_error_info() {
-        Some(_) => said(status),
-        None => format!("the service does not answer ({})", said(status)),
+        Some(_) => words_of(status),
+        None => format!("the service does not answer ({})", words_of(status)),
     }
 }
 

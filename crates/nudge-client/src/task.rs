@@ -10,7 +10,7 @@ use tokio::time::{Instant, sleep_until};
 use tonic::Status;
 
 use crate::backoff::Backoff;
-use crate::error::{is_transient, said};
+use crate::error::{is_transient, words_of};
 use crate::link::{Event, Link, Opened};
 use crate::options::Wire;
 use crate::outbox::Outbox;
@@ -42,6 +42,7 @@ pub(crate) struct Terms {
     pub retry_for: Option<Duration>,
 }
 
+/// The state of a producer: what it has to send, and the stream that it sends on.
 pub(crate) struct Task {
     terms: Terms,
     outbox: Outbox,
@@ -50,7 +51,7 @@ pub(crate) struct Task {
     window: usize,
     cut_at: Instant,
     flushes: Vec<(u64, oneshot::Sender<Totals>)>,
-    trouble: Option<Backoff>,
+    backoff: Option<Backoff>,
     /// Told the resume point of the first stream.
     opened: Option<oneshot::Sender<u64>>,
 }
@@ -71,7 +72,7 @@ impl Task {
             window: 0,
             cut_at: now,
             flushes: Vec::new(),
-            trouble: None,
+            backoff: None,
             opened: Some(opened),
         }
     }
@@ -135,9 +136,9 @@ impl Task {
             self.cut_at = Instant::now() + delay;
         }
         if self.outbox.is_empty()
-            && let Some(trouble) = &mut self.trouble
+            && let Some(backoff) = &mut self.backoff
         {
-            trouble.only_since(Instant::now());
+            backoff.restart_clock(Instant::now());
         }
         self.outbox.push(transition);
     }
@@ -160,11 +161,13 @@ impl Task {
     fn on_welcome(&mut self, opened: Opened) -> Result<(), ClientError> {
         let Opened { stream, welcome } = opened;
         self.heed_limits(&welcome)?;
+
         let has_progressed = self.outbox.resume(welcome.committed_sequence)?;
-        // A service that welcomes and breaks again without counting anything is still in trouble.
+        // A service that welcomes and breaks again without counting anything is still away.
         if has_progressed || self.outbox.is_empty() {
-            self.trouble = None;
+            self.backoff = None;
         }
+
         self.window = welcome.window.max(1) as usize;
         self.link = Link::Up(stream);
         if let Some(opened) = self.opened.take() {
@@ -195,7 +198,7 @@ impl Task {
         match response.message {
             Some(Message::Acknowledgement(acknowledgement)) => {
                 self.outbox.acknowledge(acknowledgement)?;
-                self.trouble = None;
+                self.backoff = None;
                 Ok(())
             }
             Some(Message::Welcome(_)) => Err(ClientError::Disagreement(
@@ -212,22 +215,25 @@ impl Task {
             return Err(status.into());
         }
         self.outbox.unsend();
+
         let now = Instant::now();
         let is_awaited = self.opened.is_some() || !self.outbox.is_empty();
-        let trouble = self.trouble.get_or_insert_with(|| Backoff::begin(now));
+        let backoff = self.backoff.get_or_insert_with(|| Backoff::since(now));
         // A rate says after how long there is some of it again.
-        let delay = trouble
-            .failed(said(&status))
+        let delay = backoff
+            .next_delay(words_of(&status))
             .max(advised(&status).unwrap_or_default());
+
         if let Some(limit) = self.terms.retry_for
             && is_awaited
-            && trouble.lasted(now) >= limit
+            && backoff.elapsed(now) >= limit
         {
             return Err(ClientError::GaveUp {
                 seconds: limit.as_secs(),
-                last: trouble.last().into(),
+                last: backoff.last_error().into(),
             });
         }
+
         self.link = Link::Down(now + delay);
         Ok(())
     }
@@ -258,6 +264,7 @@ fn most_transitions(welcome: &proto::Welcome, widths: Widths) -> usize {
     const ENVELOPE: usize = 512;
     /// The longest encodings of an entry flag and a count.
     const FLAG_AND_COUNT: usize = 1 + 10;
+
     let bytes = (welcome.max_message_bytes as usize).saturating_sub(ENVELOPE);
     let by_bytes = bytes / ((widths.state + widths.actions) * size_of::<f32>() + FLAG_AND_COUNT);
     by_bytes.min(welcome.max_batch_transitions as usize).max(1)

@@ -57,14 +57,17 @@ impl Totals {
             proto::BatchStatus::Rejected => self.rejected_batches += 1,
             proto::BatchStatus::Applied | proto::BatchStatus::Unspecified => {}
         }
+
         if receipt.unverified {
             self.resumed += len;
             return;
         }
+
         self.accepted += receipt.accepted;
         self.rejected += receipt.rejected_count;
         let sequence = receipt.sequence;
         let room = MOST_TOLD - self.rejections.len();
+
         self.rejections.extend(
             receipt
                 .rejected

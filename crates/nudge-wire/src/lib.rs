@@ -65,6 +65,11 @@ pub mod inference_proto {
     include!(concat!(env!("OUT_DIR"), "/inference.rs"));
 }
 
+/// Returns the text, or `None` where proto says "absent" by an empty one.
+fn present(text: String) -> Option<String> {
+    Some(text).filter(|text| !text.is_empty())
+}
+
 /// The largest gRPC message, either way, in bytes.
 pub const MOST_MESSAGE_BYTES: usize = 4 << 20;
 
@@ -85,6 +90,7 @@ pub fn grpc_methods() -> Vec<String> {
             .iter()
             .map(move |method| format!("/{package}.{}/{}", service.name(), method.name()))
     });
+
     methods.collect()
 }
 
@@ -146,9 +152,9 @@ pub fn page<T, M: prost::Message>(
     items: impl IntoIterator<Item = T>,
     most: usize,
     spent: usize,
-    told: impl Fn(&T) -> M,
+    message: impl Fn(&T) -> M,
 ) -> Page<T> {
-    page_of(items, most, spent, |item| told(item).encoded_len())
+    page_of(items, most, spent, |item| message(item).encoded_len())
 }
 
 /// Returns the same by the bytes of each item, where they are known without making it.

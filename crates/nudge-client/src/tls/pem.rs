@@ -37,6 +37,7 @@ impl Pem {
         let unreadable = |error: std::io::Error| {
             failed(format!("cannot be read ({error}), expected a PEM file"))
         };
+
         let about = std::fs::metadata(path).map_err(unreadable)?;
         // A pipe or a device would be waited for.
         if !about.is_file() || about.len() > MOST_BYTES {
@@ -45,6 +46,7 @@ impl Pem {
                 MOST_BYTES >> 10
             )));
         }
+
         let bytes = std::fs::read(path).map_err(unreadable)?;
         Ok(Self {
             flag,

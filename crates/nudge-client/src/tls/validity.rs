@@ -57,7 +57,9 @@ fn element(bytes: &[u8]) -> Option<(u8, &[u8], &[u8])> {
         }
         _ => return None,
     };
+
     let (content, rest) = bytes.split_at_checked(length)?;
+
     Some((tag, content, rest))
 }
 
@@ -84,6 +86,7 @@ fn time(bytes: &[u8]) -> Option<(i64, &[u8])> {
         }
         _ => return None,
     };
+
     let part = |at: usize| digits.get(2 * at..2 * at + 2)?.parse::<i64>().ok();
     let (month, day) = (part(0).filter(|month| (1..=12).contains(month))?, part(1)?);
     let seconds = part(2)? * 3_600 + part(3)? * 60 + part(4)?;

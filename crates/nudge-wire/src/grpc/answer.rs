@@ -29,14 +29,19 @@ impl From<Answers> for proto::GetInfluenceResponse {
 
 impl From<Labels> for proto::Labels {
     fn from(labels: Labels) -> Self {
-        let variable = |variable: Variable| proto::Variable {
+        Self {
+            ego: Some(labels.ego.into()),
+            other: Some(labels.other.into()),
+            given: labels.given.into_iter().map(Into::into).collect(),
+        }
+    }
+}
+
+impl From<Variable> for proto::Variable {
+    fn from(variable: Variable) -> Self {
+        Self {
             name: variable.name,
             actions: variable.actions,
-        };
-        Self {
-            ego: Some(variable(labels.ego)),
-            other: Some(variable(labels.other)),
-            given: labels.given.into_iter().map(variable).collect(),
         }
     }
 }
@@ -44,7 +49,7 @@ impl From<Labels> for proto::Labels {
 impl From<Answer> for proto::Answer {
     fn from(answer: Answer) -> Self {
         let base = Self {
-            state: Some(state(&answer.key, Vec::new())),
+            state: Some(state_of_key(&answer.key, Vec::new())),
             visits: answer.visits,
             verdict: proto::Verdict::from(answer.verdict).into(),
             basis: proto::Basis::from(answer.basis).into(),
@@ -82,7 +87,7 @@ fn with_figures(base: proto::Answer, key: &StateKey, figures: Figures) -> proto:
         method: test.method.into(),
     });
     proto::Answer {
-        state: Some(state(key, figures.bins)),
+        state: Some(state_of_key(key, figures.bins)),
         entries: figures.entries,
         unit: figures.unit.as_str().into(),
         threshold: Some(figures.threshold),
@@ -122,14 +127,13 @@ pub(super) fn interval([lower, upper]: Interval) -> proto::Interval {
 
 /// Encodes the dependence that there is evidence on.
 pub(super) fn dependence(evidence: Option<Evidence>) -> i32 {
-    let number = |evidence: Evidence| match evidence.dependence {
-        Dependence::Established => proto::Dependence::Established,
-        Dependence::Excluded => proto::Dependence::Excluded,
-        Dependence::Open => proto::Dependence::Open,
+    let dependence = match evidence.map(|evidence| evidence.dependence) {
+        Some(Dependence::Established) => proto::Dependence::Established,
+        Some(Dependence::Excluded) => proto::Dependence::Excluded,
+        Some(Dependence::Open) => proto::Dependence::Open,
+        None => proto::Dependence::Unspecified,
     };
-    evidence
-        .map_or(proto::Dependence::Unspecified, number)
-        .into()
+    dependence.into()
 }
 
 impl From<Probability> for proto::Probability {
@@ -161,16 +165,21 @@ impl From<FitId> for proto::Fit {
     }
 }
 
-/// Encodes a state.
-pub(super) fn state(key: &StateKey, bins: Vec<Bin>) -> proto::State {
-    let bin = |bin: Bin| proto::Bin {
-        feature: bin.feature,
-        bin: bin.bin,
-        label: bin.label,
-    };
+/// Encodes a state by its key.
+pub(super) fn state_of_key(key: &StateKey, bins: Vec<Bin>) -> proto::State {
     proto::State {
         key: key.to_string(),
-        bins: bins.into_iter().map(bin).collect(),
+        bins: bins.into_iter().map(Into::into).collect(),
+    }
+}
+
+impl From<Bin> for proto::Bin {
+    fn from(bin: Bin) -> Self {
+        Self {
+            feature: bin.feature,
+            bin: bin.bin,
+            label: bin.label,
+        }
     }
 }
 
@@ -206,6 +215,7 @@ impl From<ModelFigures> for proto::ModelFigures {
         } = figures;
         let kind = proto::ModelKind::from(kind).into();
         let by_action = by_action.into_iter().map(Into::into).collect();
+
         Self {
             version,
             kind,

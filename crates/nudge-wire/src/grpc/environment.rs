@@ -5,84 +5,100 @@ use nudge_core::domain::{
     Environment, EnvironmentPage, Threshold, UnreadableEnvironment, WrittenRule,
 };
 
-use super::given;
-use crate::proto;
+use crate::proto::feature::Kind;
+use crate::{present, proto};
 
 impl From<proto::Schema> for SchemaDraft {
     fn from(schema: proto::Schema) -> Self {
-        let features =
-            |features: Vec<proto::Feature>| features.into_iter().map(FeatureDraft::from).collect();
-        let agent = |agent: proto::Agent| AgentDraft {
-            name: agent.name,
-            action: features(agent.action),
-        };
         Self {
-            state: features(schema.state),
-            agents: schema.agents.into_iter().map(agent).collect(),
+            state: schema.state.into_iter().map(Into::into).collect(),
+            agents: schema.agents.into_iter().map(Into::into).collect(),
+        }
+    }
+}
+
+impl From<proto::Agent> for AgentDraft {
+    fn from(agent: proto::Agent) -> Self {
+        Self {
+            name: agent.name,
+            action: agent.action.into_iter().map(Into::into).collect(),
         }
     }
 }
 
 impl From<SchemaDraft> for proto::Schema {
     fn from(draft: SchemaDraft) -> Self {
-        let features =
-            |features: Vec<FeatureDraft>| features.into_iter().map(proto::Feature::from).collect();
-        let agent = |agent: AgentDraft| proto::Agent {
-            name: agent.name,
-            action: features(agent.action),
-        };
         Self {
-            state: features(draft.state),
-            agents: draft.agents.into_iter().map(agent).collect(),
+            state: draft.state.into_iter().map(Into::into).collect(),
+            agents: draft.agents.into_iter().map(Into::into).collect(),
+        }
+    }
+}
+
+impl From<AgentDraft> for proto::Agent {
+    fn from(agent: AgentDraft) -> Self {
+        Self {
+            name: agent.name,
+            action: agent.action.into_iter().map(Into::into).collect(),
         }
     }
 }
 
 impl From<proto::Feature> for FeatureDraft {
     fn from(feature: proto::Feature) -> Self {
-        use proto::feature::Kind;
-        let kind = |kind| match kind {
-            Kind::Continuous(continuous) => KindDraft::Continuous(continuous.edges),
-            Kind::Circular(circular) => {
-                KindDraft::Circular(i64::from(circular.bins), given(circular.values))
-            }
-            Kind::Integer(integer) => {
-                KindDraft::Integer(i64::from(integer.min), i64::from(integer.max))
-            }
-            Kind::Categorical(categorical) => KindDraft::Categorical(categorical.labels),
-        };
         Self {
             name: feature.name,
-            unit: given(feature.unit),
-            kinds: feature.kind.into_iter().map(kind).collect(),
+            unit: present(feature.unit),
+            kinds: feature.kind.into_iter().map(Into::into).collect(),
+        }
+    }
+}
+
+impl From<Kind> for KindDraft {
+    fn from(kind: Kind) -> Self {
+        match kind {
+            Kind::Continuous(continuous) => Self::Continuous(continuous.edges),
+            Kind::Circular(circular) => {
+                Self::Circular(i64::from(circular.bins), present(circular.values))
+            }
+            Kind::Integer(integer) => Self::Integer(i64::from(integer.min), i64::from(integer.max)),
+            Kind::Categorical(categorical) => Self::Categorical(categorical.labels),
         }
     }
 }
 
 impl From<FeatureDraft> for proto::Feature {
-    /// Takes the first kind, and numbers as far as the wire can hold them.
+    /// Takes the first kind.
     fn from(draft: FeatureDraft) -> Self {
-        use proto::feature::Kind;
-        let narrow = |number: i64| number.clamp(i64::from(i32::MIN), i64::from(i32::MAX)) as i32;
-        let kind = |kind| match kind {
-            KindDraft::Continuous(edges) => Kind::Continuous(proto::Continuous { edges }),
-            KindDraft::Circular(bins, values) => Kind::Circular(proto::Circular {
-                bins: u32::try_from(bins).unwrap_or(0),
-                values: values.unwrap_or_default(),
-            }),
-            KindDraft::Integer(min, max) => Kind::Integer(proto::Integer {
-                min: narrow(min),
-                max: narrow(max),
-            }),
-            KindDraft::Categorical(labels) => Kind::Categorical(proto::Categorical { labels }),
-        };
-        let kind = draft.kinds.into_iter().next().map(kind);
         Self {
             name: draft.name,
             unit: draft.unit.unwrap_or_default(),
-            kind,
+            kind: draft.kinds.into_iter().next().map(Into::into),
         }
     }
+}
+
+impl From<KindDraft> for Kind {
+    /// Takes numbers as far as the wire can hold them.
+    fn from(kind: KindDraft) -> Self {
+        match kind {
+            KindDraft::Continuous(edges) => Self::Continuous(proto::Continuous { edges }),
+            KindDraft::Circular(bins, values) => Self::Circular(proto::Circular {
+                bins: u32::try_from(bins).unwrap_or(0),
+                values: values.unwrap_or_default(),
+            }),
+            KindDraft::Integer(min, max) => Self::Integer(proto::Integer {
+                min: saturated(min),
+                max: saturated(max),
+            }),
+            KindDraft::Categorical(labels) => Self::Categorical(proto::Categorical { labels }),
+        }
+    }
+}
+
+/// Returns the nearest number that the wire can hold.
+fn saturated(number: i64) -> i32 {
+    number.clamp(i64::from(i32::MIN), i64::from(i32::MAX)) as i32
 }
 
 impl From<proto::Rule> for RuleDraft {

@@ -2,13 +2,17 @@
 
 use nudge_core::domain::{Basis, Edge, EdgeKind, Graph};
 
-use super::answer::state;
+use super::answer::state_of_key;
 use crate::proto;
 
 impl From<Graph> for proto::GetGraphResponse {
     fn from(graph: Graph) -> Self {
         let dot = dot(&graph);
-        let notes: Vec<String> = graph.edges.iter().map(|edge| note(&graph, edge)).collect();
+        let notes: Vec<String> = graph
+            .edges
+            .iter()
+            .map(|edge| edge_note(&graph, edge))
+            .collect();
         let name = |agent: usize| graph.nodes[agent].clone();
         let edge = |(edge, note): (Edge, String)| proto::Edge {
             from: name(edge.from),
@@ -21,8 +25,9 @@ impl From<Graph> for proto::GetGraphResponse {
             note,
             answer: Some(edge.answer.into()),
         };
+
         Self {
-            state: Some(state(&graph.key, graph.bins.clone())),
+            state: Some(state_of_key(&graph.key, graph.bins.clone())),
             edges: graph.edges.into_iter().zip(notes).map(edge).collect(),
             nodes: graph.nodes,
             dot,
@@ -46,7 +51,7 @@ fn names(nodes: &[String], agents: &[usize]) -> Vec<String> {
 }
 
 /// Says in a sentence what a pair of agents is.
-fn note(graph: &Graph, edge: &Edge) -> String {
+fn edge_note(graph: &Graph, edge: &Edge) -> String {
     let [explaining, opening] = [&edge.explained_by, &edge.opened_by]
         .map(|agents| names(&graph.nodes, agents).join(" and "));
     match edge.kind {
@@ -111,6 +116,7 @@ fn line(graph: &Graph, edge: &Edge) -> Option<String> {
         EdgeKind::Open => "dashed",
         EdgeKind::Absent => return None,
     };
+
     let label = match figures.evidence {
         Some(evidence) => format!(
             "{:.3} {}, P(dependent) {:.2}",
@@ -120,6 +126,7 @@ fn line(graph: &Graph, edge: &Edge) -> Option<String> {
         ),
         None => "not known".into(),
     };
+
     let label = match edge.answer.basis {
         Basis::Model(version) => format!(
             "{label}; {} by model version {version}",
@@ -127,6 +134,7 @@ fn line(graph: &Graph, edge: &Edge) -> Option<String> {
         ),
         Basis::Counts(_) | Basis::Prior => label,
     };
+
     let others = [
         ("explained", &edge.explained_by),
         ("opened", &edge.opened_by),
@@ -136,6 +144,7 @@ fn line(graph: &Graph, edge: &Edge) -> Option<String> {
         .map(|(word, agents)| format!("; {word} by {}", names(&graph.nodes, agents).join(", ")));
     let label = label + &others.collect::<String>();
     let [from, to] = [edge.from, edge.to].map(|agent| quoted(&graph.nodes[agent]));
+
     Some(format!(
         "  {from} -- {to} [style={style}, label={}];\n",
         quoted(&label)

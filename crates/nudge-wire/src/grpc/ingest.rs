@@ -26,6 +26,7 @@ pub fn batch(schema: &Schema, batch: proto::Batch) -> Result<Batch, Problem> {
             records(widths, columns).map_err(|faults| Problem::invalid("batch", faults))?
         }
     };
+
     Ok(Batch {
         sequence,
         segment,
@@ -98,6 +99,7 @@ fn records(widths: Widths, columns: proto::Columns) -> Result<Records, Vec<Fault
             faults.push(Fault::new(pointer, detail));
         }
     };
+
     check("/columns/states", columns.states.len(), len * widths.state);
     check(
         "/columns/actions",
@@ -110,9 +112,11 @@ fn records(widths: Widths, columns: proto::Columns) -> Result<Records, Vec<Fault
     ] {
         check(pointer, got, if got == 0 { 0 } else { len });
     }
+
     if !faults.is_empty() {
         return Err(faults);
     }
+
     let mut undecodable = Vec::new();
     let decode = |(index, number): (usize, &i32)| {
         entry(*number).unwrap_or_else(|reason| {
@@ -124,6 +128,7 @@ fn records(widths: Widths, columns: proto::Columns) -> Result<Records, Vec<Fault
             Entry::Unknown
         })
     };
+
     let entries = columns.entries.iter().enumerate().map(decode).collect();
     let proto::Columns {
         states,
@@ -131,6 +136,7 @@ fn records(widths: Widths, columns: proto::Columns) -> Result<Records, Vec<Fault
         counts,
         ..
     } = columns;
+
     Ok(Records {
         len,
         states,
@@ -152,8 +158,10 @@ pub fn receipt(sequence: Sequence, told: Acknowledged) -> proto::Receipt {
         Acknowledged::Untold => (Duplicate, None),
         Acknowledged::Unverified => (Unverified, None),
     };
+
     let unverified = receipt.is_none();
     let receipt = receipt.unwrap_or_default();
+
     proto::Receipt {
         sequence: sequence.get(),
         status: status.into(),
@@ -183,9 +191,11 @@ pub fn acknowledgements(
             receipts,
         })
     };
+
     let messages = crate::parts(receipts)
         .into_iter()
         .scan(committed.get(), acknowledged);
+
     messages
         .map(|one| proto::ingest_response::Message::Acknowledgement(one).into())
         .collect()

@@ -14,8 +14,3 @@ pub use model::training;
 pub use question::{
     batch_question, exploration, fit, graph, list_states, question, scope, summary,
 };
-
-/// Returns the text, or `None` where proto says "absent" by an empty one.
-fn given(text: String) -> Option<String> {
-    Some(text).filter(|text| !text.is_empty())
-}

@@ -6,7 +6,7 @@ use nudge_core::domain::{
     Weighting,
 };
 
-use crate::proto;
+use crate::{present, proto};
 
 /// Decodes a request for a training. A number that its enum does not know becomes a word that the
 /// domain does not know, so that it is told with the other faults.
@@ -24,8 +24,8 @@ pub fn training(request: proto::TrainModelRequest) -> (String, TrainingDraft) {
             Ok(proto::Weighting::States) => Some(Weighting::States.as_str().into()),
             Err(_) => Some(request.weighting.to_string()),
         },
-        ego: super::given(request.ego),
-        other: super::given(request.other),
+        ego: present(request.ego),
+        other: present(request.other),
         width: request.width,
         members: request.members,
         folds: request.folds,

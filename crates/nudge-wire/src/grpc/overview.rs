@@ -5,12 +5,24 @@ use nudge_core::domain::{
     StateFigures, StatePage, StateView, Summary, Trial, Unit,
 };
 
-use super::answer::{dependence, state, version};
+use super::answer::{dependence, state_of_key, version};
 use crate::proto;
 
 impl From<StateView> for proto::GetStateResponse {
     fn from(view: StateView) -> Self {
-        let cell = |cell: LabelledCell| proto::Cell {
+        Self {
+            state: Some(state_of_key(&view.key, view.bins)),
+            visits: view.total.n,
+            entries: view.total.entries,
+            cells: view.cells.into_iter().map(Into::into).collect(),
+            revision: view.revision,
+        }
+    }
+}
+
+impl From<LabelledCell> for proto::Cell {
+    fn from(cell: LabelledCell) -> Self {
+        Self {
             segment: cell
                 .segment
                 .map(|label| label.to_string())
@@ -19,13 +31,6 @@ impl From<StateView> for proto::GetStateResponse {
             labels: cell.labels,
             n: cell.tally.n,
             entries: cell.tally.entries,
-        };
-        Self {
-            state: Some(state(&view.key, view.bins)),
-            visits: view.total.n,
-            entries: view.total.entries,
-            cells: view.cells.into_iter().map(cell).collect(),
-            revision: view.revision,
         }
     }
 }
@@ -33,7 +38,7 @@ impl From<StateView> for proto::GetStateResponse {
 impl From<StateFigures> for proto::StateFigures {
     fn from(figures: StateFigures) -> Self {
         Self {
-            state: Some(state(&figures.key, figures.bins)),
+            state: Some(state_of_key(&figures.key, figures.bins)),
             visits: figures.visits,
             plug_in: figures.plug_in,
             expected_if_independent: figures.expected_if_independent,
@@ -63,13 +68,6 @@ impl From<Summary> for proto::SummarizeResponse {
     fn from(summary: Summary) -> Self {
         let [influences, no_influence, undecided] = summary.verdicts;
         let [established, excluded, open] = summary.dependence;
-        let bin = |bin: HistogramBin| proto::HistogramBin {
-            from: bin.from,
-            to: bin.to,
-            plug_in: bin.plug_in,
-            expected_if_independent: bin.expected_if_independent,
-            posterior_mean: bin.posterior_mean,
-        };
         Self {
             transitions: summary.transitions,
             states: summary.states,
@@ -81,7 +79,7 @@ impl From<Summary> for proto::SummarizeResponse {
                 no_influence,
                 undecided,
             }),
-            histogram: summary.histogram.into_iter().map(bin).collect(),
+            histogram: summary.histogram.into_iter().map(Into::into).collect(),
             as_of: summary.as_of,
             unit: summary.unit.as_str().into(),
             threshold: summary.threshold,
@@ -104,6 +102,18 @@ impl From<Summary> for proto::SummarizeResponse {
     }
 }
 
+impl From<HistogramBin> for proto::HistogramBin {
+    fn from(bin: HistogramBin) -> Self {
+        Self {
+            from: bin.from,
+            to: bin.to,
+            plug_in: bin.plug_in,
+            expected_if_independent: bin.expected_if_independent,
+            posterior_mean: bin.posterior_mean,
+        }
+    }
+}
+
 impl From<Discoveries> for proto::Discoveries {
     fn from(found: Discoveries) -> Self {
         let method = match found.discovery.method {
@@ -121,35 +131,45 @@ impl From<Discoveries> for proto::Discoveries {
 
 impl From<Exploration> for proto::ExploreResponse {
     fn from(exploration: Exploration) -> Self {
-        let trial = |trial: Trial| proto::Trial {
-            state: Some(state(&trial.key, trial.bins)),
-            visits: trial.visits,
-            action: trial.action,
-            index: trial.index,
-            action_visits: trial.action_visits,
-            information_gain: trial.information_gain,
-            above_threshold: trial.above_threshold,
-        };
         Self {
-            trials: exploration.trials.into_iter().map(trial).collect(),
+            trials: exploration.trials.into_iter().map(Into::into).collect(),
             considered: exploration.considered,
             as_of: exploration.as_of,
         }
     }
 }
 
+impl From<Trial> for proto::Trial {
+    fn from(trial: Trial) -> Self {
+        Self {
+            state: Some(state_of_key(&trial.key, trial.bins)),
+            visits: trial.visits,
+            action: trial.action,
+            index: trial.index,
+            action_visits: trial.action_visits,
+            information_gain: trial.information_gain,
+            above_threshold: trial.above_threshold,
+        }
+    }
+}
+
 impl From<Vec<FittedPrior>> for proto::FitPriorResponse {
     fn from(fits: Vec<FittedPrior>) -> Self {
-        let fitted = |prior: FittedPrior| proto::FittedPrior {
+        Self {
+            fits: fits.into_iter().map(Into::into).collect(),
+        }
+    }
+}
+
+impl From<FittedPrior> for proto::FittedPrior {
+    fn from(prior: FittedPrior) -> Self {
+        Self {
             earlier: prior.earlier,
             later: prior.later,
             given: prior.given,
             fit: Some(prior.fit.into()),
             states: prior.states,
             dependent_share: prior.dependent_share,
-        };
-        Self {
-            fits: fits.into_iter().map(fitted).collect(),
         }
     }
 }

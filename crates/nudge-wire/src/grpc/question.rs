@@ -7,20 +7,19 @@ use nudge_core::domain::draft::{
 };
 use nudge_core::error::{Fault, Problem};
 
-use super::given;
-use crate::proto;
+use crate::{present, proto};
 
 /// Decodes the common part of a question: the environment's name, and the rest.
 pub fn scope(scope: Option<proto::Scope>) -> Result<(String, PairDraft), Problem> {
     let scope = scope.unwrap_or_default();
     let pair = PairDraft {
-        ego: given(scope.ego),
-        other: given(scope.other),
+        ego: present(scope.ego),
+        other: present(scope.other),
         given: scope.given,
         segments: scope.segments,
         within: within(scope.within)?,
         rule: scope.rule.unwrap_or_default().into(),
-        unit: given(scope.unit),
+        unit: present(scope.unit),
     };
     Ok((scope.environment, pair))
 }
@@ -34,8 +33,10 @@ pub fn question(request: proto::GetInfluenceRequest) -> Result<(String, Question
         Some(State::Key(key)) => StatesDraft::Keys(vec![key]),
         None => StatesDraft::default(),
     };
+
     let (view, significance) = (view(request.view)?, permutations(request.significance)?);
     let (estimators, visits_to_decide) = (request.estimators, request.visits_to_decide);
+
     Ok((
         environment,
         QuestionDraft {
@@ -66,8 +67,10 @@ pub fn batch_question(
             ));
         }
     };
+
     let (view, significance) = (view(request.view)?, permutations(request.significance)?);
     let (estimators, visits_to_decide) = (request.estimators, request.visits_to_decide);
+
     Ok((
         environment,
         QuestionDraft {
@@ -91,15 +94,17 @@ pub fn list_states(request: proto::ListStatesRequest) -> Result<(String, Listing
         Ok(proto::Verdict::Undecided) => Some(Verdict::Undecided),
         Err(_) => return Err(unknown("/verdict", request.verdict)),
     };
+
     let listing = ListingDraft {
         pair,
-        order_by: given(request.order_by),
+        order_by: present(request.order_by),
         min_visits: request.min_visits,
         verdict: verdict.map(|verdict| verdict.as_str().into()),
         discovery: discovery(request.discovery)?,
         page_size: u64::from(request.page_size),
-        page_token: given(request.page_token),
+        page_token: present(request.page_token),
     };
+
     Ok((environment, listing))
 }
 
@@ -120,15 +125,17 @@ pub fn graph(request: proto::GetGraphRequest) -> Result<(String, QuestionDraft),
     let pair = PairDraft {
         segments: request.segments,
         rule: request.rule.unwrap_or_default().into(),
-        unit: given(request.unit),
+        unit: present(request.unit),
         within,
         ..PairDraft::default()
     };
+
     let states = match request.state {
         Some(State::Values(state)) => StatesDraft::Positional(vec![state.values]),
         Some(State::Key(key)) => StatesDraft::Keys(vec![key]),
         None => StatesDraft::default(),
     };
+
     Ok((
         request.environment,
         QuestionDraft {
@@ -153,8 +160,8 @@ pub fn exploration(request: proto::ExploreRequest) -> Result<(String, Exploratio
 /// Decodes which priors are to be fitted; `None` for those of every pair.
 pub fn fit(request: proto::FitPriorRequest) -> (String, Option<PairDraft>) {
     let pair = PairDraft {
-        ego: given(request.ego),
-        other: given(request.other),
+        ego: present(request.ego),
+        other: present(request.other),
         given: request.given,
         ..PairDraft::default()
     };

@@ -27,6 +27,7 @@ pub fn request(message: ModelInferRequest) -> Result<Request, Problem> {
     let fault = |pointer: &str, detail: String| {
         Problem::invalid("inference request", vec![Fault::new(pointer, detail)])
     };
+
     if !raw.is_empty() && raw.len() != inputs.len() {
         let detail = format!(
             "got {}, expected one for each of {} inputs, or none",
@@ -35,6 +36,7 @@ pub fn request(message: ModelInferRequest) -> Result<Request, Problem> {
         );
         return Err(fault("/raw_input_contents", detail));
     }
+
     if let Some(both) = inputs
         .iter()
         .position(|input| !raw.is_empty() && input.contents.is_some())
@@ -43,6 +45,7 @@ pub fn request(message: ModelInferRequest) -> Result<Request, Problem> {
             "got values here and in raw_input_contents, expected them in one of the two".to_owned();
         return Err(fault(&format!("/inputs/{both}/contents"), detail));
     }
+
     let inputs_with = inputs
         .iter()
         .enumerate()
@@ -59,7 +62,9 @@ pub fn request(message: ModelInferRequest) -> Result<Request, Problem> {
     {
         return Err(Problem::invalid("inference request", vec![fault]));
     }
+
     let mut raw = raw.into_iter();
+
     Ok(Request {
         id: Some(id).filter(|id| !id.is_empty()),
         inputs: inputs
@@ -139,14 +144,7 @@ impl From<&Output> for InferOutputTensor {
         let unit = output
             .unit
             .map(|unit| ("unit", ParameterChoice::StringParam(unit.to_owned())));
-        let parameter = |(name, choice): (&str, _)| {
-            (
-                name.to_owned(),
-                InferParameter {
-                    parameter_choice: Some(choice),
-                },
-            )
-        };
+
         Self {
             name: output.figure.as_str().to_owned(),
             datatype: DATATYPE.to_owned(),
@@ -157,24 +155,34 @@ impl From<&Output> for InferOutputTensor {
     }
 }
 
+fn parameter((name, choice): (&str, ParameterChoice)) -> (String, InferParameter) {
+    let parameter = InferParameter {
+        parameter_choice: Some(choice),
+    };
+    (name.to_owned(), parameter)
+}
+
 impl From<Metadata> for ModelMetadataResponse {
     fn from(metadata: Metadata) -> Self {
-        let tensor = |name: &str, shape| TensorMetadata {
-            name: name.to_owned(),
-            datatype: DATATYPE.to_owned(),
-            shape,
-        };
         Self {
             name: metadata.model.to_string(),
             versions: metadata.versions.iter().map(u64::to_string).collect(),
             platform: "nudge".to_owned(),
-            inputs: vec![tensor(INPUT, vec![-1, metadata.features as i64])],
+            inputs: vec![tensor_metadata(INPUT, vec![-1, metadata.features as i64])],
             outputs: metadata
                 .figures
                 .iter()
-                .map(|figure| tensor(figure.as_str(), vec![-1]))
+                .map(|figure| tensor_metadata(figure.as_str(), vec![-1]))
                 .collect(),
         }
+    }
+}
+
+fn tensor_metadata(name: &str, shape: Vec<i64>) -> TensorMetadata {
+    TensorMetadata {
+        name: name.to_owned(),
+        datatype: DATATYPE.to_owned(),
+        shape,
     }
 }
 

@@ -91,6 +91,7 @@ fn unsupported(tensor: &str, has: impl Fn(&str) -> bool) -> Option<Fault> {
         ("class_count", CLASSES),
     ];
     let (name, why) = PARAMETERS.into_iter().find(|(name, _)| has(name))?;
+
     Some(Fault::new(format!("{tensor}/parameters/{name}"), why))
 }
 
@@ -102,58 +103,60 @@ impl Request {
 
     /// Returns the state of each row of the only input, or what is wrong with it.
     pub fn states(&self, schema: &Schema) -> Result<Vec<StateKey>, Problem> {
-        let wrong = |faults| Problem::invalid("inference request", faults);
-        let stranger = |(_, tensor): &(usize, &Tensor)| tensor.name != INPUT;
-        if let Some((i, tensor)) = self.inputs.iter().enumerate().find(stranger) {
-            let detail = format!("got {:?}, expected {INPUT}", tensor.name);
-            return Err(wrong(vec![Fault::new(format!("/inputs/{i}/name"), detail)]));
+        let stranger = self.inputs.iter().position(|tensor| tensor.name != INPUT);
+        if let Some(i) = stranger {
+            let detail = format!("got {:?}, expected {INPUT}", self.inputs[i].name);
+            return Err(invalid(vec![Fault::new(
+                format!("/inputs/{i}/name"),
+                detail,
+            )]));
         }
+
         let [tensor] = &self.inputs[..] else {
             let detail = format!("got {} tensors, expected one, {INPUT}", self.inputs.len());
-            return Err(wrong(vec![Fault::new("/inputs", detail)]));
+            return Err(invalid(vec![Fault::new("/inputs", detail)]));
         };
-        let under = |faults: Vec<Fault>| {
-            faults
-                .into_iter()
-                .map(|fault| fault.under("/inputs/0"))
-                .collect()
-        };
-        tensor.states(schema).map_err(|faults| wrong(under(faults)))
+
+        tensor.states(schema).map_err(|faults| {
+            let faults = faults.into_iter().map(|fault| fault.under("/inputs/0"));
+            invalid(faults.collect())
+        })
     }
 
     /// Returns the figures that are wanted of a network of that kind.
     pub fn figures(&self, kind: ModelKind) -> Result<Vec<Figure>, Problem> {
-        let known = Figure::of(kind);
+        let known = Figure::of_kind(kind);
         if self.outputs.is_empty() {
             return Ok(known.to_vec());
         }
-        let mut faults = Vec::new();
-        let mut figure = |(i, name): (usize, &String)| {
-            let found = known.iter().find(|figure| figure.as_str() == name).copied();
-            if found.is_none() {
-                let names: Vec<&str> = known.iter().map(|figure| figure.as_str()).collect();
-                let detail = format!("got {name:?}, expected {}", names.join(" or "));
-                faults.push(Fault::new(format!("/outputs/{i}/name"), detail));
+
+        let (mut figures, mut faults) = (Vec::new(), Vec::new());
+        for (i, name) in self.outputs.iter().enumerate() {
+            match known.iter().find(|figure| figure.as_str() == name) {
+                Some(figure) => figures.push(*figure),
+                None => {
+                    let names: Vec<&str> = known.iter().map(|figure| figure.as_str()).collect();
+                    let detail = format!("got {name:?}, expected {}", names.join(" or "));
+                    faults.push(Fault::new(format!("/outputs/{i}/name"), detail));
+                }
             }
-            found
-        };
-        let figures = self
-            .outputs
-            .iter()
-            .enumerate()
-            .filter_map(&mut figure)
-            .collect();
+        }
+
         if faults.is_empty() {
             Ok(figures)
         } else {
-            Err(Problem::invalid("inference request", faults))
+            Err(invalid(faults))
         }
     }
 }
 
+fn invalid(faults: Vec<Fault>) -> Problem {
+    Problem::invalid("inference request", faults)
+}
+
 impl Figure {
     /// Returns what networks of a kind predict.
-    pub fn of(kind: ModelKind) -> &'static [Self] {
+    pub fn of_kind(kind: ModelKind) -> &'static [Self] {
         match kind {
             ModelKind::Joint => &[Self::InfluenceProbability, Self::MutualInformation],
             ModelKind::Direct => &[Self::InfluenceProbability],

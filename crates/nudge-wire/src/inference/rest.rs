@@ -104,8 +104,10 @@ pub fn request(body: &Bytes, header_length: Option<&str>) -> Result<(Request, Fo
             .unwrap_or_default(),
         outputs: outputs.iter().map(Wanted::is_binary).collect(),
     };
+
     let inputs = tensors(inputs, tail).map_err(fault)?;
     let outputs = outputs.into_iter().map(|output| output.name).collect();
+
     Ok((
         Request {
             id,
@@ -163,6 +165,7 @@ fn supported(
             parameters.is_some_and(|parameters| is_set(parameters, name))
         })
     };
+
     std::iter::once((String::new(), request))
         .chain(inputs)
         .chain(outputs)
@@ -275,9 +278,11 @@ impl Encoded {
             model_version: answer.version.to_string(),
             outputs: outputs.collect(),
         };
+
         let mut body = serde_json::to_vec(&head).expect("numbers and text become JSON");
         let header_length = (!tail.is_empty()).then_some(body.len());
         body.append(&mut tail);
+
         Self {
             header_length,
             body,

@@ -82,9 +82,11 @@ impl Tensor {
                 format!("got {:?}, expected {DATATYPE}", self.datatype),
             ));
         }
+
         if let Values::Unreadable(fault) = &self.values {
             return Err(fault.clone());
         }
+
         let features = schema.state();
         let rows = match self.shape[..] {
             [rows, width] if usize::try_from(width) == Ok(features.len()) => {
@@ -97,12 +99,14 @@ impl Tensor {
                 ));
             }
         };
+
         let Some(rows) = rows.filter(|rows| (1..=MOST_ROWS).contains(rows)) else {
             return Err(Fault::new(
                 "/shape/0",
                 format!("got {}, expected 1 to {MOST_ROWS} rows", self.shape[0]),
             ));
         };
+
         self.fits(rows, features.len()).map(|()| rows)
     }
 
@@ -168,14 +172,17 @@ fn keys(
             }
         }
     }
+
     if faults.is_empty() {
         return Ok(keys);
     }
+
     if untold > 0 {
         faults.push(Fault::new(
             "/data",
             format!("{untold} more values are wrong"),
         ));
     }
+
     Err(faults)
 }

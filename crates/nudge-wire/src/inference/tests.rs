@@ -512,7 +512,7 @@ fn metadata_is_the_same_in_both_forms() {
         model: "lane".into(),
         versions: vec![1, 4],
         features: 2,
-        figures: Figure::of(ModelKind::Joint),
+        figures: Figure::of_kind(ModelKind::Joint),
     };
     let told = serde_json::to_value(rest::Model::from(ModelMetadataResponse::from(metadata)))
         .expect("JSON");

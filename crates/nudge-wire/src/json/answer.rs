@@ -6,10 +6,8 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::evidence::{dependence, interval};
-use super::{
-    Fit, Labels, ModelFigures, Probability, Segmentation, Significance, State, present, words,
-};
-use crate::proto;
+use super::{Fit, Labels, ModelFigures, Probability, Segmentation, Significance, State, words};
+use crate::{present, proto};
 
 /// The answers to one question, with what indices in them stand for.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
@@ -180,21 +178,16 @@ pub fn verdict(number: i32) -> &'static str {
 
 /// Decodes what a verdict on a state with these visits rests on.
 pub(super) fn basis(number: i32, version: Option<u64>, visits: u64) -> Basis {
-    let of = |kind| Basis {
-        kind,
-        ..Basis::default()
+    let (kind, visits, version) = match proto::Basis::try_from(number) {
+        Ok(proto::Basis::Counts) => ("counts", Some(visits), None),
+        Ok(proto::Basis::Model) => ("model", None, version),
+        Ok(proto::Basis::Prior) => ("prior", None, None),
+        Ok(proto::Basis::Unspecified) | Err(_) => ("unknown", None, None),
     };
-    match proto::Basis::try_from(number) {
-        Ok(proto::Basis::Counts) => Basis {
-            visits: Some(visits),
-            ..of("counts")
-        },
-        Ok(proto::Basis::Model) => Basis {
-            version,
-            ..of("model")
-        },
-        Ok(proto::Basis::Prior) => of("prior"),
-        Ok(proto::Basis::Unspecified) | Err(_) => of("unknown"),
+    Basis {
+        kind,
+        visits,
+        version,
     }
 }
 
@@ -228,6 +221,7 @@ impl From<proto::Answer> for Answer {
             .mutual_information
             .is_some()
             .then(|| answer.model.map(Into::into));
+
         Self {
             state: answer.state.map(Into::into).unwrap_or_default(),
             visits: answer.visits,

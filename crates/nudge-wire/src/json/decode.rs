@@ -53,6 +53,7 @@ fn word_at<'a>(text: &'a [u8], error: &serde_json::Error) -> Option<&'a str> {
         .take_while(|byte| is_part(byte))
         .count();
     let after = text[at..].iter().take_while(|byte| is_part(byte)).count();
+
     str::from_utf8(&text[at - before..at + after]).ok()
 }
 

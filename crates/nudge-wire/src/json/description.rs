@@ -147,7 +147,7 @@ pub fn description_of_text(text: &str) -> Result<(SchemaDraft, Option<RuleDraft>
 
 impl Description {
     /// Makes a description as people write it.
-    pub fn of(schema: SchemaDraft, rule: Option<RuleDraft>) -> Self {
+    pub fn of_schema(schema: SchemaDraft, rule: Option<RuleDraft>) -> Self {
         let state = schema.state.into_iter().map(Into::into).collect();
         let agents = schema.agents.into_iter().map(Into::into).collect();
         Self {
@@ -279,7 +279,7 @@ mod tests {
         let rule = WrittenRule::default()
             .merged(&rule.expect("given"))
             .expect("valid");
-        let again = Description::of(schema.draft(), Some(proto::Rule::from(rule).into()));
+        let again = Description::of_schema(schema.draft(), Some(proto::Rule::from(rule).into()));
         let written = serde_json::to_value(again).expect("JSON");
         let given: serde_json::Value = serde_json::from_str(HALLWAY).expect("JSON");
         // 1 and 1.0 are the same edge, so the edges are compared as numbers.

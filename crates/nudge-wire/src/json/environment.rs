@@ -3,8 +3,8 @@
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::{Agent, Description, Feature, Rule, present};
-use crate::proto;
+use super::{Agent, Description, Feature, Rule};
+use crate::{present, proto};
 
 /// An environment as the service keeps it. It is a description too: `PUT` takes it as it is.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
@@ -53,7 +53,8 @@ pub struct UnreadableEnvironment {
 
 impl From<proto::Environment> for Environment {
     fn from(environment: proto::Environment) -> Self {
-        let description = Description::of(environment.schema.unwrap_or_default().into(), None);
+        let description =
+            Description::of_schema(environment.schema.unwrap_or_default().into(), None);
         Self {
             name: environment.name,
             uid: environment.uid,

@@ -121,16 +121,21 @@ impl From<proto::Fit> for Fit {
 
 impl From<proto::FitPriorResponse> for Fits {
     fn from(response: proto::FitPriorResponse) -> Self {
-        let fitted = |prior: proto::FittedPrior| FittedPrior {
+        Self {
+            fits: response.fits.into_iter().map(Into::into).collect(),
+        }
+    }
+}
+
+impl From<proto::FittedPrior> for FittedPrior {
+    fn from(prior: proto::FittedPrior) -> Self {
+        Self {
             earlier: prior.earlier,
             later: prior.later,
             given: prior.given,
             fit: prior.fit.map(Into::into).unwrap_or_default(),
             states: prior.states,
             dependent_share: prior.dependent_share,
-        };
-        Self {
-            fits: response.fits.into_iter().map(fitted).collect(),
         }
     }
 }

@@ -39,7 +39,17 @@ pub struct Trial {
 
 impl From<proto::ExploreResponse> for Exploration {
     fn from(response: proto::ExploreResponse) -> Self {
-        let trial = |trial: proto::Trial| Trial {
+        Self {
+            trials: response.trials.into_iter().map(Into::into).collect(),
+            considered: response.considered,
+            as_of: response.as_of,
+        }
+    }
+}
+
+impl From<proto::Trial> for Trial {
+    fn from(trial: proto::Trial) -> Self {
+        Self {
             state: trial.state.map(Into::into).unwrap_or_default(),
             visits: trial.visits,
             action: trial.action,
@@ -47,11 +57,6 @@ impl From<proto::ExploreResponse> for Exploration {
             action_visits: trial.action_visits,
             information_gain: trial.information_gain,
             above_threshold: trial.above_threshold,
-        };
-        Self {
-            trials: response.trials.into_iter().map(trial).collect(),
-            considered: response.considered,
-            as_of: response.as_of,
         }
     }
 }

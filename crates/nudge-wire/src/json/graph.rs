@@ -47,7 +47,17 @@ pub struct Edge {
 
 impl From<proto::GetGraphResponse> for Graph {
     fn from(graph: proto::GetGraphResponse) -> Self {
-        let edge = |edge: proto::Edge| Edge {
+        Self {
+            state: graph.state.map(Into::into).unwrap_or_default(),
+            nodes: graph.nodes,
+            edges: graph.edges.into_iter().map(Into::into).collect(),
+        }
+    }
+}
+
+impl From<proto::Edge> for Edge {
+    fn from(edge: proto::Edge) -> Self {
+        Self {
             from: edge.from,
             to: edge.to,
             lag: edge.lag,
@@ -57,11 +67,6 @@ impl From<proto::GetGraphResponse> for Graph {
             opened_by: edge.opened_by,
             note: edge.note,
             answer: edge.answer.map(Into::into).unwrap_or_default(),
-        };
-        Self {
-            state: graph.state.map(Into::into).unwrap_or_default(),
-            nodes: graph.nodes,
-            edges: graph.edges.into_iter().map(edge).collect(),
         }
     }
 }

@@ -36,7 +36,7 @@ pub(super) enum Loose {
 impl Loose {
     /// Reads any JSON value. A number that no double holds is one too, so that it can be told whose
     /// value it is.
-    pub(super) fn read(text: &[u8]) -> serde_json::Result<Self> {
+    pub(super) fn parse(text: &[u8]) -> serde_json::Result<Self> {
         serde_json::from_slice(text).or_else(|error| {
             // Reading it in parts costs time, which only documents with such a number should pay.
             if !error.to_string().starts_with("number out of range") {
@@ -87,14 +87,14 @@ impl Loose {
     /// Returns this value as an agent's action.
     pub(super) fn into_action(self) -> ActionDraft {
         match self {
-            Self::Object(members) => ActionDraft::Named(named(members)),
+            Self::Object(members) => ActionDraft::Named(named_values(members)),
             other => ActionDraft::Bare(other.into_value()),
         }
     }
 }
 
 /// Returns members as values of features.
-pub(super) fn named(members: Vec<(String, Loose)>) -> NamedValues {
+pub(super) fn named_values(members: Vec<(String, Loose)>) -> NamedValues {
     members
         .into_iter()
         .map(|(name, value)| (name, value.into_value()))

@@ -59,8 +59,3 @@ pub use transitions::{
 };
 pub use whole::{perhaps_whole, wholes};
 pub use words::{DiscoveryMethod, Estimator, Permutations, RuleKind, Unit, Verdict, View, Within};
-
-/// Returns the text, or `None` where proto says "absent" by an empty one.
-fn present(text: String) -> Option<String> {
-    Some(text).filter(|text| !text.is_empty())
-}

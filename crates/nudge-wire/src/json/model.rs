@@ -8,8 +8,8 @@ use utoipa::ToSchema;
 
 use super::decode::or_default;
 use super::whole::perhaps_whole;
-use super::{Card, present, words};
-use crate::proto;
+use super::{Card, words};
+use crate::{present, proto};
 
 /// How a network is to be trained. What is absent has its default.
 #[derive(Debug, Clone, Default, PartialEq, Deserialize, ToSchema)]

@@ -5,8 +5,8 @@ use utoipa::ToSchema;
 
 use super::answer::{basis, verdict};
 use super::evidence::dependence;
-use super::{Basis, Fit, Probability, Segmentation, State, present, words};
-use crate::proto;
+use super::{Basis, Fit, Probability, Segmentation, State, words};
+use crate::{present, proto};
 
 /// The counts of one state.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]

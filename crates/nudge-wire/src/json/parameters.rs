@@ -30,8 +30,10 @@ impl Parameters {
                 format!("unknown parameter{}", self.hint(name)),
             )
         };
+
         let unknown: Vec<Fault> = self.left.iter().map(unknown).collect();
         self.faults.extend(unknown);
+
         if self.faults.is_empty() {
             Ok(value)
         } else {
@@ -45,6 +47,7 @@ impl Parameters {
         if self.known.is_empty() {
             return "; there is none on this path".to_owned();
         }
+
         // Of a family, the member that was meant: `state.held` for `stat.held`.
         let (family, member) = name.split_once('.').unwrap_or_default();
         let known = self
@@ -54,6 +57,7 @@ impl Parameters {
                 Some(prefix) => is_near(family, prefix).then(|| format!("{prefix}.{member}")),
                 None => Some(known.clone()),
             });
+
         hint(name, known.collect::<Vec<_>>().iter().map(String::as_str))
     }
 

@@ -48,10 +48,6 @@ pub struct Fault {
 impl Problem {
     /// Tells a problem under an HTTP status about the request of that path.
     pub fn new(problem: &error::Problem, status: u16, instance: &str) -> Self {
-        let fault = |fault: &error::Fault| Fault {
-            pointer: fault.pointer.clone(),
-            detail: fault.detail.clone(),
-        };
         Self {
             kind: format!("urn:nudge:problem:{}", problem.reason),
             title: in_words(problem.reason),
@@ -59,12 +55,21 @@ impl Problem {
             detail: problem.message.clone(),
             instance: instance.to_owned(),
             reason: problem.reason.to_owned(),
-            errors: problem.faults.iter().map(fault).collect(),
+            errors: problem.faults.iter().map(Into::into).collect(),
             details: problem
                 .details
                 .iter()
                 .map(|(name, text)| ((*name).to_owned(), value(text)))
                 .collect(),
+        }
+    }
+}
+
+impl From<&error::Fault> for Fault {
+    fn from(fault: &error::Fault) -> Self {
+        Self {
+            pointer: fault.pointer.clone(),
+            detail: fault.detail.clone(),
         }
     }
 }

@@ -42,7 +42,7 @@ impl Parameters {
         }
     }
 
-    fn state(&mut self) -> StatesDraft {
+    fn state_or_key(&mut self) -> StatesDraft {
         let named = self.under("state.");
         let keys: Vec<String> = self.text("key").into_iter().collect();
         match (named.is_empty(), keys.is_empty()) {
@@ -60,7 +60,7 @@ impl Parameters {
 pub fn question_of_query(mut query: Parameters) -> Result<QuestionDraft, Problem> {
     let draft = QuestionDraft {
         pair: query.pair(),
-        states: query.state(),
+        states: query.state_or_key(),
         estimators: query.list("estimators"),
         view: query.text("view"),
         significance: query.text("significance"),
@@ -108,7 +108,7 @@ pub fn graph(mut query: Parameters) -> Result<QuestionDraft, Problem> {
     };
     let draft = QuestionDraft {
         pair,
-        states: query.state(),
+        states: query.state_or_key(),
         ..QuestionDraft::default()
     };
     query.finish(draft)

@@ -7,22 +7,23 @@ use nudge_core::domain::{Entry, Record, Schema};
 use nudge_core::error::{Fault, pointer};
 
 use super::decode::not_finite;
-use super::loose::{Loose, named};
+use super::loose::{Loose, named_values};
 
 /// Decodes one transition, or returns the place of its first fault and what is wrong with it,
 /// briefly, because receipts are kept.
 pub(super) fn record(schema: &Schema, text: &[u8]) -> Result<Record, (String, String)> {
-    decoded(schema, text).map_err(told)
+    decoded(schema, text).map_err(joined)
 }
 
 fn decoded(schema: &Schema, text: &[u8]) -> Result<Record, Vec<Fault>> {
-    let value = Loose::read(text).map_err(|error| vec![not_json(text, &error)])?;
+    let value = Loose::parse(text).map_err(|error| vec![not_json(text, &error)])?;
     let Loose::Object(members) = value else {
         return Err(vec![Fault::new(
             "",
             format!("got {value}, expected an object of state and actions"),
         )]);
     };
+
     let mut fields = Fields::default();
     members
         .into_iter()
@@ -44,6 +45,7 @@ fn decoded(schema: &Schema, text: &[u8]) -> Result<Record, Vec<Fault>> {
     );
     let entry = keep(entry_of(entry), &mut faults);
     let count = keep(count_of(count), &mut faults);
+
     match (state, actions, entry, count) {
         (Some(state), Some(actions), Some(entry), Some(count)) if faults.is_empty() => Ok(Record {
             state,
@@ -106,7 +108,7 @@ fn object(at: &str, value: Option<Loose>) -> Result<Vec<(String, Loose)>, Vec<Fa
 
 fn state_values(schema: &Schema, members: Vec<(String, Loose)>) -> Result<Vec<f32>, Vec<Fault>> {
     schema
-        .state_values(&named(members))
+        .state_values(&named_values(members))
         .map_err(|faults| under("/state", faults))
 }
 
@@ -123,6 +125,7 @@ fn action_values(schema: &Schema, members: Vec<(String, Loose)>) -> Result<Vec<f
         .map(|(agent, action)| (agent, action.into_action()))
         .collect();
     let values = keep(schema.action_values(&actions), &mut faults);
+
     values
         .filter(|_| faults.is_empty())
         .ok_or_else(|| under("/actions", faults))
@@ -165,31 +168,24 @@ fn count_of(value: Option<Loose>) -> Result<u64, Vec<Fault>> {
     }
 }
 
-/// Joins the faults of one record.
-fn told(faults: Vec<Fault>) -> (String, String) {
+/// Joins the faults of one record: the pointer of the first, and what is wrong.
+fn joined(faults: Vec<Fault>) -> (String, String) {
     const TOLD: usize = 4;
-    const LONGEST: usize = 200;
-    let brief = |text: &str| text.chars().take(LONGEST).collect::<String>();
-    let mut parts: Vec<String> = faults
+
+    let pointer = faults.first().map(|first| brief(&first.pointer));
+    let first = faults.first().map(|first| brief(&first.detail));
+    let others = faults
         .iter()
-        .take(1)
-        .map(|first| brief(&first.detail))
-        .collect();
-    parts.extend(
-        faults
-            .iter()
-            .take(TOLD)
-            .skip(1)
-            .map(|fault| brief(&fault.to_string())),
-    );
-    if faults.len() > TOLD {
-        parts.push(format!("and {} more", faults.len() - TOLD));
-    }
-    (
-        faults
-            .first()
-            .map(|first| brief(&first.pointer))
-            .unwrap_or_default(),
-        parts.join("; "),
-    )
+        .take(TOLD)
+        .skip(1)
+        .map(|fault| brief(&fault.to_string()));
+    let more = (faults.len() > TOLD).then(|| format!("and {} more", faults.len() - TOLD));
+
+    let parts: Vec<String> = first.into_iter().chain(others).chain(more).collect();
+    (pointer.unwrap_or_default(), parts.join("; "))
+}
+
+fn brief(text: &str) -> String {
+    const LONGEST: usize = 200;
+    text.chars().take(LONGEST).collect()
 }

@@ -123,6 +123,7 @@ pub fn batch_of_json(schema: &Schema, body: &[u8]) -> Result<Incoming, Problem> 
     let texts = transitions
         .into_iter()
         .map(|transition| transition.get().as_bytes());
+
     incoming(
         Head {
             producer,
@@ -161,6 +162,7 @@ fn incoming(head: Head, records: Records) -> Result<Incoming, Problem> {
         segment,
         records,
     };
+
     Ok(Incoming {
         producer,
         environment_uid: environment_uid.unwrap_or_default(),

@@ -168,6 +168,7 @@ impl<'de> Visitor<'de> for Member<'_> {
             while seq.next_element::<IgnoredAny>()?.is_some() {}
             return other("a list");
         }
+
         let (mut width, mut odd) = (0, None);
         while let Some(item) = seq.next_element_seed(Member {
             values: &mut *self.values,
@@ -178,6 +179,7 @@ impl<'de> Visitor<'de> for Member<'_> {
             }
             width += 1;
         }
+
         Ok(odd.unwrap_or(Item::Row(width)))
     }
 }
