@@ -1,4 +1,4 @@
-//! What can go wrong between a producer and the service, and what may be tried again.
+//! Errors of the client, and which of them are transient.
 
 use nudge_core::error::{ErrorKind, Fault};
 use tonic::{Code, Status};

@@ -1,4 +1,4 @@
-//! The stream to the service: down, being opened, or up.
+//! The bidirectional stream to the service: down, being opened, or up.
 
 use std::time::Duration;
 

@@ -1,5 +1,6 @@
-//! The outbox: transitions become numbered batches, which are kept until the service has committed
-//! them. Arithmetic only, no I/O and no clock.
+//! The outbox, a sliding window: transitions become numbered batches, which are kept until the
+//! service has committed them. The numbers make it safe to send them again (idempotency).
+//! Arithmetic only, no I/O and no clock.
 //!
 //! Batches that wait are in order of their numbers; the first `in_flight` of them were sent on the
 //! present stream.

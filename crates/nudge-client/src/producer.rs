@@ -1,4 +1,5 @@
-//! Producers: who sends batches.
+//! Producers: who sends batches, each of which counts once, and waits where the service does not keep
+//! up (back-pressure).
 
 use std::time::Duration;
 

@@ -1,4 +1,5 @@
-//! Answers.
+//! Encodes answers: estimates of mutual information, posterior probabilities, credible intervals,
+//! tests of independence and verdicts.
 
 use nudge_core::domain::{
     ActionFigures, Answer, Answers, Basis, Bin, Dependence, Evidence, Figures, FitId, Interval,

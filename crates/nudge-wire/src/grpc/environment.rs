@@ -1,4 +1,4 @@
-//! Descriptions, rules and environments.
+//! Schemas (state and action spaces), decision rules and environments.
 
 use nudge_core::domain::draft::{AgentDraft, FeatureDraft, KindDraft, RuleDraft, SchemaDraft};
 use nudge_core::domain::{

@@ -1,4 +1,4 @@
-//! Batches and receipts.
+//! Ingest: numbered batches of transitions, and the receipts that acknowledge them.
 
 use nudge_core::domain::{
     Acknowledged, Batch, Entry, Label, ProducerId, Record, Records, Rejection, Schema, Sequence,

@@ -1,4 +1,5 @@
-//! What is told about more, or less, than influence in one state.
+//! Encodes contingency tables of one state, rankings, summaries, discoveries (multiple testing),
+//! expected information gain and fitted priors (empirical Bayes).
 
 use nudge_core::domain::{
     Discoveries, DiscoveryMethod, Exploration, FittedPrior, HistogramBin, LabelledCell,

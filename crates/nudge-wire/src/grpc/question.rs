@@ -1,4 +1,4 @@
-//! Questions.
+//! Decodes requests for influence, rankings, summaries, graphs and exploration to drafts of questions.
 
 use nudge_core::domain::Verdict;
 use nudge_core::domain::draft::{

@@ -1,4 +1,4 @@
-//! Answers about influence.
+//! Answers about influence: estimates of mutual information, their uncertainty, and the verdict.
 
 use std::collections::BTreeMap;
 

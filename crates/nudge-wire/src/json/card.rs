@@ -1,4 +1,5 @@
-//! What a network says of itself.
+//! Model cards: how a network was trained, how it scores on held-out data beside its baselines, and
+//! how well it is calibrated.
 
 use serde::Serialize;
 use utoipa::ToSchema;

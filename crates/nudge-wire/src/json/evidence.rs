@@ -1,4 +1,5 @@
-//! What counts support, as answers and overviews tell it.
+//! Posterior probabilities, tests of independence, segments (strata) and fitted priors (empirical
+//! Bayes), as answers and overviews tell them.
 
 use serde::Serialize;
 use utoipa::ToSchema;

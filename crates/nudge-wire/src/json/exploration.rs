@@ -1,4 +1,4 @@
-//! What to try next.
+//! Exploration: which action to try in which state next, by expected information gain.
 
 use serde::Serialize;
 use utoipa::ToSchema;

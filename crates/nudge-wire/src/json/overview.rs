@@ -1,4 +1,5 @@
-//! A state's counts, pages of states, and all states together.
+//! Contingency tables of one state, rankings of states, and summaries of all, with discoveries at a
+//! false discovery rate.
 
 use serde::Serialize;
 use utoipa::ToSchema;

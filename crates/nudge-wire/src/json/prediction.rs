@@ -1,4 +1,4 @@
-//! What a network says of a state.
+//! Predictions of a network for one state.
 
 use serde::Serialize;
 use utoipa::ToSchema;

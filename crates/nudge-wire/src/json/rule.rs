@@ -1,4 +1,4 @@
-//! Rules, whole and in part.
+//! Decision rules, whole and in part.
 
 use nudge_core::domain::RuleDraft;
 use serde::{Deserialize, Serialize};
