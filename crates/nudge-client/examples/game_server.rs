@@ -8,6 +8,8 @@
 //! The game: a robot walks a lane towards a human, who gives way to it when it comes near. The
 //! service finds out that one acts upon the other, and in which states.
 
+use std::process::ExitCode;
+
 use nudge_client::{ClientError, Connection, Producer, Track};
 use nudge_core::domain::SchemaDraft;
 use nudge_core::domain::draft::{AgentDraft, FeatureDraft, KindDraft};
@@ -17,10 +19,21 @@ const ENVIRONMENT: &str = "lane";
 const GAMES: u32 = 200;
 
 #[tokio::main]
-async fn main() -> Result<(), ClientError> {
+async fn main() -> ExitCode {
     let address = std::env::args().nth(1);
     let address = address.as_deref().unwrap_or("127.0.0.1:8080");
 
+    match play_all(address).await {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("{error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// Plays all games, and tells what became of their transitions.
+async fn play_all(address: &str) -> Result<(), ClientError> {
     let connection = Connection::open(address).await?;
     connection.apply(ENVIRONMENT, &schema()).await?;
 

@@ -9,6 +9,7 @@ mod overview;
 mod question;
 
 pub use ingest::{acknowledgements, batch, producer, receipt, sequence};
+#[cfg(feature = "rest")]
 pub(crate) use ingest::{segment, within_limit};
 pub use model::training;
 pub use question::{

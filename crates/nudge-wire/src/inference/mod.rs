@@ -4,6 +4,7 @@
 //! Which networks there are and what they say is not known here, nor is HTTP.
 
 pub mod grpc;
+#[cfg(feature = "rest")]
 pub mod rest;
 mod tensor;
 
@@ -182,5 +183,5 @@ impl Output {
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, feature = "rest"))]
 mod tests;
