@@ -11,7 +11,7 @@
 //! | `shown` | what is told of texts in which a key may stand by mistake |
 //! | `bearer` | the `Authorization` header |
 //!
-//! A key itself, which nothing shows, is a [`Secret`](crate::domain::Secret).
+//! A key itself, which nothing shows, is a [`Secret`].
 //!
 //! Nothing here listens, waits or knows a face. A key is never kept: a file has digests only.
 
