@@ -12,7 +12,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
-use nudge::access::{Keys, Secret};
+use nudge::access::{Keys, generate};
 use nudge::client::{ClientTls, Connection, Options, Trust};
 use nudge::serve::access::Keyring;
 use nudge::serve::tls::{Tls, TlsFiles};
@@ -69,7 +69,7 @@ impl Way {
         };
         std::fs::write(&files.certificate, cert.pem()).expect("written");
         std::fs::write(&files.key, signing_key.serialize_pem()).expect("written");
-        let key = Secret::random().expect("randomness");
+        let key = generate().expect("randomness");
         let keys =
             Keys::parse(&format!("bench {} read,ingest,admin", key.digest())).expect("a line");
         let tls = Tls::open(files.clone()).expect("a pair");

@@ -5,14 +5,13 @@
 //!
 //! Rooms that others can use alone are crates, which this one shows under their names: `nudge_core`
 //! has [`information`], [`error`], [`domain`] and [`evidence`], `nudge_worlds` [`simulation`] and
-//! [`recordings`].
+//! [`recordings`], `nudge_wire` is [`api`], and `nudge_client` is [`client`], with [`tls`] in it.
 //!
 //! Each room may use the ones above it, never the ones below, and within a room no files import
 //! each other in a circle: what two of them need has a file of its own (`tests/it/architecture`).
 //!
 //! * [`information`]: the mathematics of contingency tables. Slices in, numbers out.
 //! * [`error`], [`telemetry`]: kinds of error, logs and the one list of metrics.
-//! * [`tls`]: certificates and private keys in PEM files, for either side of a connection.
 //! * [`domain`]: environments, features, states, transitions, counts, questions, answers. Types
 //!   that cannot be wrong.
 //! * [`work`]: whatever computes for long: admitted, cancelled, and made once for all who ask.
@@ -25,6 +24,7 @@
 //! * [`api`]: the wire: generated proto types, JSON, and their conversions.
 //! * [`ingest`]: how transitions become counts.
 //! * [`client`]: speaking to a service as a game server does.
+//! * [`tls`]: certificates and private keys in PEM files, for either side of a connection.
 //! * [`priors`]: from cells to tables, and the priors that evidence stands on, fitted to all
 //!   states.
 //! * [`model`]: what to expect where little or nothing was counted: networks, trained, judged, kept
@@ -50,14 +50,15 @@
 //! only bins are counted. There is no wall clock in the protocol. The committer talks to nothing
 //! but the store. Nothing flows upwards but return values.
 
+pub use nudge_client as client;
+pub use nudge_client::tls;
 pub use nudge_core::{domain, error, evidence, information};
+pub use nudge_wire as api;
 pub use nudge_worlds::{recordings, simulation};
 
 pub mod access;
-pub mod api;
 pub mod app;
 pub mod cli;
-pub mod client;
 pub mod environments;
 pub mod experiments;
 pub mod influence;
@@ -67,5 +68,4 @@ pub mod priors;
 pub mod serve;
 pub mod store;
 pub mod telemetry;
-pub mod tls;
 pub mod work;

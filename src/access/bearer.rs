@@ -1,6 +1,6 @@
 //! The `Authorization` header: `Bearer KEY` (RFC 6750, RFC 9110), once.
 
-use super::secret::{self, is_token};
+use crate::domain::Secret;
 
 /// Why a header is no bearer token. None of its text is in here.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -27,9 +27,11 @@ pub fn bearer<'a>(
     let Some(header) = headers.next() else {
         return Ok(None);
     };
+
     if headers.next().is_some() {
         return Err(Malformed::Several);
     }
+
     // The name of a scheme is written in any case.
     let (scheme, rest) = header
         .split_at_checked(SCHEME.len())
@@ -37,10 +39,12 @@ pub fn bearer<'a>(
     if !scheme.eq_ignore_ascii_case(SCHEME) || rest.first().is_some_and(|byte| *byte != b' ') {
         return Err(Malformed::Scheme);
     }
+
     let key = rest.trim_ascii();
+
     match key.len() {
-        longer if longer > secret::LONGEST => Err(Malformed::TooLong),
-        _ if !is_token(key) => Err(Malformed::Key),
+        longer if longer > Secret::LONGEST => Err(Malformed::TooLong),
+        _ if !Secret::is_token(key) => Err(Malformed::Key),
         _ => Ok(Some(key)),
     }
 }

@@ -19,12 +19,14 @@ pub fn read_text(path: &Path) -> Result<String, String> {
             MOST_BYTES >> 20
         ));
     }
+
     let mut text = String::new();
     file.read_to_string(&mut text)
         .map_err(|error| match error.kind() {
             std::io::ErrorKind::InvalidData => "it is not UTF-8".to_owned(),
             _ => error.to_string(),
         })?;
+
     Ok(text)
 }
 
@@ -37,6 +39,7 @@ fn open(path: &Path) -> Result<(File, Metadata), String> {
         .open(path)
         .map_err(|error| error.to_string())?;
     let about = file.metadata().map_err(|error| error.to_string())?;
+
     if about.is_file() {
         Ok((file, about))
     } else {

@@ -44,6 +44,7 @@ impl Keys {
             path: path.display().to_string(),
             why,
         };
+
         let text = read_text(path).map_err(unread)?;
         let within = |faults: Vec<String>| {
             faults
@@ -51,6 +52,7 @@ impl Keys {
                 .map(|fault| format!("{}: {fault}", path.display()))
                 .collect()
         };
+
         Self::parse_whole(&text).map_err(|faults| KeysError::Wrong(within(faults)))
     }
 
@@ -100,6 +102,7 @@ impl Keys {
                 },
             }
         }
+
         if faults.is_empty() {
             Ok(keys)
         } else {

@@ -34,6 +34,7 @@ impl FromStr for Line {
                 .next()
                 .ok_or_else(|| format!("{name}: missing, expected NAME DIGEST SCOPES"))
         };
+
         let name = field("name")
             .and_then(name)
             .map_err(|fault| faults.push(fault));
@@ -49,6 +50,7 @@ impl FromStr for Line {
                 faults.push(fault);
             }
         }
+
         match (name, digest, scopes) {
             (Ok(name), Ok(digest), Ok(scopes)) if faults.is_empty() => Ok(Self {
                 name,
@@ -94,12 +96,14 @@ impl Options {
                 harmless(field)
             )
         };
+
         let (name, value) = field.split_once('=').ok_or_else(unknown)?;
         let is_given = match name {
             "environments" => self.environments.replace(patterns(value)?).is_some(),
             "rate" => self.rate.replace(rate(value)?).is_some(),
             _ => return Err(unknown()),
         };
+
         if is_given {
             Err(format!("{name}: given twice, expected once"))
         } else {

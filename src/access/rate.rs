@@ -31,6 +31,7 @@ impl FromStr for Rate {
                 "got {text:?}, expected a number of requests a second, minute or hour such as 50/s, 600/m or 1000/h"
             )
         };
+
         let (number, unit) = text.split_once('/').ok_or_else(expected)?;
         let unit = match unit {
             "s" => Unit::Second,
@@ -38,12 +39,14 @@ impl FromStr for Rate {
             "h" => Unit::Hour,
             _ => return Err(expected()),
         };
+
         let is_number = number.bytes().all(|byte| byte.is_ascii_digit());
         let number = number
             .parse()
             .ok()
             .filter(|_| is_number)
             .ok_or_else(expected)?;
+
         Ok(Self { number, unit })
     }
 }

@@ -1,7 +1,7 @@
 //! Redaction: secrets that stand where they should not, in an argument, a variable or a line of a
 //! file, are not shown.
 
-use super::secret::PREFIX;
+use crate::domain::Secret;
 
 /// How a secret in PEM begins, and what ends it.
 const PEM: [&str; 2] = ["-----BEGIN ", "-----END "];
@@ -27,8 +27,8 @@ pub fn redacted(text: &str) -> String {
 
 /// Returns whether a key as they are made here stands in a text, or the beginning of one.
 pub fn has_key(text: &str) -> bool {
-    text.match_indices(PREFIX).any(|(at, _)| {
-        let behind = &text.as_bytes()[at + PREFIX.len()..];
+    text.match_indices(Secret::PREFIX).any(|(at, _)| {
+        let behind = &text.as_bytes()[at + Secret::PREFIX.len()..];
         behind.len() >= PART && behind.iter().take(PART).all(u8::is_ascii_hexdigit)
     })
 }
@@ -76,6 +76,7 @@ fn words(text: &str) -> String {
         }
         rest = behind;
     }
+
     told
 }
 
@@ -89,8 +90,10 @@ fn is_secret(word: &str) -> bool {
             && has(row, char::is_uppercase)
             && has(row, char::is_numeric)
     };
+
     // Base 64 has slashes too, and no path without a slash or a dot at its beginning is as mixed.
     let is_path = word.starts_with(['/', '.', '~']);
+
     has_key(word)
         || word
             .split(|char: char| !(char.is_ascii_alphanumeric() || char == '+'))
@@ -110,13 +113,13 @@ fn not_shown(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::access::Secret;
+    use crate::access::generate;
 
     /// 48 bytes in base 64, with slashes where they cut it most.
     const BASE64: &str = "MIGHAgEAMBMGByqGSM/9AgEGCCqGSM49AwEHBG0wawI/AQEEIHQ0b9v5Hq1x";
 
     fn key() -> String {
-        Secret::random().expect("randomness").reveal().to_owned()
+        generate().expect("randomness").reveal().to_owned()
     }
 
     #[test]

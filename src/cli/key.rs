@@ -8,7 +8,7 @@ use clap::{Args, Subcommand};
 use tokio::signal::unix::{SignalKind, signal};
 
 use super::{Failure, output};
-use crate::access::{Keys, Line, Rate, Secret, read_text};
+use crate::access::{Keys, Line, Rate, generate, read_text};
 use crate::domain::{KeyScope, Name, Pattern};
 use crate::serve::access::Keyring;
 
@@ -63,7 +63,7 @@ impl Command {
 
 impl New {
     fn run(self) -> Result<(), Failure> {
-        let key = Secret::random().map_err(Failure::usage)?;
+        let key = generate().map_err(Failure::usage)?;
         let line = Line {
             name: self.name,
             digest: key.digest(),

@@ -122,7 +122,8 @@ fn explored(
     stop: &Stop,
 ) -> Result<Vec<Suggestion>, Stopped> {
     let state = |(key, state)| stop.check().map(|()| suggestions(context, key, state));
-    let trials: Result<Vec<Vec<Suggestion>>, Stopped> = keys.par_iter().zip(counts).map(state).collect();
+    let trials: Result<Vec<Vec<Suggestion>>, Stopped> =
+        keys.par_iter().zip(counts).map(state).collect();
     Ok(trials?.into_iter().flatten().collect())
 }
 

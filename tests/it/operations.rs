@@ -2,6 +2,7 @@
 //! the OpenAPI document.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 use tokio::io::AsyncWriteExt;
@@ -493,6 +494,19 @@ fn filled(path: &str) -> String {
     path.replace("{model}", "1")
 }
 
+/// Counts the handlers of REST that have a `#[utoipa::path]`.
+fn described_handlers() -> usize {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/serve/rest");
+    let files = std::fs::read_dir(folder).expect("a folder can be read");
+    let count = |path: PathBuf| {
+        let text = std::fs::read_to_string(path).unwrap_or_default();
+        text.matches("\n#[utoipa::path(").count()
+    };
+    files
+        .map(|entry| count(entry.expect("an entry can be read").path()))
+        .sum()
+}
+
 #[tokio::test]
 async fn what_is_served_is_what_is_documented() {
     let app = TestApp::start().await;
@@ -500,6 +514,14 @@ async fn what_is_served_is_what_is_documented() {
     for (path, method, _) in documented(&app).await {
         methods.entry(path).or_default().insert(method);
     }
+
+    // Each handler that is described has a route.
+    let described = described_handlers();
+    let handlers: usize = methods.values().map(BTreeSet::len).sum();
+    assert_eq!(
+        described, handlers,
+        "handlers with a description, and routes"
+    );
 
     // A path takes the methods that are documented, and no other. What is read with GET is read
     // with HEAD too.

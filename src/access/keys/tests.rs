@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 use proptest::prelude::*;
 
 use super::*;
-use crate::access::{Secret, bearer};
+use crate::access::{bearer, generate};
 use crate::domain::KeyScope;
 
 fn digest(key: &str) -> KeyDigest {
@@ -80,7 +80,7 @@ fn every_fault_names_its_line_its_field_its_value_and_what_was_expected() {
 
 #[test]
 fn a_key_that_stands_where_its_digest_should_is_not_told() {
-    let key = Secret::random().expect("randomness");
+    let key = generate().expect("randomness");
     let text = key.reveal();
     for line in [
         format!("a {text} read"),

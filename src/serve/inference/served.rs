@@ -116,7 +116,7 @@ impl Served {
             model: self.model.clone(),
             versions: self.versions(app, &self.network.pair).await?,
             features: self.environment.schema.state().len(),
-            figures: Figure::of(self.network.kind),
+            figures: Figure::of_kind(self.network.kind),
         })
     }
 

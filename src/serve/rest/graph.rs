@@ -6,7 +6,7 @@ use http::{HeaderMap, header};
 use super::accept::preferred;
 use super::extract::{Asked, Path, Query};
 use super::json_answer::json_answer;
-use super::parameters::{GraphParameters, RuleParameters};
+use super::parameters::{RuleParameters, SegmentParameters, StateParameters};
 use super::refusals::Refusals;
 use crate::api::{fitting, json, proto};
 use crate::domain::View;
@@ -30,7 +30,12 @@ const DOT: &str = "text/vnd.graphviz";
     get,
     path = "/v1/environments/{environment}/graph",
     tag = "influence",
-    params(("environment" = String, Path, description = "The environment's name"), GraphParameters, RuleParameters),
+    params(
+        ("environment" = String, Path, description = "The environment's name"),
+        StateParameters,
+        SegmentParameters,
+        RuleParameters,
+    ),
     responses(
         (status = 200, description = "The graph", content((json::Graph = "application/json"), (String = "text/vnd.graphviz"))),
         (status = 406, description = "`Accept` names neither JSON nor DOT", body = json::Problem, content_type = "application/problem+json"),

@@ -4,7 +4,9 @@ use axum::response::Response;
 
 use super::extract::{Asked, Json, Path, Plain, Query};
 use super::json_answer::json_answer;
-use super::parameters::{PairParameters, RuleParameters, StateParameters};
+use super::parameters::{
+    FigureParameters, PairParameters, RuleParameters, SegmentParameters, StateParameters,
+};
 use super::refusals::Refusals;
 use crate::api::{fitting, json, proto};
 use crate::app::App;
@@ -44,8 +46,10 @@ pub async fn batch_get_influence(
     params(
         ("environment" = String, Path, description = "The environment's name"),
         PairParameters,
+        SegmentParameters,
         RuleParameters,
         StateParameters,
+        FigureParameters,
     ),
     responses((status = 200, description = "The answer, as a list of one", body = json::Answers), Refusals)
 )]

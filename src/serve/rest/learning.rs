@@ -4,7 +4,7 @@ use axum::response::Response;
 
 use super::extract::{Asked, Path, Query};
 use super::json_answer::json_answer;
-use super::parameters::{ExplorationParameters, PairParameters, RuleParameters};
+use super::parameters::{ExplorationParameters, PairParameters, RuleParameters, SegmentParameters};
 use super::refusals::Refusals;
 use crate::api::{fitting, json, proto};
 use crate::domain::View;
@@ -24,6 +24,7 @@ use crate::serve::status::Failure;
     params(
         ("environment" = String, Path, description = "The environment's name"),
         PairParameters,
+        SegmentParameters,
         RuleParameters,
         ExplorationParameters,
     ),

@@ -3,13 +3,14 @@
 use serde_json::Value;
 use utoipa::OpenApi;
 
-use super::{environments, graph, influence, learning, models, states, summary, transitions};
+use super::routes::routes;
 use crate::api::json;
 use crate::serve::access::Wanted;
 
 /// Returns the document.
 pub fn document() -> Value {
-    let mut document = serde_json::to_value(Document::openapi()).expect("descriptions become JSON");
+    let document = Document::openapi().merge_from(routes().into_openapi());
+    let mut document = serde_json::to_value(document).expect("descriptions become JSON");
     document["components"]["securitySchemes"] = serde_json::json!({ SCHEME: {
         "type": "http",
         "scheme": "bearer",
@@ -159,31 +160,6 @@ fn bound(value: &mut Value) {
             Every information figure stands beside its unit and beside its mean under independence: at few visits plug-in mutual information is \
             mostly bias. At lag 0 an answer states dependence given the state; that it runs from ego to other is the caller's assumption.",
         license(name = "MIT", identifier = "MIT"),
-    ),
-    paths(
-        environments::list_environments,
-        environments::apply_environment,
-        environments::get_environment,
-        environments::update_rule,
-        environments::delete_environment,
-        transitions::write_transitions,
-        transitions::get_producer,
-        influence::get_influence,
-        influence::batch_get_influence,
-        states::list_states,
-        states::get_state,
-        summary::summarize,
-        graph::get_graph,
-        learning::explore,
-        learning::fit_prior,
-        models::train_model,
-        models::list_models,
-        models::get_model,
-        models::delete_model,
-        models::activate_model,
-        models::roll_back_model,
-        models::export_model,
-        models::import_model,
     ),
     servers((url = "/", description = "The service that tells this document")),
     components(schemas(json::Problem, json::Fault)),

@@ -7,7 +7,7 @@ use utoipa::IntoParams;
 
 use crate::api::json;
 
-/// Whose influence on whom, from which counts, by which rule.
+/// Whose influence on whom.
 #[derive(IntoParams)]
 #[into_params(parameter_in = Query)]
 #[allow(dead_code)]
@@ -18,6 +18,13 @@ pub struct PairParameters {
     other: Option<String>,
     /// Agents whose actions are held fixed, repeated or joined by commas.
     given: Option<Vec<String>>,
+}
+
+/// From which counts, and in which unit.
+#[derive(IntoParams)]
+#[into_params(parameter_in = Query)]
+#[allow(dead_code)]
+pub struct SegmentParameters {
     /// The segments to count, repeated or joined by commas; all by default. A segment whose label
     /// holds a comma can be asked for in a body only.
     segments: Option<Vec<String>>,
@@ -60,7 +67,7 @@ pub struct RuleParameters {
     rule_confidence: Option<f64>,
 }
 
-/// One state, and how much is wanted about it.
+/// One state.
 #[derive(IntoParams)]
 #[into_params(parameter_in = Query)]
 #[allow(dead_code)]
@@ -72,6 +79,13 @@ pub struct StateParameters {
     /// The state by key: bin numbers joined by dots. Instead of values.
     #[param(example = "3.0.7", pattern = r"^[0-9]+(\.[0-9]+)*$")]
     key: Option<String>,
+}
+
+/// How much is wanted about a state.
+#[derive(IntoParams)]
+#[into_params(parameter_in = Query)]
+#[allow(dead_code)]
+pub struct FigureParameters {
     /// Further estimators of mutual information, repeated or joined by commas, instead of the
     /// environment's: `excess`, `miller_madow`, `chao_shen`, `james_stein`, `grassberger_2003`,
     /// `nsb`, `dirichlet`, `adjusted`, `uniform_policy`.
@@ -131,27 +145,6 @@ pub struct SummaryParameters {
     /// default.
     #[param(example = true)]
     omit_segments: Option<bool>,
-}
-
-/// Which state, from which counts, by which rule.
-#[derive(IntoParams)]
-#[into_params(parameter_in = Query)]
-#[allow(dead_code)]
-pub struct GraphParameters {
-    /// The state by values: a parameter `state.NAME` a feature. Instead of `key`.
-    #[param(style = Form, explode, value_type = BTreeMap<String, String>, example = json!({"state.distance": "1.2"}), required = false)]
-    state: Option<BTreeMap<String, String>>,
-    /// The state by key: bin numbers joined by dots. Instead of values.
-    #[param(example = "3.0.7", pattern = r"^[0-9]+(\.[0-9]+)*$")]
-    key: Option<String>,
-    /// The segments to count, repeated or joined by commas; all by default.
-    segments: Option<Vec<String>>,
-    /// What is compared within each segment alone: `auto` (the default) tests of independence only,
-    /// `segments` the plug-in and its mean under independence too, `pooled` nothing.
-    #[param(example = "auto")]
-    within: Option<json::Within>,
-    /// The unit of the figures, `nats` or `bits`; the rule's by default.
-    unit: Option<json::Unit>,
 }
 
 /// What to try, and how much of it.

@@ -4,7 +4,9 @@ use axum::response::Response;
 
 use super::extract::{Asked, Path, Plain, Query};
 use super::json_answer::json_answer;
-use super::parameters::{DiscoveryParameters, ListingParameters, PairParameters, RuleParameters};
+use super::parameters::{
+    DiscoveryParameters, ListingParameters, PairParameters, RuleParameters, SegmentParameters,
+};
 use super::refusals::Refusals;
 use crate::api::{fitting, json, proto};
 use crate::domain::View;
@@ -25,6 +27,7 @@ const CELL_BYTES: usize = 128;
     params(
         ("environment" = String, Path, description = "The environment's name"),
         PairParameters,
+        SegmentParameters,
         RuleParameters,
         ListingParameters,
         DiscoveryParameters,

@@ -1,7 +1,9 @@
 //! What all states say together.
 
 use super::extract::{Asked, Path, Query};
-use super::parameters::{DiscoveryParameters, PairParameters, RuleParameters, SummaryParameters};
+use super::parameters::{
+    DiscoveryParameters, PairParameters, RuleParameters, SegmentParameters, SummaryParameters,
+};
 use super::refusals::Refusals;
 use crate::api::{json, proto};
 use crate::serve::status::Failure;
@@ -15,7 +17,14 @@ use crate::serve::status::Failure;
     get,
     path = "/v1/environments/{environment}/summary",
     tag = "summary",
-    params(("environment" = String, Path, description = "The environment's name"), PairParameters, RuleParameters, DiscoveryParameters, SummaryParameters),
+    params(
+        ("environment" = String, Path, description = "The environment's name"),
+        PairParameters,
+        SegmentParameters,
+        RuleParameters,
+        DiscoveryParameters,
+        SummaryParameters,
+    ),
     responses((status = 200, description = "The summary", body = json::Summary), Refusals)
 )]
 pub async fn summarize(

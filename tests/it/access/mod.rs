@@ -8,7 +8,7 @@ mod wire;
 
 use std::sync::Arc;
 
-use nudge::access::{Keys, Line, Secret};
+use nudge::access::{Keys, Line, Secret, generate};
 use nudge::serve::Settings;
 use nudge::serve::access::Keyring;
 use nudge::store::Options;
@@ -25,7 +25,7 @@ pub struct Guarded {
 
 /// A key and its line: `name scopes options`.
 pub fn key(line: &str) -> (Secret, String) {
-    let secret = Secret::random().expect("randomness");
+    let secret = generate().expect("randomness");
     let (name, rest) = line.split_once(' ').expect("a name and scopes");
     let line = format!("{name} {} {rest}", secret.digest());
     line.parse::<Line>().expect("a line");
@@ -140,7 +140,7 @@ fn is_of_environment(endpoint: &Asked) -> bool {
 async fn every_endpoint_wants_a_key_that_is_let_in() {
     let (right, line) = key("right read,ingest,train,admin");
     let Guarded { app, .. } = Guarded::start(&[&line]).await;
-    let (wire, stranger) = (Wire::new(&app), Secret::random().expect("randomness"));
+    let (wire, stranger) = (Wire::new(&app), generate().expect("randomness"));
     let right = bearer(&right);
     let long = [b"Bearer ".to_vec(), vec![b'a'; 1 << 20]].concat();
     let basic = b"Basic dXNlcjpwYXNz".to_vec();

@@ -354,7 +354,7 @@ fn a_secret_in_the_wrong_place_is_not_shown() {
         .to_str()
         .expect("text")
         .to_owned();
-    let key = nudge::access::Secret::random()
+    let key = nudge::access::generate()
         .expect("randomness")
         .reveal()
         .to_owned();
@@ -512,9 +512,7 @@ fn a_keys_file_that_ends_within_a_line_lets_nobody_in() {
         .to_str()
         .expect("text")
         .to_owned();
-    let digest = nudge::access::Secret::random()
-        .expect("randomness")
-        .digest();
+    let digest = nudge::access::generate().expect("randomness").digest();
     std::fs::write(&file, format!("# keys\ngame {digest} read")).expect("written");
     let new = ["key", "new", "game", "--scope", "read", "--append", &file];
     for arguments in [

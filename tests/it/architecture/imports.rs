@@ -29,26 +29,28 @@ const MOST_STEPS: usize = 8;
 
 impl Sources {
     /// Reads all files below the folders of several crates as if they were one: what is in one of
-    /// them the others know by the same path.
-    pub fn read(roots: &[PathBuf]) -> Self {
+    /// them the others know by the same path, in the room that the whole crate is, if it is one.
+    pub fn read(roots: &[(PathBuf, Option<&str>)]) -> Self {
         let mut files = BTreeMap::new();
         // The first last: of several roots, its map is the one.
-        roots
-            .iter()
-            .rev()
-            .for_each(|root| read_folder(root, &[], &mut files));
+        for (folder, room) in roots.iter().rev() {
+            let room: Vec<String> = room.iter().map(|room| (*room).to_owned()).collect();
+            read_folder(folder, &room, room.len(), &mut files);
+        }
         Self(files)
     }
 
     /// Makes them of modules and texts.
     pub fn of(texts: &[(&str, &str)]) -> Self {
+        Self::of_crate("", texts)
+    }
+
+    /// Makes them of modules and texts of a crate that is a room.
+    pub fn of_crate(room: &str, texts: &[(&str, &str)]) -> Self {
+        let depth = parts(room).len();
         let file = |(module, text): &(&str, &str)| {
-            let module: Vec<String> = module
-                .split("::")
-                .filter(|part| !part.is_empty())
-                .map(str::to_owned)
-                .collect();
-            (module.clone(), Source::parse(text, &module))
+            let module = parts(module);
+            (module.clone(), Source::parse(text, &module, depth))
         };
         Self(texts.iter().map(file).collect())
     }
@@ -125,6 +127,15 @@ impl Sources {
     }
 }
 
+/// Returns the parts of a module's path.
+fn parts(module: &str) -> Vec<String> {
+    module
+        .split("::")
+        .filter(|part| !part.is_empty())
+        .map(str::to_owned)
+        .collect()
+}
+
 /// Returns what can be reached from a file.
 fn reached<'a>(
     from: &'a String,
@@ -140,7 +151,12 @@ fn reached<'a>(
     reached
 }
 
-fn read_folder(folder: &Path, module: &[String], files: &mut BTreeMap<Vec<String>, Source>) {
+fn read_folder(
+    folder: &Path,
+    module: &[String],
+    depth: usize,
+    files: &mut BTreeMap<Vec<String>, Source>,
+) {
     for entry in fs::read_dir(folder).expect("a folder can be read") {
         let path = entry.expect("an entry can be read").path();
         let name = path
@@ -155,21 +171,21 @@ fn read_folder(folder: &Path, module: &[String], files: &mut BTreeMap<Vec<String
             .chain((!is_root).then_some(name))
             .collect();
         if path.is_dir() {
-            read_folder(&path, &inside, files);
+            read_folder(&path, &inside, depth, files);
         } else if path.extension().is_some_and(|extension| extension == "rs") {
             let text = fs::read_to_string(&path).expect("a source can be read");
-            files.insert(inside.clone(), Source::parse(&text, &inside));
+            files.insert(inside.clone(), Source::parse(&text, &inside, depth));
         }
     }
 }
 
 impl Source {
-    /// Reads the text of a module.
-    pub fn parse(text: &str, module: &[String]) -> Self {
+    /// Reads the text of a module, whose crate is so deep in the one that all are read as.
+    pub fn parse(text: &str, module: &[String], depth: usize) -> Self {
         let file = syn::parse_file(text)
             .unwrap_or_else(|error| panic!("{} can be parsed: {error}", module.join("::")));
         let mut reader = Reader {
-            scope: Scope::new(module.to_vec(), &file.items),
+            scope: Scope::new(module.to_vec(), depth, &file.items),
             is_inside: false,
             found: Self::default(),
         };
@@ -196,6 +212,8 @@ struct Reader {
 #[derive(Default)]
 struct Scope {
     module: Vec<String>,
+    /// How many parts of its path are the room that the whole crate is.
+    depth: usize,
     /// The modules that it declares, whose names begin paths.
     children: BTreeSet<String>,
     /// What its imports name, by the name that they bring in.
@@ -208,13 +226,14 @@ struct Scope {
 }
 
 impl Scope {
-    fn new(module: Vec<String>, items: &[syn::Item]) -> Self {
+    fn new(module: Vec<String>, depth: usize, items: &[syn::Item]) -> Self {
         let child = |item: &syn::Item| match item {
             syn::Item::Mod(item) => Some(item.ident.to_string()),
             _ => None,
         };
         Self {
             module,
+            depth,
             children: items.iter().filter_map(child).collect(),
             ..Self::default()
         }
@@ -232,7 +251,10 @@ impl Scope {
         let (before, rest) = match first.as_str() {
             "super" => (above(supers)?.collect(), &path[supers..]),
             "self" => (above(0)?.collect(), &path[1..]),
+            "crate" => (above(self.module.len() - self.depth)?.collect(), &path[1..]),
             "nudge" | "nudge_core" | "nudge_worlds" => (vec!["crate".to_owned()], &path[1..]),
+            "nudge_wire" => (in_room("api"), &path[1..]),
+            "nudge_client" => (in_room("client"), &path[1..]),
             child if self.children.contains(child) => (above(0)?.collect(), path),
             _ => match self
                 .names
@@ -245,6 +267,11 @@ impl Scope {
         };
         Some([before.as_slice(), rest].concat())
     }
+}
+
+/// Returns how a path begins that is in the crate which is a room.
+fn in_room(room: &str) -> Absolute {
+    vec!["crate".to_owned(), room.to_owned()]
 }
 
 impl Reader {
@@ -372,10 +399,8 @@ impl<'a> Visit<'a> for Reader {
             return;
         };
         let module = [self.scope.module.as_slice(), &[item.ident.to_string()]].concat();
-        let outer = (
-            std::mem::replace(&mut self.scope, Scope::new(module, items)),
-            self.is_inside,
-        );
+        let inner = Scope::new(module, self.scope.depth, items);
+        let outer = (std::mem::replace(&mut self.scope, inner), self.is_inside);
 
         self.is_inside = true;
         visit::visit_item_mod(self, item);

@@ -45,6 +45,7 @@ mod question;
 mod records;
 mod rule;
 mod schema;
+mod secret;
 mod track;
 mod training;
 
@@ -82,4 +83,5 @@ pub use question::{Exchange, MOST_STATES, Permutations, Question, Scope, View, W
 pub use records::{Digest, Entry, Record, Records, Rejection, Widths, Worded};
 pub use rule::{Rule, RuleKind, Threshold, Unit, WrittenRule};
 pub use schema::Schema;
+pub use secret::{KeyDigest, Secret};
 pub use track::Track;

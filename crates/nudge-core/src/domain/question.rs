@@ -98,6 +98,18 @@ pub enum Permutations {
 }
 
 impl Permutations {
+    /// Every value, in the order in which they are told.
+    pub const ALL: [Self; 3] = [Self::Auto, Self::Pooled, Self::WithinSegments];
+
+    /// Returns the word on the wire.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Auto => "auto",
+            Self::Pooled => "pooled",
+            Self::WithinSegments => "within_segments",
+        }
+    }
+
     /// Returns what may be exchanged for what in a question of that scope.
     pub fn exchange(self, within: Within) -> Exchange {
         match self {
@@ -112,14 +124,11 @@ impl FromStr for Permutations {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        match text {
-            "auto" => Ok(Self::Auto),
-            "pooled" => Ok(Self::Pooled),
-            "within_segments" => Ok(Self::WithinSegments),
-            _ => Err(format!(
-                "got {text:?}, expected auto, pooled or within_segments"
-            )),
-        }
+        let wrong = || format!("got {text:?}, expected auto, pooled or within_segments");
+        Self::ALL
+            .into_iter()
+            .find(|permutations| permutations.as_str() == text)
+            .ok_or_else(wrong)
     }
 }
 

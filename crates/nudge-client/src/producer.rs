@@ -1,0 +1,285 @@
+//! Producers: who sends batches, each of which counts once, and waits where the service does not keep
+//! up (back-pressure).
+
+use std::time::Duration;
+
+use nudge_core::domain::{Label, ProducerId, Record, Schema, Widths};
+use nudge_wire::proto;
+use tokio::sync::{mpsc, oneshot};
+use tokio_util::task::AbortOnDropHandle;
+
+use crate::connection::{Connection, schema_of};
+use crate::outbox::{Limits, Outbox};
+use crate::task::{Command, Task, Terms};
+use crate::{ClientError, Totals};
+
+/// Transitions that may wait for the task, beside those in the outbox.
+const COMMANDS: usize = 1_024;
+
+/// How a producer will work. Made by [`Connection::producer`].
+#[derive(Debug, Clone)]
+pub struct ProducerBuilder {
+    connection: Connection,
+    environment: String,
+    id: String,
+    batch_size: usize,
+    max_delay: Duration,
+    outbox: usize,
+    retry_for: Option<Duration>,
+    replay: bool,
+}
+
+impl Connection {
+    /// Prepares a producer of that id into that environment.
+    pub fn producer(&self, environment: &str, id: &str) -> ProducerBuilder {
+        Producer::builder(self, environment, id)
+    }
+}
+
+impl ProducerBuilder {
+    /// Closes a batch at that many transitions: 1,000 unless told. The service's limit lowers it.
+    pub fn batch_size(self, transitions: usize) -> Self {
+        Self {
+            batch_size: transitions.max(1),
+            ..self
+        }
+    }
+
+    /// Closes a batch that long after its first transition: 100 ms unless told.
+    pub fn max_delay(self, delay: Duration) -> Self {
+        Self {
+            max_delay: delay,
+            ..self
+        }
+    }
+
+    /// Keeps at most that many batches without an acknowledgement; [`Producer::send`] waits while
+    /// they are all there. 64 unless told.
+    pub fn outbox(self, batches: usize) -> Self {
+        Self {
+            outbox: batches.max(1),
+            ..self
+        }
+    }
+
+    /// Gives up when the service was away for that long while something waited: 60 s unless told.
+    pub fn retry_for(self, time: Duration) -> Self {
+        Self {
+            retry_for: Some(time),
+            ..self
+        }
+    }
+
+    /// Never gives up.
+    pub fn retry_for_ever(self) -> Self {
+        Self {
+            retry_for: None,
+            ..self
+        }
+    }
+
+    /// Declares that the source makes the same transitions again, as a file does.
+    ///
+    /// Numbering starts at 1 and batches close by size, segment, cut and flush only, never by time:
+    /// with the same content, batch size, segments, cuts and flushes, batch k is always the same.
+    /// Batches that the service has committed are passed over and counted as `resumed`, so an
+    /// interrupted replay goes on where it stopped and a finished one changes nothing. Choose the
+    /// producer id from the content.
+    pub fn replay(self) -> Self {
+        Self {
+            replay: true,
+            ..self
+        }
+    }
+
+    /// Asks the service for the environment, opens the stream and learns the resume point.
+    pub async fn open(self) -> Result<Producer, ClientError> {
+        let id: ProducerId = self.id.parse().map_err(ClientError::Invalid)?;
+        let environment = self.connection.environment(&self.environment).await?;
+        let schema = schema_of(&environment)?;
+
+        let (sender, commands) = mpsc::channel(COMMANDS);
+        let (opened, resume_point) = oneshot::channel();
+        let terms = self.terms(id, environment, Widths::of_schema(&schema));
+        let task = Task::new(terms, Outbox::new(self.limits()), commands, opened);
+        let task = AbortOnDropHandle::new(tokio::spawn(task.run()));
+
+        let mut producer = Producer {
+            widths: Widths::of_schema(&schema),
+            schema,
+            commands: sender,
+            task: Some(task),
+            failed: None,
+            resume_point: 0,
+            is_replay: self.replay,
+        };
+
+        match resume_point.await {
+            Ok(committed) => Ok(Producer {
+                resume_point: committed,
+                ..producer
+            }),
+            Err(_) => Err(producer.failure().await),
+        }
+    }
+
+    fn limits(&self) -> Limits {
+        Limits {
+            batch_size: self.batch_size,
+            capacity: self.outbox,
+            replay: self.replay,
+        }
+    }
+
+    fn terms(&self, id: ProducerId, environment: proto::Environment, widths: Widths) -> Terms {
+        let hello = proto::Hello {
+            environment: environment.name,
+            environment_uid: environment.uid,
+            producer: id.to_string(),
+            schema_hash: environment.schema_hash,
+        };
+
+        Terms {
+            hello,
+            client: self.connection.ingest(),
+            widths,
+            fixed_batch_size: self.replay.then_some(self.batch_size),
+            max_delay: (!self.replay).then_some(self.max_delay),
+            retry_for: self.retry_for,
+        }
+    }
+}
+
+/// Sends transitions to one environment under one id, each of which counts once.
+///
+/// [`close`](Self::close) it: dropping it stops at once, and what was not acknowledged by then was
+/// counted or not.
+#[derive(Debug)]
+pub struct Producer {
+    schema: Schema,
+    widths: Widths,
+    commands: mpsc::Sender<Command>,
+    /// `None` once it has ended.
+    task: Option<AbortOnDropHandle<Result<(), ClientError>>>,
+    failed: Option<ClientError>,
+    resume_point: u64,
+    is_replay: bool,
+}
+
+impl Producer {
+    /// Prepares a producer of that id into that environment.
+    pub fn builder(connection: &Connection, environment: &str, id: &str) -> ProducerBuilder {
+        ProducerBuilder {
+            connection: connection.clone(),
+            environment: environment.into(),
+            id: id.into(),
+            batch_size: 1_000,
+            max_delay: Duration::from_millis(100),
+            outbox: 64,
+            retry_for: Some(Duration::from_secs(60)),
+            replay: false,
+        }
+    }
+
+    /// Returns the environment's schema.
+    pub fn schema(&self) -> &Schema {
+        &self.schema
+    }
+
+    /// Returns the last sequence that was committed when this producer was opened; 0 if there was
+    /// none.
+    pub fn resume_point(&self) -> u64 {
+        self.resume_point
+    }
+
+    /// Hands over a transition. Waits while the outbox is full, and fails for good once the service
+    /// has refused a batch.
+    ///
+    /// A transition with another number of values than the schema has is an error at once, and
+    /// nothing else is harmed. Values that have no bin are rejected by the service, and [`Totals`]
+    /// tells them.
+    pub async fn send(&mut self, transition: Record) -> Result<(), ClientError> {
+        same_width("state", transition.state.len(), self.widths.state)?;
+        same_width("action", transition.actions.len(), self.widths.actions)?;
+        self.command(Command::Send(transition)).await
+    }
+
+    /// Labels everything from here on with a segment, or with none; another segment closes the
+    /// batch.
+    pub async fn segment(&mut self, segment: Option<&str>) -> Result<(), ClientError> {
+        let segment = segment
+            .map(str::parse::<Label>)
+            .transpose()
+            .map_err(ClientError::Invalid)?;
+        self.command(Command::Segment(
+            segment.map(|label| label.to_string()).unwrap_or_default(),
+        ))
+        .await
+    }
+
+    /// Closes the batch, so that it is sent without waiting for more.
+    pub async fn cut(&mut self) -> Result<(), ClientError> {
+        self.command(Command::Cut).await
+    }
+
+    /// Closes the batch, waits until everything handed over is acknowledged, and returns what
+    /// became of it.
+    pub async fn flush(&mut self) -> Result<Totals, ClientError> {
+        let (reply, totals) = oneshot::channel();
+        self.command(Command::Flush(reply)).await?;
+        match totals.await {
+            Ok(totals) => Ok(totals),
+            Err(_) => Err(self.failure().await),
+        }
+    }
+
+    /// Flushes, ends the stream and waits for the task.
+    pub async fn close(mut self) -> Result<Totals, ClientError> {
+        let totals = self.flush().await?;
+        let Self {
+            commands,
+            task,
+            resume_point,
+            is_replay,
+            ..
+        } = self;
+        drop(commands);
+        if let Some(task) = task {
+            task.await.map_err(|_| ClientError::Stopped)??;
+        }
+
+        if is_replay && totals.last_sequence < resume_point {
+            let made = totals.last_sequence;
+            let message = format!(
+                "the service holds {resume_point} batches of this producer, this source makes {made}: it is another one"
+            );
+            return Err(ClientError::Disagreement(message));
+        }
+
+        Ok(totals)
+    }
+
+    async fn command(&mut self, command: Command) -> Result<(), ClientError> {
+        match self.commands.send(command).await {
+            Ok(()) => Ok(()),
+            Err(_) => Err(self.failure().await),
+        }
+    }
+
+    /// Returns why the task ended; it has, or is about to.
+    async fn failure(&mut self) -> ClientError {
+        if let Some(task) = self.task.take() {
+            self.failed = task.await.map_err(|_| ClientError::Stopped).flatten().err();
+        }
+        self.failed.clone().unwrap_or(ClientError::Stopped)
+    }
+}
+
+fn same_width(what: &str, got: usize, expected: usize) -> Result<(), ClientError> {
+    if got == expected {
+        return Ok(());
+    }
+    Err(ClientError::Invalid(format!(
+        "got {got} {what} values, expected {expected}"
+    )))
+}

@@ -1,0 +1,215 @@
+//! Schemas (state and action spaces), decision rules and environments.
+
+use nudge_core::domain::draft::{AgentDraft, FeatureDraft, KindDraft, RuleDraft, SchemaDraft};
+use nudge_core::domain::{
+    Environment, EnvironmentPage, Threshold, UnreadableEnvironment, WrittenRule,
+};
+
+use crate::proto::feature::Kind;
+use crate::{present, proto};
+
+impl From<proto::Schema> for SchemaDraft {
+    fn from(schema: proto::Schema) -> Self {
+        Self {
+            state: schema.state.into_iter().map(Into::into).collect(),
+            agents: schema.agents.into_iter().map(Into::into).collect(),
+        }
+    }
+}
+
+impl From<proto::Agent> for AgentDraft {
+    fn from(agent: proto::Agent) -> Self {
+        Self {
+            name: agent.name,
+            action: agent.action.into_iter().map(Into::into).collect(),
+        }
+    }
+}
+
+impl From<SchemaDraft> for proto::Schema {
+    fn from(draft: SchemaDraft) -> Self {
+        Self {
+            state: draft.state.into_iter().map(Into::into).collect(),
+            agents: draft.agents.into_iter().map(Into::into).collect(),
+        }
+    }
+}
+
+impl From<AgentDraft> for proto::Agent {
+    fn from(agent: AgentDraft) -> Self {
+        Self {
+            name: agent.name,
+            action: agent.action.into_iter().map(Into::into).collect(),
+        }
+    }
+}
+
+impl From<proto::Feature> for FeatureDraft {
+    fn from(feature: proto::Feature) -> Self {
+        Self {
+            name: feature.name,
+            unit: present(feature.unit),
+            kinds: feature.kind.into_iter().map(Into::into).collect(),
+        }
+    }
+}
+
+impl From<Kind> for KindDraft {
+    fn from(kind: Kind) -> Self {
+        match kind {
+            Kind::Continuous(continuous) => Self::Continuous(continuous.edges),
+            Kind::Circular(circular) => {
+                Self::Circular(i64::from(circular.bins), present(circular.values))
+            }
+            Kind::Integer(integer) => Self::Integer(i64::from(integer.min), i64::from(integer.max)),
+            Kind::Categorical(categorical) => Self::Categorical(categorical.labels),
+        }
+    }
+}
+
+impl From<FeatureDraft> for proto::Feature {
+    /// Takes the first kind.
+    fn from(draft: FeatureDraft) -> Self {
+        Self {
+            name: draft.name,
+            unit: draft.unit.unwrap_or_default(),
+            kind: draft.kinds.into_iter().next().map(Into::into),
+        }
+    }
+}
+
+impl From<KindDraft> for Kind {
+    /// Takes numbers as far as the wire can hold them.
+    fn from(kind: KindDraft) -> Self {
+        match kind {
+            KindDraft::Continuous(edges) => Self::Continuous(proto::Continuous { edges }),
+            KindDraft::Circular(bins, values) => Self::Circular(proto::Circular {
+                bins: u32::try_from(bins).unwrap_or(0),
+                values: values.unwrap_or_default(),
+            }),
+            KindDraft::Integer(min, max) => Self::Integer(proto::Integer {
+                min: saturated(min),
+                max: saturated(max),
+            }),
+            KindDraft::Categorical(labels) => Self::Categorical(proto::Categorical { labels }),
+        }
+    }
+}
+
+/// Returns the nearest number that the wire can hold.
+fn saturated(number: i64) -> i32 {
+    number.clamp(i64::from(i32::MIN), i64::from(i32::MAX)) as i32
+}
+
+impl From<proto::Rule> for RuleDraft {
+    fn from(rule: proto::Rule) -> Self {
+        let proto::Rule {
+            kind,
+            threshold,
+            share,
+            unit,
+            min_visits,
+            confidence,
+            estimators,
+        } = rule;
+        let estimators = estimators.map(|estimators| estimators.names);
+        Self {
+            kind,
+            threshold,
+            share,
+            unit,
+            min_visits,
+            confidence,
+            estimators,
+        }
+    }
+}
+
+impl From<RuleDraft> for proto::Rule {
+    fn from(draft: RuleDraft) -> Self {
+        let RuleDraft {
+            kind,
+            threshold,
+            share,
+            unit,
+            min_visits,
+            confidence,
+            estimators,
+        } = draft;
+        let estimators = estimators.map(|names| proto::EstimatorList { names });
+        Self {
+            kind,
+            threshold,
+            share,
+            unit,
+            min_visits,
+            confidence,
+            estimators,
+        }
+    }
+}
+
+impl From<WrittenRule> for proto::Rule {
+    fn from(rule: WrittenRule) -> Self {
+        let (threshold, share) = match rule.threshold {
+            Threshold::Information(threshold) => (Some(threshold), None),
+            Threshold::Share(share) => (None, Some(share)),
+        };
+        Self {
+            kind: Some(rule.kind.as_str().into()),
+            threshold,
+            share,
+            unit: Some(rule.unit.as_str().into()),
+            min_visits: Some(rule.min_visits),
+            confidence: Some(rule.confidence),
+            estimators: Some(proto::EstimatorList {
+                names: rule
+                    .estimators
+                    .iter()
+                    .map(|estimator| estimator.as_str().into())
+                    .collect(),
+            }),
+        }
+    }
+}
+
+impl From<&Environment> for proto::Environment {
+    fn from(environment: &Environment) -> Self {
+        Self {
+            name: environment.name.to_string(),
+            uid: environment.uid.to_string(),
+            schema_hash: environment.schema.hash().0.to_vec(),
+            schema: Some(environment.schema.draft().into()),
+            rule: Some(environment.rule.into()),
+        }
+    }
+}
+
+impl From<EnvironmentPage> for proto::ListEnvironmentsResponse {
+    fn from(page: EnvironmentPage) -> Self {
+        Self {
+            environments: page
+                .environments
+                .iter()
+                .map(|environment| (&**environment).into())
+                .collect(),
+            next_page_token: page.next_page_token.unwrap_or_default(),
+            unreadable: page
+                .unreadable
+                .iter()
+                .map(|environment| (&**environment).into())
+                .collect(),
+        }
+    }
+}
+
+impl From<&UnreadableEnvironment> for proto::UnreadableEnvironment {
+    fn from(environment: &UnreadableEnvironment) -> Self {
+        let UnreadableEnvironment { uid, name, why, .. } = environment;
+        Self {
+            name: name.clone(),
+            uid: uid.to_string(),
+            unreadable: why.clone(),
+        }
+    }
+}

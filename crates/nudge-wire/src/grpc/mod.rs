@@ -1,0 +1,17 @@
+//! Between proto messages and the domain.
+
+mod answer;
+mod environment;
+mod graph;
+mod ingest;
+mod model;
+mod overview;
+mod question;
+
+pub use ingest::{acknowledgements, batch, producer, receipt, sequence};
+#[cfg(feature = "rest")]
+pub(crate) use ingest::{segment, within_limit};
+pub use model::training;
+pub use question::{
+    batch_question, exploration, fit, graph, list_states, question, scope, summary,
+};

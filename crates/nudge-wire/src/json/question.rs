@@ -1,0 +1,216 @@
+//! Questions as a body asks them.
+
+use std::fmt;
+
+use nudge_core::domain::draft::{NamedValues, PairDraft, QuestionDraft, StatesDraft};
+use nudge_core::error::{Fault, Problem};
+use serde::Deserialize;
+use serde::de::{Deserializer, MapAccess, Visitor};
+use utoipa::ToSchema;
+
+use super::decode::or_default;
+use super::loose::Loose;
+use super::{FeatureValue, Rule, words};
+
+/// A question about influence in up to 10,000 states: `states` or `keys`, not both.
+#[derive(Debug, Clone, Default, PartialEq, Deserialize, ToSchema)]
+#[serde(
+    deny_unknown_fields,
+    expecting = "an object of states or keys, ego, other and more"
+)]
+pub struct Question {
+    /// The agent whose influence is asked about; absent for the first.
+    #[schema(example = "robot")]
+    pub ego: Option<String>,
+    /// The agent that may be influenced; absent for the second.
+    #[schema(example = "human")]
+    pub other: Option<String>,
+    /// Agents whose actions are held fixed.
+    #[serde(default, deserialize_with = "or_default")]
+    #[schema(nullable)]
+    pub given: Vec<String>,
+    /// The segments to count; all if empty.
+    #[serde(default, deserialize_with = "or_default")]
+    #[schema(nullable)]
+    pub segments: Vec<String>,
+    /// What is compared within each segment alone: `auto` (the default) tests of independence only,
+    /// `segments` the plug-in and its mean under independence too, `pooled` nothing.
+    #[schema(example = "auto", value_type = Option<words::Within>)]
+    pub within: Option<String>,
+    /// The parts of the rule that differ from the environment's.
+    pub rule: Option<Rule>,
+    /// The unit of the answer's figures, `nats` or `bits`; absent for the rule's.
+    #[schema(value_type = Option<words::Unit>)]
+    pub unit: Option<String>,
+    /// Further estimators of mutual information, instead of the environment's: `excess`,
+    /// `miller_madow`, `chao_shen`, `james_stein`, `grassberger_2003`, `nsb`, `dirichlet`,
+    /// `adjusted`, `uniform_policy`.
+    #[serde(default, deserialize_with = "or_default")]
+    #[schema(nullable, value_type = Vec<words::Estimator>)]
+    pub estimators: Vec<String>,
+    /// Wants the test of independence: `auto` to follow `within`, or `pooled`, or `within_segments`
+    /// to permute within each segment only.
+    #[schema(value_type = Option<words::Permutations>)]
+    pub significance: Option<String>,
+    /// Wants to know how many more visits a verdict would take.
+    #[serde(default, deserialize_with = "or_default")]
+    #[schema(nullable)]
+    pub visits_to_decide: bool,
+    /// `verdict`, `figures` (the default for several states) or `full` (the default for one).
+    #[schema(value_type = Option<words::View>)]
+    pub view: Option<String>,
+    /// States, each a value a feature: a number in the feature's unit, or a label.
+    #[schema(value_type = Option<Vec<BTreeMap<String, FeatureValue>>>, example = json!([{"distance": 1.2, "held": "onion"}]), min_items = 1, max_items = 10_000)]
+    pub states: Option<Vec<NamedState>>,
+    /// States by key.
+    #[schema(min_items = 1, max_items = 10_000)]
+    pub keys: Option<Vec<String>>,
+}
+
+/// A state by the names of its features.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NamedState(NamedValues);
+
+impl TryFrom<Question> for QuestionDraft {
+    type Error = Problem;
+
+    fn try_from(question: Question) -> Result<Self, Problem> {
+        let pair = PairDraft {
+            ego: question.ego,
+            other: question.other,
+            given: question.given,
+            segments: question.segments,
+            within: question.within,
+            rule: question.rule.map(Into::into).unwrap_or_default(),
+            unit: question.unit,
+        };
+        let states = states(question.states, question.keys)?;
+        Ok(Self {
+            pair,
+            states,
+            estimators: question.estimators,
+            view: question.view,
+            significance: question.significance,
+            visits_to_decide: question.visits_to_decide,
+        })
+    }
+}
+
+fn states(
+    states: Option<Vec<NamedState>>,
+    keys: Option<Vec<String>>,
+) -> Result<StatesDraft, Problem> {
+    match (states, keys) {
+        (Some(_), Some(_)) => Err(Problem::invalid(
+            "question",
+            vec![Fault::new("/keys", "got states too, expected one of them")],
+        )),
+        (Some(states), None) => Ok(StatesDraft::Named(
+            states.into_iter().map(|state| state.0).collect(),
+        )),
+        (None, Some(keys)) => Ok(StatesDraft::Keys(keys)),
+        // The domain says how many states are expected.
+        (None, None) => Ok(StatesDraft::default()),
+    }
+}
+
+impl<'de> Deserialize<'de> for NamedState {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_map(Features)
+    }
+}
+
+struct Features;
+
+impl<'de> Visitor<'de> for Features {
+    type Value = NamedState;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("an object of features")
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<NamedState, A::Error> {
+        let mut values = Vec::with_capacity(8);
+        while let Some((name, value)) = map.next_entry::<String, Loose>()? {
+            values.push((name, value.into_value()));
+        }
+        Ok(NamedState(values))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nudge_core::domain::RuleDraft;
+    use nudge_core::domain::draft::ValueDraft;
+
+    use super::*;
+    use crate::json::decode;
+
+    fn draft(text: &str) -> Result<QuestionDraft, Problem> {
+        decode::<Question>("question", text.as_bytes())?.try_into()
+    }
+
+    #[test]
+    fn everything_can_be_asked() {
+        let text = r#"{"ego": "a", "other": "b", "given": ["c"], "segments": ["train"], "within": "pooled", "rule": {"threshold": 1},
+            "unit": "bits", "estimators": ["excess"], "view": "full",
+            "significance": "pooled", "visits_to_decide": true, "states": [{"x": 1, "held": "dish", "x": null}]}"#;
+        let named = vec![
+            ("x".to_owned(), ValueDraft::Number(1.0)),
+            ("held".to_owned(), ValueDraft::Text("dish".into())),
+            ("x".to_owned(), ValueDraft::Other("null".into())),
+        ];
+        let pair = PairDraft {
+            ego: Some("a".into()),
+            other: Some("b".into()),
+            given: vec!["c".into()],
+            segments: vec!["train".into()],
+            within: Some("pooled".into()),
+            rule: RuleDraft {
+                threshold: Some(1.0),
+                ..RuleDraft::default()
+            },
+            unit: Some("bits".into()),
+        };
+        let expected = QuestionDraft {
+            pair,
+            states: StatesDraft::Named(vec![named]),
+            estimators: vec!["excess".into()],
+            view: Some("full".into()),
+            significance: Some("pooled".into()),
+            visits_to_decide: true,
+        };
+        assert_eq!(draft(text), Ok(expected));
+    }
+
+    #[test]
+    fn states_and_keys_exclude_each_other() {
+        assert_eq!(
+            draft(r#"{"states": [], "keys": []}"#)
+                .expect_err("both")
+                .faults[0]
+                .pointer,
+            "/keys"
+        );
+        assert_eq!(
+            draft("{}").expect("for the domain to refuse").states,
+            StatesDraft::default()
+        );
+        assert_eq!(
+            draft(r#"{"keys": ["1.2"]}"#).expect("valid").states,
+            StatesDraft::Keys(vec!["1.2".into()])
+        );
+    }
+
+    #[test]
+    fn faults_name_their_place() {
+        let pointer = |text: &str| draft(text).expect_err("wrong").faults.remove(0).pointer;
+        assert_eq!(pointer(r#"{"states": [{}, 3]}"#), "/states/1");
+        assert_eq!(pointer(r#"{"stats": []}"#), "/stats");
+        assert_eq!(
+            pointer(r#"{"rule": {"min_visits": -1}}"#),
+            "/rule/min_visits"
+        );
+        assert_eq!(pointer(r#"{"keys": ["1", 2]}"#), "/keys/1");
+    }
+}

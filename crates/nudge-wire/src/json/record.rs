@@ -1,0 +1,191 @@
+//! One transition from its text. Every fault is found, and none of them is more than the record's
+//! own.
+
+use std::collections::HashSet;
+
+use nudge_core::domain::{Entry, Record, Schema};
+use nudge_core::error::{Fault, pointer};
+
+use super::decode::not_finite;
+use super::loose::{Loose, named_values};
+
+/// Decodes one transition, or returns the place of its first fault and what is wrong with it,
+/// briefly, because receipts are kept.
+pub(super) fn record(schema: &Schema, text: &[u8]) -> Result<Record, (String, String)> {
+    decoded(schema, text).map_err(joined)
+}
+
+fn decoded(schema: &Schema, text: &[u8]) -> Result<Record, Vec<Fault>> {
+    let value = Loose::parse(text).map_err(|error| vec![not_json(text, &error)])?;
+    let Loose::Object(members) = value else {
+        return Err(vec![Fault::new(
+            "",
+            format!("got {value}, expected an object of state and actions"),
+        )]);
+    };
+
+    let mut fields = Fields::default();
+    members
+        .into_iter()
+        .for_each(|(name, value)| fields.take(name, value));
+    let Fields {
+        state,
+        actions,
+        entry,
+        count,
+        mut faults,
+    } = fields;
+    let state = keep(
+        object("/state", state).and_then(|members| state_values(schema, members)),
+        &mut faults,
+    );
+    let actions = keep(
+        object("/actions", actions).and_then(|members| action_values(schema, members)),
+        &mut faults,
+    );
+    let entry = keep(entry_of(entry), &mut faults);
+    let count = keep(count_of(count), &mut faults);
+
+    match (state, actions, entry, count) {
+        (Some(state), Some(actions), Some(entry), Some(count)) if faults.is_empty() => Ok(Record {
+            state,
+            actions,
+            entry,
+            count,
+        }),
+        _ => Err(faults),
+    }
+}
+
+fn not_json(text: &[u8], error: &serde_json::Error) -> Fault {
+    not_finite(text, error).unwrap_or_else(|| Fault::new("", format!("not JSON: {error}")))
+}
+
+/// The members of a transition, each at most once.
+#[derive(Default)]
+struct Fields {
+    state: Option<Loose>,
+    actions: Option<Loose>,
+    entry: Option<Loose>,
+    count: Option<Loose>,
+    faults: Vec<Fault>,
+}
+
+impl Fields {
+    fn take(&mut self, name: String, value: Loose) {
+        let field = match name.as_str() {
+            "state" => &mut self.state,
+            "actions" => &mut self.actions,
+            "entry" => &mut self.entry,
+            "count" => &mut self.count,
+            _ => {
+                let detail = "unknown field, expected state, actions, entry or count";
+                return self.faults.push(Fault::new(pointer(&name), detail));
+            }
+        };
+        if field.replace(value).is_some() {
+            self.faults
+                .push(Fault::new(pointer(&name), "given twice, expected once"));
+        }
+    }
+}
+
+/// Returns the value, or `None` after adding its faults to the rest.
+fn keep<T>(checked: Result<T, Vec<Fault>>, faults: &mut Vec<Fault>) -> Option<T> {
+    checked.map_err(|more| faults.extend(more)).ok()
+}
+
+fn object(at: &str, value: Option<Loose>) -> Result<Vec<(String, Loose)>, Vec<Fault>> {
+    match value {
+        Some(Loose::Object(members)) => Ok(members),
+        Some(other) => Err(vec![Fault::new(
+            at,
+            format!("got {other}, expected an object"),
+        )]),
+        None => Err(vec![Fault::new(at, "missing, expected an object")]),
+    }
+}
+
+fn state_values(schema: &Schema, members: Vec<(String, Loose)>) -> Result<Vec<f32>, Vec<Fault>> {
+    schema
+        .state_values(&named_values(members))
+        .map_err(|faults| under("/state", faults))
+}
+
+fn action_values(schema: &Schema, members: Vec<(String, Loose)>) -> Result<Vec<f32>, Vec<Fault>> {
+    let mut seen = HashSet::new();
+    let doubled = members
+        .iter()
+        .filter(|(agent, _)| !seen.insert(agent.as_str()));
+    let mut faults: Vec<Fault> = doubled
+        .map(|(agent, _)| Fault::new(pointer(agent), "given twice, expected once"))
+        .collect();
+    let actions: Vec<_> = members
+        .into_iter()
+        .map(|(agent, action)| (agent, action.into_action()))
+        .collect();
+    let values = keep(schema.action_values(&actions), &mut faults);
+
+    values
+        .filter(|_| faults.is_empty())
+        .ok_or_else(|| under("/actions", faults))
+}
+
+fn under(prefix: &str, faults: Vec<Fault>) -> Vec<Fault> {
+    faults
+        .into_iter()
+        .map(|fault| fault.under(prefix))
+        .collect()
+}
+
+fn entry_of(value: Option<Loose>) -> Result<Entry, Vec<Fault>> {
+    match value {
+        None | Some(Loose::Null) => Ok(Entry::Unknown),
+        Some(Loose::Bool(flag)) => Ok(Entry::from(Some(flag))),
+        Some(other) => Err(vec![Fault::new(
+            "/entry",
+            format!("got {other}, expected true or false"),
+        )]),
+    }
+}
+
+fn count_of(value: Option<Loose>) -> Result<u64, Vec<Fault>> {
+    /// Above it, f64 does not tell neighbouring whole numbers apart.
+    const LARGEST_EXACT: f64 = 9_007_199_254_740_992.0;
+    match value {
+        None | Some(Loose::Null) => Ok(1),
+        Some(Loose::Whole(count)) if count >= 1 => Ok(count),
+        // JSON knows no integers: some writers say 2.0.
+        Some(Loose::Number(count))
+            if count.fract() == 0.0 && (1.0..=LARGEST_EXACT).contains(&count) =>
+        {
+            Ok(count as u64)
+        }
+        Some(other) => Err(vec![Fault::new(
+            "/count",
+            format!("got {other}, expected a whole number, at least 1"),
+        )]),
+    }
+}
+
+/// Joins the faults of one record: the pointer of the first, and what is wrong.
+fn joined(faults: Vec<Fault>) -> (String, String) {
+    const TOLD: usize = 4;
+
+    let pointer = faults.first().map(|first| brief(&first.pointer));
+    let first = faults.first().map(|first| brief(&first.detail));
+    let others = faults
+        .iter()
+        .take(TOLD)
+        .skip(1)
+        .map(|fault| brief(&fault.to_string()));
+    let more = (faults.len() > TOLD).then(|| format!("and {} more", faults.len() - TOLD));
+
+    let parts: Vec<String> = first.into_iter().chain(others).chain(more).collect();
+    (pointer.unwrap_or_default(), parts.join("; "))
+}
+
+fn brief(text: &str) -> String {
+    const LONGEST: usize = 200;
+    text.chars().take(LONGEST).collect()
+}
