@@ -7,6 +7,8 @@
 #![allow(missing_docs)]
 
 mod support;
+#[path = "../tests/it/support/x509.rs"]
+mod x509;
 
 use std::path::Path;
 use std::sync::Arc;
@@ -16,8 +18,7 @@ use nudge::access::{Keys, generate};
 use nudge::client::{ClientTls, Connection, Options, Trust};
 use nudge::serve::access::Keyring;
 use nudge::serve::tls::{Tls, TlsFiles};
-use rcgen::{CertifiedKey, generate_simple_self_signed};
-use rustls::pki_types::ServerName;
+use rustls::pki_types::{CertificateDer, ServerName};
 use rustls::{ClientConfig, RootCertStore};
 use support::http::get_with;
 use support::{
@@ -28,6 +29,7 @@ use tempfile::TempDir;
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::TcpStream;
 use tokio_rustls::TlsConnector;
+use x509::Authority;
 
 const ROUNDS: usize = 7;
 const BATCHES: u64 = 3_000;
@@ -60,23 +62,25 @@ impl Way {
 
     /// Everything that protects a service is on.
     async fn secured(directory: &Path) -> Self {
-        let CertifiedKey { cert, signing_key } =
-            generate_simple_self_signed(["localhost".into()]).expect("a pair");
+        let authority = Authority::new("bench");
+        let certificate = authority.certify("localhost");
         let files = TlsFiles {
             certificate: directory.join("tls.crt"),
             key: directory.join("tls.key"),
             client_authorities: None,
         };
-        std::fs::write(&files.certificate, cert.pem()).expect("written");
-        std::fs::write(&files.key, signing_key.serialize_pem()).expect("written");
+        std::fs::write(&files.certificate, certificate.certificate).expect("written");
+        std::fs::write(&files.key, certificate.key).expect("written");
         let key = generate().expect("randomness");
         let keys =
             Keys::parse(&format!("bench {} read,ingest,admin", key.digest())).expect("a line");
         let tls = Tls::open(files.clone()).expect("a pair");
         let service = Service::secured(Some(tls), Some(Keyring::new(keys))).await;
         let address = format!("https://localhost:{}", service.address.port());
+        let authorities = directory.join("ca.crt");
+        std::fs::write(&authorities, authority.pem()).expect("written");
         let trust = ClientTls {
-            trust: Trust::Exactly(files.certificate),
+            trust: Trust::Authorities(authorities),
             identity: None,
         };
         let lines = format!("authorization: Bearer {}\r\n", key.reveal());
@@ -84,7 +88,8 @@ impl Way {
             .await
             .expect("it listens");
         let mut roots = RootCertStore::empty();
-        roots.add(cert.der().clone()).expect("a certificate");
+        let der = CertificateDer::from_slice(authority.der());
+        roots.add(der).expect("an authority");
         let config = ClientConfig::builder_with_provider(nudge::tls::provider())
             .with_safe_default_protocol_versions();
         let config = config

@@ -8,6 +8,7 @@ use std::time::Duration;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
 use tokio_util::sync::CancellationToken;
 
+use super::priority;
 use super::stop::{Stop, Stopped};
 use crate::error::{ErrorKind, Problem};
 
@@ -59,7 +60,7 @@ impl Gate {
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(workers)
             .thread_name(move |at| format!("{name}-{at}"))
-            .start_handler(|_| give_way())
+            .start_handler(|_| priority::lower())
             .build();
 
         let all = workers + waiting;
@@ -188,24 +189,6 @@ pub(super) fn stopped() -> Problem {
         STOPPING,
         "the service is stopping; ask again when it is back",
     )
-}
-
-/// Lowers the priority of a thread below that of those which serve connections and commit. Where
-/// the system does not know how, it stays.
-fn give_way() {
-    #[cfg(target_os = "linux")]
-    {
-        use thread_priority::{
-            NormalThreadSchedulePolicy, ThreadPriority, ThreadSchedulePolicy, unix,
-        };
-        /// Of 0 to 99: about nice 9, an eighth of what the others get where all are busy.
-        const LOWER: u8 = 25;
-        let ordinary = ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Other);
-        let lower = LOWER.try_into().map(ThreadPriority::Crossplatform);
-        let _ = lower.map(|lower| {
-            unix::set_thread_priority_and_policy(unix::thread_native_id(), lower, ordinary)
-        });
-    }
 }
 
 #[cfg(test)]

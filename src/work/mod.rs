@@ -16,6 +16,7 @@ mod aside;
 pub mod deadline;
 mod gate;
 mod jobs;
+pub mod priority;
 mod progress;
 mod stop;
 

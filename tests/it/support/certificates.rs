@@ -6,9 +6,6 @@ use std::sync::Arc;
 
 use nudge::client::{ClientTls, Trust};
 use nudge::serve::tls::TlsFiles;
-use rcgen::{
-    BasicConstraints, CertificateParams, CertifiedIssuer, DnType, IsCa, KeyPair, date_time_ymd,
-};
 use rustls::pki_types::pem::PemObject;
 use rustls::pki_types::{CertificateDer, PrivateKeyDer, ServerName};
 use rustls::{ClientConfig, RootCertStore};
@@ -16,46 +13,7 @@ use tokio::net::TcpStream;
 use tokio_rustls::TlsConnector;
 use tokio_rustls::client::TlsStream;
 
-/// An authority of its own.
-pub struct Authority(CertifiedIssuer<'static, KeyPair>);
-
-/// A certificate with its key, both in PEM.
-pub struct Certificate {
-    pub certificate: String,
-    pub key: String,
-}
-
-impl Authority {
-    pub fn new(name: &str) -> Self {
-        let mut params = CertificateParams::default();
-        params.is_ca = IsCa::Ca(BasicConstraints::Unconstrained);
-        params.distinguished_name.push(DnType::CommonName, name);
-        let key = KeyPair::generate().expect("a key");
-        Self(CertifiedIssuer::self_signed(params, key).expect("signed"))
-    }
-
-    pub fn pem(&self) -> String {
-        self.0.pem()
-    }
-
-    /// Certifies a name, `localhost` or an address.
-    pub fn certify(&self, name: &str) -> Certificate {
-        self.certify_until(name, 2_100)
-    }
-
-    /// Certifies a name until the begin of a year.
-    pub fn certify_until(&self, name: &str, year: i32) -> Certificate {
-        let mut params = CertificateParams::new(vec![name.to_owned()]).expect("a name");
-        params.not_before = date_time_ymd(2_020, 1, 1);
-        params.not_after = date_time_ymd(year, 1, 1);
-        let key = KeyPair::generate().expect("a key");
-        let certificate = params.signed_by(&key, &self.0).expect("signed");
-        Certificate {
-            certificate: certificate.pem(),
-            key: key.serialize_pem(),
-        }
-    }
-}
+pub use super::x509::{Authority, Certificate};
 
 /// Writes the files of a service, and returns where they are.
 pub fn write(directory: &Path, certificate: &Certificate, clients: Option<&Authority>) -> TlsFiles {
@@ -103,7 +61,8 @@ pub fn config(
     protocol: &str,
 ) -> Arc<ClientConfig> {
     let mut roots = RootCertStore::empty();
-    roots.add(authority.0.der().clone()).expect("an authority");
+    let der = CertificateDer::from_slice(authority.der());
+    roots.add(der).expect("an authority");
     let config = ClientConfig::builder_with_provider(nudge::tls::provider())
         .with_safe_default_protocol_versions();
     let config = config.expect("both versions").with_root_certificates(roots);

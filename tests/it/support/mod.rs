@@ -10,6 +10,7 @@ pub mod faulty;
 pub mod fixtures;
 pub mod load;
 pub mod raw;
+pub mod x509;
 
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::Path;

@@ -103,35 +103,25 @@ fn days(year: i64, month: i64, day: i64) -> i64 {
 
 #[cfg(test)]
 mod tests {
-    use rcgen::{CertificateParams, KeyPair, date_time_ymd};
-
     use super::*;
 
-    fn certificate(begins: (i32, u8, u8), ends: (i32, u8, u8)) -> Vec<u8> {
-        let mut params = CertificateParams::new(vec!["nudge.test".into()]).expect("a name");
-        params.not_before = date_time_ymd(begins.0, begins.1, begins.2);
-        params.not_after = date_time_ymd(ends.0, ends.1, ends.2);
-        params
-            .self_signed(&KeyPair::generate().expect("a key"))
-            .expect("signed")
-            .der()
-            .to_vec()
-    }
+    /// Made by cryptography 50.0.2 (pyca), self-signed by keys on P-256: from 2024-02-29 to
+    /// 2026-11-30, and from 1970-01-01 to 2100-03-01. From 2050 on, years have four digits.
+    const UTC_TIMES: &[u8] = include_bytes!("certificates/utc-times.der");
+    const GENERALIZED_TIME: &[u8] = include_bytes!("certificates/generalized-time.der");
 
     #[test]
     fn both_ends_are_read_in_either_form() {
-        // Seconds by `date -u -d 2026-11-30 +%s`; from 2050 on, years have four digits.
-        let der = certificate((2024, 2, 29), (2026, 11, 30));
+        // Seconds by `date -u -d 2026-11-30 +%s`.
         assert_eq!(
-            Validity::of(&der),
+            Validity::of(UTC_TIMES),
             Some(Validity {
                 begins: 1_709_164_800,
                 ends: 1_795_996_800
             })
         );
-        let der = certificate((1970, 1, 1), (2100, 3, 1));
         assert_eq!(
-            Validity::of(&der),
+            Validity::of(GENERALIZED_TIME),
             Some(Validity {
                 begins: 0,
                 ends: 4_107_542_400
@@ -141,7 +131,7 @@ mod tests {
 
     #[test]
     fn what_is_no_certificate_has_none() {
-        let der = certificate((2024, 1, 1), (2026, 1, 1));
+        let der = UTC_TIMES;
         for end in 0..der.len() {
             // The path ends before the certificate does, but lengths are of the whole.
             assert_eq!(Validity::of(&der[..end]), None, "{end}");
