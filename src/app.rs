@@ -88,6 +88,7 @@ impl App {
         };
 
         app.in_background(app.environments.clone().sweep());
+        app.in_background(app.environments.clone().compact());
         app.in_background(prove(app.store.clone()));
         app.in_background(look_at_cells(app.store.clone(), app.chores.clone()));
         // Begun here, not in its task: whoever asks at once is told of it.

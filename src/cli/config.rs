@@ -158,6 +158,7 @@ impl Config {
                 environments: self.max_environments,
             },
             cache_cells: self.cache_cells,
+            ..Options::default()
         }
     }
 

@@ -19,6 +19,7 @@ mod error;
 pub mod form;
 mod ledger;
 mod map;
+mod packed;
 mod sqlite;
 mod stage;
 
@@ -90,6 +91,11 @@ pub trait Store: Send + Sync {
     /// commit hardly waits. To be called again and again, by one at a time. Interrupted anywhere,
     /// by an error, by being dropped or by kill -9, the next call goes on, after a restart too.
     async fn sweep(&self) -> Result<(), StoreError>;
+
+    /// Waits until the journal of counts is long, or something that an earlier build counted is in
+    /// its old place, and puts some of it into rows: so little that a commit hardly waits. To be
+    /// called again and again. Interrupted anywhere, the next call goes on, after a restart too.
+    async fn compact(&self) -> Result<(), StoreError>;
 
     /// Returns what deleted environments have left. From memory.
     fn leftovers(&self) -> Leftovers;

@@ -7,8 +7,8 @@
 //!
 //! * A load is announced before its snapshot is taken. So a commit that the snapshot lacks is told
 //!   to [`ActionsMemory::apply`] after the announcement, and kept.
-//! * The load's one statement reads the revision of its snapshot first. From then on only commits
-//!   above it are kept, as their sum. At the end that is added to what was read.
+//! * The view that the load begins with says the revision of its snapshot. Of the commits only those
+//!   above it are added to what was read.
 //! * Totals and sum know their revision, so a commit that was seen in the database before memory
 //!   was told of it is not added again.
 //!
@@ -16,19 +16,21 @@
 //! it still answers who asked, and is not kept.
 
 use std::num::NonZeroUsize;
+use std::ops::ControlFlow;
 use std::sync::{Arc, Mutex, MutexGuard};
 
-use futures::TryStreamExt;
 use lru::LruCache;
 use sqlx::SqlitePool;
 use sqlx::sqlite::SqliteConnection;
 
 use super::error::{spoiled, unreadable};
-use super::packed::{packed_cells, packed_cells_of_states};
-use super::read::{cells_of, whole};
-use super::walk::{Walk, own_states};
-use crate::domain::{ActionTotals, Cell, Environment, EnvironmentId, Schema, Tally};
+use super::memory::Memory;
+use super::pending::View;
+use super::read;
+use super::walk::{self, Placed, Wanted};
+use crate::domain::{ActionTotals, Environment, EnvironmentId, Schema, Tally};
 use crate::store::StoreError;
+use crate::store::packed::unfolded::Outdated;
 
 /// Environments whose totals are kept: each is at most 100 KB an agent, and few agents can be so
 /// large.
@@ -66,108 +68,68 @@ struct Load<'a> {
 /// settled what was committed, `settling` is awaited first.
 pub(super) async fn actions(
     readers: &SqlitePool,
-    memory: &ActionsMemory,
+    memory: &Memory,
     environment: &Environment,
     settling: impl Future<Output = Result<(), StoreError>>,
 ) -> Result<Arc<ActionTotals>, StoreError> {
-    if let Some(kept) = memory.get(environment.id) {
+    let kept = &memory.actions;
+    if let Some(kept) = kept.get(environment.id) {
         return Ok(kept);
     }
-
-    // Whoever had the turn before may have loaded the same.
-    let turn = memory.turn.lock().await;
-    if let Some(kept) = memory.get(environment.id) {
+    let turn = kept.turn.lock().await;
+    if let Some(kept) = kept.get(environment.id) {
         return Ok(kept);
     }
 
     // Nothing is kept until a transaction has settled what was committed, and each question would
     // read every cell. Whether one can begin is not the reader's concern.
-    if memory.is_suspended() {
+    if kept.is_suspended() {
         settling.await.ok();
     }
-
     let mut reader = readers.acquire().await.map_err(unreadable)?;
-    match load(
-        &mut reader,
-        memory.announce(turn, environment.id),
-        environment,
-        Walk::All,
-    )
-    .await
-    {
-        // It may be another environment's.
-        Err(StoreError::Damaged(_)) => {
-            let turn = memory.turn.lock().await;
-            load(
-                &mut reader,
-                memory.announce(turn, environment.id),
-                environment,
-                Walk::Own,
-            )
-            .await
+    let load = kept.announce(turn, environment.id);
+    loop {
+        let view = read::view(&mut reader, memory, environment.id).await?;
+        if let Ok(totals) = sum(&mut reader, environment, &view).await? {
+            load.snapshot_taken(&environment.schema, view.revision);
+            return Ok(load.finish(totals));
         }
-        loaded => loaded,
     }
 }
 
-async fn load(
+/// Adds every cell.
+async fn sum(
     reader: &mut SqliteConnection,
-    load: Load<'_>,
     environment: &Environment,
-    walk: Walk,
-) -> Result<Arc<ActionTotals>, StoreError> {
-    // Not `group by joint`: that sorts all cells in memory. Cells come packed, those of sixteen
-    // states together, because a row each would cost the driver ten times as much. States are
-    // walked by id, in whose order their cells lie.
-    let all = concat!(
-        "with recursive blocks (first) as (
-             select 1 union all select first + 16 from blocks where first + 16 <= (select max(id) from states)
-         )
-         select totals.transitions, ",
-        packed_cells_of_states!("?1", "blocks.first", "16"),
-        " from totals cross join blocks where totals.environment = ?1"
-    );
-    let own = concat!(
-        "select totals.transitions, ",
-        packed_cells!("states.id"),
-        " from totals left join ",
-        own_states!(),
-        " on states.environment = totals.environment where totals.environment = ?1"
-    );
-    let text = if walk == Walk::All { all } else { own };
-
-    let mut rows = sqlx::query(text).bind(environment.id.0).fetch(reader);
-    let mut next = rows.try_next().await.map_err(unreadable)?;
-
-    let revision = next
-        .as_ref()
-        .map(|row| whole(row, 0))
-        .transpose()
-        .map_err(unreadable)?;
-    let revision = revision.ok_or(StoreError::UnknownEnvironment)?;
-    load.snapshot_taken(&environment.schema, revision);
-
+    view: &View,
+) -> Result<Result<ActionTotals, Outdated>, StoreError> {
     let mut totals = ActionTotals::new(&environment.schema);
-    while let Some(row) = next {
-        add(&mut totals, &cells_of(&row, 1, environment)?)?;
-        // Rows that have arrived do not wait, and others shall have their turn.
-        tokio::task::consume_budget().await;
-        next = rows.try_next().await.map_err(unreadable)?;
-    }
-
-    totals.revision = revision;
-    Ok(load.finish(totals))
+    let show = |_, cells: &[Placed]| {
+        add(&mut totals, environment, cells)?;
+        Ok(ControlFlow::Continue(()))
+    };
+    let walked = walk::states(reader, environment.id, view, Wanted::All, show).await?;
+    totals.revision = view.revision;
+    Ok(walked.map(|()| totals))
 }
 
 /// Adds cells. Damaged ones could overflow a sum, which no sound ones do.
-fn add(totals: &mut ActionTotals, cells: &[Cell]) -> Result<(), StoreError> {
-    for cell in cells {
+fn add(
+    totals: &mut ActionTotals,
+    environment: &Environment,
+    cells: &[Placed],
+) -> Result<(), StoreError> {
+    let actions = environment.schema.joint_actions();
+    for (place, tally) in cells {
         let sum = totals
             .revision
-            .checked_add(cell.tally.n)
+            .checked_add(tally.n)
             .filter(|sum| *sum <= i64::MAX as u64);
         sum.ok_or_else(|| spoiled("the sum of an environment's visits"))?;
-        totals.add(cell.joint, cell.tally);
+        if place.joint >= actions {
+            return Err(spoiled("a state's counts"));
+        }
+        totals.add(place.joint, *tally);
     }
     Ok(())
 }
@@ -273,7 +235,6 @@ impl Load<'_> {
         let Some((_, later)) = &mut inner.loading else {
             return;
         };
-
         let mut sum = ActionTotals::new(schema);
         sum.revision = revision;
         if let Later::Listed(commits) = later {
@@ -290,7 +251,6 @@ impl Load<'_> {
         let Some((environment, Later::Summed(later))) = inner.loading.take() else {
             return Arc::new(totals);
         };
-
         totals.append(&later);
         let totals = Arc::new(totals);
         inner.kept.put(environment, Arc::clone(&totals));

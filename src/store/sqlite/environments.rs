@@ -47,6 +47,7 @@ pub(super) async fn create(
     let remember = |memory: &Memory, _: &mut RowIdCache| {
         memory.directory.put(Arc::clone(&made));
         memory.actions.begin(&made);
+        memory.pending.begin(made.id);
     };
     transaction.commit(remember).await?;
     Ok(made)

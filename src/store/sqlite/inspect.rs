@@ -62,6 +62,8 @@ pub(super) async fn inspect(path: &Path, options: Options) -> Result<SqliteStore
         writer,
         readers,
         closing,
+        fold_from: options.fold_from,
+        compacting: tokio::sync::Mutex::default(),
         lock,
     })
 }

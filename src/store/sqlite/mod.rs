@@ -29,22 +29,29 @@ mod audit;
 mod cache;
 mod closing;
 mod commit;
+mod compact;
 mod directory;
 mod environments;
 mod error;
 mod fits;
+mod fresh;
 mod handle;
 mod health;
 mod inspect;
+mod journal;
+mod layout;
 mod leftovers;
 mod load;
 mod lock;
+mod lookup;
 mod memory;
 mod migrations;
 mod models;
+mod moving;
+mod old_cells;
 mod open;
 mod options;
-mod packed;
+mod pending;
 mod read;
 mod receipts;
 mod recent;
@@ -55,6 +62,8 @@ mod stored_forms;
 mod tables;
 mod walk;
 mod writer;
+
+use self::pending::Task;
 
 pub use handle::SqliteStore;
 pub use options::Options;
@@ -91,6 +100,52 @@ impl SqliteStore {
             .directory
             .of_id(id)
             .ok_or(StoreError::UnknownEnvironment)
+    }
+
+    /// Moves all that an earlier build counted in an environment into rows: whoever reads all of it
+    /// waits for that.
+    async fn move_all(&self, environment: &Environment) -> Result<(), StoreError> {
+        let _one_at_a_time = self.compacting.lock().await;
+        let mut cursor = Some(0);
+        while let Some(after) = cursor
+            && self
+                .memory
+                .pending
+                .view(environment.id)
+                .is_some_and(|view| view.unmoved)
+        {
+            let moved = moving::step(&self.writer, environment, after).await;
+            cursor = self.noted(Some(environment.id), moved)?;
+        }
+        Ok(())
+    }
+
+    /// Does what is most urgent of what keeps reads fast and the journal short, or waits for
+    /// something to do.
+    async fn compact_when(&self, fold_from: usize) -> Result<(), StoreError> {
+        let is_left_alone = |id| self.memory.directory.is_read_only(id);
+        let Some(task) = self.memory.pending.task(fold_from, is_left_alone) else {
+            self.memory.pending.grown().await;
+            return Ok(());
+        };
+        match task {
+            Task::Merge(id, tier, runs) => compact::merge(&self.memory, id, tier, runs).await,
+            Task::Move(id) => {
+                let environment = self.known(id)?;
+                self.move_all(&environment).await
+            }
+            Task::Fold(id) => self.fold(id).await.map(drop),
+        }
+    }
+
+    /// Folds some of the journal of an environment, and returns whether that goes on.
+    async fn fold(&self, id: EnvironmentId) -> Result<bool, StoreError> {
+        let _one_at_a_time = self.compacting.lock().await;
+        let folded = compact::fold(&self.writer, &self.readers, &self.memory, id).await;
+        let folded = self.noted(Some(id), folded)?;
+        // Where it fails, a commit does it.
+        self.writer.checkpoint().await.ok();
+        Ok(folded)
     }
 
     /// Opens the database of that file to look at it: changes nothing, takes no lock, and may be
@@ -179,6 +234,10 @@ impl Store for SqliteStore {
         removal::sweep(&self.writer, &self.readers, &self.memory.removals).await
     }
 
+    async fn compact(&self) -> Result<(), StoreError> {
+        self.compact_when(self.fold_from).await
+    }
+
     fn leftovers(&self) -> Leftovers {
         self.memory.removals.left()
     }
@@ -229,7 +288,7 @@ impl Store for SqliteStore {
         let environment = self.known(id)?;
         self.noted(
             Some(id),
-            read::counts(&self.readers, &self.memory.cache, &environment, keys).await,
+            read::counts(&self.readers, &self.memory, &environment, keys).await,
         )
     }
 
@@ -240,10 +299,9 @@ impl Store for SqliteStore {
         states: u32,
     ) -> Result<Vec<Scanned>, StoreError> {
         let environment = self.known(id)?;
-        let page = self.noted(
-            Some(id),
-            walk::apart(|walk| read::scan(&self.readers, &environment, after, states, walk)).await,
-        )?;
+        self.move_all(&environment).await?;
+        let page = read::scan(&self.readers, &self.memory, &environment, after, states).await;
+        let page = self.noted(Some(id), page)?;
         self.present(id).map(|()| page)
     }
 
@@ -253,10 +311,9 @@ impl Store for SqliteStore {
         wanted: &ByVisits,
     ) -> Result<(Vec<Scanned>, u64), StoreError> {
         let environment = self.known(id)?;
-        let page = self.noted(
-            Some(id),
-            walk::apart(|walk| read::by_visits(&self.readers, &environment, wanted, walk)).await,
-        )?;
+        self.move_all(&environment).await?;
+        let page = read::by_visits(&self.readers, &self.memory, &environment, wanted).await;
+        let page = self.noted(Some(id), page)?;
         self.present(id).map(|()| page)
     }
 
@@ -269,13 +326,16 @@ impl Store for SqliteStore {
     }
 
     async fn totals(&self, id: EnvironmentId) -> Result<Totals, StoreError> {
-        self.noted(Some(id), read::totals(&self.readers, id).await)
+        let environment = self.known(id)?;
+        let totals = read::totals(&self.readers, &self.memory, &environment).await;
+        self.noted(Some(id), totals)
     }
 
     async fn actions(&self, environment: &Environment) -> Result<Arc<ActionTotals>, StoreError> {
+        self.move_all(environment).await?;
         let actions = actions::actions(
             &self.readers,
-            &self.memory.actions,
+            &self.memory,
             environment,
             self.writer.settle(),
         )
@@ -366,7 +426,11 @@ impl Store for SqliteStore {
     }
 
     async fn held(&self) -> Result<Vec<(EnvironmentId, Held)>, StoreError> {
-        read::held(&self.readers).await
+        let mut all = read::held(&self.readers).await?;
+        for (id, held) in &mut all {
+            read::hold_fresh(&self.readers, &self.memory, *id, held).await?;
+        }
+        Ok(all)
     }
 
     async fn close(&self) {

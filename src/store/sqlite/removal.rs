@@ -26,11 +26,11 @@ pub(super) async fn delete(writer: &Writer, id: EnvironmentId) -> Result<(), Sto
         transaction.end().await?;
         return Err(StoreError::UnknownEnvironment);
     };
-
     let forget = |memory: &Memory, row_ids: &mut RowIdCache| {
         memory.directory.remove(id);
         memory.cache.forget(id);
         memory.actions.forget(id);
+        memory.pending.forget(id);
         row_ids.forget(id);
         memory.removals.add(left);
     };
@@ -50,7 +50,6 @@ async fn hide(
     else {
         return Ok(None);
     };
-
     let text = "delete from totals where environment = ? returning states";
     let states: Option<i64> = sqlx::query_scalar(text)
         .bind(id.0)
@@ -72,7 +71,6 @@ pub(super) async fn sweep(
     if !removal.begun {
         begin(readers, removals).await;
     }
-
     let swept = step(writer, removal.id, removals.rows()).await;
     match &swept {
         Ok(step) => {
@@ -94,7 +92,6 @@ async fn begin(readers: &SqlitePool, removals: &Removals) {
             // Only told: where it cannot be counted, the removal itself says why.
             removal.states = counted.fetch_one(readers).await.ok().map(i64::unsigned_abs);
         }
-
         let Removal { uid, states, .. } = &removal;
         tracing::info!(
             uid,
@@ -107,7 +104,13 @@ async fn begin(readers: &SqlitePool, removals: &Removals) {
 
 /// What is removed together: those first that refer to others. Of each at most so many rows; a
 /// model may have some MiB.
-const PARTS: [&[&str]; 7] = [
+const PARTS: [&[&str]; 9] = [
+    &["delete from packed where id in (
+             select packed.id from environments cross join packed
+                 on packed.id between environments.block << 44 and (environments.block << 44) + (1 << 44) - 1
+             where environments.id = ?1 limit ?2)"],
+    &["delete from journal where id in (
+             select id from journal where environment = ?1 order by id limit min(?2, 16))"],
     &[
         "delete from cells where (state, segment, joint) in (
              select state, segment, joint from cells
@@ -129,8 +132,8 @@ const PARTS: [&[&str]; 7] = [
     &["delete from environments where id = ?1 and name is null and ?2 > 0"],
 ];
 
-/// The part of [`PARTS`] that has the states.
-const STATES: usize = 0;
+/// The part of [`PARTS`] that has the table of states.
+const STATES: usize = 2;
 
 /// Removes the first part with something left, or some of it.
 async fn step(writer: &Writer, id: i64, rows: u32) -> Result<Step, StoreError> {
@@ -142,7 +145,6 @@ async fn step(writer: &Writer, id: i64, rows: u32) -> Result<Step, StoreError> {
         took: Duration::ZERO,
         is_last: true,
     };
-
     for (at, part) in PARTS.iter().enumerate() {
         let removed = remove(transaction.connection(), part, id, rows)
             .await
@@ -153,7 +155,6 @@ async fn step(writer: &Writer, id: i64, rows: u32) -> Result<Step, StoreError> {
             break;
         }
     }
-
     step.took = started.elapsed();
     transaction.commit(|_, _| ()).await?;
     Ok(step)

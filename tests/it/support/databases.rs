@@ -1,11 +1,13 @@
 //! Databases for tests: each in a directory of its own, gone with the test.
 
 use std::path::PathBuf;
-use std::sync::Arc;
+use std::sync::{Arc, Weak};
 
 use nudge::domain::{ActionTotals, Environment};
 use nudge::store::{Cursor, Options, Quotas, SqliteStore, Store};
 use tempfile::TempDir;
+use tokio::sync::Mutex;
+use tokio::task::JoinHandle;
 
 /// A place where a store can be opened, dropped, and opened again with what it held.
 #[async_trait::async_trait]
@@ -19,6 +21,10 @@ pub struct SqliteFile {
     directory: TempDir,
     /// The size of the cache of counts.
     pub cache_cells: usize,
+    /// Cells in the journal from which on it is folded, if somebody folds it.
+    pub fold_from: usize,
+    /// Who puts the journal into rows, if anybody does.
+    compaction: Option<Mutex<Option<JoinHandle<()>>>>,
 }
 
 impl SqliteFile {
@@ -27,6 +33,17 @@ impl SqliteFile {
         Self {
             directory: tempfile::tempdir().expect("a directory"),
             cache_cells: 100_000,
+            fold_from: Options::default().fold_from,
+            compaction: None,
+        }
+    }
+
+    /// Makes a place for a file whose journal is put into rows at once, beside everything else.
+    pub fn compacted() -> Self {
+        Self {
+            fold_from: 1,
+            compaction: Some(Mutex::default()),
+            ..Self::new()
         }
     }
 
@@ -40,6 +57,15 @@ impl SqliteFile {
         Options {
             quotas,
             cache_cells: self.cache_cells,
+            fold_from: self.fold_from,
+        }
+    }
+}
+
+async fn compact(store: Weak<SqliteStore>) {
+    while let Some(store) = store.upgrade() {
+        if store.compact().await.is_err() {
+            tokio::task::yield_now().await;
         }
     }
 }
@@ -47,8 +73,20 @@ impl SqliteFile {
 #[async_trait::async_trait]
 impl Database for SqliteFile {
     async fn open(&self, quotas: Quotas) -> Arc<dyn Store> {
+        let mut compaction = match &self.compaction {
+            Some(compaction) => Some(compaction.lock().await),
+            None => None,
+        };
+        if let Some(before) = compaction.as_mut().and_then(|before| before.take()) {
+            before.abort();
+            before.await.ok();
+        }
         let opened = SqliteStore::open(&self.path(), self.options(quotas)).await;
-        Arc::new(opened.expect("a store that can be opened"))
+        let store = Arc::new(opened.expect("a store that can be opened"));
+        if let Some(mut compaction) = compaction {
+            *compaction = Some(tokio::spawn(compact(Arc::downgrade(&store))));
+        }
+        store
     }
 }
 

@@ -42,6 +42,7 @@ mod overview;
 mod pair;
 mod principal;
 mod question;
+mod rank;
 mod records;
 mod rule;
 mod schema;

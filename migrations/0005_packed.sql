@@ -1,0 +1,26 @@
+-- Counts by sixteen neighbouring states a row, behind a journal: what was one row a cell. Both are as src/store/packed writes them.
+
+-- What was counted and is in no row yet. An environment's entries are folded into its rows in order, and then go.
+create table journal (
+    -- rises with every commit; never used twice, for `folded` below says how far a fold goes
+    id          integer primary key,
+    environment integer not null references environments (id),
+    cells       blob not null
+) strict;
+
+create table packed (
+    -- the block of its environment times 2^44, and the number of the first of sixteen states divided by sixteen
+    id    integer primary key,
+    cells blob not null
+) strict;
+
+-- Whose rows are whose: each environment has a block of its own once something was counted in it. From 1 on.
+alter table environments add column block integer check (block between 1 and 262143);
+
+-- The last entry of the journal that the last fold took or takes.
+alter table totals add column folded integer not null default 0 check (folded >= 0);
+-- The row at which that fold goes on; null once it has ended.
+alter table totals add column fold_row integer check (fold_row >= 0);
+-- 1 while the tables of cells and states have counts that are not packed yet.
+alter table totals add column unmoved integer not null default 0 check (unmoved in (0, 1));
+update totals set unmoved = 1 where cells > 0;

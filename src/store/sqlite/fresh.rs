@@ -1,0 +1,114 @@
+//! How many states and cells of the journal are in no row yet: what the totals of an environment
+//! lack, which are written when rows are.
+
+use std::collections::BTreeSet;
+use std::ops::ControlFlow;
+
+use sqlx::sqlite::SqliteConnection;
+
+use super::lookup::{self, Of};
+use super::pending::View;
+use super::stored_forms;
+use super::walk::{self, Placed, RowCells, Wanted};
+use crate::domain::{Environment, StateKey};
+use crate::store::StoreError;
+use crate::store::packed::row::row_of;
+use crate::store::packed::unfolded::Outdated;
+
+/// States that are looked up together.
+const STATES: usize = 1_000;
+
+/// States and cells.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) struct Size {
+    pub(super) states: u64,
+    pub(super) cells: u64,
+}
+
+impl Size {
+    /// Returns the size of cells in order of place, each place once.
+    pub(super) fn of(cells: &[Placed]) -> Self {
+        let states = cells.chunk_by(|(a, _), (b, _)| a.state == b.state);
+        Self {
+            states: states.count() as u64,
+            cells: cells.len() as u64,
+        }
+    }
+
+    fn add(&mut self, more: Self) {
+        self.states += more.states;
+        self.cells += more.cells;
+    }
+
+    fn less(self, stored: Self) -> Self {
+        Self {
+            states: self.states - stored.states,
+            cells: self.cells - stored.cells,
+        }
+    }
+}
+
+/// Counts what the journal of a view has and nothing else has.
+pub(super) async fn count(
+    connection: &mut SqliteConnection,
+    environment: &Environment,
+    view: &View,
+) -> Result<Result<Size, Outdated>, StoreError> {
+    if view.unfolded.is_empty() {
+        return Ok(Ok(Size::default()));
+    }
+    if view.unmoved {
+        return beside_old(connection, environment, view).await;
+    }
+
+    let mut fresh = Size::default();
+    let rows = rows_of(view);
+    let count = |row: RowCells| {
+        let stored = Size::of(&row.stored);
+        fresh.add(Size::of(&row.into_sum()).less(stored));
+        Ok(ControlFlow::Continue(()))
+    };
+    let counted = walk::rows(
+        connection,
+        environment.id,
+        view,
+        Wanted::These(&rows),
+        count,
+    )
+    .await?;
+    Ok(counted.map(|()| fresh))
+}
+
+/// Returns the ids of all rows that the journal touches.
+fn rows_of(view: &View) -> String {
+    let Some(layout) = view.layout else {
+        return stored_forms::json_numbers([]);
+    };
+    let mut rows: Vec<u64> = view.unfolded.states().map(row_of).collect();
+    rows.sort_unstable();
+    rows.dedup();
+    stored_forms::json_numbers(rows.into_iter().map(|row| layout.id(row)))
+}
+
+/// Counts the same, state by state, while there are cells in the old table.
+async fn beside_old(
+    connection: &mut SqliteConnection,
+    environment: &Environment,
+    view: &View,
+) -> Result<Result<Size, Outdated>, StoreError> {
+    let states: BTreeSet<u64> = view.unfolded.states().collect();
+    let states: Vec<u64> = states.into_iter().collect();
+    let mut fresh = Size::default();
+    for chunk in states.chunks(STATES) {
+        let keys = lookup::keys(connection, environment, chunk).await?;
+        let keys: Vec<&StateKey> = keys.iter().collect();
+        let Ok(all) = lookup::states(connection, environment, view, &keys, Of::All).await? else {
+            return Ok(Err(Outdated));
+        };
+        let stored = lookup::states(connection, environment, view, &keys, Of::Stored).await?;
+        for (all, stored) in all.iter().zip(stored.into_iter().flatten()) {
+            fresh.add(Size::of(all).less(Size::of(&stored)));
+        }
+    }
+    Ok(Ok(fresh))
+}
