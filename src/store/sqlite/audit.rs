@@ -10,6 +10,7 @@ use sqlx::{Connection, Row, SqlitePool};
 
 use super::directory::Directory;
 use super::error::{spoiled, unreadable};
+use super::fresh::{self, Size};
 use super::inspect::has_table;
 use super::journal;
 use super::layout::{Layout, Numbering};
@@ -89,7 +90,7 @@ async fn audit_one(
     let mut reader = readers.acquire().await?;
     let mut moment = reader.begin().await?;
     read_producers(&mut moment, environment).await?;
-    let Some(kept) = kept(&mut moment, environment).await? else {
+    let Some(mut kept) = kept(&mut moment, environment).await? else {
         return Ok(None);
     };
     let mut found = Found::default();
@@ -98,6 +99,11 @@ async fn audit_one(
         let allowed = Allowed::read(&mut moment, environment).await?;
         rows(&mut moment, environment, &allowed, &mut found).await?;
         entries(&mut moment, environment, &allowed, &mut found).await?;
+        let fresh = fresh(&mut moment, environment).await.map_err(damage)?;
+        kept[1] += fresh.states;
+        kept[2] += fresh.cells;
+        found.states += fresh.states;
+        found.cells += fresh.cells;
     }
 
     let transitions = u64::try_from(found.transitions).unwrap_or(u64::MAX);
@@ -245,6 +251,16 @@ async fn entries(
         found.add_visits(&cells, allowed);
     }
     Ok(())
+}
+
+/// Returns what is in no row yet, and so in none of the totals that are kept.
+async fn fresh(
+    moment: &mut SqliteConnection,
+    environment: &Environment,
+) -> Result<Size, StoreError> {
+    let view = journal::load_one(moment, environment.id).await?;
+    let fresh = fresh::count(moment, environment, &view).await?;
+    Ok(fresh.expect("one moment has one mark"))
 }
 
 fn is_folded(mark: Mark, entry: i64, row: u64) -> bool {

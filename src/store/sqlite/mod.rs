@@ -227,7 +227,10 @@ impl Store for SqliteStore {
     }
 
     async fn delete(&self, id: EnvironmentId) -> Result<(), StoreError> {
-        self.noted(Some(id), removal::delete(&self.writer, id).await)
+        // Only told: it is deleted whether they can be counted or not.
+        let totals = self.totals(id).await;
+        let states = totals.ok().map(|totals| totals.states);
+        self.noted(Some(id), removal::delete(&self.writer, id, states).await)
     }
 
     async fn sweep(&self) -> Result<(), StoreError> {
