@@ -7,23 +7,15 @@
 
 mod support;
 
-use std::net::SocketAddr;
-use std::pin::Pin;
 use std::time::{Duration, Instant};
 
-use futures::StreamExt;
-use nudge::api::proto::ingest_service_server::{IngestService, IngestServiceServer};
-use nudge::api::proto::{
-    self, GetProducerRequest, GetProducerResponse, IngestRequest, IngestResponse, WriteRequest,
-    WriteResponse, ingest_request, ingest_response,
-};
+use nudge::api::proto;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqliteSynchronous};
 use sqlx::{Connection, SqliteConnection};
 use support::{
-    ACTIONS, BATCH, Service, batches, listen, make_world, median, pump, report, runtime,
-    start_binary, state, wanted,
+    ACTIONS, BATCH, Service, batches, make_world, median, pump, report, runtime,
+    sink, start_binary, state, wanted,
 };
-use tonic::{Request, Response, Status, Streaming};
 
 const ROUNDS: usize = 5;
 const HOT_BATCHES: u64 = 4_000;
@@ -183,62 +175,5 @@ fn distinct(i: u32) -> proto::Columns {
         states,
         actions: vec![1.0; 2 * BATCH],
         ..Default::default()
-    }
-}
-
-/// Decodes every batch, drops it and acknowledges it, as many together as were ready.
-struct Sink;
-
-async fn sink() -> SocketAddr {
-    let service =
-        IngestServiceServer::new(Sink).max_decoding_message_size(nudge::api::MOST_MESSAGE_BYTES);
-    listen(tonic::service::Routes::new(service).into_axum_router()).await
-}
-
-#[tonic::async_trait]
-impl IngestService for Sink {
-    type IngestStream = Pin<Box<dyn futures::Stream<Item = Result<IngestResponse, Status>> + Send>>;
-
-    async fn ingest(
-        &self,
-        request: Request<Streaming<IngestRequest>>,
-    ) -> Result<Response<Self::IngestStream>, Status> {
-        let answers = request.into_inner().ready_chunks(64).map(|messages| {
-            let mut told = proto::Acknowledgement::default();
-            for message in messages {
-                match message?.message {
-                    Some(ingest_request::Message::Batch(batch)) => {
-                        told.committed_sequence = batch.sequence;
-                        told.receipts.push(proto::Receipt {
-                            sequence: batch.sequence,
-                            ..Default::default()
-                        });
-                    }
-                    _ => {
-                        let welcome = proto::Welcome {
-                            window: 256,
-                            ..Default::default()
-                        };
-                        let message = Some(ingest_response::Message::Welcome(welcome));
-                        return Ok(IngestResponse { message });
-                    }
-                }
-            }
-            Ok(IngestResponse {
-                message: Some(ingest_response::Message::Acknowledgement(told)),
-            })
-        });
-        Ok(Response::new(Box::pin(answers)))
-    }
-
-    async fn write(&self, _: Request<WriteRequest>) -> Result<Response<WriteResponse>, Status> {
-        Err(Status::unimplemented("a sink"))
-    }
-
-    async fn get_producer(
-        &self,
-        _: Request<GetProducerRequest>,
-    ) -> Result<Response<GetProducerResponse>, Status> {
-        Err(Status::unimplemented("a sink"))
     }
 }

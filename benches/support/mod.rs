@@ -7,6 +7,7 @@
 #![allow(dead_code, missing_docs)]
 
 pub mod http;
+mod sink;
 
 use std::io::{BufRead, BufReader};
 use std::net::SocketAddr;
@@ -32,8 +33,10 @@ use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
 use tonic::transport::Channel;
 
+pub use sink::sink;
+
 pub const BATCH: usize = 1_000;
-pub const STATE_BINS: [u32; 6] = [10, 10, 10, 10, 10, 10];
+pub const STATE_BINS: [u32; 6] = [10, 10, 10, 10, 10, 20];
 pub const ACTIONS: u32 = 6;
 
 /// The service in this process, on a database of its own.
@@ -80,9 +83,15 @@ impl Service {
 
 /// Starts the real binary on a directory and returns once it says where it listens.
 pub fn start_binary(data: &Path) -> (Child, SocketAddr) {
+    start_binary_with(data, &[])
+}
+
+/// Starts it with more flags.
+pub fn start_binary_with(data: &Path, flags: &[&str]) -> (Child, SocketAddr) {
     let mut child = Command::new(env!("CARGO_BIN_EXE_nudge"))
         .args(["serve", "--listen", "127.0.0.1:0", "--data"])
         .arg(data)
+        .args(flags)
         .stdout(Stdio::piped())
         .stderr(Stdio::null())
         .spawn()
@@ -193,7 +202,7 @@ pub fn batches(states: u32, how_many: usize, seed: u64) -> Vec<proto::Columns> {
 
 /// The values of a state by its number, spread over the alphabet.
 pub fn state(number: u32) -> [f32; 6] {
-    let mut rest = number.wrapping_mul(7_919) % 1_000_000;
+    let mut rest = number.wrapping_mul(7_919) % 2_000_000;
     STATE_BINS.map(|bins| {
         let bin = rest % bins;
         rest /= bins;

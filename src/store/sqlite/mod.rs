@@ -138,6 +138,15 @@ impl SqliteStore {
         }
     }
 
+    /// Back-pressure: where the journal grows faster than it is folded, whoever commits folds.
+    async fn wait_for_room(&self) -> Result<(), StoreError> {
+        let is_left_alone = |id| self.memory.directory.is_read_only(id);
+        while self.memory.pending.cells(is_left_alone) > 2 * self.fold_from {
+            self.compact_when(self.fold_from).await?;
+        }
+        Ok(())
+    }
+
     /// Folds some of the journal of an environment, and returns whether that goes on.
     async fn fold(&self, id: EnvironmentId) -> Result<bool, StoreError> {
         let _one_at_a_time = self.compacting.lock().await;
@@ -277,6 +286,7 @@ impl Store for SqliteStore {
     }
 
     async fn commit(&self, batches: &[Numbered]) -> Result<Vec<Outcome>, StoreError> {
+        self.wait_for_room().await?;
         self.noted(
             None,
             commit::commit(&self.writer, &self.memory.directory, self.quotas, batches).await,

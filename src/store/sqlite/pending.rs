@@ -6,8 +6,10 @@
 //! themselves.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
 
 use tokio::sync::Notify;
+use tokio::time::timeout;
 
 use super::layout::Layout;
 use crate::domain::EnvironmentId;
@@ -74,7 +76,13 @@ struct Inner {
     /// None while nobody knows what was committed.
     views: Option<Map<EnvironmentId, View>>,
     last_entry: i64,
+    /// When a fold last ended; none did yet where there is none.
+    last_fold: Option<Instant>,
 }
+
+/// How long cells wait in the journal at most where nothing else is to be done: what waits is read
+/// again at every start.
+const LONGEST_WAIT: Duration = Duration::from_secs(30);
 
 /// Something to be done in the background, so that reads stay fast and the journal short.
 #[derive(Debug)]
@@ -91,6 +99,14 @@ impl Pending {
     /// Returns what is known of an environment; `None` where nothing is.
     pub(super) fn view(&self, id: EnvironmentId) -> Option<View> {
         self.inner().views.as_ref()?.get(&id).cloned()
+    }
+
+    /// Returns how many cells wait to be folded, of all environments but those left alone.
+    pub(super) fn cells(&self, left_alone: impl Fn(EnvironmentId) -> bool) -> usize {
+        let inner = self.inner();
+        let views = inner.views.iter().flatten();
+        let tended = views.filter(|(id, _)| !left_alone(**id));
+        tended.map(|(_, view)| view.unfolded.len()).sum()
     }
 
     /// Returns the id of the next entry.
@@ -137,6 +153,7 @@ impl Pending {
     pub(super) fn replace(&self, views: Map<EnvironmentId, View>, last_entry: i64) {
         let mut inner = self.inner();
         inner.views = Some(views);
+        inner.last_fold.get_or_insert_with(Instant::now);
         inner.last_entry = inner.last_entry.max(last_entry);
         drop(inner);
         self.grown.notify_one();
@@ -165,6 +182,9 @@ impl Pending {
 
     /// Notes how far a fold is, and that so many cells are in rows now that were not.
     pub(super) fn folded(&self, id: EnvironmentId, mark: Mark, new_cells: u64) {
+        if mark.next_row.is_none() {
+            self.inner().last_fold = Some(Instant::now());
+        }
         self.change(id, |view| {
             Arc::make_mut(&mut view.unfolded).folded(mark);
             view.fresh.cells = view.fresh.cells.saturating_sub(new_cells);
@@ -217,7 +237,8 @@ impl Pending {
         let mut tended = views.iter().filter(|(id, _)| !left_alone(**id));
         let under_way = tended.clone().find(|(_, view)| view.unfolded.is_folding());
         let fold = under_way.map(|(id, _)| *id);
-        let fold = fold.or(largest.map(|(_, id)| id).filter(|_| all >= fold_from));
+        let is_due = all >= fold_from || (all > 0 && inner.has_waited_long());
+        let fold = fold.or(largest.map(|(_, id)| id).filter(|_| is_due));
         if let Some(id) = fold {
             return Some(self::fold(id, &views[&id]));
         }
@@ -225,9 +246,9 @@ impl Pending {
         unmoved.map(|(id, _)| Task::Move(*id))
     }
 
-    /// Waits until something was added.
+    /// Waits until something was added, or has waited long.
     pub(super) async fn grown(&self) {
-        self.grown.notified().await;
+        timeout(LONGEST_WAIT, self.grown.notified()).await.ok();
     }
 
     fn change(&self, id: EnvironmentId, change: impl FnOnce(&mut View)) {
@@ -240,6 +261,12 @@ impl Pending {
 
     fn inner(&self) -> MutexGuard<'_, Inner> {
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Inner {
+    fn has_waited_long(&self) -> bool {
+        self.last_fold.is_none_or(|last| last.elapsed() >= LONGEST_WAIT)
     }
 }
 
