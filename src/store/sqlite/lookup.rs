@@ -16,7 +16,7 @@ use super::stored_forms;
 use super::walk::{Placed, add_equal, cells_of};
 use crate::domain::{Cell, Counts, Environment, EnvironmentId, SegmentId, StateKey};
 use crate::store::StoreError;
-use crate::store::packed::cells::Place;
+use crate::store::packed::cells::{MOST, Place};
 use crate::store::packed::row::row_of;
 use crate::store::packed::unfolded::{Mark, Outdated};
 
@@ -55,7 +55,7 @@ pub(super) fn counts(environment: &Environment, cells: &[Placed]) -> Result<Coun
     let actions = environment.schema.joint_actions();
     let mut found = Vec::with_capacity(cells.len());
     for (place, tally) in cells {
-        if place.joint >= actions {
+        if place.joint >= actions || tally.n > MOST {
             return Err(spoiled("a state's counts"));
         }
         found.push(Cell {
