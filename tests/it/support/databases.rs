@@ -80,7 +80,7 @@ impl SqliteFile {
 }
 
 /// What is in no row yet: entries of the journal, and environments in the tables of an earlier build.
-const LEFT: &str = "select (select coalesce(sum(unmoved), 0) from totals) + (
+pub const LEFT: &str = "select (select coalesce(sum(unmoved), 0) from totals) + (
     select count(*) from journal join totals using (environment)
     where journal.id > totals.folded or totals.fold_row is not null)";
 
