@@ -20,7 +20,7 @@ use crate::support::load::{Load, Shape, Voice, assert_exactly_once, make_lane};
 
 /// Returns some of the steps, or all of them in the long form. The first are those that matter
 /// most: a commit of many pages.
-fn some_of(steps: u64, most: u64) -> impl Iterator<Item = u64> {
+pub fn some_of(steps: u64, most: u64) -> impl Iterator<Item = u64> {
     const FIRST: u64 = 8;
     let every = (steps / scaled(most, steps)).max(1);
     (0..steps).filter(move |step| *step < FIRST || step % every == 0)
