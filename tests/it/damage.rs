@@ -949,9 +949,145 @@ async fn is_passed(path: &Path) -> bool {
     };
     let integrity = store.integrity().await;
     let audits = store.audit().await;
+    let mut is_sound = store.unreadable().is_empty();
+    for environment in store.environments() {
+        let faults = store.receipts(environment.id).await;
+        is_sound &= faults.is_ok_and(|faults| faults.is_empty());
+    }
     store.close().await;
-    integrity.is_ok_and(|lines| lines.is_empty())
+    is_sound
+        && integrity.is_ok_and(|lines| lines.is_empty())
         && audits.is_ok_and(|audits| audits.iter().all(|audit| audit.is_sound()))
+}
+
+/// Everything that counts as told by a database, in words: environments, totals, segments, every
+/// cell, and what becomes of each batch that is sent again.
+async fn told_by(path: &Path, sent: &[Numbered]) -> String {
+    let opened = SqliteStore::open(path, Options::default()).await;
+    let store = opened.expect("what the check passed is opened");
+    let mut told = String::new();
+    for environment in store.environments() {
+        let id = environment.id;
+        let totals = store.totals(id).await.expect("totals");
+        let segments = store.segments(id).await.expect("segments");
+        told.push_str(&format!("{environment:?} {totals:?} {segments:?}"));
+        let mut cursor = Cursor::default();
+        loop {
+            let page = store.scan(id, cursor, 1_000).await.expect("a page");
+            for state in &page {
+                told.push_str(&format!("{:?} {:?}", state.key, state.counts.cells()));
+            }
+            match page.last() {
+                Some(last) => cursor = last.cursor,
+                None => break,
+            }
+        }
+    }
+    told.push_str(&format!(
+        "{:?}",
+        store.commit(sent).await.expect("a commit")
+    ));
+    store.close().await;
+    told
+}
+
+/// Makes a database with rows, a fold that is half way, and a journal beside; returns it with what
+/// was sent. Where no page is free, a flipped bit hits something.
+async fn half_folded() -> (SqliteFile, Vec<Numbered>) {
+    let mut file = SqliteFile::new();
+    file.fold_from = 1;
+    let store = file.open(Quotas::default()).await;
+    let (one, other) = (make(&store, "one").await, make(&store, "other").await);
+    let rows = |rows: std::ops::Range<u32>| rows.map(|row| 16 * row);
+    let segment = |batch: Numbered| {
+        let mut batch = batch;
+        batch.increment.segment = Some("train".parse().expect("a label"));
+        batch
+    };
+    let mut sent = vec![
+        filled(one, "a", 1, rows(0..300)),
+        segment(filled(other, "b", 1, rows(0..1_500))),
+    ];
+    sent.extend((2..40).map(|sequence| {
+        batch(other, "c", sequence - 1)
+            .cell(7, sequence, tally(3, 2))
+            .done()
+    }));
+    store.commit(&sent).await.expect("a commit");
+    store.close().await;
+    drop(store);
+    file.compact_all().await;
+
+    let store = file.open(Quotas::default()).await;
+    let more = [
+        filled(other, "b", 2, rows(100..1_600)),
+        filled(one, "a", 2, rows(200..400)),
+    ];
+    for batch in more {
+        store
+            .commit(std::slice::from_ref(&batch))
+            .await
+            .expect("a commit");
+        sent.push(batch);
+    }
+    // One step of two.
+    store.compact().await.expect("a step");
+    let last = filled(other, "b", 3, rows(0..50));
+    store
+        .commit(std::slice::from_ref(&last))
+        .await
+        .expect("a commit");
+    sent.push(last);
+    store.close().await;
+    drop(store);
+    let half_way = "select count(*) from totals where fold_row is not null";
+    assert_eq!(number(&file.path(), half_way).await, 1);
+    execute(&file.path(), "vacuum").await;
+    (file, sent)
+}
+
+/// Bits are flipped at random places of pages that are in use. What the check passes must be without
+/// effect: a gap between cells of a page, or a text that nothing is read from.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_flipped_bit_is_found_or_changes_nothing() {
+    let rounds = crate::faults::scaled(300, 3_000);
+    let (file, sent) = half_folded().await;
+    let sound = std::fs::read(file.path()).expect("read");
+    let directory = TempDir::new().expect("a directory");
+    let path = directory.path().join("flipped.db");
+    std::fs::write(&path, &sound).expect("written");
+    assert!(is_passed(&path).await);
+    let expected = told_by(&path, &sent).await;
+    assert!(!expected.contains("Refused") && !expected.contains("Applied"));
+
+    // Most of a page may be a gap of zeros, which few flips are spent on.
+    let written: Vec<usize> = (0..sound.len()).filter(|at| sound[*at] != 0).collect();
+    let mut random = StdRng::seed_from_u64(16);
+    let mut passed = 0;
+    for round in 0..rounds {
+        let mut bytes = sound.clone();
+        let at = match round % 8 {
+            0 => random.random_range(0..sound.len()),
+            _ => written[random.random_range(0..written.len())],
+        };
+        let bit = random.random_range(0..8);
+        bytes[at] ^= 1 << bit;
+        std::fs::write(&path, bytes).expect("written");
+        if is_passed(&path).await {
+            passed += 1;
+            let told = told_by(&path, &sent).await;
+            assert!(
+                told == expected,
+                "round {round}: bit {bit} of byte {at} (page {}) was passed",
+                at / PAGE + 1
+            );
+        }
+        for rest in ["-wal", "-shm"] {
+            let _ = std::fs::remove_file(directory.path().join(format!("flipped.db{rest}")));
+        }
+    }
+    println!("{rounds} flips, {passed} without effect");
+    assert!(passed < rounds / 3, "{passed} of {rounds}");
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

@@ -37,7 +37,10 @@ struct Aftermath {
 
 async fn run(voice: Voice, kills: u64) -> Aftermath {
     let directory = TempDir::new().expect("a temporary directory");
-    let mut server = Server::start(directory.path(), "127.0.0.1:0");
+    let start = |listen: &str| {
+        Server::run(&mut Server::folding(directory.path(), listen)).expect("it starts")
+    };
+    let mut server = start("127.0.0.1:0");
     let address = server.address;
     make_lane(address).await;
     let load = Load::start(address, Shape::SMALL, &[voice; 4]);
@@ -48,7 +51,7 @@ async fn run(voice: Voice, kills: u64) -> Aftermath {
         load.progress(1).await;
         tokio::time::sleep(Duration::from_micros(random.random_range(0..30_000))).await;
         server.kill();
-        server = Server::start(directory.path(), &address.to_string());
+        server = start(&address.to_string());
     }
     let expected = expected(Shape::SMALL, &load.finish().await);
     let counted = counted(address).await;

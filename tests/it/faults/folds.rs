@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
 use nudge::domain::WrittenRule;
-use nudge::store::{Cursor, Options, SqliteStore, Store};
+use nudge::store::{Cursor, Options};
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 use serde_json::{Value, json};
@@ -22,6 +22,7 @@ use super::{asked, eventually, scaled, settled};
 use crate::server::Server;
 use crate::support::batches::{filled, schema};
 use crate::support::databases::{LEFT, compact_all, execute, number};
+use crate::support::open;
 
 /// Rows of sixteen states that are written: a fold of all of them takes some slices.
 const ROWS: u32 = 3_000;
@@ -73,14 +74,14 @@ impl Prepared {
     }
 
     async fn count(&mut self, sequence: u64, rows: std::ops::Range<u32>) {
-        let store = SqliteStore::open(&self.path(), Options::default());
-        let store = store.await.expect("opened");
+        let store = open(self.directory.path(), Options::default()).await;
         let name = "wide".parse().expect("a name");
         let id = match store.environment("wide") {
             Some(environment) => environment.id,
             None => {
-                let made = store.create(&name, &schema(), WrittenRule::default());
-                made.await.expect("made").id
+                let rule = WrittenRule::default();
+                let made = store.create(&name, &schema(), rule).await;
+                made.expect("made").id
             }
         };
         let batch = filled(id, "p0", sequence, rows.clone().map(place));
@@ -130,8 +131,7 @@ async fn assert_counted(directory: &Path, visits: &Visits) {
         if is_compacted {
             compact_all(&path, Options::default()).await;
         }
-        let store = SqliteStore::open(&path, Options::default());
-        let store = store.await.expect("what a fault left can be opened");
+        let store = open(directory, Options::default()).await;
         let audits = store.audit().await.expect("read");
         assert!(audits[0].is_sound(), "{audits:?}");
         let id = store.environment("wide").expect("it stays").id;
@@ -162,8 +162,8 @@ async fn assert_counted(directory: &Path, visits: &Visits) {
 async fn dies_at_any_step(what: &str, prepared: &Prepared) {
     let whole = Disk::holding(&prepared.path());
     whole.count(CHANGES);
-    let server = settled(whole.under(&mut command(whole.path(), 1)));
-    let server = server.await.expect("it starts");
+    let server = settled(whole.under(&mut command(whole.path(), 1))).await;
+    let server = server.expect("it starts");
     eventually("all is in rows", async || left(whole.path()).await == 0).await;
     let steps = whole.seen();
     server.kill();
@@ -377,8 +377,7 @@ async fn nothing_is_lost_or_doubled_by_kills_in_folds() {
     const FOLD_CELLS: usize = 4_000;
     let kills = scaled(30, 2_000);
     let directory = TempDir::new().expect("a temporary directory");
-    let store = SqliteStore::open(&directory.path().join("nudge.db"), Options::default());
-    let store = store.await.expect("opened");
+    let store = open(directory.path(), Options::default()).await;
     let name = "wide".parse().expect("a name");
     let made = store.create(&name, &schema(), WrittenRule::default()).await;
     let id = made.expect("made").id;
@@ -431,8 +430,7 @@ async fn nothing_is_lost_or_doubled_by_kills_in_folds() {
     }
     server.kill();
 
-    let store = SqliteStore::open(&directory.path().join("nudge.db"), Options::default());
-    let store = store.await.expect("opened");
+    let store = open(directory.path(), Options::default()).await;
     let mut visits = Visits::new();
     for producer in &producers {
         let name = producer.name().parse().expect("a producer id");
