@@ -3,8 +3,9 @@
 //!
 //! `NUDGE_KILLS=2000 cargo test kill` kills more often. The control forgets its producer id at
 //! every reconnect, as if there were no watermark, and must show doubles: a test that cannot see
-//! them would prove nothing. `faults/deaths.rs` kills where it hurts: at each step to the disk of a
-//! migration and of a deletion.
+//! them would prove nothing. The journal is folded after every few commits. `faults/deaths.rs` and
+//! `faults/folds.rs` kill where it hurts: at each step to the disk of a migration, a deletion, a fold
+//! and a move.
 
 use std::net::SocketAddr;
 use std::time::Duration;

@@ -120,7 +120,7 @@ async fn left(directory: &Path) -> i64 {
 /// Returns whether a fold or a move has begun and not ended.
 async fn is_half_way(directory: &Path) -> bool {
     let sql = "select (select count(*) from totals where fold_row is not null)
-        + (select (select count(*) from packed) > 0 from totals where unmoved)";
+        + (select count(*) from totals where unmoved and exists (select 1 from packed))";
     number(&directory.join("nudge.db"), sql).await > 0
 }
 
