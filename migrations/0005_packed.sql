@@ -16,6 +16,12 @@ create table packed (
 
 -- Whose rows are whose: each environment has a block of its own once something was counted in it. From 1 on.
 alter table environments add column block integer check (block between 1 and 262143);
+-- Where something was counted before, readers shall know it from the first moment on.
+update environments set block = (select count(*) from totals where cells > 0 and environment <= environments.id)
+where id in (select environment from totals where cells > 0);
+
+-- CRC-32 of producer, sequence, digest and receipt: a digest follows from nothing else that is kept. Null for batches of earlier builds.
+alter table batches add column checksum integer check (checksum between 0 and 4294967295);
 
 -- The last entry of the journal that the last fold took or takes.
 alter table totals add column folded integer not null default 0 check (folded >= 0);

@@ -30,7 +30,10 @@ macro_rules! store_contract {
     };
 }
 
-store_contract!(sqlite: super::SqliteFile::new(), sqlite_compacted: super::SqliteFile::compacted(); {
+store_contract!(
+    sqlite: super::SqliteFile::new(),
+    sqlite_compacted: super::SqliteFile::compacted(),
+    sqlite_listed: super::SqliteFile::listed(); {
     an_environment_is_made_changed_and_removed,
     environments_survive,
     batches_count_in_their_order,
@@ -627,7 +630,8 @@ async fn several_environments_are_removed_at_once(database: &dyn Database) {
     let store = database.open(Quotas::default()).await;
     let stays = make_large(&store, "stays", 50).await;
     let mut left = 0;
-    for _ in 0..5 {
+    // Each has more parts than steps were taken: journal, producers, segments, itself.
+    for _ in 0..4 {
         let id = make_large(&store, "hallway", 1_000).await;
         store.delete(id).await.expect("removed");
         left += 1;

@@ -43,6 +43,9 @@ impl Place {
     }
 }
 
+/// The most visits of a cell: a sum of an environment's transitions.
+pub const MOST: u64 = i64::MAX as u64;
+
 /// Packed bytes that no [`Encoder`] wrote.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Spoiled;

@@ -7,7 +7,7 @@
 //! mark, by one statement, afterwards knows which runs are in the rows already: none is counted
 //! twice, and none is missing.
 
-use super::cells::{Decoder, Place, Spoiled};
+use super::cells::{Decoder, MOST, Place, Spoiled};
 use super::merge::Merge;
 use super::row::{RowName, first_state, row_of};
 use super::run::Run;
@@ -277,6 +277,10 @@ impl RowDelta {
                 Some((last, sum)) if *last == place => sum.add(tally),
                 _ => after.push((place, tally)),
             }
+        }
+        // No batch brings about a count that is too large to be read again: one of these is damaged.
+        if after.iter().any(|(_, tally)| tally.n > MOST) {
+            return Err(Spoiled);
         }
         after
             .iter()

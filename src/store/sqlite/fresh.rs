@@ -105,9 +105,13 @@ async fn beside_old(
         let Ok(all) = lookup::states(connection, environment, view, &keys, Of::All).await? else {
             return Ok(Err(Outdated));
         };
+        // Asked later, so that more of it may be in rows, but nothing that is not among all.
         let stored = lookup::states(connection, environment, view, &keys, Of::Stored).await?;
-        for (all, stored) in all.iter().zip(stored.into_iter().flatten()) {
-            fresh.add(Size::of(all).less(Size::of(&stored)));
+        let Ok(stored) = stored else {
+            return Ok(Err(Outdated));
+        };
+        for (all, stored) in all.iter().zip(&stored) {
+            fresh.add(Size::of(all).less(Size::of(stored)));
         }
     }
     Ok(Ok(fresh))

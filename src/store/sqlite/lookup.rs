@@ -16,7 +16,7 @@ use super::stored_forms;
 use super::walk::{Placed, add_equal, cells_of};
 use crate::domain::{Cell, Counts, Environment, EnvironmentId, SegmentId, StateKey};
 use crate::store::StoreError;
-use crate::store::packed::cells::Place;
+use crate::store::packed::cells::{MOST, Place};
 use crate::store::packed::row::row_of;
 use crate::store::packed::unfolded::{Mark, Outdated};
 
@@ -55,7 +55,7 @@ pub(super) fn counts(environment: &Environment, cells: &[Placed]) -> Result<Coun
     let actions = environment.schema.joint_actions();
     let mut found = Vec::with_capacity(cells.len());
     for (place, tally) in cells {
-        if place.joint >= actions {
+        if place.joint >= actions || tally.n > MOST {
             return Err(spoiled("a state's counts"));
         }
         found.push(Cell {
@@ -114,7 +114,7 @@ async fn ranked(
     }
     let mark = marked.ok_or(StoreError::UnknownEnvironment)?;
     if of == Of::Stored {
-        return Ok(Ok(found));
+        return Ok(is_of(view, mark).map(|()| found));
     }
     for (rank, positions) in places {
         let Ok(unfolded) = unfolded(view, rank, mark)? else {
@@ -125,6 +125,11 @@ async fn ranked(
             .for_each(|at| add(&mut found[*at], &unfolded));
     }
     Ok(Ok(found))
+}
+
+/// Fails where rows and view are of different folds.
+fn is_of(view: &View, mark: Mark) -> Result<(), Outdated> {
+    view.unfolded.from(u64::MAX, mark).map(|_nothing| ())
 }
 
 /// Returns what the journal has of a state.
@@ -195,6 +200,9 @@ async fn by_key(
         };
         let mark = mark(&row, 1).map_err(unreadable)?;
         found[at] = stored_cells(&row, environment, view, state)?;
+        if let (Of::Stored, Err(outdated)) = (of, is_of(view, mark)) {
+            return Ok(Err(outdated));
+        }
         if of == Of::All {
             let Ok(unfolded) = unfolded(view, state, mark)? else {
                 return Ok(Err(Outdated));

@@ -124,6 +124,11 @@ impl SqliteStore {
     /// something to do.
     async fn compact_when(&self, fold_from: usize) -> Result<(), StoreError> {
         let is_left_alone = |id| self.memory.directory.is_read_only(id);
+        // After a transaction that failed nothing is known before the next one, and nobody else may
+        // have anything to write.
+        if self.memory.pending.is_suspended() {
+            return self.writer.begin().await?.end().await;
+        }
         let Some(task) = self.memory.pending.task(fold_from, is_left_alone) else {
             self.memory.pending.grown().await;
             return Ok(());

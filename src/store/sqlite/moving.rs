@@ -29,6 +29,10 @@ pub(super) async fn step(
     after: i64,
 ) -> Result<Option<i64>, StoreError> {
     let mut transaction = writer.begin().await?;
+    if !transaction.memory().directory.has(environment.id) {
+        transaction.end().await?;
+        return Ok(None);
+    }
     let connection = transaction.connection();
     let old = select(connection, environment, after).await?;
     let (is_last, next) = (

@@ -149,6 +149,11 @@ impl Pending {
         self.inner().views = None;
     }
 
+    /// Returns whether nothing is known.
+    pub(super) fn is_suspended(&self) -> bool {
+        self.inner().views.is_none()
+    }
+
     /// Begins anew with what the database has.
     pub(super) fn replace(&self, views: Map<EnvironmentId, View>, last_entry: i64) {
         let mut inner = self.inner();

@@ -287,12 +287,13 @@ impl Writer {
                 .await
                 .map_err(aborted)?;
             self.memory.directory.replace(all);
+            let mut views = journal.views;
             for (id, why) in journal.damaged {
                 self.memory.directory.make_read_only(id, &why);
+                // What it counted is not all known: whoever asks is told so, by the journal itself.
+                views.remove(&id);
             }
-            self.memory
-                .pending
-                .replace(journal.views, journal.last_entry);
+            self.memory.pending.replace(views, journal.last_entry);
             self.memory.removals.replace(gone);
             self.memory.resume();
         }

@@ -1,11 +1,27 @@
 //! Short ways to say what a test sends to a store.
 
+use std::cell::Cell;
+
 use nudge::domain::draft::{AgentDraft, FeatureDraft, KindDraft};
 use nudge::domain::{
     Acknowledged, Digest, EnvironmentId, Increment, Receipt, Schema, SchemaDraft, Sequence,
     StateKey, Tally,
 };
 use nudge::store::{Numbered, Outcome, Refusal};
+
+thread_local! {
+    /// Whether the states of this thread's test are too many to be numbered by their ranks.
+    static IS_HUGE: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Lets [`schema`] and [`state`] be of more states than can be numbered by their ranks, for all of
+/// this test, which has to stay on its thread.
+pub fn of_too_many_states() {
+    IS_HUGE.set(true);
+}
+
+/// The largest value of a feature.
+const LARGEST: i64 = 1 << 20;
 
 /// Returns a schema of one wide state feature and two agents with 1,024 actions each.
 pub fn schema() -> Schema {
@@ -23,8 +39,12 @@ pub fn schema_of(agents: &[(&str, i64)]) -> Schema {
         name: (*name).into(),
         action: vec![feature("move", actions - 1)],
     };
+    let mut state = vec![feature("place", LARGEST)];
+    if IS_HUGE.get() {
+        state.extend([feature("height", LARGEST), feature("depth", LARGEST)]);
+    }
     let draft = SchemaDraft {
-        state: vec![feature("place", 1 << 20)],
+        state,
         agents: agents.iter().map(agent).collect(),
     };
     Schema::try_from(&draft).expect("valid")
@@ -32,7 +52,10 @@ pub fn schema_of(agents: &[(&str, i64)]) -> Schema {
 
 /// Returns the key of a state of [`schema`].
 pub fn state(place: u32) -> StateKey {
-    StateKey::new(&[place])
+    match IS_HUGE.get() {
+        true => StateKey::new(&[place, place % 3, LARGEST as u32]),
+        false => StateKey::new(&[place]),
+    }
 }
 
 /// Returns visits whose entries are all known.
@@ -58,6 +81,25 @@ pub fn batch(environment: EnvironmentId, producer: &str, sequence: u64) -> Sendi
         increment: Increment::default(),
         receipt: Receipt::default(),
     })
+}
+
+/// Returns a batch of a transition in each place, of the joint action 1.
+pub fn filled(
+    environment: EnvironmentId,
+    producer: &str,
+    sequence: u64,
+    places: impl Iterator<Item = u32>,
+) -> Numbered {
+    let mut batch = batch(environment, producer, sequence).done();
+    let increment = &mut batch.increment;
+    increment.states = places.map(state).collect();
+    increment.cells = (0..)
+        .zip(&increment.states)
+        .map(|(at, _)| (at, 1, tally(1, 1)))
+        .collect();
+    increment.transitions = increment.states.len() as u64;
+    batch.receipt.accepted = increment.transitions;
+    batch
 }
 
 impl Sending {

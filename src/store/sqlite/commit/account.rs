@@ -8,6 +8,7 @@ use super::signed::signed;
 use crate::domain::{EnvironmentId, Sequence};
 use crate::store::ledger::{Account, last_dropped};
 use crate::store::sqlite::error::aborted;
+use crate::store::sqlite::receipts;
 use crate::store::sqlite::rows::ManyRows;
 use crate::store::sqlite::stored_forms;
 use crate::store::{Numbered, StoreError};
@@ -72,8 +73,8 @@ async fn insert_batches(
 ) -> Result<(), sqlx::Error> {
     static INSERT: LazyLock<ManyRows> = LazyLock::new(|| {
         ManyRows::new(
-            "insert into batches (producer, sequence, digest, receipt) values",
-            "(?, ?, ?, ?)",
+            "insert into batches (producer, sequence, digest, receipt, checksum) values",
+            "(?, ?, ?, ?, ?)",
             "",
         )
     });
@@ -81,10 +82,12 @@ async fn insert_batches(
     for (sql, chunk) in INSERT.chunks(batches) {
         let mut query = sqlx::query(sql);
         for batch in chunk {
-            query = query.bind(producer).bind(signed(batch.sequence.get()));
-            query = query
-                .bind(batch.digest.0.to_vec())
-                .bind(stored_forms::write_receipt(&batch.receipt));
+            let sequence = signed(batch.sequence.get());
+            let receipt = stored_forms::write_receipt(&batch.receipt);
+            let checksum = receipts::checksum(producer, sequence, &batch.digest.0, &receipt);
+            query = query.bind(producer).bind(sequence);
+            query = query.bind(batch.digest.0.to_vec()).bind(receipt);
+            query = query.bind(i64::from(checksum));
         }
         query.execute(&mut *connection).await?;
     }

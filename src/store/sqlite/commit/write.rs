@@ -103,6 +103,8 @@ async fn write_counts<'a>(
     entry: i64,
     ledger: &mut Ledger<'a>,
 ) -> Result<Delta<'a>, sqlx::Error> {
+    let known = transaction.memory().pending.view(environment.id);
+    let known = known.and_then(|view| view.layout);
     let (connection, row_ids) = transaction.parts();
     let segments = segments(connection, ledger).await?;
     let numbers = numbers(connection, row_ids, environment, ledger.merged.states()).await?;
@@ -111,11 +113,15 @@ async fn write_counts<'a>(
     let run = Run::of(cells.iter().map(|(placed, _)| *placed));
     journal::insert(connection, entry, environment.id, &run).await?;
     add_transitions(connection, environment.id, ledger.merged.transitions()).await?;
+    let layout = match known {
+        Some(layout) => layout,
+        None => moving::layout(connection, environment.id).await?,
+    };
     let entry = Entry {
         id: entry,
         run,
         fresh,
-        layout: moving::layout(connection, environment.id).await?,
+        layout,
         revision: ledger.revision(),
     };
     Ok(Delta {
