@@ -20,6 +20,7 @@ use nudge::api::proto::ingest_service_client::IngestServiceClient;
 use nudge::api::proto::{self, IngestRequest, ingest_request, ingest_response};
 use nudge::app::{App, Upkeep};
 use nudge::client::{Connection, Wire};
+use nudge::domain::Values;
 use nudge::serve::access::Keyring;
 use nudge::serve::tls::Tls;
 use nudge::serve::{Running, Settings, Starting};
@@ -176,19 +177,39 @@ pub async fn make_world_by(mut client: EnvironmentServiceClient<Wire>, name: &st
 pub fn batches(states: u32, how_many: usize, seed: u64) -> Vec<proto::Columns> {
     let mut random = StdRng::seed_from_u64(seed);
     let mut batch = || {
-        let mut columns = proto::Columns {
-            count: BATCH as u32,
-            ..Default::default()
-        };
+        let (mut values, mut actions) = (Vec::new(), Vec::new());
         for _ in 0..BATCH {
-            columns.states.extend(state(random.random_range(0..states)));
-            columns
-                .actions
-                .extend([0, 0].map(|_| random.random_range(0..ACTIONS) as f32));
+            values.extend(state(random.random_range(0..states)));
+            actions.extend([0, 0].map(|_| random.random_range(0..ACTIONS) as f32));
         }
-        columns
+        columns(values, actions)
     };
     (0..how_many).map(|_| batch()).collect()
+}
+
+/// A batch of [`BATCH`] transitions as bytes.
+pub fn columns(states: Vec<f32>, actions: Vec<f32>) -> proto::Columns {
+    proto::Columns {
+        count: BATCH as u32,
+        states_le: Values::from(states).into_le_bytes(),
+        actions_le: Values::from(actions).into_le_bytes(),
+        ..Default::default()
+    }
+}
+
+/// The same batch as packed floats: what clients send that know no bytes.
+pub fn packed(columns: &proto::Columns) -> proto::Columns {
+    let floats = |bytes: &bytes::Bytes| {
+        let values = Values::from_le(bytes.clone()).expect("whole");
+        values.iter().collect()
+    };
+    proto::Columns {
+        states: floats(&columns.states_le),
+        actions: floats(&columns.actions_le),
+        states_le: Default::default(),
+        actions_le: Default::default(),
+        ..columns.clone()
+    }
 }
 
 /// The values of a state by its number, spread over the alphabet.

@@ -181,9 +181,8 @@ fn named(batch: &Numbered) -> Vec<(CellName, Tally)> {
         .segment
         .as_ref()
         .map_or(String::new(), ToString::to_string);
-    let place = |state: u32| batch.increment.states[state as usize].bins()[0];
-    let name = |(state, joint, tally): &(u32, u64, Tally)| {
-        ((place(*state), segment.clone(), *joint), *tally)
+    let name = |(rank, joint, tally): &(u64, u64, Tally)| {
+        ((*rank as u32, segment.clone(), *joint), *tally)
     };
     batch.increment.cells.iter().map(name).collect()
 }

@@ -1,34 +1,47 @@
 //! Merging of a group commit: equal cells of all its batches are added together, so that each is
 //! written once.
 
-use crate::domain::{Increment, Label, StateKey, Tally};
+use crate::domain::{Increment, Label, StateKey, States, Tally};
 use crate::store::map::Map;
 
 /// The most cells that a commit makes room for at its first batch.
 const USUAL_CELLS: usize = 8_192;
 
+/// A state by its names.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(in crate::store) enum StateName<'k> {
+    /// Its rank, where the states of the environment have ranks.
+    Rank(u64),
+    /// Its key.
+    Key(&'k StateKey),
+}
+
 /// A cell by its names.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct CellName<'k> {
-    pub(super) state: &'k StateKey,
+    pub(super) state: StateName<'k>,
     /// As it is stored.
     pub(super) segment: &'k str,
     pub(super) joint: u64,
 }
 
-/// The sum of accepted increments of one environment. States and segments are numbered in order of
-/// appearance.
+/// A state's number, a segment's and a joint action.
+type At = (u64, u32, u64);
+
+/// The sum of accepted increments of one environment. States that are listed, and segments, are
+/// numbered in order of appearance; the number of a state that has a rank is the rank.
 #[derive(Default)]
 pub(in crate::store) struct Merged<'a> {
-    states: Vec<&'a StateKey>,
-    positions: Map<&'a StateKey, u32>,
+    listed: Vec<&'a StateKey>,
+    positions: Map<&'a StateKey, u64>,
     segments: Vec<&'a str>,
-    cells: Map<(u32, u32, u64), Tally>,
+    cells: Map<At, Tally>,
     transitions: u64,
 }
 
 impl<'a> Merged<'a> {
-    /// Adds an increment.
+    /// Adds an increment. All those of an environment name their states in the same way, for its
+    /// schema says which.
     pub(super) fn add(&mut self, increment: &'a Increment) {
         if increment.cells.is_empty() {
             return;
@@ -41,23 +54,28 @@ impl<'a> Merged<'a> {
                 .reserve((8 * increment.cells.len()).min(USUAL_CELLS));
         }
 
-        let states: Vec<u32> = increment
-            .states
-            .iter()
-            .map(|key| self.number_of_state(key))
-            .collect();
+        match &increment.states {
+            States::Ranked => self.add_cells(increment, segment, |rank| rank),
+            States::Listed(keys) => {
+                let numbers: Vec<u64> = keys.iter().map(|key| self.number_of_state(key)).collect();
+                self.add_cells(increment, segment, |at| numbers[at as usize]);
+            }
+        }
+    }
+
+    fn add_cells(&mut self, increment: &Increment, segment: u32, number: impl Fn(u64) -> u64) {
         for (state, joint, tally) in &increment.cells {
             self.cells
-                .entry((states[*state as usize], segment, *joint))
+                .entry((number(*state), segment, *joint))
                 .or_insert(Tally::EMPTY)
                 .add(*tally);
         }
     }
 
-    fn number_of_state(&mut self, key: &'a StateKey) -> u32 {
+    fn number_of_state(&mut self, key: &'a StateKey) -> u64 {
         *self.positions.entry(key).or_insert_with(|| {
-            self.states.push(key);
-            self.states.len() as u32 - 1
+            self.listed.push(key);
+            self.listed.len() as u64 - 1
         })
     }
 
@@ -70,9 +88,9 @@ impl<'a> Merged<'a> {
         }) as u32
     }
 
-    /// Returns the states, in order of their numbers.
-    pub(in crate::store) fn states(&self) -> &[&'a StateKey] {
-        &self.states
+    /// Returns the states that are listed, in order of their numbers; none where numbers are ranks.
+    pub(in crate::store) fn listed(&self) -> &[&'a StateKey] {
+        &self.listed
     }
 
     /// Returns the labels of segments, in order of their numbers.
@@ -93,7 +111,7 @@ impl<'a> Merged<'a> {
     /// Returns every cell by its names.
     pub(super) fn cells(&self) -> impl Iterator<Item = CellName<'a>> {
         self.cells.keys().map(|(state, segment, joint)| CellName {
-            state: self.states[*state as usize],
+            state: name(&self.listed, *state),
             segment: self.segments[*segment as usize],
             joint: *joint,
         })
@@ -102,13 +120,14 @@ impl<'a> Merged<'a> {
     /// Returns the cells of an increment that are not here, each once, by their names.
     pub(super) fn absent<'i>(&self, increment: &'i Increment) -> Vec<CellName<'i>> {
         let segment = stored_label(increment.segment.as_ref());
-        let name = |(state, joint, _): &(u32, u64, Tally)| CellName {
-            state: &increment.states[*state as usize],
+        let listed: Vec<&StateKey> = increment.states.listed().iter().collect();
+        let named = |(state, joint, _): &(u64, u64, Tally)| CellName {
+            state: name(&listed, *state),
             segment,
             joint: *joint,
         };
 
-        let mut absent: Vec<_> = increment.cells.iter().map(name).collect();
+        let mut absent: Vec<_> = increment.cells.iter().map(named).collect();
         absent.retain(|cell| !self.has(cell));
         absent.sort_unstable();
         absent.dedup();
@@ -116,14 +135,17 @@ impl<'a> Merged<'a> {
     }
 
     fn has(&self, cell: &CellName<'_>) -> bool {
-        let state = self.positions.get(cell.state);
+        let state = match cell.state {
+            StateName::Rank(rank) => Some(rank),
+            StateName::Key(key) => self.positions.get(key).copied(),
+        };
         let segment = self
             .segments
             .iter()
             .position(|label| *label == cell.segment);
         state.zip(segment).is_some_and(|(state, segment)| {
             self.cells
-                .contains_key(&(*state, segment as u32, cell.joint))
+                .contains_key(&(state, segment as u32, cell.joint))
         })
     }
 
@@ -131,8 +153,17 @@ impl<'a> Merged<'a> {
     /// no longer.
     pub(in crate::store) fn take_cells(
         &mut self,
-    ) -> impl ExactSizeIterator<Item = ((u32, u32, u64), Tally)> + use<> {
+    ) -> impl ExactSizeIterator<Item = (At, Tally)> + use<> {
         std::mem::take(&mut self.cells).into_iter()
+    }
+}
+
+/// Returns the name of a state by its number, which is its rank where no states are listed.
+fn name<'k>(listed: &[&'k StateKey], number: u64) -> StateName<'k> {
+    if listed.is_empty() {
+        StateName::Rank(number)
+    } else {
+        StateName::Key(listed[number as usize])
     }
 }
 
@@ -150,7 +181,6 @@ mod tests {
     fn the_first_batch_of_a_commit_makes_room_for_more_like_it_within_bounds() {
         let capacity = |cells: u64| {
             let increment = Increment {
-                states: vec![StateKey::new(&[0])],
                 cells: (0..cells).map(|joint| (0, joint, Tally::EMPTY)).collect(),
                 ..Increment::default()
             };

@@ -26,4 +26,5 @@ pub(in crate::store) use account::Account;
 pub use batch::{Numbered, Outcome, Quotas, Refusal};
 pub(in crate::store) use book::{Ledger, Ledgers};
 pub(in crate::store) use books::{Books, CellAt, Named, Opened, Opening, RowId, StoredProducer};
+pub(in crate::store) use merge::StateName;
 pub(in crate::store) use receipts::{Kept, inconsistency, last_dropped};

@@ -64,16 +64,8 @@ impl Sending {
     /// Adds a cell; each of them once.
     pub fn cell(mut self, place: u32, joint: u64, tally: Tally) -> Self {
         let increment = &mut self.0.increment;
-        let key = state(place);
-        let at = increment
-            .states
-            .iter()
-            .position(|known| *known == key)
-            .unwrap_or_else(|| {
-                increment.states.push(key);
-                increment.states.len() - 1
-            });
-        increment.cells.push((at as u32, joint, tally));
+        // The rank of a state of one feature.
+        increment.cells.push((u64::from(place), joint, tally));
         increment.transitions = increment.transitions.saturating_add(tally.n);
         self.0.receipt.accepted = increment.transitions;
         self

@@ -3,7 +3,7 @@
 //! Nothing here has been compared with bins yet. Rows and JSON become columns too, so there is one
 //! thing to digest and one thing to validate.
 
-use super::Label;
+use super::{Label, Values};
 
 /// Whether a step entered its state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -45,9 +45,9 @@ pub struct Records {
     /// How many records there are.
     pub len: usize,
     /// State values, record after record, one a state feature.
-    pub states: Vec<f32>,
+    pub states: Values,
     /// Action values, record after record, one an action feature.
-    pub actions: Vec<f32>,
+    pub actions: Values,
     /// One a record, or empty where none says.
     pub entries: Vec<Entry>,
     /// How often each record was observed, or empty for once each.
@@ -79,6 +79,10 @@ impl Records {
             len: records.len(),
             ..Self::default()
         };
+        let (mut states, mut actions) = (
+            Vec::with_capacity(records.len() * widths.state),
+            Vec::with_capacity(records.len() * widths.actions),
+        );
 
         for (index, record) in records.enumerate() {
             let record = record
@@ -92,21 +96,20 @@ impl Records {
                     widths.blank()
                 });
 
-            all.states.extend(&record.state);
-            all.actions.extend(&record.actions);
+            states.extend(&record.state);
+            actions.extend(&record.actions);
             all.entries.push(record.entry);
             all.counts.push(record.count);
         }
+        (all.states, all.actions) = (states.into(), actions.into());
         all.normalised()
     }
 
-    /// Returns these records in the one form that equal content has: -0.0 is 0.0, and a column that
-    /// only holds its default is empty.
+    /// Returns these records in the one form that equal content has, whichever form it came in:
+    /// -0.0 is 0.0, and a column that only holds its default is empty.
     pub fn normalised(mut self) -> Self {
-        self.states
-            .iter_mut()
-            .chain(&mut self.actions)
-            .for_each(|value| *value += 0.0);
+        self.states = self.states.normalised();
+        self.actions = self.actions.normalised();
 
         if self.entries.iter().all(|entry| *entry == Entry::Unknown) {
             self.entries.clear();
@@ -153,8 +156,8 @@ impl Records {
         }
 
         hasher.update(segment.as_bytes());
-        hasher.update(bytemuck::cast_slice(&self.states));
-        hasher.update(bytemuck::cast_slice(&self.actions));
+        hasher.update(self.states.le_bytes());
+        hasher.update(self.actions.le_bytes());
         hasher.update(
             &self
                 .entries
