@@ -469,6 +469,55 @@ async fn a_bad_value_in_bytes_is_rejected_as_one_in_floats() {
 }
 
 #[tokio::test]
+async fn states_are_counted_whether_they_have_ranks_or_too_many_siblings() {
+    let app = TestApp::start().await;
+    let edge = 65_535.0;
+    for features in [3, 4, 16] {
+        let name = format!("wide-{features}");
+        let feature = |i| json!({"name": format!("x{i}"), "integer": {"min": 0, "max": 65_535}});
+        let agent = |name| json!({"name": name, "action": [{"name": "go", "integer": {"min": 0, "max": 2}}]});
+        let state: Vec<_> = (0..features).map(feature).collect();
+        let description = json!({"state": state, "agents": [agent("a"), agent("b")]});
+        let path = format!("/v1/environments/{name}");
+        assert_eq!(app.rest("PUT", &path, Some(&description)).await.0, 201);
+
+        // The first and the last state of all, each in both batches.
+        let states = [
+            vec![0.0; features],
+            vec![edge; features],
+            vec![edge; features],
+        ]
+        .concat();
+        for sequence in 1..=2 {
+            let columns = proto::Columns {
+                count: 3,
+                states_le: le(&states),
+                actions_le: le(&[0.0, 0.0, 2.0, 2.0, 2.0, 1.0]),
+                ..Default::default()
+            };
+            let request = proto::WriteRequest {
+                environment: name.clone(),
+                producer: "p".into(),
+                batch: Some(of_columns(sequence, columns)),
+                ..Default::default()
+            };
+            let told = app.ingest().await.write(request).await.expect("valid");
+            let receipt = told.into_inner().receipt.expect("a receipt");
+            assert_eq!(
+                (receipt.status(), receipt.accepted),
+                (BatchStatus::Applied, 3)
+            );
+
+            for (bin, visits) in [(0, sequence), (65_535, 2 * sequence)] {
+                let key = vec![bin.to_string(); features].join(".");
+                let counts = app.get(&format!("{path}/states/{key}")).await;
+                assert_eq!(counts["visits"], visits, "{name} {key}: {counts}");
+            }
+        }
+    }
+}
+
+#[tokio::test]
 async fn columns_that_do_not_fit_are_told_by_pointer() {
     let app = TestApp::start().await;
     app.lane().await;

@@ -1,11 +1,12 @@
 //! Merging of a group commit: equal cells of all its batches are added together, so that each is
-//! written once.
+//! written once. They are gathered as they come, and sorted now and then.
 
+use super::order::{At, Part, merged, sorted};
 use crate::domain::{Increment, Label, StateKey, States, Tally};
 use crate::store::map::Map;
 
-/// The most cells that a commit makes room for at its first batch.
-const USUAL_CELLS: usize = 8_192;
+/// Cells that are gathered before they are sorted: few enough to stay in a cache of the processor.
+const UNSORTED: usize = 64_000;
 
 /// A state by its names.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -25,9 +26,6 @@ pub(super) struct CellName<'k> {
     pub(super) joint: u64,
 }
 
-/// A state's number, a segment's and a joint action.
-type At = (u64, u32, u64);
-
 /// The sum of accepted increments of one environment. States that are listed, and segments, are
 /// numbered in order of appearance; the number of a state that has a rank is the rank.
 #[derive(Default)]
@@ -35,7 +33,12 @@ pub(in crate::store) struct Merged<'a> {
     listed: Vec<&'a StateKey>,
     positions: Map<&'a StateKey, u64>,
     segments: Vec<&'a str>,
-    cells: Map<At, Tally>,
+    /// In order, each once.
+    cells: Vec<(At, Tally)>,
+    /// What is not in `cells` yet.
+    parts: Vec<Part<'a>>,
+    /// How many cells that is.
+    unsorted: usize,
     transitions: u64,
 }
 
@@ -49,26 +52,31 @@ impl<'a> Merged<'a> {
 
         self.transitions += increment.transitions;
         let segment = self.number_of_segment(stored_label(increment.segment.as_ref()));
-        if self.cells.is_empty() {
-            self.cells
-                .reserve((8 * increment.cells.len()).min(USUAL_CELLS));
-        }
-
-        match &increment.states {
-            States::Ranked => self.add_cells(increment, segment, |rank| rank),
+        let numbers = match &increment.states {
+            States::Ranked => None,
             States::Listed(keys) => {
-                let numbers: Vec<u64> = keys.iter().map(|key| self.number_of_state(key)).collect();
-                self.add_cells(increment, segment, |at| numbers[at as usize]);
+                Some(keys.iter().map(|key| self.number_of_state(key)).collect())
             }
+        };
+        self.unsorted += increment.cells.len();
+        self.parts.push(Part {
+            cells: &increment.cells,
+            segment,
+            numbers,
+        });
+
+        // As many as there are, so that those that are different are not merged again and again.
+        if self.unsorted >= UNSORTED.max(self.cells.len()) {
+            self.settle();
         }
     }
 
-    fn add_cells(&mut self, increment: &Increment, segment: u32, number: impl Fn(u64) -> u64) {
-        for (state, joint, tally) in &increment.cells {
-            self.cells
-                .entry((number(*state), segment, *joint))
-                .or_insert(Tally::EMPTY)
-                .add(*tally);
+    /// Adds equal cells together.
+    fn settle(&mut self) {
+        if self.unsorted > 0 {
+            let parts = std::mem::take(&mut self.parts);
+            self.cells = merged(std::mem::take(&mut self.cells), sorted(&parts));
+            self.unsorted = 0;
         }
     }
 
@@ -98,9 +106,14 @@ impl<'a> Merged<'a> {
         &self.segments
     }
 
-    /// Returns the number of cells.
-    pub(in crate::store) fn len(&self) -> usize {
-        self.cells.len()
+    /// Returns whether there are none.
+    pub(in crate::store) fn is_empty(&self) -> bool {
+        self.most_cells() == 0
+    }
+
+    /// Returns a bound of the number of cells, which costs nothing.
+    pub(super) fn most_cells(&self) -> usize {
+        self.cells.len() + self.unsorted
     }
 
     /// Returns the sum of all visits.
@@ -108,9 +121,11 @@ impl<'a> Merged<'a> {
         self.transitions
     }
 
-    /// Returns every cell by its names.
-    pub(super) fn cells(&self) -> impl Iterator<Item = CellName<'a>> {
-        self.cells.keys().map(|(state, segment, joint)| CellName {
+    /// Returns every cell by its names, each once.
+    pub(super) fn cells(&mut self) -> impl ExactSizeIterator<Item = CellName<'a>> {
+        self.settle();
+        let cells = self.cells.iter();
+        cells.map(|((state, segment, joint), _)| CellName {
             state: name(&self.listed, *state),
             segment: self.segments[*segment as usize],
             joint: *joint,
@@ -118,7 +133,8 @@ impl<'a> Merged<'a> {
     }
 
     /// Returns the cells of an increment that are not here, each once, by their names.
-    pub(super) fn absent<'i>(&self, increment: &'i Increment) -> Vec<CellName<'i>> {
+    pub(super) fn absent<'i>(&mut self, increment: &'i Increment) -> Vec<CellName<'i>> {
+        self.settle();
         let segment = stored_label(increment.segment.as_ref());
         let listed: Vec<&StateKey> = increment.states.listed().iter().collect();
         let named = |(state, joint, _): &(u64, u64, Tally)| CellName {
@@ -144,16 +160,18 @@ impl<'a> Merged<'a> {
             .iter()
             .position(|label| *label == cell.segment);
         state.zip(segment).is_some_and(|(state, segment)| {
-            self.cells
-                .contains_key(&(state, segment as u32, cell.joint))
+            let wanted = (state, segment as u32, cell.joint);
+            let found = self.cells.binary_search_by_key(&wanted, |(at, _)| *at);
+            found.is_ok()
         })
     }
 
-    /// Returns the tallies by the numbers of state and segment, and the joint action; they are here
-    /// no longer.
+    /// Returns the tallies by the numbers of state and segment, and the joint action, each once and
+    /// in this order; they are here no longer.
     pub(in crate::store) fn take_cells(
         &mut self,
     ) -> impl ExactSizeIterator<Item = (At, Tally)> + use<> {
+        self.settle();
         std::mem::take(&mut self.cells).into_iter()
     }
 }
@@ -178,17 +196,38 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_first_batch_of_a_commit_makes_room_for_more_like_it_within_bounds() {
-        let capacity = |cells: u64| {
-            let increment = Increment {
-                cells: (0..cells).map(|joint| (0, joint, Tally::EMPTY)).collect(),
-                ..Increment::default()
-            };
-            let mut merged = Merged::default();
-            merged.add(&increment);
-            merged.cells.capacity()
+    fn equal_cells_are_one_however_many_come() {
+        let one = Tally {
+            n: 1,
+            entries: Some(1),
         };
-        assert!(capacity(100) >= 800);
-        assert!(capacity(2_000) < 16_000, "eight of these are not usual");
+        let increment = |first: u64| Increment {
+            cells: (first..first + 1_000)
+                .map(|i| (i % 3_000, i % 2, one))
+                .collect(),
+            transitions: 1_000,
+            ..Increment::default()
+        };
+        let increments: Vec<Increment> = (0..90).map(|i| increment(i * 1_000)).collect();
+
+        let mut merged = Merged::default();
+        increments
+            .iter()
+            .for_each(|increment| merged.add(increment));
+
+        assert!(merged.most_cells() < UNSORTED, "added together on the way");
+        assert!(merged.absent(&increments[7]).is_empty());
+        let cells: Vec<(At, Tally)> = merged.take_cells().collect();
+        let expected = |i: u64| {
+            (
+                (i, 0, i % 2),
+                Tally {
+                    n: 30,
+                    entries: Some(30),
+                },
+            )
+        };
+        assert_eq!(cells, (0..3_000).map(expected).collect::<Vec<_>>());
+        assert_eq!((merged.is_empty(), merged.transitions()), (true, 90_000));
     }
 }

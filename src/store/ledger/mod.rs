@@ -16,6 +16,7 @@ mod book;
 mod books;
 mod decide;
 mod merge;
+mod order;
 mod quota;
 mod receipts;
 

@@ -101,7 +101,7 @@ async fn write_ledger<'a>(
     for (name, account) in ledger.advanced() {
         write_account(connection, ledger.environment, name, account).await?;
     }
-    if ledger.merged.len() == 0 {
+    if ledger.merged.is_empty() {
         return Ok(None);
     }
     let environment = transaction.memory().directory.of_id(ledger.environment);
