@@ -31,6 +31,9 @@ use tempfile::TempDir;
 use tokio::net::TcpListener;
 use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
+use tonic::body::Body;
+use tonic::client::GrpcService;
+use tonic::codegen::StdError;
 use tonic::transport::Channel;
 
 pub const BATCH: usize = 1_000;
@@ -231,8 +234,9 @@ pub async fn pump(
     batches: &[proto::Columns],
     how_many: u64,
 ) -> Duration {
+    // Without asking who listens: a sink knows no environments.
     pump_by(
-        connection(address).await.ingest(),
+        IngestServiceClient::new(channel(address).await),
         world,
         producer,
         batches,
@@ -242,13 +246,18 @@ pub async fn pump(
 }
 
 /// Sends batches as [`pump`] does, by a client of the caller's.
-pub async fn pump_by(
-    mut client: IngestServiceClient<Wire>,
+pub async fn pump_by<T>(
+    mut client: IngestServiceClient<T>,
     world: &str,
     producer: &str,
     batches: &[proto::Columns],
     how_many: u64,
-) -> Duration {
+) -> Duration
+where
+    T: GrpcService<Body, Error: Into<StdError>>,
+    T::ResponseBody:
+        http_body::Body<Data = bytes::Bytes, Error: Into<StdError> + Send> + Send + 'static,
+{
     let (requests, outbound) = mpsc::channel(64);
     let hello = proto::Hello {
         environment: world.into(),

@@ -5,7 +5,7 @@
 //! within one transaction, lets [`Ledgers::open`] and [`Ledgers::decide`] work, writes what
 //! [`Ledgers::into_accepted`] gives, and commits. `batch` is what is decided, and what is answered;
 //! `books` the questions, which are the ports; `account` one producer, `receipts` what is kept of
-//! its last batches; `merge` adds equal cells together; `book` holds all of that for one
+//! its last batches; `merge` adds equal cells together, which `order` sorts; `book` holds all of that for one
 //! environment; `quota` and `decide` are the rule, the table of [`crate::store::Store`].
 //!
 //! Absent on purpose: SQL, a driver, a runtime, a clock, a log. A test holds this room to it.
