@@ -21,6 +21,7 @@ use nudge::api::proto::ingest_service_client::IngestServiceClient;
 use nudge::api::proto::{self, IngestRequest, ingest_request, ingest_response};
 use nudge::app::{App, Upkeep};
 use nudge::client::{Connection, Wire};
+use nudge::domain::Values;
 use nudge::serve::access::Keyring;
 use nudge::serve::tls::Tls;
 use nudge::serve::{Running, Settings, Starting};
@@ -31,6 +32,9 @@ use tempfile::TempDir;
 use tokio::net::TcpListener;
 use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
+use tonic::body::Body;
+use tonic::client::GrpcService;
+use tonic::codegen::StdError;
 use tonic::transport::Channel;
 
 pub use sink::sink;
@@ -185,19 +189,39 @@ pub async fn make_world_by(mut client: EnvironmentServiceClient<Wire>, name: &st
 pub fn batches(states: u32, how_many: usize, seed: u64) -> Vec<proto::Columns> {
     let mut random = StdRng::seed_from_u64(seed);
     let mut batch = || {
-        let mut columns = proto::Columns {
-            count: BATCH as u32,
-            ..Default::default()
-        };
+        let (mut values, mut actions) = (Vec::new(), Vec::new());
         for _ in 0..BATCH {
-            columns.states.extend(state(random.random_range(0..states)));
-            columns
-                .actions
-                .extend([0, 0].map(|_| random.random_range(0..ACTIONS) as f32));
+            values.extend(state(random.random_range(0..states)));
+            actions.extend([0, 0].map(|_| random.random_range(0..ACTIONS) as f32));
         }
-        columns
+        columns(values, actions)
     };
     (0..how_many).map(|_| batch()).collect()
+}
+
+/// A batch of [`BATCH`] transitions as bytes.
+pub fn columns(states: Vec<f32>, actions: Vec<f32>) -> proto::Columns {
+    proto::Columns {
+        count: BATCH as u32,
+        states_le: Values::from(states).into_le_bytes(),
+        actions_le: Values::from(actions).into_le_bytes(),
+        ..Default::default()
+    }
+}
+
+/// The same batch as packed floats: what clients send that know no bytes.
+pub fn packed(columns: &proto::Columns) -> proto::Columns {
+    let floats = |bytes: &bytes::Bytes| {
+        let values = Values::from_le(bytes.clone()).expect("whole");
+        values.iter().collect()
+    };
+    proto::Columns {
+        states: floats(&columns.states_le),
+        actions: floats(&columns.actions_le),
+        states_le: Default::default(),
+        actions_le: Default::default(),
+        ..columns.clone()
+    }
 }
 
 /// The values of a state by its number, spread over the alphabet.
@@ -219,8 +243,9 @@ pub async fn pump(
     batches: &[proto::Columns],
     how_many: u64,
 ) -> Duration {
+    // Without asking who listens: a sink knows no environments.
     pump_by(
-        connection(address).await.ingest(),
+        IngestServiceClient::new(channel(address).await),
         world,
         producer,
         batches,
@@ -230,13 +255,18 @@ pub async fn pump(
 }
 
 /// Sends batches as [`pump`] does, by a client of the caller's.
-pub async fn pump_by(
-    mut client: IngestServiceClient<Wire>,
+pub async fn pump_by<T>(
+    mut client: IngestServiceClient<T>,
     world: &str,
     producer: &str,
     batches: &[proto::Columns],
     how_many: u64,
-) -> Duration {
+) -> Duration
+where
+    T: GrpcService<Body, Error: Into<StdError>>,
+    T::ResponseBody:
+        http_body::Body<Data = bytes::Bytes, Error: Into<StdError> + Send> + Send + 'static,
+{
     let (requests, outbound) = mpsc::channel(64);
     let hello = proto::Hello {
         environment: world.into(),

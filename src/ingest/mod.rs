@@ -206,8 +206,7 @@ impl Ingest {
         let (schema, environment) = (environment.schema.clone(), environment.id);
         let owner = self.principal.name().cloned();
 
-        let bytes =
-            size_of_val(&batch.records.states[..]) + size_of_val(&batch.records.actions[..]);
+        let bytes = batch.records.states.le_bytes().len() + batch.records.actions.le_bytes().len();
         let numbered = aside(bytes, move || {
             let segment = batch.segment.as_ref();
             let (digest, worded) = (

@@ -523,9 +523,11 @@ async fn counts_are_what_they_were_before_while_and_after_they_are_moved() {
 }
 
 /// Returns a batch of one transition, of the joint action 0.
-fn one_more(id: EnvironmentId, round: u64, key: &StateKey) -> Numbered {
-    let mut more = batch(id, "later", round).cell(0, 0, tally(1, 1)).done();
-    more.increment.states = vec![key.clone()];
+fn one_more(id: EnvironmentId, schema: &Schema, round: u64, key: &StateKey) -> Numbered {
+    let mut more = batch(id, "later", round).done();
+    more.increment.cells = vec![(schema.rank(key), 0, tally(1, 1))];
+    more.increment.transitions = 1;
+    more.receipt.accepted = 1;
     more.digest = Digest([7; 32]);
     more
 }

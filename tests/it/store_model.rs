@@ -225,7 +225,7 @@ impl World {
 const WIDE_ACTION: u64 = 1;
 
 fn is_wide(batch: &Numbered) -> bool {
-    batch.increment.states.len() as u64 >= WIDE
+    batch.increment.cells.len() as u64 >= WIDE
 }
 
 fn segment(batch: &Numbered) -> String {
@@ -236,12 +236,10 @@ fn segment(batch: &Numbered) -> String {
 /// Returns the cells that are in places which are asked about.
 fn named(batch: &Numbered) -> Vec<(CellName, Tally)> {
     let segment = segment(batch);
-    let place = |state: u32| {
-        let place = batch.increment.states[state as usize].bins()[0];
-        PLACED.iter().position(|placed| *placed == place)
-    };
-    let name = |(state, joint, tally): &(u32, u64, Tally)| {
-        let place = place(*state)? as u32;
+    // The rank of a state of one feature.
+    let place = |rank: u64| PLACED.iter().position(|place| u64::from(*place) == rank);
+    let name = |(rank, joint, tally): &(u64, u64, Tally)| {
+        let place = place(*rank)? as u32;
         Some(((place, segment.clone(), *joint), *tally))
     };
     batch.increment.cells.iter().filter_map(name).collect()
@@ -495,10 +493,8 @@ impl Pair {
 /// Adds a transition in each wide place.
 fn add_wide(batch: &mut Numbered) {
     let increment = &mut batch.increment;
-    let first = increment.states.len() as u32;
-    let cell = |at| (first + at, WIDE_ACTION, tally(1, 1));
-    increment.cells.extend((0..WIDE as u32).map(cell));
-    increment.states.extend(wide().map(state));
+    let cell = |place| (u64::from(place), WIDE_ACTION, tally(1, 1));
+    increment.cells.extend(wide().map(cell));
     increment.transitions += WIDE;
     batch.receipt.accepted = increment.transitions;
 }

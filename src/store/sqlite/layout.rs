@@ -1,12 +1,12 @@
 //! Where the counts of an environment are: its block of rows, and how its states are numbered.
 
-use crate::domain::{EnvironmentId, Schema, StateKey};
+use crate::domain::{EnvironmentId, MOST_RANKED, Schema, StateKey};
 use crate::store::packed::row::{RowName, row_of};
 
 /// Rows of a block are at most 2^44, so that 2^18 blocks fit.
 const ROW_BITS: u32 = 44;
-/// States of a block: sixteen a row.
-const MOST_RANKED: u64 = 1 << (ROW_BITS + 4);
+// Every rank has a place in a block: sixteen states a row.
+const _: () = assert!(MOST_RANKED <= 1 << (ROW_BITS + 4));
 
 /// The rows of one environment.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -27,9 +27,10 @@ pub(super) enum Numbering {
 impl Numbering {
     /// Returns how the states of a schema are numbered.
     pub(super) fn of(schema: &Schema) -> Self {
-        match schema.states() {
-            Some(states) if states <= MOST_RANKED => Self::Ranked,
-            _ => Self::Listed,
+        if schema.is_ranked() {
+            Self::Ranked
+        } else {
+            Self::Listed
         }
     }
 

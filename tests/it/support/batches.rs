@@ -5,7 +5,7 @@ use std::cell::Cell;
 use nudge::domain::draft::{AgentDraft, FeatureDraft, KindDraft};
 use nudge::domain::{
     Acknowledged, Digest, EnvironmentId, Increment, Receipt, Schema, SchemaDraft, Sequence,
-    StateKey, Tally,
+    StateKey, States, Tally,
 };
 use nudge::store::{Numbered, Outcome, Refusal};
 
@@ -92,30 +92,40 @@ pub fn filled(
 ) -> Numbered {
     let mut batch = batch(environment, producer, sequence).done();
     let increment = &mut batch.increment;
-    increment.states = places.map(state).collect();
-    increment.cells = (0..)
-        .zip(&increment.states)
-        .map(|(at, _)| (at, 1, tally(1, 1)))
-        .collect();
-    increment.transitions = increment.states.len() as u64;
+    for place in places {
+        let number = number(increment, place);
+        increment.cells.push((number, 1, tally(1, 1)));
+    }
+    increment.transitions = increment.cells.len() as u64;
     batch.receipt.accepted = increment.transitions;
     batch
+}
+
+/// Returns the number by which an increment names a state: its rank, or where there are too many
+/// for ranks its position among those that are listed.
+pub fn number(increment: &mut Increment, place: u32) -> u64 {
+    if !IS_HUGE.get() {
+        // The rank of a state of one feature.
+        return u64::from(place);
+    }
+
+    let mut listed = increment.states.listed().to_vec();
+    let key = state(place);
+    let at = listed.iter().position(|listed| *listed == key);
+    let at = at.unwrap_or_else(|| {
+        listed.push(key);
+        listed.len() - 1
+    });
+    increment.states = States::Listed(listed);
+    at as u64
 }
 
 impl Sending {
     /// Adds a cell; each of them once.
     pub fn cell(mut self, place: u32, joint: u64, tally: Tally) -> Self {
         let increment = &mut self.0.increment;
-        let key = state(place);
-        let at = increment
-            .states
-            .iter()
-            .position(|known| *known == key)
-            .unwrap_or_else(|| {
-                increment.states.push(key);
-                increment.states.len() - 1
-            });
-        increment.cells.push((at as u32, joint, tally));
+        let number = number(increment, place);
+        increment.cells.push((number, joint, tally));
         increment.transitions = increment.transitions.saturating_add(tally.n);
         self.0.receipt.accepted = increment.transitions;
         self

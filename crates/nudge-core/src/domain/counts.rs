@@ -43,13 +43,34 @@ impl Tally {
 pub struct Increment {
     /// Where its transitions come from.
     pub segment: Option<Label>,
-    /// Each state once.
-    pub states: Vec<StateKey>,
-    /// By the state's position above and the joint action, in any order; the same cell may stand
-    /// here more than once.
-    pub cells: Vec<(u32, u64, Tally)>,
+    /// How the cells name their states.
+    pub states: States,
+    /// By the state's number and the joint action, in any order; the same cell may stand here more
+    /// than once.
+    pub cells: Vec<(u64, u64, Tally)>,
     /// The sum of all `n`.
     pub transitions: u64,
+}
+
+/// How the cells of an [`Increment`] name their states.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub enum States {
+    /// By their ranks: [`Schema::rank`].
+    #[default]
+    Ranked,
+    /// By their positions here, where each stands once: an environment with more states than
+    /// ranks.
+    Listed(Vec<StateKey>),
+}
+
+impl States {
+    /// Returns the states that are listed.
+    pub fn listed(&self) -> &[StateKey] {
+        match self {
+            Self::Ranked => &[],
+            Self::Listed(keys) => keys,
+        }
+    }
 }
 
 /// One cell of a state: a joint action under a segment.

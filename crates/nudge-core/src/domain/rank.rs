@@ -3,7 +3,16 @@
 
 use super::{Schema, StateKey};
 
+/// The most states that are named by their ranks. Where there are more, those that were seen are
+/// listed.
+pub const MOST_RANKED: u64 = 1 << 48;
+
 impl Schema {
+    /// Returns whether states are named by their ranks.
+    pub fn is_ranked(&self) -> bool {
+        self.states().is_some_and(|states| states <= MOST_RANKED)
+    }
+
     /// Returns how many states there are; `None` where it is 2^64 or more.
     pub fn states(&self) -> Option<u64> {
         let bins = |states: u64, bins: u32| states.checked_mul(u64::from(bins));

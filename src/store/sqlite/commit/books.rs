@@ -11,7 +11,9 @@ use sqlx::sqlite::SqliteConnection;
 use super::failed::Failed;
 use crate::domain::{Digest, Environment, EnvironmentId, Sequence, StateKey};
 use crate::store::StoreError;
-use crate::store::ledger::{Books, CellAt, Kept, Named, Opened, Opening, RowId, StoredProducer};
+use crate::store::ledger::{
+    Books, CellAt, Kept, Named, Opened, Opening, RowId, StateName, StoredProducer,
+};
 use crate::store::packed::unfolded::Outdated;
 use crate::store::sqlite::directory::Directory;
 use crate::store::sqlite::error::{aborted, spoiled};
@@ -201,13 +203,18 @@ async fn count_cells(
     let environment = known(transaction, id)?;
     let view = transaction.memory().pending.view(id);
     let view = view.ok_or(StoreError::UnknownEnvironment)?;
-    let mut states: BTreeMap<&StateKey, Vec<(u64, u64)>> = BTreeMap::new();
+    let mut states: BTreeMap<StateName<'_>, Vec<(u64, u64)>> = BTreeMap::new();
     for cell in cells {
         let cells = states.entry(cell.state).or_default();
         cells.push((cell.segment.0.unsigned_abs(), cell.joint));
     }
 
-    let keys: Vec<&StateKey> = states.keys().copied().collect();
+    let key = |name: &StateName<'_>| match *name {
+        StateName::Rank(rank) => environment.schema.state_of_rank(rank),
+        StateName::Key(key) => key.clone(),
+    };
+    let keys: Vec<StateKey> = states.keys().map(key).collect();
+    let keys: Vec<&StateKey> = keys.iter().collect();
     let connection = transaction.connection();
     let found = lookup::states(connection, &environment, &view, &keys, Of::All).await?;
     let found = found.map_err(outdated)?;

@@ -8,9 +8,10 @@ use sqlx::sqlite::SqliteConnection;
 use super::account::write_account;
 use super::failed::Failed;
 use super::signed::signed;
-use crate::domain::{Cell, Environment, EnvironmentId, SegmentId, StateKey};
+use crate::domain::{Cell, Environment, EnvironmentId, Schema, SegmentId, StateKey};
 use crate::store::StoreError;
 use crate::store::ledger::Ledger;
+use crate::store::map::Map;
 use crate::store::packed::cells::Place;
 use crate::store::packed::run::Run;
 use crate::store::sqlite::error::aborted;
@@ -28,12 +29,17 @@ use crate::store::sqlite::{journal, moving};
 pub(super) struct Delta<'a> {
     environment: EnvironmentId,
     entry: Entry,
-    states: Vec<&'a StateKey>,
-    cells: Vec<Written>,
+    states: Keys<'a>,
+    /// In order of place.
+    cells: Vec<Placed>,
 }
 
-/// A cell as it is written, and its state's number in the commit.
-type Written = (Placed, u32);
+/// The keys of the states of a commit, by the numbers that they are stored under.
+enum Keys<'a> {
+    /// Told by their ranks.
+    Ranked(Schema),
+    Listed(Map<u64, &'a StateKey>),
+}
 
 impl Delta<'_> {
     /// Brings memory up to date.
@@ -41,19 +47,28 @@ impl Delta<'_> {
         let (id, revision) = (self.environment, self.entry.revision);
         memory.pending.push(id, &self.entry);
 
-        let states = self.cells.chunk_by(|(_, a), (_, b)| a == b);
-        let delta = states.map(|cells| (self.states[cells[0].1 as usize], cells.iter().map(cell)));
+        let states = self.cells.chunk_by(|(a, _), (b, _)| a.state == b.state);
+        let delta = states.map(|cells| (self.states.of(cells[0].0.state), cells.iter().map(cell)));
         memory.cache.apply(id, revision, delta);
 
         let actions = self
             .cells
             .iter()
-            .map(|((place, tally), _)| (place.joint, *tally));
+            .map(|(place, tally)| (place.joint, *tally));
         memory.actions.apply(id, revision, actions);
     }
 }
 
-fn cell(((place, tally), _): &Written) -> Cell {
+impl Keys<'_> {
+    fn of(&self, number: u64) -> StateKey {
+        match self {
+            Self::Ranked(schema) => schema.state_of_rank(number),
+            Self::Listed(keys) => keys[&number].clone(),
+        }
+    }
+}
+
+fn cell((place, tally): &Placed) -> Cell {
     Cell {
         joint: place.joint,
         segment: SegmentId(place.segment as i64),
@@ -86,7 +101,7 @@ async fn write_ledger<'a>(
     for (name, account) in ledger.advanced() {
         write_account(connection, ledger.environment, name, account).await?;
     }
-    if ledger.merged.len() == 0 {
+    if ledger.merged.is_empty() {
         return Ok(None);
     }
     let environment = transaction.memory().directory.of_id(ledger.environment);
@@ -107,10 +122,21 @@ async fn write_counts<'a>(
     let known = known.and_then(|view| view.layout);
     let (connection, row_ids) = transaction.parts();
     let segments = segments(connection, ledger).await?;
-    let numbers = numbers(connection, row_ids, environment, ledger.merged.states()).await?;
+    let (states, cells) = match Numbering::of(&environment.schema) {
+        Numbering::Ranked => {
+            let cells = cells(ledger, &segments, |rank| rank);
+            (Keys::Ranked(environment.schema.clone()), cells)
+        }
+        Numbering::Listed => {
+            let keys = ledger.merged.listed();
+            let ids = ids(connection, row_ids, environment.id, keys).await?;
+            let keys = ids.iter().copied().zip(keys.iter().copied()).collect();
+            let cells = cells(ledger, &segments, |at| ids[at as usize]);
+            (Keys::Listed(keys), cells)
+        }
+    };
     let fresh = ledger.fresh_cells();
-    let cells = cells(ledger, &segments, &numbers);
-    let run = Run::of(cells.iter().map(|(placed, _)| *placed));
+    let run = Run::of(cells.iter().copied());
     journal::insert(connection, entry, environment.id, &run).await?;
     add_transitions(connection, environment.id, ledger.merged.transitions()).await?;
     let layout = match known {
@@ -127,7 +153,7 @@ async fn write_counts<'a>(
     Ok(Delta {
         environment: environment.id,
         entry,
-        states: ledger.merged.states().to_vec(),
+        states,
         cells,
     })
 }
@@ -161,23 +187,9 @@ async fn insert_segment(
     Ok(done.last_insert_rowid())
 }
 
-/// Returns the numbers of states.
-async fn numbers(
-    connection: &mut SqliteConnection,
-    row_ids: &mut RowIdCache,
-    environment: &Environment,
-    keys: &[&StateKey],
-) -> Result<Vec<u64>, sqlx::Error> {
-    let schema = &environment.schema;
-    match Numbering::of(schema) {
-        Numbering::Ranked => Ok(keys.iter().map(|key| schema.rank(key)).collect()),
-        Numbering::Listed => listed(connection, row_ids, environment.id, keys).await,
-    }
-}
-
 /// Returns the ids of states, which are made where they are new. The only writer gives out ids
 /// itself, so it needs no answer from the database.
-async fn listed(
+async fn ids(
     connection: &mut SqliteConnection,
     row_ids: &mut RowIdCache,
     environment: EnvironmentId,
@@ -220,19 +232,19 @@ async fn insert_states(
     Ok(())
 }
 
-/// Returns the cells of a commit in order of place.
-fn cells(ledger: &mut Ledger<'_>, segments: &[i64], numbers: &[u64]) -> Vec<Written> {
-    let written = |((state, segment, joint), tally): ((u32, u32, u64), _)| {
+/// Returns the cells of a commit in order of place; `stored` tells under which number a state is.
+fn cells(ledger: &mut Ledger<'_>, segments: &[i64], stored: impl Fn(u64) -> u64) -> Vec<Placed> {
+    let placed = |((state, segment, joint), tally): ((u64, u32, u64), _)| {
         let place = Place {
-            state: numbers[state as usize],
+            state: stored(state),
             segment: segments[segment as usize].unsigned_abs(),
             family: 0,
             joint,
         };
-        ((place, tally), state)
+        (place, tally)
     };
-    let mut cells: Vec<Written> = ledger.merged.take_cells().map(written).collect();
-    cells.sort_unstable_by_key(|((place, _), _)| *place);
+    let mut cells: Vec<Placed> = ledger.merged.take_cells().map(placed).collect();
+    cells.sort_unstable_by_key(|(place, _)| *place);
     cells
 }
 
