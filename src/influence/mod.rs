@@ -15,7 +15,7 @@
 //! | a fit | `fits` | [`crate::priors`] |
 //!
 //! Each begins with its `query_context`, which `contexts` finds. An `assessor` says of one state's
-//! counts what they are worth: `row` keeps that for all states, `state_ranking` and `count_ranking`
+//! counts what they are worth: `rows` keep that for all states, `state_ranking` and `count_ranking`
 //! order them, and `discoveries` tests many at once. `passes` gets those from a `pass_cache`, made
 //! once for all who ask. `labels` names what has numbers, and `size` refuses what no message holds.
 //!
@@ -36,6 +36,7 @@ mod discoveries;
 mod explore;
 mod fits;
 mod graph;
+mod keyed;
 mod labels;
 mod listing;
 mod order;
@@ -46,6 +47,7 @@ mod passes;
 mod query_context;
 mod questions;
 mod row;
+mod rows;
 mod size;
 mod skeleton;
 mod state_ranking;
