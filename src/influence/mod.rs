@@ -77,9 +77,12 @@ type SearchKey = (RankingKey, u64, DiscoveryMethod);
 /// Which priors: of one pair, or of all.
 type FitKey = (EnvironmentId, Option<Pair>);
 
-/// The service that answers questions of influence. Cloning is cheap.
+/// The service that answers questions of influence. Cloning is cheap: every request does.
 #[derive(Clone)]
-pub struct Influence {
+pub struct Influence(Arc<Handles>);
+
+/// What all clones share.
+pub struct Handles {
     store: Arc<dyn Store>,
     fits: PriorRegistry,
     networks: Networks,
@@ -91,12 +94,20 @@ pub struct Influence {
     fitting: Jobs<FitKey, Vec<FittedPrior>>,
 }
 
+impl std::ops::Deref for Influence {
+    type Target = Handles;
+
+    fn deref(&self) -> &Handles {
+        &self.0
+    }
+}
+
 impl Influence {
     /// Makes a handle on the answers from a store, the priors fitted to it and the networks that
     /// are asked where counts do not decide.
     pub fn new(store: Arc<dyn Store>, fits: PriorRegistry, networks: Networks, work: Work) -> Self {
         let stopping = || work.stopping.clone();
-        Self {
+        Self(Arc::new(Handles {
             count_rankings: PassCache::new("the ranking", stopping()),
             rankings: PassCache::new("the ranking", stopping()),
             searched: PassCache::new("the list of discoveries", stopping()),
@@ -106,6 +117,6 @@ impl Influence {
             fits,
             networks,
             work,
-        }
+        }))
     }
 }
