@@ -5,7 +5,6 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::assessor::Assessor;
-use super::order::Ranked;
 use super::query_context::QueryContext;
 use crate::domain::{Basis, Counts, Evidence, StateKey, Verdict, View};
 use crate::model::Prediction;
@@ -28,24 +27,6 @@ pub struct Row {
     pub verdict: Verdict,
     /// What it rests on.
     pub basis: Basis,
-}
-
-impl Ranked for Row {
-    fn key(&self) -> &StateKey {
-        &self.key
-    }
-
-    fn visits(&self) -> u64 {
-        self.visits
-    }
-
-    fn plug_in(&self) -> f64 {
-        self.plug_in
-    }
-
-    fn evidence(&self) -> Option<&Evidence> {
-        self.evidence.as_ref()
-    }
 }
 
 /// Measures states; those not seen in the segments asked for are left out.

@@ -6,7 +6,8 @@ use std::sync::Arc;
 
 use super::order::Orders;
 use super::query_context::QueryContext;
-use super::row::{Row, measured};
+use super::row::measured;
+use super::rows::Rows;
 use super::store_errors::logged;
 use crate::domain::{FitId, SegmentId};
 use crate::error::Problem;
@@ -18,7 +19,7 @@ use crate::work::{Gate, Progress};
 /// segments or not.
 pub struct StateRanking {
     /// Every state seen, in order of key.
-    pub rows: Vec<Row>,
+    pub rows: Rows,
     /// How many segments have visits in them, of those asked for.
     pub segments: u64,
     /// The fit that the evidence rests on.
@@ -48,7 +49,7 @@ pub async fn make(
     let totals = store.totals(context.environment.id).await.map_err(logged)?;
     progress.begin("states measured", totals.states);
 
-    let mut rows = Vec::new();
+    let mut rows = Rows::new(context.network_version());
     let mut segments = HashSet::new();
     let mut pages = Pages::new(store, context.environment.id);
     while let Some(page) = pages.next().await.map_err(logged)? {
@@ -63,12 +64,12 @@ pub async fn make(
         });
         let (named, measured) = measuring.await?;
         segments.extend(named);
-        rows.extend(measured);
+        measured.iter().for_each(|row| rows.push(row));
         progress.add(states);
     }
 
     let rows = gate.run(move |_| {
-        rows.sort_unstable_by(|a: &Row, b| a.key.cmp(&b.key));
+        rows.sort();
         Ok(rows)
     });
 
