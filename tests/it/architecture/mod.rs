@@ -294,18 +294,14 @@ fn every_room_is_on_the_map() {
     let maps: Vec<String> = maps.collect();
     for (module, _) in sources().files() {
         let room = room(&module);
-        let is_declared = maps
-            .iter()
-            .any(|map| map.contains(&format!("pub mod {room};")))
+        if ["", "main"].contains(&room) {
+            continue;
+        }
+        let is_declared = maps.iter().any(|map| map.contains(&format!("mod {room};")))
             || maps[0].contains(&format!(" as {room};"));
-        assert!(
-            ["", "main"].contains(&room) || is_declared,
-            "{room} is in no crate"
-        );
-        assert!(
-            ["", "main"].contains(&room) || maps[0].contains(&format!("[`{room}`]")),
-            "{room} is not on the map"
-        );
+        assert!(is_declared, "{room} is in no crate");
+        let is_on_a_map = maps.iter().any(|map| map.contains(&format!("`{room}`")));
+        assert!(is_on_a_map, "{room} is not on the map");
     }
     let shown: Vec<&str> = maps
         .iter()
