@@ -39,7 +39,7 @@ pub enum KeysError {
 
 impl Keys {
     /// Reads a file.
-    pub fn read(path: &Path) -> Result<Self, KeysError> {
+    pub fn read_file(path: &Path) -> Result<Self, KeysError> {
         let unread = |why: String| KeysError::Unread {
             path: path.display().to_string(),
             why,

@@ -44,7 +44,7 @@ impl Check {
             )));
         }
         let found = match SqliteStore::inspect(&path, Options::default()).await {
-            Ok(store) => Found::of(Arc::new(store)).await?,
+            Ok(store) => Found::in_store(Arc::new(store)).await?,
             // So damaged that nothing can be read is damage too.
             Err(StoreError::Damaged(why)) => Found {
                 integrity: vec![why],
@@ -99,7 +99,7 @@ struct UnreadableNetwork {
 }
 
 impl Found {
-    async fn of(store: Arc<SqliteStore>) -> Result<Self, Failure> {
+    async fn in_store(store: Arc<SqliteStore>) -> Result<Self, Failure> {
         let integrity = store.integrity().await.map_err(unopened)?;
         let audits = store.audit().await.map_err(unopened)?;
         // Tables of fits and of networks came later than those of counts.

@@ -76,7 +76,7 @@ impl Ingest {
         }
         let connection = self.server.connect().await?;
         let progress = Progress::new(parts.iter().map(Part::steps).sum());
-        let report = Report::of(&parts, &connection, &progress).await?;
+        let report = Report::send_parts(&parts, &connection, &progress).await?;
         progress.finish();
         report.print(self.json)
     }
@@ -90,7 +90,7 @@ pub(super) fn parts_of(
 ) -> Result<Vec<Part>, Failure> {
     let wrong = |why: &dyn std::fmt::Display| Failure::usage(format!("cannot read {name}: {why}"));
     let text = overcooked::decompressed(bytes).map_err(|error| wrong(&error))?;
-    let games = overcooked::read(&text).map_err(|error| wrong(&error))?;
+    let games = overcooked::read_games(&text).map_err(|error| wrong(&error))?;
     let digest = blake3::hash(&text).to_hex();
     let mut by_layout: BTreeMap<String, Vec<Game>> = BTreeMap::new();
     for game in games {
@@ -156,7 +156,7 @@ impl Part {
 
 impl Report {
     /// Sends parts, one after the other.
-    pub(super) async fn of(
+    pub(super) async fn send_parts(
         parts: &[Part],
         connection: &Connection,
         progress: &Progress,

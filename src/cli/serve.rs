@@ -72,7 +72,7 @@ impl Service {
     /// serve. `None` where a signal came first.
     pub(super) async fn start(config: &Config, signals: &Signals) -> Result<Option<Self>, Failure> {
         refuse_to_be_open(config)?;
-        let keys = KeysFile::read(config.keys.as_deref())?;
+        let keys = KeysFile::read_and_watch(config.keys.as_deref())?;
         let tls = config.tls()?;
 
         // The port first: whoever finds it taken should not have touched the data.

@@ -159,7 +159,7 @@ struct Stage {
 }
 
 impl Stage {
-    fn of(job: &proto::Job) -> Self {
+    fn of_job(job: &proto::Job) -> Self {
         // What a job that waits says is how far the one in front of it is.
         let step = Some(job.message.clone()).filter(|_| job.state() != JobState::Queued);
         Self {
@@ -270,7 +270,7 @@ impl Watched {
             let job = self.job(progress).await?;
             progress.part(&part(&job));
             progress.at_share(job.progress);
-            let stage = Stage::of(&job);
+            let stage = Stage::of_job(&job);
             if told
                 .as_ref()
                 .is_none_or(|(last, at): &(Stage, Instant)| *last != stage || at.elapsed() >= QUIET)
@@ -429,7 +429,8 @@ mod tests {
             message: "learns".into(),
             ..job_in(JobState::Running)
         };
-        let is_new = |one: proto::Job, next: proto::Job| Stage::of(&one) != Stage::of(&next);
+        let is_new =
+            |one: proto::Job, next: proto::Job| Stage::of_job(&one) != Stage::of_job(&next);
         assert!(!is_new(waits(2, "34 % is done"), waits(2, "35 % is done")));
         assert!(is_new(waits(2, ""), waits(1, "")) && is_new(waits(1, ""), runs(0.0)));
         assert!(!is_new(runs(0.31), runs(0.39)) && is_new(runs(0.39), runs(0.4)));

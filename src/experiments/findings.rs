@@ -81,7 +81,7 @@ pub fn over_seeds<W: Copy, D: Copy, F: Copy>(
             world,
             method: *method,
             figure: *figure,
-            spread: Spread::of(&values)?,
+            spread: Spread::of_values(&values)?,
         })
     };
     measured.filter_map(finding).collect()
@@ -164,8 +164,8 @@ impl<W: Cells, D: Cells, F: Cells> Cells for Target<W, D, F> {
     }
 }
 
-/// What an experiment was asked to run: it names its parameters, and says what must be shown.
-pub trait Plan<W, D, F> {
+/// The design of an experiment: its parameters, and its targets.
+pub trait ExperimentDesign<W, D, F> {
     /// The name of the experiment.
     const EXPERIMENT: &'static str;
 
@@ -185,7 +185,7 @@ pub struct Report<P, W, D, F> {
     pub findings: Findings<W, D, F>,
 }
 
-impl<P: Plan<W, D, F>, W: Cells, D: Cells, F: Cells> Report<P, W, D, F> {
+impl<P: ExperimentDesign<W, D, F>, W: Cells, D: Cells, F: Cells> Report<P, W, D, F> {
     /// Returns every target beside what was measured.
     pub fn targets(&self) -> Vec<Target<W, D, F>> {
         self.options.targets(&self.findings)

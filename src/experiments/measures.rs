@@ -33,7 +33,7 @@ pub struct Hits {
 
 impl Hits {
     /// Counts pairs of what was called and what is true.
-    pub fn of(decisions: impl IntoIterator<Item = (bool, bool)>) -> Self {
+    pub fn of_decisions(decisions: impl IntoIterator<Item = (bool, bool)>) -> Self {
         decisions
             .into_iter()
             .fold(Self::default(), |mut hits, decision| {
@@ -104,7 +104,7 @@ pub struct Spread {
 
 impl Spread {
     /// Returns the spread of the values; `None` of nothing.
-    pub fn of(values: &[f64]) -> Option<Self> {
+    pub fn of_values(values: &[f64]) -> Option<Self> {
         let center = mean(values.iter().copied())?;
         let squares: f64 = values.iter().map(|value| (value - center).powi(2)).sum();
         let sd = share(squares, values.len() as f64 - 1.0).map(f64::sqrt);

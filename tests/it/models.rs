@@ -13,7 +13,7 @@ use tempfile::TempDir;
 use tonic::{Code, Status};
 use tonic_types::StatusExt;
 
-use crate::cli::{nudge, output, told};
+use crate::cli::{exit_and_texts, nudge, output};
 use crate::support::{TestApp, reason};
 
 const WORLD: &str = "/v1/environments/world";
@@ -803,7 +803,7 @@ async fn files_beyond_the_limits_are_told_where_to_go() {
 }
 
 async fn run(app: &TestApp, arguments: &[&str]) -> (i32, String, String) {
-    told(&output(nudge(&app.address.to_string(), arguments)).await)
+    exit_and_texts(&output(nudge(&app.address.to_string(), arguments)).await)
 }
 
 const TRAIN: [&str; 11] = [
@@ -962,7 +962,7 @@ async fn ctrl_c_ends_the_training() {
         .await
         .expect("no panic")
         .expect("it ends");
-    let (code, stdout, stderr) = told(&ended);
+    let (code, stdout, stderr) = exit_and_texts(&ended);
     assert_eq!((code, stdout.as_str()), (130, ""), "{stderr}");
     assert_eq!(
         stderr.lines().last(),

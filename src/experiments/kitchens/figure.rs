@@ -55,7 +55,7 @@ impl Figure {
         }
     }
 
-    fn of(self, truths: &[Truth], said: &[Said]) -> Option<f64> {
+    fn measured(self, truths: &[Truth], said: &[Said]) -> Option<f64> {
         let states = || truths.iter().zip(said);
         let steps =
             || states().flat_map(|(truth, said)| repeat_n((said, truth.is_strong), truth.steps));
@@ -64,8 +64,10 @@ impl Figure {
             Self::Auroc => auc(&steps()
                 .map(|(said, strong)| (said.probability, strong))
                 .collect::<Vec<_>>()),
-            Self::F1 => Hits::of(steps().map(|(said, strong)| (called(said), strong))).f1(),
-            Self::F1AtVerdict => Hits::of(
+            Self::F1 => {
+                Hits::of_decisions(steps().map(|(said, strong)| (called(said), strong))).f1()
+            }
+            Self::F1AtVerdict => Hits::of_decisions(
                 steps().map(|(said, strong)| (said.verdict == Verdict::Influences, strong)),
             )
             .f1(),
@@ -84,7 +86,7 @@ impl Figure {
 /// Measures every method by every figure.
 pub fn measure(trial: &Trial) -> Measured {
     let figures = |(method, said): &(Method, Vec<Said>)| {
-        Figure::ALL.map(|figure| (*method, figure, figure.of(&trial.truths, said)))
+        Figure::ALL.map(|figure| (*method, figure, figure.measured(&trial.truths, said)))
     };
     trial.said.iter().flat_map(figures).collect()
 }
@@ -103,7 +105,7 @@ mod tests {
             truth(2, false),
         ];
         let said = [0.9, 0.4, 0.6, 0.1].map(Said::by);
-        let figure = |figure: Figure| figure.of(&truths, &said).expect("defined");
+        let figure = |figure: Figure| figure.measured(&truths, &said).expect("defined");
         // Of 24 pairs of steps one in four is in the wrong order for the step at .4 alone:
         // 3 x 6 + 1 x 2 are in the right one.
         assert_eq!(figure(Figure::Auroc), 20.0 / 24.0);

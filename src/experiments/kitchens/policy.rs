@@ -26,7 +26,7 @@ pub struct Habits {
 
 impl Habits {
     /// Counts actions.
-    pub fn of(steps: impl Iterator<Item = (Player, Move)>) -> Self {
+    pub fn of_steps(steps: impl Iterator<Item = (Player, Move)>) -> Self {
         let mut by_position: HashMap<(u8, u8), Policy> = HashMap::new();
         let mut overall = Policy::default();
         for (player, action) in steps {

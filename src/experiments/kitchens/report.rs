@@ -21,7 +21,7 @@ pub struct Facts {
 }
 
 impl Facts {
-    pub(super) fn of(scene: &Scene) -> Self {
+    pub(super) fn of_scene(scene: &Scene) -> Self {
         let steps = |only_strong: bool| {
             let wanted = scene
                 .unseen

@@ -47,7 +47,7 @@ pub struct Scene {
 impl Scene {
     /// Makes the scene of visits of which so many steps are counted. What is unseen does not depend
     /// on that.
-    pub fn of(visits: &Visits, response_model: ResponseModel, steps: Option<usize>) -> Self {
+    pub fn of_visits(visits: &Visits, response_model: ResponseModel, steps: Option<usize>) -> Self {
         let states = visits
             .situations
             .iter()

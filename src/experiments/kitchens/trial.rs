@@ -125,7 +125,7 @@ async fn asked(service: &Service, scene: &Scene) -> Result<Vec<Said>, Problem> {
         ..QuestionDraft::default()
     };
     let answers = service.ask(&scene.asked(), &question).await?;
-    let said: Option<Vec<Said>> = answers.iter().map(Said::of).collect();
+    let said: Option<Vec<Said>> = answers.iter().map(Said::of_answer).collect();
     said.ok_or_else(|| {
         Problem::new(
             ErrorKind::Internal,

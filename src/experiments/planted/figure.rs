@@ -130,7 +130,7 @@ impl Figure {
     }
 
     /// Measures a method; `None` where this says nothing of it.
-    fn of(self, method: Method, cases: &[Case]) -> Option<f64> {
+    fn measured(self, method: Method, cases: &[Case]) -> Option<f64> {
         let verdicts = || {
             each(cases, |case| {
                 Some((method.verdict(case)?, is_strong(case.information)))
@@ -183,7 +183,7 @@ impl Figure {
                     is_strong(case.planted_information),
                 ))
             })?),
-            Self::F1 => Hits::of(each(cases, |case| {
+            Self::F1 => Hits::of_decisions(each(cases, |case| {
                 Some((method.calls(case)?, is_strong(case.information)))
             })?)
             .f1(),
@@ -192,8 +192,8 @@ impl Figure {
             })?),
             Self::Coverage => covered(|_| true),
             Self::CoverageDependent => covered(Case::is_dependent),
-            Self::Precision => Hits::of(called()?).precision(),
-            Self::Recall => Hits::of(called()?).recall(),
+            Self::Precision => Hits::of_decisions(called()?).precision(),
+            Self::Recall => Hits::of_decisions(called()?).recall(),
             Self::Undecided => frequency(
                 verdicts()?
                     .into_iter()
@@ -240,7 +240,7 @@ pub fn measure(methods: &[Method], figures: &[Figure], cases: &[Case]) -> Measur
         .iter()
         .flat_map(|method| figures.iter().map(|figure| (*method, *figure)));
     pairs
-        .map(|(method, figure)| (method, figure, figure.of(method, cases)))
+        .map(|(method, figure)| (method, figure, figure.measured(method, cases)))
         .collect()
 }
 

@@ -46,7 +46,7 @@ impl Keyring {
 
     /// Returns who asks with that key for something that wants so much.
     pub fn caller(&self, key: &[u8], wanted: Wanted) -> Option<Caller> {
-        let digest = KeyDigest::of(key);
+        let digest = KeyDigest::of_key(key);
         let first = self.find(digest)?.principal().clone();
         let (ring, name) = (self.clone(), first.name().cloned());
         let nobody = Arc::new(Principal::nobody());

@@ -80,7 +80,7 @@ pub async fn admit(State(guard): State<Guard>, mut request: Request, next: Next)
             }
         }
         Err(refusal) => {
-            let form = Form::of(&request);
+            let form = Form::of_request(&request);
             refusal.count(&form.path);
             refusal.tell(&form)
         }
@@ -90,7 +90,7 @@ pub async fn admit(State(guard): State<Guard>, mut request: Request, next: Next)
 /// Answers a request unless its key is withdrawn before: what it began is dropped, as where its
 /// time is over.
 async fn while_it_stands(caller: &Caller, request: Request, next: Next) -> Response {
-    let form = Form::of(&request);
+    let form = Form::of_request(&request);
     tokio::select! {
         biased;
         problem = caller.withdrawn() => Refusal::Problem(problem).tell(&form),
@@ -106,7 +106,7 @@ struct Form {
 }
 
 impl Form {
-    fn of(request: &Request) -> Self {
+    fn of_request(request: &Request) -> Self {
         let media = request
             .headers()
             .get(header::CONTENT_TYPE)
@@ -134,7 +134,7 @@ impl From<Problem> for Refusal {
 
 impl Rules {
     fn admit(&self, request: &Request) -> Result<Caller, Refusal> {
-        let wanted = Wanted::of(request);
+        let wanted = Wanted::of_request(request);
         let caller = self.authenticate(request, wanted);
         let has_key = matches!(&caller, Ok(Some(caller)) if caller.principal().name().is_some());
         if !has_key && !operations::is_asked_by_machines(request) {

@@ -147,7 +147,7 @@ const GRPC: &[(&str, Wanted)] = &[
 
 impl Wanted {
     /// Returns what the endpoint of a request wants.
-    pub fn of(request: &Request) -> Self {
+    pub fn of_request(request: &Request) -> Self {
         let (uri, method) = (request.uri(), request.method());
         if is_grpc_path(uri.path()) {
             return found(GRPC, uri.path());

@@ -20,7 +20,7 @@ use super::crowd::Standing;
 use super::framing::Framing;
 use super::leaving::Leaving;
 use super::memory::{Budget, Charge};
-use super::received::{Form, Manner, Received};
+use super::received::{BodyProperties, Form, Received};
 use super::sent::Sent;
 use super::vitals::Vitals;
 use crate::error::{ErrorKind, Fault, Problem};
@@ -62,7 +62,7 @@ impl hyper::service::Service<Request<Incoming>> for Watched {
         let mut call = Call::begin(&mut parts, self.peer);
         let body = Received::new(
             body,
-            manner(&parts),
+            body_properties(&parts),
             charge.clone(),
             progress.clone(),
             call.noted(),
@@ -98,7 +98,7 @@ impl hyper::service::Service<Request<Incoming>> for Watched {
     }
 }
 
-fn manner(parts: &Parts) -> Manner {
+fn body_properties(parts: &Parts) -> BodyProperties {
     let media = parts
         .headers
         .get(header::CONTENT_TYPE)
@@ -110,7 +110,7 @@ fn manner(parts: &Parts) -> Manner {
         _ if STREAMS.contains(&path) && !is_web => Form::Messages(Framing::default()),
         _ => Form::Message,
     };
-    Manner {
+    BodyProperties {
         form,
         is_grpc: is_grpc(&parts.headers),
         is_announced: parts.headers.contains_key(header::EXPECT),

@@ -318,7 +318,7 @@ fn content_type(headers: &HeaderMap) -> (&str, String) {
 mod tests {
     use super::*;
 
-    fn of(text: &str) -> Option<Media> {
+    fn media_of(text: &str) -> Option<Media> {
         let mut headers = HeaderMap::new();
         headers.insert(header::CONTENT_TYPE, text.parse().expect("a header"));
         media(&headers).ok()
@@ -326,10 +326,13 @@ mod tests {
 
     #[test]
     fn media_types_are_read_without_their_parameters() {
-        assert_eq!(of("application/json"), Some(Media::Json));
-        assert_eq!(of("Application/JSON; charset=utf-8"), Some(Media::Json));
-        assert_eq!(of("application/merge-patch+json"), Some(Media::Json));
-        assert_eq!(of("application/x-ndjson"), Some(Media::Lines));
+        assert_eq!(media_of("application/json"), Some(Media::Json));
+        assert_eq!(
+            media_of("Application/JSON; charset=utf-8"),
+            Some(Media::Json)
+        );
+        assert_eq!(media_of("application/merge-patch+json"), Some(Media::Json));
+        assert_eq!(media_of("application/x-ndjson"), Some(Media::Lines));
         for other in [
             "text/plain",
             "application/x-www-form-urlencoded",
@@ -338,7 +341,7 @@ mod tests {
             "json",
             ";",
         ] {
-            assert_eq!(of(other), None, "{other}");
+            assert_eq!(media_of(other), None, "{other}");
         }
         assert!(media(&HeaderMap::new()).is_err());
     }

@@ -92,7 +92,7 @@ impl Figure {
         }
     }
 
-    fn of(self, cases: &[Case]) -> Option<f64> {
+    fn measured(self, cases: &[Case]) -> Option<f64> {
         let share = |among: fn(&Case) -> bool, so: fn(&Case) -> bool| {
             frequency(cases.iter().filter(|case| among(case)).map(so))
         };
@@ -120,7 +120,7 @@ impl Figure {
 /// Measures every figure; `None` where one is not defined.
 pub fn measure(cases: &[Case]) -> Vec<(Figure, Option<f64>)> {
     Figure::ALL
-        .map(|figure| (figure, figure.of(cases)))
+        .map(|figure| (figure, figure.measured(cases)))
         .to_vec()
 }
 
@@ -176,7 +176,7 @@ mod tests {
     }
 
     fn figures(cases: &[Case]) -> [Option<f64>; 10] {
-        Figure::ALL.map(|figure| figure.of(cases))
+        Figure::ALL.map(|figure| figure.measured(cases))
     }
 
     #[test]
