@@ -74,6 +74,7 @@ impl Ingest {
                 .map_err(|error| Failure::usage(format!("cannot read {name}: {error}")))?;
             parts.extend(parts_of(&name, &bytes, self.abstraction)?);
         }
+
         let connection = self.server.connect().await?;
         let progress = Progress::new(parts.iter().map(Part::steps).sum());
         let report = Report::send_parts(&parts, &connection, &progress).await?;
@@ -96,6 +97,7 @@ pub(super) fn parts_of(
     for game in games {
         by_layout.entry(game.layout.clone()).or_default().push(game);
     }
+
     let part = |(layout, games)| Part::new(name, layout, games, abstraction, &digest[..32]);
     Ok(by_layout.into_iter().filter_map(part).collect())
 }
@@ -148,6 +150,7 @@ impl Part {
                 progress.step();
             }
         }
+
         let totals = producer.close().await?;
         progress.part_done(&format!("{}: {name}", self.file), totals.sent);
         Ok(totals)

@@ -71,6 +71,7 @@ impl New {
             environments: Some(self.environments).filter(|patterns| !patterns.is_empty()),
             rate: self.rate,
         };
+
         match &self.append {
             // First the line: a key that nobody lets in is of no use to whoever has it.
             Some(path) => append(path, &line)?,
@@ -137,11 +138,13 @@ impl KeysFile {
                 hangups: None,
             });
         };
+
         // Before the file is read: a change after that comes with a signal that is not lost.
         let hangups =
             signal(SignalKind::hangup()).map_err(|error| Failure::usage(error.to_string()))?;
         let keys = Keys::read_file(path).map_err(|error| Failure::usage(error.to_string()))?;
         tell(path, &keys, "keys were read");
+
         Ok(Self {
             ring: Some(Keyring::new(keys)),
             path: path.into(),

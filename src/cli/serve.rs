@@ -138,16 +138,19 @@ fn refuse_to_be_open(config: &Config) -> Result<(), Failure> {
     if ip.is_loopback() || config.keys.is_some() {
         return Ok(());
     }
+
     if config.insecure {
         let address = config.listen;
         tracing::warn!(%address, "without keys everybody who reaches this address is let in (--insecure)");
         return Ok(());
     }
+
     let others = if ip.is_unspecified() {
         "every address of this machine"
     } else {
         "an address that others reach"
     };
+
     Err(Failure::usage(format!(
         "{} is {others}, and without keys everybody there could read, change and delete everything: give --keys FILE (`nudge key new` makes \
          one), or listen on 127.0.0.1, or give --insecure where something else keeps others away",

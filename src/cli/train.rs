@@ -94,6 +94,7 @@ impl Train {
             seed: request.seed(),
             before,
         };
+
         let job = Watched {
             wanted: Some(wanted),
             ..Watched::new(&connection, &self.environment, asked.id)
@@ -203,12 +204,14 @@ impl Wanted {
         let Some(training) = card.and_then(|card| card.training) else {
             return false;
         };
+
         // What is not said is joint.
         let kind = if self.kind == 0 {
             proto::ModelKind::Joint.into()
         } else {
             self.kind
         };
+
         (&model.ego, &model.other, training.kind, training.seed)
             == (&self.ego, &self.other, kind, self.seed)
     }
@@ -294,6 +297,7 @@ impl Watched {
             id: self.id,
         };
         let mut client = self.connection.models();
+
         tokio::select! {
             answer = client.cancel_job(request) => match answer {
                 Ok(_) => Failure::interrupted(format!("{name} of `{}` cancelled", self.environment)),
@@ -313,6 +317,7 @@ impl Watched {
             let mut client = self.connection.models();
             async move { client.get_job(request).await }
         };
+
         let mut last = String::new();
         let tell = |why: &str| {
             progress.part(why);
@@ -321,6 +326,7 @@ impl Watched {
                 last = why.to_owned();
             }
         };
+
         match patiently_telling(ask, tell).await {
             Ok(told) => Ok(told.job.unwrap_or_default()),
             Err(error) => Err(self.failed(error).await),

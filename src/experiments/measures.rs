@@ -10,17 +10,19 @@ pub fn auc(scored: &[(f64, bool)]) -> Option<f64> {
     let mut scored = scored.to_vec();
     scored.sort_by(|a, b| a.0.total_cmp(&b.0));
     let (mut below, mut ranks) = (0, 0.0);
+
     for tied in scored.chunk_by(|a, b| a.0 == b.0) {
         let mean_rank = below as f64 + (tied.len() + 1) as f64 / 2.0;
         ranks += mean_rank * tied.iter().filter(|(_, with)| *with).count() as f64;
         below += tied.len();
     }
+
     let with = scored.iter().filter(|(_, with)| *with).count() as f64;
     let without = scored.len() as f64 - with;
     share(ranks - with * (with + 1.0) / 2.0, with * without)
 }
 
-/// How often decisions were right.
+/// A confusion matrix without its true negatives: how often decisions were right.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Hits {
     /// Called, and so it is.
@@ -91,7 +93,7 @@ pub fn rmse(pairs: impl IntoIterator<Item = (f64, f64)>) -> Option<f64> {
     .map(f64::sqrt)
 }
 
-/// A figure over several seeds.
+/// Mean and standard deviation of a figure over seeds.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Spread {
     /// Its mean.

@@ -118,7 +118,7 @@ impl<'a> HeldOutEvaluation<'a> {
         }
     }
 
-    /// PriorRegistry a joint network's calibration (Platt scaling), to the states with enough draws and to
+    /// Fits a joint network's calibration (Platt scaling), to the states with enough draws and to
     /// no others; a direct one needs none.
     pub fn calibration(&self, said: &[HeldOutPrediction]) -> Calibration {
         if self.training.kind == ModelKind::Direct {

@@ -45,7 +45,7 @@ pub struct ClientTls {
     pub identity: Option<(PathBuf, PathBuf)>,
 }
 
-/// Which certificates of a service are trusted.
+/// The trust anchors: which certificates of a service are trusted.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub enum Trust {
     /// Those for its name of the authorities that this machine trusts.

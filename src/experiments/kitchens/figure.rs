@@ -1,4 +1,5 @@
-//! The figures by which methods are judged: a state counts as often as the test games are in it.
+//! Metrics of methods (AUROC, F1, Brier score): a state counts as often as the test games are in
+//! it.
 
 use std::iter::repeat_n;
 
@@ -9,7 +10,7 @@ use crate::domain::Verdict;
 use crate::experiments::findings;
 use crate::experiments::measures::{Hits, auc, frequency, mean};
 
-/// By what a method is judged.
+/// A metric of a method.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Figure {
     /// How well its probability tells influence from none: area under the ROC curve.
@@ -60,6 +61,7 @@ impl Figure {
         let steps =
             || states().flat_map(|(truth, said)| repeat_n((said, truth.is_strong), truth.steps));
         let called = |said: &Said| said.probability >= CALLED;
+
         match self {
             Self::Auroc => auc(&steps()
                 .map(|(said, strong)| (said.probability, strong))

@@ -48,7 +48,7 @@ impl Method {
     }
 }
 
-/// What a method says of a state.
+/// The prediction and verdict of a method for a state.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Said {
     /// P(MI > threshold).

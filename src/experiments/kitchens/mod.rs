@@ -50,6 +50,7 @@ pub async fn run(options: &Options, mut done: impl FnMut()) -> Result<Report, Pr
             &trial::trial(scene, seed, options.epochs).await?,
         ))
     };
+
     let measured = stream::iter(runs)
         .map(run)
         .buffered(AT_ONCE)
@@ -65,6 +66,7 @@ pub async fn run(options: &Options, mut done: impl FnMut()) -> Result<Report, Pr
         .iter()
         .map(|(world, scene)| (*world, Facts::of_scene(scene)))
         .collect();
+
     Ok(Report {
         options: options.clone(),
         worlds,

@@ -1,5 +1,5 @@
-//! What is real: the states that people were in, in which order, and what they did where they
-//! stood.
+//! Recorded trajectories: the states that people were in, in which order, and what they did where
+//! they stood.
 
 use std::collections::HashMap;
 
@@ -45,13 +45,16 @@ impl Visits {
                     .map(|step| (step.players[player], step.actions[player])),
             )
         });
+
         let mut seen = Seen {
             world: &world,
             places: HashMap::new(),
             situations: Vec::new(),
         };
+
         let [train, test] =
             [train, test].map(|steps| steps.iter().map(|step| seen.place(step)).collect());
+
         Self {
             schema: world.description(),
             situations: seen.situations,

@@ -1,4 +1,4 @@
-//! What was found, as plain data, JSON and CSV.
+//! Results as plain data, JSON and CSV.
 
 use serde_json::{Value, json};
 

@@ -41,7 +41,7 @@ use crate::access::{bearer, redacted};
 use crate::error::Problem;
 use crate::telemetry;
 
-/// Who is let in. Cloning is cheap.
+/// The middleware of authentication and authorization: who is let in. Cloning is cheap.
 #[derive(Clone)]
 pub struct Guard(Arc<Rules>);
 
@@ -165,14 +165,17 @@ impl Rules {
         let Some(keys) = &self.keys else {
             return Ok(Some(Caller::anonymous()));
         };
+
         let headers = request
             .headers()
             .get_all(header::AUTHORIZATION)
             .iter()
             .map(|value| value.as_bytes());
+
         let Some(key) = bearer(headers).map_err(|why| unauthenticated(why.to_string()))? else {
             return Ok(None);
         };
+
         let caller = keys
             .caller(key, wanted)
             .ok_or_else(|| unauthenticated("the key is not one that is let in"))?;
@@ -189,19 +192,23 @@ fn is_what_its_path_takes(request: &Request) -> Result<(), Refusal> {
     if is_preflight || !is_served || !wanted::is_grpc_path(request.uri().path()) {
         return Ok(());
     }
+
     if request.method() != Method::POST {
         return Err(Refusal::Protocol(Failure::of_http(
             StatusCode::METHOD_NOT_ALLOWED,
         )));
     }
+
     if is_protobuf(request.headers()) {
         return Ok(());
     }
+
     let found = request
         .headers()
         .get(header::CONTENT_TYPE)
         .and_then(|media| media.to_str().ok())
         .unwrap_or_default();
+
     Err(Refusal::Protocol(Failure::of_media_type(
         found,
         "application/grpc, or application/grpc-web",

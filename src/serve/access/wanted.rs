@@ -11,7 +11,7 @@ use crate::domain::{KeyScope, Principal, Scopes};
 use crate::error::Problem;
 use crate::serve::operations;
 
-/// What an endpoint wants.
+/// The permission that an endpoint wants.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Wanted {
     /// Nothing: it holds no data.
@@ -152,12 +152,15 @@ impl Wanted {
         if is_grpc_path(uri.path()) {
             return found(GRPC, uri.path());
         }
+
         if method == Method::OPTIONS {
             return Nothing;
         }
+
         let Some(path) = request.extensions().get::<MatchedPath>() else {
             return Self::Unlisted;
         };
+
         match found(REST, &route(method, path.as_str())) {
             Nothing if path.as_str() == "/readyz" && operations::is_verbose(uri.query()) => {
                 Everywhere

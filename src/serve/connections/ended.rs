@@ -12,6 +12,7 @@ pub fn record(ended: Result<(), Box<dyn Error + Send + Sync>>) {
     let Some(error) = error.downcast_ref::<hyper::Error>() else {
         return;
     };
+
     if let Some(fault) = Fault::of_error(error) {
         telemetry::connection_ended(fault.word());
         if let Some(status) = fault.status(error) {

@@ -25,7 +25,7 @@ use crate::error::{ErrorKind, Problem};
 use crate::serve::requests::Noted;
 use crate::serve::status;
 
-/// How a body is made up.
+/// The framing of a body.
 pub enum Form {
     /// It is one message, whose bytes are charged by whoever unpacks them.
     Document,
@@ -157,6 +157,7 @@ impl Body for Received {
         let Some(body) = me.body.as_mut().filter(|_| !me.has_ended) else {
             return Poll::Ready(None);
         };
+
         match Pin::new(body).poll_frame(context) {
             Poll::Ready(Some(Ok(frame))) => {
                 let arrived = frame.data_ref().map_or(Ok(()), |data| me.arrived(data));

@@ -22,6 +22,7 @@ pub fn preferred(headers: &HeaderMap, offered: &[&str]) -> Result<usize, Failure
     if accepted.trim().is_empty() {
         return Ok(0);
     }
+
     let mut best = Welcome::default();
     let mut taken = None;
     for (at, media) in offered.iter().enumerate() {
@@ -31,6 +32,7 @@ pub fn preferred(headers: &HeaderMap, offered: &[&str]) -> Result<usize, Failure
             (best, taken) = (welcome, Some(at));
         }
     }
+
     taken.ok_or_else(|| {
         Failure::of_accept(
             &accepted.chars().take(TOLD).collect::<String>(),

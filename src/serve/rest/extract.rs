@@ -1,4 +1,5 @@
-//! What handlers take out of a request. What cannot be taken is a problem, as everywhere.
+//! Extractors: what handlers take out of a request. What cannot be taken is a problem, as
+//! everywhere.
 
 use std::convert::Infallible;
 use std::error::Error;
@@ -205,8 +206,10 @@ async fn body(request: Request) -> Result<Bytes, Failure> {
         .get()
         .copied()
         .unwrap_or(MostBytes(MOST_BODY_BYTES));
+
     let charge: Option<Arc<Charge>> = request.extensions().get().cloned();
     let sent = collected(request.into_body(), most, charge.as_deref()).await?;
+
     match packing {
         // Who has nothing to send may say that it is packed.
         Some(packing) if !sent.is_empty() => {

@@ -33,7 +33,7 @@ pub(super) struct Contents {
     client_authorities: Option<Pem>,
 }
 
-/// What a handshake needs.
+/// The certificate chain, key and authorities that a handshake needs.
 pub(super) struct Certified {
     pub config: Arc<ServerConfig>,
     /// The digest of the authorities of clients.
@@ -129,6 +129,7 @@ impl Certified {
             .map_or(0, |since| since.as_secs() as i64);
         let Validity { begins, ends } = self.validity;
         telemetry::certificate_expires(ends);
+
         if ends < now {
             tracing::warn!(
                 expired_days_ago = (now - ends) / 86_400,

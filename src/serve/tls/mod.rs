@@ -47,6 +47,7 @@ impl Tls {
         certified.tell();
         telemetry::begin_tls();
         let current = Arc::new(ArcSwap::from_pointee(Current::of_certified(certified)));
+
         Ok(Self {
             files: Arc::new(files),
             current,
@@ -55,7 +56,7 @@ impl Tls {
     }
 }
 
-/// What the next handshake uses.
+/// The configuration that the next handshake uses.
 pub(super) struct Current {
     config: Arc<ServerConfig>,
     /// The digest of the authorities of clients.

@@ -77,6 +77,7 @@ impl Tls {
             self.current.store(Arc::new(next));
             return;
         }
+
         // First the new ones: whoever leaves comes again at once.
         self.current.store(Arc::new(next));
         before.outdated.cancel();

@@ -1,4 +1,4 @@
-//! What was found in hard worlds, as plain data and JSON.
+//! Results in hard worlds, as plain data and JSON.
 
 use serde_json::{Value, json};
 

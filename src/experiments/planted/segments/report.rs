@@ -1,4 +1,4 @@
-//! What was found in worlds of segments, as plain data, JSON and CSV.
+//! Results in stratified worlds (segments), as plain data, JSON and CSV.
 
 use serde_json::{Value, json};
 
