@@ -26,7 +26,7 @@ impl OrderBy {
 
 /// A sort order of rows; equal rows are in order of key.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Order {
+pub struct SortOrder {
     /// What counts.
     pub by: OrderBy,
     /// Largest first.
@@ -48,7 +48,7 @@ pub trait Ranked {
     fn evidence(&self) -> Option<&Evidence>;
 }
 
-impl Order {
+impl SortOrder {
     /// Returns a number that orders rows as this order does. Figures are not negative, so their
     /// bits are in their order.
     pub fn rank(self, row: &impl Ranked) -> u64 {
@@ -84,7 +84,7 @@ pub struct Orders([OnceLock<Vec<u32>>; 8]);
 impl Orders {
     /// Returns the positions of all rows, which are always the same and in order of key, in an
     /// order.
-    pub fn positions(&self, rows: &[impl Ranked], order: Order) -> &[u32] {
+    pub fn positions(&self, rows: &[impl Ranked], order: SortOrder) -> &[u32] {
         let slot = order.by as usize * 2 + usize::from(order.descending);
         self.0[slot].get_or_init(|| {
             let mut positions: Vec<u32> = (0..rows.len() as u32).collect();

@@ -15,7 +15,7 @@ use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{ConnectOptions, Connection};
 use tempfile::TempDir;
 
-use crate::cli::{nudge, output, told};
+use crate::cli::{exit_and_texts, nudge, output};
 use crate::support::batches::*;
 use crate::support::databases::{Database, SqliteFile};
 use crate::support::{TestApp, lane_json};
@@ -158,7 +158,7 @@ async fn an_audit_finds_cells_of_actions_and_segments_that_are_not_there() {
         let store = file.open(Quotas::default()).await;
         let environment = store.environment("hurt").expect("there");
         let met = [
-            store.counts(hurt, &[state(HURT.start)]).await.err(),
+            store.counts(hurt, &[state_at(HURT.start)]).await.err(),
             store.scan(hurt, Cursor::default(), 10).await.err(),
             store.actions(&environment).await.err(),
         ];
@@ -237,7 +237,7 @@ async fn damage_that_a_question_meets_makes_the_environment_read_only() {
     assert!(spoil(&file.path(), 10, "701000") > 0);
     let store = file.open(Quotas::default()).await;
     let refused = store
-        .counts(hurt, &[state(701_000)])
+        .counts(hurt, &[state_at(701_000)])
         .await
         .expect_err("damaged");
     assert!(matches!(refused, StoreError::Damaged(_)), "{refused}");
@@ -276,7 +276,7 @@ async fn damage_of_one_environment_is_not_that_of_another() {
 
     let bytes = std::fs::read(file.path()).expect("read");
     let directory = TempDir::new().expect("a directory");
-    let keys: Vec<_> = keys.map(state).collect();
+    let keys: Vec<_> = keys.map(state_at).collect();
     let wanted = ByVisits {
         segments: None,
         min_visits: 0,
@@ -369,7 +369,7 @@ fn served(file: &SqliteFile) -> Arc<TempDir> {
 async fn check(data: &Path) -> (i32, Value, String) {
     let data = data.to_str().expect("text");
     let (code, stdout, stderr) =
-        told(&output(nudge("", &["check", "--json", "--data", data])).await);
+        exit_and_texts(&output(nudge("", &["check", "--json", "--data", data])).await);
     (
         code,
         serde_json::from_str(&stdout).unwrap_or_default(),
@@ -624,7 +624,7 @@ async fn what_a_database_says_of_its_tables_is_checked() {
         );
         let data = directory.path().to_str().expect("text");
         let serving = nudge("", &["serve", "--listen", "127.0.0.1:0", "--data", data]);
-        let (code, _, stderr) = told(&output(serving).await);
+        let (code, _, stderr) = exit_and_texts(&output(serving).await);
         assert_eq!((code, stderr.lines().count()), (2, 1), "{text}: {stderr}");
         assert!(
             stderr.contains(&format!("it is damaged: {expected}; `nudge check` tells")),
@@ -687,7 +687,7 @@ async fn pages_that_every_start_reads_are_told_to_be_damaged_in_words() {
         );
         let data = directory.path().to_str().expect("text");
         let serving = nudge("", &["serve", "--listen", "127.0.0.1:0", "--data", data]);
-        let (code, _, stderr) = told(&output(serving).await);
+        let (code, _, stderr) = exit_and_texts(&output(serving).await);
         assert_eq!((code, stderr.lines().count()), (2, 1), "{at}: {stderr}");
         assert!(
             stderr.contains("it is damaged: ") && stderr.contains("`nudge check` tells"),
@@ -761,7 +761,7 @@ async fn a_check_reads_receipts_and_fits() {
             "{text}: {stderr}"
         );
         let data = directory.path().to_str().expect("text");
-        let (_, stdout, _) = told(&output(nudge("", &["check", "--data", data])).await);
+        let (_, stdout, _) = exit_and_texts(&output(nudge("", &["check", "--data", data])).await);
         assert!(stdout.contains(expected), "{text}: {stdout}");
     }
 }

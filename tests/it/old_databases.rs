@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{ConnectOptions, Connection};
 
-use crate::cli::{nudge, output, told};
+use crate::cli::{exit_and_texts, nudge, output};
 use crate::support::fixtures::{BEFORE_VERSIONS, Fixture};
 use crate::support::{TestApp, open};
 
@@ -123,7 +123,7 @@ async fn a_check_passes_them() {
         for _ in 0..2 {
             let data = fixture.directory.path().to_str().expect("text").to_owned();
             let (code, stdout, stderr) =
-                told(&output(nudge("", &["check", "--data", &data])).await);
+                exit_and_texts(&output(nudge("", &["check", "--data", &data])).await);
             assert_eq!(code, 0, "{}: {stdout}{stderr}", fixture.name);
             opened(&fixture).await.stop().await;
         }

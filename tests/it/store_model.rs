@@ -304,7 +304,7 @@ impl Pair {
     async fn compare_states(&self, places: &[u32]) {
         for (name, world) in self.worlds.iter().enumerate() {
             let labels = self.labels(name).await;
-            let keys: Vec<_> = places.iter().map(|place| state(*place)).collect();
+            let keys: Vec<_> = places.iter().map(|place| state_at(*place)).collect();
             let found = self
                 .store()
                 .counts(self.id(name), &keys)
@@ -454,8 +454,8 @@ impl Traffic {
     }
 
     /// Reads one state, or several, until the writer is done.
-    async fn read(&self, reader: usize, places: Vec<u32>) {
-        let keys: Vec<_> = places.iter().map(|place| state(*place)).collect();
+    async fn read_states(&self, reader: usize, places: Vec<u32>) {
+        let keys: Vec<_> = places.iter().map(|place| state_at(*place)).collect();
         let mut seen = vec![(0, 0); places.len()];
         while !self.over.load(Ordering::SeqCst) {
             let before: Vec<u64> = places
@@ -528,7 +528,7 @@ async fn readers_beside_a_writer(cache_cells: usize) {
         .zip(places)
         .map(|(reader, places)| {
             let traffic = Arc::clone(&traffic);
-            tokio::spawn(async move { traffic.read(reader, places).await })
+            tokio::spawn(async move { traffic.read_states(reader, places).await })
         })
         .collect();
     traffic.write(1_000).await;

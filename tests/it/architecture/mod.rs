@@ -118,7 +118,7 @@ fn roots() -> Vec<(PathBuf, Option<&'static str>)> {
 
 /// Reads all crates, once for all rules.
 fn sources() -> &'static Sources {
-    static SOURCES: LazyLock<Sources> = LazyLock::new(|| Sources::read(&roots()));
+    static SOURCES: LazyLock<Sources> = LazyLock::new(|| Sources::read_folders(&roots()));
     &SOURCES
 }
 
@@ -354,7 +354,7 @@ mod seen {
             "#[serde(with = \"crate::serve::form\")] struct S;",
         ] {
             assert_eq!(
-                upwards(&Sources::of(&[("store::sqlite", text)])).len(),
+                upwards(&Sources::of_modules(&[("store::sqlite", text)])).len(),
                 1,
                 "{text}"
             );
@@ -368,7 +368,7 @@ mod seen {
             "//! Of crate::serve nothing is known: \n const S: &str = \"ask crate::serve::Doors\";",
         ] {
             assert_eq!(
-                upwards(&Sources::of(&[("store::sqlite", allowed)])),
+                upwards(&Sources::of_modules(&[("store::sqlite", allowed)])),
                 Vec::<String>::new(),
                 "{allowed}"
             );
@@ -407,12 +407,12 @@ mod seen {
             "fn f() { sqlx::query!(\"\"); }",
         ] {
             assert_eq!(
-                strangers(&Sources::of(&[("domain", text)])).len(),
+                strangers(&Sources::of_modules(&[("domain", text)])).len(),
                 1,
                 "{text}"
             );
             assert!(
-                strangers(&Sources::of(&[("store::sqlite", text)])).is_empty(),
+                strangers(&Sources::of_modules(&[("store::sqlite", text)])).is_empty(),
                 "{text}"
             );
         }
@@ -426,12 +426,18 @@ mod seen {
             "use std as all; fn f(file: all::fs::File) {}",
         ] {
             assert_eq!(
-                impure(&Sources::of(&[("evidence::prior", text)])).len(),
+                impure(&Sources::of_modules(&[("evidence::prior", text)])).len(),
                 1,
                 "{text}"
             );
         }
-        assert!(impure(&Sources::of(&[("evidence", "use std::time::Duration;")])).is_empty());
+        assert!(
+            impure(&Sources::of_modules(&[(
+                "evidence",
+                "use std::time::Duration;"
+            )]))
+            .is_empty()
+        );
     }
 
     #[test]
@@ -448,7 +454,7 @@ mod seen {
             "use std::collections as c; fn f() { std::thread::sleep(d); }",
         ] {
             assert_eq!(
-                beyond_the_rule(&Sources::of(&[("store::ledger::quota", text)])).len(),
+                beyond_the_rule(&Sources::of_modules(&[("store::ledger::quota", text)])).len(),
                 1,
                 "{text}"
             );
@@ -457,7 +463,7 @@ mod seen {
                 "store::ledger::tests::laws",
                 "store::ledgers",
             ] {
-                let sources = Sources::of(&[(elsewhere, text)]);
+                let sources = Sources::of_modules(&[(elsewhere, text)]);
                 assert!(beyond_the_rule(&sources).is_empty(), "{elsewhere}: {text}");
             }
         }
@@ -466,15 +472,19 @@ mod seen {
             "use std::collections::BTreeMap; fn f(m: BTreeMap<u8, u8>) { Some(m); u64::from(1_u8); }",
             "use crate::store::map::Map; #[async_trait::async_trait] trait T {}",
         ] {
-            let sources = Sources::of(&[("store::ledger::quota", allowed)]);
+            let sources = Sources::of_modules(&[("store::ledger::quota", allowed)]);
             assert_eq!(beyond_the_rule(&sources), Vec::<String>::new(), "{allowed}");
         }
     }
 
     #[test]
     fn circles() {
-        let circles =
-            |texts: &[(&str, &str)]| Sources::of(texts).circles().into_iter().collect::<Vec<_>>();
+        let circles = |texts: &[(&str, &str)]| {
+            Sources::of_modules(texts)
+                .circles()
+                .into_iter()
+                .collect::<Vec<_>>()
+        };
         let two = [
             ("a::b", "use super::c::C;"),
             ("a::c", "fn f() { crate::a::b::g(); }"),

@@ -31,7 +31,7 @@ pub fn schema_of(agents: &[(&str, i64)]) -> Schema {
 }
 
 /// Returns the key of a state of [`schema`].
-pub fn state(place: u32) -> StateKey {
+pub fn state_at(place: u32) -> StateKey {
     StateKey::new(&[place])
 }
 
@@ -64,7 +64,7 @@ impl Sending {
     /// Adds a cell; each of them once.
     pub fn cell(mut self, place: u32, joint: u64, tally: Tally) -> Self {
         let increment = &mut self.0.increment;
-        let key = state(place);
+        let key = state_at(place);
         let at = increment
             .states
             .iter()
