@@ -12,9 +12,10 @@ use std::time::{Duration, Instant};
 use nudge::api::proto;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqliteSynchronous};
 use sqlx::{Connection, SqliteConnection};
+use support::sink::sink;
 use support::{
     ACTIONS, BATCH, Service, batches, columns, make_world, median, packed, pump, report, runtime,
-    sink, start_binary, state, wanted,
+    start_binary, state, wanted,
 };
 
 const ROUNDS: usize = 5;

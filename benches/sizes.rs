@@ -14,7 +14,8 @@ use std::path::Path;
 use std::process::Child;
 use std::time::{Duration, Instant};
 
-use support::{ACTIONS, BATCH, batches, make_world, median, pump, runtime, sink, start_binary_with};
+use support::sink::sink;
+use support::{ACTIONS, BATCH, batches, make_world, median, pump, runtime, start_binary_with};
 use tempfile::TempDir;
 
 /// A million transitions a round.
@@ -34,7 +35,9 @@ const LAST: usize = 3;
 const MOST_CELLS: &str = "1000000000";
 
 fn main() {
-    let last = std::env::args().filter_map(|argument| argument.parse().ok()).next();
+    let last = std::env::args()
+        .filter_map(|argument| argument.parse().ok())
+        .next();
     runtime().block_on(grow(last.unwrap_or(u64::MAX)));
 }
 
@@ -54,16 +57,24 @@ async fn grow(last: u64) {
             // Small databases are passed in less than a round.
             let how_many = if cells < 1_000_000 { 50 } else { ROUND };
             let load = batches(states, how_many as usize, rounds);
-            durable.push(rate(how_many, pump(address, "world", "p", &load, how_many).await));
+            durable.push(rate(
+                how_many,
+                pump(address, "world", "p", &load, how_many).await,
+            ));
             if durable.len() % 8 == 1 {
-                dropped.push(rate(how_many, pump(sink, "world", "p", &load, how_many).await));
+                dropped.push(rate(
+                    how_many,
+                    pump(sink, "world", "p", &load, how_many).await,
+                ));
             }
             sent += how_many * BATCH as u64;
         }
         durable.drain(..durable.len().saturating_sub(LAST));
         let (durable, dropped) = (median(durable), median(dropped));
         let bytes = (bytes_written(&child) - written) as f64 / (sent - before) as f64;
-        let size = std::fs::metadata(directory.path().join("nudge.db")).expect("a database").len();
+        let size = std::fs::metadata(directory.path().join("nudge.db"))
+            .expect("a database")
+            .len();
         println!(
             "{cells} cells: {durable:.0} transitions/s beside {dropped:.0} (decode and drop): ratio {:.3}; \
              {bytes:.0} bytes written a transition, {:.1} on disk a cell, {:.0} MiB resident",

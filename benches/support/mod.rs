@@ -7,7 +7,7 @@
 #![allow(dead_code, missing_docs)]
 
 pub mod http;
-mod sink;
+pub mod sink;
 
 use std::io::{BufRead, BufReader};
 use std::net::SocketAddr;
@@ -36,8 +36,6 @@ use tonic::body::Body;
 use tonic::client::GrpcService;
 use tonic::codegen::StdError;
 use tonic::transport::Channel;
-
-pub use sink::sink;
 
 pub const BATCH: usize = 1_000;
 pub const STATE_BINS: [u32; 6] = [10, 10, 10, 10, 10, 20];

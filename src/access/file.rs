@@ -1,4 +1,4 @@
-//! Files of keys, as they are read: regular ones, and not large.
+//! Reading of key files: regular ones, and not large.
 
 use std::fs::{File, Metadata, OpenOptions};
 use std::io::Read;

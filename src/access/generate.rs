@@ -1,4 +1,4 @@
-//! New keys, from the randomness of the operating system.
+//! Key generation, from the randomness of the operating system.
 
 use crate::domain::Secret;
 

@@ -1,4 +1,4 @@
-//! The keys file: who is let in.
+//! The keys file, an access control list: who is let in.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -9,7 +9,7 @@ use super::rate::Meter;
 use super::{KeyDigest, Line};
 use crate::domain::{Name, Principal};
 
-/// Every key that is let in.
+/// The access control list: every key that is let in.
 #[derive(Debug, Default)]
 pub struct Keys(Vec<Key>);
 
@@ -39,7 +39,7 @@ pub enum KeysError {
 
 impl Keys {
     /// Reads a file.
-    pub fn read(path: &Path) -> Result<Self, KeysError> {
+    pub fn read_file(path: &Path) -> Result<Self, KeysError> {
         let unread = |why: String| KeysError::Unread {
             path: path.display().to_string(),
             why,

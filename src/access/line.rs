@@ -118,12 +118,13 @@ fn name(text: &str) -> Result<Name, String> {
 }
 
 fn scopes(text: &str) -> Result<Scopes, String> {
-    let scope = |word: &str| {
-        let expected = "expected read, ingest, train and admin, joined by commas";
-        word.parse::<KeyScope>()
-            .map_err(|_| format!("scopes: got {}, {expected}", harmless(word)))
-    };
     text.split(',').map(scope).collect()
+}
+
+fn scope(word: &str) -> Result<KeyScope, String> {
+    let expected = "expected read, ingest, train and admin, joined by commas";
+    word.parse()
+        .map_err(|_| format!("scopes: got {}, {expected}", harmless(word)))
 }
 
 fn patterns(text: &str) -> Result<Vec<Pattern>, String> {

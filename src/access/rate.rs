@@ -8,7 +8,7 @@ use std::time::Duration;
 use governor::clock::{Clock, DefaultClock};
 use governor::{DefaultDirectRateLimiter, Quota, RateLimiter};
 
-/// So many requests in a time, all of which may come at once.
+/// A rate limit: so many requests in a time, all of which may come at once.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Rate {
     number: NonZeroU32,
@@ -62,7 +62,7 @@ impl fmt::Display for Rate {
     }
 }
 
-/// How much of a rate is used.
+/// The state of a leaky bucket: how much of a rate is used.
 #[derive(Debug)]
 pub struct Meter {
     rate: Rate,

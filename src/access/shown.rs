@@ -37,16 +37,20 @@ pub fn has_key(text: &str) -> bool {
 /// of a long one.
 pub(super) fn harmless(text: &str) -> String {
     const MOST: usize = 40;
-    let is_part = |run: &str| {
-        run.len() >= PART && has(run, char::is_alphabetic) && has(run, |char| char.is_numeric())
-    };
+
     let may_be_part = text
         .split(|char: char| !char.is_ascii_hexdigit())
         .any(is_part);
     if may_be_part || text.chars().count() > MOST || redacted(text) != text {
         return not_shown(text);
     }
+
     format!("{text:?}")
+}
+
+/// Returns whether a run of hexadecimal digits is long and mixed enough for a part of a key.
+fn is_part(run: &str) -> bool {
+    run.len() >= PART && has(run, char::is_alphabetic) && has(run, char::is_numeric)
 }
 
 /// Skips a document in PEM, to its end where it has one.
@@ -61,7 +65,6 @@ fn after_pem(text: &str) -> &str {
 
 /// Returns a text without the words in it that look like secrets.
 fn words(text: &str) -> String {
-    let is_in_word = |char: char| char.is_ascii_alphanumeric() || "+/_-=.~".contains(char);
     let mut told = String::with_capacity(text.len());
     let mut rest = text;
     while let Some(first) = rest.chars().next() {
@@ -80,17 +83,13 @@ fn words(text: &str) -> String {
     told
 }
 
+fn is_in_word(char: char) -> bool {
+    char.is_ascii_alphanumeric() || "+/_-=.~".contains(char)
+}
+
 /// Returns whether a word looks like a secret. Paths and names are long too, but their parts are
 /// short or of small letters.
 fn is_secret(word: &str) -> bool {
-    let is_row = |row: &str| row.len() >= DIGITS;
-    let is_mixed = |row: &str| {
-        is_row(row)
-            && has(row, char::is_lowercase)
-            && has(row, char::is_uppercase)
-            && has(row, char::is_numeric)
-    };
-
     // Base 64 has slashes too, and no path without a slash or a dot at its beginning is as mixed.
     let is_path = word.starts_with(['/', '.', '~']);
 
@@ -100,6 +99,17 @@ fn is_secret(word: &str) -> bool {
             .any(is_row)
         || word.split(['/', '.', '~', '=']).any(is_mixed)
         || (!is_path && word.split(['.', '~', '=', '-', '_']).any(is_mixed))
+}
+
+fn is_row(row: &str) -> bool {
+    row.len() >= DIGITS
+}
+
+fn is_mixed(row: &str) -> bool {
+    is_row(row)
+        && has(row, char::is_lowercase)
+        && has(row, char::is_uppercase)
+        && has(row, char::is_numeric)
 }
 
 fn has(text: &str, is: impl Fn(char) -> bool) -> bool {

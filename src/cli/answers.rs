@@ -1,4 +1,5 @@
-//! Answers for people: what was found, from how much, beside what chance alone would give.
+//! Rendering of answers about influence: what was found, from how much, beside what chance alone
+//! would give.
 
 use super::output::{Table, count, figure, figure_or_dash, percent, significant};
 use crate::api::json::{dependence, model_kind, verdict};
@@ -30,12 +31,6 @@ fn written_threshold(threshold: f64) -> String {
 }
 
 fn heading(environment: &str, labels: &proto::Labels, answers: &[proto::Answer]) -> String {
-    let name = |variable: &Option<proto::Variable>| {
-        variable
-            .as_ref()
-            .map(|one| one.name.clone())
-            .unwrap_or_default()
-    };
     let given: Vec<&str> = labels
         .given
         .iter()
@@ -46,7 +41,8 @@ fn heading(environment: &str, labels: &proto::Labels, answers: &[proto::Answer])
     } else {
         format!(" given {}", given.join(", "))
     };
-    let (ego, other) = (name(&labels.ego), name(&labels.other));
+
+    let (ego, other) = (name_of(&labels.ego), name_of(&labels.other));
     let first = answers
         .first()
         .filter(|answer| answer.mutual_information.is_some());
@@ -62,10 +58,18 @@ fn heading(environment: &str, labels: &proto::Labels, answers: &[proto::Answer])
             share.unwrap_or_default()
         )
     });
+
     format!(
         "{environment}: {ego} on {other}{given}, same tick{}",
         rule.unwrap_or_default()
     )
+}
+
+fn name_of(variable: &Option<proto::Variable>) -> String {
+    variable
+        .as_ref()
+        .map(|one| one.name.clone())
+        .unwrap_or_default()
 }
 
 /// Tells one answer in full.
@@ -75,6 +79,7 @@ fn one(answer: &proto::Answer, labels: &proto::Labels) -> String {
     for bin in &state.bins {
         text += &format!("  {} = {}\n", bin.feature, bin.label);
     }
+
     let entries = answer
         .entries
         .map(|entries| format!(", {} entries", count(entries)))
@@ -159,6 +164,7 @@ fn network(model: &proto::ModelFigures, answer: &proto::Answer) -> String {
         ),
         _ => "cannot tell at this threshold".into(),
     };
+
     let information = model
         .mutual_information
         .map(|mean| format!(", mutual information {} {unit}", figure(mean)));
@@ -170,6 +176,7 @@ fn network(model: &proto::ModelFigures, answer: &proto::Answer) -> String {
             model.out_of_range.join(", ")
         ),
     };
+
     let (version, information) = (model.version, information.unwrap_or_default());
     format!(
         "model, version {version} ({kind}): {above}{information}; its members {members}{outside}"
@@ -195,6 +202,7 @@ fn information(answer: &proto::Answer) -> String {
     for (name, value) in estimates {
         table.row([name, figure(value)]);
     }
+
     table.render("  ")
 }
 
@@ -209,6 +217,7 @@ fn by_action(answer: &proto::Answer, labels: &proto::Labels) -> String {
         "plug-in",
         "answered by",
     ]);
+
     for action in &answer.by_action {
         table.row([
             action.action.clone(),
@@ -220,6 +229,7 @@ fn by_action(answer: &proto::Answer, labels: &proto::Labels) -> String {
             most_frequent(&action.response, responses(labels)),
         ]);
     }
+
     table.render("  ")
 }
 
@@ -233,6 +243,7 @@ fn by_model(answer: &proto::Answer, labels: &proto::Labels) -> String {
     else {
         return String::new();
     };
+
     let divergence = format!("divergence ({})", answer.unit);
     let mut table = Table::new(&["action", "P(action)", &divergence, "answered by"]);
     for action in &model.by_action {
@@ -244,6 +255,7 @@ fn by_model(answer: &proto::Answer, labels: &proto::Labels) -> String {
             answered,
         ]);
     }
+
     format!(
         "\nby model, version {}\n{}",
         model.version,
@@ -276,6 +288,7 @@ fn most_frequent(shares: &[f64], labels: &[String]) -> String {
             .unwrap_or_else(|| format!("#{index}"));
         format!("{label} {:.0} %", share * 100.0)
     });
+
     told.collect::<Vec<_>>().join(", ")
 }
 
@@ -326,25 +339,27 @@ fn several(answers: &[proto::Answer]) -> String {
         }
         table.row(row);
     }
+
     table.render("")
 }
 
 /// Tells the warnings of several answers, a line each.
 fn warnings(answers: &[proto::Answer]) -> String {
-    let told = |answer: &proto::Answer| {
-        let key = answer.state.clone().unwrap_or_default().key;
-        answer
-            .warnings
-            .iter()
-            .map(|warning| format!("warning, state {key}: {warning}\n"))
-            .collect::<String>()
-    };
-    let told: String = answers.iter().map(told).collect();
+    let told: String = answers.iter().map(warnings_of).collect();
     if told.is_empty() {
         told
     } else {
         format!("\n{told}")
     }
+}
+
+fn warnings_of(answer: &proto::Answer) -> String {
+    let key = answer.state.clone().unwrap_or_default().key;
+    answer
+        .warnings
+        .iter()
+        .map(|warning| format!("warning, state {key}: {warning}\n"))
+        .collect()
 }
 
 /// Tells the ego's actions of each answer that has them.

@@ -37,11 +37,13 @@ impl Waiting {
         if self.last == why {
             return;
         }
+
         self.last = why.to_owned();
         let line = format!(
             "{}; asking again",
             why.trim_end_matches("; it goes on, ask again")
         );
+
         if std::io::stderr().is_terminal() {
             self.bar.get_or_insert_with(spinner).set_message(line);
         } else {

@@ -14,6 +14,7 @@ pub(super) fn render(environment: &str, model: &proto::Model) -> String {
     if model.unreadable.is_some() {
         return format!("{heading}\n\n{}\n", standing(environment, model, &card));
     }
+
     let standing = format!("{}\n", standing(environment, model, &card));
     format!(
         "{heading}\n\n{}\n{}\n{}{standing}",
@@ -93,6 +94,7 @@ fn facts(card: &proto::Card) -> String {
             format!("{} nats", significant(card.threshold, 6)),
         ),
     ];
+
     // A direct network has no mutual information to make a probability of.
     if let (proto::ModelKind::Joint, Some(calibration)) = (training.kind(), card.calibration) {
         facts.push(("calibration", calibrated(&calibration)));
@@ -114,6 +116,7 @@ fn facts(card: &proto::Card) -> String {
         };
         facts.push(("imported", told.into()));
     }
+
     facts
         .iter()
         .map(|(name, fact)| format!("{name:<11}  {fact}\n"))
@@ -186,6 +189,7 @@ fn reliability(card: &proto::Card) -> String {
     if card.reliability.is_empty() {
         return String::new();
     }
+
     let mut table = Table::new(&["P(above)", "states", "predicted", "by the evidence"]);
     for tenth in &card.reliability {
         let range = format!("{:.1} to {:.1}", tenth.from, tenth.from + 0.1);
@@ -196,6 +200,7 @@ fn reliability(card: &proto::Card) -> String {
             figure(tenth.observed),
         ]);
     }
+
     table.render("") + "\n"
 }
 
@@ -216,6 +221,7 @@ fn standing(environment: &str, model: &proto::Model, card: &proto::Card) -> Stri
         };
         return format!("cannot be read, answers nothing: {why}; {end}");
     }
+
     match (model.active, card.not_better_than.is_empty()) {
         _ if model.stale => {
             "stale: the rule has another threshold now, for which it cannot answer; train another"
@@ -290,6 +296,7 @@ fn versions(models: &[proto::Model]) -> String {
             unbeaten,
         ]);
     }
+
     table.render("")
 }
 

@@ -43,8 +43,9 @@ impl Check {
                 path.display()
             )));
         }
+
         let found = match SqliteStore::inspect(&path, Options::default()).await {
-            Ok(store) => Found::of(Arc::new(store)).await?,
+            Ok(store) => Found::in_store(Arc::new(store)).await?,
             // So damaged that nothing can be read is damage too.
             Err(StoreError::Damaged(why)) => Found {
                 integrity: vec![why],
@@ -52,6 +53,7 @@ impl Check {
             },
             Err(error) => return Err(unopened(error)),
         };
+
         if self.json {
             output::print_json(&report(&found))?
         } else {
@@ -99,9 +101,10 @@ struct UnreadableNetwork {
 }
 
 impl Found {
-    async fn of(store: Arc<SqliteStore>) -> Result<Self, Failure> {
+    async fn in_store(store: Arc<SqliteStore>) -> Result<Self, Failure> {
         let integrity = store.integrity().await.map_err(unopened)?;
         let audits = store.audit().await.map_err(unopened)?;
+
         // Tables of fits and of networks came later than those of counts.
         let networks = match store.has_table("models").await.map_err(unopened)? {
             true => unreadable_networks(store.clone()).await,
@@ -117,8 +120,10 @@ impl Found {
         } else {
             Vec::new()
         };
+
         let environments = store.unreadable();
         store.close().await;
+
         Ok(Self {
             audits,
             integrity,
@@ -152,14 +157,17 @@ impl Found {
             (self.networks.len(), "networks"),
             (self.fits.len(), "fits"),
         ];
+
         let unread: Vec<String> = unread
             .iter()
             .filter(|(count, _)| *count > 0)
             .map(|(count, what)| format!("{count} {what}"))
             .collect();
+
         if !unread.is_empty() {
             faults.push(format!("{} cannot be read", unread.join(" and ")));
         }
+
         if faults.is_empty() {
             Ok(())
         } else {
@@ -218,6 +226,7 @@ async fn unreadable_networks(store: Arc<dyn Store>) -> Result<Vec<UnreadableNetw
         };
         networks.extend(listed.models.into_iter().filter_map(unread));
     }
+
     Ok(networks)
 }
 
@@ -234,11 +243,14 @@ fn tell(audit: &Audit) -> Result<(), Failure> {
             audit.environment
         ));
     }
+
     if audit.is_sound() {
         return output::print(&format!("{}: sound ({figures})", audit.environment));
     }
+
     let [transitions, states, cells] = audit.found;
     let found = format!("{transitions} transitions, {states} states, {cells} cells");
+
     output::print(&format!(
         "{}: UNSOUND, kept {figures}, found {found}",
         audit.environment
@@ -263,29 +275,38 @@ fn tell_network(network: &UnreadableNetwork) -> Result<(), Failure> {
     ))
 }
 
-fn report(found: &Found) -> serde_json::Value {
-    let figures = |[transitions, states, cells]: [u64; 3]| json!({"transitions": transitions, "states": states, "cells": cells});
-    let one = |audit: &Audit| match &audit.unreadable {
+fn audit_json(audit: &Audit) -> serde_json::Value {
+    match &audit.unreadable {
         Some(why) => {
             json!({ "environment": audit.environment.as_str(), "sound": false, "unreadable": why })
         }
         None => json!({
             "environment": audit.environment.as_str(),
             "sound": audit.is_sound(),
-            "kept": figures(audit.kept),
-            "found": figures(audit.found),
+            "kept": figures_json(audit.kept),
+            "found": figures_json(audit.found),
         }),
-    };
-    let environments: Vec<_> = found.audits.iter().map(one).collect();
+    }
+}
+
+fn figures_json([transitions, states, cells]: [u64; 3]) -> serde_json::Value {
+    json!({"transitions": transitions, "states": states, "cells": cells})
+}
+
+fn report(found: &Found) -> serde_json::Value {
+    let environments: Vec<_> = found.audits.iter().map(audit_json).collect();
     let mut report = json!({ "sound": found.verdict().is_ok(), "environments": environments, "integrity": found.integrity });
+
     let environment = |one: &Arc<UnreadableEnvironment>| json!({"name": one.name, "uid": one.uid.0, "unreadable": one.why});
     if !found.environments.is_empty() {
         report["unreadable"] = found.environments.iter().map(environment).collect();
     }
+
     let network = |one: &UnreadableNetwork| json!({"environment": one.environment, "version": one.version, "unreadable": one.why});
     if !found.networks.is_empty() {
         report["unreadable_networks"] = found.networks.iter().map(network).collect();
     }
+
     for (name, lines) in [
         ("unreadable_fits", &found.fits),
         ("receipts", &found.receipts),
@@ -294,5 +315,6 @@ fn report(found: &Found) -> serde_json::Value {
             report[name] = json!(lines);
         }
     }
+
     report
 }

@@ -173,7 +173,7 @@ impl Demo {
         let silent = Progress::silent();
         let mut live = Live::begin(connection, names.clone()).await?;
         let played = tokio::select! {
-            played = async { tokio::try_join!(Report::of(&parts, connection, &silent), run.send(connection, |_| ())) } => played?,
+            played = async { tokio::try_join!(Report::send_parts(&parts, connection, &silent), run.send(connection, |_| ())) } => played?,
             stopped = live.run() => match stopped? {},
         };
         live.finish();

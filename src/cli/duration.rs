@@ -47,6 +47,7 @@ pub(super) fn duration(text: &str) -> Result<Duration, String> {
             "got {text:?}, expected a whole number and s, m or h such as 20s, at most {LONGEST_HOURS}h"
         )
     };
+
     let (number, unit) =
         text.split_at(text.len() - text.chars().next_back().map_or(0, char::len_utf8));
     let seconds = match unit {
@@ -55,6 +56,7 @@ pub(super) fn duration(text: &str) -> Result<Duration, String> {
         "h" => 3_600,
         _ => return Err(wrong()),
     };
+
     let number: u64 = number.parse().map_err(|_| wrong())?;
     let seconds = number
         .checked_mul(seconds)

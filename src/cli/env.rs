@@ -123,6 +123,7 @@ impl Apply {
             .or_else(|| description.name.clone())
             .or_else(|| stem(&self.file))
             .ok_or_else(unnamed)?;
+
         let draft = DescriptionDraft::from(description);
         // The wire has room for one kind a feature and for fewer numbers than JSON, and none for a
         // hash: what does not fit must be told, not trimmed.
@@ -139,13 +140,16 @@ impl Apply {
         if self.json {
             return print_json(&to_json(dto::Environment::from(environment)));
         }
+
         let done = if response.created {
             "created"
         } else {
             "exists with this description"
         };
+
         let schema = schema_of(&environment)?;
         let told = [thresholds(&environment, &schema), notes(&schema)].concat();
+
         print(&format!(
             "environment `{}` {done}\n{}",
             environment.name,
@@ -177,14 +181,17 @@ impl List {
                 .map(|page| page.remove("next_page_token"));
             return print_json(&told);
         }
+
         let proto::ListEnvironmentsResponse {
             environments,
             unreadable,
             ..
         } = page;
+
         if environments.is_empty() && unreadable.is_empty() {
             return print("no environments yet: `nudge env apply FILE` makes one");
         }
+
         let mut table = Table::new(&["name", "state", "agents", "rule", "uid"]);
         for environment in &environments {
             if environment.schema.is_none() {
@@ -208,6 +215,7 @@ impl List {
                 environment.uid.clone(),
             ]);
         }
+
         let lines = unreadable.iter().map(cannot_be_read).collect::<String>();
         match environments.is_empty() {
             true => print(lines.trim_end()),
@@ -233,6 +241,7 @@ impl Delete {
         if !yes {
             return Err(unsure(&connection, &name).await);
         }
+
         let request = proto::DeleteEnvironmentRequest { name: name.clone() };
         connection
             .environments()
@@ -322,6 +331,7 @@ fn described(environment: &proto::Environment, schema: &Schema) -> String {
             feature.kind.expected(),
         ]);
     };
+
     schema
         .state()
         .iter()
@@ -339,6 +349,7 @@ fn described(environment: &proto::Environment, schema: &Schema) -> String {
         .map(|line| format!("note    {line}\n"))
         .collect();
     let rule = rule(environment);
+
     format!(
         "{name}\nuid     {uid}\nschema  {hash}\nrule    {rule}\n{told}{notes}\n{}",
         table.render("")
@@ -351,11 +362,13 @@ fn thresholds(environment: &proto::Environment, schema: &Schema) -> Vec<String> 
     let Ok(rule) = WrittenRule::default().merged(&draft) else {
         return Vec::new();
     };
+
     let mut by_reach: BTreeMap<u64, Vec<Pair>> = BTreeMap::new();
     for pair in Pair::every(schema) {
         let Alphabet { rows, columns } = pair.alphabet(schema);
         by_reach.entry(rows.min(columns)).or_default().push(pair);
     }
+
     by_reach
         .into_values()
         .map(|pairs| threshold(&rule, schema, &pairs))
@@ -365,12 +378,14 @@ fn thresholds(environment: &proto::Environment, schema: &Schema) -> Vec<String> 
 /// Tells the threshold for pairs of which each can have as much as the others.
 fn threshold(rule: &WrittenRule, schema: &Schema, pairs: &[Pair]) -> String {
     const NAMED: usize = 3;
+
     let name = |agent: usize| schema.agents()[agent].name.as_str();
     let mut named: Vec<String> = pairs
         .iter()
         .take(NAMED)
         .map(|pair| format!("{} and {}", name(pair.ego), name(pair.other)))
         .collect();
+
     if pairs.len() > NAMED {
         named.push(format!("{} other pairs", pairs.len() - NAMED));
     }
@@ -378,6 +393,7 @@ fn threshold(rule: &WrittenRule, schema: &Schema, pairs: &[Pair]) -> String {
     let Some(share) = rule.share(alphabet) else {
         return format!("always undecided between {named}: one of the two has a single action");
     };
+
     let nats = rule.resolved(alphabet).threshold_nats();
     let [nats, bits] =
         [nats, Unit::Bits.from_nats(nats)].map(|number| output::significant(number, 3));
@@ -386,6 +402,7 @@ fn threshold(rule: &WrittenRule, schema: &Schema, pairs: &[Pair]) -> String {
     } else {
         ""
     };
+
     format!(
         "influence above {nats} nats ({bits} bits; {} of the most {named} can have{beyond})",
         output::percent(share)
@@ -401,17 +418,23 @@ fn notes(schema: &Schema) -> Vec<String> {
         .state()
         .iter()
         .map(|feature| (feature.name.to_string(), feature));
-    let note = |(name, feature): (String, &Feature)| {
-        let unit = feature.unit.as_ref()?.as_str();
-        let FeatureKind::Circular(_, angle) = feature.kind else {
-            return None;
-        };
-        (Angle::of_unit(Some(unit)) != Some(angle)).then(|| {
-            let values = angle.as_str();
-            format!("{name}: values are {values} although the unit is {unit}, as in environments made before units of angles were read")
-        })
+
+    let features = state.chain(actions);
+    features
+        .filter_map(|(name, feature)| note(&name, feature))
+        .collect()
+}
+
+fn note(name: &str, feature: &Feature) -> Option<String> {
+    let unit = feature.unit.as_ref()?.as_str();
+    let FeatureKind::Circular(_, angle) = feature.kind else {
+        return None;
     };
-    state.chain(actions).filter_map(note).collect()
+
+    (Angle::of_unit(Some(unit)) != Some(angle)).then(|| {
+        let values = angle.as_str();
+        format!("{name}: values are {values} although the unit is {unit}, as in environments made before units of angles were read")
+    })
 }
 
 fn agents(schema: &Schema) -> String {
@@ -430,6 +453,7 @@ fn rule(environment: &proto::Environment) -> String {
         Some(share) => format!("{} of what two agents can have", output::percent(share)),
         None => format!("{} {unit}", rule.threshold.unwrap_or_default()),
     };
+
     match kind.as_str() {
         "paper" => format!(
             "paper, above {above} from {} visits",

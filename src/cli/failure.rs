@@ -82,8 +82,10 @@ impl Failure {
                 lines: vec![message.into()],
             };
         }
+
         let title = message.split_once(": ").map_or(message, |(title, _)| title);
         let faults = faults.iter().map(Fault::to_string);
+
         Self {
             code,
             lines: std::iter::once(title.to_owned()).chain(faults).collect(),

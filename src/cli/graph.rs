@@ -12,14 +12,17 @@ pub(super) fn render(environment: &str, graph: &proto::GetGraphResponse) -> Stri
         "{environment}: who depends on whom, same tick\n\nstate {}\n",
         state.key
     );
+
     for bin in &state.bins {
         text += &format!("  {} = {}\n", bin.feature, bin.label);
     }
+
     let visits = graph
         .edges
         .iter()
         .find_map(|edge| edge.answer.as_ref())
         .map_or(0, |answer| answer.visits);
+
     text + &format!(
         "\n{} visits\n{}{}",
         count(visits),
@@ -61,6 +64,7 @@ fn edges(graph: &proto::GetGraphResponse) -> String {
             ),
         ]);
     }
+
     table.render("  ")
 }
 

@@ -52,12 +52,14 @@ impl Health {
             readiness(&address, &Options::default().tls(tls)),
         )
         .await;
+
         let late = |_| {
             Failure::usage(format!(
                 "{address} does not answer within {:?}",
                 self.timeout
             ))
         };
+
         match asked.map_err(late)?? {
             Readiness::Ready => print("ready"),
             Readiness::NotReady(why) => Err(Failure::refused(why)),
@@ -77,6 +79,7 @@ impl Health {
                 format!("https://{}", reachable(self.listen))
             }
         };
+
         if self.no_verify {
             tls.trust = Trust::Anybody;
         }

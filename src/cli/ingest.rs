@@ -74,9 +74,10 @@ impl Ingest {
                 .map_err(|error| Failure::usage(format!("cannot read {name}: {error}")))?;
             parts.extend(parts_of(&name, &bytes, self.abstraction)?);
         }
+
         let connection = self.server.connect().await?;
         let progress = Progress::new(parts.iter().map(Part::steps).sum());
-        let report = Report::of(&parts, &connection, &progress).await?;
+        let report = Report::send_parts(&parts, &connection, &progress).await?;
         progress.finish();
         report.print(self.json)
     }
@@ -90,12 +91,13 @@ pub(super) fn parts_of(
 ) -> Result<Vec<Part>, Failure> {
     let wrong = |why: &dyn std::fmt::Display| Failure::usage(format!("cannot read {name}: {why}"));
     let text = overcooked::decompressed(bytes).map_err(|error| wrong(&error))?;
-    let games = overcooked::read(&text).map_err(|error| wrong(&error))?;
+    let games = overcooked::read_games(&text).map_err(|error| wrong(&error))?;
     let digest = blake3::hash(&text).to_hex();
     let mut by_layout: BTreeMap<String, Vec<Game>> = BTreeMap::new();
     for game in games {
         by_layout.entry(game.layout.clone()).or_default().push(game);
     }
+
     let part = |(layout, games)| Part::new(name, layout, games, abstraction, &digest[..32]);
     Ok(by_layout.into_iter().filter_map(part).collect())
 }
@@ -148,6 +150,7 @@ impl Part {
                 progress.step();
             }
         }
+
         let totals = producer.close().await?;
         progress.part_done(&format!("{}: {name}", self.file), totals.sent);
         Ok(totals)
@@ -156,7 +159,7 @@ impl Part {
 
 impl Report {
     /// Sends parts, one after the other.
-    pub(super) async fn of(
+    pub(super) async fn send_parts(
         parts: &[Part],
         connection: &Connection,
         progress: &Progress,

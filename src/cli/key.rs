@@ -71,6 +71,7 @@ impl New {
             environments: Some(self.environments).filter(|patterns| !patterns.is_empty()),
             rate: self.rate,
         };
+
         match &self.append {
             // First the line: a key that nobody lets in is of no use to whoever has it.
             Some(path) => append(path, &line)?,
@@ -129,7 +130,7 @@ pub(super) struct KeysFile {
 
 impl KeysFile {
     /// Reads the file, and takes SIGHUP over; nothing where there is no file.
-    pub(super) fn read(path: Option<&Path>) -> Result<Self, Failure> {
+    pub(super) fn read_and_watch(path: Option<&Path>) -> Result<Self, Failure> {
         let Some(path) = path else {
             return Ok(Self {
                 ring: None,
@@ -137,11 +138,13 @@ impl KeysFile {
                 hangups: None,
             });
         };
+
         // Before the file is read: a change after that comes with a signal that is not lost.
         let hangups =
             signal(SignalKind::hangup()).map_err(|error| Failure::usage(error.to_string()))?;
-        let keys = Keys::read(path).map_err(|error| Failure::usage(error.to_string()))?;
+        let keys = Keys::read_file(path).map_err(|error| Failure::usage(error.to_string()))?;
         tell(path, &keys, "keys were read");
+
         Ok(Self {
             ring: Some(Keyring::new(keys)),
             path: path.into(),
@@ -159,7 +162,7 @@ impl KeysFile {
             if hangups.lock().await.recv().await.is_none() {
                 std::future::pending::<()>().await;
             }
-            match Keys::read(&self.path) {
+            match Keys::read_file(&self.path) {
                 Ok(keys) => {
                     tell(&self.path, &keys, "keys were read again");
                     ring.replace(keys);

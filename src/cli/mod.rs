@@ -125,6 +125,7 @@ fn execute(cli: Cli) -> Result<(), Failure> {
             Command::Health(command) => command.run().await,
         }
     });
+
     // Whatever still computes has nobody left to tell: the command is over, and all that it
     // promised is done.
     runtime.shutdown_background();

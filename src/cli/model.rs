@@ -161,6 +161,7 @@ impl List {
             json,
             server,
         } = self;
+
         let response = all(&server.connect().await?, &environment).await?;
         if json {
             let mut told = to_json(dto::Models::from(response));
@@ -169,6 +170,7 @@ impl List {
                 .map(|page| page.remove("next_page_token"));
             return print_json(&told);
         }
+
         print(&card::list(&environment, &response))
     }
 }
@@ -215,6 +217,7 @@ impl Show {
             server,
             ..
         } = self;
+
         let request = proto::GetModelRequest {
             environment: environment.clone(),
             version,
@@ -243,6 +246,7 @@ impl Show {
         if self.json {
             return print_json(&to_json(dto::Job::from(job)));
         }
+
         print(&card::job_line(&job))
     }
 }
@@ -255,6 +259,7 @@ impl Version {
             json,
             server,
         } = self;
+
         let request = proto::ActivateModelRequest {
             environment: environment.clone(),
             version,
@@ -270,6 +275,7 @@ impl Version {
         if json {
             return print_json(&to_json(dto::Model::from(model)));
         }
+
         print(&answers_now(&environment, &model))
     }
 
@@ -280,6 +286,7 @@ impl Version {
             json,
             server,
         } = self;
+
         let request = proto::RollBackModelRequest {
             environment: environment.clone(),
             version,
@@ -291,13 +298,16 @@ impl Version {
             .roll_back_model(request)
             .await?
             .into_inner();
+
         if json {
             return print_json(&to_json(dto::RolledBack::from(response)));
         }
+
         let now = match &response.active {
             Some(model) => answers_now(&environment, model),
             None => "no version answers for its pair now".into(),
         };
+
         print(&format!(
             "version {version} of `{environment}` is taken back; {now}"
         ))
@@ -343,6 +353,7 @@ impl Export {
             out,
             server,
         } = self;
+
         let request = proto::ExportModelRequest {
             environment: environment.clone(),
             version,
@@ -355,6 +366,7 @@ impl Export {
         let file = asked(ask).await?.file;
         std::fs::write(&out, &file).map_err(|error| cannot_write(&out, &error))?;
         let (bytes, out) = (count(file.len() as u64), out.display());
+
         print(&format!(
             "version {version} of `{environment}`: {bytes} bytes in {out}"
         ))
@@ -369,6 +381,7 @@ impl Import {
             json,
             server,
         } = self;
+
         // Read first, so that a wrong name is told whether a service is there or not.
         let bytes = std::fs::read(&file).map_err(|error| cannot_read(&file, &error))?;
         let request = proto::ImportModelRequest {
@@ -382,6 +395,7 @@ impl Import {
             .import_model(request)
             .await?
             .into_inner();
+
         shown(&environment, response.model.unwrap_or_default(), json)
     }
 }

@@ -156,6 +156,7 @@ impl Query {
             let message = "no state: add --state FEATURE=VALUE ... or --key KEY (`nudge env show` lists the features)";
             return Err(Failure::usage(message));
         }
+
         let connection = self.server.connect().await?;
         let schema = schema_of(&connection.environment(&self.environment).await?)?;
         if self.graph {
@@ -170,12 +171,14 @@ impl Query {
                 false => print(&graph::render(&self.environment, &response)),
             };
         }
+
         let request = self.request(&schema)?;
         let ask = || {
             let (mut client, request) = (connection.influence(), request.clone());
             async move { client.batch_get_influence(request).await }
         };
         let response = asked(ask).await?;
+
         if self.json {
             print_json(&to_json(dto::Answers::from(response)))
         } else {
@@ -204,6 +207,7 @@ impl Query {
     /// Returns the question for the graph of one state as the service takes it.
     fn graph_request(&self, schema: &Schema) -> Result<proto::GetGraphRequest, Failure> {
         use proto::get_graph_request::State;
+
         let mut states: Vec<State> = values(schema, grouped(&self.state))?
             .into_iter()
             .map(State::Values)
@@ -215,6 +219,7 @@ impl Query {
                 states.len()
             )));
         }
+
         Ok(proto::GetGraphRequest {
             environment: self.environment.clone(),
             state: states.pop(),
@@ -288,6 +293,7 @@ fn grouped(assignments: &[(String, String)]) -> Vec<NamedValues> {
             state.push((feature.clone(), ValueDraft::Text(value.clone())));
         }
     }
+
     states
 }
 
@@ -304,6 +310,7 @@ fn values(schema: &Schema, states: Vec<NamedValues>) -> Result<Vec<proto::StateV
             ),
         }
     }
+
     if faults.is_empty() {
         Ok(all)
     } else {

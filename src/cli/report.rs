@@ -1,4 +1,4 @@
-//! What became of everything that a command sent, by environment.
+//! Delivery report: what became of everything that a command sent, by environment.
 
 use std::collections::BTreeMap;
 
@@ -56,31 +56,40 @@ impl Report {
             "resumed",
             "rejected",
         ]);
-        let row = |name: &str, figures: [u64; 4]| {
-            std::iter::once(name.to_owned())
-                .chain(figures.map(count))
-                .collect::<Vec<_>>()
-        };
+
         for (name, totals) in &self.environments {
             table.row(row(name, figures(totals)));
         }
+
         let sum = |sum: [u64; 4], totals| std::array::from_fn(|i| sum[i] + figures(totals)[i]);
         table.row(row("all", self.environments.values().fold([0; 4], sum)));
         table.render("")
     }
 
     fn json(&self) -> Value {
-        let environment = |(name, totals): (&String, &Totals)| {
-            let [transitions, accepted, resumed, rejected] = figures(totals);
-            let rejections: Vec<Value> = totals.rejections.iter().map(rejection).collect();
-            json!({
-                "environment": name, "transitions": transitions, "accepted": accepted, "resumed": resumed,
-                "rejected_count": rejected, "rejected": rejections, "rejected_batches": totals.rejected_batches,
-                "unverified": totals.unverified,
-            })
-        };
-        json!({ "environments": self.environments.iter().map(environment).collect::<Vec<_>>() })
+        let environments: Vec<Value> = self
+            .environments
+            .iter()
+            .map(|(name, totals)| environment_json(name, totals))
+            .collect();
+        json!({ "environments": environments })
     }
+}
+
+fn row(name: &str, figures: [u64; 4]) -> Vec<String> {
+    std::iter::once(name.to_owned())
+        .chain(figures.map(count))
+        .collect()
+}
+
+fn environment_json(name: &str, totals: &Totals) -> Value {
+    let [transitions, accepted, resumed, rejected] = figures(totals);
+    let rejections: Vec<Value> = totals.rejections.iter().map(rejection).collect();
+    json!({
+        "environment": name, "transitions": transitions, "accepted": accepted, "resumed": resumed,
+        "rejected_count": rejected, "rejected": rejections, "rejected_batches": totals.rejected_batches,
+        "unverified": totals.unverified,
+    })
 }
 
 /// Says what of an environment was not counted, or may not have been: a line each.

@@ -72,7 +72,7 @@ impl Service {
     /// serve. `None` where a signal came first.
     pub(super) async fn start(config: &Config, signals: &Signals) -> Result<Option<Self>, Failure> {
         refuse_to_be_open(config)?;
-        let keys = KeysFile::read(config.keys.as_deref())?;
+        let keys = KeysFile::read_and_watch(config.keys.as_deref())?;
         let tls = config.tls()?;
 
         // The port first: whoever finds it taken should not have touched the data.
@@ -138,16 +138,19 @@ fn refuse_to_be_open(config: &Config) -> Result<(), Failure> {
     if ip.is_loopback() || config.keys.is_some() {
         return Ok(());
     }
+
     if config.insecure {
         let address = config.listen;
         tracing::warn!(%address, "without keys everybody who reaches this address is let in (--insecure)");
         return Ok(());
     }
+
     let others = if ip.is_unspecified() {
         "every address of this machine"
     } else {
         "an address that others reach"
     };
+
     Err(Failure::usage(format!(
         "{} is {others}, and without keys everybody there could read, change and delete everything: give --keys FILE (`nudge key new` makes \
          one), or listen on 127.0.0.1, or give --insecure where something else keeps others away",

@@ -1,4 +1,4 @@
-//! Which service a command speaks to.
+//! The connection options of a command: which service it speaks to.
 
 use std::convert::Infallible;
 use std::fmt;
@@ -100,22 +100,23 @@ impl Server {
     }
 
     fn key(&self) -> Result<Option<Secret>, Failure> {
-        let key = |text: &str, from: &str| {
-            text.trim()
-                .parse()
-                .map(Some)
-                .map_err(|why| Failure::usage(format!("{from}: {why}")))
-        };
         match (&self.api_key, &self.api_key_file) {
-            (Some(Given(text)), _) => key(text, "--api-key or NUDGE_KEY"),
+            (Some(Given(text)), _) => parse_key(text, "--api-key or NUDGE_KEY"),
             (None, Some(path)) => {
                 let text = read_text(path);
                 let text = text.map_err(|why| {
                     Failure::usage(format!("cannot read the key in {}: {why}", path.display()))
                 })?;
-                key(&text, &path.display().to_string())
+                parse_key(&text, &path.display().to_string())
             }
             (None, None) => Ok(None),
         }
     }
+}
+
+fn parse_key(text: &str, from: &str) -> Result<Option<Secret>, Failure> {
+    text.trim()
+        .parse()
+        .map(Some)
+        .map_err(|why| Failure::usage(format!("{from}: {why}")))
 }

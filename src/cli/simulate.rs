@@ -98,6 +98,7 @@ impl Hallway {
             environment: self.environment,
             pace: self.pace,
         };
+
         let totals = run
             .send(&connection, |moment| show(&progress, moment))
             .await?;

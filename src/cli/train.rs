@@ -94,6 +94,7 @@ impl Train {
             seed: request.seed(),
             before,
         };
+
         let job = Watched {
             wanted: Some(wanted),
             ..Watched::new(&connection, &self.environment, asked.id)
@@ -159,7 +160,7 @@ struct Stage {
 }
 
 impl Stage {
-    fn of(job: &proto::Job) -> Self {
+    fn of_job(job: &proto::Job) -> Self {
         // What a job that waits says is how far the one in front of it is.
         let step = Some(job.message.clone()).filter(|_| job.state() != JobState::Queued);
         Self {
@@ -203,12 +204,14 @@ impl Wanted {
         let Some(training) = card.and_then(|card| card.training) else {
             return false;
         };
+
         // What is not said is joint.
         let kind = if self.kind == 0 {
             proto::ModelKind::Joint.into()
         } else {
             self.kind
         };
+
         (&model.ego, &model.other, training.kind, training.seed)
             == (&self.ego, &self.other, kind, self.seed)
     }
@@ -270,7 +273,7 @@ impl Watched {
             let job = self.job(progress).await?;
             progress.part(&part(&job));
             progress.at_share(job.progress);
-            let stage = Stage::of(&job);
+            let stage = Stage::of_job(&job);
             if told
                 .as_ref()
                 .is_none_or(|(last, at): &(Stage, Instant)| *last != stage || at.elapsed() >= QUIET)
@@ -294,6 +297,7 @@ impl Watched {
             id: self.id,
         };
         let mut client = self.connection.models();
+
         tokio::select! {
             answer = client.cancel_job(request) => match answer {
                 Ok(_) => Failure::interrupted(format!("{name} of `{}` cancelled", self.environment)),
@@ -313,6 +317,7 @@ impl Watched {
             let mut client = self.connection.models();
             async move { client.get_job(request).await }
         };
+
         let mut last = String::new();
         let tell = |why: &str| {
             progress.part(why);
@@ -321,6 +326,7 @@ impl Watched {
                 last = why.to_owned();
             }
         };
+
         match patiently_telling(ask, tell).await {
             Ok(told) => Ok(told.job.unwrap_or_default()),
             Err(error) => Err(self.failed(error).await),
@@ -429,7 +435,8 @@ mod tests {
             message: "learns".into(),
             ..job_in(JobState::Running)
         };
-        let is_new = |one: proto::Job, next: proto::Job| Stage::of(&one) != Stage::of(&next);
+        let is_new =
+            |one: proto::Job, next: proto::Job| Stage::of_job(&one) != Stage::of_job(&next);
         assert!(!is_new(waits(2, "34 % is done"), waits(2, "35 % is done")));
         assert!(is_new(waits(2, ""), waits(1, "")) && is_new(waits(1, ""), runs(0.0)));
         assert!(!is_new(runs(0.31), runs(0.39)) && is_new(runs(0.39), runs(0.4)));

@@ -1,4 +1,4 @@
-//! A plot of dots: panels beside and below each other, in each a row a method, in each row a dot
+//! A dot plot (SVG): panels beside and below each other, in each a row a method, in each row a dot
 //! a mark with its spread over seeds.
 
 use std::ops::Range;
@@ -91,6 +91,7 @@ impl Dots<'_> {
         let areas = sheet
             .margin(ABOVE, 0, LEFT, 0)
             .split_evenly((below, self.beside));
+
         for (at, (area, panel)) in areas.iter().zip(&self.panels).enumerate() {
             let axes = self.axes(area, &panel.caption)?;
             for (row, values) in panel.rows.iter().enumerate() {
@@ -107,6 +108,7 @@ impl Dots<'_> {
                 })?;
             }
         }
+
         sheet.present()
     }
 

@@ -1,4 +1,4 @@
-//! What experiments found: figures of methods in worlds over seeds, where they have to lie, and
+//! Results of experiments: figures of methods in worlds over seeds, where they have to lie, and
 //! both as JSON and CSV.
 
 use serde_json::{Value, json};
@@ -32,7 +32,7 @@ pub(super) use named;
 /// The figures of some methods for one seed; `None` where one is not defined.
 pub type Measured<D, F> = Vec<(D, F, Option<f64>)>;
 
-/// A figure of a method in a world.
+/// A result: a figure of a method in a world, over seeds.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Finding<W, D, F> {
     /// The world.
@@ -45,7 +45,7 @@ pub struct Finding<W, D, F> {
     pub spread: Spread,
 }
 
-/// Everything that an experiment found: world after world, method after method.
+/// The results of an experiment: world after world, method after method.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Findings<W, D, F>(pub Vec<Finding<W, D, F>>);
 
@@ -81,7 +81,7 @@ pub fn over_seeds<W: Copy, D: Copy, F: Copy>(
             world,
             method: *method,
             figure: *figure,
-            spread: Spread::of(&values)?,
+            spread: Spread::of_values(&values)?,
         })
     };
     measured.filter_map(finding).collect()
@@ -103,7 +103,7 @@ impl<W: Cells, D: Cells, F: Cells> Cells for Finding<W, D, F> {
     }
 }
 
-/// Where a figure has to lie.
+/// A bound on a figure: where it has to lie.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Bound {
     /// At this or above.
@@ -122,7 +122,7 @@ impl Bound {
     }
 }
 
-/// A figure, where it has to lie and where it does.
+/// An acceptance target: a figure, where it has to lie and where it does.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Target<W, D, F> {
     /// Of which world.
@@ -164,8 +164,8 @@ impl<W: Cells, D: Cells, F: Cells> Cells for Target<W, D, F> {
     }
 }
 
-/// What an experiment was asked to run: it names its parameters, and says what must be shown.
-pub trait Plan<W, D, F> {
+/// The design of an experiment: its parameters, and its targets.
+pub trait ExperimentDesign<W, D, F> {
     /// The name of the experiment.
     const EXPERIMENT: &'static str;
 
@@ -185,7 +185,7 @@ pub struct Report<P, W, D, F> {
     pub findings: Findings<W, D, F>,
 }
 
-impl<P: Plan<W, D, F>, W: Cells, D: Cells, F: Cells> Report<P, W, D, F> {
+impl<P: ExperimentDesign<W, D, F>, W: Cells, D: Cells, F: Cells> Report<P, W, D, F> {
     /// Returns every target beside what was measured.
     pub fn targets(&self) -> Vec<Target<W, D, F>> {
         self.options.targets(&self.findings)
@@ -205,15 +205,14 @@ impl<P: Plan<W, D, F>, W: Cells, D: Cells, F: Cells> Report<P, W, D, F> {
 
 /// Returns rows as JSON objects.
 pub fn objects<'a, T: Cells + 'a>(rows: impl IntoIterator<Item = &'a T>) -> Value {
-    let object = |row: &T| {
-        Value::Object(
-            row.cells()
-                .into_iter()
-                .map(|(name, cell)| (name.to_owned(), cell))
-                .collect(),
-        )
-    };
     rows.into_iter().map(object).collect()
+}
+
+fn object(row: &impl Cells) -> Value {
+    row.cells()
+        .into_iter()
+        .map(|(name, cell)| (name.to_owned(), cell))
+        .collect()
 }
 
 /// Returns rows as CSV, one a line, under the titles of the first.
@@ -230,6 +229,7 @@ fn csv<'a, T: Cells + 'a>(rows: impl IntoIterator<Item = &'a T>) -> String {
             .write_record(cells.iter().map(|(_, cell)| text(cell)))
             .expect("lines are equally long");
     }
+
     let bytes = writer.into_inner().expect("memory takes everything");
     String::from_utf8(bytes).expect("text was written")
 }

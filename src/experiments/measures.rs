@@ -10,17 +10,19 @@ pub fn auc(scored: &[(f64, bool)]) -> Option<f64> {
     let mut scored = scored.to_vec();
     scored.sort_by(|a, b| a.0.total_cmp(&b.0));
     let (mut below, mut ranks) = (0, 0.0);
+
     for tied in scored.chunk_by(|a, b| a.0 == b.0) {
         let mean_rank = below as f64 + (tied.len() + 1) as f64 / 2.0;
         ranks += mean_rank * tied.iter().filter(|(_, with)| *with).count() as f64;
         below += tied.len();
     }
+
     let with = scored.iter().filter(|(_, with)| *with).count() as f64;
     let without = scored.len() as f64 - with;
     share(ranks - with * (with + 1.0) / 2.0, with * without)
 }
 
-/// How often decisions were right.
+/// A confusion matrix without its true negatives: how often decisions were right.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Hits {
     /// Called, and so it is.
@@ -33,7 +35,7 @@ pub struct Hits {
 
 impl Hits {
     /// Counts pairs of what was called and what is true.
-    pub fn of(decisions: impl IntoIterator<Item = (bool, bool)>) -> Self {
+    pub fn of_decisions(decisions: impl IntoIterator<Item = (bool, bool)>) -> Self {
         decisions
             .into_iter()
             .fold(Self::default(), |mut hits, decision| {
@@ -91,7 +93,7 @@ pub fn rmse(pairs: impl IntoIterator<Item = (f64, f64)>) -> Option<f64> {
     .map(f64::sqrt)
 }
 
-/// A figure over several seeds.
+/// Mean and standard deviation of a figure over seeds.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Spread {
     /// Its mean.
@@ -104,7 +106,7 @@ pub struct Spread {
 
 impl Spread {
     /// Returns the spread of the values; `None` of nothing.
-    pub fn of(values: &[f64]) -> Option<Self> {
+    pub fn of_values(values: &[f64]) -> Option<Self> {
         let center = mean(values.iter().copied())?;
         let squares: f64 = values.iter().map(|value| (value - center).powi(2)).sum();
         let sd = share(squares, values.len() as f64 - 1.0).map(f64::sqrt);

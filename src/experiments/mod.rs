@@ -1,5 +1,5 @@
-//! Claims about the whole, measured: a seed goes in, a table and a plot come out, and the same seed
-//! gives the same bytes.
+//! Reproducible experiments, claims about the whole measured: a seed goes in, a table and a plot
+//! come out, and the same seed gives the same bytes.
 //!
 //! An experiment goes the way that everybody goes: what it draws is sent to a service of its own,
 //! which counts it, fits it and answers. What is measured here is the answers. Nothing here prints,

@@ -1,4 +1,4 @@
-//! Which seeds an experiment runs over.
+//! Random seeds that an experiment runs over.
 
 use std::fmt;
 

@@ -66,6 +66,7 @@ impl Service {
     ) -> Result<(), Problem> {
         let producer: ProducerId = "experiment".parse().expect("a producer id");
         let widths = Widths::of_schema(&self.environment.schema);
+
         for records in records.chunks(BATCH) {
             self.sequence = self.sequence.next();
             let records = Records::collect(widths, records.iter().cloned().map(Ok));
@@ -87,6 +88,7 @@ impl Service {
                 told => return Err(internal(format!("not all counted: {told:?}"))),
             }
         }
+
         Ok(())
     }
 

@@ -3,7 +3,7 @@
 use super::count_ranking::CountRanking;
 use super::discoveries::FoundDiscoveries;
 use super::labels::bins;
-use super::order::{Order, OrderBy, Orders, Ranked};
+use super::order::{OrderBy, Orders, Ranked, SortOrder};
 use super::pass_cache::PassResult;
 use super::row::Row;
 use super::size;
@@ -19,7 +19,7 @@ use crate::store::ByVisits;
 
 /// A checked request for a page.
 pub struct Listing {
-    order: Order,
+    order: SortOrder,
     min_visits: u64,
     verdict: Option<Verdict>,
     /// Which states are discoveries, if only those are wanted.
@@ -213,7 +213,7 @@ pub fn figures(schema: &Schema, unit: Unit, row: &Row) -> StateFigures {
     }
 }
 
-fn order(text: Option<&str>) -> Result<Order, String> {
+fn order(text: Option<&str>) -> Result<SortOrder, String> {
     let text = text.unwrap_or("visits desc");
     let (by, direction) = text.split_once(' ').unwrap_or((text, "desc"));
     let by = match by {
@@ -231,14 +231,14 @@ fn order(text: Option<&str>) -> Result<Order, String> {
     };
 
     match (by, descending) {
-        (Some(by), Some(descending)) => Ok(Order { by, descending }),
+        (Some(by), Some(descending)) => Ok(SortOrder { by, descending }),
         _ => Err(format!(
             "got {text:?}, expected visits, plug_in, posterior_mean or p_dependent, then desc or asc"
         )),
     }
 }
 
-fn order_word(order: Order) -> &'static str {
+fn order_word(order: SortOrder) -> &'static str {
     match (order.by, order.descending) {
         (OrderBy::Visits, true) => "vd",
         (OrderBy::Visits, false) => "va",
@@ -251,7 +251,7 @@ fn order_word(order: Order) -> &'static str {
     }
 }
 
-fn place(schema: &Schema, order: Order, token: &str) -> Result<Place, String> {
+fn place(schema: &Schema, order: SortOrder, token: &str) -> Result<Place, String> {
     let wrong = || format!("got {token:?}, expected the next_page_token of a page in this order");
     let mut parts = token.splitn(3, '-');
     if parts.next() != Some(order_word(order)) {
@@ -268,6 +268,6 @@ fn place(schema: &Schema, order: Order, token: &str) -> Result<Place, String> {
         .ok_or_else(wrong)
 }
 
-fn token_of(order: Order, rank: u64, key: &StateKey) -> String {
+fn token_of(order: SortOrder, rank: u64, key: &StateKey) -> String {
     format!("{}-{rank:x}-{key}", order_word(order))
 }

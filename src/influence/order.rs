@@ -24,7 +24,7 @@ impl OrderBy {
 
 /// A sort order of rows; equal rows are in order of key.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Order {
+pub struct SortOrder {
     /// What counts.
     pub by: OrderBy,
     /// Largest first.
@@ -52,7 +52,7 @@ pub trait Ranked {
     fn dependent(&self, at: usize) -> f64;
 }
 
-impl Order {
+impl SortOrder {
     /// Returns a number that orders rows as this order does. Figures are not negative, so their
     /// bits are in their order.
     pub fn rank(self, rows: &impl Ranked, at: usize) -> u64 {
@@ -77,7 +77,7 @@ pub struct Orders([OnceLock<Vec<u32>>; 8]);
 
 impl Orders {
     /// Returns the positions of all rows, which are always the same, in an order.
-    pub fn positions(&self, rows: &impl Ranked, order: Order) -> &[u32] {
+    pub fn positions(&self, rows: &impl Ranked, order: SortOrder) -> &[u32] {
         let slot = order.by as usize * 2 + usize::from(order.descending);
         self.0[slot].get_or_init(|| {
             let ranked = |at: u32| (order.rank(rows, at as usize), at);

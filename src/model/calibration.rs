@@ -20,7 +20,7 @@ const ROUNDS: usize = 200;
 const STEPS: usize = 3;
 const DONE: f64 = 1e-6;
 
-/// PriorRegistry a calibration, by expectation maximisation, to states by their ln MI and their Bayes
+/// Fits a calibration, by expectation maximisation, to states by their ln MI and their Bayes
 /// factors. Without states, or without any difference between them, nothing is called.
 pub fn fit_calibration(states: &[(f64, f64)]) -> Calibration {
     let n = states.len().max(1) as f64;

@@ -118,7 +118,7 @@ impl<'a> HeldOutEvaluation<'a> {
         }
     }
 
-    /// PriorRegistry a joint network's calibration (Platt scaling), to the states with enough draws and to
+    /// Fits a joint network's calibration (Platt scaling), to the states with enough draws and to
     /// no others; a direct one needs none.
     pub fn calibration(&self, said: &[HeldOutPrediction]) -> Calibration {
         if self.training.kind == ModelKind::Direct {
@@ -168,10 +168,10 @@ impl<'a> HeldOutEvaluation<'a> {
 
     /// Returns predictions beside the evidence of the states with enough draws.
     pub fn judged(&self, said: &[HeldOutPrediction], calibration: Calibration) -> Vec<Judged> {
-        let judge = |(example, said): (&Example, &HeldOutPrediction)| {
-            self.judge(example, self.predicted(said, calibration))
+        let paired = |(example, said): (&Example, &HeldOutPrediction)| {
+            self.with_evidence(example, self.predicted(said, calibration))
         };
-        self.examples().zip(said).filter_map(judge).collect()
+        self.examples().zip(said).filter_map(paired).collect()
     }
 
     /// Returns the mean of the probabilities of the members that judge a state.
@@ -183,8 +183,8 @@ impl<'a> HeldOutEvaluation<'a> {
         mean(&said.numbers.iter().map(probability).collect::<Vec<f64>>())
     }
 
-    /// Puts a prediction beside the evidence of a state, if that has enough draws.
-    fn judge(&self, example: &Example, predicted: f64) -> Option<Judged> {
+    /// Pairs a prediction with the evidence of a state, if that has enough draws.
+    fn with_evidence(&self, example: &Example, predicted: f64) -> Option<Judged> {
         let judged = Judged {
             predicted,
             evidence: example.above,
@@ -288,7 +288,7 @@ impl<'a> HeldOutEvaluation<'a> {
                 sums[1] += back_off.log_likelihood(table, example);
                 let told = table.map_or(average, |table| self.dataset.above(table));
                 for (judged, predicted) in judged.iter_mut().zip([1.0, average, told]) {
-                    judged.extend(self.judge(example, predicted));
+                    judged.extend(self.with_evidence(example, predicted));
                 }
             }
         }

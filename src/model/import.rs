@@ -26,7 +26,7 @@ impl Networks {
         environment: &Arc<Environment>,
         file: Vec<u8>,
     ) -> Result<Model, Problem> {
-        let (mut content, exported) = read(environment, file).await?;
+        let (mut content, exported) = read_file(environment, file).await?;
         self.registry.check_room(environment).await?;
         let training = exported
             .as_ref()
@@ -61,7 +61,7 @@ impl Networks {
 
 /// Reads a file beside everything else, for it may be large: the network, and its card where Nudge
 /// exported it.
-async fn read(
+async fn read_file(
     environment: &Arc<Environment>,
     file: Vec<u8>,
 ) -> Result<(Content, Option<Card>), Problem> {

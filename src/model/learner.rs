@@ -304,7 +304,7 @@ mod tests {
 
     impl Reference {
         /// Copies a network, and draws what will be drawn in its next step.
-        fn of(learner: &Learner, states: usize) -> Self {
+        fn of_learner(learner: &Learner, states: usize) -> Self {
             let mut random = learner.random.clone();
             let wide = |layer: &Linear| {
                 let (weight, bias) = (&layer.weight.value, &layer.bias.value);
@@ -390,7 +390,7 @@ mod tests {
             let (mut learner, batch) = learner(kind, targets, dropout);
             // After some steps nothing is zero any more.
             (0..5).for_each(|_| assert!(learner.step(&batch).is_finite()));
-            let mut reference = Reference::of(&learner, 40);
+            let mut reference = Reference::of_learner(&learner, 40);
             let expected = reference.loss(kind, &batch);
             let loss = f64::from(learner.differentiate(&batch));
             assert!(

@@ -22,6 +22,9 @@ use crate::error::{ErrorKind, Problem};
 use crate::telemetry;
 use crate::work::STOPPING;
 
+/// The reason of whatever fails because its environment was deleted.
+const ENVIRONMENT_NOT_FOUND: &str = "ENVIRONMENT_NOT_FOUND";
+
 /// A training that was asked for.
 #[derive(Clone)]
 struct TrainingRequest {
@@ -90,9 +93,7 @@ impl Networks {
 
         let (state, message, version) = match result {
             Ok(model) => (JobState::Done, outcome(&model), Some(model.version)),
-            // A stop of the service ends the fit that a training begins with before it tells the
-            // training.
-            Err(problem) if request.end.is_cancelled() || problem.reason == STOPPING => (
+            Err(problem) if request.end.is_cancelled() || is_cancellation(&problem) => (
                 JobState::Cancelled,
                 "cancelled; no network is made".to_owned(),
                 None,
@@ -235,6 +236,13 @@ impl Networks {
             };
         });
     }
+}
+
+/// Returns whether a training that failed of this was cancelled, though nobody has told it to end
+/// yet: a stop of the service ends the fit that a training begins with before it tells the training,
+/// and an environment is gone before its trainings are told.
+fn is_cancellation(problem: &Problem) -> bool {
+    [STOPPING, ENVIRONMENT_NOT_FOUND].contains(&problem.reason)
 }
 
 /// Says in a sentence what became of a network that was trained.

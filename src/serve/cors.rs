@@ -1,4 +1,5 @@
-//! Which pages may call: REST and gRPC-Web from the origins that are allowed, and from no other.
+//! Cross-origin resource sharing (CORS): REST and gRPC-Web from the origins that are allowed, and
+//! from no other.
 
 use axum::Router;
 use http::{HeaderName, HeaderValue, Method, header};
@@ -31,6 +32,7 @@ pub fn allow(router: Router, origins: &[String]) -> Router {
     if origins.is_empty() {
         return router;
     }
+
     let allowed = match origins.iter().any(|origin| origin == "*") {
         true => AllowOrigin::any(),
         false => AllowOrigin::list(origins.iter().filter_map(|origin| value(origin))),
@@ -42,6 +44,7 @@ pub fn allow(router: Router, origins: &[String]) -> Router {
         Method::PATCH,
         Method::DELETE,
     ];
+
     let cors = CorsLayer::new()
         .allow_origin(allowed)
         .allow_methods(methods);

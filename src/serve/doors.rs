@@ -71,6 +71,7 @@ impl Doors {
                 format!("not ready: database: {stage}"),
             )
         };
+
         match path {
             "/livez" => operations::ALIVE.into_response(),
             "/v2/health/live" => axum::Json(json!({ "live": true })).into_response(),

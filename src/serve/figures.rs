@@ -1,4 +1,4 @@
-//! How the service is at the time of a scrape: of what exists now, so that figures of deleted
+//! Gauges, collected at the time of a scrape: of what exists now, so that figures of deleted
 //! environments go with them.
 
 use std::collections::HashMap;
@@ -48,6 +48,7 @@ async fn environments(app: &App) -> Vec<OfEnvironment> {
         .unwrap_or_default()
         .into_iter()
         .collect();
+
     let (figures, quotas, now) = (app.ingest.figures(&ids), app.store.quotas(), Instant::now());
     let told = environments
         .iter()
@@ -64,6 +65,7 @@ async fn environments(app: &App) -> Vec<OfEnvironment> {
                 ..of_environment(environment, figures, held, quotas)
             }
         });
+
     told.collect()
 }
 
@@ -80,6 +82,7 @@ fn of_environment(
         unverified,
         last,
     } = figures;
+
     let Held {
         totals:
             Totals {
@@ -93,12 +96,14 @@ fn of_environment(
         models,
         active,
     } = held;
+
     let quotas = vec![
         ("cells", cells, quotas.cells),
         ("segments", segments, quotas.segments),
         ("producers", producers, quotas.producers),
         ("models", models, quotas.models),
     ];
+
     OfEnvironment {
         name: environment.name.to_string(),
         accepted,

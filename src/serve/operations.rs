@@ -40,6 +40,7 @@ fn refusal(uri: &Uri, known: &[&str]) -> Option<Response> {
         .unwrap_or_default()
         .split('&')
         .filter_map(|part| part.split('=').next());
+
     let unknown = |name: &&str| !name.is_empty() && !known.contains(name);
     let fault = |name: &str| {
         let none = "; there is none on this path".to_owned();

@@ -25,8 +25,8 @@ use crate::access::{has_key, redacted};
 use crate::api;
 use crate::telemetry;
 
-/// By which a request is found in the logs of both sides: the caller's own, or one that is given
-/// here.
+/// The request id, by which a request is found in the logs of both sides: the caller's own, or one
+/// that is given here.
 pub const REQUEST_ID: HeaderName = HeaderName::from_static("x-request-id");
 
 /// The longest id of a caller's that is kept, and the longest name of a client that is logged.
@@ -69,6 +69,7 @@ impl Call {
             .filter(|id| is_kept(id))
             .cloned()
             .unwrap_or_else(numbered);
+
         Self {
             noted,
             is_grpc: is_grpc(&parts.headers),
@@ -124,6 +125,7 @@ impl Call {
                 .or_else(|| status.map(code_of));
             return word(code.unwrap_or(Code::Cancelled)).to_owned();
         }
+
         // As nginx and others write it when the caller left.
         status.map_or(499, |status| status.as_u16()).to_string()
     }
@@ -179,10 +181,12 @@ pub async fn note_code(request: Request, next: Next) -> Response {
     let Some(noted) = request.extensions().get::<Arc<Noted>>().cloned() else {
         return next.run(request).await;
     };
+
     let response = next.run(request).await;
     if noted.note_grpc_status(response.headers()) {
         return response;
     }
+
     response.map(|body| {
         Body::new(body.map_frame(move |frame| {
             if let Some(trailers) = frame.trailers_ref() {
@@ -222,9 +226,11 @@ pub fn expect(documented: impl IntoIterator<Item = String>) {
     let rest = documented
         .into_iter()
         .chain(["GET /livez", "GET /readyz", "GET /metrics"].map(str::to_owned));
+
     for route in rest.chain([OTHER.to_owned()]) {
         telemetry::expect_requests("rest", &route, &["200", "499", "500", "503"]);
     }
+
     for method in METHODS
         .iter()
         .filter_map(|path| path.rsplit('/').next())

@@ -1,11 +1,11 @@
-//! What may be set about the faces, and where they are reached.
+//! Settings of the faces: what may be set, and where they are reached.
 
 use std::net::IpAddr;
 
 use super::access::Keyring;
 use super::connections::limits::Limits;
 
-/// What may be set about the faces.
+/// Settings of the faces.
 #[derive(Debug, Clone, Default)]
 pub struct Settings {
     /// The origins whose pages may call from a browser, `https://example.org`; `*` for any. None by
@@ -20,7 +20,7 @@ pub struct Settings {
     pub limits: Limits,
 }
 
-/// Where the service is reached.
+/// An endpoint: the address at which the service is reached.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Endpoint {
     /// The address that is listened on, if any is.

@@ -1,4 +1,4 @@
-//! The one place that knows status codes: kinds of error beside their HTTP and gRPC codes.
+//! Status codes, which nothing else knows: kinds of error beside their HTTP and gRPC codes.
 
 use std::collections::HashMap;
 use std::time::Duration;
@@ -89,11 +89,13 @@ fn field_violations(faults: &[Fault]) -> Vec<(String, String)> {
             cut(&fault.detail, MOST_TEXT),
         )
     });
+
     let fits = |(pointer, detail): &(String, String)| {
         let rest = left.checked_sub(pointer.len() + detail.len());
         left = rest.unwrap_or_default();
         rest.is_some()
     };
+
     first.take_while(fits).collect()
 }
 
@@ -168,6 +170,7 @@ pub fn too_late(asked: Asked, allowed: Duration) -> Problem {
     };
     let message = format!("no answer within {} seconds: {help}", allowed.as_secs_f64());
     let problem = Problem::new(ErrorKind::Deadline, "TIMEOUT", message);
+
     if asked == Asked::Batch {
         problem.retry_after(RETRY_BATCH)
     } else {

@@ -6,7 +6,8 @@ use std::time::{Duration, Instant};
 
 use tracing_subscriber::EnvFilter;
 
-/// Lets the first of many lines that say the same into the log, and then one in a while.
+/// Rate limiting of a log line: lets the first of many lines that say the same into the log, and
+/// then one in a while.
 pub struct Seldom {
     every: Duration,
     /// When one was last let in, and how many were left out since.

@@ -22,7 +22,7 @@ pub struct Metric {
     series: Mutex<BTreeMap<Labels, Value>>,
 }
 
-/// How the numbers of a metric behave.
+/// The type of a metric (counter, gauge or histogram).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Kind {
     /// It only grows, from 0 at the start of the process.
@@ -168,9 +168,11 @@ impl Metric {
             "# HELP {name} {help}\n# TYPE {name} {}",
             kind.as_str()
         );
+
         for (labels, value) in &*self.kept() {
             self.render_series(labels, value, text);
         }
+
         for (labels, number) in page.0.get(name).into_iter().flatten() {
             self.render_series(labels, &Value::Number(*number), text);
         }
@@ -236,6 +238,7 @@ fn line(
     } else {
         format!("{{{}}}", told.join(","))
     };
+
     let _ = writeln!(text, "{name}{suffix}{labels} {number}");
 }
 
@@ -250,7 +253,7 @@ fn label(name: &str, value: &str) -> String {
     )
 }
 
-/// What is told at one scrape and not kept.
+/// Series that are collected at one scrape and not kept.
 #[derive(Default)]
 pub struct Page(BTreeMap<&'static str, Vec<(Labels, f64)>>);
 

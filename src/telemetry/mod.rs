@@ -97,9 +97,11 @@ pub fn begin() {
         (&TRAINING_SECONDS, &["done", "failed", "cancelled"]),
         (&INFERENCES, &["OK"]),
     ];
+
     for (metric, words) in words {
         words.iter().for_each(|word| metric.begin(&[word]));
     }
+
     for verdict in ["influences", "no_influence", "undecided"] {
         ["counts", "model", "prior"]
             .iter()
@@ -231,7 +233,7 @@ pub fn request(face: &'static str, route: &str, code: &str, took: Option<Duratio
     }
 }
 
-/// How the service is at the time of a scrape.
+/// Gauges of the service at the time of a scrape.
 #[derive(Debug, Default)]
 pub struct Standing {
     /// Each check of readiness, and its outcome.
@@ -254,7 +256,7 @@ pub struct Standing {
     pub environments: Vec<OfEnvironment>,
 }
 
-/// How an environment is at the time of a scrape.
+/// Gauges of an environment at the time of a scrape.
 #[derive(Debug, Default)]
 pub struct OfEnvironment {
     /// Its name.
@@ -303,13 +305,16 @@ fn tell(page: &mut Page, standing: &Standing) {
     for (check, is_ready) in &standing.checks {
         page.tell(&READY, &[check], f64::from(u8::from(*is_ready)));
     }
+
     for (lane, turns, waiting) in &standing.lanes {
         page.tell(&WORKING, &[lane], *turns as f64);
         page.tell(&WAITING, &[lane], *waiting as f64);
     }
+
     for (state, jobs) in &standing.jobs {
         page.tell(&JOBS, &[state], *jobs as f64);
     }
+
     page.tell(&QUEUED, &[], standing.queued as f64);
     page.tell(&READ_ONLY, &[], standing.read_only as f64);
     page.tell(&ENVIRONMENTS, &[], standing.environments.len() as f64);
@@ -324,6 +329,7 @@ fn tell(page: &mut Page, standing: &Standing) {
     if let Some(bytes) = standing.database {
         page.tell(&DATABASE, &[], bytes as f64);
     }
+
     if let Some([free, all]) = standing.disk {
         page.tell(&DISK_FREE, &[], free as f64);
         page.tell(&DISK, &[], all as f64);
@@ -342,20 +348,25 @@ fn tell_environment(page: &mut Page, told: &OfEnvironment) {
         (&MODELS, told.models),
         (&MODELS_ACTIVE, told.active),
     ];
+
     numbers
         .into_iter()
         .for_each(|(metric, number)| page.tell(metric, &[name], number as f64));
+
     for (part, rejected) in PARTS.iter().zip(told.rejected) {
         page.tell(&REJECTED, &[name, part], rejected as f64);
     }
+
     for (quota, used, most) in &told.quotas {
         page.tell(&QUOTA, &[name, quota], share(*used, *most));
     }
+
     let known = [
         (&LAST_BATCH, told.last_batch.map(process::seconds)),
         (&FIT_BEHIND, told.fit_behind.map(|behind| behind as f64)),
         (&FIT_AGE, told.fit_age.map(|age| age.as_secs_f64())),
     ];
+
     for (metric, number) in known {
         if let Some(number) = number {
             page.tell(metric, &[name], number);

@@ -20,7 +20,7 @@ pub fn nudge(address: &str, arguments: &[&str]) -> Command {
 }
 
 async fn run(fake: &Fake, arguments: &[&str]) -> (i32, String, String) {
-    told(&output(nudge(&fake.address.to_string(), arguments)).await)
+    exit_and_texts(&output(nudge(&fake.address.to_string(), arguments)).await)
 }
 
 /// Waits beside the runtime, on which the service runs.
@@ -31,7 +31,7 @@ pub async fn output(mut command: Command) -> Output {
         .expect("it starts")
 }
 
-pub fn told(output: &Output) -> (i32, String, String) {
+pub fn exit_and_texts(output: &Output) -> (i32, String, String) {
     let text = |bytes: &[u8]| String::from_utf8(bytes.to_vec()).expect("text");
     (
         output.status.code().expect("not killed"),
@@ -188,7 +188,7 @@ async fn a_mistake_gets_one_line_and_code_two() {
 
 #[tokio::test]
 async fn an_absent_service_is_told_with_what_to_do() {
-    let (code, _, stderr) = told(&output(nudge("127.0.0.1:1", &["env", "list"])).await);
+    let (code, _, stderr) = exit_and_texts(&output(nudge("127.0.0.1:1", &["env", "list"])).await);
     assert_eq!(code, 2);
     assert!(
         stderr.starts_with("error: nobody listens at http://127.0.0.1:1"),
@@ -224,7 +224,7 @@ async fn a_closed_pipe_is_no_panic() {
     command.stdout(writer);
     let output = output(command).await;
     assert_eq!(
-        (output.status.code(), told(&output).2.as_str()),
+        (output.status.code(), exit_and_texts(&output).2.as_str()),
         (Some(0), "")
     );
 }

@@ -15,7 +15,7 @@ use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{ConnectOptions, Connection};
 use tempfile::TempDir;
 
-use crate::cli::{nudge, output, told};
+use crate::cli::{exit_and_texts, nudge, output};
 use crate::support::batches::*;
 use crate::support::databases::{Database, SqliteFile, execute, number};
 use crate::support::{TestApp, lane_json};
@@ -210,7 +210,7 @@ async fn nobody_is_told_less_than_was_counted_where_the_journal_is_damaged() {
     let environment = store.environment("hurt").expect("there");
     let met = [
         // That of the odd cell is in a sound entry.
-        store.counts(hurt, &[state(HURT.start)]).await.err(),
+        store.counts(hurt, &[state_at(HURT.start)]).await.err(),
         store.scan(hurt, Cursor::default(), 10).await.err(),
         store.actions(&environment).await.err(),
         store.totals(hurt).await.err(),
@@ -262,7 +262,7 @@ async fn an_audit_finds_cells_of_actions_and_segments_that_are_not_there() {
         assert_audit_finds(&store, hurt, sound, "1 of its cells").await;
         let environment = store.environment("hurt").expect("there");
         let met = [
-            store.counts(hurt, &[state(HURT.start)]).await.err(),
+            store.counts(hurt, &[state_at(HURT.start)]).await.err(),
             store.scan(hurt, Cursor::default(), 10).await.err(),
             store.actions(&environment).await.err(),
         ];
@@ -394,7 +394,7 @@ async fn damage_that_a_question_meets_makes_the_environment_read_only() {
         }
         let store = file.open(Quotas::default()).await;
         let refused = store
-            .counts(hurt, &[state(701_000)])
+            .counts(hurt, &[state_at(701_000)])
             .await
             .expect_err("damaged");
         assert!(matches!(refused, StoreError::Damaged(_)), "{refused}");
@@ -433,7 +433,7 @@ async fn damage_of_one_environment_is_not_that_of_another() {
 
     let bytes = std::fs::read(file.path()).expect("read");
     let directory = TempDir::new().expect("a directory");
-    let keys: Vec<_> = keys.map(state).collect();
+    let keys: Vec<_> = keys.map(state_at).collect();
     let wanted = ByVisits {
         segments: None,
         min_visits: 0,
@@ -514,7 +514,7 @@ async fn a_count_that_cannot_be_is_damage() {
         store.compact().await.ok();
     }
     assert_eq!(store.read_only()[0].0.as_str(), "hurt");
-    let asked = store.counts(hurt, &[state(1)]).await;
+    let asked = store.counts(hurt, &[state_at(1)]).await;
     assert!(matches!(asked, Err(StoreError::Damaged(_))), "{asked:?}");
     while number(&file.path(), OF_SOUND).await > 0 {
         store.compact().await.expect("the other one's is folded");
@@ -534,7 +534,7 @@ fn served(file: &SqliteFile) -> Arc<TempDir> {
 async fn check(data: &Path) -> (i32, Value, String) {
     let data = data.to_str().expect("text");
     let (code, stdout, stderr) =
-        told(&output(nudge("", &["check", "--json", "--data", data])).await);
+        exit_and_texts(&output(nudge("", &["check", "--json", "--data", data])).await);
     (
         code,
         serde_json::from_str(&stdout).unwrap_or_default(),
@@ -785,7 +785,7 @@ async fn what_a_database_says_of_its_tables_is_checked() {
         );
         let data = directory.path().to_str().expect("text");
         let serving = nudge("", &["serve", "--listen", "127.0.0.1:0", "--data", data]);
-        let (code, _, stderr) = told(&output(serving).await);
+        let (code, _, stderr) = exit_and_texts(&output(serving).await);
         assert_eq!((code, stderr.lines().count()), (2, 1), "{text}: {stderr}");
         assert!(
             stderr.contains(&format!("it is damaged: {expected}; `nudge check` tells")),
@@ -848,7 +848,7 @@ async fn pages_that_every_start_reads_are_told_to_be_damaged_in_words() {
         );
         let data = directory.path().to_str().expect("text");
         let serving = nudge("", &["serve", "--listen", "127.0.0.1:0", "--data", data]);
-        let (code, _, stderr) = told(&output(serving).await);
+        let (code, _, stderr) = exit_and_texts(&output(serving).await);
         assert_eq!((code, stderr.lines().count()), (2, 1), "{at}: {stderr}");
         assert!(
             stderr.contains("it is damaged: ") && stderr.contains("`nudge check` tells"),
@@ -922,7 +922,7 @@ async fn a_check_reads_receipts_and_fits() {
             "{text}: {stderr}"
         );
         let data = directory.path().to_str().expect("text");
-        let (_, stdout, _) = told(&output(nudge("", &["check", "--data", data])).await);
+        let (_, stdout, _) = exit_and_texts(&output(nudge("", &["check", "--data", data])).await);
         assert!(stdout.contains(expected), "{text}: {stdout}");
     }
 }

@@ -6,7 +6,7 @@ use std::path::Path;
 use nudge::domain::{Training, page_size};
 use serde_json::{Value, json};
 
-use crate::cli::{nudge, output, told};
+use crate::cli::{exit_and_texts, nudge, output};
 use crate::support::TestApp;
 
 /// The numbers of a training, with their defaults.
@@ -102,7 +102,7 @@ async fn a_training_is_documented_as_it_is_done() {
 
 #[tokio::test]
 async fn train_tells_its_defaults() {
-    let (code, help, _) = told(&output(nudge("", &["train", "--help"])).await);
+    let (code, help, _) = exit_and_texts(&output(nudge("", &["train", "--help"])).await);
     assert_eq!(code, 0);
     for (name, usual) in training() {
         let (_, after) = help

@@ -6,7 +6,7 @@ use std::io::{Seek, Write};
 use nudge::api::proto;
 use serde_json::{Value, json};
 
-use crate::cli::{nudge, output, told};
+use crate::cli::{exit_and_texts, nudge, output};
 use crate::support::TestApp;
 
 const WORLD: &str = "/v1/environments/world";
@@ -72,7 +72,7 @@ async fn piped(app: &TestApp, arguments: &[&str], text: &str) -> (i32, String, S
     file.rewind().expect("at its start");
     let mut command = nudge(&app.address.to_string(), arguments);
     command.stdin(file);
-    told(&output(command).await)
+    exit_and_texts(&output(command).await)
 }
 
 #[tokio::test]

@@ -20,7 +20,7 @@ use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 use serde_json::{Value, json};
 
-use crate::cli::{nudge, output, told};
+use crate::cli::{exit_and_texts, nudge, output};
 use crate::support::TestApp;
 
 /// Actions of each agent where skeletons are counted.
@@ -255,7 +255,7 @@ fn chance() -> impl FnMut(u64) -> u64 {
 }
 
 async fn run(app: &TestApp, arguments: &[&str]) -> (i32, String, String) {
-    told(&output(nudge(&app.address.to_string(), arguments)).await)
+    exit_and_texts(&output(nudge(&app.address.to_string(), arguments)).await)
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -13,7 +13,7 @@ use tokio::time::{sleep, timeout};
 use tonic::Code;
 use tonic_types::StatusExt;
 
-use crate::cli::{nudge, output, told};
+use crate::cli::{exit_and_texts, nudge, output};
 use crate::server::Server;
 use crate::support::faulty::{Failure, Faulty};
 use crate::support::raw::{LONG, Raw};
@@ -39,7 +39,7 @@ async fn flags_are_stronger_than_variables_and_variables_than_defaults() {
         .env("NUDGE_INSECURE", "yes")
         .env("NUDGE_DATA", "elsewhere")
         .env("NUDGE_CORS_ORIGINS", "https://a.example,https://b.example");
-    let (code, printed, stderr) = told(&output(command).await);
+    let (code, printed, stderr) = exit_and_texts(&output(command).await);
     assert_eq!((code, stderr.as_str()), (0, ""));
     for line in [
         "listen = \"127.0.0.1:8080\"",

@@ -7,7 +7,7 @@ use std::process::Command;
 use nudge::store::{Options, SqliteStore, Store, StoreError};
 use tempfile::TempDir;
 
-use crate::cli::{nudge, output, told};
+use crate::cli::{exit_and_texts, nudge, output};
 use crate::server::Server;
 
 /// Starts the real binary where it must not start, and returns its one line.
@@ -23,7 +23,7 @@ async fn refused(data: &Path) -> String {
             "--data",
         ])
         .arg(data);
-    let (code, stdout, stderr) = told(&output(command).await);
+    let (code, stdout, stderr) = exit_and_texts(&output(command).await);
     assert_eq!((code, stdout.as_str()), (2, ""), "{stderr}");
     stderr
 }
@@ -56,7 +56,7 @@ async fn a_second_service_is_refused_under_every_name_and_without_the_lock_file(
     }
     // Who only reads is not in the way, and is not kept away.
     let data = first.to_str().expect("text").to_owned();
-    let (code, _, stderr) = told(&output(nudge("", &["check", "--data", &data])).await);
+    let (code, _, stderr) = exit_and_texts(&output(nudge("", &["check", "--data", &data])).await);
     assert_eq!(code, 0, "{stderr}");
 
     // It is let go when the process ends, however it ends, and a service opened by a link keeps

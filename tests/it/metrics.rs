@@ -64,7 +64,7 @@ impl Alone {
     }
 
     async fn metrics(&self) -> Figures {
-        Figures::read(
+        Figures::parse(
             &self
                 .send("GET", "/metrics", None)
                 .await
@@ -123,7 +123,7 @@ async fn web(url: &str, message: &[u8], timeout: &str) -> u16 {
 struct Figures(BTreeMap<String, f64>, String);
 
 impl Figures {
-    fn read(text: &str) -> Self {
+    fn parse(text: &str) -> Self {
         let lines = text.lines().filter(|line| !line.starts_with('#'));
         let figure = |line: &str| {
             let (series, number) = line.rsplit_once(' ').expect("a series and a number");
@@ -400,7 +400,7 @@ async fn clients_that_left_and_commits_that_failed_are_counted() {
     let app = TestApp::with(directory, held.clone()).await;
     app.lane().await;
     let route = format!("POST {ENVIRONMENT}/transitions");
-    let figures = async || Figures::read(app.get("/metrics").await.as_str().expect("text"));
+    let figures = async || Figures::parse(app.get("/metrics").await.as_str().expect("text"));
     let before = figures().await;
 
     held.arm();
@@ -536,7 +536,7 @@ async fn clients_that_left_and_commits_that_failed_are_counted() {
     let failing = Faulty::new(store, Failure::BeforeCommit);
     let app = TestApp::with(directory, failing.clone()).await;
     app.lane().await;
-    let figures = async || Figures::read(app.get("/metrics").await.as_str().expect("text"));
+    let figures = async || Figures::parse(app.get("/metrics").await.as_str().expect("text"));
     let before = figures().await;
     failing.arm();
     assert_eq!(

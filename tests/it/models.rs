@@ -5,6 +5,7 @@ use std::process::{Command, Stdio};
 use std::time::Duration;
 
 use nudge::api::{json as dto, proto};
+use nudge::domain::{JobState, ModelId};
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 use serde_json::{Value, json};
@@ -12,7 +13,7 @@ use tempfile::TempDir;
 use tonic::{Code, Status};
 use tonic_types::StatusExt;
 
-use crate::cli::{nudge, output, told};
+use crate::cli::{exit_and_texts, nudge, output};
 use crate::support::{TestApp, reason};
 
 const WORLD: &str = "/v1/environments/world";
@@ -97,6 +98,12 @@ async fn asked(app: &TestApp, body: &Value) -> String {
     job["id"].as_str().expect("a name").to_owned()
 }
 
+/// Returns the number in the name of a job.
+fn number_of(job: &str) -> u64 {
+    let number = job.strip_prefix("job-").and_then(|id| id.parse().ok());
+    number.expect("a job")
+}
+
 /// Waits until a job is in one of these states.
 async fn until(app: &TestApp, job: &str, states: &[&str]) -> Value {
     loop {
@@ -137,18 +144,38 @@ async fn trainings_end_with_their_environment() {
     let environment = app.app.environments.find("world").expect("made");
     assert_eq!(app.rest("DELETE", WORLD, None).await.0, 204);
     for job in [running, waiting] {
-        let job = job
-            .strip_prefix("job-")
-            .and_then(|id| id.parse().ok())
-            .expect("a job");
         let over = app
             .app
             .networks
-            .finished(&environment, job)
+            .finished(&environment, number_of(&job))
             .await
             .expect("known");
-        assert_eq!(over.state, nudge::domain::JobState::Cancelled, "{over:?}");
+        assert_eq!(over.state, JobState::Cancelled, "{over:?}");
     }
+}
+
+/// Between the removal of an environment and the word to its trainings some may take their turn.
+#[tokio::test]
+async fn a_training_that_finds_its_environment_gone_was_cancelled() {
+    let app = world().await;
+    let running = asked(&app, &endless()).await;
+    until(&app, &running, &["running"]).await;
+    let waiting = asked(&app, &endless()).await;
+    let environment = app.app.environments.find("world").expect("made");
+    let [running, waiting] = [running, waiting].map(|job| number_of(&job));
+
+    let networks = &app.app.networks;
+    app.app.store.delete(environment.id).await.expect("deleted");
+    networks
+        .delete(&environment, ModelId::Job(running))
+        .await
+        .expect("it runs");
+
+    for job in [running, waiting] {
+        let over = networks.finished(&environment, job).await.expect("known");
+        assert_eq!(over.state, JobState::Cancelled, "{over:?}");
+    }
+    app.stop().await;
 }
 
 #[tokio::test]
@@ -776,7 +803,7 @@ async fn files_beyond_the_limits_are_told_where_to_go() {
 }
 
 async fn run(app: &TestApp, arguments: &[&str]) -> (i32, String, String) {
-    told(&output(nudge(&app.address.to_string(), arguments)).await)
+    exit_and_texts(&output(nudge(&app.address.to_string(), arguments)).await)
 }
 
 const TRAIN: [&str; 11] = [
@@ -935,7 +962,7 @@ async fn ctrl_c_ends_the_training() {
         .await
         .expect("no panic")
         .expect("it ends");
-    let (code, stdout, stderr) = told(&ended);
+    let (code, stdout, stderr) = exit_and_texts(&ended);
     assert_eq!((code, stdout.as_str()), (130, ""), "{stderr}");
     assert_eq!(
         stderr.lines().last(),

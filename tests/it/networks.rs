@@ -16,7 +16,7 @@ use safetensors::SafeTensors;
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
-use crate::cli::{nudge, output, told};
+use crate::cli::{exit_and_texts, nudge, output};
 use crate::support::{TestApp, open};
 
 const WORLD: &str = "/v1/environments/street";
@@ -140,7 +140,7 @@ async fn answer(app: &TestApp, key: &str) -> Value {
 }
 
 async fn told_by_cli(app: &TestApp, arguments: &[&str]) -> (i32, String, String) {
-    told(&output(nudge(&app.address.to_string(), arguments)).await)
+    exit_and_texts(&output(nudge(&app.address.to_string(), arguments)).await)
 }
 
 /// Keys of the states that were never seen, and whether there is influence.

@@ -12,12 +12,12 @@ use tempfile::TempDir;
 use tonic::{Code, Status};
 use tonic_types::{ErrorDetails, StatusExt};
 
-use crate::cli::{nudge, output, told};
+use crate::cli::{exit_and_texts, nudge, output};
 use crate::fake::{CALM, Fake};
 use crate::support::TestApp;
 
 async fn run(app: &TestApp, arguments: &[&str]) -> (i32, String, String) {
-    told(&output(nudge(&app.address.to_string(), arguments)).await)
+    exit_and_texts(&output(nudge(&app.address.to_string(), arguments)).await)
 }
 
 /// Counts one transition a segment in the lane.
@@ -195,7 +195,8 @@ fn limits_of_nothing_are_refused_by_name() {
     ] {
         for value in ["0", "-1", "many", ""] {
             let arguments = ["serve", "--print-config", &format!("{flag}={value}")];
-            let (code, stdout, stderr) = told(&nudge("", &arguments).output().expect("it starts"));
+            let (code, stdout, stderr) =
+                exit_and_texts(&nudge("", &arguments).output().expect("it starts"));
             assert_eq!((code, stdout.as_str()), (2, ""), "{flag} {value}");
             let expected = format!("got {value:?}, expected a whole number of at least 1");
             assert!(
@@ -203,7 +204,7 @@ fn limits_of_nothing_are_refused_by_name() {
                 "{stderr}"
             );
         }
-        let (code, ..) = told(
+        let (code, ..) = exit_and_texts(
             &nudge("", &["serve", "--print-config", flag, "1"])
                 .output()
                 .expect("it starts"),
@@ -455,7 +456,7 @@ async fn commands_ask_again_by_themselves_and_say_how_far_it_is() {
         };
         let arguments = [&["query", "lane", "--key", "0.0"], more].concat();
         let (code, stdout, stderr) =
-            told(&output(nudge(&fake.address.to_string(), &arguments)).await);
+            exit_and_texts(&output(nudge(&fake.address.to_string(), &arguments)).await);
         assert_eq!(code, 0, "{stderr}");
         assert!(
             serde_json::from_str::<Value>(&stdout).is_ok(),
@@ -485,7 +486,8 @@ fn a_demo_that_ends_early_says_so() {
             "--duration",
             duration,
         ];
-        let (code, stdout, stderr) = told(&nudge("", &arguments).output().expect("it starts"));
+        let (code, stdout, stderr) =
+            exit_and_texts(&nudge("", &arguments).output().expect("it starts"));
         assert_eq!(code, 0, "{stderr}");
         assert!(stdout.contains("ended by --duration while "), "{stdout}");
         assert!(stdout.contains(": it was about to show "), "{stdout}");

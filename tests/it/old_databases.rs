@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Duration;
 
-use nudge::domain::{Digest, EnvironmentId, Pair, StateKey, Tally};
+use nudge::domain::{Digest, EnvironmentId, Pair, Schema, StateKey, Tally};
 use nudge::priors::PriorRegistry;
 use nudge::store::{Cursor, Numbered, Options, SqliteStore, Store, Totals};
 use rand::rngs::StdRng;
@@ -13,7 +13,7 @@ use serde_json::{Value, json};
 use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{ConnectOptions, Connection};
 
-use crate::cli::{nudge, output, told};
+use crate::cli::{exit_and_texts, nudge, output};
 use crate::support::batches::{applied, batch, tally};
 use crate::support::databases::{LEFT, number};
 use crate::support::fixtures::{BEFORE_VERSIONS, Fixture};
@@ -129,7 +129,7 @@ async fn a_check_passes_them() {
         for _ in 0..2 {
             let data = fixture.directory.path().to_str().expect("text").to_owned();
             let (code, stdout, stderr) =
-                told(&output(nudge("", &["check", "--data", &data])).await);
+                exit_and_texts(&output(nudge("", &["check", "--data", &data])).await);
             assert_eq!(code, 0, "{}: {stdout}{stderr}", fixture.name);
             opened(&fixture).await.stop().await;
         }
@@ -451,7 +451,7 @@ async fn counts_are_what_they_were_before_while_and_after_they_are_moved() {
                 let Some(key) = cells.keys().next().cloned() else {
                     continue;
                 };
-                let more = one_more(id, round, &key);
+                let more = one_more(id, &environment.schema, round, &key);
                 assert_eq!(
                     store
                         .commit(std::slice::from_ref(&more))

@@ -282,6 +282,26 @@ async fn every_refusal_has_a_body() {
     app.stop().await;
 }
 
+/// Every path of REST. Each is a promise: one that comes is written here, and none goes.
+const PATHS: [&str; 16] = [
+    "/v1/environments",
+    "/v1/environments/{environment}",
+    "/v1/environments/{environment}/explore",
+    "/v1/environments/{environment}/fit",
+    "/v1/environments/{environment}/graph",
+    "/v1/environments/{environment}/influence",
+    "/v1/environments/{environment}/models",
+    "/v1/environments/{environment}/models/import",
+    "/v1/environments/{environment}/models/{model}",
+    "/v1/environments/{environment}/models/{model}/active",
+    "/v1/environments/{environment}/models/{model}/weights",
+    "/v1/environments/{environment}/producers/{producer}",
+    "/v1/environments/{environment}/states",
+    "/v1/environments/{environment}/states/{key}",
+    "/v1/environments/{environment}/summary",
+    "/v1/environments/{environment}/transitions",
+];
+
 #[tokio::test]
 async fn the_openapi_document_names_every_path() {
     let app = TestApp::start().await;
@@ -295,17 +315,8 @@ async fn the_openapi_document_names_every_path() {
     );
     let paths = document["paths"].as_object().expect("paths");
     let paths: BTreeSet<&str> = paths.keys().map(String::as_str).collect();
-    assert_eq!(paths, routes());
+    assert_eq!(paths, BTreeSet::from(PATHS));
     assert_eq!(app.rest("GET", "/docs/", None).await.0, 200);
-}
-
-/// The paths of REST, as its routes have them.
-fn routes() -> BTreeSet<&'static str> {
-    let source = include_str!("../../src/serve/rest/mod.rs");
-    let parts = source.split(".route(").skip(1);
-    parts
-        .map(|part| part.split('"').nth(1).expect("a route has a path"))
-        .collect()
 }
 
 #[tokio::test]

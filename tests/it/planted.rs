@@ -198,7 +198,7 @@ struct Told {
     decides_on_two: bool,
 }
 
-fn told(generator: Generator) -> Told {
+fn said_of_states(generator: Generator) -> Told {
     let dependent = if matches!(generator, Generator::Weak(_)) {
         0.5
     } else {
@@ -279,7 +279,7 @@ fn hard_worlds_are_told_as_they_are() {
             called,
             wrong,
             decides_on_two,
-        } = told(generator);
+        } = said_of_states(generator);
 
         assert!(covered >= 0.86, "{generator:?} covers {covered}");
         assert!(

@@ -13,7 +13,7 @@ use tempfile::TempDir;
 use tonic::{Code, Status};
 use tonic_types::StatusExt;
 
-use crate::cli::{nudge, output, told};
+use crate::cli::{exit_and_texts, nudge, output};
 use crate::support::{TestApp, lane_json, lane_schema, open, reason};
 
 const ENVIRONMENTS: &str = "/v1/environments";
@@ -341,7 +341,7 @@ async fn large_environments_make_pages_that_can_be_sent() {
     let old = app.get(&format!("{ENVIRONMENTS}/world-15.old")).await;
     assert_eq!(old["state"].as_array().map(Vec::len), Some(10));
     let (code, stdout, stderr) =
-        told(&output(nudge(&app.address.to_string(), &["env", "list"])).await);
+        exit_and_texts(&output(nudge(&app.address.to_string(), &["env", "list"])).await);
     assert_eq!(
         (code, stdout.lines().count()),
         (0, 1 + expected.len()),

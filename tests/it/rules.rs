@@ -4,7 +4,7 @@ use nudge::api::{json as dto, proto};
 use nudge::domain::{Threshold, WrittenRule};
 use serde_json::{Value, json};
 
-use crate::cli::{nudge, output, told};
+use crate::cli::{exit_and_texts, nudge, output};
 use crate::support::{TestApp, open, reason};
 
 const WORLD: &str = "/v1/environments/world";
@@ -25,7 +25,7 @@ fn description(actions: &[i64]) -> Value {
 }
 
 async fn run(app: &TestApp, arguments: &[&str]) -> (i32, String, String) {
-    told(&output(nudge(&app.address.to_string(), arguments)).await)
+    exit_and_texts(&output(nudge(&app.address.to_string(), arguments)).await)
 }
 
 fn pointers(problem: &Value) -> Vec<&str> {

@@ -592,7 +592,7 @@ async fn the_other_faces_say_the_same() {
             "--json",
         ];
         let (code, stdout, stderr) =
-            cli::told(&cli::output(cli::nudge(&address, &arguments)).await);
+            cli::exit_and_texts(&cli::output(cli::nudge(&address, &arguments)).await);
         assert_eq!(code, 0, "{stderr}");
         assert_eq!(
             serde_json::from_str::<Value>(&stdout).expect("JSON"),
@@ -684,7 +684,7 @@ async fn the_other_faces_refuse_the_same() {
     }
     let arguments = ["query", "world", "--key", "0", "--within", "all"];
     let (code, _, stderr) =
-        cli::told(&cli::output(cli::nudge(&app.address.to_string(), &arguments)).await);
+        cli::exit_and_texts(&cli::output(cli::nudge(&app.address.to_string(), &arguments)).await);
     assert_eq!(code, 2);
     assert!(
         stderr.contains("--within")
@@ -699,7 +699,7 @@ async fn a_person_is_told_of_segments_and_warned() {
     let app = world().await;
     let arguments = ["query", "world", "--key", "0", "--significance", "auto"];
     let (code, stdout, _) =
-        cli::told(&cli::output(cli::nudge(&app.address.to_string(), &arguments)).await);
+        cli::exit_and_texts(&cli::output(cli::nudge(&app.address.to_string(), &arguments)).await);
     assert_eq!(code, 0);
     assert!(
         stdout.contains("\nfrom 2 segments\n")

@@ -15,7 +15,7 @@ use nudge::simulation::observation::{DESCRIPTION, Observation, Observations};
 use serde_json::Value;
 use tempfile::TempDir;
 
-use crate::cli::{nudge, output, told};
+use crate::cli::{exit_and_texts, nudge, output};
 use crate::fake::{CALM, Fake};
 use crate::server::Server;
 use crate::support::{TestApp, channel};
@@ -24,7 +24,7 @@ use crate::support::{TestApp, channel};
 type Cells = BTreeMap<(String, String, Vec<u64>), (u64, u64)>;
 
 async fn simulate(address: &str, options: &[&str]) -> (i32, String, String) {
-    told(
+    exit_and_texts(
         &output(nudge(
             address,
             &[&["simulate", "hallway"], options].concat(),
@@ -50,7 +50,7 @@ fn schema() -> Schema {
 
 fn observations(protocol: &Protocol, trial: u32) -> Vec<Observation> {
     let hallway = Hallway::try_from(protocol.clone()).expect("sound");
-    Observations::of(hallway.trial(trial).expect("there is room"), &schema())
+    Observations::of_trial(hallway.trial(trial).expect("there is room"), &schema())
         .flatten()
         .collect()
 }
@@ -250,7 +250,7 @@ async fn finish(run: Child) -> (i32, String, String) {
         .await
         .expect("no panic")
         .expect("it ends");
-    told(&output)
+    exit_and_texts(&output)
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

@@ -182,7 +182,7 @@ async fn damage_is_found_and_makes_the_environment_read_only() {
     );
     assert_eq!(
         store
-            .counts(id, &[state(1)])
+            .counts(id, &[state_at(1)])
             .await
             .expect("still readable")
             .len(),
@@ -554,7 +554,7 @@ async fn a_commit_that_is_cancelled_happened_or_not() {
 }
 
 async fn visits(store: &Arc<dyn Store>, id: EnvironmentId, place: u32) -> u64 {
-    let counts = store.counts(id, &[state(place)]).await.expect("counts");
+    let counts = store.counts(id, &[state_at(place)]).await.expect("counts");
     counts[0]
         .counts
         .cells()

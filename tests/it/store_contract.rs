@@ -122,7 +122,7 @@ async fn cells(
     id: EnvironmentId,
     place: u32,
 ) -> Vec<(u64, u64, Option<u64>)> {
-    let counts = store.counts(id, &[state(place)]).await.expect("counts");
+    let counts = store.counts(id, &[state_at(place)]).await.expect("counts");
     assert_eq!(counts.len(), 1);
     counts[0]
         .counts
@@ -171,7 +171,7 @@ async fn an_environment_is_made_changed_and_removed(database: &dyn Database) {
             .watermark(id, &"game".parse().expect("a producer"))
             .await
     ));
-    assert!(is_unknown(store.counts(id, &[state(1)]).await));
+    assert!(is_unknown(store.counts(id, &[state_at(1)]).await));
 }
 
 async fn environments_survive(database: &dyn Database) {
@@ -589,7 +589,7 @@ async fn a_deleted_environment_is_gone_before_its_rows(database: &dyn Database) 
         assert!(is_unknown(store.delete(old).await));
         assert!(is_unknown(store.totals(old).await) && is_unknown(store.segments(old).await));
         assert!(
-            is_unknown(store.counts(old, &[state(1)]).await)
+            is_unknown(store.counts(old, &[state_at(1)]).await)
                 && is_unknown(store.actions(&environment).await)
         );
         assert!(is_unknown(store.scan(old, Cursor::default(), 10).await));
@@ -1073,7 +1073,7 @@ async fn segments_are_kept_apart(database: &dyn Database) {
         .map(|(_, label)| label.as_ref().map(|l| l.as_str()))
         .collect();
     assert_eq!(labels, [None, Some("a \"quoted\" 左"), Some("train")]);
-    let counts = store.counts(id, &[state(1)]).await.expect("counts");
+    let counts = store.counts(id, &[state_at(1)]).await.expect("counts");
     let of = |at: usize| {
         counts[0]
             .counts
@@ -1095,8 +1095,8 @@ async fn counts_come_in_the_order_asked(database: &dyn Database) {
             .done()],
     )
     .await;
-    store.counts(id, &[state(2)]).await.expect("counts");
-    let keys = [state(2), state(7), state(1), state(2)];
+    store.counts(id, &[state_at(2)]).await.expect("counts");
+    let keys = [state_at(2), state_at(7), state_at(1), state_at(2)];
     for _ in 0..2 {
         let counts = store.counts(id, &keys).await.expect("counts");
         let visits: Vec<u64> = counts
@@ -1119,7 +1119,7 @@ async fn many_states_are_read_at_once(database: &dyn Database) {
         }
     });
     commit(&store, &[sending.done()]).await;
-    let keys: Vec<_> = (0..10_000).rev().map(|at| state(at % 5_000)).collect();
+    let keys: Vec<_> = (0..10_000).rev().map(|at| state_at(at % 5_000)).collect();
     let counts = store.counts(id, &keys).await.expect("counts");
     for (key, counts) in keys.iter().zip(&counts) {
         let place = key.bins()[0];
@@ -1170,7 +1170,7 @@ async fn a_scan_sees_every_state_once(database: &dyn Database) {
         seen.extend(page.into_iter().map(|scanned| scanned.key));
     }
     seen.sort();
-    assert_eq!(seen, (0..25).map(state).collect::<Vec<_>>());
+    assert_eq!(seen, (0..25).map(state_at).collect::<Vec<_>>());
 }
 
 /// Returns every state in the order asked for, by what a scan finds.
@@ -1301,7 +1301,7 @@ async fn what_a_commit_counts_is_read_after_it(database: &dyn Database) {
             .cell(2, 0, tally(1, 1));
         commit(&store, &[sending.done()]).await;
         let counts = store
-            .counts(id, &[state(1), state(2), state(3)])
+            .counts(id, &[state_at(1), state_at(2), state_at(3)])
             .await
             .expect("counts");
         let visits = |at: usize| {
@@ -1543,7 +1543,7 @@ async fn environments_do_not_mix(database: &dyn Database) {
         (cells(&store, one, 1).await, cells(&store, two, 1).await),
         (vec![(1, 1, Some(1))], vec![(1, 20, Some(2))])
     );
-    let counts = store.counts(one, &[state(1)]).await.expect("counts");
+    let counts = store.counts(one, &[state_at(1)]).await.expect("counts");
     let cell = Cell {
         joint: 1,
         segment: SegmentId(counts[0].counts.cells()[0].segment.0),

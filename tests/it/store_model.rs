@@ -391,7 +391,7 @@ impl Pair {
             let labels = self.labels(name).await;
             let keys: Vec<_> = places
                 .iter()
-                .map(|place| state(PLACED[*place as usize]))
+                .map(|place| state_at(PLACED[*place as usize]))
                 .collect();
             let found = self
                 .store()
@@ -583,8 +583,8 @@ impl Traffic {
     }
 
     /// Reads one state, or several, until the writer is done.
-    async fn read(&self, reader: usize, places: Vec<u32>) {
-        let keys: Vec<_> = places.iter().map(|place| state(*place)).collect();
+    async fn read_states(&self, reader: usize, places: Vec<u32>) {
+        let keys: Vec<_> = places.iter().map(|place| state_at(*place)).collect();
         let mut seen = vec![(0, 0); places.len()];
         while !self.over.load(Ordering::SeqCst) {
             let before: Vec<u64> = places
@@ -656,7 +656,7 @@ async fn readers_beside_a_writer(mut file: SqliteFile, cache_cells: usize) {
         .zip(places)
         .map(|(reader, places)| {
             let traffic = Arc::clone(&traffic);
-            tokio::spawn(async move { traffic.read(reader, places).await })
+            tokio::spawn(async move { traffic.read_states(reader, places).await })
         })
         .collect();
     traffic.write(1_000).await;

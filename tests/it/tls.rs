@@ -22,7 +22,7 @@ use tokio::io::AsyncWriteExt;
 use tokio::task::JoinSet;
 use tokio::time::{sleep, timeout};
 
-use crate::cli::{nudge, output, told};
+use crate::cli::{exit_and_texts, nudge, output};
 use crate::server::Server;
 use crate::support::certificates::{Authority, Certificate, client, config, connect, write};
 use crate::support::exchange::exchange;
@@ -242,7 +242,7 @@ async fn every_face_speaks_tls() {
         "--ca",
         ca.to_str().expect("text"),
     ];
-    let (code, stdout, stderr) = told(&output(nudge(&url, &arguments)).await);
+    let (code, stdout, stderr) = exit_and_texts(&output(nudge(&url, &arguments)).await);
     assert_eq!(code, 0, "{stderr}");
     assert!(stdout.contains("1000"), "{stdout}");
     let expires = value(
@@ -873,7 +873,7 @@ async fn files_that_cannot_be_used_are_one_line_and_code_two() {
             arguments,
         ]
         .concat();
-        let (code, stdout, stderr) = told(&output(nudge("", &arguments)).await);
+        let (code, stdout, stderr) = exit_and_texts(&output(nudge("", &arguments)).await);
         assert_eq!(
             (code, stdout.as_str(), stderr.lines().count()),
             (2, "", 1),
@@ -892,7 +892,7 @@ async fn files_that_cannot_be_used_are_one_line_and_code_two() {
         "--tls-key",
         &key,
     ];
-    let (code, stdout, _) = told(&output(nudge("", &printed)).await);
+    let (code, stdout, _) = exit_and_texts(&output(nudge("", &printed)).await);
     assert_eq!(code, 0);
     assert!(
         stdout.contains(&format!("tls_cert = {cert:?}\ntls_key = {key:?}\n"))
@@ -901,7 +901,7 @@ async fn files_that_cannot_be_used_are_one_line_and_code_two() {
     );
 
     let client = ["env", "list", "--cert", &cert];
-    let (code, _, stderr) = told(&output(nudge("https://localhost:1", &client)).await);
+    let (code, _, stderr) = exit_and_texts(&output(nudge("https://localhost:1", &client)).await);
     assert_eq!(code, 2);
     assert!(
         stderr.contains("--cert (NUDGE_CERT) is given without --cert-key (NUDGE_CERT_KEY)"),
@@ -915,7 +915,7 @@ async fn files_that_cannot_be_used_are_one_line_and_code_two() {
         "--cert-key",
         &at("other.key"),
     ];
-    let (_, _, stderr) = told(&output(nudge("https://localhost:1", &client)).await);
+    let (_, _, stderr) = exit_and_texts(&output(nudge("https://localhost:1", &client)).await);
     assert!(
         stderr.contains("--cert-key ")
             && stderr.contains("does not go with the certificate of --cert"),
@@ -977,7 +977,7 @@ async fn health_tells_ready_from_not_ready_from_nobody() {
     for (arguments, code, words) in cases {
         let mut command = nudge("", &[&["health"], arguments].concat());
         command.env_remove("NUDGE_SERVER");
-        let (ended, stdout, stderr) = told(&output(command).await);
+        let (ended, stdout, stderr) = exit_and_texts(&output(command).await);
         assert_eq!(ended, code, "{arguments:?}: {stdout}{stderr}");
         assert!(
             format!("{stdout}{stderr}").contains(words),
@@ -990,13 +990,14 @@ async fn health_tells_ready_from_not_ready_from_nobody() {
         .await
         .expect("a free port");
     let silent_at = silent.local_addr().expect("bound").to_string();
-    let (ended, _, stderr) = told(&output(nudge(&silent_at, &["health", "--timeout", "1s"])).await);
+    let (ended, _, stderr) =
+        exit_and_texts(&output(nudge(&silent_at, &["health", "--timeout", "1s"])).await);
     assert_eq!(ended, 2, "{stderr}");
     assert!(stderr.contains("does not answer within 1s"), "{stderr}");
     let mut starting = Starting::new(Settings::default());
     let at = starting.listen(FREE_PORT, None).await.expect("a free port");
     let at = at.to_string();
-    let (ended, _, stderr) = told(&output(nudge(&at, &["health"])).await);
+    let (ended, _, stderr) = exit_and_texts(&output(nudge(&at, &["health"])).await);
     assert_eq!(ended, 1, "{stderr}");
     assert!(
         stderr.contains("not ready: opening the database"),

@@ -14,7 +14,7 @@ use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{ConnectOptions, Connection};
 use tonic::Code;
 
-use crate::cli::{nudge, output, told};
+use crate::cli::{exit_and_texts, nudge, output};
 use crate::support::faulty::{Failure, Faulty};
 use crate::support::fixtures::{BEFORE_VERSIONS, Fixture};
 use crate::support::{TestApp, open, reason};
@@ -344,7 +344,7 @@ async fn the_command_line_tells_which_network_cannot_be_read() {
     let fixture = spoiled(&[NEWER_CARD, CARD_WITHOUT_TRAINING]).await;
     let app = TestApp::on(fixture.directory.clone()).await;
     let address = app.address.to_string();
-    let run = async |arguments: &[&str]| told(&output(nudge(&address, arguments)).await);
+    let run = async |arguments: &[&str]| exit_and_texts(&output(nudge(&address, arguments)).await);
     let (code, stdout, _) = run(&["model", "list", "corner"]).await;
     assert_eq!(code, 0);
     assert!(
@@ -594,7 +594,8 @@ async fn check_names_each_network_that_cannot_be_read() {
     const WITHOUT_WEIGHTS: &str = "delete from model_weights where version = 3";
     let fixture = spoiled(&[NEWER_CARD, WITHOUT_WEIGHTS]).await;
     let data = fixture.directory.path().to_str().expect("text").to_owned();
-    let (code, stdout, stderr) = told(&output(nudge("", &["check", "--data", &data])).await);
+    let (code, stdout, stderr) =
+        exit_and_texts(&output(nudge("", &["check", "--data", &data])).await);
     assert_eq!(code, 1, "{stderr}");
     assert!(stderr.contains("2 networks cannot be read"), "{stderr}");
     for line in [
@@ -606,7 +607,8 @@ async fn check_names_each_network_that_cannot_be_read() {
             "{stdout}"
         );
     }
-    let (_, stdout, _) = told(&output(nudge("", &["check", "--json", "--data", &data])).await);
+    let (_, stdout, _) =
+        exit_and_texts(&output(nudge("", &["check", "--json", "--data", &data])).await);
     let report: Value = serde_json::from_str(&stdout).expect("JSON");
     let first = &report["unreadable_networks"][0];
     assert_eq!(
@@ -767,19 +769,22 @@ async fn a_line_at_the_start_names_each_thing_its_version_and_the_reason() {
 async fn check_and_env_list_name_an_environment_that_cannot_be_read() {
     let fixture = spoiled(&[NEWER_SCHEMA]).await;
     let data = fixture.directory.path().to_str().expect("text").to_owned();
-    let (code, stdout, stderr) = told(&output(nudge("", &["check", "--data", &data])).await);
+    let (code, stdout, stderr) =
+        exit_and_texts(&output(nudge("", &["check", "--data", &data])).await);
     assert_eq!(code, 1, "{stderr}");
     assert!(
         stdout.contains("far: CANNOT BE READ, its schema: it has form 9"),
         "{stdout}"
     );
-    let (_, stdout, _) = told(&output(nudge("", &["check", "--json", "--data", &data])).await);
+    let (_, stdout, _) =
+        exit_and_texts(&output(nudge("", &["check", "--json", "--data", &data])).await);
     let report: Value = serde_json::from_str(&stdout).expect("JSON");
     assert_eq!(report["unreadable"][0]["name"], "far", "{report}");
 
     let app = TestApp::on(fixture.directory.clone()).await;
-    let run =
-        async |arguments: &[&str]| told(&output(nudge(&app.address.to_string(), arguments)).await);
+    let run = async |arguments: &[&str]| {
+        exit_and_texts(&output(nudge(&app.address.to_string(), arguments)).await)
+    };
     let (code, stdout, _) = run(&["env", "list"]).await;
     assert_eq!(code, 0);
     let last = stdout.lines().last().expect("a line");

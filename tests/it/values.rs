@@ -3,7 +3,7 @@
 
 use serde_json::{Value, json};
 
-use crate::cli::{nudge, output, told};
+use crate::cli::{exit_and_texts, nudge, output};
 use crate::support::TestApp;
 
 /// The kinds of feature that values are read for, by the name of their environment.
@@ -261,7 +261,7 @@ async fn every_question_reads_a_value_alike() {
             &app.address.to_string(),
             &["query", environment, "--json", "--state", &assigned],
         );
-        let (code, stdout, stderr) = told(&output(query).await);
+        let (code, stdout, stderr) = exit_and_texts(&output(query).await);
         match bin {
             Some(bin) => {
                 let answer: Value = serde_json::from_str(&stdout).expect("JSON");

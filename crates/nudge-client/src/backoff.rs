@@ -8,7 +8,7 @@ use tokio::time::Instant;
 const FIRST_DELAY: Duration = Duration::from_millis(100);
 const LONGEST_DELAY: Duration = Duration::from_secs(5);
 
-/// The back-off of one time without progress.
+/// The exponential back-off of one time without progress.
 pub(crate) struct Backoff {
     since: Instant,
     attempts: u32,

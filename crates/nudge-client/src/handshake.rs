@@ -45,7 +45,7 @@ pub struct ClientTls {
     pub identity: Option<(PathBuf, PathBuf)>,
 }
 
-/// Which certificates of a service are trusted.
+/// The trust anchors: which certificates of a service are trusted.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub enum Trust {
     /// Those for its name of the authorities that this machine trusts.
@@ -76,10 +76,10 @@ impl ClientTls {
         let config = match &self.trust {
             Trust::System => config.with_root_certificates(system()),
             Trust::Authorities(path) => {
-                config.with_root_certificates(Pem::read("--ca", path)?.authorities()?)
+                config.with_root_certificates(Pem::read_file("--ca", path)?.authorities()?)
             }
             Trust::Exactly(path) => {
-                let pinned = Pem::read("--tls-cert", path)?
+                let pinned = Pem::read_file("--tls-cert", path)?
                     .certificates()?
                     .into_iter()
                     .next();
@@ -96,8 +96,8 @@ impl ClientTls {
             None => config.with_no_client_auth(),
             Some((certificate, key)) => {
                 let (certificate, key) = (
-                    Pem::read("--cert", certificate)?,
-                    Pem::read("--cert-key", key)?,
+                    Pem::read_file("--cert", certificate)?,
+                    Pem::read_file("--cert-key", key)?,
                 );
                 let with_identity =
                     config.with_client_auth_cert(certificate.certificates()?, key.key()?);

@@ -32,7 +32,7 @@ pub(crate) struct Opened {
     pub welcome: proto::Welcome,
 }
 
-/// Both directions of a stream.
+/// Both directions of a bidirectional stream.
 pub(crate) struct Stream {
     /// Not bounded by itself: it never holds more batches than the window, and they are in the
     /// outbox anyway.

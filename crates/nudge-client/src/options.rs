@@ -48,7 +48,7 @@ fn authorization(key: &Secret) -> MetadataValue<Ascii> {
     value
 }
 
-/// Puts a key on each request, where there is one.
+/// An interceptor that puts a key (bearer token) on each request, where there is one.
 #[derive(Debug, Clone)]
 pub struct Bearer(Option<MetadataValue<Ascii>>);
 

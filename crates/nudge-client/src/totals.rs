@@ -1,4 +1,4 @@
-//! What became of everything a producer sent.
+//! Delivery counts: what became of everything a producer sent.
 
 use nudge_wire::proto;
 

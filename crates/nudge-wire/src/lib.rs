@@ -206,10 +206,12 @@ pub fn too_large(view: View) -> Problem {
         View::Figures => "ask for view verdict, or for fewer states",
         View::Verdict => "ask for fewer states",
     };
+
     let view = view.as_str();
     let message = format!(
         "the answer in view {view} is larger than the limit of {MOST_MESSAGE_BYTES} bytes: {instead}"
     );
+
     Problem::new(ErrorKind::TooLarge, "ANSWER_TOO_LARGE", message)
         .with("limit_bytes", MOST_MESSAGE_BYTES)
 }

@@ -9,7 +9,7 @@ use crate::access::{bearer, generate};
 use crate::domain::KeyScope;
 
 fn digest(key: &str) -> KeyDigest {
-    KeyDigest::of(key.as_bytes())
+    KeyDigest::of_key(key.as_bytes())
 }
 
 fn faults(text: &str) -> Vec<String> {
@@ -130,7 +130,7 @@ fn line() -> impl Strategy<Value = String> {
             });
             format!(
                 "{name} {} {}{patterns}{rate}",
-                KeyDigest::of(&key),
+                KeyDigest::of_key(&key),
                 scopes.join(",")
             )
         })

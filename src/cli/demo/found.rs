@@ -43,6 +43,7 @@ impl Found {
         if self.summaries.is_empty() {
             return Ok(());
         }
+
         let mut summaries = Table::new(&[
             "environment",
             "transitions",
@@ -51,6 +52,7 @@ impl Found {
             "some dependence",
             "discoveries at 5 %",
         ]);
+
         let mut states = Table::new(&[
             "environment",
             "state",
@@ -63,6 +65,7 @@ impl Found {
             "verdict",
             "paper's rule",
         ]);
+
         self.summaries
             .iter()
             .for_each(|row| summaries.row(row.clone()));
@@ -72,6 +75,7 @@ impl Found {
             "\nwhere two agents most probably depend on each other (information in nats)\n{}",
             states.render("")
         ))?;
+
         print(
             "\n\"influence\": mutual information is probably above 0.5 nats. \"some dependence\": there is any at all, however weak. Plug-in mutual \
              information,\nthe paper's figure, is mostly bias at few visits: it stands beside what it would be if the agents were independent.",
@@ -95,6 +99,7 @@ pub(super) async fn look(connection: &Connection, environment: &str) -> Result<S
         summary,
         states: Vec::new(),
     };
+
     for state in most_dependent(connection, environment).await? {
         let key = state.state.clone().unwrap_or_default().key;
         let dependent = state
@@ -110,6 +115,7 @@ pub(super) async fn look(connection: &Connection, environment: &str) -> Result<S
         let paper = by_paper(connection, environment, &key).await?;
         seen.states.push(state_row(environment, key, &state, paper));
     }
+
     Ok(seen)
 }
 
@@ -129,12 +135,14 @@ pub(super) async fn train(connection: &Connection, environment: &str) -> Result<
         .into_inner()
         .job
         .unwrap_or_default();
+
     let progress = Progress::of_share();
     let job = Watched::new(connection, environment, job.id)
         .over(&progress)
         .await;
     progress.finish();
     let job = job?;
+
     print(&format!(
         "{}: `nudge model show {environment} {}` tells how it was judged",
         job.message,
@@ -142,7 +150,7 @@ pub(super) async fn train(connection: &Connection, environment: &str) -> Result<
     ))
 }
 
-/// PriorRegistry the prior of an environment, and waits until what is told of all its states stands on that
+/// Fits the prior of an environment, and waits until what is told of all its states stands on that
 /// fit and on everything counted.
 async fn settle(connection: &Connection, environment: &str) -> Result<(), Failure> {
     let fit = proto::FitPriorRequest {
@@ -158,6 +166,7 @@ async fn settle(connection: &Connection, environment: &str) -> Result<(), Failur
         .first()
         .and_then(|fitted| fitted.fit)
         .unwrap_or_default();
+
     loop {
         let told = summary(connection, environment).await?;
         if told.as_of >= made.revision && told.fit.unwrap_or_default().version >= made.version {
@@ -180,6 +189,7 @@ async fn summary(
         discovery: Some(discovery),
         omit_segments: true,
     };
+
     let ask = || {
         let (mut client, request) = (connection.influence(), request.clone());
         async move { client.summarize(request).await }
@@ -223,6 +233,7 @@ async fn by_paper(
         view: proto::View::Verdict.into(),
         ..Default::default()
     };
+
     let answer = connection
         .influence()
         .get_influence(request)
@@ -230,6 +241,7 @@ async fn by_paper(
         .into_inner()
         .answer
         .unwrap_or_default();
+
     Ok(verdict(answer.verdict))
 }
 

@@ -1,5 +1,5 @@
-//! What the service counts and finds, told again and again while it is played into: redrawn in
-//! place on a terminal, plain lines in a pipe.
+//! A live view of what the service counts and finds while it is played into: redrawn in place on a
+//! terminal, plain lines in a pipe.
 
 use std::collections::HashMap;
 use std::convert::Infallible;
@@ -53,6 +53,7 @@ impl Live {
                     .unwrap_or_else(|_| ProgressStyle::default_bar()),
             )
         });
+
         let mut live = Self {
             connection: connection.clone(),
             environments,

@@ -151,6 +151,7 @@ impl Planted {
         if wanted(Part::Segments) {
             parts.push(self.write_part(self.segments())?);
         }
+
         match &parts[..] {
             [part] if self.json => print_json(&part.json),
             _ if self.json => print_json(
@@ -202,6 +203,7 @@ impl Planted {
         let report = of_tables::run(&options, || progress.step()).await?;
         progress.finish();
         let svg = of_tables::plot(&report);
+
         Ok(Told {
             part: "tables",
             name: "planted",
@@ -221,12 +223,14 @@ impl Planted {
             epochs: self.epochs,
             ..usual
         };
+
         let progress =
             Progress::new(options.worlds().len() as u64 * u64::from(options.seeds.number));
         progress.part("planted influence in kitchens");
         let report = in_kitchens::run(&options, || progress.step()).await?;
         progress.finish();
         let svg = in_kitchens::plot(&report);
+
         Ok(Told {
             part: "kitchens",
             name: "kitchens",
@@ -245,12 +249,14 @@ impl Planted {
             states: self.states.map(|states| states as usize),
             worlds: usual.worlds.into_iter().filter(wanted).collect(),
         };
+
         let progress =
             Progress::new(options.worlds().len() as u64 * u64::from(options.seeds.number));
         progress.part("planted influence in hard worlds");
         let report = in_hard_worlds::run(&options, || progress.step()).await?;
         progress.finish();
         let svg = in_hard_worlds::plot(&report);
+
         Ok(Told {
             part: "hard",
             name: "hard",
@@ -269,12 +275,14 @@ impl Planted {
             states: self.states.map_or(usual.states, |states| states as usize),
             worlds: usual.worlds.into_iter().filter(wanted).collect(),
         };
+
         let progress =
             Progress::new(options.worlds().len() as u64 * u64::from(options.seeds.number));
         progress.part("planted influence in segments");
         let report = in_segments::run(&options, || progress.step());
         progress.finish();
         let svg = in_segments::plot(&report);
+
         Told {
             part: "segments",
             name: "segments",

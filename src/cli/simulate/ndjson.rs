@@ -1,4 +1,4 @@
-//! Transitions as lines of JSON, as `POST /v1/environments/{e}/transitions` takes them.
+//! Transitions as newline-delimited JSON, as `POST /v1/environments/{e}/transitions` takes them.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -30,6 +30,7 @@ pub(super) fn write(hallway: &Hallway, file: &Path) -> Result<(), Failure> {
             writeln!(out, "{}", line(&schema, &observation.transition)).map_err(failed)?;
         }
     }
+
     out.flush().map_err(failed)
 }
 
@@ -50,6 +51,7 @@ fn line(schema: &Schema, transition: &Record) -> String {
             .or_default()
             .insert(feature.name.as_str(), *value);
     }
+
     let line = Line {
         state: state
             .map(|(feature, value)| (feature.name.as_str(), *value))
@@ -57,5 +59,6 @@ fn line(schema: &Schema, transition: &Record) -> String {
         actions,
         entry: transition.entry == Entry::Entered,
     };
+
     serde_json::to_string(&line).expect("names are text")
 }

@@ -22,5 +22,5 @@ pub(super) fn observed(
     let trial = hallway
         .trial(number)
         .map_err(|fault| Problem::invalid("hallway", vec![fault]))?;
-    Ok(Observations::of(trial, schema))
+    Ok(Observations::of_trial(trial, schema))
 }

@@ -72,6 +72,7 @@ impl Run {
             let observations = observed(&self.hallway, number, stream.producer.schema())?;
             stream.trial(number, observations, &mut progress).await?;
         }
+
         stream.end().await
     }
 
@@ -165,9 +166,11 @@ impl Stream {
             self.due += lasts;
             sleep_until(self.due).await;
         }
+
         for observation in observations {
             self.producer.send(observation.transition).await?;
         }
+
         Ok(self.producer.cut().await?)
     }
 

@@ -1,4 +1,5 @@
-//! The figures by which methods are judged: a state counts as often as the test games are in it.
+//! Metrics of methods (AUROC, F1, Brier score): a state counts as often as the test games are in
+//! it.
 
 use std::iter::repeat_n;
 
@@ -9,7 +10,7 @@ use crate::domain::Verdict;
 use crate::experiments::findings;
 use crate::experiments::measures::{Hits, auc, frequency, mean};
 
-/// By what a method is judged.
+/// A metric of a method.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Figure {
     /// How well its probability tells influence from none: area under the ROC curve.
@@ -55,17 +56,20 @@ impl Figure {
         }
     }
 
-    fn of(self, truths: &[Truth], said: &[Said]) -> Option<f64> {
+    fn measured(self, truths: &[Truth], said: &[Said]) -> Option<f64> {
         let states = || truths.iter().zip(said);
         let steps =
             || states().flat_map(|(truth, said)| repeat_n((said, truth.is_strong), truth.steps));
         let called = |said: &Said| said.probability >= CALLED;
+
         match self {
             Self::Auroc => auc(&steps()
                 .map(|(said, strong)| (said.probability, strong))
                 .collect::<Vec<_>>()),
-            Self::F1 => Hits::of(steps().map(|(said, strong)| (called(said), strong))).f1(),
-            Self::F1AtVerdict => Hits::of(
+            Self::F1 => {
+                Hits::of_decisions(steps().map(|(said, strong)| (called(said), strong))).f1()
+            }
+            Self::F1AtVerdict => Hits::of_decisions(
                 steps().map(|(said, strong)| (said.verdict == Verdict::Influences, strong)),
             )
             .f1(),
@@ -84,7 +88,7 @@ impl Figure {
 /// Measures every method by every figure.
 pub fn measure(trial: &Trial) -> Measured {
     let figures = |(method, said): &(Method, Vec<Said>)| {
-        Figure::ALL.map(|figure| (*method, figure, figure.of(&trial.truths, said)))
+        Figure::ALL.map(|figure| (*method, figure, figure.measured(&trial.truths, said)))
     };
     trial.said.iter().flat_map(figures).collect()
 }
@@ -103,7 +107,7 @@ mod tests {
             truth(2, false),
         ];
         let said = [0.9, 0.4, 0.6, 0.1].map(Said::by);
-        let figure = |figure: Figure| figure.of(&truths, &said).expect("defined");
+        let figure = |figure: Figure| figure.measured(&truths, &said).expect("defined");
         // Of 24 pairs of steps one in four is in the wrong order for the step at .4 alone:
         // 3 x 6 + 1 x 2 are in the right one.
         assert_eq!(figure(Figure::Auroc), 20.0 / 24.0);

@@ -48,7 +48,7 @@ impl Method {
     }
 }
 
-/// What a method says of a state.
+/// The prediction and verdict of a method for a state.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Said {
     /// P(MI > threshold).
@@ -78,7 +78,7 @@ impl Said {
     }
 
     /// Returns what an answer says: its network, if one answers, else its evidence.
-    pub fn of(answer: &Answer) -> Option<Self> {
+    pub fn of_answer(answer: &Answer) -> Option<Self> {
         let figures = answer.figures.as_deref()?;
         let probability = match &figures.model {
             Some(model) => model.probability?,

@@ -50,6 +50,7 @@ pub async fn run(options: &Options, mut done: impl FnMut()) -> Result<Report, Pr
             &trial::trial(scene, seed, options.epochs).await?,
         ))
     };
+
     let measured = stream::iter(runs)
         .map(run)
         .buffered(AT_ONCE)
@@ -63,8 +64,9 @@ pub async fn run(options: &Options, mut done: impl FnMut()) -> Result<Report, Pr
         .collect();
     let worlds = worlds
         .iter()
-        .map(|(world, scene)| (*world, Facts::of(scene)))
+        .map(|(world, scene)| (*world, Facts::of_scene(scene)))
         .collect();
+
     Ok(Report {
         options: options.clone(),
         worlds,
@@ -76,7 +78,7 @@ fn scenes(options: &Options) -> Vec<(World, Scene)> {
     let visits: Vec<(Layout, Visits)> = options
         .layouts
         .iter()
-        .map(|layout| (*layout, Visits::of(*layout)))
+        .map(|layout| (*layout, Visits::of_layout(*layout)))
         .collect();
     let of = |(layout, visits): &(Layout, Visits), response_model: ResponseModel| {
         (
@@ -84,7 +86,7 @@ fn scenes(options: &Options) -> Vec<(World, Scene)> {
                 layout: *layout,
                 response_model,
             },
-            Scene::of(visits, response_model, options.steps),
+            Scene::of_visits(visits, response_model, options.steps),
         )
     };
     visits

@@ -1,4 +1,4 @@
-//! What is run: which kinds of worlds, for which seeds, and how large.
+//! Parameters of the experiment: which kinds of worlds, for which seeds, and how large.
 
 use super::{Layout, ResponseModel};
 use crate::domain::Training;
@@ -13,7 +13,7 @@ pub struct World {
     pub response_model: ResponseModel,
 }
 
-/// What is run.
+/// Parameters of the experiment.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Options {
     /// Which seeds.

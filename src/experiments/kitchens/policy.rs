@@ -8,7 +8,7 @@ use crate::recordings::overcooked::{Move, Player};
 /// How many actions a player has.
 pub const ACTIONS: usize = 6;
 
-/// A probability for each action.
+/// A policy: a probability for each action.
 pub type Policy = [f64; ACTIONS];
 
 /// How many draws from the habits of the whole layout each position is given.
@@ -18,7 +18,7 @@ const UNIFORM: f64 = 0.05;
 /// The most that is left of staying, which is half of what people do and tells nothing.
 const MOST_STAY: f64 = 0.3;
 
-/// How often a player took each action, by position.
+/// Empirical policies: how often a player took each action, by position.
 pub struct Habits {
     by_position: HashMap<(u8, u8), Policy>,
     overall: Policy,
@@ -26,13 +26,14 @@ pub struct Habits {
 
 impl Habits {
     /// Counts actions.
-    pub fn of(steps: impl Iterator<Item = (Player, Move)>) -> Self {
+    pub fn of_steps(steps: impl Iterator<Item = (Player, Move)>) -> Self {
         let mut by_position: HashMap<(u8, u8), Policy> = HashMap::new();
         let mut overall = Policy::default();
         for (player, action) in steps {
             by_position.entry((player.x, player.y)).or_default()[index(action)] += 1.0;
             overall[index(action)] += 1.0;
         }
+
         let total: f64 = overall.iter().sum();
         Self {
             by_position,

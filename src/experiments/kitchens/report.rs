@@ -1,4 +1,4 @@
-//! What was found, as plain data, JSON and CSV.
+//! Results as plain data, JSON and CSV.
 
 use serde_json::{Value, json};
 
@@ -21,7 +21,7 @@ pub struct Facts {
 }
 
 impl Facts {
-    pub(super) fn of(scene: &Scene) -> Self {
+    pub(super) fn of_scene(scene: &Scene) -> Self {
         let steps = |only_strong: bool| {
             let wanted = scene
                 .unseen
@@ -69,12 +69,14 @@ impl Report {
             epochs,
             steps,
         } = &self.options;
+
         let layouts: Vec<&str> = layouts.iter().copied().map(Layout::as_str).collect();
         let response_models: Vec<&str> = response_models
             .iter()
             .copied()
             .map(ResponseModel::as_str)
             .collect();
+
         json!({
             "experiment": "planted-kitchens",
             "revision": findings::REVISION,

@@ -1,5 +1,4 @@
-//! A world with everything that is true of it: real visits, and what both players do in each state
-//! by design.
+//! The ground truth of a world: real visits, and what both players do in each state by design.
 
 use std::collections::BTreeMap;
 
@@ -13,7 +12,7 @@ use super::visits::{Situation, Visits};
 use crate::domain::{Entry, Record, Rule, SchemaDraft};
 use crate::simulation::planted::information;
 
-/// What is true of a state.
+/// The ground truth of a state.
 #[derive(Debug, Clone, PartialEq)]
 pub struct State {
     /// As the environment takes it.
@@ -31,7 +30,7 @@ pub struct State {
 /// Actions of the ego and of the other.
 pub type Actions = [usize; 2];
 
-/// A world with everything that is true of it.
+/// A world with its ground truth.
 pub struct Scene {
     /// How its states and actions are described.
     pub schema: SchemaDraft,
@@ -47,26 +46,30 @@ pub struct Scene {
 impl Scene {
     /// Makes the scene of visits of which so many steps are counted. What is unseen does not depend
     /// on that.
-    pub fn of(visits: &Visits, response_model: ResponseModel, steps: Option<usize>) -> Self {
+    pub fn of_visits(visits: &Visits, response_model: ResponseModel, steps: Option<usize>) -> Self {
         let states = visits
             .situations
             .iter()
             .map(|situation| planted_state(situation, visits, response_model))
             .collect();
+
         let mut unseen: BTreeMap<usize, usize> = BTreeMap::new();
         visits
             .test
             .iter()
             .for_each(|state| *unseen.entry(*state).or_default() += 1);
+
         for state in &visits.train {
             unseen.remove(state);
         }
+
         let train = visits
             .train
             .iter()
             .copied()
             .take(steps.unwrap_or(usize::MAX))
             .collect();
+
         Self {
             schema: visits.schema.clone(),
             states,
@@ -104,6 +107,7 @@ impl Scene {
                 .zip(others)
                 .for_each(|(step, other)| shuffled[step][1] = other);
         }
+
         shuffled
     }
 
@@ -145,6 +149,7 @@ fn planted_state(situation: &Situation, visits: &Visits, response_model: Respons
         .zip(responses)
         .map(|(p, row)| row.map(|q| p * q).to_vec())
         .collect();
+
     let is_answered = response_model.is_answered(players);
     State {
         values: values.clone(),

@@ -10,7 +10,7 @@ use crate::error::{ErrorKind, Problem};
 use crate::experiments::service::Service;
 use crate::model::BackOff;
 
-/// What is true of an unseen state.
+/// The ground truth of an unseen state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Truth {
     /// Its time steps in the test games.
@@ -19,7 +19,7 @@ pub struct Truth {
     pub is_strong: bool,
 }
 
-/// What is true of the unseen states, and what each method says of them.
+/// The ground truth of the unseen states, and what each method says of them.
 pub struct Trial {
     /// A truth a state.
     pub truths: Vec<Truth>,
@@ -53,6 +53,7 @@ pub async fn trial(scene: &Scene, seed: u64, epochs: u32) -> Result<Trial, Probl
                 .collect(),
         ),
     ]);
+
     Ok(Trial {
         truths: scene.unseen.iter().map(truth).collect(),
         said,
@@ -73,6 +74,7 @@ async fn learned(
     let direct = train_and_ask(&service, scene, ModelKind::Direct, seed, epochs).await?;
     let back_off = backed_off(&service, scene).await?;
     service.close().await?;
+
     Ok(vec![
         (Method::Joint, joint),
         (Method::Direct, direct),
@@ -125,7 +127,8 @@ async fn asked(service: &Service, scene: &Scene) -> Result<Vec<Said>, Problem> {
         ..QuestionDraft::default()
     };
     let answers = service.ask(&scene.asked(), &question).await?;
-    let said: Option<Vec<Said>> = answers.iter().map(Said::of).collect();
+    let said: Option<Vec<Said>> = answers.iter().map(Said::of_answer).collect();
+
     said.ok_or_else(|| {
         Problem::new(
             ErrorKind::Internal,
@@ -146,5 +149,6 @@ async fn backed_off(service: &Service, scene: &Scene) -> Result<Vec<Said>, Probl
             .unwrap_or_default();
         Ok(Said::by(dataset.above(&table)))
     };
+
     scene.asked().iter().map(said).collect()
 }

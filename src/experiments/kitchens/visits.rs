@@ -1,12 +1,12 @@
-//! What is real: the states that people were in, in which order, and what they did where they
-//! stood.
+//! Recorded trajectories: the states that people were in, in which order, and what they did where
+//! they stood.
 
 use std::collections::HashMap;
 
 use super::Layout;
 use super::policy::Habits;
 use crate::domain::SchemaDraft;
-use crate::recordings::overcooked::{Game, Kitchen, Player, Step, World, embedded, read};
+use crate::recordings::overcooked::{Game, Kitchen, Player, Step, World, embedded, read_games};
 
 /// A state in which people were.
 #[derive(Debug, Clone, PartialEq)]
@@ -33,25 +33,28 @@ pub struct Visits {
 
 impl Visits {
     /// Reads the games of a layout that come with the program.
-    pub fn of(layout: Layout) -> Self {
+    pub fn of_layout(layout: Layout) -> Self {
         let kitchen = Kitchen::named(layout.as_str()).expect("a layout of the recordings");
         let world = World::new(kitchen, layout.abstraction());
         let [train, test] = embedded().map(|(_, games)| steps(games, layout));
         let habits = [0, 1].map(|player| {
-            Habits::of(
+            Habits::of_steps(
                 train
                     .iter()
                     .chain(&test)
                     .map(|step| (step.players[player], step.actions[player])),
             )
         });
+
         let mut seen = Seen {
             world: &world,
             places: HashMap::new(),
             situations: Vec::new(),
         };
+
         let [train, test] =
             [train, test].map(|steps| steps.iter().map(|step| seen.place(step)).collect());
+
         Self {
             schema: world.description(),
             situations: seen.situations,
@@ -63,7 +66,8 @@ impl Visits {
 }
 
 fn steps(games: &[u8], layout: Layout) -> Vec<Step> {
-    let games: Vec<Game> = read(games).expect("it comes with the program, and a test reads it");
+    let games: Vec<Game> =
+        read_games(games).expect("it comes with the program, and a test reads it");
     games
         .into_iter()
         .filter(|game| game.layout == layout.as_str())

@@ -30,7 +30,7 @@ fn auc_counts_pairs_in_order_and_ties_half() {
 
 #[test]
 fn hits_are_shares_of_what_was_called_and_of_what_is_so() {
-    let hits = Hits::of([
+    let hits = Hits::of_decisions([
         (true, true),
         (true, true),
         (true, false),
@@ -50,12 +50,12 @@ fn hits_are_shares_of_what_was_called_and_of_what_is_so() {
         (hits.precision(), hits.recall(), hits.f1()),
         (Some(0.75), Some(0.75), Some(0.75))
     );
-    let silent = Hits::of([(false, true)]);
+    let silent = Hits::of_decisions([(false, true)]);
     assert_eq!(
         (silent.precision(), silent.recall(), silent.f1()),
         (None, Some(0.0), Some(0.0))
     );
-    let nothing_there = Hits::of([(true, false)]);
+    let nothing_there = Hits::of_decisions([(true, false)]);
     assert_eq!(
         (
             nothing_there.precision(),
@@ -68,18 +68,18 @@ fn hits_are_shares_of_what_was_called_and_of_what_is_so() {
 
 #[test]
 fn a_spread_is_over_seeds() {
-    let spread = Spread::of(&[1.0, 2.0, 3.0, 6.0]).expect("four");
+    let spread = Spread::of_values(&[1.0, 2.0, 3.0, 6.0]).expect("four");
     assert_eq!((spread.mean, spread.seeds), (3.0, 4));
     assert!((spread.sd.expect("more than one") - (14.0_f64 / 3.0).sqrt()).abs() < ROUNDING);
     assert_eq!(
-        Spread::of(&[2.5]),
+        Spread::of_values(&[2.5]),
         Some(Spread {
             mean: 2.5,
             sd: None,
             seeds: 1
         })
     );
-    assert_eq!(Spread::of(&[]), None);
+    assert_eq!(Spread::of_values(&[]), None);
 }
 
 #[test]
@@ -119,7 +119,7 @@ proptest! {
 
     #[test]
     fn f1_lies_between_precision_and_recall(decisions in vec(any::<(bool, bool)>(), 1..40)) {
-        let hits = Hits::of(decisions);
+        let hits = Hits::of_decisions(decisions);
         if let (Some(precision), Some(recall), Some(f1)) = (hits.precision(), hits.recall(), hits.f1()) {
             prop_assert!(f1 >= precision.min(recall) - ROUNDING && f1 <= precision.max(recall) + ROUNDING);
         }

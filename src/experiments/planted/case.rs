@@ -1,4 +1,4 @@
-//! One state of a world, as it was planted and as it was answered.
+//! A case: the ground truth of one state beside its answer.
 
 use crate::domain::{Answer, Estimator, Evidence, Figures, Verdict};
 

@@ -1,4 +1,4 @@
-//! The figures by which methods are judged.
+//! Metrics of methods: errors of estimates, F1, AUROC and coverage of credible intervals.
 
 use super::case::Case;
 use super::method::{Method, is_strong};
@@ -6,7 +6,7 @@ use crate::domain::{Dependence, Rule, Verdict};
 use crate::experiments::findings;
 use crate::experiments::measures::{Hits, auc, frequency, mean, rmse};
 
-/// By what a method is judged. Where it speaks of influence, it is mutual information above half
+/// A metric of a method. Where it speaks of influence, it is mutual information above half
 /// a nat.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Figure {
@@ -130,12 +130,13 @@ impl Figure {
     }
 
     /// Measures a method; `None` where this says nothing of it.
-    fn of(self, method: Method, cases: &[Case]) -> Option<f64> {
+    fn measured(self, method: Method, cases: &[Case]) -> Option<f64> {
         let verdicts = || {
             each(cases, |case| {
                 Some((method.verdict(case)?, is_strong(case.information)))
             })
         };
+
         let called = || {
             Some(
                 verdicts()?
@@ -143,6 +144,7 @@ impl Figure {
                     .map(|(verdict, strong)| (verdict == Verdict::Influences, strong)),
             )
         };
+
         let evidence = || each(cases, Case::evidence).filter(|_| method == Method::SpikeAndSlab);
         let covered = |wanted: fn(&Case) -> bool| {
             let holds = |(case, [lower, upper]): (&Case, [f64; 2])| {
@@ -153,12 +155,14 @@ impl Figure {
                 .zip(evidence()?.into_iter().map(|evidence| evidence.interval));
             frequency(intervals.filter(|(case, _)| wanted(case)).map(holds))
         };
+
         let established = || {
             let established = evidence()?
                 .into_iter()
                 .map(|told| told.dependence == Dependence::Established);
             Some(established.zip(cases.iter().map(Case::is_dependent)))
         };
+
         let told = |dependence: Dependence, wanted: fn(&Case) -> bool| {
             let told = cases
                 .iter()
@@ -166,6 +170,7 @@ impl Figure {
                 .filter(|(case, _)| wanted(case));
             frequency(told.map(|(_, evidence)| evidence.dependence == dependence))
         };
+
         let judged = |wanted: fn(&Case) -> bool, so: fn(Verdict, bool) -> bool| {
             let judged = cases
                 .iter()
@@ -173,6 +178,7 @@ impl Figure {
                 .filter(|(case, _)| wanted(case));
             frequency(judged.map(|(_, (verdict, strong))| so(verdict, strong)))
         };
+
         match self {
             Self::AucPlanted => auc(&each(cases, |case| {
                 Some((method.score(case)?, case.planted))
@@ -183,7 +189,7 @@ impl Figure {
                     is_strong(case.planted_information),
                 ))
             })?),
-            Self::F1 => Hits::of(each(cases, |case| {
+            Self::F1 => Hits::of_decisions(each(cases, |case| {
                 Some((method.calls(case)?, is_strong(case.information)))
             })?)
             .f1(),
@@ -192,8 +198,8 @@ impl Figure {
             })?),
             Self::Coverage => covered(|_| true),
             Self::CoverageDependent => covered(Case::is_dependent),
-            Self::Precision => Hits::of(called()?).precision(),
-            Self::Recall => Hits::of(called()?).recall(),
+            Self::Precision => Hits::of_decisions(called()?).precision(),
+            Self::Recall => Hits::of_decisions(called()?).recall(),
             Self::Undecided => frequency(
                 verdicts()?
                     .into_iter()
@@ -240,7 +246,7 @@ pub fn measure(methods: &[Method], figures: &[Figure], cases: &[Case]) -> Measur
         .iter()
         .flat_map(|method| figures.iter().map(|figure| (*method, *figure)));
     pairs
-        .map(|(method, figure)| (method, figure, figure.of(method, cases)))
+        .map(|(method, figure)| (method, figure, figure.measured(method, cases)))
         .collect()
 }
 

@@ -1,4 +1,4 @@
-//! What is run: which worlds, for which seeds, and which methods are made in them.
+//! Parameters of the experiment: which worlds, for which seeds, and which methods are made in them.
 
 use super::{Method, World};
 use crate::experiments::seeds::Seeds;
@@ -13,7 +13,7 @@ pub const SHARES: [u32; 3] = [0, USUAL_SHARE, 100];
 /// The sizes of the smaller worlds.
 const FEWER_STATES: [usize; 2] = [50, 200];
 
-/// What is run.
+/// Parameters of the experiment.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Options {
     /// Which seeds.
@@ -72,6 +72,7 @@ impl Options {
                 dependent,
             })
         });
+
         let compared: Vec<World> = compared.collect();
         let varied: Vec<World> = varied.filter(|world| !compared.contains(world)).collect();
         [compared, varied].concat()

@@ -81,6 +81,7 @@ fn areas(report: &Report) -> Range<f64> {
         .iter()
         .filter(compared)
         .filter(|finding| finding.figure == Figure::AucPlanted);
+
     let lowest = areas
         .map(|finding| within_sd(finding.spread)[0])
         .fold(0.5, f64::min);

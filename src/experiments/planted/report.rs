@@ -1,16 +1,16 @@
-//! What was found, as plain data, JSON and CSV.
+//! Results as plain data, JSON and CSV.
 
 use serde_json::{Value, json};
 
 use super::targets::{self, Findings, Target};
 use super::{Figure, Method, Options, World, arm_name, generator_name};
-use crate::experiments::findings::{self, Cells, Plan, Row};
+use crate::experiments::findings::{self, Cells, ExperimentDesign, Row};
 use crate::experiments::seeds::Seeds;
 
 /// The outcome of the experiment.
 pub type Report = findings::Report<Options, World, Method, Figure>;
 
-impl Plan<World, Method, Figure> for Options {
+impl ExperimentDesign<World, Method, Figure> for Options {
     const EXPERIMENT: &'static str = "planted";
 
     fn parameters(&self) -> Value {

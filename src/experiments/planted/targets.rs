@@ -1,4 +1,4 @@
-//! What the experiment must show, beside what it did.
+//! Acceptance targets: what the experiment must show, beside what it did.
 
 use super::{Figure, Method, Options, World};
 use crate::experiments::findings::{self, Bound};

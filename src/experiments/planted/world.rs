@@ -69,10 +69,12 @@ impl World {
                 seed,
             },
         );
+
         let mut service = Service::open(&self.schema()).await?;
         for (segment, records) in sent(&drawn) {
             service.count(segment.as_ref(), &records).await?;
         }
+
         service.fit().await?;
         let states: Vec<Vec<f32>> = (0..self.states).map(|i| vec![i as f32]).collect();
         let answers = service.ask(&states, &question(methods)).await?;
@@ -89,6 +91,7 @@ impl World {
             answer,
             paper: paper.verdict,
         };
+
         Ok(drawn
             .into_iter()
             .zip(answers)
@@ -99,19 +102,12 @@ impl World {
 
     /// Describes the environment: the state is a number, and each agent has one action.
     fn schema(&self) -> SchemaDraft {
-        let integer = |name: &str, values: u64| {
-            let kinds = vec![KindDraft::Integer(0, values as i64 - 1)];
-            FeatureDraft {
-                name: name.into(),
-                unit: None,
-                kinds,
-            }
-        };
         let agent = |name: &str, actions| AgentDraft {
             name: name.into(),
             action: vec![integer("action", actions)],
         };
         let alphabet = self.generator.alphabet();
+
         SchemaDraft {
             state: vec![integer("state", self.states as u64)],
             agents: vec![
@@ -119,6 +115,15 @@ impl World {
                 agent("other", alphabet.columns),
             ],
         }
+    }
+}
+
+/// Describes a feature that takes whole numbers from 0.
+fn integer(name: &str, values: u64) -> FeatureDraft {
+    FeatureDraft {
+        name: name.into(),
+        unit: None,
+        kinds: vec![KindDraft::Integer(0, values as i64 - 1)],
     }
 }
 
@@ -136,12 +141,14 @@ fn sent(drawn: &[Planted]) -> Vec<(Option<Label>, Vec<Record>)> {
                 .collect(),
         )];
     }
+
     let of = |at: usize| {
         drawn
             .iter()
             .enumerate()
             .flat_map(move |(i, state)| records(i, &state.segments[at]))
     };
+
     (0..segments)
         .map(|at| (Some(segment(at)), of(at).collect()))
         .collect()
@@ -176,6 +183,7 @@ fn question(methods: &[Method]) -> QuestionDraft {
         (Method::Nsb, Estimator::Nsb),
     ];
     let estimators = estimators.into_iter().filter(|(method, _)| wanted(*method));
+
     QuestionDraft {
         estimators: estimators
             .map(|(_, estimator)| estimator.as_str().into())

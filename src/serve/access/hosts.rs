@@ -10,7 +10,7 @@ use http::uri::Authority;
 use super::denials::shortened;
 use crate::error::{ErrorKind, Problem};
 
-/// The names that a service goes by.
+/// The allow-list of host names that a service goes by.
 pub struct Hosts {
     listen: Option<IpAddr>,
     /// Lower case; `*.example.org` stands for every name below.
@@ -82,23 +82,25 @@ impl Hosts {
 /// Returns every host that a request asks for: the authority of its URI, which HTTP/2 has, and its
 /// header.
 pub fn asked_for(request: &Request) -> Vec<Result<Authority, String>> {
-    let read = |bytes: &[u8]| {
-        let authority = Authority::try_from(bytes).ok();
-        // A user before the name is of another place, and hides the name from whoever reads.
-        authority
-            .filter(|authority| !authority.as_str().contains('@'))
-            .ok_or_else(|| shortened(bytes))
-    };
     let in_uri = request
         .uri()
         .authority()
-        .map(|authority| read(authority.as_str().as_bytes()));
+        .map(|authority| parse_authority(authority.as_str().as_bytes()));
     let headers = request
         .headers()
         .get_all(header::HOST)
         .iter()
-        .map(|host| read(host.as_bytes()));
+        .map(|host| parse_authority(host.as_bytes()));
+
     in_uri.into_iter().chain(headers).collect()
+}
+
+fn parse_authority(bytes: &[u8]) -> Result<Authority, String> {
+    let authority = Authority::try_from(bytes).ok();
+    // A user before the name is of another place, and hides the name from whoever reads.
+    authority
+        .filter(|authority| !authority.as_str().contains('@'))
+        .ok_or_else(|| shortened(bytes))
 }
 
 /// Lower case, and without the dot that ends a whole name.

@@ -18,7 +18,7 @@ use crate::telemetry;
 /// How long a stream waits for the rate of its key before it is ended.
 const PATIENCE: Duration = Duration::from_secs(5);
 
-/// The keys that are let in now. Cloning is cheap and shares them.
+/// The API keys in force now. Cloning is cheap and shares them.
 #[derive(Clone)]
 pub struct Keyring(Arc<Ring>);
 
@@ -46,7 +46,7 @@ impl Keyring {
 
     /// Returns who asks with that key for something that wants so much.
     pub fn caller(&self, key: &[u8], wanted: Wanted) -> Option<Caller> {
-        let digest = KeyDigest::of(key);
+        let digest = KeyDigest::of_key(key);
         let first = self.find(digest)?.principal().clone();
         let (ring, name) = (self.clone(), first.name().cloned());
         let nobody = Arc::new(Principal::nobody());
@@ -54,6 +54,7 @@ impl Keyring {
             let key = ring.find(digest).filter(|key| key.name() == name.as_ref());
             key.map_or_else(|| nobody.clone(), |key| key.principal().clone())
         });
+
         Some(Caller {
             asker,
             key: Some((self.clone(), digest)),
@@ -183,6 +184,7 @@ impl Caller {
             .name()
             .map(|name| format!(" `{name}`"))
             .unwrap_or_default();
+
         // Told in whole seconds, and never too early.
         let wait = Duration::from_secs(wait.as_secs() + 1);
         let message = format!(

@@ -41,7 +41,7 @@ use crate::access::{bearer, redacted};
 use crate::error::Problem;
 use crate::telemetry;
 
-/// Who is let in. Cloning is cheap.
+/// The middleware of authentication and authorization: who is let in. Cloning is cheap.
 #[derive(Clone)]
 pub struct Guard(Arc<Rules>);
 
@@ -80,7 +80,7 @@ pub async fn admit(State(guard): State<Guard>, mut request: Request, next: Next)
             }
         }
         Err(refusal) => {
-            let form = Form::of(&request);
+            let form = Form::of_request(&request);
             refusal.count(&form.path);
             refusal.tell(&form)
         }
@@ -90,7 +90,7 @@ pub async fn admit(State(guard): State<Guard>, mut request: Request, next: Next)
 /// Answers a request unless its key is withdrawn before: what it began is dropped, as where its
 /// time is over.
 async fn while_it_stands(caller: &Caller, request: Request, next: Next) -> Response {
-    let form = Form::of(&request);
+    let form = Form::of_request(&request);
     tokio::select! {
         biased;
         problem = caller.withdrawn() => Refusal::Problem(problem).tell(&form),
@@ -106,7 +106,7 @@ struct Form {
 }
 
 impl Form {
-    fn of(request: &Request) -> Self {
+    fn of_request(request: &Request) -> Self {
         let media = request
             .headers()
             .get(header::CONTENT_TYPE)
@@ -134,7 +134,7 @@ impl From<Problem> for Refusal {
 
 impl Rules {
     fn admit(&self, request: &Request) -> Result<Caller, Refusal> {
-        let wanted = Wanted::of(request);
+        let wanted = Wanted::of_request(request);
         let caller = self.authenticate(request, wanted);
         let has_key = matches!(&caller, Ok(Some(caller)) if caller.principal().name().is_some());
         if !has_key && !operations::is_asked_by_machines(request) {
@@ -165,14 +165,17 @@ impl Rules {
         let Some(keys) = &self.keys else {
             return Ok(Some(Caller::anonymous()));
         };
+
         let headers = request
             .headers()
             .get_all(header::AUTHORIZATION)
             .iter()
             .map(|value| value.as_bytes());
+
         let Some(key) = bearer(headers).map_err(|why| unauthenticated(why.to_string()))? else {
             return Ok(None);
         };
+
         let caller = keys
             .caller(key, wanted)
             .ok_or_else(|| unauthenticated("the key is not one that is let in"))?;
@@ -189,19 +192,23 @@ fn is_what_its_path_takes(request: &Request) -> Result<(), Refusal> {
     if is_preflight || !is_served || !wanted::is_grpc_path(request.uri().path()) {
         return Ok(());
     }
+
     if request.method() != Method::POST {
         return Err(Refusal::Protocol(Failure::of_http(
             StatusCode::METHOD_NOT_ALLOWED,
         )));
     }
+
     if is_protobuf(request.headers()) {
         return Ok(());
     }
+
     let found = request
         .headers()
         .get(header::CONTENT_TYPE)
         .and_then(|media| media.to_str().ok())
         .unwrap_or_default();
+
     Err(Refusal::Protocol(Failure::of_media_type(
         found,
         "application/grpc, or application/grpc-web",

@@ -10,7 +10,7 @@ use super::hosts::{Hosts, asked_for};
 use super::wanted::is_grpc_path;
 use crate::error::{ErrorKind, Problem};
 
-/// The origins whose pages may call.
+/// The allow-list of origins whose pages may call.
 pub struct Origins {
     allowed: Vec<String>,
     speaks_tls: bool,
@@ -39,6 +39,7 @@ impl Origins {
         if is_safe(request.method()) && !is_call {
             return Ok(());
         }
+
         let mut origins = request.headers().get_all(header::ORIGIN).iter().peekable();
         let names_none = origins.peek().is_none();
         if let Some(foreign) = origins.find(|origin| !self.has(origin, request)) {
@@ -47,6 +48,7 @@ impl Origins {
                 shortened(foreign.as_bytes())
             )));
         }
+
         let mut sites = request.headers().get_all("sec-fetch-site").iter();
         match names_none && sites.any(is_foreign) {
             true => Err(refused("a page of another origin")),
@@ -67,9 +69,11 @@ impl Origins {
         let Ok(origin) = origin.to_str() else {
             return false;
         };
+
         let Some((scheme, authority)) = parts(origin) else {
             return false;
         };
+
         let is_own = || {
             let hosts = asked_for(request);
             let is_same = |host: &Result<Authority, String>| {
@@ -80,6 +84,7 @@ impl Origins {
                 && !hosts.is_empty()
                 && hosts.iter().all(is_same)
         };
+
         self.allowed
             .iter()
             .any(|allowed| allowed == "*" || allowed.eq_ignore_ascii_case(origin))

@@ -11,7 +11,7 @@ use crate::domain::{KeyScope, Principal, Scopes};
 use crate::error::Problem;
 use crate::serve::operations;
 
-/// What an endpoint wants.
+/// The permission that an endpoint wants.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Wanted {
     /// Nothing: it holds no data.
@@ -147,17 +147,20 @@ const GRPC: &[(&str, Wanted)] = &[
 
 impl Wanted {
     /// Returns what the endpoint of a request wants.
-    pub fn of(request: &Request) -> Self {
+    pub fn of_request(request: &Request) -> Self {
         let (uri, method) = (request.uri(), request.method());
         if is_grpc_path(uri.path()) {
             return found(GRPC, uri.path());
         }
+
         if method == Method::OPTIONS {
             return Nothing;
         }
+
         let Some(path) = request.extensions().get::<MatchedPath>() else {
             return Self::Unlisted;
         };
+
         match found(REST, &route(method, path.as_str())) {
             Nothing if path.as_str() == "/readyz" && operations::is_verbose(uri.query()) => {
                 Everywhere

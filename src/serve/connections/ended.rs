@@ -12,7 +12,8 @@ pub fn record(ended: Result<(), Box<dyn Error + Send + Sync>>) {
     let Some(error) = error.downcast_ref::<hyper::Error>() else {
         return;
     };
-    if let Some(fault) = Fault::of(error) {
+
+    if let Some(fault) = Fault::of_error(error) {
         telemetry::connection_ended(fault.word());
         if let Some(status) = fault.status(error) {
             telemetry::request("rest", "other", status, None);
@@ -35,7 +36,7 @@ enum Fault {
 
 impl Fault {
     /// Returns what was wrong, unless the client only left.
-    fn of(error: &hyper::Error) -> Option<Self> {
+    fn of_error(error: &hyper::Error) -> Option<Self> {
         let has_left = error.is_incomplete_message()
             || error.is_closed()
             || error.is_canceled()

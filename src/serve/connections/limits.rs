@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-/// What connections may take of the service.
+/// Limits of connections: timeouts, and what they may take of the service.
 #[derive(Debug, Clone)]
 pub struct Limits {
     /// The most connections. When there are as many, the one that waited longest without a request

@@ -14,7 +14,7 @@ use crate::telemetry;
 /// ones out.
 const SMALL: usize = 64 << 10;
 
-/// What all unfinished messages may hold together.
+/// The memory budget of all unfinished messages together.
 #[derive(Debug)]
 pub struct Budget {
     most: usize,
@@ -43,7 +43,7 @@ impl Budget {
     }
 }
 
-/// What one message holds of the budget, until it is let go or dropped.
+/// The share of the budget that one message holds, until it is let go or dropped.
 #[derive(Debug)]
 pub struct Charge {
     budget: Arc<Budget>,
@@ -81,6 +81,7 @@ impl Charge {
             telemetry::shed("TOO_MANY_UNFINISHED_BYTES");
             return Err(full());
         }
+
         if wanted < *held {
             self.budget
                 .held

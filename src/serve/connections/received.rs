@@ -25,7 +25,7 @@ use crate::error::{ErrorKind, Problem};
 use crate::serve::requests::Noted;
 use crate::serve::status;
 
-/// How a body is made up.
+/// The framing of a body.
 pub enum Form {
     /// It is one message, whose bytes are charged by whoever unpacks them.
     Document,
@@ -35,8 +35,8 @@ pub enum Form {
     Messages(Framing),
 }
 
-/// What a request says about its body.
-pub struct Manner {
+/// The properties of a body that the head of its request tells.
+pub struct BodyProperties {
     /// How it is made up.
     pub form: Form,
     /// Whether refusals are told as statuses of gRPC, whose clients know that an answer may
@@ -50,7 +50,7 @@ pub struct Manner {
 /// A body that is being received.
 pub struct Received {
     body: Option<Incoming>,
-    manner: Manner,
+    properties: BodyProperties,
     charge: Arc<Charge>,
     request: Arc<InProgress>,
     /// Told when its sender leaves before its end.
@@ -68,7 +68,7 @@ impl Received {
     /// Makes the body of a request that has just begun.
     pub fn new(
         body: Incoming,
-        manner: Manner,
+        properties: BodyProperties,
         charge: Arc<Charge>,
         request: Arc<InProgress>,
         noted: Arc<Noted>,
@@ -76,7 +76,7 @@ impl Received {
         Self {
             has_ended: body.is_end_stream(),
             body: Some(body),
-            manner,
+            properties,
             charge,
             request,
             noted,
@@ -89,7 +89,7 @@ impl Received {
 
     fn arrived(&mut self, bytes: &[u8]) -> Result<(), Problem> {
         self.waits_since = None;
-        match &mut self.manner.form {
+        match &mut self.properties.form {
             Form::Document => Ok(()),
             Form::Message => self.charge.grow(bytes.len()),
             Form::Messages(framing) => {
@@ -107,7 +107,7 @@ impl Received {
 
     /// Returns when the next byte is overdue; between messages it never is.
     fn due(&mut self) -> Option<Instant> {
-        if matches!(&self.manner.form, Form::Messages(framing) if framing.unfinished() == 0) {
+        if matches!(&self.properties.form, Form::Messages(framing) if framing.unfinished() == 0) {
             self.waits_since = None;
             return None;
         }
@@ -136,7 +136,7 @@ impl Received {
     fn refuse(&mut self, problem: Problem) -> BoxError {
         self.has_ended = true;
         self.charge.release();
-        if self.manner.is_grpc {
+        if self.properties.is_grpc {
             status::grpc(problem).into()
         } else {
             problem.into()
@@ -157,6 +157,7 @@ impl Body for Received {
         let Some(body) = me.body.as_mut().filter(|_| !me.has_ended) else {
             return Poll::Ready(None);
         };
+
         match Pin::new(body).poll_frame(context) {
             Poll::Ready(Some(Ok(frame))) => {
                 let arrived = frame.data_ref().map_or(Ok(()), |data| me.arrived(data));
@@ -195,9 +196,9 @@ impl Body for Received {
 
 impl Drop for Received {
     fn drop(&mut self) {
-        let is_wanted_no_more = !self.is_end_stream() && !self.manner.is_grpc;
+        let is_wanted_no_more = !self.is_end_stream() && !self.properties.is_grpc;
         // Who asked for a sign first has sent nothing, and is told all by the answer.
-        let may_be_on_its_way = self.was_asked_for || !self.manner.is_announced;
+        let may_be_on_its_way = self.was_asked_for || !self.properties.is_announced;
         if is_wanted_no_more
             && may_be_on_its_way
             && let Some(body) = self.body.take()

@@ -57,10 +57,12 @@ impl http_body::Body for Sent {
         if !self.rest.is_empty() {
             return Poll::Ready(Some(Ok(self.piece())));
         }
+
         let frame = std::task::ready!(Pin::new(&mut self.body).poll_frame(context));
         if frame.is_none() {
             self.call.completed();
         }
+
         Poll::Ready(frame.map(|frame| match frame?.into_data() {
             Ok(data) => {
                 self.rest = data;

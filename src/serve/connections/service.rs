@@ -1,4 +1,4 @@
-//! What stands between a connection and the routes: it notes when requests begin and end, and
+//! Middleware between a connection and the routes: it notes when requests begin and end, and
 //! watches their bodies.
 
 use std::convert::Infallible;
@@ -20,7 +20,7 @@ use super::crowd::Standing;
 use super::framing::Framing;
 use super::leaving::Leaving;
 use super::memory::{Budget, Charge};
-use super::received::{Form, Manner, Received};
+use super::received::{BodyProperties, Form, Received};
 use super::sent::Sent;
 use super::vitals::Vitals;
 use crate::error::{ErrorKind, Fault, Problem};
@@ -62,11 +62,12 @@ impl hyper::service::Service<Request<Incoming>> for Watched {
         let mut call = Call::begin(&mut parts, self.peer);
         let body = Received::new(
             body,
-            manner(&parts),
+            body_properties(&parts),
             charge.clone(),
             progress.clone(),
             call.noted(),
         );
+
         if let Some(refusal) = self.refusal(&parts) {
             self.vitals.leaving.cancel();
             let refusal = call
@@ -74,6 +75,7 @@ impl hyper::service::Service<Request<Incoming>> for Watched {
                 .map(|body| Sent::new(body, progress, call));
             return async { Ok(refusal) }.boxed();
         }
+
         if self.standing == Standing::Guest {
             self.vitals.leaving.cancel();
         }
@@ -94,11 +96,12 @@ impl hyper::service::Service<Request<Incoming>> for Watched {
                 .answered(response)
                 .map(|body| Sent::new(body, progress, call)))
         };
+
         answer.instrument(span).boxed()
     }
 }
 
-fn manner(parts: &Parts) -> Manner {
+fn body_properties(parts: &Parts) -> BodyProperties {
     let media = parts
         .headers
         .get(header::CONTENT_TYPE)
@@ -110,7 +113,8 @@ fn manner(parts: &Parts) -> Manner {
         _ if STREAMS.contains(&path) && !is_web => Form::Messages(Framing::default()),
         _ => Form::Message,
     };
-    Manner {
+
+    BodyProperties {
         form,
         is_grpc: is_grpc(&parts.headers),
         is_announced: parts.headers.contains_key(header::EXPECT),
@@ -134,6 +138,7 @@ impl Watched {
 fn host(parts: &Parts) -> Result<(), String> {
     let mut hosts = parts.headers.get_all(header::HOST).iter();
     let expected = "expected one `Host` header with a name and perhaps a port";
+
     // HTTP/2 has it in its URI, and a user before the name hides the name from whoever reads.
     if parts
         .uri
@@ -144,6 +149,7 @@ fn host(parts: &Parts) -> Result<(), String> {
             "got a user before the name in the authority, {expected}"
         ));
     }
+
     match (hosts.next(), hosts.next()) {
         (None, _) if parts.version == Version::HTTP_11 => Err(format!("got none, {expected}")),
         (None, _) => Ok(()),
@@ -159,10 +165,6 @@ fn host(parts: &Parts) -> Result<(), String> {
 /// Returns whether that is a name, perhaps with a port. It is empty where what is asked for has
 /// none.
 fn is_host(text: &[u8]) -> bool {
-    let is_port = |port: &str| {
-        port.strip_prefix(':')
-            .is_none_or(|port| port.bytes().all(|byte| byte.is_ascii_digit()))
-    };
     let is_host = |authority: Authority| {
         authority
             .as_str()
@@ -170,6 +172,12 @@ fn is_host(text: &[u8]) -> bool {
             .is_some_and(is_port)
     };
     text.is_empty() || Authority::try_from(text).is_ok_and(is_host)
+}
+
+/// Returns whether that is a colon and a number, or no number.
+fn is_port(text: &str) -> bool {
+    text.strip_prefix(':')
+        .is_none_or(|port| port.bytes().all(|byte| byte.is_ascii_digit()))
 }
 
 /// Says to a guest that only residents may ask for that.

@@ -57,7 +57,7 @@ pub enum Fate {
     Ends(Cause),
 }
 
-/// Why a connection is ended from this side.
+/// The timeout or limit by which a connection is ended from this side.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Cause {
     /// The headers of a request did not arrive in time.
@@ -179,6 +179,7 @@ impl Vitals {
         {
             return Fate::Leaves(cause);
         }
+
         // What begins before the next look may be due before what is known now.
         let soon = now
             + self
@@ -187,6 +188,7 @@ impl Vitals {
                 .min(self.limits.idle)
                 .min(self.limits.stalled)
                 / 2;
+
         let due = [ends, leaves].into_iter().flatten().map(|(due, _)| due);
         let expires = state.expires.filter(|expires| *expires > now);
         Fate::Lives(due.chain(expires).fold(soon, Instant::min))
@@ -204,6 +206,7 @@ impl State {
             .values()
             .min()
             .map(|since| (*since + limits.stalled, Cause::Unread));
+
         let head = match (self.requests, self.version) {
             (0, None) if !self.is_greeted => Some((self.since + limits.head, Cause::Head)),
             // Frames of HTTP/2 that belong to no request (pings, settings) are no beginning of one.
@@ -212,10 +215,12 @@ impl State {
                 .map(|since| (since + limits.head, Cause::Head)),
             _ => None,
         };
+
         let grace = self.leaving_since.map(|since| match self.requests {
             0 => (since.max(self.since) + GOODBYE, Cause::Grace),
             _ => (since + limits.grace, Cause::Grace),
         });
+
         [unread, head, grace]
             .into_iter()
             .flatten()
@@ -226,14 +231,17 @@ impl State {
         if self.leaving_since.is_some() {
             return None;
         }
+
         if self.version.is_none() {
             // A client that connects ahead of its first request hears of it and connects again.
             return self
                 .is_greeted
                 .then_some((self.since + limits.head, Cause::Head));
         }
+
         let idle = (self.requests == 0).then(|| (self.since + limits.idle, Cause::Idle));
         let age = self.expires.map(|expires| (expires, Cause::Age));
+
         [idle, age]
             .into_iter()
             .flatten()

@@ -30,6 +30,7 @@ impl Face {
         })
         .await??;
         let view = question.view;
+
         Ok((
             self.app.influence.answer(&environment, question).await?,
             view,

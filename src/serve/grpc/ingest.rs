@@ -109,6 +109,7 @@ impl Face {
             producer,
             batch,
         } = request;
+
         let environment = self
             .app
             .environments
@@ -126,6 +127,7 @@ impl Face {
             problem = self.caller.withdrawn() => Err(problem.into()),
             welcomed = self.welcome(&mut inbound, &leaving, &out) => welcomed,
         };
+
         let ended = match welcomed {
             Ok(session) => self.converse(&session, &mut inbound, &leaving, &out).await,
             Err(end) => Err(end),
@@ -135,6 +137,7 @@ impl Face {
             Err(End::Told(status)) => status,
             Ok(()) | Err(End::Gone) => return,
         };
+
         // The client may be gone; it will find out when it resumes.
         let _ = out.send(Err(told)).await;
     }
@@ -150,6 +153,7 @@ impl Face {
             () = leaving.0.cancelled() => return Err(self.parting().into()),
             first = tokio::time::timeout(HELLO, inbound.message()) => first,
         };
+
         let first = first
             .map_err(|_| protocol("no hello within 10 seconds"))?
             .map_err(End::from_read)?;
@@ -159,6 +163,7 @@ impl Face {
         else {
             return Err(protocol("a stream begins with a hello").into());
         };
+
         let (environment, producer) = self.introduce(hello)?;
         let session = self.app.ingest.open(environment, producer).await?;
         let welcome = ingest_response::Message::Welcome(welcome(&session));
@@ -188,6 +193,7 @@ impl Face {
                     .with("schema_hash", hash),
             );
         }
+
         Ok((environment, producer))
     }
 
@@ -201,6 +207,7 @@ impl Face {
         // Rendezvous only: tickets wait in the acknowledging half, which bounds them by the window.
         let (tickets, taken) = mpsc::channel(1);
         let reading = self.read_batches(session, inbound, leaving, tickets);
+
         // Wherever the reading waits, for a batch, for room or for the rate, a key that is
         // withdrawn ends it at once.
         let mut reading = std::pin::pin!(async {
@@ -211,6 +218,7 @@ impl Face {
             }
         });
         let mut acknowledging = std::pin::pin!(acknowledge(session.committed(), taken, out));
+
         tokio::select! {
             end = &mut reading => acknowledging.await.and(end),
             failed = &mut acknowledging => failed,
@@ -297,6 +305,7 @@ async fn acknowledge(
             return Err(problem.into());
         }
     }
+
     Ok(())
 }
 

@@ -94,6 +94,7 @@ pub async fn routes(app: App) -> Result<Routes, tonic_reflection::server::Error>
             .register_encoded_file_descriptor_set(proto::DESCRIPTORS)
             .register_encoded_file_descriptor_set(tonic_health::pb::FILE_DESCRIPTOR_SET)
     };
+
     let mut routes = Routes::builder();
     routes
         .add_service(limited!(EnvironmentServiceServer))
@@ -128,6 +129,7 @@ async fn follow(app: App, health: tonic_health::server::HealthReporter) {
         "nudge.v1.ModelService",
         "inference.GRPCInferenceService",
     ];
+
     while app
         .draining
         .run_until_cancelled(tokio::time::sleep(OFTEN))
@@ -142,6 +144,7 @@ async fn follow(app: App, health: tonic_health::server::HealthReporter) {
             health.set_service_status(name, status).await;
         }
     }
+
     for name in WRITING.into_iter().chain(ASKING) {
         health
             .set_service_status(name, tonic_health::ServingStatus::NotServing)
@@ -161,6 +164,7 @@ pub async fn over_http_2(request: Request<Body>, next: Next) -> axum::response::
     if !is_grpc || request.version() >= Version::HTTP_2 {
         return next.run(request).await;
     }
+
     let detail = "got HTTP/1.1, expected HTTP/2 for application/grpc; over HTTP/1.1 there is application/grpc-web";
     Failure::from(Problem::invalid("call", vec![Fault::new("", detail)])).tell(request.uri().path())
 }

@@ -23,6 +23,7 @@ pub async fn give(request: Request, next: Next) -> Response {
         }
         Err(frame) => frame,
     });
+
     Response::from_parts(parts, Body::new(body))
 }
 

@@ -21,6 +21,7 @@ pub async fn in_time(request: Request, next: Next) -> Response {
     if is_stream(path) {
         return next.run(request).await;
     }
+
     let method = path.rsplit('/').next().unwrap_or_default().to_owned();
     let asked = asked(&method);
     let allowed = match allowed(request.headers()) {
@@ -62,20 +63,22 @@ fn allowed(headers: &HeaderMap) -> Result<Duration, Problem> {
     let Some(first) = said.next() else {
         return Ok(ALLOWED);
     };
-    let wrong = |got: String| {
-        let expected = "expected one to eight digits and a unit of H, M, S, m, u or n";
-        Problem::invalid(
-            "call",
-            vec![Fault::new("grpc-timeout", format!("got {got}, {expected}"))],
-        )
-    };
+
     if said.next().is_some() {
-        return Err(wrong("several".to_owned()));
+        return Err(no_timeout("several"));
     }
+
     let read = first.to_str().ok().and_then(timeout);
     let text = || String::from_utf8_lossy(first.as_bytes()).into_owned();
+
     read.map(|said| said.min(MOST))
-        .ok_or_else(|| wrong(format!("{:?}", text())))
+        .ok_or_else(|| no_timeout(&format!("{:?}", text())))
+}
+
+fn no_timeout(got: &str) -> Problem {
+    let expected = "expected one to eight digits and a unit of H, M, S, m, u or n";
+    let fault = Fault::new("grpc-timeout", format!("got {got}, {expected}"));
+    Problem::invalid("call", vec![fault])
 }
 
 /// Reads a timeout as gRPC writes it: at most eight digits and a unit.
@@ -84,6 +87,7 @@ fn timeout(text: &str) -> Option<Duration> {
     let is_number =
         (1..=8).contains(&digits.len()) && digits.bytes().all(|byte| byte.is_ascii_digit());
     let number: u64 = digits.parse().ok().filter(|_| is_number)?;
+
     Some(match unit {
         "H" => Duration::from_secs(number * 60 * 60),
         "M" => Duration::from_secs(number * 60),

@@ -136,6 +136,7 @@ async fn infer(
     })
     .await??;
     let answer = served::infer(&app, named.name(), request).await?;
+
     Ok(response(
         aside(bytes, move || Encoded::new(&answer, &form)).await?,
     ))

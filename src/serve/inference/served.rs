@@ -49,12 +49,14 @@ pub async fn infer(app: &App, name: ModelName<'_>, request: Request) -> Result<A
             .await
     }
     .await;
+
     let states = answer.as_ref().map_or(0, |answer| {
         answer
             .outputs
             .first()
             .map_or(0, |output| output.values.len())
     });
+
     let code = answer
         .as_ref()
         .map_or_else(|problem| problem.reason, |_| "OK");
@@ -84,11 +86,13 @@ impl Served {
                 .await?
                 .ok_or_else(|| none_active(model))?,
         };
+
         let found = Self {
             model: model.into(),
             environment,
             network,
         };
+
         if found.network.pair != pair {
             let known = found.versions(app, &pair).await?;
             let known: Vec<String> = known
@@ -107,6 +111,7 @@ impl Served {
                 "version {version} is not one of model `{model}`; {known}"
             )));
         }
+
         Ok(found)
     }
 
@@ -127,6 +132,7 @@ impl Served {
         let models = app.networks.list(&self.environment).await?.models;
         let is_served =
             |model: &&Model| model.ego == ego && model.other == other && model.card.is_ok();
+
         Ok(models
             .iter()
             .filter(is_served)
@@ -153,6 +159,7 @@ impl Served {
         if request.values() <= MOST_INLINE_VALUES {
             return Ok(network.predict(&request.states(&schema)?, network.threshold));
         }
+
         let predict = move |stop: &Stop| {
             let states = match request.states(&schema) {
                 Ok(states) => states,
@@ -165,6 +172,7 @@ impl Served {
             }
             Ok(Ok(predictions))
         };
+
         gate.run(predict).await?
     }
 }
@@ -183,9 +191,11 @@ fn output(figure: Figure, threshold: f64, predictions: &[Prediction]) -> Result<
         Figure::InfluenceProbability => (Some(threshold), None),
         Figure::MutualInformation => (None, Some("nats")),
     };
+
     // A network tells every figure of its kind at its own threshold.
     let values =
         values.ok_or_else(|| internal(format!("the network does not tell {}", figure.as_str())))?;
+
     Ok(Output {
         figure,
         threshold,
@@ -212,6 +222,7 @@ fn pair(app: &App, model: &str) -> Result<(Arc<Environment>, Pair), Problem> {
             ..PairDraft::default()
         },
     );
+
     let pair = pair.map_err(|faults| {
         unknown(
             &faults
@@ -221,6 +232,7 @@ fn pair(app: &App, model: &str) -> Result<(Arc<Environment>, Pair), Problem> {
                 .join("; "),
         )
     })?;
+
     Ok((environment, pair))
 }
 
@@ -239,6 +251,7 @@ fn number(version: &str) -> Result<Option<u64>, Problem> {
     if version.is_empty() {
         return Ok(None);
     }
+
     let number = version
         .parse()
         .ok()
@@ -249,6 +262,7 @@ fn number(version: &str) -> Result<Option<u64>, Problem> {
             format!("got {version:?}, expected a number, or nothing for the active one"),
         )
     };
+
     number
         .map(Some)
         .ok_or_else(|| Problem::invalid("model version", vec![fault()]))

@@ -22,15 +22,17 @@ pub fn preferred(headers: &HeaderMap, offered: &[&str]) -> Result<usize, Failure
     if accepted.trim().is_empty() {
         return Ok(0);
     }
+
     let mut best = Welcome::default();
     let mut taken = None;
     for (at, media) in offered.iter().enumerate() {
-        let welcome = Welcome::of(&accepted, media);
+        let welcome = Welcome::of_media_type(&accepted, media);
         let is_better = welcome > best || (welcome == best && welcome.is_named());
         if welcome.quality > 0 && is_better {
             (best, taken) = (welcome, Some(at));
         }
     }
+
     taken.ok_or_else(|| {
         Failure::of_accept(
             &accepted.chars().take(TOLD).collect::<String>(),
@@ -84,7 +86,7 @@ struct Welcome {
 
 impl Welcome {
     /// Returns what the most exact range says of a type.
-    fn of(accepted: &str, media: &str) -> Self {
+    fn of_media_type(accepted: &str, media: &str) -> Self {
         let ranges = accepted.split(',').filter_map(|range| {
             let mut parts = range.split(';').map(str::trim);
             let exactness = exactness(&parts.next()?.to_ascii_lowercase(), media)?;

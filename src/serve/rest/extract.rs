@@ -1,4 +1,5 @@
-//! What handlers take out of a request. What cannot be taken is a problem, as everywhere.
+//! Extractors: what handlers take out of a request. What cannot be taken is a problem, as
+//! everywhere.
 
 use std::convert::Infallible;
 use std::error::Error;
@@ -205,8 +206,10 @@ async fn body(request: Request) -> Result<Bytes, Failure> {
         .get()
         .copied()
         .unwrap_or(MostBytes(MOST_BODY_BYTES));
+
     let charge: Option<Arc<Charge>> = request.extensions().get().cloned();
     let sent = collected(request.into_body(), most, charge.as_deref()).await?;
+
     match packing {
         // Who has nothing to send may say that it is packed.
         Some(packing) if !sent.is_empty() => {
@@ -318,7 +321,7 @@ fn content_type(headers: &HeaderMap) -> (&str, String) {
 mod tests {
     use super::*;
 
-    fn of(text: &str) -> Option<Media> {
+    fn media_of(text: &str) -> Option<Media> {
         let mut headers = HeaderMap::new();
         headers.insert(header::CONTENT_TYPE, text.parse().expect("a header"));
         media(&headers).ok()
@@ -326,10 +329,13 @@ mod tests {
 
     #[test]
     fn media_types_are_read_without_their_parameters() {
-        assert_eq!(of("application/json"), Some(Media::Json));
-        assert_eq!(of("Application/JSON; charset=utf-8"), Some(Media::Json));
-        assert_eq!(of("application/merge-patch+json"), Some(Media::Json));
-        assert_eq!(of("application/x-ndjson"), Some(Media::Lines));
+        assert_eq!(media_of("application/json"), Some(Media::Json));
+        assert_eq!(
+            media_of("Application/JSON; charset=utf-8"),
+            Some(Media::Json)
+        );
+        assert_eq!(media_of("application/merge-patch+json"), Some(Media::Json));
+        assert_eq!(media_of("application/x-ndjson"), Some(Media::Lines));
         for other in [
             "text/plain",
             "application/x-www-form-urlencoded",
@@ -338,7 +344,7 @@ mod tests {
             "json",
             ";",
         ] {
-            assert_eq!(of(other), None, "{other}");
+            assert_eq!(media_of(other), None, "{other}");
         }
         assert!(media(&HeaderMap::new()).is_err());
     }

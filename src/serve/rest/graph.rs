@@ -64,6 +64,7 @@ pub async fn get_graph(
         )
             .into_response());
     }
+
     let told = json_answer(bytes, move || Ok(json::Graph::from(graph))).await?;
     Ok(([(header::VARY, "accept")], told).into_response())
 }

@@ -1,4 +1,4 @@
-//! The question itself, about one state or several.
+//! Influence (mutual information) in one state or several.
 
 use axum::response::Response;
 
@@ -70,6 +70,7 @@ async fn answer(app: &App, name: &str, draft: QuestionDraft) -> Answered {
     .await??;
     let view = question.view;
     let answers = app.influence.answer(&environment, question).await?;
+
     json_answer(answers.answers.len() * STATE_BYTES, move || {
         fitting(proto::BatchGetInfluenceResponse::from(answers), view).map(json::Answers::from)
     })

@@ -1,4 +1,5 @@
-//! What the service learns from all states, and what it would like to see next.
+//! Fitted priors (empirical Bayes) and exploration: what the service learns from all states, and
+//! what it would like to see next.
 
 use axum::response::Response;
 
@@ -45,7 +46,7 @@ pub async fn explore(
     .await
 }
 
-/// PriorRegistry the prior of the evidence to all states, now, and answers when it is done. It is done by
+/// Fits the prior of the evidence to all states, now, and answers when it is done. It is done by
 /// itself as counts grow.
 ///
 /// Where that takes longer than its caller waits, 503 tells how far it is; it goes on, so that

@@ -64,6 +64,7 @@ pub fn documented() -> Vec<String> {
             .map(|(method, _)| method.to_uppercase());
         methods.map(move |method| format!("{method} {path}"))
     });
+
     routes
         .filter(|route| route.starts_with(|first: char| first.is_ascii_uppercase()))
         .collect()

@@ -216,6 +216,7 @@ pub async fn export_model(
 ) -> Result<Response, Failure> {
     let (environment, version) = path.find(&app)?;
     let file = app.networks.export(&environment, version).await?;
+
     // A name of an environment needs no quoting.
     let disposition = format!(
         "attachment; filename=\"{}-{version}.safetensors\"",

@@ -1,4 +1,5 @@
-//! Paths near one that is not served: what somebody who mistyped it may have meant.
+//! Spelling suggestions (edit distance) for a path that is not served: what somebody who mistyped
+//! it may have meant.
 
 use crate::domain::{is_near, meant};
 
@@ -11,6 +12,7 @@ pub fn hint(path: &str, served: &[String]) -> String {
     if path.len() > MOST_BYTES {
         return String::new();
     }
+
     let asked: Vec<&str> = path.trim_end_matches('/').split('/').collect();
     let mut near: Vec<String> = served
         .iter()
@@ -27,6 +29,7 @@ fn filled(template: &str, asked: &[&str]) -> Option<String> {
     if template.len() != asked.len() {
         return None;
     }
+
     let mut filled = Vec::with_capacity(asked.len());
     for (part, asked) in template.into_iter().zip(asked) {
         let is_variable = part.starts_with('{');
@@ -37,6 +40,7 @@ fn filled(template: &str, asked: &[&str]) -> Option<String> {
         }
         filled.push(if is_variable { asked } else { part });
     }
+
     Some(filled.join("/"))
 }
 

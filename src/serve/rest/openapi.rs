@@ -23,6 +23,7 @@ pub fn document() -> Value {
             (format!("{} {path}", method.to_uppercase()), operation)
         })
     });
+
     for (route, operation) in operations {
         operation["security"] = security(&route);
         operation["parameters"]
@@ -40,6 +41,7 @@ pub fn document() -> Value {
                 .for_each(|content| present(&mut content["schema"]));
         }
     }
+
     one_kind_each(&mut document["components"]["schemas"]);
     bound(&mut document);
     document
@@ -67,11 +69,13 @@ fn one_kind_each(schemas: &mut Value) {
         ("integer", "IntegerFeature"),
         ("categorical", "CategoricalFeature"),
     ];
+
     let any = schemas["Feature"].clone();
     schemas["Feature"] = serde_json::json!({
         "description": any["description"],
         "oneOf": KINDS.map(|(_, name)| serde_json::json!({ "$ref": format!("#/components/schemas/{name}") })),
     });
+
     for (kind, name) in KINDS {
         let mut feature = any.clone();
         let properties = feature["properties"].as_object_mut().expect("properties");
@@ -91,12 +95,14 @@ fn refine(parameter: &mut Value) {
     const NAME: &str = "^[a-z0-9][a-z0-9._-]{0,62}$";
     const STATE: &str = r"^state\.[a-z0-9][a-z0-9._-]{0,62}$";
     const PRODUCER: &str = "^[A-Za-z0-9][A-Za-z0-9._:@-]{0,127}$";
+
     if parameter["in"] == "query" {
         parameter["allowEmptyValue"] = true.into();
     }
     let name = parameter["name"].as_str().unwrap_or_default().to_owned();
     let schema = &mut parameter["schema"];
     present(schema);
+
     match name.as_str() {
         "environment" | "ego" | "other" => schema["pattern"] = NAME.into(),
         "producer" => schema["pattern"] = PRODUCER.into(),
@@ -122,6 +128,7 @@ fn present(schema: &mut Value) {
             .find(|choice| choice.get("$ref").is_some())
             .cloned()
     });
+
     if let Some(choice) = choice {
         *schema = choice;
     }

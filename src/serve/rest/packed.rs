@@ -14,7 +14,7 @@ use crate::serve::status::Failure;
 /// Bytes that are unpacked before they are charged.
 const PIECE: usize = 64 << 10;
 
-/// How a body is packed.
+/// The content encoding (compression) of a body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Packing {
     /// RFC 1952, of any number of members.

@@ -66,6 +66,7 @@ async fn first(uri: Uri, headers: HeaderMap) -> Response {
         )
             .into_response();
     }
+
     let told = json!({
         "name": "nudge",
         "version": VERSION,
@@ -77,6 +78,7 @@ async fn first(uri: Uri, headers: HeaderMap) -> Response {
         "environments": "/v1/environments",
         "inference": "/v2",
     });
+
     (vary, axum::Json(told)).into_response()
 }
 
@@ -93,16 +95,17 @@ fn origin(uri: &Uri, headers: &HeaderMap) -> String {
         .get(header::HOST)
         .and_then(|host| host.to_str().ok());
     let host = uri.authority().map(|authority| authority.as_str()).or(host);
-    let is_plain = |host: &&str| {
-        !host.is_empty()
-            && host
-                .bytes()
-                .all(|byte| byte.is_ascii_alphanumeric() || b".-:[]".contains(&byte))
-    };
-    format!(
-        "http://{}",
-        host.filter(is_plain).unwrap_or("127.0.0.1:8080")
-    )
+
+    let plain = host.filter(|host| is_plain(host));
+    format!("http://{}", plain.unwrap_or("127.0.0.1:8080"))
+}
+
+/// Returns whether that is nothing but a host and a port.
+fn is_plain(host: &str) -> bool {
+    !host.is_empty()
+        && host
+            .bytes()
+            .all(|byte| byte.is_ascii_alphanumeric() || b".-:[]".contains(&byte))
 }
 
 #[cfg(test)]

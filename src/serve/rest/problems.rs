@@ -86,6 +86,7 @@ fn in_form(response: Response, form: Form, path: &str) -> Response {
     ] {
         parts.headers.remove(name);
     }
+
     told.headers_mut().extend(parts.headers);
     told
 }

@@ -1,4 +1,4 @@
-//! States: in an order, and the counts of one.
+//! Rankings of states, and the contingency table of one.
 
 use axum::response::Response;
 

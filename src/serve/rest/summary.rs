@@ -1,4 +1,4 @@
-//! What all states say together.
+//! Summaries and discoveries (multiple testing): what all states say together.
 
 use super::extract::{Asked, Path, Query};
 use super::parameters::{

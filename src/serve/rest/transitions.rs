@@ -1,4 +1,4 @@
-//! Transitions: counted once, and how far a producer is.
+//! Ingest of transitions, each counted once (idempotency), and how far a producer is.
 
 use std::sync::Arc;
 
@@ -48,6 +48,7 @@ pub async fn write_transitions(
             producer, batch, ..
         },
     ) = decoding.inspect_err(|problem| telemetry::refused(problem.reason))?;
+
     let sequence = batch.sequence;
     let told = app.ingest.write(&environment, producer, batch).await?;
     Ok(axum::Json(grpc::receipt(sequence, told).into()))
@@ -74,6 +75,7 @@ pub async fn get_producer(
         .committed(&environment, &grpc::producer(&producer)?)
         .await?;
     let environment_uid = environment.uid.to_string();
+
     Ok(axum::Json(
         proto::GetProducerResponse {
             committed_sequence: committed.get(),

@@ -33,7 +33,7 @@ pub(super) struct Contents {
     client_authorities: Option<Pem>,
 }
 
-/// What a handshake needs.
+/// The certificate chain, key and authorities that a handshake needs.
 pub(super) struct Certified {
     pub config: Arc<ServerConfig>,
     /// The digest of the authorities of clients.
@@ -42,13 +42,13 @@ pub(super) struct Certified {
 }
 
 impl Contents {
-    pub(super) fn read(files: &TlsFiles) -> Result<Self, TlsError> {
+    pub(super) fn read_files(files: &TlsFiles) -> Result<Self, TlsError> {
         let authorities = files.client_authorities.as_ref();
         Ok(Self {
-            certificate: Pem::read("--tls-cert", &files.certificate)?,
-            key: Pem::read("--tls-key", &files.key)?,
+            certificate: Pem::read_file("--tls-cert", &files.certificate)?,
+            key: Pem::read_file("--tls-key", &files.key)?,
             client_authorities: authorities
-                .map(|path| Pem::read("--tls-client-ca", path))
+                .map(|path| Pem::read_file("--tls-client-ca", path))
                 .transpose()?,
         })
     }
@@ -73,7 +73,7 @@ impl Contents {
 
     pub(super) fn certified(&self) -> Result<Certified, TlsError> {
         let chain = self.certificate.certificates()?;
-        let validity = Validity::of(&chain[0]);
+        let validity = Validity::of_certificate(&chain[0]);
         let validity = validity.ok_or_else(|| {
             self.certificate
                 .fault("is damaged, expected a certificate of X.509")
@@ -129,6 +129,7 @@ impl Certified {
             .map_or(0, |since| since.as_secs() as i64);
         let Validity { begins, ends } = self.validity;
         telemetry::certificate_expires(ends);
+
         if ends < now {
             tracing::warn!(
                 expired_days_ago = (now - ends) / 86_400,

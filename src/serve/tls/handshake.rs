@@ -40,6 +40,7 @@ impl Tls {
         }
         let current = self.current.load_full();
         let acceptor = TlsAcceptor::from(current.config.clone());
+
         match acceptor.accept(stream).into_fallible().await {
             Ok(secured) => Some((secured, current.outdated.clone())),
             Err((error, stream)) => {

@@ -42,11 +42,12 @@ pub struct Tls {
 impl Tls {
     /// Reads the files, or says which of them cannot be used.
     pub fn open(files: TlsFiles) -> Result<Self, TlsError> {
-        let contents = Contents::read(&files)?;
+        let contents = Contents::read_files(&files)?;
         let certified = contents.certified()?;
         certified.tell();
         telemetry::begin_tls();
-        let current = Arc::new(ArcSwap::from_pointee(Current::of(certified)));
+        let current = Arc::new(ArcSwap::from_pointee(Current::of_certified(certified)));
+
         Ok(Self {
             files: Arc::new(files),
             current,
@@ -55,7 +56,7 @@ impl Tls {
     }
 }
 
-/// What the next handshake uses.
+/// The configuration that the next handshake uses.
 pub(super) struct Current {
     config: Arc<ServerConfig>,
     /// The digest of the authorities of clients.
@@ -65,7 +66,7 @@ pub(super) struct Current {
 }
 
 impl Current {
-    fn of(certified: Certified) -> Self {
+    fn of_certified(certified: Certified) -> Self {
         Self {
             config: certified.config,
             authorities: certified.authorities,

@@ -30,6 +30,7 @@ pub(super) async fn refuse(mut stream: TcpStream) {
     } else {
         bad_request().into_bytes()
     };
+
     // Whoever has gone does not read it.
     if stream.write_all(&answer).await.is_ok() {
         linger(stream).await;

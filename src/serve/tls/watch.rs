@@ -33,7 +33,7 @@ impl Tls {
                 () = hung_up(&mut hangups) => true,
             };
             let files = self.files.clone();
-            let reading = tokio::task::spawn_blocking(move || Contents::read(&files));
+            let reading = tokio::task::spawn_blocking(move || Contents::read_files(&files));
             // It does not panic, and nothing cancels it.
             let Ok(contents) = reading.await else {
                 continue;
@@ -53,7 +53,7 @@ impl Tls {
         match certified {
             Ok(certified) => {
                 certified.tell();
-                self.use_from_now_on(Current::of(certified));
+                self.use_from_now_on(Current::of_certified(certified));
                 telemetry::certificate_reloaded(true);
                 tracing::info!(
                     "the certificate was read again, and is used from the next connection on"
@@ -77,6 +77,7 @@ impl Tls {
             self.current.store(Arc::new(next));
             return;
         }
+
         // First the new ones: whoever leaves comes again at once.
         self.current.store(Arc::new(next));
         before.outdated.cancel();

@@ -271,7 +271,8 @@ impl Pending {
 
 impl Inner {
     fn has_waited_long(&self) -> bool {
-        self.last_fold.is_none_or(|last| last.elapsed() >= LONGEST_WAIT)
+        self.last_fold
+            .is_none_or(|last| last.elapsed() >= LONGEST_WAIT)
     }
 }
 

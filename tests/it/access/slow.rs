@@ -97,7 +97,7 @@ impl Sent {
         let mut headers = parts.headers;
         headers.extend(body.trailers().cloned().unwrap_or_default());
         let text = String::from_utf8_lossy(&body.to_bytes()).into_owned();
-        Answer::read(self.is_grpc(), parts.status.as_u16(), headers, text)
+        Answer::from_parts(self.is_grpc(), parts.status.as_u16(), headers, text)
     }
 }
 

@@ -237,7 +237,7 @@ const INFER: &str = r#"{"inputs":[{"name":"state","datatype":"FP32","shape":[1,2
 
 impl Answer {
     /// Reads what came back over REST or gRPC.
-    pub fn read(is_grpc: bool, status: u16, headers: HeaderMap, text: String) -> Self {
+    pub fn from_parts(is_grpc: bool, status: u16, headers: HeaderMap, text: String) -> Self {
         if is_grpc {
             Self::of_grpc(status, headers, text)
         } else {

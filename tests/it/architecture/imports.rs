@@ -30,7 +30,7 @@ const MOST_STEPS: usize = 8;
 impl Sources {
     /// Reads all files below the folders of several crates as if they were one: what is in one of
     /// them the others know by the same path, in the room that the whole crate is, if it is one.
-    pub fn read(roots: &[(PathBuf, Option<&str>)]) -> Self {
+    pub fn read_folders(roots: &[(PathBuf, Option<&str>)]) -> Self {
         let mut files = BTreeMap::new();
         // The first last: of several roots, its map is the one.
         for (folder, room) in roots.iter().rev() {
@@ -41,7 +41,7 @@ impl Sources {
     }
 
     /// Makes them of modules and texts.
-    pub fn of(texts: &[(&str, &str)]) -> Self {
+    pub fn of_modules(texts: &[(&str, &str)]) -> Self {
         Self::of_crate("", texts)
     }
 

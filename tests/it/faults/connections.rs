@@ -9,7 +9,7 @@ use serde_json::json;
 use tempfile::TempDir;
 use tokio::task::JoinSet;
 
-use super::crowd::{Crowd, Manner, SLOW};
+use super::crowd::{Crowd, SLOW, SlowClient};
 use super::process::{assert_may_open, assert_memory_is_bounded};
 use super::{asked, eventually, scaled, wide};
 use crate::server::Server;
@@ -49,9 +49,9 @@ async fn a_crowd_that_waits_keeps_nobody_away_and_delays_no_end() {
     load.progress(20).await;
 
     let mut crowd = Crowd::default();
-    crowd.join(server.address, Manner::Silent, silent).await;
-    for manner in SLOW {
-        crowd.join(server.address, manner, slow).await;
+    crowd.join(server.address, SlowClient::Silent, silent).await;
+    for client in SLOW {
+        crowd.join(server.address, client, slow).await;
     }
     assert_serves(server.address, &load).await;
     assert_memory_is_bounded(server.pid());
@@ -70,15 +70,15 @@ async fn a_crowd_that_waits_keeps_nobody_away_and_delays_no_end() {
     );
 }
 
-/// Which manners are ended by the service, and when: first byte, preface and headers have 10
+/// Which slow clients are ended by the service, and when: first byte, preface and headers have 10
 /// seconds, a REST request and an idle connection 30.
-const ENDED: [(Manner, Duration); 6] = [
-    (Manner::Silent, Duration::from_secs(10)),
-    (Manner::HalfPreface, Duration::from_secs(10)),
-    (Manner::Headers, Duration::from_secs(10)),
-    (Manner::EndlessHeaders, Duration::from_secs(10)),
-    (Manner::Body, Duration::from_secs(30)),
-    (Manner::DeafHttp2, Duration::from_secs(30)),
+const ENDED: [(SlowClient, Duration); 6] = [
+    (SlowClient::Silent, Duration::from_secs(10)),
+    (SlowClient::HalfPreface, Duration::from_secs(10)),
+    (SlowClient::Headers, Duration::from_secs(10)),
+    (SlowClient::EndlessHeaders, Duration::from_secs(10)),
+    (SlowClient::Body, Duration::from_secs(30)),
+    (SlowClient::DeafHttp2, Duration::from_secs(30)),
 ];
 
 #[tokio::test(flavor = "multi_thread")]
@@ -89,19 +89,19 @@ async fn who_keeps_the_service_waiting_is_let_go() {
     make_lane(server.address).await;
     let most = Duration::from_secs(scaled(10, 30));
     let mut crowds = Vec::new();
-    for (manner, limit) in ENDED.into_iter().filter(|(_, limit)| *limit <= most) {
+    for (client, limit) in ENDED.into_iter().filter(|(_, limit)| *limit <= most) {
         let mut crowd = Crowd::default();
-        crowd.join(server.address, manner, scaled(10, 100)).await;
-        crowds.push((manner, limit, crowd));
+        crowd.join(server.address, client, scaled(10, 100)).await;
+        crowds.push((client, limit, crowd));
     }
     let began = Instant::now();
     let mut stayed = Vec::new();
-    for (manner, limit, crowd) in crowds {
+    for (client, limit, crowd) in crowds {
         while crowd.open() > 0 && began.elapsed() < limit + SLACK {
             tokio::time::sleep(Duration::from_millis(50)).await;
         }
         if crowd.open() > 0 {
-            stayed.push(format!("{} {manner:?} after {limit:?}", crowd.open()));
+            stayed.push(format!("{} {client:?} after {limit:?}", crowd.open()));
         }
     }
     assert!(stayed.is_empty(), "still open: {stayed:?}");

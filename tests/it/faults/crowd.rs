@@ -11,9 +11,9 @@ use tokio::task::JoinSet;
 
 use crate::support::raw::{call, frame, header};
 
-/// How a connection keeps the service waiting.
+/// A slow client (slow-loris), by how it keeps the service waiting.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Manner {
+pub enum SlowClient {
     /// It never says anything.
     Silent,
     /// Headers, byte by byte.
@@ -33,20 +33,20 @@ pub enum Manner {
 }
 
 /// Slow-loris of seven kinds; silence is an eighth.
-pub const SLOW: [Manner; 7] = [
-    Manner::Headers,
-    Manner::Body,
-    Manner::HalfPreface,
-    Manner::DeafHttp2,
-    Manner::EndlessHeaders,
-    Manner::Message,
-    Manner::Unread,
+pub const SLOW: [SlowClient; 7] = [
+    SlowClient::Headers,
+    SlowClient::Body,
+    SlowClient::HalfPreface,
+    SlowClient::DeafHttp2,
+    SlowClient::EndlessHeaders,
+    SlowClient::Message,
+    SlowClient::Unread,
 ];
 
 /// How often a drop falls: often enough that no timeout between two of them ends the connection.
 const DROP: Duration = Duration::from_millis(500);
 
-impl Manner {
+impl SlowClient {
     /// Returns what it begins with.
     fn opening(self) -> Vec<u8> {
         const MOST_MESSAGE_BYTES: u32 = 4 << 20;
@@ -97,9 +97,9 @@ pub struct Crowd {
 }
 
 impl Crowd {
-    /// Adds connections of one manner; where the service takes no more of them, they wait their
+    /// Adds connections of one kind; where the service takes no more of them, they wait their
     /// turn.
-    pub async fn join(&mut self, address: SocketAddr, manner: Manner, connections: u64) {
+    pub async fn join(&mut self, address: SocketAddr, client: SlowClient, connections: u64) {
         for _ in 0..connections {
             let Ok(socket) = TcpStream::connect(address).await else {
                 continue;
@@ -107,7 +107,7 @@ impl Crowd {
             self.open.fetch_add(1, Ordering::SeqCst);
             let open = self.open.clone();
             self.connections.spawn(async move {
-                wait(socket, manner).await;
+                wait(socket, client).await;
                 open.fetch_sub(1, Ordering::SeqCst);
             });
         }
@@ -120,16 +120,16 @@ impl Crowd {
 }
 
 /// Keeps a connection until the other side ends it.
-async fn wait(mut socket: TcpStream, manner: Manner) {
-    if socket.write_all(&manner.opening()).await.is_err() {
+async fn wait(mut socket: TcpStream, client: SlowClient) {
+    if socket.write_all(&client.opening()).await.is_err() {
         return;
     }
-    let one_drop = manner.one_drop();
+    let one_drop = client.one_drop();
     let mut heard = [0; 1_024];
     loop {
         tokio::select! {
             // What is told is not answered.
-            read = socket.read(&mut heard), if manner != Manner::Unread => {
+            read = socket.read(&mut heard), if client != SlowClient::Unread => {
                 if read.unwrap_or(0) == 0 {
                     return;
                 }

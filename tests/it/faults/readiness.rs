@@ -21,21 +21,21 @@ const KNOWN: Duration = Duration::from_secs(15);
 
 /// What is wrong with a disk, and the word that tells it.
 #[derive(Clone, Copy, Debug)]
-enum Trouble {
+enum DiskFault {
     Full,
     FailingSync,
     FailingWrite,
     NoRoomToWrite,
 }
 
-const TROUBLES: [Trouble; 4] = [
-    Trouble::Full,
-    Trouble::FailingSync,
-    Trouble::FailingWrite,
-    Trouble::NoRoomToWrite,
+const DISK_FAULTS: [DiskFault; 4] = [
+    DiskFault::Full,
+    DiskFault::FailingSync,
+    DiskFault::FailingWrite,
+    DiskFault::NoRoomToWrite,
 ];
 
-impl Trouble {
+impl DiskFault {
     fn begin(self, disk: &Disk) {
         match self {
             Self::Full => disk.leave_room(0),
@@ -64,18 +64,18 @@ async fn readiness(address: SocketAddr) -> (u16, String) {
     (status, checks.to_string())
 }
 
-async fn assert_becomes_ready(address: SocketAddr, trouble: Trouble) {
-    let what = format!("ready again after {trouble:?}, without a restart");
+async fn assert_becomes_ready(address: SocketAddr, fault: DiskFault) {
+    let what = format!("ready again after {fault:?}, without a restart");
     eventually_within(KNOWN, &what, async || readiness(address).await.0 == 200).await;
 }
 
 /// Waits until a service says that it is not ready, and why.
-async fn assert_says_why(address: SocketAddr, trouble: Trouble) {
+async fn assert_says_why(address: SocketAddr, fault: DiskFault) {
     let mut told = String::new();
     let late = std::time::Instant::now() + KNOWN;
     loop {
         let (status, text) = readiness(address).await;
-        if status == 503 && trouble.is_told_by(&text) {
+        if status == 503 && fault.is_told_by(&text) {
             return;
         }
         told = if told.is_empty() || status == 503 {
@@ -85,7 +85,7 @@ async fn assert_says_why(address: SocketAddr, trouble: Trouble) {
         };
         assert!(
             std::time::Instant::now() < late,
-            "{trouble:?}: not ready in {KNOWN:?}, but {told}"
+            "{fault:?}: not ready in {KNOWN:?}, but {told}"
         );
         tokio::time::sleep(Duration::from_millis(10)).await;
     }
@@ -93,17 +93,17 @@ async fn assert_says_why(address: SocketAddr, trouble: Trouble) {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn under_load_readiness_follows_the_commits() {
-    for trouble in TROUBLES {
+    for fault in DISK_FAULTS {
         let disk = Disk::new();
         let server = Server::run(disk.under(&mut Server::command(disk.path(), "127.0.0.1:0")))
             .expect("it starts");
         make_lane(server.address).await;
         let load = Load::start(server.address, Shape::SMALL, &VOICES);
         load.progress(20).await;
-        trouble.begin(&disk);
-        assert_says_why(server.address, trouble).await;
-        trouble.end(&disk);
-        assert_becomes_ready(server.address, trouble).await;
+        fault.begin(&disk);
+        assert_says_why(server.address, fault).await;
+        fault.end(&disk);
+        assert_becomes_ready(server.address, fault).await;
         load.progress(20).await;
         let acknowledged = load.finish().await;
         server.kill();
@@ -113,15 +113,15 @@ async fn under_load_readiness_follows_the_commits() {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn an_idle_service_finds_out_by_itself() {
-    for trouble in TROUBLES {
+    for fault in DISK_FAULTS {
         let disk = Disk::new();
         let server = Server::run(disk.under(&mut Server::command(disk.path(), "127.0.0.1:0")))
             .expect("it starts");
         make_lane(server.address).await;
-        trouble.begin(&disk);
-        assert_says_why(server.address, trouble).await;
-        trouble.end(&disk);
-        assert_becomes_ready(server.address, trouble).await;
+        fault.begin(&disk);
+        assert_says_why(server.address, fault).await;
+        fault.end(&disk);
+        assert_becomes_ready(server.address, fault).await;
         server.kill();
     }
 }

@@ -210,7 +210,10 @@ async fn what_is_exported_is_what_was_imported() {
             .export(&environment, model.version)
             .await
             .expect("kept");
-        assert_eq!(File::read(&exported).tensors, File::read(file).tensors);
+        assert_eq!(
+            File::from_bytes(&exported).tensors,
+            File::from_bytes(file).tensors
+        );
     }
     app.stop().await;
 }
@@ -222,7 +225,7 @@ struct File {
 }
 
 impl File {
-    fn read(bytes: &[u8]) -> Self {
+    fn from_bytes(bytes: &[u8]) -> Self {
         let (_, header) = SafeTensors::read_metadata(bytes).expect("a header");
         let tensors = SafeTensors::deserialize(bytes).expect("a safetensors file");
         let part = |(name, view): (String, TensorView<'_>)| {
@@ -355,7 +358,7 @@ const EDITS: &[Edit] = &[
 async fn what_does_not_fit_is_refused_by_name() {
     let (app, environment) = crossing().await;
     for (at, edit) in EDITS {
-        let mut file = File::read(JOINT);
+        let mut file = File::from_bytes(JOINT);
         edit(&mut file);
         let problem = refused(&app, &environment, file.write()).await;
         assert!(
@@ -372,7 +375,7 @@ async fn what_does_not_fit_is_refused_by_name() {
         "threshold",
         "scales",
     ] {
-        let mut file = File::read(JOINT);
+        let mut file = File::from_bytes(JOINT);
         file.metadata.remove(field);
         let problem = refused(&app, &environment, file.write()).await;
         assert!(
@@ -407,7 +410,7 @@ async fn what_does_not_fit_is_refused_by_name() {
 async fn who_does_not_say_what_it_was_trained_on_is_believed_where_it_was_judged() {
     let (app, environment) = crossing_in_part().await;
     assert!(
-        !File::read(JOINT).metadata.contains_key("seen"),
+        !File::from_bytes(JOINT).metadata.contains_key("seen"),
         "PyTorch's file says nothing of it"
     );
     let network = imported(&app, &environment, JOINT).await;
@@ -426,11 +429,11 @@ async fn who_does_not_say_what_it_was_trained_on_is_believed_where_it_was_judged
         .export(&environment, 1)
         .await
         .expect("kept");
-    let kept = File::read(&exported)
+    let kept = File::from_bytes(&exported)
         .metadata
         .remove("seen")
         .expect("it is kept with the weights");
-    let mut told = File::read(JOINT);
+    let mut told = File::from_bytes(JOINT);
     told.tell("seen", "[[[0, 0]], [], [[0, 0]], [[1, 2]]]");
     let told = imported(&app, &environment, &told.write()).await;
     assert!(kept.starts_with("[[["), "{kept}");
@@ -453,7 +456,7 @@ async fn versions_of_earlier_builds_answer_where_something_was_counted() {
         .expect("accepted")
         .version;
     // Earlier builds kept neither what a network was trained on nor what it says on average.
-    let mut file = File::read(&networks.export(&environment, version).await.expect("kept"));
+    let mut file = File::from_bytes(&networks.export(&environment, version).await.expect("kept"));
     file.metadata.remove("seen").expect("kept with the weights");
     let mut card: Value = serde_json::from_str(&file.metadata["card"]).expect("JSON");
     card.as_object_mut()

@@ -51,7 +51,7 @@ pub fn schema_of(agents: &[(&str, i64)]) -> Schema {
 }
 
 /// Returns the key of a state of [`schema`].
-pub fn state(place: u32) -> StateKey {
+pub fn state_at(place: u32) -> StateKey {
     match IS_HUGE.get() {
         true => StateKey::new(&[place, place % 3, LARGEST as u32]),
         false => StateKey::new(&[place]),
@@ -110,7 +110,7 @@ pub fn number(increment: &mut Increment, place: u32) -> u64 {
     }
 
     let mut listed = increment.states.listed().to_vec();
-    let key = state(place);
+    let key = state_at(place);
     let at = listed.iter().position(|listed| *listed == key);
     let at = at.unwrap_or_else(|| {
         listed.push(key);

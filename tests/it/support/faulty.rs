@@ -67,7 +67,7 @@ impl Faulty {
             && self.armed.swap(false, Ordering::SeqCst)
     }
 
-    fn read(&self, failure: Failure) -> Result<(), StoreError> {
+    fn check_read(&self, failure: Failure) -> Result<(), StoreError> {
         match self.failure == failure && self.armed.load(Ordering::SeqCst) {
             true => Err(StoreError::Unreadable("disk I/O error".into())),
             false => Ok(()),
@@ -124,7 +124,7 @@ impl Store for Faulty {
         self.store.delete(id).await
     }
     async fn sweep(&self) -> Result<(), StoreError> {
-        self.read(Failure::Sweep)?;
+        self.check_read(Failure::Sweep)?;
         self.store.sweep().await
     }
     async fn compact(&self) -> Result<(), StoreError> {
@@ -192,7 +192,7 @@ impl Store for Faulty {
         self.store.quotas()
     }
     async fn models(&self, id: EnvironmentId) -> Result<Vec<ModelRecord>, StoreError> {
-        self.read(Failure::Models)?;
+        self.check_read(Failure::Models)?;
         self.store.models(id).await
     }
     async fn model(
@@ -200,7 +200,7 @@ impl Store for Faulty {
         id: EnvironmentId,
         version: u64,
     ) -> Result<Option<(ModelRecord, Vec<u8>)>, StoreError> {
-        self.read(Failure::Model)?;
+        self.check_read(Failure::Model)?;
         self.store.model(id, version).await
     }
     async fn keep_model(&self, id: EnvironmentId, model: &NewModel) -> Result<u64, StoreError> {

@@ -136,7 +136,7 @@ impl Content {
 struct Contents(Vec<Content>);
 
 impl Contents {
-    fn of(shape: Shape, producer: u64) -> Self {
+    fn of_producer(shape: Shape, producer: u64) -> Self {
         Self(
             (0..shape.contents)
                 .map(|number| Content::new(shape, producer, number))
@@ -153,7 +153,7 @@ impl Contents {
 pub fn expected(shape: Shape, committed: &[u64]) -> Cells {
     let mut expected = Cells::new();
     for (producer, committed) in (0..).zip(committed) {
-        let contents = Contents::of(shape, producer);
+        let contents = Contents::of_producer(shape, producer);
         for (number, content) in (0..).zip(&contents.0) {
             // Sequences begin at 1.
             let times = committed / shape.contents
@@ -316,7 +316,7 @@ impl Drop for Load {
 }
 
 async fn run(shared: Arc<Shared>, producer: u64, voice: Voice) {
-    let contents = Contents::of(shared.shape, producer);
+    let contents = Contents::of_producer(shared.shape, producer);
     for connection in 1_u64.. {
         // A broken conversation leaves batches of which nobody knows; only one that ended well says
         // how far this producer is.

@@ -176,7 +176,7 @@ fn tagged(tag: u8, content: Vec<u8>) -> Vec<u8> {
     let length = u16::try_from(content.len()).expect("short").to_be_bytes();
     let head: &[u8] = match content.len() {
         ..0x80 => &[tag, length[1]],
-        ..0x100 => &[tag, 0x81, length[1]],
+        0x80..0x100 => &[tag, 0x81, length[1]],
         _ => &[tag, 0x82, length[0], length[1]],
     };
     [head, &content].concat()

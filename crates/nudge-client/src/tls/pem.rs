@@ -28,7 +28,7 @@ pub struct Pem {
 
 impl Pem {
     /// Reads the file that a flag names.
-    pub fn read(flag: &'static str, path: &Path) -> Result<Self, TlsError> {
+    pub fn read_file(flag: &'static str, path: &Path) -> Result<Self, TlsError> {
         let failed = |why: String| TlsError {
             flag,
             path: path.into(),
@@ -233,7 +233,7 @@ mod tests {
     #[test]
     fn only_small_files_are_read() {
         for path in ["/no/such/file", "/dev/zero", "/"] {
-            let error = Pem::read("--ca", Path::new(path))
+            let error = Pem::read_file("--ca", Path::new(path))
                 .err()
                 .expect("refused")
                 .to_string();

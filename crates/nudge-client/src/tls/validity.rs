@@ -18,7 +18,7 @@ pub struct Validity {
 
 impl Validity {
     /// Reads that of a certificate in DER; none where it is no certificate.
-    pub fn of(certificate: &[u8]) -> Option<Self> {
+    pub fn of_certificate(certificate: &[u8]) -> Option<Self> {
         let (certificate, _) = expect(SEQUENCE, certificate)?;
         let (fields, _) = expect(SEQUENCE, certificate)?;
         let fields = expect(VERSION, fields).map_or(fields, |(_, rest)| rest);
@@ -114,14 +114,14 @@ mod tests {
     fn both_ends_are_read_in_either_form() {
         // Seconds by `date -u -d 2026-11-30 +%s`.
         assert_eq!(
-            Validity::of(UTC_TIMES),
+            Validity::of_certificate(UTC_TIMES),
             Some(Validity {
                 begins: 1_709_164_800,
                 ends: 1_795_996_800
             })
         );
         assert_eq!(
-            Validity::of(GENERALIZED_TIME),
+            Validity::of_certificate(GENERALIZED_TIME),
             Some(Validity {
                 begins: 0,
                 ends: 4_107_542_400
@@ -134,7 +134,7 @@ mod tests {
         let der = UTC_TIMES;
         for end in 0..der.len() {
             // The path ends before the certificate does, but lengths are of the whole.
-            assert_eq!(Validity::of(&der[..end]), None, "{end}");
+            assert_eq!(Validity::of_certificate(&der[..end]), None, "{end}");
         }
         for bytes in [
             &b""[..],
@@ -143,7 +143,7 @@ mod tests {
             b"\x30\x84\xff\xff\xff\xff",
             &[0x30; 64],
         ] {
-            assert_eq!(Validity::of(bytes), None, "{bytes:?}");
+            assert_eq!(Validity::of_certificate(bytes), None, "{bytes:?}");
         }
     }
 }

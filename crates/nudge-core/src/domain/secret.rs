@@ -41,7 +41,7 @@ impl Secret {
 
     /// Returns what is kept of it.
     pub fn digest(&self) -> KeyDigest {
-        KeyDigest::of(self.0.as_bytes())
+        KeyDigest::of_key(self.0.as_bytes())
     }
 }
 
@@ -67,7 +67,7 @@ impl fmt::Debug for Secret {
 
 impl KeyDigest {
     /// Returns the digest of a key.
-    pub fn of(key: &[u8]) -> Self {
+    pub fn of_key(key: &[u8]) -> Self {
         Self(blake3::hash(key))
     }
 }

@@ -1,4 +1,4 @@
-//! Between proto messages and the domain.
+//! Conversions between proto messages and the domain.
 
 mod answer;
 mod environment;

@@ -1,4 +1,4 @@
-//! Between the protocol's proto messages and its request and answer.
+//! Conversions between the protocol's proto messages and its request and answer.
 
 use std::collections::HashMap;
 
@@ -24,9 +24,6 @@ pub fn request(message: ModelInferRequest) -> Result<Request, Problem> {
         raw_input_contents: raw,
         ..
     } = message;
-    let fault = |pointer: &str, detail: String| {
-        Problem::invalid("inference request", vec![Fault::new(pointer, detail)])
-    };
 
     if !raw.is_empty() && raw.len() != inputs.len() {
         let detail = format!(
@@ -34,7 +31,7 @@ pub fn request(message: ModelInferRequest) -> Result<Request, Problem> {
             raw.len(),
             inputs.len()
         );
-        return Err(fault("/raw_input_contents", detail));
+        return Err(invalid("/raw_input_contents", detail));
     }
 
     if let Some(both) = inputs
@@ -43,7 +40,7 @@ pub fn request(message: ModelInferRequest) -> Result<Request, Problem> {
     {
         let detail =
             "got values here and in raw_input_contents, expected them in one of the two".to_owned();
-        return Err(fault(&format!("/inputs/{both}/contents"), detail));
+        return Err(invalid(&format!("/inputs/{both}/contents"), detail));
     }
 
     let inputs_with = inputs
@@ -73,6 +70,10 @@ pub fn request(message: ModelInferRequest) -> Result<Request, Problem> {
             .collect(),
         outputs: outputs.into_iter().map(|output| output.name).collect(),
     })
+}
+
+fn invalid(pointer: &str, detail: String) -> Problem {
+    Problem::invalid("inference request", vec![Fault::new(pointer, detail)])
 }
 
 /// Tells whether a parameter says something: 0 says nothing.

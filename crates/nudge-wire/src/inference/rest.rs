@@ -160,17 +160,18 @@ fn supported(
     let outputs = outputs
         .enumerate()
         .map(|(i, parameters)| (format!("/outputs/{i}"), parameters));
-    let fault = |(tensor, parameters): (String, Option<&HashMap<String, Value>>)| {
-        unsupported(&tensor, |name| {
-            parameters.is_some_and(|parameters| is_set(parameters, name))
-        })
-    };
 
     std::iter::once((String::new(), request))
         .chain(inputs)
         .chain(outputs)
-        .find_map(fault)
+        .find_map(|(tensor, parameters)| unsupported_of(&tensor, parameters))
         .map_or(Ok(()), Err)
+}
+
+fn unsupported_of(tensor: &str, parameters: Option<&HashMap<String, Value>>) -> Option<Fault> {
+    unsupported(tensor, |name| {
+        parameters.is_some_and(|parameters| is_set(parameters, name))
+    })
 }
 
 /// Tells whether a parameter says something: 0 says nothing.

@@ -370,14 +370,18 @@ mod tests {
         }
     }
 
-    fn told(answer: proto::Answer) -> String {
+    fn as_json(answer: proto::Answer) -> serde_json::Value {
+        serde_json::to_value(Answer::from(answer)).expect("JSON")
+    }
+
+    fn as_text(answer: proto::Answer) -> String {
         serde_json::to_string(&Answer::from(answer)).expect("JSON")
     }
 
     #[test]
     fn the_verdict_view_is_short() {
         let expected = r#"{"state":{"key":"3.0"},"visits":12,"verdict":"no_influence","basis":{"kind":"counts","visits":12}}"#;
-        assert_eq!(told(verdict_only()), expected);
+        assert_eq!(as_text(verdict_only()), expected);
     }
 
     #[test]
@@ -392,12 +396,12 @@ mod tests {
             r#""probability":{"dependent":0.3,"above_threshold":0.1},"segmentation":{"count":3,"differ":null},"warnings":["beware"],"visits_to_decide":null,"#,
             r#""model":null,"lag":0,"directed":false,"fit":{"version":2,"revision":90},"revision":99}"#
         );
-        assert_eq!(told(with_figures()), expected);
+        assert_eq!(as_text(with_figures()), expected);
     }
 
     #[test]
     fn an_action_that_was_not_taken_has_no_figures() {
-        let answer: serde_json::Value = serde_json::from_str(&told(full())).expect("JSON");
+        let answer: serde_json::Value = serde_json::from_str(&as_text(full())).expect("JSON");
         let expected = json!([
             {"action": "a0", "index": 0, "visits": 12, "plug_in_divergence": 0.0, "response": [0.5, 0.5]},
             {"action": "a1", "index": 1, "visits": 0, "plug_in_divergence": null, "response": null},
@@ -407,19 +411,20 @@ mod tests {
 
     #[test]
     fn a_prior_has_no_visits_and_a_model_has_a_version() {
-        let told =
-            |answer: proto::Answer| serde_json::to_value(Answer::from(answer)).expect("JSON");
         let prior = proto::Answer {
             basis: proto::Basis::Prior.into(),
             ..verdict_only()
         };
-        assert_eq!(told(prior)["basis"], json!({"kind": "prior"}));
+        assert_eq!(as_json(prior)["basis"], json!({"kind": "prior"}));
         let model = proto::Answer {
             basis: proto::Basis::Model.into(),
             basis_version: Some(3),
             ..verdict_only()
         };
-        assert_eq!(told(model)["basis"], json!({"kind": "model", "version": 3}));
+        assert_eq!(
+            as_json(model)["basis"],
+            json!({"kind": "model", "version": 3})
+        );
     }
 
     #[test]

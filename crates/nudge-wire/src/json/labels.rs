@@ -75,18 +75,19 @@ impl From<proto::Variable> for Variable {
 
 impl From<proto::State> for State {
     fn from(state: proto::State) -> Self {
-        let bin = |bin: proto::Bin| {
-            (
-                bin.feature,
-                Bin {
-                    bin: bin.bin,
-                    label: bin.label,
-                },
-            )
-        };
         Self {
             key: state.key,
-            bins: state.bins.into_iter().map(bin).collect(),
+            bins: state.bins.into_iter().map(labelled).collect(),
         }
     }
+}
+
+/// Returns a bin by the name of its feature.
+fn labelled(bin: proto::Bin) -> (String, Bin) {
+    let proto::Bin {
+        feature,
+        bin,
+        label,
+    } = bin;
+    (feature, Bin { bin, label })
 }

@@ -405,7 +405,11 @@ mod tests {
         }
     }
 
-    fn told(model: domain::Model) -> serde_json::Value {
+    fn job_as_json(job: domain::Job) -> serde_json::Value {
+        serde_json::to_value(Job::from(proto::Job::from(job))).expect("JSON")
+    }
+
+    fn as_json(model: domain::Model) -> serde_json::Value {
         serde_json::to_value(Model::from(proto::Model::from(model))).expect("JSON")
     }
 
@@ -433,12 +437,12 @@ mod tests {
             "not_better_than": ["majority"],
         });
         let expected = json!({"version": 3, "ego": "robot", "other": "human", "active": false, "stale": true, "card": card});
-        assert_eq!(told(model()), expected);
+        assert_eq!(as_json(model()), expected);
     }
 
     #[test]
     fn cards_of_earlier_builds_lack_a_base_rate() {
-        let mut expected = told(model());
+        let mut expected = as_json(model());
         expected["card"]
             .as_object_mut()
             .map(|card| card.remove("base_rate"));
@@ -446,7 +450,7 @@ mod tests {
             base_rate: None,
             ..card
         });
-        assert_eq!(told(domain::Model { card, ..model() }), expected);
+        assert_eq!(as_json(domain::Model { card, ..model() }), expected);
     }
 
     #[test]
@@ -455,7 +459,7 @@ mod tests {
             "version": 3, "ego": "robot", "other": "human", "active": false, "stale": true, "card": null, "unreadable": "why",
         });
         assert_eq!(
-            told(domain::Model {
+            as_json(domain::Model {
                 card: Err("why".into()),
                 ..model()
             }),
@@ -476,15 +480,12 @@ mod tests {
             ahead: 0,
             seconds_left: None,
         };
-        let told = |job: domain::Job| {
-            serde_json::to_value(Job::from(proto::Job::from(job))).expect("JSON")
-        };
         let running = json!({
             "id": "job-3", "ego": "robot", "other": "human", "state": "running", "progress": 0.25, "message": "training",
             "ahead": 0,
         });
-        assert_eq!(told(job.clone()), running);
-        let waits = told(domain::Job {
+        assert_eq!(job_as_json(job.clone()), running);
+        let waits = job_as_json(domain::Job {
             ahead: 2,
             seconds_left: Some(1.5),
             ..job.clone()
@@ -493,7 +494,7 @@ mod tests {
             (&waits["ahead"], &waits["seconds_left"]),
             (&json!(2), &json!(1.5))
         );
-        let done = told(domain::Job {
+        let done = job_as_json(domain::Job {
             state: domain::JobState::Done,
             version: Some(7),
             ..job

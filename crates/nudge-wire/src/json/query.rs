@@ -161,6 +161,7 @@ pub fn head_of_query(mut query: Parameters) -> Result<Head, Problem> {
     let sequence = query.whole("sequence");
     let sequence = query.required("sequence", sequence).unwrap_or_default();
     let (environment_uid, segment) = (query.text("environment_uid"), query.text("segment"));
+
     query.finish(Head {
         producer,
         environment_uid,

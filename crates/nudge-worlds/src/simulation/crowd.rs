@@ -198,7 +198,7 @@ impl Crowd {
             .walls
             .iter()
             .map(|wall| self.model.wall_force(wall, position));
-        let pairs = self.neighbours.of(i).iter().filter_map(|j| {
+        let pairs = self.neighbours.candidates(i).iter().filter_map(|j| {
             let other = &obstacles[*j as usize];
             let r = position - other.position;
             (r.length_squared() <= other.reach * other.reach)

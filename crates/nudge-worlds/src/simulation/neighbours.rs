@@ -72,7 +72,7 @@ impl Neighbours {
     }
 
     /// Returns who may be within reach of the `i`th, in the crowd's order.
-    pub(super) fn of(&self, i: usize) -> &[u32] {
+    pub(super) fn candidates(&self, i: usize) -> &[u32] {
         &self.lists[i]
     }
 
@@ -109,7 +109,7 @@ mod tests {
             for (i, place) in places.iter().enumerate() {
                 let near = |j: &u32| *j as usize != i && places[*j as usize].distance_squared(*place) <= radius * radius;
                 let expected: Vec<u32> = (0..places.len() as u32).filter(near).collect();
-                prop_assert_eq!(neighbours.of(i), expected);
+                prop_assert_eq!(neighbours.candidates(i), expected);
             }
         }
     }
@@ -118,7 +118,7 @@ mod tests {
     fn a_crowd_at_one_place_is_searched_too() {
         let neighbours = Neighbours::within(&[DVec2::ONE; 200], 0.5);
 
-        assert!((0..200).all(|i| neighbours.of(i).len() == 199));
+        assert!((0..200).all(|i| neighbours.candidates(i).len() == 199));
     }
 
     #[test]
@@ -137,7 +137,7 @@ mod tests {
 
         assert!(neighbours.cover(1e9));
         assert_eq!(
-            [0, 1, 2].map(|i| neighbours.of(i)),
+            [0, 1, 2].map(|i| neighbours.candidates(i)),
             [[1, 2], [0, 2], [0, 1]]
         );
     }

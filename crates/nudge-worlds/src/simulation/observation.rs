@@ -107,7 +107,7 @@ impl Observer {
                 let mut track = earlier
                     .remove(&pair)
                     .unwrap_or_else(|| Track::new(&self.schema));
-                let state = state(ego, neighbour, &before[closest[j][0]]);
+                let state = state_features(ego, neighbour, &before[closest[j][0]]);
                 let actions = [action(ego, ego_after), action(neighbour, neighbour_after)].concat();
                 observations.push(Observation {
                     time,
@@ -139,7 +139,7 @@ pub struct Observations {
 
 impl Observations {
     /// Observes a trial from where it stands.
-    pub fn of(trial: Trial, schema: &Schema) -> Self {
+    pub fn of_trial(trial: Trial, schema: &Schema) -> Self {
         let observer = Observer::new(schema, &trial.protocol().model);
         Self { trial, observer }
     }
@@ -186,7 +186,11 @@ fn two_closest(pedestrians: &[Pedestrian]) -> Vec<Vec<usize>> {
     pedestrians.iter().enumerate().map(closest).collect()
 }
 
-fn state(ego: &Pedestrian, neighbour: &Pedestrian, closest_to_neighbour: &Pedestrian) -> Vec<f32> {
+fn state_features(
+    ego: &Pedestrian,
+    neighbour: &Pedestrian,
+    closest_to_neighbour: &Pedestrian,
+) -> Vec<f32> {
     let a = neighbour.position - ego.position;
     let b = closest_to_neighbour.position - neighbour.position;
     let values = [

@@ -1,4 +1,4 @@
-//! What was found in hard worlds, as people read it.
+//! Report of hard worlds as text: tables of calibration and of decisions.
 
 use super::figures::{spread, spread_to, targets};
 use crate::cli::output::{Table, count};
@@ -64,6 +64,7 @@ fn said(report: &Report) -> String {
         ]
         .concat(),
     );
+
     for world in report.options.worlds() {
         let cells =
             SAID.map(
@@ -74,6 +75,7 @@ fn said(report: &Report) -> String {
             );
         table.row(titled(&world).into_iter().chain(cells));
     }
+
     table.render("")
 }
 
@@ -109,6 +111,7 @@ fn decided(report: &Report) -> String {
             );
         table.row([name(&world).to_owned()].into_iter().chain(cells));
     }
+
     table.render("")
 }
 

@@ -1,4 +1,4 @@
-//! What was found in kitchens, as people read it.
+//! Report of kitchens as text: tables of methods in states that were never counted.
 
 use super::figures::{spread, targets};
 use crate::cli::output::{Table, count};
@@ -11,9 +11,11 @@ pub(super) fn render(report: &Report) -> String {
         "planted influence in kitchens, nudge {}: {}; states that were never counted, by time steps of the test games; mean ±sd over seeds\n",
         REVISION, report.options.seeds,
     );
+
     for (world, facts) in &report.worlds {
         text += &format!("\n{}\n{}", titled(world, facts), compared(report, world));
     }
+
     text += &format!(
         "\ntargets, stated for 5 seeds or more\n{}",
         targets(&report.targets(), &["layout", "manner"], named)

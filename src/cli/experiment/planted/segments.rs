@@ -1,4 +1,4 @@
-//! What was found in worlds of segments, as people read it.
+//! Report of stratified worlds (segments) as text.
 
 use super::figures::{spread, spread_to, targets};
 use crate::cli::output::{Table, count};
@@ -14,6 +14,7 @@ pub(super) fn render(report: &Report) -> String {
         count(report.options.states as u64),
         100.0 * Options::default().dependent,
     );
+
     for (within, visits) in Within::ALL
         .into_iter()
         .flat_map(|within| VISITS.map(|visits| (within, visits)))

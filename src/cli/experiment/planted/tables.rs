@@ -1,4 +1,4 @@
-//! What was found in worlds of tables, as people read it.
+//! Report of contingency tables with planted influence as text.
 
 use super::figures::{spread, targets};
 use crate::cli::output::{Table, count};
@@ -49,6 +49,7 @@ pub(super) fn render(report: &Report) -> String {
         report.options.seeds,
         count(report.options.states as u64),
     );
+
     for generator in Generator::USUAL {
         let letters = generator.alphabet().rows;
         text += &format!(
@@ -57,6 +58,7 @@ pub(super) fn render(report: &Report) -> String {
             compared(report, generator)
         );
     }
+
     text += &format!(
         "\n{} where there is less to go by, or nothing\n{}",
         Figure::AucPlanted.as_str(),
@@ -108,6 +110,7 @@ fn arms(report: &Report) -> String {
             );
         }
     }
+
     table.render("")
 }
 
@@ -117,11 +120,6 @@ fn called(report: &Report) -> String {
         Table::new(&[&["world", "states", "with influence"], titles.as_slice()].concat());
     let mut row = |name: &str, world: World| {
         let cell = |(_, method, figure)| report.findings.find(&world, method, figure);
-        let percent = |spread: Option<Spread>| {
-            spread.map_or("-".to_owned(), |spread| {
-                format!("{:.1}", spread.mean * 100.0)
-            })
-        };
         let named = [
             name.to_owned(),
             count(world.states as u64),
@@ -133,6 +131,7 @@ fn called(report: &Report) -> String {
                 .chain(CALLED.map(|column| percent(cell(column)))),
         );
     };
+
     for generator in Generator::USUAL {
         let name = generator_name(generator);
         for states in report.options.sizes() {
@@ -153,7 +152,13 @@ fn called(report: &Report) -> String {
             report.options.compared(generator, Arm::Shuffled),
         );
     }
+
     table.render("")
+}
+
+/// Returns a share in percent, without its unit.
+fn percent(share: Option<Spread>) -> String {
+    share.map_or("-".to_owned(), |share| format!("{:.1}", share.mean * 100.0))
 }
 
 fn named(target: &Target) -> Vec<String> {

@@ -10,16 +10,16 @@ use crate::experiments::measures::Hits;
 const ROUNDING: f64 = 1e-12;
 
 /// Read once for all tests.
-static VISITS: LazyLock<[Visits; 2]> = LazyLock::new(|| Layout::ALL.map(Visits::of));
+static VISITS: LazyLock<[Visits; 2]> = LazyLock::new(|| Layout::ALL.map(Visits::of_layout));
 
 fn scenes() -> impl Iterator<Item = Scene> {
     VISITS.iter().flat_map(|visits| {
-        ResponseModel::ALL.map(|response_model| Scene::of(visits, response_model, None))
+        ResponseModel::ALL.map(|response_model| Scene::of_visits(visits, response_model, None))
     })
 }
 
 fn yielding(layout: Layout) -> Scene {
-    Scene::of(&VISITS[layout as usize], ResponseModel::Yield, None)
+    Scene::of_visits(&VISITS[layout as usize], ResponseModel::Yield, None)
 }
 
 #[test]
@@ -85,7 +85,7 @@ fn there_is_influence_where_the_ego_is_answered_and_nowhere_else() {
 fn who_knows_when_the_ego_is_answered_knows_where_influence_is_strong() {
     for layout in Layout::ALL {
         let scene = yielding(layout);
-        let hits = Hits::of(scene.unseen.iter().map(|(state, _)| {
+        let hits = Hits::of_decisions(scene.unseen.iter().map(|(state, _)| {
             let state = &scene.states[*state];
             (state.is_answered, state.is_strong())
         }));

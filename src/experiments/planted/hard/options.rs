@@ -1,4 +1,5 @@
-//! What is run: hard worlds by their names, at their usual sizes or smaller, and for which seeds.
+//! Parameters of the experiment: hard worlds by their names, at their usual sizes or smaller, and
+//! for which seeds.
 
 use crate::experiments::planted::{Method, USUAL_SHARE, World, generator_name};
 use crate::experiments::seeds::Seeds;
@@ -7,7 +8,7 @@ use crate::simulation::planted::{Arm, Generator};
 /// The one way to decide that is asked.
 pub const METHOD: Method = Method::SpikeAndSlab;
 
-/// What is run.
+/// Parameters of the experiment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
     /// Which seeds.

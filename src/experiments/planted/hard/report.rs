@@ -1,16 +1,16 @@
-//! What was found in hard worlds, as plain data and JSON.
+//! Results in hard worlds, as plain data and JSON.
 
 use serde_json::{Value, json};
 
 use super::{Options, name, targets};
-use crate::experiments::findings::{self, Plan};
+use crate::experiments::findings::{self, ExperimentDesign};
 use crate::experiments::planted::{Figure, Findings, Method, Target, World};
 use crate::experiments::seeds::Seeds;
 
 /// The outcome of the experiment.
 pub type Report = findings::Report<Options, World, Method, Figure>;
 
-impl Plan<World, Method, Figure> for Options {
+impl ExperimentDesign<World, Method, Figure> for Options {
     const EXPERIMENT: &'static str = "planted-hard";
 
     fn parameters(&self) -> Value {

@@ -1,4 +1,4 @@
-//! What must be shown in hard worlds, beside what was.
+//! Acceptance targets: what must be shown in hard worlds, beside what was.
 
 use super::{METHOD, Options};
 use crate::experiments::findings::Bound;
@@ -33,6 +33,7 @@ fn target(findings: &Findings, world: World, (figure, bound): (Figure, Bound)) -
 fn bounds(generator: Generator) -> Vec<(Figure, Bound)> {
     let error = most_error(generator).map(|most| (Figure::Rmse, Bound::AtMost(most)));
     let [covered, excluded] = [least_covered(generator), most_excluded(generator)];
+
     // Evidence does not tell segments apart: where their habits differ, the pooled counts do depend
     // on each other.
     let established = (generator != Generator::Segments)
@@ -45,6 +46,7 @@ fn bounds(generator: Generator) -> Vec<(Figure, Bound)> {
         (Figure::WrongByMany, Bound::AtMost(0.01)),
         (Figure::UndecidedByFew, Bound::AtLeast(0.99)),
     ];
+
     error
         .into_iter()
         .chain(established)

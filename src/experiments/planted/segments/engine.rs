@@ -1,4 +1,5 @@
-//! Ways to treat segments: tables cut by segment in, what is believed of each state out.
+//! Ways to treat segments (stratified or pooled evidence): tables cut by segment in, what is
+//! believed of each state out.
 
 use rayon::prelude::*;
 
@@ -7,7 +8,7 @@ use crate::evidence::{Believed, Counted, Fitter, Posterior, Prior, Uses, depende
 use crate::information::{Alphabet, Table};
 use crate::simulation::planted::segments::pooled;
 
-/// What is said of a state.
+/// The estimate of a state: its dependence and interval.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Said {
     /// P(dependent), within segments or not, as the way goes.
@@ -121,6 +122,7 @@ impl Engine for Auto {
                 .zip(states)
                 .map(|(whole, segments)| counted(whole, segments))
         };
+
         let mut uses = Uses::new(alphabet);
         counted().for_each(|state| uses.add(state));
         let mut fitter = Fitter::new(alphabet, &uses);

@@ -1,11 +1,11 @@
-//! The figures by which ways to treat segments are judged.
+//! Metrics of ways to treat segments: false discovery rates, power (recall) and coverage.
 
 use super::{FDR, Said};
 use crate::domain::Dependence;
 use crate::experiments::measures::frequency;
 use crate::information::{bayesian_fdr, benjamini_hochberg};
 
-/// By what a way to treat segments is judged.
+/// A metric of a way to treat segments.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Figure {
     /// States whose dependence is established.
@@ -31,7 +31,7 @@ pub enum Figure {
     FalselyListedByP,
 }
 
-/// One state: what is true, and what is said.
+/// One state: the ground truth, and what is said.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Case {
     /// The mutual information within segments, in nats.
@@ -92,7 +92,7 @@ impl Figure {
         }
     }
 
-    fn of(self, cases: &[Case]) -> Option<f64> {
+    fn measured(self, cases: &[Case]) -> Option<f64> {
         let share = |among: fn(&Case) -> bool, so: fn(&Case) -> bool| {
             frequency(cases.iter().filter(|case| among(case)).map(so))
         };
@@ -120,7 +120,7 @@ impl Figure {
 /// Measures every figure; `None` where one is not defined.
 pub fn measure(cases: &[Case]) -> Vec<(Figure, Option<f64>)> {
     Figure::ALL
-        .map(|figure| (figure, figure.of(cases)))
+        .map(|figure| (figure, figure.measured(cases)))
         .to_vec()
 }
 
@@ -176,7 +176,7 @@ mod tests {
     }
 
     fn figures(cases: &[Case]) -> [Option<f64>; 10] {
-        Figure::ALL.map(|figure| figure.of(cases))
+        Figure::ALL.map(|figure| figure.measured(cases))
     }
 
     #[test]

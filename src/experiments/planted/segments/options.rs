@@ -1,5 +1,5 @@
-//! What is run: which worlds of segments, how often each state of theirs is seen, and for which
-//! seeds.
+//! Parameters of the experiment: which worlds of segments, how often each state of theirs is seen,
+//! and for which seeds.
 
 use crate::experiments::seeds::Seeds;
 use crate::simulation::planted::segments::{self as drawn, WORLDS};
@@ -21,7 +21,7 @@ pub struct World {
     pub states: usize,
 }
 
-/// What is run.
+/// Parameters of the experiment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
     /// Which seeds.

@@ -47,6 +47,7 @@ fn panel(report: &Report, worlds: &[drawn::World]) -> Panel {
     };
     let row = |drawn: &drawn::World| VISITS.map(|visits| share(*drawn, visits)).to_vec();
     let caption = format!("share of independent states, {}", Within::JUDGED.as_str());
+
     Panel {
         caption,
         rows: worlds.iter().map(row).collect(),

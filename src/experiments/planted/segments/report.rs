@@ -1,16 +1,16 @@
-//! What was found in worlds of segments, as plain data, JSON and CSV.
+//! Results in stratified worlds (segments), as plain data, JSON and CSV.
 
 use serde_json::{Value, json};
 
 use super::targets::{self, Findings, Target};
 use super::{Figure, Options, Within, World};
-use crate::experiments::findings::{self, Cells, Plan, Row};
+use crate::experiments::findings::{self, Cells, ExperimentDesign, Row};
 use crate::experiments::seeds::Seeds;
 
 /// The outcome of the experiment.
 pub type Report = findings::Report<Options, World, Within, Figure>;
 
-impl Plan<World, Within, Figure> for Options {
+impl ExperimentDesign<World, Within, Figure> for Options {
     const EXPERIMENT: &'static str = "planted-segments";
 
     fn parameters(&self) -> Value {

@@ -1,4 +1,4 @@
-//! What must be shown in worlds of segments, beside what was.
+//! Acceptance targets: what must be shown in worlds of segments, beside what was.
 
 use super::{Figure, Options, Within, World};
 use crate::experiments::findings::{self, Bound};
@@ -65,6 +65,7 @@ fn bounds(world: &World) -> Vec<(Figure, Bound)> {
             (Figure::ListedByP, Bound::AtMost(1.0)),
         ];
     }
+
     let often = world.visits >= OFTEN;
     let varied = world.drawn.differ != Differ::Neither;
     let of = |wanted: bool, figure, bound| wanted.then_some((figure, bound));
@@ -83,6 +84,7 @@ fn bounds(world: &World) -> Vec<(Figure, Bound)> {
         of(true, Figure::FalselyListed, Bound::AtMost(MOST_FALSE)),
         of(true, Figure::FalselyListedByP, Bound::AtMost(MOST_FALSE)),
     ];
+
     bounds.into_iter().flatten().collect()
 }
 

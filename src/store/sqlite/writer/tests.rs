@@ -33,7 +33,7 @@ async fn prepared(directory: &tempfile::TempDir) -> Writer {
         .await
         .expect("a connection");
     for migration in MIGRATIONS.iter() {
-        let tables = sqlx::raw_sql(migration.sql.clone());
+        let tables = sqlx::raw_sql(migration.sql);
         tables.execute(&mut connection).await.expect("tables");
     }
     let text = "create table parents (id integer primary key);

@@ -1,4 +1,4 @@
-//! The values of a tensor as JSON lists them: one flat list, or a list a row.
+//! Deserialization of the values of a tensor as JSON lists them: one flat list, or a list a row.
 //!
 //! What is no number is remembered rather than refused at once, so that a tensor of another type is
 //! told by its type.
@@ -89,6 +89,7 @@ impl<'de> Visitor<'de> for Outer {
             data.take(index, item);
             index += 1;
         }
+
         Ok(data)
     }
 }

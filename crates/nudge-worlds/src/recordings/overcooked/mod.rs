@@ -24,7 +24,7 @@ mod tests;
 pub use abstraction::{Abstraction, World};
 pub use game::{Game, Held, Move, Object, Orientation, Player, Step, Thing};
 pub use kitchen::{Cell, Kitchen};
-pub use read::{decompressed, read};
+pub use read::{decompressed, read_games};
 
 /// Returns the games that come with the program: the name and the bytes of each file.
 pub fn embedded() -> [(&'static str, &'static [u8]); 2] {

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::collections::{HashMap, HashSet};
 use std::io::Read;
 
-use super::state::state;
+use super::state::parse_state;
 use super::{Game, Kitchen, Move, Step};
 use crate::recordings::RecordingError;
 
@@ -26,7 +26,7 @@ pub fn decompressed(bytes: &[u8]) -> Result<Cow<'_, [u8]>, RecordingError> {
 ///
 /// Rows of a game follow each other with `t` going up by one; every player stands where the layout
 /// lets them.
-pub fn read(bytes: &[u8]) -> Result<Vec<Game>, RecordingError> {
+pub fn read_games(bytes: &[u8]) -> Result<Vec<Game>, RecordingError> {
     let text = decompressed(bytes)?;
     let mut rows = csv::Reader::from_reader(text.as_ref());
     let columns = columns(rows.headers().map_err(|error| row_error(&error))?)?;
@@ -104,7 +104,7 @@ impl<'a> Row<'a> {
     }
 
     fn step(&self, kitchen: &Kitchen) -> Result<Step, RecordingError> {
-        let (players, objects) = self.field(3, |text| state(text, kitchen))?;
+        let (players, objects) = self.field(3, |text| parse_state(text, kitchen))?;
         Ok(Step {
             players,
             objects,

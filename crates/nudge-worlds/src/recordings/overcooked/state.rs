@@ -22,7 +22,10 @@ enum WrittenObject {
 }
 
 /// Reads the `state` column, or says what is wrong with it.
-pub(super) fn state(text: &str, kitchen: &Kitchen) -> Result<([Player; 2], Vec<Object>), String> {
+pub(super) fn parse_state(
+    text: &str,
+    kitchen: &Kitchen,
+) -> Result<([Player; 2], Vec<Object>), String> {
     let written: Written =
         serde_json::from_str(text).map_err(|error| format!("is no state: {error}"))?;
     let [first, second] = written.p;

@@ -7,7 +7,7 @@ const HEADER: &str = "layout,trial,t,state,action0,action1\n";
 const STATE: &str = r#""{""p"":[[1,1,""N"",""""],[3,2,""S"",""onion""]],""o"":[]}""#;
 
 fn games(file: usize) -> Vec<Game> {
-    read(embedded()[file].1).expect("it comes with the program")
+    read_games(embedded()[file].1).expect("it comes with the program")
 }
 
 fn steps(games: &[Game], layout: &str) -> usize {
@@ -19,7 +19,7 @@ fn steps(games: &[Game], layout: &str) -> usize {
 }
 
 fn error(rows: &[&str]) -> String {
-    read(format!("{HEADER}{}", rows.join("\n")).as_bytes())
+    read_games(format!("{HEADER}{}", rows.join("\n")).as_bytes())
         .expect_err("wrong")
         .to_string()
 }
@@ -98,7 +98,7 @@ fn a_step_becomes_values_in_the_order_of_the_description() {
         ]
         .concat()
     );
-    let (state, actions) = world.values(&read(text.as_bytes()).expect("right")[0].steps[0]);
+    let (state, actions) = world.values(&read_games(text.as_bytes()).expect("right")[0].steps[0]);
     assert_eq!(state, [0.0, 0.0, 0.0, 5.0, 1.0, 1.0, 0.0]);
     assert_eq!(actions, [0.0, 5.0]);
 }
@@ -110,7 +110,7 @@ fn pots_fill_cook_and_are_ready() {
         Abstraction::PosOriHeldPot,
     );
     let pot = |items, timer| {
-        let mut step = read(format!("{HEADER}cramped_room,w1,0,{STATE},N,N\n").as_bytes())
+        let mut step = read_games(format!("{HEADER}cramped_room,w1,0,{STATE},N,N\n").as_bytes())
             .expect("right")[0]
             .steps[0]
             .clone();
@@ -206,7 +206,7 @@ fn the_rows_of_a_game_stay_together() {
 
 #[test]
 fn a_file_that_is_something_else_is_refused() {
-    let told = |bytes: &[u8]| read(bytes).expect_err("wrong").to_string();
+    let told = |bytes: &[u8]| read_games(bytes).expect_err("wrong").to_string();
     assert_eq!(
         told(b"layout,trial,t\n"),
         "line 1: column `state` is missing"

@@ -312,7 +312,7 @@ fn a_trial_is_observed_from_its_first_record_to_its_last() {
         ..Protocol::default()
     })
     .expect("sound");
-    let observe = || Observations::of(hallway.trial(1).expect("there is room"), &schema());
+    let observe = || Observations::of_trial(hallway.trial(1).expect("there is room"), &schema());
     let records: Vec<Vec<Observation>> = observe().collect();
     assert_eq!(records.len(), 15);
     assert!(

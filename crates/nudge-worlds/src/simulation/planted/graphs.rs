@@ -128,11 +128,11 @@ struct Agents {
 pub fn played(options: &Options) -> Vec<Played> {
     let mut rng = Pcg64::seed_from_u64(options.seed);
     (0..options.states)
-        .map(|_| state(options, &mut rng))
+        .map(|_| random_state(options, &mut rng))
         .collect()
 }
 
-fn state(options: &Options, rng: &mut Pcg64) -> Played {
+fn random_state(options: &Options, rng: &mut Pcg64) -> Played {
     let structured = rng.random_bool(options.structured);
     let agents = Agents::new(options, structured, rng);
     let visits = (0..options.visits)

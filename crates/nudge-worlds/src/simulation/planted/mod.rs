@@ -80,12 +80,12 @@ pub fn planted(generator: Generator, options: &Options) -> Vec<Planted> {
     let mut rng = Pcg64::seed_from_u64(options.seed);
     let mut state = || match generator {
         Generator::Segments => in_segments(&mut rng),
-        _ => state(generator, options, &mut rng),
+        _ => random_state(generator, options, &mut rng),
     };
     (0..options.states).map(|_| state()).collect()
 }
 
-fn state(generator: Generator, options: &Options, rng: &mut Pcg64) -> Planted {
+fn random_state(generator: Generator, options: &Options, rng: &mut Pcg64) -> Planted {
     let dependent = rng.random_bool(options.dependent);
     let leak_free = options.arm == Arm::LeakFree;
     let mut joint = generator.joint(dependent || leak_free, rng);

@@ -58,11 +58,11 @@ impl Default for Options {
 pub fn states(world: &World, options: &Options) -> Vec<State> {
     let mut rng = Pcg64::seed_from_u64(options.seed);
     (0..options.states)
-        .map(|_| state(world, options, &mut rng))
+        .map(|_| random_state(world, options, &mut rng))
         .collect()
 }
 
-fn state(world: &World, options: &Options, rng: &mut Pcg64) -> State {
+fn random_state(world: &World, options: &Options, rng: &mut Pcg64) -> State {
     let dependent = world.dependent_segments(rng.random_bool(options.dependent), rng);
     let joints = world.joints(&dependent, rng);
     let weights = world.weights();
