@@ -120,48 +120,47 @@ fn append(path: &Path, line: &Line) -> Result<(), Failure> {
         .map_err(failed)
 }
 
-/// The file of the keys that a service lets in.
+/// The keys that a service lets in, and the signal to read them again.
 pub(super) struct KeysFile {
     /// The keys as they are now; `None` where everybody is let in.
     pub(super) ring: Option<Keyring>,
     path: PathBuf,
-    hangups: Option<tokio::sync::Mutex<tokio::signal::unix::Signal>>,
+    hangups: tokio::sync::Mutex<tokio::signal::unix::Signal>,
 }
 
 impl KeysFile {
-    /// Reads the file, and takes SIGHUP over; nothing where there is no file.
+    /// Takes SIGHUP over, and reads the file, if there is one.
     pub(super) fn read_and_watch(path: Option<&Path>) -> Result<Self, Failure> {
-        let Some(path) = path else {
-            return Ok(Self {
-                ring: None,
-                path: PathBuf::new(),
-                hangups: None,
-            });
+        let unusable = |error: &dyn std::fmt::Display| Failure::usage(error.to_string());
+        // Before the file is read: a change after that comes with a signal that is not lost.
+        let hangups = signal(SignalKind::hangup()).map_err(|error| unusable(&error))?;
+        let ring = match path {
+            None => None,
+            Some(path) => {
+                let keys = Keys::read_file(path).map_err(|error| unusable(&error))?;
+                tell(path, &keys, "keys were read");
+                Some(Keyring::new(keys))
+            }
         };
 
-        // Before the file is read: a change after that comes with a signal that is not lost.
-        let hangups =
-            signal(SignalKind::hangup()).map_err(|error| Failure::usage(error.to_string()))?;
-        let keys = Keys::read_file(path).map_err(|error| Failure::usage(error.to_string()))?;
-        tell(path, &keys, "keys were read");
-
         Ok(Self {
-            ring: Some(Keyring::new(keys)),
-            path: path.into(),
-            hangups: Some(hangups.into()),
+            ring,
+            path: path.unwrap_or(Path::new("")).into(),
+            hangups: hangups.into(),
         })
     }
 
     /// Reads the file again whenever SIGHUP comes, for ever. One that is wrong leaves the keys as
-    /// they are.
+    /// they are; where there is none, the signal ends nothing.
     pub(super) async fn follow(&self) -> Infallible {
-        let (Some(ring), Some(hangups)) = (&self.ring, &self.hangups) else {
-            return std::future::pending().await;
-        };
         loop {
-            if hangups.lock().await.recv().await.is_none() {
+            if self.hangups.lock().await.recv().await.is_none() {
                 std::future::pending::<()>().await;
             }
+            let Some(ring) = &self.ring else {
+                tracing::info!("SIGHUP: there is no file of keys to read again");
+                continue;
+            };
             match Keys::read_file(&self.path) {
                 Ok(keys) => {
                     tell(&self.path, &keys, "keys were read again");
