@@ -31,18 +31,38 @@ pub(super) async fn look(connection: &mut SqliteConnection) -> Result<Tables, sq
         return Ok(Tables::None);
     }
 
+    let has_ours = ["environments", "totals", "states", "cells"]
+        .iter()
+        .all(|table| defined.contains_key(*table));
     if !defined.contains_key("_sqlx_migrations") {
-        let is_ours = ["environments", "totals", "states", "cells"]
-            .iter()
-            .all(|table| defined.contains_key(*table));
-        if is_ours {
-            let missing = "its list of migrations is missing".to_owned();
-            return Ok(Tables::Damaged(missing));
+        let missing = "its list of migrations is missing".to_owned();
+        return Ok(if has_ours {
+            Tables::Damaged(missing)
+        } else {
+            Tables::Foreign
+        });
+    }
+
+    let applied = match applied(connection).await {
+        // Nothing of ours was written like that.
+        Err(error @ sqlx::Error::ColumnDecode { .. }) if has_ours => {
+            return Ok(Tables::Damaged(format!("its list of migrations: {error}")));
         }
+        applied => applied?,
+    };
+    if has_ours && applied.is_empty() {
+        let empty = "its list of migrations is empty".to_owned();
+        return Ok(Tables::Damaged(empty));
+    }
+    // Other programs have lists of migrations too.
+    let begins_as_ours = applied
+        .first()
+        .is_some_and(|first| first.is_not(&MIGRATIONS[0]).is_none());
+    let is_list_alone = applied.is_empty() && defined.keys().all(|name| is_of_list(name));
+    if !(has_ours || begins_as_ours || is_list_alone) {
         return Ok(Tables::Foreign);
     }
 
-    let applied = applied(connection).await?;
     if let Some(wrong) = MIGRATIONS
         .iter()
         .zip(&applied)
@@ -61,6 +81,11 @@ pub(super) async fn look(connection: &mut SqliteConnection) -> Result<Tables, sq
         }
     }
     Ok(Tables::Ours(applied.len()))
+}
+
+/// Returns whether something in a database is the list of migrations, or its index.
+fn is_of_list(name: &str) -> bool {
+    name.ends_with("_sqlx_migrations") || name.contains("_sqlx_migrations_")
 }
 
 /// A migration as the database remembers it.
