@@ -24,6 +24,9 @@ pub(super) enum Tables {
     Damaged(String),
 }
 
+/// The list of migrations, with its index: all that there is before the first.
+const LIST: [&str; 2] = ["_sqlx_migrations", "sqlite_autoindex__sqlx_migrations_1"];
+
 /// Looks at the tables of a database.
 pub(super) async fn look(connection: &mut SqliteConnection) -> Result<Tables, sqlx::Error> {
     let defined = definitions(connection).await?;
@@ -34,7 +37,7 @@ pub(super) async fn look(connection: &mut SqliteConnection) -> Result<Tables, sq
     let has_ours = ["environments", "totals", "states", "cells"]
         .iter()
         .all(|table| defined.contains_key(*table));
-    if !defined.contains_key("_sqlx_migrations") {
+    if !defined.contains_key(LIST[0]) {
         let missing = "its list of migrations is missing".to_owned();
         return Ok(if has_ours {
             Tables::Damaged(missing)
@@ -58,7 +61,7 @@ pub(super) async fn look(connection: &mut SqliteConnection) -> Result<Tables, sq
     let begins_as_ours = applied
         .first()
         .is_some_and(|first| first.is_not(&MIGRATIONS[0]).is_none());
-    let is_list_alone = applied.is_empty() && defined.keys().all(|name| is_of_list(name));
+    let is_list_alone = applied.is_empty() && defined.keys().all(|name| LIST.contains(&&**name));
     if !(has_ours || begins_as_ours || is_list_alone) {
         return Ok(Tables::Foreign);
     }
@@ -81,11 +84,6 @@ pub(super) async fn look(connection: &mut SqliteConnection) -> Result<Tables, sq
         }
     }
     Ok(Tables::Ours(applied.len()))
-}
-
-/// Returns whether something in a database is the list of migrations, or its index.
-fn is_of_list(name: &str) -> bool {
-    name.ends_with("_sqlx_migrations") || name.contains("_sqlx_migrations_")
 }
 
 /// A migration as the database remembers it.
