@@ -5,8 +5,10 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
-use tokio::signal::unix::{SignalKind, signal};
+use tokio::signal::unix::{Signal, SignalKind};
+use tokio::sync::Mutex;
 
+use super::signals::take;
 use super::{Failure, output};
 use crate::access::{Keys, Line, Rate, generate, read_text};
 use crate::domain::{KeyScope, Name, Pattern};
@@ -124,20 +126,20 @@ fn append(path: &Path, line: &Line) -> Result<(), Failure> {
 pub(super) struct KeysFile {
     /// The keys as they are now; `None` where everybody is let in.
     pub(super) ring: Option<Keyring>,
-    path: PathBuf,
-    hangups: tokio::sync::Mutex<tokio::signal::unix::Signal>,
+    /// Where they are read from; `None` where there is no file.
+    path: Option<PathBuf>,
+    hangups: Mutex<Signal>,
 }
 
 impl KeysFile {
     /// Takes SIGHUP over, and reads the file, if there is one.
     pub(super) fn read_and_watch(path: Option<&Path>) -> Result<Self, Failure> {
-        let unusable = |error: &dyn std::fmt::Display| Failure::usage(error.to_string());
         // Before the file is read: a change after that comes with a signal that is not lost.
-        let hangups = signal(SignalKind::hangup()).map_err(|error| unusable(&error))?;
+        let hangups = take(SignalKind::hangup())?;
         let ring = match path {
             None => None,
             Some(path) => {
-                let keys = Keys::read_file(path).map_err(|error| unusable(&error))?;
+                let keys = Keys::read_file(path).map_err(Failure::usage)?;
                 tell(path, &keys, "keys were read");
                 Some(Keyring::new(keys))
             }
@@ -145,7 +147,7 @@ impl KeysFile {
 
         Ok(Self {
             ring,
-            path: path.unwrap_or(Path::new("")).into(),
+            path: path.map(Path::to_owned),
             hangups: hangups.into(),
         })
     }
@@ -157,13 +159,13 @@ impl KeysFile {
             if self.hangups.lock().await.recv().await.is_none() {
                 std::future::pending::<()>().await;
             }
-            let Some(ring) = &self.ring else {
+            let (Some(ring), Some(path)) = (&self.ring, &self.path) else {
                 tracing::info!("SIGHUP: there is no file of keys to read again");
                 continue;
             };
-            match Keys::read_file(&self.path) {
+            match Keys::read_file(path) {
                 Ok(keys) => {
-                    tell(&self.path, &keys, "keys were read again");
+                    tell(path, &keys, "keys were read again");
                     ring.replace(keys);
                 }
                 Err(error) => {
