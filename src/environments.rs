@@ -15,7 +15,7 @@ use crate::domain::{
 use crate::error::{ErrorKind, Fault, Problem};
 use crate::ingest::Ingest;
 use crate::model::Networks;
-use crate::store::{Leftovers, Store, StoreError};
+use crate::store::{ENVIRONMENT_NOT_FOUND, Leftovers, Store, StoreError};
 use crate::telemetry;
 use crate::work::beside;
 
@@ -80,7 +80,7 @@ impl Environments {
         let hint = hint(name, theirs);
         Problem::new(
             ErrorKind::NotFound,
-            "ENVIRONMENT_NOT_FOUND",
+            ENVIRONMENT_NOT_FOUND,
             format!("unknown environment `{name}`{hint}"),
         )
     }

@@ -51,7 +51,7 @@ impl Check {
                 integrity: vec![why],
                 ..Found::default()
             },
-            Err(error) => return Err(unopened(error)),
+            Err(error) => return Err(Failure::usage(error)),
         };
 
         if self.json {
@@ -102,11 +102,11 @@ struct UnreadableNetwork {
 
 impl Found {
     async fn in_store(store: Arc<SqliteStore>) -> Result<Self, Failure> {
-        let integrity = store.integrity().await.map_err(unopened)?;
-        let audits = store.audit().await.map_err(unopened)?;
+        let integrity = store.integrity().await.map_err(Failure::usage)?;
+        let audits = store.audit().await.map_err(Failure::usage)?;
 
         // Tables of fits and of networks came later than those of counts.
-        let networks = match store.has_table("models").await.map_err(unopened)? {
+        let networks = match store.has_table("models").await.map_err(Failure::usage)? {
             true => unreadable_networks(store.clone()).await,
             false => Ok(Vec::new()),
         };
@@ -115,7 +115,7 @@ impl Found {
             networks => networks.map_err(|problem| Failure::usage(problem.to_string()))?,
         };
         let receipts = receipts(&store).await?;
-        let fits = if store.has_table("fits").await.map_err(unopened)? {
+        let fits = if store.has_table("fits").await.map_err(Failure::usage)? {
             fits(&store).await
         } else {
             Vec::new()
@@ -187,7 +187,7 @@ async fn receipts(store: &SqliteStore) -> Result<Vec<String>, Failure> {
                     .map(|fault| format!("{}: DAMAGED, {fault}", environment.name)),
             ),
             Err(StoreError::Damaged(_)) => {}
-            Err(error) => return Err(unopened(error)),
+            Err(error) => return Err(Failure::usage(error)),
         }
     }
     Ok(found)
@@ -228,10 +228,6 @@ async fn unreadable_networks(store: Arc<dyn Store>) -> Result<Vec<UnreadableNetw
     }
 
     Ok(networks)
-}
-
-fn unopened(error: StoreError) -> Failure {
-    Failure::usage(error.to_string())
 }
 
 fn tell(audit: &Audit) -> Result<(), Failure> {

@@ -193,9 +193,7 @@ impl Config {
                     key: key.clone(),
                     client_authorities: authorities.clone(),
                 };
-                return Tls::open(files)
-                    .map(Some)
-                    .map_err(|error| Failure::usage(error.to_string()));
+                return Tls::open(files).map(Some).map_err(Failure::usage);
             }
             (Some(_), None, _) => ("--tls-cert (NUDGE_TLS_CERT)", "--tls-key (NUDGE_TLS_KEY)"),
             (None, Some(_), _) => ("--tls-key (NUDGE_TLS_KEY)", "--tls-cert (NUDGE_TLS_CERT)"),

@@ -150,7 +150,7 @@ impl Demo {
         // Reading them takes a second or two, which `--duration` and signals do not wait for.
         let parts = tokio::task::spawn_blocking(games)
             .await
-            .map_err(|error| Failure::usage(error.to_string()))??;
+            .map_err(Failure::usage)??;
         let mut names: Vec<String> = parts.iter().map(Part::environment_name).collect();
         names.push(HALLWAY.into());
         names.sort();

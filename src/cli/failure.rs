@@ -19,10 +19,10 @@ pub struct Failure {
 
 impl Failure {
     /// Makes the failure of a command that cannot be done as it was given.
-    pub fn usage(line: impl Into<String>) -> Self {
+    pub fn usage(line: impl ToString) -> Self {
         Self {
             code: 2,
-            lines: vec![line.into()],
+            lines: vec![line.to_string()],
         }
     }
 

@@ -5,8 +5,10 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
-use tokio::signal::unix::{SignalKind, signal};
+use tokio::signal::unix::{Signal, SignalKind};
+use tokio::sync::Mutex;
 
+use super::signals::take;
 use super::{Failure, output};
 use crate::access::{Keys, Line, Rate, generate, read_text};
 use crate::domain::{KeyScope, Name, Pattern};
@@ -120,51 +122,50 @@ fn append(path: &Path, line: &Line) -> Result<(), Failure> {
         .map_err(failed)
 }
 
-/// The file of the keys that a service lets in.
+/// The keys that a service lets in, and the signal to read them again.
 pub(super) struct KeysFile {
     /// The keys as they are now; `None` where everybody is let in.
     pub(super) ring: Option<Keyring>,
-    path: PathBuf,
-    hangups: Option<tokio::sync::Mutex<tokio::signal::unix::Signal>>,
+    /// Where they are read from; `None` where there is no file.
+    path: Option<PathBuf>,
+    hangups: Mutex<Signal>,
 }
 
 impl KeysFile {
-    /// Reads the file, and takes SIGHUP over; nothing where there is no file.
+    /// Takes SIGHUP over, and reads the file, if there is one.
     pub(super) fn read_and_watch(path: Option<&Path>) -> Result<Self, Failure> {
-        let Some(path) = path else {
-            return Ok(Self {
-                ring: None,
-                path: PathBuf::new(),
-                hangups: None,
-            });
+        // Before the file is read: a change after that comes with a signal that is not lost.
+        let hangups = take(SignalKind::hangup())?;
+        let ring = match path {
+            None => None,
+            Some(path) => {
+                let keys = Keys::read_file(path).map_err(Failure::usage)?;
+                tell(path, &keys, "keys were read");
+                Some(Keyring::new(keys))
+            }
         };
 
-        // Before the file is read: a change after that comes with a signal that is not lost.
-        let hangups =
-            signal(SignalKind::hangup()).map_err(|error| Failure::usage(error.to_string()))?;
-        let keys = Keys::read_file(path).map_err(|error| Failure::usage(error.to_string()))?;
-        tell(path, &keys, "keys were read");
-
         Ok(Self {
-            ring: Some(Keyring::new(keys)),
-            path: path.into(),
-            hangups: Some(hangups.into()),
+            ring,
+            path: path.map(Path::to_owned),
+            hangups: hangups.into(),
         })
     }
 
     /// Reads the file again whenever SIGHUP comes, for ever. One that is wrong leaves the keys as
-    /// they are.
+    /// they are; where there is none, the signal ends nothing.
     pub(super) async fn follow(&self) -> Infallible {
-        let (Some(ring), Some(hangups)) = (&self.ring, &self.hangups) else {
-            return std::future::pending().await;
-        };
         loop {
-            if hangups.lock().await.recv().await.is_none() {
+            if self.hangups.lock().await.recv().await.is_none() {
                 std::future::pending::<()>().await;
             }
-            match Keys::read_file(&self.path) {
+            let (Some(ring), Some(path)) = (&self.ring, &self.path) else {
+                tracing::info!("SIGHUP: there is no file of keys to read again");
+                continue;
+            };
+            match Keys::read_file(path) {
                 Ok(keys) => {
-                    tell(&self.path, &keys, "keys were read again");
+                    tell(path, &keys, "keys were read again");
                     ring.replace(keys);
                 }
                 Err(error) => {

@@ -97,12 +97,12 @@ impl Service {
             }
             never = tell_waiting(address, starting.stage()) => match never {},
         };
-        let store = Arc::new(store.map_err(|error| Failure::usage(error.to_string()))?);
+        let store = Arc::new(store.map_err(Failure::usage)?);
 
         let running = starting
             .open(store, config.upkeep())
             .await
-            .map_err(|error| Failure::usage(error.to_string()))?;
+            .map_err(Failure::usage)?;
         tracing::info!(%address, database = %path.display(), "serving");
         Ok(Some(Self {
             running,
@@ -115,7 +115,7 @@ impl Service {
     pub(super) async fn stop_unless(self, signals: &Signals) -> Result<(), Failure> {
         tracing::info!("stopping: streams end after their last receipt");
         tokio::select! {
-            stopped = self.running.shutdown() => stopped.map_err(|error| Failure::usage(error.to_string())),
+            stopped = self.running.shutdown() => stopped.map_err(Failure::usage),
             () = signals.next() => Err(Failure::refused("stopped at once by a second signal; nothing acknowledged is lost")),
         }
     }

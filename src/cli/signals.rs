@@ -26,6 +26,7 @@ impl Signals {
     }
 }
 
-fn take(kind: SignalKind) -> Result<Signal, Failure> {
-    signal(kind).map_err(|error| Failure::usage(error.to_string()))
+/// Takes a signal over from the operating system's default.
+pub(super) fn take(kind: SignalKind) -> Result<Signal, Failure> {
+    signal(kind).map_err(Failure::usage)
 }

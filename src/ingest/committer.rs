@@ -12,7 +12,7 @@ use super::figures::BatchTotals;
 use super::streams::Lease;
 use crate::domain::{Acknowledged, EnvironmentId, ProducerId, Sequence};
 use crate::error::{ErrorKind, Problem};
-use crate::store::{Numbered, Outcome, Refusal, Store, StoreError};
+use crate::store::{ENVIRONMENT_NOT_FOUND, Numbered, Outcome, Refusal, Store, StoreError};
 use crate::telemetry::{self, Seldom};
 
 /// The most transitions of one commit.
@@ -197,7 +197,7 @@ fn refused(batch: &Numbered, refusal: Refusal) -> Problem {
     match refusal {
         Refusal::Gone => Problem::new(
             ErrorKind::NotFound,
-            "ENVIRONMENT_NOT_FOUND",
+            ENVIRONMENT_NOT_FOUND,
             "the environment was deleted",
         ),
         Refusal::ReadOnly => Problem::new(

@@ -8,6 +8,7 @@ use tokio_util::sync::CancellationToken;
 
 use crate::domain::{EnvironmentId, Name, ProducerId};
 use crate::error::{ErrorKind, Problem};
+use crate::store::ENVIRONMENT_NOT_FOUND;
 
 type Key = (EnvironmentId, ProducerId);
 
@@ -109,7 +110,7 @@ impl Lease {
         match self.why.get() {
             Some(End::Deleted) => Problem::new(
                 ErrorKind::NotFound,
-                "ENVIRONMENT_NOT_FOUND",
+                ENVIRONMENT_NOT_FOUND,
                 "the environment was deleted while this stream was open",
             ),
             _ => Problem::new(

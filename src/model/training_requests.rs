@@ -19,11 +19,9 @@ use super::{Networks, file, registry};
 use crate::domain::draft::TrainingDraft;
 use crate::domain::{Card, Environment, Job, JobState, Model, Pair, Training};
 use crate::error::{ErrorKind, Problem};
+use crate::store::ENVIRONMENT_NOT_FOUND;
 use crate::telemetry;
 use crate::work::STOPPING;
-
-/// The reason of whatever fails because its environment was deleted.
-const ENVIRONMENT_NOT_FOUND: &str = "ENVIRONMENT_NOT_FOUND";
 
 /// A training that was asked for.
 #[derive(Clone)]

@@ -1,8 +1,8 @@
 //! Everything on a listening socket: REST, gRPC, gRPC-Web, the inference protocol and operations on
 //! one port.
 //!
-//! Handlers decode, ask a room of [`App`], and encode. An `if` about the problem rather than the
-//! protocol belongs further in.
+//! Handlers decode, ask a room of [`App`](crate::app::App), and encode. An `if` about the problem
+//! rather than the protocol belongs further in.
 
 pub mod access;
 pub mod connections;

@@ -5,6 +5,9 @@ use std::fmt;
 
 use crate::error::{ErrorKind, Problem};
 
+/// The reason of whatever fails because there is no such environment, or none any more.
+pub const ENVIRONMENT_NOT_FOUND: &str = "ENVIRONMENT_NOT_FOUND";
+
 /// The class of a storage fault: what is wrong with a database, as far as somebody can act on it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StorageFault {
@@ -236,7 +239,7 @@ impl From<StoreError> for Problem {
             StoreError::InUse(_) | StoreError::Unreadable(_) | StoreError::Unopenable { .. } => {
                 ("INTERNAL", "the database cannot be read".into())
             }
-            StoreError::UnknownEnvironment => ("ENVIRONMENT_NOT_FOUND", error.to_string()),
+            StoreError::UnknownEnvironment => (ENVIRONMENT_NOT_FOUND, error.to_string()),
             StoreError::UnknownModel(_) => ("MODEL_NOT_FOUND", error.to_string()),
             StoreError::VersionsUsedUp(_) => ("VERSIONS_USED_UP", error.to_string()),
             StoreError::AlreadyExists(_) => ("ENVIRONMENT_EXISTS", error.to_string()),

@@ -23,7 +23,7 @@ mod packed;
 mod sqlite;
 mod stage;
 
-pub use error::{Cause, StorageFault, StoreError};
+pub use error::{Cause, ENVIRONMENT_NOT_FOUND, StorageFault, StoreError};
 pub use ledger::{Numbered, Outcome, Quotas, Refusal};
 pub use sqlite::{Options, SqliteStore};
 pub use stage::Stage;

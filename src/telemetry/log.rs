@@ -52,6 +52,9 @@ pub fn log(format: LogFormat) {
     let lines = tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_writer(std::io::stderr)
+        // It would tell so on standard error, and panic where that is what cannot be written: a log
+        // that is full or that nobody reads must end nothing.
+        .log_internal_errors(false)
         .with_target(false);
     // A second call finds the first one's subscriber, which stays.
     let _ = match format {

@@ -1,6 +1,7 @@
 //! The life of the service as its operators see it: what it is configured to, what it answers when
 //! its queue is full, and how it ends.
 
+use std::process::Stdio;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -17,7 +18,7 @@ use crate::cli::{exit_and_texts, nudge, output};
 use crate::server::Server;
 use crate::support::faulty::{Failure, Faulty};
 use crate::support::raw::{LONG, Raw};
-use crate::support::{RawStream, TestApp, hello, open, reason, row, rows};
+use crate::support::{RawStream, TestApp, hello, lane_json, open, reason, row, rows};
 
 #[tokio::test]
 async fn flags_are_stronger_than_variables_and_variables_than_defaults() {
@@ -217,4 +218,40 @@ async fn a_second_signal_ends_a_slow_shutdown_at_once() {
         assert_eq!(ended.code(), Some(1));
         assert!(said("stopped at once by a second signal"));
     }
+}
+
+/// A log that is full, or that nobody reads any more, ends nothing: neither the start, nor an
+/// answer, nor the stop.
+#[tokio::test]
+async fn a_log_that_cannot_be_written_ends_nothing() {
+    let nobody_reads = {
+        let (reader, writer) = std::io::pipe().expect("a pipe");
+        drop(reader);
+        Stdio::from(writer)
+    };
+    let is_full = Stdio::from(std::fs::File::create("/dev/full").expect("linux"));
+    for log in [nobody_reads, is_full] {
+        let directory = TempDir::new().expect("a directory");
+        let mut command = Server::command(directory.path(), "127.0.0.1:0");
+        command.stderr(log);
+        let server = Server::run(&mut command).expect("it starts");
+
+        let url = format!("http://{}/v1/environments/lane", server.address);
+        let made = reqwest::Client::new().put(&url).json(&lane_json()).send();
+        assert_eq!(made.await.expect("answered").status(), 201);
+        let removed = reqwest::Client::new().delete(&url).send();
+        assert_eq!(removed.await.expect("answered").status(), 204);
+        assert_eq!(server.terminate(), Some(0));
+    }
+}
+
+/// Whoever tells all services to read their files again ends none that has no files.
+#[tokio::test]
+async fn a_hangup_ends_no_service_without_keys() {
+    let directory = TempDir::new().expect("a directory");
+    let server = Server::start(directory.path(), "127.0.0.1:0");
+    server.signal("HUP");
+    let url = format!("http://{}/livez", server.address);
+    assert_eq!(reqwest::get(url).await.expect("answered").status(), 200);
+    assert_eq!(server.terminate(), Some(0));
 }

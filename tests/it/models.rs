@@ -159,7 +159,10 @@ async fn trainings_end_with_their_environment() {
 async fn a_training_that_finds_its_environment_gone_was_cancelled() {
     let app = world().await;
     let running = asked(&app, &endless()).await;
-    until(&app, &running, &["running"]).await;
+    // What it learns from is read: only its end can end it.
+    while until(&app, &running, &["running"]).await["progress"] == 0.0 {
+        tokio::time::sleep(Duration::from_millis(10)).await;
+    }
     let waiting = asked(&app, &endless()).await;
     let environment = app.app.environments.find("world").expect("made");
     let [running, waiting] = [running, waiting].map(|job| number_of(&job));

@@ -82,7 +82,23 @@ async fn what_is_not_our_database_is_refused_with_advice() {
 
     std::fs::remove_file(&path).expect("removed");
     execute_making(&path, "create table poems (line text)").await;
+    let before = std::fs::read(&path).expect("a file");
     assert!(refused(&path).await.contains("another program's database"));
+    // Other programs have lists of migrations too.
+    let list = "create table _sqlx_migrations (version bigint primary key, description text,
+         success boolean, checksum blob, execution_time bigint)";
+    assert_eq!(
+        std::fs::read(&path).expect("a file"),
+        before,
+        "left as it was"
+    );
+    for text in [
+        list,
+        "insert into _sqlx_migrations values (1, 'poems', true, x'00', 0)",
+    ] {
+        execute_making(&path, text).await;
+        assert!(refused(&path).await.contains("another program's database"));
+    }
 
     let directory = path.with_file_name("directory.db");
     std::fs::create_dir(&directory).expect("made");

@@ -10,9 +10,9 @@
 
 use std::process::ExitCode;
 
+use nudge_client::domain::SchemaDraft;
+use nudge_client::domain::draft::{AgentDraft, FeatureDraft, KindDraft};
 use nudge_client::{ClientError, Connection, Producer, Track};
-use nudge_core::domain::SchemaDraft;
-use nudge_core::domain::draft::{AgentDraft, FeatureDraft, KindDraft};
 
 const ENVIRONMENT: &str = "lane";
 

@@ -11,6 +11,8 @@
 //! * [`Track`]: the transitions of one episode, whose first is marked as its entry.
 //! * [`patiently`]: any call, asked again while the service is away.
 //! * [`tls`]: certificates and private keys in PEM files.
+//! * [`domain`], of `nudge-core`: schemas, records, keys; [`proto`], of `nudge-wire`: the messages of
+//!   each service's stub.
 //!
 //! # The protocol
 //!
@@ -75,6 +77,7 @@ mod task;
 mod totals;
 
 pub use nudge_core::domain::{Secret, Track};
+pub use {nudge_core::domain, nudge_wire::proto};
 
 pub use connection::{Connection, Readiness, readiness, schema_of};
 pub use error::{ClientError, Refusal};

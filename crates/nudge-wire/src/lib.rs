@@ -49,8 +49,9 @@ pub mod json;
 use nudge_core::domain::View;
 use nudge_core::error::{ErrorKind, Problem};
 
-/// The messages and services of package `nudge.v1`, generated from `proto/`.
-#[allow(missing_docs, clippy::all)]
+/// The messages and services of package `nudge.v1`, generated from `proto/`. Its comments are not
+/// written for rustdoc: brackets in them are no links.
+#[allow(missing_docs, clippy::all, rustdoc::broken_intra_doc_links)]
 pub mod proto {
     include!(concat!(env!("OUT_DIR"), "/nudge.v1.rs"));
 
@@ -60,7 +61,7 @@ pub mod proto {
 
 /// The messages and the service of the Open Inference Protocol, package `inference`, generated from
 /// `proto/`.
-#[allow(missing_docs, clippy::all)]
+#[allow(missing_docs, clippy::all, rustdoc::broken_intra_doc_links)]
 pub mod inference_proto {
     include!(concat!(env!("OUT_DIR"), "/inference.rs"));
 }

@@ -145,6 +145,18 @@ pub(super) fn opening(path: &Path, error: &sqlx::Error) -> StoreError {
             path,
             "it cannot be written; give this user the right to write the file and its directory",
         ),
+        Some(FULL) => unopenable(
+            path,
+            format!(
+                "{error}; make room on the disk and start again, or choose another --data directory"
+            ),
+        ),
+        Some(INPUT_OUTPUT) => unopenable(
+            path,
+            format!(
+                "{error}; the disk does not do as it is asked: is it full, or broken? The system's log says more"
+            ),
+        ),
         _ => unopenable(path, error),
     }
 }

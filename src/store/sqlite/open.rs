@@ -85,15 +85,17 @@ async fn migrate(
     options: &SqliteConnectOptions,
     stage: &Stage,
 ) -> Result<(), StoreError> {
-    let mut connection = options
-        .connect()
-        .await
-        .map_err(|error| opening(path, &error))?;
-
-    let applied = match tables::look(&mut connection)
-        .await
-        .map_err(|error| opening(path, &error))?
-    {
+    // Whose it is comes first: another's is left as it is, its journal too.
+    let looked = async {
+        let mut looking = connecting(path, WRITER_CACHE_KIB)
+            .create_if_missing(true)
+            .connect()
+            .await?;
+        let tables = tables::look(&mut looking).await?;
+        looking.close().await?;
+        Ok(tables)
+    };
+    let applied = match looked.await.map_err(|error| opening(path, &error))? {
         Tables::Foreign => {
             return Err(unopenable(
                 path,
@@ -106,6 +108,10 @@ async fn migrate(
         Tables::Ours(applied) => applied,
     };
 
+    let mut connection = options
+        .connect()
+        .await
+        .map_err(|error| opening(path, &error))?;
     run_migrations(&mut connection, applied, stage)
         .await
         .map_err(|error| opening(path, &error))?;

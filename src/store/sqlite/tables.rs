@@ -24,6 +24,9 @@ pub(super) enum Tables {
     Damaged(String),
 }
 
+/// The list of migrations, with its index: all that there is before the first.
+const LIST: [&str; 2] = ["_sqlx_migrations", "sqlite_autoindex__sqlx_migrations_1"];
+
 /// Looks at the tables of a database.
 pub(super) async fn look(connection: &mut SqliteConnection) -> Result<Tables, sqlx::Error> {
     let defined = definitions(connection).await?;
@@ -31,18 +34,38 @@ pub(super) async fn look(connection: &mut SqliteConnection) -> Result<Tables, sq
         return Ok(Tables::None);
     }
 
-    if !defined.contains_key("_sqlx_migrations") {
-        let is_ours = ["environments", "totals", "states", "cells"]
-            .iter()
-            .all(|table| defined.contains_key(*table));
-        if is_ours {
-            let missing = "its list of migrations is missing".to_owned();
-            return Ok(Tables::Damaged(missing));
+    let has_ours = ["environments", "totals", "states", "cells"]
+        .iter()
+        .all(|table| defined.contains_key(*table));
+    if !defined.contains_key(LIST[0]) {
+        let missing = "its list of migrations is missing".to_owned();
+        return Ok(if has_ours {
+            Tables::Damaged(missing)
+        } else {
+            Tables::Foreign
+        });
+    }
+
+    let applied = match applied(connection).await {
+        // Nothing of ours was written like that.
+        Err(error @ sqlx::Error::ColumnDecode { .. }) if has_ours => {
+            return Ok(Tables::Damaged(format!("its list of migrations: {error}")));
         }
+        applied => applied?,
+    };
+    if has_ours && applied.is_empty() {
+        let empty = "its list of migrations is empty".to_owned();
+        return Ok(Tables::Damaged(empty));
+    }
+    // Other programs have lists of migrations too.
+    let begins_as_ours = applied
+        .first()
+        .is_some_and(|first| first.is_not(&MIGRATIONS[0]).is_none());
+    let is_list_alone = applied.is_empty() && defined.keys().all(|name| LIST.contains(&&**name));
+    if !(has_ours || begins_as_ours || is_list_alone) {
         return Ok(Tables::Foreign);
     }
 
-    let applied = applied(connection).await?;
     if let Some(wrong) = MIGRATIONS
         .iter()
         .zip(&applied)
