@@ -16,21 +16,12 @@
 //! it still answers who asked, and is not kept.
 
 use std::num::NonZeroUsize;
-use std::ops::ControlFlow;
 use std::sync::{Arc, Mutex, MutexGuard};
 
 use lru::LruCache;
-use sqlx::SqlitePool;
-use sqlx::sqlite::SqliteConnection;
+use tokio::sync::{Mutex as Turn, MutexGuard as InTurn};
 
-use super::error::{spoiled, unreadable};
-use super::memory::Memory;
-use super::pending::View;
-use super::read;
-use super::walk::{self, Placed, Wanted};
 use crate::domain::{ActionTotals, Environment, EnvironmentId, Schema, Tally};
-use crate::store::StoreError;
-use crate::store::packed::unfolded::Outdated;
 
 /// Environments whose totals are kept: each is at most 100 KB an agent, and few agents can be so
 /// large.
@@ -41,7 +32,7 @@ pub(super) struct ActionsMemory {
     inner: Mutex<Inner>,
     /// One load at a time: each keeps a reader for as long as it takes to read every cell, and
     /// there are few.
-    turn: tokio::sync::Mutex<()>,
+    turn: Turn<()>,
 }
 
 struct Inner {
@@ -59,79 +50,9 @@ enum Later {
 }
 
 /// A load under way. Dropped without [`Load::finish`], it leaves nothing behind.
-struct Load<'a> {
+pub(super) struct Load<'a> {
     memory: &'a ActionsMemory,
-    _turn: tokio::sync::MutexGuard<'a, ()>,
-}
-
-/// Returns the totals of an environment at its newest revision. Where nothing is kept until it is
-/// settled what was committed, `settling` is awaited first.
-pub(super) async fn actions(
-    readers: &SqlitePool,
-    memory: &Memory,
-    environment: &Environment,
-    settling: impl Future<Output = Result<(), StoreError>>,
-) -> Result<Arc<ActionTotals>, StoreError> {
-    let kept = &memory.actions;
-    if let Some(kept) = kept.get(environment.id) {
-        return Ok(kept);
-    }
-    let turn = kept.turn.lock().await;
-    if let Some(kept) = kept.get(environment.id) {
-        return Ok(kept);
-    }
-
-    // Nothing is kept until a transaction has settled what was committed, and each question would
-    // read every cell. Whether one can begin is not the reader's concern.
-    if kept.is_suspended() {
-        settling.await.ok();
-    }
-    let mut reader = readers.acquire().await.map_err(unreadable)?;
-    let load = kept.announce(turn, environment.id);
-    loop {
-        let view = read::view(&mut reader, memory, environment.id).await?;
-        if let Ok(totals) = sum(&mut reader, environment, &view).await? {
-            load.snapshot_taken(&environment.schema, view.revision);
-            return Ok(load.finish(totals));
-        }
-    }
-}
-
-/// Adds every cell.
-async fn sum(
-    reader: &mut SqliteConnection,
-    environment: &Environment,
-    view: &View,
-) -> Result<Result<ActionTotals, Outdated>, StoreError> {
-    let mut totals = ActionTotals::new(&environment.schema);
-    let show = |_, cells: &[Placed]| {
-        add(&mut totals, environment, cells)?;
-        Ok(ControlFlow::Continue(()))
-    };
-    let walked = walk::states(reader, environment.id, view, Wanted::All, show).await?;
-    totals.revision = view.revision;
-    Ok(walked.map(|()| totals))
-}
-
-/// Adds cells. Damaged ones could overflow a sum, which no sound ones do.
-fn add(
-    totals: &mut ActionTotals,
-    environment: &Environment,
-    cells: &[Placed],
-) -> Result<(), StoreError> {
-    let actions = environment.schema.joint_actions();
-    for (place, tally) in cells {
-        let sum = totals
-            .revision
-            .checked_add(tally.n)
-            .filter(|sum| *sum <= i64::MAX as u64);
-        sum.ok_or_else(|| spoiled("the sum of an environment's visits"))?;
-        if place.joint >= actions {
-            return Err(spoiled("a state's counts"));
-        }
-        totals.add(place.joint, *tally);
-    }
-    Ok(())
+    _turn: InTurn<'a, ()>,
 }
 
 impl Default for ActionsMemory {
@@ -145,7 +66,7 @@ impl Default for ActionsMemory {
         };
         Self {
             inner: Mutex::new(inner),
-            turn: tokio::sync::Mutex::default(),
+            turn: Turn::default(),
         }
     }
 }
@@ -199,18 +120,25 @@ impl ActionsMemory {
         self.inner().suspended = false;
     }
 
-    fn get(&self, environment: EnvironmentId) -> Option<Arc<ActionTotals>> {
+    /// Returns the totals that are kept of an environment.
+    pub(super) fn get(&self, environment: EnvironmentId) -> Option<Arc<ActionTotals>> {
         self.inner().kept.get(&environment).cloned()
     }
 
-    fn is_suspended(&self) -> bool {
+    /// Waits until nobody else loads.
+    pub(super) async fn turn(&self) -> InTurn<'_, ()> {
+        self.turn.lock().await
+    }
+
+    /// Returns whether nothing is kept until [`ActionsMemory::resume`].
+    pub(super) fn is_suspended(&self) -> bool {
         self.inner().suspended
     }
 
     /// Begins a load. Its snapshot must be taken afterwards.
-    fn announce<'a>(
+    pub(super) fn announce<'a>(
         &'a self,
-        turn: tokio::sync::MutexGuard<'a, ()>,
+        turn: InTurn<'a, ()>,
         environment: EnvironmentId,
     ) -> Load<'a> {
         let mut inner = self.inner();
@@ -230,7 +158,7 @@ impl ActionsMemory {
 
 impl Load<'_> {
     /// Says at which revision the snapshot is.
-    fn snapshot_taken(&self, schema: &Schema, revision: u64) {
+    pub(super) fn snapshot_taken(&self, schema: &Schema, revision: u64) {
         let mut inner = self.memory.inner();
         let Some((_, later)) = &mut inner.loading else {
             return;
@@ -246,7 +174,7 @@ impl Load<'_> {
     }
 
     /// Keeps what was read together with what was committed meanwhile, if nothing came in between.
-    fn finish(self, mut totals: ActionTotals) -> Arc<ActionTotals> {
+    pub(super) fn finish(self, mut totals: ActionTotals) -> Arc<ActionTotals> {
         let mut inner = self.memory.inner();
         let Some((environment, Later::Summed(later))) = inner.loading.take() else {
             return Arc::new(totals);

@@ -8,6 +8,7 @@ use futures::TryStreamExt;
 use sqlx::sqlite::SqliteConnection;
 use sqlx::{Connection, Row, SqlitePool};
 
+use super::columns::mark;
 use super::directory::Directory;
 use super::error::{spoiled, unreadable};
 use super::fresh::{self, Size};
@@ -243,7 +244,7 @@ async fn entries(
     .bind(id)
     .fetch(moment);
     while let Some(row) = rows.try_next().await? {
-        let (mark, entry): (Mark, i64) = (journal::mark(&row, 0)?, row.try_get(2)?);
+        let (mark, entry): (Mark, i64) = (mark(&row, 0)?, row.try_get(2)?);
         let run = checked::cells([id, entry], row.try_get(3)?).and_then(Run::read);
         let run = run.map_err(|_| damage(spoiled(&format!("entry {entry} of the journal"))))?;
         let mut cells: Vec<Placed> = run.from(0).flatten().collect();

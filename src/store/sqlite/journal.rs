@@ -6,16 +6,16 @@ use std::sync::Arc;
 use sqlx::Row;
 use sqlx::sqlite::{SqliteConnection, SqliteRow};
 
+use super::columns::{mark, whole};
 use super::error::{spoiled, unreadable};
 use super::layout::Layout;
 use super::pending::{Fresh, View};
-use super::read::whole;
 use crate::domain::EnvironmentId;
 use crate::store::StoreError;
 use crate::store::map::Map;
 use crate::store::packed::checked;
 use crate::store::packed::run::Run;
-use crate::store::packed::unfolded::{Mark, Unfolded};
+use crate::store::packed::unfolded::Unfolded;
 
 /// Entries that go in one transaction, so that no commit waits long.
 const TRIMMED: i64 = 16;
@@ -128,15 +128,6 @@ fn view(row: &SqliteRow, id: EnvironmentId) -> Result<View, sqlx::Error> {
         layout: block.map(|block| Layout::new(id, block)),
         unmoved: row.try_get::<i64, _>(4)? != 0,
         fresh: Fresh::NONE,
-    })
-}
-
-/// Reads how far an environment is folded, from two columns.
-pub(super) fn mark(row: &SqliteRow, at: usize) -> Result<Mark, sqlx::Error> {
-    let next_row: Option<i64> = row.try_get(at + 1)?;
-    Ok(Mark {
-        upto: row.try_get(at)?,
-        next_row: next_row.map(i64::unsigned_abs),
     })
 }
 

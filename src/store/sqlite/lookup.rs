@@ -6,8 +6,8 @@ use futures::TryStreamExt;
 use sqlx::Row;
 use sqlx::sqlite::{SqliteConnection, SqliteRow};
 
+use super::columns::mark;
 use super::error::{spoiled, unreadable};
-use super::journal::mark;
 use super::layout::Numbering;
 use super::old_cells::{self, old_cells};
 use super::pending::View;

@@ -4,10 +4,13 @@
 //! `open` makes a `handle` on it by its `options`, `tables` says whose it is, `migrations` brings
 //! it up to date, `inspect` and `receipts` look at it from outside, `lock` says that it is in use,
 //! `writer` owns the connection that writes, `health` says whether it would, `closing` interrupts
-//! those that read. `commit` counts; `read` and `audit` look, by a `walk`; `load`, `environments`,
-//! `fits`, `models`, `removal` and its `leftovers` keep the worlds. In `memory` are `actions`,
-//! `cache` and `directory`, beside the writer is the `row_id_cache`, which is `recent`.
-//! `stored_forms`, `packed` and `rows` say how things are written, `error` what its errors mean.
+//! those that read. `commit` writes counts into the `journal`, `compact` folds that into rows, and
+//! `moving` puts `old_cells` there too. `read`, `marginals` and `audit` look, by a `walk` over rows or
+//! a `lookup` of states; `fresh` is what only the journal has. `load`, `environments`, `fits`,
+//! `models`, `removal` and its `leftovers` keep the worlds. In `memory` are `pending` entries of the
+//! journal, `actions`, `cache` and `directory`, beside the writer is the `row_id_cache`, which is
+//! `recent`. `layout` says where rows are, `stored_forms`, `rows` and `columns` how things are
+//! written, `error` what its errors mean.
 
 use std::path::Path;
 use std::sync::{Arc, PoisonError};
@@ -28,6 +31,7 @@ mod actions;
 mod audit;
 mod cache;
 mod closing;
+mod columns;
 mod commit;
 mod compact;
 mod directory;
@@ -44,6 +48,7 @@ mod leftovers;
 mod load;
 mod lock;
 mod lookup;
+mod marginals;
 mod memory;
 mod migrations;
 mod models;
@@ -351,7 +356,7 @@ impl Store for SqliteStore {
 
     async fn actions(&self, environment: &Environment) -> Result<Arc<ActionTotals>, StoreError> {
         self.move_all(environment).await?;
-        let actions = actions::actions(
+        let actions = marginals::actions(
             &self.readers,
             &self.memory,
             environment,

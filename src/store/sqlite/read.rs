@@ -10,6 +10,7 @@ use std::sync::Arc;
 use sqlx::sqlite::{SqliteConnection, SqliteRow};
 use sqlx::{Row, SqlitePool};
 
+use super::columns::{mark, whole};
 use super::error::{spoiled, unreadable};
 use super::fresh::{self, Size};
 use super::layout::Numbering;
@@ -371,7 +372,7 @@ async fn kept_totals(
         segments: number(3)?,
         producers: number(4)?,
     };
-    Ok((totals, journal::mark(&row, 5).map_err(unreadable)?))
+    Ok((totals, mark(&row, 5).map_err(unreadable)?))
 }
 
 /// Returns the last sequence of a producer; `None` where there is no such environment.
@@ -487,9 +488,4 @@ pub(super) async fn hold_fresh(
         Err(error) => return Err(error),
     }
     Ok(())
-}
-
-/// Reads a number that the tables keep from being negative.
-pub(super) fn whole(row: &SqliteRow, at: usize) -> Result<u64, sqlx::Error> {
-    Ok(row.try_get::<i64, _>(at)?.unsigned_abs())
 }

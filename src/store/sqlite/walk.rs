@@ -8,8 +8,8 @@ use futures::TryStreamExt;
 use sqlx::Row;
 use sqlx::sqlite::{SqliteConnection, SqliteRow};
 
+use super::columns::mark;
 use super::error::{spoiled, unreadable};
-use super::journal::mark;
 use super::pending::View;
 use crate::domain::{EnvironmentId, Tally};
 use crate::store::StoreError;
