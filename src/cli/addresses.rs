@@ -20,16 +20,27 @@ pub(super) fn host(text: &str) -> Result<String, String> {
     })
 }
 
-/// Reads an origin: scheme, host and perhaps a port, or `*` for any.
+/// Reads an origin: scheme, host and perhaps a port, or `*` for any. It is kept as browsers write
+/// it (RFC 6454, section 6.2): in small letters, and without the port that its scheme implies.
 pub(super) fn origin(text: &str) -> Result<String, String> {
     let plain = text.strip_suffix('/').unwrap_or(text);
     let is_origin = plain.split_once("://").is_some_and(|(scheme, host)| {
         is_scheme(scheme) && !host.is_empty() && host.bytes().all(is_host_byte)
     });
 
-    (is_origin || text == "*").then(|| plain.to_owned()).ok_or_else(|| {
+    (is_origin || text == "*").then(|| as_browsers_write(plain)).ok_or_else(|| {
         format!("got {text:?}, expected a scheme, a host and perhaps a port such as https://example.org, or *")
     })
+}
+
+fn as_browsers_write(origin: &str) -> String {
+    let small = origin.to_ascii_lowercase();
+    let implied = match small.split_once("://") {
+        Some(("https", _)) => ":443",
+        Some(("http", _)) => ":80",
+        _ => return small,
+    };
+    small.strip_suffix(implied).unwrap_or(&small).to_owned()
 }
 
 /// Returns an address that a client on this machine can reach.
@@ -70,6 +81,11 @@ mod tests {
             ("http://localhost:3000", "http://localhost:3000"),
             ("https://[::1]:8443/", "https://[::1]:8443"),
             ("tauri://localhost", "tauri://localhost"),
+            ("HTTPS://A.example:443", "https://a.example"),
+            ("http://a.example:80/", "http://a.example"),
+            ("http://a.example:443", "http://a.example:443"),
+            ("https://a.example:8443", "https://a.example:8443"),
+            ("app://a:443", "app://a:443"),
             ("*", "*"),
         ] {
             assert_eq!(origin(text).as_deref(), Ok(kept), "{text}");

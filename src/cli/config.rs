@@ -231,14 +231,15 @@ fn flags() -> Command {
     Config::augment_args(Command::new("nudge").disable_help_flag(true))
 }
 
-/// Returns a value as TOML writes it, which is as JSON does but for the space in lists.
+/// Returns a value as TOML writes it, which is as JSON does but for the space in lists and the
+/// control character that JSON leaves as it is.
 fn literal(value: &Value) -> String {
     match value {
         Value::Array(values) => {
             let values: Vec<String> = values.iter().map(literal).collect();
             format!("[{}]", values.join(", "))
         }
-        other => other.to_string(),
+        other => other.to_string().replace('\u{7f}', "\\u007f"),
     }
 }
 
@@ -404,6 +405,13 @@ mod tests {
             "{printed}"
         );
         assert!(printed.contains("hosts = []\n"), "{printed}");
+    }
+
+    #[test]
+    fn control_characters_are_escaped() {
+        let printed = given(&["--data=a\n\u{1}\u{7f}"]).to_toml();
+        let line = r#"data = "a\n\u0001\u007f""#;
+        assert!(printed.lines().any(|printed| printed == line), "{printed}");
     }
 
     #[test]

@@ -80,7 +80,7 @@ impl Demo {
             fit_every: Period(FIT_EVERY),
             ..Config::default()
         };
-        let Some(service) = Service::start(&config, &signals).await? else {
+        let Some(service) = Service::start(&config, None, &signals).await? else {
             return Ok(());
         };
 

@@ -12,6 +12,7 @@ use super::key::KeysFile;
 use super::signals::Signals;
 use super::{Failure, output};
 use crate::access::redacted;
+use crate::serve::access::Keyring;
 use crate::serve::{Running, Settings, Starting};
 use crate::store::{SqliteStore, Stage};
 use crate::telemetry;
@@ -40,7 +41,8 @@ impl Serve {
 
         telemetry::log(config.log.format());
         let signals = Signals::install()?;
-        let Some(service) = Service::start(&config, &signals).await? else {
+        let keys = KeysFile::read_and_watch(config.keys.as_deref())?;
+        let Some(service) = Service::start(&config, keys.ring.clone(), &signals).await? else {
             return Ok(());
         };
         let scheme = if config.tls_cert.is_some() {
@@ -52,7 +54,7 @@ impl Serve {
 
         tokio::select! {
             () = signals.next() => {}
-            never = service.keys.follow() => match never {},
+            never = keys.follow() => match never {},
         }
         service.stop_unless(&signals).await
     }
@@ -64,20 +66,23 @@ pub(super) struct Service {
     pub(super) running: Running,
     /// Where it listens.
     pub(super) address: SocketAddr,
-    keys: KeysFile,
 }
 
 impl Service {
     /// Takes the port, where it says at once that it is alive, opens the database and begins to
-    /// serve. `None` where a signal came first.
-    pub(super) async fn start(config: &Config, signals: &Signals) -> Result<Option<Self>, Failure> {
+    /// serve those who have one of `keys`, or everybody where there are none. `None` where a signal
+    /// came first.
+    pub(super) async fn start(
+        config: &Config,
+        keys: Option<Keyring>,
+        signals: &Signals,
+    ) -> Result<Option<Self>, Failure> {
         refuse_to_be_open(config)?;
-        let keys = KeysFile::read_and_watch(config.keys.as_deref())?;
         let tls = config.tls()?;
 
         // The port first: whoever finds it taken should not have touched the data.
         let mut starting = Starting::new(Settings {
-            keys: keys.ring.clone(),
+            keys,
             hosts: config.hosts.clone(),
             cors_origins: config.cors_origins.clone(),
             limits: config.limits(),
@@ -104,11 +109,7 @@ impl Service {
             .await
             .map_err(Failure::usage)?;
         tracing::info!(%address, database = %path.display(), "serving");
-        Ok(Some(Self {
-            running,
-            address,
-            keys,
-        }))
+        Ok(Some(Self { running, address }))
     }
 
     /// Shuts down gracefully, or at once when another signal comes.

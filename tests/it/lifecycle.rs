@@ -1,7 +1,9 @@
 //! The life of the service as its operators see it: what it is configured to, what it answers when
 //! its queue is full, and how it ends.
 
-use std::process::Stdio;
+use std::io::{BufRead, BufReader};
+use std::os::unix::process::ExitStatusExt;
+use std::process::{Command, Stdio};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -254,4 +256,29 @@ async fn a_hangup_ends_no_service_without_keys() {
     let url = format!("http://{}/livez", server.address);
     assert_eq!(reqwest::get(url).await.expect("answered").status(), 200);
     assert_eq!(server.terminate(), Some(0));
+}
+
+/// A demo belongs to its terminal: one that is closed (SIGHUP) ends it.
+#[tokio::test]
+async fn a_hangup_ends_a_demo() {
+    let directory = TempDir::new().expect("a directory");
+    let mut demo = Command::new(env!("CARGO_BIN_EXE_nudge"))
+        .args(["demo", "--listen", "127.0.0.1:0", "--data"])
+        .arg(directory.path())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::null())
+        .spawn()
+        .expect("the binary starts");
+
+    let mut told = BufReader::new(demo.stdout.take().expect("piped"));
+    let mut line = String::new();
+    told.read_line(&mut line).expect("a line");
+    assert!(line.starts_with("listening on "), "{line}");
+
+    let sent = Command::new("kill")
+        .args(["-HUP", &demo.id().to_string()])
+        .status();
+    assert!(sent.expect("kill is there").success());
+    let ended = demo.wait().expect("it was started");
+    assert_eq!(ended.signal(), Some(1), "{ended}");
 }
