@@ -10,17 +10,19 @@ mod support;
 use std::time::{Duration, Instant};
 
 use nudge::api::proto;
+use nudge::api::proto::ingest_service_client::IngestServiceClient;
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqliteSynchronous};
 use sqlx::{Connection, SqliteConnection};
 use support::sink::sink;
 use support::{
-    ACTIONS, BATCH, Service, batches, columns, make_world, median, packed, pump, report, runtime,
-    start_binary, state, wanted,
+    ACTIONS, BATCH, Service, batches, channel, columns, make_world, median, packed, pump,
+    pump_every, quantile, report, runtime, start_binary, state, wanted,
 };
 
 const ROUNDS: usize = 5;
 const HOT_BATCHES: u64 = 4_000;
 const UNIFORM_BATCHES: u64 = 1_000;
+const LATENCY_BATCHES: u64 = 20_000;
 
 fn main() {
     runtime().block_on(async {
@@ -32,6 +34,10 @@ fn main() {
         }
         if wanted("memory") {
             memory().await;
+        }
+        if wanted("latency") {
+            latency("8,000 hot cells", 223).await;
+            latency("a million states", 1_000_000).await;
         }
     });
 }
@@ -143,6 +149,26 @@ async fn plain_upserts(batches: u64) -> f64 {
         transaction.commit().await.expect("committed");
     }
     per_second(batches, started.elapsed())
+}
+
+/// How long a batch waits for its acknowledgement where batches come at half the rate that they may,
+/// folds included.
+async fn latency(load: &str, states: u32) {
+    let batches = batches(states, 500, 4);
+    let service = Service::start().await;
+    make_world(service.address, "world", ACTIONS).await;
+    let full = pump(service.address, "world", "p", &batches, LATENCY_BATCHES).await;
+    let interval = full * 2 / LATENCY_BATCHES as u32;
+
+    let client = IngestServiceClient::new(channel(service.address).await);
+    let paced = pump_every(client, "world", "p", &batches, LATENCY_BATCHES, interval);
+    let mut waited = paced.await;
+    service.stop().await;
+    println!(
+        "acknowledgement at half load, {load}: p50 {:.1} ms (target <= 10), p99 {:.1} ms (target <= 60)",
+        quantile(&mut waited, 0.5).as_secs_f64() * 1e3,
+        quantile(&mut waited, 0.99).as_secs_f64() * 1e3,
+    );
 }
 
 /// Resident memory of the real binary while a million distinct cells come in.

@@ -254,12 +254,32 @@ pub async fn pump(
 
 /// Sends batches as [`pump`] does, by a client of the caller's.
 pub async fn pump_by<T>(
-    mut client: IngestServiceClient<T>,
+    client: IngestServiceClient<T>,
     world: &str,
     producer: &str,
     batches: &[proto::Columns],
     how_many: u64,
 ) -> Duration
+where
+    T: GrpcService<Body, Error: Into<StdError>>,
+    T::ResponseBody:
+        http_body::Body<Data = bytes::Bytes, Error: Into<StdError> + Send> + Send + 'static,
+{
+    let started = Instant::now();
+    pump_every(client, world, producer, batches, how_many, Duration::ZERO).await;
+    started.elapsed()
+}
+
+/// Sends a batch whenever so much time has passed, and returns how long each waited for its
+/// acknowledgement, from when it was due.
+pub async fn pump_every<T>(
+    mut client: IngestServiceClient<T>,
+    world: &str,
+    producer: &str,
+    batches: &[proto::Columns],
+    how_many: u64,
+    interval: Duration,
+) -> Vec<Duration>
 where
     T: GrpcService<Body, Error: Into<StdError>>,
     T::ResponseBody:
@@ -295,8 +315,12 @@ where
     let first = welcome.committed_sequence;
     let window = tokio::sync::Semaphore::new(welcome.window as usize);
     let started = Instant::now();
+    let due = |sequence: u64| started + interval * (sequence - first - 1) as u32;
     let sending = async {
         for sequence in first + 1..=first + how_many {
+            if !interval.is_zero() {
+                tokio::time::sleep_until(due(sequence).into()).await;
+            }
             window.acquire().await.expect("open").forget();
             let columns = batches[sequence as usize % batches.len()].clone();
             let transitions = Some(proto::batch::Transitions::Columns(columns));
@@ -313,6 +337,7 @@ where
     };
     let receiving = async {
         let mut committed = first;
+        let mut waited = Vec::with_capacity(how_many as usize);
         while committed < first + how_many {
             let message = responses
                 .message()
@@ -323,12 +348,14 @@ where
             let Some(ingest_response::Message::Acknowledgement(told)) = message else {
                 panic!("{message:?}")
             };
+            let acknowledged = committed + 1..=told.committed_sequence;
+            waited.extend(acknowledged.map(|sequence| due(sequence).elapsed()));
             committed = told.committed_sequence;
             window.add_permits(told.receipts.len());
         }
+        waited
     };
-    tokio::join!(sending, receiving);
-    started.elapsed()
+    tokio::join!(sending, receiving).1
 }
 
 pub fn median(mut values: Vec<f64>) -> f64 {
