@@ -81,30 +81,37 @@ async fn ranked(
     for (at, rank) in ranks.iter().enumerate() {
         places.entry(*rank).or_default().push(at);
     }
-    let mut rows: Vec<i64> = match view.layout {
-        Some(layout) => places
-            .keys()
-            .map(|rank| layout.id_of_state(*rank))
-            .collect(),
-        None => Vec::new(),
-    };
-    rows.dedup();
 
     let mut found = vec![Vec::new(); ranks.len()];
+    let mark = add_stored(connection, id, view, &places, &mut found).await?;
+    let added = match of {
+        Of::Stored => is_of(view, mark),
+        Of::All => add_unfolded(view, mark, &places, &mut found)?,
+    };
+    Ok(added.map(|()| found))
+}
+
+/// Adds what the rows of states have, and returns how far these are folded.
+async fn add_stored(
+    connection: &mut SqliteConnection,
+    id: EnvironmentId,
+    view: &View,
+    places: &Places,
+    found: &mut [Vec<Placed>],
+) -> Result<Mark, StoreError> {
     let text = "select totals.folded, totals.fold_row, packed.id, packed.cells
          from totals left join packed on packed.id in (select value from json_each(?2))
          where totals.environment = ?1";
-    let query = sqlx::query(text)
-        .bind(id.0)
-        .bind(stored_forms::json_numbers(rows));
-    let mut stored = query.fetch(connection);
+    let query = sqlx::query(text).bind(id.0).bind(row_ids(view, places));
+    let mut rows = query.fetch(connection);
     let mut marked = None;
-    while let Some(row) = stored.try_next().await.map_err(unreadable)? {
+    while let Some(row) = rows.try_next().await.map_err(unreadable)? {
         marked = Some(mark(&row, 0).map_err(unreadable)?);
         let row_id: Option<i64> = row.try_get(2).map_err(unreadable)?;
         let Some((row_id, layout)) = row_id.zip(view.layout) else {
             continue;
         };
+
         let cells = cells_of(layout.name(row_id), row.try_get(3).map_err(unreadable)?)?;
         for state in cells.chunk_by(|(a, _), (b, _)| a.state == b.state) {
             for at in places.get(&state[0].0.state).into_iter().flatten() {
@@ -112,19 +119,38 @@ async fn ranked(
             }
         }
     }
-    let mark = marked.ok_or(StoreError::UnknownEnvironment)?;
-    if of == Of::Stored {
-        return Ok(is_of(view, mark).map(|()| found));
-    }
+    marked.ok_or(StoreError::UnknownEnvironment)
+}
+
+/// Returns the ids of the rows that states are in, as a list in JSON.
+fn row_ids(view: &View, places: &Places) -> String {
+    let Some(layout) = view.layout else {
+        return stored_forms::json_numbers([]);
+    };
+    let mut ids: Vec<i64> = places
+        .keys()
+        .map(|rank| layout.id_of_state(*rank))
+        .collect();
+    ids.dedup();
+    stored_forms::json_numbers(ids)
+}
+
+/// Adds what the journal has of states.
+fn add_unfolded(
+    view: &View,
+    mark: Mark,
+    places: &Places,
+    found: &mut [Vec<Placed>],
+) -> Result<Result<(), Outdated>, StoreError> {
     for (rank, positions) in places {
-        let Ok(unfolded) = unfolded(view, rank, mark)? else {
+        let Ok(unfolded) = unfolded(view, *rank, mark)? else {
             return Ok(Err(Outdated));
         };
         positions
             .iter()
             .for_each(|at| add(&mut found[*at], &unfolded));
     }
-    Ok(Ok(found))
+    Ok(Ok(()))
 }
 
 /// Fails where rows and view are of different folds.

@@ -5,6 +5,7 @@ use std::iter::Peekable;
 use std::ops::ControlFlow;
 
 use futures::TryStreamExt;
+use futures::stream::BoxStream;
 use sqlx::Row;
 use sqlx::sqlite::{SqliteConnection, SqliteRow};
 
@@ -45,6 +46,24 @@ pub(super) enum Wanted<'a> {
     These(&'a str),
 }
 
+impl Wanted<'_> {
+    /// Returns the first state that is wanted.
+    fn from(self) -> u64 {
+        match self {
+            Self::From(state, _) => state,
+            Self::All | Self::These(_) => 0,
+        }
+    }
+
+    /// Returns how many rows are read at most; all of them if negative.
+    fn most(self) -> i64 {
+        match self {
+            Self::From(_, most) => i64::from(most),
+            Self::All | Self::These(_) => -1,
+        }
+    }
+}
+
 /// Shows every state at or after one with its cells, in order, until told to stop.
 pub(super) async fn states(
     connection: &mut SqliteConnection,
@@ -53,14 +72,10 @@ pub(super) async fn states(
     wanted: Wanted<'_>,
     mut show: impl FnMut(u64, &[Placed]) -> Step,
 ) -> Result<Result<(), Outdated>, StoreError> {
-    let from = match wanted {
-        Wanted::From(state, _) => state,
-        Wanted::All | Wanted::These(_) => 0,
-    };
     rows(connection, id, view, wanted, |row| {
         let cells = row.into_sum();
         let states = cells.chunk_by(|(a, _), (b, _)| a.state == b.state);
-        for state in states.skip_while(|state| state[0].0.state < from) {
+        for state in states.skip_while(|state| state[0].0.state < wanted.from()) {
             if show(state[0].0.state, state)?.is_break() {
                 return Ok(ControlFlow::Break(()));
             }
@@ -79,45 +94,11 @@ pub(super) async fn rows(
     wanted: Wanted<'_>,
     mut show: impl FnMut(RowCells) -> Step,
 ) -> Result<Result<(), Outdated>, StoreError> {
-    // Without a block there are no rows.
-    let [first, last] = match (view.layout, wanted) {
-        (None, _) => [1, 0],
-        (Some(layout), Wanted::From(state, _)) => [layout.id_of_state(state), layout.last()],
-        (Some(layout), _) => [layout.first(), layout.last()],
-    };
-    let (most, these) = match wanted {
-        Wanted::From(_, most) => (i64::from(most), None),
-        Wanted::All => (-1, None),
-        Wanted::These(ids) => (-1, Some(ids)),
-    };
-    let text = match these {
-        None => {
-            "select totals.folded, totals.fold_row, packed.id, packed.cells
-             from totals left join packed on packed.id between ?2 and ?3
-             where totals.environment = ?1 order by packed.id limit ?4"
-        }
-        Some(_) => {
-            "select totals.folded, totals.fold_row, packed.id, packed.cells
-             from totals left join packed on packed.id in (select value from json_each(?5))
-                 and packed.id between ?2 and ?3
-             where totals.environment = ?1 order by packed.id limit ?4"
-        }
-    };
-    let query = sqlx::query(text)
-        .bind(id.0)
-        .bind(first)
-        .bind(last)
-        .bind(most);
-    let mut found = query.bind(these.map(str::to_owned)).fetch(connection);
+    let mut found = select(connection, id, view, wanted);
     let mut next = found.try_next().await.map_err(unreadable)?;
-    let Some(row) = &next else {
-        return Err(StoreError::UnknownEnvironment);
-    };
-    let mark = mark(row, 0).map_err(unreadable)?;
-    let start = match wanted {
-        Wanted::From(state, _) => first_state(row_of(state)),
-        Wanted::All | Wanted::These(_) => 0,
-    };
+    let first = next.as_ref().ok_or(StoreError::UnknownEnvironment)?;
+    let mark = mark(first, 0).map_err(unreadable)?;
+    let start = first_state(row_of(wanted.from()));
     let Ok(unfolded) = view.unfolded.from(start, mark) else {
         return Ok(Err(Outdated));
     };
@@ -135,15 +116,49 @@ pub(super) async fn rows(
         if show(RowCells { stored, unfolded })?.is_break() {
             return Ok(Ok(()));
         }
+
         shown += 1;
         // Rows that have arrived do not wait, and others shall have their turn.
         tokio::task::consume_budget().await;
         next = found.try_next().await.map_err(unreadable)?;
     }
-    if shown != most {
+
+    if shown != wanted.most() {
         let _ended_or_stopped = show_before(&mut unfolded, u64::MAX, &mut show)?;
     }
     Ok(Ok(()))
+}
+
+/// Asks for the rows that are wanted, in order, each with the mark of the fold; where there is none,
+/// for the mark alone.
+fn select<'c>(
+    connection: &'c mut SqliteConnection,
+    id: EnvironmentId,
+    view: &View,
+    wanted: Wanted<'_>,
+) -> BoxStream<'c, Result<SqliteRow, sqlx::Error>> {
+    let (text, these) = match wanted {
+        Wanted::These(ids) => (
+            "select totals.folded, totals.fold_row, packed.id, packed.cells
+             from totals left join packed on packed.id in (select value from json_each(?5))
+                 and packed.id between ?2 and ?3
+             where totals.environment = ?1 order by packed.id limit ?4",
+            Some(ids.to_owned()),
+        ),
+        Wanted::From(..) | Wanted::All => (
+            "select totals.folded, totals.fold_row, packed.id, packed.cells
+             from totals left join packed on packed.id between ?2 and ?3
+             where totals.environment = ?1 order by packed.id limit ?4",
+            None,
+        ),
+    };
+
+    // Without a block there are no rows.
+    let [first, last] = view.layout.map_or([1, 0], |layout| {
+        [layout.id_of_state(wanted.from()), layout.last()]
+    });
+    let query = sqlx::query(text).bind(id.0).bind(first).bind(last);
+    query.bind(wanted.most()).bind(these).fetch(connection)
 }
 
 /// Reads a row; `None` where there is none.
