@@ -15,7 +15,9 @@ use std::process::Child;
 use std::time::{Duration, Instant};
 
 use support::sink::sink;
-use support::{ACTIONS, BATCH, batches, make_world, median, pump, runtime, start_binary_with};
+use support::{
+    ACTIONS, BATCH, batches, make_world, median, process, pump, runtime, start_binary_with,
+};
 use tempfile::TempDir;
 
 /// A million transitions a round.
@@ -125,16 +127,9 @@ async fn get(address: SocketAddr, path: &str) -> String {
 }
 
 fn bytes_written(child: &Child) -> u64 {
-    field(child, "io", "write_bytes:")
+    process::field(child, "io", "write_bytes:")
 }
 
 fn resident(child: &Child) -> f64 {
-    field(child, "status", "VmRSS:") as f64 / 1024.0
-}
-
-fn field(child: &Child, file: &str, name: &str) -> u64 {
-    let text = std::fs::read_to_string(format!("/proc/{}/{file}", child.id())).expect("linux");
-    let line = text.lines().find_map(|line| line.strip_prefix(name));
-    let number = line.and_then(|line| line.split_whitespace().next()?.parse().ok());
-    number.expect("a number")
+    process::field(child, "status", "VmRSS:") as f64 / 1024.0
 }

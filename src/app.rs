@@ -41,9 +41,12 @@ const PROOF_TAKES: Duration = Duration::from_secs(1);
 /// How long a training may take to notice that it is to end.
 const TRAINING: Duration = Duration::from_millis(500);
 
-/// One handle of each room. Cloning is cheap: every request does.
+/// One handle of each room. Cloning is cheap: every layer around every request does.
 #[derive(Clone)]
-pub struct App {
+pub struct App(Arc<Handles>);
+
+/// The rooms as they are for whoever asks.
+pub struct Handles {
     /// Which worlds there are.
     pub environments: Environments,
     /// How transitions become counts.
@@ -70,6 +73,14 @@ pub struct Rooms {
 }
 
 impl std::ops::Deref for App {
+    type Target = Handles;
+
+    fn deref(&self) -> &Handles {
+        &self.0
+    }
+}
+
+impl std::ops::Deref for Handles {
     type Target = Rooms;
 
     fn deref(&self) -> &Rooms {
@@ -98,11 +109,11 @@ impl App {
             background: TaskTracker::new(),
             chores: Chores::default(),
         };
-        let app = Self {
+        let app = Self(Arc::new(Handles {
             environments,
             ingest,
             rooms: Arc::new(rooms),
-        };
+        }));
 
         app.in_background(app.environments.clone().sweep());
         app.in_background(app.environments.clone().compact());
@@ -125,11 +136,11 @@ impl App {
     /// environment, and is looked at again where it finds one: who sends a body slowly may have had
     /// a key when it began.
     pub fn asked_by(&self, asker: &Asker) -> Self {
-        Self {
+        Self(Arc::new(Handles {
             environments: self.environments.asked_by(asker.clone()),
             ingest: self.ingest.asked_by(asker.first().clone()),
             rooms: self.rooms.clone(),
-        }
+        }))
     }
 
     fn in_background(&self, work: impl Future<Output = ()> + Send + 'static) {

@@ -7,6 +7,7 @@
 #![allow(dead_code, missing_docs)]
 
 pub mod http;
+pub mod process;
 pub mod sink;
 
 use std::io::{BufRead, BufReader};

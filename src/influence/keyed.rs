@@ -21,6 +21,14 @@ impl<T> Default for Keyed<T> {
 }
 
 impl<T> Keyed<T> {
+    /// Makes room for so many states of so many features, if there is that much.
+    pub fn reserve(&mut self, states: usize, features: usize) {
+        let bins = states.saturating_mul(features);
+        // Without it they grow as they come: a total may be too large to be true.
+        let _ = self.bins.try_reserve_exact(bins);
+        let _ = self.values.try_reserve_exact(states);
+    }
+
     /// Adds a state, whose key has as many bins as all others.
     pub fn push(&mut self, key: &StateKey, value: T) {
         self.bins.extend_from_slice(key.bins());

@@ -46,6 +46,12 @@ impl Rows {
         }
     }
 
+    /// Makes room for the rows of so many states of so many features, and no more: millions that
+    /// double now and then are twice as large.
+    pub fn reserve(&mut self, states: usize, features: usize) {
+        self.kept.reserve(states, features);
+    }
+
     /// Adds a row.
     pub fn push(&mut self, row: &Row) {
         self.kept.push(&row.key, Kept::from(row));

@@ -11,7 +11,7 @@ use super::rows::Rows;
 use super::store_errors::logged;
 use crate::domain::{FitId, SegmentId};
 use crate::error::Problem;
-use crate::priors::Pages;
+use crate::priors::{Pages, PassEvidence};
 use crate::store::{Scanned, Store};
 use crate::work::{Gate, Progress};
 
@@ -50,17 +50,21 @@ pub async fn make(
     progress.begin("states measured", totals.states);
 
     let mut rows = Rows::new(context.network_version());
+    let features = context.environment.schema.state().len();
+    rows.reserve(totals.states as usize, features);
     let mut segments = HashSet::new();
+    let memory = Arc::new(PassEvidence::default());
     let mut pages = Pages::new(store, context.environment.id);
     while let Some(page) = pages.next().await.map_err(logged)? {
-        let (context, states) = (context.clone(), page.len() as u64);
+        let (context, memory) = (context.clone(), memory.clone());
+        let states = page.len() as u64;
         let measuring = gate.run(move |stop| {
             let named = named(&context, &page);
-            let states = page
+            let counted = page
                 .into_iter()
                 .map(|scanned| (scanned.key, Arc::new(scanned.counts)))
                 .collect();
-            Ok((named, measured(&context, states, stop)?))
+            Ok((named, measured(&context, counted, &memory, stop)?))
         });
         let (named, measured) = measuring.await?;
         segments.extend(named);

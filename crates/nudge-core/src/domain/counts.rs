@@ -7,7 +7,7 @@ use super::{Label, Schema, StateKey};
 pub struct SegmentId(pub i64);
 
 /// How often something was seen, and how often its state was entered with it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub struct Tally {
     /// Visits, at least 1 in a cell.
     pub n: u64,
@@ -74,7 +74,7 @@ impl States {
 }
 
 /// One cell of a state: a joint action under a segment.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Cell {
     /// The joint action.
     pub joint: u64,
