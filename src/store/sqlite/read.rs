@@ -140,8 +140,8 @@ async fn page(
     states: u32,
 ) -> Result<Result<Page, Outdated>, StoreError> {
     let mut page = Page::new();
-    // Every row has a state.
-    let wanted = Wanted::From(from.0.unsigned_abs(), states);
+    // Every row has a state, but that of the first may come before.
+    let wanted = Wanted::From(from.0.unsigned_abs(), states.saturating_add(1));
     let show = |number, cells: &[Placed]| {
         page.push((number, lookup::counts(environment, cells)?));
         Ok(match page.len() < states as usize {
