@@ -220,8 +220,9 @@ pub trait Store: Send + Sync {
     /// Returns what is free on the disk of the database, in bytes, and the size of the disk.
     async fn disk(&self) -> Result<[u64; 2], StoreError>;
 
-    /// Returns what each environment holds, all at one moment, in order of id. Of one that was
-    /// deleted something may be left.
+    /// Returns what each environment holds, in order of id; of one that was deleted something may be
+    /// left. Cheap however much was counted a moment ago: states and cells may then be those of a
+    /// little earlier, but never fewer than were told before.
     async fn held(&self) -> Result<Vec<(EnvironmentId, Held)>, StoreError>;
 
     /// Moves the journal into the database and closes it. No call may follow.

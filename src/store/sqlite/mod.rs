@@ -450,9 +450,7 @@ impl Store for SqliteStore {
 
     async fn held(&self) -> Result<Vec<(EnvironmentId, Held)>, StoreError> {
         let mut all = read::held(&self.readers).await?;
-        for (id, held) in &mut all {
-            read::hold_fresh(&self.readers, &self.memory, *id, held).await?;
-        }
+        read::hold_unfolded(&self.readers, &self.memory, &mut all).await?;
         Ok(all)
     }
 

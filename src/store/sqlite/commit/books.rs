@@ -14,10 +14,13 @@ use crate::store::StoreError;
 use crate::store::ledger::{
     Books, CellAt, Kept, Named, Opened, Opening, RowId, StateName, StoredProducer,
 };
+use crate::store::packed::size::Size;
 use crate::store::packed::unfolded::Outdated;
+use crate::store::sqlite::checksums;
+use crate::store::sqlite::columns::whole;
 use crate::store::sqlite::directory::Directory;
 use crate::store::sqlite::error::{aborted, spoiled};
-use crate::store::sqlite::fresh::{self, Size};
+use crate::store::sqlite::fresh;
 use crate::store::sqlite::lookup::{self, Of};
 use crate::store::sqlite::stored_forms;
 use crate::store::sqlite::walk::Placed;
