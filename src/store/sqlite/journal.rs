@@ -1,6 +1,7 @@
 //! The journal of counts: an entry a commit and environment, written with the commit and read when
 //! a connection is new.
 
+use std::collections::hash_map::Entry;
 use std::sync::Arc;
 
 use sqlx::Row;
@@ -89,9 +90,10 @@ pub(super) async fn load(
     };
     for row in &rows {
         let id = EnvironmentId(row.try_get(0)?);
-        if !loaded.views.contains_key(&id) {
-            loaded.views.insert(id, view(row, id)?);
-        }
+        let view = match loaded.views.entry(id) {
+            Entry::Occupied(view) => view.into_mut(),
+            Entry::Vacant(place) => place.insert(view(row, id)?),
+        };
         let Some(entry) = row.try_get::<Option<i64>, _>(6)? else {
             continue;
         };

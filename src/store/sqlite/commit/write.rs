@@ -82,12 +82,11 @@ pub(super) async fn write<'a>(
     accepted: Vec<Ledger<'a>>,
 ) -> Result<Vec<Delta<'a>>, Failed> {
     let mut deltas = Vec::new();
-    let mut entry = transaction.memory().pending.next_entry();
-    for ledger in accepted {
+    let next_entry = transaction.memory().pending.next_entry();
+    for (entry, ledger) in (next_entry..).zip(accepted) {
         let environment = ledger.environment;
         let written = write_ledger(transaction, entry, ledger).await;
         deltas.extend(written.map_err(|error| Failed::in_environment(environment, error))?);
-        entry += 1;
     }
     Ok(deltas)
 }
