@@ -277,6 +277,8 @@ pub struct FitRecord {
     pub id: FitId,
     /// The fit itself, as text.
     pub body: String,
+    /// Whether all of this is as it was kept, by its checksum; of one that is to be kept it is.
+    pub is_sound: bool,
 }
 
 /// A trained network of one pair of agents, without its weights. What it says is for those who made
@@ -298,6 +300,9 @@ pub struct ModelRecord {
     pub active: bool,
     /// What is told of it, as text.
     pub card: String,
+    /// Whether all of this is as it was kept, by its checksum; and its weights, where they were
+    /// read.
+    pub is_sound: bool,
 }
 
 /// A trained network that has no version yet: what [`Store::keep_model`] takes.

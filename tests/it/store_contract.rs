@@ -1575,6 +1575,7 @@ async fn the_last_fit_of_each_pair_is_kept(database: &dyn Database) {
             revision: 10 * version,
         },
         body: body.into(),
+        is_sound: true,
     };
     for kept in [
         fit("0,1", 1, "old"),
@@ -1747,6 +1748,7 @@ async fn models_survive(database: &dyn Database) {
         activated: Some(version),
         active: true,
         card: model.card,
+        is_sound: true,
     };
     let expected = [record(1, direct), record(2, joint)];
     assert_eq!(models(&store, id).await, expected);

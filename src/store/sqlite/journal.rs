@@ -97,7 +97,6 @@ pub(super) async fn load(
         let Some(entry) = row.try_get::<Option<i64>, _>(6)? else {
             continue;
         };
-        let view = loaded.views.get_mut(&id).expect("it was inserted");
         match run(row, id, entry) {
             Ok(run) => add(view, entry, run),
             Err(StoreError::Damaged(why)) => loaded.damaged.push((id, why)),

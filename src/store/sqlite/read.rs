@@ -419,13 +419,18 @@ pub(super) async fn owner(
     id: EnvironmentId,
     producer: &ProducerId,
 ) -> Result<Option<String>, StoreError> {
-    let text = "select owner from producers where environment = ? and name = ?";
-    let owner = sqlx::query_scalar(text)
+    let text = "select * from producers where environment = ? and name = ?";
+    let row = sqlx::query(text)
         .bind(id.0)
         .bind(producer.as_str())
         .fetch_optional(connection)
-        .await;
-    Ok(owner.map_err(unreadable)?.flatten())
+        .await
+        .map_err(unreadable)?;
+    let Some(row) = row else { return Ok(None) };
+    match checksums::is_sound_producer(&row).map_err(unreadable)? {
+        true => row.try_get("owner").map_err(unreadable),
+        false => Err(spoiled(&format!("producer `{producer}`"))),
+    }
 }
 
 /// Returns the bytes of the database and its journal.
