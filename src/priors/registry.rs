@@ -78,7 +78,7 @@ impl PriorRegistry {
         let stored = record.and_then(|record| {
             Some((
                 record.id,
-                stored_forms::read_fit(&record.body, alphabet).ok()?,
+                stored_forms::read_record(&record, alphabet).ok()?,
             ))
         });
         let (id, fit) = stored.unwrap_or_else(|| (FitId::default(), Fit::cold(alphabet)));

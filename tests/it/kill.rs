@@ -21,11 +21,12 @@ use crate::server::Server;
 use crate::support::channel;
 use crate::support::load::{Cells, Load, Shape, Voice, expected, make_lane};
 
-fn kills() -> u64 {
+/// Returns how many kills there are: as many as were asked for, or those of the short or long form.
+pub fn kills(short: u64) -> u64 {
     let told = std::env::var("NUDGE_KILLS")
         .ok()
         .and_then(|kills| kills.parse().ok());
-    told.unwrap_or(faults::scaled(60, 2_000))
+    told.unwrap_or(faults::scaled(short, 2_000))
 }
 
 /// What a run of kills left behind.
@@ -86,7 +87,7 @@ async fn counted(address: SocketAddr) -> Cells {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn nothing_is_lost_or_doubled_by_kills() {
-    let kills = kills();
+    let kills = kills(60);
     let aftermath = run(Voice::Stream, kills).await;
     let transitions: u64 = aftermath.expected.values().sum();
     assert!(

@@ -12,7 +12,7 @@ use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{ConnectOptions, Connection};
 
 use crate::support::batches::*;
-use crate::support::databases::{Database, SqliteFile, execute, number};
+use crate::support::databases::{Database, LEFT, SqliteFile, execute, number};
 
 async fn open(file: &SqliteFile) -> Arc<dyn Store> {
     file.open(Quotas::default()).await
@@ -567,6 +567,67 @@ async fn a_commit_that_is_cancelled_happened_or_not() {
         "{cancelled} cancelled, {happened} happened"
     );
     assert!(store.audit().await.expect("an audit")[0].is_sound());
+}
+
+/// Returns transitions, states and cells of an environment as a scrape is told them.
+async fn held(store: &Arc<dyn Store>, id: EnvironmentId) -> [u64; 3] {
+    let held = store.held().await.expect("held");
+    let (_, held) = held
+        .into_iter()
+        .find(|(of, _)| *of == id)
+        .expect("it is there");
+    [
+        held.totals.transitions,
+        held.totals.states,
+        held.totals.cells,
+    ]
+}
+
+/// While more is in no row than is looked up for it, states and cells are those of a while ago.
+#[tokio::test]
+async fn what_is_held_never_falls_and_is_exact_once_it_is_in_rows() {
+    const MANY: u32 = 12_000;
+    let mut file = SqliteFile::new();
+    file.fold_from = 1;
+    let store = open(&file).await;
+    let (id, _) = with_some_counts(&store).await;
+    assert_eq!(held(&store, id).await, [5, 1, 2], "few are looked up");
+
+    let most = u64::from(MANY);
+    let commit = async |sequence, places| {
+        let more = filled(id, "wide", sequence, places);
+        store.commit(&[more]).await.expect("a commit");
+    };
+    commit(1, 1..MANY + 1).await;
+    assert_eq!(
+        held(&store, id).await,
+        [5 + most, 1, 2],
+        "as of a while ago"
+    );
+    let totals = store.totals(id).await.expect("totals");
+    assert_eq!([totals.states, totals.cells], [most, most + 1]);
+    let known = [5 + most, most, most + 1];
+    assert_eq!(held(&store, id).await, known, "somebody has counted them");
+
+    commit(2, MANY + 1..2 * MANY + 1).await;
+    let mut seen = held(&store, id).await;
+    assert_eq!(seen, [5 + 2 * most, most, most + 1]);
+    while number(&file.path(), LEFT).await > 0 {
+        store.compact().await.expect("a step");
+        let now = held(&store, id).await;
+        assert!(
+            now >= seen && now[1] >= seen[1] && now[2] >= seen[2],
+            "{seen:?} {now:?}"
+        );
+        seen = now;
+    }
+    assert_eq!(seen, [5 + 2 * most, 2 * most, 2 * most + 1]);
+
+    commit(3, 2 * MANY + 1..3 * MANY + 1).await;
+    drop(store);
+    let store = open(&file).await;
+    let all = [5 + 3 * most, 3 * most, 3 * most + 1];
+    assert_eq!(held(&store, id).await, all, "what nobody has counted is");
 }
 
 async fn visits(store: &Arc<dyn Store>, id: EnvironmentId, place: u32) -> u64 {

@@ -3,7 +3,7 @@
 //!
 //! `cells` is the coding, of `varint`s; `checked` guards what is kept on disk; a `row` has sixteen
 //! states, a `run` the cells of a commit; `merge` adds sorted cells together; `unfolded` is the
-//! journal in memory.
+//! journal in memory, `size` how much something is.
 //!
 //! Absent on purpose: SQL, a runtime, a clock. A database keeps rows and journal as it likes.
 
@@ -12,5 +12,6 @@ pub(in crate::store) mod checked;
 pub(in crate::store) mod merge;
 pub(in crate::store) mod row;
 pub(in crate::store) mod run;
+pub(in crate::store) mod size;
 pub(in crate::store) mod unfolded;
 mod varint;

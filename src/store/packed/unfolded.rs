@@ -11,6 +11,7 @@ use super::cells::{Decoder, MOST, Place, Spoiled};
 use super::merge::Merge;
 use super::row::{RowName, first_state, row_of};
 use super::run::Run;
+use super::size::Size;
 use crate::domain::Tally;
 
 /// Runs of a tier that are merged into one of the next.
@@ -249,10 +250,8 @@ pub struct RowDelta {
 pub struct Folded {
     /// The row.
     pub bytes: Vec<u8>,
-    /// How many of its states had no cell before.
-    pub new_states: u64,
-    /// How many of its cells were not there before.
-    pub new_cells: u64,
+    /// How many of its states and cells were not there before.
+    pub new: Size,
 }
 
 impl RowDelta {
@@ -288,25 +287,8 @@ impl RowDelta {
         let after = Size::of(&after);
         Ok(Folded {
             bytes: writer.finish(),
-            new_states: after.states - before.states,
-            new_cells: after.cells - before.cells,
+            new: after.less(before),
         })
-    }
-}
-
-/// How many states and cells there are.
-struct Size {
-    states: u64,
-    cells: u64,
-}
-
-impl Size {
-    fn of(cells: &[(Place, Tally)]) -> Self {
-        let states = cells.chunk_by(|(a, _), (b, _)| a.state == b.state);
-        Self {
-            states: states.count() as u64,
-            cells: cells.len() as u64,
-        }
     }
 }
 
@@ -325,7 +307,7 @@ mod tests {
     struct Table {
         mark: Mark,
         rows: BTreeMap<u64, Vec<u8>>,
-        totals: [u64; 2],
+        totals: Size,
         journal: BTreeMap<i64, Run>,
     }
 
@@ -334,8 +316,7 @@ mod tests {
             for delta in &slice.rows {
                 let old = self.rows.get(&delta.row).map(Vec::as_slice);
                 let folded = delta.onto(7, old).expect("sound");
-                self.totals[0] += folded.new_states;
-                self.totals[1] += folded.new_cells;
+                self.totals += folded.new;
                 self.rows.insert(delta.row, folded.bytes);
             }
             self.mark = slice.mark;
@@ -422,8 +403,8 @@ mod tests {
                 prop_assert!(memory.from(0, table.mark).is_ok());
             }
             let stored = table.cells();
-            let states: std::collections::BTreeSet<u64> = stored.keys().map(|place| place.state).collect();
-            prop_assert_eq!(table.totals, [states.len() as u64, stored.len() as u64]);
+            let stored: Vec<_> = stored.into_iter().collect();
+            prop_assert_eq!(table.totals, Size::of(&stored));
         }
     }
 }

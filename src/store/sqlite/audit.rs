@@ -11,7 +11,7 @@ use sqlx::{Connection, Row, SqlitePool};
 use super::columns::mark;
 use super::directory::Directory;
 use super::error::{spoiled, unreadable};
-use super::fresh::{self, Size};
+use super::fresh;
 use super::inspect::has_table;
 use super::journal;
 use super::layout::{Layout, Numbering};
@@ -20,6 +20,7 @@ use crate::domain::Environment;
 use crate::store::packed::checked;
 use crate::store::packed::row::row_of;
 use crate::store::packed::run::Run;
+use crate::store::packed::size::Size;
 use crate::store::packed::unfolded::Mark;
 use crate::store::{Audit, Cause, StorageFault, StoreError};
 
@@ -76,8 +77,7 @@ async fn audit_patiently(
 #[derive(Default)]
 struct Found {
     transitions: u128,
-    states: u64,
-    cells: u64,
+    size: Size,
     /// Cells of an action, a segment or a state that the environment does not have.
     strays: u64,
 }
@@ -92,10 +92,17 @@ async fn audit_one(
     let mut moment = reader.begin().await?;
     read_producers(&mut moment, environment).await?;
     let Some(mut kept) = kept(&mut moment, environment).await? else {
-        return Ok(None);
+        return match is_there(&mut moment, environment).await? {
+            true => Err(damage(spoiled("the row of its totals"))),
+            false => Ok(None),
+        };
     };
-    let mut found = Found::default();
-    old_cells(&mut moment, environment, &mut found).await?;
+    // Read in any case: the states may be those of rows.
+    let old = old_cells(&mut moment, environment).await?;
+    let mut found = match is_packed && !is_unmoved(&mut moment, environment).await? {
+        true => Found::default(),
+        false => old,
+    };
     if is_packed {
         let allowed = Allowed::read(&mut moment, environment).await?;
         rows(&mut moment, environment, &allowed, &mut found).await?;
@@ -103,12 +110,11 @@ async fn audit_one(
         let fresh = fresh(&mut moment, environment).await.map_err(damage)?;
         kept[1] += fresh.states;
         kept[2] += fresh.cells;
-        found.states += fresh.states;
-        found.cells += fresh.cells;
+        found.size += fresh;
     }
 
     let transitions = u64::try_from(found.transitions).unwrap_or(u64::MAX);
-    let sums = [transitions, found.states, found.cells];
+    let sums = [transitions, found.size.states, found.size.cells];
     let strays = format!(
         "{} of its cells are of a state, an action or a segment that it does not have",
         found.strays
@@ -137,6 +143,23 @@ async fn kept(
             .map(|number| number.max(0).unsigned_abs())
     };
     Ok(Some([number(0)?, number(1)?, number(2)?]))
+}
+
+/// Returns whether an environment was not deleted.
+async fn is_there(moment: &mut SqliteConnection, environment: &Environment) -> Result<bool, Cause> {
+    let text = "select exists (select 1 from environments where id = ? and name is not null)";
+    let is_there = sqlx::query_scalar(text).bind(environment.id.0);
+    Ok(is_there.fetch_one(moment).await?)
+}
+
+/// Returns whether the old tables have something of an environment, as those who read it are told.
+async fn is_unmoved(
+    moment: &mut SqliteConnection,
+    environment: &Environment,
+) -> Result<bool, Cause> {
+    let text = "select unmoved from totals where environment = ?";
+    let is_unmoved = sqlx::query_scalar(text).bind(environment.id.0);
+    Ok(is_unmoved.fetch_one(moment).await?)
 }
 
 /// What cells there may be.
@@ -220,9 +243,7 @@ async fn rows(
     while let Some(row) = rows.try_next().await? {
         let cells = cells_of(layout.name(row.try_get(0)?), row.try_get(1)?).map_err(damage)?;
         found.add_visits(&cells, allowed);
-        found.cells += cells.len() as u64;
-        let states = cells.chunk_by(|(a, _), (b, _)| a.state == b.state);
-        found.states += states.count() as u64;
+        found.size += Size::of(&cells);
         tokio::task::consume_budget().await;
     }
     Ok(())
@@ -272,14 +293,13 @@ fn damage(error: StoreError) -> Cause {
     Cause::new(StorageFault::Damaged, error.to_string())
 }
 
-/// Adds what an earlier build counted and is not moved yet. Visits are summed in two halves: a
+/// Returns what an earlier build counted and is not moved yet. Visits are summed in two halves: a
 /// damaged one could overflow the sum. States are found by their index, and each is looked up in its
 /// table too, which nothing else would read.
 async fn old_cells(
     moment: &mut SqliteConnection,
     environment: &Environment,
-    found: &mut Found,
-) -> Result<(), Cause> {
+) -> Result<Found, Cause> {
     let row = sqlx::query(
         "select count(distinct mine.id), count(cells.state),
              coalesce(sum(cells.n >> 32), 0), coalesce(sum(cells.n & 0xffffffff), 0),
@@ -301,11 +321,14 @@ async fn old_cells(
         row.try_get::<i64, _>(at)
             .map(|number| number.max(0).unsigned_abs())
     };
-    found.states += number(0)?;
-    found.cells += number(1)?;
-    found.transitions += (u128::from(number(2)?) << 32) + u128::from(number(3)?);
-    found.strays += number(4)?;
-    Ok(())
+    Ok(Found {
+        transitions: (u128::from(number(2)?) << 32) + u128::from(number(3)?),
+        size: Size {
+            states: number(0)?,
+            cells: number(1)?,
+        },
+        strays: number(4)?,
+    })
 }
 
 /// Reads every producer and receipt to its end.

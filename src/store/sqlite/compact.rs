@@ -18,6 +18,7 @@ use crate::domain::EnvironmentId;
 use crate::store::StoreError;
 use crate::store::map::Map;
 use crate::store::packed::run::Run;
+use crate::store::packed::size::Size;
 use crate::store::packed::unfolded::{Folded, Mark, RowDelta};
 
 /// Rows that a step writes: a commit waits for them at most.
@@ -74,12 +75,12 @@ pub(super) async fn fold(
     write(transaction.connection(), layout, &folded)
         .await
         .map_err(aborted)?;
-    let new_states = folded.iter().map(|(_, row)| row.new_states).sum();
-    let new_cells = folded.iter().map(|(_, row)| row.new_cells).sum();
-    note(&mut transaction, id, slice.mark, [new_states, new_cells])
+    let mut new = Size::default();
+    folded.iter().for_each(|(_, row)| new += row.new);
+    note(&mut transaction, id, slice.mark, new)
         .await
         .map_err(aborted)?;
-    let remember = |memory: &Memory| memory.pending.folded(id, slice.mark, new_cells);
+    let remember = |memory: &Memory| memory.pending.folded(id, slice.mark, new.cells);
     transaction.commit(|memory, _| remember(memory)).await?;
     if slice.mark.next_row.is_none() {
         trim(writer, id).await?;
@@ -178,14 +179,14 @@ async fn note(
     transaction: &mut Transaction<'_>,
     id: EnvironmentId,
     mark: Mark,
-    [states, cells]: [u64; 2],
+    new: Size,
 ) -> Result<(), sqlx::Error> {
     let text = "update totals set folded = ?, fold_row = ?, states = states + ?, cells = cells + ? where environment = ?";
     sqlx::query(text)
         .bind(mark.upto)
         .bind(mark.next_row.map(|row| row as i64))
-        .bind(states as i64)
-        .bind(cells as i64)
+        .bind(new.states as i64)
+        .bind(new.cells as i64)
         .bind(id.0)
         .execute(transaction.connection())
         .await?;

@@ -9,44 +9,15 @@ use sqlx::sqlite::SqliteConnection;
 use super::lookup::{self, Of};
 use super::pending::View;
 use super::stored_forms;
-use super::walk::{self, Placed, RowCells, Wanted};
+use super::walk::{self, RowCells, Wanted};
 use crate::domain::{Environment, StateKey};
 use crate::store::StoreError;
 use crate::store::packed::row::row_of;
+use crate::store::packed::size::Size;
 use crate::store::packed::unfolded::Outdated;
 
 /// States that are looked up together.
 const STATES: usize = 1_000;
-
-/// States and cells.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(super) struct Size {
-    pub(super) states: u64,
-    pub(super) cells: u64,
-}
-
-impl Size {
-    /// Returns the size of cells in order of place, each place once.
-    pub(super) fn of(cells: &[Placed]) -> Self {
-        let states = cells.chunk_by(|(a, _), (b, _)| a.state == b.state);
-        Self {
-            states: states.count() as u64,
-            cells: cells.len() as u64,
-        }
-    }
-
-    fn add(&mut self, more: Self) {
-        self.states += more.states;
-        self.cells += more.cells;
-    }
-
-    fn less(self, stored: Self) -> Self {
-        Self {
-            states: self.states - stored.states,
-            cells: self.cells - stored.cells,
-        }
-    }
-}
 
 /// Counts what the journal of a view has and nothing else has.
 pub(super) async fn count(
@@ -65,7 +36,7 @@ pub(super) async fn count(
     let rows = rows_of(view);
     let count = |row: RowCells| {
         let stored = Size::of(&row.stored);
-        fresh.add(Size::of(&row.into_sum()).less(stored));
+        fresh += Size::of(&row.into_sum()).less(stored);
         Ok(ControlFlow::Continue(()))
     };
     let counted = walk::rows(
@@ -111,7 +82,7 @@ async fn beside_old(
             return Ok(Err(Outdated));
         };
         for (all, stored) in all.iter().zip(&stored) {
-            fresh.add(Size::of(all).less(Size::of(stored)));
+            fresh += Size::of(all).less(Size::of(stored));
         }
     }
     Ok(Ok(fresh))

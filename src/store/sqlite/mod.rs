@@ -10,7 +10,7 @@
 //! `models`, `removal` and its `leftovers` keep the worlds. In `memory` are `pending` entries of the
 //! journal, `actions`, `cache` and `directory`, beside the writer is the `row_id_cache`, which is
 //! `recent`. `layout` says where rows are, `stored_forms`, `rows` and `columns` how things are
-//! written, `error` what its errors mean.
+//! written, `checksums` whether they are as they were, `error` what its errors mean.
 
 use std::path::Path;
 use std::sync::{Arc, PoisonError};
@@ -30,6 +30,7 @@ use crate::domain::{
 mod actions;
 mod audit;
 mod cache;
+mod checksums;
 mod closing;
 mod columns;
 mod commit;
@@ -183,6 +184,13 @@ impl SqliteStore {
     /// hundred faults; empty where all is well.
     pub async fn receipts(&self, id: EnvironmentId) -> Result<Vec<String>, StoreError> {
         receipts::faults(&self.readers, id).await
+    }
+
+    /// Returns which rows of an environment are not as they were written, of those that are not told
+    /// to be damaged where they are read, as descriptions, fits and networks are; empty where all is
+    /// well.
+    pub async fn damaged_rows(&self, id: EnvironmentId) -> Result<Vec<String>, StoreError> {
+        inspect::damaged_rows(&self.readers, id).await
     }
 
     /// Returns whether the database has a table: one of an older build that is only looked at may
@@ -450,9 +458,7 @@ impl Store for SqliteStore {
 
     async fn held(&self) -> Result<Vec<(EnvironmentId, Held)>, StoreError> {
         let mut all = read::held(&self.readers).await?;
-        for (id, held) in &mut all {
-            read::hold_fresh(&self.readers, &self.memory, *id, held).await?;
-        }
+        read::hold_unfolded(&self.readers, &self.memory, &mut all).await?;
         Ok(all)
     }
 

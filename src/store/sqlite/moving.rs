@@ -5,7 +5,6 @@
 use sqlx::Row;
 use sqlx::sqlite::{SqliteConnection, SqliteRow};
 
-use super::compact;
 use super::error::{aborted, spoiled, unreadable};
 use super::layout::{Layout, Numbering};
 use super::lookup;
@@ -13,6 +12,7 @@ use super::old_cells::old_cells;
 use super::stored_forms;
 use super::walk::Placed;
 use super::writer::Writer;
+use super::{checksums, compact};
 use crate::domain::{Environment, EnvironmentId, StateKey};
 use crate::store::StoreError;
 use crate::store::packed::row::row_of;
@@ -39,7 +39,7 @@ pub(super) async fn step(
         old.len() < STATES as usize,
         old.last().map_or(after, |state| state.id),
     );
-    let layout = layout(connection, environment.id).await.map_err(aborted)?;
+    let layout = layout(connection, environment.id).await?;
 
     let deltas = deltas(&old);
     let ids: Vec<i64> = deltas.iter().map(|delta| layout.id(delta.row)).collect();
@@ -141,15 +141,32 @@ async fn remove(
 pub(super) async fn layout(
     connection: &mut SqliteConnection,
     id: EnvironmentId,
-) -> Result<Layout, sqlx::Error> {
-    let text = "update environments set block = coalesce(block, (
+) -> Result<Layout, StoreError> {
+    let text = "select block from environments where id = ?";
+    let block = sqlx::query_scalar(text).bind(id.0);
+    let block: Option<i64> = block.fetch_one(&mut *connection).await.map_err(aborted)?;
+    let block = match block {
+        Some(block) => block,
+        None => take_block(connection, id).await?,
+    };
+    Ok(Layout::new(id, block))
+}
+
+/// Gives an environment a block that is nobody's and has no rows, which damage may have left.
+async fn take_block(
+    connection: &mut SqliteConnection,
+    id: EnvironmentId,
+) -> Result<i64, StoreError> {
+    checksums::check(connection, id).await?;
+    let text = "update environments set block = (
              select min(free) from (
                  select 1 as free union select block + 1 from environments where block is not null
+                 union select (max(id) >> 44) + 1 from packed
              ) where free not in (select block from environments where block is not null)
-         )) where id = ? returning block";
-    let block = sqlx::query_scalar(text)
-        .bind(id.0)
-        .fetch_one(connection)
-        .await?;
-    Ok(Layout::new(id, block))
+                 and not exists (select 1 from packed where id between free << 44 and (free << 44) + (1 << 44) - 1)
+         ) where id = ? returning block";
+    let block = sqlx::query_scalar(text).bind(id.0);
+    let block = block.fetch_one(&mut *connection).await.map_err(aborted)?;
+    checksums::seal(connection, id).await?;
+    Ok(block)
 }

@@ -15,6 +15,7 @@ use super::layout::Layout;
 use crate::domain::EnvironmentId;
 use crate::store::map::Map;
 use crate::store::packed::run::Run;
+use crate::store::packed::size::Size;
 use crate::store::packed::unfolded::{Mark, Unfolded};
 
 /// What the counts of an environment are, beside its rows.
@@ -75,9 +76,19 @@ pub(super) struct Pending {
 struct Inner {
     /// None while nobody knows what was committed.
     views: Option<Map<EnvironmentId, View>>,
+    /// What was measured last, of each environment where anything was.
+    measured: Map<EnvironmentId, Measured>,
     last_entry: i64,
     /// When a fold last ended; none did yet where there is none.
     last_fold: Option<Instant>,
+}
+
+/// How many states and cells an environment was found to have, in rows and journal together. Folds do
+/// not change it, and it never falls.
+struct Measured {
+    size: Size,
+    /// The last entry of the journal that is in it.
+    last: i64,
 }
 
 /// How long cells wait in the journal at most where nothing else is to be done: what waits is read
@@ -142,6 +153,36 @@ impl Pending {
     /// Forgets an environment that is gone.
     pub(super) fn forget(&self, id: EnvironmentId) {
         self.change_all(|views| views.remove(&id));
+        self.inner().measured.remove(&id);
+    }
+
+    /// Notes how many states and cells an environment was found to have, with the journal of a view.
+    pub(super) fn measured(&self, id: EnvironmentId, view: &View, size: Size) {
+        let last = view.unfolded.last();
+        let mut inner = self.inner();
+        let before = inner.measured.get(&id);
+        // Somebody may have measured more meanwhile, or it may be gone.
+        let is_gone = inner
+            .views
+            .as_ref()
+            .is_some_and(|views| !views.contains_key(&id));
+        if !is_gone && before.is_none_or(|before| before.last < last) {
+            inner.measured.insert(id, Measured { size, last });
+        }
+    }
+
+    /// Returns how many states and cells an environment has, where that was measured with the same
+    /// journal.
+    pub(super) fn size(&self, id: EnvironmentId, view: &View) -> Option<Size> {
+        let inner = self.inner();
+        let measured = inner.measured.get(&id);
+        let measured = measured.filter(|measured| measured.last == view.unfolded.last());
+        measured.map(|measured| measured.size)
+    }
+
+    /// Returns how many states and cells an environment has at least, where that was ever measured.
+    pub(super) fn least_size(&self, id: EnvironmentId) -> Option<Size> {
+        self.inner().measured.get(&id).map(|measured| measured.size)
     }
 
     /// Knows nothing until [`Pending::replace`].

@@ -10,9 +10,10 @@ use std::sync::Arc;
 use sqlx::sqlite::{SqliteConnection, SqliteRow};
 use sqlx::{Row, SqlitePool};
 
+use super::checksums;
 use super::columns::{mark, whole};
 use super::error::{spoiled, unreadable};
-use super::fresh::{self, Size};
+use super::fresh;
 use super::layout::Numbering;
 use super::lookup::{self, Of};
 use super::memory::Memory;
@@ -22,6 +23,7 @@ use super::{cache::Epoch, journal};
 use crate::domain::{
     Counts, Environment, EnvironmentId, Label, ProducerId, SegmentId, Sequence, StateKey,
 };
+use crate::store::packed::size::Size;
 use crate::store::packed::unfolded::{Mark, Outdated};
 use crate::store::{ByVisits, Cursor, Held, Scanned, StateCounts, StoreError, Totals};
 use crate::telemetry;
@@ -140,8 +142,8 @@ async fn page(
     states: u32,
 ) -> Result<Result<Page, Outdated>, StoreError> {
     let mut page = Page::new();
-    // Every row has a state.
-    let wanted = Wanted::From(from.0.unsigned_abs(), states);
+    // Every row has a state, but that of the first may come before.
+    let wanted = Wanted::From(from.0.unsigned_abs(), states.saturating_add(1));
     let show = |number, cells: &[Placed]| {
         page.push((number, lookup::counts(environment, cells)?));
         Ok(match page.len() < states as usize {
@@ -319,30 +321,47 @@ fn segment(row: &SqliteRow) -> Result<(SegmentId, Option<Label>), StoreError> {
     Ok((SegmentId(row.try_get(0).map_err(unreadable)?), label))
 }
 
-/// Returns the totals of an environment: those that are kept, and what only the journal has.
+/// Returns the totals of an environment: those that are kept, and what only the journal has, which
+/// is counted once for each entry.
 pub(super) async fn totals(
     readers: &SqlitePool,
     memory: &Memory,
     environment: &Environment,
 ) -> Result<Totals, StoreError> {
+    let id = environment.id;
     let mut reader = readers.acquire().await.map_err(unreadable)?;
     loop {
-        let view = view(&mut reader, memory, environment.id).await?;
-        let (_, before) = kept_totals(&mut reader, environment.id).await?;
+        let view = view(&mut reader, memory, id).await?;
+        if let Some(size) = memory.pending.size(id, &view) {
+            let (kept, _) = kept_totals(&mut reader, id).await?;
+            return Ok(with_size(kept, size, &view));
+        }
+
+        let (_, before) = kept_totals(&mut reader, id).await?;
         let fresh = fresh::count(&mut reader, environment, &view).await?;
-        let (kept, after) = kept_totals(&mut reader, environment.id).await?;
+        let (kept, after) = kept_totals(&mut reader, id).await?;
         // Where a fold went on in between, something would be counted twice.
         if let (Ok(fresh), true) = (fresh, before == after) {
-            return Ok(with_fresh(kept, fresh, &view));
+            let mut size = kept_size(&kept);
+            size += fresh;
+            memory.pending.measured(id, &view, size);
+            return Ok(with_size(kept, size, &view));
         }
     }
 }
 
-fn with_fresh(kept: Totals, fresh: Size, view: &View) -> Totals {
+fn kept_size(totals: &Totals) -> Size {
+    Size {
+        states: totals.states,
+        cells: totals.cells,
+    }
+}
+
+fn with_size(kept: Totals, size: Size, view: &View) -> Totals {
     Totals {
         transitions: view.revision,
-        states: kept.states + fresh.states,
-        cells: kept.cells + fresh.cells,
+        states: size.states,
+        cells: size.cells,
         ..kept
     }
 }
@@ -400,13 +419,18 @@ pub(super) async fn owner(
     id: EnvironmentId,
     producer: &ProducerId,
 ) -> Result<Option<String>, StoreError> {
-    let text = "select owner from producers where environment = ? and name = ?";
-    let owner = sqlx::query_scalar(text)
+    let text = "select * from producers where environment = ? and name = ?";
+    let row = sqlx::query(text)
         .bind(id.0)
         .bind(producer.as_str())
         .fetch_optional(connection)
-        .await;
-    Ok(owner.map_err(unreadable)?.flatten())
+        .await
+        .map_err(unreadable)?;
+    let Some(row) = row else { return Ok(None) };
+    match checksums::is_sound_producer(&row).map_err(unreadable)? {
+        true => row.try_get("owner").map_err(unreadable),
+        false => Err(spoiled(&format!("producer `{producer}`"))),
+    }
 }
 
 /// Returns the bytes of the database and its journal.
@@ -469,23 +493,46 @@ fn held_of(row: &SqliteRow) -> Result<(EnvironmentId, Held), sqlx::Error> {
     Ok((EnvironmentId(row.try_get(0)?), held))
 }
 
-/// Puts what only the journal has into what an environment holds, where there is anything.
-pub(super) async fn hold_fresh(
+/// Cells of the journal that may be looked up for what is held.
+const LOOKED_UP: usize = 10_000;
+
+/// Adds what only the journal has to what environments hold. Where that is much, states and cells
+/// are those that were found last, or that are in rows: a little behind, and never falling.
+pub(super) async fn hold_unfolded(
     readers: &SqlitePool,
     memory: &Memory,
-    id: EnvironmentId,
-    held: &mut Held,
+    all: &mut [(EnvironmentId, Held)],
 ) -> Result<(), StoreError> {
-    let pending = memory.pending.view(id);
-    let is_settled = pending.is_some_and(|view| view.unfolded.is_empty());
-    let Some(environment) = memory.directory.of_id(id).filter(|_| !is_settled) else {
-        return Ok(());
-    };
-    match totals(readers, memory, &environment).await {
-        Ok(totals) => held.totals = totals,
-        // It was deleted meanwhile, or what is wrong with it is told where it is asked about.
-        Err(StoreError::UnknownEnvironment | StoreError::Damaged(_)) => {}
-        Err(error) => return Err(error),
+    let mut room = LOOKED_UP;
+    for (id, held) in all {
+        let Some(environment) = memory.directory.of_id(*id) else {
+            continue;
+        };
+        let least = memory.pending.least_size(*id);
+        let cost = cost_of_totals(memory, *id);
+        if cost <= room || least.is_none() {
+            room = room.saturating_sub(cost);
+            match totals(readers, memory, &environment).await {
+                Ok(totals) => held.totals = totals,
+                // It was deleted meanwhile, or what is wrong with it is told where it is asked
+                // about.
+                Err(StoreError::UnknownEnvironment | StoreError::Damaged(_)) => {}
+                Err(error) => return Err(error),
+            }
+        }
+        let size = kept_size(&held.totals).max(least.unwrap_or_default());
+        (held.totals.states, held.totals.cells) = (size.states, size.cells);
     }
     Ok(())
+}
+
+/// Returns how many cells are to be looked up for the totals of an environment.
+fn cost_of_totals(memory: &Memory, id: EnvironmentId) -> usize {
+    let Some(view) = memory.pending.view(id) else {
+        return usize::MAX;
+    };
+    match memory.pending.size(id, &view) {
+        Some(_) => 0,
+        None => view.unfolded.len(),
+    }
 }

@@ -5,38 +5,12 @@ use futures::TryStreamExt;
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, SqlitePool};
 
+use super::checksums;
 use super::error::unreadable;
-use super::inspect::has_table;
 use super::stored_forms;
 use crate::domain::{EnvironmentId, ProducerId, Sequence};
 use crate::store::StoreError;
 use crate::store::ledger::{inconsistency, last_dropped};
-
-/// The SQL of the producers of an environment with their batches.
-macro_rules! batches {
-    ($checksum:literal) => {
-        concat!(
-            "select producers.id, producers.name, producers.sequence, batches.sequence, batches.receipt,
-                 batches.digest, ",
-            $checksum,
-            " from producers left join batches on batches.producer = producers.id
-             where producers.environment = ? order by producers.id, batches.sequence"
-        )
-    };
-}
-
-/// Returns the checksum that is kept of a batch.
-pub(super) fn checksum(producer: i64, sequence: i64, digest: &[u8], receipt: &str) -> u32 {
-    let mut hasher = crc32fast::Hasher::new();
-    let parts: [&[u8]; 4] = [
-        &producer.to_le_bytes(),
-        &sequence.to_le_bytes(),
-        digest,
-        receipt.as_bytes(),
-    ];
-    parts.into_iter().for_each(|part| hasher.update(part));
-    hasher.finalize()
-}
 
 /// The most faults that are told.
 const MOST_TOLD: usize = 100;
@@ -46,11 +20,9 @@ pub(super) async fn faults(
     readers: &SqlitePool,
     id: EnvironmentId,
 ) -> Result<Vec<String>, StoreError> {
-    // Databases of earlier builds, which are only looked at, have no checksums.
-    let text = match has_table(readers, "packed").await? {
-        true => batches!("batches.checksum"),
-        false => batches!("null"),
-    };
+    let text = "select producers.id, producers.name, producers.sequence as last, batches.*
+         from producers left join batches on batches.producer = producers.id
+         where producers.environment = ? order by producers.id, batches.sequence";
     let mut rows = sqlx::query(text).bind(id.0).fetch(readers);
     let (mut faults, mut looking) = (Vec::new(), None::<Looking>);
     while let Some(row) = rows.try_next().await.map_err(unreadable)? {
@@ -64,7 +36,7 @@ pub(super) async fn faults(
         }
 
         let looking = looking.as_mut().expect("there is one now");
-        if let Some(sequence) = row.try_get(3).map_err(unreadable)? {
+        if let Some(sequence) = row.try_get("sequence").map_err(unreadable)? {
             faults.extend(looking.batch(sequence, &row).map_err(unreadable)?);
         }
     }
@@ -101,15 +73,16 @@ impl Looking {
         self.is_in_order &= sequence == self.next;
         self.next = sequence.saturating_add(1);
 
-        let receipt: &str = row.try_get(4)?;
-        let (digest, kept) = (row.try_get(5)?, row.try_get::<Option<i64>, _>(6)?);
-        let checksum = i64::from(checksum(self.id, sequence, digest, receipt));
+        let receipt: &str = row.try_get("receipt")?;
+        let is_sound = checksums::is_sound(row, |row| {
+            let digest = row.try_get("digest")?;
+            Ok(checksums::batch(self.id, sequence, digest, receipt))
+        })?;
         let why = match stored_forms::read_receipt(receipt) {
             Ok(receipt) => inconsistency(&receipt).map(str::to_owned),
             Err(why) => Some(why.to_string()),
         };
-        let is_other = kept.is_some_and(|kept| kept != checksum);
-        let why = why.or_else(|| is_other.then(|| "its checksum is another".to_owned()));
+        let why = why.or_else(|| (!is_sound).then(|| "its checksum is another".to_owned()));
         let told = |why| {
             format!(
                 "producer `{}`: the receipt of batch {sequence}: {why}",

@@ -57,8 +57,7 @@ async fn hide(
     id: EnvironmentId,
     states: Option<u64>,
 ) -> Result<Option<Removal>, sqlx::Error> {
-    let text =
-        "update environments set name = null where id = ? and name is not null returning uid";
+    let text = "update environments set name = null, checksum = null where id = ? and name is not null returning uid";
     let Some(uid) = sqlx::query_scalar(text)
         .bind(id.0)
         .fetch_optional(&mut *connection)
@@ -248,10 +247,13 @@ async fn remove_rows(
     id: i64,
     rows: u32,
 ) -> Result<RemovedRows, StoreError> {
+    // Where damage lets it have another's block, the rows are the other's.
     let text = "delete from packed where id in (
              select packed.id from environments cross join packed
                  on packed.id between environments.block << 44 and (environments.block << 44) + (1 << 44) - 1
-             where environments.id = ?1 limit ?2)
+             where environments.id = ?1 and not exists (
+                 select 1 from environments as others where others.id <> ?1 and others.block = environments.block
+             ) limit ?2)
          returning id, cells, (select block from environments where environments.id = ?1)";
     let blobs = sqlx::query(text).bind(id).bind(rows).fetch_all(connection);
     let mut removed = RemovedRows::default();

@@ -9,18 +9,19 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
-use nudge::domain::WrittenRule;
-use nudge::store::{Cursor, Options};
+use nudge::domain::{EnvironmentId, WrittenRule};
+use nudge::store::{Cursor, Options, Store};
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
+use reqwest::Client;
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
 use super::deaths::some_of;
 use super::disk::{CHANGES, DEATH, Disk, EIO, ENOSPC, FOR_EVER};
-use super::{asked, eventually, scaled, settled};
+use super::{asked, eventually, settled};
 use crate::server::Server;
-use crate::support::batches::{filled, schema};
+use crate::support::batches::{filled, schema, tally};
 use crate::support::databases::{LEFT, compact_all, execute, number};
 use crate::support::open;
 
@@ -133,7 +134,7 @@ async fn assert_counted(directory: &Path, visits: &Visits) {
         }
         let store = open(directory, Options::default()).await;
         let audits = store.audit().await.expect("read");
-        assert!(audits[0].is_sound(), "{audits:?}");
+        assert!(audits.iter().all(|audit| audit.is_sound()), "{audits:?}");
         let id = store.environment("wide").expect("it stays").id;
         let totals = store.totals(id).await.expect("totals");
         let sum: u64 = visits.values().sum();
@@ -340,7 +341,7 @@ struct Producer {
 }
 
 /// Transitions of a batch.
-const BATCH: usize = 700;
+const BATCH: usize = 300;
 
 impl Producer {
     fn rows(&self, sequence: u64) -> Vec<u32> {
@@ -358,47 +359,152 @@ impl Producer {
         self.acknowledged.load(Ordering::SeqCst)
     }
 
+    /// Sends a batch. Every third has a transition without a place, which is rejected.
+    async fn send(&self, client: &Client, sequence: u64) -> Option<Value> {
+        let mut transitions = transitions(self.rows(sequence).into_iter());
+        if sequence.is_multiple_of(3) {
+            transitions.push(json!({"state": {}, "actions": {}}));
+        }
+        let body =
+            json!({"producer": self.name(), "sequence": sequence, "transitions": transitions});
+        let url = format!("http://{}/v1/environments/wide/transitions", self.address);
+        let sent = client.post(url).json(&body).send().await.ok()?;
+        let status = sent.status().as_u16();
+        assert!([200, 503].contains(&status), "{status}");
+        match status {
+            200 => sent.json().await.ok(),
+            _ => None,
+        }
+    }
+
     async fn run(&self, over: &AtomicBool) {
-        let name = self.name();
+        let client = Client::new();
         while !over.load(Ordering::SeqCst) {
             let sequence = self.acknowledged() + 1;
-            if send(self.address, &name, sequence, &self.rows(sequence)).await {
+            if self.send(&client, sequence).await.is_some() {
                 self.acknowledged.store(sequence, Ordering::SeqCst);
             } else {
                 tokio::time::sleep(Duration::from_millis(2)).await;
             }
         }
     }
+
+    /// Sends the last batches that were committed again: they were counted, and are told so with
+    /// their receipts.
+    async fn send_again(&self, committed: u64) {
+        let client = Client::new();
+        for sequence in committed.saturating_sub(12).max(1)..=committed {
+            let receipt = self.send(&client, sequence).await.expect("an answer");
+            let rejected = u64::from(sequence.is_multiple_of(3));
+            assert_eq!(
+                [&receipt["status"], &receipt["accepted"]],
+                [&json!("duplicate"), &json!(BATCH)],
+                "{receipt}"
+            );
+            assert_eq!(receipt["rejected_count"], json!(rejected), "{receipt}");
+        }
+    }
 }
 
-/// Kills a service that folds all the time, at random times under load.
-#[tokio::test(flavor = "multi_thread")]
-async fn nothing_is_lost_or_doubled_by_kills_in_folds() {
-    const FOLD_CELLS: usize = 4_000;
-    let kills = scaled(30, 2_000);
-    let directory = TempDir::new().expect("a temporary directory");
-    let store = open(directory.path(), Options::default()).await;
-    let name = "wide".parse().expect("a name");
-    let made = store.create(&name, &schema(), WrittenRule::default()).await;
-    let id = made.expect("made").id;
-    store.close().await;
-    drop(store);
+/// States that an earlier build counted, a row each; they are moved while the others are folded.
+const OLD: i64 = 30_000;
 
+/// Makes the environments `wide`, without counts, and `old`, with those of an earlier build.
+async fn make_both(directory: &Path) -> EnvironmentId {
+    let store = open(directory, Options::default()).await;
+    let mut ids = Vec::new();
+    for name in ["wide", "old"] {
+        let (name, rule) = (name.parse().expect("a name"), WrittenRule::default());
+        let made = store.create(&name, &schema(), rule).await;
+        ids.push(made.expect("made").id);
+    }
+    // So that it has a segment.
+    let first = filled(ids[1], "first", 1, std::iter::once(0));
+    store.commit(&[first]).await.expect("a commit");
+    store.close().await;
+    let sql = format!(
+        "create temp table place as with recursive place(at) as (
+             select 1 union all select at + 1 from place where at < {OLD}) select at from place;
+         insert into states (id, environment, key) select at, {id}, at from place;
+         insert into cells (state, segment, joint, n, entries)
+             select at, segments.id, at % 7, at, at / 2 from place, segments where environment = {id};
+         update totals set unmoved = 1, transitions = transitions + {OLD} * ({OLD} + 1) / 2,
+             states = states + {OLD}, cells = cells + {OLD} where environment = {id}",
+        id = ids[1].0
+    );
+    execute(&directory.join("nudge.db"), sql.leak()).await;
+    ids[0]
+}
+
+/// Checks that what the earlier build counted is there.
+async fn assert_old_is_there(store: &dyn Store) {
+    let id = store.environment("old").expect("it stays").id;
+    let mut cursor = Cursor::default();
+    let mut found = 0;
+    loop {
+        let page = store.scan(id, cursor, 1_000).await.expect("read");
+        for state in &page {
+            let (place, cells) = (u64::from(state.key.bins()[0]), state.counts.cells());
+            found += 1;
+            let expected = match place {
+                0 => (1, tally(1, 1)),
+                place => (place % 7, tally(place, place / 2)),
+            };
+            assert_eq!((cells[0].joint, cells[0].tally), expected, "{place}");
+            assert_eq!(cells.len(), 1, "{place}");
+        }
+        match page.last() {
+            Some(last) => cursor = last.cursor,
+            None => break,
+        }
+    }
+    assert_eq!(found, OLD + 1);
+}
+
+/// How many kills met what.
+#[derive(Debug, Default)]
+struct Met {
+    /// A fold half way.
+    folds: u64,
+    /// The same, which an earlier kill had met already: a fold of a fold.
+    again: u64,
+    /// A move half way.
+    moves: u64,
+}
+
+impl Met {
+    async fn note(&mut self, directory: &Path, last_fold: &mut i64) {
+        let path = directory.join("nudge.db");
+        let fold = "select coalesce(max(folded), 0) from totals where fold_row is not null";
+        let moves = "select count(*) from totals where unmoved and exists (
+            select 1 from packed where id >> 44 = (select block from environments where name = 'old'))";
+        let fold = number(&path, fold).await;
+        self.folds += u64::from(fold > 0);
+        self.again += u64::from(fold > 0 && fold == *last_fold);
+        self.moves += number(&path, moves).await as u64;
+        *last_fold = fold;
+    }
+}
+
+/// Kills a service that folds all the time, at random times under load, and at first moves what an
+/// earlier build counted.
+#[tokio::test(flavor = "multi_thread")]
+async fn nothing_is_lost_or_doubled_by_kills_in_folds_and_moves() {
+    let kills = crate::kill::kills(300);
+    let directory = TempDir::new().expect("a temporary directory");
+    let id = make_both(directory.path()).await;
     let start = |listen: &str| {
         let mut command = Server::command(directory.path(), listen);
-        Server::run(command.env("NUDGE_FOLD_CELLS", FOLD_CELLS.to_string())).expect("it starts")
+        Server::run(command.env("NUDGE_FOLD_CELLS", "1500")).expect("it starts")
     };
     let mut server = start("127.0.0.1:0");
     let address = server.address;
-    let producers: Vec<Arc<Producer>> = (0..3)
-        .map(|number| {
-            Arc::new(Producer {
-                number,
-                address,
-                acknowledged: AtomicU64::new(0),
-            })
-        })
-        .collect();
+    let producer = |number| Producer {
+        number,
+        address,
+        acknowledged: AtomicU64::new(0),
+    };
+    let producers: Vec<Arc<Producer>> = (0..3).map(producer).map(Arc::new).collect();
     let over = Arc::new(AtomicBool::new(false));
     let running: Vec<_> = producers
         .iter()
@@ -408,20 +514,15 @@ async fn nothing_is_lost_or_doubled_by_kills_in_folds() {
         })
         .collect();
 
+    let all = || producers.iter().map(|one| one.acknowledged()).sum::<u64>();
     let mut random = StdRng::seed_from_u64(17);
-    let mut half_way = 0;
+    let (mut met, mut last_fold) = (Met::default(), 0);
     for _ in 0..kills {
-        let all = || {
-            producers
-                .iter()
-                .map(|producer| producer.acknowledged())
-                .sum::<u64>()
-        };
         let before = all();
-        eventually("there is a load", async || all() > before + 2).await;
+        eventually("there is a load", async || all() > before).await;
         tokio::time::sleep(Duration::from_micros(random.random_range(0..60_000))).await;
         server.kill();
-        half_way += u64::from(is_half_way(directory.path()).await);
+        met.note(directory.path(), &mut last_fold).await;
         server = start(&address.to_string());
     }
     over.store(true, Ordering::SeqCst);
@@ -431,29 +532,28 @@ async fn nothing_is_lost_or_doubled_by_kills_in_folds() {
     server.kill();
 
     let store = open(directory.path(), Options::default()).await;
-    let mut visits = Visits::new();
+    assert_old_is_there(&*store).await;
+    let (mut visits, mut committed) = (Visits::new(), Vec::new());
     for producer in &producers {
         let name = producer.name().parse().expect("a producer id");
-        let committed = store.watermark(id, &name).await.expect("read").get();
-        assert!(
-            committed >= producer.acknowledged(),
-            "acknowledged and lost"
-        );
-        for sequence in 1..=committed {
-            for row in producer.rows(sequence) {
-                *visits.entry(place(row)).or_default() += 1;
-            }
+        let last = store.watermark(id, &name).await.expect("read").get();
+        assert!(last >= producer.acknowledged(), "acknowledged and lost");
+        for row in (1..=last).flat_map(|sequence| producer.rows(sequence)) {
+            *visits.entry(place(row)).or_default() += 1;
         }
+        committed.push(last);
     }
     store.close().await;
     drop(store);
     assert_counted(directory.path(), &visits).await;
+
+    let server = start(&address.to_string());
+    for (producer, committed) in producers.iter().zip(committed) {
+        producer.send_again(committed).await;
+    }
+    server.kill();
+    assert_counted(directory.path(), &visits).await;
     let transitions: u64 = visits.values().sum();
-    assert!(
-        half_way > kills / 20,
-        "{half_way} of {kills} kills met a fold half way"
-    );
-    println!(
-        "{kills} kills, {half_way} half way in a fold, {transitions} transitions, 0 lost, 0 double"
-    );
+    println!("{kills} kills: {met:?}, {transitions} transitions, 0 lost, 0 double");
+    assert!(met.folds > kills / 20 && met.again > 0 && met.moves > 0);
 }

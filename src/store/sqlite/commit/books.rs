@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use async_trait::async_trait;
 use sqlx::Row;
-use sqlx::sqlite::SqliteConnection;
+use sqlx::sqlite::{SqliteConnection, SqliteRow};
 
 use super::failed::Failed;
 use crate::domain::{Digest, Environment, EnvironmentId, Sequence, StateKey};
@@ -14,10 +14,13 @@ use crate::store::StoreError;
 use crate::store::ledger::{
     Books, CellAt, Kept, Named, Opened, Opening, RowId, StateName, StoredProducer,
 };
+use crate::store::packed::size::Size;
 use crate::store::packed::unfolded::Outdated;
+use crate::store::sqlite::checksums;
+use crate::store::sqlite::columns::whole;
 use crate::store::sqlite::directory::Directory;
 use crate::store::sqlite::error::{aborted, spoiled};
-use crate::store::sqlite::fresh::{self, Size};
+use crate::store::sqlite::fresh;
 use crate::store::sqlite::lookup::{self, Of};
 use crate::store::sqlite::stored_forms;
 use crate::store::sqlite::walk::Placed;
@@ -47,7 +50,7 @@ impl Books for SqliteBooks<'_, '_> {
         }
 
         let opened = open(self.transaction.connection(), environment, named).await;
-        let opened = opened.map_err(|error| failed(environment, error))?;
+        let opened = opened.map_err(|error| Failed::in_environment(environment, error))?;
         let Some(mut opened) = opened else {
             return Ok(Opening::Gone);
         };
@@ -131,18 +134,21 @@ async fn open(
     connection: &mut SqliteConnection,
     environment: EnvironmentId,
     named: &Named<'_>,
-) -> Result<Option<Opened>, sqlx::Error> {
+) -> Result<Option<Opened>, StoreError> {
     let row = sqlx::query("select transitions, cells from totals where environment = ?")
         .bind(environment.0)
         .fetch_optional(&mut *connection)
-        .await?;
+        .await
+        .map_err(aborted)?;
     let Some(row) = row else { return Ok(None) };
 
     Ok(Some(Opened {
-        transitions: row.try_get::<i64, _>(0)?.unsigned_abs(),
-        cells: row.try_get::<i64, _>(1)?.unsigned_abs(),
+        transitions: whole(&row, 0).map_err(aborted)?,
+        cells: whole(&row, 1).map_err(aborted)?,
         producers: producers(connection, environment, &named.producers).await?,
-        segments: segments(connection, environment, &named.segments).await?,
+        segments: segments(connection, environment, &named.segments)
+            .await
+            .map_err(aborted)?,
     }))
 }
 
@@ -150,27 +156,37 @@ async fn producers(
     connection: &mut SqliteConnection,
     environment: EnvironmentId,
     names: &[&str],
-) -> Result<Vec<(String, StoredProducer)>, sqlx::Error> {
+) -> Result<Vec<(String, StoredProducer)>, StoreError> {
     let rows = sqlx::query(
-        "select producers.id, producers.name, producers.sequence, producers.owner
+        "select producers.*
          from json_each(?2) as wanted
          cross join producers on producers.environment = ?1 and producers.name = wanted.value",
     )
     .bind(environment.0)
     .bind(stored_forms::json_texts(names))
     .fetch_all(connection)
-    .await?;
+    .await
+    .map_err(aborted)?;
 
     let mut found = Vec::with_capacity(rows.len());
-    for row in rows {
-        let producer = StoredProducer {
-            id: RowId(row.try_get(0)?),
-            sequence: Sequence::from_stored(row.try_get(2)?),
-            owner: row.try_get(3)?,
-        };
-        found.push((row.try_get(1)?, producer));
+    for row in &rows {
+        let (name, producer) = producer(row).map_err(aborted)?;
+        // Its checksum is written anew with its sequence, and would make damage good.
+        if !checksums::is_sound_producer(row).map_err(aborted)? {
+            return Err(spoiled(&format!("producer `{name}`")));
+        }
+        found.push((name, producer));
     }
     Ok(found)
+}
+
+fn producer(row: &SqliteRow) -> Result<(String, StoredProducer), sqlx::Error> {
+    let producer = StoredProducer {
+        id: RowId(row.try_get("id")?),
+        sequence: Sequence::from_stored(row.try_get("sequence")?),
+        owner: row.try_get("owner")?,
+    };
+    Ok((row.try_get("name")?, producer))
 }
 
 async fn segments(

@@ -15,7 +15,7 @@ use crate::store::map::Map;
 use crate::store::packed::cells::Place;
 use crate::store::packed::run::Run;
 use crate::store::sqlite::error::aborted;
-use crate::store::sqlite::layout::Numbering;
+use crate::store::sqlite::layout::{Layout, Numbering};
 use crate::store::sqlite::lookup;
 use crate::store::sqlite::memory::Memory;
 use crate::store::sqlite::pending::Entry;
@@ -105,7 +105,12 @@ async fn write_ledger<'a>(
     }
     let environment = transaction.memory().directory.of_id(ledger.environment);
     let environment = environment.ok_or(StoreError::UnknownEnvironment)?;
-    write_counts(transaction, &environment, entry, &mut ledger)
+    let known = transaction.memory().pending.view(environment.id);
+    let layout = match known.and_then(|view| view.layout) {
+        Some(layout) => layout,
+        None => moving::layout(transaction.connection(), environment.id).await?,
+    };
+    write_counts(transaction, &environment, layout, entry, &mut ledger)
         .await
         .map(Some)
         .map_err(aborted)
@@ -114,11 +119,10 @@ async fn write_ledger<'a>(
 async fn write_counts<'a>(
     transaction: &mut Transaction<'_>,
     environment: &Environment,
+    layout: Layout,
     entry: i64,
     ledger: &mut Ledger<'a>,
 ) -> Result<Delta<'a>, sqlx::Error> {
-    let known = transaction.memory().pending.view(environment.id);
-    let known = known.and_then(|view| view.layout);
     let (connection, row_ids) = transaction.parts();
     let segments = segments(connection, ledger).await?;
     let (states, cells) = match Numbering::of(&environment.schema) {
@@ -138,10 +142,6 @@ async fn write_counts<'a>(
     let run = Run::of(cells.iter().copied());
     journal::insert(connection, entry, environment.id, &run).await?;
     add_transitions(connection, environment.id, ledger.merged.transitions()).await?;
-    let layout = match known {
-        Some(layout) => layout,
-        None => moving::layout(connection, environment.id).await?,
-    };
     let entry = Entry {
         id: entry,
         run,
