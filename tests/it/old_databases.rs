@@ -72,8 +72,12 @@ async fn get(app: &TestApp, path: &str) -> Value {
 /// Returns every fixture; there is one of each landed build at least.
 fn fixtures() -> Vec<Fixture> {
     let fixtures = Fixture::all();
-    let landed = ["schema-1-af3f5d0", "schema-2-a8de69e", BEFORE_VERSIONS];
-    for name in landed.into_iter().chain(["schema-5-2024580"]) {
+    for name in [
+        "schema-1-af3f5d0",
+        "schema-2-a8de69e",
+        BEFORE_VERSIONS,
+        "schema-5-2024580",
+    ] {
         assert!(
             fixtures.iter().any(|fixture| fixture.name == name),
             "{name} is missing"
