@@ -1245,6 +1245,21 @@ fn difference(expected: &str, told: &str) -> String {
     format!("expected {:?}, got {:?}", near(expected), near(told))
 }
 
+/// What no flip does but a hand that has SQL: texts that an index agrees with, and rows of nobody.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_check_finds_what_was_changed_by_hand() {
+    for change in [
+        "insert into packed (id, cells) select (7 << 44) + 2, cells from packed limit 1",
+        "update states set key = key || '9' where environment = (select id from environments where name = 'listed')",
+        "delete from totals where environment = (select id from environments where name = 'listed')",
+    ] {
+        let (file, _) = of_everything().await;
+        assert!(is_passed(&file.path()).await);
+        execute(&file.path(), change).await;
+        assert!(!is_passed(&file.path()).await, "{change}");
+    }
+}
+
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn what_the_check_passes_sqlites_own_passes_too() {
     let (file, ..) = prepared().await;

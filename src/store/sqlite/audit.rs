@@ -16,7 +16,7 @@ use super::inspect::has_table;
 use super::journal;
 use super::layout::{Layout, Numbering};
 use super::walk::{Placed, cells_of};
-use crate::domain::Environment;
+use crate::domain::{Environment, StateKey};
 use crate::store::packed::checked;
 use crate::store::packed::row::row_of;
 use crate::store::packed::run::Run;
@@ -188,11 +188,7 @@ impl Allowed {
             environment.schema.states(),
         ) {
             (Numbering::Ranked, Some(states)) => States::Below(states),
-            _ => {
-                let text = "select id from states where environment = ?";
-                let ids: Vec<i64> = sqlx::query_scalar(text).bind(id).fetch_all(moment).await?;
-                States::These(ids.into_iter().map(i64::unsigned_abs).collect())
-            }
+            _ => States::These(listed(moment, environment).await?),
         };
         Ok(Self {
             joint_actions: environment.schema.joint_actions(),
@@ -211,6 +207,26 @@ impl Allowed {
             && place.joint < self.joint_actions
             && self.segments.contains(&place.segment)
     }
+}
+
+/// Returns the ids of states that are listed, where each has a key of the schema.
+async fn listed(
+    moment: &mut SqliteConnection,
+    environment: &Environment,
+) -> Result<BTreeSet<u64>, Cause> {
+    let text = "select id, key from states where environment = ?";
+    let mut rows = sqlx::query(text).bind(environment.id.0).fetch(moment);
+    let mut ids = BTreeSet::new();
+    while let Some(row) = rows.try_next().await? {
+        let (id, text): (i64, &str) = (row.try_get(0)?, row.try_get(1)?);
+        let key = StateKey::from_stored(text).filter(|key| environment.schema.has(key));
+        if key.is_none() {
+            return Err(damage(spoiled(&format!("the key {text:?} of a state"))));
+        }
+        ids.insert(id.unsigned_abs());
+        tokio::task::consume_budget().await;
+    }
+    Ok(ids)
 }
 
 impl Found {

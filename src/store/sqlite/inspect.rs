@@ -80,9 +80,29 @@ fn unseen(path: &Path, error: sqlx::Error) -> StoreError {
     }
 }
 
-/// Returns what SQLite's own check finds: pages, indices, types and constraints, of every table.
-/// Empty where all is well.
+/// Returns what is wrong with the database as a whole. Empty where all is well.
 pub(super) async fn integrity(readers: &SqlitePool) -> Result<Vec<String>, StoreError> {
+    let mut lines = pages(readers).await?;
+    if lines.is_empty() && has_table(readers, "packed").await? {
+        lines.extend(strays(readers).await?);
+    }
+    Ok(lines)
+}
+
+/// Returns how many rows of counts are in no environment's block, where there are any: whoever is
+/// given that block would take them for its own.
+async fn strays(readers: &SqlitePool) -> Result<Option<String>, StoreError> {
+    let text = "select count(*) from packed
+         where id >> 44 not in (select block from environments where block is not null)";
+    let strays: i64 = sqlx::query_scalar(text)
+        .fetch_one(readers)
+        .await
+        .map_err(unreadable)?;
+    Ok((strays > 0).then(|| format!("{strays} rows of counts belong to no environment")))
+}
+
+/// Returns what SQLite's own check finds: pages, indices, types and constraints, of every table.
+async fn pages(readers: &SqlitePool) -> Result<Vec<String>, StoreError> {
     let rows = sqlx::query("pragma integrity_check(100)")
         .fetch_all(readers)
         .await;

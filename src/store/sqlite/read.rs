@@ -1,6 +1,7 @@
-//! Reads. Each is one statement, so it sees one moment, and ends before it returns, so it does not
-//! hold up the write-ahead log. What the journal has beside the rows comes from memory, which is
-//! looked at first: where a fold was begun in between, it is looked at again.
+//! Reads. Each is one statement or one transaction, so it sees one moment, and ends before it
+//! returns, so it does not hold up the write-ahead log. What the journal has beside the rows comes
+//! from memory, which is looked at first: where a fold was begun in between, it is looked at again.
+//! One that is begun later changes nothing of that moment, however long the read takes.
 
 use std::collections::BinaryHeap;
 use std::ops::ControlFlow;
@@ -8,10 +9,10 @@ use std::path::Path;
 use std::sync::Arc;
 
 use sqlx::sqlite::{SqliteConnection, SqliteRow};
-use sqlx::{Row, SqlitePool};
+use sqlx::{Connection, Row, SqlitePool};
 
 use super::checksums;
-use super::columns::{mark, whole};
+use super::columns::whole;
 use super::error::{spoiled, unreadable};
 use super::fresh;
 use super::layout::Numbering;
@@ -24,7 +25,7 @@ use crate::domain::{
     Counts, Environment, EnvironmentId, Label, ProducerId, SegmentId, Sequence, StateKey,
 };
 use crate::store::packed::size::Size;
-use crate::store::packed::unfolded::{Mark, Outdated};
+use crate::store::packed::unfolded::Outdated;
 use crate::store::{ByVisits, Cursor, Held, Scanned, StateCounts, StoreError, Totals};
 use crate::telemetry;
 
@@ -165,14 +166,16 @@ pub(super) async fn by_visits(
     let mut reader = readers.acquire().await.map_err(unreadable)?;
     loop {
         let view = view(&mut reader, memory, environment.id).await?;
+        let mut moment = reader.begin().await.map_err(unreadable)?;
         let first = match Numbering::of(&environment.schema) {
-            Numbering::Ranked => first_ranked(&mut reader, environment, &view, wanted).await?,
-            Numbering::Listed => first_listed(&mut reader, environment, &view, wanted).await?,
+            Numbering::Ranked => first_ranked(&mut moment, environment, &view, wanted).await?,
+            Numbering::Listed => first_listed(&mut moment, environment, &view, wanted).await?,
         };
         let Ok(first) = first else { continue };
         let keys: Vec<&StateKey> = first.iter().map(|(_, key)| key).collect();
-        let found = lookup::states(&mut reader, environment, &view, &keys, Of::All).await?;
+        let found = lookup::states(&mut moment, environment, &view, &keys, Of::All).await?;
         let Ok(found) = found else { continue };
+
         let mut page = Vec::with_capacity(first.len());
         for ((number, key), cells) in first.iter().zip(&found) {
             page.push(Scanned {
@@ -332,21 +335,18 @@ pub(super) async fn totals(
     let mut reader = readers.acquire().await.map_err(unreadable)?;
     loop {
         let view = view(&mut reader, memory, id).await?;
+        let mut moment = reader.begin().await.map_err(unreadable)?;
+        let kept = kept_totals(&mut moment, id).await?;
         if let Some(size) = memory.pending.size(id, &view) {
-            let (kept, _) = kept_totals(&mut reader, id).await?;
             return Ok(with_size(kept, size, &view));
         }
 
-        let (_, before) = kept_totals(&mut reader, id).await?;
-        let fresh = fresh::count(&mut reader, environment, &view).await?;
-        let (kept, after) = kept_totals(&mut reader, id).await?;
-        // Where a fold went on in between, something would be counted twice.
-        if let (Ok(fresh), true) = (fresh, before == after) {
-            let mut size = kept_size(&kept);
-            size += fresh;
-            memory.pending.measured(id, &view, size);
-            return Ok(with_size(kept, size, &view));
-        }
+        let fresh = fresh::count(&mut moment, environment, &view).await?;
+        let Ok(fresh) = fresh else { continue };
+        let mut size = kept_size(&kept);
+        size += fresh;
+        memory.pending.measured(id, &view, size);
+        return Ok(with_size(kept, size, &view));
     }
 }
 
@@ -366,16 +366,15 @@ fn with_size(kept: Totals, size: Size, view: &View) -> Totals {
     }
 }
 
-/// Reads the totals that are kept, and how far they are folded.
+/// Reads the totals that are kept.
 async fn kept_totals(
     connection: &mut SqliteConnection,
     id: EnvironmentId,
-) -> Result<(Totals, Mark), StoreError> {
+) -> Result<Totals, StoreError> {
     let row = sqlx::query(
         "select transitions, states, cells,
              (select count(*) from segments where segments.environment = totals.environment),
-             (select count(*) from producers where producers.environment = totals.environment),
-             folded, fold_row
+             (select count(*) from producers where producers.environment = totals.environment)
          from totals where environment = ?",
     )
     .bind(id.0)
@@ -384,14 +383,13 @@ async fn kept_totals(
     .map_err(unreadable)?
     .ok_or(StoreError::UnknownEnvironment)?;
     let number = |at| whole(&row, at).map_err(unreadable);
-    let totals = Totals {
+    Ok(Totals {
         transitions: number(0)?,
         states: number(1)?,
         cells: number(2)?,
         segments: number(3)?,
         producers: number(4)?,
-    };
-    Ok((totals, mark(&row, 5).map_err(unreadable)?))
+    })
 }
 
 /// Returns the last sequence of a producer; `None` where there is no such environment.
