@@ -1250,7 +1250,7 @@ fn difference(expected: &str, told: &str) -> String {
 async fn a_check_finds_what_was_changed_by_hand() {
     for change in [
         "insert into packed (id, cells) select (7 << 44) + 2, cells from packed limit 1",
-        "update states set key = key || '9' where environment = (select id from environments where name = 'listed')",
+        "update states set key = key || '.0' where environment = (select id from environments where name = 'listed')",
         "delete from totals where environment = (select id from environments where name = 'listed')",
     ] {
         let (file, _) = of_everything().await;
