@@ -76,7 +76,7 @@ fn fixtures() -> Vec<Fixture> {
         "schema-1-af3f5d0",
         "schema-2-a8de69e",
         BEFORE_VERSIONS,
-        "schema-5-2024580",
+        "schema-5-c788985",
     ] {
         assert!(
             fixtures.iter().any(|fixture| fixture.name == name),
