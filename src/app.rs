@@ -41,15 +41,23 @@ const PROOF_TAKES: Duration = Duration::from_secs(1);
 /// How long a training may take to notice that it is to end.
 const TRAINING: Duration = Duration::from_millis(500);
 
-/// One handle of each room. Cloning is cheap.
+/// One handle of each room. Cloning is cheap: every layer around every request does.
 #[derive(Clone)]
-pub struct App {
-    /// What was counted.
-    pub store: Arc<dyn Store>,
+pub struct App(Arc<Handles>);
+
+/// The rooms as they are for whoever asks.
+pub struct Handles {
     /// Which worlds there are.
     pub environments: Environments,
     /// How transitions become counts.
     pub ingest: Ingest,
+    rooms: Arc<Rooms>,
+}
+
+/// The rooms that are the same for all who ask.
+pub struct Rooms {
+    /// What was counted.
+    pub store: Arc<dyn Store>,
     /// The priors that answers stand on.
     pub fits: PriorRegistry,
     /// What to expect where little was counted.
@@ -64,6 +72,22 @@ pub struct App {
     chores: Chores,
 }
 
+impl std::ops::Deref for App {
+    type Target = Handles;
+
+    fn deref(&self) -> &Handles {
+        &self.0
+    }
+}
+
+impl std::ops::Deref for Handles {
+    type Target = Rooms;
+
+    fn deref(&self) -> &Rooms {
+        &self.rooms
+    }
+}
+
 impl App {
     /// Opens the rooms on a store, and begins what goes on behind them: to remove what deleted
     /// environments have left, to compare totals with cells and to look at what is kept beside
@@ -74,20 +98,25 @@ impl App {
         let fits = PriorRegistry::made_in(work.fits.clone(), store.clone());
         let networks = Networks::new(store.clone(), fits.clone());
 
-        let app = Self {
-            environments: Environments::new(store.clone(), ingest.clone(), networks.clone()),
+        let environments = Environments::new(store.clone(), ingest.clone(), networks.clone());
+        let rooms = Rooms {
             influence: Influence::new(store.clone(), fits.clone(), networks.clone(), work.clone()),
             fits: fits.clone(),
             networks,
-            ingest,
             store,
             work,
             draining,
             background: TaskTracker::new(),
             chores: Chores::default(),
         };
+        let app = Self(Arc::new(Handles {
+            environments,
+            ingest,
+            rooms: Arc::new(rooms),
+        }));
 
         app.in_background(app.environments.clone().sweep());
+        app.in_background(app.environments.clone().compact());
         app.in_background(prove(app.store.clone()));
         app.in_background(look_at_cells(app.store.clone(), app.chores.clone()));
         // Begun here, not in its task: whoever asks at once is told of it.
@@ -107,12 +136,11 @@ impl App {
     /// environment, and is looked at again where it finds one: who sends a body slowly may have had
     /// a key when it began.
     pub fn asked_by(&self, asker: &Asker) -> Self {
-        let environments = self.environments.asked_by(asker.clone());
-        Self {
-            environments,
+        Self(Arc::new(Handles {
+            environments: self.environments.asked_by(asker.clone()),
             ingest: self.ingest.asked_by(asker.first().clone()),
-            ..self.clone()
-        }
+            rooms: self.rooms.clone(),
+        }))
     }
 
     fn in_background(&self, work: impl Future<Output = ()> + Send + 'static) {

@@ -241,25 +241,23 @@ impl Environments {
     }
 
     /// Removes what deleted environments have left, for ever. Whoever wants to write comes first:
-    /// after each step it rests for as long. Where it fails it tries again, less and less often.
+    /// after each step it rests for as long.
     pub async fn sweep(self) {
-        let [first, longest] = BACK_OFF;
-        let mut back_off = first;
+        let mut pace = Pace::new(REST);
         loop {
             let started = Instant::now();
-            let rest = match self.store.sweep().await {
-                Ok(()) => {
-                    back_off = first;
-                    started.elapsed().min(REST)
-                }
-                // The store has said in the log what it was.
-                Err(_) => {
-                    let now = back_off;
-                    back_off = (now * 2).min(longest);
-                    now
-                }
-            };
-            tokio::time::sleep(rest).await;
+            let done = self.store.sweep().await;
+            tokio::time::sleep(pace.rest(started, done)).await;
+        }
+    }
+
+    /// Puts the journal of counts, and what earlier builds counted, into rows, for ever.
+    pub async fn compact(self) {
+        let mut pace = Pace::new(Duration::ZERO);
+        loop {
+            let started = Instant::now();
+            let done = self.store.compact().await;
+            tokio::time::sleep(pace.rest(started, done)).await;
         }
     }
 
@@ -388,6 +386,35 @@ fn checked(
             }
         }
         _ => Err(Problem::invalid("environment", faults)),
+    }
+}
+
+/// How long it is waited between the steps of what goes on for ever.
+struct Pace {
+    longest_rest: Duration,
+    back_off: Duration,
+}
+
+impl Pace {
+    fn new(longest_rest: Duration) -> Self {
+        let [back_off, _] = BACK_OFF;
+        Self {
+            longest_rest,
+            back_off,
+        }
+    }
+
+    /// Returns a rest that is as long as the step took, or as it may be. Where a step fails it is
+    /// tried again, less and less often; the store has said in the log why.
+    fn rest(&mut self, started: Instant, step: Result<(), StoreError>) -> Duration {
+        let [first, longest] = BACK_OFF;
+        if step.is_ok() {
+            self.back_off = first;
+            return started.elapsed().min(self.longest_rest);
+        }
+
+        let next = (self.back_off * 2).min(longest);
+        std::mem::replace(&mut self.back_off, next)
     }
 }
 

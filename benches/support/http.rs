@@ -46,6 +46,16 @@ pub async fn get_with(
     }
 }
 
+/// Asks once, and returns the whole answer, head and body, whatever its status.
+pub async fn get_text(address: SocketAddr, path: &str) -> String {
+    let mut stream = TcpStream::connect(address).await.expect("listening");
+    let request = format!("GET {path} HTTP/1.1\r\nhost: localhost\r\nconnection: close\r\n\r\n");
+    stream.write_all(request.as_bytes()).await.expect("sent");
+    let mut answer = String::new();
+    stream.read_to_string(&mut answer).await.expect("answered");
+    answer
+}
+
 /// Returns how long each of 2,000 questions took, asked one after the other.
 pub async fn latencies(address: SocketAddr, path: &str) -> Vec<Duration> {
     let mut stream = TcpStream::connect(address).await.expect("listening");

@@ -7,6 +7,8 @@
 #![allow(dead_code, missing_docs)]
 
 pub mod http;
+pub mod process;
+pub mod sink;
 
 use std::io::{BufRead, BufReader};
 use std::net::SocketAddr;
@@ -20,6 +22,7 @@ use nudge::api::proto::ingest_service_client::IngestServiceClient;
 use nudge::api::proto::{self, IngestRequest, ingest_request, ingest_response};
 use nudge::app::{App, Upkeep};
 use nudge::client::{Connection, Wire};
+use nudge::domain::Values;
 use nudge::serve::access::Keyring;
 use nudge::serve::tls::Tls;
 use nudge::serve::{Running, Settings, Starting};
@@ -30,10 +33,13 @@ use tempfile::TempDir;
 use tokio::net::TcpListener;
 use tokio::sync::mpsc;
 use tokio_stream::wrappers::ReceiverStream;
+use tonic::body::Body;
+use tonic::client::GrpcService;
+use tonic::codegen::StdError;
 use tonic::transport::Channel;
 
 pub const BATCH: usize = 1_000;
-pub const STATE_BINS: [u32; 6] = [10, 10, 10, 10, 10, 10];
+pub const STATE_BINS: [u32; 6] = [10, 10, 10, 10, 10, 20];
 pub const ACTIONS: u32 = 6;
 
 /// The service in this process, on a database of its own.
@@ -80,9 +86,15 @@ impl Service {
 
 /// Starts the real binary on a directory and returns once it says where it listens.
 pub fn start_binary(data: &Path) -> (Child, SocketAddr) {
+    start_binary_with(data, &[])
+}
+
+/// Starts it with more flags.
+pub fn start_binary_with(data: &Path, flags: &[&str]) -> (Child, SocketAddr) {
     let mut child = Command::new(env!("CARGO_BIN_EXE_nudge"))
         .args(["serve", "--listen", "127.0.0.1:0", "--data"])
         .arg(data)
+        .args(flags)
         .stdout(Stdio::piped())
         .stderr(Stdio::null())
         .spawn()
@@ -176,24 +188,44 @@ pub async fn make_world_by(mut client: EnvironmentServiceClient<Wire>, name: &st
 pub fn batches(states: u32, how_many: usize, seed: u64) -> Vec<proto::Columns> {
     let mut random = StdRng::seed_from_u64(seed);
     let mut batch = || {
-        let mut columns = proto::Columns {
-            count: BATCH as u32,
-            ..Default::default()
-        };
+        let (mut values, mut actions) = (Vec::new(), Vec::new());
         for _ in 0..BATCH {
-            columns.states.extend(state(random.random_range(0..states)));
-            columns
-                .actions
-                .extend([0, 0].map(|_| random.random_range(0..ACTIONS) as f32));
+            values.extend(state(random.random_range(0..states)));
+            actions.extend([0, 0].map(|_| random.random_range(0..ACTIONS) as f32));
         }
-        columns
+        columns(values, actions)
     };
     (0..how_many).map(|_| batch()).collect()
 }
 
+/// A batch of [`BATCH`] transitions as bytes.
+pub fn columns(states: Vec<f32>, actions: Vec<f32>) -> proto::Columns {
+    proto::Columns {
+        count: BATCH as u32,
+        states_le: Values::from(states).into_le_bytes(),
+        actions_le: Values::from(actions).into_le_bytes(),
+        ..Default::default()
+    }
+}
+
+/// The same batch as packed floats: what clients send that know no bytes.
+pub fn packed(columns: &proto::Columns) -> proto::Columns {
+    let floats = |bytes: &bytes::Bytes| {
+        let values = Values::from_le(bytes.clone()).expect("whole");
+        values.iter().collect()
+    };
+    proto::Columns {
+        states: floats(&columns.states_le),
+        actions: floats(&columns.actions_le),
+        states_le: Default::default(),
+        actions_le: Default::default(),
+        ..columns.clone()
+    }
+}
+
 /// The values of a state by its number, spread over the alphabet.
 pub fn state(number: u32) -> [f32; 6] {
-    let mut rest = number.wrapping_mul(7_919) % 1_000_000;
+    let mut rest = number.wrapping_mul(7_919) % 2_000_000;
     STATE_BINS.map(|bins| {
         let bin = rest % bins;
         rest /= bins;
@@ -210,8 +242,9 @@ pub async fn pump(
     batches: &[proto::Columns],
     how_many: u64,
 ) -> Duration {
+    // Without asking who listens: a sink knows no environments.
     pump_by(
-        connection(address).await.ingest(),
+        IngestServiceClient::new(channel(address).await),
         world,
         producer,
         batches,
@@ -221,13 +254,38 @@ pub async fn pump(
 }
 
 /// Sends batches as [`pump`] does, by a client of the caller's.
-pub async fn pump_by(
-    mut client: IngestServiceClient<Wire>,
+pub async fn pump_by<T>(
+    client: IngestServiceClient<T>,
     world: &str,
     producer: &str,
     batches: &[proto::Columns],
     how_many: u64,
-) -> Duration {
+) -> Duration
+where
+    T: GrpcService<Body, Error: Into<StdError>>,
+    T::ResponseBody:
+        http_body::Body<Data = bytes::Bytes, Error: Into<StdError> + Send> + Send + 'static,
+{
+    let started = Instant::now();
+    pump_every(client, world, producer, batches, how_many, Duration::ZERO).await;
+    started.elapsed()
+}
+
+/// Sends a batch whenever so much time has passed, and returns how long each waited for its
+/// acknowledgement, from when it was due.
+pub async fn pump_every<T>(
+    mut client: IngestServiceClient<T>,
+    world: &str,
+    producer: &str,
+    batches: &[proto::Columns],
+    how_many: u64,
+    interval: Duration,
+) -> Vec<Duration>
+where
+    T: GrpcService<Body, Error: Into<StdError>>,
+    T::ResponseBody:
+        http_body::Body<Data = bytes::Bytes, Error: Into<StdError> + Send> + Send + 'static,
+{
     let (requests, outbound) = mpsc::channel(64);
     let hello = proto::Hello {
         environment: world.into(),
@@ -258,8 +316,12 @@ pub async fn pump_by(
     let first = welcome.committed_sequence;
     let window = tokio::sync::Semaphore::new(welcome.window as usize);
     let started = Instant::now();
+    let due = |sequence: u64| started + interval * (sequence - first - 1) as u32;
     let sending = async {
         for sequence in first + 1..=first + how_many {
+            if !interval.is_zero() {
+                tokio::time::sleep_until(due(sequence).into()).await;
+            }
             window.acquire().await.expect("open").forget();
             let columns = batches[sequence as usize % batches.len()].clone();
             let transitions = Some(proto::batch::Transitions::Columns(columns));
@@ -276,6 +338,7 @@ pub async fn pump_by(
     };
     let receiving = async {
         let mut committed = first;
+        let mut waited = Vec::with_capacity(how_many as usize);
         while committed < first + how_many {
             let message = responses
                 .message()
@@ -286,12 +349,14 @@ pub async fn pump_by(
             let Some(ingest_response::Message::Acknowledgement(told)) = message else {
                 panic!("{message:?}")
             };
+            let acknowledged = committed + 1..=told.committed_sequence;
+            waited.extend(acknowledged.map(|sequence| due(sequence).elapsed()));
             committed = told.committed_sequence;
             window.add_permits(told.receipts.len());
         }
+        waited
     };
-    tokio::join!(sending, receiving);
-    started.elapsed()
+    tokio::join!(sending, receiving).1
 }
 
 pub fn median(mut values: Vec<f64>) -> f64 {

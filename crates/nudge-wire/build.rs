@@ -29,6 +29,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         .build_server(has_services)
         // Who connects, and over what, is not of the wire.
         .build_transport(false)
+        // Columns keep their bytes in the buffer that they arrived in.
+        .bytes(".nudge.v1.Columns")
         .compile_fds(compiler.file_descriptor_set())?;
     Ok(())
 }

@@ -9,7 +9,7 @@ use serde_json::json;
 
 use super::config::{Config, database};
 use super::{Failure, output};
-use crate::domain::{Model, UnreadableEnvironment};
+use crate::domain::{EnvironmentId, Model, UnreadableEnvironment};
 use crate::error::Problem;
 use crate::model::Networks;
 use crate::priors::PriorRegistry;
@@ -67,11 +67,11 @@ impl Check {
                 .iter()
                 .try_for_each(|environment| tell_unreadable(environment))?;
             found.networks.iter().try_for_each(tell_network)?;
-            found
-                .receipts
-                .iter()
-                .try_for_each(|line| output::print(line))?;
-            found.fits.iter().try_for_each(|line| output::print(line))?
+            let lines = [&found.receipts, &found.rows, &found.fits];
+            lines
+                .into_iter()
+                .flatten()
+                .try_for_each(|line| output::print(line))?
         }
         found.verdict()
     }
@@ -91,6 +91,8 @@ struct Found {
     fits: Vec<String>,
     /// What is wrong with the numbers and receipts of batches.
     receipts: Vec<String>,
+    /// Which other rows are not as they were written.
+    rows: Vec<String>,
 }
 
 /// A network that cannot be read.
@@ -114,7 +116,8 @@ impl Found {
             Err(_) if !integrity.is_empty() => Vec::new(),
             networks => networks.map_err(|problem| Failure::usage(problem.to_string()))?,
         };
-        let receipts = receipts(&store).await?;
+        let receipts = in_each(&store, async |id| store.receipts(id).await).await?;
+        let rows = in_each(&store, async |id| store.damaged_rows(id).await).await?;
         let fits = if store.has_table("fits").await.map_err(Failure::usage)? {
             fits(&store).await
         } else {
@@ -131,6 +134,7 @@ impl Found {
             networks,
             fits,
             receipts,
+            rows,
         })
     }
 
@@ -150,6 +154,12 @@ impl Found {
             faults.push(format!(
                 "{} receipts or numbers of batches are not as they were written",
                 self.receipts.len()
+            ));
+        }
+        if !self.rows.is_empty() {
+            faults.push(format!(
+                "{} other rows are not as they were written",
+                self.rows.len()
             ));
         }
         let unread = [
@@ -176,11 +186,14 @@ impl Found {
     }
 }
 
-/// Looks at the receipts of every environment. What cannot be read at all, the audit has told.
-async fn receipts(store: &SqliteStore) -> Result<Vec<String>, Failure> {
+/// Looks for something in every environment. What cannot be read at all, the audit has told.
+async fn in_each(
+    store: &SqliteStore,
+    look: impl AsyncFn(EnvironmentId) -> Result<Vec<String>, StoreError>,
+) -> Result<Vec<String>, Failure> {
     let mut found = Vec::new();
     for environment in store.environments() {
-        match store.receipts(environment.id).await {
+        match look(environment.id).await {
             Ok(faults) => found.extend(
                 faults
                     .iter()
@@ -306,6 +319,7 @@ fn report(found: &Found) -> serde_json::Value {
     for (name, lines) in [
         ("unreadable_fits", &found.fits),
         ("receipts", &found.receipts),
+        ("rows", &found.rows),
     ] {
         if !lines.is_empty() {
             report[name] = json!(lines);

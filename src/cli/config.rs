@@ -52,6 +52,10 @@ pub struct Config {
     /// Cells kept in memory.
     #[arg(long, env = "NUDGE_CACHE_CELLS", value_name = "N", default_value_t = Options::default().cache_cells)]
     pub(super) cache_cells: usize,
+    /// Cells that were counted and are in the journal alone, from which on it is folded into rows:
+    /// more are folded faster each, and take memory (4 to 8 bytes) and time at a start.
+    #[arg(long, env = "NUDGE_FOLD_CELLS", value_name = "N", value_parser = at_least_one::<usize>, default_value_t = Options::default().fold_from)]
+    pub(super) fold_cells: usize,
     /// How often it is looked whether priors are to be fitted to the counts again, which is when a
     /// tenth more was counted, for pairs of agents that were asked about within the last hour; 0s
     /// for never.
@@ -158,6 +162,7 @@ impl Config {
                 environments: self.max_environments,
             },
             cache_cells: self.cache_cells,
+            fold_from: self.fold_cells,
         }
     }
 
@@ -343,6 +348,7 @@ mod tests {
             "max_models = 4",
             "max_environments = 18446744073709551615",
             "cache_cells = 0",
+            "fold_cells = 9",
             "fit_every = \"90s\"",
             "train_every = \"2m\"",
             "max_connections = 7",
@@ -365,6 +371,7 @@ mod tests {
             "--max-models=4",
             "--max-environments=18446744073709551615",
             "--cache-cells=0",
+            "--fold-cells=9",
             "--fit-every=90s",
             "--train-every=120s",
             "--max-connections=7",
@@ -412,6 +419,7 @@ mod tests {
         let (config, limits) = (Config::default(), Limits::default());
         assert_eq!(config.store().quotas, Quotas::default());
         assert_eq!(config.store().cache_cells, Options::default().cache_cells);
+        assert_eq!(config.store().fold_from, Options::default().fold_from);
         assert_eq!(config.max_connections, limits.connections);
         assert_eq!(config.max_connection_age.0, limits.age);
     }

@@ -16,7 +16,7 @@ use crate::domain::{
     Unit, View,
 };
 use crate::error::Problem;
-use crate::information::{self, Alphabet};
+use crate::information::{self, Alphabet, ExpectedMethod};
 use crate::model::Prediction;
 use crate::priors::{self, Observations, Tables};
 use crate::store::{StateCounts, Store};
@@ -161,17 +161,22 @@ impl AnswerContext {
     ) -> Answer {
         let cells = || state.counts.of_segments(self.query.segments.as_deref());
         let assessment = assessor.assess(key, cells(), predicted);
-        let tables = &assessment.tables;
 
-        // What the evidence rests on, for those figures that need the tables themselves.
+        // Both for those figures that need the tables themselves: most that are asked for do not.
+        let tables = LazyCell::new(|| assessor.tables(cells()));
         let (schema, Scope { pair, within, .. }) = (assessor.schema, assessor.scope);
         let observations = LazyCell::new(|| tables.observations(schema, pair, *within, cells()));
 
-        let figures = (assessor.view != View::Verdict).then(|| {
+        let figures = assessment.expected.map(|expected| {
             let tested = self.question.significance.map(|how| {
-                let tested = independence_tests(assessor, tables, cells(), key.seed());
+                let tested = independence_tests(assessor, &tables, cells(), key.seed());
                 (tested, how.exchange(*within))
             });
+            let alphabet = pair.alphabet(schema);
+            let estimate = |estimator: Estimator| {
+                let estimated = estimated(estimator, &tables, alphabet, assessor.scope.unit);
+                (estimator.as_str(), estimated)
+            };
             let visits_to_decide = self
                 .question
                 .visits_to_decide
@@ -185,17 +190,18 @@ impl AnswerContext {
                     .into_iter()
                     .collect(),
                 visits_to_decide,
+                estimates: self.question.estimators.iter().map(estimate).collect(),
                 model: predicted.and_then(|predicted| self.model(assessor, key, predicted)),
                 revision: state.revision,
-                ..self.figures(assessor, &assessment)
+                ..self.figures(assessor, &assessment, expected)
             })
         });
         let by_action = (assessor.view == View::Full)
-            .then(|| actions::by_action(assessor, tables, &observations));
+            .then(|| actions::by_action(assessor, &tables, &observations));
 
         Answer {
             key: key.clone(),
-            visits: tables.whole.total(),
+            visits: assessment.tally.n,
             verdict: assessment.verdict,
             basis: assessment.basis,
             figures,
@@ -249,17 +255,13 @@ impl AnswerContext {
         })
     }
 
-    fn figures(&self, assessor: Assessor<'_>, assessment: &Assessment) -> Figures {
+    fn figures(
+        &self,
+        assessor: Assessor<'_>,
+        assessment: &Assessment,
+        (expected, method): (f64, ExpectedMethod),
+    ) -> Figures {
         let unit = assessor.scope.unit;
-        let (expected, method) = assessment.tables.expected_if_independent();
-        let alphabet = assessor.scope.pair.alphabet(assessor.schema);
-
-        let estimate = |estimator: Estimator| {
-            (
-                estimator.as_str(),
-                estimated(estimator, &assessment.tables, alphabet, unit),
-            )
-        };
         Figures {
             bins: Vec::new(),
             entries: assessment.tally.entries,
@@ -270,7 +272,7 @@ impl AnswerContext {
             plug_in: unit.from_nats(assessment.plug_in),
             expected_if_independent: unit.from_nats(expected),
             expected_method: method.as_str(),
-            estimates: self.question.estimators.iter().map(estimate).collect(),
+            estimates: Default::default(),
             independence: assessment.tally.into(),
             evidence: assessment.evidence.map(|evidence| evidence.in_unit(unit)),
             segmentation: assessment.segmentation(),

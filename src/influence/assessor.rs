@@ -6,9 +6,11 @@ use crate::domain::{
     StateKey, Tally, Verdict, View,
 };
 use crate::evidence::{self, Believed};
-use crate::information::plug_in;
+use crate::information::{ExpectedMethod, plug_in};
 use crate::model::{Network, Prediction};
-use crate::priors::{EvidenceInputs, Informed, Observations, StateEvidence, Tables};
+use crate::priors::{
+    self, EvidenceInputs, Informed, Observations, PassEvidence, StateEvidence, Tables,
+};
 
 /// What assesses states: a schema, a question's scope, the fitted prior that the evidence rests on,
 /// and the network that is asked where the counts do not decide.
@@ -21,18 +23,31 @@ pub struct Assessor<'a> {
     pub network: Option<&'a Network>,
     /// Whether figures are wanted: a verdict by the paper's rule needs no evidence.
     pub view: View,
-    /// Whether evidence is remembered: that of all segments, which many ask about again.
-    pub remembers: bool,
+    /// Which evidence is remembered.
+    pub memory: Memory<'a>,
+}
+
+/// Which evidence is remembered (memoisation).
+#[derive(Clone, Copy)]
+pub enum Memory<'a> {
+    /// None: that of a choice of segments, which few ask about again.
+    Nothing,
+    /// That of states, with all their segments, which many ask about again.
+    States,
+    /// That of equal counts, in a pass over all states.
+    Counts(&'a PassEvidence),
 }
 
 /// What was found about one state, in nats.
 pub struct Assessment {
-    /// Its tables.
-    pub tables: Tables,
     /// The sum of its cells.
     pub tally: Tally,
+    /// How many segments have visits here.
+    pub segments: u64,
     /// Plug-in mutual information.
     pub plug_in: f64,
+    /// Its mean under independence, and how that was computed; `None` in the view `verdict`.
+    pub expected: Option<(f64, ExpectedMethod)>,
     /// What its counts support; `None` where nobody asks, or the alphabets are too large.
     pub evidence: Option<Evidence>,
     /// The verdict.
@@ -45,7 +60,7 @@ impl Assessment {
     /// Returns which segments the counts come from, and whether habits differ by them.
     pub fn segmentation(&self) -> Segmentation {
         Segmentation {
-            count: self.tables.segments,
+            count: self.segments,
             differ: self.evidence.and_then(|evidence| evidence.differ),
         }
     }
@@ -58,10 +73,9 @@ impl Assessor<'_> {
             return vec![None; keys.len()];
         };
         let threshold = self.scope.rule.threshold_nats();
-        let predictions = if self.remembers {
-            network.predict(keys, threshold)
-        } else {
-            network.predict_once(keys, threshold)
+        let predictions = match self.memory {
+            Memory::States => network.predict(keys, threshold),
+            Memory::Nothing | Memory::Counts(_) => network.predict_once(keys, threshold),
         };
         predictions.into_iter().map(Some).collect()
     }
@@ -73,28 +87,26 @@ impl Assessor<'_> {
         cells: impl Iterator<Item = &'c Cell> + Clone,
         predicted: Option<Prediction>,
     ) -> Assessment {
-        let Scope {
-            pair, rule, within, ..
-        } = self.scope;
-        let tables = Tables::within(self.schema, pair, *within, cells.clone());
-        let plug_in = tables.figure(plug_in);
+        let rule = &self.scope.rule;
         let tally = Tally::sum(cells.clone());
 
         // What the network says is held against the evidence, whatever the rule and the view.
         let is_wanted =
             self.view != View::Verdict || rule.kind == RuleKind::Evidence || self.network.is_some();
         let wanted = self.informed.filter(|_| is_wanted);
-        let found = wanted.map(|informed| {
-            self.remembered(informed, key, tally, || {
-                self.weigh_evidence(
-                    informed,
-                    &tables.observations(self.schema, pair, *within, cells),
-                )
-            })
-        });
+        let found = wanted.map(|informed| self.remembered(informed, key, tally, cells.clone()));
+        let (segments, plug_in, expected) = match &found {
+            Some(found) => (found.segments, found.plug_in, Some(found.expected)),
+            None => {
+                let tables = self.tables(cells);
+                let expected =
+                    (self.view != View::Verdict).then(|| tables.expected_if_independent());
+                (tables.segments, tables.figure(plug_in), expected)
+            }
+        };
         let evidence = found.map(|found| found.evidence);
 
-        let visits = tables.whole.total();
+        let visits = tally.n;
         let believed = found.as_ref().map(|found| &found.believed);
         let counted = self.decide(rule.kind, visits, plug_in, believed);
         let predicted = match counted {
@@ -107,9 +119,10 @@ impl Assessor<'_> {
 
         let (verdict, basis) = predicted.unwrap_or((counted, evidence::basis(visits)));
         Assessment {
-            tables,
             tally,
+            segments,
             plug_in,
+            expected: expected.filter(|_| self.view != View::Verdict),
             evidence,
             verdict,
             basis,
@@ -175,32 +188,61 @@ impl Assessor<'_> {
         self.scope.pair.alphabet(self.schema).largest_information() > 0.0
     }
 
-    fn remembered(
+    /// Returns the tables of a state by its cells.
+    pub fn tables<'c>(&self, cells: impl Iterator<Item = &'c Cell> + Clone) -> Tables {
+        Tables::within(self.schema, &self.scope.pair, self.scope.within, cells)
+    }
+
+    fn remembered<'c>(
         &self,
         informed: &Informed,
         key: &StateKey,
         tally: Tally,
-        find: impl FnOnce() -> StateEvidence,
+        cells: impl Iterator<Item = &'c Cell> + Clone,
     ) -> StateEvidence {
-        if !self.remembers {
-            return find();
+        let find = || self.weigh(informed, cells.clone());
+        match self.memory {
+            Memory::Nothing => find(),
+            Memory::Counts(memory) => memory.get_or_find(cells.clone(), find),
+            Memory::States => {
+                let inputs = EvidenceInputs {
+                    tally,
+                    revision: informed.revision,
+                    threshold: self.scope.rule.threshold_nats(),
+                    within: self.scope.within,
+                    ego: priors::ego(&self.scope.pair),
+                };
+                informed.evidence_cache.get_or_find(key, inputs, find)
+            }
         }
-        let threshold = self.scope.rule.threshold_nats();
-        let inputs = EvidenceInputs {
-            tally,
-            revision: informed.revision,
-            threshold,
-            within: self.scope.within,
-        };
-        informed.evidence_cache.get_or_find(key, inputs, find)
     }
 
-    /// Returns what the observations of a state support, in nats.
+    /// Returns what the cells of a state support and show, in nats.
+    fn weigh<'c>(
+        &self,
+        informed: &Informed,
+        cells: impl Iterator<Item = &'c Cell> + Clone,
+    ) -> StateEvidence {
+        let Scope { pair, within, .. } = self.scope;
+        let tables = self.tables(cells.clone());
+        let observations = tables.observations(self.schema, pair, *within, cells);
+        let (evidence, believed) = self.weigh_evidence(informed, &observations);
+
+        StateEvidence {
+            segments: tables.segments,
+            plug_in: tables.figure(plug_in),
+            expected: tables.expected_if_independent(),
+            evidence,
+            believed,
+        }
+    }
+
+    /// Returns what the observations of a state support, in nats: as it is told, and as it decides.
     fn weigh_evidence(
         &self,
         informed: &Informed,
         observations: &Observations<'_>,
-    ) -> StateEvidence {
+    ) -> (Evidence, Believed) {
         let threshold = self.scope.rule.threshold_nats();
         let posterior = informed
             .prior
@@ -222,6 +264,6 @@ impl Assessor<'_> {
             differ: posterior.by_segment().map(|by_segment| by_segment.differ),
             pooled: posterior.by_segment().map(|by_segment| by_segment.pooled),
         };
-        StateEvidence { evidence, believed }
+        (evidence, believed)
     }
 }

@@ -3,10 +3,11 @@
 
 use rayon::prelude::*;
 
+use super::keyed::Keyed;
 use super::order::{Orders, Ranked};
 use super::query_context::QueryContext;
 use super::store_errors::logged;
-use crate::domain::{Evidence, StateKey};
+use crate::domain::StateKey;
 use crate::error::Problem;
 use crate::information::plug_in;
 use crate::priors::{Pages, Tables};
@@ -14,8 +15,8 @@ use crate::store::{Scanned, Store};
 use crate::work::{Gate, Progress};
 
 /// What one state is ranked by.
+#[derive(Debug)]
 pub struct Rank {
-    key: StateKey,
     visits: u64,
     plug_in: f64,
 }
@@ -23,25 +24,33 @@ pub struct Rank {
 /// The ranks of every state seen, in order of key.
 #[derive(Default)]
 pub struct CountRanking {
-    pub rows: Vec<Rank>,
+    pub rows: Keyed<Rank>,
     pub orders: Orders,
 }
 
-impl Ranked for Rank {
-    fn key(&self) -> &StateKey {
-        &self.key
+impl Ranked for Keyed<Rank> {
+    fn len(&self) -> usize {
+        self.len()
     }
 
-    fn visits(&self) -> u64 {
-        self.visits
+    fn bins(&self, at: usize) -> &[u32] {
+        self.bins(at)
     }
 
-    fn plug_in(&self) -> f64 {
-        self.plug_in
+    fn visits(&self, at: usize) -> u64 {
+        self.values()[at].visits
     }
 
-    fn evidence(&self) -> Option<&Evidence> {
-        None
+    fn plug_in(&self, at: usize) -> f64 {
+        self.values()[at].plug_in
+    }
+
+    fn posterior_mean(&self, _: usize) -> f64 {
+        0.0
+    }
+
+    fn dependent(&self, _: usize) -> f64 {
+        0.0
     }
 }
 
@@ -55,19 +64,19 @@ pub async fn make(
     let totals = store.totals(context.environment.id).await.map_err(logged)?;
     progress.begin("states looked at", totals.states);
 
-    let mut rows = Vec::new();
+    let mut rows = Keyed::default();
     let mut pages = Pages::new(store, context.environment.id);
     while let Some(page) = pages.next().await.map_err(logged)? {
         let (context, states) = (context.clone(), page.len() as u64);
-        rows.extend(
-            gate.run(move |stop| stop.check().map(|()| ranks(&context, page)))
-                .await?,
-        );
+        let ranks = gate.run(move |stop| stop.check().map(|()| ranks(&context, page)));
+        for (key, rank) in ranks.await? {
+            rows.push(&key, rank);
+        }
         progress.add(states);
     }
 
     let rows = gate.run(move |_| {
-        rows.sort_unstable_by(|a: &Rank, b| a.key.cmp(&b.key));
+        rows.sort();
         Ok(rows)
     });
     Ok((
@@ -79,7 +88,7 @@ pub async fn make(
     ))
 }
 
-fn ranks(context: &QueryContext, page: Vec<Scanned>) -> Vec<Rank> {
+fn ranks(context: &QueryContext, page: Vec<Scanned>) -> Vec<(StateKey, Rank)> {
     let rank = |scanned: Scanned| {
         let cells = scanned.counts.of_segments(context.segments.as_deref());
         let tables = Tables::within(
@@ -90,10 +99,9 @@ fn ranks(context: &QueryContext, page: Vec<Scanned>) -> Vec<Rank> {
         );
 
         let visits = tables.whole.total();
-        (visits > 0).then(|| Rank {
-            key: scanned.key,
-            visits,
-            plug_in: tables.figure(plug_in),
+        (visits > 0).then(|| {
+            let plug_in = tables.figure(plug_in);
+            (scanned.key, Rank { visits, plug_in })
         })
     };
     page.into_par_iter().filter_map(rank).collect()

@@ -77,13 +77,9 @@ pub async fn find(
 }
 
 fn by_posterior(ranking: &StateRanking, discovery: Discovery) -> FoundDiscoveries {
-    let dependent: Vec<f64> = ranking
-        .rows
-        .iter()
-        .map(|row| {
-            row.evidence
-                .map_or(0.0, |evidence| evidence.probability.dependent)
-        })
+    let evidence = ranking.rows.evidence();
+    let dependent: Vec<f64> = evidence
+        .map(|told| told.map_or(0.0, |evidence| evidence.probability.dependent))
         .collect();
     found(
         discovery,
@@ -165,7 +161,7 @@ async fn by_tests(
     let mut p_values = vec![None; ranking.rows.len()];
     for (state, passed) in testable.iter().zip(passed) {
         // A state that was seen for the first time after the ranking has no row.
-        if let Ok(row) = ranking.rows.binary_search_by(|row| row.key.cmp(&state.key)) {
+        if let Some(row) = ranking.rows.position(&state.key) {
             rows[row] = passed;
             p_values[row] = Some(state.p_value);
         }

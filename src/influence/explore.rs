@@ -8,7 +8,6 @@ use rayon::prelude::*;
 use super::labels::bins;
 use super::pass_cache::PassResult;
 use super::query_context::QueryContext;
-use super::row::Row;
 use super::state_ranking::StateRanking;
 use super::store_errors::logged;
 use crate::domain::{Exploration, StateKey, Suggestion, Verdict};
@@ -23,23 +22,23 @@ const CONSIDERED: usize = 500;
 /// Returns the undecided states of a ranking that were seen at least so often, the most uncertain
 /// first.
 fn candidates(ranking: &StateRanking, min_visits: u64) -> Vec<StateKey> {
-    let open = |row: &&Row| row.verdict == Verdict::Undecided && row.visits >= min_visits;
-    let far = |row: &Row| {
-        row.evidence
-            .map(|evidence| (evidence.probability.above_threshold - 0.5).abs())
-    };
-
-    let mut rows: Vec<(&Row, f64)> = ranking
-        .rows
-        .iter()
-        .filter(open)
-        .filter_map(|row| Some((row, far(row)?)))
+    let rows = &ranking.rows;
+    let open = rows.verdicts().zip(rows.visits()).zip(rows.evidence());
+    let mut open: Vec<(usize, u64, f64)> = (0..)
+        .zip(open)
+        .filter(|(_, ((verdict, visits), _))| {
+            *verdict == Verdict::Undecided && *visits >= min_visits
+        })
+        .filter_map(|(at, ((_, visits), evidence))| {
+            let far = (evidence?.probability.above_threshold - 0.5).abs();
+            Some((at, visits, far))
+        })
         .collect();
 
     // Rows are in order of key and the sort is stable.
-    rows.sort_by(|(a, far_a), (b, far_b)| far_a.total_cmp(far_b).then(b.visits.cmp(&a.visits)));
-    rows.truncate(CONSIDERED);
-    rows.into_iter().map(|(row, _)| row.key.clone()).collect()
+    open.sort_by(|(_, n, far), (_, m, other)| far.total_cmp(other).then(m.cmp(n)));
+    open.truncate(CONSIDERED);
+    open.into_iter().map(|(at, ..)| rows.key(at)).collect()
 }
 
 /// The most that are ever told.

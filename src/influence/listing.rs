@@ -93,7 +93,7 @@ impl Listing {
             after: self
                 .after
                 .as_ref()
-                .map(|(rank, key)| (self.order.visits(*rank), key.clone())),
+                .map(|(rank, key)| (self.order.directed(*rank), key.clone())),
             states: self.size as u32 + 1,
         })
     }
@@ -107,7 +107,7 @@ impl Listing {
             .items
             .last()
             .filter(|_| page.has_more)
-            .map(|row| self.token(*row));
+            .map(|row| token_of(self.order, self.order.directed(row.visits), &row.key));
         (page.items.len(), next_page_token)
     }
 
@@ -120,12 +120,15 @@ impl Listing {
         found: Option<&FoundDiscoveries>,
     ) -> StatePage {
         let is_found = |position: usize| found.is_none_or(|found| found.rows[position]);
-        let wants = |position: usize, row: &Row| {
-            is_found(position) && self.verdict.is_none_or(|wanted| row.verdict == wanted)
+        let wants = |position: usize| {
+            is_found(position)
+                && self
+                    .verdict
+                    .is_none_or(|wanted| ranking.rows.verdict(position) == wanted)
         };
         let figures = |at: usize| StateFigures {
             p_value: found.and_then(|found| found.p_values.get(at).copied().flatten()),
-            ..figures(schema, scope.unit, &ranking.rows[at])
+            ..figures(schema, scope.unit, &ranking.rows.row(at))
         };
         let bytes = |at: usize| api::bytes(&proto::StateFigures::from(figures(at)));
 
@@ -144,61 +147,48 @@ impl Listing {
 
     /// Returns the states of the page by ranks alone.
     pub fn keys(&self, schema: &Schema, ranks: &CountRanking) -> (Vec<StateKey>, Option<String>) {
-        let bytes = |at: usize| size::most_listed(schema, ranks.rows[at].key());
+        let bytes = |at: usize| size::most_listed(schema, &ranks.rows.key(at));
         let Chosen {
             positions,
             next_page_token,
-        } = self.chosen(&ranks.rows, &ranks.orders, |_, _| true, bytes);
+        } = self.chosen(&ranks.rows, &ranks.orders, |_| true, bytes);
         (
-            positions
-                .into_iter()
-                .map(|at| ranks.rows[at].key().clone())
-                .collect(),
+            positions.into_iter().map(|at| ranks.rows.key(at)).collect(),
             next_page_token,
         )
     }
 
     /// Chooses the rows of the page, by position; `bytes` are those of what will be told of each.
-    fn chosen<R: Ranked>(
+    fn chosen(
         &self,
-        rows: &[R],
+        rows: &impl Ranked,
         orders: &Orders,
-        wants: impl Fn(usize, &R) -> bool,
+        wants: impl Fn(usize) -> bool,
         bytes: impl Fn(usize) -> usize,
     ) -> Chosen {
-        let row = |position: u32| &rows[position as usize];
-        let passed = |position: &u32| {
-            self.after
-                .as_ref()
-                .is_some_and(|after| self.place_of(row(*position)) <= *after)
+        let passed = |at: &u32| {
+            self.after.as_ref().is_some_and(|(rank, key)| {
+                let at = *at as usize;
+                (self.order.rank(rows, at), rows.bins(at)) <= (*rank, key.bins())
+            })
         };
 
         let positions = orders.positions(rows, self.order);
         let start = positions.partition_point(passed);
         let wanted = positions[start..]
             .iter()
-            .copied()
-            .filter(|at| row(*at).visits() >= self.min_visits && wants(*at as usize, row(*at)))
-            .map(|at| at as usize);
+            .map(|at| *at as usize)
+            .filter(|at| rows.visits(*at) >= self.min_visits && wants(*at));
 
         let page = api::page_of(wanted, self.size, 0, |at| bytes(*at));
-        let next_page_token = page
-            .items
-            .last()
-            .filter(|_| page.has_more)
-            .map(|at| self.token(&rows[*at]));
+        let next_page_token = page.items.last().filter(|_| page.has_more).map(|at| {
+            let key = StateKey::new(rows.bins(*at));
+            token_of(self.order, self.order.rank(rows, *at), &key)
+        });
         Chosen {
             positions: page.items,
             next_page_token,
         }
-    }
-
-    fn place_of(&self, row: &impl Ranked) -> Place {
-        (self.order.rank(row), row.key().clone())
-    }
-
-    fn token(&self, row: &impl Ranked) -> String {
-        token_of(self.order, self.order.rank(row), row.key())
     }
 }
 

@@ -15,7 +15,7 @@
 //! | a fit | `fits` | [`crate::priors`] |
 //!
 //! Each begins with its `query_context`, which `contexts` finds. An `assessor` says of one state's
-//! counts what they are worth: `row` keeps that for all states, `state_ranking` and `count_ranking`
+//! counts what they are worth: `rows` keep that for all states, `state_ranking` and `count_ranking`
 //! order them, and `discoveries` tests many at once. `passes` gets those from a `pass_cache`, made
 //! once for all who ask. `labels` names what has numbers, and `size` refuses what no message holds.
 //!
@@ -36,6 +36,7 @@ mod discoveries;
 mod explore;
 mod fits;
 mod graph;
+mod keyed;
 mod labels;
 mod listing;
 mod order;
@@ -46,6 +47,7 @@ mod passes;
 mod query_context;
 mod questions;
 mod row;
+mod rows;
 mod size;
 mod skeleton;
 mod state_ranking;
@@ -75,9 +77,12 @@ type SearchKey = (RankingKey, u64, DiscoveryMethod);
 /// Which priors: of one pair, or of all.
 type FitKey = (EnvironmentId, Option<Pair>);
 
-/// The service that answers questions of influence. Cloning is cheap.
+/// The service that answers questions of influence. Cloning is cheap: every request does.
 #[derive(Clone)]
-pub struct Influence {
+pub struct Influence(Arc<Handles>);
+
+/// What all clones share.
+pub struct Handles {
     store: Arc<dyn Store>,
     fits: PriorRegistry,
     networks: Networks,
@@ -89,12 +94,20 @@ pub struct Influence {
     fitting: Jobs<FitKey, Vec<FittedPrior>>,
 }
 
+impl std::ops::Deref for Influence {
+    type Target = Handles;
+
+    fn deref(&self) -> &Handles {
+        &self.0
+    }
+}
+
 impl Influence {
     /// Makes a handle on the answers from a store, the priors fitted to it and the networks that
     /// are asked where counts do not decide.
     pub fn new(store: Arc<dyn Store>, fits: PriorRegistry, networks: Networks, work: Work) -> Self {
         let stopping = || work.stopping.clone();
-        Self {
+        Self(Arc::new(Handles {
             count_rankings: PassCache::new("the ranking", stopping()),
             rankings: PassCache::new("the ranking", stopping()),
             searched: PassCache::new("the list of discoveries", stopping()),
@@ -104,6 +117,6 @@ impl Influence {
             fits,
             networks,
             work,
-        }
+        }))
     }
 }

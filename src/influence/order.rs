@@ -2,8 +2,6 @@
 
 use std::sync::OnceLock;
 
-use crate::domain::{Evidence, StateKey};
-
 /// The sort key of rows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum OrderBy {
@@ -33,46 +31,42 @@ pub struct SortOrder {
     pub descending: bool,
 }
 
-/// What has a place in orders.
+/// Rows that have a place in orders, by their positions, which are in order of key.
 pub trait Ranked {
-    /// Returns the state.
-    fn key(&self) -> &StateKey;
+    /// Returns how many there are.
+    fn len(&self) -> usize;
+
+    /// Returns the bins of a state.
+    fn bins(&self, at: usize) -> &[u32];
 
     /// Returns how often it was seen.
-    fn visits(&self) -> u64;
+    fn visits(&self, at: usize) -> u64;
 
     /// Returns its plug-in mutual information.
-    fn plug_in(&self) -> f64;
+    fn plug_in(&self, at: usize) -> f64;
 
-    /// Returns what the counts say of it, where that is known.
-    fn evidence(&self) -> Option<&Evidence>;
+    /// Returns the posterior mean of its mutual information; 0 where that is not known.
+    fn posterior_mean(&self, at: usize) -> f64;
+
+    /// Returns the probability that there is any; 0 where that is not known.
+    fn dependent(&self, at: usize) -> f64;
 }
 
 impl SortOrder {
     /// Returns a number that orders rows as this order does. Figures are not negative, so their
     /// bits are in their order.
-    pub fn rank(self, row: &impl Ranked) -> u64 {
-        let value = match self.by {
-            OrderBy::Visits => row.visits(),
-            OrderBy::PlugIn => row.plug_in().to_bits(),
-            OrderBy::PosteriorMean => row
-                .evidence()
-                .map_or(0.0, |evidence| evidence.posterior_mean)
-                .to_bits(),
-            OrderBy::Dependent => row
-                .evidence()
-                .map_or(0.0, |evidence| evidence.probability.dependent)
-                .to_bits(),
-        };
-        self.directed(value)
+    pub fn rank(self, rows: &impl Ranked, at: usize) -> u64 {
+        self.directed(match self.by {
+            OrderBy::Visits => rows.visits(at),
+            OrderBy::PlugIn => rows.plug_in(at).to_bits(),
+            OrderBy::PosteriorMean => rows.posterior_mean(at).to_bits(),
+            OrderBy::Dependent => rows.dependent(at).to_bits(),
+        })
     }
 
-    /// Returns the visits of a state that has this rank in an order of visits.
-    pub fn visits(self, rank: u64) -> u64 {
-        self.directed(rank)
-    }
-
-    fn directed(self, value: u64) -> u64 {
+    /// Returns the rank of a state with these visits in an order of visits, or the visits of one
+    /// with this rank.
+    pub fn directed(self, value: u64) -> u64 {
         if self.descending { !value } else { value }
     }
 }
@@ -82,15 +76,15 @@ impl SortOrder {
 pub struct Orders([OnceLock<Vec<u32>>; 8]);
 
 impl Orders {
-    /// Returns the positions of all rows, which are always the same and in order of key, in an
-    /// order.
-    pub fn positions(&self, rows: &[impl Ranked], order: SortOrder) -> &[u32] {
+    /// Returns the positions of all rows, which are always the same, in an order.
+    pub fn positions(&self, rows: &impl Ranked, order: SortOrder) -> &[u32] {
         let slot = order.by as usize * 2 + usize::from(order.descending);
         self.0[slot].get_or_init(|| {
-            let mut positions: Vec<u32> = (0..rows.len() as u32).collect();
-            // The sort is stable, so equal ranks stay in order of key.
-            positions.sort_by_key(|position| order.rank(&rows[*position as usize]));
-            positions
+            let ranked = |at: u32| (order.rank(rows, at as usize), at);
+            let mut ranked: Vec<(u64, u32)> = (0..rows.len() as u32).map(ranked).collect();
+            // Positions are in order of key, and so are equal ranks.
+            ranked.sort_unstable();
+            ranked.into_iter().map(|(_, at)| at).collect()
         })
     }
 }

@@ -13,6 +13,7 @@ use super::store_errors::logged;
 use crate::domain::draft::ListingDraft;
 use crate::domain::{Environment, Scope, StatePage};
 use crate::error::Problem;
+use crate::priors::PassEvidence;
 use crate::store::ByVisits;
 
 impl Influence {
@@ -71,7 +72,7 @@ impl Influence {
 
         turn.run(move |stop| {
             let (schema, unit) = (&context.environment.schema, context.scope.unit);
-            let rows = row::measured(&context, states, stop)?;
+            let rows = row::measured(&context, states, &PassEvidence::default(), stop)?;
             let (size, next_page_token) = listing.cut(schema, &rows);
             let states = rows[..size]
                 .iter()
@@ -111,7 +112,7 @@ impl Influence {
         let unit = context.scope.unit;
         let assessing = turn.run(move |stop| {
             let schema = &context.environment.schema;
-            let rows = row::measured(&context, states, stop)?;
+            let rows = row::measured(&context, states, &PassEvidence::default(), stop)?;
             Ok(rows
                 .iter()
                 .map(|row| listing::figures(schema, unit, row))

@@ -3,7 +3,7 @@
 
 use std::sync::Arc;
 
-use super::assessor::Assessor;
+use super::assessor::{Assessor, Memory};
 use crate::domain::{
     Environment, EnvironmentId, FitId, Pair, Rule, RuleKind, Scope, SegmentId, View, Within,
 };
@@ -49,13 +49,17 @@ impl QueryContext {
 
     /// Returns what assesses states for this query.
     pub fn assessor(&self, view: View) -> Assessor<'_> {
+        let memory = match self.segments {
+            None => Memory::States,
+            Some(_) => Memory::Nothing,
+        };
         Assessor {
             schema: &self.environment.schema,
             scope: &self.scope,
             informed: self.informed.as_ref(),
             network: self.network.as_deref(),
             view,
-            remembers: self.segments.is_none(),
+            memory,
         }
     }
 

@@ -4,11 +4,11 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::assessor::Assessor;
-use super::order::Ranked;
+use super::assessor::{Assessor, Memory};
 use super::query_context::QueryContext;
 use crate::domain::{Basis, Counts, Evidence, StateKey, Verdict, View};
 use crate::model::Prediction;
+use crate::priors::PassEvidence;
 use crate::work::{Stop, Stopped};
 
 /// What one state measures, in nats.
@@ -30,33 +30,17 @@ pub struct Row {
     pub basis: Basis,
 }
 
-impl Ranked for Row {
-    fn key(&self) -> &StateKey {
-        &self.key
-    }
-
-    fn visits(&self) -> u64 {
-        self.visits
-    }
-
-    fn plug_in(&self) -> f64 {
-        self.plug_in
-    }
-
-    fn evidence(&self) -> Option<&Evidence> {
-        self.evidence.as_ref()
-    }
-}
-
-/// Measures states; those not seen in the segments asked for are left out.
+/// Measures states; those not seen in the segments asked for are left out. What is found of counts
+/// that many have is remembered for the rest of the pass.
 pub fn measured(
     context: &QueryContext,
     states: Vec<(StateKey, Arc<Counts>)>,
+    memory: &PassEvidence,
     stop: &Stop,
 ) -> Result<Vec<Row>, Stopped> {
-    // So many are looked at once that nothing is worth remembering.
+    // So many are looked at once that no state is worth remembering.
     let assessor = Assessor {
-        remembers: false,
+        memory: Memory::Counts(memory),
         ..context.assessor(View::Figures)
     };
 
@@ -70,12 +54,12 @@ pub fn measured(
             counts.of_segments(context.segments.as_deref()),
             predicted,
         );
-        let visits = assessment.tables.whole.total();
+        let visits = assessment.tally.n;
         Ok((visits > 0).then(|| Row {
             key,
             visits,
             plug_in: assessment.plug_in,
-            expected: assessment.tables.expected_if_independent().0,
+            expected: assessment.expected.map_or(0.0, |(mean, _)| mean),
             evidence: assessment.evidence,
             verdict: assessment.verdict,
             basis: assessment.basis,

@@ -6,11 +6,12 @@ use std::sync::Arc;
 
 use super::order::Orders;
 use super::query_context::QueryContext;
-use super::row::{Row, measured};
+use super::row::measured;
+use super::rows::Rows;
 use super::store_errors::logged;
 use crate::domain::{FitId, SegmentId};
 use crate::error::Problem;
-use crate::priors::Pages;
+use crate::priors::{Pages, PassEvidence};
 use crate::store::{Scanned, Store};
 use crate::work::{Gate, Progress};
 
@@ -18,7 +19,7 @@ use crate::work::{Gate, Progress};
 /// segments or not.
 pub struct StateRanking {
     /// Every state seen, in order of key.
-    pub rows: Vec<Row>,
+    pub rows: Rows,
     /// How many segments have visits in them, of those asked for.
     pub segments: u64,
     /// The fit that the evidence rests on.
@@ -48,27 +49,31 @@ pub async fn make(
     let totals = store.totals(context.environment.id).await.map_err(logged)?;
     progress.begin("states measured", totals.states);
 
-    let mut rows = Vec::new();
+    let mut rows = Rows::new(context.network_version());
+    let features = context.environment.schema.state().len();
+    rows.reserve(totals.states as usize, features);
     let mut segments = HashSet::new();
+    let memory = Arc::new(PassEvidence::default());
     let mut pages = Pages::new(store, context.environment.id);
     while let Some(page) = pages.next().await.map_err(logged)? {
-        let (context, states) = (context.clone(), page.len() as u64);
+        let (context, memory) = (context.clone(), memory.clone());
+        let states = page.len() as u64;
         let measuring = gate.run(move |stop| {
             let named = named(&context, &page);
-            let states = page
+            let counted = page
                 .into_iter()
                 .map(|scanned| (scanned.key, Arc::new(scanned.counts)))
                 .collect();
-            Ok((named, measured(&context, states, stop)?))
+            Ok((named, measured(&context, counted, &memory, stop)?))
         });
         let (named, measured) = measuring.await?;
         segments.extend(named);
-        rows.extend(measured);
+        measured.iter().for_each(|row| rows.push(row));
         progress.add(states);
     }
 
     let rows = gate.run(move |_| {
-        rows.sort_unstable_by(|a: &Row, b| a.key.cmp(&b.key));
+        rows.sort();
         Ok(rows)
     });
 

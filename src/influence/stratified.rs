@@ -163,7 +163,7 @@ pub fn warning(evidence: &Evidence) -> Option<String> {
 }
 
 /// Returns a warning of each kind for the states of an environment.
-pub fn warnings<'a>(states: impl Iterator<Item = &'a Evidence> + Clone) -> Vec<String> {
+pub fn warnings(states: impl Iterator<Item = Evidence> + Clone) -> Vec<String> {
     let kind = |kind: Disagreement| {
         let of_kind = states
             .clone()

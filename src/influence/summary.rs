@@ -5,7 +5,7 @@ use super::pass_cache::PassResult;
 use super::state_ranking::StateRanking;
 use super::stratified;
 use crate::domain::{
-    Dependence, HistogramBin, Label, Schema, Scope, Segmentation, Summary, Verdict,
+    Dependence, Evidence, HistogramBin, Label, Schema, Scope, Segmentation, Summary, Verdict,
 };
 
 /// The lower bounds of the histogram's bins, in the summary's unit.
@@ -36,7 +36,7 @@ pub fn summary(
         segmentation: segmentation(ranking),
         min_visits: scope.rule.min_visits,
         share_of_visits_with_enough_data: share,
-        verdicts: tally(&Verdict::ALL, ranking.rows.iter().map(|row| row.verdict)),
+        verdicts: tally(&Verdict::ALL, ranking.rows.verdicts()),
         histogram: histogram(scope, ranking),
         as_of: ranking.as_of,
         unit: scope.unit,
@@ -45,10 +45,7 @@ pub fn summary(
         threshold_share: scope.share(schema),
         dependence: tally(
             &Dependence::ALL,
-            ranking
-                .rows
-                .iter()
-                .filter_map(|row| Some(row.evidence?.dependence)),
+            evidence(ranking).map(|evidence| evidence.dependence),
         ),
         fit: ranking.fit,
         dependent_share: ranking.dependent_share,
@@ -59,8 +56,12 @@ pub fn summary(
 
 /// Returns the visits of all states that were seen at least so often.
 fn visits(ranking: &StateRanking, least: u64) -> u64 {
-    let visits = ranking.rows.iter().map(|row| row.visits);
-    visits.filter(|n| *n >= least).sum()
+    ranking.rows.visits().filter(|n| *n >= least).sum()
+}
+
+/// Returns what the counts say of the states, of those where that is known.
+fn evidence(ranking: &StateRanking) -> impl Iterator<Item = Evidence> + Clone {
+    ranking.rows.evidence().flatten()
 }
 
 /// Returns where pooled and stratified answers disagree: by their tests, where those were made,
@@ -68,18 +69,14 @@ fn visits(ranking: &StateRanking, least: u64) -> u64 {
 fn warnings(ranking: &StateRanking, found: Option<&FoundDiscoveries>) -> Vec<String> {
     match found {
         Some(found) if !found.warnings.is_empty() => found.warnings.clone(),
-        _ => stratified::warnings(ranking.rows.iter().filter_map(|row| row.evidence.as_ref())),
+        _ => stratified::warnings(evidence(ranking)),
     }
 }
 
 /// Returns which segments the counts come from, and the mean over the states whose evidence tells
 /// whether habits differ there.
 fn segmentation(ranking: &StateRanking) -> Segmentation {
-    let differing: Vec<f64> = ranking
-        .rows
-        .iter()
-        .filter_map(|row| row.evidence?.differ)
-        .collect();
+    let differing: Vec<f64> = evidence(ranking).filter_map(|told| told.differ).collect();
     let differ =
         (!differing.is_empty()).then(|| differing.iter().sum::<f64>() / differing.len() as f64);
     Segmentation {
@@ -113,12 +110,12 @@ fn histogram(scope: &Scope, ranking: &StateRanking) -> Vec<HistogramBin> {
 
     // Every figure is at least 0, the first bound.
     let at = |nats: f64| BOUNDS.partition_point(|bound| *bound <= scope.unit.from_nats(nats)) - 1;
-    for row in &ranking.rows {
-        bins[at(row.plug_in)].plug_in += 1;
-        bins[at(row.expected)].expected_if_independent += 1;
-        if let Some(evidence) = row.evidence {
-            bins[at(evidence.posterior_mean)].posterior_mean += 1;
-        }
+    for [plug_in, expected] in ranking.rows.plug_in() {
+        bins[at(plug_in)].plug_in += 1;
+        bins[at(expected)].expected_if_independent += 1;
+    }
+    for evidence in evidence(ranking) {
+        bins[at(evidence.posterior_mean)].posterior_mean += 1;
     }
     bins
 }

@@ -18,8 +18,8 @@ use crate::telemetry::{self, Seldom};
 /// The most transitions of one commit.
 pub const MOST_COMMIT_TRANSITIONS: usize = 256_000;
 
-/// The most states of one commit, counting those of each batch: what a commit keeps in memory grows
-/// with them.
+/// The most listed states of one commit, counting those of each batch: what a commit keeps in
+/// memory grows with them.
 const MOST_COMMIT_STATES: usize = 50_000;
 
 /// A database that fails is asked again and again by every producer: their lines of the log are
@@ -113,7 +113,7 @@ impl Group {
             return;
         }
         self.transitions += pending.room.num_permits();
-        self.states += pending.batch.increment.states.len();
+        self.states += pending.batch.increment.states.listed().len();
         self.batches.push(pending.batch);
         self.replies.push((pending.reply, pending.room));
     }

@@ -43,16 +43,29 @@ const MOST_WORK: usize = 8_192;
 /// How many batches of one stream may wait for their acknowledgement.
 pub const WINDOW: usize = 320;
 
-/// The ingestion service. Cloning is cheap.
+/// The ingestion service. Cloning is cheap: every request does.
 #[derive(Clone)]
 pub struct Ingest {
+    handles: Arc<Handles>,
+    principal: Arc<Principal>,
+}
+
+/// What is the same whoever speaks.
+pub struct Handles {
     queue: mpsc::Sender<Command>,
     room: Room,
     streams: Streams,
     counted: BatchTotals,
     committer: TaskTracker,
     store: Arc<dyn Store>,
-    principal: Arc<Principal>,
+}
+
+impl std::ops::Deref for Ingest {
+    type Target = Handles;
+
+    fn deref(&self) -> &Handles {
+        &self.handles
+    }
 }
 
 impl Ingest {
@@ -63,19 +76,17 @@ impl Ingest {
         committer.spawn(committer::run(store.clone(), counted.clone(), work));
         committer.close();
 
-        let (room, streams, principal) = (
-            Room::default(),
-            Streams::default(),
-            Arc::new(Principal::anonymous()),
-        );
-        Self {
+        let handles = Handles {
             queue,
-            room,
-            streams,
+            room: Room::default(),
+            streams: Streams::default(),
             counted,
             committer,
             store,
-            principal,
+        };
+        Self {
+            handles: Arc::new(handles),
+            principal: Arc::new(Principal::anonymous()),
         }
     }
 
@@ -83,7 +94,7 @@ impl Ingest {
     pub fn asked_by(&self, principal: Arc<Principal>) -> Self {
         Self {
             principal,
-            ..self.clone()
+            handles: self.handles.clone(),
         }
     }
 
@@ -206,8 +217,7 @@ impl Ingest {
         let (schema, environment) = (environment.schema.clone(), environment.id);
         let owner = self.principal.name().cloned();
 
-        let bytes =
-            size_of_val(&batch.records.states[..]) + size_of_val(&batch.records.actions[..]);
+        let bytes = batch.records.states.le_bytes().len() + batch.records.actions.le_bytes().len();
         let numbered = aside(bytes, move || {
             let segment = batch.segment.as_ref();
             let (digest, worded) = (

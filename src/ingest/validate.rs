@@ -8,7 +8,8 @@ use std::collections::HashMap;
 use foldhash::fast::RandomState;
 
 use crate::domain::{
-    BinError, Entry, Increment, Label, Receipt, Records, Rejection, Schema, StateKey, Tally, Widths,
+    BinError, Entry, Increment, Label, Numbers, Receipt, Records, Rejection, Schema, StateKey,
+    States, Tally, Values, Widths,
 };
 
 /// Validates records; returns the increment that they are under a segment, and the receipt.
@@ -17,16 +18,19 @@ pub fn validate(
     segment: Option<Label>,
     records: &Records,
 ) -> (Increment, Receipt) {
-    let mut sum = Sum::new(schema, records.len);
+    let mut sum = Sum::new(schema, records);
     let mut receipt = Receipt::default();
     let mut undecodable = records.undecodable.iter().peekable();
-    for index in 0..records.len {
-        let known = undecodable
-            .next_if(|rejection| rejection.index as usize == index)
-            .cloned();
-        match known.map_or_else(|| sum.add(records, index), Err) {
-            Ok(()) => receipt.accepted += 1,
-            Err(rejection) => reject(&mut receipt, rejection),
+    for first in (0..records.len).step_by(Numbers::LANES) {
+        let block = sum.block(first);
+        for index in first..records.len.min(first + Numbers::LANES) {
+            let known = undecodable
+                .next_if(|rejection| rejection.index as usize == index)
+                .cloned();
+            match known.map_or_else(|| sum.add(&block, index), Err) {
+                Ok(()) => receipt.accepted += 1,
+                Err(rejection) => reject(&mut receipt, rejection),
+            }
         }
     }
     (sum.into_increment(segment), receipt)
@@ -42,62 +46,82 @@ fn reject(receipt: &mut Receipt, rejection: Rejection) {
 /// States that a batch has room for before it grows.
 const USUAL_STATES: usize = 256;
 
-/// The increment so far, with equal states merged.
+/// The increment so far.
 struct Sum<'a> {
     schema: &'a Schema,
     widths: Widths,
-    /// The bins of the record at hand.
-    bins: Vec<u32>,
-    states: HashMap<StateKey, u32, RandomState>,
-    cells: Vec<(u32, u64, Tally)>,
+    records: &'a Records,
+    /// The states so far, where states are listed; `None` where they are ranked.
+    listed: Option<Listed>,
+    cells: Vec<(u64, u64, Tally)>,
     transitions: u64,
 }
 
+/// What is discretised of some records at once: ranks of their states, where they have some, and
+/// joint actions.
+struct Block {
+    first: usize,
+    ranks: Option<Numbers>,
+    joints: Numbers,
+}
+
 impl<'a> Sum<'a> {
-    fn new(schema: &'a Schema, records: usize) -> Self {
+    fn new(schema: &'a Schema, records: &'a Records) -> Self {
+        let listed = || Listed::with_room_for(records.len.min(USUAL_STATES));
         Self {
             schema,
             widths: Widths::of_schema(schema),
-            bins: Vec::with_capacity(schema.state().len()),
-            states: HashMap::with_capacity_and_hasher(
-                records.min(USUAL_STATES),
-                RandomState::default(),
-            ),
-            cells: Vec::with_capacity(records),
+            records,
+            listed: (!schema.is_ranked()).then(listed),
+            cells: Vec::with_capacity(records.len),
             transitions: 0,
         }
     }
 
-    fn add(&mut self, records: &Records, index: usize) -> Result<(), Rejection> {
-        let state = &records.states[index * self.widths.state..][..self.widths.state];
-        let actions = &records.actions[index * self.widths.actions..][..self.widths.actions];
-        let n = records.counts.get(index).copied().unwrap_or(1);
-        let (Some(()), Some(joint), Some(sum)) = (
-            self.discretise(state),
-            self.schema.joint_action(actions),
-            self.sum_with(n),
-        ) else {
-            return Err(self.rejection(index, state, actions, n));
+    fn block(&self, first: usize) -> Block {
+        let Records {
+            states, actions, ..
+        } = self.records;
+        let is_ranked = self.listed.is_none();
+        Block {
+            first,
+            ranks: is_ranked.then(|| self.schema.ranks_at(states, first)),
+            joints: self.schema.joint_actions_at(actions, first),
+        }
+    }
+
+    fn add(&mut self, block: &Block, index: usize) -> Result<(), Rejection> {
+        let lane = index - block.first;
+        let n = self.records.counts.get(index).copied().unwrap_or(1);
+        let (Some(joint), Some(sum)) = (block.joints.get(lane), self.sum_with(n)) else {
+            return Err(self.rejection(index, n));
+        };
+        // Last, for a state is listed only where something of it is counted.
+        let Some(state) = self.state(block, index) else {
+            return Err(self.rejection(index, n));
         };
 
-        let entries = match records.entries.get(index).copied().unwrap_or_default() {
+        let entry = self.records.entries.get(index).copied();
+        let entries = match entry.unwrap_or_default() {
             Entry::Unknown => None,
             Entry::Stayed => Some(0),
             Entry::Entered => Some(n),
         };
 
         self.transitions = sum;
-        let state = self.state_position();
         self.cells.push((state, joint, Tally { n, entries }));
         Ok(())
     }
 
-    fn discretise(&mut self, values: &[f32]) -> Option<()> {
-        self.bins.clear();
-        for (feature, value) in self.schema.state().iter().zip(values) {
-            self.bins.push(feature.kind.bin(*value).ok()?);
+    /// Returns the number of a record's state: its rank, or its position among those listed.
+    fn state(&mut self, block: &Block, index: usize) -> Option<u64> {
+        match &block.ranks {
+            Some(ranks) => ranks.get(index - block.first),
+            None => {
+                let values = values_of(&self.records.states, self.widths.state, index);
+                self.listed.as_mut()?.position(self.schema, values)
+            }
         }
-        Some(())
     }
 
     /// Returns the transitions with `n` more, if `n` is a count and the sum still is one.
@@ -107,19 +131,12 @@ impl<'a> Sum<'a> {
             .filter(|sum| n > 0 && i64::try_from(*sum).is_ok())
     }
 
-    fn state_position(&mut self) -> u32 {
-        if let Some(known) = self.states.get(self.bins.as_slice()) {
-            return *known;
-        }
-        let next = self.states.len() as u32;
-        self.states.insert(StateKey::new(&self.bins), next);
-        next
-    }
-
     /// Tells everything that is wrong with a record: the first fault's field, and all faults in the
     /// reason.
     #[cold]
-    fn rejection(&self, index: usize, state: &[f32], actions: &[f32], n: u64) -> Rejection {
+    fn rejection(&self, index: usize, n: u64) -> Rejection {
+        let state = values_of(&self.records.states, self.widths.state, index);
+        let actions = values_of(&self.records.actions, self.widths.actions, index);
         let bin_error = |pointer: String| move |error: BinError<'_>| (pointer, error.to_string());
         let state = self
             .schema
@@ -129,7 +146,7 @@ impl<'a> Sum<'a> {
             .filter_map(|(feature, value)| {
                 feature
                     .kind
-                    .bin(*value)
+                    .bin(value)
                     .err()
                     .map(bin_error(format!("/state/{}", feature.name)))
             });
@@ -138,7 +155,7 @@ impl<'a> Sum<'a> {
                 .action_features()
                 .zip(actions)
                 .filter_map(|((agent, feature), value)| {
-                    feature.kind.bin(*value).err().map(bin_error(format!(
+                    feature.kind.bin(value).err().map(bin_error(format!(
                         "/actions/{}/{}",
                         agent.name, feature.name
                     )))
@@ -168,21 +185,55 @@ impl<'a> Sum<'a> {
     }
 
     fn into_increment(self, segment: Option<Label>) -> Increment {
-        let mut states = vec![None; self.states.len()];
-        for (key, position) in self.states {
-            states[position as usize] = Some(key);
-        }
-
-        let states = states
-            .into_iter()
-            .map(|key| key.expect("positions are dense"))
-            .collect();
         Increment {
             segment,
-            states,
+            states: self.listed.map_or(States::Ranked, Listed::into_states),
             cells: self.cells,
             transitions: self.transitions,
         }
+    }
+}
+
+/// Returns the values of a record.
+fn values_of(values: &Values, width: usize, index: usize) -> impl Iterator<Item = f32> {
+    values.at(index * width, width)
+}
+
+/// The states of a batch that have no ranks, each once, by their positions.
+struct Listed {
+    positions: HashMap<StateKey, u64, RandomState>,
+    /// The bins of the record at hand.
+    bins: Vec<u32>,
+}
+
+impl Listed {
+    fn with_room_for(states: usize) -> Self {
+        Self {
+            positions: HashMap::with_capacity_and_hasher(states, RandomState::default()),
+            bins: Vec::new(),
+        }
+    }
+
+    /// Returns the position of a state, which is listed where it is new; `None` where a value has
+    /// no bin.
+    fn position(&mut self, schema: &Schema, values: impl Iterator<Item = f32>) -> Option<u64> {
+        self.bins.clear();
+        for (feature, value) in schema.state().iter().zip(values) {
+            self.bins.push(feature.kind.bin(value).ok()?);
+        }
+
+        if let Some(known) = self.positions.get(self.bins.as_slice()) {
+            return Some(*known);
+        }
+        let next = self.positions.len() as u64;
+        self.positions.insert(StateKey::new(&self.bins), next);
+        Some(next)
+    }
+
+    fn into_states(self) -> States {
+        let mut states: Vec<(StateKey, u64)> = self.positions.into_iter().collect();
+        states.sort_unstable_by_key(|(_, position)| *position);
+        States::Listed(states.into_iter().map(|(key, _)| key).collect())
     }
 }
 
@@ -193,6 +244,15 @@ mod tests {
     use crate::domain::draft::{AgentDraft, FeatureDraft, KindDraft, SchemaDraft};
 
     fn schema() -> Schema {
+        schema_with(&[])
+    }
+
+    /// Returns the same with so many states that they are listed.
+    fn wide() -> Schema {
+        schema_with(&["x0", "x1", "x2"])
+    }
+
+    fn schema_with(wide: &[&str]) -> Schema {
         let feature = |name: &str, kind| FeatureDraft {
             name: name.into(),
             unit: None,
@@ -206,10 +266,16 @@ mod tests {
             action: vec![action],
         };
         let draft = SchemaDraft {
-            state: vec![
+            state: [
                 feature("x", KindDraft::Continuous(vec![0.5, 1.0])),
                 feature("lane", KindDraft::Integer(0, 3)),
-            ],
+            ]
+            .into_iter()
+            .chain(
+                wide.iter()
+                    .map(|name| feature(name, KindDraft::Integer(0, 65_535))),
+            )
+            .collect(),
             agents: vec![
                 agent("a", feature("go", labels(&["l", "r"]))),
                 agent("b", feature("go", labels(&["l", "r", "s"]))),
@@ -242,27 +308,20 @@ mod tests {
     }
 
     #[test]
-    fn equal_states_are_one() {
+    fn equal_states_have_one_rank() {
         let (increment, receipt) = run(vec![
             record(&[0.7, 1.0], &[1.0, 2.0], Entry::Entered, 1),
             record(&[0.6, 1.0], &[1.0, 2.0], Entry::Stayed, 4),
             record(&[0.6, 1.0], &[0.0, 0.0], Entry::Unknown, 2),
         ]);
-        assert_eq!(
-            increment
-                .states
-                .iter()
-                .map(ToString::to_string)
-                .collect::<Vec<_>>(),
-            ["1.1"]
-        );
+        assert_eq!(increment.states, States::Ranked);
         let tally = |n, entries| Tally { n, entries };
         assert_eq!(
             increment.cells,
             [
-                (0, 5, tally(1, Some(1))),
-                (0, 5, tally(4, Some(0))),
-                (0, 0, tally(2, None))
+                (5, 5, tally(1, Some(1))),
+                (5, 5, tally(4, Some(0))),
+                (5, 0, tally(2, None))
             ]
         );
         assert_eq!(
@@ -306,6 +365,65 @@ mod tests {
         ] {
             assert!(reason.contains(part), "{part} in {reason}");
         }
+    }
+
+    #[test]
+    fn states_without_ranks_are_listed_once_where_something_of_them_is_counted() {
+        let state = |x, last| [x, 1.0, 0.0, 65_535.0, last];
+        let bad = record(&state(0.0, 5.0), &[0.0, 3.0], Entry::Unknown, 1);
+        let zero = record(&state(0.0, 6.0), &[0.0, 0.0], Entry::Unknown, 0);
+        let good = |x, last| record(&state(x, last), &[1.0, 2.0], Entry::Entered, 2);
+        let records = vec![bad, good(0.7, 3.0), zero, good(0.0, 4.0), good(0.6, 3.0)];
+
+        let schema = wide();
+        let widths = Widths::of_schema(&schema);
+        let records = Records::collect(widths, records.into_iter());
+        let (increment, receipt) = validate(&schema, None, &records);
+
+        let listed = increment.states.listed().iter().map(ToString::to_string);
+        assert_eq!(
+            listed.collect::<Vec<_>>(),
+            ["1.1.0.65535.3", "0.1.0.65535.4"]
+        );
+        let entered = Tally {
+            n: 2,
+            entries: Some(2),
+        };
+        assert_eq!(increment.cells, [0, 1, 0].map(|state| (state, 5, entered)));
+        let rejected: Vec<u32> = receipt.rejected.iter().map(|one| one.index).collect();
+        assert_eq!((rejected, increment.transitions), (vec![0, 2], 6));
+    }
+
+    #[test]
+    fn ranks_and_lists_name_the_same_states() {
+        // More than are discretised at once, and not a multiple of it.
+        let values = |i: u32| [(i % 7) as f32 / 4.0, (i % 5) as f32];
+        let actions = |i: u32| [(i % 2) as f32, (i % 4) as f32];
+        let of = |schema: &Schema, more: &[f32]| {
+            let one = |i: u32| {
+                record(
+                    &[&values(i)[..], more].concat(),
+                    &actions(i),
+                    Entry::Stayed,
+                    1,
+                )
+            };
+            let records: Vec<_> = (0..300).map(one).collect();
+            let records = Records::collect(Widths::of_schema(schema), records.into_iter());
+            validate(schema, None, &records)
+        };
+        let (ranked, listed) = (of(&schema(), &[]), of(&wide(), &[0.0; 3]));
+
+        assert_eq!(ranked.1, listed.1);
+        assert!(ranked.1.accepted > 100 && ranked.1.rejected_count > 100);
+        let rank = |key: &StateKey| u64::from(key.bins()[0] * 4 + key.bins()[1]);
+        let ranks: Vec<u64> = listed.0.states.listed().iter().map(rank).collect();
+        let named = listed
+            .0
+            .cells
+            .iter()
+            .map(|(at, joint, tally)| (ranks[*at as usize], *joint, *tally));
+        assert_eq!(ranked.0.cells, named.collect::<Vec<_>>());
     }
 
     #[test]

@@ -66,9 +66,12 @@ pub use back_off::BackOff;
 pub use dataset::{Dataset, Example};
 pub use network::{Network, Prediction};
 
-/// The networks of every environment. Cloning is cheap.
+/// The networks of every environment. Cloning is cheap: every request does.
 #[derive(Clone)]
-pub struct Networks {
+pub struct Networks(Arc<Handles>);
+
+/// What all clones share.
+pub struct Handles {
     store: Arc<dyn Store>,
     fits: PriorRegistry,
     registry: Registry,
@@ -79,10 +82,18 @@ pub struct Networks {
     running: TaskTracker,
 }
 
+impl std::ops::Deref for Networks {
+    type Target = Handles;
+
+    fn deref(&self) -> &Handles {
+        &self.0
+    }
+}
+
 impl Networks {
     /// Makes a handle on the networks of a store, judged by the priors fitted to it.
     pub fn new(store: Arc<dyn Store>, fits: PriorRegistry) -> Self {
-        Self {
+        Self(Arc::new(Handles {
             registry: Registry::new(store.clone()),
             store,
             fits,
@@ -90,7 +101,7 @@ impl Networks {
             turn: Arc::default(),
             ending: CancellationToken::new(),
             running: TaskTracker::new(),
-        }
+        }))
     }
 
     /// Returns how many trainings wait for their turn, and how many are being done.

@@ -38,6 +38,9 @@ const UNKNOWN: &str = "MODEL_NOT_FOUND";
 /// Why a version cannot be read whose weights are gone.
 const WITHOUT_WEIGHTS: &str = "its weights: they are missing";
 
+/// Why a version cannot be read that is damaged.
+const SPOILED: &str = "it is not as it was written: its checksum is another";
+
 /// A pair of agents of an environment: the ego and the other.
 type Place = (EnvironmentId, usize, usize);
 
@@ -302,9 +305,12 @@ impl Registry {
         environment: &Environment,
         version: u64,
     ) -> Result<Vec<u8>, Problem> {
-        let (_, weights) = self.record(environment, version).await?;
+        let (record, weights) = self.record(environment, version).await?;
         if weights.is_empty() {
             return Err(unreadable(version, WITHOUT_WEIGHTS));
+        }
+        if !record.is_sound {
+            return Err(unreadable(version, SPOILED));
         }
         Ok(weights)
     }
@@ -401,12 +407,7 @@ impl Registry {
         }
         let (record, weights) = self.record(environment, version).await?;
 
-        let parsed = parse(
-            environment,
-            (record.ego, record.other),
-            &record.card,
-            &weights,
-        );
+        let parsed = parse_record(environment, &record, &weights);
         self.note(environment, version, parsed.as_ref().err().cloned());
 
         let (mut content, card) = match parsed {
@@ -441,12 +442,11 @@ impl Registry {
             .await
             .map_err(logged)?;
         // One that is deleted meanwhile is listed as it was.
-        let Some((_, weights)) = found else {
+        let Some((record, weights)) = found else {
             return Ok(card(environment, record));
         };
 
-        let pair = (record.ego, record.other);
-        let parsed = parse(environment, pair, &record.card, &weights).map(|(_, card)| card);
+        let parsed = parse_record(environment, &record, &weights).map(|(_, card)| card);
         self.note(environment, record.version, parsed.as_ref().err().cloned());
         Ok(parsed)
     }
@@ -567,6 +567,24 @@ fn model(environment: &Environment, record: &ModelRecord, card: Result<Card, Str
 }
 
 /// Reads a version as it is kept, or says which part cannot be read, and why.
+fn parse_record(
+    environment: &Environment,
+    record: &ModelRecord,
+    weights: &[u8],
+) -> Result<(file::Content, Card), String> {
+    check_sound(record)?;
+    let pair = (record.ego, record.other);
+    parse(environment, pair, &record.card, weights)
+}
+
+fn check_sound(record: &ModelRecord) -> Result<(), String> {
+    match record.is_sound {
+        true => Ok(()),
+        false => Err(SPOILED.to_owned()),
+    }
+}
+
+/// Reads a version by its parts.
 fn parse(
     environment: &Environment,
     pair: (usize, usize),
@@ -592,6 +610,7 @@ fn parse(
 
 /// Reads the card of a version whose weights were looked at before.
 fn card(environment: &Environment, record: &ModelRecord) -> Result<Card, String> {
+    check_sound(record)?;
     check_pair(environment, (record.ego, record.other))?;
     read_card(&record.card)
 }

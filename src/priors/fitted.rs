@@ -4,7 +4,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 use super::evidence_cache::EvidenceCache;
-use crate::domain::{FitId, Pair, Schema};
+use crate::domain::{ActionTotals, FitId, Pair, Schema};
 use crate::evidence::{self, Beliefs, Fit, Habits, Prior};
 use crate::information::Alphabet;
 
@@ -26,6 +26,8 @@ pub struct Fitted {
     /// The last threshold asked for, and what is believed of it without counts: nearly all
     /// questions have the same.
     pub(super) unseen: Mutex<Option<(f64, Beliefs)>>,
+    /// The habits that were asked for last, by the revision they are of.
+    pub(super) habits: Mutex<Option<(u64, Arc<Habits>)>>,
 }
 
 /// A fitted prior with the habits of its environment by now: what evidence rests on.
@@ -54,6 +56,24 @@ impl Fitted {
         match *last {
             Some((threshold, beliefs)) if threshold == nats => beliefs,
             _ => last.insert((nats, self.prior.unseen().beliefs(nats))).1,
+        }
+    }
+
+    /// Returns the habits behind the totals of an environment, of the earlier and the later agent of
+    /// the pair.
+    pub(super) fn habits(
+        &self,
+        totals: &ActionTotals,
+        [earlier, later]: [usize; 2],
+    ) -> Arc<Habits> {
+        let mut last = self.habits.lock().unwrap_or_else(PoisonError::into_inner);
+        match &*last {
+            Some((revision, habits)) if *revision == totals.revision => habits.clone(),
+            _ => {
+                let habits = Habits::new(&totals.draws(earlier), &totals.draws(later));
+                let (_, habits) = last.insert((totals.revision, Arc::new(habits)));
+                habits.clone()
+            }
         }
     }
 

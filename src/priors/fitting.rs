@@ -92,6 +92,7 @@ impl PriorRegistry {
             pair: stored_forms::write_pair(&pair),
             id,
             body: stored_forms::write_fit(&fit),
+            is_sound: true,
         };
         self.store
             .keep_fit(environment.id, &record)

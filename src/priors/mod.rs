@@ -29,7 +29,7 @@ mod tables;
 mod unreadable;
 mod upkeep;
 
-pub use evidence_cache::{EvidenceInputs, StateEvidence};
+pub use evidence_cache::{EvidenceInputs, PassEvidence, StateEvidence};
 pub use fitted::{Fitted, Informed};
 pub use registry::PriorRegistry;
 pub use sample::Sample;

@@ -12,7 +12,7 @@ use super::evidence_cache::EvidenceCache;
 use super::fitted::{Fitted, Informed, alphabet};
 use super::stored_forms;
 use crate::domain::{Environment, EnvironmentId, FitId, Pair};
-use crate::evidence::{Fit, Habits, Prior};
+use crate::evidence::{Fit, Prior};
 use crate::store::{Store, StoreError};
 use crate::work::Gate;
 
@@ -78,7 +78,7 @@ impl PriorRegistry {
         let stored = record.and_then(|record| {
             Some((
                 record.id,
-                stored_forms::read_fit(&record.body, alphabet).ok()?,
+                stored_forms::read_record(&record, alphabet).ok()?,
             ))
         });
         let (id, fit) = stored.unwrap_or_else(|| (FitId::default(), Fit::cold(alphabet)));
@@ -100,7 +100,7 @@ impl PriorRegistry {
 
         let totals = self.store.actions(environment).await?;
         let Pair { ego, other, .. } = pair.undirected();
-        let habits = Arc::new(Habits::new(&totals.draws(ego), &totals.draws(other)));
+        let habits = fitted.habits(&totals, [ego, other]);
         Ok(Some(Informed {
             fitted,
             habits,
@@ -116,16 +116,15 @@ impl PriorRegistry {
         made: Option<Instant>,
         fit: Fit,
     ) -> Arc<Fitted> {
-        let (prior, evidence_cache, unseen) =
-            (Prior::new(&fit), EvidenceCache::default(), Mutex::default());
         let fitted = Arc::new(Fitted {
             id,
             last_version,
             made,
-            prior,
+            prior: Prior::new(&fit),
             fit,
-            evidence_cache,
-            unseen,
+            evidence_cache: EvidenceCache::default(),
+            unseen: Mutex::default(),
+            habits: Mutex::default(),
         });
 
         let mut kept = self.lock();

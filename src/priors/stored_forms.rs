@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::domain::Pair;
 use crate::evidence::{Base, Fit, Parameters, SideParameters};
 use crate::information::Alphabet;
+use crate::store::FitRecord;
 use crate::store::form::{self, Unreadable};
 
 /// The version of the form that is written. The first one read tables in one way only: nothing of
@@ -118,9 +119,17 @@ pub fn write_fit(fit: &Fit) -> String {
     )
 }
 
+/// Reads a fit of these alphabets as it is kept.
+pub fn read_record(record: &FitRecord, alphabet: Alphabet) -> Result<Fit, Unreadable> {
+    match record.is_sound {
+        true => read_fit(&record.body, alphabet),
+        false => Err(Unreadable::spoiled("its checksum is another")),
+    }
+}
+
 /// Reads a fit of these alphabets back. One that cannot be read is made again; a version whose
 /// content says too little for that is [`Unreadable::Older`].
-pub fn read_fit(text: &str, alphabet: Alphabet) -> Result<Fit, Unreadable> {
+fn read_fit(text: &str, alphabet: Alphabet) -> Result<Fit, Unreadable> {
     match form::version(text)? {
         older @ 1..FORM => Err(Unreadable::Older(older)),
         FORM => read_newest(form::read_content(text)?, alphabet),

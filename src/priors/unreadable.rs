@@ -91,7 +91,7 @@ fn unreadable(schema: &Schema, record: &FitRecord) -> Option<Unreadable> {
         .filter(known)
         .and_then(|pair| alphabet(schema, &pair))
     {
-        Some(alphabet) => stored_forms::read_fit(&record.body, alphabet).err(),
+        Some(alphabet) => stored_forms::read_record(record, alphabet).err(),
         None => Some(Unreadable::spoiled("nothing is fitted to this pair")),
     }
 }

@@ -154,7 +154,7 @@ impl Drop for Call {
 }
 
 /// Notes the route of a request: one of few, unlike its path and its method.
-pub async fn note_route(request: Request, next: Next) -> Response {
+pub fn note_route(request: Request) -> Request {
     if let (Some(noted), Some(path)) = (
         request.extensions().get::<Arc<Noted>>(),
         request.extensions().get::<MatchedPath>(),
@@ -162,7 +162,7 @@ pub async fn note_route(request: Request, next: Next) -> Response {
         // It is routed once.
         let _ = noted.route.set(route(&request, path.as_str()));
     }
-    next.run(request).await
+    request
 }
 
 /// Notes the route of a request that comes before there are any: that of a probe, or of a method of
@@ -367,6 +367,7 @@ mod tests {
     use axum::middleware;
     use axum::routing::get;
     use tower::ServiceExt;
+    use tower::util::MapRequestLayer;
 
     use super::*;
 
@@ -389,7 +390,7 @@ mod tests {
             .route("/{service}/{*rest}", get(panics))
             .layer(panic)
             .layer(middleware::from_fn(note_code))
-            .layer(middleware::from_fn(note_route))
+            .layer(MapRequestLayer::new(note_route))
     }
 
     #[tokio::test]

@@ -2,6 +2,7 @@
 //! noted of whom.
 
 use axum::{Router, middleware};
+use tower::util::MapRequestLayer;
 use tower_http::catch_panic::CatchPanicLayer;
 
 use super::access::{self, Guard};
@@ -38,8 +39,6 @@ pub async fn router(
 
     let guard = Guard::new(settings, endpoint);
     let router = router.layer(middleware::from_fn_with_state(guard, access::admit));
-    Ok(
-        cors::allow(router, &settings.cors_origins)
-            .layer(middleware::from_fn(requests::note_route)),
-    )
+    Ok(cors::allow(router, &settings.cors_origins)
+        .layer(MapRequestLayer::new(requests::note_route)))
 }

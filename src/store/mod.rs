@@ -19,6 +19,7 @@ mod error;
 pub mod form;
 mod ledger;
 mod map;
+mod packed;
 mod sqlite;
 mod stage;
 
@@ -90,6 +91,11 @@ pub trait Store: Send + Sync {
     /// commit hardly waits. To be called again and again, by one at a time. Interrupted anywhere,
     /// by an error, by being dropped or by kill -9, the next call goes on, after a restart too.
     async fn sweep(&self) -> Result<(), StoreError>;
+
+    /// Waits until the journal of counts is long, or something that an earlier build counted is in
+    /// its old place, and puts some of it into rows: so little that a commit hardly waits. To be
+    /// called again and again. Interrupted anywhere, the next call goes on, after a restart too.
+    async fn compact(&self) -> Result<(), StoreError>;
 
     /// Returns what deleted environments have left. From memory.
     fn leftovers(&self) -> Leftovers;
@@ -214,8 +220,9 @@ pub trait Store: Send + Sync {
     /// Returns what is free on the disk of the database, in bytes, and the size of the disk.
     async fn disk(&self) -> Result<[u64; 2], StoreError>;
 
-    /// Returns what each environment holds, all at one moment, in order of id. Of one that was
-    /// deleted something may be left.
+    /// Returns what each environment holds, in order of id; of one that was deleted something may be
+    /// left. Cheap however much was counted a moment ago: states and cells may then be those of a
+    /// little earlier, but never fewer than were told before.
     async fn held(&self) -> Result<Vec<(EnvironmentId, Held)>, StoreError>;
 
     /// Moves the journal into the database and closes it. No call may follow.
@@ -270,6 +277,8 @@ pub struct FitRecord {
     pub id: FitId,
     /// The fit itself, as text.
     pub body: String,
+    /// Whether all of this is as it was kept, by its checksum; of one that is to be kept it is.
+    pub is_sound: bool,
 }
 
 /// A trained network of one pair of agents, without its weights. What it says is for those who made
@@ -291,6 +300,9 @@ pub struct ModelRecord {
     pub active: bool,
     /// What is told of it, as text.
     pub card: String,
+    /// Whether all of this is as it was kept, by its checksum; and its weights, where they were
+    /// read.
+    pub is_sound: bool,
 }
 
 /// A trained network that has no version yet: what [`Store::keep_model`] takes.

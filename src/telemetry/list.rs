@@ -89,9 +89,10 @@ metrics! {
 
     /// Transitions that are kept, counts of records included, by environment
     KEPT: gauge("nudge_transitions", &["environment"]);
-    /// Distinct states, by environment
+    /// Distinct states, by environment; a little behind while very much is counted
     STATES: gauge("nudge_states", &["environment"]);
-    /// Cells (state, segment, joint action), by environment
+    /// Cells (state, segment, joint action), by environment; a little behind while very much is
+    /// counted
     CELLS: gauge("nudge_cells", &["environment"]);
     /// What is used of a quota, from 0 to 1, by environment; that of `environments` is of the whole
     /// service

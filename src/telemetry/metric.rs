@@ -19,7 +19,8 @@ pub struct Metric {
     pub labels: &'static [&'static str],
     /// What it says: a sentence without its full stop.
     pub help: &'static str,
-    series: Mutex<BTreeMap<Labels, Value>>,
+    /// In order of their labels.
+    series: Mutex<Vec<(Labels, Value)>>,
 }
 
 /// The type of a metric (counter, gauge or histogram).
@@ -97,7 +98,7 @@ impl Metric {
             kind,
             labels,
             help,
-            series: Mutex::new(BTreeMap::new()),
+            series: Mutex::new(Vec::new()),
         }
     }
 
@@ -138,8 +139,17 @@ impl Metric {
 
     fn with(&self, labels: &[&str], change: impl FnOnce(&mut Value)) {
         debug_assert_eq!(labels.len(), self.labels.len(), "{}", self.name);
-        let labels = labels.iter().map(|label| (*label).to_owned()).collect();
-        change(self.kept().entry(labels).or_insert_with(|| self.nothing()));
+        let mut series = self.kept();
+        // By every request several times: labels are copied where a series is new.
+        let compare = |(kept, _): &(Labels, Value)| {
+            kept.iter().map(String::as_str).cmp(labels.iter().copied())
+        };
+        let at = series.binary_search_by(compare).unwrap_or_else(|at| {
+            let labels = labels.iter().map(|label| (*label).to_owned()).collect();
+            series.insert(at, (labels, self.nothing()));
+            at
+        });
+        change(&mut series[at].1);
     }
 
     fn nothing(&self) -> Value {
@@ -153,7 +163,7 @@ impl Metric {
         }
     }
 
-    fn kept(&self) -> MutexGuard<'_, BTreeMap<Labels, Value>> {
+    fn kept(&self) -> MutexGuard<'_, Vec<(Labels, Value)>> {
         self.series.lock().unwrap_or_else(PoisonError::into_inner)
     }
 

@@ -1,12 +1,14 @@
 //! A damaged database: what is damaged takes nothing, what is sound stays served, and deleting the
 //! damaged part keeps nobody from starting.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use nudge::domain::{EnvironmentId, WrittenRule};
+use nudge::domain::{EnvironmentId, FitId, RuleDraft, WrittenRule};
 use nudge::store::{
-    ByVisits, Cursor, Options, Outcome, Quotas, Refusal, SqliteStore, Store, StoreError,
+    ByVisits, Cursor, FitRecord, NewModel, Numbered, Options, Outcome, Quotas, Refusal,
+    SqliteStore, Store, StoreError,
 };
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
@@ -17,17 +19,20 @@ use tempfile::TempDir;
 
 use crate::cli::{exit_and_texts, nudge, output};
 use crate::support::batches::*;
-use crate::support::databases::{Database, SqliteFile};
+use crate::support::databases::{Database, SqliteFile, execute, number};
 use crate::support::{TestApp, lane_json};
 
 const PAGE: usize = 4_096;
 
-/// Pages of another environment that one may need: on each of the tables of states and cells and
-/// the index of keys, the one where the other begins, which was split off the last one.
-const BORDERS: u32 = 3;
+/// The pages of another environment's counts that one may need: of the table of rows, the one where
+/// the other begins, which was split off the last one.
+const BORDERS: u32 = 1;
 
-/// The places of the environment that will be hurt: their keys stand on pages of their own.
+/// The places of the environment that will be hurt: their rows stand on pages of their own.
 const HURT: std::ops::Range<u32> = 700_000..702_000;
+
+/// A cell of its first place in a segment of its own.
+const ODD: u64 = 1_000_000;
 
 async fn make(store: &Arc<dyn Store>, name: &str) -> EnvironmentId {
     store
@@ -41,21 +46,69 @@ async fn make(store: &Arc<dyn Store>, name: &str) -> EnvironmentId {
         .id
 }
 
-/// Makes two environments, and closes the database.
+/// Makes two environments whose counts are in rows, and closes the database.
 async fn prepared() -> (SqliteFile, EnvironmentId, EnvironmentId) {
+    let prepared = unfolded().await;
+    prepared.0.compact_all().await;
+    prepared
+}
+
+/// The same, with all counts in the journal.
+async fn unfolded() -> (SqliteFile, EnvironmentId, EnvironmentId) {
     let file = SqliteFile::new();
     let store = file.open(Quotas::default()).await;
     let (hurt, sound) = (make(&store, "hurt").await, make(&store, "sound").await);
-    let large = HURT.fold(batch(hurt, "game", 1), |sending, place| {
-        sending.cell(place, 1, tally(1, 1))
-    });
-    store.commit(&[large.done()]).await.expect("a commit");
     let small = (1..50).fold(batch(sound, "game", 1), |sending, place| {
         sending.cell(place, 1, tally(1, 1))
     });
-    store.commit(&[small.done()]).await.expect("a commit");
+    let odd = batch(hurt, "odd", 1).cell(HURT.start, ODD, tally(1, 1));
+    for batch in [
+        filled(hurt, "game", 1, HURT),
+        odd.segment("odd").done(),
+        small.done(),
+    ] {
+        store.commit(&[batch]).await.expect("a commit");
+    }
     store.close().await;
     (file, hurt, sound)
+}
+
+/// The row of a place in the middle of those that are hurt; theirs is the first block.
+const ROW: &str = "select cells from packed where id = (1 << 44) + (701000 >> 4)";
+/// The entry of the journal that has all of them.
+const ENTRY: &str = "select cells from journal where id = 1";
+
+/// Returns where in its database a blob ends, in its checksum.
+async fn end_of_blob(path: &Path, sql: &'static str) -> usize {
+    let options = SqliteConnectOptions::new().filename(path).read_only(true);
+    let mut raw = options.connect().await.expect("a connection");
+    let blob: Vec<u8> = sqlx::query_scalar(sql)
+        .fetch_one(&mut raw)
+        .await
+        .expect("a blob");
+    raw.close().await.expect("closed");
+    // A long one goes on on pages of its own: its end is in one piece.
+    let end = &blob[blob.len().saturating_sub(40)..];
+    let bytes = std::fs::read(path).expect("read");
+    let at = bytes.windows(end.len()).rposition(|window| window == end);
+    at.expect("there") + end.len() - 1
+}
+
+/// Spoils the page that has the end of a blob: nobody can read its table beyond.
+async fn spoil_blob(path: &Path, sql: &'static str) {
+    let at = end_of_blob(path, sql).await;
+    let mut bytes = std::fs::read(path).expect("read");
+    // No page has this kind: whoever reads it is told that the database is malformed.
+    bytes[at / PAGE * PAGE] = 0x77;
+    std::fs::write(path, bytes).expect("written");
+}
+
+/// Flips a bit of a blob, of which SQLite knows nothing.
+async fn flip_blob(path: &Path, sql: &'static str) {
+    let at = end_of_blob(path, sql).await - 10;
+    let mut bytes = std::fs::read(path).expect("read");
+    bytes[at] ^= 4;
+    std::fs::write(path, bytes).expect("written");
 }
 
 /// Spoils every leaf of a kind (13: rows, 10: index) that has a text, and returns how many there
@@ -68,7 +121,6 @@ fn spoil(path: &Path, kind: u8, text: &str) -> usize {
             .windows(text.len())
             .any(|window| window == text.as_bytes());
         if page[0] == kind && has_text {
-            // No page has this kind: whoever reads it is told that the database is malformed.
             page[0] = 0x77;
             spoiled += 1;
         }
@@ -81,29 +133,27 @@ fn read_only() -> Outcome {
     Outcome::Refused(Refusal::ReadOnly)
 }
 
-#[tokio::test]
-async fn an_audit_that_cannot_read_makes_the_environment_read_only() {
-    let (file, hurt, sound) = prepared().await;
-    assert!(spoil(&file.path(), 10, "701000") > 0);
-    let store = file.open(Quotas::default()).await;
+/// Sees that an audit finds one environment damaged and passes the other, and that nothing more is
+/// counted in the damaged one.
+async fn assert_audit_finds(
+    store: &Arc<dyn Store>,
+    hurt: EnvironmentId,
+    sound: EnvironmentId,
+    why: &str,
+) {
     let audits = store.audit().await.expect("an audit of what can be read");
-    assert_eq!(
-        audits
-            .iter()
-            .map(|audit| audit.is_sound())
-            .collect::<Vec<_>>(),
-        [false, true]
-    );
+    let is_sound: Vec<bool> = audits.iter().map(|audit| audit.is_sound()).collect();
+    assert_eq!(is_sound, [false, true], "{audits:?}");
     assert!(
         audits[0]
             .unreadable
             .as_ref()
-            .is_some_and(|why| why.contains("malformed")),
-        "{audits:?}"
+            .is_some_and(|told| told.contains(why)),
+        "{why}: {audits:?}"
     );
     let listed = store.read_only();
     assert!(
-        matches!(&listed[..], [(name, why)] if name.as_str() == "hurt" && why.contains("cannot be read")),
+        matches!(&listed[..], [(name, told)] if name.as_str() == "hurt" && told.contains(why)),
         "{listed:?}"
     );
 
@@ -119,43 +169,100 @@ async fn an_audit_that_cannot_read_makes_the_environment_read_only() {
 }
 
 #[tokio::test]
-async fn an_audit_reads_the_rows_of_states_and_not_only_their_index() {
-    let (file, hurt, _) = prepared().await;
-    assert!(spoil(&file.path(), 13, "701000") > 0);
+async fn an_audit_that_cannot_read_makes_the_environment_read_only() {
+    let (file, hurt, sound) = prepared().await;
+    spoil_blob(&file.path(), ROW).await;
     let store = file.open(Quotas::default()).await;
-    let audits = store.audit().await.expect("an audit of what can be read");
-    assert_eq!(
-        audits
-            .iter()
-            .map(|audit| audit.is_sound())
-            .collect::<Vec<_>>(),
-        [false, true],
-        "{audits:?}"
+    assert_audit_finds(&store, hurt, sound, "malformed").await;
+}
+
+#[tokio::test]
+async fn an_audit_finds_a_flipped_bit_in_a_row() {
+    let (file, hurt, sound) = prepared().await;
+    flip_blob(&file.path(), ROW).await;
+    let store = file.open(Quotas::default()).await;
+    assert_audit_finds(&store, hurt, sound, "row 43812 of the counts").await;
+}
+
+#[tokio::test]
+async fn an_audit_finds_a_flipped_bit_in_the_journal() {
+    let (file, hurt, sound) = unfolded().await;
+    flip_blob(&file.path(), ENTRY).await;
+    let store = file.open(Quotas::default()).await;
+    assert_audit_finds(&store, hurt, sound, "entry 1 of the journal").await;
+}
+
+/// A row is where no other may be, though its checksum is right.
+#[tokio::test]
+async fn an_audit_finds_a_row_in_anothers_place() {
+    let (file, hurt, sound) = prepared().await;
+    let text = "update packed set cells = (select cells from packed where id = (1 << 44) + 43813)
+         where id = (1 << 44) + 43812";
+    execute(&file.path(), text).await;
+    let store = file.open(Quotas::default()).await;
+    assert_audit_finds(&store, hurt, sound, "row 43812 of the counts").await;
+}
+
+/// An entry that cannot be read had counted something: no answer is given that lacks it.
+#[tokio::test]
+async fn nobody_is_told_less_than_was_counted_where_the_journal_is_damaged() {
+    let (file, hurt, sound) = unfolded().await;
+    flip_blob(&file.path(), ENTRY).await;
+    let store = file.open(Quotas::default()).await;
+    let environment = store.environment("hurt").expect("there");
+    let met = [
+        // That of the odd cell is in a sound entry.
+        store.counts(hurt, &[state_at(HURT.start)]).await.err(),
+        store.scan(hurt, Cursor::default(), 10).await.err(),
+        store.actions(&environment).await.err(),
+        store.totals(hurt).await.err(),
+    ];
+    assert!(
+        met.iter()
+            .all(|error| matches!(error, Some(StoreError::Damaged(_)))),
+        "{met:?}"
     );
-    let next = batch(hurt, "game", 2).cell(1, 1, tally(1, 1)).done();
-    assert_eq!(
-        store.commit(&[next]).await.expect("a commit"),
-        [read_only()]
-    );
+    let page = store.scan(sound, Cursor::default(), 100).await;
+    assert_eq!(page.expect("a page").len(), 49);
+}
+
+/// Where states are numbered by a table.
+#[tokio::test]
+async fn an_audit_reads_the_rows_of_states_and_not_only_their_index() {
+    of_too_many_states();
+    let (file, hurt, sound) = prepared().await;
+    assert!(spoil(&file.path(), 13, "701000.") > 0);
+    let store = file.open(Quotas::default()).await;
+    assert_audit_finds(&store, hurt, sound, "malformed").await;
+}
+
+/// Lets the hurt environment have the schema of another one, which is narrower. As if an earlier
+/// build had written that: it has no checksum.
+const NARROWED: &str = "update environments set (schema, schema_hash, checksum) = (
+    select schema, schema_hash, null from environments where name = 'narrow') where name = 'hurt'";
+
+/// Changes what an environment has, as damage would, under cells that it counted.
+async fn changed_below(change: &'static str) -> (SqliteFile, EnvironmentId, EnvironmentId) {
+    let (file, hurt, sound) = prepared().await;
+    let store = file.open(Quotas::default()).await;
+    let narrow = schema_of(&[("robot", 1_024), ("human", 512)]);
+    let name = "narrow".parse().expect("a name");
+    let made = store.create(&name, &narrow, WrittenRule::default()).await;
+    let narrow = made.expect("made").id;
+    store.close().await;
+    execute(&file.path(), change).await;
+    let store = file.open(Quotas::default()).await;
+    store.delete(narrow).await.expect("deleted");
+    store.close().await;
+    (file, hurt, sound)
 }
 
 #[tokio::test]
 async fn an_audit_finds_cells_of_actions_and_segments_that_are_not_there() {
-    for change in ["joint = 1 << 40", "segment = 999"] {
-        let (file, hurt, sound) = prepared().await;
-        let mut raw = SqliteConnectOptions::new()
-            .filename(file.path())
-            .connect()
-            .await
-            .expect("a connection");
-        let text =
-            format!("update cells set {change} where state = (select min(state) from cells)");
-        sqlx::query(sqlx::AssertSqlSafe(text))
-            .execute(&mut raw)
-            .await
-            .expect("changed");
-        raw.close().await.expect("closed");
+    for change in [NARROWED, "delete from segments where label = 'odd'"] {
+        let (file, hurt, sound) = changed_below(change).await;
         let store = file.open(Quotas::default()).await;
+        assert_audit_finds(&store, hurt, sound, "1 of its cells").await;
         let environment = store.environment("hurt").expect("there");
         let met = [
             store.counts(hurt, &[state_at(HURT.start)]).await.err(),
@@ -164,7 +271,7 @@ async fn an_audit_finds_cells_of_actions_and_segments_that_are_not_there() {
         ];
         // Nothing can be worked out with an action that nobody has; a segment without a name is
         // told as one.
-        if change.starts_with("joint") {
+        if change == NARROWED {
             assert!(
                 met.iter()
                     .all(|error| matches!(error, Some(StoreError::Damaged(_)))),
@@ -179,29 +286,16 @@ async fn an_audit_finds_cells_of_actions_and_segments_that_are_not_there() {
                 .len(),
             49
         );
-        let audits = store.audit().await.expect("an audit");
-        let why = audits[0].unreadable.as_ref().expect("found");
-        assert!(
-            audits[1].is_sound() && why.starts_with("1 of its cells"),
-            "{audits:?}"
-        );
-        let refused = batch(hurt, "game", 2).cell(1, 1, tally(1, 1)).done();
-        let taken = batch(sound, "game", 2).cell(1, 1, tally(1, 1)).done();
-        assert_eq!(
-            store
-                .commit(&[refused, taken.clone()])
-                .await
-                .expect("a commit"),
-            [read_only(), applied(&taken)]
-        );
     }
 }
 
+/// Where states are numbered by a table, that is the first that a commit asks.
 #[tokio::test]
 async fn damage_that_a_commit_meets_is_its_environments_and_nobody_elses() {
+    of_too_many_states();
     let (file, hurt, sound) = prepared().await;
     assert!(
-        spoil(&file.path(), 10, "701000") > 0,
+        spoil(&file.path(), 10, "701000.") > 0,
         "the index by which a commit finds its states"
     );
     let store = file.open(Quotas::default()).await;
@@ -212,15 +306,77 @@ async fn damage_that_a_commit_meets_is_its_environments_and_nobody_elses() {
         .await
         .expect("a commit");
     assert_eq!(outcomes, [read_only(), applied(&neighbour)]);
+    assert_refuses_one(&store, hurt, sound, &met).await;
+}
+
+/// A fold meets it: what was acknowledged before stays in the journal, and nobody else waits.
+#[tokio::test]
+async fn damage_that_a_fold_meets_is_its_environments_and_nobody_elses() {
+    for spoil in [true, false] {
+        let (mut file, hurt, sound) = prepared().await;
+        match spoil {
+            true => spoil_blob(&file.path(), ROW).await,
+            false => flip_blob(&file.path(), ROW).await,
+        }
+        file.fold_from = 1;
+        let store = file.open(Quotas::default()).await;
+        let met = batch(hurt, "game", 2).cell(701_000, 1, tally(1, 1)).done();
+        let neighbour = batch(sound, "game", 2).cell(2, 1, tally(1, 1)).done();
+        let outcomes = store.commit(&[met.clone(), neighbour.clone()]).await;
+        assert_eq!(
+            outcomes.expect("a commit"),
+            [applied(&met), applied(&neighbour)],
+            "nothing that is damaged was read"
+        );
+        let mut failed = 0;
+        while number(&file.path(), OF_SOUND).await > 0 {
+            failed += u32::from(store.compact().await.is_err());
+        }
+        while store.read_only().is_empty() {
+            failed += u32::from(store.compact().await.is_err());
+        }
+        assert_eq!(failed, 1, "it is left alone from then on");
+
+        let next = batch(hurt, "game", 3).done();
+        assert_eq!(
+            store.commit(&[next]).await.expect("a commit"),
+            [read_only()]
+        );
+        let counted = number(
+            &file.path(),
+            "select transitions from totals order by environment",
+        )
+        .await;
+        assert_eq!(counted, 2_002, "what was acknowledged is kept");
+        let entries = number(&file.path(), "select count(*) from journal").await;
+        assert_eq!(entries, 1, "in the journal");
+        assert_eq!(store.totals(sound).await.expect("totals").transitions, 50);
+    }
+}
+
+/// How many entries the journal has of the other environment.
+const OF_SOUND: &str = "select count(*) from journal where environment = (
+    select id from environments where name = 'sound')";
+
+/// Sees that one environment refuses a batch for good, and the other, with 50 transitions, goes on.
+async fn assert_refuses_one(
+    store: &Arc<dyn Store>,
+    hurt: EnvironmentId,
+    sound: EnvironmentId,
+    met: &Numbered,
+) {
     assert!(store.ready().await.is_ok(), "others are counted");
     assert_eq!(
-        store.commit(&[met]).await.expect("a commit"),
+        store
+            .commit(std::slice::from_ref(met))
+            .await
+            .expect("a commit"),
         [read_only()],
         "for good"
     );
     assert_eq!(
         store
-            .watermark(hurt, &neighbour.producer)
+            .watermark(hurt, &met.producer)
             .await
             .expect("read")
             .get(),
@@ -233,19 +389,24 @@ async fn damage_that_a_commit_meets_is_its_environments_and_nobody_elses() {
 
 #[tokio::test]
 async fn damage_that_a_question_meets_makes_the_environment_read_only() {
-    let (file, hurt, _) = prepared().await;
-    assert!(spoil(&file.path(), 10, "701000") > 0);
-    let store = file.open(Quotas::default()).await;
-    let refused = store
-        .counts(hurt, &[state_at(701_000)])
-        .await
-        .expect_err("damaged");
-    assert!(matches!(refused, StoreError::Damaged(_)), "{refused}");
-    let next = batch(hurt, "game", 2).cell(1, 1, tally(1, 1)).done();
-    assert_eq!(
-        store.commit(&[next]).await.expect("a commit"),
-        [read_only()]
-    );
+    for spoil in [true, false] {
+        let (file, hurt, _) = prepared().await;
+        match spoil {
+            true => spoil_blob(&file.path(), ROW).await,
+            false => flip_blob(&file.path(), ROW).await,
+        }
+        let store = file.open(Quotas::default()).await;
+        let refused = store
+            .counts(hurt, &[state_at(701_000)])
+            .await
+            .expect_err("damaged");
+        assert!(matches!(refused, StoreError::Damaged(_)), "{refused}");
+        let next = batch(hurt, "game", 2).cell(1, 1, tally(1, 1)).done();
+        assert_eq!(
+            store.commit(&[next]).await.expect("a commit"),
+            [read_only()]
+        );
+    }
 }
 
 /// Every page that came with an environment is spoiled in turn, and one that was there before is
@@ -256,23 +417,22 @@ async fn damage_of_one_environment_is_not_that_of_another() {
     let store = file.open(Quotas::default()).await;
     let sound = make(&store, "sound").await;
     let keys = 100_000..102_000;
-    let fill = |id, places: std::ops::Range<u32>| {
-        places
-            .fold(batch(id, "game", 1), |sending, place| {
-                sending.cell(place, 1, tally(1, 1))
-            })
-            .done()
-    };
     store
-        .commit(&[fill(sound, keys.clone())])
+        .commit(&[filled(sound, "game", 1, keys.clone())])
         .await
         .expect("a commit");
     store.close().await;
+    file.compact_all().await;
     let before = std::fs::metadata(file.path()).expect("there").len() as usize / PAGE;
     let store = file.open(Quotas::default()).await;
     let hurt = make(&store, "hurt").await;
-    store.commit(&[fill(hurt, HURT)]).await.expect("a commit");
+    // So many that their rows take many pages.
+    store
+        .commit(&[filled(hurt, "game", 1, 700_000..740_000)])
+        .await
+        .expect("a commit");
     store.close().await;
+    file.compact_all().await;
 
     let bytes = std::fs::read(file.path()).expect("read");
     let directory = TempDir::new().expect("a directory");
@@ -331,32 +491,40 @@ async fn damage_of_one_environment_is_not_that_of_another() {
     );
 }
 
-/// A row that breaks a rule of its table is damage too: a count beyond the largest, which no batch
-/// can bring about.
+/// A count beyond the largest, which no batch can bring about, is damage too: a fold does not write
+/// it.
 #[tokio::test]
 async fn a_count_that_cannot_be_is_damage() {
-    let (file, hurt, sound) = prepared().await;
-    let mut raw = SqliteConnectOptions::new()
-        .filename(file.path())
-        .connect()
-        .await
-        .expect("a connection");
-    let text =
-        "update cells set n = 9223372036854775807 where state = (select min(state) from cells)";
-    sqlx::query(text).execute(&mut raw).await.expect("changed");
-    raw.close().await.expect("closed");
+    const LARGEST: u64 = i64::MAX as u64;
+    let mut file = SqliteFile::new();
+    file.fold_from = 1;
     let store = file.open(Quotas::default()).await;
-    let met = batch(hurt, "game", 2)
-        .cell(HURT.start, 1, tally(1, 1))
-        .done();
-    let neighbour = batch(sound, "game", 2).cell(2, 1, tally(1, 1)).done();
+    let (hurt, sound) = (make(&store, "hurt").await, make(&store, "sound").await);
+    let first = batch(hurt, "game", 1).cell(1, 1, tally(LARGEST, 0)).done();
+    store.commit(&[first]).await.expect("a commit");
+    store.close().await;
+    file.compact_all().await;
+    execute(&file.path(), "update totals set transitions = 0").await;
+    let store = file.open(Quotas::default()).await;
+    let met = batch(hurt, "game", 2).cell(1, 1, tally(1, 1)).done();
+    let neighbour = batch(sound, "game", 1).cell(2, 1, tally(1, 1)).done();
+    let outcomes = store.commit(&[met.clone(), neighbour.clone()]).await;
     assert_eq!(
-        store
-            .commit(&[met, neighbour.clone()])
-            .await
-            .expect("a commit"),
-        [read_only(), applied(&neighbour)]
+        outcomes.expect("a commit"),
+        [applied(&met), applied(&neighbour)]
     );
+    while store.read_only().is_empty() {
+        store.compact().await.ok();
+    }
+    assert_eq!(store.read_only()[0].0.as_str(), "hurt");
+    let asked = store.counts(hurt, &[state_at(1)]).await;
+    assert!(matches!(asked, Err(StoreError::Damaged(_))), "{asked:?}");
+    while number(&file.path(), OF_SOUND).await > 0 {
+        store.compact().await.expect("the other one's is folded");
+    }
+    assert_eq!(store.totals(sound).await.expect("totals").cells, 1);
+    let rows = number(&file.path(), "select count(*) from packed").await;
+    assert_eq!(rows, 2, "the damaged one's is as it was");
 }
 
 /// Puts the database where a service looks for it.
@@ -385,12 +553,8 @@ fn post(place: u32, sequence: u64) -> Value {
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn deleting_what_is_damaged_keeps_nobody_from_starting() {
     let (file, ..) = prepared().await;
-    // The rows that a removal goes through, and the index that an audit reads instead of them.
-    assert!(
-        [13, 10]
-            .iter()
-            .all(|kind| spoil(&file.path(), *kind, "701000") > 0)
-    );
+    // The rows that a removal goes through, and an audit.
+    spoil_blob(&file.path(), ROW).await;
     let directory = served(&file);
     let (code, report, stderr) = check(directory.path()).await;
     assert_eq!(
@@ -786,15 +950,320 @@ async fn quick_check(path: &Path) -> bool {
     lines.is_ok_and(|lines| lines == ["ok"])
 }
 
+/// Returns whether a check finds nothing: what `nudge check` asks of the store.
 async fn is_passed(path: &Path) -> bool {
     let Ok(store) = SqliteStore::inspect(path, Options::default()).await else {
         return false;
     };
     let integrity = store.integrity().await;
     let audits = store.audit().await;
+    let mut is_sound = store.unreadable().is_empty();
+    for environment in store.environments() {
+        let faults = store.receipts(environment.id).await;
+        is_sound &= faults.is_ok_and(|faults| faults.is_empty());
+        let rows = store.damaged_rows(environment.id).await;
+        is_sound &= rows.is_ok_and(|rows| rows.is_empty());
+        is_sound &= are_sound(&store, environment.id).await.unwrap_or(false);
+    }
     store.close().await;
-    integrity.is_ok_and(|lines| lines.is_empty())
+    is_sound
+        && integrity.is_ok_and(|lines| lines.is_empty())
         && audits.is_ok_and(|audits| audits.iter().all(|audit| audit.is_sound()))
+}
+
+/// Returns whether the fits and networks of an environment are as they were kept.
+async fn are_sound(store: &SqliteStore, id: EnvironmentId) -> Result<bool, StoreError> {
+    let fits = store.fits(id).await?;
+    let mut are_sound = fits.iter().all(|fit| fit.is_sound);
+    for record in store.models(id).await? {
+        let model = store.model(id, record.version).await?;
+        are_sound &= model.is_some_and(|(record, _)| record.is_sound);
+    }
+    Ok(are_sound)
+}
+
+/// Everything that a database tells, in words: environments, totals, segments, every cell, fits,
+/// networks, producers, and what becomes of each batch that is sent again.
+async fn told_by(path: &Path, sent: &[Numbered]) -> Result<String, StoreError> {
+    let store = SqliteStore::open(path, Options::default()).await?;
+    let mut told = String::new();
+    for environment in store.environments() {
+        let id = environment.id;
+        let (totals, segments) = (store.totals(id).await?, store.segments(id).await?);
+        told.push_str(&format!("{environment:?} {totals:?} {segments:?}"));
+        let mut cursor = Cursor::default();
+        loop {
+            let page = store.scan(id, cursor, 1_000).await?;
+            for state in &page {
+                told.push_str(&format!("{:?} {:?}", state.key, state.counts.cells()));
+            }
+            match page.last() {
+                Some(last) => cursor = last.cursor,
+                None => break,
+            }
+        }
+        told.push_str(&format!("{:?}", store.fits(id).await?));
+        for record in store.models(id).await? {
+            let (record, weights) = store.model(id, record.version).await?.expect("listed");
+            told.push_str(&format!("{record:?} {}", blake3::hash(&weights)));
+        }
+        let producers: BTreeSet<_> = sent.iter().map(|batch| &batch.producer).collect();
+        for producer in producers {
+            let last = store.watermark(id, producer).await?;
+            let owner = store.owner(id, producer).await?;
+            told.push_str(&format!("{producer} {last:?} {owner:?}"));
+        }
+        let next = store.keep_model(id, &network("next")).await?;
+        told.push_str(&format!("next network {next}"));
+    }
+    told.push_str(&format!("{:?}", store.commit(sent).await?));
+    store.close().await;
+    Ok(told)
+}
+
+fn network(card: &str) -> NewModel {
+    NewModel {
+        ego: 0,
+        other: 1,
+        kind: "direct".into(),
+        card: format!("{{\"said\":\"{card}\"}}"),
+        weights: card.bytes().cycle().take(700).collect(),
+    }
+}
+
+/// Keeps fits and networks, one of them active and one deleted.
+async fn keep_others(store: &Arc<dyn Store>, id: EnvironmentId) {
+    for (pair, version) in [("0,1", 3), ("1,0", 7)] {
+        let fit = FitRecord {
+            pair: pair.into(),
+            id: FitId {
+                version,
+                revision: 1_234,
+            },
+            body: format!("{{\"said\":{version}}}"),
+            is_sound: true,
+        };
+        store.keep_fit(id, &fit).await.expect("kept");
+    }
+    for card in ["first", "second", "third"] {
+        store.keep_model(id, &network(card)).await.expect("kept");
+    }
+    for version in [2, 1] {
+        store.activate_model(id, version).await.expect("activated");
+    }
+    store.delete_model(id, 3).await.expect("deleted");
+}
+
+/// Lets a batch be of a segment and of a key.
+fn owned(mut batch: Numbered, segment: &str, owner: &str) -> Numbered {
+    batch.increment.segment = Some(segment.parse().expect("a label"));
+    batch.owner = Some(owner.parse().expect("a name"));
+    batch
+}
+
+/// Makes a database that has everything: rows, a fold that is half way, a journal beside, an
+/// environment whose states are listed, and one whose counts are half in the tables of earlier
+/// builds. Returns it with what was sent. No page is free, so that a flipped bit hits something.
+async fn of_everything() -> (SqliteFile, Vec<Numbered>) {
+    let mut file = SqliteFile::new();
+    file.fold_from = 1;
+    let store = file.open(Quotas::default()).await;
+    let (one, other) = (make(&store, "one").await, make(&store, "other").await);
+    let old = make(&store, "old").await;
+    let rows = |rows: std::ops::Range<u32>| rows.map(|row| 16 * row);
+    let mut sent = vec![
+        filled(one, "a", 1, rows(0..300)),
+        owned(filled(other, "b", 1, rows(0..1_500)), "train", "key-1"),
+        owned(filled(old, "d", 1, rows(0..50)), "früher", "key-2"),
+    ];
+    sent.extend((1..40).map(|sequence| {
+        batch(other, "c", sequence)
+            .cell(7, sequence, tally(3, 2))
+            .done()
+    }));
+    let half_folded = [
+        filled(other, "b", 2, rows(100..1_600)),
+        filled(one, "a", 2, rows(200..400)),
+    ];
+    let beside = filled(other, "b", 3, rows(0..50));
+
+    // From here on states are too many.
+    of_too_many_states();
+    let listed = make(&store, "listed").await;
+    sent.push(owned(filled(listed, "e", 1, 0..200), "liste", "key-3"));
+    store.commit(&sent).await.expect("a commit");
+    let rule = RuleDraft {
+        share: Some(0.375),
+        min_visits: Some(12),
+        ..RuleDraft::default()
+    };
+    let rule = WrittenRule::default().merged(&rule).expect("valid");
+    store.set_rule(listed, rule).await.expect("set");
+    keep_others(&store, one).await;
+    store.close().await;
+    drop(store);
+    file.compact_all().await;
+
+    // So many that a step is taken, and so few that no commit takes one.
+    file.fold_from = 1_000;
+    let store = file.open(Quotas::default()).await;
+    store.commit(&half_folded).await.expect("a commit");
+    // One step of two.
+    store.compact().await.expect("a step");
+    let beside = [beside, filled(listed, "e", 2, 150..220)];
+    store.commit(&beside).await.expect("a commit");
+    store.close().await;
+    drop(store);
+    let half_way = "select count(*) from totals where fold_row is not null";
+    assert_eq!(number(&file.path(), half_way).await, 1);
+    sent.extend(half_folded.into_iter().chain(beside));
+    execute(&file.path(), HALF_MOVED).await;
+    (file, sent)
+}
+
+/// Puts some cells of the environment `old` into the tables of earlier builds.
+const HALF_MOVED: &str = "
+    create temp table old as select environments.id as environment, segments.id as segment
+        from environments join segments on environment = environments.id where name = 'old';
+    create temp table place as
+        with recursive place(at) as (select 1 union all select at + 1 from place where at < 60) select at from place;
+    insert into states (id, environment, key) select 1000000 + at, environment, 16 * 50 + at from old, place;
+    insert into cells (state, segment, joint, n, entries) select 1000000 + at, segment, at, at, at / 2 from old, place;
+    update totals set unmoved = 1, transitions = transitions + 1830, states = states + 60, cells = cells + 60
+        where environment in (select environment from old);
+    drop table old;
+    drop table place;
+    vacuum";
+
+/// Where bits are flipped.
+struct Places {
+    sound: Vec<u8>,
+    /// Most of a page may be a gap of zeros, which few flips are spent on.
+    written: Vec<usize>,
+    /// The first bytes of the root pages of tables and indices: all that there is of small ones.
+    roots: Vec<usize>,
+    /// The bytes of the cells of earlier builds, which have no checksum: what is damaged among them
+    /// shows where it changes a sum.
+    unsealed: std::ops::Range<usize>,
+}
+
+impl Places {
+    async fn of(path: &Path) -> Self {
+        let sound = std::fs::read(path).expect("read");
+        let options = SqliteConnectOptions::new().filename(path).read_only(true);
+        let mut raw = options.connect().await.expect("a connection");
+        let text = "select rootpage, name = 'cells' from sqlite_schema union select 1, 0";
+        let pages: Vec<(i64, bool)> = sqlx::query_as(text)
+            .fetch_all(&mut raw)
+            .await
+            .expect("pages");
+        raw.close().await.expect("closed");
+        let first = |page: i64| (page as usize - 1) * PAGE;
+        let cells = pages.iter().find(|(_, is_cells)| *is_cells);
+        let cells = first(cells.expect("a table").0);
+        assert_eq!(
+            sound[cells], 10,
+            "one page has all the cells of earlier builds"
+        );
+        Self {
+            written: (0..sound.len()).filter(|at| sound[*at] != 0).collect(),
+            roots: pages.iter().map(|(page, _)| first(*page)).collect(),
+            unsealed: cells..cells + PAGE,
+            sound,
+        }
+    }
+
+    /// Returns a byte: any at all, one that is written, or one of a small table.
+    fn any(&self, round: u64, random: &mut StdRng) -> usize {
+        match round % 8 {
+            0 => random.random_range(0..self.sound.len()),
+            1..=4 => self.written[random.random_range(0..self.written.len())],
+            _ => {
+                let root = self.roots[random.random_range(0..self.roots.len())];
+                let first = self.written.partition_point(|at| *at < root);
+                let last = self.written.partition_point(|at| *at < root + PAGE);
+                self.written[random.random_range(first..last)]
+            }
+        }
+    }
+}
+
+/// Bits are flipped at random places of pages that are in use. What the check passes must be without
+/// effect: a gap between cells of a page, or a text that nothing is read from.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_flipped_bit_is_found_or_changes_nothing() {
+    let rounds = crate::faults::scaled(300, 3_000);
+    let (file, sent) = of_everything().await;
+    let places = Places::of(&file.path()).await;
+    let directory = TempDir::new().expect("a directory");
+    let path = directory.path().join("flipped.db");
+    std::fs::write(&path, &places.sound).expect("written");
+    assert!(is_passed(&path).await);
+    let expected = told_by(&path, &sent).await.expect("told");
+    assert!(!expected.contains("Refused") && !expected.contains("Applied"));
+
+    let mut random = StdRng::seed_from_u64(16);
+    let (mut passed, mut unsealed) = (0, 0);
+    for round in 0..rounds {
+        let mut bytes = places.sound.clone();
+        let (at, bit) = (places.any(round, &mut random), random.random_range(0..8));
+        bytes[at] ^= 1 << bit;
+        std::fs::write(&path, bytes).expect("written");
+        if is_passed(&path).await {
+            passed += 1;
+            let told = told_by(&path, &sent).await;
+            let is_same = told.as_ref().is_ok_and(|told| *told == expected);
+            unsealed += u64::from(!is_same && places.unsealed.contains(&at));
+            assert!(
+                is_same || places.unsealed.contains(&at),
+                "round {round}: bit {bit} of byte {at} (page {}) was passed: {}",
+                at / PAGE + 1,
+                told.map_or_else(
+                    |error| error.to_string(),
+                    |told| difference(&expected, &told)
+                ),
+            );
+        }
+        for rest in ["-wal", "-shm"] {
+            let _ = std::fs::remove_file(directory.path().join(format!("flipped.db{rest}")));
+        }
+    }
+    println!("{rounds} flips, {passed} passed, {unsealed} of them in cells of earlier builds");
+    assert!(passed < rounds / 3, "{passed} of {rounds}");
+}
+
+/// Returns where two texts begin to differ.
+fn difference(expected: &str, told: &str) -> String {
+    let same = expected.chars().zip(told.chars());
+    let same = same.take_while(|(a, b)| a == b).count();
+    let near = |text: &str| {
+        text.chars()
+            .skip(same.saturating_sub(60))
+            .take(120)
+            .collect::<String>()
+    };
+    format!("expected {:?}, got {:?}", near(expected), near(told))
+}
+
+/// What no flip does but a hand that has SQL: texts that an index agrees with, and rows of nobody.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn a_check_finds_what_was_changed_by_hand() {
+    let (file, _) = of_everything().await;
+    let directory = TempDir::new().expect("a directory");
+    for (round, change) in [
+        "select 1",
+        "insert into packed (id, cells) select (7 << 44) + 2, cells from packed limit 1",
+        "update states set key = key || '.0' where environment = (select id from environments where name = 'listed')",
+        "delete from totals where environment = (select id from environments where name = 'listed')",
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let path = directory.path().join(format!("{round}.db"));
+        std::fs::copy(file.path(), &path).expect("copied");
+        execute(&path, change).await;
+        assert_eq!(is_passed(&path).await, round == 0, "{change}");
+    }
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

@@ -14,7 +14,7 @@ use nudge::api::proto::influence_service_server::{InfluenceService, InfluenceSer
 use nudge::api::proto::ingest_request::Message as In;
 use nudge::api::proto::ingest_response::Message as Out;
 use nudge::api::proto::ingest_service_server::{IngestService, IngestServiceServer};
-use nudge::domain::{Schema, SchemaDraft, WrittenRule};
+use nudge::domain::{Schema, SchemaDraft, Values, WrittenRule};
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 use tokio::net::TcpListener;
@@ -181,8 +181,9 @@ impl Fake {
             )));
         }
         let is_new = batch.sequence == next;
-        let width = columns.states.len() / columns.count as usize;
-        let firsts: Vec<f32> = columns.states.chunks(width).map(|state| state[0]).collect();
+        let states = Values::from_le(columns.states_le.clone()).expect("whole floats");
+        let width = states.len() / columns.count as usize;
+        let firsts: Vec<f32> = states.iter().step_by(width).collect();
         if is_new {
             *watermark = next;
             memory

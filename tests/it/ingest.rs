@@ -80,17 +80,32 @@ async fn rows_and_columns_and_json_are_one_content() {
         actions: vec![0.0, 2.0, 1.0, 0.0],
         entries: vec![2, 1],
         counts: vec![1, 3],
+        ..Default::default()
+    };
+    let by_bytes = proto::Columns {
+        states: vec![],
+        states_le: le(&[0.1, -0.0, 0.7, 1.0]),
+        actions: vec![],
+        actions_le: le(&[0.0, 2.0, 1.0, -0.0]),
+        ..columns.clone()
+    };
+    let mixed = proto::Columns {
+        actions: columns.actions.clone(),
+        actions_le: le(&[]),
+        ..by_bytes.clone()
     };
     let mut by_rows = vec![row([0.1, 0.0], [0.0, 2.0]), row([0.7, 1.0], [1.0, 0.0])];
     (by_rows[0].entry, by_rows[1].entry, by_rows[1].count) = (2, 1, Some(3));
-    let batch = proto::Batch {
-        transitions: Some(proto::batch::Transitions::Columns(columns)),
-        ..rows(1, vec![])
-    };
-    assert_eq!(
-        write(&app, "p", batch).await.expect("valid").status(),
-        BatchStatus::Applied
-    );
+    for (columns, status) in [
+        (columns, BatchStatus::Applied),
+        (by_bytes, BatchStatus::Duplicate),
+        (mixed, BatchStatus::Duplicate),
+    ] {
+        let receipt = write(&app, "p", of_columns(1, columns))
+            .await
+            .expect("valid");
+        assert_eq!((receipt.status(), receipt.accepted), (status, 2));
+    }
     assert_eq!(
         write(&app, "p", rows(1, by_rows))
             .await
@@ -395,6 +410,192 @@ async fn empty_and_all_bad_batches_use_their_numbers() {
     );
 }
 
+fn le(values: &[f32]) -> bytes::Bytes {
+    values
+        .iter()
+        .flat_map(|value| value.to_le_bytes())
+        .collect()
+}
+
+fn of_columns(sequence: u64, columns: proto::Columns) -> proto::Batch {
+    proto::Batch {
+        transitions: Some(proto::batch::Transitions::Columns(columns)),
+        ..rows(sequence, vec![])
+    }
+}
+
+#[tokio::test]
+async fn a_bad_value_in_bytes_is_rejected_as_one_in_floats() {
+    let app = TestApp::start().await;
+    app.lane().await;
+    // A signalling NaN, a half label, an action that nobody has.
+    let states = [
+        f32::from_bits(0x7fa0_0000),
+        0.0,
+        0.7,
+        0.5,
+        0.1,
+        1.0,
+        0.1,
+        1.0,
+    ];
+    let actions = [0.0, 0.0, 0.0, 0.0, 0.0, 3.0, 1.0, 2.0];
+    let bytes = proto::Columns {
+        count: 4,
+        states_le: le(&states),
+        actions_le: le(&actions),
+        ..Default::default()
+    };
+    let floats = proto::Columns {
+        count: 4,
+        states: states.to_vec(),
+        actions: actions.to_vec(),
+        ..Default::default()
+    };
+
+    let first = write(&app, "p", of_columns(1, bytes)).await.expect("valid");
+    assert_eq!((first.status(), first.accepted), (BatchStatus::Applied, 1));
+    let fields: Vec<&str> = first.rejected.iter().map(|one| &*one.field).collect();
+    assert_eq!(
+        fields,
+        ["/state/distance", "/state/held", "/actions/human/move"]
+    );
+
+    let again = write(&app, "p", of_columns(1, floats))
+        .await
+        .expect("valid");
+    assert_eq!(again.status(), BatchStatus::Duplicate);
+    assert_eq!(again.rejected, first.rejected);
+}
+
+#[tokio::test]
+async fn states_are_counted_whether_they_have_ranks_or_too_many_siblings() {
+    let app = TestApp::start().await;
+    let edge = 65_535.0;
+    for features in [3, 4, 16] {
+        let name = format!("wide-{features}");
+        let feature = |i| json!({"name": format!("x{i}"), "integer": {"min": 0, "max": 65_535}});
+        let agent = |name| json!({"name": name, "action": [{"name": "go", "integer": {"min": 0, "max": 2}}]});
+        let state: Vec<_> = (0..features).map(feature).collect();
+        let description = json!({"state": state, "agents": [agent("a"), agent("b")]});
+        let path = format!("/v1/environments/{name}");
+        assert_eq!(app.rest("PUT", &path, Some(&description)).await.0, 201);
+
+        // The first and the last state of all, each in both batches.
+        let states = [
+            vec![0.0; features],
+            vec![edge; features],
+            vec![edge; features],
+        ]
+        .concat();
+        for sequence in 1..=2 {
+            let columns = proto::Columns {
+                count: 3,
+                states_le: le(&states),
+                actions_le: le(&[0.0, 0.0, 2.0, 2.0, 2.0, 1.0]),
+                ..Default::default()
+            };
+            let request = proto::WriteRequest {
+                environment: name.clone(),
+                producer: "p".into(),
+                batch: Some(of_columns(sequence, columns)),
+                ..Default::default()
+            };
+            let told = app.ingest().await.write(request).await.expect("valid");
+            let receipt = told.into_inner().receipt.expect("a receipt");
+            assert_eq!(
+                (receipt.status(), receipt.accepted),
+                (BatchStatus::Applied, 3)
+            );
+
+            for (bin, visits) in [(0, sequence), (65_535, 2 * sequence)] {
+                let key = vec![bin.to_string(); features].join(".");
+                let counts = app.get(&format!("{path}/states/{key}")).await;
+                assert_eq!(counts["visits"], visits, "{name} {key}: {counts}");
+            }
+        }
+    }
+}
+
+#[tokio::test]
+async fn columns_that_do_not_fit_are_told_by_pointer() {
+    let app = TestApp::start().await;
+    app.lane().await;
+    let fits = proto::Columns {
+        count: 2,
+        states_le: le(&[0.1, 0.0, 0.7, 1.0]),
+        actions_le: le(&[0.0, 2.0, 1.0, 0.0]),
+        ..Default::default()
+    };
+    let bytes = |len: usize| bytes::Bytes::from(vec![0; len]);
+    let changed = |change: &dyn Fn(&mut proto::Columns)| {
+        let mut columns = fits.clone();
+        change(&mut columns);
+        columns
+    };
+
+    let cases = [
+        (
+            changed(&|columns| (columns.states_le, columns.states) = (bytes(0), vec![0.1; 3])),
+            "/columns/states: got 3 values, expected 4 for 2 transitions",
+        ),
+        (
+            changed(&|columns| columns.states_le = bytes(0)),
+            "/columns/states: got 0 values, expected 4 for 2 transitions",
+        ),
+        (
+            changed(&|columns| columns.states_le = bytes(13)),
+            "/columns/states_le: got 13 bytes, expected 16 for 2 transitions of 8 each",
+        ),
+        (
+            changed(&|columns| columns.actions_le = bytes(24)),
+            "/columns/actions_le: got 24 bytes, expected 16 for 2 transitions of 8 each",
+        ),
+        (
+            changed(&|columns| columns.count = 0),
+            "/columns/states_le: got 16 bytes, expected 0 for 0 transitions of 8 each",
+        ),
+        (
+            changed(&|columns| columns.actions = vec![0.0; 4]),
+            "/columns/actions_le: got 16 bytes beside 4 values in `actions`, expected one of the two",
+        ),
+        (
+            changed(&|columns| columns.entries = vec![1]),
+            "/columns/entries: got 1 values, expected 2 for 2 transitions",
+        ),
+        (
+            changed(&|columns| columns.outcomes_le = bytes(8)),
+            "/columns/outcomes_le: got 8 bytes, expected none: this environment has no outcomes",
+        ),
+        (
+            changed(&|columns| columns.outcomes_present = bytes(1)),
+            "/columns/outcomes_present: got 1 bytes, expected none: this environment has no outcomes",
+        ),
+        (
+            changed(&|columns| columns.actions_present = bytes(1)),
+            "/columns/actions_present: got 1 bytes, expected none: this environment has no agent that may be absent",
+        ),
+    ];
+    for (columns, expected) in cases {
+        let refused = write(&app, "p", of_columns(1, columns))
+            .await
+            .expect_err(expected);
+        assert_eq!(refused.code(), Code::InvalidArgument, "{expected}");
+        assert!(
+            refused.message().contains(expected),
+            "{} for {expected}",
+            refused.message()
+        );
+    }
+    let receipt = write(&app, "p", of_columns(1, fits))
+        .await
+        .expect("the number is free");
+    assert_eq!(
+        (receipt.status(), receipt.accepted),
+        (BatchStatus::Applied, 2)
+    );
+}
+
 #[tokio::test]
 async fn whole_batch_faults_do_not_use_the_number() {
     let app = TestApp::start().await;
@@ -405,11 +606,7 @@ async fn whole_batch_faults_do_not_use_the_number() {
         actions: vec![0.0; 4],
         ..Default::default()
     };
-    let torn = proto::Batch {
-        transitions: Some(proto::batch::Transitions::Columns(columns)),
-        ..rows(1, vec![])
-    };
-    let refused = write(&app, "p", torn)
+    let refused = write(&app, "p", of_columns(1, columns))
         .await
         .expect_err("columns that do not fit");
     assert_eq!(refused.code(), Code::InvalidArgument);

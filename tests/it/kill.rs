@@ -3,8 +3,9 @@
 //!
 //! `NUDGE_KILLS=2000 cargo test kill` kills more often. The control forgets its producer id at
 //! every reconnect, as if there were no watermark, and must show doubles: a test that cannot see
-//! them would prove nothing. `faults/deaths.rs` kills where it hurts: at each step to the disk of a
-//! migration and of a deletion.
+//! them would prove nothing. The journal is folded after every few commits. `faults/deaths.rs` and
+//! `faults/folds.rs` kill where it hurts: at each step to the disk of a migration, a deletion, a fold
+//! and a move.
 
 use std::net::SocketAddr;
 use std::time::Duration;
@@ -20,11 +21,12 @@ use crate::server::Server;
 use crate::support::channel;
 use crate::support::load::{Cells, Load, Shape, Voice, expected, make_lane};
 
-fn kills() -> u64 {
+/// Returns how many kills there are: as many as were asked for, or those of the short or long form.
+pub fn kills(short: u64) -> u64 {
     let told = std::env::var("NUDGE_KILLS")
         .ok()
         .and_then(|kills| kills.parse().ok());
-    told.unwrap_or(faults::scaled(60, 2_000))
+    told.unwrap_or(faults::scaled(short, 2_000))
 }
 
 /// What a run of kills left behind.
@@ -37,7 +39,10 @@ struct Aftermath {
 
 async fn run(voice: Voice, kills: u64) -> Aftermath {
     let directory = TempDir::new().expect("a temporary directory");
-    let mut server = Server::start(directory.path(), "127.0.0.1:0");
+    let start = |listen: &str| {
+        Server::run(&mut Server::folding(directory.path(), listen)).expect("it starts")
+    };
+    let mut server = start("127.0.0.1:0");
     let address = server.address;
     make_lane(address).await;
     let load = Load::start(address, Shape::SMALL, &[voice; 4]);
@@ -48,7 +53,7 @@ async fn run(voice: Voice, kills: u64) -> Aftermath {
         load.progress(1).await;
         tokio::time::sleep(Duration::from_micros(random.random_range(0..30_000))).await;
         server.kill();
-        server = Server::start(directory.path(), &address.to_string());
+        server = start(&address.to_string());
     }
     let expected = expected(Shape::SMALL, &load.finish().await);
     let counted = counted(address).await;
@@ -82,7 +87,7 @@ async fn counted(address: SocketAddr) -> Cells {
 
 #[tokio::test(flavor = "multi_thread")]
 async fn nothing_is_lost_or_doubled_by_kills() {
-    let kills = kills();
+    let kills = kills(60);
     let aftermath = run(Voice::Stream, kills).await;
     let transitions: u64 = aftermath.expected.values().sum();
     assert!(

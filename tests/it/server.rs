@@ -30,6 +30,13 @@ impl Server {
         command
     }
 
+    /// Returns what starts one that folds its journal after every few commits.
+    pub fn folding(data: &Path, listen: &str) -> Command {
+        let mut command = Self::command(data, listen);
+        command.env("NUDGE_FOLD_CELLS", "500");
+        command
+    }
+
     /// Starts it and returns once it says where it listens, or how it ended before.
     pub fn run(command: &mut Command) -> Result<Self, ExitStatus> {
         let mut child = command.spawn().expect("the binary starts");

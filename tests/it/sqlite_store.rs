@@ -8,11 +8,11 @@ use nudge::domain::{EnvironmentId, WrittenRule};
 use nudge::store::{
     NewModel, Numbered, Options, Outcome, Quotas, Refusal, SqliteStore, Store, StoreError,
 };
-use sqlx::sqlite::{SqliteConnectOptions, SqliteConnection};
+use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{ConnectOptions, Connection};
 
 use crate::support::batches::*;
-use crate::support::databases::{Database, SqliteFile};
+use crate::support::databases::{Database, LEFT, SqliteFile, execute, number};
 
 async fn open(file: &SqliteFile) -> Arc<dyn Store> {
     file.open(Quotas::default()).await
@@ -23,25 +23,6 @@ async fn refused(path: &Path) -> String {
         Ok(_) => panic!("{} was opened", path.display()),
         Err(error) => error.to_string(),
     }
-}
-
-/// Returns a connection that knows nothing of the store's rules.
-async fn raw(path: &Path) -> SqliteConnection {
-    SqliteConnectOptions::new()
-        .filename(path)
-        .foreign_keys(false)
-        .connect()
-        .await
-        .expect("a connection")
-}
-
-async fn execute(path: &Path, sql: &'static str) {
-    let mut connection = raw(path).await;
-    sqlx::query(sql)
-        .execute(&mut connection)
-        .await
-        .expect("a statement that works");
-    connection.close().await.expect("closed");
 }
 
 async fn with_some_counts(store: &Arc<dyn Store>) -> (EnvironmentId, Numbered) {
@@ -196,9 +177,14 @@ async fn damage_is_found_and_makes_the_environment_read_only() {
             .all(|audit| audit.is_sound())
     );
 
-    execute(&file.path(), "update cells set n = n + 4 where joint = 2").await;
+    // Totals and what they are totals of say something else: so it is where a bit of a total flips.
+    execute(
+        &file.path(),
+        "update totals set transitions = transitions + 4 where environment = 1",
+    )
+    .await;
     let audits = store.audit().await.expect("an audit");
-    assert_eq!((audits[0].kept, audits[0].found), ([5, 1, 2], [9, 1, 2]));
+    assert_eq!((audits[0].kept, audits[0].found), ([9, 1, 2], [5, 1, 2]));
     let next = batch(id, "game", 2).done();
     let elsewhere = batch(healthy, "game", 1).cell(1, 1, tally(1, 1)).done();
     let outcomes = store
@@ -222,10 +208,39 @@ async fn damage_is_found_and_makes_the_environment_read_only() {
 
 #[tokio::test]
 async fn damage_beyond_any_number_is_still_told() {
+    const LARGEST: u64 = i64::MAX as u64;
     let file = SqliteFile::new();
     let store = open(&file).await;
-    with_some_counts(&store).await;
-    execute(&file.path(), "update cells set n = 9223372036854775807").await;
+    let (id, _) = with_some_counts(&store).await;
+    // Two batches of as much as fits, because a damaged total has forgotten the first.
+    execute(&file.path(), "update totals set transitions = 0").await;
+    let large = |sequence, joint| {
+        batch(id, "game", sequence)
+            .cell(1, joint, tally(LARGEST, 0))
+            .done()
+    };
+    let first = large(2, 3);
+    assert_eq!(
+        store
+            .commit(std::slice::from_ref(&first))
+            .await
+            .expect("a commit"),
+        [applied(&first)]
+    );
+    for change in [
+        "update totals set transitions = 0",
+        "delete from journal where id = 1",
+    ] {
+        execute(&file.path(), change).await;
+    }
+    let second = large(3, 4);
+    assert_eq!(
+        store
+            .commit(std::slice::from_ref(&second))
+            .await
+            .expect("a commit"),
+        [applied(&second)]
+    );
     let audits = store.audit().await.expect("an audit");
     assert_eq!(audits[0].found[0], u64::MAX - 1);
     // Kept since it was made, they are not read.
@@ -238,8 +253,9 @@ async fn damage_beyond_any_number_is_still_told() {
         .expect_err("no sum")
         .to_string();
     assert!(why.contains("run `nudge check`"), "{why}");
-    execute(&file.path(), "delete from cells").await;
-    assert_eq!(store.audit().await.expect("an audit")[0].found, [0, 1, 0]);
+    execute(&file.path(), "delete from journal").await;
+    let audits = store.audit().await.expect("an audit");
+    assert_eq!((audits[0].kept, audits[0].found), ([LARGEST, 0, 0], [0; 3]));
 }
 
 #[tokio::test]
@@ -283,13 +299,6 @@ async fn a_producer_can_reach_the_largest_sequence() {
     );
 }
 
-async fn count(path: &Path, sql: &'static str) -> i64 {
-    sqlx::query_scalar(sql)
-        .fetch_one(&mut raw(path).await)
-        .await
-        .expect("a number")
-}
-
 #[tokio::test]
 async fn receipts_do_not_pile_up() {
     let file = SqliteFile::new();
@@ -302,11 +311,11 @@ async fn receipts_do_not_pile_up() {
         store.commit(chunk).await.expect("a commit");
     }
     assert_eq!(
-        count(&file.path(), "select count(*) from batches").await,
+        number(&file.path(), "select count(*) from batches").await,
         1_024
     );
     assert_eq!(
-        count(&file.path(), "select min(sequence) from batches").await,
+        number(&file.path(), "select min(sequence) from batches").await,
         1_500 - 1_023
     );
 }
@@ -332,18 +341,24 @@ async fn an_interrupted_removal_goes_on_when_the_store_is_opened() {
     let store = open(&file).await;
     assert!(store.environments().is_empty());
     assert!(
-        count(&file.path(), ROWS).await > 12,
+        number(&file.path(), ROWS).await > 12,
         "opening does not wait for a removal"
     );
     sweep(&store).await;
-    assert_eq!(count(&file.path(), ROWS).await, 0);
+    assert_eq!(number(&file.path(), ROWS).await, 0);
     let (new, _) = with_some_counts(&store).await;
     assert_ne!(id, new);
+}
+
+/// Returns a place whose row has no other.
+fn row_of_its_own(number: u32) -> u32 {
+    number * 16
 }
 
 /// Every row that belongs to an environment.
 const ROWS: &str =
     "select (select count(*) from environments) + (select count(*) from states) + (select count(*) from cells)
+    + (select count(*) from packed) + (select count(*) from journal)
     + (select count(*) from producers) + (select count(*) from batches) + (select count(*) from segments)
     + (select count(*) from models) + (select count(*) from model_weights) + (select count(*) from model_versions)
     + (select count(*) from fits) + (select count(*) from totals)";
@@ -354,16 +369,14 @@ async fn sweep(store: &Arc<dyn Store>) {
     }
 }
 
-/// However its rows are spread: in one state, in one producer, in segments.
+/// However its rows are spread: in states, in one producer, in segments.
 #[tokio::test]
 async fn no_step_of_a_removal_has_many_rows() {
     let file = SqliteFile::new();
     let store = open(&file).await;
     let (id, _) = with_some_counts(&store).await;
-    let wide = (0..9_000).fold(batch(id, "game", 2), |sending, joint| {
-        sending.cell(1, joint, tally(1, 1))
-    });
-    store.commit(&[wide.done()]).await.expect("a commit");
+    let wide = filled(id, "game", 2, (0..9_000).map(row_of_its_own));
+    store.commit(&[wide]).await.expect("a commit");
     let many: Vec<Numbered> = (3..=3_000)
         .map(|sequence| {
             batch(id, "game", sequence)
@@ -373,13 +386,21 @@ async fn no_step_of_a_removal_has_many_rows() {
         })
         .collect();
     store.commit(&many).await.expect("a commit");
+    store.close().await;
+    drop(store);
+    file.compact_all().await;
+    let store = open(&file).await;
+    for sequence in 3_001..=3_020 {
+        let next = batch(id, "game", sequence).cell(2, 1, tally(1, 1)).done();
+        store.commit(&[next]).await.expect("a commit");
+    }
     store.delete(id).await.expect("removed");
 
-    let mut before = count(&file.path(), ROWS).await;
-    assert!(before > 15_000, "{before}");
+    let mut before = number(&file.path(), ROWS).await;
+    assert!(before > 13_000, "{before}");
     while store.leftovers().environments > 0 {
         store.sweep().await.expect("a step");
-        let after = count(&file.path(), ROWS).await;
+        let after = number(&file.path(), ROWS).await;
         assert!(
             (1..=1_024).contains(&(before - after)),
             "{before} - {after}"
@@ -397,8 +418,8 @@ async fn a_removal_that_fails_keeps_no_other_from_its_end() {
     store.delete(sick).await.expect("removed");
     let (sound, _) = with_some_counts(&store).await;
     store.delete(sound).await.expect("removed");
-    // As a damaged page would: deleting this one's states fails.
-    let fault = "create trigger fault before delete on states when old.environment = 1
+    // As a damaged page would: deleting this one's counts fails.
+    let fault = "create trigger fault before delete on journal when old.environment = 1
                  begin select raise(abort, 'disk I/O error'); end";
     execute(&file.path(), fault).await;
 
@@ -408,7 +429,7 @@ async fn a_removal_that_fails_keeps_no_other_from_its_end() {
     }
     assert!(failed > 0 && store.sweep().await.is_err());
     assert_eq!(
-        count(
+        number(
             &file.path(),
             "select count(*) from environments where id = 1"
         )
@@ -416,8 +437,8 @@ async fn a_removal_that_fails_keeps_no_other_from_its_end() {
         1
     );
     assert_eq!(
-        count(&file.path(), ROWS).await,
-        1 + 1 + 2 + 1 + 1 + 1,
+        number(&file.path(), ROWS).await,
+        1 + 1 + 1 + 1 + 1,
         "what the failed one has is all there"
     );
     let (other, first) = with_some_counts(&store).await;
@@ -429,7 +450,7 @@ async fn a_removal_that_fails_keeps_no_other_from_its_end() {
     execute(&file.path(), "drop trigger fault").await;
     sweep(&store).await;
     assert_eq!(
-        count(&file.path(), "select count(*) from environments").await,
+        number(&file.path(), "select count(*) from environments").await,
         1
     );
 }
@@ -447,13 +468,12 @@ async fn commits_go_on_while_an_environment_is_removed() {
         .await
         .expect("made")
         .id;
-    for sequence in 1..=5 {
-        let states = (0..2_000).map(|at| sequence as u32 * 2_000 + at);
-        let sending = states.fold(batch(large, "game", sequence), |sending, place| {
-            sending.cell(place, 1, tally(1, 1))
-        });
-        store.commit(&[sending.done()]).await.expect("a commit");
-    }
+    let first = filled(large, "game", 1, (0..10_000).map(row_of_its_own));
+    store.commit(&[first]).await.expect("a commit");
+    store.close().await;
+    drop(store);
+    file.compact_all().await;
+    let store = open(&file).await;
     let (small, _) = with_some_counts(&store).await;
     store.delete(large).await.expect("removed");
     let removal = tokio::spawn({
@@ -485,7 +505,12 @@ async fn commits_go_on_while_an_environment_is_removed() {
             .iter()
             .all(|audit| audit.is_sound())
     );
-    assert_eq!(count(&file.path(), "select count(*) from states").await, 2);
+    assert_eq!(store.totals(small).await.expect("totals").states, 2);
+    assert_eq!(
+        number(&file.path(), "select count(*) from packed").await,
+        0,
+        "only the large one's were folded"
+    );
 }
 
 /// The store's promise when the future of a commit is dropped at any moment: it happened or it did
@@ -542,6 +567,67 @@ async fn a_commit_that_is_cancelled_happened_or_not() {
         "{cancelled} cancelled, {happened} happened"
     );
     assert!(store.audit().await.expect("an audit")[0].is_sound());
+}
+
+/// Returns transitions, states and cells of an environment as a scrape is told them.
+async fn held(store: &Arc<dyn Store>, id: EnvironmentId) -> [u64; 3] {
+    let held = store.held().await.expect("held");
+    let (_, held) = held
+        .into_iter()
+        .find(|(of, _)| *of == id)
+        .expect("it is there");
+    [
+        held.totals.transitions,
+        held.totals.states,
+        held.totals.cells,
+    ]
+}
+
+/// While more is in no row than is looked up for it, states and cells are those of a while ago.
+#[tokio::test]
+async fn what_is_held_never_falls_and_is_exact_once_it_is_in_rows() {
+    const MANY: u32 = 12_000;
+    let mut file = SqliteFile::new();
+    file.fold_from = 1;
+    let store = open(&file).await;
+    let (id, _) = with_some_counts(&store).await;
+    assert_eq!(held(&store, id).await, [5, 1, 2], "few are looked up");
+
+    let most = u64::from(MANY);
+    let commit = async |sequence, places| {
+        let more = filled(id, "wide", sequence, places);
+        store.commit(&[more]).await.expect("a commit");
+    };
+    commit(1, 1..MANY + 1).await;
+    assert_eq!(
+        held(&store, id).await,
+        [5 + most, 1, 2],
+        "as of a while ago"
+    );
+    let totals = store.totals(id).await.expect("totals");
+    assert_eq!([totals.states, totals.cells], [most, most + 1]);
+    let known = [5 + most, most, most + 1];
+    assert_eq!(held(&store, id).await, known, "somebody has counted them");
+
+    commit(2, MANY + 1..2 * MANY + 1).await;
+    let mut seen = held(&store, id).await;
+    assert_eq!(seen, [5 + 2 * most, most, most + 1]);
+    while number(&file.path(), LEFT).await > 0 {
+        store.compact().await.expect("a step");
+        let now = held(&store, id).await;
+        assert!(
+            now >= seen && now[1] >= seen[1] && now[2] >= seen[2],
+            "{seen:?} {now:?}"
+        );
+        seen = now;
+    }
+    assert_eq!(seen, [5 + 2 * most, 2 * most, 2 * most + 1]);
+
+    commit(3, 2 * MANY + 1..3 * MANY + 1).await;
+    drop(store);
+    let store = open(&file).await;
+    let all = [5 + 3 * most, 3 * most, 3 * most + 1];
+    assert_eq!(held(&store, id).await, all, "what nobody has counted is");
 }
 
 async fn visits(store: &Arc<dyn Store>, id: EnvironmentId, place: u32) -> u64 {

@@ -1,5 +1,5 @@
-//! The store against a model in memory: random commits, resends, restarts, environments that end
-//! and begin again, reads warm and cold.
+//! The store against a model in memory: random commits, resends, restarts, folds of the journal that
+//! anything may interrupt, environments that end and begin again, reads warm and cold.
 //!
 //! The model knows nothing of merging, caching or SQL: it keeps every batch it accepted and adds up
 //! what is asked.
@@ -7,6 +7,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::Duration;
 
 use nudge::domain::{ActionTotals, Digest, Environment, EnvironmentId, Tally, WrittenRule};
 use nudge::store::{Cursor, Numbered, Outcome, Quotas, Refusal, Store, Totals};
@@ -14,14 +15,25 @@ use proptest::prelude::*;
 use tokio::sync::oneshot;
 
 use crate::support::batches::*;
-use crate::support::databases::{Database, SqliteFile, actions_by_scan};
+use crate::support::databases::{Database, LEFT, SqliteFile, actions_by_scan, number};
 use crate::support::raw::LONG;
 
 const PLACES: u32 = 4;
+/// Where they are: rows have sixteen neighbours, so the first two share one, and the third is in the
+/// midst of [`wide`] ones.
+const PLACED: [u32; PLACES as usize] = [0, 1, 16 * 1_200 + 3, 1 << 20];
+
+/// So many further places have rows of their own: a fold of them takes some steps.
+const WIDE: u64 = 2_500;
+
+fn wide() -> impl Iterator<Item = u32> {
+    (10..).map(|row| 16 * row).take(WIDE as usize)
+}
+
 const NAMES: [&str; 2] = ["hallway", "kitchen"];
 const PRODUCERS: [&str; 3] = ["a", "b", "c"];
 const SEGMENTS: [&str; 3] = ["", "train", "test"];
-/// Small enough that a run meets each of them.
+/// Small enough that a run meets each of them; there may be room for wide batches of one segment.
 const QUOTAS: Quotas = Quotas {
     cells: 14,
     segments: 2,
@@ -33,9 +45,16 @@ const QUOTAS: Quotas = Quotas {
 #[derive(Debug, Clone)]
 enum Step {
     Commit(Vec<Send>),
-    Reopen { clean: bool },
-    Remake { name: usize },
+    Reopen {
+        clean: bool,
+    },
+    Remake {
+        name: usize,
+    },
     Read(Vec<u32>),
+    /// Steps of what goes on in the background.
+    Compact(usize),
+    Sweep,
 }
 
 #[derive(Debug, Clone)]
@@ -47,6 +66,8 @@ struct Send {
     reuse: bool,
     segment: usize,
     cells: BTreeMap<(u32, u64), (u64, Option<u64>)>,
+    /// Whether it counts a transition in each wide place too.
+    is_wide: bool,
 }
 
 fn sends() -> impl Strategy<Value = Send> {
@@ -60,15 +81,19 @@ fn sends() -> impl Strategy<Value = Send> {
         prop::bool::weighted(0.1),
         0..SEGMENTS.len(),
         cells,
+        prop::bool::weighted(0.1),
     )
-        .prop_map(|(name, producer, off, reuse, segment, cells)| Send {
-            name,
-            producer,
-            off,
-            reuse,
-            segment,
-            cells,
-        })
+        .prop_map(
+            |(name, producer, off, reuse, segment, cells, is_wide)| Send {
+                name,
+                producer,
+                off,
+                reuse,
+                segment,
+                cells,
+                is_wide,
+            },
+        )
 }
 
 fn steps() -> impl Strategy<Value = Vec<Step>> {
@@ -77,14 +102,18 @@ fn steps() -> impl Strategy<Value = Vec<Step>> {
         1 => any::<bool>().prop_map(|clean| Step::Reopen { clean }),
         1 => (0..NAMES.len()).prop_map(|name| Step::Remake { name }),
         4 => prop::collection::vec(0..PLACES, 1..4).prop_map(Step::Read),
+        6 => (1_usize..4).prop_map(Step::Compact),
+        1 => Just(Step::Sweep),
     ];
-    prop::collection::vec(step, 1..25)
+    prop::collection::vec(step, 1..30)
 }
 
 /// One environment of the model: every batch that was accepted, by producer, in order.
 #[derive(Default)]
 struct World {
     id: Option<EnvironmentId>,
+    /// The most cells.
+    quota: u64,
     accepted: BTreeMap<String, Vec<Numbered>>,
 }
 
@@ -101,8 +130,26 @@ impl World {
         cells
     }
 
+    /// Returns the segments of the wide batches.
+    fn wide(&self) -> Vec<String> {
+        let batches = self.accepted.values().flatten();
+        batches
+            .filter(|batch| is_wide(batch))
+            .map(segment)
+            .collect()
+    }
+
+    /// Returns how many cells there are.
+    fn size(&self) -> u64 {
+        let segments: BTreeSet<String> = self.wide().into_iter().collect();
+        self.cells().len() as u64 + WIDE * segments.len() as u64
+    }
+
     fn actions(&self) -> ActionTotals {
         let mut actions = ActionTotals::new(&schema());
+        for _ in self.wide() {
+            actions.add(WIDE_ACTION, tally(WIDE, WIDE));
+        }
         self.cells()
             .into_iter()
             .for_each(|((_, _, joint), tally)| actions.add(joint, tally));
@@ -133,20 +180,20 @@ impl World {
             return over_quota("producers", QUOTAS.producers);
         }
         let before = self.cells();
-        let segments: BTreeSet<&String> = before.keys().map(|(_, segment, _)| segment).collect();
+        let segments = self.segments();
         let added = named(batch);
-        let is_new_segment = added
-            .first()
-            .is_some_and(|((_, segment, _), _)| !segments.contains(segment));
+        let is_new_segment =
+            !batch.increment.cells.is_empty() && !segments.contains(&segment(batch));
         if is_new_segment && segments.len() as u64 >= QUOTAS.segments {
             return over_quota("segments", QUOTAS.segments);
         }
         let fresh = added
             .iter()
             .filter(|(name, _)| !before.contains_key(name))
-            .count();
-        if (before.len() + fresh) as u64 > QUOTAS.cells {
-            return over_quota("cells", QUOTAS.cells);
+            .count() as u64;
+        let is_new_wide = is_wide(batch) && !self.wide().contains(&segment(batch));
+        if self.size() + fresh + WIDE * u64::from(is_new_wide) > self.quota {
+            return over_quota("cells", self.quota);
         }
         self.accepted
             .entry(batch.producer.to_string())
@@ -155,37 +202,47 @@ impl World {
         applied(batch)
     }
 
+    fn segments(&self) -> BTreeSet<String> {
+        let cells = self.cells().into_keys().map(|(_, segment, _)| segment);
+        cells.chain(self.wide()).collect()
+    }
+
     fn totals(&self) -> Totals {
-        let cells = self.cells();
+        let (cells, wide) = (self.cells(), self.wide());
+        let states: BTreeSet<u32> = cells.keys().map(|(place, _, _)| *place).collect();
+        let visits: u64 = cells.values().map(|tally| tally.n).sum();
         Totals {
-            transitions: cells.values().map(|tally| tally.n).sum(),
-            states: cells
-                .keys()
-                .map(|(place, _, _)| place)
-                .collect::<BTreeSet<_>>()
-                .len() as u64,
-            cells: cells.len() as u64,
-            segments: cells
-                .keys()
-                .map(|(_, segment, _)| segment)
-                .collect::<BTreeSet<_>>()
-                .len() as u64,
+            transitions: visits + WIDE * wide.len() as u64,
+            states: states.len() as u64 + WIDE * u64::from(!wide.is_empty()),
+            cells: self.size(),
+            segments: self.segments().len() as u64,
             producers: self.accepted.len() as u64,
         }
     }
 }
 
+/// The action that is counted in wide places.
+const WIDE_ACTION: u64 = 1;
+
+fn is_wide(batch: &Numbered) -> bool {
+    batch.increment.cells.len() as u64 >= WIDE
+}
+
+fn segment(batch: &Numbered) -> String {
+    let label = batch.increment.segment.as_ref();
+    label.map_or(String::new(), ToString::to_string)
+}
+
+/// Returns the cells that are in places which are asked about.
 fn named(batch: &Numbered) -> Vec<(CellName, Tally)> {
-    let segment = batch
-        .increment
-        .segment
-        .as_ref()
-        .map_or(String::new(), ToString::to_string);
-    let place = |state: u32| batch.increment.states[state as usize].bins()[0];
-    let name = |(state, joint, tally): &(u32, u64, Tally)| {
-        ((place(*state), segment.clone(), *joint), *tally)
+    let segment = segment(batch);
+    // The rank of a state of one feature.
+    let place = |rank: u64| PLACED.iter().position(|place| u64::from(*place) == rank);
+    let name = |(rank, joint, tally): &(u64, u64, Tally)| {
+        let place = place(*rank)? as u32;
+        Some(((place, segment.clone(), *joint), *tally))
     };
-    batch.increment.cells.iter().map(name).collect()
+    batch.increment.cells.iter().filter_map(name).collect()
 }
 
 /// The store and the model side by side.
@@ -193,19 +250,22 @@ struct Pair {
     file: SqliteFile,
     /// `None` only while it is opened again.
     open: Option<Arc<dyn Store>>,
+    quotas: Quotas,
     worlds: [World; NAMES.len()],
     /// Makes the content of every batch different.
     sent: u64,
 }
 
 impl Pair {
-    async fn new(cache_cells: usize) -> Self {
+    async fn new(cache_cells: usize, fold_from: usize, quotas: Quotas) -> Self {
         let mut file = SqliteFile::new();
         file.cache_cells = cache_cells;
-        let store = file.open(QUOTAS).await;
+        file.fold_from = fold_from;
+        let store = file.open(quotas).await;
         let mut pair = Self {
             file,
             open: Some(store),
+            quotas,
             worlds: Default::default(),
             sent: 0,
         };
@@ -226,6 +286,7 @@ impl Pair {
             .await;
         self.worlds[name] = World {
             id: Some(made.expect("made").id),
+            quota: self.quotas.cells,
             ..World::default()
         };
     }
@@ -246,13 +307,33 @@ impl Pair {
                     self.store().close().await;
                 }
                 self.open = None;
-                self.open = Some(self.file.open(QUOTAS).await);
+                self.open = Some(self.file.open(self.quotas).await);
             }
             Step::Remake { name } => {
                 self.store().delete(self.id(*name)).await.expect("removed");
                 self.make(*name).await;
             }
             Step::Read(places) => self.compare_states(places).await,
+            Step::Compact(steps) => self.compact(*steps).await,
+            Step::Sweep => {
+                if self.store().leftovers().environments > 0 {
+                    self.store().sweep().await.expect("a step");
+                }
+            }
+        }
+    }
+
+    /// Takes some steps, or, where they would begin only once there is more, waits for a moment and
+    /// interrupts what there is wherever it stands.
+    async fn compact(&self, steps: usize) {
+        for _ in 0..steps {
+            if self.file.fold_from > 1 {
+                let patience = Duration::from_millis(7);
+                let step = tokio::time::timeout(patience, self.store().compact()).await;
+                step.unwrap_or(Ok(())).expect("a step");
+            } else if number(&self.file.path(), LEFT).await > 0 {
+                self.store().compact().await.expect("a step");
+            }
         }
     }
 
@@ -291,12 +372,16 @@ impl Pair {
         );
         for ((place, joint), (n, entries)) in &send.cells {
             let entries = entries.map(|entries| entries.min(*n));
-            sending = sending.cell(*place, *joint, Tally { n: *n, entries });
+            let place = PLACED[*place as usize];
+            sending = sending.cell(place, *joint, Tally { n: *n, entries });
         }
         if send.segment > 0 {
             sending = sending.segment(SEGMENTS[send.segment]);
         }
         let mut batch = sending.done();
+        if send.is_wide {
+            add_wide(&mut batch);
+        }
         batch.digest = Digest(*blake3::hash(&self.sent.to_le_bytes()).as_bytes());
         batch
     }
@@ -304,7 +389,10 @@ impl Pair {
     async fn compare_states(&self, places: &[u32]) {
         for (name, world) in self.worlds.iter().enumerate() {
             let labels = self.labels(name).await;
-            let keys: Vec<_> = places.iter().map(|place| state_at(*place)).collect();
+            let keys: Vec<_> = places
+                .iter()
+                .map(|place| state_at(PLACED[*place as usize]))
+                .collect();
             let found = self
                 .store()
                 .counts(self.id(name), &keys)
@@ -362,16 +450,7 @@ impl Pair {
                     .await;
                 assert_eq!(found.expect("a watermark").get(), last);
             }
-            let scanned = self
-                .store()
-                .scan(id, Cursor::default(), 100)
-                .await
-                .expect("a page");
-            let cells: usize = scanned.iter().map(|state| state.counts.cells().len()).sum();
-            assert_eq!(
-                (scanned.len() as u64, cells),
-                (world.totals().states, world.cells().len())
-            );
+            self.compare_scan(id, world).await;
         }
         assert!(
             self.store()
@@ -384,14 +463,65 @@ impl Pair {
     }
 }
 
+impl Pair {
+    /// Compares what a walk over all states finds, page by page.
+    async fn compare_scan(&self, id: EnvironmentId, world: &World) {
+        // Pages of one state, where there are few.
+        let most = if world.wide().is_empty() { 1 } else { 700 };
+        let (mut found, mut cursor) = (Totals::default(), Cursor::default());
+        loop {
+            let page = self.store().scan(id, cursor, most).await.expect("a page");
+            for state in &page {
+                let cells = state.counts.cells();
+                found.states += 1;
+                found.cells += cells.len() as u64;
+                found.transitions += cells.iter().map(|cell| cell.tally.n).sum::<u64>();
+            }
+            match page.last() {
+                Some(last) => cursor = last.cursor,
+                None => break,
+            }
+        }
+        let expected = Totals {
+            segments: 0,
+            producers: 0,
+            ..world.totals()
+        };
+        assert_eq!(found, expected);
+    }
+}
+
+/// Adds a transition in each wide place.
+fn add_wide(batch: &mut Numbered) {
+    let increment = &mut batch.increment;
+    let cell = |place| (u64::from(place), WIDE_ACTION, tally(1, 1));
+    increment.cells.extend(wide().map(cell));
+    increment.transitions += WIDE;
+    batch.receipt.accepted = increment.transitions;
+}
+
+/// Whether there is room for wide batches: quotas are met by small numbers too.
+fn quotas() -> impl Strategy<Value = Quotas> {
+    let with_room = Quotas {
+        cells: QUOTAS.cells + WIDE,
+        ..QUOTAS
+    };
+    prop_oneof![2 => Just(QUOTAS), 1 => Just(with_room)]
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(100))]
 
     #[test]
-    fn the_store_does_what_the_model_does(cache_cells in prop_oneof![Just(0), 1_usize..60], steps in steps()) {
+    fn the_store_does_what_the_model_does(
+        cache_cells in prop_oneof![Just(0), 1_usize..60],
+        fold_from in prop_oneof![3 => Just(1_usize), 1 => 2_usize..20],
+        quotas in quotas(),
+        steps in steps(),
+    ) {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
         runtime.block_on(async {
-            let mut pair = Pair::new(cache_cells).await;
+            let mut pair = Pair::new(cache_cells, fold_from, quotas).await;
             for step in &steps {
                 pair.step(step).await;
             }
@@ -501,8 +631,7 @@ fn load(number: &AtomicU64) -> u64 {
 }
 
 /// Runs one writer beside readers of overlapping states.
-async fn readers_beside_a_writer(cache_cells: usize) {
-    let mut file = SqliteFile::new();
+async fn readers_beside_a_writer(mut file: SqliteFile, cache_cells: usize) {
     file.cache_cells = cache_cells;
     let store = file.open(Quotas::default()).await;
     let id = store
@@ -539,12 +668,17 @@ async fn readers_beside_a_writer(cache_cells: usize) {
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 3)]
 async fn readers_never_see_a_state_go_back_with_a_warm_cache() {
-    readers_beside_a_writer(10_000).await;
+    readers_beside_a_writer(SqliteFile::new(), 10_000).await;
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 3)]
 async fn readers_never_see_a_state_go_back_with_hardly_a_cache() {
-    readers_beside_a_writer(20).await;
+    readers_beside_a_writer(SqliteFile::new(), 20).await;
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 3)]
+async fn readers_never_see_a_state_go_back_beside_folds() {
+    readers_beside_a_writer(SqliteFile::compacted(), 0).await;
 }
 
 /// Asks for the actions until the writer is done, and says when it has had the first answer.

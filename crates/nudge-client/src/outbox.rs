@@ -7,7 +7,7 @@
 
 use std::collections::VecDeque;
 
-use nudge_core::domain::{Record, Records};
+use nudge_core::domain::{Entry, Record, Records};
 use nudge_wire::proto;
 
 use crate::{ClientError, Totals};
@@ -27,7 +27,7 @@ pub(crate) struct Limits {
 pub(crate) struct Outbox {
     limits: Limits,
     segment: String,
-    building: Records,
+    building: Building,
     waiting: VecDeque<Waiting>,
     in_flight: usize,
     committed: u64,
@@ -35,7 +35,18 @@ pub(crate) struct Outbox {
     totals: Totals,
 }
 
+/// The batch that is being built.
+#[derive(Default)]
+struct Building {
+    len: usize,
+    states: Vec<f32>,
+    actions: Vec<f32>,
+    entries: Vec<Entry>,
+    counts: Vec<u64>,
+}
+
 struct Waiting {
+    /// Its columns are bytes that every sending shares.
     batch: proto::Batch,
     /// The position of its first transition among everything sent.
     position: u64,
@@ -47,7 +58,7 @@ impl Outbox {
         Self {
             limits,
             segment: String::new(),
-            building: Records::default(),
+            building: Building::default(),
             waiting: VecDeque::new(),
             in_flight: 0,
             committed: 0,
@@ -92,13 +103,8 @@ impl Outbox {
 
     /// Takes a transition, and closes the batch when it is full.
     pub(crate) fn push(&mut self, transition: Record) {
-        let building = &mut self.building;
-        building.len += 1;
-        building.states.extend(&transition.state);
-        building.actions.extend(&transition.actions);
-        building.entries.push(transition.entry);
-        building.counts.push(transition.count);
-        if building.len >= self.limits.batch_size {
+        self.building.push(&transition);
+        if self.building.len >= self.limits.batch_size {
             self.cut();
         }
     }
@@ -118,7 +124,7 @@ impl Outbox {
             return;
         }
 
-        let records = std::mem::take(&mut self.building);
+        let records = self.building.take();
         let (position, len) = (self.totals.sent, records.len as u64);
         self.totals.sent += len;
         self.totals.last_sequence += 1;
@@ -259,7 +265,38 @@ impl Outbox {
     }
 }
 
-/// Encodes transitions as packed arrays; a column that only holds its default is left out.
+impl Building {
+    fn push(&mut self, transition: &Record) {
+        self.len += 1;
+        self.states.extend(&transition.state);
+        self.actions.extend(&transition.actions);
+        self.entries.push(transition.entry);
+        self.counts.push(transition.count);
+    }
+
+    /// Returns the batch, and begins another with room for as much.
+    fn take(&mut self) -> Records {
+        let next = Self {
+            len: 0,
+            states: Vec::with_capacity(self.states.len()),
+            actions: Vec::with_capacity(self.actions.len()),
+            entries: Vec::with_capacity(self.len),
+            counts: Vec::with_capacity(self.len),
+        };
+        let built = std::mem::replace(self, next);
+
+        Records {
+            len: built.len,
+            states: built.states.into(),
+            actions: built.actions.into(),
+            entries: built.entries,
+            counts: built.counts,
+            undecodable: Vec::new(),
+        }
+    }
+}
+
+/// Encodes transitions as columns of bytes; a column that only holds its default is left out.
 fn columns(records: Records) -> proto::Columns {
     let Records {
         len,
@@ -272,10 +309,11 @@ fn columns(records: Records) -> proto::Columns {
     let entries = entries.into_iter().map(|entry| entry as i32).collect();
     proto::Columns {
         count: len as u32,
-        states,
-        actions,
+        states_le: states.into_le_bytes(),
+        actions_le: actions.into_le_bytes(),
         entries,
         counts,
+        ..proto::Columns::default()
     }
 }
 
@@ -350,8 +388,12 @@ mod tests {
             panic!("columns")
         };
         assert_eq!(
-            (columns.count, columns.states.len(), columns.actions.len()),
-            (2, 2, 4)
+            (
+                columns.count,
+                columns.states_le.len(),
+                columns.actions_le.len()
+            ),
+            (2, 8, 16)
         );
         assert!(columns.counts.is_empty(), "once each is the default");
     }

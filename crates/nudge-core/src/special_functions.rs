@@ -52,21 +52,19 @@ pub(crate) fn digamma_difference(x: f64, y: f64) -> f64 {
 
 /// Returns z and d with psi(x) = ln z - d.
 fn raised(x: f64) -> (f64, f64) {
-    // From 6 on, the first term left out of the series is below 1e-12.
-    if x >= 6.0 {
-        return (x, digamma_series(x));
-    }
+    // From 6 on, the first term left out of the series is below 1e-12. What is below is raised
+    // without a branch: arguments are on either side as it happens.
+    let is_small = x < 6.0;
+    let z = if is_small { x + 6.0 } else { x };
 
     // psi(x + 6) less 1/x + ... + 1/(x + 5), whose outermost terms pair up: with y = x (x + 5) they
     // are (2 x + 5) (1/y + 1/(y + 4) + 1/(y + 6)).
     let y = x * (x + 5.0);
     let [second, third] = [y + 4.0, y + 6.0];
-    let reciprocals = (second * third + y * third + y * second) / (y * second * third);
+    let numerator = (2.0 * x + 5.0) * (second * third + y * third + y * second);
+    let numerator = if is_small { numerator } else { 0.0 };
 
-    (
-        x + 6.0,
-        digamma_series(x + 6.0) + (2.0 * x + 5.0) * reciprocals,
-    )
+    (z, digamma_series(z) + numerator / (y * second * third))
 }
 
 /// Returns ln x - psi(x).

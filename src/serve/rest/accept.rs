@@ -44,7 +44,10 @@ pub fn preferred(headers: &HeaderMap, offered: &[&str]) -> Result<usize, Failure
 /// Lets every answer be sent as it is, where no other way is welcome: a server may ignore that
 /// nothing is (RFC 9110, 12.5.3), and what was done by the time must not be answered as if it were
 /// refused.
-pub async fn any_encoding(mut request: Request) -> Request {
+pub fn any_encoding(mut request: Request) -> Request {
+    if !request.headers().contains_key(header::ACCEPT_ENCODING) {
+        return request;
+    }
     let headers = request.headers_mut();
     let asked = headers
         .get_all(header::ACCEPT_ENCODING)

@@ -31,7 +31,7 @@ pub fn around(router: Router, form: problems::Form) -> Router {
     let compressible = SizeAbove::new(LEAST_COMPRESSED_BYTES).and(NotForContentType::IMAGES);
     // The first is outermost.
     let layers = ServiceBuilder::new()
-        .layer(middleware::map_request(accept::any_encoding))
+        .map_request(accept::any_encoding)
         .layer(
             CompressionLayer::new()
                 .quality(CompressionLevel::Fastest)

@@ -127,6 +127,12 @@ impl<'a> Ledger<'a> {
         self.segments.get(label).copied()
     }
 
+    /// Returns how many cells of what is accepted the environment has not, where a quota was so near
+    /// that they were counted.
+    pub(in crate::store) fn fresh_cells(&self) -> Option<u64> {
+        self.fresh_cells
+    }
+
     /// Returns the environment's transitions with what is accepted now.
     pub(in crate::store) fn revision(&self) -> u64 {
         self.transitions + self.merged.transitions()

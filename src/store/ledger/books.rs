@@ -3,8 +3,9 @@
 
 use async_trait::async_trait;
 
+use super::merge::StateName;
 use super::receipts::Kept;
-use crate::domain::{EnvironmentId, Sequence, StateKey};
+use crate::domain::{EnvironmentId, Sequence};
 
 /// The number that a database gave a row. Opaque here: the rule hands it back as it came.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -93,7 +94,7 @@ pub(in crate::store) struct StoredProducer {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::store) struct CellAt<'k> {
     /// Its state, which may be new.
-    pub(in crate::store) state: &'k StateKey,
+    pub(in crate::store) state: StateName<'k>,
     /// Its segment.
     pub(in crate::store) segment: RowId,
     /// Its joint action.

@@ -1,34 +1,50 @@
 //! Merging of a group commit: equal cells of all its batches are added together, so that each is
-//! written once.
+//! written once. They are gathered as they come, and sorted now and then.
 
-use crate::domain::{Increment, Label, StateKey, Tally};
+use super::order::{At, Part, merged, sorted};
+use crate::domain::{Increment, Label, StateKey, States, Tally};
 use crate::store::map::Map;
 
-/// The most cells that a commit makes room for at its first batch.
-const USUAL_CELLS: usize = 8_192;
+/// Cells that are gathered before they are sorted: few enough to stay in a cache of the processor.
+const UNSORTED: usize = 64_000;
+
+/// A state by its names.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(in crate::store) enum StateName<'k> {
+    /// Its rank, where the states of the environment have ranks.
+    Rank(u64),
+    /// Its key.
+    Key(&'k StateKey),
+}
 
 /// A cell by its names.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct CellName<'k> {
-    pub(super) state: &'k StateKey,
+    pub(super) state: StateName<'k>,
     /// As it is stored.
     pub(super) segment: &'k str,
     pub(super) joint: u64,
 }
 
-/// The sum of accepted increments of one environment. States and segments are numbered in order of
-/// appearance.
+/// The sum of accepted increments of one environment. States that are listed, and segments, are
+/// numbered in order of appearance; the number of a state that has a rank is the rank.
 #[derive(Default)]
 pub(in crate::store) struct Merged<'a> {
-    states: Vec<&'a StateKey>,
-    positions: Map<&'a StateKey, u32>,
+    listed: Vec<&'a StateKey>,
+    positions: Map<&'a StateKey, u64>,
     segments: Vec<&'a str>,
-    cells: Map<(u32, u32, u64), Tally>,
+    /// In order, each once.
+    cells: Vec<(At, Tally)>,
+    /// What is not in `cells` yet.
+    parts: Vec<Part<'a>>,
+    /// How many cells that is.
+    unsorted: usize,
     transitions: u64,
 }
 
 impl<'a> Merged<'a> {
-    /// Adds an increment.
+    /// Adds an increment. All those of an environment name their states in the same way, for its
+    /// schema says which.
     pub(super) fn add(&mut self, increment: &'a Increment) {
         if increment.cells.is_empty() {
             return;
@@ -36,28 +52,38 @@ impl<'a> Merged<'a> {
 
         self.transitions += increment.transitions;
         let segment = self.number_of_segment(stored_label(increment.segment.as_ref()));
-        if self.cells.is_empty() {
-            self.cells
-                .reserve((8 * increment.cells.len()).min(USUAL_CELLS));
-        }
+        let numbers = match &increment.states {
+            States::Ranked => None,
+            States::Listed(keys) => {
+                Some(keys.iter().map(|key| self.number_of_state(key)).collect())
+            }
+        };
+        self.unsorted += increment.cells.len();
+        self.parts.push(Part {
+            cells: &increment.cells,
+            segment,
+            numbers,
+        });
 
-        let states: Vec<u32> = increment
-            .states
-            .iter()
-            .map(|key| self.number_of_state(key))
-            .collect();
-        for (state, joint, tally) in &increment.cells {
-            self.cells
-                .entry((states[*state as usize], segment, *joint))
-                .or_insert(Tally::EMPTY)
-                .add(*tally);
+        // As many as there are, so that those that are different are not merged again and again.
+        if self.unsorted >= UNSORTED.max(self.cells.len()) {
+            self.settle();
         }
     }
 
-    fn number_of_state(&mut self, key: &'a StateKey) -> u32 {
+    /// Adds equal cells together.
+    fn settle(&mut self) {
+        if self.unsorted > 0 {
+            let parts = std::mem::take(&mut self.parts);
+            self.cells = merged(std::mem::take(&mut self.cells), sorted(&parts));
+            self.unsorted = 0;
+        }
+    }
+
+    fn number_of_state(&mut self, key: &'a StateKey) -> u64 {
         *self.positions.entry(key).or_insert_with(|| {
-            self.states.push(key);
-            self.states.len() as u32 - 1
+            self.listed.push(key);
+            self.listed.len() as u64 - 1
         })
     }
 
@@ -70,9 +96,9 @@ impl<'a> Merged<'a> {
         }) as u32
     }
 
-    /// Returns the states, in order of their numbers.
-    pub(in crate::store) fn states(&self) -> &[&'a StateKey] {
-        &self.states
+    /// Returns the states that are listed, in order of their numbers; none where numbers are ranks.
+    pub(in crate::store) fn listed(&self) -> &[&'a StateKey] {
+        &self.listed
     }
 
     /// Returns the labels of segments, in order of their numbers.
@@ -80,9 +106,14 @@ impl<'a> Merged<'a> {
         &self.segments
     }
 
-    /// Returns the number of cells.
-    pub(in crate::store) fn len(&self) -> usize {
-        self.cells.len()
+    /// Returns whether there are none.
+    pub(in crate::store) fn is_empty(&self) -> bool {
+        self.most_cells() == 0
+    }
+
+    /// Returns a bound of the number of cells, which costs nothing.
+    pub(super) fn most_cells(&self) -> usize {
+        self.cells.len() + self.unsorted
     }
 
     /// Returns the sum of all visits.
@@ -90,25 +121,29 @@ impl<'a> Merged<'a> {
         self.transitions
     }
 
-    /// Returns every cell by its names.
-    pub(super) fn cells(&self) -> impl Iterator<Item = CellName<'a>> {
-        self.cells.keys().map(|(state, segment, joint)| CellName {
-            state: self.states[*state as usize],
+    /// Returns every cell by its names, each once.
+    pub(super) fn cells(&mut self) -> impl ExactSizeIterator<Item = CellName<'a>> {
+        self.settle();
+        let cells = self.cells.iter();
+        cells.map(|((state, segment, joint), _)| CellName {
+            state: name(&self.listed, *state),
             segment: self.segments[*segment as usize],
             joint: *joint,
         })
     }
 
     /// Returns the cells of an increment that are not here, each once, by their names.
-    pub(super) fn absent<'i>(&self, increment: &'i Increment) -> Vec<CellName<'i>> {
+    pub(super) fn absent<'i>(&mut self, increment: &'i Increment) -> Vec<CellName<'i>> {
+        self.settle();
         let segment = stored_label(increment.segment.as_ref());
-        let name = |(state, joint, _): &(u32, u64, Tally)| CellName {
-            state: &increment.states[*state as usize],
+        let listed: Vec<&StateKey> = increment.states.listed().iter().collect();
+        let named = |(state, joint, _): &(u64, u64, Tally)| CellName {
+            state: name(&listed, *state),
             segment,
             joint: *joint,
         };
 
-        let mut absent: Vec<_> = increment.cells.iter().map(name).collect();
+        let mut absent: Vec<_> = increment.cells.iter().map(named).collect();
         absent.retain(|cell| !self.has(cell));
         absent.sort_unstable();
         absent.dedup();
@@ -116,23 +151,37 @@ impl<'a> Merged<'a> {
     }
 
     fn has(&self, cell: &CellName<'_>) -> bool {
-        let state = self.positions.get(cell.state);
+        let state = match cell.state {
+            StateName::Rank(rank) => Some(rank),
+            StateName::Key(key) => self.positions.get(key).copied(),
+        };
         let segment = self
             .segments
             .iter()
             .position(|label| *label == cell.segment);
         state.zip(segment).is_some_and(|(state, segment)| {
-            self.cells
-                .contains_key(&(*state, segment as u32, cell.joint))
+            let wanted = (state, segment as u32, cell.joint);
+            let found = self.cells.binary_search_by_key(&wanted, |(at, _)| *at);
+            found.is_ok()
         })
     }
 
-    /// Returns the tallies by the numbers of state and segment, and the joint action; they are here
-    /// no longer.
+    /// Returns the tallies by the numbers of state and segment, and the joint action, each once and
+    /// in this order; they are here no longer.
     pub(in crate::store) fn take_cells(
         &mut self,
-    ) -> impl ExactSizeIterator<Item = ((u32, u32, u64), Tally)> + use<> {
+    ) -> impl ExactSizeIterator<Item = (At, Tally)> + use<> {
+        self.settle();
         std::mem::take(&mut self.cells).into_iter()
+    }
+}
+
+/// Returns the name of a state by its number, which is its rank where no states are listed.
+fn name<'k>(listed: &[&'k StateKey], number: u64) -> StateName<'k> {
+    if listed.is_empty() {
+        StateName::Rank(number)
+    } else {
+        StateName::Key(listed[number as usize])
     }
 }
 
@@ -147,18 +196,38 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_first_batch_of_a_commit_makes_room_for_more_like_it_within_bounds() {
-        let capacity = |cells: u64| {
-            let increment = Increment {
-                states: vec![StateKey::new(&[0])],
-                cells: (0..cells).map(|joint| (0, joint, Tally::EMPTY)).collect(),
-                ..Increment::default()
-            };
-            let mut merged = Merged::default();
-            merged.add(&increment);
-            merged.cells.capacity()
+    fn equal_cells_are_one_however_many_come() {
+        let one = Tally {
+            n: 1,
+            entries: Some(1),
         };
-        assert!(capacity(100) >= 800);
-        assert!(capacity(2_000) < 16_000, "eight of these are not usual");
+        let increment = |first: u64| Increment {
+            cells: (first..first + 1_000)
+                .map(|i| (i % 3_000, i % 2, one))
+                .collect(),
+            transitions: 1_000,
+            ..Increment::default()
+        };
+        let increments: Vec<Increment> = (0..90).map(|i| increment(i * 1_000)).collect();
+
+        let mut merged = Merged::default();
+        increments
+            .iter()
+            .for_each(|increment| merged.add(increment));
+
+        assert!(merged.most_cells() < UNSORTED, "added together on the way");
+        assert!(merged.absent(&increments[7]).is_empty());
+        let cells: Vec<(At, Tally)> = merged.take_cells().collect();
+        let expected = |i: u64| {
+            (
+                (i, 0, i % 2),
+                Tally {
+                    n: 30,
+                    entries: Some(30),
+                },
+            )
+        };
+        assert_eq!(cells, (0..3_000).map(expected).collect::<Vec<_>>());
+        assert_eq!((merged.is_empty(), merged.transitions()), (true, 90_000));
     }
 }

@@ -86,16 +86,21 @@ async fn has_room_for_cells<B: Books>(
     batch: &Numbered,
 ) -> Result<bool, B::Error> {
     let room = ledger.quotas.cells.saturating_sub(ledger.cells);
-    let most = ledger.merged.len() + batch.increment.cells.len();
-    if ledger.fresh_cells.is_none() && most as u64 <= room {
+    let fits = |cells: usize| (cells + batch.increment.cells.len()) as u64 <= room;
+    let is_counted = ledger.fresh_cells.is_some();
+    if !is_counted && (fits(ledger.merged.most_cells()) || fits(ledger.merged.cells().len())) {
         return Ok(true);
     }
 
     let accepted = match ledger.fresh_cells {
         Some(accepted) => accepted,
-        None => count_fresh(books, ledger, ledger.merged.cells().collect()).await?,
+        None => {
+            let cells = ledger.merged.cells().collect();
+            count_fresh(books, ledger, cells).await?
+        }
     };
-    let added = count_fresh(books, ledger, ledger.merged.absent(&batch.increment)).await?;
+    let absent = ledger.merged.absent(&batch.increment);
+    let added = count_fresh(books, ledger, absent).await?;
 
     // A quota that was lowered below what is stored keeps nobody from counting in known cells.
     let fits = accepted + added <= room || added == 0;

@@ -7,8 +7,8 @@
 //!
 //! * A load is announced before its snapshot is taken. So a commit that the snapshot lacks is told
 //!   to [`ActionsMemory::apply`] after the announcement, and kept.
-//! * The load's one statement reads the revision of its snapshot first. From then on only commits
-//!   above it are kept, as their sum. At the end that is added to what was read.
+//! * The view that the load begins with says the revision of its snapshot. Of the commits only those
+//!   above it are added to what was read.
 //! * Totals and sum know their revision, so a commit that was seen in the database before memory
 //!   was told of it is not added again.
 //!
@@ -18,17 +18,10 @@
 use std::num::NonZeroUsize;
 use std::sync::{Arc, Mutex, MutexGuard};
 
-use futures::TryStreamExt;
 use lru::LruCache;
-use sqlx::SqlitePool;
-use sqlx::sqlite::SqliteConnection;
+use tokio::sync::{Mutex as Turn, MutexGuard as InTurn};
 
-use super::error::{spoiled, unreadable};
-use super::packed::{packed_cells, packed_cells_of_states};
-use super::read::{cells_of, whole};
-use super::walk::{Walk, own_states};
-use crate::domain::{ActionTotals, Cell, Environment, EnvironmentId, Schema, Tally};
-use crate::store::StoreError;
+use crate::domain::{ActionTotals, Environment, EnvironmentId, Schema, Tally};
 
 /// Environments whose totals are kept: each is at most 100 KB an agent, and few agents can be so
 /// large.
@@ -39,7 +32,7 @@ pub(super) struct ActionsMemory {
     inner: Mutex<Inner>,
     /// One load at a time: each keeps a reader for as long as it takes to read every cell, and
     /// there are few.
-    turn: tokio::sync::Mutex<()>,
+    turn: Turn<()>,
 }
 
 struct Inner {
@@ -57,119 +50,9 @@ enum Later {
 }
 
 /// A load under way. Dropped without [`Load::finish`], it leaves nothing behind.
-struct Load<'a> {
+pub(super) struct Load<'a> {
     memory: &'a ActionsMemory,
-    _turn: tokio::sync::MutexGuard<'a, ()>,
-}
-
-/// Returns the totals of an environment at its newest revision. Where nothing is kept until it is
-/// settled what was committed, `settling` is awaited first.
-pub(super) async fn actions(
-    readers: &SqlitePool,
-    memory: &ActionsMemory,
-    environment: &Environment,
-    settling: impl Future<Output = Result<(), StoreError>>,
-) -> Result<Arc<ActionTotals>, StoreError> {
-    if let Some(kept) = memory.get(environment.id) {
-        return Ok(kept);
-    }
-
-    // Whoever had the turn before may have loaded the same.
-    let turn = memory.turn.lock().await;
-    if let Some(kept) = memory.get(environment.id) {
-        return Ok(kept);
-    }
-
-    // Nothing is kept until a transaction has settled what was committed, and each question would
-    // read every cell. Whether one can begin is not the reader's concern.
-    if memory.is_suspended() {
-        settling.await.ok();
-    }
-
-    let mut reader = readers.acquire().await.map_err(unreadable)?;
-    match load(
-        &mut reader,
-        memory.announce(turn, environment.id),
-        environment,
-        Walk::All,
-    )
-    .await
-    {
-        // It may be another environment's.
-        Err(StoreError::Damaged(_)) => {
-            let turn = memory.turn.lock().await;
-            load(
-                &mut reader,
-                memory.announce(turn, environment.id),
-                environment,
-                Walk::Own,
-            )
-            .await
-        }
-        loaded => loaded,
-    }
-}
-
-async fn load(
-    reader: &mut SqliteConnection,
-    load: Load<'_>,
-    environment: &Environment,
-    walk: Walk,
-) -> Result<Arc<ActionTotals>, StoreError> {
-    // Not `group by joint`: that sorts all cells in memory. Cells come packed, those of sixteen
-    // states together, because a row each would cost the driver ten times as much. States are
-    // walked by id, in whose order their cells lie.
-    let all = concat!(
-        "with recursive blocks (first) as (
-             select 1 union all select first + 16 from blocks where first + 16 <= (select max(id) from states)
-         )
-         select totals.transitions, ",
-        packed_cells_of_states!("?1", "blocks.first", "16"),
-        " from totals cross join blocks where totals.environment = ?1"
-    );
-    let own = concat!(
-        "select totals.transitions, ",
-        packed_cells!("states.id"),
-        " from totals left join ",
-        own_states!(),
-        " on states.environment = totals.environment where totals.environment = ?1"
-    );
-    let text = if walk == Walk::All { all } else { own };
-
-    let mut rows = sqlx::query(text).bind(environment.id.0).fetch(reader);
-    let mut next = rows.try_next().await.map_err(unreadable)?;
-
-    let revision = next
-        .as_ref()
-        .map(|row| whole(row, 0))
-        .transpose()
-        .map_err(unreadable)?;
-    let revision = revision.ok_or(StoreError::UnknownEnvironment)?;
-    load.snapshot_taken(&environment.schema, revision);
-
-    let mut totals = ActionTotals::new(&environment.schema);
-    while let Some(row) = next {
-        add(&mut totals, &cells_of(&row, 1, environment)?)?;
-        // Rows that have arrived do not wait, and others shall have their turn.
-        tokio::task::consume_budget().await;
-        next = rows.try_next().await.map_err(unreadable)?;
-    }
-
-    totals.revision = revision;
-    Ok(load.finish(totals))
-}
-
-/// Adds cells. Damaged ones could overflow a sum, which no sound ones do.
-fn add(totals: &mut ActionTotals, cells: &[Cell]) -> Result<(), StoreError> {
-    for cell in cells {
-        let sum = totals
-            .revision
-            .checked_add(cell.tally.n)
-            .filter(|sum| *sum <= i64::MAX as u64);
-        sum.ok_or_else(|| spoiled("the sum of an environment's visits"))?;
-        totals.add(cell.joint, cell.tally);
-    }
-    Ok(())
+    _turn: InTurn<'a, ()>,
 }
 
 impl Default for ActionsMemory {
@@ -183,7 +66,7 @@ impl Default for ActionsMemory {
         };
         Self {
             inner: Mutex::new(inner),
-            turn: tokio::sync::Mutex::default(),
+            turn: Turn::default(),
         }
     }
 }
@@ -237,18 +120,25 @@ impl ActionsMemory {
         self.inner().suspended = false;
     }
 
-    fn get(&self, environment: EnvironmentId) -> Option<Arc<ActionTotals>> {
+    /// Returns the totals that are kept of an environment.
+    pub(super) fn get(&self, environment: EnvironmentId) -> Option<Arc<ActionTotals>> {
         self.inner().kept.get(&environment).cloned()
     }
 
-    fn is_suspended(&self) -> bool {
+    /// Waits until nobody else loads.
+    pub(super) async fn turn(&self) -> InTurn<'_, ()> {
+        self.turn.lock().await
+    }
+
+    /// Returns whether nothing is kept until [`ActionsMemory::resume`].
+    pub(super) fn is_suspended(&self) -> bool {
         self.inner().suspended
     }
 
     /// Begins a load. Its snapshot must be taken afterwards.
-    fn announce<'a>(
+    pub(super) fn announce<'a>(
         &'a self,
-        turn: tokio::sync::MutexGuard<'a, ()>,
+        turn: InTurn<'a, ()>,
         environment: EnvironmentId,
     ) -> Load<'a> {
         let mut inner = self.inner();
@@ -268,12 +158,11 @@ impl ActionsMemory {
 
 impl Load<'_> {
     /// Says at which revision the snapshot is.
-    fn snapshot_taken(&self, schema: &Schema, revision: u64) {
+    pub(super) fn snapshot_taken(&self, schema: &Schema, revision: u64) {
         let mut inner = self.memory.inner();
         let Some((_, later)) = &mut inner.loading else {
             return;
         };
-
         let mut sum = ActionTotals::new(schema);
         sum.revision = revision;
         if let Later::Listed(commits) = later {
@@ -285,12 +174,11 @@ impl Load<'_> {
     }
 
     /// Keeps what was read together with what was committed meanwhile, if nothing came in between.
-    fn finish(self, mut totals: ActionTotals) -> Arc<ActionTotals> {
+    pub(super) fn finish(self, mut totals: ActionTotals) -> Arc<ActionTotals> {
         let mut inner = self.memory.inner();
         let Some((environment, Later::Summed(later))) = inner.loading.take() else {
             return Arc::new(totals);
         };
-
         totals.append(&later);
         let totals = Arc::new(totals);
         inner.kept.put(environment, Arc::clone(&totals));

@@ -124,11 +124,11 @@ impl CountsCache {
     }
 
     /// Adds a commit's delta to what is cached: each state once, with its cells.
-    pub(super) fn apply<'a, C: IntoIterator<Item = Cell>>(
+    pub(super) fn apply<C: IntoIterator<Item = Cell>>(
         &self,
         environment: EnvironmentId,
         revision: u64,
-        delta: impl Iterator<Item = (&'a StateKey, C)>,
+        delta: impl Iterator<Item = (StateKey, C)>,
     ) {
         let mut inner = self.inner();
         let revisions = inner.revisions.entry(environment).or_default();
@@ -141,7 +141,7 @@ impl CountsCache {
         }
 
         for (key, cells) in delta {
-            inner.add((environment, key.clone()), revision, cells);
+            inner.add((environment, key), revision, cells);
         }
         inner.shrink(self.capacity);
     }

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use sqlx::sqlite::SqliteConnection;
 
+use super::checksums;
 use super::directory::Directory;
 use super::error::aborted;
 use super::memory::Memory;
@@ -36,6 +37,7 @@ pub(super) async fn create(
     let id = insert(transaction.connection(), &uid, name, schema, rule)
         .await
         .map_err(aborted)?;
+    checksums::seal(transaction.connection(), id).await?;
     let made = Arc::new(Environment {
         id,
         uid,
@@ -47,6 +49,7 @@ pub(super) async fn create(
     let remember = |memory: &Memory, _: &mut RowIdCache| {
         memory.directory.put(Arc::clone(&made));
         memory.actions.begin(&made);
+        memory.pending.begin(made.id);
     };
     transaction.commit(remember).await?;
     Ok(made)
@@ -65,12 +68,14 @@ pub(super) async fn set_rule(
         return Err(StoreError::UnknownEnvironment);
     };
 
+    checksums::check(transaction.connection(), id).await?;
     sqlx::query("update environments set rule = ? where id = ?")
         .bind(stored_forms::write_rule(&rule))
         .bind(id.0)
         .execute(transaction.connection())
         .await
         .map_err(aborted)?;
+    checksums::seal(transaction.connection(), id).await?;
 
     let changed = Arc::new(Environment {
         rule,

@@ -3,6 +3,7 @@
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, SqlitePool};
 
+use super::checksums;
 use super::directory::Directory;
 use super::error::{aborted, unreadable};
 use super::writer::Writer;
@@ -14,13 +15,11 @@ pub(super) async fn fits(
     readers: &SqlitePool,
     id: EnvironmentId,
 ) -> Result<Vec<FitRecord>, StoreError> {
-    let rows = sqlx::query(
-        "select pair, version, revision, body from fits where environment = ? order by pair",
-    )
-    .bind(id.0)
-    .fetch_all(readers)
-    .await
-    .map_err(unreadable)?;
+    let rows = sqlx::query("select * from fits where environment = ? order by pair")
+        .bind(id.0)
+        .fetch_all(readers)
+        .await
+        .map_err(unreadable)?;
     rows.iter()
         .map(|row| read_fit(row).map_err(unreadable))
         .collect()
@@ -28,14 +27,22 @@ pub(super) async fn fits(
 
 fn read_fit(row: &SqliteRow) -> Result<FitRecord, sqlx::Error> {
     let whole = |name| row.try_get::<i64, _>(name).map(i64::unsigned_abs);
-    Ok(FitRecord {
+    let mut fit = FitRecord {
         pair: row.try_get("pair")?,
         id: FitId {
             version: whole("version")?,
             revision: whole("revision")?,
         },
         body: row.try_get("body")?,
-    })
+        is_sound: true,
+    };
+    fit.is_sound = checksums::is_sound(row, |row| Ok(checksum(row.try_get("environment")?, &fit)))?;
+    Ok(fit)
+}
+
+fn checksum(environment: i64, fit: &FitRecord) -> i64 {
+    let numbers = [fit.id.version, fit.id.revision].map(u64::cast_signed);
+    checksums::fit(environment, &fit.pair, numbers, &fit.body)
 }
 
 /// Keeps a fit in place of the one of its pair.
@@ -52,12 +59,15 @@ pub(super) async fn keep(
         return Err(StoreError::UnknownEnvironment);
     }
 
-    sqlx::query("insert or replace into fits (environment, pair, version, revision, body) values (?, ?, ?, ?, ?)")
+    let text = "insert or replace into fits (environment, pair, version, revision, body, checksum)
+         values (?, ?, ?, ?, ?, ?)";
+    sqlx::query(text)
         .bind(id.0)
         .bind(&fit.pair)
         .bind(fit.id.version.cast_signed())
         .bind(fit.id.revision.cast_signed())
         .bind(&fit.body)
+        .bind(checksum(id.0, fit))
         .execute(transaction.connection())
         .await
         .map_err(aborted)?;

@@ -19,6 +19,10 @@ pub struct SqliteStore {
     pub(super) writer: Writer,
     pub(super) readers: SqlitePool,
     pub(super) closing: Closing,
+    /// Cells in the journal from which on it is folded.
+    pub(super) fold_from: usize,
+    /// Held by whoever changes rows.
+    pub(super) compacting: tokio::sync::Mutex<()>,
     /// Held as long as the store lives. Last, so that it is let go after the connections.
     pub(super) lock: Mutex<Option<Lock>>,
 }

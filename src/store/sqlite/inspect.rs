@@ -4,8 +4,10 @@
 use std::path::Path;
 use std::sync::{Arc, Mutex};
 
+use futures::TryStreamExt;
 use sqlx::{Row, SqlitePool};
 
+use super::checksums;
 use super::closing::Closing;
 use super::error::{aborted, is_damage, made_by_newer, opening, unopenable, unreadable};
 use super::handle::SqliteStore;
@@ -16,6 +18,7 @@ use super::open::{readers, writing};
 use super::options::Options;
 use super::tables::{self, Tables};
 use super::writer::Writer;
+use crate::domain::EnvironmentId;
 use crate::store::StoreError;
 
 /// The most lines of SQLite's own check that are told.
@@ -62,6 +65,8 @@ pub(super) async fn inspect(path: &Path, options: Options) -> Result<SqliteStore
         writer,
         readers,
         closing,
+        fold_from: options.fold_from,
+        compacting: tokio::sync::Mutex::default(),
         lock,
     })
 }
@@ -75,9 +80,29 @@ fn unseen(path: &Path, error: sqlx::Error) -> StoreError {
     }
 }
 
-/// Returns what SQLite's own check finds: pages, indices, types and constraints, of every table.
-/// Empty where all is well.
+/// Returns what is wrong with the database as a whole. Empty where all is well.
 pub(super) async fn integrity(readers: &SqlitePool) -> Result<Vec<String>, StoreError> {
+    let mut lines = pages(readers).await?;
+    if lines.is_empty() && has_table(readers, "packed").await? {
+        lines.extend(strays(readers).await?);
+    }
+    Ok(lines)
+}
+
+/// Returns how many rows of counts are in no environment's block, where there are any: whoever is
+/// given that block would take them for its own.
+async fn strays(readers: &SqlitePool) -> Result<Option<String>, StoreError> {
+    let text = "select count(*) from packed
+         where id >> 44 not in (select block from environments where block is not null)";
+    let strays: i64 = sqlx::query_scalar(text)
+        .fetch_one(readers)
+        .await
+        .map_err(unreadable)?;
+    Ok((strays > 0).then(|| format!("{strays} rows of counts belong to no environment")))
+}
+
+/// Returns what SQLite's own check finds: pages, indices, types and constraints, of every table.
+async fn pages(readers: &SqlitePool) -> Result<Vec<String>, StoreError> {
     let rows = sqlx::query("pragma integrity_check(100)")
         .fetch_all(readers)
         .await;
@@ -109,4 +134,34 @@ pub(super) async fn has_table(readers: &SqlitePool, name: &str) -> Result<bool, 
         .await
         .map_err(unreadable)?
         .is_some())
+}
+
+/// Returns which rows of an environment are not as they were written, of those that are not told to
+/// be damaged where they are read: its producers, and the last version of its networks.
+pub(super) async fn damaged_rows(
+    readers: &SqlitePool,
+    id: EnvironmentId,
+) -> Result<Vec<String>, StoreError> {
+    let mut damaged = Vec::new();
+    let text = "select * from producers where environment = ? order by id";
+    let mut producers = sqlx::query(text).bind(id.0).fetch(readers);
+    while let Some(row) = producers.try_next().await.map_err(unreadable)? {
+        if !checksums::is_sound_producer(&row).map_err(unreadable)? {
+            let name: &str = row.try_get("name").map_err(unreadable)?;
+            damaged.push(format!("producer `{name}`: it is not as it was written"));
+        }
+    }
+    drop(producers);
+    damaged.truncate(MOST_TOLD);
+
+    if has_table(readers, "model_versions").await? {
+        let text = "select * from model_versions where environment = ?";
+        let row = sqlx::query(text).bind(id.0).fetch_optional(readers).await;
+        let row = row.map_err(unreadable)?;
+        let is_sound = row.as_ref().map(checksums::is_sound_last_version);
+        if is_sound.transpose().map_err(unreadable)? == Some(false) {
+            damaged.push("the last version of its networks is not as it was written".to_owned());
+        }
+    }
+    Ok(damaged)
 }

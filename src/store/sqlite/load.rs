@@ -4,6 +4,7 @@
 use sqlx::Row;
 use sqlx::sqlite::{SqliteConnection, SqliteRow};
 
+use super::checksums;
 use super::directory::Loaded;
 use super::error::unreadable;
 use super::stored_forms;
@@ -23,11 +24,9 @@ pub(super) async fn environments(
 }
 
 async fn read_all(connection: &mut SqliteConnection) -> Result<Vec<Loaded>, sqlx::Error> {
-    let rows = sqlx::query(
-        "select id, uid, name, schema, schema_hash, rule from environments where name is not null",
-    )
-    .fetch_all(connection)
-    .await?;
+    let rows = sqlx::query("select * from environments where name is not null")
+        .fetch_all(connection)
+        .await?;
     rows.iter()
         .map(|row| read_environment(row, row.try_get("id")?, row.try_get("name")?))
         .collect()
@@ -43,7 +42,7 @@ async fn read_one_by_one(connection: &mut SqliteConnection) -> Result<Vec<Loaded
         let name: String = row
             .try_get("name")
             .unwrap_or_else(|_| format!("damaged-{id}"));
-        let text = "select uid, schema, schema_hash, rule from environments where id = ?";
+        let text = "select * from environments where id = ?";
         let found = sqlx::query(text).bind(id).fetch_one(&mut *connection).await;
 
         loaded.push(
@@ -105,5 +104,10 @@ fn parse(row: &SqliteRow, name: &str) -> Result<(Name, Schema, WrittenRule), Str
     let name = name
         .parse()
         .map_err(|why: String| format!("its name: {why}"))?;
-    Ok((name, schema, rule))
+    // Last, since all others say more.
+    match checksums::is_sound_environment(row) {
+        Ok(true) => Ok((name, schema, rule)),
+        Ok(false) => Err("its name, rule or place: it is not as it was written".to_owned()),
+        Err(error) => Err(format!("its checksum: {error}")),
+    }
 }

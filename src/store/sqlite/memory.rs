@@ -4,6 +4,7 @@ use super::actions::ActionsMemory;
 use super::cache::CountsCache;
 use super::directory::Directory;
 use super::leftovers::Removals;
+use super::pending::Pending;
 
 /// What is remembered of the database, and changed after each commit.
 pub(super) struct Memory {
@@ -11,6 +12,8 @@ pub(super) struct Memory {
     pub(super) directory: Directory,
     /// The counts of states.
     pub(super) cache: CountsCache,
+    /// What the journal has and rows have not.
+    pub(super) pending: Pending,
     /// How often each action was taken.
     pub(super) actions: ActionsMemory,
     /// What deleted environments have left.
@@ -21,10 +24,11 @@ impl Memory {
     /// Remembers nothing yet; the first transaction lets it begin.
     pub(super) fn new(cache_cells: usize) -> Self {
         let cache = CountsCache::new(cache_cells);
-        let (directory, actions, removals) = Default::default();
+        let (directory, pending, actions, removals) = Default::default();
         Self {
             directory,
             cache,
+            pending,
             actions,
             removals,
         }
@@ -33,6 +37,7 @@ impl Memory {
     /// Drops the counts, and takes none in until it is known what was committed.
     pub(super) fn suspend(&self) {
         self.cache.suspend();
+        self.pending.suspend();
         self.actions.suspend();
     }
 

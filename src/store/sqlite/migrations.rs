@@ -39,7 +39,13 @@ macro_rules! files {
     };
 }
 
-const FILES: [(&str, &str); 4] = files!["0001_counts", "0002_fits", "0003_models", "0004_owners"];
+const FILES: [(&str, &str); 5] = files![
+    "0001_counts",
+    "0002_fits",
+    "0003_models",
+    "0004_owners",
+    "0005_packed",
+];
 
 impl Migration {
     fn of_file((name, sql): (&str, &'static str)) -> Self {

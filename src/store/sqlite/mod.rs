@@ -4,10 +4,13 @@
 //! `open` makes a `handle` on it by its `options`, `tables` says whose it is, `migrations` brings
 //! it up to date, `inspect` and `receipts` look at it from outside, `lock` says that it is in use,
 //! `writer` owns the connection that writes, `health` says whether it would, `closing` interrupts
-//! those that read. `commit` counts; `read` and `audit` look, by a `walk`; `load`, `environments`,
-//! `fits`, `models`, `removal` and its `leftovers` keep the worlds. In `memory` are `actions`,
-//! `cache` and `directory`, beside the writer is the `row_id_cache`, which is `recent`.
-//! `stored_forms`, `packed` and `rows` say how things are written, `error` what its errors mean.
+//! those that read. `commit` writes counts into the `journal`, `compact` folds that into rows, and
+//! `moving` puts `old_cells` there too. `read`, `marginals` and `audit` look, by a `walk` over rows or
+//! a `lookup` of states; `fresh` is what only the journal has. `load`, `environments`, `fits`,
+//! `models`, `removal` and its `leftovers` keep the worlds. In `memory` are `pending` entries of the
+//! journal, `actions`, `cache` and `directory`, beside the writer is the `row_id_cache`, which is
+//! `recent`. `layout` says where rows are, `stored_forms`, `rows` and `columns` how things are
+//! written, `checksums` whether they are as they were, `error` what its errors mean.
 
 use std::path::Path;
 use std::sync::{Arc, PoisonError};
@@ -27,24 +30,34 @@ use crate::domain::{
 mod actions;
 mod audit;
 mod cache;
+mod checksums;
 mod closing;
+mod columns;
 mod commit;
+mod compact;
 mod directory;
 mod environments;
 mod error;
 mod fits;
+mod fresh;
 mod handle;
 mod health;
 mod inspect;
+mod journal;
+mod layout;
 mod leftovers;
 mod load;
 mod lock;
+mod lookup;
+mod marginals;
 mod memory;
 mod migrations;
 mod models;
+mod moving;
+mod old_cells;
 mod open;
 mod options;
-mod packed;
+mod pending;
 mod read;
 mod receipts;
 mod recent;
@@ -55,6 +68,8 @@ mod stored_forms;
 mod tables;
 mod walk;
 mod writer;
+
+use self::pending::Task;
 
 pub use handle::SqliteStore;
 pub use options::Options;
@@ -93,6 +108,66 @@ impl SqliteStore {
             .ok_or(StoreError::UnknownEnvironment)
     }
 
+    /// Moves all that an earlier build counted in an environment into rows: whoever reads all of it
+    /// waits for that.
+    async fn move_all(&self, environment: &Environment) -> Result<(), StoreError> {
+        let _one_at_a_time = self.compacting.lock().await;
+        let mut cursor = Some(0);
+        while let Some(after) = cursor
+            && self
+                .memory
+                .pending
+                .view(environment.id)
+                .is_some_and(|view| view.unmoved)
+        {
+            let moved = moving::step(&self.writer, environment, after).await;
+            cursor = self.noted(Some(environment.id), moved)?;
+        }
+        Ok(())
+    }
+
+    /// Does what is most urgent of what keeps reads fast and the journal short, or waits for
+    /// something to do.
+    async fn compact_when(&self, fold_from: usize) -> Result<(), StoreError> {
+        let is_left_alone = |id| self.memory.directory.is_read_only(id);
+        // After a transaction that failed nothing is known before the next one, and nobody else may
+        // have anything to write.
+        if self.memory.pending.is_suspended() {
+            return self.writer.begin().await?.end().await;
+        }
+        let Some(task) = self.memory.pending.task(fold_from, is_left_alone) else {
+            self.memory.pending.grown().await;
+            return Ok(());
+        };
+        match task {
+            Task::Merge(id, tier, runs) => compact::merge(&self.memory, id, tier, runs).await,
+            Task::Move(id) => {
+                let environment = self.known(id)?;
+                self.move_all(&environment).await
+            }
+            Task::Fold(id) => self.fold(id).await.map(drop),
+        }
+    }
+
+    /// Back-pressure: where the journal grows faster than it is folded, whoever commits folds.
+    async fn wait_for_room(&self) -> Result<(), StoreError> {
+        let is_left_alone = |id| self.memory.directory.is_read_only(id);
+        while self.memory.pending.cells(is_left_alone) > 2 * self.fold_from {
+            self.compact_when(self.fold_from).await?;
+        }
+        Ok(())
+    }
+
+    /// Folds some of the journal of an environment, and returns whether that goes on.
+    async fn fold(&self, id: EnvironmentId) -> Result<bool, StoreError> {
+        let _one_at_a_time = self.compacting.lock().await;
+        let folded = compact::fold(&self.writer, &self.readers, &self.memory, id).await;
+        let folded = self.noted(Some(id), folded)?;
+        // Where it fails, a commit does it.
+        self.writer.checkpoint().await.ok();
+        Ok(folded)
+    }
+
     /// Opens the database of that file to look at it: changes nothing, takes no lock, and may be
     /// done while a service has it open. Calls that would write fail.
     pub async fn inspect(path: &Path, options: Options) -> Result<Self, StoreError> {
@@ -109,6 +184,13 @@ impl SqliteStore {
     /// hundred faults; empty where all is well.
     pub async fn receipts(&self, id: EnvironmentId) -> Result<Vec<String>, StoreError> {
         receipts::faults(&self.readers, id).await
+    }
+
+    /// Returns which rows of an environment are not as they were written, of those that are not told
+    /// to be damaged where they are read, as descriptions, fits and networks are; empty where all is
+    /// well.
+    pub async fn damaged_rows(&self, id: EnvironmentId) -> Result<Vec<String>, StoreError> {
+        inspect::damaged_rows(&self.readers, id).await
     }
 
     /// Returns whether the database has a table: one of an older build that is only looked at may
@@ -172,11 +254,18 @@ impl Store for SqliteStore {
     }
 
     async fn delete(&self, id: EnvironmentId) -> Result<(), StoreError> {
-        self.noted(Some(id), removal::delete(&self.writer, id).await)
+        // Only told: it is deleted whether they can be counted or not.
+        let totals = self.totals(id).await;
+        let states = totals.ok().map(|totals| totals.states);
+        self.noted(Some(id), removal::delete(&self.writer, id, states).await)
     }
 
     async fn sweep(&self) -> Result<(), StoreError> {
         removal::sweep(&self.writer, &self.readers, &self.memory.removals).await
+    }
+
+    async fn compact(&self) -> Result<(), StoreError> {
+        self.compact_when(self.fold_from).await
     }
 
     fn leftovers(&self) -> Leftovers {
@@ -215,6 +304,7 @@ impl Store for SqliteStore {
     }
 
     async fn commit(&self, batches: &[Numbered]) -> Result<Vec<Outcome>, StoreError> {
+        self.wait_for_room().await?;
         self.noted(
             None,
             commit::commit(&self.writer, &self.memory.directory, self.quotas, batches).await,
@@ -229,7 +319,7 @@ impl Store for SqliteStore {
         let environment = self.known(id)?;
         self.noted(
             Some(id),
-            read::counts(&self.readers, &self.memory.cache, &environment, keys).await,
+            read::counts(&self.readers, &self.memory, &environment, keys).await,
         )
     }
 
@@ -240,10 +330,9 @@ impl Store for SqliteStore {
         states: u32,
     ) -> Result<Vec<Scanned>, StoreError> {
         let environment = self.known(id)?;
-        let page = self.noted(
-            Some(id),
-            walk::apart(|walk| read::scan(&self.readers, &environment, after, states, walk)).await,
-        )?;
+        self.move_all(&environment).await?;
+        let page = read::scan(&self.readers, &self.memory, &environment, after, states).await;
+        let page = self.noted(Some(id), page)?;
         self.present(id).map(|()| page)
     }
 
@@ -253,10 +342,9 @@ impl Store for SqliteStore {
         wanted: &ByVisits,
     ) -> Result<(Vec<Scanned>, u64), StoreError> {
         let environment = self.known(id)?;
-        let page = self.noted(
-            Some(id),
-            walk::apart(|walk| read::by_visits(&self.readers, &environment, wanted, walk)).await,
-        )?;
+        self.move_all(&environment).await?;
+        let page = read::by_visits(&self.readers, &self.memory, &environment, wanted).await;
+        let page = self.noted(Some(id), page)?;
         self.present(id).map(|()| page)
     }
 
@@ -269,13 +357,16 @@ impl Store for SqliteStore {
     }
 
     async fn totals(&self, id: EnvironmentId) -> Result<Totals, StoreError> {
-        self.noted(Some(id), read::totals(&self.readers, id).await)
+        let environment = self.known(id)?;
+        let totals = read::totals(&self.readers, &self.memory, &environment).await;
+        self.noted(Some(id), totals)
     }
 
     async fn actions(&self, environment: &Environment) -> Result<Arc<ActionTotals>, StoreError> {
-        let actions = actions::actions(
+        self.move_all(environment).await?;
+        let actions = marginals::actions(
             &self.readers,
-            &self.memory.actions,
+            &self.memory,
             environment,
             self.writer.settle(),
         )
@@ -366,7 +457,9 @@ impl Store for SqliteStore {
     }
 
     async fn held(&self) -> Result<Vec<(EnvironmentId, Held)>, StoreError> {
-        read::held(&self.readers).await
+        let mut all = read::held(&self.readers).await?;
+        read::hold_unfolded(&self.readers, &self.memory, &mut all).await?;
+        Ok(all)
     }
 
     async fn close(&self) {

@@ -6,18 +6,23 @@
 use sqlx::sqlite::{SqliteConnection, SqliteRow};
 use sqlx::{Row, SqlitePool};
 
+use super::checksums;
 use super::directory::Directory;
-use super::error::{aborted, unreadable};
+use super::error::{aborted, spoiled, unreadable};
 use super::writer::{Transaction, Writer};
 use crate::domain::EnvironmentId;
 use crate::store::{ModelRecord, NewModel, Quotas, StoreError};
 
-/// The SQL of a model's columns without its weights, which have a table of their own.
-macro_rules! record {
-    () => {
-        "version, ego, other, kind, activated, card,
-         ifnull(activated = (select max(activated) from models as rivals where rivals.environment = models.environment
-             and rivals.ego = models.ego and rivals.other = models.other), 0) as active"
+/// The SQL of models, with whether each is the active one of its pair.
+macro_rules! select {
+    ($which:literal) => {
+        concat!(
+            "select *, ifnull(activated = (select max(activated) from models as rivals
+                 where rivals.environment = models.environment
+                     and rivals.ego = models.ego and rivals.other = models.other), 0) as active
+             from models where environment = ? ",
+            $which
+        )
     };
 }
 
@@ -26,15 +31,11 @@ pub(super) async fn models(
     readers: &SqlitePool,
     id: EnvironmentId,
 ) -> Result<Vec<ModelRecord>, StoreError> {
-    let rows = sqlx::query(concat!(
-        "select ",
-        record!(),
-        " from models where environment = ? order by version"
-    ))
-    .bind(id.0)
-    .fetch_all(readers)
-    .await
-    .map_err(unreadable)?;
+    let rows = sqlx::query(select!("order by version"))
+        .bind(id.0)
+        .fetch_all(readers)
+        .await
+        .map_err(unreadable)?;
     rows.iter()
         .map(|row| read_record(row).map_err(unreadable))
         .collect()
@@ -46,24 +47,30 @@ pub(super) async fn model(
     id: EnvironmentId,
     version: u64,
 ) -> Result<Option<(ModelRecord, Vec<u8>)>, StoreError> {
-    let text = concat!(
-        "select ",
-        record!(),
-        ", ifnull(weights, x'') as weights from models left join model_weights using (environment, version)
-         where environment = ? and version = ?"
-    );
+    // Both statements see one moment.
+    let mut moment = readers.begin().await.map_err(unreadable)?;
+    let row = sqlx::query(select!("and version = ?"))
+        .bind(id.0)
+        .bind(version.cast_signed())
+        .fetch_optional(&mut *moment)
+        .await
+        .map_err(unreadable)?;
+    let Some(row) = row else { return Ok(None) };
+    let mut record = read_record(&row).map_err(unreadable)?;
+
+    let text = "select * from model_weights where environment = ? and version = ?";
     let row = sqlx::query(text)
         .bind(id.0)
         .bind(version.cast_signed())
-        .fetch_optional(readers)
+        .fetch_optional(&mut *moment)
         .await
         .map_err(unreadable)?;
-    let with_weights = row.as_ref().map(read_with_weights);
-    with_weights.transpose().map_err(unreadable)
-}
-
-fn read_with_weights(row: &SqliteRow) -> Result<(ModelRecord, Vec<u8>), sqlx::Error> {
-    Ok((read_record(row)?, row.try_get("weights")?))
+    let Some(row) = row else {
+        return Ok(Some((record, Vec::new())));
+    };
+    let (weights, is_sound) = read_weights(&row).map_err(unreadable)?;
+    record.is_sound &= is_sound;
+    Ok(Some((record, weights)))
 }
 
 fn read_record(row: &SqliteRow) -> Result<ModelRecord, sqlx::Error> {
@@ -78,7 +85,23 @@ fn read_record(row: &SqliteRow) -> Result<ModelRecord, sqlx::Error> {
             .map(i64::unsigned_abs),
         active: row.try_get("active")?,
         card: row.try_get("card")?,
+        is_sound: checksums::is_sound(row, |row| {
+            let agents = [row.try_get("ego")?, row.try_get("other")?];
+            let (kind, card) = (row.try_get("kind")?, row.try_get("card")?);
+            Ok(checksums::model(key(row)?, agents, kind, card))
+        })?,
     })
+}
+
+/// Reads weights, and whether they are as they were written.
+fn read_weights(row: &SqliteRow) -> Result<(Vec<u8>, bool), sqlx::Error> {
+    let weights: Vec<u8> = row.try_get("weights")?;
+    let is_sound = checksums::is_sound(row, |row| Ok(checksums::weights(key(row)?, &weights)))?;
+    Ok((weights, is_sound))
+}
+
+fn key(row: &SqliteRow) -> Result<[i64; 2], sqlx::Error> {
+    Ok([row.try_get("environment")?, row.try_get("version")?])
 }
 
 /// Keeps a model under the next version of its environment.
@@ -95,10 +118,7 @@ pub(super) async fn keep(
         return Err(StoreError::too_many_models(quotas.models));
     }
 
-    let Some(version) = next_version(transaction.connection(), id)
-        .await
-        .map_err(aborted)?
-    else {
+    let Some(version) = next_version(transaction.connection(), id).await? else {
         transaction.end().await?;
         return Err(StoreError::VersionsUsedUp("network"));
     };
@@ -119,17 +139,38 @@ async fn count(connection: &mut SqliteConnection, id: EnvironmentId) -> Result<u
         .map(i64::unsigned_abs)
 }
 
-/// Returns the next version; `None` where the last there can be was used.
+/// Takes the next version; `None` where the last there can be was used.
 async fn next_version(
     connection: &mut SqliteConnection,
     id: EnvironmentId,
-) -> Result<Option<i64>, sqlx::Error> {
-    let text = "insert into model_versions (environment, last) values (?, 1)
-                on conflict do update set last = last + 1 where last < 9223372036854775807 returning last";
-    sqlx::query_scalar(text)
+) -> Result<Option<i64>, StoreError> {
+    let Some(version) = last_version(connection, id).await?.checked_add(1) else {
+        return Ok(None);
+    };
+    let text =
+        "insert or replace into model_versions (environment, last, checksum) values (?, ?, ?)";
+    let done = sqlx::query(text)
         .bind(id.0)
-        .fetch_optional(connection)
-        .await
+        .bind(version)
+        .bind(checksums::last_version(id.0, version))
+        .execute(connection);
+    done.await.map_err(aborted)?;
+    Ok(Some(version))
+}
+
+async fn last_version(
+    connection: &mut SqliteConnection,
+    id: EnvironmentId,
+) -> Result<i64, StoreError> {
+    let text = "select * from model_versions where environment = ?";
+    let row = sqlx::query(text).bind(id.0).fetch_optional(connection);
+    let Some(row) = row.await.map_err(aborted)? else {
+        return Ok(0);
+    };
+    match checksums::is_sound_last_version(&row).map_err(aborted)? {
+        true => row.try_get("last").map_err(aborted),
+        false => Err(spoiled("the last version of its networks")),
+    }
 }
 
 async fn insert(
@@ -138,23 +179,32 @@ async fn insert(
     version: i64,
     model: &NewModel,
 ) -> Result<(), sqlx::Error> {
-    let text = "insert into models (environment, version, ego, other, kind, card) values (?, ?, ?, ?, ?, ?)";
+    let agents = [model.ego, model.other].map(|agent| agent as i64);
+    let text = "insert into models (environment, version, ego, other, kind, card, checksum) values (?, ?, ?, ?, ?, ?, ?)";
     let query = sqlx::query(text)
         .bind(id.0)
         .bind(version)
-        .bind(model.ego as i64)
-        .bind(model.other as i64);
+        .bind(agents[0])
+        .bind(agents[1]);
     query
         .bind(&model.kind)
         .bind(&model.card)
+        .bind(checksums::model(
+            [id.0, version],
+            agents,
+            &model.kind,
+            &model.card,
+        ))
         .execute(&mut *connection)
         .await?;
 
-    let text = "insert into model_weights (environment, version, weights) values (?, ?, ?)";
+    let text =
+        "insert into model_weights (environment, version, weights, checksum) values (?, ?, ?, ?)";
     sqlx::query(text)
         .bind(id.0)
         .bind(version)
         .bind(&model.weights)
+        .bind(checksums::weights([id.0, version], &model.weights))
         .execute(connection)
         .await?;
     Ok(())

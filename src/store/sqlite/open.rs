@@ -74,6 +74,8 @@ pub(super) async fn open(
         writer,
         readers,
         closing,
+        fold_from: options.fold_from,
+        compacting: tokio::sync::Mutex::default(),
         lock,
     })
 }

@@ -1,11 +1,11 @@
 //! Consistency check of the deduplication window: looks whether the numbers and receipts of batches
-//! can be what was written: they follow from each other in part. A digest follows from nothing that
-//! is kept.
+//! can be what was written: they follow from each other in part, and each batch has a checksum.
 
 use futures::TryStreamExt;
 use sqlx::sqlite::SqliteRow;
 use sqlx::{Row, SqlitePool};
 
+use super::checksums;
 use super::error::unreadable;
 use super::stored_forms;
 use crate::domain::{EnvironmentId, ProducerId, Sequence};
@@ -20,8 +20,7 @@ pub(super) async fn faults(
     readers: &SqlitePool,
     id: EnvironmentId,
 ) -> Result<Vec<String>, StoreError> {
-    let text =
-        "select producers.id, producers.name, producers.sequence, batches.sequence, batches.receipt
+    let text = "select producers.id, producers.name, producers.sequence as last, batches.*
          from producers left join batches on batches.producer = producers.id
          where producers.environment = ? order by producers.id, batches.sequence";
     let mut rows = sqlx::query(text).bind(id.0).fetch(readers);
@@ -37,8 +36,8 @@ pub(super) async fn faults(
         }
 
         let looking = looking.as_mut().expect("there is one now");
-        if let Some(sequence) = row.try_get(3).map_err(unreadable)? {
-            faults.extend(looking.batch(sequence, row.try_get(4).map_err(unreadable)?));
+        if let Some(sequence) = row.try_get("sequence").map_err(unreadable)? {
+            faults.extend(looking.batch(sequence, &row).map_err(unreadable)?);
         }
     }
 
@@ -70,18 +69,27 @@ impl Looking {
         })
     }
 
-    fn batch(&mut self, sequence: i64, receipt: &str) -> Option<String> {
+    fn batch(&mut self, sequence: i64, row: &SqliteRow) -> Result<Option<String>, sqlx::Error> {
         self.is_in_order &= sequence == self.next;
         self.next = sequence.saturating_add(1);
 
+        let receipt: &str = row.try_get("receipt")?;
+        let is_sound = checksums::is_sound(row, |row| {
+            let digest = row.try_get("digest")?;
+            Ok(checksums::batch(self.id, sequence, digest, receipt))
+        })?;
         let why = match stored_forms::read_receipt(receipt) {
-            Ok(receipt) => inconsistency(&receipt)?.to_owned(),
-            Err(why) => why.to_string(),
+            Ok(receipt) => inconsistency(&receipt).map(str::to_owned),
+            Err(why) => Some(why.to_string()),
         };
-        Some(format!(
-            "producer `{}`: the receipt of batch {sequence}: {why}",
-            self.name
-        ))
+        let why = why.or_else(|| (!is_sound).then(|| "its checksum is another".to_owned()));
+        let told = |why| {
+            format!(
+                "producer `{}`: the receipt of batch {sequence}: {why}",
+                self.name
+            )
+        };
+        Ok(why.map(told))
     }
 
     fn ended(self) -> Option<String> {

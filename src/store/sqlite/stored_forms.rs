@@ -250,6 +250,12 @@ pub(super) fn json_numbers(numbers: impl IntoIterator<Item = i64>) -> String {
     form::write_plain(&numbers.into_iter().collect::<Vec<_>>())
 }
 
+/// Writes a list of pairs of a text and a number, or none.
+pub(super) fn json_pairs<T: Display>(pairs: impl IntoIterator<Item = (T, Option<i64>)>) -> String {
+    let pair = |(text, number): (T, Option<i64>)| (text.to_string(), number);
+    form::write_plain(&pairs.into_iter().map(pair).collect::<Vec<_>>())
+}
+
 /// Compares the texts of two keys as [`crate::domain::StateKey`]s compare: bin by bin. A number
 /// without leading zeros is less if it is shorter.
 pub(super) fn compare_keys(a: &str, b: &str) -> Ordering {

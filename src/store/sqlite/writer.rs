@@ -19,7 +19,7 @@ use super::health::Health;
 use super::lock::Identity;
 use super::memory::Memory;
 use super::row_id_cache::RowIdCache;
-use super::{leftovers, load};
+use super::{journal, leftovers, load};
 use crate::store::{Cause, StorageFault, StoreError};
 
 /// The door to the writing connection: one transaction at a time.
@@ -283,7 +283,17 @@ impl Writer {
             let gone = leftovers::gone(transaction.connection())
                 .await
                 .map_err(aborted)?;
+            let journal = journal::load(transaction.connection(), None)
+                .await
+                .map_err(aborted)?;
             self.memory.directory.replace(all);
+            let mut views = journal.views;
+            for (id, why) in journal.damaged {
+                self.memory.directory.make_read_only(id, &why);
+                // What it counted is not all known: whoever asks is told so, by the journal itself.
+                views.remove(&id);
+            }
+            self.memory.pending.replace(views, journal.last_entry);
             self.memory.removals.replace(gone);
             self.memory.resume();
         }
@@ -307,6 +317,11 @@ impl Transaction<'_> {
         self.connection
             .as_mut()
             .expect("it is taken only when the transaction ends")
+    }
+
+    /// Returns what is remembered of the database.
+    pub(super) fn memory(&self) -> &Memory {
+        self.memory
     }
 
     /// Returns the connection and the row ids cached beside it.

@@ -85,6 +85,7 @@ const RULE_MAY_NAME: &[&[&str]] = &[
     &["crate", "store", "map"],
     &["std", "cmp"],
     &["std", "collections"],
+    &["std", "iter"],
     &["std", "mem"],
     &["async_trait"],
 ];

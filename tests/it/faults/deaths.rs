@@ -6,21 +6,21 @@ use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use nudge::store::Options;
 use serde_json::json;
-use sqlx::sqlite::SqliteConnectOptions;
-use sqlx::{ConnectOptions, Connection};
 use tempfile::TempDir;
 
 use super::disk::{CHANGES, DEATH, Disk, FOR_EVER};
 use super::wide::{self, STATES};
 use super::{asked, eventually, scaled, settled};
 use crate::server::Server;
+use crate::support::databases::{compact_all, number};
 use crate::support::fixtures::Fixture;
 use crate::support::load::{Load, Shape, Voice, assert_exactly_once, make_lane};
 
 /// Returns some of the steps, or all of them in the long form. The first are those that matter
 /// most: a commit of many pages.
-fn some_of(steps: u64, most: u64) -> impl Iterator<Item = u64> {
+pub fn some_of(steps: u64, most: u64) -> impl Iterator<Item = u64> {
     const FIRST: u64 = 8;
     let every = (steps / scaled(most, steps)).max(1);
     (0..steps).filter(move |step| *step < FIRST || step % every == 0)
@@ -86,6 +86,8 @@ impl Pair {
                 .await
                 .is_some_and(|status| status.success())
         );
+        let database = directory.path().join("nudge.db");
+        compact_all(&database, Options::default()).await;
         Self {
             directory,
             doomed,
@@ -98,18 +100,13 @@ impl Pair {
     }
 }
 
-/// Returns how many states there are of all environments, gone ones too.
-async fn states(directory: &Path) -> i64 {
-    let options = SqliteConnectOptions::new()
-        .filename(directory.join("nudge.db"))
-        .read_only(true);
-    let mut connection = options.connect().await.expect("a connection");
-    let count = sqlx::query_scalar("select count(*) from states")
-        .fetch_one(&mut connection)
-        .await
-        .expect("a number");
-    connection.close().await.expect("closed");
-    count
+/// Returns what is left of environments that are gone: the rows of counts refer to nothing that would
+/// keep them from being forgotten.
+async fn left(directory: &Path) -> i64 {
+    let left = "select (select count(*) from environments where name is null) + (
+        select count(*) from packed where id >> 44 not in (
+            select block from environments where block is not null))";
+    number(&directory.join("nudge.db"), left).await
 }
 
 /// Asks for the deletion; returns whether it was said to be done.
@@ -121,9 +118,6 @@ async fn delete(address: SocketAddr) -> bool {
     sent.is_ok_and(|response| response.status().is_success())
 }
 
-/// The states of the environment that stays.
-const LANE_STATES: i64 = 8;
-
 #[tokio::test(flavor = "multi_thread")]
 async fn a_deletion_that_is_killed_at_any_step_is_done_or_not_begun() {
     let pair = Pair::new().await;
@@ -133,10 +127,7 @@ async fn a_deletion_that_is_killed_at_any_step_is_done_or_not_begun() {
         .expect("it starts");
     whole.count(CHANGES);
     assert!(delete(server.address).await);
-    eventually("its rows go", async || {
-        states(whole.path()).await == LANE_STATES
-    })
-    .await;
+    eventually("its rows go", async || left(whole.path()).await == 0).await;
     let steps = whole.seen();
     assert!(steps > 50, "{steps}");
     server.kill();
@@ -152,7 +143,7 @@ async fn a_deletion_that_is_killed_at_any_step_is_done_or_not_begun() {
         // time.
         eventually("it dies or is done", async || {
             server.ended_within(Duration::ZERO).await.is_some()
-                || said && states(disk.path()).await == LANE_STATES
+                || said && left(disk.path()).await == 0
         })
         .await;
         drop(server);
@@ -179,10 +170,7 @@ async fn is_gone_for_good(pair: &Pair, directory: &Path, said: bool) -> bool {
         return false;
     }
     assert_eq!(status, 404, "{summary}");
-    eventually("its rows go", async || {
-        states(directory).await == LANE_STATES
-    })
-    .await;
+    eventually("its rows go", async || left(directory).await == 0).await;
     assert_ne!(
         wide::make(server.address).await,
         pair.doomed,

@@ -41,7 +41,7 @@ async fn a_full_disk_refuses_and_once_there_is_room_everything_goes_on() {
 /// holds.
 async fn fills_up(random: &mut StdRng) -> u64 {
     let disk = Disk::new();
-    let mut command = Server::command(disk.path(), "127.0.0.1:0");
+    let mut command = Server::folding(disk.path(), "127.0.0.1:0");
     let mut server = Server::run(disk.under(&mut command)).expect("it starts");
     make_lane(server.address).await;
     let load = Load::start(server.address, SHAPE, &VOICES);

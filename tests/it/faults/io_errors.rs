@@ -69,7 +69,7 @@ fn assert_may_be_sent_again(refusals: &HashMap<String, u64>, fault: Fault) {
 /// Runs a service into a fault; returns how many calls failed.
 async fn survives(fault: Fault) -> u64 {
     let disk = Disk::new();
-    let server = Server::run(disk.under(&mut Server::command(disk.path(), "127.0.0.1:0")))
+    let server = Server::run(disk.under(&mut Server::folding(disk.path(), "127.0.0.1:0")))
         .expect("it starts");
     make_lane(server.address).await;
     let load = Load::start(server.address, SHAPE, &VOICES);

@@ -22,6 +22,7 @@ mod connections;
 mod crowd;
 mod deaths;
 mod disk;
+mod folds;
 mod full_disk;
 mod io_errors;
 mod overload;

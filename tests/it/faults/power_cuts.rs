@@ -176,7 +176,7 @@ struct Run {
 impl Run {
     async fn new(batches: u64) -> Self {
         let disk = Disk::new();
-        let mut command = Server::command(disk.path(), "127.0.0.1:0");
+        let mut command = Server::folding(disk.path(), "127.0.0.1:0");
         let server = Server::run(disk.recording_under(&mut command)).expect("it starts");
         make_lane(server.address).await;
         let length = {

@@ -1,11 +1,27 @@
 //! Short ways to say what a test sends to a store.
 
+use std::cell::Cell;
+
 use nudge::domain::draft::{AgentDraft, FeatureDraft, KindDraft};
 use nudge::domain::{
     Acknowledged, Digest, EnvironmentId, Increment, Receipt, Schema, SchemaDraft, Sequence,
-    StateKey, Tally,
+    StateKey, States, Tally,
 };
 use nudge::store::{Numbered, Outcome, Refusal};
+
+thread_local! {
+    /// Whether the states of this thread's test are too many to be numbered by their ranks.
+    static IS_HUGE: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Lets [`schema`] and [`state`] be of more states than can be numbered by their ranks, for all of
+/// this test, which has to stay on its thread.
+pub fn of_too_many_states() {
+    IS_HUGE.set(true);
+}
+
+/// The largest value of a feature.
+const LARGEST: i64 = 1 << 20;
 
 /// Returns a schema of one wide state feature and two agents with 1,024 actions each.
 pub fn schema() -> Schema {
@@ -23,8 +39,12 @@ pub fn schema_of(agents: &[(&str, i64)]) -> Schema {
         name: (*name).into(),
         action: vec![feature("move", actions - 1)],
     };
+    let mut state = vec![feature("place", LARGEST)];
+    if IS_HUGE.get() {
+        state.extend([feature("height", LARGEST), feature("depth", LARGEST)]);
+    }
     let draft = SchemaDraft {
-        state: vec![feature("place", 1 << 20)],
+        state,
         agents: agents.iter().map(agent).collect(),
     };
     Schema::try_from(&draft).expect("valid")
@@ -32,7 +52,10 @@ pub fn schema_of(agents: &[(&str, i64)]) -> Schema {
 
 /// Returns the key of a state of [`schema`].
 pub fn state_at(place: u32) -> StateKey {
-    StateKey::new(&[place])
+    match IS_HUGE.get() {
+        true => StateKey::new(&[place, place % 3, LARGEST as u32]),
+        false => StateKey::new(&[place]),
+    }
 }
 
 /// Returns visits whose entries are all known.
@@ -60,20 +83,49 @@ pub fn batch(environment: EnvironmentId, producer: &str, sequence: u64) -> Sendi
     })
 }
 
+/// Returns a batch of a transition in each place, of the joint action 1.
+pub fn filled(
+    environment: EnvironmentId,
+    producer: &str,
+    sequence: u64,
+    places: impl Iterator<Item = u32>,
+) -> Numbered {
+    let mut batch = batch(environment, producer, sequence).done();
+    let increment = &mut batch.increment;
+    for place in places {
+        let number = number(increment, place);
+        increment.cells.push((number, 1, tally(1, 1)));
+    }
+    increment.transitions = increment.cells.len() as u64;
+    batch.receipt.accepted = increment.transitions;
+    batch
+}
+
+/// Returns the number by which an increment names a state: its rank, or where there are too many
+/// for ranks its position among those that are listed.
+pub fn number(increment: &mut Increment, place: u32) -> u64 {
+    if !IS_HUGE.get() {
+        // The rank of a state of one feature.
+        return u64::from(place);
+    }
+
+    let mut listed = increment.states.listed().to_vec();
+    let key = state_at(place);
+    let at = listed.iter().position(|listed| *listed == key);
+    let at = at.unwrap_or_else(|| {
+        listed.push(key);
+        listed.len() - 1
+    });
+    increment.states = States::Listed(listed);
+    at as u64
+}
+
 impl Sending {
     /// Adds a cell; each of them once.
     pub fn cell(mut self, place: u32, joint: u64, tally: Tally) -> Self {
         let increment = &mut self.0.increment;
-        let key = state_at(place);
-        let at = increment
-            .states
-            .iter()
-            .position(|known| *known == key)
-            .unwrap_or_else(|| {
-                increment.states.push(key);
-                increment.states.len() - 1
-            });
-        increment.cells.push((at as u32, joint, tally));
+        let number = number(increment, place);
+        increment.cells.push((number, joint, tally));
         increment.transitions = increment.transitions.saturating_add(tally.n);
         self.0.receipt.accepted = increment.transitions;
         self

@@ -127,6 +127,9 @@ impl Store for Faulty {
         self.check_read(Failure::Sweep)?;
         self.store.sweep().await
     }
+    async fn compact(&self) -> Result<(), StoreError> {
+        self.store.compact().await
+    }
     fn leftovers(&self) -> Leftovers {
         self.store.leftovers()
     }

@@ -7,7 +7,7 @@ use super::{Label, Schema, StateKey};
 pub struct SegmentId(pub i64);
 
 /// How often something was seen, and how often its state was entered with it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub struct Tally {
     /// Visits, at least 1 in a cell.
     pub n: u64,
@@ -43,17 +43,38 @@ impl Tally {
 pub struct Increment {
     /// Where its transitions come from.
     pub segment: Option<Label>,
-    /// Each state once.
-    pub states: Vec<StateKey>,
-    /// By the state's position above and the joint action, in any order; the same cell may stand
-    /// here more than once.
-    pub cells: Vec<(u32, u64, Tally)>,
+    /// How the cells name their states.
+    pub states: States,
+    /// By the state's number and the joint action, in any order; the same cell may stand here more
+    /// than once.
+    pub cells: Vec<(u64, u64, Tally)>,
     /// The sum of all `n`.
     pub transitions: u64,
 }
 
+/// How the cells of an [`Increment`] name their states.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub enum States {
+    /// By their ranks: [`Schema::rank`].
+    #[default]
+    Ranked,
+    /// By their positions here, where each stands once: an environment with more states than
+    /// ranks.
+    Listed(Vec<StateKey>),
+}
+
+impl States {
+    /// Returns the states that are listed.
+    pub fn listed(&self) -> &[StateKey] {
+        match self {
+            Self::Ranked => &[],
+            Self::Listed(keys) => keys,
+        }
+    }
+}
+
 /// One cell of a state: a joint action under a segment.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Cell {
     /// The joint action.
     pub joint: u64,

@@ -66,6 +66,33 @@ impl FeatureKind {
         }
     }
 
+    /// Returns the bins of several values, as [`FeatureKind::bin`] does of one; [`MISFIT`] of a
+    /// value that has none. Loops without branches, for the compiler to vectorise.
+    #[inline]
+    pub(super) fn bins_of<const LANES: usize>(&self, values: &[f32; LANES]) -> [u32; LANES] {
+        let mut bins = match self {
+            Self::Continuous(edges) if edges.len() <= SHORT => {
+                let mut bins = [0; LANES];
+                for edge in edges.iter() {
+                    (0..LANES).for_each(|lane| bins[lane] += u32::from(*edge <= values[lane]));
+                }
+                bins
+            }
+            Self::Integer(min, max) => whole_of(values, *min, *max),
+            Self::Categorical(labels) => whole_of(values, 0, labels.len() as i32 - 1),
+            _ => values.map(|value| self.bin(value).unwrap_or(MISFIT)),
+        };
+
+        for lane in 0..LANES {
+            bins[lane] = if values[lane].is_finite() {
+                bins[lane]
+            } else {
+                MISFIT
+            };
+        }
+        bins
+    }
+
     /// Returns what people call a bin: a label, a number, an interval `[0.5, 1)` or the centre of a
     /// sector.
     pub fn bin_label(&self, bin: u32) -> String {
@@ -121,10 +148,15 @@ fn listed(labels: &[Label]) -> String {
     format!("{}{more}", told.join(", "))
 }
 
-/// Counts without branching while the list is short, which is faster than a search there.
+/// The most edges that are compared one by one, which is faster than a search there.
+const SHORT: usize = 16;
+
+/// The bin of a value that has none; no feature has so many.
+pub(super) const MISFIT: u32 = u32::MAX;
+
+/// Counts without branching while the list is short.
 #[inline]
 fn edges_at_or_below(edges: &[f32], value: f32) -> u32 {
-    const SHORT: usize = 16;
     if edges.len() <= SHORT {
         edges.iter().map(|&edge| u32::from(edge <= value)).sum()
     } else {
@@ -139,6 +171,11 @@ fn whole(value: f32, min: i32, max: i32) -> Option<u32> {
     let number = value as i32;
     let within = number >= min && number <= max && number as f32 == value;
     within.then(|| (number - min) as u32)
+}
+
+#[inline]
+fn whole_of<const LANES: usize>(values: &[f32; LANES], min: i32, max: i32) -> [u32; LANES] {
+    values.map(|value| whole(value, min, max).unwrap_or(MISFIT))
 }
 
 fn interval(edges: &[f32], bin: usize) -> String {

@@ -34,6 +34,7 @@ mod fit;
 mod hash;
 mod key;
 mod label_set;
+mod mixed_radix;
 mod model;
 mod name;
 mod named;
@@ -42,12 +43,14 @@ mod overview;
 mod pair;
 mod principal;
 mod question;
+mod rank;
 mod records;
 mod rule;
 mod schema;
 mod secret;
 mod track;
 mod training;
+mod values;
 
 pub use agent::Agent;
 pub use angle::Angle;
@@ -58,7 +61,7 @@ pub use answer::{
 pub use asker::Asker;
 pub use batch::{Acknowledged, Batch, Receipt, Sequence};
 pub use checked::shortest;
-pub use counts::{ActionTotals, Cell, Counts, Increment, MOST_ACTIONS, SegmentId, Tally};
+pub use counts::{ActionTotals, Cell, Counts, Increment, MOST_ACTIONS, SegmentId, States, Tally};
 pub use draft::{RuleDraft, SchemaDraft};
 pub use environment::{Environment, EnvironmentId, EnvironmentPage, Uid, UnreadableEnvironment};
 pub use estimator::{Estimator, Estimators};
@@ -67,6 +70,7 @@ pub use fit::FitId;
 pub use hash::SchemaHash;
 pub use key::StateKey;
 pub use label_set::LabelSet;
+pub use mixed_radix::Numbers;
 pub use model::{
     Baseline, Calibration, Card, Job, JobState, Model, ModelAction, ModelFigures, ModelId,
     ModelKind, Models, Reliability, Score, Training, Weighting, is_same_threshold,
@@ -80,8 +84,10 @@ pub use overview::{
 pub use pair::Pair;
 pub use principal::{KeyScope, Pattern, Principal, Scopes};
 pub use question::{Exchange, MOST_STATES, Permutations, Question, Scope, View, Within};
+pub use rank::MOST_RANKED;
 pub use records::{Digest, Entry, Record, Records, Rejection, Widths, Worded};
 pub use rule::{Rule, RuleKind, Threshold, Unit, WrittenRule};
 pub use schema::Schema;
 pub use secret::{KeyDigest, Secret};
 pub use track::Track;
+pub use values::Values;

@@ -3,7 +3,7 @@
 //! Nothing here has been compared with bins yet. Rows and JSON become columns too, so there is one
 //! thing to digest and one thing to validate.
 
-use super::Label;
+use super::{Label, Values};
 
 /// Whether a step entered its state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -45,9 +45,9 @@ pub struct Records {
     /// How many records there are.
     pub len: usize,
     /// State values, record after record, one a state feature.
-    pub states: Vec<f32>,
+    pub states: Values,
     /// Action values, record after record, one an action feature.
-    pub actions: Vec<f32>,
+    pub actions: Values,
     /// One a record, or empty where none says.
     pub entries: Vec<Entry>,
     /// How often each record was observed, or empty for once each.
@@ -79,6 +79,10 @@ impl Records {
             len: records.len(),
             ..Self::default()
         };
+        let (mut states, mut actions) = (
+            Vec::with_capacity(records.len() * widths.state),
+            Vec::with_capacity(records.len() * widths.actions),
+        );
 
         for (index, record) in records.enumerate() {
             let record = record
@@ -92,21 +96,20 @@ impl Records {
                     widths.blank()
                 });
 
-            all.states.extend(&record.state);
-            all.actions.extend(&record.actions);
+            states.extend(&record.state);
+            actions.extend(&record.actions);
             all.entries.push(record.entry);
             all.counts.push(record.count);
         }
+        (all.states, all.actions) = (states.into(), actions.into());
         all.normalised()
     }
 
-    /// Returns these records in the one form that equal content has: -0.0 is 0.0, and a column that
-    /// only holds its default is empty.
+    /// Returns these records in the one form that equal content has, whichever form it came in:
+    /// -0.0 is 0.0, and a column that only holds its default is empty.
     pub fn normalised(mut self) -> Self {
-        self.states
-            .iter_mut()
-            .chain(&mut self.actions)
-            .for_each(|value| *value += 0.0);
+        self.states = self.states.normalised();
+        self.actions = self.actions.normalised();
 
         if self.entries.iter().all(|entry| *entry == Entry::Unknown) {
             self.entries.clear();
@@ -153,8 +156,8 @@ impl Records {
         }
 
         hasher.update(segment.as_bytes());
-        hasher.update(bytemuck::cast_slice(&self.states));
-        hasher.update(bytemuck::cast_slice(&self.actions));
+        hasher.update(self.states.le_bytes());
+        hasher.update(self.actions.le_bytes());
         hasher.update(
             &self
                 .entries
@@ -265,6 +268,48 @@ mod tests {
             },
             [good, bad].into_iter(),
         )
+    }
+
+    #[test]
+    fn a_digest_is_that_of_every_build_and_form() {
+        // By Python's blake3 1.0 of the numbers of bytes and values, and the columns, as little
+        // endian: what builds kept that had vectors of floats.
+        let kept = "f839bc83b01dfbeedcfa1e7b57591526082190f28dbbefde936df40fd01c960d";
+        let segment = "trial-3".parse().expect("a label");
+        let record = |state: [f32; 2], actions: [f32; 2], entry, count| Record {
+            state: state.into(),
+            actions: actions.into(),
+            entry,
+            count,
+        };
+        let rows = [
+            Ok(record([0.1, -0.0], [0.0, 2.0], Entry::Entered, 1)),
+            Ok(record([0.7, 1.0], [1.0, 0.0], Entry::Stayed, 3)),
+        ];
+        let widths = Widths {
+            state: 2,
+            actions: 2,
+        };
+        let by_rows = Records::collect(widths, rows.into_iter());
+
+        let bytes = |values: [f32; 4]| {
+            values
+                .iter()
+                .flat_map(|value| value.to_le_bytes())
+                .collect()
+        };
+        let by_bytes = Records {
+            len: 2,
+            states: Values::from_le(bytes([0.1, 0.0, 0.7, 1.0])).expect("whole"),
+            actions: Values::from_le(bytes([-0.0, 2.0, 1.0, 0.0])).expect("whole"),
+            entries: vec![Entry::Entered, Entry::Stayed],
+            counts: vec![1, 3],
+            undecodable: Vec::new(),
+        };
+        for records in [by_rows, by_bytes.normalised()] {
+            let Digest(digest) = records.digest(Some(&segment));
+            assert_eq!(blake3::Hash::from(digest).to_hex().as_str(), kept);
+        }
     }
 
     #[test]

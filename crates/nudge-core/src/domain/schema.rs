@@ -54,6 +54,11 @@ impl Schema {
         self.0.action_kinds.len()
     }
 
+    /// Returns the kinds of all action features, agent after agent.
+    pub(super) fn action_kinds(&self) -> &[FeatureKind] {
+        &self.0.action_kinds
+    }
+
     /// Returns how many joint actions there are; at most 2^62.
     pub fn joint_actions(&self) -> u64 {
         self.agents().iter().map(Agent::actions).product()

@@ -371,6 +371,8 @@ struct Driver {
 /// One column under two rows: their Dirichlet parameters there, and how many columns are like it.
 pub(super) struct Pair {
     pub a: [f64; 2],
+    /// Those of the parameters.
+    pub terms: [Term; 2],
     pub letters: f64,
 }
 
@@ -392,7 +394,8 @@ pub(super) fn two_rows(p: f64, policy: &Policy<'_>, columns: &[Pair]) -> Moments
     let mut entropy = 0.0;
     let mut rows = [Row::default(), Row::default()];
 
-    for Pair { a, letters } in columns {
+    let ln_concentrations = concentrations.map(f64::ln);
+    for Pair { a, terms, letters } in columns {
         let rho = [a[0] / concentrations[0], a[1] / concentrations[1]];
         let mean = p[0] * rho[0] + p[1] * rho[1];
         let own = [0, 1]
@@ -406,9 +409,10 @@ pub(super) fn two_rows(p: f64, policy: &Policy<'_>, columns: &[Pair]) -> Moments
             .entropy();
 
         freedom.add_letters(mean, *letters);
+        let ln_mean = mean.ln();
         for (row, sums) in rows.iter_mut().enumerate() {
-            let ln_ratio = (rho[row] / mean).ln();
-            sums.psi += letters * a[row] * digamma(a[row] + 1.0);
+            let ln_ratio = terms[row].ln - ln_concentrations[row] - ln_mean;
+            sums.psi += letters * terms[row].psi;
             sums.first += letters * rho[row] * ln_ratio;
             sums.second += letters * rho[row] * ln_ratio * ln_ratio;
         }

@@ -35,6 +35,9 @@ pub(super) struct Side {
     concentrations: Vec<[Concentration; OWN_GRID]>,
     /// On the environment's base, and the uniform one.
     bases: [Vec<Tabulated>; 2],
+    /// The same of the row that deviates, and of the others, whose counts have one visit more.
+    deviants: [Vec<Tabulated>; 2],
+    others: Tabulated,
     groups: Groups,
 }
 
@@ -51,15 +54,20 @@ impl Side {
     pub fn new(likelihood: Likelihood, parameters: &SideParameters) -> Self {
         let shares = likelihood.base.shares();
         let letters = shares.len().max(1) as f64;
-        let tabulated = |shares: &[f64], times: f64| {
-            FIXED_CONCENTRATIONS
-                .iter()
-                .map(|k| Tabulated::new(*k, shares, times))
-                .collect::<Vec<_>>()
+        let tabulated = |concentrations: &[f64]| {
+            let of = |shares: &[f64], times: f64| {
+                let of_each = concentrations
+                    .iter()
+                    .map(|k| Tabulated::new(*k, shares, times));
+                of_each.collect::<Vec<_>>()
+            };
+            [of(shares, 1.0), of(&[1.0 / letters], letters)]
         };
 
         Self {
-            bases: [tabulated(shares, 1.0), tabulated(&[1.0 / letters], letters)],
+            bases: tabulated(&FIXED_CONCENTRATIONS),
+            deviants: tabulated(&DEVIANT_CONCENTRATIONS),
+            others: Tabulated::new(1.0, shares, 1.0),
             groups: Groups::new(shares),
             nulls: NullMixture::new(&parameters.nulls),
             ln_slabs: std::array::from_fn(|slab| parameters.slabs[slab].ln()),
@@ -331,34 +339,49 @@ impl Side {
             rest,
             ..
         } = slice;
-        let k = DEVIANT_CONCENTRATIONS[deviant % DEVIANT_GRID];
+        let (at, on_base) = (deviant % DEVIANT_GRID, deviant < DEVIANT_GRID);
+        let k = DEVIANT_CONCENTRATIONS[at];
+        let (own, others) = (&self.deviants[usize::from(!on_base)][at], &self.others);
         let shares = self.likelihood.base.shares();
         let uniform = 1.0 / shares.len() as f64;
-        let (labels, on_base) = (table.column_labels(), deviant < DEVIANT_GRID);
         let base = |share: f64| if on_base { share } else { uniform };
 
-        let mut counts = vec![0; labels.len()];
-        row.into_iter()
-            .flat_map(|row| table.row(row))
-            .for_each(|cell| counts[cell.column as usize] = cell.n);
-
-        let visited = labels
-            .iter()
-            .zip(table.columns())
-            .zip(counts)
-            .map(|((label, all), n)| {
-                let share = shares[*label as usize];
-                Pair {
-                    a: [(all - n) as f64 + share, n as f64 + k * base(share)],
-                    letters: 1.0,
-                }
+        let labels = table.column_labels();
+        let mut columns = Vec::with_capacity(labels.len() + rest.len());
+        for (label, all) in labels.iter().zip(table.columns()) {
+            let letter = *label as usize;
+            let share = shares[letter];
+            columns.push(Pair {
+                a: [*all as f64 + share, k * base(share)],
+                terms: [
+                    others.term(letter, *all, share),
+                    own.term(if on_base { letter } else { 0 }, 0, k * base(share)),
+                ],
+                letters: 1.0,
             });
-        let rest = rest.iter().map(|Alike { share, letters }| Pair {
-            a: [*share, k * base(*share)],
-            letters: *letters,
-        });
+        }
 
-        let columns: Vec<Pair> = visited.chain(rest).collect();
+        // The row's own visits are its own answers, and not the others'.
+        for cell in row.into_iter().flat_map(|row| table.row(row)) {
+            let at = cell.column as usize;
+            let letter = labels[at] as usize;
+            let (share, left) = (shares[letter], table.columns()[at] - cell.n);
+            let start = k * base(share);
+            columns[at].a = [left as f64 + share, cell.n as f64 + start];
+            columns[at].terms = [
+                others.term(letter, left, share),
+                own.term(if on_base { letter } else { 0 }, cell.n, start),
+            ];
+        }
+
+        columns.extend(rest.iter().map(|Alike { share, letters }| {
+            let a = [*share, k * base(*share)];
+            Pair {
+                a,
+                terms: a.map(Term::new),
+                letters: *letters,
+            }
+        }));
 
         let p = match row {
             Some(row) => policy.probability(table.row_labels()[row], table.rows()[row]),

@@ -50,7 +50,6 @@ impl From<Variable> for proto::Variable {
 impl From<Answer> for proto::Answer {
     fn from(answer: Answer) -> Self {
         let base = Self {
-            state: Some(state_of_key(&answer.key, Vec::new())),
             visits: answer.visits,
             verdict: proto::Verdict::from(answer.verdict).into(),
             basis: proto::Basis::from(answer.basis).into(),
@@ -64,7 +63,10 @@ impl From<Answer> for proto::Answer {
             .map(Into::into)
             .collect();
         match answer.figures {
-            None => base,
+            None => Self {
+                state: Some(state_of_key(&answer.key, Vec::new())),
+                ..base
+            },
             Some(figures) => with_figures(Self { by_action, ..base }, &answer.key, *figures),
         }
     }

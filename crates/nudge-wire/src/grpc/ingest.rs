@@ -1,8 +1,9 @@
 //! Ingest: numbered batches of transitions, and the receipts that acknowledge them.
 
+use bytes::Bytes;
 use nudge_core::domain::{
     Acknowledged, Batch, Entry, Label, ProducerId, Record, Records, Rejection, Schema, Sequence,
-    Widths,
+    Values, Widths,
 };
 use nudge_core::error::{ErrorKind, Fault, Problem};
 
@@ -91,26 +92,41 @@ fn entry(number: i32) -> Result<Entry, String> {
 }
 
 fn records(widths: Widths, columns: proto::Columns) -> Result<Records, Vec<Fault>> {
-    let len = columns.count as usize;
+    let proto::Columns {
+        count,
+        states,
+        actions,
+        entries,
+        counts,
+        states_le,
+        actions_le,
+        outcomes_le,
+        actions_present,
+        outcomes_present,
+    } = columns;
+    let len = count as usize;
     let mut faults = Vec::new();
-    let mut check = |pointer: &str, got: usize, expected: usize| {
-        if got != expected {
-            let detail = format!("got {got} values, expected {expected} for {len} transitions");
-            faults.push(Fault::new(pointer, detail));
-        }
-    };
 
-    check("/columns/states", columns.states.len(), len * widths.state);
-    check(
-        "/columns/actions",
-        columns.actions.len(),
-        len * widths.actions,
-    );
-    for (pointer, got) in [
-        ("/columns/entries", columns.entries.len()),
-        ("/columns/counts", columns.counts.len()),
+    let of = |name, width| Column { name, len, width };
+    let states = of("states", widths.state).values(states, states_le, &mut faults);
+    let actions = of("actions", widths.actions).values(actions, actions_le, &mut faults);
+    for (name, got) in [("entries", entries.len()), ("counts", counts.len())] {
+        if got != 0 && got != len {
+            faults.push(of(name, 1).fault("", format!("got {got} values")));
+        }
+    }
+
+    let absent = "no agent that may be absent";
+    for (field, bytes, lacks) in [
+        ("outcomes_le", outcomes_le, "no outcomes"),
+        ("actions_present", actions_present, absent),
+        ("outcomes_present", outcomes_present, "no outcomes"),
     ] {
-        check(pointer, got, if got == 0 { 0 } else { len });
+        if !bytes.is_empty() {
+            let got = bytes.len();
+            let detail = format!("got {got} bytes, expected none: this environment has {lacks}");
+            faults.push(Fault::new(format!("/columns/{field}"), detail));
+        }
     }
 
     if !faults.is_empty() {
@@ -129,14 +145,7 @@ fn records(widths: Widths, columns: proto::Columns) -> Result<Records, Vec<Fault
         })
     };
 
-    let entries = columns.entries.iter().enumerate().map(decode).collect();
-    let proto::Columns {
-        states,
-        actions,
-        counts,
-        ..
-    } = columns;
-
+    let entries = entries.iter().enumerate().map(decode).collect();
     Ok(Records {
         len,
         states,
@@ -146,6 +155,56 @@ fn records(widths: Widths, columns: proto::Columns) -> Result<Records, Vec<Fault
         undecodable,
     }
     .normalised())
+}
+
+/// A column of a batch, and how many values it is to have.
+struct Column {
+    name: &'static str,
+    len: usize,
+    width: usize,
+}
+
+impl Column {
+    /// Takes the values in the form that they came in, which is one of two: packed floats, or
+    /// bytes, which stay where they are.
+    fn values(self, packed: Vec<f32>, bytes: Bytes, faults: &mut Vec<Fault>) -> Values {
+        let expected = self.len * self.width;
+        let (floats, size) = (packed.len(), bytes.len());
+        if bytes.is_empty() {
+            if floats != expected {
+                faults.push(self.fault("", format!("got {floats} values")));
+            }
+            return packed.into();
+        }
+
+        if !packed.is_empty() {
+            let name = self.name;
+            let detail = format!(
+                "got {size} bytes beside {floats} values in `{name}`, expected one of the two"
+            );
+            faults.push(Fault::new(self.pointer("_le"), detail));
+        }
+        if size != expected * size_of::<f32>() {
+            faults.push(self.fault("_le", format!("got {size} bytes")));
+        }
+        Values::from_le(bytes).unwrap_or_default()
+    }
+
+    fn fault(&self, form: &str, got: String) -> Fault {
+        let Self { len, width, .. } = self;
+        let expected = match form {
+            "" => format!("{} for {len} transitions", len * width),
+            _ => {
+                let (all, row) = (len * width * size_of::<f32>(), width * size_of::<f32>());
+                format!("{all} for {len} transitions of {row} each")
+            }
+        };
+        Fault::new(self.pointer(form), format!("{got}, expected {expected}"))
+    }
+
+    fn pointer(&self, form: &str) -> String {
+        format!("/columns/{}{form}", self.name)
+    }
 }
 
 /// Encodes what a producer is told about a batch.

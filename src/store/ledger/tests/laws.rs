@@ -88,7 +88,8 @@ fn expected_refusal(world: &World, batch: &Numbered) -> Option<Refusal> {
         .map_or("", |label| label.as_str());
     let mut cells = BTreeSet::new();
     for (state, joint, _) in &batch.increment.cells {
-        let state = batch.increment.states[*state as usize].to_string();
+        let listed = batch.increment.states.listed().get(*state as usize);
+        let state = listed.map_or_else(|| state.to_string(), ToString::to_string);
         cells.insert((state, label.to_owned(), *joint));
     }
     let fresh = cells

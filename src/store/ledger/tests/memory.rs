@@ -10,7 +10,7 @@ use async_trait::async_trait;
 use crate::domain::{EnvironmentId, Sequence, Tally};
 use crate::store::ledger::{
     Books, CellAt, Kept, Ledger, Ledgers, Named, Numbered, Opened, Opening, Outcome, Quotas, RowId,
-    StoredProducer, last_dropped,
+    StateName, StoredProducer, last_dropped,
 };
 
 pub(super) const HALLWAY: EnvironmentId = EnvironmentId(1);
@@ -149,8 +149,8 @@ impl World {
 
         self.transitions += ledger.merged.transitions();
         assert_eq!(ledger.revision(), self.transitions);
-        let (states, segments) = (
-            ledger.merged.states().to_vec(),
+        let (listed, segments) = (
+            ledger.merged.listed().to_vec(),
             ledger.merged.segments().to_vec(),
         );
         for label in &segments {
@@ -159,7 +159,10 @@ impl World {
             assert!(ledger.segment(label).is_none_or(|known| known.0 == id));
         }
         for ((state, segment, joint), tally) in ledger.merged.take_cells() {
-            let state = states[state as usize].to_string();
+            let state = match listed.get(state as usize) {
+                Some(key) => key.to_string(),
+                None => state.to_string(),
+            };
             let segment = segments[segment as usize].to_owned();
             self.cells
                 .entry((state, segment, joint))
@@ -190,7 +193,11 @@ impl World {
 
     fn has(&self, cell: &CellAt<'_>) -> bool {
         self.segments.iter().any(|(label, id)| {
-            let name = (cell.state.to_string(), label.clone(), cell.joint);
+            let state = match cell.state {
+                StateName::Rank(rank) => rank.to_string(),
+                StateName::Key(key) => key.to_string(),
+            };
+            let name = (state, label.clone(), cell.joint);
             *id == cell.segment.0 && self.cells.contains_key(&name)
         })
     }

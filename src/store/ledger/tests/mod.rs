@@ -2,6 +2,7 @@
 
 mod laws;
 mod memory;
+mod order;
 mod sending;
 
 use std::slice::from_ref;

@@ -1,9 +1,9 @@
 //! Short ways to say what is sent.
 
-use crate::domain::{Digest, EnvironmentId, Increment, Receipt, Sequence, StateKey, Tally};
+use crate::domain::{Digest, EnvironmentId, Increment, Receipt, Sequence, StateKey, States, Tally};
 use crate::store::ledger::Numbered;
 
-use super::memory::HALLWAY;
+use super::memory::{HALLWAY, KITCHEN};
 
 /// Returns visits whose entries are all known.
 pub(super) fn tally(n: u64, entries: u64) -> Tally {
@@ -35,17 +35,18 @@ impl Sending {
     /// Adds a cell of a state.
     pub(super) fn cell(mut self, place: u32, joint: u64, tally: Tally) -> Self {
         let key = StateKey::new(&[place]);
-        let states = &mut self.0.increment.states;
+        let mut states = self.0.increment.states.listed().to_vec();
         let known = states.iter().position(|known| *known == key);
         let at = known.unwrap_or_else(|| {
             states.push(key);
             states.len() - 1
         });
-        self.again(at as u32, joint, tally)
+        self.0.increment.states = States::Listed(states);
+        self.again(at as u64, joint, tally)
     }
 
     /// Adds a cell of the state at that position.
-    pub(super) fn again(mut self, at: u32, joint: u64, tally: Tally) -> Self {
+    pub(super) fn again(mut self, at: u64, joint: u64, tally: Tally) -> Self {
         let increment = &mut self.0.increment;
         increment.cells.push((at, joint, tally));
         increment.transitions = increment.transitions.saturating_add(tally.n);
@@ -82,8 +83,17 @@ impl Sending {
         self
     }
 
-    /// Returns the batch.
-    pub(super) fn done(self) -> Numbered {
+    /// Returns the batch. States of the kitchen have ranks, those of the hallway are listed.
+    pub(super) fn done(mut self) -> Numbered {
+        if self.0.environment == KITCHEN {
+            let increment = &mut self.0.increment;
+            let listed = std::mem::take(&mut increment.states);
+            let rank = |at: u64| u64::from(listed.listed()[at as usize].bins()[0]);
+            increment
+                .cells
+                .iter_mut()
+                .for_each(|(state, ..)| *state = rank(*state));
+        }
         self.0
     }
 }

@@ -132,7 +132,7 @@ impl Play {
             self.cache.apply(
                 ENVIRONMENT,
                 self.visits.iter().sum(),
-                keys.iter().map(|key| (key, [cell(1)])),
+                keys.into_iter().map(|key| (key, [cell(1)])),
             );
             self.acknowledged = self.visits;
         }

@@ -7,6 +7,7 @@ use sqlx::sqlite::SqliteConnection;
 use super::signed::signed;
 use crate::domain::{EnvironmentId, Sequence};
 use crate::store::ledger::{Account, last_dropped};
+use crate::store::sqlite::checksums;
 use crate::store::sqlite::error::aborted;
 use crate::store::sqlite::rows::ManyRows;
 use crate::store::sqlite::stored_forms;
@@ -28,10 +29,13 @@ pub(super) async fn write_account(
     };
 
     let (before, last) = (signed(account.before().get()), signed(account.last().get()));
-    let text = "update producers set sequence = ?, owner = coalesce(owner, ?) where id = ? and sequence = ?";
+    let owner = account.owner();
+    let text =
+        "update producers set sequence = ?, owner = ?, checksum = ? where id = ? and sequence = ?";
     let done = sqlx::query(text)
         .bind(last)
-        .bind(account.owner().map(str::to_owned))
+        .bind(owner.map(str::to_owned))
+        .bind(checksums::producer(id, environment.0, producer, owner))
         .bind(id)
         .bind(before)
         .execute(&mut *connection)
@@ -72,8 +76,8 @@ async fn insert_batches(
 ) -> Result<(), sqlx::Error> {
     static INSERT: LazyLock<ManyRows> = LazyLock::new(|| {
         ManyRows::new(
-            "insert into batches (producer, sequence, digest, receipt) values",
-            "(?, ?, ?, ?)",
+            "insert into batches (producer, sequence, digest, receipt, checksum) values",
+            "(?, ?, ?, ?, ?)",
             "",
         )
     });
@@ -81,10 +85,12 @@ async fn insert_batches(
     for (sql, chunk) in INSERT.chunks(batches) {
         let mut query = sqlx::query(sql);
         for batch in chunk {
-            query = query.bind(producer).bind(signed(batch.sequence.get()));
-            query = query
-                .bind(batch.digest.0.to_vec())
-                .bind(stored_forms::write_receipt(&batch.receipt));
+            let sequence = signed(batch.sequence.get());
+            let receipt = stored_forms::write_receipt(&batch.receipt);
+            let checksum = checksums::batch(producer, sequence, &batch.digest.0, &receipt);
+            query = query.bind(producer).bind(sequence);
+            query = query.bind(batch.digest.0.to_vec()).bind(receipt);
+            query = query.bind(checksum);
         }
         query.execute(&mut *connection).await?;
     }

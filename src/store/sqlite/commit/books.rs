@@ -1,25 +1,39 @@
 //! The ports of the exactly-once rule on SQLite: what it asks of a commit's environments,
 //! producers, kept batches and cells, as SQL in the transaction of that commit.
 
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+
 use async_trait::async_trait;
 use sqlx::Row;
-use sqlx::sqlite::SqliteConnection;
+use sqlx::sqlite::{SqliteConnection, SqliteRow};
 
 use super::failed::Failed;
-use super::lookup;
-use crate::domain::{Digest, EnvironmentId, Sequence, StateKey};
+use crate::domain::{Digest, Environment, EnvironmentId, Sequence, StateKey};
 use crate::store::StoreError;
-use crate::store::ledger::{Books, CellAt, Kept, Named, Opened, Opening, RowId, StoredProducer};
+use crate::store::ledger::{
+    Books, CellAt, Kept, Named, Opened, Opening, RowId, StateName, StoredProducer,
+};
+use crate::store::packed::size::Size;
+use crate::store::packed::unfolded::Outdated;
+use crate::store::sqlite::checksums;
+use crate::store::sqlite::columns::whole;
 use crate::store::sqlite::directory::Directory;
 use crate::store::sqlite::error::{aborted, spoiled};
-use crate::store::sqlite::row_id_cache::CellKey;
+use crate::store::sqlite::fresh;
+use crate::store::sqlite::lookup::{self, Of};
 use crate::store::sqlite::stored_forms;
+use crate::store::sqlite::walk::Placed;
 use crate::store::sqlite::writer::Transaction;
 
 /// What a transaction answers.
 pub(super) struct SqliteBooks<'t, 'w> {
     pub(super) transaction: &'t mut Transaction<'w>,
     pub(super) directory: &'t Directory,
+    /// The most cells of an environment.
+    pub(super) quota: u64,
+    /// The most that this commit may add.
+    pub(super) most_cells: u64,
 }
 
 #[async_trait]
@@ -36,8 +50,13 @@ impl Books for SqliteBooks<'_, '_> {
         }
 
         let opened = open(self.transaction.connection(), environment, named).await;
-        let opened = opened.map_err(|error| failed(environment, error))?;
-        Ok(opened.map_or(Opening::Gone, Opening::Open))
+        let opened = opened.map_err(|error| Failed::in_environment(environment, error))?;
+        let Some(mut opened) = opened else {
+            return Ok(Opening::Gone);
+        };
+        let fresh = self.fresh(environment, opened.cells).await;
+        opened.cells += fresh.map_err(|error| Failed::in_environment(environment, error))?;
+        Ok(Opening::Open(opened))
     }
 
     async fn count_producers(&mut self, environment: EnvironmentId) -> Result<u64, Failed> {
@@ -56,7 +75,7 @@ impl Books for SqliteBooks<'_, '_> {
         cells: &[CellAt<'_>],
     ) -> Result<u64, Failed> {
         let present = count_cells(self.transaction, environment, cells).await;
-        present.map_err(|error| failed(environment, error))
+        present.map_err(|error| Failed::in_environment(environment, error))
     }
 
     async fn kept(
@@ -71,6 +90,28 @@ impl Books for SqliteBooks<'_, '_> {
 }
 
 impl SqliteBooks<'_, '_> {
+    /// Returns how many cells of the journal are in no row: a bound of it, and exactly so many once
+    /// the quota may be passed by this commit.
+    async fn fresh(&mut self, environment: EnvironmentId, stored: u64) -> Result<u64, StoreError> {
+        let Some(view) = self.transaction.memory().pending.view(environment) else {
+            return Ok(0);
+        };
+        let fresh = view.fresh;
+        if fresh.is_exact || stored + fresh.cells + self.most_cells <= self.quota {
+            return Ok(fresh.cells);
+        }
+
+        let known = known(self.transaction, environment)?;
+        let counted = fresh::count(self.transaction.connection(), &known, &view).await?;
+        let Size { cells, .. } = counted.map_err(outdated)?;
+        let last = view.unfolded.last();
+        self.transaction
+            .memory()
+            .pending
+            .counted(environment, cells, last);
+        Ok(cells)
+    }
+
     async fn count(
         &mut self,
         text: &'static str,
@@ -93,18 +134,21 @@ async fn open(
     connection: &mut SqliteConnection,
     environment: EnvironmentId,
     named: &Named<'_>,
-) -> Result<Option<Opened>, sqlx::Error> {
+) -> Result<Option<Opened>, StoreError> {
     let row = sqlx::query("select transitions, cells from totals where environment = ?")
         .bind(environment.0)
         .fetch_optional(&mut *connection)
-        .await?;
+        .await
+        .map_err(aborted)?;
     let Some(row) = row else { return Ok(None) };
 
     Ok(Some(Opened {
-        transitions: row.try_get::<i64, _>(0)?.unsigned_abs(),
-        cells: row.try_get::<i64, _>(1)?.unsigned_abs(),
+        transitions: whole(&row, 0).map_err(aborted)?,
+        cells: whole(&row, 1).map_err(aborted)?,
         producers: producers(connection, environment, &named.producers).await?,
-        segments: segments(connection, environment, &named.segments).await?,
+        segments: segments(connection, environment, &named.segments)
+            .await
+            .map_err(aborted)?,
     }))
 }
 
@@ -112,27 +156,37 @@ async fn producers(
     connection: &mut SqliteConnection,
     environment: EnvironmentId,
     names: &[&str],
-) -> Result<Vec<(String, StoredProducer)>, sqlx::Error> {
+) -> Result<Vec<(String, StoredProducer)>, StoreError> {
     let rows = sqlx::query(
-        "select producers.id, producers.name, producers.sequence, producers.owner
+        "select producers.*
          from json_each(?2) as wanted
          cross join producers on producers.environment = ?1 and producers.name = wanted.value",
     )
     .bind(environment.0)
     .bind(stored_forms::json_texts(names))
     .fetch_all(connection)
-    .await?;
+    .await
+    .map_err(aborted)?;
 
     let mut found = Vec::with_capacity(rows.len());
-    for row in rows {
-        let producer = StoredProducer {
-            id: RowId(row.try_get(0)?),
-            sequence: Sequence::from_stored(row.try_get(2)?),
-            owner: row.try_get(3)?,
-        };
-        found.push((row.try_get(1)?, producer));
+    for row in &rows {
+        let (name, producer) = producer(row).map_err(aborted)?;
+        // Its checksum is written anew with its sequence, and would make damage good.
+        if !checksums::is_sound_producer(row).map_err(aborted)? {
+            return Err(spoiled(&format!("producer `{name}`")));
+        }
+        found.push((name, producer));
     }
     Ok(found)
+}
+
+fn producer(row: &SqliteRow) -> Result<(String, StoredProducer), sqlx::Error> {
+    let producer = StoredProducer {
+        id: RowId(row.try_get("id")?),
+        sequence: Sequence::from_stored(row.try_get("sequence")?),
+        owner: row.try_get("owner")?,
+    };
+    Ok((row.try_get("name")?, producer))
 }
 
 async fn segments(
@@ -159,19 +213,47 @@ async fn segments(
 
 async fn count_cells(
     transaction: &mut Transaction<'_>,
-    environment: EnvironmentId,
+    id: EnvironmentId,
     cells: &[CellAt<'_>],
-) -> Result<u64, sqlx::Error> {
-    let (connection, row_ids) = transaction.parts();
-    let keys: Vec<&StateKey> = cells.iter().map(|cell| cell.state).collect();
-    let states = lookup::states(connection, row_ids, environment, &keys).await?;
-
-    let mut candidates: Vec<CellKey> = Vec::with_capacity(cells.len());
-    for (cell, state) in cells.iter().zip(states) {
-        // A state that is new has no cells yet.
-        candidates.extend(state.map(|state| (state, cell.segment.0, cell.joint as i64)));
+) -> Result<u64, StoreError> {
+    let environment = known(transaction, id)?;
+    let view = transaction.memory().pending.view(id);
+    let view = view.ok_or(StoreError::UnknownEnvironment)?;
+    let mut states: BTreeMap<StateName<'_>, Vec<(u64, u64)>> = BTreeMap::new();
+    for cell in cells {
+        let cells = states.entry(cell.state).or_default();
+        cells.push((cell.segment.0.unsigned_abs(), cell.joint));
     }
-    lookup::count_cells(connection, row_ids, &candidates).await
+
+    let key = |name: &StateName<'_>| match *name {
+        StateName::Rank(rank) => environment.schema.state_of_rank(rank),
+        StateName::Key(key) => key.clone(),
+    };
+    let keys: Vec<StateKey> = states.keys().map(key).collect();
+    let keys: Vec<&StateKey> = keys.iter().collect();
+    let connection = transaction.connection();
+    let found = lookup::states(connection, &environment, &view, &keys, Of::All).await?;
+    let found = found.map_err(outdated)?;
+    let mut present = 0;
+    for (wanted, found) in states.values().zip(&found) {
+        let there: BTreeSet<(u64, u64)> = found.iter().map(named).collect();
+        present += wanted.iter().filter(|cell| there.contains(cell)).count() as u64;
+    }
+    Ok(present)
+}
+
+fn named((place, _): &Placed) -> (u64, u64) {
+    (place.segment, place.joint)
+}
+
+fn known(transaction: &Transaction<'_>, id: EnvironmentId) -> Result<Arc<Environment>, StoreError> {
+    let environment = transaction.memory().directory.of_id(id);
+    environment.ok_or(StoreError::UnknownEnvironment)
+}
+
+/// Nobody else writes while a transaction has the lock.
+fn outdated(_: Outdated) -> StoreError {
+    aborted("rows are of another fold than the journal in memory")
 }
 
 async fn kept(

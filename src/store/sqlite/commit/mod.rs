@@ -1,8 +1,7 @@
 //! Group commit: all batches that wait are counted in one transaction, exactly once.
 //!
 //! What counts is for [`crate::store::ledger`] to say. `books` answers its questions; `write` and
-//! `account` put into the database what it accepts; `lookup` finds what exists. `failed` says whose
-//! rows were at fault.
+//! `account` put into the database what it accepts. `failed` says whose rows were at fault.
 
 use self::books::SqliteBooks;
 use self::failed::Failed;
@@ -14,7 +13,6 @@ use crate::store::{Numbered, Outcome, Quotas, StoreError};
 mod account;
 mod books;
 mod failed;
-mod lookup;
 mod signed;
 mod write;
 
@@ -38,6 +36,10 @@ pub(super) async fn commit(
     }
 }
 
+fn cells(batch: &Numbered) -> u64 {
+    batch.increment.cells.len() as u64
+}
+
 async fn attempt(
     writer: &Writer,
     directory: &Directory,
@@ -48,6 +50,8 @@ async fn attempt(
     let mut books = SqliteBooks {
         transaction: &mut transaction,
         directory,
+        quota: quotas.cells,
+        most_cells: batches.iter().map(cells).sum(),
     };
     let mut ledgers = Ledgers::open(&mut books, quotas, batches).await?;
 

@@ -1,5 +1,5 @@
-//! Batch upserts of what was accepted: segments and states that are new, cells and totals. The
-//! numbers that were used are in `account`.
+//! Writing what was accepted: segments and states that are new, an entry of the journal, and totals.
+//! The numbers that were used are in `account`.
 
 use std::sync::LazyLock;
 
@@ -7,60 +7,72 @@ use sqlx::sqlite::SqliteConnection;
 
 use super::account::write_account;
 use super::failed::Failed;
-use super::lookup;
 use super::signed::signed;
-use crate::domain::{Cell, EnvironmentId, SegmentId, StateKey, Tally};
+use crate::domain::{Cell, Environment, EnvironmentId, Schema, SegmentId, StateKey};
 use crate::store::StoreError;
 use crate::store::ledger::Ledger;
+use crate::store::map::Map;
+use crate::store::packed::cells::Place;
+use crate::store::packed::run::Run;
 use crate::store::sqlite::error::aborted;
+use crate::store::sqlite::layout::{Layout, Numbering};
+use crate::store::sqlite::lookup;
 use crate::store::sqlite::memory::Memory;
-use crate::store::sqlite::row_id_cache::{CellKey, RowIdCache};
+use crate::store::sqlite::pending::Entry;
+use crate::store::sqlite::row_id_cache::RowIdCache;
 use crate::store::sqlite::rows::ManyRows;
+use crate::store::sqlite::walk::Placed;
 use crate::store::sqlite::writer::Transaction;
+use crate::store::sqlite::{journal, moving};
 
 /// What a commit adds to one environment, for memory.
 pub(super) struct Delta<'a> {
     environment: EnvironmentId,
-    revision: u64,
-    states: Vec<&'a StateKey>,
-    /// In order of state.
-    rows: Vec<CellRow>,
+    entry: Entry,
+    states: Keys<'a>,
+    /// In order of place.
+    cells: Vec<Placed>,
 }
 
-/// A cell as it is written.
-struct CellRow {
-    key: CellKey,
-    tally: Tally,
-    /// Its state's number in the commit.
-    state: u32,
+/// The keys of the states of a commit, by the numbers that they are stored under.
+enum Keys<'a> {
+    /// Told by their ranks.
+    Ranked(Schema),
+    Listed(Map<u64, &'a StateKey>),
 }
 
 impl Delta<'_> {
     /// Brings memory up to date.
     pub(super) fn apply_to(&self, memory: &Memory) {
-        let states = self.rows.chunk_by(|a, b| a.state == b.state);
-        let delta = states.map(|rows| {
-            (
-                self.states[rows[0].state as usize],
-                rows.iter().map(CellRow::cell),
-            )
-        });
-        memory.cache.apply(self.environment, self.revision, delta);
+        let (id, revision) = (self.environment, self.entry.revision);
+        memory.pending.push(id, &self.entry);
 
-        let actions = self.rows.iter().map(|row| (row.key.2 as u64, row.tally));
-        memory
-            .actions
-            .apply(self.environment, self.revision, actions);
+        let states = self.cells.chunk_by(|(a, _), (b, _)| a.state == b.state);
+        let delta = states.map(|cells| (self.states.of(cells[0].0.state), cells.iter().map(cell)));
+        memory.cache.apply(id, revision, delta);
+
+        let actions = self
+            .cells
+            .iter()
+            .map(|(place, tally)| (place.joint, *tally));
+        memory.actions.apply(id, revision, actions);
     }
 }
 
-impl CellRow {
-    fn cell(&self) -> Cell {
-        Cell {
-            joint: self.key.2 as u64,
-            segment: SegmentId(self.key.1),
-            tally: self.tally,
+impl Keys<'_> {
+    fn of(&self, number: u64) -> StateKey {
+        match self {
+            Self::Ranked(schema) => schema.state_of_rank(number),
+            Self::Listed(keys) => keys[&number].clone(),
         }
+    }
+}
+
+fn cell((place, tally): &Placed) -> Cell {
+    Cell {
+        joint: place.joint,
+        segment: SegmentId(place.segment as i64),
+        tally: *tally,
     }
 }
 
@@ -69,60 +81,79 @@ pub(super) async fn write<'a>(
     transaction: &mut Transaction<'_>,
     accepted: Vec<Ledger<'a>>,
 ) -> Result<Vec<Delta<'a>>, Failed> {
-    let (connection, row_ids) = transaction.parts();
     let mut deltas = Vec::new();
-    for ledger in accepted {
+    let next_entry = transaction.memory().pending.next_entry();
+    for (entry, ledger) in (next_entry..).zip(accepted) {
         let environment = ledger.environment;
-        let written = write_ledger(connection, row_ids, ledger).await;
+        let written = write_ledger(transaction, entry, ledger).await;
         deltas.extend(written.map_err(|error| Failed::in_environment(environment, error))?);
     }
     Ok(deltas)
 }
 
 async fn write_ledger<'a>(
-    connection: &mut SqliteConnection,
-    row_ids: &mut RowIdCache,
+    transaction: &mut Transaction<'_>,
+    entry: i64,
     mut ledger: Ledger<'a>,
 ) -> Result<Option<Delta<'a>>, StoreError> {
+    let connection = transaction.connection();
     for (name, account) in ledger.advanced() {
         write_account(connection, ledger.environment, name, account).await?;
     }
-
-    if ledger.merged.len() == 0 {
+    if ledger.merged.is_empty() {
         return Ok(None);
     }
-    write_counts(connection, row_ids, &mut ledger)
+    let environment = transaction.memory().directory.of_id(ledger.environment);
+    let environment = environment.ok_or(StoreError::UnknownEnvironment)?;
+    let known = transaction.memory().pending.view(environment.id);
+    let layout = match known.and_then(|view| view.layout) {
+        Some(layout) => layout,
+        None => moving::layout(transaction.connection(), environment.id).await?,
+    };
+    write_counts(transaction, &environment, layout, entry, &mut ledger)
         .await
         .map(Some)
         .map_err(aborted)
 }
 
 async fn write_counts<'a>(
-    connection: &mut SqliteConnection,
-    row_ids: &mut RowIdCache,
+    transaction: &mut Transaction<'_>,
+    environment: &Environment,
+    layout: Layout,
+    entry: i64,
     ledger: &mut Ledger<'a>,
 ) -> Result<Delta<'a>, sqlx::Error> {
-    let environment = ledger.environment;
+    let (connection, row_ids) = transaction.parts();
     let segments = segments(connection, ledger).await?;
-    let states = states(connection, row_ids, environment, ledger.merged.states()).await?;
-    let rows = cell_rows(ledger, &segments, &states.ids);
-
-    // Counted before they are written, for afterwards all of them exist.
-    let fresh = count_fresh(connection, row_ids, &rows, states.first_new).await?;
-    upsert_cells(connection, &rows).await?;
-    rows.iter().for_each(|row| row_ids.add_cell(row.key));
-
-    add_totals(
-        connection,
-        environment,
-        [ledger.merged.transitions(), states.new, fresh],
-    )
-    .await?;
-    Ok(Delta {
-        environment,
+    let (states, cells) = match Numbering::of(&environment.schema) {
+        Numbering::Ranked => {
+            let cells = cells(ledger, &segments, |rank| rank);
+            (Keys::Ranked(environment.schema.clone()), cells)
+        }
+        Numbering::Listed => {
+            let keys = ledger.merged.listed();
+            let ids = ids(connection, row_ids, environment.id, keys).await?;
+            let keys = ids.iter().copied().zip(keys.iter().copied()).collect();
+            let cells = cells(ledger, &segments, |at| ids[at as usize]);
+            (Keys::Listed(keys), cells)
+        }
+    };
+    let fresh = ledger.fresh_cells();
+    let run = Run::of(cells.iter().copied());
+    journal::insert(connection, entry, environment.id, &run).await?;
+    add_transitions(connection, environment.id, ledger.merged.transitions()).await?;
+    let entry = Entry {
+        id: entry,
+        run,
+        fresh,
+        layout,
         revision: ledger.revision(),
-        states: ledger.merged.states().to_vec(),
-        rows,
+    };
+    Ok(Delta {
+        environment: environment.id,
+        entry,
+        states,
+        cells,
     })
 }
 
@@ -155,41 +186,27 @@ async fn insert_segment(
     Ok(done.last_insert_rowid())
 }
 
-/// The states of a commit: every id from `first_new` on was given now.
-struct States {
-    ids: Vec<i64>,
-    first_new: i64,
-    new: u64,
-}
-
 /// Returns the ids of states, which are made where they are new. The only writer gives out ids
 /// itself, so it needs no answer from the database.
-async fn states(
+async fn ids(
     connection: &mut SqliteConnection,
     row_ids: &mut RowIdCache,
     environment: EnvironmentId,
     keys: &[&StateKey],
-) -> Result<States, sqlx::Error> {
-    let found = lookup::states(connection, row_ids, environment, keys).await?;
-    let text = "select coalesce(max(id), 0) + 1 from states";
-    let first_new: i64 = sqlx::query_scalar(text).fetch_one(&mut *connection).await?;
-
+) -> Result<Vec<u64>, sqlx::Error> {
+    let found = lookup::ids(connection, row_ids, environment, keys).await?;
     let mut new: Vec<usize> = (0..keys.len()).filter(|at| found[*at].is_none()).collect();
     new.sort_unstable_by_key(|at| keys[*at]);
-
     let mut ids: Vec<i64> = found.into_iter().map(|id| id.unwrap_or_default()).collect();
+    let text = "select coalesce(max(id), 0) + 1 from states";
+    let first_new: i64 = sqlx::query_scalar(text).fetch_one(&mut *connection).await?;
     for (id, at) in (first_new..).zip(&new) {
         ids[*at] = id;
         row_ids.add_state(environment, keys[*at], id);
     }
-
     let rows: Vec<(i64, &StateKey)> = new.iter().map(|at| (ids[*at], keys[*at])).collect();
     insert_states(connection, environment, &rows).await?;
-    Ok(States {
-        ids,
-        first_new,
-        new: new.len() as u64,
-    })
+    Ok(ids.into_iter().map(i64::unsigned_abs).collect())
 }
 
 async fn insert_states(
@@ -204,7 +221,6 @@ async fn insert_states(
             "",
         )
     });
-
     for (text, chunk) in INSERT.chunks(rows) {
         let mut query = sqlx::query(text);
         for (id, key) in chunk {
@@ -215,79 +231,31 @@ async fn insert_states(
     Ok(())
 }
 
-/// Returns the cells of a commit in the order of the table, so that neighbours are written
-/// together.
-fn cell_rows(ledger: &mut Ledger<'_>, segments: &[i64], states: &[i64]) -> Vec<CellRow> {
-    let row = |((state, segment, joint), tally)| CellRow {
-        key: (
-            states[state as usize],
-            segments[segment as usize],
-            signed(joint),
-        ),
-        tally,
-        state,
+/// Returns the cells of a commit in order of place; `stored` tells under which number a state is.
+fn cells(ledger: &mut Ledger<'_>, segments: &[i64], stored: impl Fn(u64) -> u64) -> Vec<Placed> {
+    let placed = |((state, segment, joint), tally): ((u64, u32, u64), _)| {
+        let place = Place {
+            state: stored(state),
+            segment: segments[segment as usize].unsigned_abs(),
+            family: 0,
+            joint,
+        };
+        (place, tally)
     };
-
-    let mut rows: Vec<CellRow> = ledger.merged.take_cells().map(row).collect();
-    rows.sort_unstable_by_key(|row| row.key);
-    rows
+    let mut cells: Vec<Placed> = ledger.merged.take_cells().map(placed).collect();
+    cells.sort_unstable_by_key(|(place, _)| *place);
+    cells
 }
 
-/// Returns how many cells will be new: all of a new state, and those of older states that are not
-/// found.
-async fn count_fresh(
-    connection: &mut SqliteConnection,
-    row_ids: &mut RowIdCache,
-    rows: &[CellRow],
-    first_new_state: i64,
-) -> Result<u64, sqlx::Error> {
-    let of_older = rows.partition_point(|row| row.key.0 < first_new_state);
-    let candidates: Vec<CellKey> = rows[..of_older].iter().map(|row| row.key).collect();
-    Ok(rows.len() as u64 - lookup::count_cells(connection, row_ids, &candidates).await?)
-}
-
-async fn upsert_cells(
-    connection: &mut SqliteConnection,
-    rows: &[CellRow],
-) -> Result<(), sqlx::Error> {
-    static UPSERT: LazyLock<ManyRows> = LazyLock::new(|| {
-        ManyRows::new(
-            "insert into cells (state, segment, joint, n, entries) values",
-            "(?, ?, ?, ?, ?)",
-            "on conflict do update set n = n + excluded.n, entries = entries + excluded.entries",
-        )
-    });
-
-    for (text, chunk) in UPSERT.chunks(rows) {
-        let mut query = sqlx::query(text);
-        for CellRow {
-            key: (state, segment, joint),
-            tally,
-            ..
-        } in chunk
-        {
-            query = query.bind(*state).bind(*segment).bind(*joint);
-            query = query.bind(signed(tally.n)).bind(tally.entries.map(signed));
-        }
-        query.execute(&mut *connection).await?;
-    }
-    Ok(())
-}
-
-async fn add_totals(
+async fn add_transitions(
     connection: &mut SqliteConnection,
     environment: EnvironmentId,
-    added: [u64; 3],
+    added: u64,
 ) -> Result<(), sqlx::Error> {
-    let [transitions, states, cells] = added.map(signed);
-    sqlx::query(
-        "update totals set transitions = transitions + ?, states = states + ?, cells = cells + ? where environment = ?",
-    )
-    .bind(transitions)
-    .bind(states)
-    .bind(cells)
-    .bind(environment.0)
-    .execute(connection)
-    .await?;
+    sqlx::query("update totals set transitions = transitions + ? where environment = ?")
+        .bind(signed(added))
+        .bind(environment.0)
+        .execute(connection)
+        .await?;
     Ok(())
 }

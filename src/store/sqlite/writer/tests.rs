@@ -4,6 +4,7 @@ use super::*;
 use crate::domain::{Counts, EnvironmentId, StateKey};
 use crate::store::sqlite::cache::CountsCache;
 use crate::store::sqlite::lock::Lock;
+use crate::store::sqlite::migrations::MIGRATIONS;
 
 const ENVIRONMENT: EnvironmentId = EnvironmentId(1);
 
@@ -23,16 +24,19 @@ async fn execute(transaction: &mut Transaction<'_>, text: &'static str) {
         .expect("a statement that works");
 }
 
-/// Returns a writer with a table of environments, for the first transaction to read, and one whose
-/// references are checked at COMMIT only.
+/// Returns a writer with our tables, for the first transaction to read, and one whose references
+/// are checked at COMMIT only.
 async fn prepared(directory: &tempfile::TempDir) -> Writer {
     let mut connection = writer(directory)
         .options
         .connect()
         .await
         .expect("a connection");
-    let text = "create table environments (id, uid, name, schema, schema_hash, rule);
-                create table parents (id integer primary key);
+    for migration in MIGRATIONS.iter() {
+        let tables = sqlx::raw_sql(migration.sql);
+        tables.execute(&mut connection).await.expect("tables");
+    }
+    let text = "create table parents (id integer primary key);
                 create table children (parent references parents (id) deferrable initially deferred)";
     sqlx::raw_sql(text)
         .execute(&mut connection)

@@ -1,6 +1,6 @@
 //! What becomes of good and bad transitions.
 
-use nudge_core::domain::{Entry, Rejection, Sequence};
+use nudge_core::domain::{Entry, Rejection, Sequence, Values};
 use nudge_core::error::ErrorKind;
 
 use super::*;
@@ -55,8 +55,8 @@ fn with(good: &str, instead: &str) -> String {
 fn a_transition_is_put_in_the_order_of_the_environment() {
     let batch = batch(&[GOOD]);
     assert_eq!(batch.sequence, Sequence::new(3).expect("valid"));
-    assert_eq!(batch.records.states, [1.2, 2.0]);
-    assert_eq!(batch.records.actions, [-0.1, 2.0, 1.0]);
+    assert_eq!(batch.records.states, Values::from(vec![1.2, 2.0]));
+    assert_eq!(batch.records.actions, Values::from(vec![-0.1, 2.0, 1.0]));
     assert!(batch.records.entries.is_empty() && batch.records.counts.is_empty());
 }
 
@@ -72,7 +72,10 @@ fn entry_and_count_are_kept() {
 
 #[test]
 fn a_label_may_be_given_by_its_index() {
-    assert_eq!(batch(&[&with(r#""左""#, "1")]).records.states, [1.2, 1.0]);
+    assert_eq!(
+        batch(&[&with(r#""左""#, "1")]).records.states,
+        Values::from(vec![1.2, 1.0])
+    );
 }
 
 #[test]

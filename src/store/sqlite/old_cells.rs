@@ -1,11 +1,12 @@
-//! A compact encoding of result rows: all cells of a state as one text. A row a cell costs the
-//! driver 2 to 5 us and a hundred bytes; in a text it is 0.3 us and fifteen.
+//! All cells of a state in the old layout, a row a cell, as one text: what is read of them until they
+//! are moved. A row a cell would cost the driver 2 to 5 us and a hundred bytes; in a text it is 0.3
+//! us and fifteen.
 
 use crate::domain::{Cell, SegmentId, Tally};
 
-/// The SQL of the packed cells of a state: four lists, of segments, joint actions, visits and
+/// The SQL of the cells of a state: four lists, of segments, joint actions, visits and
 /// entries; null where there are no cells.
-macro_rules! packed_cells {
+macro_rules! old_cells {
     ($state:literal) => {
         concat!(
             "(select group_concat(segment, ' ') || ';' || group_concat(joint, ' ') || ';' || group_concat(n, ' ')
@@ -17,30 +18,7 @@ macro_rules! packed_cells {
     };
 }
 
-pub(super) use packed_cells;
-
-/// The SQL of the packed cells of the states of an environment that have an id from `first` on, as
-/// many as are packed together.
-macro_rules! packed_cells_of_states {
-    ($environment:literal, $first:literal, $together:literal) => {
-        concat!(
-            "(select group_concat(segment, ' ') || ';' || group_concat(joint, ' ') || ';' || group_concat(n, ' ')
-                  || ';' || group_concat(ifnull(entries, '-'), ' ')
-              from states not indexed cross join cells on cells.state = states.id
-              where states.environment = ",
-            $environment,
-            " and states.id between ",
-            $first,
-            " and ",
-            $first,
-            " + ",
-            $together,
-            " - 1)"
-        )
-    };
-}
-
-pub(super) use packed_cells_of_states;
+pub(super) use old_cells;
 
 /// Reads cells as they come; `None` where the text is not what the SQL writes, or a cell is of a
 /// joint action that is not there.
