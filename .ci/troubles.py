@@ -344,8 +344,8 @@ def writing(service):
 
 
 def damage(database):
-    """Changes a count behind the service's back."""
-    database.execute("update cells set n = n + 1 where state = (select min(state) from cells)")
+    """Changes a sum behind the service's back."""
+    database.execute("update totals set transitions = transitions + 1")
     database.commit()
 
 
