@@ -15,7 +15,7 @@ use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqliteSynchronous};
 use sqlx::{Connection, SqliteConnection};
 use support::sink::sink;
 use support::{
-    ACTIONS, BATCH, Service, batches, channel, columns, make_world, median, packed, pump,
+    ACTIONS, BATCH, Service, batches, channel, columns, make_world, median, packed, process, pump,
     pump_every, quantile, report, runtime, start_binary, state, wanted,
 };
 
@@ -180,22 +180,11 @@ async fn memory() {
     make_world(address, "world", ACTIONS).await;
     let distinct: Vec<proto::Columns> = (0..1_000).map(distinct).collect();
     pump(address, "world", "p", &distinct, 1_000).await;
-    let status = std::fs::read_to_string(format!("/proc/{}/status", child.id())).expect("linux");
-    let of = |field: &str| -> f64 {
-        let line = status
-            .lines()
-            .find(|line| line.starts_with(field))
-            .expect("present");
-        line.split_whitespace()
-            .nth(1)
-            .and_then(|kib| kib.parse::<f64>().ok())
-            .expect("a number")
-            / 1024.0
-    };
+    let of = |name: &str| process::field(&child, "status", name) as f64 / 1024.0;
     println!(
         "a million distinct cells: {:.0} MiB resident, {:.0} MiB at the peak (target < 150 MB)",
-        of("VmRSS"),
-        of("VmHWM")
+        of("VmRSS:"),
+        of("VmHWM:")
     );
     child.kill().expect("running");
     child.wait().expect("killed");

@@ -15,8 +15,9 @@ use super::fresh;
 use super::inspect::has_table;
 use super::journal;
 use super::layout::{Layout, Numbering};
+use super::lookup;
 use super::walk::{Placed, cells_of};
-use crate::domain::{Environment, StateKey};
+use crate::domain::Environment;
 use crate::store::packed::checked;
 use crate::store::packed::row::row_of;
 use crate::store::packed::run::Run;
@@ -219,10 +220,7 @@ async fn listed(
     let mut ids = BTreeSet::new();
     while let Some(row) = rows.try_next().await? {
         let (id, text): (i64, &str) = (row.try_get(0)?, row.try_get(1)?);
-        let key = StateKey::from_stored(text).filter(|key| environment.schema.has(key));
-        if key.is_none() {
-            return Err(damage(spoiled(&format!("the key {text:?} of a state"))));
-        }
+        lookup::stored_key(&environment.schema, text).map_err(damage)?;
         ids.insert(id.unsigned_abs());
         tokio::task::consume_budget().await;
     }

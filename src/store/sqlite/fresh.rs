@@ -8,11 +8,9 @@ use sqlx::sqlite::SqliteConnection;
 
 use super::lookup::{self, Of};
 use super::pending::View;
-use super::stored_forms;
 use super::walk::{self, RowCells, Wanted};
 use crate::domain::{Environment, StateKey};
 use crate::store::StoreError;
-use crate::store::packed::row::row_of;
 use crate::store::packed::size::Size;
 use crate::store::packed::unfolded::Outdated;
 
@@ -33,7 +31,7 @@ pub(super) async fn count(
     }
 
     let mut fresh = Size::default();
-    let rows = rows_of(view);
+    let rows = lookup::row_ids(view, view.unfolded.states());
     let count = |row: RowCells| {
         let stored = Size::of(&row.stored);
         fresh += Size::of(&row.into_sum()).less(stored);
@@ -48,17 +46,6 @@ pub(super) async fn count(
     )
     .await?;
     Ok(counted.map(|()| fresh))
-}
-
-/// Returns the ids of all rows that the journal touches.
-fn rows_of(view: &View) -> String {
-    let Some(layout) = view.layout else {
-        return stored_forms::json_numbers([]);
-    };
-    let mut rows: Vec<u64> = view.unfolded.states().map(row_of).collect();
-    rows.sort_unstable();
-    rows.dedup();
-    stored_forms::json_numbers(rows.into_iter().map(|row| layout.id(row)))
 }
 
 /// Counts the same, state by state, while there are cells in the old table.

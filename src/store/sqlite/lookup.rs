@@ -14,7 +14,7 @@ use super::pending::View;
 use super::row_id_cache::RowIdCache;
 use super::stored_forms;
 use super::walk::{Placed, add_equal, cells_of};
-use crate::domain::{Cell, Counts, Environment, EnvironmentId, SegmentId, StateKey};
+use crate::domain::{Cell, Counts, Environment, EnvironmentId, Schema, SegmentId, StateKey};
 use crate::store::StoreError;
 use crate::store::packed::cells::{MOST, Place};
 use crate::store::packed::row::row_of;
@@ -102,7 +102,9 @@ async fn add_stored(
     let text = "select totals.folded, totals.fold_row, packed.id, packed.cells
          from totals left join packed on packed.id in (select value from json_each(?2))
          where totals.environment = ?1";
-    let query = sqlx::query(text).bind(id.0).bind(row_ids(view, places));
+    let query = sqlx::query(text)
+        .bind(id.0)
+        .bind(row_ids(view, places.keys().copied()));
     let mut rows = query.fetch(connection);
     let mut marked = None;
     while let Some(row) = rows.try_next().await.map_err(unreadable)? {
@@ -122,15 +124,13 @@ async fn add_stored(
     marked.ok_or(StoreError::UnknownEnvironment)
 }
 
-/// Returns the ids of the rows that states are in, as a list in JSON.
-fn row_ids(view: &View, places: &Places) -> String {
+/// Returns the ids of the rows that states are in, in order and each once, as a list in JSON.
+pub(super) fn row_ids(view: &View, states: impl Iterator<Item = u64>) -> String {
     let Some(layout) = view.layout else {
         return stored_forms::json_numbers([]);
     };
-    let mut ids: Vec<i64> = places
-        .keys()
-        .map(|rank| layout.id_of_state(*rank))
-        .collect();
+    let mut ids: Vec<i64> = states.map(|state| layout.id_of_state(state)).collect();
+    ids.sort_unstable();
     ids.dedup();
     stored_forms::json_numbers(ids)
 }
@@ -345,6 +345,12 @@ pub(super) async fn keys(
             .collect(),
         Numbering::Listed => listed_keys(connection, environment.id, numbers).await,
     }
+}
+
+/// Reads the key of a state as it is kept, which must be one of the schema's.
+pub(super) fn stored_key(schema: &Schema, text: &str) -> Result<StateKey, StoreError> {
+    let key = StateKey::from_stored(text).filter(|key| schema.has(key));
+    key.ok_or_else(|| spoiled(&format!("the key {text:?} of a state")))
 }
 
 fn key_of_rank(environment: &Environment, rank: u64) -> Result<StateKey, StoreError> {

@@ -5,7 +5,7 @@
 use sqlx::Row;
 use sqlx::sqlite::{SqliteConnection, SqliteRow};
 
-use super::error::{aborted, spoiled, unreadable};
+use super::error::{aborted, unreadable};
 use super::layout::{Layout, Numbering};
 use super::lookup;
 use super::old_cells::old_cells;
@@ -13,7 +13,7 @@ use super::stored_forms;
 use super::walk::Placed;
 use super::writer::Writer;
 use super::{checksums, compact};
-use crate::domain::{Environment, EnvironmentId, StateKey};
+use crate::domain::{Environment, EnvironmentId};
 use crate::store::StoreError;
 use crate::store::packed::row::row_of;
 use crate::store::packed::unfolded::RowDelta;
@@ -96,8 +96,7 @@ async fn select(
 fn read(row: &SqliteRow, environment: &Environment) -> Result<Old, StoreError> {
     let id: i64 = row.try_get(0).map_err(unreadable)?;
     let text: &str = row.try_get(1).map_err(unreadable)?;
-    let key = StateKey::from_stored(text).filter(|key| environment.schema.has(key));
-    let key = key.ok_or_else(|| spoiled(&format!("the key {text:?} of a state")))?;
+    let key = lookup::stored_key(&environment.schema, text)?;
     let number = Numbering::of(&environment.schema).of_key(&environment.schema, &key);
     let number = number.unwrap_or(id.unsigned_abs());
     let cells = match row.try_get::<Option<&str>, _>(2).map_err(unreadable)? {

@@ -335,12 +335,13 @@ pub(super) async fn totals(
     let mut reader = readers.acquire().await.map_err(unreadable)?;
     loop {
         let view = view(&mut reader, memory, id).await?;
-        let mut moment = reader.begin().await.map_err(unreadable)?;
-        let kept = kept_totals(&mut moment, id).await?;
         if let Some(size) = memory.pending.size(id, &view) {
+            let kept = kept_totals(&mut reader, id).await?;
             return Ok(with_size(kept, size, &view));
         }
 
+        let mut moment = reader.begin().await.map_err(unreadable)?;
+        let kept = kept_totals(&mut moment, id).await?;
         let fresh = fresh::count(&mut moment, environment, &view).await?;
         let Ok(fresh) = fresh else { continue };
         let mut size = kept_size(&kept);
