@@ -13,20 +13,22 @@ use super::{Failure, output};
 use crate::api::{json as dto, proto};
 use crate::client::{Connection, schema_of};
 use crate::domain::draft::DescriptionDraft;
-use crate::domain::{Angle, Feature, FeatureKind, Pair, Schema, SchemaDraft, Unit, WrittenRule};
+use crate::domain::{
+    Angle, Feature, FeatureKind, Outcome, Pair, Schema, SchemaDraft, Unit, WrittenRule,
+};
 use crate::error::{ErrorKind, Fault, Problem};
 use crate::information::Alphabet;
 
 /// Create, list, show and delete environments
 #[derive(Debug, Subcommand)]
 #[command(long_about = "Create, list, show and delete environments.\n\n\
-    An environment is a world with a fixed description of its state and its agents, and a decision rule that may change.\n\n\
+    An environment is a world with a fixed description of its state, its agents and what is observed later, and a decision rule that may change.\n\n\
     Example:\n  nudge env apply hallway.json\n  nudge env show hallway")]
 pub(super) enum Env {
     /// Create an environment from a description, or confirm that it exists
     #[command(
         long_about = "Create an environment from a description in JSON, or confirm that it exists with this very one.\n\n\
-        A rule in the file is set; without one the rule stays as it is. State and agents cannot be changed: delete the environment, or take \
+        A rule in the file is set; without one the rule stays as it is. State, agents and outcomes cannot be changed: delete the environment, or take \
         another name.\n\n\
         What `nudge env show --json` prints is a description too: it is known by its own name, unless --name makes a copy of it.\n\n\
         Example:\n  nudge env apply worlds/hallway.json --name hallway\n  \
@@ -35,7 +37,8 @@ pub(super) enum Env {
         {\"state\": [{\"name\": \"distance\", \"unit\": \"m\", \"continuous\": {\"edges\": [0.5, 1, 2]}}],\n   \
         \"agents\": [\n     \
         {\"name\": \"robot\", \"action\": [{\"name\": \"go\", \"integer\": {\"min\": 0, \"max\": 1}}]},\n     \
-        {\"name\": \"human\", \"action\": [{\"name\": \"go\", \"integer\": {\"min\": 0, \"max\": 1}}]}]}"
+        {\"name\": \"human\", \"action\": [{\"name\": \"go\", \"integer\": {\"min\": 0, \"max\": 1}}]}]}\n\n\
+        With \"lags\": [1, 2, 3] each agent's action 1 to 3 steps later is observed too; \"may_be_absent\": true lets an agent not act."
     )]
     Apply(Apply),
     /// List environments
@@ -45,7 +48,7 @@ pub(super) enum Env {
     List(List),
     /// Show one environment
     #[command(
-        long_about = "Show the state, the agents and the rule of one environment.\n\nExample:\n  nudge env show counter_circuit"
+        long_about = "Show the state, the agents, what is observed later and the rule of one environment.\n\nExample:\n  nudge env show counter_circuit"
     )]
     Show(Show),
     /// Delete an environment with everything that was counted in it
@@ -339,6 +342,11 @@ fn described(environment: &proto::Environment, schema: &Schema) -> String {
     schema
         .action_features()
         .for_each(|(agent, feature)| row(agent.name.as_str(), feature));
+    // An agent's later action has the features of its action.
+    schema
+        .outcome_features()
+        .filter(|(outcome, _)| outcome.agent.is_none())
+        .for_each(|(outcome, feature)| row(&outcome.name, feature));
     let (name, uid, hash) = (&environment.name, &environment.uid, schema.hash());
     let told: String = thresholds(environment, schema)
         .iter()
@@ -349,11 +357,39 @@ fn described(environment: &proto::Environment, schema: &Schema) -> String {
         .map(|line| format!("note    {line}\n"))
         .collect();
     let rule = rule(environment);
+    let later = later(schema);
 
     format!(
-        "{name}\nuid     {uid}\nschema  {hash}\nrule    {rule}\n{told}{notes}\n{}",
+        "{name}\nuid     {uid}\nschema  {hash}\nrule    {rule}\n{told}{later}{notes}\n{}",
         table.render("")
     )
+}
+
+/// Tells which agents may be absent, and what is observed how many steps later, a line each.
+fn later(schema: &Schema) -> String {
+    let mut lines = String::new();
+    let absent = schema.agents().iter().filter(|agent| agent.may_be_absent);
+    let absent: Vec<&str> = absent.map(|agent| agent.name.as_str()).collect();
+    if !absent.is_empty() {
+        lines += &format!("absent  {} may be\n", absent.join(", "));
+    }
+
+    let named = |outcome: &Outcome| match outcome.agent {
+        Some(_) => outcome.name.clone(),
+        None => format!("{} after {}", outcome.name, steps(outcome.lag)),
+    };
+    let outcomes: Vec<String> = schema.outcomes().iter().map(named).collect();
+    if !outcomes.is_empty() {
+        lines += &format!("later   {}\n", outcomes.join(", "));
+    }
+    lines
+}
+
+fn steps(lag: u32) -> String {
+    match lag {
+        1 => "1 step".into(),
+        lag => format!("{lag} steps"),
+    }
 }
 
 /// Tells the threshold in every way, a line for pairs that can have as much as each other.

@@ -159,7 +159,8 @@ impl AnswerContext {
         state: &StateCounts,
         predicted: Option<Prediction>,
     ) -> Answer {
-        let cells = || state.counts.of_segments(self.query.segments.as_deref());
+        let (of, segments) = (&assessor.scope.pair, self.query.segments.as_deref());
+        let cells = || state.counts.of_pair(assessor.schema, of, segments);
         let assessment = assessor.assess(key, cells(), predicted);
 
         // Both for those figures that need the tables themselves: most that are asked for do not.

@@ -90,13 +90,10 @@ pub async fn make(
 
 fn ranks(context: &QueryContext, page: Vec<Scanned>) -> Vec<(StateKey, Rank)> {
     let rank = |scanned: Scanned| {
-        let cells = scanned.counts.of_segments(context.segments.as_deref());
-        let tables = Tables::within(
-            &context.environment.schema,
-            &context.scope.pair,
-            context.scope.within,
-            cells,
-        );
+        let (schema, scope) = (&context.environment.schema, &context.scope);
+        let segments = context.segments.as_deref();
+        let cells = scanned.counts.of_pair(schema, &scope.pair, segments);
+        let tables = Tables::within(schema, &scope.pair, scope.within, cells);
 
         let visits = tables.whole.total();
         (visits > 0).then(|| {

@@ -182,7 +182,11 @@ fn tested(
     let (schema, pair) = (&context.environment.schema, &context.scope.pair);
     let test = |scanned: Scanned| {
         stop.check()?;
-        let cells = || scanned.counts.of_segments(context.segments.as_deref());
+        let cells = || {
+            scanned
+                .counts
+                .of_pair(schema, pair, context.segments.as_deref())
+        };
         let tables = Tables::new(schema, pair, cells());
         let strata = |exchange| tables.exchangeable(schema, pair, exchange, cells());
         let (exchange, seed) = (context.scope.within.exchange(), scanned.key.seed());

@@ -135,7 +135,11 @@ fn suggestions(context: &QueryContext, key: &StateKey, state: &StateCounts) -> V
     };
 
     let (schema, scope) = (&context.environment.schema, &context.scope);
-    let cells = || state.counts.of_segments(context.segments.as_deref());
+    let cells = || {
+        state
+            .counts
+            .of_pair(schema, &scope.pair, context.segments.as_deref())
+    };
     let tables = Tables::new(schema, &scope.pair, cells());
     let observations = tables.observations(schema, &scope.pair, scope.within, cells());
 

@@ -178,13 +178,11 @@ impl StateTests<'_> {
     /// Returns the tables of a pair, one for each joint action of those held fixed, and for each
     /// segment if it is tested within them.
     fn strata(&self, pair: usize, fixed: &[usize]) -> Vec<Table> {
-        let (schema, cells) = (&self.state.environment.schema, self.state.cells.iter());
+        let schema = &self.state.environment.schema;
         let (exchange, [ego, other]) = (self.exchange(pair), self.pairs[pair].ends);
-        let pair = Pair {
-            ego,
-            other,
-            given: fixed.to_vec(),
-        };
+        let pair = Pair::new(ego, other, fixed.to_vec());
+        let cells = self.state.cells.iter();
+        let cells = cells.filter(|cell| pair.is_told_by(schema, cell));
         Tables::new(schema, &pair, cells.clone())
             .exchangeable(schema, &pair, exchange, cells)
             .into_owned()

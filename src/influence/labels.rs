@@ -44,15 +44,28 @@ pub fn labelled(
 
 /// Returns the names and the actions of the variables of a pair.
 pub fn labels(schema: &Schema, pair: &Pair) -> Labels {
-    let variable = |agent: &usize| variable(&schema.agents()[*agent]);
+    let now = |agent: &usize| {
+        let agent = &schema.agents()[*agent];
+        variable(agent, agent.name.to_string())
+    };
+    let at = |outcome: usize| {
+        variable(
+            &schema.agents()[pair.other],
+            schema.outcomes()[outcome].name.clone(),
+        )
+    };
+    let mut given: Vec<Variable> = pair.given.iter().map(now).collect();
+    // What the other did one step before, as far as it is known, is held fixed too.
+    let own = pair.later.map(|later| schema.own_before(later));
+    given.extend(own.map(|before| before.map_or_else(|| now(&pair.other), at)));
     Labels {
-        ego: variable(&pair.ego),
-        other: variable(&pair.other),
-        given: pair.given.iter().map(variable).collect(),
+        ego: now(&pair.ego),
+        other: pair.later.map_or_else(|| now(&pair.other), at),
+        given,
     }
 }
 
-fn variable(agent: &Agent) -> Variable {
+fn variable(agent: &Agent, name: String) -> Variable {
     let are_told = agent.actions() <= Variable::MOST_LABELS;
     let actions = if are_told {
         (0..agent.actions())
@@ -61,8 +74,5 @@ fn variable(agent: &Agent) -> Variable {
     } else {
         Vec::new()
     };
-    Variable {
-        name: agent.name.to_string(),
-        actions,
-    }
+    Variable { name, actions }
 }

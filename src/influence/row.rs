@@ -51,7 +51,11 @@ pub fn measured(
         stop.check()?;
         let assessment = assessor.assess(
             &key,
-            counts.of_segments(context.segments.as_deref()),
+            counts.of_pair(
+                assessor.schema,
+                &assessor.scope.pair,
+                context.segments.as_deref(),
+            ),
             predicted,
         );
         let visits = assessment.tally.n;

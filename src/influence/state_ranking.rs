@@ -93,8 +93,10 @@ pub async fn make(
 
 /// Returns the segments that have visits in the states of a page, of those asked for.
 fn named(context: &QueryContext, page: &[Scanned]) -> HashSet<SegmentId> {
+    let (schema, pair) = (&context.environment.schema, &context.scope.pair);
+    let segments = context.segments.as_deref();
     let cells = page
         .iter()
-        .flat_map(|scanned| scanned.counts.of_segments(context.segments.as_deref()));
+        .flat_map(|scanned| scanned.counts.of_pair(schema, pair, segments));
     cells.map(|cell| cell.segment).collect()
 }

@@ -30,7 +30,7 @@ static UNREAD: Seldom = Seldom::every(Duration::from_secs(5));
 /// A command to the committer, carried out in the order of the queue.
 pub enum Command {
     /// Commit a batch.
-    Batch(Pending),
+    Batch(Box<Pending>),
     /// Tell a producer how far it is, after everything that it sent before.
     Resume(Resume),
     /// Finish what was asked before, and end.
@@ -70,7 +70,7 @@ pub async fn run(store: Arc<dyn Store>, counted: BatchTotals, mut queue: mpsc::R
         let mut next = Some(first);
         while let Some(work) = next {
             match work {
-                Command::Batch(pending) => group.add(pending),
+                Command::Batch(pending) => group.add(*pending),
                 Command::Resume(resume) => {
                     group.commit(&*store).await;
                     answer_resume(&*store, resume).await;

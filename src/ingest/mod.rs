@@ -109,7 +109,7 @@ impl Ingest {
     ) -> Result<Acknowledged, Problem> {
         let room = self
             .room
-            .for_call(size_of(&batch))
+            .for_call(size_of(environment, &batch))
             .await
             .inspect_err(refused)?;
         self.enqueue(environment, producer, batch, None, room)
@@ -217,7 +217,11 @@ impl Ingest {
         let (schema, environment) = (environment.schema.clone(), environment.id);
         let owner = self.principal.name().cloned();
 
-        let bytes = batch.records.states.le_bytes().len() + batch.records.actions.le_bytes().len();
+        let records = &batch.records;
+        let bytes = [&records.states, &records.actions, &records.outcomes]
+            .map(|values| values.le_bytes().len())
+            .into_iter()
+            .sum();
         let numbered = aside(bytes, move || {
             let segment = batch.segment.as_ref();
             let (digest, worded) = (
@@ -247,7 +251,7 @@ impl Ingest {
             reply,
         };
         self.queue
-            .send(Command::Batch(pending))
+            .send(Command::Batch(Box::new(pending)))
             .await
             .map_err(|_| stopped())
             .inspect_err(refused)?;
@@ -281,7 +285,7 @@ impl Session {
         let room = self
             .ingest
             .room
-            .for_stream(size_of(&batch))
+            .for_stream(size_of(&self.environment, &batch))
             .await
             .inspect_err(refused)?;
         let lease = Some(self.registration.lease().clone());
@@ -310,9 +314,19 @@ impl Ticket {
     }
 }
 
-/// A batch takes room for each transition, and an empty one for itself.
-fn size_of(batch: &Batch) -> u32 {
-    batch.records.len.max(1) as u32
+/// Cells that take the room of one transition more: those of outcomes have no state of their own to
+/// be discretised, decoded and kept.
+const CELLS: usize = 4;
+
+/// A batch takes room for each transition, more of it where outcomes are observed, and an empty one
+/// for itself. None takes more than a single call may ever have.
+fn size_of(environment: &Environment, batch: &Batch) -> u32 {
+    let outcomes = match batch.records.outcomes.is_empty() {
+        true => 0,
+        false => environment.schema.outcomes().len(),
+    };
+    let room = batch.records.len * (CELLS + outcomes) / CELLS;
+    room.clamp(1, room::MOST) as u32
 }
 
 /// Counts a batch that is refused before the committer sees it; the committer counts the others.

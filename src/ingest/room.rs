@@ -1,4 +1,5 @@
-//! Admission control and back-pressure: room in the queue, in transitions, with fair shares for
+//! Admission control and back-pressure: room in the queue, in transitions, or as much as these take
+//! where outcomes are observed, with fair shares for
 //! streams and for single calls.
 //!
 //! Streams wait in line for as long as it takes, so a share that both could take would never be
@@ -19,6 +20,9 @@ const STREAMS: usize = MOST_COMMIT_TRANSITIONS + MOST_COMMIT_TRANSITIONS / 4;
 /// The share of single calls: a fourth of a commit, which is six of the largest batches or very
 /// many small ones.
 const CALLS: usize = MOST_COMMIT_TRANSITIONS / 4;
+
+/// The most that one batch may take: it must fit into the share of single calls.
+pub const MOST: usize = CALLS;
 
 /// How long a single call waits for room: some commits, and shorter than anybody's patience.
 const PATIENCE: Duration = Duration::from_secs(2);

@@ -83,7 +83,7 @@ impl Dataset {
                 .into_iter()
                 .filter(|scanned| sample.wants(&scanned.key));
             let drawn = wanted.map(|scanned| {
-                let cells = scanned.counts.cells().iter();
+                let cells = scanned.counts.of_pair(&environment.schema, pair, None);
                 let tables = Tables::new(&environment.schema, pair, cells.clone());
                 let observations = tables
                     .observations(&environment.schema, pair, Within::Auto, cells)

@@ -328,11 +328,7 @@ impl Metadata {
             {
                 Ok(CheckedMetadata {
                     kind,
-                    pair: Pair {
-                        ego,
-                        other,
-                        given: Vec::new(),
-                    },
+                    pair: Pair::new(ego, other, Vec::new()),
                     threshold,
                     encoder,
                     seen,

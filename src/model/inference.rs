@@ -14,7 +14,7 @@ impl Networks {
         environment: &Environment,
         pair: &Pair,
     ) -> Result<Option<Arc<Network>>, Problem> {
-        if pair.given.is_empty() {
+        if !pair.is_conditional() {
             self.registry.active(environment, pair).await
         } else {
             Ok(None)

@@ -228,11 +228,7 @@ impl Registry {
             let [ego, other] = [&model.ego, &model.other]
                 .map(|agent| environment.schema.agent(agent).unwrap_or_default());
             let rule = environment
-                .rule_of(&Pair {
-                    ego,
-                    other,
-                    given: Vec::new(),
-                })
+                .rule_of(&Pair::new(ego, other, Vec::new()))
                 .threshold_nats();
             let message = format!(
                 "version {version} answers at a threshold of {} nats only, and the rule's is {rule}: train another",
@@ -548,11 +544,7 @@ fn model(environment: &Environment, record: &ModelRecord, card: Result<Card, Str
     };
     // Only asked of one that can be read: of any other the pair may be none of this environment.
     let is_stale = |card: &Card| {
-        let pair = Pair {
-            ego: record.ego,
-            other: record.other,
-            given: Vec::new(),
-        };
+        let pair = Pair::new(record.ego, record.other, Vec::new());
         !is_same_threshold(card.threshold, environment.rule_of(&pair).threshold_nats())
     };
 

@@ -95,11 +95,7 @@ impl Networks {
 
 /// Returns the first two agents, and every pair that has a version.
 fn pairs(environment: &Environment, models: &[Model]) -> Vec<Pair> {
-    let pair = |ego, other| Pair {
-        ego,
-        other,
-        given: Vec::new(),
-    };
+    let pair = |ego, other| Pair::new(ego, other, Vec::new());
 
     let mut pairs = vec![pair(0, 1)];
     for model in models {

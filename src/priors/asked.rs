@@ -37,8 +37,14 @@ impl Asked {
     }
 }
 
-fn order(pair: &Pair) -> (usize, &[usize], usize, usize) {
-    (pair.given.len(), &pair.given, pair.ego, pair.other)
+fn order(pair: &Pair) -> (usize, &[usize], usize, usize, Option<usize>) {
+    let Pair {
+        ego,
+        other,
+        given,
+        later,
+    } = pair;
+    (given.len(), given, *ego, *other, *later)
 }
 
 #[cfg(test)]
@@ -49,11 +55,7 @@ mod tests {
     const THERE: EnvironmentId = EnvironmentId(2);
 
     fn pair(ego: usize, other: usize, given: &[usize]) -> Pair {
-        Pair {
-            ego,
-            other,
-            given: given.to_vec(),
-        }
+        Pair::new(ego, other, given.to_vec())
     }
 
     #[test]

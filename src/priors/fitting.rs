@@ -155,7 +155,7 @@ struct Read {
 
 impl Read {
     fn add(&mut self, scanned: Scanned) {
-        let cells = scanned.counts.cells().iter();
+        let cells = scanned.counts.of_pair(&self.schema, &self.pair, None);
         let tables = Tables::new(&self.schema, &self.pair, cells.clone());
         let observations = tables.observations(&self.schema, &self.pair, Within::Auto, cells);
         self.uses.add(observations.counted());

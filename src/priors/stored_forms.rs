@@ -69,8 +69,8 @@ impl From<StoredSide> for SideParameters {
     }
 }
 
-/// Writes a pair as the store knows it: the positions of its agents, then those held fixed:
-/// `0,2|1`.
+/// Writes a pair as the store knows it: the positions of its agents, then those held fixed, then
+/// that of the outcome that the other's later action is: `0,2|1@5`.
 pub fn write_pair(pair: &Pair) -> String {
     let given: Vec<String> = pair.given.iter().map(ToString::to_string).collect();
     let fixed = if given.is_empty() {
@@ -78,7 +78,8 @@ pub fn write_pair(pair: &Pair) -> String {
     } else {
         format!("|{}", given.join(","))
     };
-    format!("{},{}{fixed}", pair.ego, pair.other)
+    let later = pair.later.map(|at| format!("@{at}")).unwrap_or_default();
+    format!("{},{}{fixed}{later}", pair.ego, pair.other)
 }
 
 /// Reads a pair back; `None` where nothing is called so.
@@ -88,12 +89,19 @@ pub fn read_pair(text: &str) -> Option<Pair> {
             .map(|position| position.parse().ok())
             .collect::<Option<Vec<usize>>>()
     };
+    let (text, later) = match text.split_once('@') {
+        Some((text, later)) => (text, Some(later.parse().ok()?)),
+        None => (text, None),
+    };
     let (agents, given) = match text.split_once('|') {
         Some((agents, given)) => (agents, positions(given)?),
         None => (text, Vec::new()),
     };
     match positions(agents)?[..] {
-        [ego, other] => Some(Pair { ego, other, given }),
+        [ego, other] => Some(Pair {
+            later,
+            ..Pair::new(ego, other, given)
+        }),
         _ => None,
     }
 }
@@ -271,10 +279,18 @@ mod tests {
     #[test]
     fn pairs_read_back() {
         for (ego, other, given) in [(0, 1, vec![]), (2, 0, vec![1]), (0, 7, vec![1, 12])] {
-            let written = Pair { ego, other, given };
-            assert_eq!(read_pair(&write_pair(&written)), Some(written));
+            for later in [None, Some(0), Some(511)] {
+                let written = Pair {
+                    later,
+                    ..Pair::new(ego, other, given.clone())
+                };
+                assert_eq!(read_pair(&write_pair(&written)), Some(written));
+            }
         }
-        for wrong in ["", "0", "0,1,2", "0,1|", "a,b", "0,-1"] {
+        assert_eq!(write_pair(&Pair::new(0, 2, vec![1])), "0,2|1", "as ever");
+        for wrong in [
+            "", "0", "0,1,2", "0,1|", "a,b", "0,-1", "0,1@", "0,1@-1", "0,1@a", "@1",
+        ] {
             assert_eq!(read_pair(wrong), None, "{wrong}");
         }
     }

@@ -1,4 +1,4 @@
-//! Contingency tables of a state's cells: whole, and stratified by the joint action of the agents
+//! Contingency tables of the cells of a state that tell of a pair: whole, and stratified by the joint action of the agents
 //! held fixed, and by segment.
 
 use std::borrow::Cow;
@@ -57,7 +57,7 @@ impl Observations<'_> {
 
 /// Returns where the ego of a pair stands in the tables of its observations.
 pub fn ego(pair: &Pair) -> Ego {
-    if pair.ego < pair.other {
+    if pair.ego < pair.other || pair.later.is_some() {
         Ego::Rows
     } else {
         Ego::Columns
@@ -86,7 +86,8 @@ impl Tables {
                 .clone()
                 .map(|cell| counted(schema, pair, cell, visits)),
         );
-        let strata = (!pair.given.is_empty())
+        let strata = pair
+            .is_conditional()
             .then(|| tables_of_strata(schema, pair, cells.clone(), visits, no_more));
 
         let segments = segments(cells.clone().map(|cell| cell.segment));
@@ -313,7 +314,7 @@ fn stratified<'a>(
 ) -> Vec<(Stratum, Table)> {
     let of = |cell: &Cell| {
         (
-            (fixed(schema, pair, cell), further(cell)),
+            (pair.stratum(schema, cell), further(cell)),
             counted(schema, pair, cell, count),
         )
     };
@@ -331,14 +332,6 @@ fn stratified<'a>(
         .collect()
 }
 
-/// Returns the joint action of the agents held fixed, which is in the order of their actions.
-fn fixed(schema: &Schema, pair: &Pair, cell: &Cell) -> u64 {
-    let agents = pair.given.iter();
-    agents.fold(0, |joint, agent| {
-        joint * schema.agents()[*agent].actions() + schema.action_of(cell.joint, *agent)
-    })
-}
-
 fn by_segment(cell: &Cell) -> Option<SegmentId> {
     Some(cell.segment)
 }
@@ -348,18 +341,15 @@ fn no_more(_: &Cell) -> Option<SegmentId> {
 }
 
 fn counted(schema: &Schema, pair: &Pair, cell: &Cell, count: impl Fn(&Cell) -> u64) -> Counted {
-    (
-        schema.action_of(cell.joint, pair.ego),
-        schema.action_of(cell.joint, pair.other),
-        count(cell),
-    )
+    let (ego, other) = pair.actions(schema, cell);
+    (ego, other, count(cell))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::domain::SchemaDraft;
     use crate::domain::draft::{AgentDraft, FeatureDraft, KindDraft};
+    use crate::domain::{Counts, Family, SchemaDraft};
 
     /// Returns a schema of agents with so many actions each.
     fn schema(actions: &[i64]) -> Schema {
@@ -383,11 +373,7 @@ mod tests {
     }
 
     fn pair(ego: usize, other: usize, given: &[usize]) -> Pair {
-        Pair {
-            ego,
-            other,
-            given: given.to_vec(),
-        }
+        Pair::new(ego, other, given.to_vec())
     }
 
     fn cell(joint: u64, segment: i64, n: u64, entries: impl Into<Option<u64>>) -> Cell {
@@ -422,6 +408,99 @@ mod tests {
             .zip(0..)
             .flat_map(|(n, joint)| [cell(joint, 3, n[0], None), cell(joint, 7, n[1], None)]);
         cells.collect()
+    }
+
+    /// Returns a schema of agents with so many actions each, which may be absent, and are observed at
+    /// these lags.
+    fn later(actions: &[i64], lags: &[i64]) -> Schema {
+        let mut draft = schema(actions).draft();
+        let may = |agent: &mut AgentDraft| agent.may_be_absent = true;
+        draft.agents.iter_mut().for_each(may);
+        draft.lags = lags.to_vec();
+        Schema::try_from(&draft).expect("valid")
+    }
+
+    /// Returns the counts of a state, by family and cell.
+    fn state(cells: &[(Family, u64, u64)]) -> Counts {
+        let mut counts = Counts::default();
+        for (family, joint, n) in cells {
+            counts.add(*family, cell(*joint, 1, *n, *n));
+        }
+        counts
+    }
+
+    #[test]
+    fn a_transition_counts_for_the_pairs_that_acted() {
+        // Three agents with two actions each, and the letter 2 for their absence.
+        let schema = later(&[2, 2, 2], &[]);
+        let joint = |letters: [u64; 3]| letters.iter().fold(0, |joint, letter| joint * 3 + letter);
+        let counts = state(&[
+            (Family::JOINT, joint([0, 1, 0]), 5),
+            (Family::JOINT, joint([1, 1, 2]), 7),
+            (Family::JOINT, joint([2, 0, 1]), 11),
+            (Family::JOINT, joint([2, 2, 0]), 13),
+        ]);
+        let told = |pair: &Pair| {
+            let cells = counts.of_pair(&schema, pair, None);
+            assert_eq!(
+                Tally::sum(cells.clone()).n,
+                Tables::new(&schema, pair, cells.clone()).whole.total()
+            );
+            super::tests::counts(&Tables::new(&schema, pair, cells).whole)
+        };
+        assert_eq!(told(&pair(0, 1, &[])), [(0, 1, 5), (1, 1, 7)]);
+        assert_eq!(told(&pair(1, 0, &[])), [(1, 0, 5), (1, 1, 7)]);
+        assert_eq!(told(&pair(0, 2, &[])), [(0, 0, 5)]);
+        assert_eq!(told(&pair(1, 2, &[])), [(0, 1, 11), (1, 0, 5)]);
+
+        // Of an agent that is held fixed, an absence is a value like others.
+        let pair = pair(0, 1, &[2]);
+        let cells = counts.of_pair(&schema, &pair, None);
+        let strata = Tables::new(&schema, &pair, cells).strata;
+        let strata: Vec<_> = strata.iter().map(super::tests::counts).collect();
+        assert_eq!(strata, [vec![(0, 1, 5)], vec![(1, 1, 7)]]);
+    }
+
+    #[test]
+    fn a_later_action_is_told_beside_the_own_one_before_it() {
+        let schema = later(&[2, 3], &[1, 2]);
+        let pair = pair(0, 1, &[]);
+        let [first, second] = [1, 2].map(|lag| pair.at_lag(&schema, lag).expect("declared"));
+        assert_eq!(pair.at_lag(&schema, 3), None);
+        assert_eq!(pair.at_lag(&schema, 0), Some(pair.clone()));
+
+        // Joint actions of 3 x 4 letters; agent 1 at lag 1 and 2 are outcomes 2 and 3.
+        let at = |own: [u64; 2], value: u64| (own[0] * 4 + own[1]) * 3 + value;
+        let counts = state(&[
+            (Family::JOINT, 1, 99),
+            (first.family(), at([0, 3], 2), 5),
+            (first.family(), at([1, 3], 0), 4),
+            (first.family(), at([1, 0], 1), 2),
+            (first.family(), at([2, 0], 1), 50),
+            (second.family(), at([1, 2], 2), 3),
+        ]);
+        assert_eq!(first.family(), Family::of_outcome(2));
+        let strata = |pair: &Pair| -> Vec<Vec<Counted>> {
+            let cells = counts.of_pair(&schema, pair, None);
+            let tables = Tables::new(&schema, pair, cells.clone());
+            let observed = tables.strata_of_observations(&schema, pair, cells);
+            observed.iter().map(super::tests::counts).collect()
+        };
+        // Beside what agent 1 did before: 0, or nothing. Where agent 0 was absent it is told of
+        // nothing.
+        assert_eq!(
+            strata(&first),
+            [vec![(1, 1, 2)], vec![(0, 2, 5), (1, 0, 4)]]
+        );
+        assert_eq!(strata(&second), [vec![(1, 2, 3)]]);
+
+        // It has a direction, whichever agent is the earlier.
+        let back = super::tests::pair(1, 0, &[])
+            .at_lag(&schema, 1)
+            .expect("declared");
+        assert_eq!((back.undirected(), ego(&back)), (back.clone(), Ego::Rows));
+        assert_ne!(back.family(), first.family());
+        assert_eq!(strata(&back), [[]; 0]);
     }
 
     #[test]

@@ -604,10 +604,11 @@ async fn a_third_agent_held_fixed_reveals_what_it_hid() {
 
 /// Every whole number that the body of a request has, with one that is right: by the schema of the
 /// document, and where it stands.
-const WHOLE: [(&str, &str); 9] = [
+const WHOLE: [(&str, &str); 10] = [
     ("Circular.bins", "8"),
     ("Integer.max", "3"),
     ("Integer.min", "0"),
+    ("Outcome.lag", "2"),
     ("Rule.min_visits", "8"),
     ("TrainingRequest.epochs", "5"),
     ("TrainingRequest.folds", "2"),
@@ -681,6 +682,7 @@ async fn a_whole_number_is_one_however_it_is_written() {
 
     let description = r#"{"state": [{"name": "a", "circular": {"bins": Circular.bins}}, {"name": "b", "integer": {"min": Integer.min, "max": Integer.max}}],
         "agents": [{"name": "c", "action": [{"name": "x", "integer": {"min": 0, "max": 1}}]}, {"name": "d", "action": [{"name": "x", "integer": {"min": 0, "max": 1}}]}],
+        "outcomes": [{"agent": "c", "lag": Outcome.lag}],
         "rule": {"min_visits": Rule.min_visits}}"#;
     let training = r#"{"epochs": TrainingRequest.epochs, "folds": TrainingRequest.folds, "members": TrainingRequest.members,
         "seed": TrainingRequest.seed, "width": TrainingRequest.width}"#;

@@ -502,7 +502,7 @@ async fn fits_are_kept_up_for_an_hour_after_somebody_asked() {
     let environment = environment(&app.app, "street", 1, 5, 3).await;
     let fits = PriorRegistry::new(app.app.store.clone());
     let [plain, given, never] = [(0, 1, vec![]), (0, 3, vec![2]), (1, 4, vec![])]
-        .map(|(ego, other, given)| Pair { ego, other, given });
+        .map(|(ego, other, given)| Pair::new(ego, other, given));
     let versions = async || {
         let mut versions = Vec::new();
         for pair in [&plain, &given, &never] {

@@ -275,11 +275,7 @@ async fn fits_are_read_or_made_again_under_the_next_version() {
             let Some(record) = store.fits(environment.id).await.expect("read").pop() else {
                 continue;
             };
-            let pair = Pair {
-                ego: 0,
-                other: 1,
-                given,
-            };
+            let pair = Pair::new(0, 1, given);
             let fitted = fits
                 .get(&environment, &pair)
                 .await

@@ -416,11 +416,7 @@ async fn fits_are_made_again_and_no_version_is_used_twice() {
             .pop()
             .expect("one")
             .id;
-        let pair = Pair {
-            ego: 0,
-            other: 1,
-            given,
-        };
+        let pair = Pair::new(0, 1, given);
         let cold = fits
             .get(&environment, &pair)
             .await

@@ -87,6 +87,7 @@ const RULE_MAY_NAME: &[&[&str]] = &[
     &["std", "collections"],
     &["std", "iter"],
     &["std", "mem"],
+    &["std", "sync", "Arc"],
     &["async_trait"],
 ];
 

@@ -1,6 +1,6 @@
 //! Who acts: an agent and its action space.
 
-use super::outcome::{letter_label, letters};
+use super::feature::{letter_label, letters};
 use super::{Feature, Name};
 
 /// One decision maker with its action space.

@@ -148,6 +148,25 @@ fn listed(labels: &[Label]) -> String {
     format!("{}{more}", told.join(", "))
 }
 
+/// Returns how many letters the alphabet of some features has.
+pub(super) fn letters(features: &[Feature]) -> u64 {
+    let bins = features.iter().map(|feature| feature.kind.bins());
+    bins.map(u64::from).product()
+}
+
+/// Returns the labels of the features of a letter joined by "/".
+pub(super) fn letter_label(features: &[Feature], index: u64) -> String {
+    let mut rest = index;
+    let mut labels = Vec::with_capacity(features.len());
+    for feature in features.iter().rev() {
+        let bins = u64::from(feature.kind.bins());
+        labels.push(feature.kind.bin_label((rest % bins) as u32));
+        rest /= bins;
+    }
+    labels.reverse();
+    labels.join("/")
+}
+
 /// The most edges that are compared one by one, which is faster than a search there.
 const SHORT: usize = 16;
 

@@ -1,6 +1,7 @@
 //! Outcomes: variables that are observed some steps after a joint action, an agent's later action
 //! (a lagged variable) or anything else that has values, such as a factor of the next state.
 
+use super::feature::{letter_label, letters};
 use super::{Agent, Feature};
 
 /// The largest lag.
@@ -46,25 +47,6 @@ impl Outcome {
     pub fn value_label(&self, index: u64) -> String {
         letter_label(&self.value, index)
     }
-}
-
-/// Returns how many letters the alphabet of some features has.
-pub(super) fn letters(features: &[Feature]) -> u64 {
-    let bins = features.iter().map(|feature| feature.kind.bins());
-    bins.map(u64::from).product()
-}
-
-/// Returns the labels of the features of a letter joined by "/".
-pub(super) fn letter_label(features: &[Feature], index: u64) -> String {
-    let mut rest = index;
-    let mut labels = Vec::with_capacity(features.len());
-    for feature in features.iter().rev() {
-        let bins = u64::from(feature.kind.bins());
-        labels.push(feature.kind.bin_label((rest % bins) as u32));
-        rest /= bins;
-    }
-    labels.reverse();
-    labels.join("/")
 }
 
 #[cfg(test)]

@@ -23,6 +23,7 @@ struct Parts {
     /// Joint actions per step of each agent's action, and its number of letters: the first agent is
     /// most significant.
     radix: Vec<(u64, u64)>,
+    may_lack_actions: bool,
     /// How many cells a state can have of each family, in order of their numbers.
     cells: Vec<u64>,
     /// The kinds of all action features, agent after agent: what the discretiser runs over.
@@ -77,7 +78,7 @@ impl Schema {
 
     /// Returns whether an agent may be absent from a transition.
     pub fn may_lack_actions(&self) -> bool {
-        self.agents().iter().any(|agent| agent.may_be_absent)
+        self.0.may_lack_actions
     }
 
     /// Returns every action feature, agent after agent: the order of positional action values.
@@ -116,12 +117,12 @@ impl Schema {
     pub fn joint_action(&self, values: &[f32]) -> Option<u64> {
         let mut values = values.iter();
         self.agents().iter().try_fold(0, |joint, agent| {
-            let features = agent.action.iter().zip(values.by_ref());
-            let action = features.fold(Some(0), |action, (feature, value)| {
+            let mut features = agent.action.iter().zip(values.by_ref());
+            let action = features.try_fold(0, |action, (feature, value)| {
                 let bin = feature.kind.bin(*value).ok()?;
-                Some(action? * u64::from(feature.kind.bins()) + u64::from(bin))
-            });
-            Some(joint * agent.letters() + action?)
+                Some(action * u64::from(feature.kind.bins()) + u64::from(bin))
+            })?;
+            Some(joint * agent.letters() + action)
         })
     }
 
@@ -292,12 +293,14 @@ impl TryFrom<&SchemaDraft> for Schema {
             .map(|feature| feature.kind.clone())
             .collect();
 
+        let may_lack_actions = agents.iter().any(|agent| agent.may_be_absent);
         Ok(Self(Arc::new(Parts {
             state,
             agents,
             outcomes,
             befores,
             radix,
+            may_lack_actions,
             cells,
             action_kinds,
             hash,
