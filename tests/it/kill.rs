@@ -1,5 +1,6 @@
 //! Kill -9 of the real binary, at random times, under a stream load: nothing that was acknowledged
-//! is lost, nothing is counted twice.
+//! is lost, nothing is counted twice. The human of the lane is absent now and then, and what it does
+//! later is counted too.
 //!
 //! `NUDGE_KILLS=2000 cargo test kill` kills more often. The control forgets its producer id at
 //! every reconnect, as if there were no watermark, and must show doubles: a test that cannot see
@@ -7,19 +8,17 @@
 //! `faults/folds.rs` kill where it hurts: at each step to the disk of a migration, a deletion, a fold
 //! and a move.
 
-use std::net::SocketAddr;
 use std::time::Duration;
 
-use nudge::api::proto;
-use nudge::api::proto::influence_service_client::InfluenceServiceClient;
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 use tempfile::TempDir;
 
 use crate::faults;
 use crate::server::Server;
-use crate::support::channel;
-use crate::support::load::{Cells, Load, Shape, Voice, expected, make_lane};
+use crate::support::load::{
+    Cells, Load, Shape, Voice, expected, make_lane, read_held, transitions,
+};
 
 /// Returns how many kills there are: as many as were asked for, or those of the short or long form.
 pub fn kills(short: u64) -> u64 {
@@ -56,40 +55,17 @@ async fn run(voice: Voice, kills: u64) -> Aftermath {
         server = start(&address.to_string());
     }
     let expected = expected(Shape::SMALL, &load.finish().await);
-    let counted = counted(address).await;
     server.kill();
+    let held = read_held(directory.path(), 4).await;
+    let counted = held.expect("an environment that was made stays").cells;
     Aftermath { counted, expected }
-}
-
-async fn counted(address: SocketAddr) -> Cells {
-    let mut client =
-        InfluenceServiceClient::new(channel(address).await.expect("the server listens"));
-    let mut counted = Cells::new();
-    for key in (0..4).flat_map(|distance| (0..2).map(move |held| format!("{distance}.{held}"))) {
-        let request = proto::GetStateRequest {
-            environment: "lane".into(),
-            key: key.clone(),
-        };
-        let state = client
-            .get_state(request)
-            .await
-            .expect("a valid key")
-            .into_inner();
-        for cell in state.cells {
-            counted.insert(
-                (key.clone(), cell.segment, cell.actions[0], cell.actions[1]),
-                cell.n,
-            );
-        }
-    }
-    counted
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn nothing_is_lost_or_doubled_by_kills() {
     let kills = kills(60);
     let aftermath = run(Voice::Stream, kills).await;
-    let transitions: u64 = aftermath.expected.values().sum();
+    let transitions = transitions(&aftermath.expected);
     assert!(
         transitions > kills * Shape::SMALL.rows as u64,
         "there was a load: {transitions} transitions"
@@ -103,10 +79,7 @@ async fn without_the_watermark_kills_show_doubles() {
     // More kills than the run needs: one double is enough, and each kill under load makes one
     // likely.
     let aftermath = run(Voice::Forgetful, 40).await;
-    let (counted, expected): (u64, u64) = (
-        aftermath.counted.values().sum(),
-        aftermath.expected.values().sum(),
-    );
+    let [counted, expected] = [&aftermath.counted, &aftermath.expected].map(transitions);
     assert!(
         counted > expected,
         "the control must double: {counted} counted, {expected} sent"

@@ -30,6 +30,7 @@ mod networks;
 mod newcomers;
 mod old_databases;
 mod operations;
+mod outcomes;
 mod planted;
 mod proxy;
 mod quotas;

@@ -4,8 +4,8 @@
 use std::sync::Arc;
 
 use nudge::domain::{
-    ActionTotals, Cell, Environment, EnvironmentId, FitId, SegmentId, Sequence, StateKey, Tally,
-    Threshold, WrittenRule,
+    ActionTotals, Cell, Counts, Environment, EnvironmentId, Family, FitId, SegmentId, Sequence,
+    StateKey, Tally, Threshold, WrittenRule,
 };
 use nudge::error::ErrorKind;
 use nudge::store::{
@@ -87,6 +87,54 @@ store_contract!(
     an_unknown_model_is_not_found,
 });
 
+// Where outcomes are observed beside each joint action: the same, but for cases that say how many
+// cells there are, which have twins of their own, and those of what is not counted.
+store_contract!(
+    sqlite_observed: super::SqliteFile::observed(),
+    sqlite_observed_listed: super::SqliteFile::observed_listed(); {
+    an_environment_is_made_changed_and_removed,
+    environments_survive,
+    batches_count_in_their_order,
+    a_gap_is_refused,
+    a_number_used_with_another_content_is_refused,
+    duplicates_get_their_first_receipt,
+    duplicates_are_known_after_reopening,
+    duplicates_older_than_the_last_1024_are_unverified,
+    the_largest_sequence_has_no_successor,
+    a_run_of_one_producer_advances_in_one_commit,
+    a_refused_batch_changes_nothing_for_the_others,
+    empty_batches_use_their_numbers,
+    a_new_environment_of_the_same_name_begins_anew,
+    a_deleted_environment_is_gone_before_its_rows,
+    a_read_that_goes_on_ends_with_its_environment,
+    several_environments_are_removed_at_once,
+    an_interrupted_removal_goes_on_after_reopening,
+    the_segments_quota_is_exact,
+    the_producers_quota_is_exact,
+    transitions_stop_at_the_largest_number,
+    a_joint_action_that_cannot_be_stored_is_refused,
+    entries_become_unknown_and_stay_so,
+    segments_are_kept_apart,
+    counts_come_in_the_order_asked,
+    many_states_are_read_at_once,
+    a_scan_sees_every_state_once,
+    states_are_found_in_the_order_of_their_visits,
+    what_a_commit_counts_is_read_after_it,
+    nobody_acted_in_an_empty_environment,
+    actions_add_up_over_states_and_segments,
+    actions_of_three_agents_come_apart,
+    actions_follow_every_commit,
+    actions_are_drawn_by_visits_once_a_flag_is_missing,
+    actions_go_with_their_environment,
+    an_audit_finds_nothing_wrong,
+    many_new_states_in_one_commit,
+    environments_do_not_mix,
+    outcomes_are_counted_apart_from_joint_actions,
+    cells_of_outcomes_count_towards_the_quota,
+    a_cell_that_no_outcome_has_is_damage,
+    outcomes_survive_and_are_folded,
+});
+
 async fn make(store: &Arc<dyn Store>, name: &str) -> EnvironmentId {
     let made = store
         .create(
@@ -124,12 +172,36 @@ async fn cells(
 ) -> Vec<(u64, u64, Option<u64>)> {
     let counts = store.counts(id, &[state_at(place)]).await.expect("counts");
     assert_eq!(counts.len(), 1);
+    assert_observed(&counts[0].counts);
     counts[0]
         .counts
         .cells()
         .iter()
         .map(|cell| (cell.joint, cell.tally.n, cell.tally.entries))
         .collect()
+}
+
+/// Returns how many cells of all families these of joint actions are counted in.
+fn cells_of(joints: &[u64]) -> u64 {
+    let observed = |joint: &u64| {
+        let outcomes = 0..OUTCOMES.len();
+        1 + outcomes
+            .filter(|at| observed(*at, *joint).is_some())
+            .count() as u64
+    };
+    joints.iter().map(observed).sum()
+}
+
+/// Asserts that the families of outcomes have what the joint actions of a state were observed with.
+fn assert_observed(counts: &Counts) {
+    for outcome in 0..OUTCOMES.len() {
+        let beside = |cell: &Cell| {
+            let joint = observed(outcome, cell.joint)?;
+            Some(Cell { joint, ..*cell })
+        };
+        let expected: Vec<Cell> = counts.cells().iter().filter_map(beside).collect();
+        assert_eq!(counts.of_family(Family::of_outcome(outcome)), expected);
+    }
 }
 
 async fn totals(store: &Arc<dyn Store>, id: EnvironmentId) -> Totals {
@@ -217,7 +289,7 @@ async fn batches_count_in_their_order(database: &dyn Database) {
     let expected = Totals {
         transitions: 14,
         states: 2,
-        cells: 3,
+        cells: cells_of(&[5, 6, 5]),
         segments: 1,
         producers: 1,
     };
@@ -465,7 +537,7 @@ async fn a_refused_batch_changes_nothing_for_the_others(database: &dyn Database)
     let expected = Totals {
         transitions: 1,
         states: 1,
-        cells: 1,
+        cells: cells_of(&[1]),
         segments: 1,
         producers: 1,
     };
@@ -1082,7 +1154,7 @@ async fn segments_are_kept_apart(database: &dyn Database) {
             .sum::<u64>()
     };
     assert_eq!([of(0), of(1), of(2)], [1, 4, 10]);
-    assert_eq!(totals(&store, id).await.cells, 3);
+    assert_eq!(totals(&store, id).await.cells, cells_of(&[1; 3]));
 }
 
 async fn counts_come_in_the_order_asked(database: &dyn Database) {
@@ -1496,7 +1568,8 @@ async fn an_audit_finds_nothing_wrong(database: &dyn Database) {
         ["empty", "hallway"]
     );
     assert_eq!((audits[0].kept, audits[0].found), ([0; 3], [0; 3]));
-    assert_eq!((audits[1].kept, audits[1].found), ([11, 2, 2], [11, 2, 2]));
+    let held = [11, 2, cells_of(&[1, 1])];
+    assert_eq!((audits[1].kept, audits[1].found), (held, held));
     assert!(store.ready().await.is_ok());
     assert!(store.bytes().await.expect("a size") > 0);
 }
@@ -1515,7 +1588,7 @@ async fn many_new_states_in_one_commit(database: &dyn Database) {
     let expected = Totals {
         transitions: 9_000,
         states: 6_000,
-        cells: 6_000,
+        cells: 6_000 * cells_of(&[7]),
         segments: 1,
         producers: 1,
     };
@@ -1838,4 +1911,122 @@ async fn an_unknown_model_is_not_found(database: &dyn Database) {
         }
     }
     assert_eq!(models(&store, id).await.len(), 1);
+}
+
+async fn outcomes_are_counted_apart_from_joint_actions(database: &dyn Database) {
+    let (store, id) = open(database).await;
+    let first = batch(id, "a", 1)
+        .cell(1, 1, tally(3, 2))
+        .cell(1, 4, tally(1, 0))
+        .done();
+    let second = batch(id, "a", 2)
+        .cell(1, 1, tally(2, 2))
+        .segment("x")
+        .done();
+    commit(&store, &[first, second]).await;
+
+    let counts = store.counts(id, &[state_at(1)]).await.expect("counts");
+    let family = |outcome| -> Vec<(u64, u64)> {
+        let cells = counts[0].counts.of_family(Family::of_outcome(outcome));
+        cells
+            .iter()
+            .map(|cell| (cell.joint, cell.tally.n))
+            .collect()
+    };
+    // Joint action 4 was not observed with the first outcome.
+    assert_eq!(family(0), [(4, 3), (4, 2)]);
+    assert_eq!(family(1), [(1, 3), (1, 2), (4, 1)]);
+    assert_eq!(family(2), [(257, 3), (257, 2), (1_028, 1)]);
+    assert_eq!(counts[0].revision, 6, "transitions are counted once");
+
+    let totals = totals(&store, id).await;
+    assert_eq!((totals.transitions, totals.states), (6, 1));
+    assert_eq!(totals.cells, 3 + 2 + 3 + 3);
+    let page = store.scan(id, Cursor::default(), 10).await.expect("a page");
+    assert_eq!(page[0].counts, *counts[0].counts);
+
+    // A state has as many visits as transitions, however many outcomes.
+    let wanted = |min_visits| ByVisits {
+        segments: None,
+        min_visits,
+        descending: true,
+        after: None,
+        states: 10,
+    };
+    for (min_visits, states) in [(6, 1), (7, 0)] {
+        let found = store.by_visits(id, &wanted(min_visits)).await;
+        assert_eq!(found.expect("a page").0.len(), states);
+    }
+    let audits = store.audit().await.expect("an audit");
+    assert!(audits.iter().all(|audit| audit.is_sound()), "{audits:?}");
+}
+
+async fn cells_of_outcomes_count_towards_the_quota(database: &dyn Database) {
+    let quotas = Quotas {
+        cells: 8,
+        ..Quotas::default()
+    };
+    let store = database.open(quotas).await;
+    let id = make(&store, "hallway").await;
+    let four = batch(id, "a", 1).cell(1, 1, tally(1, 1)).done();
+    let five = batch(id, "b", 1)
+        .cell(1, 1, tally(1, 1))
+        .cell(2, 1, tally(1, 1))
+        .cell(1, 4, tally(1, 1))
+        .done();
+    let three_more = batch(id, "b", 1)
+        .cell(1, 1, tally(1, 1))
+        .cell(1, 4, tally(1, 1))
+        .content(2)
+        .done();
+    let outcomes = commit(&store, &[four.clone(), five, three_more.clone()]).await;
+    let expected = [applied(&four), over_quota("cells", 8), applied(&three_more)];
+    assert_eq!(outcomes, expected);
+    assert_eq!(totals(&store, id).await.cells, 7);
+
+    // One of joint actions would fit, and what it was observed with does not.
+    let next = batch(id, "a", 2).cell(9, 2, tally(1, 1)).done();
+    assert_eq!(commit(&store, &[next]).await, [over_quota("cells", 8)]);
+    let known = batch(id, "a", 2).cell(1, 4, tally(5, 5)).done();
+    assert_eq!(
+        commit(&store, std::slice::from_ref(&known)).await,
+        [applied(&known)]
+    );
+}
+
+async fn a_cell_that_no_outcome_has_is_damage(database: &dyn Database) {
+    let (store, id) = open(database).await;
+    let mut beyond = batch(id, "a", 1).cell(1, 1, tally(1, 1)).done();
+    // A family and a cell that the schema does not have, which no valid batch adds.
+    beyond.increment.outcomes[1][0].1 = 1 << 40;
+    commit(&store, &[beyond]).await;
+    assert!(store.counts(id, &[state_at(1)]).await.is_err());
+    let audits = store.audit().await.expect("an audit");
+    assert!(!audits[0].is_sound(), "{audits:?}");
+}
+
+async fn outcomes_survive_and_are_folded(database: &dyn Database) {
+    let (store, id) = open(database).await;
+    for sequence in 1..=20 {
+        let place = sequence as u32 % 3;
+        let next = batch(id, "a", sequence)
+            .cell(place, sequence % 4, tally(sequence, 1))
+            .cell(40, 7, tally(1, 1));
+        commit(&store, &[next.done()]).await;
+    }
+    let keys: Vec<StateKey> = [0, 1, 2, 40].map(state_at).to_vec();
+    let before = store.counts(id, &keys).await.expect("counts");
+    let held = totals(&store, id).await;
+    store.close().await;
+    drop(store);
+
+    let store = database.open(Quotas::default()).await;
+    assert_eq!(totals(&store, id).await, held);
+    let after = store.counts(id, &keys).await.expect("counts");
+    assert_eq!(after, before);
+    after
+        .iter()
+        .for_each(|state| assert_observed(&state.counts));
+    let audits = store.audit().await.expect("an audit");
+    assert!(audits.iter().all(|audit| audit.is_sound()), "{audits:?}");
 }

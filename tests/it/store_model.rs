@@ -9,7 +9,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
-use nudge::domain::{ActionTotals, Digest, Environment, EnvironmentId, Tally, WrittenRule};
+use nudge::domain::{ActionTotals, Digest, Environment, EnvironmentId, Family, Tally, WrittenRule};
 use nudge::store::{Cursor, Numbered, Outcome, Quotas, Refusal, Store, Totals};
 use proptest::prelude::*;
 use tokio::sync::oneshot;
@@ -117,7 +117,8 @@ struct World {
     accepted: BTreeMap<String, Vec<Numbered>>,
 }
 
-type CellName = (u32, String, u64);
+/// A place, a segment, the number of a family and a cell of it.
+type CellName = (u32, String, u32, u64);
 
 impl World {
     fn cells(&self) -> BTreeMap<CellName, Tally> {
@@ -150,9 +151,9 @@ impl World {
         for _ in self.wide() {
             actions.add(WIDE_ACTION, tally(WIDE, WIDE));
         }
-        self.cells()
-            .into_iter()
-            .for_each(|((_, _, joint), tally)| actions.add(joint, tally));
+        let cells = self.cells().into_iter();
+        let joint = cells.filter(|((.., family, _), _)| *family == 0);
+        joint.for_each(|((.., joint), tally)| actions.add(joint, tally));
         actions
     }
 
@@ -203,14 +204,15 @@ impl World {
     }
 
     fn segments(&self) -> BTreeSet<String> {
-        let cells = self.cells().into_keys().map(|(_, segment, _)| segment);
+        let cells = self.cells().into_keys().map(|(_, segment, ..)| segment);
         cells.chain(self.wide()).collect()
     }
 
     fn totals(&self) -> Totals {
         let (cells, wide) = (self.cells(), self.wide());
-        let states: BTreeSet<u32> = cells.keys().map(|(place, _, _)| *place).collect();
-        let visits: u64 = cells.values().map(|tally| tally.n).sum();
+        let states: BTreeSet<u32> = cells.keys().map(|(place, ..)| *place).collect();
+        let joint = cells.iter().filter(|((.., family, _), _)| *family == 0);
+        let visits: u64 = joint.map(|(_, tally)| tally.n).sum();
         Totals {
             transitions: visits + WIDE * wide.len() as u64,
             states: states.len() as u64 + WIDE * u64::from(!wide.is_empty()),
@@ -238,11 +240,20 @@ fn named(batch: &Numbered) -> Vec<(CellName, Tally)> {
     let segment = segment(batch);
     // The rank of a state of one feature.
     let place = |rank: u64| PLACED.iter().position(|place| u64::from(*place) == rank);
-    let name = |(rank, joint, tally): &(u64, u64, Tally)| {
-        let place = place(*rank)? as u32;
-        Some(((place, segment.clone(), *joint), *tally))
-    };
-    batch.increment.cells.iter().filter_map(name).collect()
+    let mut named = Vec::new();
+    for (family, cells) in batch.increment.families() {
+        let name = |(rank, cell, tally): &(u64, u64, Tally)| {
+            let name = (
+                place(*rank)? as u32,
+                segment.clone(),
+                family.number(),
+                *cell,
+            );
+            Some((name, *tally))
+        };
+        named.extend(cells.iter().filter_map(name));
+    }
+    named
 }
 
 /// The store and the model side by side.
@@ -400,14 +411,17 @@ impl Pair {
                 .expect("counts");
             let cells = world.cells();
             for (place, found) in places.iter().zip(found) {
-                let told = found.counts.cells().iter();
-                let told = told.map(|cell| {
-                    (
-                        (*place, labels[&cell.segment.0].clone(), cell.joint),
-                        cell.tally,
-                    )
+                let named = |family: Family, cell: &nudge::domain::Cell| {
+                    let label = labels[&cell.segment.0].clone();
+                    ((*place, label, family.number(), cell.joint), cell.tally)
+                };
+                let told = schema().families().flat_map(|family| {
+                    let cells = found.counts.of_family(family).iter();
+                    cells
+                        .map(move |cell| named(family, cell))
+                        .collect::<Vec<_>>()
                 });
-                let expected = cells.iter().filter(|((of, _, _), _)| of == place);
+                let expected = cells.iter().filter(|((of, ..), _)| of == place);
                 assert_eq!(
                     told.collect::<BTreeMap<_, _>>(),
                     expected.map(|(n, t)| (n.clone(), *t)).collect()
@@ -474,7 +488,7 @@ impl Pair {
             for state in &page {
                 let cells = state.counts.cells();
                 found.states += 1;
-                found.cells += cells.len() as u64;
+                found.cells += state.counts.len() as u64;
                 found.transitions += cells.iter().map(|cell| cell.tally.n).sum::<u64>();
             }
             match page.last() {
@@ -518,7 +532,14 @@ proptest! {
         fold_from in prop_oneof![3 => Just(1_usize), 1 => 2_usize..20],
         quotas in quotas(),
         steps in steps(),
+        is_observed: bool,
     ) {
+        // A joint action is then up to four cells.
+        let quotas = Quotas {
+            cells: quotas.cells + if is_observed { 3 * QUOTAS.cells } else { 0 },
+            ..quotas
+        };
+        of_outcomes(is_observed);
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().expect("a runtime");
         runtime.block_on(async {
             let mut pair = Pair::new(cache_cells, fold_from, quotas).await;

@@ -17,6 +17,7 @@ const SHAPE: Shape = Shape {
     contents: 64,
     segments: 64,
     in_flight: 8,
+    observed: false,
 };
 
 /// How often a disk fills up. Not oftener, for once the journal has its full length, commits write

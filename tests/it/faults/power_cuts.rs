@@ -29,6 +29,7 @@ const SHAPE: Shape = Shape {
     contents: 64,
     segments: 64,
     in_flight: 1,
+    observed: false,
 };
 
 const DATABASE: &str = "nudge.db";

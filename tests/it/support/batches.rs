@@ -2,7 +2,7 @@
 
 use std::cell::Cell;
 
-use nudge::domain::draft::{AgentDraft, FeatureDraft, KindDraft};
+use nudge::domain::draft::{AgentDraft, FeatureDraft, KindDraft, OutcomeDraft};
 use nudge::domain::{
     Acknowledged, Digest, EnvironmentId, Increment, Receipt, Schema, SchemaDraft, Sequence,
     StateKey, States, Tally,
@@ -12,6 +12,31 @@ use nudge::store::{Numbered, Outcome, Refusal};
 thread_local! {
     /// Whether the states of this thread's test are too many to be numbered by their ranks.
     static IS_HUGE: Cell<bool> = const { Cell::new(false) };
+    /// Whether this thread's test observes outcomes.
+    static IS_OBSERVED: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Outcomes of [`schema`] where they are observed: a name, and how many values it has.
+pub const OUTCOMES: [(&str, u64); 3] = [("pot", 3), ("pan", 1), ("lid", 256)];
+
+/// Lets [`schema`] have outcomes, and every cell of a batch be observed with most of them, for all
+/// of this test, which has to stay on its thread.
+pub fn of_outcomes(observed: bool) {
+    IS_OBSERVED.set(observed);
+}
+
+/// Returns whether outcomes are observed.
+pub fn observes() -> bool {
+    IS_OBSERVED.get()
+}
+
+/// Returns the cell of an outcome's family that a joint action is observed with: each outcome is
+/// missing now and then.
+pub fn observed(outcome: usize, joint: u64) -> Option<u64> {
+    let values = OUTCOMES[outcome].1;
+    let is_missing = !observes() || (joint + outcome as u64) % 5 == 4;
+    let cell = joint.checked_mul(values)? + joint % values;
+    (!is_missing).then_some(cell)
 }
 
 /// Lets [`schema`] and [`state`] be of more states than can be numbered by their ranks, for all of
@@ -44,9 +69,17 @@ pub fn schema_of(agents: &[(&str, i64)]) -> Schema {
     if IS_HUGE.get() {
         state.extend([feature("height", LARGEST), feature("depth", LARGEST)]);
     }
+    let outcome = |(name, values): &(&str, u64)| OutcomeDraft {
+        name: (*name).into(),
+        lag: Some(1),
+        value: vec![feature("is", *values as i64 - 1)],
+        ..OutcomeDraft::default()
+    };
+    let outcomes = OUTCOMES.iter().filter(|_| observes());
     let draft = SchemaDraft {
         state,
         agents: agents.iter().map(agent).collect(),
+        outcomes: outcomes.map(outcome).collect(),
         ..SchemaDraft::default()
     };
     Schema::try_from(&draft).expect("valid")
@@ -97,10 +130,20 @@ pub fn filled(
     for place in places {
         let number = number(increment, place);
         increment.cells.push((number, 1, tally(1, 1)));
+        add_observed(increment, number, 1, tally(1, 1));
     }
     increment.transitions = increment.cells.len() as u64;
     batch.receipt.accepted = increment.transitions;
     batch
+}
+
+fn add_observed(increment: &mut Increment, number: u64, joint: u64, tally: Tally) {
+    for outcome in 0..OUTCOMES.len() {
+        if let Some(cell) = observed(outcome, joint) {
+            increment.outcomes.resize(OUTCOMES.len(), Vec::new());
+            increment.outcomes[outcome].push((number, cell, tally));
+        }
+    }
 }
 
 /// Returns the number by which an increment names a state: its rank, or where there are too many
@@ -128,6 +171,7 @@ impl Sending {
         let increment = &mut self.0.increment;
         let number = number(increment, place);
         increment.cells.push((number, joint, tally));
+        add_observed(increment, number, joint, tally);
         increment.transitions = increment.transitions.saturating_add(tally.n);
         self.0.receipt.accepted = increment.transitions;
         self

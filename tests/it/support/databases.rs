@@ -11,7 +11,7 @@ use tempfile::TempDir;
 use tokio::sync::Mutex;
 use tokio::task::JoinHandle;
 
-use super::batches::of_too_many_states;
+use super::batches::{of_outcomes, of_too_many_states};
 
 /// A place where a store can be opened, dropped, and opened again with what it held.
 #[async_trait::async_trait]
@@ -55,6 +55,19 @@ impl SqliteFile {
     pub fn listed() -> Self {
         of_too_many_states();
         Self::compacted()
+    }
+
+    /// Makes a place for a file whose environments observe outcomes: see [`of_outcomes`].
+    pub fn observed() -> Self {
+        of_outcomes(true);
+        Self::new()
+    }
+
+    /// The same, with a journal that is put into rows at once, and states that are numbered by a
+    /// table.
+    pub fn observed_listed() -> Self {
+        of_outcomes(true);
+        Self::listed()
     }
 
     /// Folds all of the journal into rows, and moves what an earlier build counted. Nobody may have

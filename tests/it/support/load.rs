@@ -9,9 +9,11 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
+use bytes::Bytes;
 use nudge::api::proto::environment_service_client::EnvironmentServiceClient;
 use nudge::api::proto::ingest_service_client::IngestServiceClient;
 use nudge::api::proto::{self, ingest_request, ingest_response};
+use nudge::domain::{Presence, Values};
 use nudge::store::{Cursor, Options, SqliteStore, Store};
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
@@ -20,8 +22,8 @@ use tokio::task::JoinHandle;
 
 use super::{RawStream, channel, hello, lane_schema, reason};
 
-/// Visits by state, segment and the two agents' actions.
-pub type Cells = BTreeMap<(String, String, u64, u64), u64>;
+/// Visits by state, segment, the number of a family and a cell of it.
+pub type Cells = BTreeMap<(String, String, u32, u64), u64>;
 
 /// What producers send.
 #[derive(Debug, Clone, Copy)]
@@ -34,6 +36,8 @@ pub struct Shape {
     pub segments: u64,
     /// The most batches of a stream without acknowledgement.
     pub in_flight: u64,
+    /// Whether the human is absent now and then, and what is observed later is sent.
+    pub observed: bool,
 }
 
 impl Shape {
@@ -43,6 +47,7 @@ impl Shape {
         contents: 64,
         segments: 8,
         in_flight: 32,
+        observed: true,
     };
 }
 
@@ -75,28 +80,59 @@ impl Content {
         };
         // By number first: names of a million rows would take longer than what is tested.
         let mut counted = BTreeMap::new();
+        let mut count = |state: (usize, u32), family: u32, cell: u32| {
+            *counted.entry((state, family, cell)).or_default() += 1;
+        };
+        let (mut acted, mut outcomes, mut seen) = (Vec::new(), Vec::new(), Vec::new());
         for _ in 0..shape.rows {
-            let (distance, held) = (
+            let state = (
                 random.random_range(0..4_usize),
                 random.random_range(0..2_u32),
             );
             let (robot, human) = (random.random_range(0..2_u32), random.random_range(0..3_u32));
+            let distance = [0.1, 0.6, 0.8, 2.0][state.0];
+            columns.states.extend([distance, state.1 as f32]);
+
+            let absent = shape.observed && random.random_range(0..8) == 0;
+            let letter = if absent { 3 } else { human };
             columns
-                .states
-                .extend([[0.1, 0.6, 0.8, 2.0][distance], held as f32]);
-            columns.actions.extend([robot as f32, human as f32]);
-            *counted.entry((distance, held, robot, human)).or_default() += 1;
+                .actions
+                .extend([robot as f32, if absent { 0.0 } else { human as f32 }]);
+            acted.extend([true, !absent]);
+            count(state, 0, robot * 4 + letter);
+
+            // What the human does one and two steps later, and what is in the pot then.
+            let values = [3, 3, 2];
+            let later = values.map(|values| random.random_range(0..=values));
+            let has = [0, 1, 2].map(|at| later[at] < values[at]);
+            for (value, has) in later.iter().zip(has) {
+                outcomes.push(if has { *value as f32 } else { 0.0 });
+                seen.push(has);
+            }
+            if !shape.observed {
+                continue;
+            }
+            if has[0] {
+                count(state, 1, (robot * 4 + letter) * 3 + later[0]);
+            }
+            if has[1] {
+                // Beside the action one step later, or the absence that is known by its lack.
+                let before = if has[0] { later[0] } else { 3 };
+                count(state, 2, (robot * 4 + before) * 3 + later[1]);
+            }
+            if has[2] {
+                count(state, 3, (robot * 4 + letter) * 2 + later[2]);
+            }
         }
-        let named = |((distance, held, robot, human), n)| {
-            (
-                (
-                    format!("{distance}.{held}"),
-                    segment.clone(),
-                    u64::from(robot),
-                    u64::from(human),
-                ),
-                n,
-            )
+        if shape.observed {
+            columns.actions_present = Presence::of(acted).bits().clone();
+            columns.outcomes_le = Values::from(outcomes).into_le_bytes();
+            columns.outcomes_present = Presence::of(seen).bits().clone();
+        }
+
+        let named = |(((distance, held), family, cell), n)| {
+            let key = format!("{distance}.{held}");
+            ((key, segment.clone(), family, u64::from(cell)), n)
         };
         let cells = counted.into_iter().map(named).collect();
         Self {
@@ -116,18 +152,31 @@ impl Content {
     }
 
     fn json(&self, producer: &str, sequence: u64) -> Value {
-        let rows = self
-            .columns
-            .states
-            .chunks(2)
-            .zip(self.columns.actions.chunks(2));
-        let transition = |(state, actions): (&[f32], &[f32])| {
+        let columns = &self.columns;
+        let rows = columns.states.chunks(2).zip(columns.actions.chunks(2));
+        let outcomes = Values::from_le(columns.outcomes_le.clone()).expect("whole");
+        let bits = |bits: &Bytes, slots: usize| {
+            let slots = slots * columns.count as usize;
+            Presence::from_bits(bits.clone(), slots).expect("as many")
+        };
+        let acted = bits(&columns.actions_present, 2);
+        let seen = bits(&columns.outcomes_present, 3);
+        let transition = |(at, (state, actions)): (usize, (&[f32], &[f32]))| {
+            let human = acted.has(2 * at + 1).then_some(actions[1] as u32);
+            let mut observed = serde_json::Map::new();
+            for (slot, name) in ["human@1", "human@2", "pot"].into_iter().enumerate() {
+                if !outcomes.is_empty() && seen.has(3 * at + slot) {
+                    let value = outcomes.at(3 * at + slot, 1).next();
+                    observed.insert(name.into(), json!(value.expect("there") as u32));
+                }
+            }
             json!({
                 "state": {"distance": state[0], "held": state[1] as u32},
-                "actions": {"robot": actions[0] as u32, "human": actions[1] as u32},
+                "actions": {"robot": actions[0] as u32, "human": human},
+                "outcomes": observed,
             })
         };
-        let transitions: Vec<Value> = rows.map(transition).collect();
+        let transitions: Vec<Value> = rows.enumerate().map(transition).collect();
         json!({"producer": producer, "sequence": sequence, "segment": self.segment, "transitions": transitions})
     }
 }
@@ -166,13 +215,29 @@ pub fn expected(shape: Shape, committed: &[u64]) -> Cells {
     expected
 }
 
-/// Makes the environment that producers send to.
+/// Makes the environment that producers send to: the lane, whose human may be absent, with what is
+/// observed later.
 pub async fn make_lane(address: SocketAddr) {
     let mut client =
         EnvironmentServiceClient::new(channel(address).await.expect("the server listens"));
+    let mut schema = lane_schema();
+    schema.agents[1].may_be_absent = true;
+    let pot = schema.state[1].clone();
+    let action = |lag| proto::Outcome {
+        agent: "human".into(),
+        lag,
+        ..proto::Outcome::default()
+    };
+    let pot = proto::Outcome {
+        name: "pot".into(),
+        lag: 1,
+        value: vec![pot],
+        ..proto::Outcome::default()
+    };
+    schema.outcomes = vec![action(1), action(2), pot];
     let request = proto::ApplyEnvironmentRequest {
         name: "lane".into(),
-        schema: Some(lane_schema()),
+        schema: Some(schema),
         rule: None,
     };
     client.apply_environment(request).await.expect("valid");
@@ -474,17 +539,14 @@ pub async fn read_held(directory: &Path, producers: usize) -> Option<Held> {
         .await
         .expect("read")
     {
-        for cell in state.counts.cells() {
-            let segment = segments[&cell.segment]
-                .as_ref()
-                .map_or(String::new(), ToString::to_string);
-            let key = (
-                state.key.to_string(),
-                segment,
-                cell.joint / 3,
-                cell.joint % 3,
-            );
-            cells.insert(key, cell.tally.n);
+        for family in environment.schema.families() {
+            for cell in state.counts.of_family(family) {
+                let segment = segments[&cell.segment]
+                    .as_ref()
+                    .map_or(String::new(), ToString::to_string);
+                let key = (state.key.to_string(), segment, family.number(), cell.joint);
+                cells.insert(key, cell.tally.n);
+            }
         }
     }
     store.close().await;
@@ -510,5 +572,11 @@ pub async fn assert_exactly_once(directory: &Path, shape: Shape, acknowledged: &
         "every batch once: {:?}",
         held.committed
     );
-    held.cells.values().sum()
+    transitions(&held.cells)
+}
+
+/// Returns how many transitions cells are of: those of outcomes say some of them again.
+pub fn transitions(cells: &Cells) -> u64 {
+    let joint = cells.iter().filter(|((.., family, _), _)| *family == 0);
+    joint.map(|(_, n)| n).sum()
 }
