@@ -76,7 +76,8 @@ mod retry;
 mod task;
 mod totals;
 
-pub use nudge_core::domain::{Secret, Track};
+pub use nudge_core::domain::Secret;
+pub use nudge_core::tracks::Track;
 pub use {nudge_core::domain, nudge_wire::proto};
 
 pub use connection::{Connection, Readiness, readiness, schema_of};

@@ -48,7 +48,6 @@ mod records;
 mod rule;
 mod schema;
 mod secret;
-mod track;
 mod training;
 mod values;
 
@@ -89,5 +88,4 @@ pub use records::{Digest, Entry, Record, Records, Rejection, Widths, Worded};
 pub use rule::{Rule, RuleKind, Threshold, Unit, WrittenRule};
 pub use schema::Schema;
 pub use secret::{KeyDigest, Secret};
-pub use track::Track;
 pub use values::Values;

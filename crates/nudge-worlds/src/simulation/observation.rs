@@ -28,7 +28,8 @@ use kdtree::distance::squared_euclidean;
 
 use super::hallway::Trial;
 use super::{Pedestrian, SocialForce, semi_minor_axis};
-use nudge_core::domain::{Record, Schema, Track};
+use nudge_core::domain::{Record, Schema};
+use nudge_core::tracks::Track;
 
 /// The description of the environment whose transitions these are, in JSON.
 pub const DESCRIPTION: &str = include_str!("../../../../examples/hallway.json");
@@ -59,8 +60,17 @@ pub struct Observation {
 pub struct Observer {
     schema: Schema,
     model: SocialForce,
-    /// The pairs observed at the record before.
-    tracks: HashMap<(u32, u32), Track>,
+    tracks: HashMap<(u32, u32), PairTrack>,
+    /// The number of the next record.
+    record: u64,
+}
+
+/// The steps of one pair, as far as it was observed.
+#[derive(Debug, Clone)]
+struct PairTrack {
+    track: Track,
+    /// The record that comes next, if the pair is observed without a gap.
+    next: u64,
 }
 
 impl Observer {
@@ -71,6 +81,7 @@ impl Observer {
             schema: schema.clone(),
             model: model.clone(),
             tracks: HashMap::new(),
+            record: 0,
         }
     }
 
@@ -79,7 +90,7 @@ impl Observer {
     /// either has left there is none.
     ///
     /// A pair enters its state when the discretised state differs from the record before, or when
-    /// it was not observed then.
+    /// it was not observed then; see [`nudge_core::tracks::EntryRule`] for which of these count.
     pub fn observe(
         &mut self,
         time: f64,
@@ -92,7 +103,6 @@ impl Observer {
             .collect();
         let closest = two_closest(before);
 
-        let mut earlier = std::mem::take(&mut self.tracks);
         let mut observations = Vec::new();
         for (i, ego) in before.iter().enumerate() {
             for &j in &closest[i] {
@@ -104,23 +114,33 @@ impl Observer {
                 };
 
                 let pair = (ego.id, neighbour.id);
-                let mut track = earlier
-                    .remove(&pair)
-                    .unwrap_or_else(|| Track::new(&self.schema));
                 let state = state_features(ego, neighbour, &before[closest[j][0]]);
                 let actions = [action(ego, ego_after), action(neighbour, neighbour_after)].concat();
                 observations.push(Observation {
                     time,
                     ego: ego.id,
                     neighbour: neighbour.id,
-                    transition: track.record(state, actions),
+                    transition: self.track(pair).record(state, actions),
                     in_neighbours_ellipse: self.is_in_ellipse(ego, neighbour),
                     neighbour_in_ellipse: self.is_in_ellipse(neighbour, ego),
                 });
-                self.tracks.insert(pair, track);
             }
         }
+        self.record += 1;
         observations
+    }
+
+    /// Returns the track of a pair that is observed at this record.
+    fn track(&mut self, pair: (u32, u32)) -> &mut Track {
+        let pair = self.tracks.entry(pair).or_insert_with(|| PairTrack {
+            track: Track::new(&self.schema),
+            next: self.record,
+        });
+        if pair.next < self.record {
+            pair.track.gap();
+        }
+        pair.next = self.record + 1;
+        &mut pair.track
     }
 
     /// Returns whether `one` lies in the ellipse around the next step of `other`.
