@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use nudge::domain::draft::{AgentDraft, FeatureDraft, KindDraft, SchemaDraft, TrainingDraft};
 use nudge::domain::{
-    Acknowledged, Batch, Entry, Environment, Job, JobState, ProducerId, Record, Records, Sequence,
+    Acknowledged, Batch, Environment, Job, JobState, ProducerId, Record, Records, Sequence,
     StateKey, Widths,
 };
 use nudge::model::Network;
@@ -105,12 +105,7 @@ impl Play {
         let record = |(state, actions): &(State, [usize; 2])| {
             let state = state.iter().map(|bin| *bin as f32).collect();
             let actions = actions.iter().map(|action| *action as f32).collect();
-            Ok(Record {
-                state,
-                actions,
-                entry: Entry::Unknown,
-                count: 1,
-            })
+            Ok(Record::new(state, actions))
         };
         for (number, transitions) in (1..).zip(self.transitions.chunks(BATCH)) {
             let records = Records::collect(
@@ -296,6 +291,7 @@ fn schema() -> SchemaDraft {
     let agent = |name: &str| AgentDraft {
         name: name.into(),
         action: vec![feature("move".into(), ACTIONS as u32)],
+        ..AgentDraft::default()
     };
     SchemaDraft {
         state: (0..)
@@ -303,5 +299,6 @@ fn schema() -> SchemaDraft {
             .map(|(at, n): (u32, u32)| feature(format!("f{at}"), n))
             .collect(),
         agents: vec![agent("ego"), agent("other")],
+        ..SchemaDraft::default()
     }
 }

@@ -171,10 +171,12 @@ pub async fn make_world_by(mut client: EnvironmentServiceClient<Wire>, name: &st
     let agent = |name: &str| proto::Agent {
         name: name.into(),
         action: vec![integer("move".into(), actions)],
+        ..proto::Agent::default()
     };
     let schema = proto::Schema {
         state: STATE_BINS.into_iter().enumerate().map(feature).collect(),
         agents: vec![agent("ego"), agent("other")],
+        ..proto::Schema::default()
     };
     let request = proto::ApplyEnvironmentRequest {
         name: name.into(),

@@ -31,6 +31,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         .build_transport(false)
         // Columns keep their bytes in the buffer that they arrived in.
         .bytes(".nudge.v1.Columns")
+        .bytes(".nudge.v1.Transition")
         .compile_fds(compiler.file_descriptor_set())?;
     Ok(())
 }

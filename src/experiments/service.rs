@@ -69,7 +69,7 @@ impl Service {
 
         for records in records.chunks(BATCH) {
             self.sequence = self.sequence.next();
-            let records = Records::collect(widths, records.iter().cloned().map(Ok));
+            let records = Records::collect(widths.clone(), records.iter().cloned().map(Ok));
             let batch = Batch {
                 sequence: self.sequence,
                 segment: segment.cloned(),

@@ -8,8 +8,8 @@ use std::collections::HashMap;
 use foldhash::fast::RandomState;
 
 use crate::domain::{
-    BinError, Entry, Increment, Label, Numbers, Receipt, Records, Rejection, Schema, StateKey,
-    States, Tally, Values, Widths,
+    Agent, Entry, Feature, Increment, Label, Numbers, Outcome, Receipt, Records, Rejection, Schema,
+    SlotNumber, SlotNumbers, StateKey, States, Tally, Values, Widths,
 };
 
 /// Validates records; returns the increment that they are under a segment, and the receipt.
@@ -54,39 +54,46 @@ struct Sum<'a> {
     /// The states so far, where states are listed; `None` where they are ranked.
     listed: Option<Listed>,
     cells: Vec<(u64, u64, Tally)>,
+    /// The cells of each outcome's family; none where nothing was observed.
+    outcomes: Vec<Vec<(u64, u64, Tally)>>,
     transitions: u64,
 }
 
-/// What is discretised of some records at once: ranks of their states, where they have some, and
-/// joint actions.
+/// What is discretised of some records at once: ranks of their states, where they have some, joint
+/// actions, and outcomes.
 struct Block {
     first: usize,
     ranks: Option<Numbers>,
     joints: Numbers,
+    outcomes: SlotNumbers,
 }
 
 impl<'a> Sum<'a> {
     fn new(schema: &'a Schema, records: &'a Records) -> Self {
         let listed = || Listed::with_room_for(records.len.min(USUAL_STATES));
+        let observed = match records.outcomes.is_empty() {
+            true => 0,
+            false => schema.outcomes().len(),
+        };
         Self {
             schema,
             widths: Widths::of_schema(schema),
             records,
             listed: (!schema.is_ranked()).then(listed),
             cells: Vec::with_capacity(records.len),
+            outcomes: vec![Vec::with_capacity(records.len); observed],
             transitions: 0,
         }
     }
 
     fn block(&self, first: usize) -> Block {
-        let Records {
-            states, actions, ..
-        } = self.records;
+        let (schema, records) = (self.schema, self.records);
         let is_ranked = self.listed.is_none();
         Block {
             first,
-            ranks: is_ranked.then(|| self.schema.ranks_at(states, first)),
-            joints: self.schema.joint_actions_at(actions, first),
+            ranks: is_ranked.then(|| schema.ranks_at(&records.states, first)),
+            joints: schema.joint_actions_at(&records.actions, &records.actions_present, first),
+            outcomes: schema.outcomes_at(&records.outcomes, &records.outcomes_present, first),
         }
     }
 
@@ -96,6 +103,10 @@ impl<'a> Sum<'a> {
         let (Some(joint), Some(sum)) = (block.joints.get(lane), self.sum_with(n)) else {
             return Err(self.rejection(index, n));
         };
+        let misfits = |at| block.outcomes.get(lane, at) == SlotNumber::Misfit;
+        if (0..self.outcomes.len()).any(misfits) {
+            return Err(self.rejection(index, n));
+        }
         // Last, for a state is listed only where something of it is counted.
         let Some(state) = self.state(block, index) else {
             return Err(self.rejection(index, n));
@@ -109,7 +120,14 @@ impl<'a> Sum<'a> {
         };
 
         self.transitions = sum;
-        self.cells.push((state, joint, Tally { n, entries }));
+        let tally = Tally { n, entries };
+        self.cells.push((state, joint, tally));
+        for (at, cells) in self.outcomes.iter_mut().enumerate() {
+            let cell = self
+                .schema
+                .cell_of_outcome(at, joint, &block.outcomes, lane);
+            cells.extend(cell.map(|cell| (state, cell, tally)));
+        }
         Ok(())
     }
 
@@ -135,33 +153,9 @@ impl<'a> Sum<'a> {
     /// reason.
     #[cold]
     fn rejection(&self, index: usize, n: u64) -> Rejection {
-        let state = values_of(&self.records.states, self.widths.state, index);
-        let actions = values_of(&self.records.actions, self.widths.actions, index);
-        let bin_error = |pointer: String| move |error: BinError<'_>| (pointer, error.to_string());
-        let state = self
-            .schema
-            .state()
-            .iter()
-            .zip(state)
-            .filter_map(|(feature, value)| {
-                feature
-                    .kind
-                    .bin(value)
-                    .err()
-                    .map(bin_error(format!("/state/{}", feature.name)))
-            });
-        let actions =
-            self.schema
-                .action_features()
-                .zip(actions)
-                .filter_map(|((agent, feature), value)| {
-                    feature.kind.bin(value).err().map(bin_error(format!(
-                        "/actions/{}/{}",
-                        agent.name, feature.name
-                    )))
-                });
-
-        let mut faults: Vec<(String, String)> = state.chain(actions).collect();
+        let mut faults = self.misfits_of_state(index);
+        faults.extend(self.misfits_of_actions(index));
+        faults.extend(self.misfits_of_outcomes(index));
 
         if self.sum_with(n).is_none() {
             let reason = format!(
@@ -184,14 +178,80 @@ impl<'a> Sum<'a> {
         }
     }
 
+    fn misfits_of_state(&self, index: usize) -> Vec<(String, String)> {
+        let values = values_of(&self.records.states, self.widths.state, index);
+        let features = self.schema.state().iter().zip(values);
+        features
+            .filter_map(|(feature, value)| misfit("/state", feature, value))
+            .collect()
+    }
+
+    fn misfits_of_actions(&self, index: usize) -> Vec<(String, String)> {
+        let present = &self.records.actions_present;
+        let agents = self.schema.agents();
+        let has = |at: usize| present.has(index * agents.len() + at);
+        let absent = |(at, agent): (usize, &Agent)| {
+            let is_missed = !has(at) && !agent.may_be_absent;
+            is_missed.then(|| {
+                let expected = "absent, expected an action: this agent may not be absent";
+                (format!("/actions/{}", agent.name), expected.to_owned())
+            })
+        };
+        let mut faults: Vec<_> = agents.iter().enumerate().filter_map(absent).collect();
+
+        let slots = agents
+            .iter()
+            .map(|agent| (format!("/actions/{}", agent.name), &*agent.action));
+        let values = values_of(&self.records.actions, self.widths.actions, index);
+        faults.extend(misfits_of_slots(slots, values, has));
+        faults
+    }
+
+    fn misfits_of_outcomes(&self, index: usize) -> Vec<(String, String)> {
+        if self.outcomes.is_empty() {
+            return Vec::new();
+        }
+        let present = &self.records.outcomes_present;
+        let outcomes = self.schema.outcomes();
+        let slot = |outcome: &'a Outcome| (format!("/outcomes/{}", outcome.name), &*outcome.value);
+        let slots = outcomes.iter().map(slot);
+        let width = self.widths.outcome_values();
+        let values = values_of(&self.records.outcomes, width, index);
+        misfits_of_slots(slots, values, |at| present.has(index * outcomes.len() + at))
+    }
+
     fn into_increment(self, segment: Option<Label>) -> Increment {
         Increment {
             segment,
             states: self.listed.map_or(States::Ranked, Listed::into_states),
             cells: self.cells,
+            outcomes: self.outcomes,
             transitions: self.transitions,
         }
     }
+}
+
+/// Returns what is wrong with the values of slots that have some.
+fn misfits_of_slots<'s>(
+    slots: impl Iterator<Item = (String, &'s [Feature])>,
+    mut values: impl Iterator<Item = f32>,
+    has: impl Fn(usize) -> bool,
+) -> Vec<(String, String)> {
+    let mut faults = Vec::new();
+    for (at, (pointer, features)) in slots.enumerate() {
+        let values = features.iter().zip(values.by_ref());
+        let misfits = values.filter_map(|(feature, value)| misfit(&pointer, feature, value));
+        let misfits: Vec<_> = misfits.collect();
+        if has(at) {
+            faults.extend(misfits);
+        }
+    }
+    faults
+}
+
+fn misfit(pointer: &str, feature: &Feature, value: f32) -> Option<(String, String)> {
+    let error = feature.kind.bin(value).err()?;
+    Some((format!("{pointer}/{}", feature.name), error.to_string()))
 }
 
 /// Returns the values of a record.
@@ -264,6 +324,7 @@ mod tests {
         let agent = |name: &str, action| AgentDraft {
             name: name.into(),
             action: vec![action],
+            ..AgentDraft::default()
         };
         let draft = SchemaDraft {
             state: [
@@ -280,6 +341,7 @@ mod tests {
                 agent("a", feature("go", labels(&["l", "r"]))),
                 agent("b", feature("go", labels(&["l", "r", "s"]))),
             ],
+            ..SchemaDraft::default()
         };
         Schema::try_from(&draft).expect("valid")
     }
@@ -291,10 +353,9 @@ mod tests {
         count: u64,
     ) -> Result<Record, (String, String)> {
         Ok(Record {
-            state: state.into(),
-            actions: actions.into(),
             entry,
             count,
+            ..Record::new(state.into(), actions.into())
         })
     }
 

@@ -223,6 +223,7 @@ mod tests {
         let agent = |name: &str| AgentDraft {
             name: name.into(),
             action: vec![feature("move", KindDraft::Integer(0, 1))],
+            ..AgentDraft::default()
         };
         let state = vec![
             feature(
@@ -236,6 +237,7 @@ mod tests {
         Schema::try_from(&SchemaDraft {
             state,
             agents: vec![agent("robot"), agent("human")],
+            ..SchemaDraft::default()
         })
         .expect("valid")
     }

@@ -371,11 +371,13 @@ mod tests {
         let agent = |(at, actions): (usize, &i64)| AgentDraft {
             name: format!("agent{at}"),
             action: vec![feature("move", actions - 1)],
+            ..AgentDraft::default()
         };
         let agents = actions.iter().enumerate().map(agent).collect();
         Schema::try_from(&SchemaDraft {
             state: vec![feature("place", 9)],
             agents,
+            ..SchemaDraft::default()
         })
         .expect("valid")
     }

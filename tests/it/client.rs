@@ -29,19 +29,19 @@ fn counter() -> SchemaDraft {
     let agent = |name: &str| AgentDraft {
         name: name.into(),
         action: vec![feature("move", 1)],
+        ..AgentDraft::default()
     };
     SchemaDraft {
         state: vec![feature("x", 1 << 24)],
         agents: vec![agent("a"), agent("b")],
+        ..SchemaDraft::default()
     }
 }
 
 fn transition(x: f32) -> Record {
     Record {
-        state: vec![x],
-        actions: vec![0.0, 1.0],
         entry: Entry::Entered,
-        count: 1,
+        ..Record::new(vec![x], vec![0.0, 1.0])
     }
 }
 

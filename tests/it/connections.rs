@@ -585,10 +585,8 @@ async fn old_connections_are_left_without_loss() {
         .await
         .expect("known");
     let record = || Record {
-        state: vec![0.1, 0.0],
-        actions: vec![0.0, 2.0],
         entry: Entry::Entered,
-        count: 1,
+        ..Record::new(vec![0.1, 0.0], vec![0.0, 2.0])
     };
     for _ in 0..200 {
         for _ in 0..10 {

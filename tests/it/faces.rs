@@ -429,7 +429,9 @@ async fn descriptions_are_faulted_alike() {
                 "go",
                 Kind::Categorical(proto::Categorical { labels: vec![] }),
             )],
+            ..proto::Agent::default()
         }],
+        ..proto::Schema::default()
     };
     let (status, problem) = app.rest("PUT", "/v1/environments/x", Some(&body)).await;
     let request = proto::ApplyEnvironmentRequest {

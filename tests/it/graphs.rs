@@ -47,10 +47,12 @@ async fn environment(
     let agent = |at: usize| AgentDraft {
         name: format!("agent-{at}"),
         action: vec![integer("action", letters)],
+        ..AgentDraft::default()
     };
     let schema = SchemaDraft {
         state: vec![integer("state", states)],
         agents: (0..agents).map(agent).collect(),
+        ..SchemaDraft::default()
     };
     app.environments
         .apply(name, schema.into())
@@ -91,10 +93,12 @@ fn records(state: usize, visits: &[Vec<u64>]) -> impl Iterator<Item = Record> {
         .iter()
         .for_each(|actions| *cells.entry(actions).or_default() += 1);
     cells.into_iter().map(move |(actions, count)| Record {
-        state: vec![state as f32],
-        actions: actions.iter().map(|action| *action as f32).collect(),
         entry: Entry::Entered,
         count,
+        ..Record::new(
+            vec![state as f32],
+            actions.iter().map(|action| *action as f32).collect(),
+        )
     })
 }
 

@@ -572,8 +572,8 @@ async fn columns_that_do_not_fit_are_told_by_pointer() {
             "/columns/outcomes_present: got 1 bytes, expected none: this environment has no outcomes",
         ),
         (
-            changed(&|columns| columns.actions_present = bytes(1)),
-            "/columns/actions_present: got 1 bytes, expected none: this environment has no agent that may be absent",
+            changed(&|columns| columns.actions_present = bytes(2)),
+            "/columns/actions_present: got 2 bytes, expected 1 for 2 transitions of 2 bits each, or none",
         ),
     ];
     for (columns, expected) in cases {

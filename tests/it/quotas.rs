@@ -43,6 +43,7 @@ fn wide(features: usize, edges: u32) -> SchemaDraft {
     let agent = |name: &str| AgentDraft {
         name: name.into(),
         action: vec![feature("move".into(), KindDraft::Integer(0, 1))],
+        ..AgentDraft::default()
     };
     let state = (0..features)
         .map(|at| feature(format!("f{at}"), KindDraft::Continuous(edges.clone())))
@@ -50,6 +51,7 @@ fn wide(features: usize, edges: u32) -> SchemaDraft {
     SchemaDraft {
         state,
         agents: vec![agent("robot"), agent("human")],
+        ..SchemaDraft::default()
     }
 }
 
@@ -383,6 +385,7 @@ async fn large_states_make_pages_that_can_be_sent() {
         actions: vec![0.0, 1.0],
         entry: 0,
         count: None,
+        ..proto::Transition::default()
     };
     let write = proto::WriteRequest {
         environment: "wide".into(),

@@ -153,10 +153,8 @@ fn request(method: &str, path: &str, media: &str, body: impl Into<Bytes>) -> Req
 
 fn record() -> Record {
     Record {
-        state: vec![0.1, 0.0],
-        actions: vec![0.0, 2.0],
         entry: Entry::Entered,
-        count: 1,
+        ..Record::new(vec![0.1, 0.0], vec![0.0, 2.0])
     }
 }
 

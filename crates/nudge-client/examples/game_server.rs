@@ -80,6 +80,7 @@ fn schema() -> SchemaDraft {
     SchemaDraft {
         state: vec![distance],
         agents: vec![agent("robot"), agent("human")],
+        ..SchemaDraft::default()
     }
 }
 
@@ -92,6 +93,7 @@ fn agent(name: &str) -> AgentDraft {
     AgentDraft {
         name: name.into(),
         action: vec![side],
+        ..AgentDraft::default()
     }
 }
 

@@ -7,7 +7,7 @@
 
 use std::collections::VecDeque;
 
-use nudge_core::domain::{Entry, Record, Records};
+use nudge_core::domain::{Collecting, Record, Records, Widths};
 use nudge_wire::proto;
 
 use crate::{ClientError, Totals};
@@ -26,23 +26,14 @@ pub(crate) struct Limits {
 
 pub(crate) struct Outbox {
     limits: Limits,
+    widths: Widths,
     segment: String,
-    building: Building,
+    building: Collecting,
     waiting: VecDeque<Waiting>,
     in_flight: usize,
     committed: u64,
     resumed_once: bool,
     totals: Totals,
-}
-
-/// The batch that is being built.
-#[derive(Default)]
-struct Building {
-    len: usize,
-    states: Vec<f32>,
-    actions: Vec<f32>,
-    entries: Vec<Entry>,
-    counts: Vec<u64>,
 }
 
 struct Waiting {
@@ -54,11 +45,12 @@ struct Waiting {
 }
 
 impl Outbox {
-    pub(crate) fn new(limits: Limits) -> Self {
+    pub(crate) fn new(limits: Limits, widths: Widths) -> Self {
         Self {
             limits,
             segment: String::new(),
-            building: Building::default(),
+            building: Collecting::new(widths.clone(), 0),
+            widths,
             waiting: VecDeque::new(),
             in_flight: 0,
             committed: 0,
@@ -78,7 +70,7 @@ impl Outbox {
     }
 
     pub(crate) fn is_building(&self) -> bool {
-        self.building.len > 0
+        !self.building.is_empty()
     }
 
     /// Returns whether there is nothing to lose.
@@ -96,7 +88,7 @@ impl Outbox {
     /// Lowers the size of batches to what the service takes.
     pub(crate) fn shrink_batches(&mut self, most: usize) {
         self.limits.batch_size = self.limits.batch_size.min(most);
-        if self.building.len >= self.limits.batch_size {
+        if self.building.len() >= self.limits.batch_size {
             self.cut();
         }
     }
@@ -104,7 +96,7 @@ impl Outbox {
     /// Takes a transition, and closes the batch when it is full.
     pub(crate) fn push(&mut self, transition: Record) {
         self.building.push(&transition);
-        if self.building.len >= self.limits.batch_size {
+        if self.building.len() >= self.limits.batch_size {
             self.cut();
         }
     }
@@ -124,7 +116,9 @@ impl Outbox {
             return;
         }
 
-        let records = self.building.take();
+        // The next one has room for as much.
+        let next = Collecting::new(self.widths.clone(), self.building.len());
+        let records = std::mem::replace(&mut self.building, next).finish();
         let (position, len) = (self.totals.sent, records.len as u64);
         self.totals.sent += len;
         self.totals.last_sequence += 1;
@@ -265,52 +259,27 @@ impl Outbox {
     }
 }
 
-impl Building {
-    fn push(&mut self, transition: &Record) {
-        self.len += 1;
-        self.states.extend(&transition.state);
-        self.actions.extend(&transition.actions);
-        self.entries.push(transition.entry);
-        self.counts.push(transition.count);
-    }
-
-    /// Returns the batch, and begins another with room for as much.
-    fn take(&mut self) -> Records {
-        let next = Self {
-            len: 0,
-            states: Vec::with_capacity(self.states.len()),
-            actions: Vec::with_capacity(self.actions.len()),
-            entries: Vec::with_capacity(self.len),
-            counts: Vec::with_capacity(self.len),
-        };
-        let built = std::mem::replace(self, next);
-
-        Records {
-            len: built.len,
-            states: built.states.into(),
-            actions: built.actions.into(),
-            entries: built.entries,
-            counts: built.counts,
-            undecodable: Vec::new(),
-        }
-    }
-}
-
 /// Encodes transitions as columns of bytes; a column that only holds its default is left out.
 fn columns(records: Records) -> proto::Columns {
     let Records {
         len,
         states,
         actions,
+        actions_present,
+        outcomes,
+        outcomes_present,
         entries,
         counts,
         ..
-    } = records.normalised();
+    } = records;
     let entries = entries.into_iter().map(|entry| entry as i32).collect();
     proto::Columns {
         count: len as u32,
         states_le: states.into_le_bytes(),
         actions_le: actions.into_le_bytes(),
+        outcomes_le: outcomes.into_le_bytes(),
+        actions_present: actions_present.bits().clone(),
+        outcomes_present: outcomes_present.bits().clone(),
         entries,
         counts,
         ..proto::Columns::default()
@@ -323,8 +292,18 @@ mod tests {
 
     use super::*;
 
+    fn outbox_of(limits: Limits) -> Outbox {
+        let widths = Widths {
+            state: 1,
+            actions: 2,
+            agents: [1, 1].into(),
+            ..Widths::default()
+        };
+        Outbox::new(limits, widths)
+    }
+
     fn outbox(batch_size: usize, replay: bool) -> Outbox {
-        let mut outbox = Outbox::new(Limits {
+        let mut outbox = outbox_of(Limits {
             batch_size,
             capacity: 4,
             replay,
@@ -336,10 +315,8 @@ mod tests {
     fn push(outbox: &mut Outbox, transitions: usize) {
         for i in 0..transitions {
             outbox.push(Record {
-                state: vec![i as f32],
-                actions: vec![0.0, 1.0],
                 entry: Entry::Entered,
-                count: 1,
+                ..Record::new(vec![i as f32], vec![0.0, 1.0])
             });
         }
     }
@@ -491,7 +468,7 @@ mod tests {
 
     #[test]
     fn a_live_producer_numbers_on_behind_its_earlier_run() {
-        let mut outbox = Outbox::new(Limits {
+        let mut outbox = outbox_of(Limits {
             batch_size: 1,
             capacity: 4,
             replay: false,
@@ -503,7 +480,7 @@ mod tests {
 
     #[test]
     fn a_replay_passes_over_what_is_committed() {
-        let mut outbox = Outbox::new(Limits {
+        let mut outbox = outbox_of(Limits {
             batch_size: 2,
             capacity: 4,
             replay: true,

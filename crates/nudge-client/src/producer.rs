@@ -101,7 +101,12 @@ impl ProducerBuilder {
         let (sender, commands) = mpsc::channel(COMMANDS);
         let (opened, resume_point) = oneshot::channel();
         let terms = self.terms(id, environment, Widths::of_schema(&schema));
-        let task = Task::new(terms, Outbox::new(self.limits()), commands, opened);
+        let task = Task::new(
+            terms,
+            Outbox::new(self.limits(), Widths::of_schema(&schema)),
+            commands,
+            opened,
+        );
         let task = AbortOnDropHandle::new(tokio::spawn(task.run()));
 
         let mut producer = Producer {
@@ -201,6 +206,11 @@ impl Producer {
     pub async fn send(&mut self, transition: Record) -> Result<(), ClientError> {
         same_width("state", transition.state.len(), self.widths.state)?;
         same_width("action", transition.actions.len(), self.widths.actions)?;
+        let slots = self.widths.check(transition);
+        let transition = slots.map_err(|(field, reason)| {
+            let name = field.trim_start_matches('/');
+            ClientError::Invalid(format!("{name}: {reason}"))
+        })?;
         self.command(Command::Send(transition)).await
     }
 

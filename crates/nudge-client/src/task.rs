@@ -177,7 +177,7 @@ impl Task {
     }
 
     fn heed_limits(&mut self, welcome: &proto::Welcome) -> Result<(), ClientError> {
-        let most = most_transitions(welcome, self.terms.widths);
+        let most = most_transitions(welcome, &self.terms.widths);
         match self.terms.fixed_batch_size {
             Some(size) if size > most => {
                 let message = format!(
@@ -259,14 +259,16 @@ impl Task {
 }
 
 /// Returns how many transitions surely fit into a batch of the service.
-fn most_transitions(welcome: &proto::Welcome, widths: Widths) -> usize {
+fn most_transitions(welcome: &proto::Welcome, widths: &Widths) -> usize {
     /// Tags and lengths of a batch, its number, and a segment of 64 characters of four bytes.
     const ENVELOPE: usize = 512;
     /// The longest encodings of an entry flag and a count.
     const FLAG_AND_COUNT: usize = 1 + 10;
 
     let bytes = (welcome.max_message_bytes as usize).saturating_sub(ENVELOPE);
-    let by_bytes = bytes / ((widths.state + widths.actions) * size_of::<f32>() + FLAG_AND_COUNT);
+    let values = widths.state + widths.actions + widths.outcome_values();
+    let flags = (widths.agents.len() + widths.outcomes.len()).div_ceil(8) + 1;
+    let by_bytes = bytes / (values * size_of::<f32>() + flags + FLAG_AND_COUNT);
     by_bytes.min(welcome.max_batch_transitions as usize).max(1)
 }
 
@@ -284,10 +286,13 @@ mod tests {
         let narrow = Widths {
             state: 2,
             actions: 2,
+            agents: [1, 1].into(),
+            ..Widths::default()
         };
+        let narrow = &narrow;
         assert_eq!(most_transitions(&welcome(4 << 20, 10_000), narrow), 10_000);
         assert_eq!(
-            most_transitions(&welcome(512 + 27 * 10, 10_000), narrow),
+            most_transitions(&welcome(512 + 29 * 10, 10_000), narrow),
             10
         );
         assert_eq!(most_transitions(&welcome(0, 0), narrow), 1);

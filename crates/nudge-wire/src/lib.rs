@@ -26,8 +26,8 @@
 //!     kinds: vec![KindDraft::Categorical(vec!["left".into(), "right".into()])],
 //!     ..Default::default()
 //! };
-//! let agent = |name: &str| AgentDraft { name: name.into(), action: vec![feature("turn")] };
-//! let draft = SchemaDraft { state: vec![feature("lane")], agents: vec![agent("robot"), agent("human")] };
+//! let agent = |name: &str| AgentDraft { name: name.into(), action: vec![feature("turn")], ..AgentDraft::default() };
+//! let draft = SchemaDraft { state: vec![feature("lane")], agents: vec![agent("robot"), agent("human")], ..SchemaDraft::default() };
 //! let schema = Schema::try_from(&draft).expect("a description");
 //!
 //! let transition = proto::Transition { state: vec![0.0], actions: vec![1.0, 0.0], ..Default::default() };

@@ -9,7 +9,7 @@ use rand_pcg::Pcg64;
 use super::ResponseModel;
 use super::policy::{ACTIONS, Policy};
 use super::visits::{Situation, Visits};
-use crate::domain::{Entry, Record, Rule, SchemaDraft};
+use crate::domain::{Record, Rule, SchemaDraft};
 use crate::simulation::planted::information;
 
 /// The ground truth of a state.
@@ -115,11 +115,11 @@ impl Scene {
     /// actions are drawn anew in each step, so that every step is a draw of its own, however long a
     /// stay lasts.
     pub fn records(&self, actions: &[Actions]) -> Vec<Record> {
-        let record = |(state, actions): (&usize, &Actions)| Record {
-            state: self.states[*state].values.clone(),
-            actions: actions.map(|action| action as f32).to_vec(),
-            entry: Entry::Unknown,
-            count: 1,
+        let record = |(state, actions): (&usize, &Actions)| {
+            Record::new(
+                self.states[*state].values.clone(),
+                actions.map(|action| action as f32).to_vec(),
+            )
         };
         self.train.iter().zip(actions).map(record).collect()
     }

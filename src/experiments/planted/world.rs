@@ -105,6 +105,7 @@ impl World {
         let agent = |name: &str, actions| AgentDraft {
             name: name.into(),
             action: vec![integer("action", actions)],
+            ..AgentDraft::default()
         };
         let alphabet = self.generator.alphabet();
 
@@ -114,6 +115,7 @@ impl World {
                 agent("ego", alphabet.rows),
                 agent("other", alphabet.columns),
             ],
+            ..SchemaDraft::default()
         }
     }
 }
@@ -167,10 +169,9 @@ fn records(state: usize, table: &Table) -> impl Iterator<Item = Record> {
         ];
         let actions = [ego, other].map(|action| action as f32).to_vec();
         Record {
-            state: vec![state as f32],
-            actions,
             entry: Entry::Entered,
             count: cell.n,
+            ..Record::new(vec![state as f32], actions)
         }
     })
 }

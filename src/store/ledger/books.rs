@@ -5,7 +5,7 @@ use async_trait::async_trait;
 
 use super::merge::StateName;
 use super::receipts::Kept;
-use crate::domain::{EnvironmentId, Sequence};
+use crate::domain::{EnvironmentId, Family, Sequence};
 
 /// The number that a database gave a row. Opaque here: the rule hands it back as it came.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -97,6 +97,8 @@ pub(in crate::store) struct CellAt<'k> {
     pub(in crate::store) state: StateName<'k>,
     /// Its segment.
     pub(in crate::store) segment: RowId,
-    /// Its joint action.
+    /// Its family.
+    pub(in crate::store) family: Family,
+    /// Its joint action, or another cell of the family.
     pub(in crate::store) joint: u64,
 }

@@ -1,8 +1,10 @@
 //! Merging of a group commit: equal cells of all its batches are added together, so that each is
 //! written once. They are gathered as they come, and sorted now and then.
 
+use std::sync::Arc;
+
 use super::order::{At, Part, merged, sorted};
-use crate::domain::{Increment, Label, StateKey, States, Tally};
+use crate::domain::{Family, Increment, Label, StateKey, States, Tally};
 use crate::store::map::Map;
 
 /// Cells that are gathered before they are sorted: few enough to stay in a cache of the processor.
@@ -23,6 +25,8 @@ pub(super) struct CellName<'k> {
     pub(super) state: StateName<'k>,
     /// As it is stored.
     pub(super) segment: &'k str,
+    pub(super) family: Family,
+    /// The joint action, or another cell of the family.
     pub(super) joint: u64,
 }
 
@@ -46,24 +50,27 @@ impl<'a> Merged<'a> {
     /// Adds an increment. All those of an environment name their states in the same way, for its
     /// schema says which.
     pub(super) fn add(&mut self, increment: &'a Increment) {
-        if increment.cells.is_empty() {
+        if increment.is_empty() {
             return;
         }
 
         self.transitions += increment.transitions;
         let segment = self.number_of_segment(stored_label(increment.segment.as_ref()));
-        let numbers = match &increment.states {
+        let numbers: Option<Arc<[u64]>> = match &increment.states {
             States::Ranked => None,
             States::Listed(keys) => {
                 Some(keys.iter().map(|key| self.number_of_state(key)).collect())
             }
         };
-        self.unsorted += increment.cells.len();
-        self.parts.push(Part {
-            cells: &increment.cells,
-            segment,
-            numbers,
-        });
+        self.unsorted += increment.len();
+        for (family, cells) in increment.families() {
+            self.parts.push(Part {
+                cells,
+                segment,
+                family: family.number(),
+                numbers: numbers.clone(),
+            });
+        }
 
         // As many as there are, so that those that are different are not merged again and again.
         if self.unsorted >= UNSORTED.max(self.cells.len()) {
@@ -125,9 +132,10 @@ impl<'a> Merged<'a> {
     pub(super) fn cells(&mut self) -> impl ExactSizeIterator<Item = CellName<'a>> {
         self.settle();
         let cells = self.cells.iter();
-        cells.map(|((state, segment, joint), _)| CellName {
+        cells.map(|((state, segment, family, joint), _)| CellName {
             state: name(&self.listed, *state),
             segment: self.segments[*segment as usize],
+            family: Family::from_number(*family),
             joint: *joint,
         })
     }
@@ -137,13 +145,17 @@ impl<'a> Merged<'a> {
         self.settle();
         let segment = stored_label(increment.segment.as_ref());
         let listed: Vec<&StateKey> = increment.states.listed().iter().collect();
-        let named = |(state, joint, _): &(u64, u64, Tally)| CellName {
+        let named = |family, (state, joint, _): &(u64, u64, Tally)| CellName {
             state: name(&listed, *state),
             segment,
+            family,
             joint: *joint,
         };
 
-        let mut absent: Vec<_> = increment.cells.iter().map(named).collect();
+        let mut absent = Vec::with_capacity(increment.len());
+        for (family, cells) in increment.families() {
+            absent.extend(cells.iter().map(|cell| named(family, cell)));
+        }
         absent.retain(|cell| !self.has(cell));
         absent.sort_unstable();
         absent.dedup();
@@ -160,14 +172,14 @@ impl<'a> Merged<'a> {
             .iter()
             .position(|label| *label == cell.segment);
         state.zip(segment).is_some_and(|(state, segment)| {
-            let wanted = (state, segment as u32, cell.joint);
+            let wanted = (state, segment as u32, cell.family.number(), cell.joint);
             let found = self.cells.binary_search_by_key(&wanted, |(at, _)| *at);
             found.is_ok()
         })
     }
 
-    /// Returns the tallies by the numbers of state and segment, and the joint action, each once and
-    /// in this order; they are here no longer.
+    /// Returns the tallies by the numbers of state, segment and family, and the family's cell, each
+    /// once and in this order; they are here no longer.
     pub(in crate::store) fn take_cells(
         &mut self,
     ) -> impl ExactSizeIterator<Item = (At, Tally)> + use<> {
@@ -220,7 +232,7 @@ mod tests {
         let cells: Vec<(At, Tally)> = merged.take_cells().collect();
         let expected = |i: u64| {
             (
-                (i, 0, i % 2),
+                (i, 0, 0, i % 2),
                 Tally {
                     n: 30,
                     entries: Some(30),

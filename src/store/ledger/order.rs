@@ -4,10 +4,12 @@
 //! 8, 64 and 256 batches of 1,000: 12, 13, 16, 17 beside 50, 42, 13, 8 where 8,000 cells take all
 //! of them, and (from 8 on) 11, 18, 32 beside 39, 76, 108 where each is a cell of its own.
 
+use std::sync::Arc;
+
 use crate::domain::Tally;
 
-/// A state's number, a segment's and a joint action.
-pub(super) type At = (u64, u32, u64);
+/// A state's number, a segment's, that of a family and a cell of the family.
+pub(super) type At = (u64, u32, u32, u64);
 
 /// Below so many cells a comparison sort is faster.
 const FEW: usize = 256;
@@ -15,12 +17,14 @@ const FEW: usize = 256;
 /// Bits that one pass sorts by.
 const DIGIT: u32 = 11;
 
-/// The cells of one batch.
+/// The cells of one family of one batch.
 pub(super) struct Part<'a> {
     pub(super) cells: &'a [(u64, u64, Tally)],
     pub(super) segment: u32,
+    /// The family that the cells are of.
+    pub(super) family: u32,
     /// The numbers of the states that the batch lists; `None` where cells have them themselves.
-    pub(super) numbers: Option<Vec<u64>>,
+    pub(super) numbers: Option<Arc<[u64]>>,
 }
 
 impl Part<'_> {
@@ -29,7 +33,7 @@ impl Part<'_> {
         let (state, joint, tally) = self.cells[index];
         let numbers = self.numbers.as_ref();
         let state = numbers.map_or(state, |numbers| numbers[state as usize]);
-        ((state, self.segment, joint), tally)
+        ((state, self.segment, self.family, joint), tally)
     }
 
     pub(super) fn cells(&self) -> impl ExactSizeIterator<Item = (At, Tally)> {
@@ -77,9 +81,10 @@ fn summed(cells: impl Iterator<Item = (At, Tally)>, most: usize) -> Vec<(At, Tal
     sums
 }
 
-/// How the three numbers of a place go into one of 64 bits, which is in the same order.
+/// How the four numbers of a place go into one of 64 bits, which is in the same order.
 struct Packing {
     segment: u32,
+    family: u32,
     joint: u32,
     all: u32,
 }
@@ -90,27 +95,35 @@ type Packed = (u64, u32, u32);
 impl Packing {
     /// Returns that of these cells; `None` where they need more bits.
     fn of(parts: &[Part<'_>]) -> Option<Self> {
-        let mut used = (0, 0, 0);
-        for ((state, segment, joint), _) in parts.iter().flat_map(Part::cells) {
-            used = (used.0 | state, used.1 | segment, used.2 | joint);
+        let mut used = (0, 0, 0, 0);
+        for part in parts {
+            (used.1, used.2) = (used.1 | part.segment, used.2 | part.family);
+            for ((state, .., joint), _) in part.cells() {
+                (used.0, used.3) = (used.0 | state, used.3 | joint);
+            }
         }
 
         let bits = |used: u64| u64::BITS - used.leading_zeros();
-        let (state, segment, joint) = (bits(used.0), bits(used.1.into()), bits(used.2));
-        let all = state + segment + joint;
+        let (state, segment) = (bits(used.0), bits(used.1.into()));
+        let (family, joint) = (bits(used.2.into()), bits(used.3));
+        let rest = segment + family + joint;
 
         // A shift by 64 is none.
-        let fits = all <= u64::BITS && segment + joint < u64::BITS;
+        let fits = state + rest <= u64::BITS && rest < u64::BITS;
         fits.then_some(Self {
             segment,
+            family,
             joint,
-            all,
+            all: state + rest,
         })
     }
 
     #[inline]
-    fn pack(&self, (state, segment, joint): At) -> u64 {
-        (state << (self.segment + self.joint)) | (u64::from(segment) << self.joint) | joint
+    fn pack(&self, (state, segment, family, joint): At) -> u64 {
+        (state << (self.segment + self.family + self.joint))
+            | (u64::from(segment) << (self.family + self.joint))
+            | (u64::from(family) << self.joint)
+            | joint
     }
 
     fn sorted(&self, parts: &[Part<'_>], len: usize) -> Vec<(At, Tally)> {

@@ -5,6 +5,7 @@ use super::batch::{Numbered, Refusal};
 use super::book::Ledger;
 use super::books::{Books, CellAt};
 use super::merge::{CellName, stored_label};
+use crate::domain::Tally;
 
 /// The largest number that a database holds.
 const MOST: u64 = i64::MAX as u64;
@@ -40,8 +41,9 @@ fn over_quota(what: &'static str, limit: u64) -> Refusal {
 /// The sum of all visits bounds every visit and every entry, so it is the only sum to check.
 fn overflows(ledger: &Ledger<'_>, batch: &Numbered) -> bool {
     let sum = ledger.revision().checked_add(batch.increment.transitions);
-    let mut cells = batch.increment.cells.iter();
-    sum.is_none_or(|sum| sum > MOST) || cells.any(|(_, joint, _)| *joint > MOST)
+    let mut families = batch.increment.families();
+    let is_too_large = |(_, joint, _): &(u64, u64, Tally)| *joint > MOST;
+    sum.is_none_or(|sum| sum > MOST) || families.any(|(_, cells)| cells.iter().any(is_too_large))
 }
 
 async fn has_room_for_producer<B: Books>(
@@ -66,7 +68,7 @@ async fn has_room_for_segment<B: Books>(
 ) -> Result<bool, B::Error> {
     let label = stored_label(batch.increment.segment.as_ref());
     let is_known = ledger.segment(label).is_some() || ledger.merged.segments().contains(&label);
-    if batch.increment.cells.is_empty() || is_known {
+    if batch.increment.is_empty() || is_known {
         return Ok(true);
     }
 
@@ -86,7 +88,7 @@ async fn has_room_for_cells<B: Books>(
     batch: &Numbered,
 ) -> Result<bool, B::Error> {
     let room = ledger.quotas.cells.saturating_sub(ledger.cells);
-    let fits = |cells: usize| (cells + batch.increment.cells.len()) as u64 <= room;
+    let fits = |cells: usize| (cells + batch.increment.len()) as u64 <= room;
     let is_counted = ledger.fresh_cells.is_some();
     if !is_counted && (fits(ledger.merged.most_cells()) || fits(ledger.merged.cells().len())) {
         return Ok(true);
@@ -127,6 +129,7 @@ fn in_stored_segment<'k>(ledger: &Ledger<'_>, cell: &CellName<'k>) -> Option<Cel
     Some(CellAt {
         state: cell.state,
         segment: ledger.segment(cell.segment)?,
+        family: cell.family,
         joint: cell.joint,
     })
 }

@@ -17,7 +17,7 @@ use super::journal;
 use super::layout::{Layout, Numbering};
 use super::lookup;
 use super::walk::{Placed, cells_of};
-use crate::domain::Environment;
+use crate::domain::{Environment, Family, Schema};
 use crate::store::packed::checked;
 use crate::store::packed::row::row_of;
 use crate::store::packed::run::Run;
@@ -165,7 +165,7 @@ async fn is_unmoved(
 
 /// What cells there may be.
 struct Allowed {
-    joint_actions: u64,
+    schema: Schema,
     segments: BTreeSet<u64>,
     states: States,
 }
@@ -192,20 +192,19 @@ impl Allowed {
             _ => States::These(listed(moment, environment).await?),
         };
         Ok(Self {
-            joint_actions: environment.schema.joint_actions(),
+            schema: environment.schema.clone(),
             segments: segments.into_iter().map(i64::unsigned_abs).collect(),
             states,
         })
     }
 
-    fn has(&self, (place, _): &Placed) -> bool {
+    fn has(&self, (place, tally): &Placed) -> bool {
         let has_state = match &self.states {
             States::Below(states) => place.state < *states,
             States::These(states) => states.contains(&place.state),
         };
         has_state
-            && place.family == 0
-            && place.joint < self.joint_actions
+            && lookup::known_family(&self.schema, place, *tally).is_ok()
             && self.segments.contains(&place.segment)
     }
 }
@@ -230,7 +229,9 @@ async fn listed(
 impl Found {
     fn add_visits(&mut self, cells: &[Placed], allowed: &Allowed) {
         for cell in cells {
-            self.transitions += u128::from(cell.1.n);
+            if lookup::family_of(&cell.0) == Some(Family::JOINT) {
+                self.transitions += u128::from(cell.1.n);
+            }
             self.strays += u64::from(!allowed.has(cell));
         }
     }

@@ -27,7 +27,7 @@ use std::sync::{Arc, Mutex, MutexGuard};
 
 use lru::LruCache;
 
-use crate::domain::{Cell, Counts, EnvironmentId, StateKey};
+use crate::domain::{Cell, Counts, EnvironmentId, Family, StateKey};
 use crate::store::StateCounts;
 use crate::store::map::Map;
 
@@ -124,7 +124,7 @@ impl CountsCache {
     }
 
     /// Adds a commit's delta to what is cached: each state once, with its cells.
-    pub(super) fn apply<C: IntoIterator<Item = Cell>>(
+    pub(super) fn apply<C: IntoIterator<Item = (Family, Cell)>>(
         &self,
         environment: EnvironmentId,
         revision: u64,
@@ -207,7 +207,7 @@ impl Inner {
         &mut self,
         key: (EnvironmentId, StateKey),
         revision: u64,
-        cells: impl IntoIterator<Item = Cell>,
+        cells: impl IntoIterator<Item = (Family, Cell)>,
     ) {
         let Some(entry) = self
             .entries
@@ -221,7 +221,7 @@ impl Inner {
         let counts = Arc::make_mut(&mut entry.counts);
         cells
             .into_iter()
-            .for_each(|cell| counts.add(cell.joint, cell.segment, cell.tally));
+            .for_each(|(family, cell)| counts.add(family, cell));
         entry.revision = revision;
         let after = weight(entry);
         self.weight = self.weight + after - before;
@@ -243,7 +243,7 @@ impl Inner {
 }
 
 fn weight(entry: &Entry) -> usize {
-    entry.counts.cells().len() + STATE_WEIGHT
+    entry.counts.len() + STATE_WEIGHT
 }
 
 #[cfg(test)]

@@ -14,7 +14,9 @@ use super::pending::View;
 use super::row_id_cache::RowIdCache;
 use super::stored_forms;
 use super::walk::{Placed, add_equal, cells_of};
-use crate::domain::{Cell, Counts, Environment, EnvironmentId, Schema, SegmentId, StateKey};
+use crate::domain::{
+    Cell, Counts, Environment, EnvironmentId, Family, Schema, SegmentId, StateKey, Tally,
+};
 use crate::store::StoreError;
 use crate::store::packed::cells::{MOST, Place};
 use crate::store::packed::row::row_of;
@@ -50,21 +52,52 @@ pub(super) async fn states(
     }
 }
 
-/// Returns the counts that placed cells are.
+/// Returns the counts that placed cells are, which are of one state and in order.
 pub(super) fn counts(environment: &Environment, cells: &[Placed]) -> Result<Counts, StoreError> {
-    let actions = environment.schema.joint_actions();
-    let mut found = Vec::with_capacity(cells.len());
+    let Some((first, _)) = cells.first() else {
+        return Ok(Counts::default());
+    };
+    // Mostly one family in one segment, or none but that of joint actions.
+    let mut families: Vec<(Family, Vec<Cell>)> = Vec::new();
     for (place, tally) in cells {
-        if place.joint >= actions || tally.n > MOST {
-            return Err(spoiled("a state's counts"));
-        }
-        found.push(Cell {
+        debug_assert_eq!(place.state, first.state, "cells of one state");
+        let family = known_family(&environment.schema, place, *tally)?;
+        let cell = Cell {
             joint: place.joint,
             segment: SegmentId(place.segment as i64),
             tally: *tally,
-        });
+        };
+        match families.iter_mut().rev().find(|(of, _)| *of == family) {
+            Some((_, cells)) => cells.push(cell),
+            None => families.push((family, vec![cell])),
+        }
     }
-    Ok(Counts::new(found))
+
+    families.sort_unstable_by_key(|(family, _)| *family);
+    let mut families = families.into_iter().peekable();
+    let joint = families.next_if(|(family, _)| *family == Family::JOINT);
+    let mut counts = Counts::new(joint.map_or_else(Vec::new, |(_, cells)| cells));
+    families.for_each(|(family, cells)| counts.push(family, cells));
+    Ok(counts)
+}
+
+/// Returns the family of a cell that the schema has.
+pub(super) fn known_family(
+    schema: &Schema,
+    place: &Place,
+    tally: Tally,
+) -> Result<Family, StoreError> {
+    let family = family_of(place);
+    let cells = family.and_then(|family| schema.cells_of_family(family));
+    let is_known = cells.is_some_and(|cells| place.joint < cells) && tally.n <= MOST;
+    family
+        .filter(|_| is_known)
+        .ok_or_else(|| spoiled("a state's counts"))
+}
+
+/// Returns the family that a place is in, where it has the number of one.
+pub(super) fn family_of(place: &Place) -> Option<Family> {
+    u32::try_from(place.family).ok().map(Family::from_number)
 }
 
 /// Where the cells of each state go: by its number, the positions in the order asked.

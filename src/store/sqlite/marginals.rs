@@ -8,11 +8,12 @@ use sqlx::SqlitePool;
 use sqlx::sqlite::SqliteConnection;
 
 use super::error::{spoiled, unreadable};
+use super::lookup;
 use super::memory::Memory;
 use super::pending::View;
 use super::read;
 use super::walk::{self, Placed, Wanted};
-use crate::domain::{ActionTotals, Environment};
+use crate::domain::{ActionTotals, Environment, Family};
 use crate::store::StoreError;
 use crate::store::packed::unfolded::Outdated;
 
@@ -72,16 +73,15 @@ fn add(
     environment: &Environment,
     cells: &[Placed],
 ) -> Result<(), StoreError> {
-    let actions = environment.schema.joint_actions();
     for (place, tally) in cells {
+        if lookup::known_family(&environment.schema, place, *tally)? != Family::JOINT {
+            continue;
+        }
         let sum = totals
             .revision
             .checked_add(tally.n)
             .filter(|sum| *sum <= i64::MAX as u64);
         sum.ok_or_else(|| spoiled("the sum of an environment's visits"))?;
-        if place.joint >= actions {
-            return Err(spoiled("a state's counts"));
-        }
         totals.add(place.joint, *tally);
     }
     Ok(())

@@ -10,15 +10,18 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
-use crate::domain::draft::{AgentDraft, FeatureDraft, KindDraft};
+use crate::domain::draft::{AgentDraft, FeatureDraft, KindDraft, OutcomeDraft};
 use crate::domain::{
     Angle, Receipt, Rejection, RuleDraft, Schema, SchemaDraft, Threshold, WrittenRule,
 };
 use crate::error::Problem;
 use crate::store::form::{self, Unreadable};
 
-/// The version of the form of a schema that is written.
+/// The version of the form of a schema that is written where it has neither outcomes nor an agent
+/// that may be absent: builds before there were such would take it for one without.
 const SCHEMA_FORM: u32 = 1;
+/// The version of the form of a schema that has.
+const SCHEMA_FORM_OF_OUTCOMES: u32 = 2;
 /// The version of the form of a rule that is written.
 const RULE_FORM: u32 = 1;
 /// The version of the form of a receipt that is written, without saying so.
@@ -28,12 +31,27 @@ const RECEIPT_FORM: u32 = 1;
 struct SchemaText {
     state: Vec<FeatureText>,
     agents: Vec<AgentText>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    outcomes: Vec<OutcomeText>,
+}
+
+/// Of an agent's action, or of a value.
+#[derive(Serialize, Deserialize)]
+struct OutcomeText {
+    name: String,
+    lag: u32,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    agent: Option<String>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    value: Vec<FeatureText>,
 }
 
 #[derive(Serialize, Deserialize)]
 struct AgentText {
     name: String,
     action: Vec<FeatureText>,
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    may_be_absent: bool,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -88,37 +106,59 @@ type RejectionText = (u32, String, String);
 
 /// Writes a schema.
 pub(super) fn write_schema(schema: &Schema) -> String {
+    let is_first = schema.outcomes().is_empty() && !schema.may_lack_actions();
+    let form = match is_first {
+        true => SCHEMA_FORM,
+        false => SCHEMA_FORM_OF_OUTCOMES,
+    };
     let draft = schema.draft();
     let text = SchemaText {
         state: features_text(draft.state),
         agents: draft.agents.into_iter().map(agent_text).collect(),
+        outcomes: draft.outcomes.into_iter().map(outcome_text).collect(),
     };
-    form::write(SCHEMA_FORM, &text)
+    form::write(form, &text)
+}
+
+fn outcome_text(outcome: OutcomeDraft) -> OutcomeText {
+    OutcomeText {
+        name: outcome.name,
+        lag: outcome
+            .lag
+            .and_then(|lag| lag.try_into().ok())
+            .expect("a schema's outcomes have a lag"),
+        agent: outcome.agent,
+        value: features_text(outcome.value),
+    }
 }
 
 fn agent_text(agent: AgentDraft) -> AgentText {
     AgentText {
         name: agent.name,
         action: features_text(agent.action),
+        may_be_absent: agent.may_be_absent,
     }
 }
 
 /// Reads a schema back.
 pub(super) fn read_schema(text: &str) -> Result<Schema, Unreadable> {
     match form::version(text)? {
-        1 => first_schema(form::read_content(text)?),
+        SCHEMA_FORM | SCHEMA_FORM_OF_OUTCOMES => schema(form::read_content(text)?),
         found => Err(Unreadable::Newer {
             found,
-            newest: SCHEMA_FORM,
+            newest: SCHEMA_FORM_OF_OUTCOMES,
         }),
     }
 }
 
-fn first_schema(text: SchemaText) -> Result<Schema, Unreadable> {
+fn schema(text: SchemaText) -> Result<Schema, Unreadable> {
     let agents = text.agents.into_iter().map(agent);
+    let outcomes = text.outcomes.into_iter().map(outcome);
     let draft = SchemaDraft {
         agents: agents.collect::<Result<_, Unreadable>>()?,
         state: features(text.state)?,
+        outcomes: outcomes.collect::<Result<_, Unreadable>>()?,
+        lags: Vec::new(),
     };
 
     Schema::try_from(&draft)
@@ -129,6 +169,16 @@ fn agent(text: AgentText) -> Result<AgentDraft, Unreadable> {
     Ok(AgentDraft {
         name: text.name,
         action: features(text.action)?,
+        may_be_absent: text.may_be_absent,
+    })
+}
+
+fn outcome(text: OutcomeText) -> Result<OutcomeDraft, Unreadable> {
+    Ok(OutcomeDraft {
+        name: text.name,
+        agent: text.agent,
+        lag: Some(i64::from(text.lag)),
+        value: features(text.value)?,
     })
 }
 
@@ -358,6 +408,7 @@ mod tests {
         let agent = |name: &str| AgentDraft {
             name: name.into(),
             action: vec![named("move", labels.clone())],
+            ..AgentDraft::default()
         };
         let state = vec![
             named("x", KindDraft::Continuous(edges)),
@@ -371,6 +422,7 @@ mod tests {
         Schema::try_from(&SchemaDraft {
             state,
             agents: vec![agent("robot"), agent("human")],
+            ..SchemaDraft::default()
         })
         .expect("valid")
     }
@@ -391,6 +443,36 @@ mod tests {
         let read = read_schema(&text).expect("what we wrote");
         assert_eq!((read.hash(), &read), (written.hash(), &written));
         assert!(read_schema("{}").is_err());
+    }
+
+    #[test]
+    fn outcomes_and_absences_are_written_in_a_form_of_their_own() {
+        let plain = schema_with_edges(vec![0.5]);
+        // To the letter what builds before outcomes wrote: nothing of it may be told otherwise.
+        let kept = r#"{"form":1,"state":[{"name":"x","unit":"m/s²","continuous":["0.5"]},{"name":"y","unit":"m/s²","circular":8},{"name":"w","unit":"°","circular_degrees":8},{"name":"z","unit":"m/s²","integer":[-3,3]}],"agents":[{"name":"robot","action":[{"name":"move","unit":"m/s²","categorical":["a\"b\\","左"]}]},{"name":"human","action":[{"name":"move","unit":"m/s²","categorical":["a\"b\\","左"]}]}]}"#;
+        assert_eq!(write_schema(&plain), kept);
+
+        let mut absent = plain.draft();
+        absent.agents[1].may_be_absent = true;
+        let mut observed = plain.draft();
+        observed.lags = vec![2, 1];
+        observed.outcomes = vec![OutcomeDraft {
+            name: "pot".into(),
+            agent: None,
+            lag: Some(64),
+            value: vec![named("held", KindDraft::Continuous(vec![0.7]))],
+        }];
+        let both = SchemaDraft {
+            agents: absent.agents.clone(),
+            ..observed.clone()
+        };
+        for draft in [absent, observed, both] {
+            let written = Schema::try_from(&draft).expect("valid");
+            let text = write_schema(&written);
+            assert!(text.starts_with(r#"{"form":2,"#), "{text}");
+            let read = read_schema(&text).expect("what we wrote");
+            assert_eq!((read.hash(), &read), (written.hash(), &written));
+        }
     }
 
     proptest::proptest! {
@@ -574,19 +656,16 @@ mod tests {
     #[test]
     fn what_cannot_be_read_says_why() {
         let newer = |text: String| text.replacen("\"form\":1", "\"form\":4", 1);
-        let told = Unreadable::Newer {
-            found: 4,
-            newest: 1,
-        };
+        let told = |newest| Unreadable::Newer { found: 4, newest };
         assert_eq!(
             read_schema(&newer(write_schema(&schema_with_edges(vec![0.7])))),
-            Err(told.clone())
+            Err(told(2))
         );
         assert_eq!(
             read_rule(&newer(write_rule(&WrittenRule::default()))),
-            Err(told.clone())
+            Err(told(1))
         );
-        assert_eq!(read_receipt(r#"{"form":4,"accepted":7}"#), Err(told));
+        assert_eq!(read_receipt(r#"{"form":4,"accepted":7}"#), Err(told(1)));
 
         let why = |text: &str| read_schema(text).expect_err("no schema").to_string();
         let one_agent = r#"{"state":[],"agents":[]}"#;

@@ -38,6 +38,7 @@ pub fn schema_of(agents: &[(&str, i64)]) -> Schema {
     let agent = |(name, actions): &(&str, i64)| AgentDraft {
         name: (*name).into(),
         action: vec![feature("move", actions - 1)],
+        ..AgentDraft::default()
     };
     let mut state = vec![feature("place", LARGEST)];
     if IS_HUGE.get() {
@@ -46,6 +47,7 @@ pub fn schema_of(agents: &[(&str, i64)]) -> Schema {
     let draft = SchemaDraft {
         state,
         agents: agents.iter().map(agent).collect(),
+        ..SchemaDraft::default()
     };
     Schema::try_from(&draft).expect("valid")
 }

@@ -224,6 +224,7 @@ pub fn lane_schema() -> proto::Schema {
     let agent = |name: &str, action| proto::Agent {
         name: name.into(),
         action: vec![action],
+        ..proto::Agent::default()
     };
     proto::Schema {
         state: vec![distance, categorical("held", &["nothing", "dish"])],
@@ -231,6 +232,7 @@ pub fn lane_schema() -> proto::Schema {
             agent("robot", categorical("move", &["go", "stop"])),
             agent("human", categorical("move", &["left", "right", "stay"])),
         ],
+        ..proto::Schema::default()
     }
 }
 
@@ -255,6 +257,7 @@ pub fn row(state: [f32; 2], actions: [f32; 2]) -> proto::Transition {
         actions: actions.into(),
         entry: 0,
         count: None,
+        ..proto::Transition::default()
     }
 }
 

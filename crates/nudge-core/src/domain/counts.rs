@@ -1,6 +1,6 @@
 //! Counts: what a batch adds, and what a state holds.
 
-use super::{Label, Schema, StateKey};
+use super::{Family, Label, Schema, StateKey};
 
 /// The store's number of a segment; never used twice. Transitions without a segment have one too.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -48,8 +48,30 @@ pub struct Increment {
     /// By the state's number and the joint action, in any order; the same cell may stand here more
     /// than once.
     pub cells: Vec<(u64, u64, Tally)>,
-    /// The sum of all `n`.
+    /// The same of each outcome's family, by the state's number and the family's cell; empty where
+    /// nothing was observed.
+    pub outcomes: Vec<Vec<(u64, u64, Tally)>>,
+    /// The sum of all `n` of joint actions.
     pub transitions: u64,
+}
+
+impl Increment {
+    /// Returns the cells of each family, in order.
+    pub fn families(&self) -> impl Iterator<Item = (Family, &[(u64, u64, Tally)])> {
+        let outcomes = self.outcomes.iter().enumerate();
+        let outcomes = outcomes.map(|(at, cells)| (Family::of_outcome(at), &**cells));
+        std::iter::once((Family::JOINT, &*self.cells)).chain(outcomes)
+    }
+
+    /// Returns how many cells stand here, of all families.
+    pub fn len(&self) -> usize {
+        self.cells.len() + self.outcomes.iter().map(Vec::len).sum::<usize>()
+    }
+
+    /// Returns whether nothing is added.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
 }
 
 /// How the cells of an [`Increment`] name their states.
@@ -73,10 +95,11 @@ impl States {
     }
 }
 
-/// One cell of a state: a joint action under a segment.
+/// One cell of a state: a joint action under a segment, or a cell of an outcome's family.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Cell {
-    /// The joint action.
+    /// The joint action; in an outcome's family the family's cell, which [`Schema::split`] takes
+    /// apart.
     pub joint: u64,
     /// The segment.
     pub segment: SegmentId,
@@ -84,51 +107,117 @@ pub struct Cell {
     pub tally: Tally,
 }
 
-/// Every cell of one state, in order of joint action and segment.
+/// Every cell of one state, in order of family, joint action and segment.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Counts {
     cells: Vec<Cell>,
+    /// Families of outcomes that have cells, in order.
+    outcomes: Vec<(Family, Vec<Cell>)>,
 }
 
 impl Counts {
-    /// Makes counts of cells in any order, each given once.
+    /// Makes counts of joint actions, of cells in any order, each given once.
     pub fn new(mut cells: Vec<Cell>) -> Self {
-        cells.sort_unstable_by_key(|cell| (cell.joint, cell.segment));
-        Self { cells }
+        cells.sort_unstable_by_key(key);
+        Self {
+            cells,
+            outcomes: Vec::new(),
+        }
     }
 
-    /// Returns the cells in order.
+    /// Adds those of the next family of an outcome, of cells in any order, each given once.
+    pub fn push(&mut self, family: Family, mut cells: Vec<Cell>) {
+        debug_assert!(
+            self.outcomes.last().map_or(Family::JOINT, |last| last.0) < family,
+            "families are in order"
+        );
+        cells.sort_unstable_by_key(key);
+        self.outcomes.push((family, cells));
+    }
+
+    /// Returns the cells of joint actions in order.
     pub fn cells(&self) -> &[Cell] {
         &self.cells
     }
 
-    /// Returns the cells of the segments named, or of all.
+    /// Returns the cells of a family in order.
+    pub fn of_family(&self, family: Family) -> &[Cell] {
+        if family == Family::JOINT {
+            return &self.cells;
+        }
+        let found = self
+            .outcomes
+            .binary_search_by_key(&family, |(family, _)| *family);
+        found.map_or(&[], |at| &self.outcomes[at].1)
+    }
+
+    /// Returns how many cells there are, of all families.
+    pub fn len(&self) -> usize {
+        self.cells.len()
+            + self
+                .outcomes
+                .iter()
+                .map(|(_, cells)| cells.len())
+                .sum::<usize>()
+    }
+
+    /// Returns whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Returns the cells of joint actions of the segments named, or of all.
     pub fn of_segments<'a>(
         &'a self,
         segments: Option<&'a [SegmentId]>,
     ) -> impl Iterator<Item = &'a Cell> + Clone {
-        self.cells
-            .iter()
-            .filter(move |cell| segments.is_none_or(|named| named.contains(&cell.segment)))
+        of_segments(&self.cells, segments)
     }
 
-    /// Adds a tally to a cell.
-    pub fn add(&mut self, joint: u64, segment: SegmentId, tally: Tally) {
-        match self
-            .cells
-            .binary_search_by_key(&(joint, segment), |cell| (cell.joint, cell.segment))
-        {
-            Ok(at) => self.cells[at].tally.add(tally),
-            Err(at) => self.cells.insert(
-                at,
-                Cell {
-                    joint,
-                    segment,
-                    tally,
-                },
-            ),
+    /// Returns the cells of a family of the segments named, or of all.
+    pub fn of_family_and_segments<'a>(
+        &'a self,
+        family: Family,
+        segments: Option<&'a [SegmentId]>,
+    ) -> impl Iterator<Item = &'a Cell> + Clone {
+        of_segments(self.of_family(family), segments)
+    }
+
+    /// Adds a tally to a cell of a family.
+    pub fn add(&mut self, family: Family, cell: Cell) {
+        let cells = self.family_mut(family);
+        match cells.binary_search_by_key(&key(&cell), key) {
+            Ok(at) => cells[at].tally.add(cell.tally),
+            Err(at) => cells.insert(at, cell),
         }
     }
+
+    fn family_mut(&mut self, family: Family) -> &mut Vec<Cell> {
+        if family == Family::JOINT {
+            return &mut self.cells;
+        }
+        let found = self
+            .outcomes
+            .binary_search_by_key(&family, |(family, _)| *family);
+        let at = found.unwrap_or_else(|at| {
+            self.outcomes.insert(at, (family, Vec::new()));
+            at
+        });
+        &mut self.outcomes[at].1
+    }
+}
+
+fn key(cell: &Cell) -> (u64, SegmentId) {
+    (cell.joint, cell.segment)
+}
+
+fn of_segments<'a>(
+    cells: &'a [Cell],
+    segments: Option<&'a [SegmentId]>,
+) -> impl Iterator<Item = &'a Cell> + Clone {
+    cells
+        .iter()
+        .filter(move |cell| segments.is_none_or(|named| named.contains(&cell.segment)))
 }
 
 /// The most actions of an agent whose marginal counts are kept; no evidence is computed for an
@@ -230,6 +319,7 @@ mod tests {
         let agent = |(at, actions): (usize, &i64)| AgentDraft {
             name: format!("agent{at}"),
             action: vec![feature(actions - 1)],
+            ..AgentDraft::default()
         };
         let state = vec![FeatureDraft {
             name: "place".into(),
@@ -238,6 +328,7 @@ mod tests {
         let draft = SchemaDraft {
             state,
             agents: actions.iter().enumerate().map(agent).collect(),
+            ..SchemaDraft::default()
         };
         Schema::try_from(&draft).expect("valid")
     }
@@ -356,7 +447,17 @@ mod tests {
         let steps = [(3, 1), (1, 2), (3, 0), (1, 2), (0, 9)];
         let add = |order: &mut dyn Iterator<Item = &(u64, i64)>| {
             let mut counts = Counts::default();
-            order.for_each(|&(joint, segment)| counts.add(joint, SegmentId(segment), one));
+            let cell = |&(joint, segment): &(u64, i64)| Cell {
+                joint,
+                segment: SegmentId(segment),
+                tally: one,
+            };
+            let families = [Family::JOINT, Family::of_outcome(2), Family::of_outcome(0)];
+            for step in order {
+                families
+                    .iter()
+                    .for_each(|family| counts.add(*family, cell(step)));
+            }
             counts
         };
         let forward = add(&mut steps.iter());
@@ -369,5 +470,10 @@ mod tests {
                 .collect::<Vec<_>>(),
             [(0, 9, 1), (1, 2, 2), (3, 0, 1), (3, 1, 1)]
         );
+        let outcome = |at| forward.of_family(Family::of_outcome(at));
+        assert_eq!(outcome(0), forward.cells());
+        assert_eq!(outcome(2), forward.cells());
+        assert!(outcome(1).is_empty());
+        assert_eq!(forward.len(), 12);
     }
 }

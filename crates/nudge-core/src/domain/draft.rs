@@ -23,13 +23,18 @@ impl From<SchemaDraft> for DescriptionDraft {
     }
 }
 
-/// The state and the agents of an environment, unchecked.
+/// What is fixed of an environment, unchecked.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct SchemaDraft {
     /// The coordinates of the state, in order.
     pub state: Vec<FeatureDraft>,
     /// The agents, in order.
     pub agents: Vec<AgentDraft>,
+    /// What is observed some steps later, in order; behind what `lags` stands for.
+    pub outcomes: Vec<OutcomeDraft>,
+    /// Short for an outcome for each agent's action at each of these lags: agent after agent, lags
+    /// rising.
+    pub lags: Vec<i64>,
 }
 
 impl SchemaDraft {
@@ -54,7 +59,18 @@ impl SchemaDraft {
         let agent = |agent: &AgentDraft| {
             text(&agent.name) + agent.action.iter().map(feature).sum::<usize>()
         };
-        self.state.iter().map(feature).sum::<usize>() + self.agents.iter().map(agent).sum::<usize>()
+
+        let outcome = |outcome: &OutcomeDraft| {
+            let named = text(&outcome.name) + outcome.agent.as_ref().map_or(0, text);
+            named + outcome.value.iter().map(feature).sum::<usize>()
+        };
+        // As large as what they stand for.
+        let lagged = |agent: &AgentDraft| self.lags.len() * 2 * text(&agent.name);
+
+        self.state.iter().map(feature).sum::<usize>()
+            + self.agents.iter().map(agent).sum::<usize>()
+            + self.outcomes.iter().map(outcome).sum::<usize>()
+            + self.agents.iter().map(lagged).sum::<usize>()
     }
 
     /// Refuses a description that is larger than a new one may be.
@@ -97,6 +113,21 @@ pub struct AgentDraft {
     pub name: String,
     /// The coordinates of its action, in order.
     pub action: Vec<FeatureDraft>,
+    /// Whether a transition may be without its action.
+    pub may_be_absent: bool,
+}
+
+/// An outcome, unchecked: exactly one of `agent` and `value` is expected.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct OutcomeDraft {
+    /// Its name; empty for the usual one of an agent's action.
+    pub name: String,
+    /// The agent whose action it is.
+    pub agent: Option<String>,
+    /// How many steps after the joint action it is observed.
+    pub lag: Option<i64>,
+    /// The coordinates of its value, in order.
+    pub value: Vec<FeatureDraft>,
 }
 
 /// A feature, unchecked: exactly one kind is expected.
@@ -163,9 +194,11 @@ pub enum ValueDraft {
 /// The values of features by name, in the order in which they were written.
 pub type NamedValues = Vec<(String, ValueDraft)>;
 
-/// An agent's action, as it was written.
+/// An agent's action, or the value of an outcome, as it was written.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ActionDraft {
+    /// None: it was not taken, or not observed.
+    Absent,
     /// The only feature's value.
     Bare(ValueDraft),
     /// A value a feature.

@@ -1,4 +1,4 @@
-//! The schema hash: BLAKE3 of an unambiguous encoding of state and agents.
+//! The schema hash: BLAKE3 of an unambiguous encoding of state, agents and outcomes.
 //!
 //! Every text and list is preceded by its length and every kind by its own letter, so no two
 //! schemas encode alike. What is added to schemas later must encode to nothing where it is absent:
@@ -6,7 +6,7 @@
 
 use std::fmt;
 
-use super::{Agent, Angle, Feature, FeatureKind};
+use super::{Agent, Angle, Feature, FeatureKind, Outcome};
 
 /// BLAKE3 of a schema: two environments with the same hash count the same way.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -34,7 +34,7 @@ impl std::str::FromStr for SchemaHash {
     }
 }
 
-pub(super) fn schema_hash(state: &[Feature], agents: &[Agent]) -> SchemaHash {
+pub(super) fn schema_hash(state: &[Feature], agents: &[Agent], outcomes: &[Outcome]) -> SchemaHash {
     let mut bytes = b"nudge.schema.v1".to_vec();
     features(&mut bytes, state);
     number(&mut bytes, agents.len() as u64);
@@ -42,7 +42,31 @@ pub(super) fn schema_hash(state: &[Feature], agents: &[Agent]) -> SchemaHash {
         text(&mut bytes, agent.name.as_str());
         features(&mut bytes, &agent.action);
     }
+    if agents.iter().any(|agent| agent.may_be_absent) {
+        bytes.push(b'a');
+        bytes.extend(agents.iter().map(|agent| u8::from(agent.may_be_absent)));
+    }
+    if !outcomes.is_empty() {
+        bytes.push(b'u');
+        number(&mut bytes, outcomes.len() as u64);
+        outcomes.iter().for_each(|one| outcome(&mut bytes, one));
+    }
     SchemaHash(*blake3::hash(&bytes).as_bytes())
+}
+
+fn outcome(bytes: &mut Vec<u8>, outcome: &Outcome) {
+    text(bytes, &outcome.name);
+    number(bytes, u64::from(outcome.lag));
+    match outcome.agent {
+        Some(agent) => {
+            bytes.push(b'a');
+            number(bytes, agent as u64);
+        }
+        None => {
+            bytes.push(b'v');
+            features(bytes, &outcome.value);
+        }
+    }
 }
 
 fn features(bytes: &mut Vec<u8>, features: &[Feature]) {

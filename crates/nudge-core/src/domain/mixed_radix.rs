@@ -5,7 +5,7 @@
 //! all of them (SIMD, as the compiler finds it).
 
 use super::feature::MISFIT;
-use super::{FeatureKind, Schema, Values};
+use super::{Agent, Feature, FeatureKind, Outcome, Presence, Schema, Values};
 
 /// One number a record; none where a value of it has no bin.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -32,6 +32,16 @@ impl Numbers {
         first: usize,
     ) -> Self {
         let width = kinds.len();
+        Self::of_slot(kinds, values, first, Slot { at: 0, width })
+    }
+
+    /// Discretises the same of some features of a record alone, which has more.
+    fn of_slot<'k>(
+        kinds: impl ExactSizeIterator<Item = &'k FeatureKind>,
+        values: &Values,
+        first: usize,
+        Slot { at, width }: Slot,
+    ) -> Self {
         let rest = values.len().saturating_sub(first * width);
         let lanes = Self::LANES.min(rest.checked_div(width).unwrap_or(0));
 
@@ -39,7 +49,10 @@ impl Numbers {
         for (feature, kind) in kinds.enumerate() {
             let mut column = [0.0; Self::LANES];
             let block = values.at(first * width, lanes * width);
-            for (slot, value) in column.iter_mut().zip(block.skip(feature).step_by(width)) {
+            for (slot, value) in column
+                .iter_mut()
+                .zip(block.skip(at + feature).step_by(width))
+            {
                 *slot = value;
             }
 
@@ -60,6 +73,50 @@ impl Numbers {
     }
 }
 
+/// Where some features of a record are among all of them.
+#[derive(Debug, Clone, Copy)]
+struct Slot {
+    at: usize,
+    width: usize,
+}
+
+/// Numbers of several slots that a record has.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct SlotNumbers {
+    slots: Vec<Numbers>,
+    present: Presence,
+    first: usize,
+}
+
+impl SlotNumbers {
+    /// Returns the number of a slot of a record, where it has a value.
+    #[inline]
+    pub fn get(&self, lane: usize, slot: usize) -> SlotNumber {
+        if self.slots.is_empty() || !self.has(lane, slot) {
+            return SlotNumber::Missing;
+        }
+        let number = self.slots[slot].get(lane);
+        number.map_or(SlotNumber::Misfit, SlotNumber::Of)
+    }
+
+    #[inline]
+    fn has(&self, lane: usize, slot: usize) -> bool {
+        self.present
+            .has((self.first + lane) * self.slots.len() + slot)
+    }
+}
+
+/// What a slot of a record has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SlotNumber {
+    /// No value.
+    Missing,
+    /// A value that has no bin.
+    Misfit,
+    /// A value with this number.
+    Of(u64),
+}
+
 impl Schema {
     /// Returns the ranks of the states of [`Numbers::LANES`] records from one on. Only where the
     /// schema [is ranked](Schema::is_ranked).
@@ -71,9 +128,100 @@ impl Schema {
         )
     }
 
-    /// Returns the joint actions of [`Numbers::LANES`] records from one on.
-    pub fn joint_actions_at(&self, actions: &Values, first: usize) -> Numbers {
-        Numbers::of(self.action_kinds().iter(), actions, first)
+    /// Returns the joint actions of [`Numbers::LANES`] records from one on; none where an agent is
+    /// absent that may not be.
+    pub fn joint_actions_at(&self, actions: &Values, present: &Presence, first: usize) -> Numbers {
+        if !self.may_lack_actions() && present.is_all() {
+            return Numbers::of(self.action_kinds().iter(), actions, first);
+        }
+
+        let slots = self.agents().iter().map(|agent| &*agent.action);
+        let letters = slots_at(slots, actions, present, first);
+        let joint = |lane: usize| {
+            self.agents()
+                .iter()
+                .enumerate()
+                .try_fold(0, |joint, (at, agent)| {
+                    Some(joint * agent.letters() + letter(agent, letters.get(lane, at))?)
+                })
+        };
+        Numbers(std::array::from_fn(|lane| {
+            match first + lane < len(self, actions) {
+                true => joint(lane).unwrap_or(NONE),
+                false => NONE,
+            }
+        }))
+    }
+
+    /// Returns the values of all outcomes of [`Numbers::LANES`] records from one on; nothing where
+    /// none has a value.
+    pub fn outcomes_at(&self, outcomes: &Values, present: &Presence, first: usize) -> SlotNumbers {
+        if outcomes.is_empty() {
+            return SlotNumbers::default();
+        }
+        let slots = self.outcomes().iter().map(|outcome| &*outcome.value);
+        slots_at(slots, outcomes, present, first)
+    }
+}
+
+/// Returns how many records have these actions.
+fn len(schema: &Schema, actions: &Values) -> usize {
+    actions.len() / schema.action_width()
+}
+
+fn slots_at<'s>(
+    slots: impl Iterator<Item = &'s [Feature]> + Clone,
+    values: &Values,
+    present: &Presence,
+    first: usize,
+) -> SlotNumbers {
+    let width = slots.clone().map(<[Feature]>::len).sum();
+    let mut at = 0;
+    let numbers = slots.map(|slot| {
+        let kinds = slot.iter().map(|feature| &feature.kind);
+        let numbers = Numbers::of_slot(kinds, values, first, Slot { at, width });
+        at += slot.len();
+        numbers
+    });
+    SlotNumbers {
+        slots: numbers.collect(),
+        present: present.clone(),
+        first,
+    }
+}
+
+/// Returns the letter that an agent has in a joint action.
+fn letter(agent: &Agent, action: SlotNumber) -> Option<u64> {
+    match action {
+        SlotNumber::Of(action) => Some(action),
+        SlotNumber::Missing => agent.may_be_absent.then(|| agent.absence()),
+        SlotNumber::Misfit => None,
+    }
+}
+
+impl Schema {
+    /// Returns the cell of an outcome's family that a record counts in; `None` where it counts in
+    /// none, because the outcome is missing, or what it is counted beside is. An agent that may be
+    /// absent and has no action one step before was absent then.
+    pub fn cell_of_outcome(
+        &self,
+        outcome: usize,
+        joint: u64,
+        observed: &SlotNumbers,
+        lane: usize,
+    ) -> Option<u64> {
+        let Outcome { agent, .. } = &self.outcomes()[outcome];
+        let SlotNumber::Of(value) = observed.get(lane, outcome) else {
+            return None;
+        };
+        let joint = match (*agent, self.own_before(outcome)) {
+            (Some(agent), Some(before)) => {
+                let own = letter(&self.agents()[agent], observed.get(lane, before))?;
+                self.with_letter(joint, agent, own)
+            }
+            _ => joint,
+        };
+        Some(joint * self.outcomes()[outcome].values() + value)
     }
 }
 
@@ -111,6 +259,7 @@ mod tests {
         let agent = |name: &str, features: Vec<FeatureDraft>| AgentDraft {
             name: name.into(),
             action: features,
+            ..AgentDraft::default()
         };
         let draft = SchemaDraft {
             state: features().collect(),
@@ -118,6 +267,7 @@ mod tests {
                 agent("one", features().take(4).collect()),
                 agent("two", features().skip(4).collect()),
             ],
+            ..SchemaDraft::default()
         };
         Schema::try_from(&draft).expect("valid")
     }
@@ -148,7 +298,7 @@ mod tests {
                 let rank = schema.key_of_values(&record).ok().map(|key| schema.rank(&key));
                 prop_assert_eq!(schema.ranks_at(&column, first).get(lane), rank);
                 let joint = schema.joint_action(&record);
-                prop_assert_eq!(schema.joint_actions_at(&column, first).get(lane), joint);
+                prop_assert_eq!(schema.joint_actions_at(&column, &Presence::default(), first).get(lane), joint);
             }
         }
 

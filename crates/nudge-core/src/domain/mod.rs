@@ -10,9 +10,12 @@
 //!   `3.0.7`.
 //! * A **joint action** is one action index per agent, as one number, the first agent most
 //!   significant.
+//! * An **outcome** is a variable observed some steps (its **lag**) after the joint action: an
+//!   agent's later action, or another value.
 //! * A **transition** is (state, joint action), seen once or `count` times; `entry` says whether it
-//!   entered its state.
+//!   entered its state. Some agents may be absent from it, and any outcome may be missing.
 //! * A **cell** is (state, **segment**, joint action) with its [`Tally`]: visits `n` and `entries`.
+//!   Each outcome has a [`Family`] of cells of its own, (state, segment, joint action, value).
 //!   Summed over states and segments for each action of each agent, cells are [`ActionTotals`].
 //!
 //! Input passes through stages, each a type: drafts and [`Records`] (decoded), [`Schema`],
@@ -29,6 +32,7 @@ mod checked;
 mod counts;
 mod environment;
 mod estimator;
+mod family;
 mod feature;
 mod fit;
 mod hash;
@@ -39,8 +43,10 @@ mod model;
 mod name;
 mod named;
 mod near;
+mod outcome;
 mod overview;
 mod pair;
+mod presence;
 mod principal;
 mod question;
 mod rank;
@@ -64,27 +70,31 @@ pub use counts::{ActionTotals, Cell, Counts, Increment, MOST_ACTIONS, SegmentId,
 pub use draft::{RuleDraft, SchemaDraft};
 pub use environment::{Environment, EnvironmentId, EnvironmentPage, Uid, UnreadableEnvironment};
 pub use estimator::{Estimator, Estimators};
+pub use family::Family;
 pub use feature::{BinError, Feature, FeatureKind};
 pub use fit::FitId;
 pub use hash::SchemaHash;
 pub use key::StateKey;
 pub use label_set::LabelSet;
-pub use mixed_radix::Numbers;
+pub use mixed_radix::{Numbers, SlotNumber, SlotNumbers};
 pub use model::{
     Baseline, Calibration, Card, Job, JobState, Model, ModelAction, ModelFigures, ModelId,
     ModelKind, Models, Reliability, Score, Training, Weighting, is_same_threshold,
 };
 pub use name::{Label, Name, ProducerId};
+pub use named::SlotValues;
 pub use near::{hint, is_near, meant};
+pub use outcome::{MOST_LAG, Outcome};
 pub use overview::{
     Discoveries, Discovery, DiscoveryMethod, Edge, EdgeKind, Exploration, FittedPrior, Graph,
     HistogramBin, LabelledCell, StateFigures, StatePage, StateView, Suggestion, Summary, page_size,
 };
 pub use pair::Pair;
+pub use presence::Presence;
 pub use principal::{KeyScope, Pattern, Principal, Scopes};
 pub use question::{Exchange, MOST_STATES, Permutations, Question, Scope, View, Within};
 pub use rank::MOST_RANKED;
-pub use records::{Digest, Entry, Record, Records, Rejection, Widths, Worded};
+pub use records::{Collecting, Digest, Entry, Record, Records, Rejection, Widths, Worded};
 pub use rule::{Rule, RuleKind, Threshold, Unit, WrittenRule};
 pub use schema::Schema;
 pub use secret::{KeyDigest, Secret};

@@ -3,7 +3,7 @@
 
 use super::draft::{ActionDraft, NamedValues, ValueDraft};
 use super::label_set::is_plain_number;
-use super::{Agent, Feature, FeatureKind, LabelSet, Name, Schema};
+use super::{Feature, FeatureKind, LabelSet, Schema};
 use crate::error::{Fault, pointer};
 
 /// From here on a number is told with its exponent.
@@ -17,60 +17,80 @@ impl Schema {
         values(self.state(), named)
     }
 
-    /// Returns one value an action feature, agent after agent, or every fault.
-    pub fn action_values(&self, named: &[(String, ActionDraft)]) -> Result<Vec<f32>, Vec<Fault>> {
-        let mut faults = unknown(
-            named.iter().map(|(name, _)| name.as_str()),
-            self.agents().iter().map(|agent| &agent.name),
-            "agent",
-        );
-
-        let mut all = Vec::with_capacity(self.action_width());
+    /// Returns one value an action feature, agent after agent, or every fault. Agents that may be
+    /// absent are absent where they are said to be.
+    pub fn action_values(&self, named: &[(String, ActionDraft)]) -> Result<SlotValues, Vec<Fault>> {
+        let names = self.agents().iter().map(|agent| agent.name.as_str());
+        let mut faults = unknown(written_names(named), names, "agent");
+        let mut slots = SlotValues::default();
         for agent in self.agents() {
             let pointer = format!("/{}", agent.name);
             match named.iter().find(|(name, _)| name == agent.name.as_str()) {
+                None if agent.may_be_absent => {
+                    let detail = "missing, expected an action, or null where it took none";
+                    faults.push(Fault::new(pointer, detail));
+                }
                 None => faults.push(Fault::new(pointer, "missing, expected an action")),
-                Some((_, draft)) => match action(agent, draft) {
-                    Ok(values) => all.extend(values),
+                Some((_, ActionDraft::Absent)) if agent.may_be_absent => {
+                    slots.push_missing(agent.action.len());
+                }
+                Some((_, draft)) => match slot(&agent.action, draft) {
+                    Ok(values) => slots.push(values),
                     Err(more) => faults.extend(more.into_iter().map(|fault| fault.under(&pointer))),
                 },
             }
         }
+        kept(slots, faults)
+    }
 
-        if faults.is_empty() {
-            Ok(all)
-        } else {
-            Err(faults)
+    /// Returns one value a feature of an outcome, outcome after outcome, or every fault. Those that
+    /// are not given are missing.
+    pub fn outcome_values(
+        &self,
+        named: &[(String, ActionDraft)],
+    ) -> Result<SlotValues, Vec<Fault>> {
+        let names = self.outcomes().iter().map(|outcome| outcome.name.as_str());
+        let mut faults = unknown(written_names(named), names, "outcome");
+        let mut slots = SlotValues::default();
+        for outcome in self.outcomes() {
+            match named.iter().find(|(name, _)| *name == outcome.name) {
+                None | Some((_, ActionDraft::Absent)) => slots.push_missing(outcome.value.len()),
+                Some((_, draft)) => match slot(&outcome.value, draft) {
+                    Ok(values) => slots.push(values),
+                    Err(more) => {
+                        let pointer = pointer(&outcome.name);
+                        faults.extend(more.into_iter().map(|fault| fault.under(&pointer)));
+                    }
+                },
+            }
         }
+        kept(slots, faults)
     }
 
     /// Returns a fault for each label that JSON numbers cannot tell from one before it.
     /// Environments that have such labels keep them.
     pub fn labels_alike(&self) -> Vec<Fault> {
-        let state = self
-            .state()
-            .iter()
-            .enumerate()
-            .map(|(at, feature)| (format!("/state/{at}"), feature));
+        let actions = self.agents().iter().enumerate();
+        let actions = actions.map(|(at, agent)| (format!("/agents/{at}/action"), &*agent.action));
+        // An agent's later action has the labels of its action.
+        let values = self.outcomes().iter().enumerate();
+        let values = values
+            .filter(|(_, outcome)| outcome.agent.is_none())
+            .map(|(at, outcome)| (format!("/outcomes/{at}/value"), &*outcome.value));
 
-        let of_agent = |(at, agent): (usize, &'_ Agent)| -> Vec<(String, Feature)> {
-            let action = agent.action.iter().enumerate();
-            action
-                .map(|(k, feature)| (format!("/agents/{at}/action/{k}"), feature.clone()))
-                .collect()
+        let lists = [("/state".to_owned(), self.state())];
+        let lists = lists.into_iter().chain(actions).chain(values);
+        let each = |(pointer, features): (String, &'_ [Feature])| {
+            let features = features.iter().enumerate();
+            let fault = |(k, feature): (usize, &Feature)| alike(&format!("{pointer}/{k}"), feature);
+            features.filter_map(fault).collect::<Vec<_>>()
         };
-        let actions = self.agents().iter().enumerate().flat_map(of_agent);
-
-        state
-            .map(|(pointer, feature)| (pointer, feature.clone()))
-            .chain(actions)
-            .filter_map(alike)
-            .collect()
+        lists.flat_map(each).collect()
     }
 }
 
 /// Returns the fault of a feature with two labels that are one number.
-fn alike((pointer, feature): (String, Feature)) -> Option<Fault> {
+fn alike(pointer: &str, feature: &Feature) -> Option<Fault> {
     let FeatureKind::Categorical(labels) = &feature.kind else {
         return None;
     };
@@ -87,32 +107,74 @@ fn alike((pointer, feature): (String, Feature)) -> Option<Fault> {
     ))
 }
 
-fn action(agent: &Agent, draft: &ActionDraft) -> Result<Vec<f32>, Vec<Fault>> {
-    match (draft, agent.action.as_slice()) {
-        (ActionDraft::Named(named), features) => values(features, named),
-        (ActionDraft::Bare(draft), [only]) => Ok(vec![
-            value(only, draft).map_err(|detail| vec![Fault::new("", detail)])?,
-        ]),
-        (ActionDraft::Bare(draft), features) => {
+/// Values of some slots, one a feature, and which of the slots have them.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct SlotValues {
+    /// The values, slot after slot; zeros where one is missing.
+    pub values: Vec<f32>,
+    /// A flag a slot; empty where all are there.
+    pub present: Vec<bool>,
+    slots: usize,
+}
+
+impl SlotValues {
+    fn push(&mut self, values: Vec<f32>) {
+        self.values.extend(values);
+        self.slots += 1;
+        if !self.present.is_empty() {
+            self.present.push(true);
+        }
+    }
+
+    fn push_missing(&mut self, width: usize) {
+        self.values.resize(self.values.len() + width, 0.0);
+        self.present.resize(self.slots, true);
+        self.present.push(false);
+        self.slots += 1;
+    }
+}
+
+fn kept(slots: SlotValues, faults: Vec<Fault>) -> Result<SlotValues, Vec<Fault>> {
+    if faults.is_empty() {
+        Ok(slots)
+    } else {
+        Err(faults)
+    }
+}
+
+fn written_names(named: &[(String, ActionDraft)]) -> impl Iterator<Item = &str> {
+    named.iter().map(|(name, _)| name.as_str())
+}
+
+/// Reads an action, or the value of an outcome.
+fn slot(features: &[Feature], draft: &ActionDraft) -> Result<Vec<f32>, Vec<Fault>> {
+    let absent = ValueDraft::Other("null".into());
+    let bare = match draft {
+        ActionDraft::Named(named) => return values(features, named),
+        ActionDraft::Bare(draft) => draft,
+        ActionDraft::Absent => &absent,
+    };
+    match features {
+        [only] => {
+            let value = value(only, bare);
+            Ok(vec![value.map_err(|detail| vec![Fault::new("", detail)])?])
+        }
+        features => {
             let names: Vec<&str> = features
                 .iter()
                 .map(|feature| feature.name.as_str())
                 .collect();
-
-            Err(vec![Fault::new(
-                "",
-                format!(
-                    "got {}, expected an object of {}",
-                    written(draft),
-                    names.join(", ")
-                ),
-            )])
+            let detail = format!(
+                "got {}, expected an object of {}",
+                written(bare),
+                names.join(", ")
+            );
+            Err(vec![Fault::new("", detail)])
         }
     }
 }
-
 fn values(features: &[Feature], named: &NamedValues) -> Result<Vec<f32>, Vec<Fault>> {
-    let known = features.iter().map(|feature| &feature.name);
+    let known = features.iter().map(|feature| feature.name.as_str());
     let mut faults = unknown(
         named.iter().map(|(name, _)| name.as_str()),
         known,
@@ -148,10 +210,10 @@ fn values(features: &[Feature], named: &NamedValues) -> Result<Vec<f32>, Vec<Fau
 
 fn unknown<'a>(
     names: impl Iterator<Item = &'a str>,
-    known: impl Iterator<Item = &'a Name> + Clone,
+    known: impl Iterator<Item = &'a str> + Clone,
     what: &str,
 ) -> Vec<Fault> {
-    let is_known = |name: &str| known.clone().any(|known| known.as_str() == name);
+    let is_known = |name: &str| known.clone().any(|known| known == name);
     names
         .filter(|name| !is_known(name))
         .map(|name| Fault::new(pointer(name), unknown_one(known.clone(), what)))
@@ -160,12 +222,13 @@ fn unknown<'a>(
 
 /// Says which names there are, if they are few. Which is nearest is not looked for: a batch may
 /// have a hundred thousand wrong names.
-fn unknown_one<'a>(known: impl Iterator<Item = &'a Name> + Clone, what: &str) -> String {
+fn unknown_one<'a>(known: impl Iterator<Item = &'a str> + Clone, what: &str) -> String {
     const FEW: usize = 8;
     match known.clone().count() {
+        0 => format!("unknown {what}, expected none: this environment has no {what}s"),
         1..=FEW => format!(
             "unknown {what}, expected {}",
-            known.map(Name::as_str).collect::<Vec<_>>().join(", ")
+            known.collect::<Vec<_>>().join(", ")
         ),
         _ => format!("unknown {what}"),
     }

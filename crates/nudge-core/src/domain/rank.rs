@@ -72,10 +72,12 @@ mod tests {
                 name: format!("{name}-move"),
                 ..feature((0, &2))
             }],
+            ..AgentDraft::default()
         };
         let draft = SchemaDraft {
             state: bins.iter().enumerate().map(feature).collect(),
             agents: vec![agent("a"), agent("b")],
+            ..SchemaDraft::default()
         };
         Schema::try_from(&draft).expect("valid")
     }

@@ -3,7 +3,9 @@
 //! Nothing here has been compared with bins yet. Rows and JSON become columns too, so there is one
 //! thing to digest and one thing to validate.
 
-use super::{Label, Values};
+use std::sync::Arc;
+
+use super::{Label, Presence, Values};
 
 /// Whether a step entered its state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -48,6 +50,15 @@ pub struct Records {
     pub states: Values,
     /// Action values, record after record, one an action feature.
     pub actions: Values,
+    /// Which agents acted: a slot an agent, record after record. The values of one that did not are
+    /// zeros.
+    pub actions_present: Presence,
+    /// Outcome values, record after record, one a feature of an outcome; empty where none was
+    /// observed.
+    pub outcomes: Values,
+    /// Which outcomes were observed, where any was: a slot an outcome, record after record. The
+    /// values of one that was not are zeros.
+    pub outcomes_present: Presence,
     /// One a record, or empty where none says.
     pub entries: Vec<Entry>,
     /// How often each record was observed, or empty for once each.
@@ -61,12 +72,35 @@ pub struct Records {
 pub struct Record {
     /// One value a state feature.
     pub state: Vec<f32>,
-    /// One value an action feature.
+    /// One value an action feature; those of an agent that did not act are not looked at.
     pub actions: Vec<f32>,
+    /// Which agents acted, a flag each; empty where all did.
+    pub actions_present: Vec<bool>,
+    /// One value a feature of an outcome; those of one that was not observed are not looked at.
+    /// Empty where none was.
+    pub outcomes: Vec<f32>,
+    /// Which outcomes were observed, a flag each; empty where all were, or none has a value.
+    pub outcomes_present: Vec<bool>,
     /// Whether the step entered its state.
     pub entry: Entry,
     /// How often it was observed.
     pub count: u64,
+}
+
+impl Record {
+    /// Makes a record of what all agents did, observed once; nothing is said of its entry, and no
+    /// outcome was observed.
+    pub fn new(state: Vec<f32>, actions: Vec<f32>) -> Self {
+        Self {
+            state,
+            actions,
+            actions_present: Vec::new(),
+            outcomes: Vec::new(),
+            outcomes_present: Vec::new(),
+            entry: Entry::Unknown,
+            count: 1,
+        }
+    }
 }
 
 impl Records {
@@ -75,41 +109,28 @@ impl Records {
         widths: Widths,
         records: impl ExactSizeIterator<Item = Result<Record, (String, String)>>,
     ) -> Self {
-        let mut all = Self {
-            len: records.len(),
-            ..Self::default()
-        };
-        let (mut states, mut actions) = (
-            Vec::with_capacity(records.len() * widths.state),
-            Vec::with_capacity(records.len() * widths.actions),
-        );
-
-        for (index, record) in records.enumerate() {
-            let record = record
-                .and_then(|record| widths.check(record))
-                .unwrap_or_else(|(field, reason)| {
-                    all.undecodable.push(Rejection {
-                        index: index as u32,
-                        field,
-                        reason,
-                    });
-                    widths.blank()
-                });
-
-            states.extend(&record.state);
-            actions.extend(&record.actions);
-            all.entries.push(record.entry);
-            all.counts.push(record.count);
+        let mut all = Collecting::new(widths.clone(), records.len());
+        for record in records {
+            match record.and_then(|record| widths.check(record)) {
+                Ok(record) => all.push(&record),
+                Err((field, reason)) => all.push_undecodable(field, reason),
+            }
         }
-        (all.states, all.actions) = (states.into(), actions.into());
-        all.normalised()
+        all.finish()
     }
 
     /// Returns these records in the one form that equal content has, whichever form it came in:
-    /// -0.0 is 0.0, and a column that only holds its default is empty.
-    pub fn normalised(mut self) -> Self {
+    /// -0.0 is 0.0, what is missing is 0, and a column that only holds its default is empty.
+    pub fn normalised(mut self, widths: &Widths) -> Self {
+        self.actions = cleared(self.actions, &self.actions_present, &widths.agents);
         self.states = self.states.normalised();
         self.actions = self.actions.normalised();
+
+        if self.outcomes_present.is_none() || self.outcomes.is_empty() {
+            (self.outcomes, self.outcomes_present) = (Values::default(), Presence::default());
+        }
+        self.outcomes = cleared(self.outcomes, &self.outcomes_present, &widths.outcomes);
+        self.outcomes = self.outcomes.normalised();
 
         if self.entries.iter().all(|entry| *entry == Entry::Unknown) {
             self.entries.clear();
@@ -166,7 +187,159 @@ impl Records {
                 .collect::<Vec<u8>>(),
         );
         hasher.update(bytemuck::cast_slice(&self.counts));
+
+        // Nothing where every agent acted and nothing was observed: so it was when all records were
+        // like that.
+        let later = [
+            self.actions_present.bits(),
+            self.outcomes.le_bytes(),
+            self.outcomes_present.bits(),
+        ];
+        if later.iter().any(|column| !column.is_empty()) {
+            for column in later {
+                hasher.update(&(column.len() as u64).to_le_bytes());
+                hasher.update(column);
+            }
+        }
         hasher
+    }
+}
+
+/// Returns a column with zeros in the slots that have no value, each as wide as its own; copies only
+/// where there is one.
+fn cleared(values: Values, present: &Presence, slots: &[usize]) -> Values {
+    if present.is_all() {
+        return values;
+    }
+    let widths = slots.iter().cycle().enumerate();
+    let values: Vec<f32> = widths
+        .scan(0, |first, (slot, width)| {
+            let begin = std::mem::replace(first, *first + width);
+            (begin < values.len()).then(|| {
+                let has = present.has(slot);
+                let slot = values.at(begin, *width);
+                slot.map(move |value| if has { value } else { 0.0 })
+            })
+        })
+        .flatten()
+        .collect();
+    values.into()
+}
+
+/// Columns in the making, record after record.
+#[derive(Debug)]
+pub struct Collecting {
+    widths: Widths,
+    states: Vec<f32>,
+    actions: Vec<f32>,
+    actions_present: Flags,
+    outcomes: Vec<f32>,
+    outcomes_present: Flags,
+    entries: Vec<Entry>,
+    counts: Vec<u64>,
+    undecodable: Vec<Rejection>,
+}
+
+impl Collecting {
+    /// Begins with room for so many records of these widths.
+    pub fn new(widths: Widths, records: usize) -> Self {
+        Self {
+            states: Vec::with_capacity(records * widths.state),
+            actions: Vec::with_capacity(records * widths.actions),
+            actions_present: Flags::default(),
+            outcomes: Vec::with_capacity(records * widths.outcome_values()),
+            outcomes_present: Flags::default(),
+            entries: Vec::with_capacity(records),
+            counts: Vec::with_capacity(records),
+            undecodable: Vec::new(),
+            widths,
+        }
+    }
+
+    /// Returns how many records there are.
+    pub fn len(&self) -> usize {
+        self.entries.len()
+    }
+
+    /// Returns whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.entries.is_empty()
+    }
+
+    /// Adds a record of these widths.
+    pub fn push(&mut self, record: &Record) {
+        let (agents, outcomes) = (self.widths.agents.len(), self.widths.outcomes.len());
+        self.states.extend(&record.state);
+        self.actions.extend(&record.actions);
+        self.actions_present
+            .push(&record.actions_present, true, agents);
+
+        let is_observed = !record.outcomes.is_empty();
+        self.outcomes.extend(&record.outcomes);
+        if !is_observed {
+            let values = self.outcomes.len() + self.widths.outcome_values();
+            self.outcomes.resize(values, 0.0);
+        }
+        let flags = if is_observed {
+            &*record.outcomes_present
+        } else {
+            &[]
+        };
+        self.outcomes_present.push(flags, is_observed, outcomes);
+
+        self.entries.push(record.entry);
+        self.counts.push(record.count);
+    }
+
+    /// Keeps the place of a record that could not be decoded.
+    pub fn push_undecodable(&mut self, field: String, reason: String) {
+        self.undecodable.push(Rejection {
+            index: self.len() as u32,
+            field,
+            reason,
+        });
+        let blank = Record::new(vec![0.0; self.widths.state], vec![0.0; self.widths.actions]);
+        self.push(&blank);
+    }
+
+    /// Returns the records, in the one form that equal content has.
+    pub fn finish(self) -> Records {
+        let records = Records {
+            len: self.entries.len(),
+            states: self.states.into(),
+            actions: self.actions.into(),
+            actions_present: self.actions_present.packed(),
+            outcomes: self.outcomes.into(),
+            outcomes_present: self.outcomes_present.packed(),
+            entries: self.entries,
+            counts: self.counts,
+            undecodable: self.undecodable,
+        };
+        records.normalised(&self.widths)
+    }
+}
+
+/// Flags in the making; none is kept as long as all of them are set.
+#[derive(Debug, Default)]
+struct Flags {
+    kept: Vec<bool>,
+    len: usize,
+}
+
+impl Flags {
+    /// Adds the flags of some slots, all of the usual value where none is given.
+    fn push(&mut self, given: &[bool], usual: bool, slots: usize) {
+        let are_set = given.is_empty() && usual;
+        if !are_set || !self.kept.is_empty() {
+            self.kept.resize(self.len, true);
+            self.kept.extend(given);
+            self.kept.resize(self.len + slots, usual);
+        }
+        self.len += slots;
+    }
+
+    fn packed(self) -> Presence {
+        Presence::of(self.kept)
     }
 }
 
@@ -204,49 +377,81 @@ impl Worded {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Digest(pub [u8; 32]);
 
-/// How many values a record of an environment has.
-#[derive(Debug, Clone, Copy)]
+/// How many values a record of an environment has. Cloning is cheap.
+#[derive(Debug, Clone, Default)]
 pub struct Widths {
     /// State features.
     pub state: usize,
     /// Action features of all agents.
     pub actions: usize,
+    /// Action features of each agent.
+    pub agents: Arc<[usize]>,
+    /// Features of each outcome.
+    pub outcomes: Arc<[usize]>,
 }
 
 impl Widths {
     /// Returns the widths of a schema's records.
     pub fn of_schema(schema: &super::Schema) -> Self {
+        let agents = schema.agents().iter().map(|agent| agent.action.len());
+        let outcomes = schema.outcomes().iter().map(|outcome| outcome.value.len());
         Self {
             state: schema.state().len(),
             actions: schema.action_width(),
+            agents: agents.collect(),
+            outcomes: outcomes.collect(),
         }
     }
 
-    fn blank(self) -> Record {
-        Record {
-            state: vec![0.0; self.state],
-            actions: vec![0.0; self.actions],
-            entry: Entry::Unknown,
-            count: 1,
-        }
+    /// Returns how many features all outcomes have.
+    pub fn outcome_values(&self) -> usize {
+        self.outcomes.iter().sum()
     }
 
-    fn check(self, record: Record) -> Result<Record, (String, String)> {
-        let wrong = |field: &str, got: usize, expected: usize| {
-            Err((
-                field.to_owned(),
-                format!("got {got} values, expected {expected}"),
-            ))
-        };
-
-        if record.state.len() != self.state {
-            return wrong("/state", record.state.len(), self.state);
+    /// Returns a record that has these widths, or the place of its first fault and what it is.
+    pub fn check(&self, record: Record) -> Result<Record, (String, String)> {
+        let (agents, outcomes) = (self.agents.len(), self.outcomes.len());
+        for (field, got, expected) in [
+            ("/state", record.state.len(), self.state),
+            ("/actions", record.actions.len(), self.actions),
+        ] {
+            wide(field, "values", got, expected)?;
         }
-        if record.actions.len() != self.actions {
-            return wrong("/actions", record.actions.len(), self.actions);
+        // Those that may be left out.
+        for (field, what, got, expected) in [
+            (
+                "/actions_present",
+                "flags",
+                record.actions_present.len(),
+                agents,
+            ),
+            (
+                "/outcomes",
+                "values",
+                record.outcomes.len(),
+                self.outcome_values(),
+            ),
+            (
+                "/outcomes_present",
+                "flags",
+                record.outcomes_present.len(),
+                outcomes,
+            ),
+        ] {
+            if got != 0 {
+                wide(field, what, got, expected)?;
+            }
         }
         Ok(record)
     }
+}
+
+fn wide(field: &str, what: &str, got: usize, expected: usize) -> Result<(), (String, String)> {
+    if got == expected {
+        return Ok(());
+    }
+    let reason = format!("got {got} {what}, expected {expected}");
+    Err((field.to_owned(), reason))
 }
 
 #[cfg(test)]
@@ -255,16 +460,12 @@ mod tests {
 
     fn batch(reason: &str, value: f32) -> Records {
         let bad = Err(("/state/x".to_owned(), reason.to_owned()));
-        let good = Ok(Record {
-            state: vec![value],
-            actions: vec![0.0, 1.0],
-            entry: Entry::Unknown,
-            count: 1,
-        });
+        let good = Ok(Record::new(vec![value], vec![0.0, 1.0]));
         Records::collect(
             Widths {
                 state: 1,
                 actions: 2,
+                ..Widths::default()
             },
             [good, bad].into_iter(),
         )
@@ -277,10 +478,9 @@ mod tests {
         let kept = "f839bc83b01dfbeedcfa1e7b57591526082190f28dbbefde936df40fd01c960d";
         let segment = "trial-3".parse().expect("a label");
         let record = |state: [f32; 2], actions: [f32; 2], entry, count| Record {
-            state: state.into(),
-            actions: actions.into(),
             entry,
             count,
+            ..Record::new(state.into(), actions.into())
         };
         let rows = [
             Ok(record([0.1, -0.0], [0.0, 2.0], Entry::Entered, 1)),
@@ -289,8 +489,9 @@ mod tests {
         let widths = Widths {
             state: 2,
             actions: 2,
+            ..Widths::default()
         };
-        let by_rows = Records::collect(widths, rows.into_iter());
+        let by_rows = Records::collect(widths.clone(), rows.into_iter());
 
         let bytes = |values: [f32; 4]| {
             values
@@ -304,9 +505,9 @@ mod tests {
             actions: Values::from_le(bytes([-0.0, 2.0, 1.0, 0.0])).expect("whole"),
             entries: vec![Entry::Entered, Entry::Stayed],
             counts: vec![1, 3],
-            undecodable: Vec::new(),
+            ..Records::default()
         };
-        for records in [by_rows, by_bytes.normalised()] {
+        for records in [by_rows, by_bytes.normalised(&widths)] {
             let Digest(digest) = records.digest(Some(&segment));
             assert_eq!(blake3::Hash::from(digest).to_hex().as_str(), kept);
         }
@@ -342,5 +543,90 @@ mod tests {
             kept,
             "another value"
         );
+    }
+
+    fn three_slots() -> Widths {
+        Widths {
+            state: 1,
+            actions: 3,
+            agents: [2, 1].into(),
+            outcomes: [1, 2].into(),
+        }
+    }
+
+    #[test]
+    fn what_is_missing_is_zero_and_equal_content_has_one_form() {
+        let by_rows = |actions: [f32; 3], outcomes: &[f32], observed: &[bool]| {
+            let acted = Record::new(vec![0.5], vec![1.0, 2.0, 3.0]);
+            let absent = Record {
+                actions_present: vec![false, true],
+                outcomes: outcomes.to_vec(),
+                outcomes_present: observed.to_vec(),
+                ..Record::new(vec![0.5], actions.to_vec())
+            };
+            Records::collect(three_slots(), [Ok(acted), Ok(absent)].into_iter())
+        };
+        let one = by_rows([9.0, -0.0, 3.0], &[7.0, 8.0, f32::NAN], &[true, false]);
+        let same = by_rows([0.0, 0.0, 3.0], &[7.0, 0.0, 0.0], &[true, false]);
+        assert_eq!(one, same);
+        assert_eq!(one.digest(None), same.digest(None));
+
+        let values = |values: &Values| values.iter().collect::<Vec<_>>();
+        assert_eq!(values(&one.actions), [1.0, 2.0, 3.0, 0.0, 0.0, 3.0]);
+        assert_eq!(values(&one.outcomes), [0.0, 0.0, 0.0, 7.0, 0.0, 0.0]);
+        let flags = |present: &Presence| (0..4).map(|at| present.has(at)).collect::<Vec<_>>();
+        assert_eq!(flags(&one.actions_present), [true, true, false, true]);
+        assert_eq!(flags(&one.outcomes_present), [false, false, true, false]);
+
+        // Each of these is another content.
+        let unknown = by_rows([0.0, 0.0, 3.0], &[], &[]);
+        assert!(unknown.outcomes.is_empty() && unknown.outcomes_present.is_all());
+        assert_eq!(unknown, by_rows([0.0, 0.0, 3.0], &[1.0; 3], &[false; 2]));
+        let zeros = by_rows([0.0, 0.0, 3.0], &[0.0; 3], &[true, false]);
+        let both = by_rows([0.0, 0.0, 3.0], &[7.0, 0.0, 0.0], &[]);
+        let contents = [&one, &unknown, &zeros, &both];
+        for (at, content) in contents.iter().enumerate() {
+            for other in &contents[..at] {
+                assert_ne!(content.digest(None), other.digest(None));
+            }
+        }
+    }
+
+    #[test]
+    fn what_all_records_have_needs_no_flags() {
+        let records = (0..20).map(|_| Record {
+            outcomes: vec![1.0, 2.0, 3.0],
+            ..Record::new(vec![0.5], vec![1.0, 2.0, 3.0])
+        });
+        let flagged = records.clone().map(|record| Record {
+            actions_present: vec![true; 2],
+            outcomes_present: vec![true; 2],
+            ..record
+        });
+        let [plain, flagged] = [records.collect::<Vec<_>>(), flagged.collect()]
+            .map(|records| Records::collect(three_slots(), records.into_iter().map(Ok)));
+        assert!(plain.actions_present.is_all() && plain.outcomes_present.is_all());
+        assert_eq!((plain.outcomes.len(), &plain), (60, &flagged));
+    }
+
+    #[test]
+    fn a_record_of_other_widths_is_told() {
+        let good = Record::new(vec![0.5], vec![1.0; 3]);
+        let told = |record| three_slots().check(record).map_err(|(field, _)| field);
+        let wrong = |field: &str| Err(field.to_owned());
+        let record = |change: fn(&mut Record)| {
+            let mut record = good.clone();
+            change(&mut record);
+            told(record).map(|_| ())
+        };
+        assert_eq!(record(|_| ()), Ok(()));
+        assert_eq!(record(|r| r.outcomes = vec![0.0; 3]), Ok(()));
+        assert_eq!(record(|r| r.state.clear()), wrong("/state"));
+        assert_eq!(record(|r| r.actions.clear()), wrong("/actions"));
+        assert_eq!(record(|r| r.outcomes = vec![0.0; 2]), wrong("/outcomes"));
+        let flags = |r: &mut Record| r.actions_present = vec![true; 3];
+        assert_eq!(record(flags), wrong("/actions_present"));
+        let flags = |r: &mut Record| r.outcomes_present = vec![true; 3];
+        assert_eq!(record(flags), wrong("/outcomes_present"));
     }
 }

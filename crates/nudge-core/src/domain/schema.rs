@@ -1,14 +1,14 @@
-//! The fixed part of an environment: its state, its agents, and their arithmetic. A [`Schema`]
-//! cannot be wrong.
+//! The fixed part of an environment: its state, its agents, its outcomes, and their arithmetic. A
+//! [`Schema`] cannot be wrong.
 
 use std::sync::Arc;
 
 use super::checked::{self, Faults};
 use super::draft::DescriptionDraft;
-use super::{Agent, Feature, FeatureKind, SchemaDraft, SchemaHash, StateKey};
+use super::{Agent, Feature, FeatureKind, Outcome, SchemaDraft, SchemaHash, StateKey};
 use crate::error::Fault;
 
-/// The state and the agents of an environment. Cloning is cheap.
+/// The state, the agents and the outcomes of an environment. Cloning is cheap.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Schema(Arc<Parts>);
 
@@ -16,9 +16,15 @@ pub struct Schema(Arc<Parts>);
 struct Parts {
     state: Vec<Feature>,
     agents: Vec<Agent>,
-    /// Joint actions per step of each agent's action, and its number of actions: the first agent is
+    outcomes: Vec<Outcome>,
+    /// For each outcome the position of the one whose value is in its cells instead of the agent's
+    /// action now.
+    befores: Vec<Option<usize>>,
+    /// Joint actions per step of each agent's action, and its number of letters: the first agent is
     /// most significant.
     radix: Vec<(u64, u64)>,
+    /// How many cells a state can have of each family, in order of their numbers.
+    cells: Vec<u64>,
     /// The kinds of all action features, agent after agent: what the discretiser runs over.
     action_kinds: Vec<FeatureKind>,
     hash: SchemaHash,
@@ -42,11 +48,51 @@ impl Schema {
             .position(|agent| agent.name.as_str() == name)
     }
 
+    /// Returns what is observed some steps later.
+    pub fn outcomes(&self) -> &[Outcome] {
+        &self.0.outcomes
+    }
+
+    /// Returns the position of the outcome of that name.
+    pub fn outcome(&self, name: &str) -> Option<usize> {
+        self.outcomes()
+            .iter()
+            .position(|outcome| outcome.name == name)
+    }
+
+    /// Returns the position of the outcome that an agent's action is some steps later.
+    pub fn action_at(&self, agent: usize, lag: u32) -> Option<usize> {
+        self.outcomes()
+            .iter()
+            .position(|outcome| outcome.agent == Some(agent) && outcome.lag == lag)
+    }
+
+    pub(super) fn cells(&self) -> &[u64] {
+        &self.0.cells
+    }
+
+    pub(super) fn befores(&self) -> &[Option<usize>] {
+        &self.0.befores
+    }
+
+    /// Returns whether an agent may be absent from a transition.
+    pub fn may_lack_actions(&self) -> bool {
+        self.agents().iter().any(|agent| agent.may_be_absent)
+    }
+
     /// Returns every action feature, agent after agent: the order of positional action values.
     pub fn action_features(&self) -> impl Iterator<Item = (&Agent, &Feature)> {
         self.agents()
             .iter()
             .flat_map(|agent| agent.action.iter().map(move |feature| (agent, feature)))
+    }
+
+    /// Returns every feature of an outcome's value, outcome after outcome: the order of positional
+    /// outcome values.
+    pub fn outcome_features(&self) -> impl Iterator<Item = (&Outcome, &Feature)> {
+        self.outcomes()
+            .iter()
+            .flat_map(|outcome| outcome.value.iter().map(move |feature| (outcome, feature)))
     }
 
     /// Returns how many action values a transition has.
@@ -59,22 +105,29 @@ impl Schema {
         &self.0.action_kinds
     }
 
-    /// Returns how many joint actions there are; at most 2^62.
+    /// Returns how many joint actions there are, those from which agents are absent too; at most
+    /// 2^62.
     pub fn joint_actions(&self) -> u64 {
-        self.agents().iter().map(Agent::actions).product()
+        self.0.cells[0]
     }
 
-    /// Returns the joint action of one value an action feature: mixed radix over all of them, the
-    /// first most significant. `None` where a value has no bin.
-    #[inline]
+    /// Returns the joint action of one value an action feature, where all agents act: mixed radix
+    /// over all of them, the first most significant. `None` where a value has no bin.
     pub fn joint_action(&self, values: &[f32]) -> Option<u64> {
-        self.0
-            .action_kinds
-            .iter()
-            .zip(values)
-            .try_fold(0, |joint, (kind, value)| {
-                Some(joint * u64::from(kind.bins()) + u64::from(kind.bin(*value).ok()?))
-            })
+        let mut values = values.iter();
+        self.agents().iter().try_fold(0, |joint, agent| {
+            let features = agent.action.iter().zip(values.by_ref());
+            let action = features.fold(Some(0), |action, (feature, value)| {
+                let bin = feature.kind.bin(*value).ok()?;
+                Some(action? * u64::from(feature.kind.bins()) + u64::from(bin))
+            });
+            Some(joint * agent.letters() + action?)
+        })
+    }
+
+    /// Returns how many joint actions lie between neighbouring actions of an agent.
+    pub(super) fn stride(&self, agent: usize) -> u64 {
+        self.0.radix[agent].0
     }
 
     /// Returns what tells this schema from any other.
@@ -82,7 +135,7 @@ impl Schema {
         self.0.hash
     }
 
-    /// Returns the action of one agent in a joint action.
+    /// Returns the action of one agent in a joint action; [`Agent::absence`] where it took none.
     #[inline]
     pub fn action_of(&self, joint: u64, agent: usize) -> u64 {
         // Divisions are what this costs, and the first and the last agent each need but one.
@@ -158,7 +211,7 @@ impl Schema {
 
     /// Returns this schema as it would be described, for people and files.
     pub fn draft(&self) -> SchemaDraft {
-        checked::draft_of(self.state(), self.agents())
+        checked::draft_of(self.state(), self.agents(), self.outcomes())
     }
 }
 
@@ -190,7 +243,7 @@ impl Schema {
         let schema = Self::try_from(&draft.schema)?;
         match (said, schema.hash()) {
             (Some(said), found) if said != found => Err(wrong(format!(
-                "got {said}, and state and agents have {found}: leave it out of a description that was changed"
+                "got {said}, and what is described has {found}: leave it out of a description that was changed"
             ))),
             _ => Ok(schema),
         }
@@ -213,13 +266,25 @@ impl TryFrom<&SchemaDraft> for Schema {
         let agents = checked::agents(&draft.agents, &mut faults);
         checked::one_namespace(draft, &mut faults);
         let strides = checked::strides(&agents, &mut faults);
+        let outcomes = checked::outcomes(draft, &agents, &mut faults);
         faults.into_result()?;
 
-        let hash = super::hash::schema_hash(&state, &agents);
+        let hash = super::hash::schema_hash(&state, &agents, &outcomes);
+        let befores = outcomes
+            .iter()
+            .map(|outcome| before(&outcomes, outcome))
+            .collect();
+
+        let joint: u64 = agents.iter().map(Agent::letters).product();
+        let values = outcomes.iter().map(Outcome::values);
+        let cells = std::iter::once(1)
+            .chain(values)
+            .map(|values| joint * values)
+            .collect();
 
         let radix = strides
             .into_iter()
-            .zip(agents.iter().map(Agent::actions))
+            .zip(agents.iter().map(Agent::letters))
             .collect();
         let action_kinds = agents
             .iter()
@@ -230,11 +295,22 @@ impl TryFrom<&SchemaDraft> for Schema {
         Ok(Self(Arc::new(Parts {
             state,
             agents,
+            outcomes,
+            befores,
             radix,
+            cells,
             action_kinds,
             hash,
         })))
     }
+}
+
+/// Returns the position of the same agent's action one step before.
+fn before(outcomes: &[Outcome], outcome: &Outcome) -> Option<usize> {
+    let agent = outcome.agent?;
+    outcomes
+        .iter()
+        .position(|one| one.agent == Some(agent) && one.lag + 1 == outcome.lag)
 }
 
 #[cfg(test)]
@@ -266,12 +342,15 @@ mod tests {
                 AgentDraft {
                     name: "robot".into(),
                     action: vec![turn, speed],
+                    ..AgentDraft::default()
                 },
                 AgentDraft {
                     name: "human".into(),
                     action: vec![feature("move", labels(&["stay", "go", "wave"]))],
+                    ..AgentDraft::default()
                 },
             ],
+            ..SchemaDraft::default()
         }
     }
 
@@ -366,6 +445,7 @@ mod tests {
             .map(|i| AgentDraft {
                 name: format!("a{i}"),
                 action: vec![wide()],
+                ..AgentDraft::default()
             })
             .collect();
         let faults = Schema::try_from(&draft).expect_err("2^63 joint actions");

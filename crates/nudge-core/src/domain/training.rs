@@ -124,10 +124,12 @@ mod tests {
         let agent = |name: &str| AgentDraft {
             name: name.into(),
             action: vec![feature("move")],
+            ..AgentDraft::default()
         };
         Schema::try_from(&SchemaDraft {
             state: vec![feature("place")],
             agents: vec![agent("robot"), agent("human")],
+            ..SchemaDraft::default()
         })
         .expect("valid")
     }

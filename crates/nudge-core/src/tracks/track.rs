@@ -27,10 +27,8 @@ impl Track {
     pub fn record(&mut self, state: Vec<f32>, actions: Vec<f32>) -> Record {
         let entry = self.entry(&state, &actions);
         Record {
-            state,
-            actions,
             entry,
-            count: 1,
+            ..Record::new(state, actions)
         }
     }
 
@@ -72,10 +70,12 @@ mod tests {
         let agent = |name: &str| AgentDraft {
             name: name.into(),
             action: vec![feature("go", KindDraft::Integer(0, 1))],
+            ..AgentDraft::default()
         };
         let draft = SchemaDraft {
             state: vec![feature("distance", KindDraft::Continuous(vec![1.0, 2.0]))],
             agents: vec![agent("a"), agent("b")],
+            ..SchemaDraft::default()
         };
         Schema::try_from(&draft).expect("valid")
     }

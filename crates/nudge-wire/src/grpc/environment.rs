@@ -1,6 +1,8 @@
 //! Schemas (state and action spaces), decision rules and environments.
 
-use nudge_core::domain::draft::{AgentDraft, FeatureDraft, KindDraft, RuleDraft, SchemaDraft};
+use nudge_core::domain::draft::{
+    AgentDraft, FeatureDraft, KindDraft, OutcomeDraft, RuleDraft, SchemaDraft,
+};
 use nudge_core::domain::{
     Environment, EnvironmentPage, Threshold, UnreadableEnvironment, WrittenRule,
 };
@@ -13,6 +15,32 @@ impl From<proto::Schema> for SchemaDraft {
         Self {
             state: schema.state.into_iter().map(Into::into).collect(),
             agents: schema.agents.into_iter().map(Into::into).collect(),
+            outcomes: schema.outcomes.into_iter().map(Into::into).collect(),
+            lags: schema.lags.into_iter().map(i64::from).collect(),
+        }
+    }
+}
+
+impl From<proto::Outcome> for OutcomeDraft {
+    fn from(outcome: proto::Outcome) -> Self {
+        Self {
+            name: outcome.name,
+            agent: present(outcome.agent),
+            // Absent and 0 are the same on the wire, and neither is a lag.
+            lag: Some(i64::from(outcome.lag)),
+            value: outcome.value.into_iter().map(Into::into).collect(),
+        }
+    }
+}
+
+impl From<OutcomeDraft> for proto::Outcome {
+    /// Takes numbers as far as the wire can hold them.
+    fn from(draft: OutcomeDraft) -> Self {
+        Self {
+            name: draft.name,
+            agent: draft.agent.unwrap_or_default(),
+            lag: unsigned(draft.lag.unwrap_or(0)),
+            value: draft.value.into_iter().map(Into::into).collect(),
         }
     }
 }
@@ -22,6 +50,7 @@ impl From<proto::Agent> for AgentDraft {
         Self {
             name: agent.name,
             action: agent.action.into_iter().map(Into::into).collect(),
+            may_be_absent: agent.may_be_absent,
         }
     }
 }
@@ -31,6 +60,8 @@ impl From<SchemaDraft> for proto::Schema {
         Self {
             state: draft.state.into_iter().map(Into::into).collect(),
             agents: draft.agents.into_iter().map(Into::into).collect(),
+            outcomes: draft.outcomes.into_iter().map(Into::into).collect(),
+            lags: draft.lags.into_iter().map(unsigned).collect(),
         }
     }
 }
@@ -40,6 +71,7 @@ impl From<AgentDraft> for proto::Agent {
         Self {
             name: agent.name,
             action: agent.action.into_iter().map(Into::into).collect(),
+            may_be_absent: agent.may_be_absent,
         }
     }
 }
@@ -94,6 +126,11 @@ impl From<KindDraft> for Kind {
             KindDraft::Categorical(labels) => Self::Categorical(proto::Categorical { labels }),
         }
     }
+}
+
+/// Returns the nearest number without a sign that the wire can hold.
+fn unsigned(number: i64) -> u32 {
+    number.clamp(0, i64::from(u32::MAX)) as u32
 }
 
 /// Returns the nearest number that the wire can hold.

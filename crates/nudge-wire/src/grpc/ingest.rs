@@ -2,8 +2,8 @@
 
 use bytes::Bytes;
 use nudge_core::domain::{
-    Acknowledged, Batch, Entry, Label, ProducerId, Record, Records, Rejection, Schema, Sequence,
-    Values, Widths,
+    Acknowledged, Batch, Entry, Label, Presence, ProducerId, Record, Records, Rejection, Schema,
+    Sequence, Values, Widths,
 };
 use nudge_core::error::{ErrorKind, Fault, Problem};
 
@@ -20,11 +20,12 @@ pub fn batch(schema: &Schema, batch: proto::Batch) -> Result<Batch, Problem> {
         None => Records::default(),
         Some(Transitions::Rows(rows)) => {
             within_limit(rows.transitions.len())?;
-            Records::collect(widths, rows.transitions.into_iter().map(record))
+            let decode = |transition| record(&widths, transition);
+            Records::collect(widths.clone(), rows.transitions.into_iter().map(decode))
         }
         Some(Transitions::Columns(columns)) => {
             within_limit(columns.count as usize)?;
-            records(widths, columns).map_err(|faults| Problem::invalid("batch", faults))?
+            records(&widths, columns).map_err(|faults| Problem::invalid("batch", faults))?
         }
     };
 
@@ -71,14 +72,32 @@ pub(crate) fn within_limit(transitions: usize) -> Result<(), Problem> {
     ))
 }
 
-fn record(transition: proto::Transition) -> Result<Record, (String, String)> {
+fn record(widths: &Widths, transition: proto::Transition) -> Result<Record, (String, String)> {
     let entry = entry(transition.entry).map_err(|reason| ("/entry".to_owned(), reason))?;
     let count = transition.count.unwrap_or(1);
+    let (agents, outcomes) = (widths.agents.len(), widths.outcomes.len());
     Ok(Record {
         state: transition.state,
         actions: transition.actions,
+        actions_present: flags("/actions_present", transition.actions_present, agents)?,
+        outcomes: transition.outcomes,
+        outcomes_present: flags("/outcomes_present", transition.outcomes_present, outcomes)?,
         entry,
         count,
+    })
+}
+
+/// Unpacks the flags of a record; none where all are set.
+fn flags(field: &str, bits: Bytes, slots: usize) -> Result<Vec<bool>, (String, String)> {
+    let got = bits.len();
+    let present = Presence::from_bits(bits, slots).ok_or_else(|| {
+        let expected = Presence::bytes_of(slots);
+        let reason = format!("got {got} bytes, expected {expected} for a bit each, or none");
+        (field.to_owned(), reason)
+    })?;
+    Ok(match present.is_all() {
+        true => Vec::new(),
+        false => (0..slots).map(|slot| present.has(slot)).collect(),
     })
 }
 
@@ -91,7 +110,7 @@ fn entry(number: i32) -> Result<Entry, String> {
     }
 }
 
-fn records(widths: Widths, columns: proto::Columns) -> Result<Records, Vec<Fault>> {
+fn records(widths: &Widths, columns: proto::Columns) -> Result<Records, Vec<Fault>> {
     let proto::Columns {
         count,
         states,
@@ -116,18 +135,18 @@ fn records(widths: Widths, columns: proto::Columns) -> Result<Records, Vec<Fault
         }
     }
 
-    let absent = "no agent that may be absent";
-    for (field, bytes, lacks) in [
-        ("outcomes_le", outcomes_le, "no outcomes"),
-        ("actions_present", actions_present, absent),
-        ("outcomes_present", outcomes_present, "no outcomes"),
-    ] {
-        if !bytes.is_empty() {
-            let got = bytes.len();
-            let detail = format!("got {got} bytes, expected none: this environment has {lacks}");
-            faults.push(Fault::new(format!("/columns/{field}"), detail));
-        }
-    }
+    let acted = of("actions_present", widths.agents.len());
+    let actions_present = acted.presence(actions_present, &mut faults);
+    let (outcomes, outcomes_present) = if widths.outcomes.is_empty() {
+        none_expected("outcomes_le", &outcomes_le, &mut faults);
+        none_expected("outcomes_present", &outcomes_present, &mut faults);
+        Default::default()
+    } else {
+        let observed = of("outcomes_present", widths.outcomes.len());
+        let present = observed.presence(outcomes_present, &mut faults);
+        let column = of("outcomes", widths.outcome_values());
+        (column.perhaps(outcomes_le, &mut faults), present)
+    };
 
     if !faults.is_empty() {
         return Err(faults);
@@ -150,11 +169,22 @@ fn records(widths: Widths, columns: proto::Columns) -> Result<Records, Vec<Fault
         len,
         states,
         actions,
+        actions_present,
+        outcomes,
+        outcomes_present,
         entries,
         counts,
         undecodable,
     }
-    .normalised())
+    .normalised(widths))
+}
+
+fn none_expected(field: &str, bytes: &Bytes, faults: &mut Vec<Fault>) {
+    if !bytes.is_empty() {
+        let got = bytes.len();
+        let detail = format!("got {got} bytes, expected none: this environment has no outcomes");
+        faults.push(Fault::new(format!("/columns/{field}"), detail));
+    }
 }
 
 /// A column of a batch, and how many values it is to have.
@@ -188,6 +218,28 @@ impl Column {
             faults.push(self.fault("_le", format!("got {size} bytes")));
         }
         Values::from_le(bytes).unwrap_or_default()
+    }
+
+    /// Takes the values as bytes, unless all of them are left out.
+    fn perhaps(self, bytes: Bytes, faults: &mut Vec<Fault>) -> Values {
+        match bytes.is_empty() {
+            true => Values::default(),
+            false => self.values(Vec::new(), bytes, faults),
+        }
+    }
+
+    /// Takes a bit a slot.
+    fn presence(self, bits: Bytes, faults: &mut Vec<Fault>) -> Presence {
+        let (got, slots) = (bits.len(), self.len * self.width);
+        Presence::from_bits(bits, slots).unwrap_or_else(|| {
+            let (len, width) = (self.len, self.width);
+            let expected = Presence::bytes_of(slots);
+            let detail = format!(
+                "got {got} bytes, expected {expected} for {len} transitions of {width} bits each, or none"
+            );
+            faults.push(Fault::new(self.pointer(""), detail));
+            Presence::default()
+        })
     }
 
     fn fault(&self, form: &str, got: String) -> Fault {

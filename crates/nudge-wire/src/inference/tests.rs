@@ -22,6 +22,7 @@ fn schema() -> Schema {
     let agent = |name: &str| AgentDraft {
         name: name.into(),
         action: vec![feature("move", KindDraft::Integer(0, 1))],
+        ..AgentDraft::default()
     };
     let state = vec![
         feature("distance", KindDraft::Continuous(vec![0.5, 1.0])),
@@ -30,6 +31,7 @@ fn schema() -> Schema {
     Schema::try_from(&SchemaDraft {
         state,
         agents: vec![agent("robot"), agent("human")],
+        ..SchemaDraft::default()
     })
     .expect("valid")
 }

@@ -1,19 +1,23 @@
 //! Descriptions: what an environment is, in a request and in a file.
 
 use nudge_core::domain::draft::{
-    AgentDraft, DescriptionDraft, FeatureDraft, KindDraft, RuleDraft, SchemaDraft,
+    AgentDraft, DescriptionDraft, FeatureDraft, KindDraft, OutcomeDraft, RuleDraft, SchemaDraft,
 };
 use nudge_core::error::{Fault, Problem};
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::whole::whole;
+use super::decode::or_default;
+use super::whole::{perhaps_whole, whole, wholes};
 use super::{Rule, decode, words};
 
-/// What an environment is: its state, its agents and its decision rule. What a service tells of an
-/// environment is such a description too.
+/// What an environment is: its state, its agents, its outcomes and its decision rule. What a
+/// service tells of an environment is such a description too.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields, expecting = "an object of state, agents and rule")]
+#[serde(
+    deny_unknown_fields,
+    expecting = "an object of state, agents, outcomes, lags and rule"
+)]
 pub struct Description {
     /// The name that a service told; checked against the path where it is given.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -22,7 +26,7 @@ pub struct Description {
     /// The service's own name of it, which another service does not know: passed over.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub uid: Option<String>,
-    /// The hash of state and agents that a service told; checked where it is given.
+    /// The hash of state, agents and outcomes that a service told; checked where it is given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub schema_hash: Option<String>,
     /// The coordinates of the state, 1 to 256.
@@ -33,6 +37,23 @@ pub struct Description {
     #[serde(default)]
     #[schema(required, min_items = 2, max_items = 8)]
     pub agents: Vec<Agent>,
+    /// What is observed some steps later, at most 512 with those that `lags` stands for.
+    #[serde(
+        default,
+        deserialize_with = "or_default",
+        skip_serializing_if = "Vec::is_empty"
+    )]
+    #[schema(max_items = 512)]
+    pub outcomes: Vec<Outcome>,
+    /// Short for an outcome for each agent's action at each of these lags, 1 to 64: agent after
+    /// agent, lags rising, before `outcomes`. What a service tells has them in `outcomes`.
+    #[serde(
+        default,
+        deserialize_with = "wholes",
+        skip_serializing_if = "Vec::is_empty"
+    )]
+    #[schema(example = json!([1, 2, 3]), max_items = 64)]
+    pub lags: Vec<i64>,
     /// The rule. Present, it sets the rule of an environment that exists; absent, it keeps it, or
     /// takes the default for a new one.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -41,9 +62,13 @@ pub struct Description {
 
 /// One decision maker.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields, expecting = "an object of name and action")]
+#[serde(
+    deny_unknown_fields,
+    expecting = "an object of name, action and may_be_absent"
+)]
 pub struct Agent {
-    /// Matches `[a-z0-9][a-z0-9._-]{0,62}`; unique among features of the state and agents.
+    /// Matches `[a-z0-9][a-z0-9._-]{0,62}`; unique among features of the state, agents and
+    /// outcomes.
     #[serde(default)]
     #[schema(required, example = "robot", pattern = "^[a-z0-9][a-z0-9._-]{0,62}$")]
     pub name: String,
@@ -51,6 +76,47 @@ pub struct Agent {
     #[serde(default)]
     #[schema(required, min_items = 1, max_items = 16)]
     pub action: Vec<Feature>,
+    /// Whether a transition may be without its action, which is then null: where agents take turns,
+    /// or die. Such a transition counts for the pairs that acted.
+    #[serde(
+        default,
+        deserialize_with = "or_default",
+        skip_serializing_if = "std::ops::Not::not"
+    )]
+    pub may_be_absent: bool,
+}
+
+/// A variable that is observed some steps after the joint action, either an agent's later action
+/// (`agent`) or another value (`value`). Each is counted beside the joint action, never beside other
+/// outcomes, but for an agent's action at a lag k above 1: that is counted beside the same agent's
+/// action at k - 1, where that is an outcome too.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(
+    deny_unknown_fields,
+    expecting = "an object of name, lag and one of agent, value"
+)]
+pub struct Outcome {
+    /// `human@3` for an agent's action, which may be left out; else matches
+    /// `[a-z0-9][a-z0-9._-]{0,62}`. Unique among features of the state, agents and outcomes.
+    #[serde(default, deserialize_with = "or_default")]
+    #[schema(example = "human@3")]
+    pub name: String,
+    /// The name of the agent whose action it is.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(example = "human")]
+    pub agent: Option<String>,
+    /// How many steps after the joint action it is observed.
+    #[serde(default, deserialize_with = "perhaps_whole")]
+    #[schema(required, example = 3, minimum = 1, maximum = 64)]
+    pub lag: Option<i64>,
+    /// The coordinates of its value; the first is most significant in the value's index.
+    #[serde(
+        default,
+        deserialize_with = "or_default",
+        skip_serializing_if = "Vec::is_empty"
+    )]
+    #[schema(max_items = 16)]
+    pub value: Vec<Feature>,
 }
 
 /// One named coordinate of a state or of an action, with exactly one of `continuous`, `circular`,
@@ -153,6 +219,8 @@ impl Description {
         Self {
             state,
             agents,
+            outcomes: schema.outcomes.into_iter().map(Into::into).collect(),
+            lags: schema.lags,
             rule: rule.map(Into::into),
             ..Self::default()
         }
@@ -180,11 +248,39 @@ impl From<Description> for DescriptionDraft {
     fn from(description: Description) -> Self {
         let state = description.state.into_iter().map(Into::into).collect();
         let agents = description.agents.into_iter().map(Into::into).collect();
+        let outcomes = description.outcomes.into_iter().map(Into::into).collect();
         let (schema_hash, rule) = (description.schema_hash, description.rule.map(Into::into));
         Self {
-            schema: SchemaDraft { state, agents },
+            schema: SchemaDraft {
+                state,
+                agents,
+                outcomes,
+                lags: description.lags,
+            },
             schema_hash,
             rule,
+        }
+    }
+}
+
+impl From<Outcome> for OutcomeDraft {
+    fn from(outcome: Outcome) -> Self {
+        Self {
+            name: outcome.name,
+            agent: outcome.agent,
+            lag: outcome.lag,
+            value: outcome.value.into_iter().map(Into::into).collect(),
+        }
+    }
+}
+
+impl From<OutcomeDraft> for Outcome {
+    fn from(draft: OutcomeDraft) -> Self {
+        Self {
+            name: draft.name,
+            agent: draft.agent,
+            lag: draft.lag,
+            value: draft.value.into_iter().map(Into::into).collect(),
         }
     }
 }
@@ -194,6 +290,7 @@ impl From<Agent> for AgentDraft {
         Self {
             name: agent.name,
             action: agent.action.into_iter().map(Into::into).collect(),
+            may_be_absent: agent.may_be_absent,
         }
     }
 }
@@ -203,6 +300,7 @@ impl From<AgentDraft> for Agent {
         Self {
             name: draft.name,
             action: draft.action.into_iter().map(Into::into).collect(),
+            may_be_absent: draft.may_be_absent,
         }
     }
 }

@@ -3,7 +3,7 @@
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::{Agent, Description, Feature, Rule};
+use super::{Agent, Description, Feature, Outcome, Rule};
 use crate::{present, proto};
 
 /// An environment as the service keeps it. It is a description too: `PUT` takes it as it is.
@@ -14,13 +14,16 @@ pub struct Environment {
     pub name: String,
     /// The service's name of it, never reused.
     pub uid: String,
-    /// BLAKE3 of state and agents, 64 hexadecimal digits.
+    /// BLAKE3 of state, agents and outcomes, 64 hexadecimal digits.
     #[schema(pattern = "^[0-9a-f]{64}$")]
     pub schema_hash: String,
     /// The coordinates of the state.
     pub state: Vec<Feature>,
     /// The agents.
     pub agents: Vec<Agent>,
+    /// What is observed some steps later; absent where there is nothing.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub outcomes: Vec<Outcome>,
     /// The rule, every part present, and of `threshold` and `share` the one that was given.
     pub rule: Rule,
 }
@@ -65,6 +68,7 @@ impl From<proto::Environment> for Environment {
                 .collect(),
             state: description.state,
             agents: description.agents,
+            outcomes: description.outcomes,
             rule: environment.rule.unwrap_or_default().into(),
         }
     }

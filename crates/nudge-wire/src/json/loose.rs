@@ -84,10 +84,11 @@ impl Loose {
         }
     }
 
-    /// Returns this value as an agent's action.
+    /// Returns this value as an agent's action, or as that of an outcome.
     pub(super) fn into_action(self) -> ActionDraft {
         match self {
             Self::Object(members) => ActionDraft::Named(named_values(members)),
+            Self::Null => ActionDraft::Absent,
             other => ActionDraft::Bare(other.into_value()),
         }
     }

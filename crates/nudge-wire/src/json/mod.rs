@@ -31,7 +31,8 @@ pub use answer::{ActionFigures, Answer, Answers, Basis, MutualInformation, verdi
 pub use card::{Calibration, Card, Reliability, Score, Training, model_kind, weighting};
 pub use decode::decode;
 pub use description::{
-    Agent, Categorical, Circular, Continuous, Description, Feature, Integer, description_of_text,
+    Agent, Categorical, Circular, Continuous, Description, Feature, Integer, Outcome,
+    description_of_text,
 };
 pub use environment::{Environment, EnvironmentPage, UnreadableEnvironment};
 pub use evidence::{Fit, Fits, FittedPrior, Probability, Segmentation, Significance, dependence};

@@ -3,7 +3,8 @@
 
 use std::collections::HashSet;
 
-use nudge_core::domain::{Entry, Record, Schema};
+use nudge_core::domain::draft::ActionDraft;
+use nudge_core::domain::{Entry, Record, Schema, SlotValues};
 use nudge_core::error::{Fault, pointer};
 
 use super::decode::not_finite;
@@ -31,6 +32,7 @@ fn decoded(schema: &Schema, text: &[u8]) -> Result<Record, Vec<Fault>> {
     let Fields {
         state,
         actions,
+        outcomes,
         entry,
         count,
         mut faults,
@@ -40,19 +42,29 @@ fn decoded(schema: &Schema, text: &[u8]) -> Result<Record, Vec<Fault>> {
         &mut faults,
     );
     let actions = keep(
-        object("/actions", actions).and_then(|members| action_values(schema, members)),
+        object("/actions", actions).and_then(|members| {
+            slots("/actions", members, |written| schema.action_values(written))
+        }),
         &mut faults,
     );
+    let outcomes = keep(outcome_values(schema, outcomes), &mut faults);
     let entry = keep(entry_of(entry), &mut faults);
     let count = keep(count_of(count), &mut faults);
 
-    match (state, actions, entry, count) {
-        (Some(state), Some(actions), Some(entry), Some(count)) if faults.is_empty() => Ok(Record {
-            state,
-            actions,
-            entry,
-            count,
-        }),
+    match (state, actions, outcomes, entry, count) {
+        (Some(state), Some(actions), Some(outcomes), Some(entry), Some(count))
+            if faults.is_empty() =>
+        {
+            Ok(Record {
+                state,
+                actions: actions.values,
+                actions_present: actions.present,
+                outcomes: outcomes.values,
+                outcomes_present: outcomes.present,
+                entry,
+                count,
+            })
+        }
         _ => Err(faults),
     }
 }
@@ -66,6 +78,7 @@ fn not_json(text: &[u8], error: &serde_json::Error) -> Fault {
 struct Fields {
     state: Option<Loose>,
     actions: Option<Loose>,
+    outcomes: Option<Loose>,
     entry: Option<Loose>,
     count: Option<Loose>,
     faults: Vec<Fault>,
@@ -76,10 +89,11 @@ impl Fields {
         let field = match name.as_str() {
             "state" => &mut self.state,
             "actions" => &mut self.actions,
+            "outcomes" => &mut self.outcomes,
             "entry" => &mut self.entry,
             "count" => &mut self.count,
             _ => {
-                let detail = "unknown field, expected state, actions, entry or count";
+                let detail = "unknown field, expected state, actions, outcomes, entry or count";
                 return self.faults.push(Fault::new(pointer(&name), detail));
             }
         };
@@ -112,23 +126,41 @@ fn state_values(schema: &Schema, members: Vec<(String, Loose)>) -> Result<Vec<f3
         .map_err(|faults| under("/state", faults))
 }
 
-fn action_values(schema: &Schema, members: Vec<(String, Loose)>) -> Result<Vec<f32>, Vec<Fault>> {
+/// What is not observed may be left out, all of it too.
+fn outcome_values(schema: &Schema, value: Option<Loose>) -> Result<SlotValues, Vec<Fault>> {
+    match value {
+        None | Some(Loose::Null) => Ok(SlotValues::default()),
+        some => {
+            let members = object("/outcomes", some)?;
+            slots("/outcomes", members, |written| {
+                schema.outcome_values(written)
+            })
+        }
+    }
+}
+
+/// Reads the actions of agents or the values of outcomes, each given once.
+fn slots(
+    at: &str,
+    members: Vec<(String, Loose)>,
+    read: impl Fn(&[(String, ActionDraft)]) -> Result<SlotValues, Vec<Fault>>,
+) -> Result<SlotValues, Vec<Fault>> {
     let mut seen = HashSet::new();
     let doubled = members
         .iter()
-        .filter(|(agent, _)| !seen.insert(agent.as_str()));
+        .filter(|(name, _)| !seen.insert(name.as_str()));
     let mut faults: Vec<Fault> = doubled
-        .map(|(agent, _)| Fault::new(pointer(agent), "given twice, expected once"))
+        .map(|(name, _)| Fault::new(pointer(name), "given twice, expected once"))
         .collect();
-    let actions: Vec<_> = members
+    let written: Vec<_> = members
         .into_iter()
-        .map(|(agent, action)| (agent, action.into_action()))
+        .map(|(name, value)| (name, value.into_action()))
         .collect();
-    let values = keep(schema.action_values(&actions), &mut faults);
+    let values = keep(read(&written), &mut faults);
 
     values
         .filter(|_| faults.is_empty())
-        .ok_or_else(|| under("/actions", faults))
+        .ok_or_else(|| under(at, faults))
 }
 
 fn under(prefix: &str, faults: Vec<Fault>) -> Vec<Fault> {

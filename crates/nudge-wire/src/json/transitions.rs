@@ -52,9 +52,14 @@ pub struct Transition {
     /// A value a feature.
     #[schema(example = json!({"distance": 1.2, "held": "onion"}))]
     pub state: BTreeMap<String, FeatureValue>,
-    /// An action an agent.
+    /// An action an agent; null for one that took none, where it may be absent.
     #[schema(example = json!({"robot": {"turn": 0.1, "speed": 0}, "human": "stay"}))]
     pub actions: BTreeMap<String, Action>,
+    /// What was observed some steps later, a value an outcome; those that are absent or null were
+    /// not observed.
+    #[serde(default)]
+    #[schema(example = json!({"human@1": "stay"}))]
+    pub outcomes: BTreeMap<String, Action>,
     /// Whether this step entered its state (true) or a stay goes on (false); absent if the sender
     /// does not say.
     pub entry: Option<bool>,
@@ -76,7 +81,7 @@ pub enum FeatureValue {
     Truth(bool),
 }
 
-/// An agent's action.
+/// An agent's action, or the value of an outcome.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(untagged)]
 pub enum Action {
@@ -84,6 +89,8 @@ pub enum Action {
     Bare(FeatureValue),
     /// A value a feature.
     Features(BTreeMap<String, FeatureValue>),
+    /// Null: not taken, or not observed.
+    Absent(()),
 }
 
 /// What stands beside the transitions of a batch, unchecked.

@@ -23,7 +23,8 @@ const TIGHT: Quotas = Quotas {
 
 /// One batch to be sent, with its number and content.
 fn sent(sequences: std::ops::Range<u64>) -> impl Strategy<Value = Numbered> {
-    let cells = prop::collection::vec((0..4_u32, 0..3_u64, 1..4_u64), 0..4);
+    let family = prop_oneof![3 => Just(0_u32), 1 => 1..3_u32];
+    let cells = prop::collection::vec((0..4_u32, 0..3_u64, 1..4_u64, family), 0..4);
     (
         0..PRODUCERS.len(),
         sequences,
@@ -33,8 +34,11 @@ fn sent(sequences: std::ops::Range<u64>) -> impl Strategy<Value = Numbered> {
     )
         .prop_map(|(producer, sequence, is_other, segment, cells)| {
             let mut sending = batch(PRODUCERS[producer], sequence);
-            for (place, joint, n) in cells {
+            for (place, joint, n, family) in cells {
                 sending = sending.cell(place, joint, tally(n, n / 2));
+                if family > 0 {
+                    sending = sending.outcome(family, place, joint + 1, tally(n, n / 2));
+                }
             }
             if !SEGMENTS[segment].is_empty() {
                 sending = sending.segment(SEGMENTS[segment]);
@@ -87,10 +91,12 @@ fn expected_refusal(world: &World, batch: &Numbered) -> Option<Refusal> {
         .as_ref()
         .map_or("", |label| label.as_str());
     let mut cells = BTreeSet::new();
-    for (state, joint, _) in &batch.increment.cells {
-        let listed = batch.increment.states.listed().get(*state as usize);
-        let state = listed.map_or_else(|| state.to_string(), ToString::to_string);
-        cells.insert((state, label.to_owned(), *joint));
+    for (family, added) in batch.increment.families() {
+        for (state, joint, _) in added {
+            let listed = batch.increment.states.listed().get(*state as usize);
+            let state = listed.map_or_else(|| state.to_string(), ToString::to_string);
+            cells.insert((state, label.to_owned(), family.number(), *joint));
+        }
     }
     let fresh = cells
         .iter()
@@ -178,7 +184,14 @@ proptest! {
         let world = database.world(HALLWAY);
         let transitions: u64 = counted.iter().map(|batch| batch.increment.transitions).sum();
         prop_assert_eq!(world.transitions, transitions);
-        prop_assert_eq!(world.cells.values().map(|tally| tally.n).sum::<u64>(), transitions);
+        let joint = world.cells.iter().filter(|((.., family, _), _)| *family == 0);
+        prop_assert_eq!(joint.map(|(_, tally)| tally.n).sum::<u64>(), transitions);
+
+        // Each family is counted for itself.
+        let outcomes = counted.iter().flat_map(|batch| &batch.increment.outcomes).flatten();
+        let observed: u64 = outcomes.map(|(.., tally)| tally.n).sum();
+        let found = world.cells.iter().filter(|((.., family, _), _)| *family > 0);
+        prop_assert_eq!(found.map(|(_, tally)| tally.n).sum::<u64>(), observed);
 
         // And a watermark is how many were counted: numbers have no gap.
         for (name, producer) in &world.producers {

@@ -39,8 +39,8 @@ pub(super) struct Database {
 pub(super) struct World {
     pub(super) producers: BTreeMap<String, Producer>,
     pub(super) segments: BTreeMap<String, i64>,
-    /// By state, segment and joint action.
-    pub(super) cells: BTreeMap<(String, String, u64), Tally>,
+    /// By state, segment, the number of a family and the family's cell.
+    pub(super) cells: BTreeMap<(String, String, u32, u64), Tally>,
     pub(super) transitions: u64,
 }
 
@@ -158,14 +158,14 @@ impl World {
             let id = *self.segments.entry((*label).to_owned()).or_insert(next_id);
             assert!(ledger.segment(label).is_none_or(|known| known.0 == id));
         }
-        for ((state, segment, joint), tally) in ledger.merged.take_cells() {
+        for ((state, segment, family, joint), tally) in ledger.merged.take_cells() {
             let state = match listed.get(state as usize) {
                 Some(key) => key.to_string(),
                 None => state.to_string(),
             };
             let segment = segments[segment as usize].to_owned();
             self.cells
-                .entry((state, segment, joint))
+                .entry((state, segment, family, joint))
                 .or_insert(Tally::EMPTY)
                 .add(tally);
         }
@@ -197,7 +197,7 @@ impl World {
                 StateName::Rank(rank) => rank.to_string(),
                 StateName::Key(key) => key.to_string(),
             };
-            let name = (state, label.clone(), cell.joint);
+            let name = (state, label.clone(), cell.family.number(), cell.joint);
             *id == cell.segment.0 && self.cells.contains_key(&name)
         })
     }

@@ -314,7 +314,7 @@ fn equal_cells_are_merged_and_entries_become_unknown() {
     let world = database.world(HALLWAY);
     assert_eq!(world.transitions, 5 + 6 + 7);
     let cell = |place: u32, segment: &str, joint| {
-        world.cells[&(place.to_string(), segment.to_owned(), joint)]
+        world.cells[&(place.to_string(), segment.to_owned(), 0, joint)]
     };
     assert_eq!(cell(3, "", 5), tally(4, 3));
     assert_eq!(cell(3, "", 6), tally(1, 1));

@@ -12,6 +12,7 @@ use crate::store::ledger::order::{At, Part, merged, sorted};
 struct Batch {
     cells: Vec<(u64, u64, Tally)>,
     segment: u32,
+    family: u32,
     numbers: Option<Vec<u64>>,
 }
 
@@ -23,16 +24,20 @@ fn batch(most: u64) -> impl Strategy<Value = Batch> {
     let number = move || prop_oneof![0..5u64, Just(most), 0..=most];
     let cells = proptest::collection::vec((number(), number(), tally), 0..300);
     let numbers = proptest::collection::vec(number(), 4);
-    (cells, 0u32..4, proptest::option::of(numbers)).prop_map(|(mut cells, segment, numbers)| {
-        if numbers.is_some() {
-            cells.iter_mut().for_each(|(state, ..)| *state %= 4);
-        }
-        Batch {
-            cells,
-            segment,
-            numbers,
-        }
-    })
+    let families = prop_oneof![4 => Just(0u32), 1 => 1u32..600];
+    (cells, 0u32..4, families, proptest::option::of(numbers)).prop_map(
+        |(mut cells, segment, family, numbers)| {
+            if numbers.is_some() {
+                cells.iter_mut().for_each(|(state, ..)| *state %= 4);
+            }
+            Batch {
+                cells,
+                segment,
+                family,
+                numbers,
+            }
+        },
+    )
 }
 
 /// Narrow numbers, those that fill 64 bits and those that do not fit into them.
@@ -54,7 +59,8 @@ fn parts(batches: &[Batch]) -> Vec<Part<'_>> {
         parts.push(Part {
             cells: &batch.cells,
             segment: batch.segment,
-            numbers: batch.numbers.clone(),
+            family: batch.family,
+            numbers: batch.numbers.clone().map(Into::into),
         });
     }
     parts
@@ -97,6 +103,7 @@ fn all_of_64_bits_are_sorted_by() {
     let parts = [Part {
         cells: &cells,
         segment: 0,
+        family: 0,
         numbers: None,
     }];
     assert_eq!(sorted(&parts), expected(&parts));

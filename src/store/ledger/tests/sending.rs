@@ -54,6 +54,18 @@ impl Sending {
         self
     }
 
+    /// Adds a cell of an outcome's family, of a state that something was added of.
+    pub(super) fn outcome(mut self, family: u32, place: u32, cell: u64, tally: Tally) -> Self {
+        let key = StateKey::new(&[place]);
+        let listed = self.0.increment.states.listed().iter();
+        let at = listed.clone().position(|known| *known == key);
+        let at = at.expect("a state of this batch") as u64;
+        let outcomes = &mut self.0.increment.outcomes;
+        outcomes.resize(outcomes.len().max(family as usize), Vec::new());
+        outcomes[family as usize - 1].push((at, cell, tally));
+        self
+    }
+
     /// Adds a cell whose entries are not known.
     pub(super) fn unknown(self, place: u32, joint: u64, n: u64) -> Self {
         self.cell(place, joint, Tally { n, entries: None })
@@ -89,10 +101,9 @@ impl Sending {
             let increment = &mut self.0.increment;
             let listed = std::mem::take(&mut increment.states);
             let rank = |at: u64| u64::from(listed.listed()[at as usize].bins()[0]);
-            increment
-                .cells
-                .iter_mut()
-                .for_each(|(state, ..)| *state = rank(*state));
+            let outcomes = increment.outcomes.iter_mut().flatten();
+            let all = increment.cells.iter_mut().chain(outcomes);
+            all.for_each(|(state, ..)| *state = rank(*state));
         }
         self.0
     }

@@ -64,10 +64,12 @@ fn schema() -> Schema {
     let agent = |name: &str| AgentDraft {
         name: name.into(),
         action: vec![feature("move")],
+        ..AgentDraft::default()
     };
     let draft = SchemaDraft {
         state: vec![feature("place")],
         agents: vec![agent("robot"), agent("human")],
+        ..SchemaDraft::default()
     };
     Schema::try_from(&draft).expect("valid")
 }

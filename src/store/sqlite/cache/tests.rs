@@ -132,7 +132,8 @@ impl Play {
             self.cache.apply(
                 ENVIRONMENT,
                 self.visits.iter().sum(),
-                keys.into_iter().map(|key| (key, [cell(1)])),
+                keys.into_iter()
+                    .map(|key| (key, [(Family::JOINT, cell(1))])),
             );
             self.acknowledged = self.visits;
         }

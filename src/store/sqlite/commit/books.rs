@@ -219,10 +219,11 @@ async fn count_cells(
     let environment = known(transaction, id)?;
     let view = transaction.memory().pending.view(id);
     let view = view.ok_or(StoreError::UnknownEnvironment)?;
-    let mut states: BTreeMap<StateName<'_>, Vec<(u64, u64)>> = BTreeMap::new();
+    let mut states: BTreeMap<StateName<'_>, Vec<(u64, u64, u64)>> = BTreeMap::new();
     for cell in cells {
         let cells = states.entry(cell.state).or_default();
-        cells.push((cell.segment.0.unsigned_abs(), cell.joint));
+        let family = u64::from(cell.family.number());
+        cells.push((cell.segment.0.unsigned_abs(), family, cell.joint));
     }
 
     let key = |name: &StateName<'_>| match *name {
@@ -236,14 +237,14 @@ async fn count_cells(
     let found = found.map_err(outdated)?;
     let mut present = 0;
     for (wanted, found) in states.values().zip(&found) {
-        let there: BTreeSet<(u64, u64)> = found.iter().map(named).collect();
+        let there: BTreeSet<(u64, u64, u64)> = found.iter().map(named).collect();
         present += wanted.iter().filter(|cell| there.contains(cell)).count() as u64;
     }
     Ok(present)
 }
 
-fn named((place, _): &Placed) -> (u64, u64) {
-    (place.segment, place.joint)
+fn named((place, _): &Placed) -> (u64, u64, u64) {
+    (place.segment, place.family, place.joint)
 }
 
 fn known(transaction: &Transaction<'_>, id: EnvironmentId) -> Result<Arc<Environment>, StoreError> {

@@ -37,7 +37,7 @@ pub(super) async fn commit(
 }
 
 fn cells(batch: &Numbered) -> u64 {
-    batch.increment.cells.len() as u64
+    batch.increment.len() as u64
 }
 
 async fn attempt(

@@ -8,7 +8,7 @@ use sqlx::sqlite::SqliteConnection;
 use super::account::write_account;
 use super::failed::Failed;
 use super::signed::signed;
-use crate::domain::{Cell, Environment, EnvironmentId, Schema, SegmentId, StateKey};
+use crate::domain::{Cell, Environment, EnvironmentId, Family, Schema, SegmentId, StateKey};
 use crate::store::StoreError;
 use crate::store::ledger::Ledger;
 use crate::store::map::Map;
@@ -51,10 +51,9 @@ impl Delta<'_> {
         let delta = states.map(|cells| (self.states.of(cells[0].0.state), cells.iter().map(cell)));
         memory.cache.apply(id, revision, delta);
 
-        let actions = self
-            .cells
-            .iter()
-            .map(|(place, tally)| (place.joint, *tally));
+        let joint = |(place, _): &&Placed| place.family == u64::from(Family::JOINT.number());
+        let actions = self.cells.iter().filter(joint);
+        let actions = actions.map(|(place, tally)| (place.joint, *tally));
         memory.actions.apply(id, revision, actions);
     }
 }
@@ -68,12 +67,13 @@ impl Keys<'_> {
     }
 }
 
-fn cell((place, tally): &Placed) -> Cell {
-    Cell {
+fn cell((place, tally): &Placed) -> (Family, Cell) {
+    let cell = Cell {
         joint: place.joint,
         segment: SegmentId(place.segment as i64),
         tally: *tally,
-    }
+    };
+    (Family::from_number(place.family as u32), cell)
 }
 
 /// Writes everything, and returns what memory has to be told after COMMIT.
@@ -233,11 +233,11 @@ async fn insert_states(
 
 /// Returns the cells of a commit in order of place; `stored` tells under which number a state is.
 fn cells(ledger: &mut Ledger<'_>, segments: &[i64], stored: impl Fn(u64) -> u64) -> Vec<Placed> {
-    let placed = |((state, segment, joint), tally): ((u64, u32, u64), _)| {
+    let placed = |((state, segment, family, joint), tally): ((u64, u32, u32, u64), _)| {
         let place = Place {
             state: stored(state),
             segment: segments[segment as usize].unsigned_abs(),
-            family: 0,
+            family: u64::from(family),
             joint,
         };
         (place, tally)

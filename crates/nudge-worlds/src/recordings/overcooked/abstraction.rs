@@ -129,11 +129,13 @@ impl World {
         let agents = PLAYERS.map(|name| AgentDraft {
             name: name.into(),
             action: vec![moves()],
+            ..AgentDraft::default()
         });
 
         SchemaDraft {
             state,
             agents: agents.to_vec(),
+            ..SchemaDraft::default()
         }
     }
 

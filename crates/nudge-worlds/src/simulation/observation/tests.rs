@@ -18,6 +18,7 @@ fn schema() -> Schema {
     let agent = |agent: &Value| AgentDraft {
         name: text(&agent["name"]),
         action: features(&agent["action"]),
+        ..AgentDraft::default()
     };
     let agents = value["agents"]
         .as_array()
@@ -25,7 +26,12 @@ fn schema() -> Schema {
         .iter()
         .map(agent)
         .collect();
-    Schema::try_from(&SchemaDraft { state, agents }).expect("sound")
+    Schema::try_from(&SchemaDraft {
+        state,
+        agents,
+        ..SchemaDraft::default()
+    })
+    .expect("sound")
 }
 
 fn features(list: &Value) -> Vec<FeatureDraft> {
