@@ -1,6 +1,6 @@
 //! Metrics of lagged questions: what is called, what is significant, and where the profile peaks.
 
-use super::Measured;
+use crate::experiments::findings::Measured;
 use crate::experiments::measures::frequency;
 use crate::information::{Table, conditional, excess};
 use crate::simulation::planted::lagged::Asked;
@@ -111,7 +111,7 @@ fn near(cases: &[Case]) -> f64 {
 }
 
 /// Measures every figure of every question; `None` where one is not defined.
-pub(super) fn measure(asked: &[Asked], cases: &[Vec<Case>]) -> Measured {
+pub(super) fn measure(asked: &[Asked], cases: &[Vec<Case>]) -> Measured<Asked, Figure> {
     let lagged = |ego| {
         let of_ego = asked.iter().zip(cases);
         of_ego.filter(move |(asked, _)| asked.ego == ego && asked.lag > 0)
