@@ -3,7 +3,7 @@
 //! (lagged outcomes). The service never joins steps; whoever has them in order does it here.
 //!
 //! * [`EntryRule`]: which steps entered their state and count as draws.
-//! * [`Track`]: steps in, transitions out.
+//! * [`Track`]: [`Step`]s in, transitions out.
 //!
 //! # Absent on purpose
 //!
@@ -11,6 +11,8 @@
 
 mod entry_rule;
 mod track;
+#[cfg(test)]
+mod worked_examples;
 
 pub use entry_rule::EntryRule;
-pub use track::Track;
+pub use track::{Step, Track};

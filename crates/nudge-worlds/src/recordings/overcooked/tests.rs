@@ -2,7 +2,7 @@
 
 use super::*;
 use nudge_core::domain::{Entry, Schema};
-use nudge_core::tracks::Track;
+use nudge_core::tracks::{Step as Played, Track};
 
 const HEADER: &str = "layout,trial,t,state,action0,action1\n";
 const STATE: &str = r#""{""p"":[[1,1,""N"",""""],[3,2,""S"",""onion""]],""o"":[]}""#;
@@ -97,7 +97,8 @@ fn human_play_keeps_nearly_all_of_its_entries() {
                 let key = schema.key_of_values(&state).ok();
                 let enters = key != last;
                 last = key;
-                let counts = track.record(state, actions).entry == Entry::Entered;
+                let record = track.step(Played::new(state, actions));
+                let counts = record.expect("no outcomes").entry == Entry::Entered;
                 assert!(enters || !counts, "a stay is no draw");
                 entered += u32::from(enters);
                 counted += u32::from(counts);
