@@ -44,7 +44,8 @@ pub struct World {
     pub lag: Option<usize>,
     /// How long both hold their actions.
     pub hold: Hold,
-    /// How many states a track comes by, over and over; all of them where it is not told.
+    /// How many states a track comes by, over and over, leaving each at once; all of them, by
+    /// [`Options::left`], where it is not told.
     pub roams: Option<usize>,
     /// Whether the follower's actions are those of another track, so that nothing is left to find.
     pub shuffled: bool,
@@ -172,11 +173,18 @@ impl Tracks {
             steps,
             ..
         } = self.options;
-        let mut state = self.rng.random_range(0..states);
+        let roams = self.world.roams.unwrap_or(states);
+        let first = self.rng.random_range(0..states.div_ceil(roams)) * roams;
+        let places = roams.min(states - first);
+        let leaves_at_once = self.world.roams.is_some() && places > 1;
+
+        let mut place = self.rng.random_range(0..places);
         let mut next = || {
-            let now = state;
-            if self.rng.random_bool(left) {
-                state = self.rng.random_range(0..states);
+            let now = first + place;
+            if leaves_at_once {
+                place = (place + self.rng.random_range(1..places)) % places;
+            } else if self.rng.random_bool(left) {
+                place = self.rng.random_range(0..places);
             }
             now
         };

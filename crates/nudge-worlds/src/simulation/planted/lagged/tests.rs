@@ -123,6 +123,26 @@ fn where_actions_are_held_neighbours_show_less_and_the_follower_nothing() {
 }
 
 #[test]
+fn who_roams_comes_by_a_few_states_and_leaves_each_at_once() {
+    let tracks = Tracks::new(named("none-kept90-here"), options(5)).take(50);
+    for track in tracks {
+        let mut states: Vec<usize> = track.iter().map(|step| step.state).collect();
+        assert!(states.windows(2).all(|pair| pair[0] != pair[1]));
+        states.sort_unstable();
+        states.dedup();
+        assert!(states == [0, 1, 2] || states == [3, 4, 5], "{states:?}");
+    }
+    let visited = Tracks::new(named("none"), options(5))
+        .next()
+        .expect("endless");
+    assert!(
+        visited
+            .windows(2)
+            .any(|pair| pair[0].state == pair[1].state)
+    );
+}
+
+#[test]
 fn draws_are_as_many_as_wanted_and_go_on_to_the_greatest_lag() {
     let counted = counted(named("none-kept90-here"), 50);
     for state in 0..6 {
