@@ -168,8 +168,8 @@ fn who_takes_turns_takes_part_and_who_is_dead_does_not() {
             .filter(|record| record.entry == Entry::Entered)
             .count()
     };
-    let (holds, changes): (fn(usize) -> f32, fn(usize) -> f32) =
-        (|_| 1.0, |at| (at / 2 % 2) as f32);
+    type Moves = fn(usize) -> f32;
+    let (holds, changes): (Moves, Moves) = (|_| 1.0, |at| (at / 2 % 2) as f32);
     assert_eq!(entries(&[1], false, changes), 6);
     assert_eq!(
         entries(&[1], false, holds),
