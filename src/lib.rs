@@ -4,8 +4,9 @@
 //! # The map, in reading order
 //!
 //! Rooms that others can use alone are crates, which this one shows under their names: `nudge_core`
-//! has [`information`], [`error`], [`domain`] and [`evidence`], `nudge_worlds` [`simulation`] and
-//! [`recordings`], `nudge_wire` is [`api`], and `nudge_client` is [`client`], with [`tls`] in it.
+//! has [`information`], [`error`], [`domain`], [`tracks`] and [`evidence`], `nudge_worlds`
+//! [`simulation`] and [`recordings`], `nudge_wire` is [`api`], and `nudge_client` is [`client`],
+//! with [`tls`] in it.
 //!
 //! Each room may use the ones above it, never the ones below, and within a room no files import
 //! each other in a circle: what two of them need has a file of its own (`tests/it/architecture`).
@@ -14,6 +15,7 @@
 //! * [`error`], [`telemetry`]: kinds of error, logs and the one list of metrics.
 //! * [`domain`]: environments, features, states, transitions, counts, questions, answers. Types
 //!   that cannot be wrong.
+//! * [`tracks`]: consecutive steps, and what only their order tells.
 //! * [`work`]: whatever computes for long: admitted, cancelled, and made once for all who ask.
 //! * [`evidence`]: what counts can support: the prior fitted to all states, the posterior of one,
 //!   the verdict.
@@ -52,7 +54,7 @@
 
 pub use nudge_client as client;
 pub use nudge_client::tls;
-pub use nudge_core::{domain, error, evidence, information};
+pub use nudge_core::{domain, error, evidence, information, tracks};
 pub use nudge_wire as api;
 pub use nudge_worlds::{recordings, simulation};
 

@@ -10,7 +10,7 @@ use super::Failure;
 use super::progress::Progress;
 pub(super) use super::report::Report;
 use super::server::Server;
-use crate::client::{Connection, Totals, Track};
+use crate::client::{Connection, Step, Totals, Track};
 use crate::recordings::overcooked::{self, Abstraction, Game, Kitchen, World};
 
 /// What is part of every producer id: another way to cut the same file into batches must take
@@ -146,8 +146,13 @@ impl Part {
             let mut track = Track::new(producer.schema());
             for step in &game.steps {
                 let (state, actions) = self.world.values(step);
-                producer.send(track.record(state, actions)).await?;
+                if let Some(transition) = track.step(Step::new(state, actions)) {
+                    producer.send(transition).await?;
+                }
                 progress.step();
+            }
+            for transition in track.end() {
+                producer.send(transition).await?;
             }
         }
 

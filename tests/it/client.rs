@@ -4,7 +4,7 @@
 use std::time::Duration;
 
 use nudge::api::proto::BatchStatus;
-use nudge::client::{ClientError, Connection, Producer, ProducerBuilder, Totals};
+use nudge::client::{ClientError, Connection, Producer, ProducerBuilder, Step, Totals, Track};
 use nudge::domain::draft::{AgentDraft, FeatureDraft, KindDraft};
 use nudge::domain::{Entry, Record, SchemaDraft};
 use nudge::error::ErrorKind;
@@ -522,4 +522,128 @@ async fn what_listens_may_be_no_nudge() {
         .await
         .expect_err("another service");
     assert!(error.to_string().contains("is no Nudge"), "{error}");
+}
+
+/// The counter's environment with lags of both agents.
+fn lagged(lags: &[i64]) -> SchemaDraft {
+    SchemaDraft {
+        lags: lags.to_vec(),
+        ..counter()
+    }
+}
+
+/// What both agents do at a step.
+fn moves(x: u32) -> [f32; 2] {
+    [x / 2 % 2, x / 3 % 2].map(|action| action as f32)
+}
+
+async fn steps(
+    producer: &mut Producer,
+    track: &mut Track,
+    range: std::ops::Range<u32>,
+) -> Result<(), ClientError> {
+    for x in range {
+        let step = Step::new(vec![x as f32], moves(x).to_vec());
+        producer.step(track, step).await?;
+    }
+    Ok(())
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn tracks_outlive_the_streams_that_they_are_sent_on() {
+    for seed in 0..5 {
+        let fake = Fake::start(WILD, seed).await;
+        fake.describe("counter", lagged(&[1, 3]));
+        let builder = builder(&fake.address.to_string()).await;
+        let builder = builder.batch_size(20).outbox(12).step_within(LONG);
+        let mut producer = builder.open().await.expect("known");
+
+        let mut track = producer.track();
+        steps(&mut producer, &mut track, 0..400)
+            .await
+            .expect("taken");
+        let totals = producer.flush().await.expect("acknowledged");
+        assert_eq!((totals.sent, totals.held_back, totals.dropped), (397, 3, 0));
+
+        steps(&mut producer, &mut track, 400..1_000)
+            .await
+            .expect("taken");
+        producer.end(track).await.expect("taken");
+        let totals = producer.close().await.expect("acknowledged");
+        assert_eq!((totals.held_back, totals.dropped), (0, 0));
+        assert_counted_once(&fake, 1_000);
+        assert_all_accounted_for(&totals, 1_000);
+
+        // a@1, a@3, b@1, b@3; zeros where the track is over.
+        let at = |x: u32, agent: usize| if x < 1_000 { moves(x)[agent] } else { 0.0 };
+        let of = |x: u32| [at(x + 1, 0), at(x + 3, 0), at(x + 1, 1), at(x + 3, 1)];
+        let expected: Vec<f32> = (0..1_000).flat_map(of).collect();
+        assert!(
+            fake.memory().outcomes == expected,
+            "outcomes of another step"
+        );
+        assert!(fake.memory().hellos.len() > 1, "streams were broken");
+    }
+}
+
+#[tokio::test]
+async fn a_tick_waits_no_longer_than_it_may_and_what_is_dropped_is_told() {
+    let mood = Mood {
+        silent: true,
+        window: 2,
+        ..CALM
+    };
+    let (_fake, builder) = start(mood, 0).await;
+    let builder = builder.batch_size(10).outbox(3);
+    let builder = builder.step_within(Duration::from_millis(2));
+    let mut producer = builder.open().await.expect("known");
+
+    let mut track = producer.track();
+    let began = std::time::Instant::now();
+    steps(&mut producer, &mut track, 0..1_500)
+        .await
+        .expect("no error");
+    let dropped = producer.dropped();
+    assert!((300..1_500).contains(&dropped), "{dropped} of 1500");
+    let late = began.elapsed() / dropped as u32;
+    assert!(late < Duration::from_millis(100), "{late:?} a tick");
+}
+
+#[tokio::test]
+async fn what_tracks_hold_back_is_told_and_what_is_never_ended_is_lost() {
+    let fake = Fake::start(CALM, 0).await;
+    fake.describe("counter", lagged(&[4]));
+    let builder = builder(&fake.address.to_string()).await;
+    let mut producer = builder.step_within(LONG).open().await.expect("known");
+
+    let mut tracks: Vec<Track> = (0..100).map(|_| producer.track()).collect();
+    for track in &mut tracks {
+        steps(&mut producer, track, 0..6).await.expect("taken");
+    }
+    assert_eq!(producer.held_back(), 400);
+
+    let wrong = Step::new(vec![1.0, 2.0], vec![0.0, 1.0]);
+    let error = producer.step(&mut tracks[0], wrong).await;
+    let error = error.expect_err("two state values").to_string();
+    assert_eq!(error, "got 2 state values, expected 1");
+    let wrong = Step::new(vec![1.0], vec![0.0, 1.0]).acting(vec![true]);
+    assert!(
+        producer.step(&mut tracks[0], wrong).await.is_err(),
+        "two agents"
+    );
+    let wrong = Step::new(vec![1.0], vec![0.0, 1.0]).observing(vec![1.0]);
+    assert!(
+        producer.step(&mut tracks[0], wrong).await.is_err(),
+        "no such outcome"
+    );
+
+    producer.gap(&mut tracks[0]).await.expect("taken");
+    producer
+        .end(tracks.pop().expect("a hundred"))
+        .await
+        .expect("taken");
+    drop(tracks.pop());
+    let totals = producer.close().await.expect("acknowledged");
+    assert_eq!((totals.sent, totals.held_back), (208, 392), "{totals:?}");
+    assert_eq!(fake.memory().values.len(), 208);
 }

@@ -68,6 +68,8 @@ pub struct Memory {
     pub batches: Vec<(String, u64, String, usize)>,
     /// The first state value of every committed transition.
     pub values: Vec<f32>,
+    /// The outcome values of every committed transition.
+    pub outcomes: Vec<f32>,
     pub hellos: Vec<proto::Hello>,
     /// Answers the batch of that number with that error.
     pub refuse: Option<(u64, Status)>,
@@ -192,6 +194,8 @@ impl Fake {
             memory
                 .values
                 .extend(firsts.iter().filter(|value| **value >= 0.0));
+            let outcomes = Values::from_le(columns.outcomes_le.clone()).expect("whole floats");
+            memory.outcomes.extend(outcomes.iter());
         }
         let receipt = receipt(batch.sequence, is_new, &firsts);
         Ok(memory

@@ -12,7 +12,7 @@ use std::process::ExitCode;
 
 use nudge_client::domain::SchemaDraft;
 use nudge_client::domain::draft::{AgentDraft, FeatureDraft, KindDraft};
-use nudge_client::{ClientError, Connection, Producer, Track};
+use nudge_client::{ClientError, Connection, Producer, Step};
 
 const ENVIRONMENT: &str = "lane";
 
@@ -58,16 +58,18 @@ async fn play_all(address: &str) -> Result<(), ClientError> {
 /// Plays one game, a transition a tick.
 async fn play(producer: &mut Producer, game: u32) -> Result<(), ClientError> {
     let mut dice = Dice(game);
-    // Each game is an episode of its own: its first transition is an entry.
-    let mut track = Track::new(producer.schema());
+    // Each game is an episode of its own: its first transition is an entry. The track fills in what
+    // the human did one and two steps later, and holds back as many steps for it.
+    let mut track = producer.track();
     for distance in (0..10).rev() {
         let robot = dice.roll(2);
         let human = if distance < 3 { robot } else { dice.roll(2) };
         // By position: the state's features, then each agent's; a label is its index.
-        let record = track.record(vec![distance as f32], vec![robot as f32, human as f32]);
-        producer.send(record).await?;
+        let step = Step::new(vec![distance as f32], vec![robot as f32, human as f32]);
+        // A tick never waits for long: what finds no room is dropped, and counted.
+        producer.step(&mut track, step).await?;
     }
-    Ok(())
+    producer.end(track).await
 }
 
 /// Describes the game: what is seen of its state, and what each agent may do.
@@ -80,6 +82,7 @@ fn schema() -> SchemaDraft {
     SchemaDraft {
         state: vec![distance],
         agents: vec![agent("robot"), agent("human")],
+        lags: vec![1, 2],
         ..SchemaDraft::default()
     }
 }

@@ -8,7 +8,8 @@
 //! * [`Producer`]: sends transitions, each of which counts once (idempotency by numbered batches in
 //!   an outbox); waits where the service asks for it (back-pressure), and comes back by itself where
 //!   a connection breaks (exponential back-off).
-//! * [`Track`]: the transitions of one episode, whose first is marked as its entry.
+//! * [`Track`]: the [`Step`]s of one episode in order, which become transitions: with their entry
+//!   flags, and with what the agents did some steps later (lagged outcomes).
 //! * [`patiently`]: any call, asked again while the service is away.
 //! * [`tls`]: certificates and private keys in PEM files.
 //! * [`domain`], of `nudge-core`: schemas, records, keys; [`proto`], of `nudge-wire`: the messages of
@@ -29,20 +30,22 @@
 //! `examples/game_server.rs` is the whole of it.
 //!
 //! ```no_run
-//! use nudge_client::{Connection, Track};
+//! use nudge_client::{Connection, Step};
 //!
 //! # async fn play() -> Result<(), nudge_client::ClientError> {
 //! let connection = Connection::open("127.0.0.1:8080").await?;
 //! let mut producer = connection.producer("hallway", "game-7").open().await?;
 //! producer.segment(Some("trial-3")).await?;
 //!
-//! let mut track = Track::new(producer.schema());
+//! let mut track = producer.track();
 //! for distance in [3.0, 2.4, 1.9] {
-//!     producer.send(track.record(vec![distance], vec![0.1, 1.0])).await?;
+//!     producer.step(&mut track, Step::new(vec![distance], vec![0.1, 1.0])).await?;
 //! }
+//! producer.end(track).await?;
 //!
 //! let totals = producer.close().await?;
 //! assert_eq!(totals.sent, totals.accepted + totals.rejected + totals.resumed + totals.unverified);
+//! assert_eq!((totals.held_back, totals.dropped), (0, 0));
 //! # Ok(())
 //! # }
 //! ```
@@ -76,7 +79,8 @@ mod retry;
 mod task;
 mod totals;
 
-pub use nudge_core::domain::{Secret, Track};
+pub use nudge_core::domain::Secret;
+pub use nudge_core::tracks::{Step, Track};
 pub use {nudge_core::domain, nudge_wire::proto};
 
 pub use connection::{Connection, Readiness, readiness, schema_of};

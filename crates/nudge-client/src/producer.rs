@@ -4,6 +4,7 @@
 use std::time::Duration;
 
 use nudge_core::domain::{Label, ProducerId, Record, Schema, Widths};
+use nudge_core::tracks::{Step, Track};
 use nudge_wire::proto;
 use tokio::sync::{mpsc, oneshot};
 use tokio_util::task::AbortOnDropHandle;
@@ -26,6 +27,7 @@ pub struct ProducerBuilder {
     max_delay: Duration,
     outbox: usize,
     retry_for: Option<Duration>,
+    step_within: Duration,
     replay: bool,
 }
 
@@ -78,6 +80,15 @@ impl ProducerBuilder {
         }
     }
 
+    /// Lets a [step](Producer::step) of a track wait for room for that long, and drops what it
+    /// released then: a game's tick must not wait for a service. 5 ms unless told.
+    pub fn step_within(self, time: Duration) -> Self {
+        Self {
+            step_within: time,
+            ..self
+        }
+    }
+
     /// Declares that the source makes the same transitions again, as a file does.
     ///
     /// Numbering starts at 1 and batches close by size, segment, cut and flush only, never by time:
@@ -117,6 +128,8 @@ impl ProducerBuilder {
             failed: None,
             resume_point: 0,
             is_replay: self.replay,
+            step_within: self.step_within,
+            stepped: Stepped::default(),
         };
 
         match resume_point.await {
@@ -169,6 +182,30 @@ pub struct Producer {
     failed: Option<ClientError>,
     resume_point: u64,
     is_replay: bool,
+    step_within: Duration,
+    stepped: Stepped,
+}
+
+/// What became of the steps of tracks before they were sent.
+#[derive(Debug, Clone, Copy, Default)]
+struct Stepped {
+    held_back: u64,
+    dropped: u64,
+}
+
+impl Stepped {
+    /// Counts steps that wait no more; a track may have taken some that this producer never saw.
+    fn released(&mut self, steps: usize) {
+        self.held_back = self.held_back.saturating_sub(steps as u64);
+    }
+
+    fn told(self, totals: Totals) -> Totals {
+        Totals {
+            held_back: self.held_back,
+            dropped: self.dropped,
+            ..totals
+        }
+    }
 }
 
 impl Producer {
@@ -182,6 +219,7 @@ impl Producer {
             max_delay: Duration::from_millis(100),
             outbox: 64,
             retry_for: Some(Duration::from_secs(60)),
+            step_within: Duration::from_millis(5),
             replay: false,
         }
     }
@@ -214,6 +252,97 @@ impl Producer {
         self.command(Command::Send(transition)).await
     }
 
+    /// Begins a track, the steps of one episode in order: see [`Track`]. It knows nothing of
+    /// connections, so that it goes on whatever becomes of them; there may be thousands at once.
+    pub fn track(&self) -> Track {
+        Track::new(&self.schema)
+    }
+
+    /// Takes the next step of a track, and hands over the transition that it releases. Where that
+    /// finds no room within [`step_within`](ProducerBuilder::step_within), it is dropped, and
+    /// [`Totals`] tells of it: the tick goes on.
+    ///
+    /// A step with another number of values than the schema has is an error, and harms nothing else.
+    pub async fn step(&mut self, track: &mut Track, step: Step) -> Result<(), ClientError> {
+        self.check_step(&step)?;
+        let before = track.held_back();
+        let released = track.step(step);
+        self.stepped.held_back += track.held_back() as u64;
+        self.stepped.released(before);
+
+        match released {
+            Some(transition) => self.hand_over_in_time(transition).await,
+            None => Ok(()),
+        }
+    }
+
+    /// Passes over steps of a track that were not observed: hands over all that it held back, as
+    /// [`step`](Self::step) does.
+    pub async fn gap(&mut self, track: &mut Track) -> Result<(), ClientError> {
+        let released = track.gap();
+        self.stepped.released(released.len());
+        for transition in released {
+            self.hand_over_in_time(transition).await?;
+        }
+        Ok(())
+    }
+
+    /// Ends a track, and hands over all that it held back; waits while the outbox is full, for no
+    /// tick waits any more.
+    pub async fn end(&mut self, track: Track) -> Result<(), ClientError> {
+        let released = track.end();
+        self.stepped.released(released.len());
+        for transition in released {
+            self.send(transition).await?;
+        }
+        Ok(())
+    }
+
+    /// Returns how many steps tracks hold back now, as [`Totals`] tells it.
+    pub fn held_back(&self) -> u64 {
+        self.stepped.held_back
+    }
+
+    /// Returns how many steps of tracks were dropped so far, as [`Totals`] tells it.
+    pub fn dropped(&self) -> u64 {
+        self.stepped.dropped
+    }
+
+    fn check_step(&self, step: &Step) -> Result<(), ClientError> {
+        same_width("state", step.state.len(), self.widths.state)?;
+        same_width("action", step.actions.len(), self.widths.actions)?;
+        let agents = self.widths.agents.len();
+        if !step.acts.is_empty() {
+            same_width("acting agent", step.acts.len(), agents)?;
+        }
+
+        let other = self.schema.outcomes().iter();
+        let other = other.filter(|outcome| outcome.agent.is_none());
+        if !step.is_observed.is_empty() {
+            same_width(
+                "observed flag",
+                step.is_observed.len(),
+                other.clone().count(),
+            )?;
+        }
+        if !step.observed.is_empty() {
+            let width = other.map(|outcome| outcome.value.len()).sum();
+            same_width("observed", step.observed.len(), width)?;
+        }
+        Ok(())
+    }
+
+    async fn hand_over_in_time(&mut self, transition: Record) -> Result<(), ClientError> {
+        let within = self.step_within;
+        match tokio::time::timeout(within, self.send(transition)).await {
+            Ok(sent) => sent,
+            Err(_) => {
+                self.stepped.dropped += 1;
+                Ok(())
+            }
+        }
+    }
+
     /// Labels everything from here on with a segment, or with none; another segment closes the
     /// batch.
     pub async fn segment(&mut self, segment: Option<&str>) -> Result<(), ClientError> {
@@ -238,7 +367,7 @@ impl Producer {
         let (reply, totals) = oneshot::channel();
         self.command(Command::Flush(reply)).await?;
         match totals.await {
-            Ok(totals) => Ok(totals),
+            Ok(totals) => Ok(self.stepped.told(totals)),
             Err(_) => Err(self.failure().await),
         }
     }

@@ -6,11 +6,17 @@ use nudge_wire::proto;
 const MOST_TOLD: usize = 100;
 
 /// What became of the transitions of a producer since it was opened. Once all is acknowledged,
-/// `sent = accepted + rejected + resumed + unverified`.
+/// `sent = accepted + rejected + resumed + unverified`; of the steps of its tracks, so many more are
+/// `held_back` or were `dropped`.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Totals {
     /// Transitions that were handed over and are part of a batch.
     pub sent: u64,
+    /// Steps that were given to tracks and wait in them for what follows: what a crash now would
+    /// lose beside what is not acknowledged, and what was lost of tracks that were never ended.
+    pub held_back: u64,
+    /// Steps of tracks that found no room within the time that a step may take, and were not sent.
+    pub dropped: u64,
     /// Transitions whose receipt says that they were counted.
     pub accepted: u64,
     /// Transitions whose receipt says that they were not.

@@ -9,6 +9,8 @@
 //! * [`error`]: kinds of error, and the faults of an input.
 //! * [`domain`]: environments, features, states, transitions, counts, questions, answers. Types
 //!   that cannot be wrong.
+//! * [`tracks`]: consecutive steps, and what only their order tells: which of them are independent
+//!   draws (thinning).
 //! * [`evidence`]: Bayesian inference: the prior fitted to all states (empirical Bayes), Bayes
 //!   factors and the posterior of one, the verdict.
 //! * `special_functions`: ln Gamma and its relatives, which both mathematics stand on.
@@ -56,3 +58,4 @@ pub mod error;
 pub mod evidence;
 pub mod information;
 mod special_functions;
+pub mod tracks;

@@ -4,6 +4,7 @@
 mod figures;
 mod hard;
 mod kitchens;
+mod lagged;
 mod segments;
 mod tables;
 
@@ -17,10 +18,11 @@ use crate::cli::output::{print, print_json};
 use crate::cli::progress::Progress;
 use crate::experiments::kitchens::{self as in_kitchens, Layout};
 use crate::experiments::planted::{
-    self as of_tables, World, hard as in_hard_worlds, segments as in_segments,
+    self as of_tables, World, hard as in_hard_worlds, lagged as of_followers,
+    segments as in_segments,
 };
 use crate::experiments::seeds::Seeds;
-use crate::simulation::planted::segments as drawn;
+use crate::simulation::planted::{lagged as tracks, segments as drawn};
 
 /// Compare ways to decide where the true influence is known
 #[derive(Debug, Args)]
@@ -41,12 +43,16 @@ use crate::simulation::planted::segments as drawn;
     segments: worlds whose visits come in 2 to 300 segments, in which either agent's habits or both differ, or nobody's, and nothing is dependent, or 30 % \
     of the states are: in all segments alike, in a single one, or in each by other responses. Evidence is asked by itself: what it falsely establishes, \
     finds, excludes and covers within segments, and how much of what is listed at a false discovery rate of 0.05 is false. A minute or two for ten seeds.\n\n\
-    With --out the figures of tables are written as planted.csv and planted.json with the plot planted.svg; those of kitchens, hard and segments under \
-    these names.\n\n\
+    lagged: tracks in which a follower copies a leader one or three steps later, or nobody copies anybody, and in which both choose at each step or hold \
+    their actions. Evidence is asked by itself at lags 0 to 8 in both directions, on draws that all agents have acted anew since: where it finds the copy, \
+    what it falsely finds at other lags, in reverse and among shuffled actions, and what the profile's peak is. Two minutes for ten seeds.\n\n\
+    With --out the figures of tables are written as planted.csv and planted.json with the plot planted.svg; those of kitchens, hard, segments and lagged \
+    under these names.\n\n\
     Example:\n  nudge experiment planted --seeds 3 --states 500 --out ./results\n  \
     nudge experiment planted --part kitchens --layout counter_circuit --seeds 1\n  \
     nudge experiment planted --part hard --world copy --world weak25 --seeds 3\n  \
-    nudge experiment planted --part segments --world opposite"
+    nudge experiment planted --part segments --world opposite\n  \
+    nudge experiment planted --part lagged --world copy3 --seeds 3"
 )]
 pub(in crate::cli) struct Planted {
     /// Run one part only [default: all of them]
@@ -59,10 +65,11 @@ pub(in crate::cli) struct Planted {
     #[arg(long, value_name = "NUMBER", default_value_t = of_tables::Options::default().seeds.first)]
     seed: u32,
     /// States of the worlds of tables on which methods are compared [default: 2500], the most of
-    /// a hard world [default: 150 to 1500], and those of a world of segments [default: 200]
+    /// a hard world [default: 150 to 1500], those of a world of segments [default: 200], and of
+    /// tracks [default: 40]
     #[arg(long, value_name = "NUMBER", value_parser = clap::value_parser!(u32).range(1..=50_000))]
     states: Option<u32>,
-    /// A world of hard or of segments of this name only; may be given again [default: all of them]
+    /// A world of hard, segments or lagged of this name only; may be given again [default: all of them]
     #[arg(long = "world", value_name = "NAME", value_parser = named)]
     worlds: Vec<Named>,
     /// Kitchens of one layout only: asymmetric_advantages or counter_circuit
@@ -90,6 +97,20 @@ enum Part {
     Hard,
     /// Tables whose visits come in segments
     Segments,
+    /// Tracks in which one copies the other some steps later
+    Lagged,
+}
+
+impl Part {
+    fn as_str(self) -> &'static str {
+        match self {
+            Self::Tables => "tables",
+            Self::Kitchens => "kitchens",
+            Self::Hard => "hard",
+            Self::Segments => "segments",
+            Self::Lagged => "lagged",
+        }
+    }
 }
 
 /// A world that has a name.
@@ -97,6 +118,7 @@ enum Part {
 enum Named {
     Hard(World),
     Segments(drawn::World),
+    Lagged(tracks::World),
 }
 
 impl Named {
@@ -104,6 +126,7 @@ impl Named {
         match self {
             Self::Hard(_) => Part::Hard,
             Self::Segments(_) => Part::Segments,
+            Self::Lagged(_) => Part::Lagged,
         }
     }
 
@@ -111,13 +134,16 @@ impl Named {
         match self {
             Self::Hard(world) => in_hard_worlds::name(&world),
             Self::Segments(world) => world.name,
+            Self::Lagged(world) => world.name,
         }
     }
 
     /// Returns every world that has a name.
     fn all() -> Vec<Self> {
         let hard = in_hard_worlds::worlds().into_iter().map(Self::Hard);
-        hard.chain(drawn::WORLDS.map(Self::Segments)).collect()
+        hard.chain(drawn::WORLDS.map(Self::Segments))
+            .chain(tracks::WORLDS.map(Self::Lagged))
+            .collect()
     }
 }
 
@@ -151,6 +177,9 @@ impl Planted {
         if wanted(Part::Segments) {
             parts.push(self.write_part(self.segments())?);
         }
+        if wanted(Part::Lagged) {
+            parts.push(self.write_part(self.lagged())?);
+        }
 
         match &parts[..] {
             [part] if self.json => print_json(&part.json),
@@ -177,14 +206,7 @@ impl Planted {
             .iter()
             .find(|world| !self.is_wanted(world.part()));
         idle.map_or(Ok(()), |world| {
-            let (name, part) = (
-                world.name(),
-                if world.part() == Part::Hard {
-                    "hard"
-                } else {
-                    "segments"
-                },
-            );
+            let (name, part) = (world.name(), world.part().as_str());
             Err(Failure::usage(format!(
                 "--world {name} is a world of --part {part}, which is not run"
             )))
@@ -287,6 +309,32 @@ impl Planted {
             part: "segments",
             name: "segments",
             text: segments::render(&report),
+            json: report.json(),
+            csv: report.findings.csv(),
+            svg,
+        }
+    }
+
+    fn lagged(&self) -> Told {
+        let usual = of_followers::Options::default();
+        let wanted = |world: &tracks::World| self.names(Named::Lagged(*world));
+        let options = of_followers::Options {
+            seeds: self.seeds(usual.seeds),
+            states: self.states.map_or(usual.states, |states| states as usize),
+            worlds: usual.worlds.into_iter().filter(wanted).collect(),
+        };
+
+        let progress =
+            Progress::new(options.worlds().len() as u64 * u64::from(options.seeds.number));
+        progress.part("planted followers");
+        let report = of_followers::run(&options, || progress.step());
+        progress.finish();
+        let svg = of_followers::plot(&report);
+
+        Told {
+            part: "lagged",
+            name: "lagged",
+            text: lagged::render(&report),
             json: report.json(),
             csv: report.findings.csv(),
             svg,

@@ -5,11 +5,13 @@
 //! actions are shuffled nothing is left to find, and where a state without influence has the
 //! margins of one with influence, margins give nothing away. Then worlds of other sizes, with
 //! influence nowhere, in some states and everywhere. And hard worlds, which the evidence was not
-//! built on: other alphabets, other habits, other volumes.
+//! built on: other alphabets, other habits, other volumes. And tracks in which one agent copies the
+//! other some steps later.
 
 mod case;
 mod figure;
 pub mod hard;
+pub mod lagged;
 mod method;
 mod options;
 mod plot;

@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use nudge::api::proto;
-use nudge::client::{Connection, Options, Secret, Track};
+use nudge::client::{Connection, Options, Secret, Step, Track};
 use tonic::Code;
 use tonic::service::interceptor::InterceptedService;
 use tonic::transport::Channel;
@@ -320,7 +320,11 @@ async fn the_client_waits_for_its_rate_and_goes_on() {
     let mut track = Track::new(producer.schema());
     for _ in 0..12 {
         producer
-            .send(track.record(vec![0.6, 0.0], vec![0.0, 0.0]))
+            .send(
+                track
+                    .step(Step::new(vec![0.6, 0.0], vec![0.0, 0.0]))
+                    .expect("no outcomes"),
+            )
             .await
             .expect("taken");
     }

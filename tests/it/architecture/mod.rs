@@ -18,6 +18,7 @@ const RANKS: &[&[&str]] = &[
     &["special_functions"],
     &["information", "error", "telemetry"],
     &["domain", "work"],
+    &["tracks"],
     &[
         "evidence",
         "store",
@@ -71,7 +72,13 @@ const RESERVED: &[(&str, &[&str])] = &[
 ];
 
 /// Rooms that are mathematics and words: they neither read nor write nor look at a clock.
-const PURE: &[&str] = &["special_functions", "information", "domain", "evidence"];
+const PURE: &[&str] = &[
+    "special_functions",
+    "information",
+    "domain",
+    "tracks",
+    "evidence",
+];
 
 /// A part of a room that is a rule and nothing else, and all that it may name: a database carries it
 /// out, and it knows of none.

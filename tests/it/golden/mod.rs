@@ -2,6 +2,7 @@
 //! `tests/golden/SOURCE.md` says where each value came from.
 
 mod estimators;
+mod lagged;
 mod networks;
 mod significance;
 mod social_force;

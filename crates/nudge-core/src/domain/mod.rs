@@ -54,7 +54,6 @@ mod records;
 mod rule;
 mod schema;
 mod secret;
-mod track;
 mod training;
 mod values;
 
@@ -99,5 +98,4 @@ pub use records::{Collecting, Digest, Entry, Record, Records, Rejection, Widths,
 pub use rule::{Rule, RuleKind, Threshold, Unit, WrittenRule};
 pub use schema::Schema;
 pub use secret::{KeyDigest, Secret};
-pub use track::Track;
 pub use values::Values;

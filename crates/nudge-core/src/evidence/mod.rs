@@ -106,6 +106,7 @@ mod habits;
 mod increments;
 mod likelihood;
 mod log_space;
+mod margins;
 mod moments;
 mod parameters;
 mod parts_evidence;

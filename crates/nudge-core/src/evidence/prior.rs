@@ -11,7 +11,7 @@ use super::moments::{Moments, Slice};
 use super::parameters::SLABS;
 use super::posterior::Posterior;
 use super::readings::{Parts, Reading, Readings, reading};
-use super::side::Side;
+use super::side::{Side, StateMargins};
 use super::weights::{Segments, Weights, normalise};
 use crate::information::{Alphabet, Table};
 
@@ -150,9 +150,10 @@ impl Prior {
 
     /// Returns the probabilities of dependence and of the slabs.
     pub(super) fn weights(&self, readings: &Readings<'_>) -> Weights {
-        let (mut slabs, mut nulls) = ([0, 1].map(|side| self.sides[side].ln_slabs), [0.0; 2]);
+        let mut slabs = [0, 1].map(|side| self.sides[side].ln_slabs);
+        let mut margins = [(); 2].map(|()| StateMargins::none());
         let mut said = |side: usize, reading: &Reading<'_>| {
-            self.sides[side].add_bayes_factors(&reading[side], &mut slabs[side], &mut nulls[side])
+            self.sides[side].add_bayes_factors(&reading[side], &mut slabs[side], &mut margins[side])
         };
 
         let deviants = readings
@@ -160,6 +161,7 @@ impl Prior {
             .iter()
             .map(|reading| [0, 1].map(|side| said(side, reading)))
             .collect();
+        let nulls = [0, 1].map(|side| self.sides[side].join(&margins[side], &mut slabs[side]));
 
         let mut segments = (readings.parts.number() > 0).then(|| {
             let pooled = self.dependent_given(normalise(&mut slabs.clone(), None));

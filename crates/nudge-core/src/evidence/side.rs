@@ -6,6 +6,7 @@ use super::deviants::{Deviants, Deviating};
 use super::habits::Usage;
 use super::increments::{add, depth};
 use super::likelihood::{Likelihood, NullMixture, columns};
+use super::margins::{Margins, usual_habits};
 use super::moments::{
     Concentration, Letter, Moments, Pair, Policy, Slab, Slice, Term, moments, two_rows,
 };
@@ -28,6 +29,8 @@ pub(super) struct Side {
     pub nulls: NullMixture,
     /// ln w.
     pub ln_slabs: [f64; SLABS],
+    /// ln of how likely habits are that are as usual as the slabs on fixed bases say.
+    ln_usual_habits: [f64; FIXED],
     /// kappa, and kappa'.
     pub habit: Option<f64>,
     habit_in_segments: Option<f64>,
@@ -39,6 +42,22 @@ pub(super) struct Side {
     deviants: [Vec<Tabulated>; 2],
     others: Tabulated,
     groups: Groups,
+}
+
+/// What the margins of a state's slices say: under the null, and of the rows that both hypotheses
+/// have alike.
+pub(super) struct StateMargins {
+    nulls: Margins,
+    anchors: Margins,
+}
+
+impl StateMargins {
+    pub fn none() -> Self {
+        Self {
+            nulls: Margins::none(),
+            anchors: Margins::none(),
+        }
+    }
 }
 
 /// The terms of one slab on a fixed base.
@@ -71,6 +90,7 @@ impl Side {
             groups: Groups::new(shares),
             nulls: NullMixture::new(&parameters.nulls),
             ln_slabs: std::array::from_fn(|slab| parameters.slabs[slab].ln()),
+            ln_usual_habits: usual_habits(&parameters.nulls).map(f64::ln),
             habit: parameters.habit,
             habit_in_segments: parameters.habit_in_segments,
             concentrations: (0..depth(1))
@@ -80,23 +100,24 @@ impl Side {
         }
     }
 
-    /// Adds the log Bayes factor of every slab against the null, unless the slice cannot tell
-    /// dependence from independence; and ln of that null to `nulls`. Returns what its rows say for
-    /// deviating.
+    /// Adds the log Bayes factor of every slab against the null of a slice by itself, unless the
+    /// slice cannot tell dependence from independence; and that null to the state's. Returns what
+    /// its rows say for deviating.
     pub fn add_bayes_factors(
         &self,
         table: &Table,
         slabs: &mut [f64; SLABS],
-        nulls: &mut f64,
+        state: &mut StateMargins,
     ) -> Deviants {
         let evidence = self.likelihood.evidence(table);
         let null = self.nulls.given(&evidence.nulls);
         let deviants = self.likelihood.deviants(table, &self.nulls, &null);
         if !table.is_line() {
-            let anchored = evidence
-                .anchor
-                .as_ref()
-                .map_or(0.0, |anchor| self.nulls.ln_mixed(anchor));
+            let anchored = evidence.anchor.as_ref().map_or(0.0, |anchor| {
+                let ln = self.nulls.ln_mixed(anchor);
+                state.anchors.add(anchor, ln);
+                ln
+            });
 
             slabs
                 .iter_mut()
@@ -111,9 +132,23 @@ impl Side {
                 .zip(deviants.evidence())
                 .for_each(|(ln, by)| *ln += by);
 
-            *nulls += null.ln;
+            state.nulls.add(&evidence.nulls, null.ln);
         }
         deviants
+    }
+
+    /// Corrects the Bayes factors of several slices for what they have in common, and returns ln of
+    /// the null of all.
+    pub fn join(&self, state: &StateMargins, slabs: &mut [f64; SLABS]) -> f64 {
+        let StateMargins { nulls, anchors } = state;
+        let beyond = anchors.beyond_apart(&self.nulls) - nulls.beyond_apart(&self.nulls);
+        if nulls.are_several() {
+            slabs
+                .iter_mut()
+                .zip(&self.ln_usual_habits)
+                .for_each(|(ln, usual)| *ln += beyond + usual);
+        }
+        nulls.ln(&self.nulls)
     }
 
     /// Adds what a part of a state says that was visited more than once.

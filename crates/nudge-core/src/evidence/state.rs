@@ -5,9 +5,10 @@ use super::cut::{Cut, SegmentWeights};
 use super::increments::add;
 use super::likelihood::{Likelihood, NullMixture, columns};
 use super::log_space::Scaled;
+use super::margins::{FittedMargins, usual_habits};
 use super::parameters::{
-    APART, DEVIANT_SLABS, DEVIANTS, ExpectedCounts, ExpectedFamilies, FIXED, HABITS, NULLS,
-    OWN_GRID, OWN_SLABS, Parameters, SideParameters,
+    APART, DEVIANT_SLABS, DEVIANTS, ExpectedCounts, ExpectedFamilies, FIXED, HABITS, OWN_GRID,
+    OWN_SLABS, Parameters, SideParameters,
 };
 use crate::information::Table;
 
@@ -22,8 +23,8 @@ pub(super) struct State {
 
 /// The marginal likelihoods of one state where its columns respond to its rows.
 pub(super) struct Side {
-    nulls: Vec<Scaled<NULLS>>,
-    anchors: Vec<Scaled<NULLS>>,
+    nulls: FittedMargins,
+    anchors: FittedMargins,
     fixed: Scaled<FIXED>,
     /// Relative to the null, as are the deviants.
     own: Scaled<OWN_GRID>,
@@ -264,15 +265,15 @@ impl Side {
         let (mut fixed, mut own) = ([0.0; FIXED], [0.0; OWN_GRID]);
         let (mut nulls, mut anchors) = (Vec::new(), Vec::new());
         for evidence in slices.map(|slice| likelihood.evidence(slice)) {
-            nulls.push(Scaled::new(evidence.nulls));
-            anchors.extend(evidence.anchor.map(Scaled::new));
+            nulls.push(evidence.nulls);
+            anchors.extend(evidence.anchor);
             add(&mut fixed, &evidence.fixed);
             add(&mut own, &evidence.own);
         }
 
         Self {
-            nulls,
-            anchors,
+            nulls: FittedMargins::new(&nulls),
+            anchors: FittedMargins::new(&anchors),
             fixed: Scaled::new(fixed),
             own: Scaled::new(own),
             deviants: None,
@@ -283,14 +284,10 @@ impl Side {
     /// its own marginal, and of one deviating row.
     fn ln_hypotheses(&self, parameters: &SideParameters) -> [f64; 3] {
         let SideParameters { nulls, slabs, .. } = parameters;
-        let anchored: f64 = self
-            .anchors
-            .iter()
-            .map(|slice| slice.ln_weighted(nulls))
-            .sum();
 
         [
-            self.fixed.ln_weighted(&slabs[..FIXED]) + anchored - self.ln_null(parameters),
+            self.fixed.ln_weighted(&self.on_fixed_bases(parameters)) + self.anchors.ln(nulls)
+                - self.ln_null(parameters),
             self.own.ln_weighted(&slabs[OWN_SLABS]),
             self.deviants
                 .as_ref()
@@ -300,11 +297,21 @@ impl Side {
         ]
     }
 
+    /// Returns the weights of the slabs on fixed bases.
+    fn on_fixed_bases(&self, SideParameters { nulls, slabs, .. }: &SideParameters) -> Vec<f64> {
+        let mut weights = slabs[..FIXED].to_vec();
+        if self.nulls.are_several() {
+            let usual = usual_habits(nulls);
+            weights
+                .iter_mut()
+                .zip(usual)
+                .for_each(|(w, usual)| *w *= usual);
+        }
+        weights
+    }
+
     fn ln_null(&self, SideParameters { nulls, .. }: &SideParameters) -> f64 {
-        self.nulls
-            .iter()
-            .map(|slice| slice.ln_weighted(nulls))
-            .sum()
+        self.nulls.ln(nulls)
     }
 
     /// Adds the state to the components in proportion to their probabilities; all but slabs on
@@ -317,8 +324,11 @@ impl Side {
         expected: &mut ExpectedCounts,
     ) {
         let SideParameters { nulls, slabs, .. } = parameters;
-        self.fixed
-            .share(fixed, &slabs[..FIXED], &mut expected.slabs[..FIXED]);
+        self.fixed.share(
+            fixed,
+            &self.on_fixed_bases(parameters),
+            &mut expected.slabs[..FIXED],
+        );
         self.own
             .share(own, &slabs[OWN_SLABS], &mut expected.slabs[OWN_SLABS]);
 
@@ -330,11 +340,7 @@ impl Side {
             );
         }
 
-        self.nulls
-            .iter()
-            .for_each(|slice| slice.share(null, nulls, &mut expected.nulls));
-        self.anchors
-            .iter()
-            .for_each(|slice| slice.share(fixed, nulls, &mut expected.nulls));
+        self.nulls.share(null, nulls, &mut expected.nulls);
+        self.anchors.share(fixed, nulls, &mut expected.nulls);
     }
 }

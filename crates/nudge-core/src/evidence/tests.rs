@@ -11,6 +11,7 @@ use super::parameters::{
     DEVIANT_CONCENTRATIONS, DEVIANT_GRID, DEVIANT_SLABS, FIXED, FIXED_GRID, HABITS,
     NULL_CONCENTRATIONS, NULL_GRID, NULLS, SLABS, concentration,
 };
+use super::side::StateMargins;
 use super::*;
 use crate::domain::{Dependence, Rule, RuleKind, Verdict};
 use crate::information::samples::grid;
@@ -466,7 +467,11 @@ proptest! {
         let expected = defined_moments(&uneven(), slab, &table);
 
         let prior = &*UNEVEN;
-        let deviants = prior.sides[0].add_bayes_factors(&table, &mut [0.0; SLABS], &mut 0.0);
+        let deviants = prior.sides[0].add_bayes_factors(
+            &table,
+            &mut [0.0; SLABS],
+            &mut StateMargins::none(),
+        );
         let slice = prior.sides[0].slice(&table, &deviants, prior.habits().driver(0));
         let moments = prior.sides[0].moments(slab, &slice);
 

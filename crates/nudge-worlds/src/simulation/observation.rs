@@ -19,7 +19,7 @@
 //! means that **the neighbour acts on the ego**, and the reverse that the ego acts on the
 //! neighbour. Both labels are for experiments; they are never sent.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::f64::consts::{PI, TAU};
 
 use glam::DVec2;
@@ -28,7 +28,8 @@ use kdtree::distance::squared_euclidean;
 
 use super::hallway::Trial;
 use super::{Pedestrian, SocialForce, semi_minor_axis};
-use nudge_core::domain::{Record, Schema, Track};
+use nudge_core::domain::{Record, Schema};
+use nudge_core::tracks::{Step, Track};
 
 /// The description of the environment whose transitions these are, in JSON.
 pub const DESCRIPTION: &str = include_str!("../../../../examples/hallway.json");
@@ -59,8 +60,33 @@ pub struct Observation {
 pub struct Observer {
     schema: Schema,
     model: SocialForce,
-    /// The pairs observed at the record before.
-    tracks: HashMap<(u32, u32), Track>,
+    tracks: BTreeMap<(u32, u32), PairTrack>,
+    /// The number of the next record.
+    record: u64,
+}
+
+/// The steps of one pair, as far as it was observed.
+#[derive(Debug, Clone)]
+struct PairTrack {
+    track: Track,
+    /// What is held back, but for the transitions, which the track has.
+    held: VecDeque<Observation>,
+    /// The record that comes next, if the pair is observed without a gap.
+    next: u64,
+}
+
+impl PairTrack {
+    /// Puts the transitions that were released into the oldest observations that wait for theirs.
+    fn released(&mut self, transitions: impl IntoIterator<Item = Record>) -> Vec<Observation> {
+        let transitions = transitions.into_iter();
+        let released = transitions.zip(std::iter::from_fn(|| self.held.pop_front()));
+        released
+            .map(|(transition, observation)| Observation {
+                transition,
+                ..observation
+            })
+            .collect()
+    }
 }
 
 impl Observer {
@@ -70,16 +96,18 @@ impl Observer {
         Self {
             schema: schema.clone(),
             model: model.clone(),
-            tracks: HashMap::new(),
+            tracks: BTreeMap::new(),
+            record: 0,
         }
     }
 
     /// Returns the observations of one record: of the pedestrians `before`, who are there `after`
     /// it or have left. In order of the egos as they are given, the closest neighbour first; where
-    /// either has left there is none.
+    /// either has left there is none. Where the environment has outcomes, each comes as much later
+    /// as the greatest lag is.
     ///
     /// A pair enters its state when the discretised state differs from the record before, or when
-    /// it was not observed then.
+    /// it was not observed then; see [`nudge_core::tracks::EntryRule`] for which of these count.
     pub fn observe(
         &mut self,
         time: f64,
@@ -92,7 +120,6 @@ impl Observer {
             .collect();
         let closest = two_closest(before);
 
-        let mut earlier = std::mem::take(&mut self.tracks);
         let mut observations = Vec::new();
         for (i, ego) in before.iter().enumerate() {
             for &j in &closest[i] {
@@ -104,23 +131,48 @@ impl Observer {
                 };
 
                 let pair = (ego.id, neighbour.id);
-                let mut track = earlier
-                    .remove(&pair)
-                    .unwrap_or_else(|| Track::new(&self.schema));
                 let state = state_features(ego, neighbour, &before[closest[j][0]]);
                 let actions = [action(ego, ego_after), action(neighbour, neighbour_after)].concat();
-                observations.push(Observation {
+                let observation = Observation {
                     time,
                     ego: ego.id,
                     neighbour: neighbour.id,
-                    transition: track.record(state, actions),
+                    transition: Record::new(Vec::new(), Vec::new()),
                     in_neighbours_ellipse: self.is_in_ellipse(ego, neighbour),
                     neighbour_in_ellipse: self.is_in_ellipse(neighbour, ego),
-                });
-                self.tracks.insert(pair, track);
+                };
+                observations.extend(self.step(pair, observation, Step::new(state, actions)));
             }
         }
+        self.record += 1;
         observations
+    }
+
+    /// Ends the trial, and returns what was held back, pair after pair.
+    pub fn end(&mut self) -> Vec<Observation> {
+        let mut ended = std::mem::take(&mut self.tracks);
+        let released = ended.values_mut().flat_map(|pair| {
+            let transitions = pair.track.gap();
+            pair.released(transitions)
+        });
+        released.collect()
+    }
+
+    /// Takes the step of a pair that is observed at this record, and returns what it releases.
+    fn step(&mut self, pair: (u32, u32), observation: Observation, step: Step) -> Vec<Observation> {
+        let record = self.record;
+        let pair = self.tracks.entry(pair).or_insert_with(|| PairTrack {
+            track: Track::new(&self.schema),
+            held: VecDeque::new(),
+            next: record,
+        });
+
+        let missed = pair.next < record;
+        let mut transitions = if missed { pair.track.gap() } else { Vec::new() };
+        pair.next = record + 1;
+        pair.held.push_back(observation);
+        transitions.extend(pair.track.step(step));
+        pair.released(transitions)
     }
 
     /// Returns whether `one` lies in the ellipse around the next step of `other`.
@@ -150,7 +202,8 @@ impl Iterator for Observations {
 
     fn next(&mut self) -> Option<Vec<Observation>> {
         if self.trial.is_over() {
-            return None;
+            let rest = self.observer.end();
+            return (!rest.is_empty()).then_some(rest);
         }
         let (time, before) = (self.trial.time(), self.trial.pedestrians().to_vec());
         self.trial.advance();

@@ -9,7 +9,7 @@
 //! `data/overcooked/SOURCE.md` says where the games come from and what their columns are; the same
 //! folder holds their licence.
 //!
-//! Two things are left to who sends them. Entry flags: [`nudge_core::domain::Track`] sets them, one
+//! Two things are left to who sends them. Entry flags: [`nudge_core::tracks::Track`] sets them, one
 //! track a game. And rows in which both stay, a quarter to a half of all: they are kept, because
 //! leaving them out makes the players' actions depend on each other where they do not.
 

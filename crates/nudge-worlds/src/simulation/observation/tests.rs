@@ -240,7 +240,7 @@ fn a_pair_enters_when_its_bins_change_or_it_was_not_seen_before() {
     let mut observer = observer();
     // The pair of 0 and 1 by the distance of 1, and of 0 and 2 by whether 3, who is close to 0,
     // hides it.
-    let mut entry = |distance: f64, is_hidden: bool| {
+    let mut entry = |distance: f64, is_hidden: bool, turn: f64| {
         let mut all = vec![
             at(0, (0.0, 0.0), (1.0, 0.0)),
             at(1, (distance, 0.0), (1.0, 0.0)),
@@ -249,7 +249,14 @@ fn a_pair_enters_when_its_bins_change_or_it_was_not_seen_before() {
         if is_hidden {
             all.push(at(3, (0.1, 0.0), (1.0, 0.0)));
         }
-        let rows = observer.observe(0.0, &all, &all);
+        let after: Vec<Pedestrian> = all
+            .iter()
+            .map(|one| Pedestrian {
+                velocity: DVec2::from_angle(turn),
+                ..*one
+            })
+            .collect();
+        let rows = observer.observe(0.0, &all, &after);
         let entry = |neighbour| {
             let row = rows
                 .iter()
@@ -258,23 +265,31 @@ fn a_pair_enters_when_its_bins_change_or_it_was_not_seen_before() {
         };
         (entry(1), entry(2))
     };
+    let (left, right) = (1.0, -1.0);
     assert_eq!(
-        entry(1.1, false),
+        entry(1.1, false, left),
         (Some(true), Some(true)),
         "seen for the first time"
     );
     assert_eq!(
-        entry(1.4, false),
+        entry(1.4, false, right),
         (Some(false), Some(false)),
         "within the bin from 1 to 1.5 m"
     );
-    assert_eq!(entry(1.6, false), (Some(true), Some(false)), "the next bin");
-    assert_eq!(entry(1.6, true).1, None);
     assert_eq!(
-        entry(1.6, false).1,
-        Some(true),
+        entry(1.6, false, left),
+        (Some(true), Some(false)),
+        "the next bin"
+    );
+    assert_eq!(entry(1.6, true, right).1, None);
+    assert_eq!(
+        entry(1.6, false, left),
+        (Some(false), Some(true)),
         "not seen at the record before"
     );
+    let again = [1.1, 1.6, 1.1, 1.6].map(|distance| entry(distance, false, left).0);
+    let expected = [true, true, false, false].map(Some);
+    assert_eq!(again, expected, "both turn as they did there before");
 }
 
 #[test]

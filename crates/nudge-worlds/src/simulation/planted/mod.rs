@@ -10,6 +10,7 @@ mod generator;
 pub mod graphs;
 mod hard;
 mod joint;
+pub mod lagged;
 pub mod segments;
 #[cfg(test)]
 mod tests;

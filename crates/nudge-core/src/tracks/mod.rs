@@ -1,0 +1,18 @@
+//! Trajectories: the consecutive steps of one game, and what only their order tells. Which steps
+//! are independent draws of their state (thinning), and what the agents did some steps later
+//! (lagged outcomes). The service never joins steps; whoever has them in order does it here.
+//!
+//! * [`EntryRule`]: which steps entered their state and count as draws.
+//! * [`Track`]: [`Step`]s in, transitions out.
+//!
+//! # Absent on purpose
+//!
+//! No I/O and no clock: a track holds values back, and gives them out.
+
+mod entry_rule;
+mod track;
+#[cfg(test)]
+mod worked_examples;
+
+pub use entry_rule::EntryRule;
+pub use track::{Step, Track};
