@@ -13,12 +13,12 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use super::committer::MOST_COMMIT_TRANSITIONS;
 use crate::error::{ErrorKind, Problem};
 
-/// The share of streams: one commit at work, and the beginning of the next.
-const STREAMS: usize = MOST_COMMIT_TRANSITIONS + MOST_COMMIT_TRANSITIONS / 4;
+/// The share of streams: one commit at work, and what is decoded and validated meanwhile.
+const STREAMS: usize = 4 * MOST_COMMIT_TRANSITIONS;
 
-/// The share of single calls: a fourth of a commit, which is six of the largest batches or very
+/// The share of single calls: half a commit, which is six of the largest batches or very
 /// many small ones.
-const CALLS: usize = MOST_COMMIT_TRANSITIONS / 4;
+const CALLS: usize = MOST_COMMIT_TRANSITIONS / 2;
 
 /// How long a single call waits for room: some commits, and shorter than anybody's patience.
 const PATIENCE: Duration = Duration::from_secs(2);
