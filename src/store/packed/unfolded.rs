@@ -7,11 +7,11 @@
 //! mark, by one statement, afterwards knows which runs are in the rows already: none is counted
 //! twice, and none is missing.
 
-use super::cells::{Decoder, MOST, Place, Spoiled};
+use super::cells::{Decoder, Place, Spoiled};
+use super::fold::RowDelta;
 use super::merge::Merge;
-use super::row::{RowName, first_state, row_of};
+use super::row::{first_state, row_of};
 use super::run::Run;
-use super::size::Size;
 use crate::domain::Tally;
 
 /// Runs of a tier that are merged into one of the next.
@@ -236,62 +236,6 @@ pub struct Slice {
     pub rows: Vec<RowDelta>,
 }
 
-/// What is added to one row.
-#[derive(Debug)]
-pub struct RowDelta {
-    /// The row.
-    pub row: u64,
-    /// The cells, in order of place.
-    pub cells: Vec<(Place, Tally)>,
-}
-
-/// A row with what was added to it.
-#[derive(Debug)]
-pub struct Folded {
-    /// The row.
-    pub bytes: Vec<u8>,
-    /// How many of its states and cells were not there before.
-    pub new: Size,
-}
-
-impl RowDelta {
-    /// Adds the cells to the row as it is, if it is there.
-    pub fn onto(&self, environment: i64, row: Option<&[u8]>) -> Result<Folded, Spoiled> {
-        let name = RowName {
-            environment,
-            row: self.row,
-        };
-        let mut old = match row {
-            Some(bytes) => name.read(bytes)?.collect::<Result<Vec<_>, _>>()?,
-            None => Vec::new(),
-        };
-        let before = Size::of(&old);
-        // Nearly sorted: two runs, one behind the other.
-        old.extend(&self.cells);
-        old.sort_by_key(|(place, _)| *place);
-        let mut writer = name.write();
-        let mut after = Vec::<(Place, Tally)>::with_capacity(old.len());
-        for (place, tally) in old {
-            match after.last_mut() {
-                Some((last, sum)) if *last == place => sum.add(tally),
-                _ => after.push((place, tally)),
-            }
-        }
-        // No batch brings about a count that is too large to be read again: one of these is damaged.
-        if after.iter().any(|(_, tally)| tally.n > MOST) {
-            return Err(Spoiled);
-        }
-        after
-            .iter()
-            .for_each(|(place, tally)| writer.push(*place, *tally));
-        let after = Size::of(&after);
-        Ok(Folded {
-            bytes: writer.finish(),
-            new: after.less(before),
-        })
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use std::collections::BTreeMap;
@@ -300,6 +244,8 @@ mod tests {
 
     use super::super::cells::tests::Model;
     use super::super::merge::tests::{small, sum};
+    use super::super::row::RowName;
+    use super::super::size::Size;
     use super::*;
 
     /// A table of rows with its mark, as a database keeps them.
