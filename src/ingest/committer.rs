@@ -1,12 +1,15 @@
-//! Group commit by a single writer task. It takes everything that waits, commits it together, and
-//! only then answers.
+//! Group commit by a single writer, on a thread of its own. It takes everything that waits, commits
+//! it together, and only then answers.
 //!
 //! No client can cancel it, and it never talks to anything but the store.
 
 use std::sync::Arc;
+use std::thread::Builder;
 use std::time::{Duration, Instant, SystemTime};
 
+use tokio::runtime::Handle;
 use tokio::sync::{OwnedSemaphorePermit, mpsc, oneshot};
+use tokio_util::task::task_tracker::TaskTrackerToken;
 
 use super::figures::BatchTotals;
 use super::streams::Lease;
@@ -15,8 +18,8 @@ use crate::error::{ErrorKind, Problem};
 use crate::store::{ENVIRONMENT_NOT_FOUND, Numbered, Outcome, Refusal, Store, StoreError};
 use crate::telemetry::{self, Seldom};
 
-/// The most transitions of one commit.
-pub const MOST_COMMIT_TRANSITIONS: usize = 256_000;
+/// The most transitions of one commit. Measured: 64,000 and 256,000 are a tenth slower.
+pub const MOST_COMMIT_TRANSITIONS: usize = 128_000;
 
 /// The most listed states of one commit, counting those of each batch: what a commit keeps in
 /// memory grows with them.
@@ -57,6 +60,19 @@ pub struct Resume {
     pub producer: ProducerId,
     /// Where the answer goes.
     pub reply: oneshot::Sender<Result<Sequence, Problem>>,
+}
+
+/// Starts the committer on a thread of its own: it computes for milliseconds at a time, which what
+/// serves connections would wait for.
+pub fn start(running: TaskTrackerToken, committer: impl Future<Output = ()> + Send + 'static) {
+    let runtime = Handle::current();
+    let work = move || {
+        runtime.block_on(committer);
+        drop(running);
+    };
+
+    let started = Builder::new().name("committer".to_owned()).spawn(work);
+    started.expect("a service has a thread to count with");
 }
 
 /// Runs the committer until it is told to stop or nobody can ask any more.

@@ -41,7 +41,7 @@ use crate::work::aside;
 const MOST_WORK: usize = 8_192;
 
 /// How many batches of one stream may wait for their acknowledgement.
-pub const WINDOW: usize = 320;
+pub const WINDOW: usize = 512;
 
 /// The ingestion service. Cloning is cheap: every request does.
 #[derive(Clone)]
@@ -73,7 +73,10 @@ impl Ingest {
     pub fn start(store: Arc<dyn Store>) -> Self {
         let (queue, work) = mpsc::channel(MOST_WORK);
         let (committer, counted) = (TaskTracker::new(), BatchTotals::default());
-        committer.spawn(committer::run(store.clone(), counted.clone(), work));
+        committer::start(
+            committer.token(),
+            committer::run(store.clone(), counted.clone(), work),
+        );
         committer.close();
 
         let handles = Handles {

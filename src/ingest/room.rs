@@ -14,12 +14,12 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use super::committer::MOST_COMMIT_TRANSITIONS;
 use crate::error::{ErrorKind, Problem};
 
-/// The share of streams: one commit at work, and the beginning of the next.
-const STREAMS: usize = MOST_COMMIT_TRANSITIONS + MOST_COMMIT_TRANSITIONS / 4;
+/// The share of streams: one commit at work, and what is decoded and validated meanwhile.
+const STREAMS: usize = 4 * MOST_COMMIT_TRANSITIONS;
 
-/// The share of single calls: a fourth of a commit, which is six of the largest batches or very
+/// The share of single calls: half a commit, which is six of the largest batches or very
 /// many small ones.
-const CALLS: usize = MOST_COMMIT_TRANSITIONS / 4;
+const CALLS: usize = MOST_COMMIT_TRANSITIONS / 2;
 
 /// The most that one batch may take: it must fit into the share of single calls.
 pub const MOST: usize = CALLS;

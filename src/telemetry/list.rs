@@ -15,7 +15,7 @@ const NIGHT: &[f64] = &[
 ];
 
 /// The transitions of a commit.
-const SIZES: &[f64] = &[1.0, 10.0, 100.0, 1_000.0, 10_000.0, 100_000.0, 256_000.0];
+const SIZES: &[f64] = &[1.0, 10.0, 100.0, 1_000.0, 10_000.0, 100_000.0, 128_000.0];
 
 macro_rules! metrics {
     ($($(#[doc = $help:literal])+ $name:ident: $kind:ident($($argument:expr),+);)+) => {

@@ -123,6 +123,12 @@ impl Encoder {
         };
     }
 
+    /// Adds cells that were packed behind the same cell, of which this is the last.
+    pub fn copy(&mut self, packed: &[u8], last: Before) {
+        self.bytes.extend_from_slice(packed);
+        self.before = last;
+    }
+
     fn put_strip(&mut self, before: Place, place: Place) {
         let follows = (place.segment, place.family) != (before.segment, before.family);
         let further = place.state - before.state;
@@ -199,6 +205,16 @@ impl<'a> Decoder<'a> {
             rest: bytes,
             before,
         }
+    }
+
+    /// Returns what is not unpacked yet.
+    pub fn rest(&self) -> &'a [u8] {
+        self.rest
+    }
+
+    /// Returns the last cell that was unpacked.
+    pub fn before(&self) -> Before {
+        self.before
     }
 
     #[inline]

@@ -60,6 +60,16 @@ impl RowWriter {
         self.cells.push(place, tally);
     }
 
+    /// Adds cells that were packed behind the same cell, of which this is the last.
+    pub fn copy(&mut self, packed: &[u8], last: Before) {
+        self.cells.copy(packed, last);
+    }
+
+    /// Returns what comes before the next cell.
+    pub fn before(&self) -> Before {
+        self.cells.before()
+    }
+
     /// Returns the bytes.
     pub fn finish(self) -> Vec<u8> {
         checked::end(self.name.checked(), self.cells.finish())

@@ -102,13 +102,20 @@ impl Run {
         self.cells
     }
 
+    /// Returns how many cells there are of states at or after one: a few more at most.
+    pub fn most_from(&self, state: u64) -> usize {
+        self.cells - BETWEEN * self.last_fence_before(state)
+    }
+
+    /// Returns the last fence before all cells of states at or after one, or the first.
+    fn last_fence_before(&self, state: u64) -> usize {
+        let is_before = |fence: &Fence| fence.before.place().state < state;
+        self.fences.partition_point(is_before).saturating_sub(1)
+    }
+
     /// Returns the cells of states at or after one.
     pub fn from(&self, state: u64) -> Decoder<'_> {
-        let later = self
-            .fences
-            .partition_point(|fence| fence.before.place().state < state);
-        // The first of them may be behind the last fence that is before.
-        let Some(fence) = self.fences.get(later.saturating_sub(1)) else {
+        let Some(fence) = self.fences.get(self.last_fence_before(state)) else {
             return Decoder::new(&[], Before::default());
         };
         let mut cells = Decoder::new(&self.bytes[fence.at as usize..], fence.before);
@@ -141,7 +148,10 @@ mod tests {
             state in 0u64..310,
         ) {
             let found: Result<Model, _> = run(&cells).from(state).collect();
-            prop_assert_eq!(found, Ok(cells.range(Place::first_of(state)..).map(|(p, t)| (*p, *t)).collect()));
+            let expected: Model = cells.range(Place::first_of(state)..).map(|(p, t)| (*p, *t)).collect();
+            let more = run(&cells).most_from(state) - expected.len();
+            prop_assert!(more <= BETWEEN, "{} more", more);
+            prop_assert_eq!(found, Ok(expected));
         }
 
         #[test]

@@ -17,9 +17,10 @@ use super::writer::{Transaction, Writer};
 use crate::domain::EnvironmentId;
 use crate::store::StoreError;
 use crate::store::map::Map;
+use crate::store::packed::fold::{Folded, RowDelta};
 use crate::store::packed::run::Run;
 use crate::store::packed::size::Size;
-use crate::store::packed::unfolded::{Folded, Mark, RowDelta};
+use crate::store::packed::unfolded::Mark;
 
 /// Rows that a step writes: a commit waits for them at most.
 const ROWS: usize = 1_024;

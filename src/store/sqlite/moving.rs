@@ -15,8 +15,8 @@ use super::writer::Writer;
 use super::{checksums, compact};
 use crate::domain::{Environment, EnvironmentId};
 use crate::store::StoreError;
+use crate::store::packed::fold::RowDelta;
 use crate::store::packed::row::row_of;
-use crate::store::packed::unfolded::RowDelta;
 
 /// States that are moved together.
 const STATES: i64 = 128;

@@ -42,6 +42,14 @@ pub(super) struct Fresh {
     pub(super) is_exact: bool,
 }
 
+impl View {
+    /// Returns how many cells of the journal are in no row, at most: as many as were added, or as
+    /// are left since equal ones of several commits were merged.
+    pub(super) fn most_fresh(&self) -> u64 {
+        self.fresh.cells.min(self.unfolded.len() as u64)
+    }
+}
+
 impl Fresh {
     /// Nothing is in the journal.
     pub(super) const NONE: Self = Self {

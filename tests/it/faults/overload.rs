@@ -14,7 +14,7 @@ use super::{long, scaled};
 use crate::server::Server;
 use crate::support::load::{Load, Shape, Voice, assert_exactly_once, make_lane};
 
-/// 40 of them with 8 on the way are 3.2 million transitions; 320,000 may wait.
+/// 40 of them with 8 on the way are 3.2 million transitions; 512,000 may wait.
 const SHAPE: Shape = Shape {
     rows: 10_000,
     contents: 2,

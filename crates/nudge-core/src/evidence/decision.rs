@@ -329,6 +329,17 @@ mod tests {
     }
 
     #[test]
+    fn weakness_that_is_not_sure_of_itself_earns_nothing() {
+        // Its odds fell to a ninth, and one half is no certainty.
+        let mut weaker = believed(0.1, 0.09);
+        [
+            weaker.unseen.above_if_dependent,
+            weaker.now.above_if_dependent,
+        ] = [0.9, 0.5];
+        assert_eq!(evidence(&weaker), Verdict::Undecided);
+    }
+
+    #[test]
     fn what_cannot_tell_earns_nothing() {
         let line = Believed {
             tells: false,

@@ -96,9 +96,9 @@ impl SqliteBooks<'_, '_> {
         let Some(view) = self.transaction.memory().pending.view(environment) else {
             return Ok(0);
         };
-        let fresh = view.fresh;
-        if fresh.is_exact || stored + fresh.cells + self.most_cells <= self.quota {
-            return Ok(fresh.cells);
+        let most = view.most_fresh();
+        if view.fresh.is_exact || stored + most + self.most_cells <= self.quota {
+            return Ok(most);
         }
 
         let known = known(self.transaction, environment)?;
