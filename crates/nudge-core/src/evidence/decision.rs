@@ -269,12 +269,13 @@ mod tests {
 
     #[test]
     fn evidence_decides_where_it_is_sure() {
-        let told = [(0.3, 0.8), (0.3, 0.79), (0.5, 0.19), (0.0, 0.0)]
+        let told = [(0.3, 0.8), (0.3, 0.79), (0.9, 0.5), (0.5, 0.19), (0.0, 0.0)]
             .map(|(u, now)| evidence(&believed(u, now)));
         assert_eq!(
             told,
             [
                 Verdict::Influences,
+                Verdict::Undecided,
                 Verdict::Undecided,
                 Verdict::NoInfluence,
                 Verdict::NoInfluence
@@ -417,9 +418,10 @@ mod tests {
             [
                 opened(0.3, 0.951, 1),
                 opened(0.3, 0.951, 2),
+                opened(0.3, 0.966, 2),
                 opened(0.3, 0.98, 2)
             ],
-            [true, false, true]
+            [true, false, false, true]
         );
         assert!(!opened(0.9, 0.96, 1), "the prior knew");
         assert!(!opened(0.3, 0.9, 0), "no set asks for as much as one");
@@ -434,8 +436,13 @@ mod tests {
             [believed.unseen.dependent, believed.now.dependent] = [unseen, now];
             dependence(&believed)
         };
-        let open = [told(0.3, 0.5), told(0.9, 0.95), told(0.1, 0.05)];
-        assert_eq!(open, [Dependence::Open; 3]);
+        let open = [
+            told(0.3, 0.5),
+            told(0.5, 0.1),
+            told(0.9, 0.95),
+            told(0.1, 0.05),
+        ];
+        assert_eq!(open, [Dependence::Open; 4]);
         assert_eq!(
             [told(0.3, 0.95), told(0.3, 0.05)],
             [Dependence::Established, Dependence::Excluded]
