@@ -77,6 +77,7 @@ fn fixtures() -> Vec<Fixture> {
         "schema-2-a8de69e",
         BEFORE_VERSIONS,
         "schema-5-c788985",
+        "schema-5-f1075ef",
     ] {
         assert!(
             fixtures.iter().any(|fixture| fixture.name == name),

@@ -18,7 +18,7 @@ const REMEMBERED: usize = 1_024;
 /// where every entry counted.
 ///
 /// An agent that is absent, or that has no choice, takes no part. Keys of states are whatever tells
-/// them apart. Memory is bounded by [`REMEMBERED`] keys, and in play by the few states that are
+/// them apart. Memory is bounded by 1,024 keys, and in play by the few states that are
 /// entered while the slowest agent holds one action.
 #[derive(Debug, Clone)]
 pub struct EntryRule<K> {
