@@ -14,7 +14,7 @@ DESCRIPTION = pathlib.Path(__file__).parents[2] / "examples/crossing.json"
 ENVIRONMENT = "/v1/environments/{environment}"
 
 # Where a value of the right form can be wrong all the same: for what is stored, or for what stands beside it.
-FEATURE = r"/(state|agents/\d+/action)/\d+"
+FEATURE = r"/(state|agents/\d+/action|outcomes/\d+/value)/\d+"
 OPEN = re.compile("|".join([
     # Agents, segments, states, pages and versions that do not exist there.
     r"/(ego|other|given|segments|keys|states|state)(/.*)?|/state\..*|/(key|page_token|model|producer)",
@@ -25,6 +25,8 @@ OPEN = re.compile("|".join([
     # Names and labels are unique, edges increase, a feature is of one kind, and all of it together has a size.
     FEATURE + r"(/name|/unit|/continuous/edges(/\d+)?|/integer(/min|/max)?|/categorical/labels(/\d+)?|/circular/values)?",
     r"/agents(/\d+/name|/\d+/action)?|/state",
+    # An outcome is an agent's action or a value of its own; those of lags have the names of agents.
+    r"/outcomes(/\d+(/name|/agent|/lag|/value)?)?|/lags(/\d+)?",
     # What a service told of another environment.
     r"/name|/schema_hash",
     # Discoveries by a method need a rate.
