@@ -63,7 +63,7 @@ async fn flags_are_stronger_than_variables_and_variables_than_defaults() {
 }
 
 /// Room in the queue for what streams send, and beside it for single calls.
-const STREAMS: usize = 320_000;
+const STREAMS: usize = 512_000;
 const CALLS: usize = 64_000;
 
 /// Returns so many equal transitions under a number.
@@ -115,8 +115,8 @@ async fn a_full_queue_is_overloaded_and_loses_nothing() {
     // Streams fill what they may.
     held.arm();
     for stream in &streams {
-        for sequence in 1..=8 {
-            let sent = stream.send(batch(sequence, STREAMS / 32)).await;
+        for sequence in 1..=16 {
+            let sent = stream.send(batch(sequence, STREAMS / 64)).await;
             sent.expect("the stream is open");
         }
     }

@@ -83,7 +83,7 @@ async fn networks_stay_listed_with_the_reason() {
     );
     assert_eq!(
         why(&listed[0]),
-        "its card: it has form 9 of a newer build, and this one reads up to 1"
+        "its card: it has form 9 of a newer build, and this one reads up to 2"
     );
     assert!(
         why(&listed[1])
@@ -464,7 +464,7 @@ async fn an_environment_that_cannot_be_read_keeps_nobody_else_away() {
         (names(&page["environments"]), names(&page["unreadable"])),
         (vec![json!("corner")], vec![json!("far"), json!("trio")])
     );
-    let expected = "its schema: it has form 9 of a newer build, and this one reads up to 1";
+    let expected = "its schema: it has form 9 of a newer build, and this one reads up to 2";
     assert_eq!(page["unreadable"][0]["unreadable"], expected);
     let rule = page["unreadable"][1]["unreadable"].as_str().expect("text");
     assert!(

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::decode::or_default;
-use super::whole::{perhaps_whole, whole, wholes};
+use super::whole::{perhaps_whole, whole, wholes_if_any};
 use super::{Rule, decode, words};
 
 /// What an environment is: its state, its agents, its outcomes and its decision rule. What a
@@ -43,16 +43,16 @@ pub struct Description {
         deserialize_with = "or_default",
         skip_serializing_if = "Vec::is_empty"
     )]
-    #[schema(max_items = 512)]
+    #[schema(nullable, max_items = 512)]
     pub outcomes: Vec<Outcome>,
     /// Short for an outcome for each agent's action at each of these lags, 1 to 64: agent after
     /// agent, lags rising, before `outcomes`. What a service tells has them in `outcomes`.
     #[serde(
         default,
-        deserialize_with = "wholes",
+        deserialize_with = "wholes_if_any",
         skip_serializing_if = "Vec::is_empty"
     )]
-    #[schema(example = json!([1, 2, 3]), max_items = 64)]
+    #[schema(nullable, example = json!([1, 2, 3]), max_items = 64)]
     pub lags: Vec<i64>,
     /// The rule. Present, it sets the rule of an environment that exists; absent, it keeps it, or
     /// takes the default for a new one.
@@ -83,6 +83,7 @@ pub struct Agent {
         deserialize_with = "or_default",
         skip_serializing_if = "std::ops::Not::not"
     )]
+    #[schema(nullable)]
     pub may_be_absent: bool,
 }
 
@@ -99,7 +100,7 @@ pub struct Outcome {
     /// `human@3` for an agent's action, which may be left out; else matches
     /// `[a-z0-9][a-z0-9._-]{0,62}`. Unique among features of the state, agents and outcomes.
     #[serde(default, deserialize_with = "or_default")]
-    #[schema(example = "human@3")]
+    #[schema(nullable, example = "human@3")]
     pub name: String,
     /// The name of the agent whose action it is.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -115,7 +116,7 @@ pub struct Outcome {
         deserialize_with = "or_default",
         skip_serializing_if = "Vec::is_empty"
     )]
-    #[schema(max_items = 16)]
+    #[schema(nullable, max_items = 16)]
     pub value: Vec<Feature>,
 }
 

@@ -58,7 +58,7 @@ pub struct Transition {
     /// What was observed some steps later, a value an outcome; those that are absent or null were
     /// not observed.
     #[serde(default)]
-    #[schema(example = json!({"human@1": "stay"}))]
+    #[schema(nullable, example = json!({"human@1": "stay"}))]
     pub outcomes: BTreeMap<String, Action>,
     /// Whether this step entered its state (true) or a stay goes on (false); absent if the sender
     /// does not say.

@@ -31,6 +31,15 @@ pub fn wholes<'de, T: TryFrom<u64> + TryFrom<i64>, D: Deserializer<'de>>(
         .map(|wholes| wholes.into_iter().map(|whole| whole.0).collect())
 }
 
+/// Reads a list of whole numbers that may be null, for none.
+pub fn wholes_if_any<'de, T: TryFrom<u64> + TryFrom<i64>, D: Deserializer<'de>>(
+    deserializer: D,
+) -> Result<Vec<T>, D::Error> {
+    let wholes = Option::<Vec<Whole<T>>>::deserialize(deserializer)?;
+    let wholes = wholes.unwrap_or_default().into_iter();
+    Ok(wholes.map(|whole| whole.0).collect())
+}
+
 struct Whole<T>(T);
 
 impl<'de, T: TryFrom<u64> + TryFrom<i64>> Deserialize<'de> for Whole<T> {
