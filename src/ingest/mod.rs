@@ -324,10 +324,7 @@ const CELLS: usize = 4;
 /// A batch takes room for each transition, more of it where outcomes are observed, and an empty one
 /// for itself. None takes more than a single call may ever have.
 fn size_of(environment: &Environment, batch: &Batch) -> u32 {
-    let outcomes = match batch.records.outcomes.is_empty() {
-        true => 0,
-        false => environment.schema.outcomes().len(),
-    };
+    let outcomes = batch.records.observed(&environment.schema);
     let room = batch.records.len * (CELLS + outcomes) / CELLS;
     room.clamp(1, room::MOST) as u32
 }

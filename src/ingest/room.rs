@@ -1,6 +1,5 @@
 //! Admission control and back-pressure: room in the queue, in transitions, or as much as these take
-//! where outcomes are observed, with fair shares for
-//! streams and for single calls.
+//! where outcomes are observed, with fair shares for streams and for single calls.
 //!
 //! Streams wait in line for as long as it takes, so a share that both could take would never be
 //! free when a single call looks. Single calls have a share of their own beside it. The sum of both
@@ -17,8 +16,8 @@ use crate::error::{ErrorKind, Problem};
 /// The share of streams: one commit at work, and what is decoded and validated meanwhile.
 const STREAMS: usize = 4 * MOST_COMMIT_TRANSITIONS;
 
-/// The share of single calls: half a commit, which is six of the largest batches or very
-/// many small ones.
+/// The share of single calls: half a commit, which is six of the largest batches or very many small
+/// ones.
 const CALLS: usize = MOST_COMMIT_TRANSITIONS / 2;
 
 /// The most that one batch may take: it must fit into the share of single calls.

@@ -71,17 +71,13 @@ struct Block {
 impl<'a> Sum<'a> {
     fn new(schema: &'a Schema, records: &'a Records) -> Self {
         let listed = || Listed::with_room_for(records.len.min(USUAL_STATES));
-        let observed = match records.outcomes.is_empty() {
-            true => 0,
-            false => schema.outcomes().len(),
-        };
         Self {
             schema,
             widths: Widths::of_schema(schema),
             records,
             listed: (!schema.is_ranked()).then(listed),
             cells: Vec::with_capacity(records.len),
-            outcomes: vec![Vec::with_capacity(records.len); observed],
+            outcomes: vec![Vec::with_capacity(records.len); records.observed(schema)],
             transitions: 0,
         }
     }

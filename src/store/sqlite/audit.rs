@@ -17,7 +17,7 @@ use super::journal;
 use super::layout::{Layout, Numbering};
 use super::lookup;
 use super::walk::{Placed, cells_of};
-use crate::domain::{Environment, Family, Schema};
+use crate::domain::{Environment, Schema};
 use crate::store::packed::checked;
 use crate::store::packed::row::row_of;
 use crate::store::packed::run::Run;
@@ -229,7 +229,7 @@ async fn listed(
 impl Found {
     fn add_visits(&mut self, cells: &[Placed], allowed: &Allowed) {
         for cell in cells {
-            if lookup::family_of(&cell.0) == Some(Family::JOINT) {
+            if lookup::is_of_joint_actions(&cell.0) {
                 self.transitions += u128::from(cell.1.n);
             }
             self.strays += u64::from(!allowed.has(cell));

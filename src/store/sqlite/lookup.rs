@@ -95,8 +95,14 @@ pub(super) fn known_family(
         .ok_or_else(|| spoiled("a state's counts"))
 }
 
+/// Returns whether the visits of a cell count: each is in the family of joint actions once, and in
+/// others again.
+pub(super) fn is_of_joint_actions(place: &Place) -> bool {
+    family_of(place) == Some(Family::JOINT)
+}
+
 /// Returns the family that a place is in, where it has the number of one.
-pub(super) fn family_of(place: &Place) -> Option<Family> {
+fn family_of(place: &Place) -> Option<Family> {
     u32::try_from(place.family).ok().map(Family::from_number)
 }
 

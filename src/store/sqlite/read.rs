@@ -22,7 +22,7 @@ use super::pending::View;
 use super::walk::{self, Placed, Wanted};
 use super::{cache::Epoch, journal};
 use crate::domain::{
-    Counts, Environment, EnvironmentId, Family, Label, ProducerId, SegmentId, Sequence, StateKey,
+    Counts, Environment, EnvironmentId, Label, ProducerId, SegmentId, Sequence, StateKey,
 };
 use crate::store::packed::size::Size;
 use crate::store::packed::unfolded::Outdated;
@@ -279,9 +279,7 @@ async fn candidates(
     let show = |number, cells: &[Placed]| {
         let mut visits = 0;
         for (place, tally) in cells {
-            // A visit is in the family of joint actions once, and in others again.
-            let is_visit = place.family == u64::from(Family::JOINT.number());
-            if is_visit && counts(&SegmentId(place.segment as i64)) {
+            if lookup::is_of_joint_actions(place) && counts(&SegmentId(place.segment as i64)) {
                 visits += tally.n;
             }
         }

@@ -104,6 +104,16 @@ impl Record {
 }
 
 impl Records {
+    /// Returns how many outcomes of the schema there may be beside each record: none of them where
+    /// nothing was observed.
+    pub fn observed(&self, schema: &super::Schema) -> usize {
+        if self.outcomes.is_empty() {
+            0
+        } else {
+            schema.outcomes().len()
+        }
+    }
+
     /// Collects records of these widths; a record that could not be decoded keeps its place.
     pub fn collect(
         widths: Widths,

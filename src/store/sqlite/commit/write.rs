@@ -51,8 +51,8 @@ impl Delta<'_> {
         let delta = states.map(|cells| (self.states.of(cells[0].0.state), cells.iter().map(cell)));
         memory.cache.apply(id, revision, delta);
 
-        let joint = |(place, _): &&Placed| place.family == u64::from(Family::JOINT.number());
-        let actions = self.cells.iter().filter(joint);
+        let cells = self.cells.iter();
+        let actions = cells.filter(|(place, _)| lookup::is_of_joint_actions(place));
         let actions = actions.map(|(place, tally)| (place.joint, *tally));
         memory.actions.apply(id, revision, actions);
     }
