@@ -1,5 +1,5 @@
-//! Contingency tables of the cells of a state that tell of a pair: whole, and stratified by the joint action of the agents
-//! held fixed, and by segment.
+//! Contingency tables of the cells of a state that tell of a pair: whole, and stratified by the
+//! joint action of the agents held fixed, and by segment.
 
 use std::borrow::Cow;
 

@@ -1,6 +1,8 @@
 //! Marginal likelihoods of one state under every hypothesis, kept for the E-step of EM: weights are
 //! fitted to them over and over.
 
+use std::borrow::Cow;
+
 use super::cut::{Cut, SegmentWeights};
 use super::increments::add;
 use super::likelihood::{Likelihood, NullMixture, columns};
@@ -297,17 +299,17 @@ impl Side {
         ]
     }
 
-    /// Returns the weights of the slabs on fixed bases.
-    fn on_fixed_bases(&self, SideParameters { nulls, slabs, .. }: &SideParameters) -> Vec<f64> {
-        let mut weights = slabs[..FIXED].to_vec();
-        if self.nulls.are_several() {
-            let usual = usual_habits(nulls);
-            weights
-                .iter_mut()
-                .zip(usual)
-                .for_each(|(w, usual)| *w *= usual);
+    /// Returns the weights of the slabs on fixed bases: as they are for a state of one slice, which
+    /// most are.
+    fn on_fixed_bases<'w>(&self, parameters: &'w SideParameters) -> Cow<'w, [f64]> {
+        let SideParameters { nulls, slabs, .. } = parameters;
+        let weights = &slabs[..FIXED];
+        if !self.nulls.are_several() {
+            return Cow::Borrowed(weights);
         }
-        weights
+
+        let usual = usual_habits(nulls).into_iter();
+        usual.zip(weights).map(|(usual, w)| w * usual).collect()
     }
 
     fn ln_null(&self, SideParameters { nulls, .. }: &SideParameters) -> f64 {
