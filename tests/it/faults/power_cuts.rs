@@ -218,15 +218,19 @@ impl Run {
 
     /// Returns whether a sync would have been there.
     fn is_synced(&self, at: usize, synchronous: Synchronous) -> bool {
-        let (Some(before), Some(after)) = (
-            self.records.get(at.wrapping_sub(1)),
-            self.records.get(at + 1),
-        ) else {
+        if synchronous == Synchronous::Full || self.records[at].name != JOURNAL {
+            return true;
+        }
+        // Other threads sync the directory in between.
+        let is_content = |record: &&Record| [DATABASE, JOURNAL].contains(&record.name.as_str());
+        let before = self.records[..at].iter().rfind(is_content);
+        let after = self.records[at + 1..].iter().find(is_content);
+        let (Some(before), Some(after)) = (before, after) else {
             return true;
         };
         let moved = after.name == DATABASE;
         let begun = before.name == JOURNAL && matches!(before.change, Change::Write(0, _));
-        synchronous == Synchronous::Full || self.records[at].name != JOURNAL || moved || begun
+        moved || begun
     }
 
     /// Cuts the power at so many moments, and gives each to `found`: what was there, and how far
