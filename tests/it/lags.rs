@@ -13,6 +13,7 @@ use nudge::domain::{
 use nudge::evidence::{Counted, Fit, Habits, Prior};
 use nudge::information::{self, Alphabet, Table};
 use nudge::priors::PriorRegistry;
+use nudge::recordings::overcooked;
 use nudge::simulation::planted::lagged::{Hold, Options, Step, Tracks, World};
 use nudge::tracks::{self, EntryRule, Track};
 use serde_json::{Value, json};
@@ -719,5 +720,167 @@ async fn pages_by_visits_count_those_that_tell_of_the_pair() {
         let listed: Vec<(&str, u64)> = listed.iter().map(|(key, n)| (key.as_str(), *n)).collect();
         assert_eq!(listed, expected, "lag {lag}");
     }
+    app.stop().await;
+}
+
+/// Returns a file of the first games of the recording on one layout, and their lengths.
+fn games(layout: &str, games: usize) -> (tempfile::NamedTempFile, Vec<usize>) {
+    let (_, bytes) = overcooked::embedded()[1];
+    let text = overcooked::decompressed(bytes).expect("it comes with the program");
+    let text = std::str::from_utf8(&text).expect("text");
+    let (header, rows) = text.split_once('\n').expect("lines");
+
+    let mut lengths: Vec<(&str, usize)> = Vec::new();
+    let mut kept = vec![header];
+    for row in rows
+        .lines()
+        .filter(|row| row.starts_with(&format!("{layout},")))
+    {
+        let trial = row.split(',').nth(1).expect("a trial");
+        let is_next = lengths.last().is_none_or(|(last, _)| *last != trial);
+        if is_next && lengths.len() == games {
+            break;
+        }
+        if is_next {
+            lengths.push((trial, 0));
+        }
+        lengths.last_mut().expect("a game").1 += 1;
+        kept.push(row);
+    }
+    let file = tempfile::NamedTempFile::new().expect("a file");
+    std::fs::write(file.path(), kept.join("\n") + "\n").expect("written");
+    (file, lengths.into_iter().map(|(_, steps)| steps).collect())
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn recorded_play_is_sent_with_its_lags() {
+    let app = TestApp::start().await;
+    let (file, lengths) = games("cramped_room", 2);
+    let path = file.path().to_str().expect("text");
+    let ingest = ["ingest", "--format", "overcooked", path, "--json"];
+    let steps: usize = lengths.iter().sum();
+
+    for accepted in [steps, 0] {
+        let (code, stdout, stderr) = run(&app, &ingest).await;
+        assert_eq!(code, 0, "{stderr}");
+        let report: Value = serde_json::from_str(&stdout).expect("JSON");
+        assert_eq!(report["environments"][0]["accepted"], json!(accepted));
+    }
+    let room = app.get("/v1/environments/cramped_room").await;
+    assert_eq!(room["state"][0]["name"], json!("player_0.x"));
+    assert_eq!(room["outcomes"].as_array().map(Vec::len), Some(2 * 12 + 2));
+    for lag in [0, 1, 12] {
+        let summary = app
+            .get(&format!("/v1/environments/cramped_room/summary?lag={lag}"))
+            .await;
+        let carried: usize = lengths.iter().map(|steps| steps - lag).sum();
+        assert_eq!(summary["transitions"], json!(carried), "lag {lag}");
+    }
+
+    // Where there are none, nothing is sent, and a line says what to do.
+    let none = ["--lags", "none", "--name", "before"];
+    let (code, _, stderr) = run(&app, &[&ingest[..], &none].concat()).await;
+    assert_eq!(code, 0, "{stderr}");
+    let before = "before.cramped_room";
+    let told = app.get(&format!("/v1/environments/{before}")).await;
+    assert_eq!(told["state"][0]["name"], json!("player_0.position"));
+    let (code, _, stderr) = run(&app, &[&ingest[..], &["--name", "before"]].concat()).await;
+    let line = format!(
+        "error: `{before}` is there without outcomes, which are fixed with an environment: give --lags none to send it as it is, or --name NAME for another\n"
+    );
+    assert_eq!((code, stderr), (2, line));
+    let again = run(&app, &[&ingest[..], &none].concat()).await;
+    assert_eq!(again.0, 0, "{}", again.2);
+
+    let (code, _, stderr) = run(&app, &[&ingest[..], &["--lags", "0"]].concat()).await;
+    assert_eq!(code, 2);
+    assert!(
+        stderr.contains("expected none, or lags from 1 to 64"),
+        "{stderr}"
+    );
+    app.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_simulated_hallway_is_sent_with_its_lags() {
+    let app = TestApp::start().await;
+    let simulate = [
+        "simulate",
+        "hallway",
+        "--trials",
+        "1",
+        "--pedestrians",
+        "4",
+        "--lags",
+        "1..2",
+    ];
+    let (code, _, stderr) = run(&app, &simulate).await;
+    assert_eq!(code, 0, "{stderr}");
+
+    // What is written to a file says the same.
+    let (code, lines, stderr) = run(&app, &[&simulate[..], &["--out", "-"]].concat()).await;
+    assert_eq!(code, 0, "{stderr}");
+    let mut description = app.get("/v1/environments/hallway").await;
+    for member in ["name", "uid", "schema_hash"] {
+        description
+            .as_object_mut()
+            .expect("an object")
+            .remove(member);
+    }
+    let written = "/v1/environments/written";
+    assert_eq!(app.rest("PUT", written, Some(&description)).await.0, 201);
+    let transitions: Vec<Value> = lines
+        .lines()
+        .map(|line| serde_json::from_str(line).expect("JSON"))
+        .collect();
+    let body = json!({"producer": "p", "sequence": 1, "transitions": transitions});
+    let (status, told) = app
+        .rest("POST", &format!("{written}/transitions"), Some(&body))
+        .await;
+    assert_eq!(
+        (status, &told["rejected_count"]),
+        (200, &json!(0)),
+        "{told}"
+    );
+
+    for lag in 0..=2 {
+        let visits = |environment: &str| {
+            format!("/v1/environments/{environment}/states?lag={lag}&page_size=1000")
+        };
+        let (sent, written) = (
+            app.get(&visits("hallway")).await,
+            app.get(&visits("written")).await,
+        );
+        assert!(
+            sent["states"]
+                .as_array()
+                .is_some_and(|states| states.len() > 10),
+            "{sent}"
+        );
+        assert_eq!(sent["states"], written["states"], "lag {lag}");
+    }
+
+    let none = [
+        "simulate",
+        "hallway",
+        "--trials",
+        "1",
+        "--pedestrians",
+        "4",
+        "--environment",
+        "plain",
+    ];
+    assert_eq!(
+        run(&app, &[&none[..], &["--lags", "none"]].concat())
+            .await
+            .0,
+        0
+    );
+    let (code, _, stderr) = run(&app, &none).await;
+    assert_eq!((code, stderr.lines().count()), (2, 1), "{stderr}");
+    assert!(
+        stderr.contains("--lags none") && stderr.contains("--environment NAME"),
+        "{stderr}"
+    );
     app.stop().await;
 }
