@@ -10,6 +10,7 @@ use utoipa::ToSchema;
 
 use super::decode::or_default;
 use super::loose::Loose;
+use super::whole::perhaps_whole;
 use super::{FeatureValue, Rule, words};
 
 /// A question about influence in up to 10,000 states: `states` or `keys`, not both.
@@ -28,9 +29,9 @@ pub struct Question {
     /// How many steps later the other's action is observed, one of the lags that are declared for
     /// it; 0, or absent, for the same tick. The other's own action one step before, as far as that is
     /// declared, is held fixed too.
-    #[serde(default, deserialize_with = "or_default")]
-    #[schema(nullable, minimum = 0, maximum = 64, example = 3)]
-    pub lag: i64,
+    #[serde(default, deserialize_with = "perhaps_whole")]
+    #[schema(minimum = 0, maximum = 64, example = 3)]
+    pub lag: Option<i64>,
     /// Agents whose actions are held fixed.
     #[serde(default, deserialize_with = "or_default")]
     #[schema(nullable)]
@@ -84,7 +85,7 @@ impl TryFrom<Question> for QuestionDraft {
         let pair = PairDraft {
             ego: question.ego,
             other: question.other,
-            lag: question.lag,
+            lag: question.lag.unwrap_or_default(),
             given: question.given,
             segments: question.segments,
             within: question.within,
