@@ -1,7 +1,7 @@
 //! Rendering of answers about influence: what was found, from how much, beside what chance alone
 //! would give.
 
-use super::output::{Table, count, figure, figure_or_dash, percent, significant};
+use super::output::{Table, count, figure, figure_or_dash, percent, significant, steps_later};
 use crate::api::json::{dependence, model_kind, verdict};
 use crate::api::proto;
 
@@ -60,9 +60,17 @@ fn heading(environment: &str, labels: &proto::Labels, answers: &[proto::Answer])
     });
 
     format!(
-        "{environment}: {ego} on {other}{given}, same tick{}",
+        "{environment}: {ego} on {other}{given}, {}{}",
+        steps_later(lag_of(&other)),
         rule.unwrap_or_default()
     )
+}
+
+/// Returns the lag of a variable by its name: in the view `verdict` nothing else tells it.
+fn lag_of(name: &str) -> u32 {
+    name.split_once('@')
+        .and_then(|(_, lag)| lag.parse().ok())
+        .unwrap_or(0)
 }
 
 fn name_of(variable: &Option<proto::Variable>) -> String {

@@ -18,6 +18,7 @@ use super::addresses::{address, reachable};
 use super::config::{Config, database};
 use super::duration::{Period, duration};
 use super::ingest::{self, Part};
+use super::lags::Lags;
 use super::output::{count, print};
 use super::progress::Progress;
 use super::report::Report;
@@ -167,6 +168,7 @@ impl Demo {
         let run = Run {
             hallway,
             environment: HALLWAY.into(),
+            lags: Lags::none(),
             pace: Pace::Fast,
         };
 
@@ -278,7 +280,12 @@ async fn counted_before(app: &App) -> String {
 fn games() -> Result<Vec<Part>, Failure> {
     let mut parts = Vec::new();
     for (name, bytes) in overcooked::embedded() {
-        parts.extend(ingest::parts_of(name, bytes, Abstraction::default())?);
+        parts.extend(ingest::parts_of(
+            name,
+            bytes,
+            Abstraction::default(),
+            &Lags::none(),
+        )?);
     }
     Ok(parts)
 }

@@ -1,15 +1,17 @@
 //! Causal graphs for people: a line for every pair of agents, and what those mean that are no plain
 //! edge.
 
-use super::output::{Table, count, figure_or_dash};
+use super::output::{Table, count, figure_or_dash, steps_later};
 use crate::api::json::{dependence, edge_kind};
 use crate::api::proto;
 
 /// Returns a graph as text.
 pub(super) fn render(environment: &str, graph: &proto::GetGraphResponse) -> String {
     let state = graph.state.clone().unwrap_or_default();
+    let lag = graph.edges.first().map_or(0, |edge| edge.lag);
     let mut text = format!(
-        "{environment}: who depends on whom, same tick\n\nstate {}\n",
+        "{environment}: who depends on whom, {}\n\nstate {}\n",
+        steps_later(lag),
         state.key
     );
 
@@ -94,5 +96,6 @@ fn notes(graph: &proto::GetGraphResponse) -> String {
 }
 
 fn pair(edge: &proto::Edge) -> String {
-    format!("{} - {}", edge.from, edge.to)
+    let joined = if edge.directed { "->" } else { "-" };
+    format!("{} {joined} {}", edge.from, edge.to)
 }

@@ -7,6 +7,7 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 
 use super::Failure;
+use super::lags::Lags;
 use super::progress::Progress;
 pub(super) use super::report::Report;
 use super::server::Server;
@@ -28,7 +29,7 @@ const BATCH_SIZE: usize = 1_000;
     than the usual one. A trial is a segment. The producer is named after the file's content, so a second run \
     changes nothing, and a run that was interrupted goes on where it stopped.\n\n\
     Example:\n  nudge ingest --format overcooked data/overcooked/train.csv.gz data/overcooked/test.csv.gz\n  \
-    nudge ingest --format overcooked train.csv --abstraction pos"
+    nudge ingest --format overcooked train.csv --abstraction pos --lags none"
 )]
 pub(super) struct Ingest {
     /// Files to send, gzipped or not
@@ -40,6 +41,14 @@ pub(super) struct Ingest {
     /// How much of the state is kept: pos, pos_ori, pos_ori_held or pos_ori_held_pot
     #[arg(long, default_value_t)]
     abstraction: Abstraction,
+    /// Lags at which what both players do later is sent too, with what each holds one step later:
+    /// none, 1..12 or 1,2,3. Without any, a player's place is a label, as it was before there were
+    /// lags
+    #[arg(long, default_value_t)]
+    lags: Lags,
+    /// Begins the names of the environments: kitchens.counter_circuit
+    #[arg(long, value_name = "NAME")]
+    name: Option<String>,
     /// Print JSON
     #[arg(long)]
     json: bool,
@@ -57,6 +66,7 @@ enum Format {
 /// The games of one file on one layout.
 pub(super) struct Part {
     world: World,
+    environment: String,
     games: Vec<Game>,
     producer: String,
     /// The file that it is from.
@@ -72,10 +82,19 @@ impl Ingest {
             let name = file.display().to_string();
             let bytes = std::fs::read(file)
                 .map_err(|error| Failure::usage(format!("cannot read {name}: {error}")))?;
-            parts.extend(parts_of(&name, &bytes, self.abstraction)?);
+            let found = parts_of(&name, &bytes, self.abstraction, &self.lags)?;
+            parts.extend(
+                found
+                    .into_iter()
+                    .map(|part| part.under(self.name.as_deref())),
+            );
         }
 
         let connection = self.server.connect().await?;
+        for part in &parts {
+            let (name, another) = (&part.environment, "--name NAME");
+            self.lags.check(&connection, name, another).await?;
+        }
         let progress = Progress::new(parts.iter().map(Part::steps).sum());
         let report = Report::send_parts(&parts, &connection, &progress).await?;
         progress.finish();
@@ -88,6 +107,7 @@ pub(super) fn parts_of(
     name: &str,
     bytes: &[u8],
     abstraction: Abstraction,
+    lags: &Lags,
 ) -> Result<Vec<Part>, Failure> {
     let wrong = |why: &dyn std::fmt::Display| Failure::usage(format!("cannot read {name}: {why}"));
     let text = overcooked::decompressed(bytes).map_err(|error| wrong(&error))?;
@@ -98,32 +118,35 @@ pub(super) fn parts_of(
         by_layout.entry(game.layout.clone()).or_default().push(game);
     }
 
-    let part = |(layout, games)| Part::new(name, layout, games, abstraction, &digest[..32]);
+    let part = |(layout, games): (String, Vec<Game>)| {
+        let world = World::new(Kitchen::named(&layout)?, abstraction);
+        Some(Part {
+            environment: world.environment_name(),
+            world: world.at_lags(lags.numbers().to_vec()),
+            games,
+            producer: format!("{WAY}:{layout}:{abstraction}:{}", &digest[..32]),
+            file: name.to_owned(),
+        })
+    };
     Ok(by_layout.into_iter().filter_map(part).collect())
 }
 
 impl Part {
-    /// Makes a part; `None` for a layout that nobody knows, which reading has refused already.
-    fn new(
-        file: &str,
-        layout: String,
-        games: Vec<Game>,
-        abstraction: Abstraction,
-        digest: &str,
-    ) -> Option<Self> {
-        let world = World::new(Kitchen::named(&layout)?, abstraction);
-        let producer = format!("{WAY}:{layout}:{abstraction}:{digest}");
-        Some(Self {
-            world,
-            games,
-            producer,
-            file: file.to_owned(),
-        })
+    /// Returns the same for an environment whose name begins so.
+    fn under(self, name: Option<&str>) -> Self {
+        let environment = match name {
+            Some(name) => format!("{name}.{}", self.environment),
+            None => self.environment,
+        };
+        Self {
+            environment,
+            ..self
+        }
     }
 
     /// Returns the name of the environment that it goes into.
     pub(super) fn environment_name(&self) -> String {
-        self.world.environment_name()
+        self.environment.clone()
     }
 
     /// Returns how many transitions it holds.
@@ -133,11 +156,11 @@ impl Part {
 
     /// Makes the environment if it is missing, and sends what the service has not committed yet.
     async fn send(&self, connection: &Connection, progress: &Progress) -> Result<Totals, Failure> {
-        let name = self.world.environment_name();
-        progress.part(&name);
-        connection.apply(&name, &self.world.description()).await?;
+        let name = &self.environment;
+        progress.part(name);
+        connection.apply(name, &self.world.description()).await?;
         let producer = connection
-            .producer(&name, &self.producer)
+            .producer(name, &self.producer)
             .batch_size(BATCH_SIZE)
             .replay();
         let mut producer = producer.open().await?;
@@ -146,7 +169,8 @@ impl Part {
             let mut track = Track::new(producer.schema());
             for step in &game.steps {
                 let (state, actions) = self.world.values(step);
-                if let Some(transition) = track.step(Step::new(state, actions)) {
+                let step = Step::new(state, actions).observing(self.world.observed(step));
+                if let Some(transition) = track.step(step) {
                     producer.send(transition).await?;
                 }
                 progress.step();

@@ -20,6 +20,7 @@ mod graph;
 mod health;
 mod ingest;
 mod key;
+mod lags;
 mod model;
 mod output;
 mod progress;

@@ -127,6 +127,15 @@ pub(super) fn cannot_write(file: &Path, error: &std::io::Error) -> Failure {
     }
 }
 
+/// Says in words how many steps lie between two actions.
+pub(super) fn steps_later(lag: u32) -> String {
+    match lag {
+        0 => "same tick".into(),
+        1 => "1 step later".into(),
+        lag => format!("{lag} steps later"),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -23,6 +23,7 @@ use crate::error::{Fault, Problem};
     visits the two are close, and the figure is mostly bias. The posterior mean, its interval and the probabilities are what the counts support.\n\n\
     Example:\n  nudge query hallway --state distance=1.2 lane=3 --ego robot --other human\n  \
     nudge query hallway --key 3.0 --key 3.1 --segments trial-3 --unit bits\n  \
+    nudge query hallway --key 3.0 --lag 3\n  \
     nudge query hallway --key 3.0 --rule-kind paper --rule-threshold 0.2 --json"
 )]
 pub(super) struct Query {
@@ -41,6 +42,16 @@ pub(super) struct Query {
     /// Agent that may be influenced; the second one unless given
     #[arg(long, value_name = "AGENT")]
     other: Option<String>,
+    /// Steps after which the other's action is observed, as the environment declares them; 0, the
+    /// same tick, unless given
+    #[arg(
+        long,
+        value_name = "STEPS",
+        allow_negative_numbers = true,
+        default_value_t = 0,
+        hide_default_value = true
+    )]
+    lag: i32,
     /// Agents whose actions are held fixed
     #[arg(long, num_args = 1.., value_name = "AGENT")]
     given: Vec<String>,
@@ -230,6 +241,7 @@ impl Query {
                 .within
                 .map_or(proto::Within::Unspecified, Into::into)
                 .into(),
+            lag: self.lag,
         })
     }
 
@@ -246,6 +258,7 @@ impl Query {
                 .within
                 .map_or(proto::Within::Unspecified, Into::into)
                 .into(),
+            lag: self.lag,
         }
     }
 

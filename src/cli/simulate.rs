@@ -12,6 +12,7 @@ use clap::{Args, Subcommand};
 
 pub(super) use self::sending::{Moment, Pace, Run};
 use super::Failure;
+use super::lags::Lags;
 use super::output::{cannot_write, count};
 use super::progress::Progress;
 use super::report::Report;
@@ -51,6 +52,9 @@ pub(super) struct Hallway {
     /// Name of the environment
     #[arg(long, default_value = "hallway")]
     environment: String,
+    /// Lags at which what both do later is sent too: none, 1..12 or 1,2,3, in steps of a record
+    #[arg(long, default_value_t)]
+    lags: Lags,
     /// How fast simulated time passes
     #[arg(long, value_enum, default_value_t = Pace::Fast)]
     pace: Pace,
@@ -85,17 +89,20 @@ impl Hallway {
         let world = self.options.hallway()?;
         match (&self.svg, &self.out) {
             (Some(file), _) => self.draw(&world, file),
-            (_, Some(file)) => ndjson::write(&world, file),
+            (_, Some(file)) => ndjson::write(&world, file, &self.lags),
             (None, None) => self.send(world).await,
         }
     }
 
     async fn send(self, hallway: World) -> Result<(), Failure> {
         let connection = self.server.connect().await?;
+        let (name, another) = (&self.environment, "--environment NAME");
+        self.lags.check(&connection, name, another).await?;
         let progress = Progress::new(u64::from(hallway.protocol().trials));
         let run = Run {
             hallway,
             environment: self.environment,
+            lags: self.lags,
             pace: self.pace,
         };
 

@@ -265,6 +265,7 @@ impl AnswerContext {
         let unit = assessor.scope.unit;
         Figures {
             bins: Vec::new(),
+            lag: assessor.scope.pair.lag(assessor.schema),
             entries: assessment.tally.entries,
             unit,
             threshold: assessor.scope.rule.in_unit(unit).threshold,

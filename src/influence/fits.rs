@@ -55,6 +55,7 @@ impl Influence {
         Ok(Some(FittedPrior {
             earlier: name(pair.ego),
             later: name(pair.other),
+            lag: pair.lag(&environment.schema),
             given: pair.given.iter().map(|agent| name(*agent)).collect(),
             fit: found.id,
             states: found.fit.states,

@@ -1,5 +1,6 @@
 //! The causal graph of one state, by conditional independence tests: what every pair of agents is,
-//! beside all others. At lag 0 nothing has a direction: what is found is a skeleton.
+//! beside all others. At lag 0 nothing has a direction: what is found is a skeleton. At a lag each pair
+//! is asked about in both directions, and others are held fixed by what they do now.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -14,8 +15,8 @@ use super::store_errors::logged;
 use super::{Influence, size};
 use crate::domain::draft::{PairDraft, QuestionDraft};
 use crate::domain::{
-    Answer, Cell, Dependence, Edge, Environment, Exchange, Graph, Pair, Question, Schema, View,
-    Within,
+    Answer, Counts, Dependence, Edge, Environment, Exchange, Graph, Pair, Question, Schema,
+    SegmentId, View, Within,
 };
 use crate::error::Problem;
 use crate::evidence::Believed;
@@ -33,9 +34,10 @@ impl Influence {
         draft: &QuestionDraft,
     ) -> Result<Graph, Problem> {
         let schema = &environment.schema;
+        let pairs = every_pair(schema, draft);
         let question = Question {
             view: View::Figures,
-            ..Question::new(environment, &about_widest_pair(schema, draft))?
+            ..Question::new(environment, &about_widest_of(schema, &pairs, draft))?
         };
         let nothing = || Problem::invalid("question", Vec::new());
         let key = question.states.first().cloned().ok_or_else(nothing)?;
@@ -43,7 +45,6 @@ impl Influence {
             .segments(environment, question.scope.segments.as_deref())
             .await?;
 
-        let pairs = Pair::every(schema);
         size::check_graph(schema, &key, pairs.len())?;
         let started = Instant::now();
         let mut contexts = Vec::with_capacity(pairs.len());
@@ -68,16 +69,11 @@ impl Influence {
             .counts(environment.id, &question.states)
             .await
             .map_err(logged)?;
-        let cells = counts
-            .first()
-            .ok_or_else(nothing)?
-            .counts
-            .of_segments(segments.as_deref())
-            .copied()
-            .collect();
+        let state = counts.first().ok_or_else(nothing)?;
         let tests = TestedState {
             environment: environment.clone(),
-            cells,
+            counts: state.counts.clone(),
+            segments,
             within: question.scope.within,
             seed: key.seed(),
             informed: contexts
@@ -85,11 +81,12 @@ impl Influence {
                 .map(|context| context.query.informed.clone())
                 .collect(),
         };
+        let asked = pairs.clone();
         let (answers, found) = turn
-            .run(move |stop| tests.graph(&pairs, &contexts, &counts, stop))
+            .run(move |stop| tests.graph(&asked, &contexts, &counts, stop))
             .await?;
         count_answers(started, &answers);
-        let edges = Pair::every(schema).into_iter().zip(answers).zip(found);
+        let edges = pairs.into_iter().zip(answers).zip(found);
         Ok(Graph {
             bins: bins(schema, &key),
             key,
@@ -98,6 +95,7 @@ impl Influence {
                 .iter()
                 .map(|agent| agent.name.to_string())
                 .collect(),
+            lag: question.scope.pair.lag(schema),
             edges: edges
                 .map(|((pair, answer), found)| edge(&pair, answer, found))
                 .collect(),
@@ -111,7 +109,9 @@ const DIFFER: f64 = 0.5;
 /// One state, for tests of its pairs.
 struct TestedState {
     environment: Arc<Environment>,
-    cells: Vec<Cell>,
+    counts: Arc<Counts>,
+    /// The segments to count; all if `None`.
+    segments: Option<Vec<SegmentId>>,
     within: Within,
     /// For permutations.
     seed: u64,
@@ -141,6 +141,7 @@ impl TestedState {
             .collect();
         let tests = StateTests {
             state: self,
+            asked: pairs,
             pairs: &margins,
             stop,
         };
@@ -155,6 +156,9 @@ impl TestedState {
 /// The conditional independence tests of a state's pairs.
 struct StateTests<'a> {
     state: &'a TestedState,
+    /// The pairs by themselves.
+    asked: &'a [Pair],
+    /// What is known of them.
     pairs: &'a [Margin],
     /// Once it is stopped, nothing more is asked.
     stop: &'a Stop,
@@ -179,10 +183,13 @@ impl StateTests<'_> {
     /// segment if it is tested within them.
     fn strata(&self, pair: usize, fixed: &[usize]) -> Vec<Table> {
         let schema = &self.state.environment.schema;
-        let (exchange, [ego, other]) = (self.exchange(pair), self.pairs[pair].ends);
-        let pair = Pair::new(ego, other, fixed.to_vec());
-        let cells = self.state.cells.iter();
-        let cells = cells.filter(|cell| pair.is_told_by(schema, cell));
+        let exchange = self.exchange(pair);
+        let pair = Pair {
+            given: fixed.to_vec(),
+            ..self.asked[pair].clone()
+        };
+        let segments = self.state.segments.as_deref();
+        let cells = self.state.counts.of_pair(schema, &pair, segments);
         Tables::new(schema, &pair, cells.clone())
             .exchangeable(schema, &pair, exchange, cells)
             .into_owned()
@@ -244,10 +251,20 @@ fn edge(
     }
 }
 
+/// Returns the pairs of a graph at the lag that was written; those of one tick where nothing is
+/// declared at it, which the question says then.
+fn every_pair(schema: &Schema, draft: &QuestionDraft) -> Vec<Pair> {
+    let at_lag = u32::try_from(draft.pair.lag).map(|lag| Pair::every_at_lag(schema, lag));
+    match at_lag {
+        Ok(pairs) if !pairs.is_empty() => pairs,
+        _ => Pair::every(schema),
+    }
+}
+
 /// Returns a question about all pairs for the one that can have the most: a threshold that it
 /// cannot reach is beyond every pair.
-fn about_widest_pair(schema: &Schema, draft: &QuestionDraft) -> QuestionDraft {
-    let Pair { ego, other, .. } = Pair::widest(schema);
+fn about_widest_of(schema: &Schema, pairs: &[Pair], draft: &QuestionDraft) -> QuestionDraft {
+    let Pair { ego, other, .. } = Pair::widest_of(schema, pairs);
     let name = |agent: usize| Some(schema.agents()[agent].name.to_string());
     let pair = PairDraft {
         ego: name(ego),

@@ -11,7 +11,7 @@ use super::state_ranking::StateRanking;
 use crate::api::{self, proto};
 use crate::domain::draft::ListingDraft;
 use crate::domain::{
-    Discovery, Schema, Scope, SegmentId, StateFigures, StateKey, StatePage, Unit, Verdict,
+    Discovery, Pair, Schema, Scope, SegmentId, StateFigures, StateKey, StatePage, Unit, Verdict,
     page_size,
 };
 use crate::error::{Fault, Problem};
@@ -83,10 +83,16 @@ impl Listing {
     }
 
     /// Returns what is asked of the store for a page by visits, with one state more than the page
-    /// may have; `None` for other pages.
-    pub fn by_visits(&self, segments: Option<&[SegmentId]>) -> Option<ByVisits> {
+    /// may have; `None` for other pages, and for a pair that not every visit tells of.
+    pub fn by_visits(
+        &self,
+        schema: &Schema,
+        pair: &Pair,
+        segments: Option<&[SegmentId]>,
+    ) -> Option<ByVisits> {
         let is_so = self.order.by == OrderBy::Visits && !self.needs_evidence();
-        is_so.then(|| ByVisits {
+        let is_told_by_all = pair.later.is_none() && !schema.may_lack_actions();
+        (is_so && is_told_by_all).then(|| ByVisits {
             segments: segments.map(<[_]>::to_vec),
             min_visits: self.min_visits,
             descending: self.order.descending,

@@ -35,10 +35,13 @@ impl Influence {
             None if listing.needs_evidence() => (self.ranking(&context).await?, None),
             None => match self.fresh_ranking(&context).await? {
                 Some(ranking) => (ranking, None),
-                None => match listing.by_visits(context.segments.as_deref()) {
-                    Some(wanted) => return self.by_visits(context, listing, wanted).await,
-                    None => return self.ranked(context, listing).await,
-                },
+                None => {
+                    let (schema, pair) = (&environment.schema, &context.scope.pair);
+                    return match listing.by_visits(schema, pair, context.segments.as_deref()) {
+                        Some(wanted) => self.by_visits(context, listing, wanted).await,
+                        None => self.ranked(context, listing).await,
+                    };
+                }
             },
         };
 

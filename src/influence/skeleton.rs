@@ -44,7 +44,7 @@ pub struct EdgeFinding {
     pub opened_by: Vec<usize>,
 }
 
-/// A pair of agents, the earlier first.
+/// A pair of agents, the earlier first; at a lag the ego.
 pub type Ends = [usize; 2];
 
 /// What is known of a pair by itself.

@@ -43,7 +43,11 @@ pub fn exit_and_texts(output: &Output) -> (i32, String, String) {
 async fn ingest(fake: &Fake, file: &str, more: &[&str]) -> (i32, String, String) {
     run(
         fake,
-        &[&["ingest", "--format", "overcooked", file], more].concat(),
+        &[
+            &["ingest", "--format", "overcooked", file, "--lags", "none"],
+            more,
+        ]
+        .concat(),
     )
     .await
 }

@@ -604,11 +604,12 @@ async fn a_third_agent_held_fixed_reveals_what_it_hid() {
 
 /// Every whole number that the body of a request has, with one that is right: by the schema of the
 /// document, and where it stands.
-const WHOLE: [(&str, &str); 10] = [
+const WHOLE: [(&str, &str); 11] = [
     ("Circular.bins", "8"),
     ("Integer.max", "3"),
     ("Integer.min", "0"),
     ("Outcome.lag", "2"),
+    ("Question.lag", "2"),
     ("Rule.min_visits", "8"),
     ("TrainingRequest.epochs", "5"),
     ("TrainingRequest.folds", "2"),
@@ -686,6 +687,7 @@ async fn a_whole_number_is_one_however_it_is_written() {
         "rule": {"min_visits": Rule.min_visits}}"#;
     let training = r#"{"epochs": TrainingRequest.epochs, "folds": TrainingRequest.folds, "members": TrainingRequest.members,
         "seed": TrainingRequest.seed, "width": TrainingRequest.width}"#;
+    let question = r#"{"ego": "d", "other": "c", "keys": ["0.0"], "lag": Question.lag}"#;
     let written = |text: &str, odd: &str, ending: &str| {
         let fill = |text: String, (member, number): &(&str, &str)| {
             text.replace(
@@ -711,9 +713,10 @@ async fn a_whole_number_is_one_however_it_is_written() {
     };
     for (member, _) in WHOLE {
         let (_, name) = member.split_once('.').expect("a member");
-        let (method, path, body) = match description.contains(member) {
-            true => ("PUT", "/v1/environments/whole", description),
-            false => ("POST", "/v1/environments/whole/models", training),
+        let (method, path, body) = match member.split_once('.') {
+            _ if description.contains(member) => ("PUT", "/v1/environments/whole", description),
+            Some(("Question", _)) => ("POST", "/v1/environments/whole/influence", question),
+            _ => ("POST", "/v1/environments/whole/models", training),
         };
         for ending in [".0", "e0", ".000"] {
             let (status, told) = ask(method, path, written(body, member, ending)).await;

@@ -22,6 +22,7 @@ mod grpc_errors;
 mod inference;
 mod ingest;
 mod kill;
+mod lags;
 mod lifecycle;
 mod locking;
 mod metrics;

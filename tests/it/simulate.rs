@@ -20,21 +20,18 @@ use crate::fake::{CALM, Fake};
 use crate::server::Server;
 use crate::support::{TestApp, channel};
 
+/// Begins a simulation that is asked about in one tick alone.
+const WITHOUT_LAGS: [&str; 4] = ["simulate", "hallway", "--lags", "none"];
+
 /// Visits and entries by state, segment and actions.
 type Cells = BTreeMap<(String, String, Vec<u64>), (u64, u64)>;
 
 async fn simulate(address: &str, options: &[&str]) -> (i32, String, String) {
-    exit_and_texts(
-        &output(nudge(
-            address,
-            &[&["simulate", "hallway"], options].concat(),
-        ))
-        .await,
-    )
+    exit_and_texts(&output(nudge(address, &[&WITHOUT_LAGS[..], options].concat())).await)
 }
 
 fn start(address: &str, options: &[&str]) -> Child {
-    let mut command = nudge(address, &[&["simulate", "hallway"], options].concat());
+    let mut command = nudge(address, &[&WITHOUT_LAGS[..], options].concat());
     command
         .stdout(Stdio::piped())
         .stderr(Stdio::piped())
@@ -331,7 +328,7 @@ async fn the_threads_of_a_large_crowd_do_not_change_a_byte() {
         let options = ["--trials", "2", "--seed", seed, "--out", "-"];
         let mut command = nudge(
             "127.0.0.1:1",
-            &[&["simulate", "hallway"], &crowd[..], &options[..]].concat(),
+            &[&WITHOUT_LAGS[..], &crowd[..], &options[..]].concat(),
         );
         command.env("RAYON_NUM_THREADS", threads);
         output(command).await.stdout

@@ -9,14 +9,15 @@ use serde::Serialize;
 
 use super::observed::{description, observed};
 use crate::cli::Failure;
+use crate::cli::lags::Lags;
 use crate::cli::output::cannot_write;
 use crate::domain::{Entry, Record, Schema};
 use crate::error::Problem;
 use crate::simulation::hallway::Hallway;
 
 /// Writes every transition of a hallway to a file, or to standard output if it is called `-`.
-pub(super) fn write(hallway: &Hallway, file: &Path) -> Result<(), Failure> {
-    let schema = Schema::try_from(&description()?)
+pub(super) fn write(hallway: &Hallway, file: &Path, lags: &Lags) -> Result<(), Failure> {
+    let schema = Schema::try_from(&description(lags)?)
         .map_err(|faults| Problem::invalid("environment", faults))?;
     let failed = |error| cannot_write(file, &error);
     let out: Box<dyn Write> = if file == Path::new("-") {
@@ -38,6 +39,8 @@ pub(super) fn write(hallway: &Hallway, file: &Path) -> Result<(), Failure> {
 struct Line<'a> {
     state: BTreeMap<&'a str, f32>,
     actions: BTreeMap<&'a str, BTreeMap<&'a str, f32>>,
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    outcomes: BTreeMap<&'a str, BTreeMap<&'a str, f32>>,
     entry: bool,
 }
 
@@ -57,8 +60,28 @@ fn line(schema: &Schema, transition: &Record) -> String {
             .map(|(feature, value)| (feature.name.as_str(), *value))
             .collect(),
         actions,
+        outcomes: outcomes(schema, transition),
         entry: transition.entry == Entry::Entered,
     };
 
     serde_json::to_string(&line).expect("names are text")
+}
+
+/// Returns the outcomes that were observed, by name.
+fn outcomes<'a>(
+    schema: &'a Schema,
+    transition: &Record,
+) -> BTreeMap<&'a str, BTreeMap<&'a str, f32>> {
+    let mut values = transition.outcomes.iter();
+    let mut observed = BTreeMap::new();
+    for (at, outcome) in schema.outcomes().iter().enumerate() {
+        let features = outcome.value.iter().map(|feature| feature.name.as_str());
+        let value: BTreeMap<&str, f32> = features.zip(values.by_ref().copied()).collect();
+
+        let present = transition.outcomes_present.get(at);
+        if !value.is_empty() && present.copied().unwrap_or(true) {
+            observed.insert(outcome.name.as_str(), value);
+        }
+    }
+    observed
 }

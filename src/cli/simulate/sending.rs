@@ -8,6 +8,7 @@ use tokio::time::{Instant, sleep_until};
 
 use super::observed::{description, observed};
 use crate::cli::Failure;
+use crate::cli::lags::Lags;
 use crate::client::{Connection, Producer, Totals};
 use crate::simulation::hallway::{Hallway, Protocol};
 use crate::simulation::observation::{Observation, Observations};
@@ -35,6 +36,8 @@ pub(in crate::cli) struct Run {
     pub(in crate::cli) hallway: Hallway,
     /// The name of the environment, which is made if it is missing.
     pub(in crate::cli) environment: String,
+    /// The lags of what is sent.
+    pub(in crate::cli) lags: Lags,
     /// How fast simulated time passes.
     pub(in crate::cli) pace: Pace,
 }
@@ -62,7 +65,8 @@ impl Run {
         connection: &Connection,
         mut progress: impl FnMut(Moment),
     ) -> Result<Totals, Failure> {
-        connection.apply(&self.environment, &description()?).await?;
+        let description = description(&self.lags)?;
+        connection.apply(&self.environment, &description).await?;
         let producer = connection
             .producer(&self.environment, &self.producer())
             .batch_size(BATCH_SIZE)

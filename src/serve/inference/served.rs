@@ -6,7 +6,6 @@ use std::time::Instant;
 
 use crate::api::inference::{Answer, Figure, Metadata, Output, Request};
 use crate::app::App;
-use crate::domain::draft::PairDraft;
 use crate::domain::{Environment, Model, Pair};
 use crate::error::{ErrorKind, Fault, Problem};
 use crate::model::{Network, Prediction};
@@ -214,16 +213,7 @@ fn pair(app: &App, model: &str) -> Result<(Arc<Environment>, Pair), Problem> {
     let [ego, other] = agents.map_or([None, None], |agents| {
         agents.map(|agent| Some(agent.to_owned()))
     });
-    let pair = Pair::named(
-        &environment.schema,
-        &PairDraft {
-            ego,
-            other,
-            ..PairDraft::default()
-        },
-    );
-
-    let pair = pair.map_err(|faults| {
+    let pair = Pair::of_network(&environment.schema, ego, other).map_err(|faults| {
         unknown(
             &faults
                 .into_iter()

@@ -33,6 +33,7 @@ const DOT: &str = "text/vnd.graphviz";
     params(
         ("environment" = String, Path, description = "The environment's name"),
         StateParameters,
+        ("lag" = Option<i64>, Query, description = "How many steps later the second agent of each edge is observed; 0, the default, for the same tick. At a lag edges have a direction, and agents without a later action that is declared have no edge to them", minimum = 0, maximum = 64),
         SegmentParameters,
         RuleParameters,
     ),

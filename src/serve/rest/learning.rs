@@ -57,8 +57,9 @@ pub async fn explore(
     tag = "summary",
     params(
         ("environment" = String, Path, description = "The environment's name"),
-        ("ego" = Option<String>, Query, description = "One agent of the pair; without `ego` and `other` every pair is fitted"),
+        ("ego" = Option<String>, Query, description = "One agent of the pair; without `ego`, `other`, `given` and `lag` every pair is fitted at lag 0"),
         ("other" = Option<String>, Query, description = "The other agent of the pair"),
+        ("lag" = Option<i64>, Query, description = "How many steps later the other's action is observed; 0, the default, for the same tick. Each lag has a fit of its own, and so has each direction", minimum = 0, maximum = 64),
         ("given" = Option<Vec<String>>, Query, description = "Agents whose actions are held fixed"),
     ),
     responses((status = 200, description = "What was fitted", body = json::Fits), Refusals)

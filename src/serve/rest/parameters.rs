@@ -16,6 +16,11 @@ pub struct PairParameters {
     ego: Option<String>,
     /// The agent that may be influenced; the second by default.
     other: Option<String>,
+    /// How many steps later the other's action is observed, one of the lags that are declared for
+    /// it; 0, the default, for the same tick. The other's own action one step before, as far as that
+    /// is declared, is held fixed too.
+    #[param(minimum = 0, maximum = 64, example = 3)]
+    lag: Option<i64>,
     /// Agents whose actions are held fixed, repeated or joined by commas.
     given: Option<Vec<String>>,
 }

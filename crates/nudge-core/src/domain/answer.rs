@@ -173,6 +173,9 @@ pub struct Answer {
 pub struct Figures {
     /// The state's bins with their labels: feature, bin, label.
     pub bins: Vec<Bin>,
+    /// How many steps the other is observed after the ego. From 1 on figures have a direction: what
+    /// comes later influences nothing before it.
+    pub lag: u32,
     /// How often the state was entered, where every transition carried the flag.
     pub entries: Option<u64>,
     /// The unit of every figure.

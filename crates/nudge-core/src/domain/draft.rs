@@ -245,6 +245,8 @@ pub struct PairDraft {
     pub ego: Option<String>,
     /// The agent that may be influenced; the second one if absent.
     pub other: Option<String>,
+    /// How many steps later the other's action is observed; 0 for the same tick.
+    pub lag: i64,
     /// Agents whose actions are held fixed.
     pub given: Vec<String>,
     /// The segments to count; all if empty.

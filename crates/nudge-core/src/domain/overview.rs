@@ -237,16 +237,19 @@ pub struct Graph {
     pub bins: Vec<Bin>,
     /// The names of the agents, in the environment's order.
     pub nodes: Vec<String>,
-    /// Every pair of agents, in their order.
+    /// How many steps each edge's second agent is observed after the first.
+    pub lag: u32,
+    /// Every pair of agents, in their order; at a lag in both directions.
     pub edges: Vec<Edge>,
 }
 
-/// A pair of agents in a graph: the answer serves both directions, since at lag 0 there is none.
+/// A pair of agents in a graph. At lag 0 the answer serves both directions; at a lag it is of the
+/// first one's influence on the second.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Edge {
-    /// The position of the earlier agent.
+    /// The position of the earlier agent; at a lag of the ego.
     pub from: usize,
-    /// The position of the later agent.
+    /// The position of the later agent; at a lag of the other.
     pub to: usize,
     /// The answer, with figures: of the pair by itself.
     pub answer: Answer,
@@ -325,10 +328,12 @@ pub struct Suggestion {
 /// The prior of one pair, as it was fitted.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FittedPrior {
-    /// The name of the earlier agent.
+    /// The name of the earlier agent; at a lag of the ego.
     pub earlier: String,
-    /// The name of the later agent.
+    /// The name of the later agent; at a lag of the other.
     pub later: String,
+    /// How many steps the other is observed after the ego.
+    pub lag: u32,
     /// The names of the agents held fixed.
     pub given: Vec<String>,
     /// Its version and revision.

@@ -1,7 +1,7 @@
 //! Whose influence on whom.
 
 use super::draft::PairDraft;
-use super::{Cell, Counts, Family, Schema, SegmentId};
+use super::{Cell, Counts, Family, Outcome, Schema, SegmentId};
 use crate::error::Fault;
 use crate::information::Alphabet;
 
@@ -42,6 +42,11 @@ impl Pair {
             later,
             ..self.clone()
         })
+    }
+
+    /// Returns how many steps the other is observed after the ego: 0 in the same tick.
+    pub fn lag(&self, schema: &Schema) -> u32 {
+        self.later.map_or(0, |later| schema.outcomes()[later].lag)
     }
 
     /// Returns the family whose cells tell of it.
@@ -100,6 +105,40 @@ impl Pair {
         pair(schema, draft)
     }
 
+    /// Finds the agents whose actions in one tick a network is of, the first two where none is named,
+    /// or lists every fault.
+    pub fn of_network(
+        schema: &Schema,
+        ego: Option<String>,
+        other: Option<String>,
+    ) -> Result<Self, Vec<Fault>> {
+        let is_later = |name: &&String| {
+            schema
+                .outcomes()
+                .iter()
+                .any(|one| one.name == name.as_str())
+        };
+        let named = [("/ego", &ego), ("/other", &other)].into_iter();
+        let later = named.filter_map(|(pointer, name)| {
+            let name = name.as_ref().filter(is_later)?;
+            let detail = format!(
+                "got {name:?}, which is observed later: networks are of actions in the same tick, expected an agent"
+            );
+            Some(Fault::new(pointer, detail))
+        });
+
+        let later: Vec<Fault> = later.collect();
+        if !later.is_empty() {
+            return Err(later);
+        }
+        let draft = PairDraft {
+            ego,
+            other,
+            ..PairDraft::default()
+        };
+        Self::named(schema, &draft)
+    }
+
     /// Returns every pair of agents, the earlier as the ego.
     pub fn every(schema: &Schema) -> Vec<Self> {
         let agents = schema.agents().len();
@@ -107,16 +146,35 @@ impl Pair {
         (0..agents).flat_map(later).collect()
     }
 
+    /// Returns every pair of agents with the other's action at a lag, in both directions, as far as
+    /// that is an outcome; at lag 0 [`Pair::every`].
+    pub fn every_at_lag(schema: &Schema, lag: u32) -> Vec<Self> {
+        if lag == 0 {
+            return Self::every(schema);
+        }
+        let agents = 0..schema.agents().len();
+        let ordered = agents.clone().flat_map(|ego| {
+            let others = agents.clone().filter(move |other| *other != ego);
+            others.map(move |other| Self::new(ego, other, Vec::new()))
+        });
+        ordered
+            .filter_map(|pair| pair.at_lag(schema, lag))
+            .collect()
+    }
+
     /// Returns the pair that can have the most mutual information, of equal ones the first.
     pub fn widest(schema: &Schema) -> Self {
+        Self::widest_of(schema, &Self::every(schema))
+    }
+
+    /// Returns the same of some, at least one.
+    pub fn widest_of(schema: &Schema, pairs: &[Self]) -> Self {
         let by_reach = |pair: &Self| {
             let Alphabet { rows, columns } = pair.alphabet(schema);
             std::cmp::Reverse(rows.min(columns))
         };
-        Self::every(schema)
-            .into_iter()
-            .min_by_key(by_reach)
-            .expect("an environment has two agents at least")
+        let widest = pairs.iter().min_by_key(|pair| by_reach(pair));
+        widest.cloned().expect("there are two agents at least")
     }
 
     /// Returns the same pair with the earlier agent as the ego: mutual information is symmetric,
@@ -152,18 +210,8 @@ fn pair(schema: &Schema, draft: &PairDraft) -> Result<Pair, Vec<Fault>> {
     let mut agent = |pointer: String, name: &str| {
         let found = schema.agent(name);
         if found.is_none() {
-            let names: Vec<&str> = schema
-                .agents()
-                .iter()
-                .map(|agent| agent.name.as_str())
-                .collect();
-            faults.push(Fault::new(
-                pointer,
-                format!(
-                    "unknown agent {name:?}, expected one of {}",
-                    names.join(", ")
-                ),
-            ));
+            let detail = no_agent(schema, &pointer, name);
+            faults.push(Fault::new(pointer, detail));
         }
         found
     };
@@ -222,9 +270,217 @@ fn pair(schema: &Schema, draft: &PairDraft) -> Result<Pair, Vec<Fault>> {
         }
 
         given.sort_unstable();
-        if faults.is_empty() {
-            return Ok(Pair::new(ego, other, given));
+        let pair = Pair::new(ego, other, given);
+        let later = at_written_lag(schema, &pair, draft.lag);
+        match later.map_err(|fault| faults.push(fault)) {
+            Ok(pair) if faults.is_empty() => return Ok(pair),
+            _ => {}
         }
     }
     Err(faults)
+}
+
+/// Says why a name is none of an agent: what is observed later can be no ego, and an agent's later
+/// action goes by the agent's name beside a lag.
+fn no_agent(schema: &Schema, pointer: &str, name: &str) -> String {
+    let names: Vec<&str> = schema
+        .agents()
+        .iter()
+        .map(|agent| agent.name.as_str())
+        .collect();
+    let expected = format!("expected one of {}", names.join(", "));
+
+    let named = |outcome: &&Outcome| outcome.name == name;
+    let Some(outcome) = schema.outcomes().iter().find(named) else {
+        return format!("unknown agent {name:?}, {expected}");
+    };
+    let lag = outcome.lag;
+    let after = if lag == 1 {
+        "1 step".to_owned()
+    } else {
+        format!("{lag} steps")
+    };
+    match (pointer, outcome.agent) {
+        ("/ego", _) => format!(
+            "got {name:?}, which is observed {after} after the actions: what comes later influences nothing before it, {expected}"
+        ),
+        ("/other", Some(agent)) => {
+            let agent = names[agent];
+            format!("got {name:?}, expected {agent:?} with the lag {lag} beside it")
+        }
+        _ => format!("got {name:?}, which is an outcome and no agent, {expected}"),
+    }
+}
+
+/// Returns a pair with the other's action at the lag that was written, if that is declared.
+fn at_written_lag(schema: &Schema, pair: &Pair, lag: i64) -> Result<Pair, Fault> {
+    let declared = u32::try_from(lag)
+        .ok()
+        .and_then(|lag| pair.at_lag(schema, lag));
+    declared.ok_or_else(|| Fault::new("/lag", no_lag(schema, pair, lag)))
+}
+
+/// Says why nothing can be asked at a lag, and at which something can.
+fn no_lag(schema: &Schema, pair: &Pair, lag: i64) -> String {
+    let actions = schema.outcomes().iter();
+    let mut lags: Vec<u32> = actions
+        .filter(|outcome| outcome.agent == Some(pair.other))
+        .map(|outcome| outcome.lag)
+        .collect();
+    lags.sort_unstable();
+
+    let [ego, other] = [pair.ego, pair.other].map(|agent| schema.agents()[agent].name.as_str());
+    let expected = match &lags[..] {
+        [] => format!("expected 0: no later action of {other} is declared"),
+        lags => {
+            let lags: Vec<String> = lags.iter().map(ToString::to_string).collect();
+            format!(
+                "expected 0 or a lag that is declared for {other}: {}",
+                lags.join(", ")
+            )
+        }
+    };
+    if lag < 0 {
+        return format!(
+            "got {lag}: {ego} would be observed after {other}, and what comes later influences nothing before it; {expected}. Exchange ego and other for the other direction"
+        );
+    }
+    format!("got {lag}, {expected}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::domain::SchemaDraft;
+    use crate::domain::draft::{AgentDraft, FeatureDraft, KindDraft, OutcomeDraft};
+
+    /// Three agents, the first two of whose actions are declared at two lags, and a pot.
+    fn kitchen() -> Schema {
+        let feature = |name: &str| FeatureDraft {
+            name: name.into(),
+            unit: None,
+            kinds: vec![KindDraft::Integer(0, 2)],
+        };
+        let agent = |name: &str| AgentDraft {
+            name: name.into(),
+            action: vec![feature("move")],
+            ..AgentDraft::default()
+        };
+        let later = |agent: &str, lag| OutcomeDraft {
+            agent: Some(agent.into()),
+            lag: Some(lag),
+            ..OutcomeDraft::default()
+        };
+        let pot = OutcomeDraft {
+            name: "pot".into(),
+            lag: Some(1),
+            value: vec![feature("holds")],
+            ..OutcomeDraft::default()
+        };
+        let outcomes = vec![later("b", 3), later("b", 2), later("a", 3), pot];
+        Schema::try_from(&SchemaDraft {
+            state: vec![feature("place")],
+            agents: ["a", "b", "c"].map(agent).into(),
+            outcomes,
+            ..SchemaDraft::default()
+        })
+        .expect("valid")
+    }
+
+    fn asked(ego: &str, other: &str, lag: i64) -> Result<Pair, Vec<(String, String)>> {
+        let draft = PairDraft {
+            ego: Some(ego.into()),
+            other: Some(other.into()),
+            lag,
+            ..PairDraft::default()
+        };
+        let told = |fault: Fault| (fault.pointer, fault.detail);
+        Pair::named(&kitchen(), &draft).map_err(|faults| faults.into_iter().map(told).collect())
+    }
+
+    #[test]
+    fn a_lag_is_one_that_is_declared_for_the_other() {
+        let schema = kitchen();
+        let pair = asked("a", "b", 3).expect("declared");
+        assert_eq!((pair.later, pair.lag(&schema)), (Some(0), 3));
+        assert_eq!(asked("a", "b", 0), Ok(Pair::new(0, 1, Vec::new())));
+        assert_eq!(asked("c", "a", 3).expect("declared").later, Some(2));
+
+        let refused = |ego, other, lag| asked(ego, other, lag).expect_err("wrong").remove(0);
+        let at = |detail: &str| ("/lag".to_owned(), detail.to_owned());
+        let b = "expected 0 or a lag that is declared for b: 2, 3";
+        for lag in [1, 4, i64::MAX, 1 << 32] {
+            assert_eq!(refused("a", "b", lag), at(&format!("got {lag}, {b}")));
+        }
+        assert_eq!(
+            refused("a", "c", 3),
+            at("got 3, expected 0: no later action of c is declared")
+        );
+        let (pointer, detail) = refused("a", "b", -3);
+        assert_eq!(pointer, "/lag");
+        assert!(
+            detail.starts_with("got -3: a would be observed after b"),
+            "{detail}"
+        );
+    }
+
+    #[test]
+    fn outcomes_are_told_from_agents() {
+        let refused = |ego, other| asked(ego, other, 0).expect_err("wrong").remove(0);
+        let expected = "expected one of a, b, c";
+        let cases = [
+            (
+                refused("b@3", "a"),
+                "/ego",
+                "got \"b@3\", which is observed 3 steps after the actions: what comes later influences nothing before it",
+            ),
+            (
+                refused("pot", "a"),
+                "/ego",
+                "got \"pot\", which is observed 1 step after the actions: what comes later influences nothing before it",
+            ),
+            (
+                refused("a", "pot"),
+                "/other",
+                "got \"pot\", which is an outcome and no agent",
+            ),
+            (refused("a", "b@9"), "/other", "unknown agent \"b@9\""),
+        ];
+        for ((pointer, detail), at, says) in cases {
+            assert_eq!(
+                (pointer.as_str(), detail),
+                (at, format!("{says}, {expected}"))
+            );
+        }
+        assert_eq!(
+            refused("a", "b@3"),
+            (
+                "/other".into(),
+                "got \"b@3\", expected \"b\" with the lag 3 beside it".into()
+            )
+        );
+
+        let network = |other: &str| Pair::of_network(&kitchen(), None, Some(other.into()));
+        assert_eq!(network("b"), Ok(Pair::new(0, 1, Vec::new())));
+        let faults = network("b@3").expect_err("later");
+        assert_eq!(faults[0].pointer, "/other");
+        assert!(
+            faults[0]
+                .detail
+                .contains("networks are of actions in the same tick")
+        );
+    }
+
+    #[test]
+    fn pairs_at_a_lag_have_a_direction() {
+        let schema = kitchen();
+        let ends = |lag| {
+            let pairs = Pair::every_at_lag(&schema, lag).into_iter();
+            pairs.map(|pair| (pair.ego, pair.other)).collect::<Vec<_>>()
+        };
+        assert_eq!(ends(0), [(0, 1), (0, 2), (1, 2)]);
+        assert_eq!(ends(3), [(0, 1), (1, 0), (2, 0), (2, 1)]);
+        assert_eq!(ends(2), [(0, 1), (2, 1)]);
+        assert_eq!(ends(1), []);
+    }
 }

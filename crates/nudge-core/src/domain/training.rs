@@ -3,7 +3,7 @@
 use std::ops::RangeInclusive;
 use std::str::FromStr;
 
-use super::draft::{PairDraft, TrainingDraft};
+use super::draft::TrainingDraft;
 use super::{Pair, Schema, Training};
 use crate::error::{Fault, Problem};
 
@@ -27,12 +27,7 @@ impl Training {
         let usual = Self::default();
         let mut faults = Vec::new();
 
-        let named = PairDraft {
-            ego: draft.ego.clone(),
-            other: draft.other.clone(),
-            ..PairDraft::default()
-        };
-        let pair = Pair::named(schema, &named)
+        let pair = Pair::of_network(schema, draft.ego.clone(), draft.other.clone())
             .map_err(|found| faults.extend(found))
             .ok();
 

@@ -17,8 +17,8 @@ impl From<Graph> for proto::GetGraphResponse {
         let edge = |(edge, note): (Edge, String)| proto::Edge {
             from: name(edge.from),
             to: name(edge.to),
-            lag: 0,
-            directed: false,
+            lag: graph.lag,
+            directed: graph.lag > 0,
             kind: proto::EdgeKind::from(edge.kind).into(),
             explained_by: names(&graph.nodes, &edge.explained_by),
             opened_by: names(&graph.nodes, &edge.opened_by),
@@ -69,6 +69,7 @@ fn edge_note(graph: &Graph, edge: &Edge) -> String {
                 true => {
                     "holding a common effect of two agents fixed makes them dependent, so this need be no edge"
                 }
+                false if graph.lag > 0 => "who act only together look like this",
                 false => {
                     "who act only together look like this, and so do two whose common effect is held fixed"
                 }
@@ -81,8 +82,12 @@ fn edge_note(graph: &Graph, edge: &Edge) -> String {
     }
 }
 
-/// Returns whether one of those that open an edge is next to both of its ends.
+/// Returns whether one of those that open an edge is next to both of its ends. Nobody's action now
+/// is an effect of what is observed later.
 fn is_common_effect(graph: &Graph, edge: &Edge) -> bool {
+    if graph.lag > 0 {
+        return false;
+    }
     let is_next_to = |a: usize, b: usize| {
         let ends = (a.min(b), a.max(b));
         graph
@@ -96,16 +101,17 @@ fn is_common_effect(graph: &Graph, edge: &Edge) -> bool {
 }
 
 /// Returns a graph for Graphviz. Direct edges are solid lines, explained ones dotted and open ones
-/// dashed, and there is no line where it is absent. No line has an arrowhead: within one tick
-/// dependence has no direction.
+/// dashed, and there is no line where it is absent. Lines have arrowheads at a lag only: within one
+/// tick dependence has no direction.
 fn dot(graph: &Graph) -> String {
+    let word = if graph.lag > 0 { "digraph" } else { "graph" };
     let nodes = graph
         .nodes
         .iter()
         .map(|name| format!("  {};\n", quoted(name)));
     let edges = graph.edges.iter().filter_map(|edge| line(graph, edge));
     let body: String = nodes.chain(edges).collect();
-    format!("graph {} {{\n{body}}}\n", quoted(&graph.key.to_string()))
+    format!("{word} {} {{\n{body}}}\n", quoted(&graph.key.to_string()))
 }
 
 fn line(graph: &Graph, edge: &Edge) -> Option<String> {
@@ -145,8 +151,9 @@ fn line(graph: &Graph, edge: &Edge) -> Option<String> {
     let label = label + &others.collect::<String>();
     let [from, to] = [edge.from, edge.to].map(|agent| quoted(&graph.nodes[agent]));
 
+    let joined = if graph.lag > 0 { "->" } else { "--" };
     Some(format!(
-        "  {from} -- {to} [style={style}, label={}];\n",
+        "  {from} {joined} {to} [style={style}, label={}];\n",
         quoted(&label)
     ))
 }

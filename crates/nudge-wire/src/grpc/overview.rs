@@ -167,6 +167,7 @@ impl From<FittedPrior> for proto::FittedPrior {
         Self {
             earlier: prior.earlier,
             later: prior.later,
+            lag: prior.lag,
             given: prior.given,
             fit: Some(prior.fit.into()),
             states: prior.states,

@@ -15,6 +15,7 @@ pub fn scope(scope: Option<proto::Scope>) -> Result<(String, PairDraft), Problem
     let pair = PairDraft {
         ego: present(scope.ego),
         other: present(scope.other),
+        lag: scope.lag.into(),
         given: scope.given,
         segments: scope.segments,
         within: within(scope.within)?,
@@ -123,6 +124,7 @@ pub fn graph(request: proto::GetGraphRequest) -> Result<(String, QuestionDraft),
     use proto::get_graph_request::State;
     let within = within(request.within)?;
     let pair = PairDraft {
+        lag: request.lag.into(),
         segments: request.segments,
         rule: request.rule.unwrap_or_default().into(),
         unit: present(request.unit),
@@ -162,6 +164,7 @@ pub fn fit(request: proto::FitPriorRequest) -> (String, Option<PairDraft>) {
     let pair = PairDraft {
         ego: present(request.ego),
         other: present(request.other),
+        lag: request.lag.into(),
         given: request.given,
         ..PairDraft::default()
     };

@@ -54,13 +54,16 @@ pub struct Fits {
     pub fits: Vec<FittedPrior>,
 }
 
-/// The prior of one pair of agents, which serves both directions.
+/// The prior of one pair of agents, which serves both directions; at a lag one of them.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct FittedPrior {
-    /// The earlier agent in the environment's order.
+    /// The earlier agent in the environment's order; at a lag the ego.
     pub earlier: String,
-    /// The later agent.
+    /// The later agent; at a lag the other.
     pub later: String,
+    /// Steps between the two actions; absent for the same tick.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lag: Option<u32>,
     /// Agents whose actions are held fixed.
     pub given: Vec<String>,
     /// Its version and revision.
@@ -133,6 +136,7 @@ impl From<proto::FittedPrior> for FittedPrior {
         Self {
             earlier: prior.earlier,
             later: prior.later,
+            lag: Some(prior.lag).filter(|lag| *lag > 0),
             given: prior.given,
             fit: prior.fit.map(Into::into).unwrap_or_default(),
             states: prior.states,

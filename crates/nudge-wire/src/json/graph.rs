@@ -13,20 +13,21 @@ pub struct Graph {
     pub state: State,
     /// The agents, in the environment's order.
     pub nodes: Vec<String>,
-    /// Every pair of agents, in their order.
+    /// Every pair of agents, in their order; at a lag in both directions.
     pub edges: Vec<Edge>,
 }
 
 /// A pair of agents in a graph. At lag 0 it has no direction.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct Edge {
-    /// The earlier agent in the environment's order.
+    /// The earlier agent in the environment's order; at a lag the ego.
     pub from: String,
-    /// The later agent.
+    /// The later agent; at a lag the other.
     pub to: String,
-    /// Steps between the two actions: 0, the same tick.
+    /// Steps between the two actions; 0 for the same tick.
     pub lag: u32,
-    /// Whether the edge has a direction: false at lag 0.
+    /// Whether the edge has a direction, from the first to the second: false at lag 0, true at every
+    /// other.
     pub directed: bool,
     /// What the pair is, beside all other agents: `direct` (dependent, and no three others or fewer
     /// explain it), `explained` (dependent by itself, but not with some others' actions held

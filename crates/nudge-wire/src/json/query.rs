@@ -15,12 +15,17 @@ impl Parameters {
         PairDraft {
             ego: self.text("ego"),
             other: self.text("other"),
+            lag: self.lag(),
             given: self.list("given"),
             segments: self.list("segments"),
             within: self.text("within"),
             rule: self.rule(),
             unit: self.text("unit"),
         }
+    }
+
+    fn lag(&mut self) -> i64 {
+        self.number("lag", "a whole number of steps").unwrap_or(0)
     }
 
     fn rule(&mut self) -> RuleDraft {
@@ -100,6 +105,7 @@ pub fn summary(mut query: Parameters) -> Result<SummaryDraft, Problem> {
 /// Reads which state a graph is wanted of, from which counts and by which rule.
 pub fn graph(mut query: Parameters) -> Result<QuestionDraft, Problem> {
     let pair = PairDraft {
+        lag: query.lag(),
         segments: query.list("segments"),
         within: query.text("within"),
         rule: query.rule(),
@@ -119,6 +125,7 @@ pub fn fit(mut query: Parameters) -> Result<Option<PairDraft>, Problem> {
     let pair = PairDraft {
         ego: query.text("ego"),
         other: query.text("other"),
+        lag: query.lag(),
         given: query.list("given"),
         ..PairDraft::default()
     };
@@ -198,6 +205,7 @@ mod tests {
         let query = parameters(&[
             ("ego", "robot"),
             ("other", ""),
+            ("lag", "3"),
             ("given", "cook,waiter"),
             ("given", "guest"),
             ("segments", "train"),
@@ -215,6 +223,7 @@ mod tests {
             (draft.pair.ego.as_deref(), draft.pair.other),
             (Some("robot"), None)
         );
+        assert_eq!(draft.pair.lag, 3);
         assert_eq!(draft.pair.given, ["cook", "waiter", "guest"]);
         assert_eq!(
             (draft.pair.segments, draft.pair.within.as_deref()),
@@ -242,6 +251,7 @@ mod tests {
             ("egg", "robot"),
             ("unit", "nats"),
             ("unit", "bits"),
+            ("lag", "1.5"),
             ("rule.threshold", "high"),
             ("rule.min_visits", "-1"),
             ("key", "1.2"),
@@ -249,6 +259,7 @@ mod tests {
             ("a/b", ""),
         ]);
         let expected = [
+            "/lag",
             "/rule.threshold",
             "/rule.min_visits",
             "/unit",

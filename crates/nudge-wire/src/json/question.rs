@@ -10,6 +10,7 @@ use utoipa::ToSchema;
 
 use super::decode::or_default;
 use super::loose::Loose;
+use super::whole::perhaps_whole;
 use super::{FeatureValue, Rule, words};
 
 /// A question about influence in up to 10,000 states: `states` or `keys`, not both.
@@ -25,6 +26,12 @@ pub struct Question {
     /// The agent that may be influenced; absent for the second.
     #[schema(example = "human")]
     pub other: Option<String>,
+    /// How many steps later the other's action is observed, one of the lags that are declared for
+    /// it; 0, or absent, for the same tick. The other's own action one step before, as far as that is
+    /// declared, is held fixed too.
+    #[serde(default, deserialize_with = "perhaps_whole")]
+    #[schema(minimum = 0, maximum = 64, example = 3)]
+    pub lag: Option<i64>,
     /// Agents whose actions are held fixed.
     #[serde(default, deserialize_with = "or_default")]
     #[schema(nullable)]
@@ -78,6 +85,7 @@ impl TryFrom<Question> for QuestionDraft {
         let pair = PairDraft {
             ego: question.ego,
             other: question.other,
+            lag: question.lag.unwrap_or_default(),
             given: question.given,
             segments: question.segments,
             within: question.within,
@@ -152,7 +160,7 @@ mod tests {
 
     #[test]
     fn everything_can_be_asked() {
-        let text = r#"{"ego": "a", "other": "b", "given": ["c"], "segments": ["train"], "within": "pooled", "rule": {"threshold": 1},
+        let text = r#"{"ego": "a", "other": "b", "lag": 3, "given": ["c"], "segments": ["train"], "within": "pooled", "rule": {"threshold": 1},
             "unit": "bits", "estimators": ["excess"], "view": "full",
             "significance": "pooled", "visits_to_decide": true, "states": [{"x": 1, "held": "dish", "x": null}]}"#;
         let named = vec![
@@ -163,6 +171,7 @@ mod tests {
         let pair = PairDraft {
             ego: Some("a".into()),
             other: Some("b".into()),
+            lag: 3,
             given: vec!["c".into()],
             segments: vec!["train".into()],
             within: Some("pooled".into()),

@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use super::{Cell, Held, Kitchen, Move, Object, Orientation, Player, Step, Thing};
 use nudge_core::domain::SchemaDraft;
-use nudge_core::domain::draft::{AgentDraft, FeatureDraft, KindDraft};
+use nudge_core::domain::draft::{AgentDraft, FeatureDraft, KindDraft, OutcomeDraft};
 
 /// How much of a kitchen's state is kept. Each is finer than the one before.
 ///
@@ -89,10 +89,16 @@ impl FromStr for Abstraction {
 /// Its agents are `player_0` and `player_1`, whose action is one of six moves. Its state begins
 /// with player 0's `position`, `orientation` and `held`, as far as they are kept, then player 1's,
 /// then the pots row by row.
+///
+/// Seen [`at_lags`](Self::at_lags), a player's place is `x` and `y` in the place of `position`, so
+/// that how far apart the players are can be told of their bins, and a step has outcomes: what both
+/// do so many steps later, and what each holds after one.
 #[derive(Debug, Clone)]
 pub struct World {
     kitchen: Kitchen,
     abstraction: Abstraction,
+    /// The lags of both players' actions; empty for what is seen in one tick.
+    lags: Vec<u32>,
 }
 
 impl World {
@@ -101,7 +107,13 @@ impl World {
         Self {
             kitchen,
             abstraction,
+            lags: Vec::new(),
         }
+    }
+
+    /// Sees it at these lags too; without any it is what it was.
+    pub fn at_lags(self, lags: Vec<u32>) -> Self {
+        Self { lags, ..self }
     }
 
     /// Returns the environment's name.
@@ -135,16 +147,27 @@ impl World {
         SchemaDraft {
             state,
             agents: agents.to_vec(),
-            ..SchemaDraft::default()
+            outcomes: self.held_next(),
+            lags: self.lags.iter().copied().map(i64::from).collect(),
         }
     }
 
-    fn player_features(&self, player: &str) -> Vec<FeatureDraft> {
-        let positions = labels(&self.kitchen.walkable, |cell| {
-            format!("{},{}", cell.x, cell.y)
-        });
+    /// Returns the outcomes that are no actions: what each player holds one step later.
+    fn held_next(&self) -> Vec<OutcomeDraft> {
+        if self.lags.is_empty() {
+            return Vec::new();
+        }
+        let outcome = |player: &str| OutcomeDraft {
+            name: format!("{player}.held_next"),
+            lag: Some(1),
+            value: vec![categorical("held".into(), labels(Held::ALL, Held::label))],
+            ..OutcomeDraft::default()
+        };
+        PLAYERS.map(outcome).to_vec()
+    }
 
-        let mut features = vec![categorical(format!("{player}.position"), positions)];
+    fn player_features(&self, player: &str) -> Vec<FeatureDraft> {
+        let mut features = self.place_features(player);
         if self.abstraction.has_orientation() {
             features.push(categorical(
                 format!("{player}.orientation"),
@@ -158,6 +181,34 @@ impl World {
             ));
         }
         features
+    }
+
+    fn place_features(&self, player: &str) -> Vec<FeatureDraft> {
+        let walkable = &self.kitchen.walkable;
+        if self.lags.is_empty() {
+            let positions = labels(walkable, |cell| format!("{},{}", cell.x, cell.y));
+            return vec![categorical(format!("{player}.position"), positions)];
+        }
+
+        let within = |name: &str, of: fn(&Cell) -> u8| {
+            let values = || walkable.iter().map(of).map(i64::from);
+            let [least, most] = [values().min(), values().max()].map(Option::unwrap_or_default);
+            FeatureDraft {
+                name: format!("{player}.{name}"),
+                unit: None,
+                kinds: vec![KindDraft::Integer(least, most)],
+            }
+        };
+        vec![within("x", |cell| cell.x), within("y", |cell| cell.y)]
+    }
+
+    /// Returns what is observed at a step of the outcomes that are no actions.
+    pub fn observed(&self, step: &Step) -> Vec<f32> {
+        if self.lags.is_empty() {
+            return Vec::new();
+        }
+        let held = |player: &Player| index(Held::ALL, &player.held);
+        step.players.iter().map(held).collect()
     }
 
     /// Returns a step as one value a state feature and one value an agent, in the environment's
@@ -185,13 +236,12 @@ impl World {
     }
 
     fn push_player(&self, player: &Player, state: &mut Vec<f32>) {
-        state.push(index(
-            &self.kitchen.walkable,
-            &Cell {
-                x: player.x,
-                y: player.y,
-            },
-        ));
+        let Player { x, y, .. } = *player;
+        if self.lags.is_empty() {
+            state.push(index(&self.kitchen.walkable, &Cell { x, y }));
+        } else {
+            state.extend([x, y].map(f32::from));
+        }
         if self.abstraction.has_orientation() {
             state.push(index(Orientation::ALL, &player.orientation));
         }

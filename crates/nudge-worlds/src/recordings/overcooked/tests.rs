@@ -138,6 +138,103 @@ fn a_step_becomes_values_in_the_order_of_the_description() {
 }
 
 #[test]
+fn at_lags_places_are_numbers_and_what_is_held_is_an_outcome() {
+    for kitchen in Kitchen::all() {
+        for abstraction in Abstraction::ALL {
+            let usual = World::new(kitchen.clone(), abstraction);
+            let unchanged = usual.clone().at_lags(Vec::new());
+            assert_eq!(unchanged.description(), usual.description());
+
+            let world = usual.at_lags(vec![1, 3]);
+            assert_eq!(world.environment_name(), unchanged.environment_name());
+            let schema = Schema::try_from(&world.description()).expect("valid");
+            let names = schema.state().iter().map(|feature| feature.name.as_str());
+            let places: Vec<&str> = names
+                .filter(|name| name.ends_with(".x") || name.ends_with(".y"))
+                .collect();
+            let expected = ["player_0.x", "player_0.y", "player_1.x", "player_1.y"];
+            assert_eq!(places, expected);
+            let outcomes = schema.outcomes().iter().map(|one| one.name.as_str());
+            assert_eq!(
+                outcomes.collect::<Vec<_>>(),
+                [
+                    "player_0@1",
+                    "player_0@3",
+                    "player_1@1",
+                    "player_1@3",
+                    "player_0.held_next",
+                    "player_1.held_next"
+                ]
+            );
+        }
+    }
+}
+
+/// What follows a step is what the recording has there, and places tell as much as labels did.
+#[test]
+fn a_track_of_play_has_what_follows_each_step() {
+    let game = games(1).into_iter().next().expect("there are games");
+    let kitchen = Kitchen::named(&game.layout).expect("known");
+    let usual = World::new(kitchen, Abstraction::default());
+    let world = usual.clone().at_lags(vec![1, 2]);
+    let [before, schema] =
+        [&usual, &world].map(|world| Schema::try_from(&world.description()).expect("valid"));
+
+    let mut track = Track::new(&schema);
+    let mut records = Vec::new();
+    for step in &game.steps {
+        let (state, actions) = world.values(step);
+        records.extend(track.step(Played::new(state, actions).observing(world.observed(step))));
+    }
+    records.extend(track.end());
+
+    assert_eq!(records.len(), game.steps.len());
+    let mut keys = std::collections::HashMap::new();
+    for (at, record) in records.iter().enumerate() {
+        let moved = |player: usize, lag: usize| {
+            let later = game.steps.get(at + lag)?;
+            Move::ALL
+                .iter()
+                .position(|one| *one == later.actions[player])
+        };
+        let held = |player: usize| {
+            let later = game.steps.get(at + 1)?;
+            Held::ALL
+                .iter()
+                .position(|one| *one == later.players[player].held)
+        };
+        let follows = [
+            moved(0, 1),
+            moved(0, 2),
+            moved(1, 1),
+            moved(1, 2),
+            held(0),
+            held(1),
+        ];
+        for (outcome, expected) in follows.into_iter().enumerate() {
+            let all = record.outcomes_present.is_empty() && !record.outcomes.is_empty();
+            let is_there = record.outcomes_present.get(outcome).copied().unwrap_or(all);
+            assert_eq!(
+                is_there,
+                expected.is_some(),
+                "outcome {outcome} of step {at}"
+            );
+            if let Some(expected) = expected {
+                assert_eq!(
+                    record.outcomes[outcome], expected as f32,
+                    "outcome {outcome}"
+                );
+            }
+        }
+
+        let (state, _) = usual.values(&game.steps[at]);
+        let label = before.key_of_values(&state).expect("valid");
+        let key = schema.key_of_values(&record.state).expect("valid");
+        assert_eq!(keys.entry(key).or_insert(label.clone()), &label);
+    }
+}
+
+#[test]
 fn pots_fill_cook_and_are_ready() {
     let world = World::new(
         Kitchen::named("cramped_room").expect("known"),
