@@ -169,7 +169,8 @@ async fn latency(load: &str, states: u32) {
     // What full speed has left to be folded is caught up with first.
     waited.drain(..waited.len() / 3);
     println!(
-        "acknowledgement at half load, {load}: p50 {:.1} ms (target <= 10), p99 {:.1} ms (target <= 60)",
+        "acknowledgement at half load ({:.1} M/s), {load}: p50 {:.1} ms (target <= 10), p99 {:.1} ms (target <= 60)",
+        per_second(LATENCY_BATCHES, full) / 2e6,
         quantile(&mut waited, 0.5).as_secs_f64() * 1e3,
         quantile(&mut waited, 0.99).as_secs_f64() * 1e3,
     );

@@ -72,7 +72,7 @@ pub(super) async fn load(
 ) -> Result<Loaded, sqlx::Error> {
     let rows = sqlx::query(
         "select totals.environment, totals.transitions, totals.folded, totals.fold_row, totals.unmoved,
-             environments.block, journal.id, journal.cells
+             environments.block, totals.cells, journal.id, journal.cells
          from totals cross join environments on environments.id = totals.environment
          left join journal on journal.environment = totals.environment
              and (journal.id > totals.folded or totals.fold_row is not null)
@@ -94,7 +94,7 @@ pub(super) async fn load(
             Entry::Occupied(view) => view.into_mut(),
             Entry::Vacant(place) => place.insert(view(row, id)?),
         };
-        let Some(entry) = row.try_get::<Option<i64>, _>(6)? else {
+        let Some(entry) = row.try_get::<Option<i64>, _>(7)? else {
             continue;
         };
 
@@ -129,12 +129,14 @@ fn view(row: &SqliteRow, id: EnvironmentId) -> Result<View, sqlx::Error> {
         revision: whole(row, 1)?,
         layout: block.map(|block| Layout::new(id, block)),
         unmoved: row.try_get::<i64, _>(4)? != 0,
+        // It only says when to fold: where it is damaged, the audit tells.
+        stored: row.try_get::<i64, _>(6).unwrap_or_default().max(0) as u64,
         fresh: Fresh::NONE,
     })
 }
 
 fn run(row: &SqliteRow, id: EnvironmentId, entry: i64) -> Result<Run, StoreError> {
-    let bytes: &[u8] = row.try_get(7).map_err(unreadable)?;
+    let bytes: &[u8] = row.try_get(8).map_err(unreadable)?;
     let run = checked::cells([id.0, entry], bytes).and_then(Run::read);
     run.map_err(|_| spoiled(&format!("entry {entry} of the journal")))
 }

@@ -69,7 +69,7 @@ mod tables;
 mod walk;
 mod writer;
 
-use self::pending::Task;
+use self::pending::{FoldLimits, Task};
 
 pub use handle::SqliteStore;
 pub use options::Options;
@@ -128,14 +128,14 @@ impl SqliteStore {
 
     /// Does what is most urgent of what keeps reads fast and the journal short, or waits for
     /// something to do.
-    async fn compact_when(&self, fold_from: usize) -> Result<(), StoreError> {
+    async fn compact_when_due(&self) -> Result<(), StoreError> {
         let is_left_alone = |id| self.memory.directory.is_read_only(id);
         // After a transaction that failed nothing is known before the next one, and nobody else may
         // have anything to write.
         if self.memory.pending.is_suspended() {
             return self.writer.begin().await?.end().await;
         }
-        let Some(task) = self.memory.pending.task(fold_from, is_left_alone) else {
+        let Some(task) = self.memory.pending.task(self.fold_limits(), is_left_alone) else {
             self.memory.pending.grown().await;
             return Ok(());
         };
@@ -152,10 +152,18 @@ impl SqliteStore {
     /// Back-pressure: where the journal grows faster than it is folded, whoever commits folds.
     async fn wait_for_room(&self) -> Result<(), StoreError> {
         let is_left_alone = |id| self.memory.directory.is_read_only(id);
-        while self.memory.pending.cells(is_left_alone) > 2 * self.fold_from {
-            self.compact_when(self.fold_from).await?;
+        let limits = self.fold_limits();
+        while self.memory.pending.is_full(limits, is_left_alone) {
+            self.compact_when_due().await?;
         }
         Ok(())
+    }
+
+    fn fold_limits(&self) -> FoldLimits {
+        FoldLimits {
+            from: self.fold_from,
+            quota: self.quotas.cells,
+        }
     }
 
     /// Folds some of the journal of an environment, and returns whether that goes on.
@@ -265,7 +273,7 @@ impl Store for SqliteStore {
     }
 
     async fn compact(&self) -> Result<(), StoreError> {
-        self.compact_when(self.fold_from).await
+        self.compact_when_due().await
     }
 
     fn leftovers(&self) -> Leftovers {

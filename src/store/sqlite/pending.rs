@@ -29,7 +29,9 @@ pub(super) struct View {
     pub(super) layout: Option<Layout>,
     /// Whether the tables of states and cells have counts that are not in rows.
     pub(super) unmoved: bool,
-    /// How many of these cells are in no row.
+    /// How many cells are in rows.
+    pub(super) stored: u64,
+    /// How many cells of the journal are in no row.
     pub(super) fresh: Fresh,
 }
 
@@ -47,6 +49,36 @@ impl View {
     /// are left since equal ones of several commits were merged.
     pub(super) fn most_fresh(&self) -> u64 {
         self.fresh.cells.min(self.unfolded.len() as u64)
+    }
+}
+
+/// From how many cells on the journal is folded into rows, and how many it may have.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct FoldLimits {
+    /// From how many on it is folded, of all environments together; it may have twice as many.
+    pub(super) from: usize,
+    /// The most cells that an environment may have.
+    pub(super) quota: u64,
+}
+
+/// The limits of one environment are less where its quota leaves less room: all that waits may be
+/// new to it, and once that could pass the quota, each commit has to read rows to know.
+impl FoldLimits {
+    fn from(&self, view: &View) -> usize {
+        (self.room(view) / 4).clamp(self.least(), self.from)
+    }
+
+    fn most(&self, view: &View) -> usize {
+        (self.room(view) / 8 * 7).clamp(2 * self.least(), 2 * self.from)
+    }
+
+    fn room(&self, view: &View) -> usize {
+        usize::try_from(self.quota.saturating_sub(view.stored)).unwrap_or(usize::MAX)
+    }
+
+    /// A fold for each commit would cost more than it saves.
+    fn least(&self) -> usize {
+        self.from.div_ceil(32)
     }
 }
 
@@ -120,12 +152,26 @@ impl Pending {
         self.inner().views.as_ref()?.get(&id).cloned()
     }
 
-    /// Returns how many cells wait to be folded, of all environments but those left alone.
-    pub(super) fn cells(&self, left_alone: impl Fn(EnvironmentId) -> bool) -> usize {
+    /// Returns whether more cells wait to be folded than may, of one environment or of all but those
+    /// left alone.
+    pub(super) fn is_full(
+        &self,
+        limits: FoldLimits,
+        left_alone: impl Fn(EnvironmentId) -> bool,
+    ) -> bool {
         let inner = self.inner();
         let views = inner.views.iter().flatten();
         let tended = views.filter(|(id, _)| !left_alone(**id));
-        tended.map(|(_, view)| view.unfolded.len()).sum()
+
+        let mut all = 0;
+        for (_, view) in tended {
+            let cells = view.unfolded.len();
+            all += cells;
+            if cells > limits.most(view) {
+                return true;
+            }
+        }
+        all > 2 * limits.from
     }
 
     /// Returns the id of the next entry.
@@ -140,6 +186,7 @@ impl Pending {
             revision: 0,
             layout: None,
             unmoved: false,
+            stored: 0,
             fresh: Fresh::NONE,
         };
         self.change_all(|views| views.insert(id, view));
@@ -241,6 +288,7 @@ impl Pending {
         }
         self.change(id, |view| {
             Arc::make_mut(&mut view.unfolded).folded(mark);
+            view.stored += new_cells;
             view.fresh.cells = view.fresh.cells.saturating_sub(new_cells);
             // What was folded was counted once for each entry; what is left is known better.
             if mark.next_row.is_none() && !view.fresh.is_exact {
@@ -265,11 +313,11 @@ impl Pending {
         });
     }
 
-    /// Returns what is most urgent, if anything is: of merges, moves and, from so many cells on,
-    /// folds. Environments that must be left alone are.
+    /// Returns what is most urgent, if anything is: of merges, moves and, from a limit on, folds.
+    /// Environments that must be left alone are.
     pub(super) fn task(
         &self,
-        fold_from: usize,
+        limits: FoldLimits,
         left_alone: impl Fn(EnvironmentId) -> bool,
     ) -> Option<Task> {
         let inner = self.inner();
@@ -285,14 +333,16 @@ impl Pending {
             }
             let cells = view.unfolded.len();
             all += cells;
-            largest = largest.max(Some((cells, *id)));
+            largest = largest.max(Some((cells >= limits.from(view), cells, *id)));
         }
 
         let mut tended = views.iter().filter(|(id, _)| !left_alone(**id));
         let under_way = tended.clone().find(|(_, view)| view.unfolded.is_folding());
         let fold = under_way.map(|(id, _)| *id);
-        let is_due = all >= fold_from || (all > 0 && inner.has_waited_long());
-        let fold = fold.or(largest.map(|(_, id)| id).filter(|_| is_due));
+        let is_due = all >= limits.from || (all > 0 && inner.has_waited_long());
+        let fold = fold.or(largest
+            .filter(|(is_large, ..)| is_due || *is_large)
+            .map(|(.., id)| id));
         if let Some(id) = fold {
             return Some(self::fold(id, &views[&id]));
         }
@@ -331,5 +381,105 @@ fn fold(id: EnvironmentId, view: &View) -> Task {
         Task::Move(id)
     } else {
         Task::Fold(id)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::domain::Tally;
+    use crate::store::packed::cells::Place;
+
+    const LIMITS: FoldLimits = FoldLimits {
+        from: 3_200,
+        quota: 12_800,
+    };
+
+    /// The journal of environments with so many cells in rows and in the journal.
+    fn holding(environments: &[(u64, u64)]) -> Pending {
+        let pending = Pending::default();
+        pending.replace(Map::default(), 0);
+        for (id, (stored, waiting)) in (1..).map(EnvironmentId).zip(environments) {
+            pending.begin(id);
+            pending.folded(id, Mark::default(), *stored);
+            let cell = |state| {
+                let place = Place {
+                    state,
+                    segment: 1,
+                    family: 0,
+                    joint: 0,
+                };
+                (
+                    place,
+                    Tally {
+                        n: 1,
+                        entries: None,
+                    },
+                )
+            };
+            let entry = Entry {
+                id: id.0,
+                run: Run::of((0..*waiting).map(cell)),
+                fresh: None,
+                layout: Layout::new(id, 0),
+                revision: *waiting,
+            };
+            pending.push(id, &entry);
+        }
+        pending
+    }
+
+    fn folds(environments: &[(u64, u64)]) -> Option<i64> {
+        match holding(environments).task(LIMITS, |_| false) {
+            Some(Task::Fold(id)) => Some(id.0),
+            Some(other) => panic!("expected a fold: {other:?}"),
+            None => None,
+        }
+    }
+
+    fn is_full(environments: &[(u64, u64)]) -> bool {
+        holding(environments).is_full(LIMITS, |_| false)
+    }
+
+    #[test]
+    fn a_fold_begins_sooner_where_a_quota_leaves_less_room() {
+        assert_eq!(folds(&[(0, 3_199)]), None);
+        assert_eq!(folds(&[(0, 3_200)]), Some(1));
+
+        assert_eq!(folds(&[(6_800, 1_499)]), None, "a quarter of 6,000");
+        assert_eq!(folds(&[(6_800, 1_500)]), Some(1));
+        for stored in [12_500, 12_800, u64::MAX] {
+            assert_eq!(
+                folds(&[(stored, 99)]),
+                None,
+                "not for each commit: {stored}"
+            );
+            assert_eq!(folds(&[(stored, 100)]), Some(1), "{stored}");
+        }
+
+        assert_eq!(folds(&[(0, 1_600), (0, 1_601)]), Some(2), "of all together");
+        assert_eq!(
+            folds(&[(0, 1_500), (11_600, 400)]),
+            Some(2),
+            "what must go first"
+        );
+    }
+
+    #[test]
+    fn a_journal_is_full_before_it_could_pass_the_quota() {
+        for (environments, full) in [
+            (&[(0, 6_400)][..], false),
+            (&[(0, 6_401)], true),
+            (&[(6_800, 5_250)], false),
+            (&[(6_800, 5_251)], true),
+            (&[(0, 3_200), (0, 3_201)], true),
+            (&[(0, 10), (12_800, 201)], true),
+        ] {
+            assert_eq!(is_full(environments), full, "{environments:?}");
+        }
+        assert!(
+            !holding(&[(0, 6_401)]).is_full(LIMITS, |_| true),
+            "left alone"
+        );
     }
 }
