@@ -235,18 +235,19 @@ impl<'a> Policy<'a> {
 
     /// Returns the rows in use that were not visited.
     pub fn unvisited(&self, table: &Table) -> Unvisited {
-        let rows = self.usage.used.saturating_sub(table.rows().len() as u64) as f64;
-        if rows == 0.0 {
-            return Unvisited::default();
-        }
-
         let shares = table
             .row_labels()
             .iter()
             .map(|label| self.usage.shares[*label as usize]);
-        let [sum, squares] = shares.fold([1.0, self.usage.squares], |[sum, squares], h| {
-            [sum - h, squares - h * h]
+
+        // A row may have been visited first after its use was counted.
+        let all = [self.usage.used as f64, 1.0, self.usage.squares];
+        let [rows, sum, squares] = shares.fold(all, |[rows, sum, squares], h| {
+            [rows - f64::from(h > 0.0), sum - h, squares - h * h]
         });
+        if rows == 0.0 {
+            return Unvisited::default();
+        }
 
         let scale = self.concentration / self.weight;
         let [p, squared] = [scale * sum.max(0.0), scale * scale * squares.max(0.0)];
