@@ -664,3 +664,6 @@ impl<'a> View<'a> {
         row
     }
 }
+
+#[cfg(test)]
+pub(super) mod tests;
