@@ -516,9 +516,6 @@ impl Share {
     /// Returns -E q ln q of the Beta distribution with these moments.
     fn entropy(self) -> f64 {
         let Self { mean, variance } = self;
-        if mean >= 1.0 || mean <= 0.0 {
-            return 0.0;
-        }
         let sharpness =
             (mean * (1.0 - mean) / variance.max(f64::MIN_POSITIVE) - 1.0).clamp(1e-6, 1e12);
         -mean * digamma_difference(mean * sharpness + 1.0, sharpness + 1.0)
