@@ -235,18 +235,19 @@ impl<'a> Policy<'a> {
 
     /// Returns the rows in use that were not visited.
     pub fn unvisited(&self, table: &Table) -> Unvisited {
-        let rows = self.usage.used.saturating_sub(table.rows().len() as u64) as f64;
-        if rows == 0.0 {
-            return Unvisited::default();
-        }
-
         let shares = table
             .row_labels()
             .iter()
             .map(|label| self.usage.shares[*label as usize]);
-        let [sum, squares] = shares.fold([1.0, self.usage.squares], |[sum, squares], h| {
-            [sum - h, squares - h * h]
+
+        // A row may have been visited first after its use was counted.
+        let all = [self.usage.used as f64, 1.0, self.usage.squares];
+        let [rows, sum, squares] = shares.fold(all, |[rows, sum, squares], h| {
+            [rows - f64::from(h > 0.0), sum - h, squares - h * h]
         });
+        if rows == 0.0 {
+            return Unvisited::default();
+        }
 
         let scale = self.concentration / self.weight;
         let [p, squared] = [scale * sum.max(0.0), scale * scale * squares.max(0.0)];
@@ -515,9 +516,6 @@ impl Share {
     /// Returns -E q ln q of the Beta distribution with these moments.
     fn entropy(self) -> f64 {
         let Self { mean, variance } = self;
-        if mean >= 1.0 || mean <= 0.0 {
-            return 0.0;
-        }
         let sharpness =
             (mean * (1.0 - mean) / variance.max(f64::MIN_POSITIVE) - 1.0).clamp(1e-6, 1e12);
         -mean * digamma_difference(mean * sharpness + 1.0, sharpness + 1.0)
@@ -663,3 +661,6 @@ impl<'a> View<'a> {
         row
     }
 }
+
+#[cfg(test)]
+pub(super) mod tests;

@@ -4,9 +4,9 @@ use std::sync::LazyLock;
 
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
-use statrs::function::gamma::{digamma, ln_gamma};
+use statrs::function::gamma::ln_gamma;
 
-use super::freedom::Freedom;
+use super::moments::tests::Dense;
 use super::parameters::{
     DEVIANT_CONCENTRATIONS, DEVIANT_GRID, DEVIANT_SLABS, FIXED, FIXED_GRID, HABITS,
     NULL_CONCENTRATIONS, NULL_GRID, NULLS, SLABS, concentration,
@@ -355,67 +355,17 @@ fn defined(fit: &Fit, table: &Table) -> f64 {
 /// cell by cell.
 fn defined_moments(fit: &Fit, slab: usize, table: &Table) -> [f64; 3] {
     let rows = dense(table);
-    let k = concentration(slab);
-    let base = base_of(slab, &rows, &fit.bases[1]);
-    let total: f64 = rows.iter().flatten().sum();
-    let kappa = fit.parameters.sides[0].habit.unwrap_or(3.0);
-    let weight = total + kappa;
     let habits = fit.bases[0].counts();
-    let h = |i: usize| habits[i] as f64 / habits.iter().sum::<u64>() as f64;
-    let p: Vec<f64> = rows
-        .iter()
-        .enumerate()
-        .map(|(i, row)| (row.iter().sum::<f64>() + kappa * h(i)) / weight)
-        .collect();
-    let p2: Vec<f64> = p
-        .iter()
-        .map(|p| p * p + p * (1.0 - p) / (weight + 1.0))
-        .collect();
-    let a: Vec<Vec<f64>> = rows
-        .iter()
-        .map(|row| row.iter().zip(&base).map(|(n, m)| n + k * m).collect())
-        .collect();
-    let sums: Vec<f64> = a.iter().map(|row| row.iter().sum()).collect();
-    let rho = |i: usize, j: usize| a[i][j] / sums[i];
-    let q: Vec<f64> = (0..6)
-        .map(|j| (0..6).map(|i| p[i] * rho(i, j)).sum())
-        .collect();
-    let (mut mean, mut variance, mut first, mut second) = (0.0, 0.0, 0.0, 0.0);
-    let mut freedom = Freedom::default();
-    for i in 0..6 {
-        let entropy = digamma(sums[i] + 1.0)
-            - a[i].iter().map(|a| a * digamma(a + 1.0)).sum::<f64>() / sums[i];
-        let l = |j: usize| (rho(i, j) / q[j]).ln();
-        let along: f64 = (0..6).map(|j| rho(i, j) * l(j)).sum();
-        let square: f64 = (0..6).map(|j| rho(i, j) * l(j) * l(j)).sum();
-        mean -= p[i] * entropy;
-        variance += p2[i] * (square - along * along) / (sums[i] + 1.0);
-        first += p[i] * along;
-        second += p[i] * along * along;
-    }
-    let visited = |i: &usize| rows[*i].iter().sum::<f64>() > 0.0;
-    (0..6)
-        .filter(visited)
-        .for_each(|i| freedom.add_row(p[i], sums[i]));
-    let unvisited: Vec<f64> = (0..6).filter(|i| !visited(i)).map(|i| p[i]).collect();
-    freedom.add_alike(
-        unvisited.iter().sum(),
-        unvisited.iter().map(|p| p * p).sum(),
-        k,
-    );
-    for (j, q) in q.iter().enumerate() {
-        let rows: f64 = (0..6)
-            .map(|i| p2[i] * rho(i, j) * (1.0 - rho(i, j)) / (sums[i] + 1.0))
-            .sum();
-        let v = rows
-            + ((0..6).map(|i| p[i] * rho(i, j) * rho(i, j)).sum::<f64>() - q * q) / (weight + 1.0);
-        let sharpness = q * (1.0 - q) / v - 1.0;
-        mean -= q * (digamma(q * sharpness + 1.0) - digamma(sharpness + 1.0));
-        freedom.add_letters(*q, 1.0);
-    }
-    let spread = variance + (second - first * first) / (weight + 1.0);
-    let [narrow, wide] = freedom.variances(mean - first);
-    [mean, spread + narrow, spread + wide]
+    let used: u64 = habits.iter().sum();
+    let habits: Vec<f64> = habits.iter().map(|n| *n as f64 / used as f64).collect();
+    let slice = Dense {
+        counts: &rows,
+        concentration: concentration(slab),
+        base: &base_of(slab, &rows, &fit.bases[1]),
+        habit: fit.parameters.sides[0].habit.unwrap_or(3.0),
+        habits: &habits,
+    };
+    slice.moments()
 }
 
 fn counts(most: u64) -> impl Strategy<Value = Vec<(u64, u64, u64)>> {
@@ -477,6 +427,25 @@ proptest! {
 
         let told = [moments.mean, moments.variance, moments.wide];
         prop_assert!(told.iter().zip(expected).all(|(told, expected)| (told - expected).abs() < 1e-8), "{told:?} {expected:?}");
+    }
+
+    #[test]
+    fn a_slice_stands_for_others_that_are_equal(
+        counts in counts(40), slab in 0..DEVIANT_SLABS.start, times in 1..4_usize,
+    ) {
+        let prior = &*UNEVEN;
+        let tables = [Table::from_counts(counts), coins(2)];
+        let slice = |table| [0, 1].map(|side| prior.sides[side].part(table, prior.habits().driver(0)));
+
+        let together = [slice(&tables[0]).map(|one| one.for_all(times)), slice(&tables[1])];
+        let apart: Vec<_> = (0..times).map(|_| &tables[0]).chain([&tables[1]]).map(slice).collect();
+
+        let told = |slices| {
+            let moments = prior.moments(0, slab, slices);
+            [moments.mean, moments.variance, moments.wide]
+        };
+        let (together, apart) = (told(&together[..]), told(&apart[..]));
+        prop_assert!(together.iter().zip(apart).all(|(together, apart)| (together - apart).abs() < ROUNDING), "{together:?} {apart:?}");
     }
 
     #[test]

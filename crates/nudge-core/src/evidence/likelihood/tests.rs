@@ -3,6 +3,7 @@
 use statrs::function::gamma::ln_gamma;
 
 use super::*;
+use crate::information::LARGEST_TOTAL;
 use crate::information::samples::grid;
 
 /// Of logarithms of up to some hundred thousand visits, relative to 1 or to the value.
@@ -120,6 +121,27 @@ fn rows_around_their_own_marginal_are_told_relative_to_it() {
                 .sum();
             let volume = 0.5 * free * (total / effective).ln();
             assert_close(told, rows - null + volume, "own");
+        }
+    }
+}
+
+/// Cells of most visits and least share: of the largest total, each fills a product to its last
+/// factor.
+#[test]
+fn rising_factorials_outgrow_one_product() {
+    const CELLS: u64 = 40;
+    const N: u64 = 16;
+
+    for total in [700, 10_u64.pow(15), LARGEST_TOTAL] {
+        let share = N as f64 / (total as f64 + 1.0);
+        let mut rising = Rising::new(total);
+        (0..CELLS).for_each(|_| rising.multiply(share, N));
+
+        assert_eq!(rising.visits, CELLS * N);
+        for (told, k) in rising.ln().into_iter().zip(OWN_CONCENTRATIONS) {
+            let a = k * share;
+            let one = ln_gamma(a + N as f64) - ln_gamma(a) - N as f64 * a.ln();
+            assert_close(told, CELLS as f64 * one, "rising");
         }
     }
 }
