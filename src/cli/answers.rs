@@ -61,16 +61,16 @@ fn heading(environment: &str, labels: &proto::Labels, answers: &[proto::Answer])
 
     format!(
         "{environment}: {ego} on {other}{given}, {}{}",
-        steps_later(lag_of(&other)),
+        steps_later(lag_of(&other, answers)),
         rule.unwrap_or_default()
     )
 }
 
-/// Returns the lag of a variable by its name: in the view `verdict` nothing else tells it.
-fn lag_of(name: &str) -> u32 {
-    name.split_once('@')
-        .and_then(|(_, lag)| lag.parse().ok())
-        .unwrap_or(0)
+/// Returns the lag of answers about a variable, which in the view `verdict` only its name tells.
+fn lag_of(name: &str, answers: &[proto::Answer]) -> u32 {
+    let told = answers.first().and_then(|answer| answer.lag);
+    let named = || name.split_once('@')?.1.parse().ok();
+    told.or_else(named).unwrap_or(0)
 }
 
 fn name_of(variable: &Option<proto::Variable>) -> String {

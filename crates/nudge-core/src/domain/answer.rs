@@ -131,9 +131,9 @@ pub struct Answers {
 pub struct Labels {
     /// The ego's actions.
     pub ego: Variable,
-    /// The other's actions.
+    /// The other's actions, or values.
     pub other: Variable,
-    /// The agents whose actions are held fixed.
+    /// What is held fixed: the agents named, and at a lag an agent's own action before.
     pub given: Vec<Variable>,
 }
 

@@ -88,7 +88,7 @@ pub struct Answer {
     /// What the active network says of this state; null where none is active.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub model: Option<Option<ModelFigures>>,
-    /// Steps between the two actions; 0 for the same tick.
+    /// How many steps later the other is observed; 0 for the same tick.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lag: Option<u32>,
     /// Whether the figures tell a direction, from ego to other: false at lag 0, true at every other.
