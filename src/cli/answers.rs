@@ -11,7 +11,7 @@ const RESPONSES_TOLD: usize = 3;
 /// Returns answers as text: one in full, several as a table.
 pub(super) fn render(environment: &str, response: &proto::BatchGetInfluenceResponse) -> String {
     let labels = response.labels.clone().unwrap_or_default();
-    let heading = heading(environment, &labels, &response.answers);
+    let heading = heading(environment, &labels, response.lag, &response.answers);
     match response.answers.as_slice() {
         [only] if only.mutual_information.is_some() => {
             format!("{heading}\n\n{}", one(only, &labels))
@@ -30,7 +30,12 @@ fn written_threshold(threshold: f64) -> String {
     significant(threshold, 6)
 }
 
-fn heading(environment: &str, labels: &proto::Labels, answers: &[proto::Answer]) -> String {
+fn heading(
+    environment: &str,
+    labels: &proto::Labels,
+    lag: u32,
+    answers: &[proto::Answer],
+) -> String {
     let given: Vec<&str> = labels
         .given
         .iter()
@@ -61,16 +66,9 @@ fn heading(environment: &str, labels: &proto::Labels, answers: &[proto::Answer])
 
     format!(
         "{environment}: {ego} on {other}{given}, {}{}",
-        steps_later(lag_of(&other, answers)),
+        steps_later(lag),
         rule.unwrap_or_default()
     )
-}
-
-/// Returns the lag of answers about a variable, which in the view `verdict` only its name tells.
-fn lag_of(name: &str, answers: &[proto::Answer]) -> u32 {
-    let told = answers.first().and_then(|answer| answer.lag);
-    let named = || name.split_once('@')?.1.parse().ok();
-    told.or_else(named).unwrap_or(0)
 }
 
 fn name_of(variable: &Option<proto::Variable>) -> String {
@@ -477,6 +475,7 @@ mod tests {
         };
         proto::BatchGetInfluenceResponse {
             labels: Some(labels),
+            lag: 0,
             answers,
         }
     }

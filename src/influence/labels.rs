@@ -69,6 +69,20 @@ pub fn labels(schema: &Schema, pair: &Pair) -> Labels {
     }
 }
 
+/// Returns the names of the variables of a pair, beside what has no indices.
+pub fn names(schema: &Schema, pair: &Pair) -> Labels {
+    let named = |variable: Variable| Variable {
+        actions: Vec::new(),
+        ..variable
+    };
+    let Labels { ego, other, given } = labels(schema, pair);
+    Labels {
+        ego: named(ego),
+        other: named(other),
+        given: given.into_iter().map(named).collect(),
+    }
+}
+
 fn variable(name: &str, letters: u64, label: impl Fn(u64) -> String) -> Variable {
     let are_told = letters <= Variable::MOST_LABELS;
     let told = if are_told { letters } else { 0 };

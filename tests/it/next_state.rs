@@ -263,7 +263,7 @@ async fn every_face_tells_the_same_of_a_value() {
     assert_eq!(by_cli, over_rest);
 
     let heading = "kitchen: cook on pot, 2 steps later";
-    for view in ["full", "figures"] {
+    for view in ["full", "figures", "verdict"] {
         let (code, text, stderr) = run(&app, &[&asked[..], &["--view", view]].concat()).await;
         assert_eq!(code, 0, "{stderr}");
         assert_eq!(text.lines().next(), Some(heading), "{view}");
@@ -307,6 +307,10 @@ async fn what_all_states_say_is_of_the_value() {
         let states = page["states"].as_array().expect("a list");
         let keys: Vec<&Value> = states.iter().map(|one| &one["state"]["key"]).collect();
         assert_eq!(keys, [&json!("0")], "{method}");
+        assert_eq!(
+            [&page["lag"], &page["labels"]["other"]["name"]],
+            [&json!(2), &json!("pot")]
+        );
         let summary = app.get(&format!("{PATH}/summary?{fdr}")).await;
         assert_eq!(summary["discoveries"]["states"], json!(1), "{method}");
         assert_eq!(summary["transitions"], json!(carried), "{method}");

@@ -122,6 +122,8 @@ impl Basis {
 pub struct Answers {
     /// What the numbers in the answers stand for.
     pub labels: Labels,
+    /// How many steps the other is observed after the ego.
+    pub lag: u32,
     /// One a state, in the question's order.
     pub answers: Vec<Answer>,
 }
@@ -142,7 +144,8 @@ pub struct Labels {
 pub struct Variable {
     /// Its name.
     pub name: String,
-    /// A label a value, in index order; empty where there are more than [`Variable::MOST_LABELS`].
+    /// A label a value, in index order; empty where there are more than [`Variable::MOST_LABELS`],
+    /// and beside what has no indices.
     pub actions: Vec<String>,
 }
 

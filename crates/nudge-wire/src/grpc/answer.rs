@@ -10,9 +10,9 @@ use crate::proto;
 
 impl From<Answers> for proto::BatchGetInfluenceResponse {
     fn from(answers: Answers) -> Self {
-        let labels = Some(answers.labels.into());
         Self {
-            labels,
+            labels: Some(answers.labels.into()),
+            lag: answers.lag,
             answers: answers.answers.into_iter().map(Into::into).collect(),
         }
     }
@@ -20,9 +20,9 @@ impl From<Answers> for proto::BatchGetInfluenceResponse {
 
 impl From<Answers> for proto::GetInfluenceResponse {
     fn from(answers: Answers) -> Self {
-        let labels = Some(answers.labels.into());
         Self {
-            labels,
+            labels: Some(answers.labels.into()),
+            lag: answers.lag,
             answer: answers.answers.into_iter().next().map(Into::into),
         }
     }

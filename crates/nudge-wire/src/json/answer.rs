@@ -14,6 +14,8 @@ use crate::{present, proto};
 pub struct Answers {
     /// What indices stand for.
     pub labels: Labels,
+    /// How many steps later the other is observed; 0 for the same tick.
+    pub lag: u32,
     /// One a state, in the order asked.
     pub answers: Vec<Answer>,
 }
@@ -193,9 +195,9 @@ pub(super) fn basis(number: i32, version: Option<u64>, visits: u64) -> Basis {
 
 impl From<proto::BatchGetInfluenceResponse> for Answers {
     fn from(response: proto::BatchGetInfluenceResponse) -> Self {
-        let labels = response.labels.map(Into::into).unwrap_or_default();
         Self {
-            labels,
+            labels: response.labels.map(Into::into).unwrap_or_default(),
+            lag: response.lag,
             answers: response.answers.into_iter().map(Into::into).collect(),
         }
     }
@@ -203,9 +205,9 @@ impl From<proto::BatchGetInfluenceResponse> for Answers {
 
 impl From<proto::GetInfluenceResponse> for Answers {
     fn from(response: proto::GetInfluenceResponse) -> Self {
-        let labels = response.labels.map(Into::into).unwrap_or_default();
         Self {
-            labels,
+            labels: response.labels.map(Into::into).unwrap_or_default(),
+            lag: response.lag,
             answers: response.answer.into_iter().map(Into::into).collect(),
         }
     }

@@ -23,7 +23,8 @@ pub struct Variable {
     /// Its name.
     #[schema(example = "robot")]
     pub name: String,
-    /// A label an action, or a value, in index order; empty where there are more than 4,096.
+    /// A label an action, or a value, in index order; empty where there are more than 4,096, and
+    /// beside what has no indices.
     pub actions: Vec<String>,
 }
 
