@@ -127,6 +127,7 @@ fn evidence(answer: &proto::Answer) -> String {
         ));
     }
     lines.extend(segmentation(answer));
+    lines.extend(holds(answer));
     lines.extend(
         answer
             .warnings
@@ -157,6 +158,17 @@ fn segmentation(answer: &proto::Answer) -> Option<String> {
         count(segments),
         differ.unwrap_or_default()
     ))
+}
+
+/// Tells for how many steps the agents go on with an action, where that is known of one.
+fn holds(answer: &proto::Answer) -> Option<String> {
+    let proto::Holds { ego, other } = answer.holds?;
+    let told = [("the ego's", ego), ("the other's", other)];
+    let told: Vec<String> = told
+        .into_iter()
+        .filter_map(|(whose, hold)| Some(format!("{whose} {}", figure(hold?))))
+        .collect();
+    (!told.is_empty()).then(|| format!("steps that an action is held: {}", told.join(", ")))
 }
 
 /// Tells what a network says of a state.

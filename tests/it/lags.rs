@@ -1149,3 +1149,47 @@ async fn answers_repeat_what_was_asked() {
     assert_eq!(answer.into_inner().lag, 3);
     app.stop().await;
 }
+
+/// Returns how many steps there are for each change of an agent's action, of those that begin so many
+/// steps after one in a state and are told with it, as far as a lag.
+fn held(agent: usize, state: usize, after: usize, lag: usize) -> f64 {
+    let (mut steps, mut changes) = (0_u32, 0_u32);
+    for track in played() {
+        for (at, step) in track.iter().enumerate() {
+            if step.state != state || at + lag >= track.len() {
+                continue;
+            }
+            let [before, next] = [after, after + 1].map(|after| track[at + after].actions[agent]);
+            steps += 1;
+            changes += u32::from(before != next);
+        }
+    }
+    f64::from(steps) / f64::from(changes)
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn full_answers_at_a_lag_tell_how_long_actions_are_held() {
+    let app = street().await;
+    for (at, [ego, other]) in BOTH.into_iter().enumerate() {
+        for (lag, state) in [(1, 0), (3, 1), (4, 3)] {
+            let query = format!("ego={ego}&other={other}&lag={lag}&key={state}");
+            let told = app.get(&format!("{PATH}/influence?{query}")).await;
+            let answer = &told["answers"][0];
+            let egos = held(at, state, 0, 1);
+            near(figure(answer, "/holds/ego"), egos, &query);
+            let others = held(1 - at, state, lag - 1, lag);
+            near(figure(answer, "/holds/other"), others, &query);
+            assert!(egos > 1.0 && others > 1.0);
+        }
+    }
+    for more in ["lag=0", "lag=3&view=figures", "lag=3&view=verdict"] {
+        let told = app.get(&format!("{PATH}/influence?key=0&{more}")).await;
+        assert_eq!(told["answers"][0].get("holds"), None, "{more}");
+    }
+
+    let asked = ["query", "street", "--key", "0", "--lag", "3"];
+    let (_, text, _) = run(&app, &asked).await;
+    let line = "steps that an action is held: the ego's ";
+    assert!(text.lines().any(|one| one.starts_with(line)), "{text}");
+    app.stop().await;
+}

@@ -167,6 +167,14 @@ async fn figures_of_a_value_are_those_of_the_core_on_the_same_table() {
                 json!([]),
                 "it has no action before"
             );
+
+            // No next action was sent, and a value holds nothing.
+            let holds = &answer["holds"];
+            assert_eq!(
+                [&holds["ego"], &holds["other"]],
+                [&json!(null); 2],
+                "{what}"
+            );
         }
     }
 

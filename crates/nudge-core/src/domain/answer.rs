@@ -212,10 +212,22 @@ pub struct Figures {
     pub visits_to_decide: Option<Option<u64>>,
     /// What the active network says of the state, where there is one.
     pub model: Option<ModelFigures>,
+    /// For how many steps both go on with an action; at a lag, in the `full` view only.
+    pub holds: Option<Holds>,
     /// The fit of the prior.
     pub fit: FitId,
     /// How many transitions of the environment the answer stands on.
     pub revision: u64,
+}
+
+/// Mean holds: for how many steps on average two agents go on with an action in a state. `None`
+/// where the counts do not tell, because the step after is not declared or no change was seen.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Holds {
+    /// The ego's.
+    pub ego: Option<f64>,
+    /// The other's.
+    pub other: Option<f64>,
 }
 
 /// The posterior of a state: what its counts say by the fitted prior.

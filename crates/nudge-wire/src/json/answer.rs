@@ -96,12 +96,38 @@ pub struct Answer {
     /// Whether the figures tell a direction, from ego to other: false at lag 0, true at every other.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub directed: Option<bool>,
+    /// For how many steps on average the two agents go on with an action in this state; at a lag, in
+    /// the view `full` only.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub holds: Option<Holds>,
     /// The fit of the prior that the evidence rests on.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fit: Option<Fit>,
     /// How many transitions of the environment the answer stands on.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub revision: Option<u64>,
+}
+
+/// Mean holds, in steps: one for each change of action, by the counts. An action that is chosen again
+/// is held, so that who draws one of R at random has R/(R - 1). Where the ego holds its actions, what is
+/// true of one lag is true of those beside it.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, ToSchema)]
+pub struct Holds {
+    /// The ego's, by its action one step later; null where that is not declared, and where no change
+    /// was seen.
+    #[schema(minimum = 1)]
+    pub ego: Option<f64>,
+    /// The other's, by its action one step before that which is asked about; null where that is not
+    /// declared, where no change was seen, and for an outcome with values.
+    #[schema(minimum = 1)]
+    pub other: Option<f64>,
+}
+
+impl From<proto::Holds> for Holds {
+    fn from(holds: proto::Holds) -> Self {
+        let proto::Holds { ego, other } = holds;
+        Self { ego, other }
+    }
 }
 
 /// What a verdict rests on.
@@ -247,6 +273,7 @@ impl From<proto::Answer> for Answer {
             model,
             lag: answer.lag,
             directed: answer.directed,
+            holds: answer.holds.map(Into::into),
             fit: answer.fit.map(Into::into),
             revision: answer.revision,
         }
