@@ -11,7 +11,7 @@ const RESPONSES_TOLD: usize = 3;
 /// Returns answers as text: one in full, several as a table.
 pub(super) fn render(environment: &str, response: &proto::BatchGetInfluenceResponse) -> String {
     let labels = response.labels.clone().unwrap_or_default();
-    let heading = heading(environment, &labels, &response.answers);
+    let heading = heading(environment, &labels, response.lag, &response.answers);
     match response.answers.as_slice() {
         [only] if only.mutual_information.is_some() => {
             format!("{heading}\n\n{}", one(only, &labels))
@@ -30,7 +30,12 @@ fn written_threshold(threshold: f64) -> String {
     significant(threshold, 6)
 }
 
-fn heading(environment: &str, labels: &proto::Labels, answers: &[proto::Answer]) -> String {
+fn heading(
+    environment: &str,
+    labels: &proto::Labels,
+    lag: u32,
+    answers: &[proto::Answer],
+) -> String {
     let given: Vec<&str> = labels
         .given
         .iter()
@@ -61,16 +66,9 @@ fn heading(environment: &str, labels: &proto::Labels, answers: &[proto::Answer])
 
     format!(
         "{environment}: {ego} on {other}{given}, {}{}",
-        steps_later(lag_of(&other)),
+        steps_later(lag),
         rule.unwrap_or_default()
     )
-}
-
-/// Returns the lag of a variable by its name: in the view `verdict` nothing else tells it.
-fn lag_of(name: &str) -> u32 {
-    name.split_once('@')
-        .and_then(|(_, lag)| lag.parse().ok())
-        .unwrap_or(0)
 }
 
 fn name_of(variable: &Option<proto::Variable>) -> String {
@@ -129,6 +127,7 @@ fn evidence(answer: &proto::Answer) -> String {
         ));
     }
     lines.extend(segmentation(answer));
+    lines.extend(holds(answer));
     lines.extend(
         answer
             .warnings
@@ -159,6 +158,17 @@ fn segmentation(answer: &proto::Answer) -> Option<String> {
         count(segments),
         differ.unwrap_or_default()
     ))
+}
+
+/// Tells for how many steps the agents go on with an action, where that is known of one.
+fn holds(answer: &proto::Answer) -> Option<String> {
+    let proto::Holds { ego, other } = answer.holds?;
+    let told = [("the ego's", ego), ("the other's", other)];
+    let told: Vec<String> = told
+        .into_iter()
+        .filter_map(|(whose, hold)| Some(format!("{whose} {}", figure(hold?))))
+        .collect();
+    (!told.is_empty()).then(|| format!("steps that an action is held: {}", told.join(", ")))
 }
 
 /// Tells what a network says of a state.
@@ -477,6 +487,7 @@ mod tests {
         };
         proto::BatchGetInfluenceResponse {
             labels: Some(labels),
+            lag: 0,
             answers,
         }
     }

@@ -11,7 +11,7 @@ use std::time::Duration;
 
 use clap::Args;
 
-use self::found::{Best, Found};
+use self::found::{Best, Found, Later};
 use self::live::Live;
 use super::Failure;
 use super::addresses::{address, reachable};
@@ -33,8 +33,24 @@ use crate::recordings::overcooked::{self, Abstraction};
 use crate::simulation::hallway::{Hallway, Protocol};
 use crate::telemetry;
 
+/// What the names of the demo's environments begin with: they are its own, as what is sent into them
+/// may be described otherwise by the next build.
+const OWN: &str = "demo";
+
 /// The environment of the simulated hallway.
-const HALLWAY: &str = "hallway";
+const HALLWAY: &str = "demo.hallway";
+
+/// Where one player must wait for the other, and answers after some steps: what is asked about at a
+/// lag. So little is sent with its lags that a demo lasts no longer for it.
+const LATER: Later = Later {
+    environment: "demo.forced_coordination",
+    ego: "player_1",
+    other: "player_0",
+    lag: 2,
+};
+
+/// The lags of games: that which is asked about, and the one before, which is held fixed.
+const LAGS: [u32; 2] = [LATER.lag as u32 - 1, LATER.lag as u32];
 
 /// Trials of the simulated hallway: enough that something is established in it.
 const TRIALS: u32 = 300;
@@ -116,9 +132,9 @@ impl Demo {
             }
 
             let best = so_far.borrow_mut().tell()?;
-            print(&to_try(address, &best))?;
-
             so_far.borrow_mut().stage = Stage::Training;
+            found::tell_later(&connection, &LATER).await?;
+            print(&to_try(address, &best))?;
             found::train(&connection, HALLWAY).await?;
             so_far.borrow_mut().stage = Stage::Told;
             std::future::pending().await
@@ -280,12 +296,8 @@ async fn counted_before(app: &App) -> String {
 fn games() -> Result<Vec<Part>, Failure> {
     let mut parts = Vec::new();
     for (name, bytes) in overcooked::embedded() {
-        parts.extend(ingest::parts_of(
-            name,
-            bytes,
-            Abstraction::default(),
-            &Lags::none(),
-        )?);
+        let found = ingest::parts_of(name, bytes, Abstraction::default(), &Lags::from(LAGS))?;
+        parts.extend(found.into_iter().map(|part| part.under(Some(OWN))));
     }
     Ok(parts)
 }

@@ -133,7 +133,7 @@ pub(super) fn parts_of(
 
 impl Part {
     /// Returns the same for an environment whose name begins so.
-    fn under(self, name: Option<&str>) -> Self {
+    pub(super) fn under(self, name: Option<&str>) -> Self {
         let environment = match name {
             Some(name) => format!("{name}.{}", self.environment),
             None => self.environment,

@@ -20,6 +20,12 @@ impl Default for Lags {
     }
 }
 
+impl<const N: usize> From<[u32; N]> for Lags {
+    fn from(lags: [u32; N]) -> Self {
+        Self(BTreeSet::from(lags).into_iter().collect())
+    }
+}
+
 impl Lags {
     /// Returns no lags.
     pub(super) fn none() -> Self {

@@ -24,6 +24,7 @@ use crate::error::{Fault, Problem};
     Example:\n  nudge query hallway --state distance=1.2 lane=3 --ego robot --other human\n  \
     nudge query hallway --key 3.0 --key 3.1 --segments trial-3 --unit bits\n  \
     nudge query hallway --key 3.0 --lag 3\n  \
+    nudge query kitchen --key 3.0 --ego cook --other pot\n  \
     nudge query hallway --key 3.0 --rule-kind paper --rule-threshold 0.2 --json"
 )]
 pub(super) struct Query {
@@ -39,11 +40,11 @@ pub(super) struct Query {
     /// Agent whose influence is asked about; the first one unless given
     #[arg(long, value_name = "AGENT")]
     ego: Option<String>,
-    /// Agent that may be influenced; the second one unless given
+    /// Agent that may be influenced, or outcome with values; the second agent unless given
     #[arg(long, value_name = "AGENT")]
     other: Option<String>,
     /// Steps after which the other's action is observed, as the environment declares them; 0, the
-    /// same tick, unless given
+    /// same tick, unless given. An outcome with values has its own
     #[arg(
         long,
         value_name = "STEPS",

@@ -36,8 +36,9 @@ fn figures(
     index: u64,
     believed: Option<ActionPosterior>,
 ) -> ActionFigures {
-    let [ego, other] = [assessor.scope.pair.ego, assessor.scope.pair.other]
-        .map(|agent| &assessor.schema.agents()[agent]);
+    let pair = &assessor.scope.pair;
+    let ego = &assessor.schema.agents()[pair.ego];
+    let responses = pair.alphabet(assessor.schema).columns;
     let unit = |nats: f64| assessor.scope.unit.from_nats(nats);
 
     let row = tables.whole.row_labels().binary_search(&index).ok();
@@ -47,7 +48,7 @@ fn figures(
         visits: tables.whole.row_sum(index),
         divergence: None,
         plug_in_divergence: row.map(|row| unit(tables.divergence(row))),
-        response: row.map(|row| frequencies(&tables.whole, row, other.actions())),
+        response: row.map(|row| frequencies(&tables.whole, row, responses)),
         response_intervals: Vec::new(),
     };
 

@@ -7,6 +7,7 @@ use rayon::prelude::*;
 
 use super::actions;
 use super::assessor::{Assessment, Assessor};
+use super::holds;
 use super::labels::bins;
 use super::query_context::QueryContext;
 use super::store_errors::logged;
@@ -192,6 +193,9 @@ impl AnswerContext {
                     .collect(),
                 visits_to_decide,
                 estimates: self.question.estimators.iter().map(estimate).collect(),
+                holds: (assessor.view == View::Full)
+                    .then(|| holds::holds(schema, pair, &state.counts, segments))
+                    .flatten(),
                 model: predicted.and_then(|predicted| self.model(assessor, key, predicted)),
                 revision: state.revision,
                 ..self.figures(assessor, &assessment, expected)
@@ -282,6 +286,7 @@ impl AnswerContext {
             warnings: Vec::new(),
             visits_to_decide: None,
             model: None,
+            holds: None,
             fit: self.query.fit(),
             revision: 0,
         }

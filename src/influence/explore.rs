@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use rayon::prelude::*;
 
-use super::labels::bins;
+use super::labels::{bins, names};
 use super::pass_cache::PassResult;
 use super::query_context::QueryContext;
 use super::state_ranking::StateRanking;
@@ -57,10 +57,13 @@ pub struct Explored {
 }
 
 impl Explored {
-    /// Returns at most so many of the trials.
-    pub fn first(&self, limit: usize) -> Exploration {
+    /// Returns at most so many of the trials, for the query that they were found for.
+    pub fn first(&self, context: &QueryContext, limit: usize) -> Exploration {
+        let (schema, pair) = (&context.environment.schema, &context.scope.pair);
         let trials = self.trials(limit).to_vec();
         Exploration {
+            labels: names(schema, pair),
+            lag: pair.lag(schema),
             trials,
             considered: self.considered,
             as_of: self.ranking.as_of,

@@ -54,7 +54,7 @@ impl Influence {
         let name = |agent: usize| environment.schema.agents()[agent].name.to_string();
         Ok(Some(FittedPrior {
             earlier: name(pair.ego),
-            later: name(pair.other),
+            later: pair.name_of_other(&environment.schema).to_owned(),
             lag: pair.lag(&environment.schema),
             given: pair.given.iter().map(|agent| name(*agent)).collect(),
             fit: found.id,

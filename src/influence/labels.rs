@@ -1,8 +1,7 @@
 //! Names for numbers: the labels of variables, actions, bins and cells, as answers carry them.
 
 use crate::domain::{
-    Agent, Bin, Cell, Feature, Label, LabelledCell, Labels, Pair, Schema, SegmentId, StateKey,
-    Variable,
+    Bin, Cell, Feature, Label, LabelledCell, Labels, Pair, Schema, SegmentId, StateKey, Variable,
 };
 
 /// Returns the bins of a state with their labels.
@@ -46,18 +45,23 @@ pub fn labelled(
 pub fn labels(schema: &Schema, pair: &Pair) -> Labels {
     let now = |agent: &usize| {
         let agent = &schema.agents()[*agent];
-        variable(agent, agent.name.to_string())
+        let label = |index| agent.action_label(index);
+        variable(agent.name.as_str(), agent.actions(), label)
     };
     let at = |outcome: usize| {
-        variable(
-            &schema.agents()[pair.other],
-            schema.outcomes()[outcome].name.clone(),
-        )
+        let outcome = &schema.outcomes()[outcome];
+        let label = |index| outcome.value_label(index);
+        variable(&outcome.name, outcome.values(), label)
     };
+
     let mut given: Vec<Variable> = pair.given.iter().map(now).collect();
-    // What the other did one step before, as far as it is known, is held fixed too.
-    let own = pair.later.map(|later| schema.own_before(later));
-    given.extend(own.map(|before| before.map_or_else(|| now(&pair.other), at)));
+    // What an agent did one step before, as far as it is known, is held fixed too.
+    let own = pair.later.zip(pair.other_agent(schema));
+    given.extend(own.map(|(later, other)| {
+        let before = schema.own_before(later);
+        before.map_or_else(|| now(&other), at)
+    }));
+
     Labels {
         ego: now(&pair.ego),
         other: pair.later.map_or_else(|| now(&pair.other), at),
@@ -65,14 +69,25 @@ pub fn labels(schema: &Schema, pair: &Pair) -> Labels {
     }
 }
 
-fn variable(agent: &Agent, name: String) -> Variable {
-    let are_told = agent.actions() <= Variable::MOST_LABELS;
-    let actions = if are_told {
-        (0..agent.actions())
-            .map(|index| agent.action_label(index))
-            .collect()
-    } else {
-        Vec::new()
+/// Returns the names of the variables of a pair, beside what has no indices.
+pub fn names(schema: &Schema, pair: &Pair) -> Labels {
+    let named = |variable: Variable| Variable {
+        actions: Vec::new(),
+        ..variable
     };
-    Variable { name, actions }
+    let Labels { ego, other, given } = labels(schema, pair);
+    Labels {
+        ego: named(ego),
+        other: named(other),
+        given: given.into_iter().map(named).collect(),
+    }
+}
+
+fn variable(name: &str, letters: u64, label: impl Fn(u64) -> String) -> Variable {
+    let are_told = letters <= Variable::MOST_LABELS;
+    let told = if are_told { letters } else { 0 };
+    Variable {
+        name: name.to_owned(),
+        actions: (0..told).map(label).collect(),
+    }
 }

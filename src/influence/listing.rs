@@ -2,7 +2,7 @@
 
 use super::count_ranking::CountRanking;
 use super::discoveries::FoundDiscoveries;
-use super::labels::bins;
+use super::labels::{bins, names};
 use super::order::{OrderBy, Orders, Ranked, SortOrder};
 use super::pass_cache::PassResult;
 use super::row::Row;
@@ -143,12 +143,7 @@ impl Listing {
             next_page_token,
         } = self.chosen(&ranking.rows, &ranking.orders, wants, bytes);
         let states = positions.into_iter().map(figures).collect();
-        StatePage {
-            states,
-            next_page_token,
-            as_of: ranking.as_of,
-            unit: scope.unit,
-        }
+        page(schema, scope, ranking.as_of, (states, next_page_token))
     }
 
     /// Returns the states of the page by ranks alone.
@@ -202,6 +197,23 @@ impl Listing {
 struct Chosen {
     positions: Vec<usize>,
     next_page_token: Option<String>,
+}
+
+/// Returns a page of these states, and its token.
+pub fn page(
+    schema: &Schema,
+    scope: &Scope,
+    as_of: u64,
+    (states, next_page_token): (Vec<StateFigures>, Option<String>),
+) -> StatePage {
+    StatePage {
+        labels: names(schema, &scope.pair),
+        lag: scope.pair.lag(schema),
+        states,
+        next_page_token,
+        as_of,
+        unit: scope.unit,
+    }
 }
 
 /// Returns what is told of a state.

@@ -36,6 +36,7 @@ mod discoveries;
 mod explore;
 mod fits;
 mod graph;
+mod holds;
 mod keyed;
 mod labels;
 mod listing;

@@ -88,7 +88,7 @@ impl Influence {
             &environment.schema,
             explored.trials(limit).iter().map(|trial| &trial.key),
         )?;
-        Ok(explored.first(limit))
+        Ok(explored.first(&context, limit))
     }
 }
 

@@ -74,19 +74,19 @@ impl Influence {
             .collect();
 
         turn.run(move |stop| {
-            let (schema, unit) = (&context.environment.schema, context.scope.unit);
+            let (schema, scope) = (&context.environment.schema, &context.scope);
             let rows = row::measured(&context, states, &PassEvidence::default(), stop)?;
             let (size, next_page_token) = listing.cut(schema, &rows);
             let states = rows[..size]
                 .iter()
-                .map(|row| listing::figures(schema, unit, row))
+                .map(|row| listing::figures(schema, scope.unit, row))
                 .collect();
-            Ok(StatePage {
-                states,
-                next_page_token,
+            Ok(listing::page(
+                schema,
+                scope,
                 as_of,
-                unit,
-            })
+                (states, next_page_token),
+            ))
         })
         .await
     }
@@ -112,20 +112,20 @@ impl Influence {
             .zip(counts)
             .map(|(key, state)| (key, state.counts))
             .collect();
-        let unit = context.scope.unit;
-        let assessing = turn.run(move |stop| {
-            let schema = &context.environment.schema;
+        turn.run(move |stop| {
+            let (schema, scope) = (&context.environment.schema, &context.scope);
             let rows = row::measured(&context, states, &PassEvidence::default(), stop)?;
-            Ok(rows
+            let states = rows
                 .iter()
-                .map(|row| listing::figures(schema, unit, row))
-                .collect())
-        });
-        Ok(StatePage {
-            states: assessing.await?,
-            next_page_token,
-            as_of,
-            unit,
+                .map(|row| listing::figures(schema, scope.unit, row))
+                .collect();
+            Ok(listing::page(
+                schema,
+                scope,
+                as_of,
+                (states, next_page_token),
+            ))
         })
+        .await
     }
 }

@@ -31,7 +31,8 @@ impl Influence {
             .await?;
         size::check_informed(&context, &question)?;
 
-        let labels = labels(schema, &question.scope.pair);
+        let pair = &question.scope.pair;
+        let (labels, lag) = (labels(schema, pair), pair.lag(schema));
         let answers = answer::answers(
             &*self.store,
             &self.work.questions,
@@ -42,7 +43,11 @@ impl Influence {
         )
         .await?;
         count_answers(started, &answers);
-        Ok(Answers { labels, answers })
+        Ok(Answers {
+            labels,
+            lag,
+            answers,
+        })
     }
 
     /// Returns the counts of the state of that key.

@@ -6,6 +6,7 @@ use super::query_context::QueryContext;
 use crate::api::{MOST_MESSAGE_BYTES, too_large};
 use crate::domain::{Counts, Feature, FeatureKind, Question, Schema, StateKey, View};
 use crate::error::Problem;
+use crate::information::Alphabet;
 
 /// Bytes of an ego action's figures beside its response.
 const ACTION: u64 = 40;
@@ -102,11 +103,10 @@ fn fits(bytes: u64, view: View) -> Result<(), Problem> {
 /// Returns the bytes of the figures of all ego actions in all states, each with so many for each of
 /// the other's actions.
 fn actions_bytes(schema: &Schema, question: &Question, each: u64) -> u64 {
-    let [ego, other] =
-        [question.scope.pair.ego, question.scope.pair.other].map(|agent| &schema.agents()[agent]);
-    let action = other.actions().saturating_mul(each).saturating_add(ACTION);
+    let Alphabet { rows, columns } = question.scope.pair.alphabet(schema);
+    let action = columns.saturating_mul(each).saturating_add(ACTION);
     action
-        .saturating_mul(ego.actions())
+        .saturating_mul(rows)
         .saturating_mul(question.states.len() as u64)
 }
 

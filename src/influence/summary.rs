@@ -1,6 +1,7 @@
 //! Summary statistics of a ranking: what all states say together.
 
 use super::discoveries::FoundDiscoveries;
+use super::labels::names;
 use super::pass_cache::PassResult;
 use super::state_ranking::StateRanking;
 use super::stratified;
@@ -30,6 +31,8 @@ pub fn summary(
     };
 
     Summary {
+        labels: names(schema, &scope.pair),
+        lag: scope.pair.lag(schema),
         transitions,
         states: ranking.rows.len() as u64,
         segments,

@@ -69,8 +69,8 @@ impl From<StoredSide> for SideParameters {
     }
 }
 
-/// Writes a pair as the store knows it: the positions of its agents, then those held fixed, then
-/// that of the outcome that the other's later action is: `0,2|1@5`.
+/// Writes a pair as the store knows it: the positions of its variables, then those held fixed, then
+/// that of the outcome that is asked about: `0,2|1@5`.
 pub fn write_pair(pair: &Pair) -> String {
     let given: Vec<String> = pair.given.iter().map(ToString::to_string).collect();
     let fixed = if given.is_empty() {

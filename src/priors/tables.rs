@@ -87,7 +87,7 @@ impl Tables {
                 .map(|cell| counted(schema, pair, cell, visits)),
         );
         let strata = pair
-            .is_conditional()
+            .is_conditional(schema)
             .then(|| tables_of_strata(schema, pair, cells.clone(), visits, no_more));
 
         let segments = segments(cells.clone().map(|cell| cell.segment));

@@ -4,7 +4,7 @@
 use super::fitted::alphabet;
 use super::registry::PriorRegistry;
 use super::stored_forms;
-use crate::domain::{Environment, Pair, Schema};
+use crate::domain::{Environment, Schema};
 use crate::store::form::Unreadable;
 use crate::store::{FitRecord, StoreError};
 
@@ -79,16 +79,8 @@ fn tell(environment: &Environment, record: &FitRecord) {
 
 /// Returns why a fit cannot be read, if it cannot.
 fn unreadable(schema: &Schema, record: &FitRecord) -> Option<Unreadable> {
-    let agents = 0..schema.agents().len();
-    let known = |pair: &Pair| {
-        [pair.ego, pair.other]
-            .iter()
-            .chain(&pair.given)
-            .all(|agent| agents.contains(agent))
-    };
-
     match stored_forms::read_pair(&record.pair)
-        .filter(known)
+        .filter(|pair| pair.is_of(schema))
         .and_then(|pair| alphabet(schema, &pair))
     {
         Some(alphabet) => stored_forms::read_record(record, alphabet).err(),

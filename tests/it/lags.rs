@@ -1072,3 +1072,124 @@ async fn a_simulated_hallway_is_sent_with_its_lags() {
     );
     app.stop().await;
 }
+
+#[tokio::test(flavor = "multi_thread")]
+async fn answers_repeat_what_was_asked() {
+    let app = street().await;
+    let nothing = json!([]);
+    for (lag, other, given) in [
+        (0, "follower", None),
+        (1, "follower@1", Some("follower")),
+        (3, "follower@3", Some("follower@2")),
+    ] {
+        let told = app.get(&format!("{PATH}/graph?key=0&lag={lag}")).await;
+        assert_eq!(told["lag"], json!(lag));
+        for path in [
+            "influence?key=0",
+            "influence?key=0&view=verdict",
+            "states?page_size=1",
+            "states?order_by=plug_in desc",
+            "states?order_by=visits asc&min_visits=1",
+            "states?fdr=0.1",
+            "summary?",
+            "summary?fdr=0.1",
+            "explore?",
+        ] {
+            let told = app.get(&format!("{PATH}/{path}&lag={lag}")).await;
+            assert_eq!(told["lag"], json!(lag), "{path}");
+            let labels = &told["labels"];
+            assert_eq!(labels["ego"]["name"], json!("leader"), "{path}");
+            assert_eq!(labels["other"]["name"], json!(other), "{path}");
+            let named = &labels["given"][0]["name"];
+            assert_eq!(named, &json!(given), "{path}");
+            // Labels of actions stand beside what has their indices.
+            let is_told = labels["other"]["actions"] != nothing;
+            assert_eq!(is_told, path.starts_with("influence"), "{path}");
+        }
+    }
+
+    let scope = proto::Scope {
+        environment: "street".into(),
+        lag: 3,
+        ..proto::Scope::default()
+    };
+    let mut client = app.influence().await;
+    let request = proto::ListStatesRequest {
+        scope: Some(scope.clone()),
+        ..proto::ListStatesRequest::default()
+    };
+    let page = client.list_states(request).await.expect("valid");
+    let page = serde_json::to_value(dto::StatePage::from(page.into_inner())).expect("JSON");
+    assert_eq!(page, app.get(&format!("{PATH}/states?lag=3")).await);
+
+    let request = proto::SummarizeRequest {
+        scope: Some(scope.clone()),
+        ..proto::SummarizeRequest::default()
+    };
+    let summary = client.summarize(request).await.expect("valid");
+    let summary = serde_json::to_value(dto::Summary::from(summary.into_inner())).expect("JSON");
+    assert_eq!(summary, app.get(&format!("{PATH}/summary?lag=3")).await);
+
+    let request = proto::ExploreRequest {
+        scope: Some(scope.clone()),
+        ..proto::ExploreRequest::default()
+    };
+    let explored = client.explore(request).await.expect("valid");
+    let explored = dto::Exploration::from(explored.into_inner());
+    let explored = serde_json::to_value(explored).expect("JSON");
+    assert_eq!(explored, app.get(&format!("{PATH}/explore?lag=3")).await);
+
+    let request = proto::GetInfluenceRequest {
+        scope: Some(scope),
+        state: Some(proto::get_influence_request::State::Key("0".into())),
+        view: proto::View::Verdict.into(),
+        ..proto::GetInfluenceRequest::default()
+    };
+    let answer = client.get_influence(request).await.expect("valid");
+    assert_eq!(answer.into_inner().lag, 3);
+    app.stop().await;
+}
+
+/// Returns how many steps there are for each change of an agent's action, of those that begin so many
+/// steps after one in a state and are told with it, as far as a lag.
+fn held(agent: usize, state: usize, after: usize, lag: usize) -> f64 {
+    let (mut steps, mut changes) = (0_u32, 0_u32);
+    for track in played() {
+        for (at, step) in track.iter().enumerate() {
+            if step.state != state || at + lag >= track.len() {
+                continue;
+            }
+            let [before, next] = [after, after + 1].map(|after| track[at + after].actions[agent]);
+            steps += 1;
+            changes += u32::from(before != next);
+        }
+    }
+    f64::from(steps) / f64::from(changes)
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn full_answers_at_a_lag_tell_how_long_actions_are_held() {
+    let app = street().await;
+    for (at, [ego, other]) in BOTH.into_iter().enumerate() {
+        for (lag, state) in [(1, 0), (3, 1), (4, 3)] {
+            let query = format!("ego={ego}&other={other}&lag={lag}&key={state}");
+            let told = app.get(&format!("{PATH}/influence?{query}")).await;
+            let answer = &told["answers"][0];
+            let egos = held(at, state, 0, 1);
+            near(figure(answer, "/holds/ego"), egos, &query);
+            let others = held(1 - at, state, lag - 1, lag);
+            near(figure(answer, "/holds/other"), others, &query);
+            assert!(egos > 1.0 && others > 1.0);
+        }
+    }
+    for more in ["lag=0", "lag=3&view=figures", "lag=3&view=verdict"] {
+        let told = app.get(&format!("{PATH}/influence?key=0&{more}")).await;
+        assert_eq!(told["answers"][0].get("holds"), None, "{more}");
+    }
+
+    let asked = ["query", "street", "--key", "0", "--lag", "3"];
+    let (_, text, _) = run(&app, &asked).await;
+    let line = "steps that an action is held: the ego's ";
+    assert!(text.lines().any(|one| one.starts_with(line)), "{text}");
+    app.stop().await;
+}

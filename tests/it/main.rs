@@ -29,6 +29,7 @@ mod metrics;
 mod models;
 mod networks;
 mod newcomers;
+mod next_state;
 mod old_databases;
 mod operations;
 mod outcomes;

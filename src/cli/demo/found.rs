@@ -92,8 +92,9 @@ pub(super) struct Seen {
 
 /// Looks at all that is counted of an environment.
 pub(super) async fn look(connection: &Connection, environment: &str) -> Result<Seen, Failure> {
-    settle(connection, environment).await?;
-    let summary = summary_row(environment, &summary(connection, environment).await?);
+    let scope = scope(environment);
+    settle(connection, &scope).await?;
+    let summary = summary_row(environment, &summary(connection, &scope).await?);
     let mut seen = Seen {
         best: Best::default(),
         summary,
@@ -117,6 +118,37 @@ pub(super) async fn look(connection: &Connection, environment: &str) -> Result<S
     }
 
     Ok(seen)
+}
+
+/// A question at a lag.
+pub(super) struct Later {
+    pub environment: &'static str,
+    pub ego: &'static str,
+    pub other: &'static str,
+    pub lag: i32,
+}
+
+/// Prints what is found at a lag, in a line.
+pub(super) async fn tell_later(connection: &Connection, later: &Later) -> Result<(), Failure> {
+    let Later {
+        environment,
+        ego,
+        other,
+        lag,
+    } = *later;
+    let scope = proto::Scope {
+        ego: ego.into(),
+        other: other.into(),
+        lag,
+        ..scope(environment)
+    };
+    settle(connection, &scope).await?;
+    let summary = summary(connection, &scope).await?;
+    let established = summary.dependence.unwrap_or_default().established;
+    let [established, states] = [established, summary.states].map(count);
+    print(&format!(
+        "\n{lag} steps later {ego} has some influence on {other} in {established} of {states} states of {environment}, given what {other} did a step before"
+    ))
 }
 
 /// Trains a network for an environment, and prints whether it is worth asking.
@@ -150,11 +182,14 @@ pub(super) async fn train(connection: &Connection, environment: &str) -> Result<
     ))
 }
 
-/// Fits the prior of an environment, and waits until what is told of all its states stands on that
+/// Fits the prior that a question of an environment stands on, and waits until what is told of all its states stands on that
 /// fit and on everything counted.
-async fn settle(connection: &Connection, environment: &str) -> Result<(), Failure> {
+async fn settle(connection: &Connection, scope: &proto::Scope) -> Result<(), Failure> {
     let fit = proto::FitPriorRequest {
-        environment: environment.into(),
+        environment: scope.environment.clone(),
+        ego: scope.ego.clone(),
+        other: scope.other.clone(),
+        lag: scope.lag,
         ..Default::default()
     };
     let ask = || {
@@ -168,7 +203,7 @@ async fn settle(connection: &Connection, environment: &str) -> Result<(), Failur
         .unwrap_or_default();
 
     loop {
-        let told = summary(connection, environment).await?;
+        let told = summary(connection, scope).await?;
         if told.as_of >= made.revision && told.fit.unwrap_or_default().version >= made.version {
             return Ok(());
         }
@@ -178,14 +213,14 @@ async fn settle(connection: &Connection, environment: &str) -> Result<(), Failur
 
 async fn summary(
     connection: &Connection,
-    environment: &str,
+    scope: &proto::Scope,
 ) -> Result<proto::SummarizeResponse, Failure> {
     let discovery = proto::Discovery {
         fdr: Some(0.05),
         ..Default::default()
     };
     let request = proto::SummarizeRequest {
-        scope: Some(scope(environment)),
+        scope: Some(scope.clone()),
         discovery: Some(discovery),
         omit_segments: true,
     };

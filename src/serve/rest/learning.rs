@@ -58,7 +58,7 @@ pub async fn explore(
     params(
         ("environment" = String, Path, description = "The environment's name"),
         ("ego" = Option<String>, Query, description = "One agent of the pair; without `ego`, `other`, `given` and `lag` every pair is fitted at lag 0"),
-        ("other" = Option<String>, Query, description = "The other agent of the pair"),
+        ("other" = Option<String>, Query, description = "The other agent of the pair, or an outcome with values"),
         ("lag" = Option<i64>, Query, description = "How many steps later the other's action is observed; 0, the default, for the same tick. Each lag has a fit of its own, and so has each direction", minimum = 0, maximum = 64),
         ("given" = Option<Vec<String>>, Query, description = "Agents whose actions are held fixed"),
     ),

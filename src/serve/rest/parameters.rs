@@ -14,11 +14,11 @@ use crate::api::json;
 pub struct PairParameters {
     /// The agent whose influence is asked about; the first by default.
     ego: Option<String>,
-    /// The agent that may be influenced; the second by default.
+    /// The agent that may be influenced; the second by default. Or an outcome with values.
     other: Option<String>,
     /// How many steps later the other's action is observed, one of the lags that are declared for
     /// it; 0, the default, for the same tick. The other's own action one step before, as far as that
-    /// is declared, is held fixed too.
+    /// is declared, is held fixed too. An outcome with values has a lag of its own.
     #[param(minimum = 0, maximum = 64, example = 3)]
     lag: Option<i64>,
     /// Agents whose actions are held fixed, repeated or joined by commas.

@@ -1,4 +1,5 @@
-//! Materialised marginal counts: how often each action was taken in an environment. Kept from an
+//! Materialised marginal counts: how often each action was taken in an environment, and how often
+//! each value of an outcome was observed. Kept from an
 //! environment's beginning, or read from the cells when somebody first asks, then brought up to
 //! date by every commit; never on disk.
 //!
@@ -21,10 +22,10 @@ use std::sync::{Arc, Mutex, MutexGuard};
 use lru::LruCache;
 use tokio::sync::{Mutex as Turn, MutexGuard as InTurn};
 
-use crate::domain::{ActionTotals, Environment, EnvironmentId, Schema, Tally};
+use crate::domain::{ActionTotals, Environment, EnvironmentId, Family, Schema, Tally};
 
-/// Environments whose totals are kept: each is at most 100 KB an agent, and few agents can be so
-/// large.
+/// Environments whose totals are kept: each is at most 100 KB an agent or an outcome with values, and
+/// few can be so large.
 const KEPT: NonZeroUsize = NonZeroUsize::new(256).expect("not zero");
 
 /// The totals of every environment that was asked for.
@@ -41,10 +42,13 @@ struct Inner {
     suspended: bool,
 }
 
+/// A cell of a family, and what is added to it.
+type Counted = (Family, u64, Tally);
+
 /// What was committed since a load was announced.
 enum Later {
     /// The revision of its snapshot is not known yet: each commit by its own.
-    Listed(Vec<(u64, Vec<(u64, Tally)>)>),
+    Listed(Vec<(u64, Vec<Counted>)>),
     /// The sum of all above the snapshot.
     Summed(ActionTotals),
 }
@@ -84,12 +88,12 @@ impl ActionsMemory {
         }
     }
 
-    /// Counts the joint actions of a commit, after COMMIT and before it returns.
+    /// Counts the cells of a commit, after COMMIT and before it returns.
     pub(super) fn apply(
         &self,
         environment: EnvironmentId,
         revision: u64,
-        cells: impl Iterator<Item = (u64, Tally)>,
+        cells: impl Iterator<Item = Counted>,
     ) {
         let mut inner = self.inner();
         if let Some(totals) = inner.kept.peek_mut(&environment) {
@@ -202,7 +206,7 @@ impl Inner {
 }
 
 impl Later {
-    fn apply(&mut self, revision: u64, cells: impl Iterator<Item = (u64, Tally)>) {
+    fn apply(&mut self, revision: u64, cells: impl Iterator<Item = Counted>) {
         match self {
             Self::Listed(commits) => commits.push((revision, cells.collect())),
             Self::Summed(sum) => sum.apply(revision, cells),

@@ -1,5 +1,5 @@
-//! Marginal counts: how often each action was taken, summed over every cell of an environment where
-//! memory does not know it.
+//! Marginal counts: how often each action was taken and each value observed, summed over every cell of
+//! an environment where memory does not know it.
 
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -58,8 +58,9 @@ async fn sum(
     view: &View,
 ) -> Result<Result<ActionTotals, Outdated>, StoreError> {
     let mut totals = ActionTotals::new(&environment.schema);
+    let mut visits = 0;
     let show = |_, cells: &[Placed]| {
-        add(&mut totals, environment, cells)?;
+        add(&mut totals, &mut visits, environment, cells)?;
         Ok(ControlFlow::Continue(()))
     };
     let walked = walk::states(reader, environment.id, view, Wanted::All, show).await?;
@@ -67,22 +68,23 @@ async fn sum(
     Ok(walked.map(|()| totals))
 }
 
-/// Adds cells. Damaged ones could overflow a sum, which no sound ones do.
+/// Adds cells, and their visits. Damaged ones could overflow a sum, which no sound ones do.
 fn add(
     totals: &mut ActionTotals,
+    visits: &mut u64,
     environment: &Environment,
     cells: &[Placed],
 ) -> Result<(), StoreError> {
     for (place, tally) in cells {
-        if lookup::known_family(&environment.schema, place, *tally)? != Family::JOINT {
-            continue;
-        }
-        let sum = totals
-            .revision
+        let sum = visits
             .checked_add(tally.n)
             .filter(|sum| *sum <= i64::MAX as u64);
-        sum.ok_or_else(|| spoiled("the sum of an environment's visits"))?;
-        totals.add(place.joint, *tally);
+        *visits = sum.ok_or_else(|| spoiled("the sum of an environment's visits"))?;
+
+        match lookup::known_family(&environment.schema, place, *tally)? {
+            Family::JOINT => totals.add(place.joint, *tally),
+            family => totals.add_value(family, place.joint, *tally),
+        }
     }
     Ok(())
 }

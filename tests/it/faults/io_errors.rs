@@ -25,7 +25,7 @@ const SHAPE: Shape = Shape {
     contents: 64,
     segments: 16,
     in_flight: 4,
-    observed: false,
+    observed: true,
 };
 
 /// What is done to the disk.

@@ -20,7 +20,7 @@ const SHAPE: Shape = Shape {
     contents: 2,
     segments: 2,
     in_flight: 8,
-    observed: false,
+    observed: true,
 };
 const STREAMS: usize = 40;
 const POSTERS: usize = 8;

@@ -25,11 +25,11 @@ const VOICES: [Voice; 4] = [Voice::Stream, Voice::Stream, Voice::Stream, Voice::
 /// Many pages a commit and many commits, so that the journal is moved into the database during a
 /// run.
 const SHAPE: Shape = Shape {
-    rows: 40,
+    rows: 20,
     contents: 64,
     segments: 64,
     in_flight: 1,
-    observed: false,
+    observed: true,
 };
 
 const DATABASE: &str = "nudge.db";

@@ -122,6 +122,8 @@ impl Basis {
 pub struct Answers {
     /// What the numbers in the answers stand for.
     pub labels: Labels,
+    /// How many steps the other is observed after the ego.
+    pub lag: u32,
     /// One a state, in the question's order.
     pub answers: Vec<Answer>,
 }
@@ -131,9 +133,9 @@ pub struct Answers {
 pub struct Labels {
     /// The ego's actions.
     pub ego: Variable,
-    /// The other's actions.
+    /// The other's actions, or values.
     pub other: Variable,
-    /// The agents whose actions are held fixed.
+    /// What is held fixed: the agents named, and at a lag an agent's own action before.
     pub given: Vec<Variable>,
 }
 
@@ -142,7 +144,8 @@ pub struct Labels {
 pub struct Variable {
     /// Its name.
     pub name: String,
-    /// A label a value, in index order; empty where there are more than [`Variable::MOST_LABELS`].
+    /// A label a value, in index order; empty where there are more than [`Variable::MOST_LABELS`],
+    /// and beside what has no indices.
     pub actions: Vec<String>,
 }
 
@@ -209,10 +212,22 @@ pub struct Figures {
     pub visits_to_decide: Option<Option<u64>>,
     /// What the active network says of the state, where there is one.
     pub model: Option<ModelFigures>,
+    /// For how many steps both go on with an action; at a lag, in the `full` view only.
+    pub holds: Option<Holds>,
     /// The fit of the prior.
     pub fit: FitId,
     /// How many transitions of the environment the answer stands on.
     pub revision: u64,
+}
+
+/// Mean holds: for how many steps on average two agents go on with an action in a state. `None`
+/// where the counts do not tell, because the step after is not declared or no change was seen.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Holds {
+    /// The ego's.
+    pub ego: Option<f64>,
+    /// The other's.
+    pub other: Option<f64>,
 }
 
 /// The posterior of a state: what its counts say by the fitted prior.

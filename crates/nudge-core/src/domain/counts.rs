@@ -1,6 +1,6 @@
 //! Counts: what a batch adds, and what a state holds.
 
-use super::{Family, Label, Schema, StateKey};
+use super::{Agent, Family, Label, Schema, StateKey};
 
 /// The store's number of a segment; never used twice. Transitions without a segment have one too.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -224,41 +224,44 @@ fn of_segments<'a>(
 /// agent with more.
 pub const MOST_ACTIONS: u64 = 4_096;
 
-/// Marginal counts: how often each agent took each of its actions, over all states and segments of
-/// an environment.
+/// Marginal counts: how often each agent took each of its actions, and each outcome with values had
+/// each of them, over all states and segments of an environment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ActionTotals {
     /// Transitions counted so far.
     pub revision: u64,
     schema: Schema,
-    /// A tally for each action of each agent; none for an agent that has more than
-    /// [`MOST_ACTIONS`].
-    agents: Vec<Vec<Tally>>,
+    /// A tally for each action of each agent, then for each value of each outcome; none for an
+    /// agent's later action, and none where there are more than [`MOST_ACTIONS`].
+    variables: Vec<Vec<Tally>>,
 }
 
 impl ActionTotals {
     /// Begins with nothing counted.
     pub fn new(schema: &Schema) -> Self {
-        let sizes = schema
-            .agents()
-            .iter()
-            .map(|agent| Some(agent.actions()).filter(|actions| *actions <= MOST_ACTIONS));
-        let agents = sizes
-            .map(|size| vec![Tally::EMPTY; size.unwrap_or(0) as usize])
+        let actions = schema.agents().iter().map(Agent::actions);
+        let values = schema.outcomes().iter().map(|outcome| match outcome.agent {
+            Some(_) => 0,
+            None => outcome.values(),
+        });
+        let kept = |size: u64| if size <= MOST_ACTIONS { size } else { 0 };
+        let variables = actions
+            .chain(values)
+            .map(|size| vec![Tally::EMPTY; kept(size) as usize])
             .collect();
 
         Self {
             revision: 0,
             schema: schema.clone(),
-            agents,
+            variables,
         }
     }
 
-    /// Returns how often an agent drew each of its actions: entries where every transition of the
-    /// environment carried the flag, else visits. Empty for an agent that has more than
-    /// [`MOST_ACTIONS`].
-    pub fn draws(&self, agent: usize) -> Vec<u64> {
-        let tallies = &self.agents[agent];
+    /// Returns how often a [variable](super::Pair::other) drew each of its actions or values:
+    /// entries where every transition that tells of it carried the flag, else visits. Empty for one
+    /// that has more than [`MOST_ACTIONS`], and for an agent's later action.
+    pub fn draws(&self, variable: usize) -> Vec<u64> {
+        let tallies = &self.variables[variable];
         let entries: Option<Vec<u64>> = tallies.iter().map(|tally| tally.entries).collect();
         entries.unwrap_or_else(|| tallies.iter().map(|tally| tally.n).collect())
     }
@@ -269,19 +272,40 @@ impl ActionTotals {
         self.add_actions(joint, tally);
     }
 
-    /// Counts the joint actions of a commit, unless its revision says that they are counted
-    /// already.
-    pub fn apply(&mut self, revision: u64, cells: impl Iterator<Item = (u64, Tally)>) {
+    /// Counts the value of a cell of an outcome's family.
+    pub fn add_value(&mut self, family: Family, cell: u64, tally: Tally) {
+        let Some(outcome) = family.outcome() else {
+            return;
+        };
+        // A damaged cell may be of an outcome that there is not.
+        let variable = self.schema.agents().len() + outcome;
+        let Some(tallies) = self.variables.get_mut(variable) else {
+            return;
+        };
+        if tallies.is_empty() {
+            return;
+        }
+        let (_, value) = self.schema.split(family, cell);
+        if let Some(sum) = tallies.get_mut(value as usize) {
+            sum.add(tally);
+        }
+    }
+
+    /// Counts the cells of a commit, unless its revision says that they are counted already.
+    pub fn apply(&mut self, revision: u64, cells: impl Iterator<Item = (Family, u64, Tally)>) {
         if self.revision < revision {
             self.revision = revision;
-            cells.for_each(|(joint, tally)| self.add_actions(joint, tally));
+            cells.for_each(|(family, cell, tally)| match family {
+                Family::JOINT => self.add_actions(cell, tally),
+                family => self.add_value(family, cell, tally),
+            });
         }
     }
 
     /// Adds what was counted later, up to the revision of that.
     pub fn append(&mut self, later: &Self) {
         self.revision = later.revision;
-        for (tallies, added) in self.agents.iter_mut().zip(&later.agents) {
+        for (tallies, added) in self.variables.iter_mut().zip(&later.variables) {
             tallies
                 .iter_mut()
                 .zip(added)
@@ -290,7 +314,8 @@ impl ActionTotals {
     }
 
     fn add_actions(&mut self, joint: u64, tally: Tally) {
-        for (agent, tallies) in self.agents.iter_mut().enumerate() {
+        let agents = self.schema.agents().len();
+        for (agent, tallies) in self.variables[..agents].iter_mut().enumerate() {
             // One with too many actions has no tallies, and a damaged joint action may name an
             // action that nobody has.
             if tallies.is_empty() {
@@ -305,7 +330,7 @@ impl ActionTotals {
 
 #[cfg(test)]
 mod tests {
-    use super::super::draft::{AgentDraft, FeatureDraft, KindDraft};
+    use super::super::draft::{AgentDraft, FeatureDraft, KindDraft, OutcomeDraft};
     use super::*;
     use crate::domain::SchemaDraft;
 
@@ -338,6 +363,63 @@ mod tests {
             n,
             entries: entries.into(),
         }
+    }
+
+    fn joint<const N: usize>(
+        cells: [(u64, Tally); N],
+    ) -> impl Iterator<Item = (Family, u64, Tally)> {
+        let told = |(joint, tally)| (Family::JOINT, joint, tally);
+        cells.into_iter().map(told)
+    }
+
+    #[test]
+    fn every_value_that_is_no_action_is_drawn_too() {
+        let integer = |max| FeatureDraft {
+            name: "holds".into(),
+            unit: None,
+            kinds: vec![KindDraft::Integer(0, max)],
+        };
+        let pot = |name: &str, max| OutcomeDraft {
+            name: name.into(),
+            lag: Some(1),
+            value: vec![integer(max)],
+            ..OutcomeDraft::default()
+        };
+        let draft = SchemaDraft {
+            outcomes: vec![pot("pot", 2), pot("huge", MOST_ACTIONS as i64)],
+            lags: vec![1],
+            ..schema(&[2, 3]).draft()
+        };
+        let schema = Schema::try_from(&draft).expect("valid");
+        let [own, pot, huge] = ["agent1@1", "pot", "huge"].map(|name| {
+            let at = schema.outcome(name).expect("declared");
+            (Family::of_outcome(at), schema.agents().len() + at)
+        });
+
+        let mut totals = ActionTotals::new(&schema);
+        totals.add(5, tally(2, 1));
+        totals.add_value(pot.0, 5 * 3 + 2, tally(2, 1));
+        totals.add_value(own.0, 5 * 3 + 2, tally(2, 1));
+        totals.add_value(huge.0, 5, tally(2, 1));
+        let later = [
+            (Family::JOINT, 0, tally(1, 1)),
+            (pot.0, 1, tally(1, 1)),
+            (Family::from_number(99), 1, tally(1, 1)),
+        ];
+        totals.apply(2, later.into_iter());
+        assert_eq!(totals.draws(pot.1), [0, 0, 1], "counted already");
+        totals.apply(3, later.into_iter());
+        assert_eq!(totals.draws(pot.1), [0, 1, 1]);
+        assert_eq!([own.1, huge.1].map(|at| totals.draws(at)), [vec![], vec![]]);
+        assert_eq!((totals.revision, totals.draws(1)), (3, vec![1, 0, 1]));
+
+        totals.add_value(pot.0, 1, tally(4, None));
+        assert_eq!(
+            totals.draws(pot.1),
+            [0, 5, 2],
+            "of visits, where one had no flag"
+        );
+        assert_eq!(totals.draws(0), [1, 1], "which is no matter of actions");
     }
 
     #[test]
@@ -392,14 +474,14 @@ mod tests {
         let schema = schema(&[2, 3]);
         let mut totals = ActionTotals::new(&schema);
         for revision in [3, 3, 2] {
-            totals.apply(revision, [(0, tally(1, 1)), (5, tally(2, 1))].into_iter());
+            totals.apply(revision, joint([(0, tally(1, 1)), (5, tally(2, 1))]));
         }
         assert_eq!((totals.revision, totals.draws(0)), (3, vec![1, 1]));
         let mut later = ActionTotals {
             revision: 3,
             ..ActionTotals::new(&schema)
         };
-        later.apply(7, [(5, tally(4, None))].into_iter());
+        later.apply(7, joint([(5, tally(4, None))]));
         totals.append(&later);
         assert_eq!(
             (totals.revision, totals.draws(0), totals.draws(1)),

@@ -60,7 +60,7 @@ mod values;
 pub use agent::Agent;
 pub use angle::Angle;
 pub use answer::{
-    ActionFigures, Answer, Answers, Basis, Bin, Dependence, Evidence, Figures, Independence,
+    ActionFigures, Answer, Answers, Basis, Bin, Dependence, Evidence, Figures, Holds, Independence,
     Interval, Labels, Probability, Segmentation, Significance, Variable, Verdict,
 };
 pub use asker::Asker;

@@ -3,7 +3,8 @@
 
 use super::draft::DiscoveryDraft;
 use super::{
-    Answer, Basis, Bin, Evidence, FitId, Label, Segmentation, StateKey, Tally, Unit, Verdict,
+    Answer, Basis, Bin, Evidence, FitId, Label, Labels, Segmentation, StateKey, Tally, Unit,
+    Verdict,
 };
 use crate::error::{Fault, Problem};
 
@@ -53,6 +54,10 @@ pub struct LabelledCell {
 /// A page of states.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StatePage {
+    /// Whose influence on whom, by names alone.
+    pub labels: Labels,
+    /// How many steps the other is observed after the ego.
+    pub lag: u32,
     /// In the order asked for.
     pub states: Vec<StateFigures>,
     /// Asks for the next page; `None` on the last.
@@ -173,6 +178,10 @@ pub struct Discoveries {
 /// What all states say together.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Summary {
+    /// Whose influence on whom, by names alone.
+    pub labels: Labels,
+    /// How many steps the other is observed after the ego.
+    pub lag: u32,
     /// Transitions counted, in the segments asked for.
     pub transitions: u64,
     /// States seen, in the segments asked for.
@@ -295,6 +304,10 @@ impl EdgeKind {
 /// Where one more visit is worth most.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Exploration {
+    /// Whose influence on whom, by names alone.
+    pub labels: Labels,
+    /// How many steps the other is observed after the ego.
+    pub lag: u32,
     /// What to try, the most valuable first.
     pub trials: Vec<Suggestion>,
     /// How many states were looked at.

@@ -5,18 +5,20 @@ use super::{Cell, Counts, Family, Outcome, Schema, SegmentId};
 use crate::error::Fault;
 use crate::information::Alphabet;
 
-/// Whose influence on whom, with whose actions held fixed: positions of agents, all different.
+/// Whose influence on whom, with whose actions held fixed: positions of variables, all different.
+/// Variables are the agents in the environment's order, then its outcomes in theirs.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub struct Pair {
     /// The agent whose influence is asked about.
     pub ego: usize,
-    /// The agent that may be influenced.
+    /// The variable that may be influenced: an agent, or an outcome with values (a factor of the next
+    /// state), which is `later` then.
     pub other: usize,
     /// Agents whose actions are held fixed, in the environment's order.
     pub given: Vec<usize>,
-    /// The outcome that is asked about in the place of the other's action now: its action at a lag.
-    /// What it did one step before that is then held fixed too, as far as that is an outcome; else
-    /// what it does now.
+    /// The outcome that is asked about: in the place of an agent's action now its action at a lag,
+    /// or one with values. What an agent did one step before is then held fixed too, as far as that
+    /// is an outcome; else what it does now. Other values have nothing of that kind.
     pub later: Option<usize>,
 }
 
@@ -28,6 +30,14 @@ impl Pair {
             other,
             given,
             later: None,
+        }
+    }
+
+    /// Makes that of an agent and an outcome with values, at the position of that.
+    fn of_value(schema: &Schema, ego: usize, outcome: usize, given: Vec<usize>) -> Self {
+        Self {
+            later: Some(outcome),
+            ..Self::new(ego, schema.agents().len() + outcome, given)
         }
     }
 
@@ -54,9 +64,38 @@ impl Pair {
         self.later.map_or(Family::JOINT, Family::of_outcome)
     }
 
+    /// Returns the agent that may be influenced; `None` where it is an outcome with values.
+    pub fn other_agent(&self, schema: &Schema) -> Option<usize> {
+        Some(self.other).filter(|other| *other < schema.agents().len())
+    }
+
+    /// Returns the agent whose own action before is held fixed: the other, at a lag.
+    fn own(&self, schema: &Schema) -> Option<usize> {
+        self.later.and(self.other_agent(schema))
+    }
+
     /// Returns whether anything is held fixed.
-    pub fn is_conditional(&self) -> bool {
-        !self.given.is_empty() || self.later.is_some()
+    pub fn is_conditional(&self, schema: &Schema) -> bool {
+        !self.given.is_empty() || self.own(schema).is_some()
+    }
+
+    /// Returns whether a schema has it: another's, or one that was written, may be of no variables.
+    pub fn is_of(&self, schema: &Schema) -> bool {
+        let agents = 0..schema.agents().len();
+        let outcome = self.later.map(|later| schema.outcomes().get(later));
+        let is_other = match outcome {
+            None => agents.contains(&self.other),
+            Some(None) => false,
+            Some(Some(outcome)) => {
+                let value = self.later.map(|later| agents.end + later);
+                outcome.agent.or(value) == Some(self.other)
+            }
+        };
+        is_other
+            && [self.ego]
+                .iter()
+                .chain(&self.given)
+                .all(|agent| agents.contains(agent))
     }
 
     /// Returns whether a cell of its family tells of it: whether both acted.
@@ -86,21 +125,32 @@ impl Pair {
     /// Returns the number of the stratum that a cell is in: what is held fixed, in order.
     pub fn stratum(&self, schema: &Schema, cell: &Cell) -> u64 {
         let (joint, _) = schema.split(self.family(), cell.joint);
-        let own = self.later.map(|_| self.other);
-        let fixed = self.given.iter().copied().chain(own);
+        let fixed = self.given.iter().copied().chain(self.own(schema));
         fixed.fold(0, |stratum, agent| {
             let letters = schema.agents()[agent].letters();
             stratum * letters + schema.action_of(joint, agent)
         })
     }
 
-    /// Returns how many actions the two have; rows for the ego.
+    /// Returns how many actions the two have, or values; rows for the ego.
     pub fn alphabet(&self, schema: &Schema) -> Alphabet {
-        let [rows, columns] = [self.ego, self.other].map(|agent| schema.agents()[agent].actions());
-        Alphabet { rows, columns }
+        let actions = |agent: usize| schema.agents()[agent].actions();
+        let values = |outcome: usize| schema.outcomes()[outcome].values();
+        Alphabet {
+            rows: actions(self.ego),
+            columns: self.later.map_or_else(|| actions(self.other), values),
+        }
     }
 
-    /// Finds the agents that are named, or lists every fault.
+    /// Returns the name of the variable that may be influenced: an agent's own at a lag too.
+    pub fn name_of_other<'a>(&self, schema: &'a Schema) -> &'a str {
+        match (self.other_agent(schema), self.later) {
+            (None, Some(later)) => schema.outcomes()[later].name.as_str(),
+            _ => schema.agents()[self.other].name.as_str(),
+        }
+    }
+
+    /// Finds the variables that are named, or lists every fault.
     pub fn named(schema: &Schema, draft: &PairDraft) -> Result<Self, Vec<Fault>> {
         pair(schema, draft)
     }
@@ -205,8 +255,18 @@ impl Counts {
     }
 }
 
+/// Returns the position of the outcome with values of that name.
+fn value_named(schema: &Schema, name: &str) -> Option<usize> {
+    let at = schema.outcome(name)?;
+    schema.outcomes()[at].agent.is_none().then_some(at)
+}
+
 fn pair(schema: &Schema, draft: &PairDraft) -> Result<Pair, Vec<Fault>> {
     let mut faults = Vec::new();
+    let value = draft
+        .other
+        .as_deref()
+        .and_then(|name| value_named(schema, name));
     let mut agent = |pointer: String, name: &str| {
         let found = schema.agent(name);
         if found.is_none() {
@@ -237,13 +297,16 @@ fn pair(schema: &Schema, draft: &PairDraft) -> Result<Pair, Vec<Fault>> {
             .as_deref()
             .unwrap_or(opposite(&draft.other, first, second)),
     );
-    let other = agent(
-        "/other".into(),
-        draft
-            .other
-            .as_deref()
-            .unwrap_or(opposite(&draft.ego, second, first)),
-    );
+    let other = match value {
+        Some(value) => Some(schema.agents().len() + value),
+        None => agent(
+            "/other".into(),
+            draft
+                .other
+                .as_deref()
+                .unwrap_or(opposite(&draft.ego, second, first)),
+        ),
+    };
 
     let named = draft.given.iter().enumerate();
     let mut given: Vec<usize> = named
@@ -270,9 +333,11 @@ fn pair(schema: &Schema, draft: &PairDraft) -> Result<Pair, Vec<Fault>> {
         }
 
         given.sort_unstable();
-        let pair = Pair::new(ego, other, given);
-        let later = at_written_lag(schema, &pair, draft.lag);
-        match later.map_err(|fault| faults.push(fault)) {
+        let pair = match value {
+            Some(value) => of_value_at_written_lag(schema, ego, value, given, draft.lag),
+            None => at_written_lag(schema, &Pair::new(ego, other, given), draft.lag),
+        };
+        match pair.map_err(|fault| faults.push(fault)) {
             Ok(pair) if faults.is_empty() => return Ok(pair),
             _ => {}
         }
@@ -283,11 +348,13 @@ fn pair(schema: &Schema, draft: &PairDraft) -> Result<Pair, Vec<Fault>> {
 /// Says why a name is none of an agent: what is observed later can be no ego, and an agent's later
 /// action goes by the agent's name beside a lag.
 fn no_agent(schema: &Schema, pointer: &str, name: &str) -> String {
-    let names: Vec<&str> = schema
-        .agents()
+    let agents = schema.agents().iter().map(|agent| agent.name.as_str());
+    let values = schema
+        .outcomes()
         .iter()
-        .map(|agent| agent.name.as_str())
-        .collect();
+        .filter(|outcome| pointer == "/other" && outcome.agent.is_none())
+        .map(|outcome| outcome.name.as_str());
+    let names: Vec<&str> = agents.chain(values).collect();
     let expected = format!("expected one of {}", names.join(", "));
 
     let named = |outcome: &&Outcome| outcome.name == name;
@@ -318,6 +385,29 @@ fn at_written_lag(schema: &Schema, pair: &Pair, lag: i64) -> Result<Pair, Fault>
         .ok()
         .and_then(|lag| pair.at_lag(schema, lag));
     declared.ok_or_else(|| Fault::new("/lag", no_lag(schema, pair, lag)))
+}
+
+/// Returns a pair with an outcome with values, which is observed at its own lag: 0 stands for that
+/// too, as it cannot be told from none.
+fn of_value_at_written_lag(
+    schema: &Schema,
+    ego: usize,
+    value: usize,
+    given: Vec<usize>,
+    lag: i64,
+) -> Result<Pair, Fault> {
+    let outcome = &schema.outcomes()[value];
+    let is_own = lag == 0 || lag == i64::from(outcome.lag);
+    let wrong = || {
+        let Outcome { name, lag: own, .. } = outcome;
+        Fault::new(
+            "/lag",
+            format!("got {lag}, expected {own}, at which {name} is observed, or none"),
+        )
+    };
+    is_own
+        .then(|| Pair::of_value(schema, ego, value, given))
+        .ok_or_else(wrong)
 }
 
 /// Says why nothing can be asked at a lag, and at which something can.
@@ -439,12 +529,6 @@ mod tests {
                 "/ego",
                 "got \"pot\", which is observed 1 step after the actions: what comes later influences nothing before it",
             ),
-            (
-                refused("a", "pot"),
-                "/other",
-                "got \"pot\", which is an outcome and no agent",
-            ),
-            (refused("a", "b@9"), "/other", "unknown agent \"b@9\""),
         ];
         for ((pointer, detail), at, says) in cases {
             assert_eq!(
@@ -452,6 +536,13 @@ mod tests {
                 (at, format!("{says}, {expected}"))
             );
         }
+        assert_eq!(
+            refused("a", "b@9"),
+            (
+                "/other".into(),
+                format!("unknown agent \"b@9\", {expected}, pot")
+            )
+        );
         assert_eq!(
             refused("a", "b@3"),
             (
@@ -469,6 +560,84 @@ mod tests {
                 .detail
                 .contains("networks are of actions in the same tick")
         );
+    }
+
+    #[test]
+    fn an_outcome_with_values_is_asked_about_at_its_own_lag() {
+        let schema = kitchen();
+        let pot = schema.outcome("pot").expect("declared");
+        let pair = asked("b", "pot", 0).expect("its own lag");
+        assert_eq!(pair, asked("b", "pot", 1).expect("the same"));
+        assert_eq!((pair.ego, pair.later, pair.lag(&schema)), (1, Some(pot), 1));
+        assert_eq!(pair.other_agent(&schema), None);
+        assert_eq!(pair.name_of_other(&schema), "pot");
+        assert_eq!(
+            (&pair.undirected(), pair.family()),
+            (&pair, Family::of_outcome(pot))
+        );
+        assert!(!pair.is_conditional(&schema), "no action of its own before");
+        assert_eq!(
+            pair.alphabet(&schema),
+            Alphabet {
+                rows: 3,
+                columns: 3
+            }
+        );
+        assert!(
+            asked("a", "b", 3)
+                .expect("declared")
+                .is_conditional(&schema)
+        );
+
+        for lag in [-1, 2, 3, i64::MAX] {
+            let faults = asked("b", "pot", lag).expect_err("another lag");
+            let detail = format!("got {lag}, expected 1, at which pot is observed, or none");
+            assert_eq!(faults, [("/lag".to_owned(), detail)]);
+        }
+
+        // The ego is the first agent where none is named, and others can be held fixed.
+        let draft = |given: &[&str]| PairDraft {
+            other: Some("pot".into()),
+            given: given.iter().map(ToString::to_string).collect(),
+            ..PairDraft::default()
+        };
+        let pair = Pair::named(&schema, &draft(&["c", "b"])).expect("valid");
+        assert_eq!((pair.ego, &pair.given), (0, &vec![1, 2]));
+        assert!(pair.is_conditional(&schema));
+        for wrong in ["a", "pot", "b@3"] {
+            let faults = Pair::named(&schema, &draft(&["b", wrong])).expect_err("no agent else");
+            assert_eq!(faults[0].pointer, "/given/1", "{wrong}");
+        }
+        assert!(Pair::of_network(&schema, None, Some("pot".into())).is_err());
+    }
+
+    #[test]
+    fn a_pair_that_was_written_may_be_of_no_variables() {
+        let schema = kitchen();
+        let pair = |ego, other, given: &[usize], later| Pair {
+            later,
+            ..Pair::new(ego, other, given.to_vec())
+        };
+        let [b3, pot] = [0, 3];
+        for of in [
+            pair(2, 0, &[1], None),
+            pair(0, 1, &[2], Some(b3)),
+            pair(0, 3 + pot, &[], Some(pot)),
+        ] {
+            assert!(of.is_of(&schema), "{of:?}");
+        }
+        for wrong in [
+            pair(3, 0, &[], None),
+            pair(0, 3, &[], None),
+            pair(0, 1, &[3], None),
+            pair(0, 2, &[], Some(b3)),
+            pair(0, 1, &[], Some(pot)),
+            pair(0, 3 + pot, &[], None),
+            pair(0, 3 + b3, &[], Some(b3)),
+            pair(0, 1, &[], Some(4)),
+        ] {
+            assert!(!wrong.is_of(&schema), "{wrong:?}");
+        }
     }
 
     #[test]

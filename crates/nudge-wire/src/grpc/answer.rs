@@ -2,17 +2,18 @@
 //! tests of independence and verdicts.
 
 use nudge_core::domain::{
-    ActionFigures, Answer, Answers, Basis, Bin, Dependence, Evidence, Figures, FitId, Interval,
-    Labels, ModelAction, ModelFigures, Probability, Segmentation, StateKey, Variable, Verdict,
+    ActionFigures, Answer, Answers, Basis, Bin, Dependence, Evidence, Figures, FitId, Holds,
+    Interval, Labels, ModelAction, ModelFigures, Probability, Segmentation, StateKey, Variable,
+    Verdict,
 };
 
 use crate::proto;
 
 impl From<Answers> for proto::BatchGetInfluenceResponse {
     fn from(answers: Answers) -> Self {
-        let labels = Some(answers.labels.into());
         Self {
-            labels,
+            labels: Some(answers.labels.into()),
+            lag: answers.lag,
             answers: answers.answers.into_iter().map(Into::into).collect(),
         }
     }
@@ -20,9 +21,9 @@ impl From<Answers> for proto::BatchGetInfluenceResponse {
 
 impl From<Answers> for proto::GetInfluenceResponse {
     fn from(answers: Answers) -> Self {
-        let labels = Some(answers.labels.into());
         Self {
-            labels,
+            labels: Some(answers.labels.into()),
+            lag: answers.lag,
             answer: answers.answers.into_iter().next().map(Into::into),
         }
     }
@@ -109,6 +110,7 @@ fn with_figures(base: proto::Answer, key: &StateKey, figures: Figures) -> proto:
         visits_to_decide: figures
             .visits_to_decide
             .map(|visits| proto::VisitsToDecide { visits }),
+        holds: figures.holds.map(Into::into),
         fit: Some(figures.fit.into()),
         model: figures.model.map(Into::into),
         ..base
@@ -156,6 +158,13 @@ impl From<Segmentation> for proto::Segmentation {
     fn from(segmentation: Segmentation) -> Self {
         let Segmentation { count, differ } = segmentation;
         Self { count, differ }
+    }
+}
+
+impl From<Holds> for proto::Holds {
+    fn from(holds: Holds) -> Self {
+        let Holds { ego, other } = holds;
+        Self { ego, other }
     }
 }
 

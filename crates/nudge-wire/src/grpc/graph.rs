@@ -30,6 +30,7 @@ impl From<Graph> for proto::GetGraphResponse {
             state: Some(state_of_key(&graph.key, graph.bins.clone())),
             edges: graph.edges.into_iter().zip(notes).map(edge).collect(),
             nodes: graph.nodes,
+            lag: graph.lag,
             dot,
         }
     }

@@ -57,6 +57,8 @@ impl From<StateFigures> for proto::StateFigures {
 impl From<StatePage> for proto::ListStatesResponse {
     fn from(page: StatePage) -> Self {
         Self {
+            labels: Some(page.labels.into()),
+            lag: page.lag,
             states: page.states.into_iter().map(Into::into).collect(),
             next_page_token: page.next_page_token.unwrap_or_default(),
             as_of: page.as_of,
@@ -70,6 +72,8 @@ impl From<Summary> for proto::SummarizeResponse {
         let [influences, no_influence, undecided] = summary.verdicts;
         let [established, excluded, open] = summary.dependence;
         Self {
+            labels: Some(summary.labels.into()),
+            lag: summary.lag,
             transitions: summary.transitions,
             states: summary.states,
             segments: summary.segments.iter().map(ToString::to_string).collect(),
@@ -133,6 +137,8 @@ impl From<Discoveries> for proto::Discoveries {
 impl From<Exploration> for proto::ExploreResponse {
     fn from(exploration: Exploration) -> Self {
         Self {
+            labels: Some(exploration.labels.into()),
+            lag: exploration.lag,
             trials: exploration.trials.into_iter().map(Into::into).collect(),
             considered: exploration.considered,
             as_of: exploration.as_of,

@@ -14,6 +14,8 @@ use crate::{present, proto};
 pub struct Answers {
     /// What indices stand for.
     pub labels: Labels,
+    /// How many steps later the other is observed; 0 for the same tick.
+    pub lag: u32,
     /// One a state, in the order asked.
     pub answers: Vec<Answer>,
 }
@@ -88,18 +90,44 @@ pub struct Answer {
     /// What the active network says of this state; null where none is active.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub model: Option<Option<ModelFigures>>,
-    /// Steps between the two actions; 0 for the same tick.
+    /// How many steps later the other is observed; 0 for the same tick.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub lag: Option<u32>,
     /// Whether the figures tell a direction, from ego to other: false at lag 0, true at every other.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub directed: Option<bool>,
+    /// For how many steps on average the two agents go on with an action in this state; at a lag, in
+    /// the view `full` only.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub holds: Option<Holds>,
     /// The fit of the prior that the evidence rests on.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fit: Option<Fit>,
     /// How many transitions of the environment the answer stands on.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub revision: Option<u64>,
+}
+
+/// Mean holds, in steps: one for each change of action, by the counts. An action that is chosen again
+/// is held, so that who draws one of R at random has R/(R - 1). Where the ego holds its actions, what is
+/// true of one lag is true of those beside it.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, ToSchema)]
+pub struct Holds {
+    /// The ego's, by its action one step later; null where that is not declared, and where no change
+    /// was seen.
+    #[schema(minimum = 1)]
+    pub ego: Option<f64>,
+    /// The other's, by its action one step before that which is asked about; null where that is not
+    /// declared, where no change was seen, and for an outcome with values.
+    #[schema(minimum = 1)]
+    pub other: Option<f64>,
+}
+
+impl From<proto::Holds> for Holds {
+    fn from(holds: proto::Holds) -> Self {
+        let proto::Holds { ego, other } = holds;
+        Self { ego, other }
+    }
 }
 
 /// What a verdict rests on.
@@ -193,9 +221,9 @@ pub(super) fn basis(number: i32, version: Option<u64>, visits: u64) -> Basis {
 
 impl From<proto::BatchGetInfluenceResponse> for Answers {
     fn from(response: proto::BatchGetInfluenceResponse) -> Self {
-        let labels = response.labels.map(Into::into).unwrap_or_default();
         Self {
-            labels,
+            labels: response.labels.map(Into::into).unwrap_or_default(),
+            lag: response.lag,
             answers: response.answers.into_iter().map(Into::into).collect(),
         }
     }
@@ -203,9 +231,9 @@ impl From<proto::BatchGetInfluenceResponse> for Answers {
 
 impl From<proto::GetInfluenceResponse> for Answers {
     fn from(response: proto::GetInfluenceResponse) -> Self {
-        let labels = response.labels.map(Into::into).unwrap_or_default();
         Self {
-            labels,
+            labels: response.labels.map(Into::into).unwrap_or_default(),
+            lag: response.lag,
             answers: response.answer.into_iter().map(Into::into).collect(),
         }
     }
@@ -245,6 +273,7 @@ impl From<proto::Answer> for Answer {
             model,
             lag: answer.lag,
             directed: answer.directed,
+            holds: answer.holds.map(Into::into),
             fit: answer.fit.map(Into::into),
             revision: answer.revision,
         }

@@ -59,7 +59,7 @@ pub struct Fits {
 pub struct FittedPrior {
     /// The earlier agent in the environment's order; at a lag the ego.
     pub earlier: String,
-    /// The later agent; at a lag the other.
+    /// The later agent; at a lag the other, which may be an outcome with values.
     pub later: String,
     /// Steps between the two actions; absent for the same tick.
     #[serde(skip_serializing_if = "Option::is_none")]

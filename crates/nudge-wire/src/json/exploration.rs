@@ -3,12 +3,16 @@
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::State;
+use super::{Labels, State};
 use crate::proto;
 
 /// Where one more visit is worth most.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct Exploration {
+    /// Whose influence on whom: names alone, as nothing here has an index of the other's.
+    pub labels: Labels,
+    /// How many steps later the other is observed; 0 for the same tick.
+    pub lag: u32,
     /// States and actions, the most valuable first.
     pub trials: Vec<Trial>,
     /// The states that were looked at: those whose verdict is the most uncertain.
@@ -40,6 +44,8 @@ pub struct Trial {
 impl From<proto::ExploreResponse> for Exploration {
     fn from(response: proto::ExploreResponse) -> Self {
         Self {
+            labels: response.labels.map(Into::into).unwrap_or_default(),
+            lag: response.lag,
             trials: response.trials.into_iter().map(Into::into).collect(),
             considered: response.considered,
             as_of: response.as_of,

@@ -11,6 +11,8 @@ use crate::proto;
 pub struct Graph {
     /// The state.
     pub state: State,
+    /// How many steps later the second agent of each edge is observed; 0 for the same tick.
+    pub lag: u32,
     /// The agents, in the environment's order.
     pub nodes: Vec<String>,
     /// Every pair of agents, in their order; at a lag in both directions.
@@ -50,6 +52,7 @@ impl From<proto::GetGraphResponse> for Graph {
     fn from(graph: proto::GetGraphResponse) -> Self {
         Self {
             state: graph.state.map(Into::into).unwrap_or_default(),
+            lag: graph.lag,
             nodes: graph.nodes,
             edges: graph.edges.into_iter().map(Into::into).collect(),
         }

@@ -12,7 +12,8 @@ pub struct Labels {
     pub ego: Variable,
     /// The other.
     pub other: Variable,
-    /// The agents held fixed.
+    /// What is held fixed: the agents named, and for an agent at a lag the other's own action one
+    /// step before.
     pub given: Vec<Variable>,
 }
 
@@ -22,7 +23,8 @@ pub struct Variable {
     /// Its name.
     #[schema(example = "robot")]
     pub name: String,
-    /// A label an action, in index order; empty where there are more than 4,096.
+    /// A label an action, or a value, in index order; empty where there are more than 4,096, and
+    /// beside what has no indices.
     pub actions: Vec<String>,
 }
 

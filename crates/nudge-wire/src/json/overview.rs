@@ -6,7 +6,7 @@ use utoipa::ToSchema;
 
 use super::answer::{basis, verdict};
 use super::evidence::dependence;
-use super::{Basis, Fit, Probability, Segmentation, State, words};
+use super::{Basis, Fit, Labels, Probability, Segmentation, State, words};
 use crate::{present, proto};
 
 /// The counts of one state.
@@ -44,6 +44,10 @@ pub struct Cell {
 /// A page of states.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct StatePage {
+    /// Whose influence on whom: names alone, as nothing here has an index of the other's.
+    pub labels: Labels,
+    /// How many steps later the other is observed; 0 for the same tick.
+    pub lag: u32,
     /// The states, in the order asked for.
     pub states: Vec<StateFigures>,
     /// Asks for the next page; null on the last.
@@ -91,6 +95,10 @@ pub struct StateFigures {
 /// What all states say together.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct Summary {
+    /// Whose influence on whom: names alone, as nothing here has an index of the other's.
+    pub labels: Labels,
+    /// How many steps later the other is observed; 0 for the same tick.
+    pub lag: u32,
     /// Transitions counted, in the segments asked for.
     pub transitions: u64,
     /// States seen, in the segments asked for.
@@ -240,6 +248,8 @@ impl From<proto::Cell> for Cell {
 impl From<proto::ListStatesResponse> for StatePage {
     fn from(page: proto::ListStatesResponse) -> Self {
         Self {
+            labels: page.labels.map(Into::into).unwrap_or_default(),
+            lag: page.lag,
             states: page.states.into_iter().map(Into::into).collect(),
             next_page_token: present(page.next_page_token),
             as_of: page.as_of,
@@ -270,6 +280,8 @@ impl From<proto::SummarizeResponse> for Summary {
         let verdicts = summary.verdicts.unwrap_or_default();
         let dependence = summary.dependence.unwrap_or_default();
         Self {
+            labels: summary.labels.map(Into::into).unwrap_or_default(),
+            lag: summary.lag,
             transitions: summary.transitions,
             states: summary.states,
             segments: summary.segments,

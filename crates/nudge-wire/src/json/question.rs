@@ -23,12 +23,12 @@ pub struct Question {
     /// The agent whose influence is asked about; absent for the first.
     #[schema(example = "robot")]
     pub ego: Option<String>,
-    /// The agent that may be influenced; absent for the second.
+    /// The agent that may be influenced; absent for the second. Or an outcome with values.
     #[schema(example = "human")]
     pub other: Option<String>,
     /// How many steps later the other's action is observed, one of the lags that are declared for
     /// it; 0, or absent, for the same tick. The other's own action one step before, as far as that is
-    /// declared, is held fixed too.
+    /// declared, is held fixed too. An outcome with values has a lag of its own.
     #[serde(default, deserialize_with = "perhaps_whole")]
     #[schema(minimum = 0, maximum = 64, example = 3)]
     pub lag: Option<i64>,

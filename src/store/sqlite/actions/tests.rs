@@ -127,9 +127,10 @@ impl<'a> Play<'a> {
             }
             Step::Commit(..) => {}
             Step::Apply => self.apply(),
-            Step::Elsewhere => self
-                .memory
-                .apply(OTHER, 1_000, std::iter::once((0, tally(7)))),
+            Step::Elsewhere => {
+                self.memory
+                    .apply(OTHER, 1_000, std::iter::once((Family::JOINT, 0, tally(7))))
+            }
             Step::Announce => self.announce(),
             Step::Snapshot => self.snapshot(),
             Step::KnowRevision => self.know_revision(),
@@ -156,7 +157,7 @@ impl<'a> Play<'a> {
             self.memory.apply(
                 ENVIRONMENT,
                 self.committed.revision,
-                std::iter::once((joint, tally(n))),
+                std::iter::once((Family::JOINT, joint, tally(n))),
             );
             self.acknowledged = self.committed.revision;
         }
@@ -440,7 +441,11 @@ fn what_was_told_does_not_change() {
     memory.resume();
     loaded(&memory, ENVIRONMENT);
     let told = memory.get(ENVIRONMENT).expect("kept");
-    memory.apply(ENVIRONMENT, 2, std::iter::once((4, tally(2))));
+    memory.apply(
+        ENVIRONMENT,
+        2,
+        std::iter::once((Family::JOINT, 4, tally(2))),
+    );
     assert_eq!(
         (
             told.revision,

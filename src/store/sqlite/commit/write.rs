@@ -51,10 +51,9 @@ impl Delta<'_> {
         let delta = states.map(|cells| (self.states.of(cells[0].0.state), cells.iter().map(cell)));
         memory.cache.apply(id, revision, delta);
 
-        let cells = self.cells.iter();
-        let actions = cells.filter(|(place, _)| lookup::is_of_joint_actions(place));
-        let actions = actions.map(|(place, tally)| (place.joint, *tally));
-        memory.actions.apply(id, revision, actions);
+        let cells = self.cells.iter().map(cell);
+        let cells = cells.map(|(family, cell)| (family, cell.joint, cell.tally));
+        memory.actions.apply(id, revision, cells);
     }
 }
 
