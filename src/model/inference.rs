@@ -14,7 +14,7 @@ impl Networks {
         environment: &Environment,
         pair: &Pair,
     ) -> Result<Option<Arc<Network>>, Problem> {
-        if !pair.is_conditional() {
+        if pair.given.is_empty() {
             self.registry.active(environment, pair).await
         } else {
             Ok(None)

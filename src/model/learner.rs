@@ -14,18 +14,18 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
 use super::adam::{Parameter, Step};
+use super::letters::Letters;
 use super::loss::{binary_cross_entropy, joint_cross_entropy};
 use super::member::{Layer, Member, heads};
 use crate::domain::ModelKind;
-use crate::information::Alphabet;
 
 /// A network's form.
 #[derive(Debug, Clone)]
 pub struct Shape {
     /// What it predicts.
     pub kind: ModelKind,
-    /// How many actions the two have.
-    pub alphabet: Alphabet,
+    /// How many actions the two have, and what is held fixed.
+    pub letters: Letters,
     /// Units of the hidden layer.
     pub width: usize,
     /// Numbers that a state is.
@@ -36,8 +36,8 @@ pub struct Shape {
 pub struct Batch {
     /// `[states, inputs]`.
     pub inputs: Array2<f32>,
-    /// For a joint network `[states, ego x other]`, how often each pair of actions was drawn; for a
-    /// direct one `[states, 1]`, P(MI > threshold).
+    /// For a joint network `[states, ego x other]`, how often each pair of actions was drawn, at a
+    /// lag in each stratum; for a direct one `[states, 1]`, P(MI > threshold).
     pub targets: Array2<f32>,
     /// How much each state counts: its draws in a joint network's targets are counted already, and
     /// this is 1.
@@ -83,7 +83,7 @@ impl Learner {
     pub fn new(shape: Shape, dropout: f32, seed: u64) -> Self {
         let mut random = Pcg64::seed_from_u64(seed);
         let trunk = uniform(shape.width, shape.inputs, &mut random);
-        let stacked: Vec<Array2<f32>> = heads(shape.kind, shape.alphabet)
+        let stacked: Vec<Array2<f32>> = heads(shape.kind, shape.letters)
             .into_iter()
             .map(|(name, outputs)| match name {
                 "interaction" => Array2::zeros((outputs, shape.width)),
@@ -120,7 +120,7 @@ impl Learner {
     /// Returns the network as it is now.
     pub fn member(&self) -> Member {
         let mut from = 0;
-        let heads = heads(self.shape.kind, self.shape.alphabet)
+        let heads = heads(self.shape.kind, self.shape.letters)
             .into_iter()
             .map(|(_, outputs)| {
                 from += outputs;
@@ -166,7 +166,7 @@ impl Learner {
     fn loss(&mut self, batch: &Batch) -> f32 {
         let (outputs, targets) = (self.activations.outputs.view_mut(), batch.targets.view());
         match self.shape.kind {
-            ModelKind::Joint => joint_cross_entropy(self.shape.alphabet, outputs, targets),
+            ModelKind::Joint => joint_cross_entropy(self.shape.letters, outputs, targets),
             ModelKind::Direct => binary_cross_entropy(outputs, targets, &batch.weights),
         }
     }
@@ -264,6 +264,7 @@ fn uniform(outputs: usize, inputs: usize, random: &mut Pcg64) -> Array2<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::information::Alphabet;
 
     /// Between outputs while learning and those that are served.
     const PRECISION: f32 = 1e-5;
@@ -274,9 +275,12 @@ mod tests {
     fn learner(kind: ModelKind, targets: usize, dropout: f32) -> (Learner, Batch) {
         let shape = Shape {
             kind,
-            alphabet: Alphabet {
-                rows: 3,
-                columns: 4,
+            letters: Letters {
+                actions: Alphabet {
+                    rows: 3,
+                    columns: 4,
+                },
+                strata: 1,
             },
             width: 16,
             inputs: 5,

@@ -242,7 +242,7 @@ impl Trainer<'_> {
             return member;
         }
 
-        let mut test = PermutationTest::default();
+        let mut test = PermutationTest::new(self.dataset.letters);
         for part in states.chunks(LOOKED_AT) {
             let joints = member.joint(&self.inputs(part));
             self.examples(part)
@@ -260,7 +260,7 @@ impl Trainer<'_> {
         let Training { kind, width, .. } = *self.training;
         Shape {
             kind,
-            alphabet: self.dataset.alphabet,
+            letters: self.dataset.letters,
             width,
             inputs: self.encoder.width(),
         }
@@ -379,10 +379,11 @@ fn cross_entropy(p: f64, z: f64) -> f64 {
     z.max(0.0) - p * z + (-z.abs()).exp().ln_1p()
 }
 
-/// Returns how often each pair of actions was drawn: `[states, ego x other]`.
+/// Returns how often each pair of actions was drawn: `[states, ego x other]`, at a lag in each
+/// stratum.
 fn draws(dataset: &Dataset, states: &[usize]) -> Array2<f32> {
-    let columns = dataset.alphabet.columns as usize;
-    let mut draws = Array2::zeros((states.len(), dataset.alphabet.rows as usize * columns));
+    let columns = dataset.letters.actions.columns as usize;
+    let mut draws = Array2::zeros((states.len(), dataset.letters.cells() as usize));
     for (mut row, at) in draws.rows_mut().into_iter().zip(states) {
         cells(&dataset.examples[*at].table).for_each(|(i, j, n)| row[i * columns + j] = n as f32);
     }
