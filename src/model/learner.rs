@@ -104,6 +104,12 @@ impl Learner {
         }
     }
 
+    /// Begins with these biases of the outputs: the heads one after the other.
+    pub fn with_biases(mut self, biases: Array1<f32>) -> Self {
+        self.heads.bias = Parameter::steady(biases);
+        self
+    }
+
     /// Learns from a batch, and returns its mean loss, in nats a draw or a state: a number that is
     /// not finite says that learning has failed.
     pub fn step(&mut self, batch: &Batch) -> f32 {

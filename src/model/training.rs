@@ -9,7 +9,7 @@
 
 use std::ops::ControlFlow;
 
-use ndarray::Array2;
+use ndarray::{Array1, Array2};
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_pcg::Pcg64;
@@ -180,6 +180,9 @@ impl Trainer<'_> {
             dropout,
             seed.wrapping_add(1_000 * (member as u64 + 1)),
         );
+        if let Some(habits) = self.habits(&learned) {
+            learner = learner.with_biases(habits);
+        }
 
         let mut best: Option<Best> = None;
         for epoch in 1..=epochs {
@@ -254,6 +257,37 @@ impl Trainer<'_> {
             member.forget_interaction();
         }
         member
+    }
+
+    /// Returns what a joint network at a lag begins with: what is done on the whole, in each stratum,
+    /// in the states that it learns from. What the other does after its own action is often nearly
+    /// certain, and by steps from nothing that is learned long after learning has ended.
+    fn habits(&self, learned: &[usize]) -> Option<Array1<f32>> {
+        let letters = self.dataset.letters;
+        if letters.strata == 1 || self.training.kind != ModelKind::Joint {
+            return None;
+        }
+
+        let (rows, columns) = (
+            letters.actions.rows as usize,
+            letters.actions.columns as usize,
+        );
+        let [mut own, mut ego, mut other] =
+            [1, rows, columns].map(|each| vec![0.5; letters.strata as usize * each]);
+        for example in self.examples(learned) {
+            for (row, column, n) in cells(&example.table) {
+                let stratum = row / rows;
+                own[stratum] += n;
+                ego[row] += n;
+                other[stratum * columns + column] += n;
+            }
+        }
+
+        let mut biases = ln_shares(&own);
+        biases.extend(ego.chunks(rows).flat_map(ln_shares));
+        biases.extend(other.chunks(columns).flat_map(ln_shares));
+        biases.resize(biases.len() + letters.cells() as usize, 0.0);
+        Some(Array1::from_vec(biases))
     }
 
     fn shape(&self) -> Shape {
@@ -377,6 +411,12 @@ impl Trainer<'_> {
 /// nowhere.
 fn cross_entropy(p: f64, z: f64) -> f64 {
     z.max(0.0) - p * z + (-z.abs()).exp().ln_1p()
+}
+
+/// Returns the logarithm of each share of a sum.
+fn ln_shares(counts: &[f64]) -> Vec<f32> {
+    let sum: f64 = counts.iter().sum();
+    counts.iter().map(|n| (n / sum).ln() as f32).collect()
 }
 
 /// Returns how often each pair of actions was drawn: `[states, ego x other]`, at a lag in each
