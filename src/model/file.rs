@@ -17,7 +17,7 @@
 //! | `members.0.own.weight`, `.bias` | `[H, width]`, `[H]`; absent where H is 1 |
 //! | `members.0.ego.weight`, `.bias` | `[H R, width]`, `[H R]` (row h R + i) |
 //! | `members.0.other.weight`, `.bias` | `[H K, width]`, `[H K]` (row h K + j) |
-//! | `members.0.interaction.weight`, `.bias` | `[H R K, width]`, `[H R K]` (row (h R + i) K + j) |
+//! | `members.0.interaction.weight`, `.bias` | `[R K, width]`, `[R K]` (one D for all strata), or `[H R K, width]`, `[H R K]` (row (h R + i) K + j) |
 //!
 //! What the numbers cannot say stands in the file's metadata, text by text: `format` (`nudge/1`; at
 //! a lag `nudge/2`, which has `lag` too), `kind`, `ego`, `other`, `schema_hash`, `threshold` (nats), `scales` (JSON: for each feature
@@ -39,7 +39,7 @@ use serde::{Deserialize, Serialize};
 
 use super::encoder::{Encoder, Scale};
 use super::letters::Letters;
-use super::member::{Layer, Member, heads};
+use super::member::{Interaction, Layer, Member, heads};
 use super::seen::Seen;
 use super::stored_forms;
 use crate::domain::{Card, Environment, ModelKind, Pair, Schema, Training, is_same_threshold};
@@ -119,7 +119,10 @@ pub fn write_network(environment: &Environment, content: &Content, card: &str) -
     let letters = Letters::of_pair(&environment.schema, &content.pair);
     let tensors: Vec<Tensor> = (0..)
         .zip(&content.members)
-        .flat_map(|(at, member)| tensors(at, heads(content.kind, letters), member))
+        .flat_map(|(at, member)| {
+            let names = heads(content.kind, letters, Interaction::Shared);
+            tensors(at, names, member)
+        })
         .collect();
     let views = tensors.iter().map(|tensor| {
         let view = TensorView::new(Dtype::F32, tensor.shape.clone(), &tensor.bytes)
@@ -523,15 +526,22 @@ impl Shapes<'_> {
         }
     }
 
-    fn heads(&self) -> Vec<(&'static str, usize)> {
+    /// Returns the heads of a member: by how many outputs its interaction has, strata share it.
+    fn heads(&self, at: usize) -> Vec<(&'static str, usize)> {
         let letters = Letters::of_pair(&self.environment.schema, self.pair);
-        heads(self.kind, letters)
+        let shared = letters.actions.rows * letters.actions.columns;
+        let name = format!("members.{at}.interaction.bias");
+        let interaction = match self.tensors.tensor(&name) {
+            Ok(bias) if bias.shape() == [shared as usize] => Interaction::Shared,
+            _ => Interaction::ByStratum,
+        };
+        heads(self.kind, letters, interaction)
     }
 
     /// Returns the names of all tensors of so many members.
     fn expected(&self, members: usize) -> HashSet<String> {
         let layers: Vec<&str> = std::iter::once("trunk")
-            .chain(self.heads().into_iter().map(|(head, _)| head))
+            .chain(self.heads(0).into_iter().map(|(head, _)| head))
             .collect();
         let of_layer = |at: usize, layer: &str| {
             ["weight", "bias"].map(|part| format!("members.{at}.{layer}.{part}"))
@@ -561,7 +571,7 @@ impl Shapes<'_> {
 
         let trunk = self.layer(at, "trunk", [width, self.inputs], faults);
         let heads: Vec<Option<Layer>> = self
-            .heads()
+            .heads(at)
             .into_iter()
             .map(|(name, outputs)| self.layer(at, name, [outputs, width], faults))
             .collect();

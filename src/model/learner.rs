@@ -16,7 +16,7 @@ use rand_pcg::Pcg64;
 use super::adam::{Parameter, Step};
 use super::letters::Letters;
 use super::loss::{binary_cross_entropy, joint_cross_entropy};
-use super::member::{Layer, Member, heads};
+use super::member::{Interaction, Layer, Member, heads};
 use crate::domain::ModelKind;
 
 /// A network's form.
@@ -26,10 +26,18 @@ pub struct Shape {
     pub kind: ModelKind,
     /// How many actions the two have, and what is held fixed.
     pub letters: Letters,
+    /// How the ego's action acts on the other's.
+    pub interaction: Interaction,
     /// Units of the hidden layer.
     pub width: usize,
     /// Numbers that a state is.
     pub inputs: usize,
+}
+
+impl Shape {
+    fn heads(&self) -> Vec<(&'static str, usize)> {
+        heads(self.kind, self.letters, self.interaction)
+    }
 }
 
 /// States that are learned from in one step (a mini-batch).
@@ -83,7 +91,8 @@ impl Learner {
     pub fn new(shape: Shape, dropout: f32, seed: u64) -> Self {
         let mut random = Pcg64::seed_from_u64(seed);
         let trunk = uniform(shape.width, shape.inputs, &mut random);
-        let stacked: Vec<Array2<f32>> = heads(shape.kind, shape.letters)
+        let stacked: Vec<Array2<f32>> = shape
+            .heads()
             .into_iter()
             .map(|(name, outputs)| match name {
                 "interaction" => Array2::zeros((outputs, shape.width)),
@@ -102,6 +111,11 @@ impl Learner {
             steps: 0,
             random,
         }
+    }
+
+    /// Returns how many outputs the heads have together.
+    pub fn outputs(&self) -> usize {
+        self.heads.bias.value.len()
     }
 
     /// Begins with these biases of the outputs: the heads one after the other.
@@ -126,7 +140,9 @@ impl Learner {
     /// Returns the network as it is now.
     pub fn member(&self) -> Member {
         let mut from = 0;
-        let heads = heads(self.shape.kind, self.shape.letters)
+        let heads = self
+            .shape
+            .heads()
             .into_iter()
             .map(|(_, outputs)| {
                 from += outputs;
@@ -288,6 +304,7 @@ mod tests {
                 },
                 strata: 1,
             },
+            interaction: Interaction::Shared,
             width: 16,
             inputs: 5,
         };

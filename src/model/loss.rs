@@ -16,7 +16,8 @@ use super::letters::Letters;
 ///
 /// At a lag it is the sum over strata h of the same, each with outputs of its own, and of
 /// -n_h ln p(h) / N, p(h) = softmax(w): `outputs` is `[states, w then all e then all o then all D]`,
-/// `draws` `[states, strata x ego x other]`, and the derivative by w_h is [n p(h) - n_h] / N.
+/// `draws` `[states, strata x ego x other]`, and the derivative by w_h is [n p(h) - n_h] / N. Where
+/// strata share one D, its derivatives are the sums over strata.
 pub fn joint_cross_entropy(
     letters: Letters,
     mut outputs: ArrayViewMut2<'_, f32>,
@@ -30,6 +31,7 @@ pub fn joint_cross_entropy(
     .map(|letters| letters as usize);
     let own = if strata > 1 { strata } else { 0 };
     let mut loss = StratumLoss::new(rows, columns, 1.0 / draws.sum());
+    let mut shared = vec![0.0; 2 * rows * columns];
 
     for (mut outputs, draws) in outputs.rows_mut().into_iter().zip(draws.rows()) {
         let outputs = outputs
@@ -43,10 +45,23 @@ pub fn joint_cross_entropy(
         let of_strata = ego
             .chunks_exact_mut(rows)
             .zip(other.chunks_exact_mut(columns))
-            .zip(interaction.chunks_exact_mut(rows * columns))
             .zip(draws.chunks_exact(rows * columns));
-        for (((ego, other), interaction), draws) in of_strata {
-            loss.add(ego, other, interaction, draws);
+        if interaction.len() == strata * rows * columns {
+            let of_strata = of_strata.zip(interaction.chunks_exact_mut(rows * columns));
+            for (((ego, other), draws), interaction) in of_strata {
+                loss.add(ego, other, interaction, draws);
+            }
+        } else {
+            let (of_stratum, sum) = shared.split_at_mut(rows * columns);
+            sum.fill(0.0);
+            for ((ego, other), draws) in of_strata {
+                of_stratum.copy_from_slice(interaction);
+                loss.add(ego, other, of_stratum, draws);
+                sum.iter_mut()
+                    .zip(&*of_stratum)
+                    .for_each(|(sum, d)| *sum += d);
+            }
+            interaction.copy_from_slice(sum);
         }
         loss.add_own(own, draws);
     }
@@ -220,8 +235,10 @@ mod tests {
         }
     }
 
-    /// The sum over strata as it is written, in 64 bits: of three strata of two and two actions.
+    /// The sum over strata as it is written, in 64 bits: of three strata of two and two actions, which
+    /// share their D or have each its own.
     fn stratified_reference(outputs: &Array2<f64>, draws: &Array2<f32>) -> f64 {
+        let is_shared = outputs.ncols() == 19;
         let ln_softmax = |logits: &[f64], at: usize| {
             logits[at] - logits.iter().map(|logit| logit.exp()).sum::<f64>().ln()
         };
@@ -230,7 +247,10 @@ mod tests {
             let (h, i, j) = (cell / 4, cell / 2 % 2, cell % 2);
             let outputs = outputs.row(state).to_vec();
             let response: Vec<f64> = (0..2)
-                .map(|j| outputs[9 + 2 * h + j] + outputs[15 + 4 * h + 2 * i + j])
+                .map(|j| {
+                    let first = if is_shared { 15 } else { 15 + 4 * h };
+                    outputs[9 + 2 * h + j] + outputs[first + 2 * i + j]
+                })
                 .collect();
             let ego = &outputs[3 + 2 * h..][..2];
             let likelihood =
@@ -242,7 +262,6 @@ mod tests {
 
     #[test]
     fn derivatives_of_the_loss_of_strata_are_its_differences() {
-        let outputs = Array2::from_shape_fn((2, 27), |(s, k)| ((7 * s + 3 * k) as f64).sin());
         // In the first state the second stratum was never drawn, in the second it is alone.
         let draws = Array2::from_shape_fn((2, 12), |(s, cell)| {
             if (cell / 4 == 1) == (s == 1) {
@@ -251,21 +270,25 @@ mod tests {
                 0.0
             }
         });
-        let mut derivatives = outputs.mapv(|output| output as f32);
-        let loss = joint_cross_entropy(letters(2, 2, 3), derivatives.view_mut(), draws.view());
+        for width in [19, 27] {
+            let outputs =
+                Array2::from_shape_fn((2, width), |(s, k)| ((7 * s + 3 * k) as f64).sin());
+            let mut derivatives = outputs.mapv(|output| output as f32);
+            let loss = joint_cross_entropy(letters(2, 2, 3), derivatives.view_mut(), draws.view());
 
-        assert!((f64::from(loss) - stratified_reference(&outputs, &draws)).abs() < PRECISION);
-        for (at, derivative) in derivatives.indexed_iter() {
-            let moved = |by: f64| {
-                let mut outputs = outputs.clone();
-                outputs[at] += by;
-                stratified_reference(&outputs, &draws)
-            };
-            let difference = (moved(1e-5) - moved(-1e-5)) / 2e-5;
-            assert!(
-                (f64::from(*derivative) - difference).abs() < PRECISION,
-                "{at:?}: {derivative} {difference}"
-            );
+            assert!((f64::from(loss) - stratified_reference(&outputs, &draws)).abs() < PRECISION);
+            for (at, derivative) in derivatives.indexed_iter() {
+                let moved = |by: f64| {
+                    let mut outputs = outputs.clone();
+                    outputs[at] += by;
+                    stratified_reference(&outputs, &draws)
+                };
+                let difference = (moved(1e-5) - moved(-1e-5)) / 2e-5;
+                assert!(
+                    (f64::from(*derivative) - difference).abs() < PRECISION,
+                    "{at:?} of {width}: {derivative} {difference}"
+                );
+            }
         }
     }
 

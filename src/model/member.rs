@@ -3,8 +3,9 @@
 //!
 //! * joint: e, o and D are linear in the hidden layer; p(ego's action | s) = softmax(e), p(other's
 //!   action | s, ego's action i) = softmax(o + D_i).
-//! * joint at a lag: the same in each stratum h, with e_h, o_h and D_h one below the other, and
-//!   p(other's own action | s) = softmax(w).
+//! * joint at a lag: the same in each stratum h, with e_h and o_h one below the other, and p(other's
+//!   own action | s) = softmax(w). D is the same in all strata (no interaction of three variables),
+//!   or each has its own D_h, one below the other.
 //! * direct: P(MI > threshold | s) = logistic(z), z linear in the hidden layer.
 
 use ndarray::{Array1, Array2, ArrayView1, Axis, Slice};
@@ -32,16 +33,35 @@ pub struct Member {
     pub heads: Vec<Layer>,
 }
 
+/// How a joint network at a lag lets the ego's action act on the other's: in the same way whatever
+/// the other did a step before, or in a way of its own in each stratum.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Interaction {
+    /// One D: few weights, which all draws teach.
+    Shared,
+    /// D_h, in which an answer may turn on what the other did itself, as that of a player who stays
+    /// after a win and shifts after a loss.
+    ByStratum,
+}
+
 /// Returns the heads of a kind of network: what each is called, and how many outputs it has.
-pub fn heads(kind: ModelKind, letters: Letters) -> Vec<(&'static str, usize)> {
+pub fn heads(
+    kind: ModelKind,
+    letters: Letters,
+    interaction: Interaction,
+) -> Vec<(&'static str, usize)> {
     let (strata, columns) = (letters.strata as usize, letters.actions.columns as usize);
+    let interactions = match interaction {
+        Interaction::Shared => letters.actions.rows as usize * columns,
+        Interaction::ByStratum => letters.cells() as usize,
+    };
     match kind {
         ModelKind::Joint => {
             let own = (strata > 1).then_some(("own", strata));
             let of_strata = [
                 ("ego", letters.rows() as usize),
                 ("other", strata * columns),
-                ("interaction", letters.cells() as usize),
+                ("interaction", interactions),
             ];
             own.into_iter().chain(of_strata).collect()
         }
@@ -94,9 +114,11 @@ impl Member {
 
         for at in 0..strata * rows * columns {
             let to = at / (rows * columns) * columns + at % columns;
+            // Where strata share their D, each takes the same.
+            let from = at % interaction.bias.len();
             let mut habit = other.weight.row_mut(to);
-            habit.scaled_add(1.0 / rows as f32, &interaction.weight.row(at));
-            other.bias[to] += interaction.bias[at] / rows as f32;
+            habit.scaled_add(1.0 / rows as f32, &interaction.weight.row(from));
+            other.bias[to] += interaction.bias[from] / rows as f32;
         }
         interaction.weight.fill(0.0);
         interaction.bias.fill(0.0);
@@ -171,10 +193,16 @@ impl<'a> JointHeads<'a> {
     /// Returns the logits of each stratum in a state: e, o and D.
     fn strata_of(&self, state: usize) -> impl Iterator<Item = [ArrayView1<'a, f32>; 3]> {
         let strata = self.strata();
-        let heads = [self.ego, self.other, self.interaction];
+        let cells = self.ego.ncols() / strata * self.columns();
+        let heads = [
+            (self.ego, self.ego.ncols() / strata),
+            (self.other, self.columns()),
+            (self.interaction, cells),
+        ];
         (0..strata).map(move |stratum| {
-            heads.map(|head| {
-                let each = head.ncols() / strata;
+            heads.map(|(head, each)| {
+                // There is one D for all, or one for each.
+                let stratum = if head.ncols() == each { 0 } else { stratum };
                 let row = head.index_axis(Axis(0), state);
                 row.slice_axis_move(Axis(0), Slice::from(stratum * each..(stratum + 1) * each))
             })

@@ -3,6 +3,7 @@
 
 use super::encoder::{self, MOST_INPUTS};
 use super::letters::Letters;
+use super::member::Interaction;
 use super::training::TrainingError;
 use super::{file, member};
 use crate::domain::{Environment, Pair, Training};
@@ -43,7 +44,7 @@ pub fn check_size(
         return Err(problem);
     }
 
-    let outputs: usize = member::heads(training.kind, letters)
+    let outputs: usize = member::heads(training.kind, letters, Interaction::ByStratum)
         .iter()
         .map(|(_, outputs)| outputs)
         .sum();

@@ -39,6 +39,8 @@ struct World {
     is_shuffled: bool,
     /// How often each state is seen.
     visits: u64,
+    /// Whether the follower adds what the leader did to its own last action, in place of copying.
+    adds: bool,
 }
 
 const USUAL: World = World {
@@ -46,6 +48,7 @@ const USUAL: World = World {
     keeps: 0.0,
     is_shuffled: false,
     visits: 40,
+    adds: false,
 };
 
 /// One step: near, lane and sign, and what both do.
@@ -97,6 +100,9 @@ impl World {
             let answered = at.checked_sub(LAG).map(|before| steps[before]);
             let answered = answered.filter(|step| step.state[0] == 1 && random.random_bool(COPIES));
             let follows = match (answered, steps.last()) {
+                (Some(step), Some(last)) if self.adds => {
+                    (step.actions[0] + last.actions[1]) % self.actions[1]
+                }
                 (Some(step), _) => step.actions[0] % self.actions[1],
                 (None, Some(last)) if random.random_bool(self.keeps) => last.actions[1],
                 _ => random.random_range(0..self.actions[1]),
@@ -349,6 +355,25 @@ async fn what_the_other_did_itself_is_no_influence() {
     let card = model.card.expect("readable");
     assert!(!card.found_something(), "{card:?}");
     assert_eq!(decided(&app, "lag=3").await[0], [0, 0]);
+    app.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_answer_that_turns_on_what_the_other_did_itself_is_found() {
+    // Summed over what the follower did a step before, nothing depends on the leader: what is the
+    // same in all strata tells nothing.
+    let world = World {
+        actions: [3, 3],
+        adds: true,
+        visits: 60,
+        ..USUAL
+    };
+    let app = world.counted().await;
+    let model = trained(&app, &draft(3)).await;
+    assert!(model.active, "{:?}", model.card);
+    let [influences, none] = decided(&app, "lag=3").await;
+    assert_eq!((influences[1], none[1]), (0, 0), "{influences:?} {none:?}");
+    assert!(influences[0] >= 20, "{influences:?} {none:?}");
     app.stop().await;
 }
 
