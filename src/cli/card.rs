@@ -9,7 +9,7 @@ use crate::domain::ModelId;
 /// Returns what one version says of itself.
 pub(super) fn render(environment: &str, model: &proto::Model) -> String {
     let card = model.card.clone().unwrap_or_default();
-    let (ego, other, version) = (&model.ego, &model.other, model.version);
+    let (ego, other, version) = (&model.ego, later(&model.other, model.lag), model.version);
     let heading = format!("{environment}: {ego} on {other}, model version {version}");
     if model.unreadable.is_some() {
         return format!("{heading}\n\n{}\n", standing(environment, model, &card));
@@ -22,6 +22,14 @@ pub(super) fn render(environment: &str, model: &proto::Model) -> String {
         scores(&card),
         reliability(&card)
     )
+}
+
+/// Returns the name of the other as it is observed: at a lag with the lag behind it.
+pub(super) fn later(other: &str, lag: u32) -> String {
+    match lag {
+        0 => other.to_owned(),
+        lag => format!("{other}@{lag}"),
+    }
 }
 
 /// Returns every version and every job, a line each.
@@ -263,7 +271,7 @@ fn versions(models: &[proto::Model]) -> String {
             table.row([
                 version,
                 model.ego.clone(),
-                model.other.clone(),
+                later(&model.other, model.lag),
                 dash(),
                 state.into(),
                 dash(),
@@ -287,7 +295,7 @@ fn versions(models: &[proto::Model]) -> String {
         table.row([
             model.version.to_string(),
             model.ego.clone(),
-            model.other.clone(),
+            later(&model.other, model.lag),
             model_kind(card.training.unwrap_or_default().kind).into(),
             state.into(),
             figure_or_dash(score.log_likelihood),
@@ -306,7 +314,7 @@ fn jobs(jobs: &[proto::Job]) -> String {
         table.row([
             ModelId::Job(job.id).to_string(),
             job.ego.clone(),
-            job.other.clone(),
+            later(&job.other, job.lag),
             job_state(job.state).into(),
             format!("{:.0} %", job.progress * 100.0),
             job.message.clone(),
@@ -391,6 +399,7 @@ mod tests {
             stale: false,
             card: Some(card),
             unreadable: None,
+            lag: 0,
         }
     }
 
@@ -518,6 +527,24 @@ mod tests {
                 .join("|"),
             "3|robot|human|-|unreadable, active|-|-|-|it has form 9"
         );
+    }
+
+    #[test]
+    fn a_network_at_a_lag_says_when_the_other_is_observed() {
+        let model = proto::Model { lag: 3, ..model() };
+        let told = render("hallway", &model);
+        assert!(told.starts_with("hallway: robot on human@3, model version 3\n"));
+        let job = proto::Job {
+            lag: 3,
+            ..job(1, proto::JobState::Running, "learns")
+        };
+        let response = proto::ListModelsResponse {
+            models: vec![model],
+            jobs: vec![job],
+            ..Default::default()
+        };
+        let listed = list("hallway", &response);
+        assert_eq!(listed.matches("human@3").count(), 2, "{listed}");
     }
 
     #[test]

@@ -413,8 +413,10 @@ fn answers_now(environment: &str, model: &proto::Model) -> String {
         version,
         ego,
         other,
+        lag,
         ..
     } = model;
+    let other = card::later(other, *lag);
     format!("version {version} of `{environment}` answers for {ego} on {other} now")
 }
 

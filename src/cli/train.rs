@@ -31,6 +31,7 @@ const QUIET: Duration = Duration::from_secs(30);
     training.\n\n\
     Example:\n  nudge train hallway\n  \
     nudge train hallway --ego robot --other human --kind direct --members 5 --seed 7\n  \
+    nudge train hallway --lag 3\n  \
     nudge train hallway --epochs 50 --activate --json"
 )]
 pub(super) struct Train {
@@ -42,6 +43,16 @@ pub(super) struct Train {
     /// Agent that may be influenced; the second one unless given
     #[arg(long, value_name = "AGENT")]
     other: Option<String>,
+    /// Steps after which the other's action is observed, as the environment declares them; 0, the
+    /// same tick, unless given
+    #[arg(
+        long,
+        value_name = "STEPS",
+        allow_negative_numbers = true,
+        default_value_t = 0,
+        hide_default_value = true
+    )]
+    lag: i32,
     /// What is predicted: joint (what both agents do) or direct (whether mutual information is
     /// above the threshold); joint unless given
     #[arg(long, value_name = "KIND")]
@@ -90,6 +101,7 @@ impl Train {
         let wanted = Wanted {
             ego: asked.ego,
             other: asked.other,
+            lag: asked.lag,
             kind: request.kind,
             seed: request.seed(),
             before,
@@ -108,6 +120,7 @@ impl Train {
             environment: self.environment.clone(),
             ego: self.ego.clone().unwrap_or_default(),
             other: self.other.clone().unwrap_or_default(),
+            lag: self.lag,
             kind: self
                 .kind
                 .map_or(proto::ModelKind::Unspecified, Into::into)
@@ -176,6 +189,7 @@ impl Stage {
 struct Wanted {
     ego: String,
     other: String,
+    lag: u32,
     kind: i32,
     seed: u64,
     /// The versions that there were already.
@@ -184,7 +198,7 @@ struct Wanted {
 
 impl Wanted {
     /// Returns those versions that may have come out of the training: later ones of the same
-    /// agents, kind and seed.
+    /// agents, lag, kind and seed.
     fn kept_of(&self, models: &[proto::Model]) -> Vec<u64> {
         let is_new = |model: &&proto::Model| {
             self.before
@@ -212,8 +226,13 @@ impl Wanted {
             self.kind
         };
 
-        (&model.ego, &model.other, training.kind, training.seed)
-            == (&self.ego, &self.other, kind, self.seed)
+        (
+            &model.ego,
+            &model.other,
+            model.lag,
+            training.kind,
+            training.seed,
+        ) == (&self.ego, &self.other, self.lag, kind, self.seed)
     }
 }
 
@@ -402,6 +421,8 @@ mod tests {
             "--seed",
             "7",
             "--activate",
+            "--lag",
+            "-3",
         ];
         let request = request(&options).expect("well formed");
         assert_eq!(
@@ -409,8 +430,8 @@ mod tests {
             (proto::ModelKind::Direct, proto::Weighting::States)
         );
         assert_eq!(
-            (request.width, request.seed, request.activate),
-            (Some(0), Some(7), true)
+            (request.width, request.seed, request.activate, request.lag),
+            (Some(0), Some(7), true, -3)
         );
     }
 
@@ -490,6 +511,7 @@ mod tests {
         let wanted = Wanted {
             ego: "robot".into(),
             other: "human".into(),
+            lag: 0,
             kind: 0,
             seed: 7,
             before: before.clone(),
@@ -498,6 +520,10 @@ mod tests {
             model(2, "robot", 8, false),
             model(3, "cook", 7, false),
             model(4, "robot", 7, true),
+            proto::Model {
+                lag: 3,
+                ..model(7, "robot", 7, false)
+            },
         ];
         let unreadable = proto::Model {
             card: None,

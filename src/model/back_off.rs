@@ -8,7 +8,8 @@
 
 use foldhash::{HashMap, HashMapExt};
 
-use super::dataset::{Dataset, Example, cells, triples};
+use super::dataset::{Dataset, Example, cells};
+use super::letters::Letters;
 use crate::domain::StateKey;
 use crate::evidence::rows_evidence;
 use crate::information::Table;
@@ -28,8 +29,9 @@ const WORK: usize = 2_000_000;
 /// Coarser and coarser tables of the states that were learned from.
 pub struct BackOff {
     levels: Vec<Level>,
-    /// The share of each of the other's actions.
-    base: Vec<f64>,
+    /// The share of each of the other's actions, in each stratum.
+    base: Vec<Vec<f64>>,
+    letters: Letters,
 }
 
 /// The tables of states that agree in some features.
@@ -42,9 +44,16 @@ impl BackOff {
     /// Learns from the states at these positions.
     pub fn new(dataset: &Dataset, learned: &[usize]) -> Self {
         let examples: Vec<&Example> = learned.iter().map(|at| &dataset.examples[*at]).collect();
-        let base = dataset.base(examples.iter().copied()).shares().to_vec();
+        let letters = dataset.letters;
+        let base: Vec<Vec<f64>> = dataset
+            .base_by_stratum(&examples)
+            .iter()
+            .map(|base| base.shares().to_vec())
+            .collect();
         let gain = |examples: &[&Example], features: &[usize]| {
-            log_evidence(&pooled(examples, features), &base)
+            log_evidence(&pooled(examples, features), |row, j| {
+                base[letters.stratum(row)][j]
+            })
         };
         let mut features = considered(&examples, |feature| gain(few(&examples, 1), &[feature]));
 
@@ -69,7 +78,11 @@ impl BackOff {
             });
         }
 
-        Self { levels, base }
+        Self {
+            levels,
+            base,
+            letters,
+        }
     }
 
     /// Returns the finest table with enough draws that a state belongs to; the one of all states if
@@ -88,7 +101,8 @@ impl BackOff {
     /// Returns the mean log-likelihood that a table gives to the other's actions in a state, summed
     /// over its draws: its rows, drawn to what the other does on the whole.
     pub fn log_likelihood(&self, table: Option<&Table>, example: &Example) -> f64 {
-        let columns = self.base.len();
+        let columns = self.letters.actions.columns as usize;
+        let base = |i: usize, j: usize| self.base[self.letters.stratum(i)][j];
         let mut rows: HashMap<usize, (f64, Vec<f64>)> = HashMap::new();
         for (i, j, n) in table.into_iter().flat_map(cells) {
             let row = rows.entry(i).or_insert_with(|| (0.0, vec![0.0; columns]));
@@ -97,8 +111,8 @@ impl BackOff {
         }
 
         let share = |i: usize, j: usize| match rows.get(&i) {
-            Some((sum, row)) => (row[j] + CONCENTRATION * self.base[j]) / (sum + CONCENTRATION),
-            None => self.base[j],
+            Some((sum, row)) => (row[j] + CONCENTRATION * base(i, j)) / (sum + CONCENTRATION),
+            None => base(i, j),
         };
 
         cells(&example.table)
@@ -108,13 +122,16 @@ impl BackOff {
 }
 
 /// Returns the log marginal likelihood of tables, each row with its own response.
-fn log_evidence(tables: &HashMap<Vec<u32>, Table>, base: &[f64]) -> f64 {
+fn log_evidence(
+    tables: &HashMap<Vec<u32>, Table>,
+    base: impl Fn(usize, usize) -> f64 + Copy,
+) -> f64 {
     // In order of key, so that the same states give the same sum.
     let mut each: Vec<_> = tables.iter().collect();
     each.sort_unstable_by(|a, b| a.0.cmp(b.0));
 
     each.into_iter()
-        .map(|(_, table)| rows_evidence(table, CONCENTRATION, |_, j| base[j]))
+        .map(|(_, table)| rows_evidence(table, CONCENTRATION, base))
         .sum()
 }
 
@@ -163,7 +180,7 @@ fn pooled(examples: &[&Example], features: &[usize]) -> HashMap<Vec<u32>, Table>
         counts
             .entry(part(&example.key, features))
             .or_default()
-            .extend(triples(&example.table));
+            .extend(example.table.triples());
     }
     counts
         .into_iter()

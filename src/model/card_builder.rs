@@ -117,7 +117,7 @@ impl<'a> Split<'a> {
             .map(|(at, example)| (at, judges(example)));
         let judged: Vec<_> = all.filter(|(_, judges)| judges.end <= members).collect();
 
-        let cells = (dataset.alphabet.rows * dataset.alphabet.columns) as usize;
+        let cells = dataset.letters.cells() as usize;
         let numbers = judged.len() * cells.max(ensemble.encoder.width());
         let every = numbers.div_ceil(MOST_NUMBERS).max(1);
         judged.into_iter().step_by(every).collect()
@@ -182,6 +182,7 @@ pub fn build_card(
 
     Card {
         training,
+        lag: dataset.lag,
         imported: !matches!(origin, Origin::Trained(_)),
         schema_hash: dataset.schema_hash.clone(),
         threshold: kept

@@ -9,11 +9,12 @@ use rand_pcg::Pcg64;
 use rayon::prelude::*;
 
 use super::idle_priority::at_idle_priority;
+use super::letters::Letters;
 use super::store_errors::logged;
 use crate::domain::{Environment, FitId, Pair, StateKey, Within};
 use crate::error::Problem;
 use crate::evidence::{Base, Counted, Ego};
-use crate::information::{Alphabet, Table};
+use crate::information::Table;
 use crate::priors::{self, Fitted, Observations, Pages, PriorRegistry, Sample, Tables};
 use crate::store::Store;
 use crate::work::beside;
@@ -23,8 +24,10 @@ use crate::work::beside;
 pub struct Dataset {
     /// The schema of the environment, in hexadecimal digits.
     pub schema_hash: String,
-    /// How many actions the two have; rows for the ego.
-    pub alphabet: Alphabet,
+    /// How many steps after the ego the other is observed.
+    pub lag: u32,
+    /// How many actions the two have, and at a lag the strata.
+    pub letters: Letters,
     /// Every state, in order of key.
     pub examples: Vec<Example>,
     /// The threshold that the evidence is about, in nats.
@@ -42,7 +45,8 @@ pub struct Dataset {
 pub struct Example {
     /// The state.
     pub key: StateKey,
-    /// What counts as independent draws; rows are the ego's actions.
+    /// What counts as independent draws; rows are the ego's actions, at a lag those of one stratum
+    /// after the other.
     pub table: Table,
     /// P(MI > threshold) given its counts.
     pub above: f64,
@@ -68,7 +72,8 @@ impl Dataset {
             .transitions;
         let dataset = Self {
             schema_hash: environment.schema.hash().to_string(),
-            alphabet: pair.alphabet(&environment.schema),
+            lag: pair.lag(&environment.schema),
+            letters: Letters::of_pair(&environment.schema, pair),
             examples: Vec::new(),
             threshold: environment.rule_of(pair).threshold_nats(),
             revision,
@@ -86,9 +91,10 @@ impl Dataset {
                 let cells = scanned.counts.of_pair(&environment.schema, pair, None);
                 let tables = Tables::new(&environment.schema, pair, cells.clone());
                 let observations = tables
-                    .observations(&environment.schema, pair, Within::Auto, cells)
+                    .observations(&environment.schema, pair, Within::Auto, cells.clone())
                     .into_owned();
-                (scanned.key, observations)
+                let strata = Tables::numbered_strata(&environment.schema, pair, cells);
+                (scanned.key, observations, dataset.letters.stacked(strata))
             });
             // Page by page, since a state may have hundreds of parts: what is kept of it is one
             // table.
@@ -110,15 +116,10 @@ impl Dataset {
         }))
     }
 
-    /// Asks the evidence about states, whose draws have the prior's rows.
-    fn weighed(&self, states: Vec<(StateKey, Observations<'static>)>) -> Vec<Example> {
-        let example = |(key, observations): (StateKey, Observations<'static>)| {
-            let table = observations.strata.first()?;
-            let table = if self.ego == Ego::Rows {
-                table.clone()
-            } else {
-                table.transposed()
-            };
+    /// Asks the evidence about states, whose observations have the prior's rows, and whose tables
+    /// have the ego's.
+    fn weighed(&self, states: Vec<(StateKey, Observations<'static>, Table)>) -> Vec<Example> {
+        let example = |(key, observations, table): (StateKey, Observations<'static>, Table)| {
             (table.total() > 0).then(|| Example {
                 above: self.given(observations.counted()),
                 key,
@@ -130,22 +131,37 @@ impl Dataset {
 
     /// Returns the overall distribution of the other's actions in some states.
     pub fn base<'a>(&self, examples: impl IntoIterator<Item = &'a Example>) -> Base {
-        let mut counts = vec![0; self.alphabet.columns as usize];
+        let mut counts = vec![0; self.letters.actions.columns as usize];
         examples
             .into_iter()
-            .flat_map(|example| triples(&example.table))
+            .flat_map(|example| example.table.triples())
             .for_each(|(_, j, n)| counts[j as usize] += n);
         Base::new(&counts)
     }
 
-    /// Returns P(MI > threshold) given a table whose rows are the ego's actions.
+    /// Returns the same in each stratum.
+    pub fn base_by_stratum(&self, examples: &[&Example]) -> Vec<Base> {
+        let Letters { actions, strata } = self.letters;
+        let columns = actions.columns as usize;
+        let mut counts = vec![0; strata as usize * columns];
+        examples
+            .iter()
+            .flat_map(|example| example.table.triples())
+            .for_each(|(row, j, n)| {
+                counts[(row / actions.rows) as usize * columns + j as usize] += n
+            });
+        counts.chunks(columns).map(Base::new).collect()
+    }
+
+    /// Returns P(MI > threshold) given a table whose rows are the ego's actions, at a lag those of
+    /// one stratum after the other.
     pub fn above(&self, table: &Table) -> f64 {
-        let above = |draws: &Table| self.given(std::slice::from_ref(draws).into());
-        if self.ego == Ego::Rows {
-            above(table)
-        } else {
-            above(&table.transposed())
-        }
+        let strata = self.letters.strata_of(table).into_iter();
+        let strata: Vec<Table> = match self.ego {
+            Ego::Rows => strata.map(|(_, table)| table.into_owned()).collect(),
+            Ego::Columns => strata.map(|(_, table)| table.transposed()).collect(),
+        };
+        self.given((&strata).into())
     }
 
     /// Returns the same of a state's draws, whose rows are the prior's.
@@ -156,11 +172,14 @@ impl Dataset {
             .above(self.threshold)
     }
 
-    /// Returns the same with the other's actions shuffled within each state: every habit stays, and
-    /// nothing depends on anything.
+    /// Returns the same with the other's actions shuffled within each state, at a lag within each
+    /// stratum of it: every habit stays, and nothing depends on anything else.
     pub fn shuffled(&self, seed: u64) -> Self {
         let shuffle = |Example { key, table, .. }: &Example| {
-            let table = shuffled(table, &mut random(key, seed));
+            let mut random = random(key, seed);
+            let strata = self.letters.strata_of(table).into_iter();
+            let shuffled = strata.map(|(stratum, table)| (stratum, shuffled(&table, &mut random)));
+            let table = self.letters.stacked(shuffled);
             Example {
                 above: self.above(&table),
                 key: key.clone(),
@@ -201,19 +220,9 @@ fn random(key: &StateKey, seed: u64) -> Pcg64 {
 
 /// Returns the cells of a table: the ego's action, the other's action, the count.
 pub fn cells(table: &Table) -> impl Iterator<Item = (usize, usize, f64)> {
-    triples(table).map(|(row, column, n)| (row as usize, column as usize, n as f64))
-}
-
-/// Returns the cells of a table as it is built of.
-pub fn triples(table: &Table) -> impl Iterator<Item = (u64, u64, u64)> {
-    let label = |labels: &[u64], at: u32| labels[at as usize];
-    table.cells().iter().map(move |cell| {
-        (
-            label(table.row_labels(), cell.row),
-            label(table.column_labels(), cell.column),
-            cell.n,
-        )
-    })
+    table
+        .triples()
+        .map(|(row, column, n)| (row as usize, column as usize, n as f64))
 }
 
 /// Draws of a state that are shuffled one by one; more are scaled down first: a table of so many
@@ -225,7 +234,7 @@ fn shuffled(table: &Table, random: &mut Pcg64) -> Table {
     let each = |(row, column, n): (u64, u64, u64)| {
         std::iter::repeat_n((row, column), n.div_ceil(share) as usize)
     };
-    let (rows, mut columns): (Vec<u64>, Vec<u64>) = triples(table).flat_map(each).unzip();
+    let (rows, mut columns): (Vec<u64>, Vec<u64>) = table.triples().flat_map(each).unzip();
     columns.shuffle(random);
     Table::from_counts(
         rows.into_iter()

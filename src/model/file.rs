@@ -9,8 +9,18 @@
 //! | `members.0.interaction.weight`, `.bias` | `[R K, width]`, `[R K]` (joint; row i K + j is D_ij) |
 //! | `members.0.influence.weight`, `.bias` | `[1, width]`, `[1]` (direct) |
 //!
-//! What the numbers cannot say stands in the file's metadata, text by text: `format` (`nudge/1`),
-//! `kind`, `ego`, `other`, `schema_hash`, `threshold` (nats), `scales` (JSON: for each feature
+//! At a lag a joint network has the same in each of H strata, one for each letter of the other's own
+//! action one step before (its absence the last, where it may be absent):
+//!
+//! | tensor | shape |
+//! |---|---|
+//! | `members.0.own.weight`, `.bias` | `[H, width]`, `[H]`; absent where H is 1 |
+//! | `members.0.ego.weight`, `.bias` | `[H R, width]`, `[H R]` (row h R + i) |
+//! | `members.0.other.weight`, `.bias` | `[H K, width]`, `[H K]` (row h K + j) |
+//! | `members.0.interaction.weight`, `.bias` | `[R K, width]`, `[R K]` (one D for all strata), or `[H R K, width]`, `[H R K]` (row (h R + i) K + j) |
+//!
+//! What the numbers cannot say stands in the file's metadata, text by text: `format` (`nudge/1`; at
+//! a lag `nudge/2`, which has `lag` too), `kind`, `ego`, `other`, `schema_hash`, `threshold` (nats), `scales` (JSON: for each feature
 //! `null`, or the mean and the deviation that its value is standardised by), `card` (of
 //! `stored_forms`; absent, empty or `{}` in files of other tools), and, absent from files of
 //! earlier builds and of other tools, `seen` (JSON: for each feature the bins that the states of
@@ -28,7 +38,8 @@ use safetensors::tensor::{Dtype, SafeTensors, TensorView, serialize};
 use serde::{Deserialize, Serialize};
 
 use super::encoder::{Encoder, Scale};
-use super::member::{Layer, Member, heads};
+use super::letters::Letters;
+use super::member::{Interaction, Layer, Member, heads};
 use super::seen::Seen;
 use super::stored_forms;
 use crate::domain::{Card, Environment, ModelKind, Pair, Schema, Training, is_same_threshold};
@@ -42,9 +53,13 @@ const LARGEST: f32 = 1e6;
 
 const FORMAT: &str = "nudge/1";
 
+/// That of a network at a lag, which builds that know of no lags must refuse.
+const FORMAT_AT_LAG: &str = "nudge/2";
+
 /// The names of the metadata that may be absent.
 const SEEN: &str = "seen";
 const CARD: &str = "card";
+const LAG: &str = "lag";
 
 /// The bytes of a header's size, of which a header is a multiple.
 const SIZE: usize = size_of::<u64>();
@@ -77,8 +92,10 @@ pub fn write_network(environment: &Environment, content: &Content, card: &str) -
         .collect();
     let scales = serde_json::to_string(&scales).expect("numbers are finite");
 
+    let lag = content.pair.lag(&environment.schema);
+    let format = if lag == 0 { FORMAT } else { FORMAT_AT_LAG };
     let metadata = [
-        ("format", FORMAT.to_owned()),
+        ("format", format.to_owned()),
         ("kind", content.kind.as_str().to_owned()),
         ("ego", agent(content.pair.ego)),
         ("other", agent(content.pair.other)),
@@ -95,9 +112,17 @@ pub fn write_network(environment: &Environment, content: &Content, card: &str) -
         );
     }
 
+    if lag > 0 {
+        metadata.insert(LAG, lag.to_string());
+    }
+
+    let letters = Letters::of_pair(&environment.schema, &content.pair);
     let tensors: Vec<Tensor> = (0..)
         .zip(&content.members)
-        .flat_map(|(at, member)| tensors(at, content.kind, member))
+        .flat_map(|(at, member)| {
+            let names = heads(content.kind, letters, Interaction::Shared);
+            tensors(at, names, member)
+        })
         .collect();
     let views = tensors.iter().map(|tensor| {
         let view = TensorView::new(Dtype::F32, tensor.shape.clone(), &tensor.bytes)
@@ -151,17 +176,8 @@ struct Tensor {
     bytes: Vec<u8>,
 }
 
-fn tensors(at: usize, kind: ModelKind, member: &Member) -> Vec<Tensor> {
-    // The alphabet only says how large the heads are, which they know themselves.
-    let names = heads(
-        kind,
-        crate::information::Alphabet {
-            rows: 0,
-            columns: 0,
-        },
-    )
-    .into_iter()
-    .map(|(name, _)| name);
+fn tensors(at: usize, heads: Vec<(&'static str, usize)>, member: &Member) -> Vec<Tensor> {
+    let names = heads.into_iter().map(|(name, _)| name);
 
     let layers = std::iter::once("trunk")
         .chain(names)
@@ -207,7 +223,7 @@ pub fn imported(
 
     let card = told
         .filter(|text| !matches!(text.trim(), "" | "{}"))
-        .map(|text| card_of(&content, text));
+        .map(|text| card_of(environment, &content, text));
     let card = card
         .transpose()
         .map_err(|detail| Problem::invalid("network", vec![fault(CARD, detail)]))?;
@@ -215,7 +231,7 @@ pub fn imported(
 }
 
 /// Reads a card, which has to be that of its network. The text is not repeated: it is long.
-fn card_of(content: &Content, text: &str) -> Result<Card, String> {
+fn card_of(environment: &Environment, content: &Content, text: &str) -> Result<Card, String> {
     const WITHOUT: &str =
         "take it as an export wrote it, or leave it out to have the network calibrated here";
     let card =
@@ -235,6 +251,12 @@ fn card_of(content: &Content, text: &str) -> Result<Card, String> {
         return Err(format!(
             "is of a network {told:?}, expected {network:?} (kind, members, width); {WITHOUT}"
         ));
+    }
+
+    let lag = content.pair.lag(&environment.schema);
+    if card.lag != lag {
+        let told = card.lag;
+        return Err(format!("is of lag {told}, expected {lag}; {WITHOUT}"));
     }
 
     let fewest = if card.is_split_known() {
@@ -314,21 +336,19 @@ impl Metadata {
     fn checked(&self, environment: &Environment) -> Result<CheckedMetadata, Vec<Fault>> {
         let schema = &environment.schema;
         let mut faults = Vec::new();
-        self.equal("format", FORMAT, &mut faults);
+        let is_lagged = self.is_lagged(&mut faults);
         self.equal("schema_hash", &schema.hash().to_string(), &mut faults);
         let kind = self.parsed::<ModelKind>("kind", &mut faults);
-        let pair = self.pair(schema, &mut faults);
+        let pair = self.pair(schema, is_lagged, &mut faults);
         let threshold = self.threshold(&mut faults);
         let encoder = self.encoder(schema, &mut faults);
         let seen = self.seen(schema, &mut faults);
 
         match (kind, pair, threshold, encoder) {
-            (Some(kind), Some((ego, other)), Some(threshold), Some(encoder))
-                if faults.is_empty() =>
-            {
+            (Some(kind), Some(pair), Some(threshold), Some(encoder)) if faults.is_empty() => {
                 Ok(CheckedMetadata {
                     kind,
-                    pair: Pair::new(ego, other, Vec::new()),
+                    pair,
                     threshold,
                     encoder,
                     seen,
@@ -338,7 +358,44 @@ impl Metadata {
         }
     }
 
-    fn pair(&self, schema: &Schema, faults: &mut Vec<Fault>) -> Option<(usize, usize)> {
+    /// Returns whether the format is that of a network at a lag.
+    fn is_lagged(&self, faults: &mut Vec<Fault>) -> bool {
+        match self.text("format", faults) {
+            Some(FORMAT_AT_LAG) => return true,
+            Some(FORMAT) | None => {}
+            Some(text) => {
+                let expected = format!("expected {FORMAT:?}, or at a lag {FORMAT_AT_LAG:?}");
+                faults.push(fault("format", format!("got {text:?}, {expected}")));
+            }
+        }
+        false
+    }
+
+    fn pair(&self, schema: &Schema, is_lagged: bool, faults: &mut Vec<Fault>) -> Option<Pair> {
+        let (ego, other) = self.agents(schema, faults)?;
+        let pair = Pair::new(ego, other, Vec::new());
+        let told = self.0.get(LAG).map(String::as_str);
+        let expected = match (is_lagged, told) {
+            (false, None) => return Some(pair),
+            (false, Some(_)) => format!("expected none in format {FORMAT:?}"),
+            (true, told) => {
+                let lag = told.and_then(|text| text.parse().ok());
+                let found = lag
+                    .filter(|lag| *lag > 0)
+                    .and_then(|lag| pair.at_lag(schema, lag));
+                if found.is_some() {
+                    return found;
+                }
+                let other = &schema.agents()[other].name;
+                format!("expected a lag above 0 that is declared for {other}")
+            }
+        };
+        let told = told.map_or_else(|| "none".to_owned(), |text| format!("{text:?}"));
+        faults.push(fault(LAG, format!("got {told}, {expected}")));
+        None
+    }
+
+    fn agents(&self, schema: &Schema, faults: &mut Vec<Fault>) -> Option<(usize, usize)> {
         let mut agent = |name: &'static str| {
             let text = self.text(name, faults)?;
             let found = schema.agent(text);
@@ -354,6 +411,7 @@ impl Metadata {
                 "other",
                 "is the ego too; expected another agent".into(),
             ));
+            return None;
         }
         pair
     }
@@ -468,14 +526,22 @@ impl Shapes<'_> {
         }
     }
 
-    fn heads(&self) -> Vec<(&'static str, usize)> {
-        heads(self.kind, self.pair.alphabet(&self.environment.schema))
+    /// Returns the heads of a member: by how many outputs its interaction has, strata share it.
+    fn heads(&self, at: usize) -> Vec<(&'static str, usize)> {
+        let letters = Letters::of_pair(&self.environment.schema, self.pair);
+        let shared = letters.actions.rows * letters.actions.columns;
+        let name = format!("members.{at}.interaction.bias");
+        let interaction = match self.tensors.tensor(&name) {
+            Ok(bias) if bias.shape() == [shared as usize] => Interaction::Shared,
+            _ => Interaction::ByStratum,
+        };
+        heads(self.kind, letters, interaction)
     }
 
     /// Returns the names of all tensors of so many members.
     fn expected(&self, members: usize) -> HashSet<String> {
         let layers: Vec<&str> = std::iter::once("trunk")
-            .chain(self.heads().into_iter().map(|(head, _)| head))
+            .chain(self.heads(0).into_iter().map(|(head, _)| head))
             .collect();
         let of_layer = |at: usize, layer: &str| {
             ["weight", "bias"].map(|part| format!("members.{at}.{layer}.{part}"))
@@ -505,7 +571,7 @@ impl Shapes<'_> {
 
         let trunk = self.layer(at, "trunk", [width, self.inputs], faults);
         let heads: Vec<Option<Layer>> = self
-            .heads()
+            .heads(at)
             .into_iter()
             .map(|(name, outputs)| self.layer(at, name, [outputs, width], faults))
             .collect();

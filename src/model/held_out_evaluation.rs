@@ -1,6 +1,8 @@
 //! Held-out evaluation: what a network, its shuffled twin (the control) and baselines without a
 //! network predict of states that they did not learn from.
 
+use std::borrow::Cow;
+
 use ndarray::Array2;
 
 use super::back_off::BackOff;
@@ -12,7 +14,8 @@ use super::permutation_test::PermutationTest;
 use super::score::{Judged, score};
 use super::training::Ensemble;
 use crate::domain::{Baseline, Calibration, ModelKind, Score, Training, Weighting};
-use crate::evidence::{ExpectedResponse, bayes_factors};
+use crate::evidence::{ExpectedResponse, ExpectedState, bayes_factors};
+use crate::information::Table;
 
 /// Draws of a state from which its evidence is a truth to be calibrated and judged by: of rarely
 /// seen states it says little but what all states have on average, and whoever says the same of
@@ -131,25 +134,23 @@ impl<'a> HeldOutEvaluation<'a> {
             .examples()
             .zip(said)
             .filter(|(example, _)| example.table.total() >= ENOUGH);
-        let (numbers, states): (Vec<f64>, Vec<ExpectedResponse<'_>>) = often
+        let (numbers, tables): (Vec<f64>, Vec<_>) = often
             .filter_map(|(example, said)| {
-                let Joint { ego, response, .. } = said.joint.as_ref()?;
-                let response = response.as_slice().expect("it is made row by row");
-                Some((
-                    ln_information(mean(&said.numbers)),
-                    ExpectedResponse {
-                        table: &example.table,
-                        ego,
-                        response,
-                    },
-                ))
+                let joint = said.joint.as_ref()?;
+                let strata = self.dataset.letters.strata_of(&example.table);
+                Some((ln_information(mean(&said.numbers)), (strata, joint)))
             })
             .unzip();
+        let unseen = Table::default();
+        let states: Vec<ExpectedState<'_>> = tables
+            .iter()
+            .map(|(strata, joint)| expected(strata, joint, &unseen))
+            .collect();
 
         let base = self.dataset.base(&self.dataset.examples);
         let factors = bayes_factors(
             &states,
-            self.dataset.alphabet,
+            self.dataset.letters.actions,
             &base,
             self.dataset.threshold,
         );
@@ -217,7 +218,7 @@ impl<'a> HeldOutEvaluation<'a> {
         twin: Option<&[HeldOutPrediction]>,
     ) -> bool {
         if self.training.kind == ModelKind::Joint {
-            let mut test = PermutationTest::default();
+            let mut test = PermutationTest::new(self.dataset.letters);
             for (example, said) in self.examples().zip(network) {
                 said.joint
                     .iter()
@@ -319,6 +320,36 @@ impl<'a> HeldOutEvaluation<'a> {
             .sum::<f64>()
             / total.max(f64::MIN_POSITIVE)
     }
+}
+
+/// Returns what a network expects of every stratum of a state, beside the tables of those that were
+/// seen.
+fn expected<'a>(
+    seen: &'a [(u64, Cow<'_, Table>)],
+    joint: &'a Joint,
+    unseen: &'a Table,
+) -> ExpectedState<'a> {
+    let (actions, columns) = (joint.actions(), joint.response.ncols());
+    let response = joint.response.as_slice().expect("it is made row by row");
+    let strata = joint
+        .ego
+        .chunks(actions)
+        .zip(response.chunks(actions * columns))
+        .zip(&joint.own);
+
+    let table = |stratum: u64| {
+        let found = seen.iter().find(|(number, _)| *number == stratum);
+        found.map_or(unseen, |(_, table)| table)
+    };
+    (0..)
+        .zip(strata)
+        .map(|(stratum, ((ego, response), share))| ExpectedResponse {
+            table: table(stratum),
+            share: *share,
+            ego,
+            response,
+        })
+        .collect()
 }
 
 /// Returns whether the mean of differences is above zero by three standard errors.

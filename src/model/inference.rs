@@ -14,7 +14,8 @@ impl Networks {
         environment: &Environment,
         pair: &Pair,
     ) -> Result<Option<Arc<Network>>, Problem> {
-        if pair.given.is_empty() && pair.later.is_none() {
+        let is_of_agents = pair.other_agent(&environment.schema).is_some();
+        if pair.given.is_empty() && is_of_agents {
             self.registry.active(environment, pair).await
         } else {
             Ok(None)

@@ -140,6 +140,7 @@ impl Jobs {
             id,
             ego,
             other,
+            lag: pair.lag(&environment.schema),
             state,
             progress: 0.0,
             message,
@@ -197,11 +198,13 @@ impl Jobs {
         found.ok_or_else(|| unknown(id, &self.lock(), environment))
     }
 
-    /// Returns whether a pair of agents waits for a training or has one.
-    pub fn is_busy(&self, environment: EnvironmentId, ego: &str, other: &str) -> bool {
+    /// Returns whether a pair of agents waits for a training at a lag or has one.
+    pub fn is_busy(&self, environment: EnvironmentId, ego: &str, other: &str, lag: u32) -> bool {
+        let is_of =
+            |job: &Job| (job.ego.as_str(), job.other.as_str(), job.lag) == (ego, other, lag);
         self.of_environment(environment)
             .iter()
-            .any(|job| !job.state.is_over() && job.ego == ego && job.other == other)
+            .any(|job| !job.state.is_over() && is_of(job))
     }
 
     /// Returns a job once it is over.
@@ -295,6 +298,7 @@ mod tests {
             id,
             ego,
             other,
+            lag: 0,
             state,
             progress,
             message,

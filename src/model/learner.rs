@@ -14,30 +14,38 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
 use super::adam::{Parameter, Step};
+use super::letters::Letters;
 use super::loss::{binary_cross_entropy, joint_cross_entropy};
-use super::member::{Layer, Member, heads};
+use super::member::{Interaction, Layer, Member, heads};
 use crate::domain::ModelKind;
-use crate::information::Alphabet;
 
 /// A network's form.
 #[derive(Debug, Clone)]
 pub struct Shape {
     /// What it predicts.
     pub kind: ModelKind,
-    /// How many actions the two have.
-    pub alphabet: Alphabet,
+    /// How many actions the two have, and what is held fixed.
+    pub letters: Letters,
+    /// How the ego's action acts on the other's.
+    pub interaction: Interaction,
     /// Units of the hidden layer.
     pub width: usize,
     /// Numbers that a state is.
     pub inputs: usize,
 }
 
+impl Shape {
+    fn heads(&self) -> Vec<(&'static str, usize)> {
+        heads(self.kind, self.letters, self.interaction)
+    }
+}
+
 /// States that are learned from in one step (a mini-batch).
 pub struct Batch {
     /// `[states, inputs]`.
     pub inputs: Array2<f32>,
-    /// For a joint network `[states, ego x other]`, how often each pair of actions was drawn; for a
-    /// direct one `[states, 1]`, P(MI > threshold).
+    /// For a joint network `[states, ego x other]`, how often each pair of actions was drawn, at a
+    /// lag in each stratum; for a direct one `[states, 1]`, P(MI > threshold).
     pub targets: Array2<f32>,
     /// How much each state counts: its draws in a joint network's targets are counted already, and
     /// this is 1.
@@ -83,7 +91,8 @@ impl Learner {
     pub fn new(shape: Shape, dropout: f32, seed: u64) -> Self {
         let mut random = Pcg64::seed_from_u64(seed);
         let trunk = uniform(shape.width, shape.inputs, &mut random);
-        let stacked: Vec<Array2<f32>> = heads(shape.kind, shape.alphabet)
+        let stacked: Vec<Array2<f32>> = shape
+            .heads()
             .into_iter()
             .map(|(name, outputs)| match name {
                 "interaction" => Array2::zeros((outputs, shape.width)),
@@ -104,6 +113,17 @@ impl Learner {
         }
     }
 
+    /// Returns how many outputs the heads have together.
+    pub fn outputs(&self) -> usize {
+        self.heads.bias.value.len()
+    }
+
+    /// Begins with these biases of the outputs: the heads one after the other.
+    pub fn with_biases(mut self, biases: Array1<f32>) -> Self {
+        self.heads.bias = Parameter::steady(biases);
+        self
+    }
+
     /// Learns from a batch, and returns its mean loss, in nats a draw or a state: a number that is
     /// not finite says that learning has failed.
     pub fn step(&mut self, batch: &Batch) -> f32 {
@@ -120,7 +140,9 @@ impl Learner {
     /// Returns the network as it is now.
     pub fn member(&self) -> Member {
         let mut from = 0;
-        let heads = heads(self.shape.kind, self.shape.alphabet)
+        let heads = self
+            .shape
+            .heads()
             .into_iter()
             .map(|(_, outputs)| {
                 from += outputs;
@@ -166,7 +188,7 @@ impl Learner {
     fn loss(&mut self, batch: &Batch) -> f32 {
         let (outputs, targets) = (self.activations.outputs.view_mut(), batch.targets.view());
         match self.shape.kind {
-            ModelKind::Joint => joint_cross_entropy(self.shape.alphabet, outputs, targets),
+            ModelKind::Joint => joint_cross_entropy(self.shape.letters, outputs, targets),
             ModelKind::Direct => binary_cross_entropy(outputs, targets, &batch.weights),
         }
     }
@@ -264,6 +286,7 @@ fn uniform(outputs: usize, inputs: usize, random: &mut Pcg64) -> Array2<f32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::information::Alphabet;
 
     /// Between outputs while learning and those that are served.
     const PRECISION: f32 = 1e-5;
@@ -274,10 +297,14 @@ mod tests {
     fn learner(kind: ModelKind, targets: usize, dropout: f32) -> (Learner, Batch) {
         let shape = Shape {
             kind,
-            alphabet: Alphabet {
-                rows: 3,
-                columns: 4,
+            letters: Letters {
+                actions: Alphabet {
+                    rows: 3,
+                    columns: 4,
+                },
+                strata: 1,
             },
+            interaction: Interaction::Shared,
             width: 16,
             inputs: 5,
         };

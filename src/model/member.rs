@@ -1,15 +1,19 @@
 //! A multilayer perceptron as it is served: its weights, and its forward pass. A hidden layer of
-//! rectified linear units, and one head or three.
+//! rectified linear units, and one head, three or four.
 //!
 //! * joint: e, o and D are linear in the hidden layer; p(ego's action | s) = softmax(e), p(other's
 //!   action | s, ego's action i) = softmax(o + D_i).
+//! * joint at a lag: the same in each stratum h, with e_h and o_h one below the other, and p(other's
+//!   own action | s) = softmax(w). D is the same in all strata (no interaction of three variables),
+//!   or each has its own D_h, one below the other.
 //! * direct: P(MI > threshold | s) = logistic(z), z linear in the hidden layer.
 
-use ndarray::{Array1, Array2, ArrayView1, Axis};
+use ndarray::{Array1, Array2, ArrayView1, Axis, Slice};
 
 use super::dataset::cells;
+use super::letters::Letters;
 use crate::domain::ModelKind;
-use crate::information::{Alphabet, Table};
+use crate::information::Table;
 
 /// A linear layer: weights `[out, in]` as PyTorch has them, and `[out]` that are added.
 #[derive(Debug, Clone, PartialEq)]
@@ -29,15 +33,38 @@ pub struct Member {
     pub heads: Vec<Layer>,
 }
 
+/// How a joint network at a lag lets the ego's action act on the other's: in the same way whatever
+/// the other did a step before, or in a way of its own in each stratum.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Interaction {
+    /// One D: few weights, which all draws teach.
+    Shared,
+    /// D_h, in which an answer may turn on what the other did itself, as that of a player who stays
+    /// after a win and shifts after a loss.
+    ByStratum,
+}
+
 /// Returns the heads of a kind of network: what each is called, and how many outputs it has.
-pub fn heads(kind: ModelKind, alphabet: Alphabet) -> Vec<(&'static str, usize)> {
-    let [rows, columns] = [alphabet.rows, alphabet.columns].map(|letters| letters as usize);
+pub fn heads(
+    kind: ModelKind,
+    letters: Letters,
+    interaction: Interaction,
+) -> Vec<(&'static str, usize)> {
+    let (strata, columns) = (letters.strata as usize, letters.actions.columns as usize);
+    let interactions = match interaction {
+        Interaction::Shared => letters.actions.rows as usize * columns,
+        Interaction::ByStratum => letters.cells() as usize,
+    };
     match kind {
-        ModelKind::Joint => vec![
-            ("ego", rows),
-            ("other", columns),
-            ("interaction", rows * columns),
-        ],
+        ModelKind::Joint => {
+            let own = (strata > 1).then_some(("own", strata));
+            let of_strata = [
+                ("ego", letters.rows() as usize),
+                ("other", strata * columns),
+                ("interaction", interactions),
+            ];
+            own.into_iter().chain(of_strata).collect()
+        }
         ModelKind::Direct => vec![("influence", 1)],
     }
 }
@@ -64,25 +91,34 @@ impl Member {
 
     /// Returns what a joint network says of states.
     pub fn joint(&self, inputs: &Array2<f32>) -> Vec<Joint> {
-        let [ego, other, interaction] = &self.outputs(inputs)[..] else {
+        let outputs = self.outputs(inputs);
+        let Some(heads) = JointHeads::new(&outputs) else {
             return Vec::new();
         };
-        let state = |at: usize| Joint::new(ego.row(at), other.row(at), interaction.row(at));
-        (0..inputs.nrows()).map(state).collect()
+        (0..inputs.nrows())
+            .map(|state| heads.joint(state))
+            .collect()
     }
 
     /// Makes a joint network one in which no action depends on any other. What the rows of D have
     /// in common is habit, and goes to o.
     pub fn forget_interaction(&mut self) {
-        let [ego, other, interaction] = &mut self.heads[..] else {
+        let (strata, heads) = match &mut self.heads[..] {
+            [own, heads @ ..] if heads.len() == 3 => (own.bias.len(), heads),
+            heads => (1, heads),
+        };
+        let [ego, other, interaction] = heads else {
             return;
         };
-        let (rows, columns) = (ego.bias.len(), other.bias.len());
+        let (rows, columns) = (ego.bias.len() / strata, other.bias.len() / strata);
 
-        for at in 0..rows * columns {
-            let mut habit = other.weight.row_mut(at % columns);
-            habit.scaled_add(1.0 / rows as f32, &interaction.weight.row(at));
-            other.bias[at % columns] += interaction.bias[at] / rows as f32;
+        for at in 0..strata * rows * columns {
+            let to = at / (rows * columns) * columns + at % columns;
+            // Where strata share their D, each takes the same.
+            let from = at % interaction.bias.len();
+            let mut habit = other.weight.row_mut(to);
+            habit.scaled_add(1.0 / rows as f32, &interaction.weight.row(from));
+            other.bias[to] += interaction.bias[from] / rows as f32;
         }
         interaction.weight.fill(0.0);
         interaction.bias.fill(0.0);
@@ -94,17 +130,13 @@ impl Member {
     /// With logits l_ij and s_i = sum_j e^l_ij, I = H(q) + sum_i p_i [sum_j l_ij e^l_ij / s_i - ln
     /// s_i]: one exponential a cell.
     pub fn information(&self, inputs: &Array2<f32>) -> Vec<f64> {
-        let [ego, other, interaction] = &self.outputs(inputs)[..] else {
+        let outputs = self.outputs(inputs);
+        let Some(heads) = JointHeads::new(&outputs) else {
             return Vec::new();
         };
-
-        let mut marginal = vec![0.0; other.ncols()];
-        let rows = ego
-            .rows()
-            .into_iter()
-            .zip(other.rows())
-            .zip(interaction.rows());
-        rows.map(|((ego, other), interaction)| information(ego, other, interaction, &mut marginal))
+        let mut marginal = vec![0.0; heads.columns()];
+        (0..inputs.nrows())
+            .map(|state| heads.information(state, &mut marginal))
             .collect()
     }
 
@@ -116,45 +148,134 @@ impl Member {
     }
 }
 
-/// What both agents do in a state, as a joint network has it.
+/// What the heads of a joint network put out, `[states, out]` each.
+struct JointHeads<'a> {
+    /// Of what is held fixed; `None` where nothing is.
+    own: Option<&'a Array2<f32>>,
+    ego: &'a Array2<f32>,
+    other: &'a Array2<f32>,
+    interaction: &'a Array2<f32>,
+}
+
+impl<'a> JointHeads<'a> {
+    /// Returns `None` of a network of another kind.
+    fn new(outputs: &'a [Array2<f32>]) -> Option<Self> {
+        let (own, heads) = match outputs {
+            [own, heads @ ..] if heads.len() == 3 => (Some(own), heads),
+            heads => (None, heads),
+        };
+        let [ego, other, interaction] = heads else {
+            return None;
+        };
+        Some(Self {
+            own,
+            ego,
+            other,
+            interaction,
+        })
+    }
+
+    fn strata(&self) -> usize {
+        self.own.map_or(1, Array2::ncols)
+    }
+
+    /// Returns how many actions the other has.
+    fn columns(&self) -> usize {
+        self.other.ncols() / self.strata()
+    }
+
+    /// Returns the probability of each stratum in a state.
+    fn own(&self, state: usize) -> Vec<f64> {
+        self.own
+            .map_or_else(|| vec![1.0], |own| softmax(wide(own.row(state))))
+    }
+
+    /// Returns the logits of each stratum in a state: e, o and D.
+    fn strata_of(&self, state: usize) -> impl Iterator<Item = [ArrayView1<'a, f32>; 3]> {
+        let strata = self.strata();
+        let cells = self.ego.ncols() / strata * self.columns();
+        let heads = [
+            (self.ego, self.ego.ncols() / strata),
+            (self.other, self.columns()),
+            (self.interaction, cells),
+        ];
+        (0..strata).map(move |stratum| {
+            heads.map(|(head, each)| {
+                // There is one D for all, or one for each.
+                let stratum = if head.ncols() == each { 0 } else { stratum };
+                let row = head.index_axis(Axis(0), state);
+                row.slice_axis_move(Axis(0), Slice::from(stratum * each..(stratum + 1) * each))
+            })
+        })
+    }
+
+    fn joint(&self, state: usize) -> Joint {
+        let columns = self.columns();
+        let [mut policy, mut responses] = [(); 2].map(|()| Vec::new());
+        for [ego, other, interaction] in self.strata_of(state) {
+            policy.extend(softmax(wide(ego)));
+            let row = |i: usize| {
+                let logit = move |j| f64::from(other[j]) + f64::from(interaction[i * columns + j]);
+                softmax((0..columns).map(logit))
+            };
+            responses.extend((0..ego.len()).flat_map(row));
+        }
+
+        let response = Array2::from_shape_vec((policy.len(), columns), responses)
+            .expect("a row an action of the ego in each stratum");
+        Joint::from_policies(self.own(state), policy, response)
+    }
+
+    fn information(&self, state: usize, marginal: &mut [f64]) -> f64 {
+        let strata = self.own(state).into_iter().zip(self.strata_of(state));
+        strata
+            .map(|(share, [ego, other, interaction])| {
+                share * information(ego, other, interaction, marginal)
+            })
+            .sum()
+    }
+}
+
+/// What both agents do in a state, as a joint network has it. At a lag in each stratum: rows are the
+/// ego's actions of one stratum after the other.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Joint {
-    /// Probability of each of the ego's actions.
+    /// Probability of each stratum; 1 where nothing is held fixed.
+    pub own: Vec<f64>,
+    /// Probability of each of the ego's actions, in each stratum.
     pub ego: Vec<f64>,
-    /// Probability of each of the other's actions, after each of the ego's: `[ego, other]`.
+    /// Probability of each of the other's actions, after each of the ego's in each stratum:
+    /// `[strata x ego, other]`.
     pub response: Array2<f64>,
-    /// Probability of each of the other's actions.
+    /// Probability of each of the other's actions, in each stratum.
     pub other: Vec<f64>,
 }
 
 impl Joint {
-    fn new(
-        ego: ArrayView1<'_, f32>,
-        other: ArrayView1<'_, f32>,
-        interaction: ArrayView1<'_, f32>,
-    ) -> Self {
-        let columns = other.len();
-        let ego = softmax(ego.iter().map(|x| f64::from(*x)));
-        let row = |i: usize| {
-            softmax(
-                (0..columns).map(|j| f64::from(other[j]) + f64::from(interaction[i * columns + j])),
-            )
-        };
-
-        let rows: Vec<f64> = (0..ego.len()).flat_map(row).collect();
-        let response =
-            Array2::from_shape_vec((ego.len(), columns), rows).expect("a row an action of the ego");
-        Self::from_policy(ego, response)
+    /// Joins the ego's policy with the responses to it, where nothing is held fixed.
+    pub fn from_policy(ego: Vec<f64>, response: Array2<f64>) -> Self {
+        Self::from_policies(vec![1.0], ego, response)
     }
 
-    /// Joins the ego's policy with the responses to it.
-    pub fn from_policy(ego: Vec<f64>, response: Array2<f64>) -> Self {
-        let other = response
-            .columns()
-            .into_iter()
-            .map(|column| column.iter().zip(&ego).map(|(r, p)| r * p).sum());
+    /// Joins the ego's policies in strata with the responses to them.
+    fn from_policies(own: Vec<f64>, ego: Vec<f64>, response: Array2<f64>) -> Self {
+        let rows = ego.len() / own.len();
+        let strata = ego
+            .chunks(rows)
+            .zip(response.axis_chunks_iter(Axis(0), rows));
+        let other = strata.flat_map(|(ego, response)| {
+            let column = |column: ArrayView1<'_, f64>| -> f64 {
+                column.iter().zip(ego).map(|(r, p)| r * p).sum()
+            };
+            response
+                .columns()
+                .into_iter()
+                .map(column)
+                .collect::<Vec<_>>()
+        });
         Self {
             other: other.collect(),
+            own,
             ego,
             response,
         }
@@ -162,17 +283,63 @@ impl Joint {
 
     /// Returns the mean of this and another, in which the other has this share.
     pub fn mixed_with(&self, other: &Self, share: f64) -> Self {
-        let mixed = |a: &f64, b: &f64| (1.0 - share) * a + share * b;
-        let ego = self
-            .ego
-            .iter()
-            .zip(&other.ego)
-            .map(|(a, b)| mixed(a, b))
-            .collect();
-        Self::from_policy(
-            ego,
+        let mixed = |a: &[f64], b: &[f64]| -> Vec<f64> {
+            let pairs = a.iter().zip(b);
+            pairs.map(|(a, b)| (1.0 - share) * a + share * b).collect()
+        };
+        let own = match self.own[..] {
+            // Rounding would make it another number.
+            [_] => self.own.clone(),
+            _ => mixed(&self.own, &other.own),
+        };
+        Self::from_policies(
+            own,
+            mixed(&self.ego, &other.ego),
             &self.response * (1.0 - share) + &other.response * share,
         )
+    }
+
+    /// Returns how many actions the ego has.
+    pub fn actions(&self) -> usize {
+        self.ego.len() / self.own.len()
+    }
+
+    /// Returns the stratum of a row.
+    fn stratum(&self, row: usize) -> usize {
+        row / self.actions()
+    }
+
+    /// Returns the probability of each of the other's actions in a stratum.
+    fn marginal(&self, stratum: usize) -> &[f64] {
+        let columns = self.response.ncols();
+        &self.other[stratum * columns..][..columns]
+    }
+
+    /// Returns how probable one of the ego's actions is.
+    pub fn policy(&self, action: usize) -> f64 {
+        self.over_strata(action, |_| 1.0)
+    }
+
+    /// Returns the mean of a figure of rows over the strata, each by how probable it is with an
+    /// action of the ego: its sum over strata of p(h) p(i | h), over their sum.
+    pub fn given_action(&self, action: usize, figure: impl Fn(usize) -> f64) -> f64 {
+        if self.own.len() == 1 {
+            return figure(action);
+        }
+        // However improbable an action is, its share among strata is defined.
+        self.over_strata(action, figure) / self.policy(action).max(f64::MIN_POSITIVE)
+    }
+
+    /// Returns sum_h p(h) p(i | h) x(h R + i).
+    fn over_strata(&self, action: usize, figure: impl Fn(usize) -> f64) -> f64 {
+        let actions = self.actions();
+        let strata = self.own.iter().enumerate();
+        strata
+            .map(|(stratum, share)| {
+                let row = stratum * actions + action;
+                share * self.ego[row] * figure(row)
+            })
+            .sum()
     }
 
     /// Returns sum n_ij ln p(j | i) of counts: how well it tells what the other does.
@@ -187,28 +354,31 @@ impl Joint {
         cells(table).map(|(i, j, n)| n * self.ln_ratio(i, j)).sum()
     }
 
-    /// Returns ln p(j | i) - ln p(j).
-    pub fn ln_ratio(&self, i: usize, j: usize) -> f64 {
-        self.response[[i, j]].ln() - self.other[j].ln()
+    /// Returns ln p(j | i) - ln p(j), in the stratum of a row.
+    pub fn ln_ratio(&self, row: usize, j: usize) -> f64 {
+        self.response[[row, j]].ln() - self.marginal(self.stratum(row))[j].ln()
     }
 
-    /// Returns KL(p(other | the ego's action) from p(other)), in nats, at least 0.
-    pub fn divergence(&self, action: usize) -> f64 {
-        let row = self.response.index_axis(Axis(0), action);
-        let terms = row
+    /// Returns KL(p(other | the ego's action) from p(other)) in the stratum of a row, in nats, at
+    /// least 0.
+    pub fn divergence(&self, row: usize) -> f64 {
+        let marginal = self.marginal(self.stratum(row));
+        let response = self.response.index_axis(Axis(0), row);
+        let terms = response
             .iter()
-            .zip(&self.other)
+            .zip(marginal)
             .filter(|(p, q)| **p > 0.0 && **q > 0.0)
             .map(|(p, q)| p * (p / q).ln());
         terms.sum::<f64>().max(0.0)
     }
 
-    /// Returns mutual information in nats, at least 0: the mean of the divergences.
+    /// Returns mutual information in nats, at least 0, given what is held fixed: the mean of the
+    /// divergences.
     pub fn mutual_information(&self) -> f64 {
         self.ego
             .iter()
             .enumerate()
-            .map(|(action, p)| p * self.divergence(action))
+            .map(|(row, p)| self.own[self.stratum(row)] * p * self.divergence(row))
             .sum()
     }
 }
@@ -223,7 +393,7 @@ fn information(
     marginal: &mut [f64],
 ) -> f64 {
     let columns = other.len();
-    let policy = softmax(ego.iter().map(|x| f64::from(*x)));
+    let policy = softmax(wide(ego));
     marginal.fill(0.0);
 
     let mut row = vec![0.0; columns];
@@ -258,6 +428,10 @@ fn information(
     } else {
         information
     }
+}
+
+fn wide(logits: ArrayView1<'_, f32>) -> impl Iterator<Item = f64> + Clone {
+    logits.into_iter().map(|x| f64::from(*x))
 }
 
 fn softmax(logits: impl Iterator<Item = f64> + Clone) -> Vec<f64> {

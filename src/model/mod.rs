@@ -11,7 +11,7 @@
 //! | `training_requests`, `import`, `versions`, `inference` | the door: trainings, networks of elsewhere, the registry's versions, and what answers; `refusals` says why not |
 //! | `jobs`, `upkeep`, `idle_priority` | the queue of trainings, those that are due by themselves, and the thread that does them |
 //! | `dataset` | observations: the states with their tables and what the evidence says of them, and the same with the other's actions shuffled |
-//! | `encoder`, `member` | features to inputs, and a multilayer perceptron's forward pass as it is served |
+//! | `encoder`, `letters`, `member` | features to inputs, the alphabets of what is predicted, and a multilayer perceptron's forward pass as it is served |
 //! | `learner`, `loss`, `adam` | back-propagation with dropout, log loss, AdamW |
 //! | `training`, `permutation_test` | an ensemble over folds with early stopping; whether more than chance was learned |
 //! | `calibration`, `score`, `back_off`, `held_out_evaluation`, `card_builder` | Platt scaling, and how good a network is on held-out states beside its baselines |
@@ -34,6 +34,7 @@ mod import;
 mod inference;
 mod jobs;
 mod learner;
+mod letters;
 mod loss;
 mod member;
 mod network;

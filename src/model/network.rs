@@ -34,6 +34,8 @@ pub struct Network {
     pub kind: ModelKind,
     /// The threshold that it was trained and calibrated for, in nats.
     pub threshold: f64,
+    /// ln min(R, K): no mutual information is larger.
+    largest: f64,
     encoder: Encoder,
     members: Vec<Member>,
     calibration: Calibration,
@@ -61,7 +63,7 @@ pub struct Prediction {
 
 impl Network {
     /// Makes a version ready.
-    pub fn new(environment: EnvironmentId, version: u64, content: Content, card: &Card) -> Self {
+    pub fn new(environment: &Environment, version: u64, content: Content, card: &Card) -> Self {
         let Content {
             kind,
             pair,
@@ -71,8 +73,9 @@ impl Network {
             seen,
         } = content;
         Self {
-            environment,
+            environment: environment.id,
             version,
+            largest: pair.alphabet(&environment.schema).largest_information(),
             pair,
             kind,
             threshold,
@@ -135,7 +138,7 @@ impl Network {
     /// Returns P(MI > the network's own threshold) by the number that a member tells.
     fn probability(&self, number: f64) -> f64 {
         match self.kind {
-            ModelKind::Joint if self.threshold >= self.largest() => 0.0,
+            ModelKind::Joint if self.threshold >= self.largest => 0.0,
             ModelKind::Joint => probability(self.calibration, number),
             ModelKind::Direct => logistic(number),
         }
@@ -173,16 +176,6 @@ impl Network {
             ModelKind::Joint => member.information(inputs),
             ModelKind::Direct => member.ln_odds(inputs),
         }
-    }
-
-    /// Returns ln min(R, K): no mutual information is larger.
-    fn largest(&self) -> f64 {
-        let actions = |head: usize| {
-            self.members
-                .first()
-                .map_or(1, |member| member.heads[head].shape().1)
-        };
-        (actions(0).min(actions(1)) as f64).ln()
     }
 
     /// Returns the names of the features whose bin in a state was not seen in training.
@@ -225,8 +218,8 @@ impl Network {
         self.kind == ModelKind::Joint
     }
 
-    /// Predicts what each of the ego's actions does in a state; empty for a direct network.
-    /// Divergences are in nats.
+    /// Predicts what each of the ego's actions does in a state, on average over what is held fixed;
+    /// empty for a direct network. Divergences are in nats.
     pub fn by_action(&self, environment: &Environment, state: &StateKey) -> Vec<ModelAction> {
         let inputs = self.encoder.encode(std::iter::once(state));
         let members: Vec<Joint> = match self.kind {
@@ -247,13 +240,15 @@ impl Network {
         let action = |index: usize| ModelAction {
             index: index as u64,
             action: ego.action_label(index as u64),
-            probability: mean(&|joint| joint.ego[index]),
-            divergence: mean(&|joint| joint.divergence(index)),
-            response: (0..first.other.len())
-                .map(|other| mean(&|joint| joint.response[[index, other]]))
+            probability: mean(&|joint| joint.policy(index)),
+            divergence: mean(&|joint| joint.given_action(index, |row| joint.divergence(row))),
+            response: (0..first.response.ncols())
+                .map(|other| {
+                    mean(&|joint| joint.given_action(index, |row| joint.response[[row, other]]))
+                })
                 .collect(),
         };
-        (0..first.ego.len()).map(action).collect()
+        (0..first.actions()).map(action).collect()
     }
 }
 

@@ -5,8 +5,11 @@
 //! anything, every order of the other's actions within a state is as likely as every other. Over
 //! all orders, with a_i = sum_j c_j s_ij / N, b_j = sum_i r_i s_ij / N and m = sum_i r_i a_i / N, E
 //! T = N m and Var T = sum_ij r_i c_j (s_ij - a_i - b_j + m)^2 / (N - 1) (Hoeffding 1951, "A
-//! combinatorial central limit theorem").
+//! combinatorial central limit theorem"). At a lag it is each stratum of a state whose draws are
+//! shuffled.
 
+use super::dataset::cells;
+use super::letters::Letters;
 use super::member::Joint;
 use crate::information::Table;
 
@@ -16,20 +19,34 @@ use crate::information::Table;
 const AHEAD: f64 = 4.0;
 
 /// The gains of states, beside their null distribution.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy)]
 pub struct PermutationTest {
+    letters: Letters,
     gain: f64,
     mean: f64,
     variance: f64,
 }
 
 impl PermutationTest {
+    /// Begins without states.
+    pub fn new(letters: Letters) -> Self {
+        Self {
+            letters,
+            gain: 0.0,
+            mean: 0.0,
+            variance: 0.0,
+        }
+    }
+
     /// Adds a state with what a network says of it.
     pub fn add(&mut self, table: &Table, joint: &Joint) {
-        let chance = NullDistribution::of_state(table, joint);
         self.gain += joint.gain(table);
-        self.mean += chance.mean;
-        self.variance += chance.variance;
+        for (stratum, table) in self.letters.strata_of(table) {
+            let first = (stratum * self.letters.actions.rows) as usize;
+            let chance = NullDistribution::of_stratum(&table, joint, first);
+            self.mean += chance.mean;
+            self.variance += chance.variance;
+        }
     }
 
     /// Returns whether the gains are more than chance, and more than nothing.
@@ -38,19 +55,21 @@ impl PermutationTest {
     }
 }
 
-/// Mean and variance of the gain of a state over all permutations of the other's actions.
+/// Mean and variance of the gain of a stratum over all permutations of the other's actions.
 struct NullDistribution {
     mean: f64,
     variance: f64,
 }
 
 impl NullDistribution {
-    fn of_state(table: &Table, joint: &Joint) -> Self {
+    /// Returns that of a table whose first row is this one of what a network says.
+    fn of_stratum(table: &Table, joint: &Joint, first: usize) -> Self {
         let total = table.total() as f64;
         if table.is_line() {
             // There is one order only.
+            let gain = cells(table).map(|(i, j, n)| n * joint.ln_ratio(first + i, j));
             return Self {
-                mean: joint.gain(table),
+                mean: gain.sum(),
                 variance: 0.0,
             };
         }
@@ -61,7 +80,7 @@ impl NullDistribution {
 
         let s = |i: usize, j: usize| {
             joint.ln_ratio(
-                label(table.row_labels(), i),
+                first + label(table.row_labels(), i),
                 label(table.column_labels(), j),
             )
         };
@@ -92,6 +111,15 @@ mod tests {
     use ndarray::array;
 
     use super::*;
+    use crate::information::Alphabet;
+
+    const COIN: Letters = Letters {
+        actions: Alphabet {
+            rows: 2,
+            columns: 2,
+        },
+        strata: 1,
+    };
 
     fn copies() -> Joint {
         Joint::from_policy(vec![0.5, 0.5], array![[0.9, 0.1], [0.2, 0.8]])
@@ -116,14 +144,14 @@ mod tests {
         ];
         let mean = orders.iter().sum::<f64>() / 3.0;
         let variance = orders.iter().map(|gain| (gain - mean).powi(2)).sum::<f64>() / 3.0;
-        let chance = NullDistribution::of_state(&table, &joint);
+        let chance = NullDistribution::of_stratum(&table, &joint, 0);
         assert!((chance.mean - mean).abs() < 1e-12 && (chance.variance - variance).abs() < 1e-12);
     }
 
     #[test]
     fn one_strong_state_suffices_and_many_of_chance_do_not() {
         let found = |table: &Table, states: usize| {
-            let mut test = PermutationTest::default();
+            let mut test = PermutationTest::new(COIN);
             (0..states).for_each(|_| test.add(table, &copies()));
             test.is_more_than_chance()
         };

@@ -2,11 +2,16 @@
 //! little to learn from, or something failed.
 
 use super::encoder::{self, MOST_INPUTS};
+use super::letters::Letters;
+use super::member::Interaction;
 use super::training::TrainingError;
 use super::{file, member};
 use crate::domain::{Environment, Pair, Training};
 use crate::error::{ErrorKind, Problem};
 use crate::evidence::MOST_CELLS;
+
+/// The most cells of the strata at a lag together: three agents' worth of forty actions.
+const MOST_STRATIFIED_CELLS: u64 = 1 << 16;
 
 /// Says what is too large for a network.
 pub fn check_size(
@@ -14,10 +19,9 @@ pub fn check_size(
     pair: &Pair,
     training: &Training,
 ) -> Result<(), Problem> {
-    let (inputs, cells) = (
-        encoder::width(&environment.schema),
-        pair.alphabet(&environment.schema),
-    );
+    let inputs = encoder::width(&environment.schema);
+    let letters = Letters::of_pair(&environment.schema, pair);
+    let cells = letters.actions;
 
     if inputs > MOST_INPUTS {
         return Err(too_large(format!(
@@ -32,7 +36,15 @@ pub fn check_size(
         )));
     }
 
-    let outputs: usize = member::heads(training.kind, cells)
+    if pair.later.is_some() && letters.cells() > MOST_STRATIFIED_CELLS {
+        let problem = too_large(format!(
+            "the agents have {} x {} actions in each of {} strata, one for each of the other's own actions a step before, more than {MOST_STRATIFIED_CELLS} in all",
+            cells.rows, cells.columns, letters.strata
+        ));
+        return Err(problem);
+    }
+
+    let outputs: usize = member::heads(training.kind, letters, Interaction::ByStratum)
         .iter()
         .map(|(_, outputs)| outputs)
         .sum();

@@ -41,8 +41,9 @@ const WITHOUT_WEIGHTS: &str = "its weights: they are missing";
 /// Why a version cannot be read that is damaged.
 const SPOILED: &str = "it is not as it was written: its checksum is another";
 
-/// A pair of agents of an environment: the ego and the other.
-type Place = (EnvironmentId, usize, usize);
+/// A pair of agents of an environment: the ego, the other, and where it is observed later the
+/// outcome that its action is.
+type Place = (EnvironmentId, usize, usize, Option<usize>);
 
 /// A version ready to answer, or why this build cannot read it.
 type Loaded = Result<Arc<Network>, String>;
@@ -189,8 +190,7 @@ impl Registry {
 
         // JSON has no word for infinity, and a file no weights beyond a limit: nothing is kept that
         // could not be read again.
-        let pair = (content.pair.ego, content.pair.other);
-        if let Err(why) = parse(environment, pair, &text, &weights) {
+        if let Err(why) = parse(environment, &content.pair, &text, &weights) {
             let message = format!("no network is made: {why}");
             return Err(Problem::new(
                 ErrorKind::Conflict,
@@ -199,10 +199,9 @@ impl Registry {
             ));
         }
 
-        let Pair { ego, other, .. } = content.pair;
         let model = NewModel {
-            ego,
-            other,
+            ego: content.pair.ego,
+            other: stored_forms::write_other(&environment.schema, &content.pair),
             kind: content.kind.as_str().to_owned(),
             card: text,
             weights,
@@ -223,13 +222,15 @@ impl Registry {
         version: u64,
     ) -> Result<Model, Problem> {
         let model = self.get(environment, version).await?;
-        let card = model.card.map_err(|why| unreadable(version, &why))?;
+        let card = model
+            .card
+            .as_ref()
+            .map_err(|why| unreadable(version, why))?;
         if model.stale {
-            let [ego, other] = [&model.ego, &model.other]
-                .map(|agent| environment.schema.agent(agent).unwrap_or_default());
-            let rule = environment
-                .rule_of(&Pair::new(ego, other, Vec::new()))
-                .threshold_nats();
+            let pair = model
+                .pair(&environment.schema)
+                .expect("a version that can be read is of a pair");
+            let rule = environment.rule_of(&pair).threshold_nats();
             let message = format!(
                 "version {version} answers at a threshold of {} nats only, and the rule's is {rule}: train another",
                 card.threshold
@@ -270,8 +271,7 @@ impl Registry {
             .map_err(logged)?;
         drop(switch);
 
-        let same_pair =
-            |one: &Model| one.active && one.ego == model.ego && one.other == model.other;
+        let same_pair = |one: &Model| one.active && one.is_of_pair_of(&model);
         Ok(self.list(environment).await?.into_iter().find(same_pair))
     }
 
@@ -367,7 +367,7 @@ impl Registry {
         environment: &Environment,
         pair: &Pair,
     ) -> Result<Option<(u64, Loaded)>, Problem> {
-        let place = (environment.id, pair.ego, pair.other);
+        let place = (environment.id, pair.ego, pair.other, pair.later);
         if let Some(known) = self.active.load().get(&place) {
             return Ok(known.clone());
         }
@@ -379,9 +379,13 @@ impl Registry {
         }
 
         let records = self.store.models(environment.id).await.map_err(logged)?;
+        let stored = (
+            pair.ego,
+            stored_forms::write_other(&environment.schema, pair),
+        );
         let record = records
             .into_iter()
-            .find(|one| one.active && (one.ego, one.other) == (pair.ego, pair.other));
+            .find(|one| one.active && (one.ego, one.other) == stored);
         let standing = match record {
             Some(record) => Some((
                 record.version,
@@ -414,7 +418,7 @@ impl Registry {
             content.seen = Some(self.counted(environment).await?);
         }
 
-        let network = Arc::new(Network::new(environment.id, version, content, &card));
+        let network = Arc::new(Network::new(environment, version, content, &card));
         self.ready().put(key, network.clone());
         Ok(Ok(network))
     }
@@ -535,23 +539,26 @@ impl Drop for Switch<'_> {
 
 /// Returns a version as it is listed.
 fn model(environment: &Environment, record: &ModelRecord, card: Result<Card, String>) -> Model {
+    let schema = &environment.schema;
     let agent = |at: usize| {
-        environment
-            .schema
-            .agents()
-            .get(at)
-            .map_or(format!("#{at}"), |agent| agent.name.to_string())
+        let agent = schema.agents().get(at);
+        agent.map_or(format!("#{at}"), |agent| agent.name.to_string())
     };
+    let pair = stored_forms::read_pair(schema, record.ego, record.other);
+    let (other, lag) = pair
+        .as_ref()
+        .map_or((record.other, 0), |pair| (pair.other, pair.lag(schema)));
     // Only asked of one that can be read: of any other the pair may be none of this environment.
     let is_stale = |card: &Card| {
-        let pair = Pair::new(record.ego, record.other, Vec::new());
-        !is_same_threshold(card.threshold, environment.rule_of(&pair).threshold_nats())
+        let rule = pair.as_ref().map(|pair| environment.rule_of(pair));
+        rule.is_ok_and(|rule| !is_same_threshold(card.threshold, rule.threshold_nats()))
     };
 
     Model {
         version: record.version,
         ego: agent(record.ego),
-        other: agent(record.other),
+        other: agent(other),
+        lag,
         active: record.active,
         stale: card.as_ref().is_ok_and(is_stale),
         card,
@@ -565,8 +572,8 @@ fn parse_record(
     weights: &[u8],
 ) -> Result<(file::Content, Card), String> {
     check_sound(record)?;
-    let pair = (record.ego, record.other);
-    parse(environment, pair, &record.card, weights)
+    let pair = stored_forms::read_pair(&environment.schema, record.ego, record.other)?;
+    parse(environment, &pair, &record.card, weights)
 }
 
 fn check_sound(record: &ModelRecord) -> Result<(), String> {
@@ -579,22 +586,25 @@ fn check_sound(record: &ModelRecord) -> Result<(), String> {
 /// Reads a version by its parts.
 fn parse(
     environment: &Environment,
-    pair: (usize, usize),
+    pair: &Pair,
     card: &str,
     weights: &[u8],
 ) -> Result<(file::Content, Card), String> {
-    check_pair(environment, pair)?;
-    let card = read_card(card)?;
+    let card = read_card(environment, pair, card)?;
     if weights.is_empty() {
         return Err(WITHOUT_WEIGHTS.to_owned());
     }
 
     let content = file::read_network(environment, weights)
         .map_err(|problem| format!("its weights: {problem}"))?;
-    let trained = (content.pair.ego, content.pair.other);
-    if trained != pair {
+    if content.pair != *pair {
+        let positions = |pair: &Pair| {
+            let other = stored_forms::write_other(&environment.schema, pair);
+            format!("{:?}", (pair.ego, other))
+        };
+        let [got, trained] = [pair, &content.pair].map(positions);
         return Err(format!(
-            "its agents: got positions {pair:?}, expected those of its weights, {trained:?}"
+            "its agents: got positions {got}, expected those of its weights, {trained}"
         ));
     }
     Ok((content, card))
@@ -603,27 +613,19 @@ fn parse(
 /// Reads the card of a version whose weights were looked at before.
 fn card(environment: &Environment, record: &ModelRecord) -> Result<Card, String> {
     check_sound(record)?;
-    check_pair(environment, (record.ego, record.other))?;
-    read_card(&record.card)
+    let pair = stored_forms::read_pair(&environment.schema, record.ego, record.other)?;
+    read_card(environment, &pair, &record.card)
 }
 
-fn read_card(text: &str) -> Result<Card, String> {
-    stored_forms::read_card(text).map_err(|why| format!("its card: {why}"))
-}
-
-/// Says which position is none of an agent.
-fn check_pair(environment: &Environment, (ego, other): (usize, usize)) -> Result<(), String> {
-    let agents = environment.schema.agents().len();
-    match [("ego", ego), ("other", other)]
-        .into_iter()
-        .find(|(_, at)| *at >= agents)
-    {
-        Some((what, at)) => Err(format!(
-            "its {what}: got position {at}, expected 0 to {}",
-            agents - 1
-        )),
-        None => Ok(()),
+/// Reads a card, which has to be of its version's lag.
+fn read_card(environment: &Environment, pair: &Pair, text: &str) -> Result<Card, String> {
+    let card = stored_forms::read_card(text).map_err(|why| format!("its card: {why}"))?;
+    let lag = pair.lag(&environment.schema);
+    if card.lag != lag {
+        let told = card.lag;
+        return Err(format!("its card: is of lag {told}, expected {lag}"));
     }
+    Ok(card)
 }
 
 /// Says which versions there are, of which the one that is asked for is none.

@@ -1,13 +1,21 @@
 //! The stored form of a card: versioned JSON of our own, beside its weights and in their file,
-//! where people and other tools read it too.
+//! where people and other tools read it too. And that of a pair: its variables by position.
+//!
+//! The second form is the first one of a network at a lag, which says so. Networks of one tick are
+//! written in the first, as ever: builds that know of no lags read them, and refuse the others.
 
 use serde::{Deserialize, Serialize};
 
-use crate::domain::{Calibration, Card, FitId, ModelKind, Reliability, Score, Training, Weighting};
+use crate::domain::{
+    Calibration, Card, FitId, ModelKind, Pair, Reliability, Schema, Score, Training, Weighting,
+};
 use crate::store::form::{self, Unreadable};
 
-/// The version of the form that is written.
+/// The version of the form of a network of one tick.
 const FORM: u32 = 1;
+
+/// The version of the form of a network at a lag.
+const FORM_AT_LAG: u32 = 2;
 
 /// What was left out of a network that was trained by a build whose cards do not tell.
 const DROPOUT_BEFORE_IT_WAS_TOLD: f64 = 0.5;
@@ -15,6 +23,9 @@ const DROPOUT_BEFORE_IT_WAS_TOLD: f64 = 0.5;
 #[derive(Serialize, Deserialize)]
 struct CardText {
     training: TrainingText,
+    /// In the second form only.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    lag: Option<u32>,
     imported: bool,
     schema_hash: String,
     threshold: f64,
@@ -87,10 +98,12 @@ pub fn write_card(card: &Card) -> String {
         calibration,
         ..
     } = card;
+    let form = if card.lag == 0 { FORM } else { FORM_AT_LAG };
     form::write(
-        FORM,
+        form,
         &CardText {
             training: write_training(training),
+            lag: Some(card.lag).filter(|lag| *lag > 0),
             imported: card.imported,
             schema_hash: card.schema_hash.clone(),
             threshold: card.threshold,
@@ -122,16 +135,28 @@ pub fn write_card(card: &Card) -> String {
 
 /// Reads a card back.
 pub fn read_card(text: &str) -> Result<Card, Unreadable> {
-    match form::version(text)? {
-        1 => read_first_form(form::read_content(text)?),
-        found => Err(Unreadable::Newer {
-            found,
-            newest: FORM,
-        }),
+    let form = form::version(text)?;
+    if !(FORM..=FORM_AT_LAG).contains(&form) {
+        return Err(Unreadable::Newer {
+            found: form,
+            newest: FORM_AT_LAG,
+        });
+    }
+
+    let content: CardText = form::read_content(text)?;
+    match (form, content.lag) {
+        (FORM, None) => read_content(content, 0),
+        (FORM_AT_LAG, Some(lag)) if lag > 0 => read_content(content, lag),
+        (form, lag) => {
+            let lag = lag.map_or_else(|| "none".to_owned(), |lag| lag.to_string());
+            Err(Unreadable::spoiled(format!(
+                "lag {lag} in form {form}, expected none in form {FORM}, and one above 0 in form {FORM_AT_LAG}"
+            )))
+        }
     }
 }
 
-fn read_first_form(text: CardText) -> Result<Card, Unreadable> {
+fn read_content(text: CardText, lag: u32) -> Result<Card, Unreadable> {
     let untold = if text.imported {
         0.0
     } else {
@@ -139,6 +164,7 @@ fn read_first_form(text: CardText) -> Result<Card, Unreadable> {
     };
     Ok(Card {
         training: read_training(text.training)?,
+        lag,
         imported: text.imported,
         schema_hash: text.schema_hash,
         threshold: text.threshold,
@@ -174,6 +200,44 @@ fn share(base_rate: f64) -> Result<f64, Unreadable> {
         false => Err(Unreadable::spoiled(format!(
             "base_rate {base_rate}, expected 0 to 1"
         ))),
+    }
+}
+
+/// Returns the position by which the registry knows the other: that of the agent, or behind all
+/// agents that of the outcome which is its action later. To builds that know of no lags such a
+/// position is none of an agent.
+pub fn write_other(schema: &Schema, pair: &Pair) -> usize {
+    pair.later
+        .map_or(pair.other, |outcome| schema.agents().len() + outcome)
+}
+
+/// Reads a pair by its positions, or says which is none of it.
+pub fn read_pair(schema: &Schema, ego: usize, other: usize) -> Result<Pair, String> {
+    let (agents, outcomes) = (schema.agents().len(), schema.outcomes());
+    if ego >= agents {
+        return Err(format!(
+            "its ego: got position {ego}, expected 0 to {}",
+            agents - 1
+        ));
+    }
+    if other < agents {
+        return Ok(Pair::new(ego, other, Vec::new()));
+    }
+
+    let Some(outcome) = outcomes.get(other - agents) else {
+        let last = agents + outcomes.len() - 1;
+        return Err(format!(
+            "its other: got position {other}, expected 0 to {last}"
+        ));
+    };
+    let got = format!("its other: got position {other}, which is {}", outcome.name);
+    match outcome.agent {
+        None => Err(format!("{got}, expected an agent's action")),
+        Some(agent) if agent == ego => Err(format!("{got}, of the ego itself; expected another's")),
+        Some(agent) => Ok(Pair {
+            later: Some(other - agents),
+            ..Pair::new(ego, agent, Vec::new())
+        }),
     }
 }
 
@@ -301,6 +365,8 @@ fn read_tenth(text: ReliabilityText) -> Reliability {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::domain::SchemaDraft;
+    use crate::domain::draft::{AgentDraft, FeatureDraft, KindDraft, OutcomeDraft};
 
     /// As it was written by builds before cards told of dropout and of their version.
     const FIRST: &str = r#"{"training":{"kind":"direct","width":64,"members":3,"folds":5,"epochs":140,"weighting":"states",
@@ -348,7 +414,86 @@ mod tests {
         ] {
             let text = write_card(&written);
             assert!(text.starts_with(r#"{"form":1,"training":{"#), "{text}");
+            assert!(!text.contains("lag"), "{text}");
             assert_eq!(read_card(&text), Ok(written));
+        }
+    }
+
+    #[test]
+    fn a_card_at_a_lag_has_a_form_of_its_own() {
+        let written = Card {
+            lag: 3,
+            ..read_card(FIRST).expect("a card")
+        };
+        let text = write_card(&written);
+        assert!(text.starts_with(r#"{"form":2,"training":{"#), "{text}");
+        assert_eq!(read_card(&text), Ok(written));
+
+        let why = |text: &str| read_card(text).expect_err("not a card").to_string();
+        for (wrong, lag) in [
+            (text.replace("\"form\":2", "\"form\":1"), "lag 3 in form 1"),
+            (text.replace("\"lag\":3", "\"lag\":0"), "lag 0 in form 2"),
+            (text.replace("\"lag\":3,", ""), "lag none in form 2"),
+            (text.replace("\"lag\":3", "\"lag\":-3"), "invalid value"),
+        ] {
+            assert!(why(&wrong).contains(lag), "{}", why(&wrong));
+        }
+    }
+
+    #[test]
+    fn positions_read_back_and_others_say_what_they_are() {
+        let schema = SchemaDraft {
+            state: vec![feature("place")],
+            agents: ["a", "b"].map(agent).into(),
+            outcomes: vec![OutcomeDraft {
+                name: "pot".into(),
+                lag: Some(1),
+                value: vec![feature("holds")],
+                ..OutcomeDraft::default()
+            }],
+            lags: vec![1, 3],
+            ..SchemaDraft::default()
+        };
+        let schema = Schema::try_from(&schema).expect("valid");
+        for lag in [0, 1, 3] {
+            for (ego, other) in [(0, 1), (1, 0)] {
+                let pair = Pair::new(ego, other, Vec::new())
+                    .at_lag(&schema, lag)
+                    .expect("declared");
+                assert_eq!(
+                    read_pair(&schema, ego, write_other(&schema, &pair)),
+                    Ok(pair)
+                );
+            }
+        }
+
+        // Agents, then a@1, a@3, b@1, b@3 and the pot.
+        let why = |ego, other| read_pair(&schema, ego, other).expect_err("no pair");
+        assert_eq!(why(2, 1), "its ego: got position 2, expected 0 to 1");
+        assert_eq!(why(0, 7), "its other: got position 7, expected 0 to 6");
+        assert_eq!(
+            why(0, 6),
+            "its other: got position 6, which is pot, expected an agent's action"
+        );
+        assert_eq!(
+            why(1, 5),
+            "its other: got position 5, which is b@3, of the ego itself; expected another's"
+        );
+    }
+
+    fn feature(name: &str) -> FeatureDraft {
+        FeatureDraft {
+            name: name.into(),
+            unit: None,
+            kinds: vec![KindDraft::Integer(0, 2)],
+        }
+    }
+
+    fn agent(name: &str) -> AgentDraft {
+        AgentDraft {
+            name: name.into(),
+            action: vec![feature("move")],
+            ..AgentDraft::default()
         }
     }
 
@@ -357,7 +502,7 @@ mod tests {
         let why = |text: &str| read_card(text).expect_err("not a card").to_string();
         assert_eq!(
             why(&FIRST.replacen('{', "{\"form\":9,", 1)),
-            "it has form 9 of a newer build, and this one reads up to 1"
+            "it has form 9 of a newer build, and this one reads up to 2"
         );
         assert!(
             why("{}").contains("missing field `training`"),

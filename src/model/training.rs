@@ -9,7 +9,7 @@
 
 use std::ops::ControlFlow;
 
-use ndarray::Array2;
+use ndarray::{Array1, Array2};
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_pcg::Pcg64;
@@ -17,7 +17,7 @@ use rand_pcg::Pcg64;
 use super::dataset::{Dataset, Example, cells};
 use super::encoder::Encoder;
 use super::learner::{Batch, Learner, Shape};
-use super::member::Member;
+use super::member::{Interaction, Member};
 use super::permutation_test::PermutationTest;
 use crate::domain::{ModelKind, Training, Weighting, shortest};
 
@@ -109,25 +109,26 @@ pub fn train(
         training,
     };
 
-    let parts = DROPOUTS.len() + training.members - 1;
-    let mut train = |part: usize, member: usize, dropout: f32| {
-        trainer.train_member(member, dropout, &mut |done: f64| {
+    let tries = tries(dataset, training);
+    let parts = tries.len() + training.members - 1;
+    let mut train = |part: usize, member: usize, tried: Tried| {
+        trainer.train_member(member, tried, &mut |done: f64| {
             watch((part as f64 + done) / parts as f64)
         })
     };
 
-    let mut first = train(0, 0, DROPOUTS[0])?;
-    let mut dropout = DROPOUTS[0];
-    for (part, other) in (1..).zip(&DROPOUTS[1..]) {
-        let tried = train(part, 0, *other)?;
-        if tried.fit > first.fit {
-            (first, dropout) = (tried, *other);
+    let mut best = tries[0];
+    let mut first = train(0, 0, best)?;
+    for (part, tried) in (1..).zip(&tries[1..]) {
+        let trained = train(part, 0, *tried)?;
+        if trained.fit > first.fit {
+            (first, best) = (trained, *tried);
         }
     }
 
     let mut trained = vec![first];
     for member in 1..training.members {
-        trained.push(train(DROPOUTS.len() + member - 1, member, dropout)?);
+        trained.push(train(tries.len() + member - 1, member, best)?);
     }
 
     let epochs = trained.iter().map(|trained| trained.epochs).collect();
@@ -136,8 +137,33 @@ pub fn train(
         encoder: encoder.clone(),
         members,
         epochs,
-        dropout: shortest(dropout),
+        dropout: shortest(best.dropout),
     })
+}
+
+/// What is chosen by how the first member does with it on states that it has not seen.
+#[derive(Clone, Copy)]
+struct Tried {
+    /// The share of hidden units that is left out in a step.
+    dropout: f32,
+    interaction: Interaction,
+}
+
+/// Returns what is tried: where strata may differ, whether they do.
+fn tries(dataset: &Dataset, training: &Training) -> Vec<Tried> {
+    let is_stratified = dataset.letters.strata > 1 && training.kind == ModelKind::Joint;
+    let interactions: &[Interaction] = match is_stratified {
+        true => &[Interaction::Shared, Interaction::ByStratum],
+        false => &[Interaction::Shared],
+    };
+    let with = |interaction: &Interaction| {
+        let interaction = *interaction;
+        DROPOUTS.map(|dropout| Tried {
+            dropout,
+            interaction,
+        })
+    };
+    interactions.iter().flat_map(with).collect()
 }
 
 /// A member as it was when it did best.
@@ -169,17 +195,20 @@ impl Trainer<'_> {
     fn train_member(
         &self,
         member: usize,
-        dropout: f32,
+        tried: Tried,
         watch: Watch<'_>,
     ) -> Result<Trained, TrainingError> {
         let Training { seed, epochs, .. } = *self.training;
         let (held_out, mut learned) = self.split(member)?;
         let mut random = Pcg64::seed_from_u64(seed.wrapping_mul(31).wrapping_add(member as u64));
         let mut learner = Learner::new(
-            self.shape(),
-            dropout,
+            self.shape(tried.interaction),
+            tried.dropout,
             seed.wrapping_add(1_000 * (member as u64 + 1)),
         );
+        if let Some(habits) = self.habits(&learned, learner.outputs()) {
+            learner = learner.with_biases(habits);
+        }
 
         let mut best: Option<Best> = None;
         for epoch in 1..=epochs {
@@ -242,7 +271,7 @@ impl Trainer<'_> {
             return member;
         }
 
-        let mut test = PermutationTest::default();
+        let mut test = PermutationTest::new(self.dataset.letters);
         for part in states.chunks(LOOKED_AT) {
             let joints = member.joint(&self.inputs(part));
             self.examples(part)
@@ -256,11 +285,43 @@ impl Trainer<'_> {
         member
     }
 
-    fn shape(&self) -> Shape {
+    /// Returns what a joint network at a lag begins with: what is done on the whole, in each stratum,
+    /// in the states that it learns from. What the other does after its own action is often nearly
+    /// certain, and by steps from nothing that is learned long after learning has ended.
+    fn habits(&self, learned: &[usize], outputs: usize) -> Option<Array1<f32>> {
+        let letters = self.dataset.letters;
+        if letters.strata == 1 || self.training.kind != ModelKind::Joint {
+            return None;
+        }
+
+        let (rows, columns) = (
+            letters.actions.rows as usize,
+            letters.actions.columns as usize,
+        );
+        let [mut own, mut ego, mut other] =
+            [1, rows, columns].map(|each| vec![0.5; letters.strata as usize * each]);
+        for example in self.examples(learned) {
+            for (row, column, n) in cells(&example.table) {
+                let stratum = row / rows;
+                own[stratum] += n;
+                ego[row] += n;
+                other[stratum * columns + column] += n;
+            }
+        }
+
+        let mut biases = ln_shares(&own);
+        biases.extend(ego.chunks(rows).flat_map(ln_shares));
+        biases.extend(other.chunks(columns).flat_map(ln_shares));
+        biases.resize(outputs, 0.0);
+        Some(Array1::from_vec(biases))
+    }
+
+    fn shape(&self, interaction: Interaction) -> Shape {
         let Training { kind, width, .. } = *self.training;
         Shape {
             kind,
-            alphabet: self.dataset.alphabet,
+            letters: self.dataset.letters,
+            interaction,
             width,
             inputs: self.encoder.width(),
         }
@@ -379,10 +440,17 @@ fn cross_entropy(p: f64, z: f64) -> f64 {
     z.max(0.0) - p * z + (-z.abs()).exp().ln_1p()
 }
 
-/// Returns how often each pair of actions was drawn: `[states, ego x other]`.
+/// Returns the logarithm of each share of a sum.
+fn ln_shares(counts: &[f64]) -> Vec<f32> {
+    let sum: f64 = counts.iter().sum();
+    counts.iter().map(|n| (n / sum).ln() as f32).collect()
+}
+
+/// Returns how often each pair of actions was drawn: `[states, ego x other]`, at a lag in each
+/// stratum.
 fn draws(dataset: &Dataset, states: &[usize]) -> Array2<f32> {
-    let columns = dataset.alphabet.columns as usize;
-    let mut draws = Array2::zeros((states.len(), dataset.alphabet.rows as usize * columns));
+    let columns = dataset.letters.actions.columns as usize;
+    let mut draws = Array2::zeros((states.len(), dataset.letters.cells() as usize));
     for (mut row, at) in draws.rows_mut().into_iter().zip(states) {
         cells(&dataset.examples[*at].table).for_each(|(i, j, n)| row[i * columns + j] = n as f32);
     }

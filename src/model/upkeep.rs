@@ -17,8 +17,8 @@ const GROWTH: f64 = 0.5;
 /// Transitions before which nothing is trained.
 const FEWEST: u64 = 1_000;
 
-/// A pair of agents of an environment.
-type Place = (EnvironmentId, String, String);
+/// A pair of agents of an environment, and its lag.
+type Place = (EnvironmentId, String, String, u32);
 
 /// What a pair was trained on last: how much was counted, and for which threshold in nats.
 #[derive(Debug, Clone, Copy)]
@@ -56,17 +56,18 @@ impl Networks {
             let threshold = environment.rule_of(&pair).threshold_nats();
             let [ego, other] =
                 [pair.ego, pair.other].map(|at| environment.schema.agents()[at].name.to_string());
+            let lag = pair.lag(&environment.schema);
 
             let of_pair = models
                 .iter()
                 .rev()
-                .filter(|model| model.ego == ego && model.other == other);
+                .filter(|model| model.pair(&environment.schema).as_ref() == Some(&pair));
             // One that cannot be read is made again as if there were none.
             let mut readable =
                 of_pair.filter_map(|model| Some((model.card.as_ref().ok()?, model.stale)));
             let last = readable.find(|(card, _)| !card.imported);
 
-            let place = (environment.id, ego.clone(), other.clone());
+            let place = (environment.id, ego.clone(), other.clone(), lag);
             let before = tried.get(&place).copied();
             let revision = last
                 .map_or(0, |(card, _)| card.revision)
@@ -80,12 +81,13 @@ impl Networks {
 
             if counted < FEWEST
                 || !(has_grown || is_stale)
-                || self.jobs.is_busy(environment.id, &ego, &other)
+                || self.jobs.is_busy(environment.id, &ego, &other, lag)
             {
                 continue;
             }
 
-            self.train(environment, &again(ego, other, last.map(|(card, _)| card)))
+            let last = last.map(|(card, _)| card);
+            self.train(environment, &again(ego, other, lag, last))
                 .await?;
             tried.insert(place, Tried { counted, threshold });
         }
@@ -95,22 +97,19 @@ impl Networks {
 
 /// Returns the first two agents, and every pair that has a version.
 fn pairs(environment: &Environment, models: &[Model]) -> Vec<Pair> {
-    let pair = |ego, other| Pair::new(ego, other, Vec::new());
-
-    let mut pairs = vec![pair(0, 1)];
+    let mut pairs = vec![Pair::new(0, 1, Vec::new())];
     for model in models {
-        let agents = [&model.ego, &model.other].map(|agent| environment.schema.agent(agent));
-        if let [Some(ego), Some(other)] = agents
-            && !pairs.contains(&pair(ego, other))
+        if let Some(pair) = model.pair(&environment.schema)
+            && !pairs.contains(&pair)
         {
-            pairs.push(pair(ego, other));
+            pairs.push(pair);
         }
     }
     pairs
 }
 
 /// Asks for a training like the last one.
-fn again(ego: String, other: String, last: Option<&Card>) -> TrainingDraft {
+fn again(ego: String, other: String, lag: u32, last: Option<&Card>) -> TrainingDraft {
     let Training {
         kind,
         width,
@@ -123,6 +122,7 @@ fn again(ego: String, other: String, last: Option<&Card>) -> TrainingDraft {
     TrainingDraft {
         ego: Some(ego),
         other: Some(other),
+        lag: lag.into(),
         kind: Some(kind.as_str().to_owned()),
         width: Some(width as u64),
         members: Some(members as u64),

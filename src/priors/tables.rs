@@ -123,6 +123,21 @@ impl Tables {
         }
     }
 
+    /// Returns the strata of what counts as independent draws, rows for the ego, each with its
+    /// number: the joint action of what is held fixed.
+    pub fn numbered_strata<'a>(
+        schema: &Schema,
+        pair: &Pair,
+        cells: impl Iterator<Item = &'a Cell> + Clone,
+    ) -> Vec<(u64, Table)> {
+        let count = observed(Independence::from(Tally::sum(cells.clone())));
+        let strata = stratified(schema, pair, cells, count, no_more);
+        strata
+            .into_iter()
+            .map(|((stratum, _), table)| (stratum, table))
+            .collect()
+    }
+
     /// Returns the same cut further, by segment.
     pub fn strata_by_segment<'a>(
         schema: &Schema,

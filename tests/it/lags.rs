@@ -463,43 +463,6 @@ async fn what_cannot_be_asked_is_refused_in_the_same_words() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn networks_of_a_later_action_are_refused() {
-    let app = street().await;
-    let says = "networks are of actions in the same tick";
-    let body = json!({"other": "follower@3"});
-    let (status, told) = app
-        .rest("POST", &format!("{PATH}/models"), Some(&body))
-        .await;
-    assert_eq!(
-        (status, &told["errors"][0]["pointer"]),
-        (400, &json!("/other"))
-    );
-    assert!(
-        told["errors"][0]["detail"]
-            .as_str()
-            .expect("text")
-            .contains(says),
-        "{told}"
-    );
-    let body = json!({"lag": 3});
-    assert_eq!(
-        app.rest("POST", &format!("{PATH}/models"), Some(&body))
-            .await
-            .0,
-        400
-    );
-    let (status, told) = app
-        .rest("GET", "/v2/models/street~leader~follower@3", None)
-        .await;
-    assert_eq!(status, 404);
-    assert!(
-        told["error"].as_str().expect("text").contains(says),
-        "{told}"
-    );
-    app.stop().await;
-}
-
-#[tokio::test(flavor = "multi_thread")]
 async fn what_all_states_say_is_at_the_lag_that_is_asked_for() {
     let app = street().await;
     app.rest("POST", &format!("{PATH}/fit?lag=3"), None).await;

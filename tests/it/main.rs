@@ -22,6 +22,7 @@ mod grpc_errors;
 mod inference;
 mod ingest;
 mod kill;
+mod lagged_networks;
 mod lags;
 mod lifecycle;
 mod locking;

@@ -25,7 +25,8 @@ const TOGETHER: usize = 4_096;
 /// A model as a caller names it. An empty version means the one that is active.
 #[derive(Debug, Clone, Copy)]
 pub struct ModelName<'a> {
-    /// `{environment}~{ego}~{other}`, or `{environment}` for its first two agents.
+    /// `{environment}~{ego}~{other}`, `{environment}~{ego}~{other}@{lag}` for the other's action so
+    /// many steps later, or `{environment}` for its first two agents.
     pub model: &'a str,
     /// A number, or nothing.
     pub version: &'a str,
@@ -126,11 +127,10 @@ impl Served {
 
     /// Returns every version of a pair that can answer.
     async fn versions(&self, app: &App, pair: &Pair) -> Result<Vec<u64>, Problem> {
-        let agents = self.environment.schema.agents();
-        let [ego, other] = [pair.ego, pair.other].map(|agent| agents[agent].name.as_str());
+        let schema = &self.environment.schema;
         let models = app.networks.list(&self.environment).await?.models;
         let is_served =
-            |model: &&Model| model.ego == ego && model.other == other && model.card.is_ok();
+            |model: &&Model| model.card.is_ok() && model.pair(schema).as_ref() == Some(pair);
 
         Ok(models
             .iter()
@@ -207,13 +207,21 @@ fn output(figure: Figure, threshold: f64, predictions: &[Prediction]) -> Result<
 fn pair(app: &App, model: &str) -> Result<(Arc<Environment>, Pair), Problem> {
     let unknown = |why: &str| not_found(format!("unknown model `{model}`: {why}"));
     let (environment, agents) = parts(model).ok_or_else(|| {
-        unknown("expected {environment}~{ego}~{other}, or {environment} for its first two agents")
+        unknown("expected {environment}~{ego}~{other}, with @ and the lag behind the other where it is observed later, or {environment} for its first two agents")
     })?;
     let environment = app.environments.find(environment)?;
-    let [ego, other] = agents.map_or([None, None], |agents| {
-        agents.map(|agent| Some(agent.to_owned()))
-    });
-    let pair = Pair::of_network(&environment.schema, ego, other).map_err(|faults| {
+    let [ego, other] = agents.map_or([None, None], |agents| agents.map(Some));
+    let (other, lag) = match other.map(|other| at_lag(other).ok_or(other)) {
+        None => (None, 0),
+        Some(Ok((other, lag))) => (Some(other), lag),
+        Some(Err(wrong)) => {
+            return Err(unknown(&format!(
+                "got {wrong:?}, expected a whole number above 0 behind the @"
+            )));
+        }
+    };
+    let [ego, other] = [ego, other].map(|name| name.map(str::to_owned));
+    let pair = Pair::of_network(&environment.schema, ego, other, lag).map_err(|faults| {
         unknown(
             &faults
                 .into_iter()
@@ -234,6 +242,17 @@ fn parts(model: &str) -> Option<(&str, Option<[&str; 2]>)> {
         [environment, ego, other] => Some((environment, Some([ego, other]))),
         _ => None,
     }
+}
+
+/// Takes the name of the other apart: the agent's, and the lag behind an `@`, which no name of an
+/// agent holds; 0 without one. `None` where no lag is written so.
+fn at_lag(other: &str) -> Option<(&str, i64)> {
+    let Some((agent, text)) = other.split_once('@') else {
+        return Some((other, 0));
+    };
+    let lag = text.parse().ok();
+    lag.filter(|lag: &i64| *lag > 0 && lag.to_string() == text)
+        .map(|lag| (agent, lag))
 }
 
 /// Returns the number that a version is written as.
@@ -285,6 +304,17 @@ mod tests {
         );
         for wrong in ["a~b", "a~b~c~d", "~", "~~~"] {
             assert_eq!(parts(wrong), None, "{wrong}");
+        }
+    }
+
+    #[test]
+    fn a_lag_stands_behind_the_other() {
+        assert_eq!(at_lag("human"), Some(("human", 0)));
+        assert_eq!(at_lag("human@12"), Some(("human", 12)));
+        for wrong in [
+            "human@", "human@0", "human@03", "human@-3", "human@+3", "a@b@3",
+        ] {
+            assert_eq!(at_lag(wrong), None, "{wrong}");
         }
     }
 

@@ -283,6 +283,8 @@ pub struct TrainingDraft {
     pub ego: Option<String>,
     /// The agent that may be influenced; the second one if absent.
     pub other: Option<String>,
+    /// How many steps later the other's action is observed; 0 for the same tick.
+    pub lag: i64,
     /// `joint` (default) or `direct`.
     pub kind: Option<String>,
     /// Units of the hidden layer.

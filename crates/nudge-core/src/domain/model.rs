@@ -3,7 +3,7 @@
 
 use std::fmt;
 
-use super::FitId;
+use super::{FitId, Pair, Schema};
 
 /// What a network predicts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
@@ -113,6 +113,8 @@ pub struct Model {
     pub ego: String,
     /// The agent that may be influenced.
     pub other: String,
+    /// How many steps after the ego the other is observed; 0 in the same tick.
+    pub lag: u32,
     /// Whether it answers where counts do not decide.
     pub active: bool,
     /// Whether it cannot answer by the environment's rule any more: its threshold is not the
@@ -123,11 +125,26 @@ pub struct Model {
     pub card: Result<Card, String>,
 }
 
+impl Model {
+    /// Returns whose influence on whom it tells; `None` where that is no pair of a schema.
+    pub fn pair(&self, schema: &Schema) -> Option<Pair> {
+        let [ego, other] = [&self.ego, &self.other].map(|name| schema.agent(name));
+        Pair::new(ego?, other?, Vec::new()).at_lag(schema, self.lag)
+    }
+
+    /// Returns whether another tells of the same pair.
+    pub fn is_of_pair_of(&self, other: &Self) -> bool {
+        (&self.ego, &self.other, self.lag) == (&other.ego, &other.other, other.lag)
+    }
+}
+
 /// What a network says of itself.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Card {
     /// How it was trained.
     pub training: Training,
+    /// How many steps after the ego the other is observed; 0 in the same tick.
+    pub lag: u32,
     /// Whether it was brought here by a file.
     pub imported: bool,
     /// The schema it belongs to, in hexadecimal digits.
@@ -291,6 +308,8 @@ pub struct Job {
     pub ego: String,
     /// The agent that may be influenced.
     pub other: String,
+    /// How many steps after the ego the other is observed; 0 in the same tick.
+    pub lag: u32,
     /// How far it is.
     pub state: JobState,
     /// The share that is done, 0 to 1.

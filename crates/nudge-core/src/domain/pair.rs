@@ -155,38 +155,36 @@ impl Pair {
         pair(schema, draft)
     }
 
-    /// Finds the agents whose actions in one tick a network is of, the first two where none is named,
-    /// or lists every fault.
+    /// Finds the agents whose actions a network is of, the first two where none is named, the other's
+    /// so many steps later, or lists every fault.
     pub fn of_network(
         schema: &Schema,
         ego: Option<String>,
         other: Option<String>,
+        lag: i64,
     ) -> Result<Self, Vec<Fault>> {
-        let is_later = |name: &&String| {
-            schema
-                .outcomes()
-                .iter()
-                .any(|one| one.name == name.as_str())
-        };
-        let named = [("/ego", &ego), ("/other", &other)].into_iter();
-        let later = named.filter_map(|(pointer, name)| {
-            let name = name.as_ref().filter(is_later)?;
-            let detail = format!(
-                "got {name:?}, which is observed later: networks are of actions in the same tick, expected an agent"
-            );
-            Some(Fault::new(pointer, detail))
-        });
-
-        let later: Vec<Fault> = later.collect();
-        if !later.is_empty() {
-            return Err(later);
-        }
         let draft = PairDraft {
             ego,
             other,
+            lag,
             ..PairDraft::default()
         };
-        Self::named(schema, &draft)
+        let pair = Self::named(schema, &draft)?;
+        if pair.other_agent(schema).is_some() {
+            return Ok(pair);
+        }
+
+        let agents: Vec<&str> = schema
+            .agents()
+            .iter()
+            .map(|agent| agent.name.as_str())
+            .collect();
+        let detail = format!(
+            "got {:?}, which is an outcome with values: networks are of actions, expected one of {}",
+            pair.name_of_other(schema),
+            agents.join(", ")
+        );
+        Err(vec![Fault::new("/other", detail)])
     }
 
     /// Returns every pair of agents, the earlier as the ego.
@@ -550,16 +548,16 @@ mod tests {
                 "got \"b@3\", expected \"b\" with the lag 3 beside it".into()
             )
         );
+    }
 
-        let network = |other: &str| Pair::of_network(&kitchen(), None, Some(other.into()));
-        assert_eq!(network("b"), Ok(Pair::new(0, 1, Vec::new())));
-        let faults = network("b@3").expect_err("later");
-        assert_eq!(faults[0].pointer, "/other");
-        assert!(
-            faults[0]
-                .detail
-                .contains("networks are of actions in the same tick")
-        );
+    #[test]
+    fn networks_are_of_what_questions_are_of() {
+        let network =
+            |other: &str, lag| Pair::of_network(&kitchen(), None, Some(other.into()), lag);
+        assert_eq!(network("b", 0), Ok(Pair::new(0, 1, Vec::new())));
+        assert_eq!(network("b", 3), Ok(asked("a", "b", 3).expect("declared")));
+        let pointer = |other, lag| network(other, lag).expect_err("wrong").remove(0).pointer;
+        assert_eq!([pointer("b@3", 0), pointer("b", 1)], ["/other", "/lag"]);
     }
 
     #[test]
@@ -608,7 +606,10 @@ mod tests {
             let faults = Pair::named(&schema, &draft(&["b", wrong])).expect_err("no agent else");
             assert_eq!(faults[0].pointer, "/given/1", "{wrong}");
         }
-        assert!(Pair::of_network(&schema, None, Some("pot".into())).is_err());
+        let faults = Pair::of_network(&schema, None, Some("pot".into()), 1).expect_err("no action");
+        assert_eq!(faults[0].pointer, "/other");
+        let says = "networks are of actions, expected one of a, b, c";
+        assert!(faults[0].detail.ends_with(says), "{:?}", faults[0]);
     }
 
     #[test]

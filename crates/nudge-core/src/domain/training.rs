@@ -27,7 +27,7 @@ impl Training {
         let usual = Self::default();
         let mut faults = Vec::new();
 
-        let pair = Pair::of_network(schema, draft.ego.clone(), draft.other.clone())
+        let pair = Pair::of_network(schema, draft.ego.clone(), draft.other.clone(), draft.lag)
             .map_err(|found| faults.extend(found))
             .ok();
 

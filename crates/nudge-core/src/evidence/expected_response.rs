@@ -25,6 +25,12 @@
 //! P(n | MI > t) / P(n | MI <= t) = [sum w l T(n) / sum w T(0)]
 //! / [((1 - pi) l_0 + pi sum w l (1 - T(n))) / (1 - pi + pi sum w (1 - T(0)))].
 //!
+//! **With a variable held fixed** a state has a table, a policy and responses in each of its strata
+//! h, which are expected with the probabilities u_h. Evidence is summed over them, each component
+//! with one concentration for all, and m is each stratum's own. T is of the conditional mutual
+//! information sum_h w_h I_h, w_h = (N_h + kappa u_h) / (N + kappa), whose weights are Dirichlet as
+//! the policy is.
+//!
 //! Moments of so few numbers are crude below some eight observations: those who calibrate by Bayes
 //! factors leave such states out.
 
@@ -66,10 +72,12 @@ const ROUNDS: usize = 60;
 const DEPENDENT_PRIOR: [f64; 2] = [3.0, 10.0];
 const WEIGHT_PRIOR: f64 = 0.1;
 
-/// A state's contingency table with the policy and the response that were expected of it.
+/// A stratum's contingency table with the policy and the response that were expected of it.
 pub struct ExpectedResponse<'a> {
     /// Its counts; rows are the ego's actions.
     pub table: &'a Table,
+    /// The expected probability of what is held fixed in it; 1 where nothing is.
+    pub share: f64,
     /// The expected probability of each of the ego's actions.
     pub ego: &'a [f64],
     /// The expected probability of each of the other's actions, after each of the ego's: row by
@@ -77,10 +85,13 @@ pub struct ExpectedResponse<'a> {
     pub response: &'a [f64],
 }
 
+/// The strata of a state, at least one.
+pub type ExpectedState<'a> = Vec<ExpectedResponse<'a>>;
+
 /// Returns the Bayes factor of each state: how much likelier its counts are if MI > threshold
 /// (nats) than if not.
 pub fn bayes_factors(
-    states: &[ExpectedResponse<'_>],
+    states: &[ExpectedState<'_>],
     alphabet: Alphabet,
     base: &Base,
     threshold: f64,
@@ -110,22 +121,23 @@ pub fn bayes_factors(
 
 /// Returns the maximum-likelihood concentration kappa of the grid: where sum ln DM(r; kappa p) over
 /// states is largest.
-fn policy_concentration(states: &[ExpectedResponse<'_>]) -> f64 {
+fn policy_concentration(states: &[ExpectedState<'_>]) -> f64 {
     let likelihoods = KAPPAS.map(|kappa| {
-        let of_states = states.iter().map(|state| policy_likelihood(state, kappa));
-        of_states.sum::<f64>()
+        let strata = states.iter().flatten();
+        let of_strata = strata.map(|stratum| policy_likelihood(stratum, kappa));
+        of_strata.sum::<f64>()
     });
     let best = (0..KAPPAS.len()).max_by(|a, b| likelihoods[*a].total_cmp(&likelihoods[*b]));
     best.map_or(KAPPAS[0], |at| KAPPAS[at])
 }
 
-/// Returns ln DM(r; kappa p) of the ego's actions in a state.
-fn policy_likelihood(state: &ExpectedResponse<'_>, kappa: f64) -> f64 {
-    let counts = state.table.row_labels().iter().zip(state.table.rows());
+/// Returns ln DM(r; kappa p) of the ego's actions in a stratum.
+fn policy_likelihood(stratum: &ExpectedResponse<'_>, kappa: f64) -> f64 {
+    let counts = stratum.table.row_labels().iter().zip(stratum.table.rows());
     let actions: f64 = counts
-        .map(|(i, r)| ln_rising(kappa * state.ego[*i as usize].max(RAREST), *r))
+        .map(|(i, r)| ln_rising(kappa * stratum.ego[*i as usize].max(RAREST), *r))
         .sum();
-    actions - ln_rising(kappa, state.table.total())
+    actions - ln_rising(kappa, stratum.table.total())
 }
 
 /// What is asked of every state.
@@ -150,40 +162,53 @@ struct Terms {
 }
 
 impl Terms {
-    fn new(state: &ExpectedResponse<'_>, base: &Base, question: Question) -> Self {
+    fn new(state: &ExpectedState<'_>, base: &Base, question: Question) -> Self {
         let columns = question.alphabet.columns as usize;
-        let marginal = expected_marginal(state, columns);
-
-        let uniform = 1.0 / columns as f64;
-        let floored: f64 = marginal.iter().map(|m| m.max(RAREST)).sum();
-        let share =
-            |x: usize, j: usize| [base.shares()[j], uniform, marginal[j].max(RAREST) / floored][x];
+        let marginals: Vec<Vec<f64>> = state
+            .iter()
+            .map(|stratum| expected_marginal(stratum, columns))
+            .collect();
+        let [nothing, counts]: [Vec<Counts>; 2] = [
+            state
+                .iter()
+                .map(|_| Counts::none(question.alphabet))
+                .collect(),
+            state
+                .iter()
+                .map(|stratum| Counts::from_table(stratum.table, question.alphabet))
+                .collect(),
+        ];
 
         let mut slabs = [0.0; SLABS.len()];
         let [mut prior_tail, mut posterior_tail] = [[0.0; SLABS.len()]; 2];
-        let [nothing, counts] = [
-            Counts::none(question.alphabet),
-            Counts::from_table(state.table, question.alphabet),
-        ];
-
         for (slab, (gamma, k)) in SLABS.into_iter().enumerate() {
-            let rows = sharpened(state, &marginal, gamma);
-            slabs[slab] = rows_evidence(state.table, k, |i, j| rows[i * columns + j]);
-            prior_tail[slab] = tail(&nothing, state.ego, &rows, k, question);
-            posterior_tail[slab] = tail(&counts, state.ego, &rows, k, question);
+            let rows: Vec<Vec<f64>> = state
+                .iter()
+                .zip(&marginals)
+                .map(|(stratum, marginal)| sharpened(stratum, marginal, gamma))
+                .collect();
+            let evidence = |(stratum, rows): (&ExpectedResponse<'_>, &Vec<f64>)| {
+                rows_evidence(stratum.table, k, |i, j| rows[i * columns + j])
+            };
+            slabs[slab] = state.iter().zip(&rows).map(evidence).sum();
+
+            let tail = |counts| {
+                tail(
+                    conditional_moments(counts, state, &rows, k, question),
+                    question,
+                )
+            };
+            prior_tail[slab] = tail(&nothing);
+            posterior_tail[slab] = tail(&counts);
         }
 
         let nulls = std::array::from_fn(|null| {
             let (x, b) = (null / NULLS.len(), NULLS[null % NULLS.len()]);
-            let sums = state
-                .table
-                .column_labels()
-                .iter()
-                .zip(state.table.columns());
-            let letters: f64 = sums
-                .map(|(label, n)| ln_rising(b * share(x, *label as usize), *n))
-                .sum();
-            letters - ln_rising(b, state.table.total())
+            let strata = state.iter().zip(&marginals);
+            let of_stratum = |(stratum, marginal): (&ExpectedResponse<'_>, &Vec<f64>)| {
+                null_likelihood(stratum.table, [base.shares(), marginal], x, b)
+            };
+            strata.map(of_stratum).sum()
         });
 
         Self {
@@ -195,17 +220,31 @@ impl Terms {
     }
 }
 
+/// Returns ln DM(c; b x) of the other's actions in a stratum, x being the environment's base, the
+/// uniform or the expected marginal.
+fn null_likelihood(table: &Table, [base, marginal]: [&[f64]; 2], x: usize, b: f64) -> f64 {
+    let uniform = 1.0 / marginal.len() as f64;
+    let floored: f64 = marginal.iter().map(|m| m.max(RAREST)).sum();
+    let share = |j: usize| [base[j], uniform, marginal[j].max(RAREST) / floored][x];
+
+    let sums = table.column_labels().iter().zip(table.columns());
+    let letters: f64 = sums
+        .map(|(label, n)| ln_rising(b * share(*label as usize), *n))
+        .sum();
+    letters - ln_rising(b, table.total())
+}
+
 /// Returns m_j = sum_i p_i rho_ij.
-fn expected_marginal(state: &ExpectedResponse<'_>, columns: usize) -> Vec<f64> {
-    let rows = || state.ego.iter().zip(state.response.chunks(columns));
+fn expected_marginal(stratum: &ExpectedResponse<'_>, columns: usize) -> Vec<f64> {
+    let rows = || stratum.ego.iter().zip(stratum.response.chunks(columns));
     (0..columns)
         .map(|j| rows().map(|(p, row)| p * row[j]).sum())
         .collect()
 }
 
 /// Returns the rows z, row by row.
-fn sharpened(state: &ExpectedResponse<'_>, marginal: &[f64], gamma: f64) -> Vec<f64> {
-    let mut rows = state.response.to_vec();
+fn sharpened(stratum: &ExpectedResponse<'_>, marginal: &[f64], gamma: f64) -> Vec<f64> {
+    let mut rows = stratum.response.to_vec();
     for row in rows.chunks_mut(marginal.len()) {
         let sharp = |(rho, m): (&f64, &f64)| {
             if *m > 0.0 {
@@ -227,7 +266,7 @@ fn sharpened(state: &ExpectedResponse<'_>, marginal: &[f64], gamma: f64) -> Vec<
     rows
 }
 
-/// The counts of a state, cell by cell.
+/// The counts of a stratum, cell by cell.
 struct Counts {
     cells: Vec<f64>,
     rows: Vec<f64>,
@@ -260,16 +299,40 @@ impl Counts {
 
 /// Returns P(MI > t | slab, counts): that of a Beta distribution on [0, ln min(R, K)] with the mean
 /// and the variance of mutual information.
-fn tail(counts: &Counts, ego: &[f64], rows: &[f64], k: f64, question: Question) -> f64 {
+fn tail((mean, variance): (f64, f64), question: Question) -> f64 {
     let largest = question.alphabet.largest_information();
-    let (mean, variance) = moments(counts, ego, rows, k, question);
     let share = (mean / largest).clamp(1e-6, 1.0 - 1e-6);
     1.0 - Beta::matched(share, variance / (largest * largest))
         .cdf(question.threshold / largest)
         .0
 }
 
-/// Returns mean and variance of mutual information in nats where row i is Dirichlet with parameters
+/// Returns mean and variance of sum_h w_h I_h, of independent strata with the means M_h and the
+/// variances V_h, whose weights are Dirichlet with parameters N_h + kappa u_h, S = N + kappa:
+/// sum_h w_h M_h, and sum_h E w_h^2 V_h + (sum_h w_h M_h^2 - (sum_h w_h M_h)^2) / (S + 1). Of one
+/// stratum both are its own.
+fn conditional_moments(
+    counts: &[Counts],
+    state: &ExpectedState<'_>,
+    rows: &[Vec<f64>],
+    k: f64,
+    question: Question,
+) -> (f64, f64) {
+    let s = counts.iter().map(|stratum| stratum.total).sum::<f64>() + question.kappa;
+    let [mut mean, mut square, mut variance] = [0.0; 3];
+    for ((counts, stratum), rows) in counts.iter().zip(state).zip(rows) {
+        let weight = (counts.total + question.kappa * stratum.share) / s;
+        let (m, v) = moments(counts, stratum.ego, rows, k, question);
+        mean += weight * m;
+        square += weight * m * m;
+        variance += (weight * weight + weight * (1.0 - weight) / (s + 1.0)) * v;
+    }
+
+    let between = (square - mean * mean).max(0.0) / (s + 1.0);
+    (mean, variance + between)
+}
+
+/// Returns mean and variance of a stratum's mutual information in nats where row i is Dirichlet with parameters
 /// a_ij = n_ij + k z_ij, A_i = r_i + k, and the policy with parameters r_i + kappa p_i,
 /// S = N + kappa. With their means rho_ij and p_i, q = sum_i p_i rho_i, L_ij = ln(rho_ij / q_j),
 /// L_i = sum_j rho_ij L_ij, M = sum_i p_i L_i and E p_i^2 = p_i^2 + p_i (1 - p_i) / (S + 1):

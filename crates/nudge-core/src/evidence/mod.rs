@@ -125,7 +125,7 @@ pub use base::Base;
 pub use by_action::ActionPosterior;
 pub use counted::{Counted, Ego};
 pub use decision::{Beliefs, Believed, basis, decide, dependence, is_explained, is_opened};
-pub use expected_response::{ExpectedResponse, bayes_factors};
+pub use expected_response::{ExpectedResponse, ExpectedState, bayes_factors};
 pub use fit::{Fit, Fitter};
 pub use habits::{Habits, Uses};
 pub use likelihood::rows_evidence;

@@ -24,6 +24,12 @@ pub struct TrainingRequest {
     /// The agent that may be influenced; absent for the second.
     #[schema(example = "human")]
     pub other: Option<String>,
+    /// How many steps later the other's action is observed, one of the lags that are declared for
+    /// it; 0, or absent, for the same tick. Each lag has versions of its own. The other's own action
+    /// one step before is held fixed, as in questions.
+    #[serde(default, deserialize_with = "perhaps_whole")]
+    #[schema(minimum = 0, maximum = 64, example = 3)]
+    pub lag: Option<i64>,
     /// `joint` (the default): what both agents do, from which mutual information and responses
     /// come; or `direct`, the paper's classifier: whether mutual information is above one
     /// threshold, and nothing else.
@@ -63,6 +69,7 @@ impl From<TrainingRequest> for TrainingDraft {
         let TrainingRequest {
             ego,
             other,
+            lag,
             kind,
             width,
             members,
@@ -75,6 +82,7 @@ impl From<TrainingRequest> for TrainingDraft {
         Self {
             ego,
             other,
+            lag: lag.unwrap_or_default(),
             kind,
             width,
             members,
@@ -144,6 +152,10 @@ pub struct Model {
     pub ego: String,
     /// The agent that may be influenced.
     pub other: String,
+    /// How many steps after the ego the other is observed; 0 in the same tick. It answers at this
+    /// lag and at no other.
+    #[schema(example = 0)]
+    pub lag: u32,
     /// Whether it answers where counts do not decide.
     pub active: bool,
     /// Whether it cannot answer by the environment's rule any more: its threshold is not the
@@ -167,6 +179,9 @@ pub struct Job {
     pub ego: String,
     /// The agent that may be influenced.
     pub other: String,
+    /// How many steps after the ego the other is observed; 0 in the same tick.
+    #[schema(example = 0)]
+    pub lag: u32,
     /// `queued` (others are trained first), `running`, `done` (there is a version), `failed` (the
     /// message says why) or `cancelled`.
     #[schema(example = "running", value_type = words::JobState)]
@@ -216,6 +231,7 @@ impl From<proto::Model> for Model {
             version,
             ego,
             other,
+            lag,
             active,
             stale,
             card,
@@ -225,6 +241,7 @@ impl From<proto::Model> for Model {
             version,
             ego,
             other,
+            lag,
             active,
             stale,
             card: card.map(Into::into),
@@ -247,6 +264,7 @@ impl From<proto::Job> for Job {
             id,
             ego,
             other,
+            lag,
             state,
             progress,
             message,
@@ -259,6 +277,7 @@ impl From<proto::Job> for Job {
             id,
             ego,
             other,
+            lag,
             state,
             progress,
             message,
@@ -285,11 +304,12 @@ mod tests {
     #[test]
     fn everything_can_be_asked_over_both_faces_and_nothing_must_be() {
         assert_eq!(draft("{}"), Ok(TrainingDraft::default()));
-        let text = r#"{"ego": "a", "other": "b", "kind": "direct", "width": 0, "members": 1, "folds": 2, "epochs": 3,
+        let text = r#"{"ego": "a", "other": "b", "lag": 3, "kind": "direct", "width": 0, "members": 1, "folds": 2, "epochs": 3,
             "weighting": "states", "seed": 18446744073709551615, "activate": true}"#;
         let expected = TrainingDraft {
             ego: Some("a".into()),
             other: Some("b".into()),
+            lag: 3,
             kind: Some("direct".into()),
             width: Some(0),
             members: Some(1),
@@ -304,6 +324,7 @@ mod tests {
             environment: "hallway".into(),
             ego: "a".into(),
             other: "b".into(),
+            lag: 3,
             kind: proto::ModelKind::Direct.into(),
             weighting: proto::Weighting::States.into(),
             width: expected.width,
@@ -321,6 +342,7 @@ mod tests {
         let pointer = |text: &str| draft(text).expect_err("wrong").faults.remove(0).pointer;
         assert_eq!(pointer(r#"{"widht": 64}"#), "/widht");
         assert_eq!(pointer(r#"{"epochs": -1}"#), "/epochs");
+        assert_eq!(pointer(r#"{"lag": 1.5}"#), "/lag");
         assert_eq!(pointer(r#"{"activate": "yes"}"#), "/activate");
         assert_eq!(pointer("[]"), "");
     }
@@ -358,6 +380,7 @@ mod tests {
                 seed: u64::MAX,
                 ..Default::default()
             },
+            lag: 3,
             imported: true,
             schema_hash: "ab12".into(),
             threshold: 0.5,
@@ -399,6 +422,7 @@ mod tests {
             version: 3,
             ego,
             other,
+            lag: 3,
             active: false,
             stale: true,
             card,
@@ -436,7 +460,7 @@ mod tests {
             "reliability": [{"from": 0.1, "states": 4, "predicted": 0.15, "observed": 0.2}],
             "not_better_than": ["majority"],
         });
-        let expected = json!({"version": 3, "ego": "robot", "other": "human", "active": false, "stale": true, "card": card});
+        let expected = json!({"version": 3, "ego": "robot", "other": "human", "lag": 3, "active": false, "stale": true, "card": card});
         assert_eq!(as_json(model()), expected);
     }
 
@@ -456,7 +480,7 @@ mod tests {
     #[test]
     fn a_version_that_cannot_be_read_says_why_instead_of_its_card() {
         let expected = json!({
-            "version": 3, "ego": "robot", "other": "human", "active": false, "stale": true, "card": null, "unreadable": "why",
+            "version": 3, "ego": "robot", "other": "human", "lag": 3, "active": false, "stale": true, "card": null, "unreadable": "why",
         });
         assert_eq!(
             as_json(domain::Model {
@@ -473,6 +497,7 @@ mod tests {
             id: 3,
             ego: "robot".into(),
             other: "human".into(),
+            lag: 1,
             state: domain::JobState::Running,
             progress: 0.25,
             message: "training".into(),
@@ -481,7 +506,7 @@ mod tests {
             seconds_left: None,
         };
         let running = json!({
-            "id": "job-3", "ego": "robot", "other": "human", "state": "running", "progress": 0.25, "message": "training",
+            "id": "job-3", "ego": "robot", "other": "human", "lag": 1, "state": "running", "progress": 0.25, "message": "training",
             "ahead": 0,
         });
         assert_eq!(job_as_json(job.clone()), running);

@@ -20,11 +20,12 @@ fn found(expected: [&[f64]; 2]) -> (f64, f64) {
     let copied = Table::from_counts([(0, 0, 3), (1, 1, 3)]);
     let thrown = Table::from_counts([(0, 0, 2), (0, 1, 1), (1, 0, 1), (1, 1, 2)]);
     let state = |at: usize| ExpectedResponse {
+        share: 1.0,
         table: if at < 20 { &copied } else { &thrown },
         ego: &[0.5, 0.5],
         response: expected[usize::from(at >= 20)],
     };
-    let states: Vec<ExpectedResponse<'_>> = (0..40).map(state).collect();
+    let states: Vec<ExpectedState<'_>> = (0..40).map(|at| vec![state(at)]).collect();
     let factors = bayes_factors(&states, COIN, &Base::new(&[100, 100]), 0.3);
     (factors[0], factors[39])
 }
@@ -131,7 +132,8 @@ fn tails_are_those_of_sampled_rows() {
                 kappa: 16.0,
             };
             let counts = Counts::from_table(&played(alphabet, visits, copied), alphabet);
-            let [told, truth] = [tail, sampled].map(|tail| tail(&counts, &ego, &z, k, question));
+            let told = tail(moments(&counts, &ego, &z, k, question), question);
+            let truth = sampled(&counts, &ego, &z, k, question);
             let tolerance = if visits < 30 { CRUDE } else { CLOSE };
             assert!(
                 (told - truth).abs() < tolerance,
@@ -147,11 +149,12 @@ fn draws_that_leave_little_room_speak_against_it() {
     // show.
     let table = Table::from_counts([(0, 0, 12), (0, 1, 8), (1, 0, 8), (1, 1, 12)]);
     let state = || ExpectedResponse {
+        share: 1.0,
         table: &table,
         ego: &[0.5, 0.5],
         response: &COPIES,
     };
-    let states: Vec<ExpectedResponse<'_>> = (0..30).map(|_| state()).collect();
+    let states: Vec<ExpectedState<'_>> = (0..30).map(|_| vec![state()]).collect();
     let factors = bayes_factors(&states, COIN, &Base::new(&[100, 100]), 0.3);
     assert!(factors.iter().all(|factor| *factor < 0.05), "{factors:?}");
 }
@@ -162,11 +165,12 @@ fn policies_that_states_keep_to_are_worth_many_draws() {
     let [one, other] = [0, 1].map(|action| Table::from_counts([(action, 0, 20)]));
     let kappa = |tables: [&Table; 2]| {
         let state = |table| ExpectedResponse {
+            share: 1.0,
             table,
             ego: &[0.5, 0.5],
             response: &IGNORES,
         };
-        policy_concentration(&[0, 1, 0, 1].map(|at: usize| state(tables[at])))
+        policy_concentration(&[0, 1, 0, 1].map(|at: usize| vec![state(tables[at])]))
     };
     assert!(kappa([&even, &even]) >= 128.0 && kappa([&one, &other]) <= 1.0);
     assert!(policy_concentration(&[]) > 0.0);
@@ -176,11 +180,12 @@ fn policies_that_states_keep_to_are_worth_many_draws() {
 fn a_state_without_draws_says_nothing() {
     let empty = Table::default();
     let state = ExpectedResponse {
+        share: 1.0,
         table: &empty,
         ego: &[0.5, 0.5],
         response: &COPIES,
     };
-    let factor = bayes_factors(&[state], COIN, &Base::new(&[1, 1]), 0.3)[0];
+    let factor = bayes_factors(&[vec![state]], COIN, &Base::new(&[1, 1]), 0.3)[0];
     assert!((factor - 1.0).abs() < 1e-9, "{factor}");
 }
 
@@ -192,14 +197,17 @@ fn assert_bayes_factors(kinds: &[Kind<'_>], base: &[u64], threshold: f64) {
     /// Relative: continued fractions end at 1e-10.
     const PRECISION: f64 = 1e-8;
     let tables: Vec<Table> = kinds.iter().map(|(counts, ..)| grid(counts)).collect();
-    let states: Vec<ExpectedResponse<'_>> = kinds
+    let states: Vec<ExpectedState<'_>> = kinds
         .iter()
         .zip(&tables)
         .flat_map(|(&(_, ego, response, times, _), table)| {
-            (0..times).map(move |_| ExpectedResponse {
-                table,
-                ego,
-                response,
+            (0..times).map(move |_| {
+                vec![ExpectedResponse {
+                    share: 1.0,
+                    table,
+                    ego,
+                    response,
+                }]
             })
         })
         .collect();
@@ -334,11 +342,12 @@ fn bayes_factors_of_three_by_two_actions_match_the_references() {
 #[test]
 fn more_than_is_possible_has_nothing_for_it() {
     let table = grid(&[&[9, 0], &[0, 9]]);
-    let state = ExpectedResponse {
+    let state = vec![ExpectedResponse {
+        share: 1.0,
         table: &table,
         ego: &[0.5, 0.5],
         response: &COPIES,
-    };
+    }];
     for threshold in [2_f64.ln(), 1.0] {
         let factors = bayes_factors(
             std::slice::from_ref(&state),
@@ -348,4 +357,89 @@ fn more_than_is_possible_has_nothing_for_it() {
         );
         assert_eq!(factors, [(-MOST_CERTAIN).exp()]);
     }
+}
+
+#[test]
+fn a_stratum_that_holds_all_is_the_state() {
+    // What is held fixed is expected to be the first, and was: the second has nothing to say.
+    let (table, empty) = (grid(&[&[6, 1], &[2, 5]]), Table::default());
+    let stratum = |table, share| ExpectedResponse {
+        share,
+        table,
+        ego: &[0.5, 0.5],
+        response: &COPIES,
+    };
+    let factors =
+        |states: [ExpectedState<'_>; 2]| bayes_factors(&states, COIN, &Base::new(&[8, 6]), 0.3);
+    let alone = || vec![stratum(&table, 1.0)];
+    let beside = || vec![stratum(&table, 1.0), stratum(&empty, 0.0)];
+    assert_eq!(factors([alone(), alone()]), factors([beside(), beside()]));
+}
+
+#[test]
+fn dependence_within_strata_speaks_and_what_they_hold_fixed_does_not() {
+    // The other repeats what is held fixed, and so does the ego: by itself that looks like a copy.
+    let repeated: [Table; 2] = [
+        Table::from_counts([(0, 0, 9), (0, 1, 1), (1, 0, 1)]),
+        Table::from_counts([(1, 1, 9), (0, 1, 1), (1, 0, 1)]),
+    ];
+    let copied: [Table; 2] =
+        [(); 2].map(|()| Table::from_counts([(0, 0, 5), (1, 1, 5), (0, 1, 1)]));
+    let states: Vec<ExpectedState<'_>> = (0..40)
+        .map(|at| if at < 20 { &copied } else { &repeated })
+        .map(|tables| {
+            let stratum = |table| ExpectedResponse {
+                share: 0.5,
+                table,
+                ego: &[0.5, 0.5],
+                response: &COPIES,
+            };
+            tables.iter().map(stratum).collect()
+        })
+        .collect();
+    let factors = bayes_factors(&states, COIN, &Base::new(&[100, 100]), 0.3);
+    assert!(factors[0] > 5.0 && factors[39] < 0.5, "{factors:?}");
+}
+
+#[test]
+fn moments_of_strata_are_those_of_sampled_weights() {
+    /// Of 20,000 draws of the weights, whose part is what is new here.
+    const CLOSE: f64 = 2e-3;
+    let (alphabet, kappa) = (COIN, 4.0);
+    let question = Question {
+        alphabet,
+        threshold: 0.3,
+        kappa,
+    };
+    let tables = [grid(&[&[3, 0], &[0, 3]]), grid(&[&[2, 2], &[2, 2]])];
+    let counts = [0, 1].map(|at: usize| Counts::from_table(&tables[at], alphabet));
+    let rows = [COPIES.to_vec(), IGNORES.to_vec()];
+    let (state, shares): (ExpectedState<'_>, [f64; 2]) = (
+        (0..2)
+            .map(|at| ExpectedResponse {
+                share: [0.25, 0.75][at],
+                table: &tables[at],
+                ego: &[0.5, 0.5],
+                response: &rows[at],
+            })
+            .collect(),
+        [6.0 + kappa * 0.25, 8.0 + kappa * 0.75],
+    );
+    let told = conditional_moments(&counts, &state, &rows, 3.0, question);
+
+    let each = [0, 1].map(|at: usize| moments(&counts[at], &[0.5, 0.5], &rows[at], 3.0, question));
+    let mut random = Pcg64::seed_from_u64(7);
+    let mut drawn = || {
+        let [a, b] =
+            shares.map(|share| Gamma::new(share, 1.0).expect("above 0").sample(&mut random));
+        a / (a + b)
+    };
+    let draws: Vec<f64> = (0..20_000).map(|_| drawn()).collect();
+    let mean = |of: &dyn Fn(f64) -> f64| draws.iter().map(|w| of(*w)).sum::<f64>() / 20_000.0;
+    let conditional = |w: f64| w * each[0].0 + (1.0 - w) * each[1].0;
+    let expected = mean(&conditional);
+    let within = mean(&|w| w * w * each[0].1 + (1.0 - w).powi(2) * each[1].1);
+    let between = mean(&|w| (conditional(w) - expected).powi(2));
+    assert!((told.0 - expected).abs() < CLOSE, "{told:?} {expected}");
+    assert!((told.1 - within - between).abs() < CLOSE, "{told:?}");
 }
