@@ -151,9 +151,12 @@ impl World {
         for _ in self.wide() {
             actions.add(WIDE_ACTION, tally(WIDE, WIDE));
         }
-        let cells = self.cells().into_iter();
-        let joint = cells.filter(|((.., family, _), _)| *family == 0);
-        joint.for_each(|((.., joint), tally)| actions.add(joint, tally));
+        for ((.., family, cell), tally) in self.cells() {
+            match Family::from_number(family) {
+                Family::JOINT => actions.add(cell, tally),
+                family => actions.add_value(family, cell, tally),
+            }
+        }
         actions
     }
 

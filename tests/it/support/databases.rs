@@ -171,6 +171,10 @@ pub async fn actions_by_scan(store: &dyn Store, environment: &Environment) -> Ac
             .expect("a page");
         let cells = page.iter().flat_map(|state| state.counts.cells());
         cells.for_each(|cell| totals.add(cell.joint, cell.tally));
+        for family in environment.schema.families().skip(1) {
+            let cells = page.iter().flat_map(|state| state.counts.of_family(family));
+            cells.for_each(|cell| totals.add_value(family, cell.joint, cell.tally));
+        }
         match page.last() {
             Some(last) => cursor = last.cursor,
             None => return totals,

@@ -106,7 +106,11 @@ fn fitted(letters: u64, states: &[Vec<Table>]) -> Prior {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeMap;
+
     use super::*;
+    use crate::experiments::findings::Bound;
+    use crate::experiments::seeds::Seeds;
 
     fn figure(measured: &Measured, ego: usize, lag: usize, figure: Figure) -> f64 {
         let found = measured
@@ -142,6 +146,41 @@ mod tests {
         }
         assert_eq!(figure(&measured, 0, 3, Figure::Peak), 1.0);
         assert_eq!(figure(&measured, 0, 4, Figure::Peak), 0.0);
+    }
+
+    /// Few states, so that what may be called by chance is bounded over all lags together.
+    #[test]
+    fn every_kind_of_world_is_within_its_bounds() {
+        let names = ["copy1", "copy1-hold3", "none-hold3", "copy3-shuffled"];
+        let report = run(
+            &Options {
+                seeds: Seeds {
+                    number: 1,
+                    first: 101,
+                },
+                states: 10,
+                worlds: names.map(|name| named(name).expect("a world")).into(),
+            },
+            || (),
+        );
+
+        let mut bounded: BTreeMap<_, (Bound, Vec<f64>)> = BTreeMap::new();
+        for target in report.targets() {
+            let of = (
+                target.world.drawn.name,
+                target.method.ego,
+                target.figure.as_str(),
+            );
+            let (_, measured) = bounded.entry(of).or_insert((target.bound, Vec::new()));
+            measured.push(target.measured.expect("defined"));
+        }
+        for name in names {
+            assert!(bounded.keys().any(|(world, ..)| *world == name), "{name}");
+        }
+        for (of, (bound, measured)) in bounded {
+            let mean = measured.iter().sum::<f64>() / measured.len() as f64;
+            assert!(bound.holds(mean), "{of:?}: {mean}, expected {bound:?}");
+        }
     }
 
     #[test]
